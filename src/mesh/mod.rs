@@ -1,0 +1,12 @@
+//! Meshes as plain arrays: closed triangle surfaces and tetrahedral solids, and procedural examples of both.
+//!
+//! Imports nothing else of this crate. Vertex order is identity: no function here renumbers vertices unless it
+//! returns the renumbering.
+
+pub mod shapes;
+mod surface_mesh;
+mod tet_mesh;
+pub mod topology;
+
+pub use surface_mesh::{MeshError, SurfaceMesh};
+pub use tet_mesh::{BoundarySurface, TetMesh};
