@@ -1,1 +1,420 @@
-//! energy
+//! Energies of a map between solids, as totals and as distributions over the domain.
+//!
+//! Sections 4.3.1 and 4.3.2 of Li, Guo, Wang, He & Gu, *Harmonic volumetric mapping for solid modeling applications*
+//! (2007). A [`Quadrature`] of the domain says where a density is evaluated and what volume each point stands for:
+//! [`clipped_grid`] makes one from a surface, as the paper does, [`tet_quadrature`] from a tetrahedral mesh.
+
+mod clipped_grid;
+pub mod deformation;
+mod distribution;
+pub mod harmonic;
+mod quadrature;
+mod tet_quadrature;
+
+pub use clipped_grid::{Resolution, clipped_grid};
+pub use deformation::Lame;
+pub use distribution::Distribution;
+pub use quadrature::{CellMean, Grid, Layout, Quadrature, QuadratureError};
+pub use tet_quadrature::tet_quadrature;
+
+use crate::{Point, map::VolumeMap};
+
+/// Points whose Jacobians are held at a time: enough for every core, little beside the densities.
+const CHUNK: usize = 1 << 16;
+
+/// How energies are measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EnergyOptions {
+    /// Scale domain and target to unit volume first, as the paper does, so that energies of different solids compare:
+    /// the identity then has harmonic energy 3. Off, energies are the plain integrals in model units.
+    pub normalize: bool,
+    /// Material of the deformation energy.
+    pub lame: Lame,
+}
+
+impl Default for EnergyOptions {
+    fn default() -> Self {
+        Self {
+            normalize: true,
+            lame: Lame::default(),
+        }
+    }
+}
+
+/// Energies of a map.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct EnergyReport {
+    /// Integral of [`harmonic::density`].
+    pub harmonic: f64,
+    /// Integral of [`deformation::density`].
+    pub deformation: f64,
+    /// Whether energies and their densities are those of the map between the solids scaled to unit volume.
+    pub normalized: bool,
+    /// Volume of the domain, in model units.
+    pub volume: f64,
+    /// Volume of the target, in model units.
+    pub target_volume: f64,
+    /// Harmonic energy density over the domain.
+    pub harmonic_density: Distribution,
+    /// Deformation energy density over the domain.
+    pub deformation_density: Distribution,
+    /// `det J` of the map as it is, in model units also when energies are normalised; negative where the map turns
+    /// space inside out.
+    pub det_jacobian: Distribution,
+    /// Points where `det J ≤ 0`.
+    pub inverted_points: usize,
+    /// Share of the domain's volume that those points stand for.
+    pub inverted_fraction: f64,
+    /// The values behind the distributions.
+    #[serde(skip)]
+    pub densities: Densities,
+}
+
+/// Values at the points of a quadrature, in order; [`Quadrature::cell_means`] turns them into values per cell.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Densities {
+    /// Harmonic energy density.
+    pub harmonic: Vec<f64>,
+    /// Deformation energy density.
+    pub deformation: Vec<f64>,
+    /// Determinant of the Jacobian, in model units.
+    pub det_jacobian: Vec<f64>,
+}
+
+/// Why a map has no energy.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EnergyError {
+    /// A volume that cannot be scaled to one.
+    #[error("the {solid} has a volume of {volume}; give a closed solid that is oriented outward")]
+    Volume {
+        /// `"domain"` or `"target"`.
+        solid: &'static str,
+        /// Its volume.
+        volume: f64,
+    },
+    /// The map has no finite derivative at a point of the domain.
+    #[error("the map's Jacobian at {point} is not finite; a singularity of the map or a hole in its mesh is inside the domain")]
+    NonFiniteJacobian {
+        /// The point.
+        point: Point,
+    },
+    /// The map did not answer for every point.
+    #[error("the map gave {found} Jacobians for {expected} points; its `jacobian` must give one for each, in order")]
+    JacobianCount {
+        /// Points asked for.
+        expected: usize,
+        /// Jacobians given.
+        found: usize,
+    },
+}
+
+/// Harmonic and deformation energy of a map over a domain, with their distributions.
+///
+/// `domain_volume` and `target_volume` are those of the two solids, in model units; `domain_volume` is as a rule
+/// [`Quadrature::volume`].
+///
+/// With [`EnergyOptions::normalize`] the energies are those of `f̃(x̃) = s₂ f(x̃ / s₁)`, where `sᵢ = Vᵢ^(−1/3)` scales
+/// solid `i` to unit volume: its Jacobian is `J̃ = (s₂ / s₁) J = (V₁ / V₂)^(1/3) J`, its volume element
+/// `dx̃ = dx / V₁`. The energies do then not depend on the units of either solid.
+///
+/// # Errors
+///
+/// [`EnergyError`], for volumes that are not positive and Jacobians that are not finite.
+pub fn energies(
+    map: &dyn VolumeMap,
+    quadrature: &Quadrature,
+    domain_volume: f64,
+    target_volume: f64,
+    options: &EnergyOptions,
+) -> Result<EnergyReport, EnergyError> {
+    for (solid, volume) in [("domain", domain_volume), ("target", target_volume)] {
+        if !(volume > 0.0 && volume.is_finite()) {
+            return Err(EnergyError::Volume { solid, volume });
+        }
+    }
+    let (stretch, element) = if options.normalize {
+        ((domain_volume / target_volume).cbrt(), 1.0 / domain_volume)
+    } else {
+        (1.0, 1.0)
+    };
+
+    let densities = densities(map, quadrature.points(), stretch, &options.lame)?;
+    let weights = quadrature.weights();
+    let distribution = |values: &[f64]| {
+        let empty = EnergyError::Volume {
+            solid: "domain",
+            volume: 0.0,
+        };
+        Distribution::weighted(values, weights).ok_or(empty)
+    };
+    let inverted = |det: &&f64| **det <= 0.0;
+    let inverted_volume: f64 = densities
+        .det_jacobian
+        .iter()
+        .zip(weights)
+        .filter(|(det, _)| inverted(det))
+        .map(|(_, weight)| weight)
+        .sum();
+    Ok(EnergyReport {
+        harmonic: quadrature.integrate(&densities.harmonic) * element,
+        deformation: quadrature.integrate(&densities.deformation) * element,
+        normalized: options.normalize,
+        volume: domain_volume,
+        target_volume,
+        harmonic_density: distribution(&densities.harmonic)?,
+        deformation_density: distribution(&densities.deformation)?,
+        det_jacobian: distribution(&densities.det_jacobian)?,
+        inverted_points: densities.det_jacobian.iter().filter(inverted).count(),
+        inverted_fraction: inverted_volume / quadrature.volume(),
+        densities,
+    })
+}
+
+/// Energy densities of the map times `stretch`, and determinants of the map itself.
+fn densities(map: &dyn VolumeMap, points: &[Point], stretch: f64, lame: &Lame) -> Result<Densities, EnergyError> {
+    let mut densities = Densities::default();
+    for chunk in points.chunks(CHUNK) {
+        let jacobians = map.jacobian(chunk);
+        if jacobians.len() != chunk.len() {
+            return Err(EnergyError::JacobianCount {
+                expected: chunk.len(),
+                found: jacobians.len(),
+            });
+        }
+        for (jacobian, &point) in jacobians.iter().zip(chunk) {
+            if jacobian.iter().any(|entry| !entry.is_finite()) {
+                return Err(EnergyError::NonFiniteJacobian { point });
+            }
+            let stretched = jacobian * stretch;
+            densities.harmonic.push(harmonic::density(&stretched));
+            densities.deformation.push(deformation::density(&stretched, lame));
+            densities.det_jacobian.push(jacobian.determinant());
+        }
+    }
+    Ok(densities)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        Matrix3, Vector,
+        mesh::{SurfaceMesh, TetMesh, shapes},
+    };
+
+    /// A map given by its formula and that of its Jacobian.
+    struct Formula<F, J>(F, J);
+
+    impl<F: Fn(&Point) -> Point + Sync, J: Fn(&Point) -> Matrix3 + Sync> VolumeMap for Formula<F, J> {
+        fn evaluate(&self, points: &[Point]) -> Vec<Point> {
+            points.iter().map(&self.0).collect()
+        }
+
+        fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
+            points.iter().map(&self.1).collect()
+        }
+    }
+
+    fn affine(matrix: Matrix3) -> impl VolumeMap {
+        Formula(move |p: &Point| Point::from(matrix * p.coords), move |_: &Point| matrix)
+    }
+
+    /// `(x² − y², 2 x y, z)`, harmonic, with `‖J‖² = 8 (x² + y²) + 1` and `det J = 4 (x² + y²)`.
+    fn squaring() -> impl VolumeMap {
+        Formula(
+            |p: &Point| Point::new(p.x * p.x - p.y * p.y, 2.0 * p.x * p.y, p.z),
+            |p: &Point| {
+                Matrix3::new(
+                    2.0 * p.x,
+                    -2.0 * p.y,
+                    0.0,
+                    2.0 * p.y,
+                    2.0 * p.x,
+                    0.0,
+                    0.0,
+                    0.0,
+                    1.0,
+                )
+            },
+        )
+    }
+
+    const RAW: EnergyOptions = EnergyOptions {
+        normalize: false,
+        lame: Lame {
+            lambda: 0.0335,
+            mu: 0.0224,
+        },
+    };
+
+    fn grid(surface: &SurfaceMesh, cells: usize) -> Quadrature {
+        clipped_grid(surface, Resolution::CellsAlongLongestSide(cells)).unwrap()
+    }
+
+    fn measured(map: &dyn VolumeMap, rule: &Quadrature, target_volume: f64, options: &EnergyOptions) -> EnergyReport {
+        energies(map, rule, rule.volume(), target_volume, options).unwrap()
+    }
+
+    #[test]
+    fn identity_has_three_times_the_volume_or_three() {
+        let rule = grid(&shapes::torus(2.0, 0.7, 40, 20), 12);
+        let volume = rule.volume();
+        let identity = affine(Matrix3::identity());
+        let raw = measured(&identity, &rule, volume, &RAW);
+        assert!((raw.harmonic / (3.0 * volume) - 1.0).abs() < 1e-13);
+        let normalized = measured(&identity, &rule, volume, &EnergyOptions::default());
+        assert!((normalized.harmonic - 3.0).abs() < 1e-13);
+        assert!(normalized.deformation.abs() < 1e-28);
+        assert_eq!(normalized.det_jacobian.min, 1.0);
+        assert_eq!(normalized.inverted_points, 0);
+    }
+
+    #[test]
+    fn rotation_has_the_energy_of_the_identity() {
+        let rotation = nalgebra::Rotation3::new(Vector::new(0.3, -1.2, 2.0)).into_inner();
+        let rule = grid(&shapes::double_torus(1), 9);
+        let report = measured(&affine(rotation), &rule, rule.volume(), &EnergyOptions::default());
+        assert!((report.harmonic - 3.0).abs() < 1e-13);
+        assert!(report.deformation < 1e-28);
+    }
+
+    #[test]
+    fn affine_maps_have_the_energy_of_their_matrix() {
+        let matrix = Matrix3::new(1.2, 0.5, -0.3, 0.1, 0.8, 0.2, -0.4, 0.3, 1.1);
+        let rule = grid(&shapes::spherical_shell(1.0, 0.5, 3), 10);
+        let report = measured(&affine(matrix), &rule, rule.volume() * matrix.determinant(), &RAW);
+        let expected = rule.volume() * matrix.norm_squared();
+        assert!((report.harmonic / expected - 1.0).abs() < 1e-13);
+        let expected = rule.volume() * deformation::density(&matrix, &Lame::default());
+        assert!((report.deformation / expected - 1.0).abs() < 1e-13);
+    }
+
+    #[test]
+    fn normalised_energies_do_not_depend_on_the_units_of_either_solid() {
+        let (s1, s2) = (0.01, 250.0);
+        let surface = shapes::sphere(1.0, 3);
+        let rule = grid(&surface, 10);
+        let target_volume = 2.0;
+        let here = measured(&squaring(), &rule, target_volume, &EnergyOptions::default());
+
+        // s₂ f(x / s₁) between the scaled solids, with Jacobian (s₂ / s₁) J(x / s₁).
+        let scaled = Formula(
+            |p: &Point| squaring().evaluate(&[p / s1])[0] * s2,
+            |p: &Point| squaring().jacobian(&[p / s1])[0] * (s2 / s1),
+        );
+        let rule = grid(&shapes::deformed(&surface, |p| p * s1), 10);
+        let there = measured(&scaled, &rule, target_volume * s2.powi(3), &EnergyOptions::default());
+        assert!((there.harmonic / here.harmonic - 1.0).abs() < 1e-12);
+        assert!((there.deformation / here.deformation - 1.0).abs() < 1e-12);
+        assert!((there.harmonic_density.p99 / here.harmonic_density.p99 - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_similarity_is_the_identity_once_normalised() {
+        let rule = grid(&shapes::cube(1.0, 1), 4);
+        let report = measured(&affine(Matrix3::identity() * 7.0), &rule, 343.0, &EnergyOptions::default());
+        assert!((report.harmonic - 3.0).abs() < 1e-13);
+        assert!(report.deformation < 1e-28);
+        assert!((report.det_jacobian.median - 343.0).abs() < 1e-10);
+    }
+
+    #[test]
+    fn squaring_the_cube_misses_its_closed_form_by_the_midpoint_error() {
+        // ∫ 8 (x² + y²) + 1 over the unit cube is 7/3; midpoints lose h²/12 of ∫ x² and of ∫ y².
+        for cells in [4, 8, 16] {
+            let h = 1.0 / cells as f64;
+            let report = measured(&squaring(), &grid(&shapes::cube(1.0, 2), cells), 1.0, &RAW);
+            assert!((report.harmonic - (7.0 / 3.0 - 4.0 / 3.0 * h * h)).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn squaring_the_ball_converges_to_its_closed_form_with_second_order() {
+        // ∫ 8 (x² + y²) + 1 over the unit ball is 64π/15 + 4π/3. The sphere is refined with the grid, so that its own
+        // error, of second order in the edge length, falls alike.
+        let exact = std::f64::consts::PI * (64.0 / 15.0 + 4.0 / 3.0);
+        let errors = [(3, 8), (4, 16), (5, 32)].map(|(levels, cells)| {
+            let rule = grid(&shapes::sphere(1.0, levels), cells);
+            (measured(&squaring(), &rule, 1.0, &RAW).harmonic / exact - 1.0).abs()
+        });
+        for pair in errors.windows(2) {
+            let order = (pair[0] / pair[1]).log2();
+            assert!((order - 2.0).abs() < 0.15, "order {order}, errors {errors:?}");
+        }
+    }
+
+    #[test]
+    fn squaring_is_integrated_exactly_over_tets() {
+        // The cube [-1/2, 1/2]³ as six tetrahedra about its diagonal, one along each order of the axes.
+        let corner = |n: usize| [n & 1, n >> 1 & 1, n >> 2 & 1].map(|bit| bit as f64 - 0.5);
+        let vertices = (0..8).map(|n| Point::from(corner(n))).collect();
+        let orders = [[1, 2, 4], [1, 4, 2], [2, 1, 4], [2, 4, 1], [4, 1, 2], [4, 2, 1]];
+        let tets = orders.map(|[a, b, _]: [u32; 3]| [0, a, a + b, 7]).to_vec();
+        let rule = tet_quadrature(&TetMesh::new(vertices, tets).unwrap()).unwrap();
+        let report = measured(&squaring(), &rule, 1.0, &RAW);
+        assert!((report.volume - 1.0).abs() < 1e-15);
+        assert!((report.harmonic - 7.0 / 3.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn inverted_parts_are_counted_by_volume() {
+        // x ↦ x² − x turns over where 2x < 1: three eighths of the cube [1/8, 9/8] · …, on 8 layers.
+        let surface = shapes::deformed(&shapes::cube(1.0, 1), |p| p + Vector::new(0.625, 0.0, 0.0));
+        let fold = Formula(
+            |p: &Point| Point::new(p.x * p.x - p.x, p.y, p.z),
+            |p: &Point| Matrix3::from_diagonal(&Vector::new(2.0 * p.x - 1.0, 1.0, 1.0)),
+        );
+        let report = measured(&fold, &grid(&surface, 8), 1.0, &RAW);
+        assert_eq!(report.inverted_points, 3 * 64);
+        assert!((report.inverted_fraction - 0.375).abs() < 1e-13);
+        assert!((report.det_jacobian.min - -0.625).abs() < 1e-13);
+        assert!((report.det_jacobian.max - 1.125).abs() < 1e-13);
+    }
+
+    #[test]
+    fn cell_means_integrate_to_the_total() {
+        let rule = grid(&shapes::spherical_shell(1.0, 0.99, 3), 6);
+        let report = measured(&squaring(), &rule, 1.0, &RAW);
+        let means = rule.cell_means(&report.densities.harmonic);
+        let total: f64 = means.iter().map(|cell| cell.mean * cell.volume).sum();
+        assert!((total / report.harmonic - 1.0).abs() < 1e-13);
+        assert!(means.windows(2).all(|pair| pair[0].cell < pair[1].cell));
+        assert!(means.len() < rule.points().len(), "some cells hold several points");
+    }
+
+    #[test]
+    fn names_what_stops_it() {
+        let rule = grid(&shapes::cube(1.0, 1), 2);
+        let identity = affine(Matrix3::identity());
+        let options = EnergyOptions::default();
+        assert!(matches!(
+            energies(&identity, &rule, 1.0, -1.0, &options),
+            Err(EnergyError::Volume { solid: "target", .. })
+        ));
+        assert!(matches!(
+            energies(&identity, &rule, f64::NAN, 1.0, &options),
+            Err(EnergyError::Volume { solid: "domain", .. })
+        ));
+        let broken = Formula(|p: &Point| *p, |p: &Point| Matrix3::repeat((p.x - 0.25).recip()));
+        let rule_point = Point::new(0.25, -0.25, -0.25);
+        assert_eq!(
+            energies(&broken, &rule, 1.0, 1.0, &options),
+            Err(EnergyError::NonFiniteJacobian { point: rule_point })
+        );
+
+        struct Mute;
+        impl VolumeMap for Mute {
+            fn evaluate(&self, _: &[Point]) -> Vec<Point> {
+                Vec::new()
+            }
+            fn jacobian(&self, _: &[Point]) -> Vec<Matrix3> {
+                Vec::new()
+            }
+        }
+        assert!(matches!(
+            energies(&Mute, &rule, 1.0, 1.0, &options),
+            Err(EnergyError::JacobianCount { expected: 8, found: 0 })
+        ));
+    }
+}

@@ -1,1 +1,5 @@
-//! map
+//! Maps of solids.
+
+mod volume_map;
+
+pub use volume_map::VolumeMap;

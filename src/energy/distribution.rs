@@ -1,0 +1,58 @@
+/// Quantiles of a density over the volume of a solid.
+///
+/// `median` is the smallest value such that half of the volume has it or less, `p99` that 99 percent have; points of
+/// small cells therefore count little.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Distribution {
+    /// Smallest value.
+    pub min: f64,
+    /// Value that half of the volume does not exceed.
+    pub median: f64,
+    /// Value that 99 percent of the volume do not exceed.
+    pub p99: f64,
+    /// Largest value.
+    pub max: f64,
+}
+
+impl Distribution {
+    /// Quantiles of parallel values and weights. `None` when there are none. Costs a sort.
+    pub fn weighted(values: &[f64], weights: &[f64]) -> Option<Self> {
+        let mut sorted: Vec<(f64, f64)> = values.iter().copied().zip(weights.iter().copied()).collect();
+        sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let (&(min, _), &(max, _)) = (sorted.first()?, sorted.last()?);
+        let total: f64 = sorted.iter().map(|(_, weight)| weight).sum();
+        let quantile = |share: f64| {
+            let mut below = 0.0;
+            let reached = sorted.iter().find(|(_, weight)| {
+                below += weight;
+                below >= share * total
+            });
+            reached.map_or(max, |(value, _)| *value)
+        };
+        Some(Self {
+            min,
+            median: quantile(0.5),
+            p99: quantile(0.99),
+            max,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_count_volume_and_not_points() {
+        let values = [5.0, 1.0, 4.0, 2.0, 3.0];
+        let even = Distribution::weighted(&values, &[1.0; 5]).unwrap();
+        assert_eq!((even.min, even.median, even.p99, even.max), (1.0, 3.0, 5.0, 5.0));
+        let heavy = Distribution::weighted(&values, &[0.01, 1.0, 0.01, 100.0, 0.01]).unwrap();
+        assert_eq!((heavy.median, heavy.p99, heavy.max), (2.0, 2.0, 5.0));
+    }
+
+    #[test]
+    fn nothing_has_no_quantiles() {
+        assert_eq!(Distribution::weighted(&[], &[]), None);
+    }
+}

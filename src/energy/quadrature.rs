@@ -1,0 +1,192 @@
+use crate::{Point, Vector};
+
+/// Why a solid has no quadrature.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum QuadratureError {
+    /// Nothing to integrate over.
+    #[error("the mesh has no {element}; give a closed surface or a tetrahedral mesh of the solid")]
+    Empty {
+        /// `"triangle"` or `"tetrahedron"`.
+        element: &'static str,
+    },
+    /// A vertex in use has a coordinate that is NaN or infinite.
+    #[error("vertex {vertex} is at {position}; repair the mesh so that all coordinates are finite")]
+    NonFinite {
+        /// Which vertex, 0-based.
+        vertex: usize,
+        /// Its position.
+        position: Point,
+    },
+    /// A grid of no cells, or of cells of no size.
+    #[error("a grid cannot have {0}; ask for at least one cell, of positive finite size")]
+    NoCells(
+        /// What was asked for.
+        String,
+    ),
+    /// More cells than can be handled.
+    #[error(
+        "the grid would have {} × {} × {} cells, more than {limit} in all or {axis_limit} along one side; choose larger cells",
+        cells[0], cells[1], cells[2]
+    )]
+    TooManyCells {
+        /// Cells along each axis.
+        cells: [u64; 3],
+        /// Most cells in all.
+        limit: u64,
+        /// Most cells along an axis.
+        axis_limit: u64,
+    },
+    /// A vertical line enters the solid without leaving it.
+    #[error(
+        "the surface is open: near x = {x}, y = {y} it is entered and left unequally often along z; close its holes and orient its triangles consistently"
+    )]
+    Open {
+        /// Where the hole is, to the width of a cell.
+        x: f64,
+        /// Where the hole is, to the width of a cell.
+        y: f64,
+    },
+    /// The volume is zero, negative or not a number.
+    #[error("the mesh encloses a volume of {volume}; it must bound a solid, with its triangles oriented outward")]
+    NoVolume {
+        /// Signed volume.
+        volume: f64,
+    },
+    /// Parts of the surface are inside out.
+    #[error(
+        "parts of the surface enclose a negative volume of {negative}, against {volume} in all; orient every component outward (cavities into the cavity) and remove folds"
+    )]
+    InsideOut {
+        /// Sum of the negative cell volumes.
+        negative: f64,
+        /// Signed volume of the whole.
+        volume: f64,
+    },
+}
+
+/// Points inside a solid and the volume each stands for: `∫ g ≈ Σ weights · g(points)`.
+///
+/// The points lie in cells, boxes of a [`Grid`] or tetrahedra, so that a density at the points has a distribution over
+/// cells to look at; all points of a cell follow each other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quadrature {
+    points: Vec<Point>,
+    weights: Vec<f64>,
+    cells: Vec<u32>,
+    layout: Layout,
+}
+
+/// What the cells of a [`Quadrature`] are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Layout {
+    /// Boxes of a regular grid, clipped by the solid; boxes outside it have no points.
+    Grid(Grid),
+    /// The tetrahedra of a mesh, numbered as there; flat ones have no points.
+    Tets {
+        /// How many tetrahedra the mesh has.
+        count: usize,
+    },
+}
+
+/// A regular grid of cubes. Cell `(i · dims[1] + j) · dims[2] + k` is the `i`-th along x, `j`-th along y and `k`-th
+/// along z: z runs fastest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Grid {
+    /// Lowest corner of the first cell.
+    pub origin: Point,
+    /// Edge length of a cell.
+    pub cell_size: f64,
+    /// Cells along x, y and z.
+    pub dims: [usize; 3],
+}
+
+/// Mean of a density over one cell's part of the solid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellMean {
+    /// Number of the cell, as [`Layout`] has it.
+    pub cell: u32,
+    /// Volume of the part of the cell inside the solid.
+    pub volume: f64,
+    /// Weighted mean of the density at the points of the cell.
+    pub mean: f64,
+}
+
+impl Quadrature {
+    /// A rule of these points, their weights and their cells; the three slices are parallel, `cells` ascends.
+    pub(super) fn new(points: Vec<Point>, weights: Vec<f64>, cells: Vec<u32>, layout: Layout) -> Self {
+        debug_assert!(points.len() == weights.len() && points.len() == cells.len());
+        debug_assert!(cells.is_sorted());
+        Self {
+            points,
+            weights,
+            cells,
+            layout,
+        }
+    }
+
+    /// Where to evaluate; all inside the solid or on its boundary.
+    pub fn points(&self) -> &[Point] {
+        &self.points
+    }
+
+    /// Volume that each point stands for; positive.
+    pub fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// The cell that each point lies in; ascending.
+    pub fn cells(&self) -> &[u32] {
+        &self.cells
+    }
+
+    /// What the cells are.
+    pub fn layout(&self) -> Layout {
+        self.layout
+    }
+
+    /// Volume of the solid: the sum of the weights.
+    pub fn volume(&self) -> f64 {
+        self.weights.iter().sum()
+    }
+
+    /// `Σ weights · density`. Densities beyond the points, or points beyond the densities, are left out.
+    pub fn integrate(&self, density: &[f64]) -> f64 {
+        self.weights.iter().zip(density).map(|(w, d)| w * d).sum()
+    }
+
+    /// The distribution of a density at the points over the cells, for export: cells without points are left out.
+    pub fn cell_means(&self, density: &[f64]) -> Vec<CellMean> {
+        let mut means = Vec::new();
+        let mut first = 0;
+        for run in self.cells.chunk_by(|a, b| a == b) {
+            let range = first..first + run.len();
+            first = range.end;
+            let weights = &self.weights[range.clone()];
+            let Some(values) = density.get(range) else { break };
+            let volume: f64 = weights.iter().sum();
+            let sum: f64 = weights.iter().zip(values).map(|(w, d)| w * d).sum();
+            means.push(CellMean {
+                cell: run[0],
+                volume,
+                mean: sum / volume,
+            });
+        }
+        means
+    }
+}
+
+impl Grid {
+    /// Steps `[i, j, k]` of a cell from the first one along x, y and z.
+    pub fn steps(&self, cell: u32) -> [usize; 3] {
+        let [_, y, z] = self.dims;
+        let cell = cell as usize;
+        [cell / (y * z), cell / z % y, cell % z]
+    }
+
+    /// Lowest corner of a cell.
+    pub fn corner(&self, cell: u32) -> Point {
+        let [i, j, k] = self.steps(cell).map(|s| s as f64);
+        self.origin + Vector::new(i, j, k) * self.cell_size
+    }
+}
