@@ -1,0 +1,137 @@
+//! Drawing a colour bar: the ramp, its ticks, its name, and what lies beyond its ends.
+
+use super::canvas::{Canvas, GREY_INK, INK, RULE};
+use super::colour_map::{ColourBar, Scale, rainbow};
+use super::number::typeset;
+use super::text::{Anchor, TextStyle, Weight};
+use super::ticks::{Ticks, linear_ticks, logarithmic_ticks};
+
+/// Lengths in ems.
+const RAMP: f64 = 1.0;
+const GAP: f64 = 1.2;
+const TICK: f64 = 0.3;
+const POINT: f64 = 0.8;
+const LINE: f64 = 1.25;
+
+/// A bar measured for a ramp of a certain height.
+pub(super) struct BarLayout<'a> {
+    bar: &'a ColourBar,
+    ticks: Ticks,
+    notes: Vec<String>,
+    em: f64,
+    height: f64,
+}
+
+impl<'a> BarLayout<'a> {
+    pub(super) fn new(bar: &'a ColourBar, em: f64, height: f64) -> Self {
+        let (low, high) = bar.range();
+        let count = (height / (2.6 * em)).clamp(2.0, 8.0) as usize;
+        let ticks = match bar.scale() {
+            Scale::Linear => linear_ticks(low, high, count),
+            Scale::Log => logarithmic_ticks(low, high, count),
+        };
+        let (least, most) = bar.data_range();
+        let mut notes = vec![format!("max {}", typeset(most, 3)), format!("min {}", typeset(least, 3))];
+        if let Some((from, to)) = bar.quantiles() {
+            let percent = |p: f64| typeset(100.0 * p, 3);
+            notes.push(format!("bar: {}–{} %", percent(from), percent(to)));
+        }
+        Self {
+            bar,
+            ticks,
+            notes,
+            em,
+            height,
+        }
+    }
+
+    /// Width to the right of the picture.
+    pub(super) fn width(&self) -> f64 {
+        let ramp_and_labels = (RAMP + TICK + 0.3) * self.em + self.labels_width();
+        let name = if self.bar.label().is_empty() { 0.0 } else { 1.7 * self.em };
+        let notes = self.notes.iter().map(|note| self.note_text().width(note)).fold(0.0, f64::max);
+        GAP * self.em + (ramp_and_labels + name).max(notes) + 0.2 * self.em
+    }
+
+    /// Height below the ramp.
+    pub(super) fn below(&self) -> f64 {
+        (0.5 + LINE * self.notes.len() as f64) * self.em
+    }
+
+    /// Height above the ramp.
+    pub(super) fn above(&self) -> f64 {
+        if self.ticks.factor.is_some() { 1.6 * self.em } else { 0.0 }
+    }
+
+    /// Draws the bar, the left edge of its space at `x` and the top of its ramp at `y`.
+    pub(super) fn draw(&self, canvas: &mut Canvas, x: f64, y: f64) {
+        let left = (x + GAP * self.em).round();
+        self.draw_ramp(canvas, left, y);
+        let text = self.text(INK);
+        let labels = left + (RAMP + TICK + 0.3) * self.em;
+        for (position, label) in self.ticks.positions.iter().zip(&self.ticks.labels) {
+            let height = self.tick_height(y, *position);
+            let from = left + RAMP * self.em;
+            canvas.stroke(&[[[from, height], [from + TICK * self.em, height]]], 1.0, RULE);
+            text.draw(canvas, label, [labels, height + text.cap_height() / 2.0], Anchor::Start);
+        }
+        if let Some(factor) = &self.ticks.factor {
+            text.draw(canvas, factor, [left, y - 0.6 * self.em], Anchor::Start);
+        }
+        let name = labels + self.labels_width() + 1.4 * self.em;
+        text.draw_upward(canvas, self.bar.label(), [name, y + self.height / 2.0], Anchor::Middle);
+        for (k, note) in self.notes.iter().enumerate() {
+            let baseline = y + self.height + (1.5 + LINE * k as f64) * self.em;
+            self.note_text().draw(canvas, note, [left, baseline], Anchor::Start);
+        }
+    }
+
+    /// The ramp, red end up; an end with values beyond it is drawn as a point.
+    fn draw_ramp(&self, canvas: &mut Canvas, left: f64, top: f64) {
+        let (low, high) = self.bar.range();
+        let (least, most) = self.bar.data_range();
+        let width = (RAMP * self.em).round();
+        let point = POINT * self.em;
+        let pointed = |beyond: bool| if beyond { point } else { 0.0 };
+        let (upper, lower) = (pointed(most > high), pointed(least < low));
+        let rows = self.height.round();
+        for row in 0..rows as i64 {
+            let depth = row as f64 + 0.5;
+            let share = (depth / upper).min((rows - depth) / lower).min(1.0);
+            let colour = rainbow(1.0 - (depth - upper) / (rows - upper - lower));
+            for column in 0..width as i64 {
+                let from_middle = (column as f64 + 0.5 - width / 2.0).abs();
+                let covered = (share * width / 2.0 - from_middle + 0.5).clamp(0.0, 1.0);
+                canvas.blend(left as i64 + column, top.round() as i64 + row, colour, covered as f32);
+            }
+        }
+    }
+
+    fn tick_height(&self, top: f64, value: f64) -> f64 {
+        let (low, high) = self.bar.range();
+        let (least, most) = self.bar.data_range();
+        let pointed = |beyond: bool| if beyond { POINT * self.em } else { 0.0 };
+        let (upper, lower) = (pointed(most > high), pointed(least < low));
+        top + upper + (1.0 - self.bar.fraction(value)) * (self.height - upper - lower)
+    }
+
+    fn labels_width(&self) -> f64 {
+        let text = self.text(INK);
+        self.ticks.labels.iter().map(|label| text.width(label)).fold(0.0, f64::max)
+    }
+
+    fn text(&self, colour: [u8; 3]) -> TextStyle {
+        TextStyle {
+            size: self.em,
+            weight: Weight::Regular,
+            colour,
+        }
+    }
+
+    fn note_text(&self) -> TextStyle {
+        TextStyle {
+            size: 0.88 * self.em,
+            ..self.text(GREY_INK)
+        }
+    }
+}

@@ -1,0 +1,310 @@
+use super::canvas::{Canvas, GREY_INK, INK, RULE, WHITE};
+use super::colour_bar::BarLayout;
+use super::colour_map::ColourBar;
+use super::panel::{LEAST_SIDE, Panel, PanelAxis, check_size};
+use super::text::{Anchor, TextStyle, Weight};
+use super::ticks::linear_ticks;
+use super::{ReportError, png};
+
+/// Lengths in ems.
+const BORDER: f64 = 1.0;
+const LINE: f64 = 1.35;
+const TITLE_LINE: f64 = 1.6;
+const TICK: f64 = 0.3;
+
+/// Panels in a row or a grid, with a title and, where they share one, a colour bar on the right.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    title: String,
+    rows: Vec<Vec<Panel>>,
+    bar: Option<ColourBar>,
+}
+
+impl Figure {
+    /// Panels side by side.
+    pub fn row(panels: Vec<Panel>) -> Self {
+        Self::grid(vec![panels])
+    }
+
+    /// Rows of panels, from the top; rows may differ in length.
+    pub fn grid(rows: Vec<Vec<Panel>>) -> Self {
+        Self {
+            title: String::new(),
+            rows,
+            bar: None,
+        }
+    }
+
+    /// The same figure under this title.
+    pub fn titled(mut self, title: impl Into<String>) -> Self {
+        self.title = title.into();
+        self
+    }
+
+    /// The same figure with one colour bar for all panels.
+    pub fn with_bar(mut self, bar: &ColourBar) -> Self {
+        self.bar = Some(bar.clone());
+        self
+    }
+
+    /// The figure as the bytes of a PNG file (8-bit sRGB). Panels keep their pixels; text is sized to them.
+    ///
+    /// # Errors
+    ///
+    /// [`ReportError::TooSmall`] without panels, [`ReportError::TooLarge`], [`ReportError::Encode`].
+    pub fn to_png(&self) -> Result<Vec<u8>, ReportError> {
+        png::encode(&self.draw()?)
+    }
+
+    fn draw(&self) -> Result<Canvas, ReportError> {
+        let layout = Layout::of(self).ok_or(ReportError::TooSmall { least: LEAST_SIDE })?;
+        let (width, height) = (layout.width.ceil() as usize, layout.height.ceil() as usize);
+        check_size(width, height)?;
+        let mut canvas = Canvas::new(width, height, WHITE);
+        let title = layout.style.figure_title();
+        for (k, line) in layout.title.iter().enumerate() {
+            let baseline = (BORDER + 1.1 + 1.25 * TITLE_LINE * k as f64) * layout.style.em;
+            title.draw(&mut canvas, line, [layout.width / 2.0, baseline], Anchor::Middle);
+        }
+        for (cells, (y, _)) in layout.cells.iter().zip(&layout.rows) {
+            for (cell, (x, width)) in cells.iter().zip(&layout.columns) {
+                let left = x + (width - cell.panel.canvas.width() as f64) / 2.0;
+                cell.draw(&mut canvas, &layout.style, left.round(), *y);
+            }
+        }
+        if let Some((bar, x, y)) = &layout.bar {
+            bar.draw(&mut canvas, *x, *y);
+        }
+        Ok(canvas)
+    }
+}
+
+/// Sizes of text.
+#[derive(Debug, Clone, Copy)]
+struct Style {
+    em: f64,
+}
+
+impl Style {
+    fn text(&self) -> TextStyle {
+        TextStyle {
+            size: self.em,
+            weight: Weight::Regular,
+            colour: INK,
+        }
+    }
+
+    fn caption(&self) -> TextStyle {
+        TextStyle {
+            colour: GREY_INK,
+            ..self.text()
+        }
+    }
+
+    fn panel_title(&self) -> TextStyle {
+        TextStyle {
+            size: 1.1 * self.em,
+            weight: Weight::Bold,
+            colour: INK,
+        }
+    }
+
+    fn figure_title(&self) -> TextStyle {
+        TextStyle {
+            size: 1.35 * self.em,
+            weight: Weight::Bold,
+            colour: INK,
+        }
+    }
+}
+
+/// A panel and the space that its texts take around its picture.
+struct Cell<'a> {
+    panel: &'a Panel,
+    title: Vec<String>,
+    captions: Vec<String>,
+    bar: Option<BarLayout<'a>>,
+    /// Left, top, right, bottom.
+    margins: [f64; 4],
+}
+
+impl<'a> Cell<'a> {
+    fn new(panel: &'a Panel, style: &Style) -> Self {
+        let em = style.em;
+        let size = [panel.canvas.width() as f64, panel.canvas.height() as f64];
+        let bar = panel.bar.as_ref().map(|bar| BarLayout::new(bar, em, size[1]));
+        let (mut left, mut right, mut bottom) = (0.0, 0.0, 0.0);
+        if let Some(axes) = &panel.axes {
+            let labels = ticks_along(&axes[1], size[1], em).labels;
+            let widest = labels.iter().map(|label| style.text().width(label)).fold(0.0, f64::max);
+            left = widest + (TICK + 0.8) * em + style.text().width(&axes[1].name);
+            // The last label under the horizontal axis may stand out by half its width.
+            right = 0.8 * em;
+            bottom = (TICK + 2.6) * em;
+        }
+        if let Some(bar) = &bar {
+            right = bar.width();
+        }
+        let room = size[0] + left.min(right) * 2.0;
+        let title = style.panel_title().wrapped(&panel.title, room);
+        let captions: Vec<String> =
+            panel.captions.iter().flat_map(|text| style.caption().wrapped(text, room)).collect();
+        let widest = |text: TextStyle, lines: &[String]| lines.iter().map(|l| text.width(l)).fold(0.0, f64::max);
+        let overhang = (widest(style.panel_title(), &title).max(widest(style.caption(), &captions)) - size[0]) / 2.0;
+        bottom += LINE * em * captions.len() as f64 + 0.4 * em;
+        bottom = bar.as_ref().map_or(bottom, |bar| bottom.max(bar.below()));
+        let above = TITLE_LINE * em * title.len() as f64 + 0.4 * em;
+        let top = bar.as_ref().map_or(above, |bar| above.max(bar.above()));
+        Self {
+            panel,
+            title,
+            captions,
+            bar,
+            margins: [left.max(overhang), top, right.max(overhang), bottom],
+        }
+    }
+
+    /// Draws the panel with the top left corner of its picture at `(x, y)`.
+    fn draw(&self, canvas: &mut Canvas, style: &Style, x: f64, y: f64) {
+        let em = style.em;
+        let (width, height) = (self.panel.canvas.width() as f64, self.panel.canvas.height() as f64);
+        canvas.paste(&self.panel.canvas, x as usize, y as usize);
+        for (k, line) in self.title.iter().rev().enumerate() {
+            let baseline = y - (0.75 + TITLE_LINE * k as f64) * em;
+            style.panel_title().draw(canvas, line, [x + width / 2.0, baseline], Anchor::Middle);
+        }
+        let mut below = y + height;
+        if let Some(axes) = &self.panel.axes {
+            draw_axes(canvas, style, axes, [x, y, width, height]);
+            below += (TICK + 2.6) * em;
+        }
+        for (k, line) in self.captions.iter().enumerate() {
+            let baseline = below + (1.15 + LINE * k as f64) * em;
+            style.caption().draw(canvas, line, [x + width / 2.0, baseline], Anchor::Middle);
+        }
+        if let Some(bar) = &self.bar {
+            bar.draw(canvas, x + width, y);
+        }
+    }
+}
+
+/// Where everything goes, in pixels.
+struct Layout<'a> {
+    style: Style,
+    width: f64,
+    height: f64,
+    title: Vec<String>,
+    cells: Vec<Vec<Cell<'a>>>,
+    /// Left edge and width of the pictures in each column.
+    columns: Vec<(f64, f64)>,
+    /// Upper edge and height of the pictures in each row.
+    rows: Vec<(f64, f64)>,
+    bar: Option<(BarLayout<'a>, f64, f64)>,
+}
+
+impl<'a> Layout<'a> {
+    /// `None` without panels.
+    fn of(figure: &'a Figure) -> Option<Self> {
+        let panels = || figure.rows.iter().flatten();
+        let longest = panels().map(|p| p.canvas.width().max(p.canvas.height())).max()?;
+        let style = Style {
+            em: (longest as f64 / 30.0).clamp(11.0, 48.0),
+        };
+        let em = style.em;
+        let cells: Vec<Vec<Cell>> =
+            figure.rows.iter().map(|row| row.iter().map(|panel| Cell::new(panel, &style)).collect()).collect();
+
+        let mut right = BORDER * em;
+        let columns: Vec<(f64, f64)> = (0..cells.iter().map(Vec::len).max()?)
+            .map(|k| {
+                let column = || cells.iter().filter_map(move |row| row.get(k));
+                let width = column().map(|c| c.panel.canvas.width() as f64).fold(0.0, f64::max);
+                // A narrower picture stands in the middle of its column, and its margins with it.
+                let margin = |side: usize| {
+                    let beyond = |c: &Cell| c.margins[side] - (width - c.panel.canvas.width() as f64) / 2.0;
+                    column().map(beyond).fold(0.0, f64::max)
+                };
+                let left = right + if k > 0 { em } else { 0.0 } + margin(0);
+                right = left + width + margin(2);
+                (left.round(), width)
+            })
+            .collect();
+        let bar_width = figure.bar.as_ref().map_or(0.0, |bar| BarLayout::new(bar, em, 1e3).width());
+        let width = right + bar_width + BORDER * em;
+
+        let title = style.figure_title().wrapped(&figure.title, width - 2.0 * BORDER * em);
+        let mut bottom = (BORDER + 1.25 * TITLE_LINE * title.len() as f64) * em;
+        let rows: Vec<(f64, f64)> = cells
+            .iter()
+            .enumerate()
+            .map(|(k, row)| {
+                let most = |of: fn(&Cell) -> f64| row.iter().map(of).fold(0.0, f64::max);
+                let height = most(|c| c.panel.canvas.height() as f64);
+                let top = (bottom + if k > 0 { em } else { 0.0 } + most(|c| c.margins[1])).round();
+                bottom = top + height + most(|c| c.margins[3]);
+                (top, height)
+            })
+            .collect();
+        let mut height = bottom + BORDER * em;
+
+        let (first, last) = (rows.first()?, rows.last()?);
+        let bar = figure.bar.as_ref().map(|bar| {
+            let bar = BarLayout::new(bar, em, last.0 + last.1 - first.0);
+            height = height.max(last.0 + last.1 + bar.below() + BORDER * em);
+            (bar, right, first.0)
+        });
+        Some(Self {
+            style,
+            width,
+            height,
+            title,
+            cells,
+            columns,
+            rows,
+            bar,
+        })
+    }
+}
+
+fn ticks_along(axis: &PanelAxis, length: f64, em: f64) -> super::ticks::Ticks {
+    linear_ticks(axis.low, axis.high, (length / (5.0 * em)).clamp(1.0, 6.0) as usize)
+}
+
+/// Lines along the left and lower edge of a picture, with round coordinates and the names of the axes.
+fn draw_axes(canvas: &mut Canvas, style: &Style, axes: &[PanelAxis; 2], [x, y, width, height]: [f64; 4]) {
+    let em = style.em;
+    let text = style.text();
+    let [across, up] = axes;
+    let (left, bottom) = (x - 0.5, y + height + 0.5);
+    let mut lines = vec![[[left, y], [left, bottom]], [[left, bottom], [x + width, bottom]]];
+
+    let ticks = ticks_along(across, width, em);
+    for (position, label) in ticks.positions.iter().zip(&ticks.labels) {
+        let place = x + (position - across.low) / (across.high - across.low) * width;
+        lines.push([[place, bottom], [place, bottom + TICK * em]]);
+        text.draw(canvas, label, [place, bottom + (TICK + 1.05) * em], Anchor::Middle);
+    }
+    let name = axis_name(across, ticks.factor);
+    text.draw(canvas, &name, [x + width / 2.0, bottom + (TICK + 2.3) * em], Anchor::Middle);
+
+    let ticks = ticks_along(up, height, em);
+    let mut widest = 0f64;
+    for (position, label) in ticks.positions.iter().zip(&ticks.labels) {
+        let place = bottom - (position - up.low) / (up.high - up.low) * height;
+        lines.push([[left - TICK * em, place], [left, place]]);
+        let end = left - (TICK + 0.25) * em;
+        text.draw(canvas, label, [end, place + text.cap_height() / 2.0], Anchor::End);
+        widest = widest.max(text.width(label));
+    }
+    let end = left - (TICK + 0.6) * em - widest;
+    let name = axis_name(up, ticks.factor);
+    text.draw_upward(canvas, &name, [end, y + height / 2.0], Anchor::Middle);
+    canvas.stroke(&lines, 1.0, RULE);
+}
+
+fn axis_name(axis: &PanelAxis, factor: Option<String>) -> String {
+    match factor {
+        Some(factor) => format!("{} ({factor})", axis.name),
+        None => axis.name.clone(),
+    }
+}

@@ -1,0 +1,148 @@
+//! Summary statistics of errors, energies and qualities.
+
+/// What a report says of a list of numbers. Values that are not finite are counted and otherwise left out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Summary {
+    /// How many finite values there are.
+    pub count: usize,
+    /// How many values are infinite or not a number.
+    pub not_finite: usize,
+    /// Smallest value.
+    pub min: f64,
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// Root of the mean square.
+    pub rms: f64,
+    /// 50 % quantile.
+    pub median: f64,
+    /// 99 % quantile.
+    pub p99: f64,
+    /// Largest value.
+    pub max: f64,
+}
+
+impl Summary {
+    /// The summary of `values`; `None` when none is finite. Quantiles as [`quantiles`] defines them.
+    pub fn of(values: &[f64]) -> Option<Self> {
+        let sorted = sorted_finite(values);
+        let (&min, &max) = (sorted.first()?, sorted.last()?);
+        let count = sorted.len() as f64;
+        // Scaled by the largest magnitude: squares of very small or large values leave the range of f64.
+        let scale = min.abs().max(max.abs()).max(f64::MIN_POSITIVE);
+        let mean_square = sorted.iter().map(|x| (x / scale).powi(2)).sum::<f64>() / count;
+        Some(Self {
+            count: sorted.len(),
+            not_finite: values.len() - sorted.len(),
+            min,
+            mean: sorted.iter().map(|x| x / count).sum(),
+            rms: scale * mean_square.sqrt(),
+            median: quantile_of_sorted(&sorted, 0.5),
+            p99: quantile_of_sorted(&sorted, 0.99),
+            max,
+        })
+    }
+}
+
+/// The quantiles of `values` at `fractions` in `[0, 1]` (clamped to it); `None` when no value is finite.
+///
+/// With the `n` finite values sorted, the quantile at `p` interpolates linearly at rank `(n − 1) p`, so 0 gives the
+/// smallest and 1 the largest: definition 7 of Hyndman & Fan, *Sample quantiles in statistical packages*, The
+/// American Statistician 50 (1996), the default of R and NumPy.
+pub fn quantiles<const N: usize>(values: &[f64], fractions: [f64; N]) -> Option<[f64; N]> {
+    let sorted = sorted_finite(values);
+    (!sorted.is_empty()).then(|| fractions.map(|p| quantile_of_sorted(&sorted, p)))
+}
+
+/// Counts of values in bins of equal width.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Histogram {
+    /// Lower end of the first bin: the smallest value.
+    pub low: f64,
+    /// Upper end of the last bin, which includes it: the largest value.
+    pub high: f64,
+    /// How many values each bin holds, lower end included.
+    pub counts: Vec<usize>,
+}
+
+impl Histogram {
+    /// The finite values in `bins` bins between the smallest and largest; `None` without bins or finite values.
+    /// Equal values all go to the first bin.
+    pub fn of(values: &[f64], bins: usize) -> Option<Self> {
+        let sorted = sorted_finite(values);
+        let (&low, &high) = (sorted.first()?, sorted.last()?);
+        let mut counts = vec![0; bins];
+        let last = bins.checked_sub(1)?;
+        for x in &sorted {
+            // Halved, since the span of two finite numbers may overflow.
+            let fraction = (x / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0);
+            let bin = if high > low { (fraction * bins as f64) as usize } else { 0 };
+            counts[bin.min(last)] += 1;
+        }
+        Some(Self { low, high, counts })
+    }
+
+    /// Lower and upper end of a bin.
+    pub fn bin(&self, bin: usize) -> (f64, f64) {
+        let edge = |k: usize| {
+            let t = k as f64 / self.counts.len() as f64;
+            self.low * (1.0 - t) + self.high * t
+        };
+        (edge(bin), edge(bin + 1))
+    }
+}
+
+fn sorted_finite(values: &[f64]) -> Vec<f64> {
+    let mut finite: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
+    finite.sort_unstable_by(f64::total_cmp);
+    finite
+}
+
+fn quantile_of_sorted(sorted: &[f64], fraction: f64) -> f64 {
+    // `max` before `min`, so that a fraction that is not a number counts as 0.
+    let rank = (sorted.len() - 1) as f64 * fraction.max(0.0).min(1.0);
+    let (below, above) = (sorted[rank.floor() as usize], sorted[rank.ceil() as usize]);
+    below * (1.0 - rank.fract()) + above * rank.fract()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_those_of_definition_7() {
+        // numpy.quantile([1, 2, 4, 8], [0, 0.25, 0.5, 0.9, 1])
+        let found = quantiles(&[8.0, 1.0, 4.0, 2.0], [0.0, 0.25, 0.5, 0.9, 1.0]).unwrap();
+        for (x, y) in found.iter().zip([1.0, 1.75, 3.0, 6.8, 8.0]) {
+            assert!((x - y).abs() < 1e-14, "{x} {y}");
+        }
+        assert_eq!(quantiles(&[3.5], [0.3]), Some([3.5]));
+        assert_eq!(quantiles(&[f64::NAN], [0.5]), None);
+    }
+
+    #[test]
+    fn summary_of_known_numbers() {
+        let summary = Summary::of(&[3.0, f64::NAN, -4.0, f64::INFINITY]).unwrap();
+        assert_eq!((summary.count, summary.not_finite), (2, 2));
+        assert_eq!((summary.min, summary.mean, summary.max), (-4.0, -0.5, 3.0));
+        assert!((summary.rms - 12.5f64.sqrt()).abs() < 1e-14);
+        assert_eq!(Summary::of(&[]), None);
+        assert_eq!(Summary::of(&[0.0, 0.0]).unwrap().rms, 0.0);
+    }
+
+    #[test]
+    fn rms_of_extreme_values_neither_overflows_nor_vanishes() {
+        for size in [1e-200, 1e200] {
+            assert!((Summary::of(&[size, size]).unwrap().rms / size - 1.0).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn a_histogram_counts_every_value_once() {
+        let histogram = Histogram::of(&[0.0, 0.5, 1.0, 1.5, 2.0, f64::NAN], 2).unwrap();
+        assert_eq!(histogram.counts, [2, 3]);
+        assert_eq!(histogram.bin(1), (1.0, 2.0));
+        assert_eq!(Histogram::of(&[7.0; 4], 3).unwrap().counts, [4, 0, 0]);
+        assert_eq!(Histogram::of(&[-1e308, 1e308], 2).unwrap().counts, [1, 1]);
+        assert_eq!(Histogram::of(&[1.0], 0), None);
+    }
+}

@@ -1,0 +1,391 @@
+//! Shaded views of surfaces: an orthographic camera, a depth buffer, and lights that come with the camera.
+
+use std::sync::OnceLock;
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::ReportError;
+use super::canvas::{Canvas, Rgb};
+use super::colour_map::ColourBar;
+use super::panel::check_count;
+use super::section::{Axis, finite_box};
+use crate::Vector;
+use crate::mesh::SurfaceMesh;
+
+/// Samples along each side of a pixel.
+const SAMPLES: usize = 3;
+
+/// Rows of pixels drawn at a time: bounds the memory of the samples and gives every processor something to do.
+const BAND: usize = 32;
+
+/// Part of the picture left free on each side.
+const MARGIN: f64 = 0.05;
+
+/// Background at the top and bottom of the picture.
+const BACKGROUND: [Rgb; 2] = [[250, 251, 252], [228, 231, 236]];
+
+/// Where a surface is seen from: an orthographic view of its middle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// Turn to the right about the upward axis, in degrees. At 0 the view is from the front: along +y when z is up,
+    /// along −z when y is up.
+    pub azimuth: f64,
+    /// Height above the horizon, in degrees; 90 looks straight down.
+    pub elevation: f64,
+    /// The axis that points up.
+    pub up: Axis,
+}
+
+impl Default for Camera {
+    /// From the front, the right and above, z up.
+    fn default() -> Self {
+        Self {
+            azimuth: 32.0,
+            elevation: 24.0,
+            up: Axis::Z,
+        }
+    }
+}
+
+impl Camera {
+    /// Unit vectors to the right and upwards in the picture, and towards the viewer.
+    fn frame(&self) -> [Vector; 3] {
+        let [right, up, front] = match self.up {
+            Axis::X => [Vector::y(), Vector::x(), -Vector::z()],
+            Axis::Y => [Vector::x(), Vector::y(), Vector::z()],
+            Axis::Z => [Vector::x(), Vector::z(), -Vector::y()],
+        };
+        let (sin, cos) = self.azimuth.to_radians().sin_cos();
+        let (rise, reach) = self.elevation.to_radians().sin_cos();
+        let level = front * cos + right * sin;
+        let viewer = level * reach + up * rise;
+        let across = right * cos - front * sin;
+        [across, viewer.cross(&across), viewer]
+    }
+}
+
+/// How light falls on the triangles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Shading {
+    /// Every triangle by its own plane.
+    Flat,
+    /// Rounded over edges of less than 40°; sharper ones, such as a polycube's, stay sharp.
+    #[default]
+    Smooth,
+}
+
+/// Which edges of the triangles are drawn. They fade where triangles are only a few pixels large.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Edges {
+    /// None.
+    #[default]
+    Hidden,
+    /// All.
+    All,
+    /// For each triangle `[a, b, c]` whether `ab`, `bc` and `ca` are drawn: leaves out the diagonals of quadrilaterals.
+    Marked(Vec<[bool; 3]>),
+}
+
+/// What colours a surface.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SurfaceColour {
+    /// One colour.
+    Uniform(Rgb),
+    /// A value at each vertex, interpolated before it is coloured.
+    PerVertex(Vec<f64>, ColourBar),
+    /// A value of each triangle.
+    PerTriangle(Vec<f64>, ColourBar),
+}
+
+/// How a surface looks. The default is plain light clay, shaded smoothly, without edges.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SurfaceStyle {
+    /// What colours it.
+    pub colour: SurfaceColour,
+    /// How light falls on it.
+    pub shading: Shading,
+    /// Which edges show.
+    pub edges: Edges,
+}
+
+impl Default for SurfaceStyle {
+    fn default() -> Self {
+        Self {
+            colour: SurfaceColour::Uniform([214, 206, 194]),
+            shading: Shading::default(),
+            edges: Edges::default(),
+        }
+    }
+}
+
+/// A triangle ready to be drawn: corners in samples (depth towards the viewer), normals in the camera's frame.
+struct Face {
+    corners: [Vector; 3],
+    normals: [Vector; 3],
+    values: [f64; 3],
+    edges: [bool; 3],
+}
+
+/// What is common to all faces.
+struct Scene<'a> {
+    faces: Vec<Face>,
+    bar: Option<&'a ColourBar>,
+    plain: Rgb,
+    edge_opacity: f32,
+    edge_half_width: f64,
+}
+
+/// The view of a surface; sizes have been checked.
+pub(super) fn render(
+    surface: &SurfaceMesh,
+    style: &SurfaceStyle,
+    camera: &Camera,
+    [width, height]: [usize; 2],
+) -> Result<Canvas, ReportError> {
+    finite_box(surface)?;
+    check_style(surface, style)?;
+    let scene = scene(surface, style, camera, [width, height]);
+    let mut canvas = Canvas::new(width, height, BACKGROUND[0]);
+    canvas.pixels_mut().par_chunks_mut(width * BAND).enumerate().for_each(|(band, pixels)| {
+        draw_band(&scene, band * BAND, width, height, pixels);
+    });
+    Ok(canvas)
+}
+
+fn check_style(surface: &SurfaceMesh, style: &SurfaceStyle) -> Result<(), ReportError> {
+    match &style.colour {
+        SurfaceColour::Uniform(_) => {}
+        SurfaceColour::PerVertex(values, _) => check_count("vertex", surface.vertices().len(), values.len())?,
+        SurfaceColour::PerTriangle(values, _) => check_count("triangle", surface.triangles().len(), values.len())?,
+    }
+    match &style.edges {
+        Edges::Marked(marks) => check_count("triangle", surface.triangles().len(), marks.len()),
+        _ => Ok(()),
+    }
+}
+
+fn scene<'a>(surface: &SurfaceMesh, style: &'a SurfaceStyle, camera: &Camera, size: [usize; 2]) -> Scene<'a> {
+    let frame = camera.frame();
+    let seen = |v: &Vector| Vector::new(v.dot(&frame[0]), v.dot(&frame[1]), v.dot(&frame[2]));
+    let positions = on_samples(surface, seen, size);
+    let normals = corner_normals(surface, style.shading);
+    let faces: Vec<Face> = (surface.triangles().iter().zip(normals).enumerate())
+        .map(|(t, (&triangle, normals))| Face {
+            corners: triangle.map(|v| positions[v as usize]),
+            normals: normals.map(|n| seen(&n)),
+            values: match &style.colour {
+                SurfaceColour::Uniform(_) => [0.0; 3],
+                SurfaceColour::PerVertex(values, _) => triangle.map(|v| values[v as usize]),
+                SurfaceColour::PerTriangle(values, _) => [values[t]; 3],
+            },
+            edges: match &style.edges {
+                Edges::Hidden => [false; 3],
+                Edges::All => [true; 3],
+                Edges::Marked(marks) => marks[t],
+            },
+        })
+        .collect();
+    let (bar, plain) = match &style.colour {
+        SurfaceColour::Uniform(colour) => (None, *colour),
+        SurfaceColour::PerVertex(_, bar) | SurfaceColour::PerTriangle(_, bar) => (Some(bar), [0; 3]),
+    };
+    let edge_width = (size[0].max(size[1]) as f64 / 700.0).max(0.9);
+    Scene {
+        edge_opacity: edge_opacity(&faces, edge_width),
+        edge_half_width: edge_width * SAMPLES as f64 / 2.0,
+        faces,
+        bar,
+        plain,
+    }
+}
+
+/// The vertices in the picture, in samples: x to the right, y downwards, z towards the viewer.
+fn on_samples(surface: &SurfaceMesh, seen: impl Fn(&Vector) -> Vector, size: [usize; 2]) -> Vec<Vector> {
+    // About the first used vertex: far from the origin, rotated coordinates would lose their digits.
+    let first = surface.triangles()[0][0] as usize;
+    let origin = surface.vertices()[first];
+    let turned: Vec<Vector> = surface.vertices().iter().map(|p| seen(&(p - origin))).collect();
+    let used = || surface.triangles().iter().flatten().map(|&v| turned[v as usize]);
+    let (low, high) = used().fold((turned[first], turned[first]), |(l, h), p| (l.inf(&p), h.sup(&p)));
+    let extent = high - low;
+    let room = size.map(|s| s as f64 * SAMPLES as f64 * (1.0 - 2.0 * MARGIN));
+    let scale = (room[0] / extent.x).min(room[1] / extent.y);
+    // A point or a line seen end on has no extent; any scale shows it.
+    let scale = if scale.is_finite() { scale } else { 1.0 };
+    let middle = size.map(|s| s as f64 * SAMPLES as f64 / 2.0);
+    let centre = (low + high) / 2.0;
+    let place = |p: &Vector| {
+        let q = (p - centre) * scale;
+        Vector::new(middle[0] + q.x, middle[1] - q.y, q.z)
+    };
+    turned.iter().map(place).collect()
+}
+
+/// Unit normals at the corners of each triangle; zero for triangles without area.
+fn corner_normals(surface: &SurfaceMesh, shading: Shading) -> Vec<[Vector; 3]> {
+    const CREASE_COSINE: f64 = 0.766; // 40°
+    let areas: Vec<Vector> = (0..surface.triangles().len()).map(|t| surface.area_vector(t)).collect();
+    let units: Vec<Vector> = areas.iter().map(|a| a.try_normalize(0.0).unwrap_or_default()).collect();
+    if shading == Shading::Flat {
+        return units.iter().map(|n| [*n; 3]).collect();
+    }
+    let mut around: Vec<Vec<u32>> = vec![Vec::new(); surface.vertices().len()];
+    for (t, triangle) in surface.triangles().iter().enumerate() {
+        triangle.iter().for_each(|&v| around[v as usize].push(t as u32));
+    }
+    let normal = |t: usize, v: u32| {
+        let near = around[v as usize].iter().map(|&o| o as usize);
+        let sum: Vector = near.filter(|&o| units[o].dot(&units[t]) > CREASE_COSINE).map(|o| areas[o]).sum();
+        sum.try_normalize(0.0).unwrap_or(units[t])
+    };
+    let triangles = surface.triangles().iter().enumerate();
+    triangles.map(|(t, triangle)| triangle.map(|v| normal(t, v))).collect()
+}
+
+/// Edges of dense meshes would paint the whole surface in their colour, so they fade with the mean edge on the picture.
+fn edge_opacity(faces: &[Face], edge_width: f64) -> f32 {
+    let lengths = faces.iter().map(|f| (f.corners[1] - f.corners[0]).xy().norm());
+    let mean = lengths.sum::<f64>() / faces.len() as f64 / SAMPLES as f64;
+    (0.75 * ((mean / edge_width - 2.0) / 8.0).clamp(0.0, 1.0)) as f32
+}
+
+/// Draws the rows of pixels from `first_row` on that `pixels` holds.
+fn draw_band(scene: &Scene, first_row: usize, width: usize, height: usize, pixels: &mut [Rgb]) {
+    let rows = pixels.len() / width;
+    let (columns, lines) = (width * SAMPLES, rows * SAMPLES);
+    let top = (first_row * SAMPLES) as f64;
+    let mut depth = vec![f64::NEG_INFINITY; columns * lines];
+    let mut light = vec![[f32::NAN; 3]; columns * lines];
+    for face in &scene.faces {
+        draw_face(scene, face, top, [columns, lines], &mut depth, &mut light);
+    }
+    for (k, pixel) in pixels.iter_mut().enumerate() {
+        let (x, y) = (k % width, k / width);
+        let background = background((first_row + y) as f64 / height as f64);
+        let mut sum = [0f32; 3];
+        for sample in 0..SAMPLES * SAMPLES {
+            let place = (y * SAMPLES + sample / SAMPLES) * columns + x * SAMPLES + sample % SAMPLES;
+            let colour = if depth[place] > f64::NEG_INFINITY { light[place] } else { background };
+            sum.iter_mut().zip(colour).for_each(|(s, c)| *s += c);
+        }
+        *pixel = sum.map(|s| to_srgb(s / (SAMPLES * SAMPLES) as f32));
+    }
+}
+
+fn background(depth: f64) -> [f32; 3] {
+    let [top, bottom] = BACKGROUND.map(|colour| colour.map(to_linear));
+    [0, 1, 2].map(|k| top[k] + (bottom[k] - top[k]) * depth as f32)
+}
+
+/// Draws a face into the samples of a band whose first line is `top`.
+fn draw_face(
+    scene: &Scene,
+    face: &Face,
+    top: f64,
+    [columns, lines]: [usize; 2],
+    depth: &mut [f64],
+    light: &mut [[f32; 3]],
+) {
+    let [a, b, c] = face.corners;
+    let low = a.inf(&b).inf(&c);
+    let high = a.sup(&b).sup(&c);
+    if high.y < top || low.y > top + lines as f64 {
+        return;
+    }
+    let cross = |u: Vector, v: Vector| u.x * v.y - u.y * v.x;
+    let doubled_area = cross(b - a, c - a);
+    if doubled_area == 0.0 {
+        return;
+    }
+    // The picture's y points down, so triangles that face the viewer turn the other way.
+    let faces_viewer = doubled_area < 0.0;
+    let heights = [(b - a), (c - b), (a - c)].map(|e| doubled_area.abs() / e.xy().norm().max(f64::MIN_POSITIVE));
+    let range = |low: f64, high: f64, count: usize| {
+        let bounded = |x: f64| x.clamp(0.0, count as f64) as usize;
+        bounded((low - 0.5).ceil())..bounded((high + 0.5).floor())
+    };
+    for line in range(low.y - top, high.y - top, lines) {
+        for column in range(low.x, high.x, columns) {
+            let p = Vector::new(column as f64 + 0.5, top + line as f64 + 0.5, 0.0);
+            let weights = [cross(b - p, c - p), cross(c - p, a - p), cross(a - p, b - p)].map(|w| w / doubled_area);
+            if weights.iter().any(|w| *w < 0.0) {
+                continue;
+            }
+            let place = line * columns + column;
+            let z = weights[0] * a.z + weights[1] * b.z + weights[2] * c.z;
+            if z > depth[place] {
+                depth[place] = z;
+                // Edge k joins corners k and k + 1; the corner opposite to it measures the distance.
+                let on_edge = (0..3)
+                    .any(|k| face.edges[k] && weights[(k + 2) % 3] * heights[k] < scene.edge_half_width);
+                light[place] = shaded(scene, face, weights, faces_viewer, on_edge);
+            }
+        }
+    }
+}
+
+/// Linear light of a sample.
+fn shaded(scene: &Scene, face: &Face, weights: [f64; 3], faces_viewer: bool, on_edge: bool) -> [f32; 3] {
+    const EDGE: Rgb = [38, 44, 56];
+    // The inside of an open surface, greyed so that it is not taken for the outside.
+    const INSIDE: Rgb = [120, 112, 108];
+    let mixed = |of: [Vector; 3]| of[0] * weights[0] + of[1] * weights[1] + of[2] * weights[2];
+    let normal = mixed(face.normals).try_normalize(0.0).unwrap_or_default();
+    let (normal, albedo) = match scene.bar {
+        _ if !faces_viewer => (-normal, INSIDE),
+        None => (normal, scene.plain),
+        Some(bar) => {
+            let value: f64 = (0..3).map(|k| face.values[k] * weights[k]).sum();
+            (normal, bar.colour(value))
+        }
+    };
+    let (diffuse, gloss) = lighting(&normal, scene.bar.is_some());
+    let opacity = if on_edge { scene.edge_opacity } else { 0.0 };
+    [0, 1, 2].map(|k| {
+        let surface = to_linear(albedo[k]) * diffuse[k] + gloss;
+        surface + (to_linear(EDGE[k]) - surface) * opacity
+    })
+}
+
+/// Light that a surface of this normal sends on, per colour, and the gloss added to it. Coloured fields are lit more
+/// evenly and without gloss, so that their colours can be compared with the bar.
+fn lighting(normal: &Vector, even: bool) -> ([f32; 3], f32) {
+    let key = Vector3::new(-0.45, 0.62, 0.64);
+    let fill = Vector3::new(0.80, 0.10, 0.59);
+    let lambert = |light: &Vector| normal.dot(light).max(0.0);
+    let sky = 0.5 + 0.5 * normal.y;
+    let half = (key + Vector::z()).normalize();
+    let gloss = 0.10 * normal.dot(&half).max(0.0).powi(40);
+    let (ambient, key_power, fill_power) = if even { (0.48, 0.50, 0.14) } else { (0.24, 0.74, 0.20) };
+    // A warm key and a cool sky tell the faces of a plain solid apart.
+    let warm = [1.02, 1.0, 0.96];
+    let cool = if even { [1.0; 3] } else { [0.93, 0.99, 1.10] };
+    let diffuse = [0, 1, 2].map(|k| {
+        let lit = warm[k] * key_power * lambert(&key) + fill_power * lambert(&fill);
+        (cool[k] * ambient * (0.55 + 0.45 * sky) + lit) as f32
+    });
+    (diffuse, if even { 0.0 } else { gloss as f32 })
+}
+
+fn to_linear(channel: u8) -> f32 {
+    static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
+    let decoded = |k: usize| {
+        let c = k as f32 / 255.0;
+        if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+    };
+    TABLE.get_or_init(|| std::array::from_fn(decoded))[channel as usize]
+}
+
+fn to_srgb(light: f32) -> u8 {
+    let c = light.clamp(0.0, 1.0);
+    let encoded = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
+    (255.0 * encoded).round() as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::colour_map::{Scale, ValueRange};
+    use super::*;
+    use crate::mesh::shapes;
+}
