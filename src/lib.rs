@@ -3,6 +3,7 @@
 pub mod boundary_map;
 pub mod check;
 pub mod energy;
+pub mod fit;
 pub mod geometry;
 pub mod io;
 pub mod kernel;

@@ -1,1 +1,6 @@
-//! boundary_map
+//! Maps of boundary surfaces: where each point of the domain's surface goes.
+
+mod correspondence;
+pub mod examples;
+
+pub use correspondence::{BoundaryMap, BoundaryMapError};

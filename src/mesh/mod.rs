@@ -5,8 +5,10 @@
 
 pub mod shapes;
 mod surface_mesh;
+mod surface_point;
 mod tet_mesh;
 pub mod topology;
 
 pub use surface_mesh::{MeshError, SurfaceMesh};
+pub use surface_point::SurfacePoint;
 pub use tet_mesh::{BoundarySurface, TetMesh};

@@ -1,1 +1,12 @@
-//! sampling
+//! Where equations are posed and where sources stand (the paper's sections 4.1 and 4.5).
+//!
+//! Points on the boundary are made as [`crate::mesh::SurfacePoint`]s, so that their images follow from the boundary map, and points
+//! in space only where they leave the surface.
+
+mod collocation;
+mod farthest_point;
+mod sources;
+
+pub use collocation::{Collocation, held_out};
+pub use farthest_point::{Anchors, thin};
+pub use sources::{PlacedSources, adaptive_sources, bounding_sphere, even_points};

@@ -1,1 +1,62 @@
-//! solver
+//! Least-squares systems for the coefficients: points come in as slices, coefficients go out.
+//!
+//! The unknowns are one coefficient per source and coordinate, and by default the twelve numbers of an affine map. The
+//! affine functions are harmonic, so the map stays so; with them the identity and every affine map are reproduced
+//! exactly, which point sources at a finite distance cannot do.
+
+mod assemble;
+mod dense;
+
+pub use assemble::CollocationSystem;
+pub use dense::{DenseFactor, DenseOptions, Method};
+
+/// The unknowns of the fit.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Coefficients {
+    /// One row per source: the coefficients `w` of equation (1) for the three coordinates.
+    pub sources: Vec<[f64; 3]>,
+    /// Rows for the functions 1, x, y, z; zero when the basis has no affine part.
+    pub affine: [[f64; 3]; 4],
+}
+
+/// Why a system has no usable solution.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SolveError {
+    /// Fewer equations than unknowns.
+    #[error(
+        "{collocation} collocation points cannot determine {unknowns} unknowns ({sources} sources); raise the number of \
+         collocation points or lower the number of sources"
+    )]
+    Underdetermined {
+        /// Rows.
+        collocation: usize,
+        /// Columns.
+        unknowns: usize,
+        /// Columns that belong to sources.
+        sources: usize,
+    },
+    /// A source lies on a collocation point, or a coordinate is not finite.
+    #[error("the matrix has a non-finite entry in column {column}; a source lies on the boundary or is not finite")]
+    NonFinite {
+        /// The first such column.
+        column: usize,
+    },
+    /// Boundary data of another length than the rows.
+    #[error("{data} boundary values were given for {collocation} collocation points")]
+    DataLength {
+        /// Values given.
+        data: usize,
+        /// Rows.
+        collocation: usize,
+    },
+    /// The singular value iteration failed.
+    #[error("the singular value decomposition did not converge; use the QR method instead")]
+    NoConvergence,
+    /// Nothing was kept.
+    #[error("no singular value or pivot exceeds the truncation {truncation:e}; the boundary points may all coincide")]
+    RankZero {
+        /// The relative truncation.
+        truncation: f64,
+    },
+}

@@ -1,0 +1,119 @@
+//! The harmonic map as a sum of point sources and an affine part: equation (1) of the paper, and its derivative.
+
+use rayon::prelude::*;
+
+use super::VolumeMap;
+use crate::kernel::direct::{self, Sources};
+use crate::solver::Coefficients;
+use crate::{Matrix3, Point, Vector};
+
+/// A harmonic map `f(x) = A·(1, x) + Σ_s w_s / (4π |x − Q_s|)`, in model units of its domain and target.
+///
+/// Every coordinate of `f` is harmonic wherever no source stands, whatever the coefficients; how well `f` meets its
+/// boundary map is what the fit reports. Outside the domain the values are those of the formula and mean nothing, and at
+/// a source they are not finite.
+#[derive(Debug, Clone)]
+pub struct HarmonicMap {
+    sources: Vec<Point>,
+    coefficients: Coefficients,
+    kernel_sources: Sources,
+}
+
+impl HarmonicMap {
+    /// The map with these sources and coefficients. `None` when their counts differ.
+    pub fn new(sources: Vec<Point>, coefficients: Coefficients) -> Option<Self> {
+        let kernel_sources = Sources::new(&sources, &coefficients.sources).ok()?;
+        Some(Self { sources, coefficients, kernel_sources })
+    }
+
+    /// Positions `Q` of the sources, outside the domain.
+    pub fn sources(&self) -> &[Point] {
+        &self.sources
+    }
+
+    /// The coefficients, one row per source, and the affine part.
+    pub fn coefficients(&self) -> &Coefficients {
+        &self.coefficients
+    }
+
+    fn affine(&self, x: &Point) -> Vector {
+        let a = &self.coefficients.affine;
+        Vector::from_fn(|i, _| a[0][i] + a[1][i] * x.x + a[2][i] * x.y + a[3][i] * x.z)
+    }
+}
+
+impl VolumeMap for HarmonicMap {
+    fn evaluate(&self, points: &[Point]) -> Vec<Point> {
+        let sums = direct::potential(&self.kernel_sources, points);
+        sums.into_par_iter().zip(points).map(|(sum, x)| Point::from(self.affine(x) + Vector::from(sum))).collect()
+    }
+
+    fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
+        let a = &self.coefficients.affine;
+        let linear = Matrix3::from_fn(|i, k| a[k + 1][i]);
+        let (_, mut jacobians) = direct::potential_and_gradient(&self.kernel_sources, points);
+        jacobians.par_iter_mut().for_each(|j| *j += linear);
+        jacobians
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn example() -> HarmonicMap {
+        let sources = vec![Point::new(2.0, 0.1, -0.3), Point::new(-0.4, 2.2, 0.5), Point::new(0.3, -0.2, -2.1)];
+        let coefficients = Coefficients {
+            sources: vec![[1.0, -2.0, 0.5], [0.3, 0.7, -1.1], [-0.6, 1.2, 2.0]],
+            affine: [[0.1, 0.2, 0.3], [1.0, 0.1, 0.0], [0.0, 0.9, -0.2], [0.3, 0.0, 1.1]],
+        };
+        HarmonicMap::new(sources, coefficients).unwrap()
+    }
+
+    fn points() -> Vec<Point> {
+        (0..50).map(|k| Point::new((k as f64).sin(), (1.7 * k as f64).cos(), (0.3 * k as f64).sin()) * 0.55).collect()
+    }
+
+    /// A central difference of step `h` errs by at most `h² max|∂³f| / 6`, and each source adds at most
+    /// `|w| · 6 / (4π r⁴)` to a third derivative; here `r ≥ 1` and the coefficients sum to less than 6 in each row.
+    #[test]
+    fn jacobian_matches_central_differences() {
+        let (map, h) = (example(), 1e-4);
+        let bound = h * h * 6.0 * 6.0 / (4.0 * std::f64::consts::PI) / 6.0 + 1e-11;
+        let jacobians = map.jacobian(&points());
+        for (x, jacobian) in points().iter().zip(jacobians) {
+            for axis in 0..3 {
+                let step = Vector::ith(axis, h);
+                let images = map.evaluate(&[x + step, x - step]);
+                let slope = (images[0] - images[1]) / (2.0 * h);
+                assert!((slope - jacobian.column(axis)).amax() < bound);
+            }
+        }
+    }
+
+    /// The trace of each coordinate's Hessian, by second differences of the Jacobian: the error is `h² max|∂⁴f| / 6`
+    /// per axis, with `|∂⁴(1/4πr)| ≤ 24 / 4πr⁵`.
+    #[test]
+    fn every_coordinate_is_harmonic() {
+        let (map, h) = (example(), 1e-3);
+        let bound = 3.0 * h * h / 6.0 * 6.0 * 24.0 / (4.0 * std::f64::consts::PI) + 1e-10;
+        for x in points() {
+            let mut laplacian = Vector::zeros();
+            for axis in 0..3 {
+                let step = Vector::ith(axis, h);
+                let j = map.jacobian(&[x + step, x - step]);
+                laplacian += (j[0] - j[1]).column(axis) / (2.0 * h);
+            }
+            assert!(laplacian.amax() < bound);
+        }
+    }
+
+    #[test]
+    fn without_sources_the_map_is_affine() {
+        let affine = [[1.0, 2.0, 3.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 4.0]];
+        let map = HarmonicMap::new(vec![], Coefficients { sources: vec![], affine }).unwrap();
+        assert_eq!(map.evaluate(&[Point::new(1.0, 1.0, 1.0)])[0], Point::new(3.0, 5.0, 7.0));
+        assert_eq!(map.jacobian(&[Point::origin()])[0], Matrix3::from_diagonal(&Vector::new(2.0, 3.0, 4.0)));
+        assert!(HarmonicMap::new(vec![Point::origin()], Coefficients::default()).is_none());
+    }
+}

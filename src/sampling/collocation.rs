@@ -1,0 +1,155 @@
+//! Points on the boundary: those where equations are posed, and those held out to measure the error.
+
+use rand::Rng;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::mesh::{SurfaceMesh, SurfacePoint};
+
+/// Boundary points at which the map is asked to meet its data, each with its share of the surface area.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Collocation {
+    /// The points.
+    pub points: Vec<SurfacePoint>,
+    /// Area that each point stands for; they sum to the surface's area.
+    pub areas: Vec<f64>,
+}
+
+impl Collocation {
+    /// The given vertices, all of the same weight: the paper's choice. Vertices without a triangle are left out.
+    pub fn vertices(domain: &SurfaceMesh, chosen: &[u32]) -> Self {
+        let corner_of = corner_of_vertex(domain);
+        let points: Vec<_> = chosen.iter().filter_map(|&v| corner_of[v as usize]).collect();
+        let areas = vec![domain.area() / points.len().max(1) as f64; points.len()];
+        Self { points, areas }
+    }
+
+    /// Every vertex and every triangle's centroid, about three points per vertex. Each takes its share of the area,
+    /// half of it given to the vertices and half to the centroids.
+    ///
+    /// With the vertices alone, a map with as many sources as vertices meets them exactly and swings between them: the
+    /// held-out error is four times that with the centroids (square systems in `docs/method.md`).
+    pub fn vertices_and_centroids(domain: &SurfaceMesh) -> Self {
+        let mut vertex_areas = vec![0.0; domain.vertices().len()];
+        let triangle_areas: Vec<f64> = (0..domain.triangles().len()).map(|t| domain.area_vector(t).norm()).collect();
+        for (corners, area) in domain.triangles().iter().zip(&triangle_areas) {
+            corners.iter().for_each(|&v| vertex_areas[v as usize] += area / 6.0);
+        }
+        let corner_of = corner_of_vertex(domain);
+        let vertices = corner_of.iter().zip(&vertex_areas).filter_map(|(point, &area)| point.map(|p| (p, area)));
+        let centroids = triangle_areas.iter().enumerate().map(|(t, area)| (centroid(t as u32), area / 2.0));
+        let (points, areas) = vertices.chain(centroids).filter(|&(_, area)| area > 0.0).unzip();
+        Self { points, areas }
+    }
+
+    /// `count` points spread evenly by area, one at random in each of `count` strips of equal area that follow the
+    /// order of the triangles. Equal weights.
+    pub fn even(domain: &SurfaceMesh, count: usize, seed: u64) -> Self {
+        let points = stratified(domain, count, seed);
+        let areas = vec![domain.area() / count.max(1) as f64; points.len()];
+        Self { points, areas }
+    }
+}
+
+/// Points for measuring the boundary error: `count` at random by area (stratified, so that the shares are right), and
+/// one in each of up to `per_triangle` triangles, so that small triangles, where creases are, are not passed over in
+/// the maximum. The first `count` are those to average over.
+pub fn held_out(domain: &SurfaceMesh, count: usize, per_triangle: usize, seed: u64) -> Vec<SurfacePoint> {
+    let mut points = stratified(domain, count, seed);
+    let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x9e37_79b9_7f4a_7c15);
+    let triangles = domain.triangles().len();
+    let step = triangles.div_ceil(per_triangle.max(1)).max(1);
+    points.extend((0..triangles).step_by(step).map(|t| random_point(t as u32, &mut random)));
+    points
+}
+
+fn corner_of_vertex(domain: &SurfaceMesh) -> Vec<Option<SurfacePoint>> {
+    let mut corner_of = vec![None; domain.vertices().len()];
+    for (t, corners) in domain.triangles().iter().enumerate() {
+        for (k, &v) in corners.iter().enumerate() {
+            corner_of[v as usize].get_or_insert_with(|| SurfacePoint::corner(t as u32, k));
+        }
+    }
+    corner_of
+}
+
+fn centroid(triangle: u32) -> SurfacePoint {
+    SurfacePoint { triangle, barycentric: [1.0 / 3.0; 3] }
+}
+
+fn stratified(domain: &SurfaceMesh, count: usize, seed: u64) -> Vec<SurfacePoint> {
+    let mut cumulative = Vec::with_capacity(domain.triangles().len());
+    let mut total = 0.0;
+    for t in 0..domain.triangles().len() {
+        total += domain.area_vector(t).norm();
+        cumulative.push(total);
+    }
+    if !(total > 0.0 && total.is_finite()) {
+        return Vec::new();
+    }
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    (0..count)
+        .map(|k| {
+            let area = (k as f64 + random.random::<f64>()) / count as f64 * total;
+            let triangle = cumulative.partition_point(|&c| c <= area).min(cumulative.len() - 1);
+            random_point(triangle as u32, &mut random)
+        })
+        .collect()
+}
+
+/// Uniform in the triangle (Turk, *Generating random points in triangles*, Graphics Gems, 1990).
+fn random_point(triangle: u32, random: &mut ChaCha8Rng) -> SurfacePoint {
+    let (root, t) = (random.random::<f64>().sqrt(), random.random::<f64>());
+    SurfacePoint { triangle, barycentric: [1.0 - root, root * (1.0 - t), root * t] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Vector;
+    use crate::mesh::shapes;
+
+    #[test]
+    fn areas_sum_to_that_of_the_surface() {
+        let domain = shapes::torus(1.0, 0.4, 20, 10);
+        let all: Vec<u32> = (0..domain.vertices().len() as u32).collect();
+        for collocation in [
+            Collocation::vertices(&domain, &all),
+            Collocation::vertices_and_centroids(&domain),
+            Collocation::even(&domain, 333, 1),
+        ] {
+            let total: f64 = collocation.areas.iter().sum();
+            assert!((total / domain.area() - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn vertices_without_triangles_are_left_out() {
+        let (mut vertices, triangles) = shapes::cube(1.0, 1).into_parts();
+        vertices.push(crate::Point::new(5.0, 5.0, 5.0));
+        let domain = SurfaceMesh::new(vertices, triangles).unwrap();
+        assert_eq!(Collocation::vertices_and_centroids(&domain).points.len(), 8 + 12);
+        assert_eq!(Collocation::vertices(&domain, &[8]).points.len(), 0);
+    }
+
+    /// With `n` stratified points, half of the area holds `n/2` of them to within the strips that the cut crosses: a
+    /// plane crosses no more than all strips, and each adds a variance of at most 1/4.
+    #[test]
+    fn stratified_points_follow_the_area() {
+        let domain = shapes::torus(1.0, 0.4, 60, 30);
+        let points = held_out(&domain, 4000, 0, 7);
+        let mean: Vector = points.iter().map(|p| p.position(&domain, domain.vertices()).coords).sum::<Vector>() / 4000.0;
+        assert!(mean.norm() < 4.0 * 1.0 / 4000f64.sqrt());
+        let outer = points.iter().filter(|p| p.position(&domain, domain.vertices()).z > 0.0).count() as f64;
+        assert!((outer - 2000.0).abs() < 4.0 * (4000f64 / 4.0).sqrt());
+    }
+
+    #[test]
+    fn held_out_points_visit_every_triangle_and_repeat_with_the_seed() {
+        let domain = shapes::sphere(1.0, 2);
+        let points = held_out(&domain, 10, 10_000, 3);
+        assert_eq!(points.len(), 10 + domain.triangles().len());
+        assert_eq!(points, held_out(&domain, 10, 10_000, 3));
+        assert_ne!(points, held_out(&domain, 10, 10_000, 4));
+    }
+}

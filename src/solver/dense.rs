@@ -1,0 +1,389 @@
+//! Dense least squares: the paper's truncated singular value decomposition (section 4.2), and a QR decomposition that
+//! costs a tenth of it. Either is computed once and answers any number of right-hand sides (section 4.6).
+//!
+//! Cost for `m` rows and `n` columns: QR `2mn²` flops in matrix products; SVD some `4mn² + 22n³`, a good part of them
+//! bound by memory. Memory `8mn` bytes for QR, about three times that for the SVD.
+
+use faer::linalg::householder::{
+    apply_block_householder_sequence_transpose_on_the_left_in_place_scratch,
+    apply_block_householder_sequence_transpose_on_the_left_in_place_with_conj,
+};
+use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch, recommended_block_size};
+use faer::linalg::solvers::ColPivQr;
+use faer::linalg::triangular_solve;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::{Conj, Mat, MatRef, Par};
+
+use super::{Coefficients, CollocationSystem, SolveError};
+
+/// How the dense system is decomposed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Householder QR; when its condition exceeds the truncation, a column-pivoted QR of the triangular factor follows
+    /// and small pivots are cut off. The same as pivoting throughout, but the large part stays in matrix products.
+    #[default]
+    Qr,
+    /// Thin singular value decomposition, small singular values cut off.
+    Svd,
+}
+
+/// Settings of [`DenseFactor`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DenseOptions {
+    /// Which decomposition.
+    pub method: Method,
+    /// Singular values (or pivots) below this fraction of the largest are cut off; 1e-14 to 1e-6 is usual.
+    pub truncation: f64,
+}
+
+impl Default for DenseOptions {
+    fn default() -> Self {
+        Self { method: Method::default(), truncation: 1e-10 }
+    }
+}
+
+/// A decomposed system.
+pub struct DenseFactor {
+    decomposition: Decomposition,
+    scales: Vec<f64>,
+    row_weights: Vec<f64>,
+    sources: usize,
+    rank: usize,
+    condition: f64,
+}
+
+enum Decomposition {
+    Svd { u: Mat<f64>, s: Vec<f64>, v: Mat<f64> },
+    /// The factored matrix holds `R` on and above the diagonal and the Householder vectors below it.
+    Qr { factored: Mat<f64>, coefficients: Mat<f64>, pivoted: Option<ColPivQr<f64>> },
+}
+
+impl DenseFactor {
+    /// Assembles and decomposes a system.
+    ///
+    /// # Errors
+    ///
+    /// When there are fewer rows than columns, a matrix entry is not finite, or nothing is left after truncation.
+    pub fn new(system: &CollocationSystem<'_>, options: &DenseOptions) -> Result<Self, SolveError> {
+        let (collocation, unknowns, sources) = (system.collocation.len(), system.unknowns(), system.sources.len());
+        if collocation < unknowns || unknowns == 0 {
+            return Err(SolveError::Underdetermined { collocation, unknowns, sources });
+        }
+        let (matrix, scales) = system.matrix()?;
+        let (decomposition, rank, condition) = match options.method {
+            Method::Svd => svd(matrix, options.truncation)?,
+            Method::Qr => qr(matrix, options.truncation),
+        };
+        if rank == 0 {
+            return Err(SolveError::RankZero { truncation: options.truncation });
+        }
+        Ok(Self { decomposition, scales, row_weights: system.row_weights.to_vec(), sources, rank, condition })
+    }
+
+    /// Number of singular values or pivots kept.
+    pub fn rank(&self) -> usize {
+        self.rank
+    }
+
+    /// Condition number of the weighted and scaled matrix in the 2-norm before truncation: exact for the SVD, from
+    /// power iterations for QR. Beyond 1e15 it only says "singular to working precision".
+    pub fn condition(&self) -> f64 {
+        self.condition
+    }
+
+    /// The least-squares coefficients for boundary values `data`, one per collocation point.
+    ///
+    /// # Errors
+    ///
+    /// When the number of values is not that of the rows.
+    pub fn solve(&self, data: &[[f64; 3]]) -> Result<Coefficients, SolveError> {
+        let collocation = self.row_weights.len();
+        if data.len() != collocation {
+            return Err(SolveError::DataLength { data: data.len(), collocation });
+        }
+        let rhs = Mat::from_fn(collocation, 3, |r, k| self.row_weights[r] * data[r][k]);
+        let scaled = match &self.decomposition {
+            Decomposition::Svd { u, s, v } => {
+                let mut projected = u.as_ref().subcols(0, self.rank).transpose() * &rhs;
+                for (r, &singular) in s.iter().take(self.rank).enumerate() {
+                    (0..3).for_each(|k| projected[(r, k)] /= singular);
+                }
+                v.as_ref().subcols(0, self.rank) * projected
+            }
+            Decomposition::Qr { factored, coefficients, pivoted } => {
+                let projected = apply_q_transpose(factored, coefficients, rhs);
+                match pivoted {
+                    None => solve_upper(factored.as_ref(), projected),
+                    Some(pivoted) => solve_pivoted(pivoted, self.rank, projected),
+                }
+            }
+        };
+        Ok(self.unscaled(&scaled))
+    }
+
+    fn unscaled(&self, scaled: &Mat<f64>) -> Coefficients {
+        // A column of zeros (the function z on a flat boundary) has scale 0 and no coefficient.
+        let row = |c: usize| -> [f64; 3] {
+            let scale = self.scales[c];
+            std::array::from_fn(|k| if scale > 0.0 { scaled[(c, k)] / scale } else { 0.0 })
+        };
+        let mut affine = [[0.0; 3]; 4];
+        for (function, column) in (self.sources..self.scales.len()).enumerate() {
+            affine[function] = row(column);
+        }
+        Coefficients { sources: (0..self.sources).map(row).collect(), affine }
+    }
+}
+
+fn svd(matrix: Mat<f64>, truncation: f64) -> Result<(Decomposition, usize, f64), SolveError> {
+    let svd = matrix.thin_svd().map_err(|_| SolveError::NoConvergence)?;
+    drop(matrix);
+    let s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+    let rank = s.iter().take_while(|&&value| value > truncation * s[0]).count();
+    let condition = s[0] / s[s.len() - 1];
+    Ok((Decomposition::Svd { u: svd.U().to_owned(), s, v: svd.V().to_owned() }, rank, condition))
+}
+
+fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Decomposition, usize, f64) {
+    let (rows, columns) = matrix.shape();
+    let block = recommended_block_size::<f64>(rows, columns);
+    let mut coefficients = Mat::zeros(block, columns);
+    let par = faer::get_global_parallelism();
+    let scratch = qr_in_place_scratch::<f64>(rows, columns, block, par, Default::default());
+    qr_in_place(
+        matrix.as_mut(),
+        coefficients.as_mut(),
+        par,
+        MemStack::new(&mut MemBuffer::new(scratch)),
+        Default::default(),
+    );
+    let condition = triangular_condition(matrix.as_ref().subrows(0, columns));
+    if condition * truncation < 1.0 {
+        return (Decomposition::Qr { factored: matrix, coefficients, pivoted: None }, columns, condition);
+    }
+    let triangle = Mat::from_fn(columns, columns, |i, j| if i <= j { matrix[(i, j)] } else { 0.0 });
+    let pivoted = triangle.col_piv_qr();
+    let first = pivoted.R()[(0, 0)].abs();
+    let rank = (0..columns).take_while(|&k| pivoted.R()[(k, k)].abs() > truncation * first).count();
+    (Decomposition::Qr { factored: matrix, coefficients, pivoted: Some(pivoted) }, rank, condition)
+}
+
+/// Condition number of an upper triangle by power iterations on `RᵀR` and its inverse. Ten steps give two digits,
+/// which is what a condition number is worth. Infinite when a diagonal entry is zero.
+fn triangular_condition(r: MatRef<'_, f64>) -> f64 {
+    let n = r.ncols();
+    if (0..n).any(|k| r[(k, k)] == 0.0) {
+        return f64::INFINITY;
+    }
+    // A fixed start without symmetry: an eigenvector of a symmetric shape would be missed by a constant one.
+    let start = || Mat::from_fn(n, 1, |i, _| 1.0 + 0.5 * ((i * i % 101) as f64).sin());
+    let par = faer::get_global_parallelism();
+    let (mut largest, mut smallest) = (0.0, f64::INFINITY);
+    let (mut up, mut down) = (start(), start());
+    for _ in 0..10 {
+        largest = normalise(&mut up).max(largest);
+        let mut image = Mat::zeros(n, 1);
+        multiply_upper(&mut image, r, &up);
+        let mut back = Mat::zeros(n, 1);
+        multiply_upper_transposed(&mut back, r, &image);
+        up = back;
+
+        smallest = normalise(&mut down).recip().min(smallest);
+        triangular_solve::solve_lower_triangular_in_place(r.transpose(), down.as_mut(), par);
+        triangular_solve::solve_upper_triangular_in_place(r, down.as_mut(), par);
+        if !down.norm_l2().is_finite() {
+            return f64::INFINITY;
+        }
+    }
+    largest = normalise(&mut up).max(largest);
+    smallest = normalise(&mut down).recip().min(smallest);
+    (largest / smallest).sqrt()
+}
+
+fn normalise(vector: &mut Mat<f64>) -> f64 {
+    let norm = vector.norm_l2();
+    *vector *= faer::Scale(norm.recip());
+    norm
+}
+
+fn multiply_upper(out: &mut Mat<f64>, r: MatRef<'_, f64>, x: &Mat<f64>) {
+    for j in 0..r.ncols() {
+        let xj = x[(j, 0)];
+        for i in 0..=j {
+            out[(i, 0)] += r[(i, j)] * xj;
+        }
+    }
+}
+
+fn multiply_upper_transposed(out: &mut Mat<f64>, r: MatRef<'_, f64>, x: &Mat<f64>) {
+    for j in 0..r.ncols() {
+        out[(j, 0)] = (0..=j).map(|i| r[(i, j)] * x[(i, 0)]).sum();
+    }
+}
+
+/// The first `n` rows of `Qᵀ rhs`.
+fn apply_q_transpose(factored: &Mat<f64>, coefficients: &Mat<f64>, mut rhs: Mat<f64>) -> Mat<f64> {
+    let (rows, columns) = factored.shape();
+    let scratch = apply_block_householder_sequence_transpose_on_the_left_in_place_scratch::<f64>(
+        rows,
+        coefficients.nrows(),
+        rhs.ncols(),
+    );
+    apply_block_householder_sequence_transpose_on_the_left_in_place_with_conj(
+        factored.as_ref(),
+        coefficients.as_ref(),
+        Conj::No,
+        rhs.as_mut(),
+        Par::Seq,
+        MemStack::new(&mut MemBuffer::new(scratch)),
+    );
+    rhs.truncate(columns, 3);
+    rhs
+}
+
+fn solve_upper(factored: MatRef<'_, f64>, mut rhs: Mat<f64>) -> Mat<f64> {
+    let triangle = factored.subrows(0, factored.ncols());
+    triangular_solve::solve_upper_triangular_in_place(triangle, rhs.as_mut(), faer::get_global_parallelism());
+    rhs
+}
+
+/// The basic solution: the unknowns whose pivots were cut off are zero.
+fn solve_pivoted(pivoted: &ColPivQr<f64>, rank: usize, rhs: Mat<f64>) -> Mat<f64> {
+    let columns = rhs.nrows();
+    let basis = pivoted.Q_basis().to_owned();
+    let mut projected = apply_q_transpose(&basis, &pivoted.Q_coeff().to_owned(), rhs);
+    let leading = pivoted.R().submatrix(0, 0, rank, rank);
+    let kept = projected.as_mut().subrows_mut(0, rank);
+    triangular_solve::solve_upper_triangular_in_place(leading, kept, faer::get_global_parallelism());
+    let mut solution = Mat::zeros(columns, 3);
+    let (order, _) = pivoted.P().arrays();
+    for k in 0..rank {
+        (0..3).for_each(|c| solution[(order[k], c)] = projected[(k, c)]);
+    }
+    solution
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+    use crate::{Point, kernel};
+
+    /// A ball of radius 1 with `sources` evenly at `distance` from it, and data from three charges farther out.
+    struct Ball {
+        collocation: Vec<Point>,
+        weights: Vec<f64>,
+        sources: Vec<Point>,
+    }
+
+    impl Ball {
+        fn new(sources: usize, distance: f64) -> Self {
+            let collocation = shapes::sphere(1.0, 3).vertices().to_vec();
+            let weights = (0..collocation.len()).map(|k| 1.0 + 0.3 * (k as f64).sin()).collect();
+            let sources = crate::sampling::bounding_sphere(Point::origin(), 1.0 + distance, sources);
+            Self { collocation, weights, sources }
+        }
+
+        fn system(&self, affine: bool) -> CollocationSystem<'_> {
+            let (collocation, row_weights, sources) = (&self.collocation, &self.weights, &self.sources);
+            CollocationSystem { collocation, row_weights, sources, affine }
+        }
+
+        fn data(&self) -> Vec<[f64; 3]> {
+            let charges = [Point::new(3.0, 0.5, 0.0), Point::new(-1.0, 2.8, 1.0), Point::new(0.2, -0.4, -3.1)];
+            self.collocation.iter().map(|p| charges.map(|q| kernel::laplace_potential(*p, q))).collect()
+        }
+
+        fn residual(&self, coefficients: &Coefficients) -> f64 {
+            let (p, data) = (&self.collocation, self.data());
+            let rows = (0..p.len()).map(|r| {
+                (0..3)
+                    .map(|k| {
+                        let kernels = self.sources.iter().map(|q| kernel::laplace_potential(p[r], *q));
+                        let sum: f64 = kernels.zip(&coefficients.sources).map(|(g, w)| g * w[k]).sum();
+                        let a = coefficients.affine;
+                        let value = sum + a[0][k] + a[1][k] * p[r].x + a[2][k] * p[r].y + a[3][k] * p[r].z;
+                        (self.weights[r] * (value - data[r][k])).powi(2)
+                    })
+                    .sum::<f64>()
+            });
+            rows.sum::<f64>().sqrt()
+        }
+    }
+
+    fn factor(system: &CollocationSystem<'_>, method: Method, truncation: f64) -> DenseFactor {
+        DenseFactor::new(system, &DenseOptions { method, truncation }).unwrap()
+    }
+
+    /// In the well-conditioned case both give the one least-squares solution, to the rounding that the condition number
+    /// of about 200 allows.
+    #[test]
+    fn svd_and_qr_agree_on_a_well_conditioned_system() {
+        let ball = Ball::new(200, 0.3);
+        let (svd, qr) = (factor(&ball.system(true), Method::Svd, 0.0), factor(&ball.system(true), Method::Qr, 0.0));
+        let (x, y) = (svd.solve(&ball.data()).unwrap(), qr.solve(&ball.data()).unwrap());
+        let size = x.sources.iter().flatten().fold(0f64, |m, v| m.max(v.abs()));
+        let pairs = x.sources.iter().zip(&y.sources).chain(x.affine.iter().zip(&y.affine));
+        for (a, b) in pairs.flat_map(|(a, b)| a.iter().zip(b)) {
+            assert!((a - b).abs() < 1e-10 * size);
+        }
+        assert_eq!((svd.rank(), qr.rank()), (204, 204));
+        let ratio = qr.condition() / svd.condition();
+        assert!((0.9..=1.0 + 1e-9).contains(&ratio), "condition by power iteration is {ratio} of the exact one");
+    }
+
+    /// Far sources make the matrix singular to working precision. A truncated solution of either kind must leave a
+    /// residual of the size of the truncation, and truncation must take away some columns.
+    #[test]
+    fn truncation_solves_a_numerically_singular_system() {
+        let ball = Ball::new(400, 4.0);
+        for method in [Method::Svd, Method::Qr] {
+            let factor = factor(&ball.system(true), method, 1e-11);
+            assert!(factor.rank() < 400, "{method:?} keeps {}", factor.rank());
+            assert!(factor.condition() > 1e12, "{method:?} {:e}", factor.condition());
+            let residual = ball.residual(&factor.solve(&ball.data()).unwrap());
+            assert!(residual < 1e-6, "{method:?} leaves {residual:e}");
+        }
+    }
+
+    #[test]
+    fn a_repeated_source_does_not_matter() {
+        let mut ball = Ball::new(100, 0.4);
+        let alone = ball.residual(&factor(&ball.system(true), Method::Qr, 1e-10).solve(&ball.data()).unwrap());
+        ball.sources.push(ball.sources[17]);
+        let factor = factor(&ball.system(true), Method::Qr, 1e-10);
+        assert_eq!(factor.rank(), 104);
+        let doubled = ball.residual(&factor.solve(&ball.data()).unwrap());
+        assert!((doubled / alone - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn affine_data_need_no_sources() {
+        let ball = Ball::new(50, 0.5);
+        let data: Vec<_> = ball.collocation.iter().map(|p| [1.0 + p.x, 2.0 * p.y - p.z, 3.0 * p.z]).collect();
+        for method in [Method::Svd, Method::Qr] {
+            let solution = factor(&ball.system(true), method, 1e-12).solve(&data).unwrap();
+            assert!(solution.sources.iter().flatten().all(|w| w.abs() < 1e-11));
+            let exact = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, -1.0, 3.0]];
+            for (row, expected) in solution.affine.iter().zip(exact) {
+                assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-11));
+            }
+        }
+    }
+
+    #[test]
+    fn bad_systems_are_named() {
+        let mut ball = Ball::new(100, 0.4);
+        let few = CollocationSystem { collocation: &ball.collocation[..103], ..ball.system(true) };
+        assert!(matches!(
+            DenseFactor::new(&few, &DenseOptions::default()),
+            Err(SolveError::Underdetermined { collocation: 103, unknowns: 104, sources: 100 })
+        ));
+        let good = factor(&ball.system(false), Method::Qr, 0.0);
+        assert!(matches!(good.solve(&[[0.0; 3]]), Err(SolveError::DataLength { data: 1, .. })));
+        ball.sources[7] = ball.collocation[3];
+        let hit = DenseFactor::new(&ball.system(true), &DenseOptions::default());
+        assert!(matches!(hit, Err(SolveError::NonFinite { column: 7 })));
+    }
+}

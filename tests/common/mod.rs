@@ -1,0 +1,63 @@
+//! What several test programs share.
+#![allow(dead_code)]
+
+use std::path::PathBuf;
+
+use rand::{Rng, SeedableRng, rngs::StdRng};
+use solidmap::Point;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::fit::{Fit, FitOptions, fit};
+use solidmap::geometry::SurfaceQuery;
+use solidmap::mesh::{SurfaceMesh, shapes};
+
+/// Solids of every kind the method must handle, coarse (`level` 0) to fine.
+pub fn solids(level: u32) -> Vec<(&'static str, SurfaceMesh)> {
+    let n = 1 << level;
+    vec![
+        ("ball", shapes::sphere(1.0, 2 + level)),
+        ("torus", shapes::torus(1.0, 0.4, 20 * n, 9 * n)),
+        ("cube", shapes::cube(1.5, 5 * n)),
+        ("shell with a cavity", shapes::spherical_shell(1.0, 0.5, 2 + level)),
+        ("genus 2", shapes::deformed(&shapes::double_torus(2 * n), |p| p * 0.5)),
+    ]
+}
+
+/// The boundary map of a formula.
+pub fn boundary_map(domain: &SurfaceMesh, f: impl Fn(&Point) -> Point) -> BoundaryMap {
+    BoundaryMap::new(domain.clone(), domain.vertices().iter().map(f).collect()).unwrap()
+}
+
+/// A fit that must succeed, without progress.
+pub fn fitted(boundary: &BoundaryMap, options: &FitOptions) -> Fit {
+    fit(boundary, options, &|_| {}).unwrap()
+}
+
+/// Random points inside, seeded.
+pub fn interior_points(domain: &SurfaceMesh, count: usize, seed: u64) -> Vec<Point> {
+    let query = SurfaceQuery::new(domain).unwrap();
+    let (low, high) = domain.bounding_box().unwrap();
+    let mut random = StdRng::seed_from_u64(seed);
+    let mut points = Vec::new();
+    while points.len() < count {
+        let p = Point::from(std::array::from_fn::<f64, 3, _>(|k| random.random_range(low[k]..high[k])));
+        if query.contains(&p) {
+            points.push(p);
+        }
+    }
+    points
+}
+
+/// The largest distance between two lists of points.
+pub fn largest_distance(a: &[Point], b: &[Point]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(p, q)| (p - q).norm()).fold(0.0, f64::max)
+}
+
+/// The folder of real models; says so loudly when the tests must do without.
+pub fn models() -> Option<PathBuf> {
+    let folder = std::env::var_os("SOLIDMAP_MODELS").map(PathBuf::from);
+    if folder.is_none() {
+        eprintln!("SKIPPED: SOLIDMAP_MODELS does not name the folder of real models");
+    }
+    folder
+}
