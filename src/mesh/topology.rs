@@ -118,6 +118,12 @@ impl<'a> Topology<'a> {
         (edges[0] != NONE).then_some(edges)
     }
 
+    /// Whether a side runs from the lower vertex of its edge to the higher.
+    pub fn runs_forward(&self, side: Side) -> bool {
+        let corners = self.mesh.triangles()[side.triangle as usize];
+        corners[side.corner as usize] < corners[(side.corner as usize + 1) % 3]
+    }
+
     /// Edges with one triangle: the rim of the holes.
     pub fn open_edges(&self) -> Vec<[u32; 2]> {
         self.edges_where(|sides| sides == 1)
