@@ -1,1 +1,17 @@
-//! geometry
+//! Distance, inside and winding number queries on surfaces.
+//!
+//! [`SurfaceQuery`] is built once per surface and asked often; the other items are what it is made of.
+
+mod aabb;
+mod bvh;
+mod closest_point;
+mod surface_query;
+#[cfg(test)]
+pub(crate) mod test_models;
+mod winding_number;
+
+pub use aabb::Aabb;
+pub use bvh::{Bvh, BvhNode};
+pub use closest_point::{Feature, TrianglePoint, closest_point_on_triangle};
+pub use surface_query::{ClosestPoint, QueryError, SurfaceQuery};
+pub use winding_number::{solid_angle, winding_number};

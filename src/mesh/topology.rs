@@ -1,1 +1,719 @@
-//! topology
+//! How the triangles of a surface hang together: edges, fans, holes, orientation, components and genus.
+//!
+//! Only indices count here, never positions: vertices that coincide are different vertices. A triangle that names a
+//! vertex twice has no area whatever the positions are; it takes no part in any of this and belongs to no component.
+
+use super::SurfaceMesh;
+
+/// Marks a triangle without a component, or a side without an edge.
+pub const NONE: u32 = u32::MAX;
+
+/// The connectivity of a surface, found once and asked often. Linear in the size of the mesh, in time and memory.
+///
+/// Everything is listed in an order that depends on the mesh alone: edges by their vertices, components by their
+/// lowest triangle.
+#[derive(Debug, Clone)]
+pub struct Topology<'a> {
+    mesh: &'a SurfaceMesh,
+    edges: Vec<[u32; 2]>,
+    /// The sides of edge `e` are `sides[first_side[e]..first_side[e + 1]]`.
+    first_side: Vec<u32>,
+    sides: Vec<Side>,
+    /// Edge of side `k` of triangle `t` at `[t][k]`.
+    edge_of_side: Vec<[u32; 3]>,
+}
+
+/// One side of a triangle: from its corner `corner` to the next, `(corner + 1) % 3`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Side {
+    /// Which triangle.
+    pub triangle: u32,
+    /// Which corner the side starts at: 0, 1 or 2.
+    pub corner: u8,
+}
+
+/// Triangles that hang together across edges.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Components {
+    /// Component of each triangle, [`NONE`] for those that name a vertex twice.
+    pub of_triangle: Vec<u32>,
+    /// What each component is.
+    pub shapes: Vec<ComponentShape>,
+}
+
+/// What kind of surface a component is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ComponentShape {
+    /// Number of triangles.
+    pub triangles: usize,
+    /// Number of vertices.
+    pub vertices: usize,
+    /// Number of edges.
+    pub edges: usize,
+    /// Every edge has two triangles or more.
+    pub closed: bool,
+    /// No edge has more than two triangles, and the triangles at a vertex form one fan.
+    pub manifold: bool,
+}
+
+/// Which triangles are turned against their neighbours.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Orientation {
+    /// Whether to flip each triangle, so that neighbours agree; of the two ways the one that flips fewer. Triangles of
+    /// a non-orientable patch are never flipped.
+    pub flip: Vec<bool>,
+    /// Edges between two triangles that disagree.
+    pub inconsistent_edges: Vec<[u32; 2]>,
+    /// One edge per non-orientable patch: where going round the patch first comes back the wrong way up.
+    pub twisted_edges: Vec<[u32; 2]>,
+}
+
+impl ComponentShape {
+    /// `V - E + F`.
+    pub fn euler_characteristic(&self) -> i64 {
+        self.vertices as i64 - self.edges as i64 + self.triangles as i64
+    }
+
+    /// Number of handles, of a closed manifold; `None` of anything else, and of a closed surface of odd
+    /// characteristic, which is not orientable.
+    pub fn genus(&self) -> Option<u64> {
+        let doubled = 2 - self.euler_characteristic();
+        let orientable = doubled >= 0 && doubled % 2 == 0;
+        (self.closed && self.manifold && orientable).then_some(doubled as u64 / 2)
+    }
+}
+
+impl<'a> Topology<'a> {
+    /// The connectivity of `mesh`, which may have up to a thousand million triangles.
+    pub fn new(mesh: &'a SurfaceMesh) -> Self {
+        let (edges, first_side, sides) = gather_edges(mesh);
+        let mut edge_of_side = vec![[NONE; 3]; mesh.triangles().len()];
+        for (edge, range) in first_side.windows(2).enumerate() {
+            for side in &sides[range[0] as usize..range[1] as usize] {
+                edge_of_side[side.triangle as usize][side.corner as usize] = edge as u32;
+            }
+        }
+        Self {
+            mesh,
+            edges,
+            first_side,
+            sides,
+            edge_of_side,
+        }
+    }
+
+    /// Every edge once: its vertices, the lower first.
+    pub fn edges(&self) -> &[[u32; 2]] {
+        &self.edges
+    }
+
+    /// The triangle sides that lie on an edge, the lowest triangle first.
+    pub fn sides(&self, edge: usize) -> &[Side] {
+        &self.sides[self.first_side[edge] as usize..self.first_side[edge + 1] as usize]
+    }
+
+    /// The edge of each side of a triangle; `None` when it names a vertex twice.
+    pub fn edges_of_triangle(&self, triangle: usize) -> Option<[u32; 3]> {
+        let edges = self.edge_of_side[triangle];
+        (edges[0] != NONE).then_some(edges)
+    }
+
+    /// Whether a side runs from the lower vertex of its edge to the higher.
+    pub fn runs_forward(&self, side: Side) -> bool {
+        let corners = self.mesh.triangles()[side.triangle as usize];
+        corners[side.corner as usize] < corners[(side.corner as usize + 1) % 3]
+    }
+
+    /// Edges with one triangle: the rim of the holes.
+    pub fn open_edges(&self) -> Vec<[u32; 2]> {
+        self.edges_where(|sides| sides == 1)
+    }
+
+    /// Edges with more than two triangles.
+    pub fn non_manifold_edges(&self) -> Vec<[u32; 2]> {
+        self.edges_where(|sides| sides > 2)
+    }
+
+    /// There are triangles, and no edge has only one.
+    pub fn is_closed(&self) -> bool {
+        !self.edges.is_empty() && self.side_counts().all(|sides| sides > 1)
+    }
+
+    /// No edge has more than two triangles.
+    pub fn is_edge_manifold(&self) -> bool {
+        self.side_counts().all(|sides| sides <= 2)
+    }
+
+    /// Vertices whose triangles form several fans: the surface touches itself there.
+    pub fn non_manifold_vertices(&self) -> Vec<u32> {
+        let mut fans = self.fans();
+        let mut first_fan = vec![NONE; self.mesh.vertices().len()];
+        let mut pinched = vec![false; self.mesh.vertices().len()];
+        for (corner, vertex) in self.proper_corners() {
+            let fan = fans.find(corner);
+            let first = &mut first_fan[vertex as usize];
+            if *first == NONE {
+                *first = fan;
+            } else if *first != fan {
+                pinched[vertex as usize] = true;
+            }
+        }
+        indices_where(&pinched)
+    }
+
+    /// Vertices that no triangle names, or only triangles that name a vertex twice.
+    pub fn unreferenced_vertices(&self) -> Vec<u32> {
+        let mut unreferenced = vec![true; self.mesh.vertices().len()];
+        for (_, vertex) in self.proper_corners() {
+            unreferenced[vertex as usize] = false;
+        }
+        indices_where(&unreferenced)
+    }
+
+    /// The rim of each hole: its vertices in order, against the direction of the triangles, so that a fan over them
+    /// closes the hole with the orientation of its surroundings.
+    ///
+    /// Each is a closed loop where the surface is edge-manifold; elsewhere it may be a path that ends.
+    pub fn boundary_loops(&self) -> Vec<Vec<u32>> {
+        let rim = Rim::new(self);
+        let mut walked = vec![false; rim.edges.len()];
+        let mut loops = Vec::new();
+        for start in 0..rim.edges.len() {
+            if !walked[start] {
+                loops.push(rim.walk(start, &mut walked));
+            }
+        }
+        loops
+    }
+
+    /// Components across edges: two balls that touch in one vertex are two.
+    pub fn components(&self) -> Components {
+        let mut sets = DisjointSets::new(self.mesh.triangles().len());
+        for edge in 0..self.edges.len() {
+            let sides = self.sides(edge);
+            for side in &sides[1..] {
+                sets.unite(sides[0].triangle, side.triangle);
+            }
+        }
+        let mut of_triangle = vec![NONE; self.mesh.triangles().len()];
+        let mut count = 0;
+        for triangle in 0..of_triangle.len() {
+            if self.edge_of_side[triangle][0] == NONE {
+                continue;
+            }
+            // The representative of a set is its lowest triangle, which was numbered before.
+            let lowest = sets.find(triangle as u32) as usize;
+            of_triangle[triangle] = if lowest == triangle {
+                count += 1;
+                count - 1
+            } else {
+                of_triangle[lowest]
+            };
+        }
+        let shapes = self.shapes_of_components(&of_triangle, count as usize);
+        Components { of_triangle, shapes }
+    }
+
+    /// Which triangles to flip so that neighbours across edges with two triangles agree.
+    pub fn orientation(&self) -> Orientation {
+        let count = self.mesh.triangles().len();
+        let mut orientation = Orientation {
+            flip: vec![false; count],
+            inconsistent_edges: self.inconsistent_edges(),
+            twisted_edges: Vec::new(),
+        };
+        if orientation.inconsistent_edges.is_empty() {
+            return orientation;
+        }
+        let mut seen = vec![false; count];
+        for start in 0..count {
+            if !seen[start] && self.edge_of_side[start][0] != NONE {
+                self.orient_patch(start as u32, &mut seen, &mut orientation);
+            }
+        }
+        orientation
+    }
+
+    fn side_counts(&self) -> impl Iterator<Item = u32> {
+        self.first_side.windows(2).map(|range| range[1] - range[0])
+    }
+
+    fn edges_where(&self, wanted: impl Fn(u32) -> bool) -> Vec<[u32; 2]> {
+        let counted = self.edges.iter().zip(self.side_counts());
+        counted.filter(|&(_, sides)| wanted(sides)).map(|(&e, _)| e).collect()
+    }
+
+    /// Number `3 t + k` and vertex of the corners of all triangles but those that name a vertex twice.
+    fn proper_corners(&self) -> impl Iterator<Item = (u32, u32)> {
+        let triangles = self.mesh.triangles().iter().zip(&self.edge_of_side).enumerate();
+        triangles
+            .filter(|(_, (_, edges))| edges[0] != NONE)
+            .flat_map(|(t, (corners, _))| (0..3).map(move |k| (3 * t as u32 + k, corners[k as usize])))
+    }
+
+    /// Corners joined into fans: two corners at a vertex belong together when their triangles share an edge there.
+    fn fans(&self) -> DisjointSets {
+        let mut fans = DisjointSets::new(3 * self.mesh.triangles().len());
+        for edge in 0..self.edges.len() {
+            let sides = self.sides(edge);
+            for side in &sides[1..] {
+                for vertex in self.edges[edge] {
+                    fans.unite(
+                        self.corner_of_side_at(sides[0], vertex),
+                        self.corner_of_side_at(*side, vertex),
+                    );
+                }
+            }
+        }
+        fans
+    }
+
+    fn corner_of_side_at(&self, side: Side, vertex: u32) -> u32 {
+        let k = side.corner as u32;
+        if self.start(side) == vertex {
+            3 * side.triangle + k
+        } else {
+            3 * side.triangle + (k + 1) % 3
+        }
+    }
+
+    fn start(&self, side: Side) -> u32 {
+        self.mesh.triangles()[side.triangle as usize][side.corner as usize]
+    }
+
+    fn shapes_of_components(&self, of_triangle: &[u32], count: usize) -> Vec<ComponentShape> {
+        let empty = ComponentShape {
+            triangles: 0,
+            vertices: 0,
+            edges: 0,
+            closed: true,
+            manifold: true,
+        };
+        let mut shapes = vec![empty; count];
+        for &component in of_triangle.iter().filter(|&&c| c != NONE) {
+            shapes[component as usize].triangles += 1;
+        }
+        for edge in 0..self.edges.len() {
+            let sides = self.sides(edge);
+            let shape = &mut shapes[of_triangle[sides[0].triangle as usize] as usize];
+            shape.edges += 1;
+            shape.closed &= sides.len() > 1;
+            shape.manifold &= sides.len() <= 2;
+        }
+        self.count_vertices(of_triangle, &mut shapes);
+        shapes
+    }
+
+    fn count_vertices(&self, of_triangle: &[u32], shapes: &mut [ComponentShape]) {
+        let mut fans = self.fans();
+        let mut incidences: Vec<(u32, u32, u32)> = self
+            .proper_corners()
+            .map(|(corner, vertex)| (of_triangle[corner as usize / 3], vertex, fans.find(corner)))
+            .collect();
+        incidences.sort_unstable();
+        incidences.dedup();
+        for (i, &(component, vertex, _)) in incidences.iter().enumerate() {
+            let again = i > 0 && incidences[i - 1].0 == component && incidences[i - 1].1 == vertex;
+            let shape = &mut shapes[component as usize];
+            shape.vertices += usize::from(!again);
+            shape.manifold &= !again;
+        }
+    }
+
+    fn agree(&self, sides: &[Side]) -> bool {
+        self.start(sides[0]) != self.start(sides[1])
+    }
+
+    fn inconsistent_edges(&self) -> Vec<[u32; 2]> {
+        (0..self.edges.len())
+            .filter(|&edge| self.sides(edge).len() == 2 && !self.agree(self.sides(edge)))
+            .map(|edge| self.edges[edge])
+            .collect()
+    }
+
+    /// Breadth first from `start` over edges with two triangles.
+    fn orient_patch(&self, start: u32, seen: &mut [bool], orientation: &mut Orientation) {
+        let flip = &mut orientation.flip;
+        let mut patch = vec![start];
+        let mut twisted = None;
+        seen[start as usize] = true;
+        let mut next = 0;
+        while let Some(&triangle) = patch.get(next) {
+            next += 1;
+            for edge in self.edge_of_side[triangle as usize] {
+                let sides = self.sides(edge as usize);
+                if sides.len() != 2 {
+                    continue;
+                }
+                let other = if sides[0].triangle == triangle {
+                    sides[1]
+                } else {
+                    sides[0]
+                }
+                .triangle;
+                let flipped = flip[triangle as usize] == self.agree(sides);
+                if !seen[other as usize] {
+                    seen[other as usize] = true;
+                    flip[other as usize] = flipped;
+                    patch.push(other);
+                } else if flip[other as usize] != flipped && twisted.is_none() {
+                    twisted = Some(self.edges[edge as usize]);
+                }
+            }
+        }
+        let flips = patch.iter().filter(|&&t| flip[t as usize]).count();
+        for &t in &patch {
+            let t = t as usize;
+            flip[t] = twisted.is_none() && (flip[t] != (2 * flips > patch.len()));
+        }
+        orientation.twisted_edges.extend(twisted);
+    }
+}
+
+/// Edges in order of their vertices, where the sides of each begin, and the sides. Buckets by the lower vertex.
+fn gather_edges(mesh: &SurfaceMesh) -> (Vec<[u32; 2]>, Vec<u32>, Vec<Side>) {
+    let mut first_in_bucket = vec![0u32; mesh.vertices().len() + 1];
+    for ([low, _], _) in proper_sides(mesh) {
+        first_in_bucket[low as usize + 1] += 1;
+    }
+    for v in 0..mesh.vertices().len() {
+        first_in_bucket[v + 1] += first_in_bucket[v];
+    }
+    let count = *first_in_bucket.last().expect("one more than vertices") as usize;
+    let nothing = Side { triangle: 0, corner: 0 };
+    let mut bucketed = vec![(0, nothing); count];
+    let mut free = first_in_bucket.clone();
+    for ([low, high], side) in proper_sides(mesh) {
+        bucketed[free[low as usize] as usize] = (high, side);
+        free[low as usize] += 1;
+    }
+    let mut edges = Vec::with_capacity(count / 2);
+    let mut first_side = Vec::with_capacity(count / 2 + 1);
+    for (low, range) in first_in_bucket.windows(2).enumerate() {
+        let range = range[0] as usize..range[1] as usize;
+        bucketed[range.clone()].sort_unstable();
+        for i in range.clone() {
+            if i == range.start || bucketed[i].0 != bucketed[i - 1].0 {
+                edges.push([low as u32, bucketed[i].0]);
+                first_side.push(i as u32);
+            }
+        }
+    }
+    first_side.push(count as u32);
+    (edges, first_side, bucketed.into_iter().map(|(_, side)| side).collect())
+}
+
+/// Sides of all triangles with three different corners, with their vertices in ascending order.
+fn proper_sides(mesh: &SurfaceMesh) -> impl Iterator<Item = ([u32; 2], Side)> {
+    let triangles = mesh.triangles().iter().enumerate();
+    triangles
+        .filter(|(_, [a, b, c])| a != b && b != c && c != a)
+        .flat_map(|(t, corners)| {
+            [0, 1, 2].map(|k: u8| {
+                let (u, v) = (corners[k as usize], corners[(k as usize + 1) % 3]);
+                let triangle = t as u32;
+                ([u.min(v), u.max(v)], Side { triangle, corner: k })
+            })
+        })
+}
+
+fn indices_where(marks: &[bool]) -> Vec<u32> {
+    (0..marks.len()).filter(|&i| marks[i]).map(|i| i as u32).collect()
+}
+
+/// The open edges as a graph whose nodes are fans rather than vertices: at a pinched vertex the rims of different
+/// fans stay apart, and each passes straight through.
+struct Rim {
+    /// Vertices at both ends, against the direction of the triangle.
+    edges: Vec<[u32; 2]>,
+    /// Fans at both ends.
+    nodes: Vec<[u32; 2]>,
+    /// `(fan, edge)`, sorted.
+    incidences: Vec<(u32, u32)>,
+}
+
+impl Rim {
+    fn new(topology: &Topology) -> Self {
+        let mut fans = topology.fans();
+        let (mut edges, mut nodes) = (Vec::new(), Vec::new());
+        for edge in 0..topology.edges.len() {
+            if let &[side] = topology.sides(edge) {
+                let corners = topology.mesh.triangles()[side.triangle as usize];
+                let along = [corners[(side.corner as usize + 1) % 3], corners[side.corner as usize]];
+                edges.push(along);
+                nodes.push(along.map(|v| fans.find(topology.corner_of_side_at(side, v))));
+            }
+        }
+        let ends = nodes.iter().enumerate();
+        let mut incidences: Vec<(u32, u32)> = ends.flat_map(|(e, n)| n.map(|fan| (fan, e as u32))).collect();
+        incidences.sort_unstable();
+        Self {
+            edges,
+            nodes,
+            incidences,
+        }
+    }
+
+    fn walk(&self, start: usize, walked: &mut [bool]) -> Vec<u32> {
+        let [first, mut node] = self.nodes[start];
+        let [from, mut vertex] = self.edges[start];
+        let mut vertices = vec![from];
+        walked[start] = true;
+        while node != first {
+            vertices.push(vertex);
+            let Some(edge) = self.unwalked_edge_at(node, walked) else {
+                break;
+            };
+            walked[edge] = true;
+            let end = usize::from(self.nodes[edge][0] == node);
+            node = self.nodes[edge][end];
+            vertex = self.edges[edge][end];
+        }
+        vertices
+    }
+
+    fn unwalked_edge_at(&self, node: u32, walked: &[bool]) -> Option<usize> {
+        let begin = self.incidences.partition_point(|&(fan, _)| fan < node);
+        let here = self.incidences[begin..].iter().take_while(|&&(fan, _)| fan == node);
+        here.map(|&(_, edge)| edge as usize).find(|&edge| !walked[edge])
+    }
+}
+
+/// Union-find whose representatives are the lowest members, so that results do not depend on the order of unions.
+struct DisjointSets {
+    parent: Vec<u32>,
+}
+
+impl DisjointSets {
+    fn new(count: usize) -> Self {
+        Self {
+            parent: (0..count as u32).collect(),
+        }
+    }
+
+    fn find(&mut self, mut member: u32) -> u32 {
+        while self.parent[member as usize] != member {
+            let grandparent = self.parent[self.parent[member as usize] as usize];
+            self.parent[member as usize] = grandparent;
+            member = grandparent;
+        }
+        member
+    }
+
+    fn unite(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.find(a), self.find(b));
+        self.parent[a.max(b) as usize] = a.min(b);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Point;
+    use crate::mesh::shapes;
+
+    #[test]
+    fn every_edge_of_a_closed_manifold_has_two_sides_in_opposite_directions() {
+        let mesh = shapes::torus(1.0, 0.3, 12, 7);
+        let topology = Topology::new(&mesh);
+        assert_eq!(topology.edges().len(), 3 * mesh.triangles().len() / 2);
+        for (edge, &[u, v]) in topology.edges().iter().enumerate() {
+            let sides = topology.sides(edge);
+            assert_eq!(sides.len(), 2);
+            let mut starts = [topology.start(sides[0]), topology.start(sides[1])];
+            starts.sort_unstable();
+            assert_eq!(starts, [u, v]);
+            for side in sides {
+                let edges = topology.edges_of_triangle(side.triangle as usize).unwrap();
+                assert_eq!(edges[side.corner as usize] as usize, edge);
+            }
+        }
+        assert!(topology.is_closed() && topology.is_edge_manifold());
+        assert!(topology.non_manifold_vertices().is_empty() && topology.unreferenced_vertices().is_empty());
+        assert!(topology.boundary_loops().is_empty());
+    }
+
+    #[test]
+    fn genus_counts_the_handles() {
+        for (mesh, genus) in [
+            (shapes::sphere(1.0, 2), 0),
+            (shapes::torus(1.0, 0.3, 9, 8), 1),
+            (shapes::double_torus(2), 2),
+            (shapes::cube(1.0, 3), 0),
+        ] {
+            let components = Topology::new(&mesh).components();
+            assert_eq!(components.shapes.len(), 1);
+            assert_eq!(components.shapes[0].genus(), Some(genus));
+            assert_eq!(components.shapes[0].euler_characteristic(), 2 - 2 * genus as i64);
+            assert_eq!(components.shapes[0].vertices, mesh.vertices().len());
+        }
+    }
+
+    #[test]
+    fn components_are_numbered_by_their_lowest_triangle() {
+        let two = shapes::joined(&shapes::torus(1.0, 0.3, 6, 5), &shapes::sphere(1.0, 0));
+        let mut triangles = two.triangles().to_vec();
+        triangles.rotate_right(20);
+        let mesh = SurfaceMesh::new(two.vertices().to_vec(), triangles).unwrap();
+        let components = Topology::new(&mesh).components();
+        assert!(components.of_triangle[..20].iter().all(|&c| c == 0));
+        assert!(components.of_triangle[20..].iter().all(|&c| c == 1));
+        assert_eq!(components.shapes[0].genus(), Some(0));
+        assert_eq!(components.shapes[1].genus(), Some(1));
+    }
+
+    #[test]
+    fn a_removed_vertex_star_leaves_one_hole_with_its_link_as_rim() {
+        let whole = shapes::sphere(1.0, 1);
+        let gone = 17;
+        let mesh = without_triangles(&whole, |t| t.contains(&gone));
+        let topology = Topology::new(&mesh);
+        assert!(!topology.is_closed());
+        assert_eq!(topology.unreferenced_vertices(), [gone]);
+        let loops = topology.boundary_loops();
+        assert_eq!(loops.len(), 1);
+        assert_eq!(loops[0].len(), topology.open_edges().len());
+        // A fan from the removed vertex over the rim is what was taken away.
+        let mut closed = mesh.triangles().to_vec();
+        for (i, &v) in loops[0].iter().enumerate() {
+            closed.push([gone, v, loops[0][(i + 1) % loops[0].len()]]);
+        }
+        let closed = SurfaceMesh::new(mesh.vertices().to_vec(), closed).unwrap();
+        let topology = Topology::new(&closed);
+        assert!(topology.is_closed() && topology.orientation().inconsistent_edges.is_empty());
+        assert!((closed.volume() - whole.volume()).abs() < 1e-12 * whole.volume());
+    }
+
+    #[test]
+    fn rims_pass_straight_through_a_vertex_where_holes_touch() {
+        // Opposite quarters of a disc of eight triangles: one vertex with two open fans, each with its own rim.
+        let mut vertices = vec![Point::origin()];
+        vertices.extend(
+            (0..8)
+                .map(|i| (f64::from(i) * std::f64::consts::FRAC_PI_4).sin_cos())
+                .map(|(s, c)| Point::new(c, s, 0.0)),
+        );
+        let mesh = SurfaceMesh::new(vertices, vec![[0, 1, 2], [0, 2, 3], [0, 5, 6], [0, 6, 7]]).unwrap();
+        let topology = Topology::new(&mesh);
+        assert_eq!(topology.non_manifold_vertices(), [0]);
+        let mut loops = topology.boundary_loops();
+        loops.iter_mut().for_each(|rim| rim.sort_unstable());
+        assert_eq!(loops, [vec![0, 1, 2, 3], vec![0, 5, 6, 7]]);
+        assert_eq!(topology.components().shapes.len(), 2);
+    }
+
+    #[test]
+    fn balls_that_touch_in_a_vertex_are_two_components_and_a_pinch() {
+        let mesh = pinched_balls();
+        let topology = Topology::new(&mesh);
+        assert!(topology.is_closed() && topology.is_edge_manifold());
+        assert_eq!(topology.non_manifold_vertices(), [0]);
+        let shapes = topology.components().shapes;
+        assert_eq!(
+            shapes.iter().map(ComponentShape::genus).collect::<Vec<_>>(),
+            [Some(0), Some(0)]
+        );
+    }
+
+    #[test]
+    fn three_triangles_on_an_edge_are_not_manifold() {
+        let vertices = (0..5)
+            .map(|i| Point::new(f64::from(i), f64::from(i * i), 1.0))
+            .collect();
+        let mesh = SurfaceMesh::new(vertices, vec![[0, 2, 4], [3, 2, 4], [2, 4, 1]]).unwrap();
+        let topology = Topology::new(&mesh);
+        assert_eq!(topology.non_manifold_edges(), [[2, 4]]);
+        assert_eq!(topology.open_edges().len(), 6);
+        assert!(topology.non_manifold_vertices().is_empty());
+        let components = topology.components();
+        assert_eq!(components.shapes.len(), 1);
+        assert!(!components.shapes[0].manifold);
+        assert_eq!(components.shapes[0].genus(), None);
+        assert_eq!(topology.boundary_loops().iter().map(Vec::len).sum::<usize>() >= 6, true);
+    }
+
+    #[test]
+    fn orientation_flips_the_minority_back() {
+        let whole = shapes::sphere(1.0, 2);
+        for wrong in [vec![3], vec![0, 1, 77], (0..200).collect::<Vec<_>>()] {
+            let mut triangles = whole.triangles().to_vec();
+            wrong.iter().for_each(|&t: &usize| triangles[t].swap(1, 2));
+            let mesh = SurfaceMesh::new(whole.vertices().to_vec(), triangles).unwrap();
+            let orientation = Topology::new(&mesh).orientation();
+            assert!(!orientation.inconsistent_edges.is_empty() && orientation.twisted_edges.is_empty());
+            let minority = wrong.len() < whole.triangles().len() / 2;
+            for t in 0..whole.triangles().len() {
+                assert_eq!(orientation.flip[t], wrong.contains(&t) == minority);
+            }
+        }
+    }
+
+    #[test]
+    fn a_moebius_strip_is_not_orientable_and_has_one_rim() {
+        let mesh = moebius(20);
+        let topology = Topology::new(&mesh);
+        let orientation = topology.orientation();
+        assert_eq!(orientation.twisted_edges.len(), 1);
+        assert!(orientation.flip.iter().all(|flip| !flip));
+        assert_eq!(topology.boundary_loops().len(), 1);
+        assert_eq!(topology.components().shapes[0].euler_characteristic(), 0);
+    }
+
+    #[test]
+    fn triangles_that_name_a_vertex_twice_take_no_part() {
+        let sphere = shapes::sphere(1.0, 0);
+        let mut triangles = sphere.triangles().to_vec();
+        triangles.insert(4, [0, 0, 5]);
+        let mesh = SurfaceMesh::new(sphere.vertices().to_vec(), triangles).unwrap();
+        let topology = Topology::new(&mesh);
+        assert!(topology.is_closed() && topology.is_edge_manifold());
+        assert_eq!(topology.edges_of_triangle(4), None);
+        let components = topology.components();
+        assert_eq!(components.of_triangle[4], NONE);
+        assert_eq!(components.shapes[0].genus(), Some(0));
+    }
+
+    #[test]
+    fn an_empty_mesh_has_no_parts_and_is_not_closed() {
+        let mesh = SurfaceMesh::default();
+        let topology = Topology::new(&mesh);
+        assert!(!topology.is_closed() && topology.edges().is_empty());
+        assert!(topology.components().shapes.is_empty() && topology.boundary_loops().is_empty());
+    }
+
+    fn without_triangles(mesh: &SurfaceMesh, gone: impl Fn(&[u32; 3]) -> bool) -> SurfaceMesh {
+        let kept = mesh.triangles().iter().copied().filter(|t| !gone(t)).collect();
+        SurfaceMesh::new(mesh.vertices().to_vec(), kept).unwrap()
+    }
+
+    fn pinched_balls() -> SurfaceMesh {
+        let ball = shapes::sphere(1.0, 1);
+        let shift = ball.vertices()[0].coords * 2.0;
+        let other = shapes::deformed(&ball, |p| Point::from(shift - p.coords));
+        let two = shapes::joined(&ball, &other.reversed());
+        let doubled = ball.vertices().len() as u32;
+        let triangles = two
+            .triangles()
+            .iter()
+            .map(|t| t.map(|v| if v == doubled { 0 } else { v }));
+        SurfaceMesh::new(two.vertices().to_vec(), triangles.collect()).unwrap()
+    }
+
+    fn moebius(n: u32) -> SurfaceMesh {
+        let vertices = (0..n)
+            .flat_map(|i| [-0.3, 0.3].map(|s| (std::f64::consts::TAU * f64::from(i) / f64::from(n), s)))
+            .map(|(u, s): (f64, f64)| {
+                let r = 1.0 + s * (u / 2.0).cos();
+                Point::new(r * u.cos(), r * u.sin(), s * (u / 2.0).sin())
+            })
+            .collect();
+        let at = |i: u32, side: u32| if i < n { 2 * i + side } else { 1 - side };
+        let triangles = (0..n)
+            .flat_map(|i| {
+                let [a, b, c, d] = [at(i, 0), at(i + 1, 0), at(i + 1, 1), at(i, 1)];
+                [[a, b, c], [a, c, d]]
+            })
+            .collect();
+        SurfaceMesh::new(vertices, triangles).unwrap()
+    }
+}
