@@ -94,7 +94,9 @@ pub enum EnergyError {
         volume: f64,
     },
     /// The map has no finite derivative at a point of the domain.
-    #[error("the map's Jacobian at {point} is not finite; a singularity of the map or a hole in its mesh is inside the domain")]
+    #[error(
+        "the map's Jacobian at {point} is not finite; a singularity of the map or a hole in its mesh is inside the domain"
+    )]
     NonFiniteJacobian {
         /// The point.
         point: Point,
@@ -224,19 +226,7 @@ mod tests {
     fn squaring() -> impl VolumeMap {
         Formula(
             |p: &Point| Point::new(p.x * p.x - p.y * p.y, 2.0 * p.x * p.y, p.z),
-            |p: &Point| {
-                Matrix3::new(
-                    2.0 * p.x,
-                    -2.0 * p.y,
-                    0.0,
-                    2.0 * p.y,
-                    2.0 * p.x,
-                    0.0,
-                    0.0,
-                    0.0,
-                    1.0,
-                )
-            },
+            |p: &Point| Matrix3::new(2.0 * p.x, -2.0 * p.y, 0.0, 2.0 * p.y, 2.0 * p.x, 0.0, 0.0, 0.0, 1.0),
         )
     }
 
@@ -313,7 +303,12 @@ mod tests {
     #[test]
     fn a_similarity_is_the_identity_once_normalised() {
         let rule = grid(&shapes::cube(1.0, 1), 4);
-        let report = measured(&affine(Matrix3::identity() * 7.0), &rule, 343.0, &EnergyOptions::default());
+        let report = measured(
+            &affine(Matrix3::identity() * 7.0),
+            &rule,
+            343.0,
+            &EnergyOptions::default(),
+        );
         assert!((report.harmonic - 3.0).abs() < 1e-13);
         assert!(report.deformation < 1e-28);
         assert!((report.det_jacobian.median - 343.0).abs() < 1e-10);

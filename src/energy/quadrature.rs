@@ -1,3 +1,4 @@
+use super::clipped_grid::Resolution;
 use crate::{Point, Vector};
 
 /// Why a solid has no quadrature.
@@ -20,10 +21,7 @@ pub enum QuadratureError {
     },
     /// A grid of no cells, or of cells of no size.
     #[error("a grid cannot have {0}; ask for at least one cell, of positive finite size")]
-    NoCells(
-        /// What was asked for.
-        String,
-    ),
+    NoCells(Resolution),
     /// More cells than can be handled.
     #[error(
         "the grid would have {} × {} × {} cells, more than {limit} in all or {axis_limit} along one side; choose larger cells",
@@ -147,12 +145,12 @@ impl Quadrature {
 
     /// Volume of the solid: the sum of the weights.
     pub fn volume(&self) -> f64 {
-        self.weights.iter().sum()
+        sum(self.weights.iter().copied())
     }
 
     /// `Σ weights · density`. Densities beyond the points, or points beyond the densities, are left out.
     pub fn integrate(&self, density: &[f64]) -> f64 {
-        self.weights.iter().zip(density).map(|(w, d)| w * d).sum()
+        sum(self.weights.iter().zip(density).map(|(w, d)| w * d))
     }
 
     /// The distribution of a density at the points over the cells, for export: cells without points are left out.
@@ -188,5 +186,48 @@ impl Grid {
     pub fn corner(&self, cell: u32) -> Point {
         let [i, j, k] = self.steps(cell).map(|s| s as f64);
         self.origin + Vector::new(i, j, k) * self.cell_size
+    }
+}
+
+/// Sum with the rounding of every addition carried along (Neumaier 1974). A plain sum of a million equal weights rounds
+/// the same way again and again and is off by `10⁻¹¹`.
+pub(super) fn sum(terms: impl Iterator<Item = f64>) -> f64 {
+    let (mut sum, mut lost) = (0.0_f64, 0.0);
+    for term in terms {
+        let next = sum + term;
+        lost += if sum.abs() >= term.abs() {
+            (sum - next) + term
+        } else {
+            (term - next) + sum
+        };
+        sum = next;
+    }
+    sum + lost
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sum_of_many_equal_terms_is_exact_to_rounding() {
+        let count = 10_000_000;
+        let plain: f64 = std::iter::repeat_n(0.1, count).sum();
+        let carried = sum(std::iter::repeat_n(0.1, count));
+        assert!((plain / 1e6 - 1.0).abs() > 1e-11);
+        assert!((carried / 1e6 - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn cells_are_numbered_with_z_fastest() {
+        let grid = Grid {
+            origin: Point::new(1.0, 2.0, 3.0),
+            cell_size: 0.5,
+            dims: [4, 3, 2],
+        };
+        assert_eq!(grid.steps(1), [0, 0, 1]);
+        assert_eq!(grid.steps(2), [0, 1, 0]);
+        assert_eq!(grid.steps(23), [3, 2, 1]);
+        assert_eq!(grid.corner(23), Point::new(2.5, 3.0, 3.5));
     }
 }
