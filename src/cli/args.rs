@@ -1,0 +1,236 @@
+//! What can be typed. Each option's help is its documentation; names are a contract.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+const LICENCE: &str = if cfg!(feature = "native") {
+    "built with CGAL (GPL-3.0-or-later) and TetGen (AGPL-3.0-or-later): this binary may be passed on under AGPL-3.0"
+} else {
+    "built without CGAL and TetGen: MIT OR Apache-2.0"
+};
+
+fn version() -> &'static str {
+    static VERSION: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+    VERSION.get_or_init(|| format!("{}\n{LICENCE}", env!("CARGO_PKG_VERSION")))
+}
+
+/// Harmonic volumetric maps between solids, by the method of fundamental solutions.
+#[derive(Debug, Parser)]
+#[command(name = "solidmap", version = version(), after_help = EXIT_CODES)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+    /// Print one machine-readable report on stdout
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Number of threads [default: all cores]
+    #[arg(long, global = true, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+}
+
+const EXIT_CODES: &str = "\
+Exit codes: 0 done; 1 ran, but a check failed (tolerance missed, defects found); 2 could not run.
+
+Surfaces are read from .obj .ply .off .stl, and from the boundary of tet meshes .mesh .vtk .vtu.";
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Show the main job on built-in models: maps, energies, carried meshes, pictures
+    Demo(DemoArgs),
+    /// Say what is wrong with a model, where, and how to mend it
+    Check(CheckArgs),
+    /// Fill a closed surface with tetrahedra
+    Tet(TetArgs),
+    /// Make the surface at a distance outside of a model
+    Offset(OffsetArgs),
+    /// Fit the harmonic map of a solid to a map of its boundary
+    Fit(FitArgs),
+    /// Map points, or a mesh's vertices
+    Eval(EvalArgs),
+    /// Measure a map's harmonic and deformation energy and picture their distribution
+    Energy(EnergyArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Folder for the results
+    #[arg(long, default_value = "solidmap-demo", value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// Surfaces or tet meshes to look at
+    #[arg(required = true)]
+    pub models: Vec<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct TetArgs {
+    /// Closed surface
+    pub model: PathBuf,
+    /// Tet mesh to write: .mesh, .vtk or .vtu
+    #[arg(short, long)]
+    pub output: PathBuf,
+    /// `tetgen` keeps the boundary triangles; `cgal` (Mesh_3) makes its own
+    #[arg(long, value_enum, default_value_t = Mesher::Tetgen)]
+    pub mesher: Mesher,
+    /// Largest ratio of circumradius to shortest edge; 0 for no refinement inside
+    #[arg(long, default_value_t = 1.414, value_name = "RATIO")]
+    pub quality: f64,
+    /// Largest volume of a tetrahedron, in model units cubed
+    #[arg(long, value_name = "VOLUME")]
+    pub max_volume: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Mesher {
+    Tetgen,
+    Cgal,
+}
+
+#[derive(Debug, Args)]
+pub struct OffsetArgs {
+    /// Surface to wrap
+    pub model: PathBuf,
+    /// Distance from the model, in model units
+    #[arg(long, value_name = "D")]
+    pub distance: f64,
+    /// Surface to write
+    #[arg(short, long)]
+    pub output: PathBuf,
+    /// The distance is a fraction of the model's bounding-box diagonal
+    #[arg(long)]
+    pub relative: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct FitArgs {
+    /// Boundary of the solid to map, or a tet mesh of it
+    pub domain: PathBuf,
+    /// DOMAIN's mesh with every vertex at its image
+    #[arg(long, value_name = "IMAGE")]
+    pub image: PathBuf,
+    /// Map file to write (safetensors)
+    #[arg(short, long, value_name = "MAP")]
+    pub output: PathBuf,
+    /// Exit with 1 when 99 % of the boundary errs by more than this fraction of the target's diagonal
+    #[arg(long, value_name = "FRACTION")]
+    pub tolerance: Option<f64>,
+    /// Also write the boundary with its images and errors, for ParaView (.vtu)
+    #[arg(long, value_name = "FILE")]
+    pub vtu: Option<PathBuf>,
+    #[command(flatten)]
+    pub method: MethodArgs,
+}
+
+/// Settings of the method of fundamental solutions.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Method")]
+pub struct MethodArgs {
+    /// Start from the paper's settings: offset surface at 0.1, s-ratio 0.6, c-ratio 1, svd
+    #[arg(long)]
+    pub paper: bool,
+    /// Where the sources stand: near the surface by local spacing, on an offset surface, or on a sphere
+    #[arg(long, value_enum)]
+    pub placement: Option<PlacementKind>,
+    /// Adaptive placement: source distance over local spacing [default: 1]
+    #[arg(long)]
+    pub alpha: Option<f64>,
+    /// Offset placement: distance over the domain's diagonal [default: 0.1]
+    #[arg(long, value_name = "FRACTION")]
+    pub offset: Option<f64>,
+    /// Sphere placement: radius over the domain's diagonal [default: 1]
+    #[arg(long, value_name = "FRACTION")]
+    pub radius: Option<f64>,
+    /// Sources per boundary vertex [default: 1; offset and sphere: 0.6]
+    #[arg(long)]
+    pub s_ratio: Option<f64>,
+    /// Collocation points per boundary vertex [default: 3; offset and sphere: 1]
+    #[arg(long)]
+    pub c_ratio: Option<f64>,
+    /// Limit on the sources; larger models get fewer than asked for [default: 5000; svd: 3000]
+    #[arg(long, value_name = "N")]
+    pub max_sources: Option<usize>,
+    /// Dense solver: pivoted QR, or the paper's singular value decomposition
+    #[arg(long, value_enum)]
+    pub method: Option<MethodKind>,
+    /// Singular values or pivots below this fraction of the largest are cut off [default: 1e-10]
+    #[arg(long)]
+    pub truncation: Option<f64>,
+    /// Leave the affine functions out of the basis, as the paper does
+    #[arg(long)]
+    pub no_affine: bool,
+    /// Held-out boundary points that the error is averaged over
+    #[arg(long, default_value_t = 20_000, value_name = "N")]
+    pub held_out: usize,
+    /// Seed of all random choices
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PlacementKind {
+    Adaptive,
+    Offset,
+    Sphere,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MethodKind {
+    Qr,
+    Svd,
+}
+
+#[derive(Debug, Args)]
+pub struct EvalArgs {
+    /// Map file
+    pub map: PathBuf,
+    /// Points to map: .csv with columns x, y, z; .npy (n × 3); or a mesh, which stands for its vertices
+    pub points: PathBuf,
+    /// Images: .csv or .npy, or a mesh format to write POINTS' mesh with its vertices mapped
+    #[arg(short, long)]
+    pub output: PathBuf,
+    /// Also write the Jacobian, columns j00 to j22 (j01 is the derivative of the first coordinate along y)
+    #[arg(long)]
+    pub jacobian: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct EnergyArgs {
+    /// Map file
+    pub map: PathBuf,
+    /// Cells of the integration grid along the longest side of the domain
+    #[arg(long, default_value_t = 48, value_name = "N")]
+    pub resolution: usize,
+    /// Integrate over this tet mesh of the domain instead of a grid
+    #[arg(long, value_name = "TETS")]
+    pub mesh: Option<PathBuf>,
+    /// Keep the solids at their size instead of scaling both to unit volume
+    #[arg(long)]
+    pub no_normalize: bool,
+    /// Lamé constants of the deformation energy
+    #[arg(long, num_args = 2, value_names = ["LAMBDA", "MU"], default_values_t = [0.0335, 0.0224])]
+    pub lame: Vec<f64>,
+    /// Write the energy densities of all cells, for ParaView (.vtu)
+    #[arg(long, value_name = "FILE")]
+    pub vtu: Option<PathBuf>,
+    /// Write a picture of a cross-section: both energies and the target's distance field seen through the map
+    #[arg(long, value_name = "FILE")]
+    pub png: Option<PathBuf>,
+    /// Axis that the cross-section is perpendicular to
+    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
+    pub axis: AxisKind,
+    /// Place of the cross-section, from 0 to 1 along the axis through the domain's box
+    #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
+    pub position: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum AxisKind {
+    X,
+    Y,
+    Z,
+}

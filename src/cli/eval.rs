@@ -1,0 +1,131 @@
+//! `solidmap eval`
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use serde::Serialize;
+use solidmap::io::{self, Solid};
+use solidmap::map::VolumeMap;
+use solidmap::{Matrix3, Point};
+
+use super::Outcome;
+use super::args::EvalArgs;
+use super::output::{Output, pairs};
+
+/// What `eval --json` prints.
+#[derive(Serialize)]
+struct Report {
+    map: PathBuf,
+    points: usize,
+    output: PathBuf,
+    /// Points whose image is not finite: those at a source.
+    not_finite: usize,
+    /// Tetrahedra of a carried tet mesh whose sign the map turned.
+    flipped_tets: Option<usize>,
+    seconds: f64,
+}
+
+/// Maps points and writes their images.
+pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
+    output.progress("reading");
+    let file = io::read_map(&args.map)?;
+    let writes_mesh = !is_table(&args.output);
+    if writes_mesh && is_table(&args.points) {
+        bail!(
+            "`{}` holds points without a mesh; write them to .csv or .npy instead of `{}`",
+            args.points.display(),
+            args.output.display()
+        );
+    }
+    if writes_mesh && args.jacobian {
+        bail!("Jacobians go into .csv or .npy; `{}` would lose them", args.output.display());
+    }
+    let solid = if is_table(&args.points) { None } else { Some(io::read_solid(&args.points)?) };
+    let points = match &solid {
+        None => io::read_points(&args.points)?,
+        Some(Solid::Surface(surface)) => surface.vertices().to_vec(),
+        Some(Solid::Tets(tets)) => tets.vertices().to_vec(),
+    };
+
+    output.progress(format!("mapping {} points", points.len()));
+    let start = std::time::Instant::now();
+    let images = file.map.evaluate(&points);
+    let jacobians = args.jacobian.then(|| file.map.jacobian(&points));
+    let seconds = start.elapsed().as_secs_f64();
+    let not_finite = images.iter().filter(|p| p.iter().any(|c| !c.is_finite())).count();
+
+    output.progress("writing");
+    let mut flipped_tets = None;
+    match solid {
+        Some(solid) if writes_mesh => flipped_tets = write_mesh(&args.output, &solid, images)?,
+        _ => write_table(&args.output, &points, &images, jacobians.as_deref())?,
+    }
+    if not_finite > 0 {
+        output.warn(format!("{not_finite} images are not finite; those points lie at sources, outside the domain"));
+    }
+    let report = Report {
+        map: args.map.clone(),
+        points: points.len(),
+        output: args.output.clone(),
+        not_finite,
+        flipped_tets,
+        seconds,
+    };
+    output.result(&report, || pairs(rows(&report)))?;
+    Ok(Outcome::Done)
+}
+
+fn rows(report: &Report) -> Vec<[String; 2]> {
+    let mut rows = vec![
+        ["points".into(), format!("{} in {:.3} s", report.points, report.seconds)],
+        ["written".into(), report.output.display().to_string()],
+    ];
+    if let Some(flipped) = report.flipped_tets {
+        rows.push(["flipped tets".into(), flipped.to_string()]);
+    }
+    rows
+}
+
+fn is_table(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv") || e.eq_ignore_ascii_case("npy"))
+}
+
+/// Writes the mesh with its vertices at their images; counts the tetrahedra that changed hand.
+fn write_mesh(path: &Path, solid: &Solid, images: Vec<Point>) -> anyhow::Result<Option<usize>> {
+    let mismatch = "the map gave another number of images than points";
+    match solid {
+        Solid::Surface(surface) => {
+            io::write_surface(path, &surface.with_vertices(images).context(mismatch)?)?;
+            Ok(None)
+        }
+        Solid::Tets(tets) => {
+            let mapped = tets.with_vertices(images).context(mismatch)?;
+            io::write_tets(path, &mapped)?;
+            Ok(Some(flipped_tets(tets, &mapped)))
+        }
+    }
+}
+
+/// Tetrahedra whose volume changed sign, or vanished, from one mesh to the other. When the map turns most of them, it
+/// reflects, and the others are counted.
+pub fn flipped_tets(before: &solidmap::mesh::TetMesh, after: &solidmap::mesh::TetMesh) -> usize {
+    let count = before.tets().len();
+    let kept = (0..count).filter(|&t| before.signed_volume(t) * after.signed_volume(t) > 0.0).count();
+    let turned = (0..count).filter(|&t| before.signed_volume(t) * after.signed_volume(t) < 0.0).count();
+    count - kept.max(turned)
+}
+
+fn write_table(path: &Path, points: &[Point], images: &[Point], jacobians: Option<&[Matrix3]>) -> anyhow::Result<()> {
+    let mut names = ["x", "y", "z", "fx", "fy", "fz"].map(String::from).to_vec();
+    if jacobians.is_some() {
+        names.extend((0..3).flat_map(|i| (0..3).map(move |k| format!("j{i}{k}"))));
+    }
+    let rows: Vec<f64> = (0..points.len())
+        .flat_map(|p| {
+            let jacobian = jacobians.map(|all| all[p].transpose());
+            let entries: Vec<f64> = jacobian.iter().flat_map(|j| j.iter().copied()).collect();
+            points[p].iter().chain(images[p].iter()).copied().chain(entries).collect::<Vec<_>>()
+        })
+        .collect();
+    Ok(io::write_table(path, &names, &rows)?)
+}

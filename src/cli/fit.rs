@@ -1,0 +1,173 @@
+//! `solidmap fit`
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde::Serialize;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::fit::{Fit, FitOptions, FitReport, Phase, Placement, fit};
+use solidmap::io::{self, CellBlock, Field, MapFile, MapMetadata, Provenance, VtkFields};
+use solidmap::map::{HarmonicMap, VolumeMap};
+use solidmap::solver::Method;
+
+use super::args::{FitArgs, MethodArgs, MethodKind, PlacementKind};
+use super::output::{Output, pairs, peak_rss_bytes};
+use super::{Outcome, input};
+
+/// What `fit --json` prints.
+#[derive(Serialize)]
+struct Report {
+    domain: PathBuf,
+    image: PathBuf,
+    map: PathBuf,
+    #[serde(flatten)]
+    fit: FitReport,
+    tolerance: Option<f64>,
+    tolerance_met: bool,
+    peak_rss_bytes: u64,
+}
+
+/// Fits a map and writes it.
+pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
+    output.progress("reading");
+    let options = options(&args.method);
+    let boundary = input::read_boundary_map(&args.domain, &args.image)?;
+    let fit = fit_with_progress(&boundary, &options, output)
+        .with_context(|| format!("cannot map `{}`", args.domain.display()))?;
+    warn_of_self_intersections(&boundary, &args.domain, output);
+    fit.report.warnings.iter().for_each(|warning| output.warn(warning));
+
+    output.progress("writing");
+    let inputs = [("domain", &args.domain), ("image", &args.image)];
+    let inputs = inputs.iter().map(|(role, path)| Provenance::of(role, path)).collect::<Result<_, _>>()?;
+    let metadata = MapMetadata::new(fit.report.clone(), inputs);
+    let file = MapFile { map: fit.map, boundary: Some(boundary), metadata };
+    io::write_map(&args.output, &file)?;
+    if let (Some(path), Some(boundary)) = (&args.vtu, &file.boundary) {
+        write_boundary(path, boundary, &file.map)?;
+    }
+
+    let tolerance_met = args.tolerance.is_none_or(|tolerance| fit.report.boundary_error.p99 <= tolerance);
+    let report = Report {
+        domain: args.domain.clone(),
+        image: args.image.clone(),
+        map: args.output.clone(),
+        fit: fit.report,
+        tolerance: args.tolerance,
+        tolerance_met,
+        peak_rss_bytes: peak_rss_bytes(),
+    };
+    output.result(&report, || summary(&report))?;
+    if tolerance_met {
+        return Ok(Outcome::Done);
+    }
+    output.warn("the boundary error misses the tolerance; the map was written all the same. Refine the meshes, or raise --max-sources");
+    Ok(Outcome::CheckFailed)
+}
+
+/// Fits with the phases shown.
+pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &Output) -> anyhow::Result<Fit> {
+    let fitted = fit(boundary, options, &|phase| {
+        output.progress(match phase {
+            Phase::Sampling => "placing sources".into(),
+            Phase::Factoring { rows, columns } => format!("factoring a {rows} × {columns} matrix"),
+            Phase::Solving => "solving".into(),
+            Phase::Measuring => "measuring the boundary error".into(),
+        });
+    });
+    output.finish();
+    Ok(fitted?)
+}
+
+/// The lines of the summary that say how good a fit is.
+pub fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
+    let error = report.boundary_error;
+    let condition = report.condition.map_or("singular".into(), |c| format!("{c:.1e}"));
+    vec![
+        ["boundary".into(), format!("{} vertices, {} triangles", report.vertices, report.faces)],
+        ["system".into(), format!("{} sources, {} collocation points", report.sources, report.collocation)],
+        ["solver".into(), format!("{}, rank {}, condition {condition}", report.method, report.rank)],
+        ["boundary error".into(), format!("rms {:.2e}   99 % {:.2e}   max {:.2e}", error.rms, error.p99, error.max)],
+        ["".into(), "at held-out points, as fractions of the target's diagonal".into()],
+        ["residual".into(), format!("rms {:.2e} at the collocation points (C-Error {:.2e})", report.residual_rms, report.c_error)],
+        ["time".into(), format!("{:.2} s ({:.2} s factoring)", report.seconds.total, report.seconds.factor)],
+    ]
+}
+
+fn summary(report: &Report) -> String {
+    let mut rows = fit_rows(&report.fit);
+    rows.push(["memory".into(), format!("{:.0} MiB at most", report.peak_rss_bytes as f64 / 1048576.0)]);
+    rows.push(["map".into(), report.map.display().to_string()]);
+    pairs(rows)
+}
+
+fn options(args: &MethodArgs) -> FitOptions {
+    let placement = args.placement.unwrap_or(match (args.offset, args.radius) {
+        (Some(_), _) => PlacementKind::Offset,
+        (None, Some(_)) => PlacementKind::Sphere,
+        (None, None) if args.paper => PlacementKind::Offset,
+        (None, None) => PlacementKind::Adaptive,
+    });
+    // The paper's ratios belong to its placements; the overdetermined default to the adaptive one.
+    let base = if args.paper || placement != PlacementKind::Adaptive { FitOptions::paper() } else { FitOptions::adaptive() };
+    let mut solver = base.solver;
+    if let Some(method) = args.method {
+        solver.method = match method {
+            MethodKind::Qr => Method::Qr,
+            MethodKind::Svd => Method::Svd,
+        };
+    }
+    solver.truncation = args.truncation.unwrap_or(solver.truncation);
+    let default_limit = if solver.method == Method::Qr { FitOptions::adaptive() } else { FitOptions::paper() }.max_sources;
+    FitOptions {
+        placement: match placement {
+            PlacementKind::Adaptive => Placement::Adaptive { alpha: args.alpha.unwrap_or(1.0) },
+            PlacementKind::Offset => Placement::Offset { distance: args.offset.unwrap_or(0.1) },
+            PlacementKind::Sphere => Placement::Sphere { radius: args.radius.unwrap_or(1.0) },
+        },
+        source_ratio: args.s_ratio.unwrap_or(base.source_ratio),
+        collocation_ratio: args.c_ratio.unwrap_or(base.collocation_ratio),
+        max_sources: args.max_sources.unwrap_or(default_limit),
+        affine: !args.no_affine,
+        solver,
+        held_out: args.held_out,
+        seed: args.seed,
+    }
+}
+
+/// The boundary can be fitted all the same, but where it intersects itself there is no inside.
+#[cfg(feature = "native")]
+fn warn_of_self_intersections(boundary: &BoundaryMap, path: &Path, output: &Output) {
+    match solidmap::native::self_intersections(boundary.domain()) {
+        Ok(pairs) if pairs.is_empty() => {}
+        Ok(pairs) => output.warn(format!(
+            "`{}` intersects itself: {} pairs of triangles, the first {} and {}; the map is wrong there. See \
+             `solidmap check`",
+            path.display(),
+            pairs.len(),
+            pairs[0][0],
+            pairs[0][1]
+        )),
+        Err(error) => output.warn(format!("self-intersections of `{}` could not be looked for: {error}", path.display())),
+    }
+}
+
+#[cfg(not(feature = "native"))]
+fn warn_of_self_intersections(_: &BoundaryMap, _: &Path, _: &Output) {}
+
+/// The domain's surface with the image, the map's value and the error at each vertex.
+fn write_boundary(path: &Path, boundary: &BoundaryMap, map: &HarmonicMap) -> anyhow::Result<()> {
+    let domain = boundary.domain();
+    let mapped = map.evaluate(domain.vertices());
+    let errors = mapped.iter().zip(boundary.image()).map(|(f, exact)| (f - exact).norm());
+    let vectors = |points: &[solidmap::Point]| points.iter().flat_map(|p| p.iter().copied()).collect();
+    let fields = VtkFields {
+        point: vec![
+            Field { name: "image".into(), components: 3, values: vectors(boundary.image()) },
+            Field { name: "mapped".into(), components: 3, values: vectors(&mapped) },
+            Field { name: "error".into(), components: 1, values: errors.collect() },
+        ],
+        cell: vec![],
+    };
+    Ok(io::write_vtu(path, domain.vertices(), &CellBlock::Triangles(domain.triangles().to_vec()), &fields)?)
+}

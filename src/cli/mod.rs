@@ -1,0 +1,72 @@
+//! The command line: parse, run one command, report. Alone in printing, exiting and choosing thread counts.
+
+mod args;
+mod check;
+mod demo;
+mod energy;
+mod eval;
+mod fit;
+mod input;
+#[cfg(feature = "native")]
+mod native;
+mod output;
+mod pictures;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Cli, Command};
+use output::Output;
+
+/// How a command that ran came out.
+pub enum Outcome {
+    /// Exit code 0.
+    Done,
+    /// Exit code 1: it ran, but what it checks does not hold.
+    CheckFailed,
+}
+
+/// Runs the program: exit code 0 done, 1 ran but a check failed, 2 could not run.
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    match execute(&cli) {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::CheckFailed) => ExitCode::from(1),
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
+    if let Some(threads) = cli.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global()?;
+        faer::set_global_parallelism(faer::Par::rayon(threads.get()));
+    }
+    let output = Output::new(cli.json);
+    match &cli.command {
+        Command::Demo(args) => demo::run(args, &output),
+        Command::Check(args) => check::run(args, &output),
+        #[cfg(feature = "native")]
+        Command::Tet(args) => native::tet(args, &output),
+        #[cfg(feature = "native")]
+        Command::Offset(args) => native::offset(args, &output),
+        #[cfg(not(feature = "native"))]
+        Command::Tet(_) | Command::Offset(_) => anyhow::bail!(
+            "this solidmap was built without CGAL and TetGen; build it with the feature `native` (the default)"
+        ),
+        Command::Fit(args) => fit::run(args, &output),
+        Command::Eval(args) => eval::run(args, &output),
+        Command::Energy(args) => energy::run(args, &output),
+    }
+}
+
+/// A reader such as `head` that has seen enough is no error.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+    })
+}

@@ -1,0 +1,70 @@
+//! What goes to the terminal: results to stdout, messages and progress to stderr, bars only on a terminal.
+
+use std::io::{self, IsTerminal, Write};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+/// Where results and messages go.
+pub struct Output {
+    json: bool,
+    bar: ProgressBar,
+}
+
+impl Output {
+    /// Results as JSON, or as text.
+    pub fn new(json: bool) -> Self {
+        let bar = if io::stderr().is_terminal() { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
+        let style = ProgressStyle::with_template("{spinner} {msg} ({elapsed})");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+        Self { json, bar }
+    }
+
+    /// Shows what is being done now.
+    pub fn progress(&self, step: impl Into<String>) {
+        self.bar.set_message(step.into());
+        self.bar.reset_elapsed();
+        self.bar.enable_steady_tick(Duration::from_millis(100));
+    }
+
+    /// Takes the progress line away.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+
+    /// A remark to the user, such as what was mended.
+    pub fn warn(&self, message: impl std::fmt::Display) {
+        self.bar.suspend(|| eprintln!("warning: {message}"));
+    }
+
+    /// What else happened, such as a file written. Not shown with `--json`.
+    pub fn note(&self, message: impl std::fmt::Display) {
+        if !self.json {
+            self.bar.suspend(|| eprintln!("{message}"));
+        }
+    }
+
+    /// The result: `report` as JSON, or `text`.
+    pub fn result(&self, report: &impl Serialize, text: impl FnOnce() -> String) -> anyhow::Result<()> {
+        self.finish();
+        let content = if self.json { serde_json::to_string_pretty(report)? } else { text() };
+        let mut stdout = io::stdout().lock();
+        writeln!(stdout, "{}", content.trim_end())?;
+        Ok(stdout.flush()?)
+    }
+}
+
+/// Largest resident set of this process so far, in bytes; 0 where the system does not say.
+pub fn peak_rss_bytes() -> u64 {
+    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return 0 };
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    line.and_then(|rest| rest.trim().trim_end_matches("kB").trim().parse::<u64>().ok()).map_or(0, |kib| kib * 1024)
+}
+
+/// Lines of a name and a text, the texts aligned.
+pub fn pairs(rows: Vec<[String; 2]>) -> String {
+    let width = rows.iter().map(|[name, _]| name.chars().count()).max().unwrap_or(0);
+    let lines = rows.into_iter().map(|[name, text]| format!("{name:<width$}  {text}").trim_end().to_owned());
+    lines.collect::<Vec<_>>().join("\n")
+}

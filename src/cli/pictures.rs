@@ -1,0 +1,65 @@
+//! The pictures that commands share.
+
+use solidmap::energy::{EnergyOptions, deformation, harmonic};
+use solidmap::geometry::SurfaceQuery;
+use solidmap::map::VolumeMap;
+use solidmap::mesh::SurfaceMesh;
+use solidmap::report::{ColourBar, Panel, Plane, Scale, Section, ValueRange};
+use solidmap::{Matrix3, Point};
+
+/// A map between two solids, as pictures need it.
+pub struct Pictured<'a> {
+    /// The map.
+    pub map: &'a dyn VolumeMap,
+    /// Boundary of its domain.
+    pub domain: &'a SurfaceMesh,
+    /// Boundary of its target.
+    pub target: &'a SurfaceMesh,
+    /// How energies are measured.
+    pub options: EnergyOptions,
+}
+
+impl Pictured<'_> {
+    /// Harmonic energy density, deformation energy density, and the target's distance field seen through the map, on a
+    /// cross-section of the domain: figures 2 (c)–(e) and 7 (d) of the paper.
+    pub fn section(&self, plane: Plane, pixels: usize) -> anyhow::Result<Vec<Panel>> {
+        let section = Section::new(self.domain, plane, pixels)?;
+        let scale = self.jacobian_scale();
+        let jacobians: Vec<Matrix3> = self.map.jacobian(section.points()).iter().map(|j| j * scale).collect();
+        let lame = self.options.lame;
+        // A few points at creases have densities far above all others; the bar says that it clamps.
+        let most = ValueRange::Quantiles(0.0, 0.99);
+        let energies = [
+            ("harmonic energy density", jacobians.iter().map(harmonic::density).collect::<Vec<_>>()),
+            ("deformation energy density", jacobians.iter().map(|j| deformation::density(j, &lame)).collect()),
+        ];
+        let mut panels = Vec::new();
+        for (name, values) in energies {
+            panels.push(panel(&section, name, &values, most)?);
+        }
+        let depth = depths(self.target, &self.map.evaluate(section.points()))?;
+        panels.push(panel(&section, "target's distance field, transferred", &depth, ValueRange::Full)?);
+        Ok(panels)
+    }
+
+    /// The target's own distance field on a cross-section of the target.
+    pub fn target_section(&self, plane: Plane, pixels: usize) -> anyhow::Result<Panel> {
+        let section = Section::new(self.target, plane, pixels)?;
+        panel(&section, "distance field of the target", &depths(self.target, section.points())?, ValueRange::Full)
+    }
+
+    fn jacobian_scale(&self) -> f64 {
+        if self.options.normalize { (self.domain.volume() / self.target.volume()).abs().cbrt() } else { 1.0 }
+    }
+}
+
+/// Distance of each point from the boundary, negative outside.
+pub fn depths(surface: &SurfaceMesh, points: &[Point]) -> anyhow::Result<Vec<f64>> {
+    let query = SurfaceQuery::new(surface)?;
+    Ok(query.signed_distances(points).into_iter().map(|d| -d).collect())
+}
+
+fn panel(section: &Section, name: &str, values: &[f64], range: ValueRange) -> anyhow::Result<Panel> {
+    let bar = ColourBar::new("", values.iter().copied(), range, Scale::Linear)?;
+    Ok(Panel::of_section(section, values, &bar)?.titled(name).with_bar(&bar))
+}

@@ -1,0 +1,204 @@
+//! What any mesh file comes down to, and how it becomes a surface, a tetrahedral mesh or points.
+
+use std::path::Path;
+
+use super::{IoError, Solid};
+use crate::{
+    Point,
+    mesh::{MeshError, SurfaceMesh, TetMesh},
+};
+
+/// The vertices, faces and cells of a file in its own order; indices are 0-based and not yet checked.
+#[derive(Debug, Default)]
+pub(super) struct Contents {
+    pub vertices: Vec<Point>,
+    pub polygons: Polygons,
+    pub tets: Vec<[i64; 4]>,
+    /// Three-dimensional cells other than linear tetrahedra: the first kind met, in the plural, and how many of it.
+    pub other_cells: Option<(String, usize)>,
+    /// The number of the first vertex in the file, for messages.
+    pub base: i64,
+}
+
+/// Faces with any number of corners.
+#[derive(Debug, Default)]
+pub(super) struct Polygons {
+    corners: Vec<i64>,
+    /// Where the corners of each face end.
+    ends: Vec<usize>,
+}
+
+impl Polygons {
+    pub fn push(&mut self, corners: impl IntoIterator<Item = i64>) {
+        self.corners.extend(corners);
+        self.ends.push(self.corners.len());
+    }
+
+    /// The triangles of a strip, which turn alternately. A negative index starts a new strip. Triangles that name a
+    /// vertex twice are left out: they only stitch strips together.
+    pub fn push_strip(&mut self, corners: &[i64]) {
+        for strip in corners.split(|&v| v < 0) {
+            for (k, triangle) in strip.windows(3).enumerate() {
+                let [a, b, c] = [triangle[0], triangle[1], triangle[2]];
+                if a != b && b != c && c != a {
+                    self.push(if k % 2 == 0 { [a, b, c] } else { [b, a, c] });
+                }
+            }
+        }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &[i64]> {
+        let starts = std::iter::once(0).chain(self.ends.iter().copied());
+        starts.zip(&self.ends).map(|(start, &end)| &self.corners[start..end])
+    }
+}
+
+impl Contents {
+    pub fn add_other_cells(&mut self, kind: &str, count: usize) {
+        let (name, total) = self.other_cells.get_or_insert_with(|| (kind.to_owned(), 0));
+        if name == kind {
+            *total += count;
+        }
+    }
+
+    pub fn into_surface(self, path: &Path) -> Result<SurfaceMesh, IoError> {
+        self.refuse_other_cells(path)?;
+        if !self.tets.is_empty() {
+            return Err(IoError::WrongKind {
+                path: path.to_owned(),
+                found: format!("{} tetrahedra", self.tets.len()),
+                wanted: "a surface is needed here; extract the boundary of the tetrahedra",
+            });
+        }
+        let triangles = self.triangles(path)?;
+        if triangles.is_empty() {
+            return Err(self.no_geometry(path));
+        }
+        SurfaceMesh::new(self.vertices, triangles).map_err(|error| with_path(error, path))
+    }
+
+    pub fn into_tets(self, path: &Path) -> Result<TetMesh, IoError> {
+        self.refuse_other_cells(path)?;
+        if self.tets.is_empty() && !self.polygons.ends.is_empty() {
+            return Err(IoError::WrongKind {
+                path: path.to_owned(),
+                found: format!("{} faces and no tetrahedra", self.polygons.ends.len()),
+                wanted: "a tetrahedral mesh is needed here; tetrahedralise the surface",
+            });
+        }
+        if self.tets.is_empty() {
+            return Err(self.no_geometry(path));
+        }
+        let tets = self.tets.iter().enumerate();
+        let tets = tets
+            .map(|(index, tet)| self.in_range(path, "tetrahedron", index, *tet))
+            .collect::<Result<_, _>>()?;
+        TetMesh::new(self.vertices, tets).map_err(|error| with_path(error, path))
+    }
+
+    pub fn into_solid(self, path: &Path) -> Result<Solid, IoError> {
+        if self.tets.is_empty() {
+            self.into_surface(path).map(Solid::Surface)
+        } else {
+            self.into_tets(path).map(Solid::Tets)
+        }
+    }
+
+    /// Cuts each polygon into the fan of triangles about its first corner.
+    ///
+    /// The cut depends on the order of the corners alone, never on positions. A boundary map is a pair of meshes with
+    /// the same faces, and only so do both get the same triangles. The price: a strongly concave polygon gets
+    /// triangles that overlap.
+    fn triangles(&self, path: &Path) -> Result<Vec<[u32; 3]>, IoError> {
+        let mut triangles = Vec::with_capacity(self.polygons.ends.len());
+        for (face, corners) in self.polygons.iter().enumerate() {
+            let [first, rest @ ..] = corners else {
+                return Err(few_corners(path, face, 0));
+            };
+            if rest.len() < 2 {
+                return Err(few_corners(path, face, corners.len()));
+            }
+            for pair in rest.windows(2) {
+                triangles.push(self.in_range(path, "face", face, [*first, pair[0], pair[1]])?);
+            }
+        }
+        Ok(triangles)
+    }
+
+    fn in_range<const N: usize>(
+        &self,
+        path: &Path,
+        element: &'static str,
+        index: usize,
+        corners: [i64; N],
+    ) -> Result<[u32; N], IoError> {
+        let vertices = self.vertices.len();
+        let missing = |v: &i64| usize::try_from(*v).map_or(true, |v| v >= vertices);
+        match corners.into_iter().find(missing) {
+            Some(vertex) => Err(IoError::IndexOutOfRange {
+                path: path.to_owned(),
+                element,
+                index,
+                vertex: vertex.saturating_add(self.base),
+                vertices,
+                base: self.base,
+            }),
+            // Counts beyond 31 bits are refused when the mesh is built, whatever the cast makes of them.
+            None => Ok(corners.map(|v| v as u32)),
+        }
+    }
+
+    fn refuse_other_cells(&self, path: &Path) -> Result<(), IoError> {
+        match &self.other_cells {
+            Some((kind, count)) => Err(IoError::Unsupported {
+                path: path.to_owned(),
+                found: format!("{count} {kind}"),
+                remedy: "cut its cells into linear tetrahedra, or give the boundary as a surface",
+            }),
+            None => Ok(()),
+        }
+    }
+
+    fn no_geometry(&self, path: &Path) -> IoError {
+        IoError::NoGeometry {
+            path: path.to_owned(),
+            vertices: self.vertices.len(),
+        }
+    }
+}
+
+fn few_corners(path: &Path, face: usize, corners: usize) -> IoError {
+    IoError::FewCorners {
+        path: path.to_owned(),
+        face,
+        corners,
+    }
+}
+
+fn with_path(error: MeshError, path: &Path) -> IoError {
+    let path = path.to_owned();
+    match error {
+        MeshError::TooLarge { element, count } => IoError::TooLarge {
+            path,
+            element: match element {
+                "vertex" => "vertices",
+                "triangle" => "triangles",
+                _ => "tetrahedra",
+            },
+            count,
+        },
+        MeshError::IndexOutOfRange {
+            element,
+            index,
+            vertex,
+            vertices,
+        } => IoError::IndexOutOfRange {
+            path,
+            element,
+            index,
+            vertex: i64::from(vertex),
+            vertices,
+            base: 0,
+        },
+    }
+}

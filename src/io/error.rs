@@ -1,0 +1,171 @@
+use std::{fmt, io, path::PathBuf};
+
+/// Why a file could not be read or written. Counts and positions of elements are 0-based, lines count from 1.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum IoError {
+    /// The extension names no format that serves here.
+    #[error("`{path}` has none of the extensions known for {purpose}: {known}; give the file one of them")]
+    UnknownExtension {
+        /// The file.
+        path: PathBuf,
+        /// What the file was wanted for, as in `"a surface"`.
+        purpose: &'static str,
+        /// The extensions that serve.
+        known: String,
+    },
+    /// The file cannot be opened or read.
+    #[error("cannot read `{path}`: {source}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The file cannot be written; what stood there before is unchanged.
+    #[error("cannot write `{path}`: {source}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The content is not what the format asks for.
+    #[error("`{path}` is not a valid {format} file: {place}: {found}")]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// The format it was read as.
+        format: &'static str,
+        /// Where.
+        place: Place,
+        /// What was found and what was expected.
+        found: String,
+    },
+    /// The file ends before its content does.
+    #[error("`{path}` ends early ({format}), within {within}: the file is cut off; copy or export it again")]
+    Truncated {
+        /// The file.
+        path: PathBuf,
+        /// The format it was read as.
+        format: &'static str,
+        /// What was being read.
+        within: String,
+    },
+    /// A count in the file promises more than the rest of the file could hold.
+    #[error(
+        "`{path}` ({format}) promises {count} {element}, which the {available} bytes that follow cannot hold: the \
+         count is wrong or the file is cut off; copy or export it again"
+    )]
+    CountExceedsFile {
+        /// The file.
+        path: PathBuf,
+        /// The format it was read as.
+        format: &'static str,
+        /// What is counted, in the plural.
+        element: String,
+        /// How many the file says there are.
+        count: u64,
+        /// Bytes after the count.
+        available: usize,
+    },
+    /// A face with one or two corners, or none, cannot be cut into triangles.
+    #[error("face {face} of `{path}` has {corners} corners, and a face needs at least 3; remove it")]
+    FewCorners {
+        /// The file.
+        path: PathBuf,
+        /// Which face, 0-based.
+        face: usize,
+        /// How many corners it has.
+        corners: usize,
+    },
+    /// A face or cell refers to a vertex that is not there.
+    #[error(
+        "{element} {index} of `{path}` refers to vertex {vertex}, but there are {vertices} vertices, counted from {base}"
+    )]
+    IndexOutOfRange {
+        /// The file.
+        path: PathBuf,
+        /// `"face"`, `"tetrahedron"` and so on.
+        element: &'static str,
+        /// Which one, 0-based.
+        index: usize,
+        /// The vertex it names, as the file writes it.
+        vertex: i64,
+        /// How many vertices there are.
+        vertices: usize,
+        /// The number of the first vertex in this format: 0 or 1.
+        base: i64,
+    },
+    /// The file is sound but holds neither faces nor tetrahedra.
+    #[error("`{path}` holds {vertices} vertices but no faces or tetrahedra: it is no solid")]
+    NoGeometry {
+        /// The file.
+        path: PathBuf,
+        /// How many vertices it holds.
+        vertices: usize,
+    },
+    /// The file is sound but uses a part of its format that is not supported.
+    #[error("`{path}` holds {found}, which is not supported: {remedy}")]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        found: String,
+        /// What to do about it.
+        remedy: &'static str,
+    },
+    /// A surface where tetrahedra are needed, or the other way round.
+    #[error("`{path}` holds {found}, but {wanted}")]
+    WrongKind {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        found: String,
+        /// What is needed and how to get it.
+        wanted: &'static str,
+    },
+    /// More elements than 31-bit indices can name.
+    #[error(
+        "`{path}` holds {count} {element}, more than the {} that 31-bit indices can name",
+        i32::MAX
+    )]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// What is counted, in the plural.
+        element: &'static str,
+        /// How many there are.
+        count: usize,
+    },
+    /// Values to be written do not fit the mesh or the columns they belong to.
+    #[error("cannot write `{path}`: `{name}` has {found} values, but {expected} are needed")]
+    ValueCount {
+        /// The file.
+        path: PathBuf,
+        /// The field or table.
+        name: String,
+        /// How many values there should be.
+        expected: usize,
+        /// How many there are.
+        found: usize,
+    },
+}
+
+/// A place in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// A line of text, counted from 1.
+    Line(usize),
+    /// An offset in bytes from the beginning.
+    Byte(usize),
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line(line) => write!(f, "line {line}"),
+            Self::Byte(offset) => write!(f, "byte {offset}"),
+        }
+    }
+}

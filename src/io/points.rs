@@ -1,0 +1,207 @@
+//! Point lists and tables: CSV with a header, and NumPy's NPY.
+//!
+//! NPY is own code: `npyz` allocates by an unchecked length of the header, and brings a parser of Python literals.
+
+use std::path::Path;
+
+use super::{
+    IoError, Place, atomic_write,
+    contents::Contents,
+    source::{ByteOrder, Scalar, Source, excerpt, parsed},
+};
+use crate::Point;
+
+/// Writes a table as CSV: a header with the `names` of the columns, then `values`, row-major. Numbers read back to
+/// the same bits.
+///
+/// # Errors
+///
+/// [`IoError::ValueCount`] when the values do not fill whole rows, [`IoError::Write`].
+pub fn write_csv(path: impl AsRef<Path>, names: &[&str], values: &[f64]) -> Result<(), IoError> {
+    check_rows(path.as_ref(), names.len(), values.len())?;
+    atomic_write(path, |writer| {
+        let mut table = csv::Writer::from_writer(writer);
+        table.write_record(names)?;
+        for row in values.chunks_exact(names.len().max(1)) {
+            table.write_record(row.iter().map(|x| format!("{x:?}")))?;
+        }
+        table.flush()
+    })
+}
+
+/// Writes `values`, row-major with so many `columns`, as a little-endian NPY array of double precision.
+///
+/// # Errors
+///
+/// [`IoError::ValueCount`] when the values do not fill whole rows, [`IoError::Write`].
+pub fn write_npy(path: impl AsRef<Path>, columns: usize, values: &[f64]) -> Result<(), IoError> {
+    check_rows(path.as_ref(), columns, values.len())?;
+    let rows = values.len() / columns.max(1);
+    atomic_write(path, |writer| {
+        let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
+        // The header ends with a line feed, and the data begin at a multiple of 64 bytes.
+        let length = (MAGIC.len() + 4 + header.len() + 1).next_multiple_of(64) - MAGIC.len() - 4;
+        writer.write_all(MAGIC)?;
+        writer.write_all(&[1, 0])?;
+        writer.write_all(&(length as u16).to_le_bytes())?;
+        writeln!(writer, "{header:width$}", width = length - 1)?;
+        values.iter().try_for_each(|x| writer.write_all(&x.to_le_bytes()))
+    })
+}
+
+/// The columns `x`, `y` and `z` of a CSV table, wherever they stand.
+pub(super) fn parse_csv(source: &Source) -> Result<Contents, IoError> {
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(source.bytes);
+    let header = reader
+        .byte_headers()
+        .map_err(|error| csv_error(source, &error))?
+        .clone();
+    let mut columns = [0; 3];
+    for (column, name) in columns.iter_mut().zip(["x", "y", "z"]) {
+        let found = header
+            .iter()
+            .position(|field| field.eq_ignore_ascii_case(name.as_bytes()));
+        *column = found.ok_or_else(|| {
+            let found = excerpt(source.bytes.split(|&b| b == b'\n').next().unwrap_or_default());
+            let place = Place::Line(1);
+            source.malformed_at(
+                place,
+                format!("found the header `{found}`, which needs columns x, y and z"),
+            )
+        })?;
+    }
+    let mut contents = Contents::default();
+    let mut record = csv::ByteRecord::new();
+    while reader
+        .read_byte_record(&mut record)
+        .map_err(|error| csv_error(source, &error))?
+    {
+        let mut point = Point::origin();
+        for (coordinate, &column) in point.iter_mut().zip(&columns) {
+            let field = record.get(column).unwrap_or_default();
+            *coordinate = parsed(field).ok_or_else(|| {
+                let line = record.position().map_or(0, |p| p.line() as usize);
+                let found = format!("found `{}` where a number was expected", excerpt(field));
+                source.malformed_at(Place::Line(line), found)
+            })?;
+        }
+        contents.vertices.push(point);
+    }
+    Ok(contents)
+}
+
+const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// The rows of an NPY array of shape `n × 3`, in single or double precision.
+pub(super) fn parse_npy(source: &Source) -> Result<Contents, IoError> {
+    let (header, data) = npy_parts(source)?;
+    let wrong = |found: String| source.malformed_at(Place::Byte(MAGIC.len() + 4), found);
+    let entry = |key: &str| {
+        let value = npy_entry(header, key);
+        value.ok_or_else(|| {
+            wrong(format!(
+                "the header `{}` has no entry `{key}`",
+                excerpt(header.as_bytes())
+            ))
+        })
+    };
+
+    let kind = entry("descr")?;
+    let (scalar, order) = match kind.trim_matches(['\'', '"']) {
+        "<f8" => (Scalar::F64, ByteOrder::Little),
+        "<f4" => (Scalar::F32, ByteOrder::Little),
+        ">f8" => (Scalar::F64, ByteOrder::Big),
+        ">f4" => (Scalar::F32, ByteOrder::Big),
+        _ => {
+            let found = format!("an array of type {}", excerpt(kind.as_bytes()));
+            return Err(source.unsupported(found, "save it as float64"));
+        }
+    };
+    let by_columns = entry("fortran_order")? == "True";
+    let shape = entry("shape")?;
+    let sizes: Option<Vec<u64>> = shape
+        .trim_matches(['(', ')'])
+        .split_terminator(',')
+        .map(|size| size.trim().parse().ok())
+        .collect();
+    let Some([rows, 3]) = sizes.as_deref() else {
+        return Err(wrong(format!(
+            "found an array of shape {}, not n × 3",
+            excerpt(shape.as_bytes())
+        )));
+    };
+
+    let size = scalar.size();
+    let rows = source.checked_count(*rows, "rows of three numbers", 3 * size, data.len())?;
+    let at = |k: usize| scalar.float(&data[k * size..], order);
+    let point = |row: usize| {
+        Point::from([0, 1, 2].map(|column| {
+            at(if by_columns {
+                column * rows + row
+            } else {
+                3 * row + column
+            })
+        }))
+    };
+    Ok(Contents {
+        vertices: (0..rows).map(point).collect(),
+        ..Contents::default()
+    })
+}
+
+/// The text of the header, and the data.
+fn npy_parts<'a>(source: &Source<'a>) -> Result<(&'a str, &'a [u8]), IoError> {
+    let Some(rest) = source.bytes.strip_prefix(MAGIC) else {
+        return Err(source.malformed_at(Place::Byte(0), "the file does not begin with \\x93NUMPY"));
+    };
+    let cut_off = || source.truncated("the header");
+    let (scalar, rest) = match rest {
+        [1, _, rest @ ..] => (Scalar::U16, rest),
+        [2 | 3, _, rest @ ..] => (Scalar::U32, rest),
+        [] | [_] => return Err(cut_off()),
+        [version, ..] => {
+            return Err(source.unsupported(format!("NPY version {version}"), "save it with a present NumPy"));
+        }
+    };
+    let (length, rest) = rest.split_at_checked(scalar.size()).ok_or_else(cut_off)?;
+    let length = scalar.integer(length, ByteOrder::Little) as usize;
+    let (header, data) = rest.split_at_checked(length).ok_or_else(cut_off)?;
+    let header = std::str::from_utf8(header)
+        .map_err(|_| source.malformed_at(Place::Byte(MAGIC.len() + 4), "the header is not text"))?;
+    Ok((header, data))
+}
+
+/// The value of an entry of a Python dictionary of plain values and tuples.
+fn npy_entry<'a>(header: &'a str, key: &str) -> Option<&'a str> {
+    let (_, after) = header.split_once(&format!("'{key}'"))?;
+    let value = after.trim_start().strip_prefix(':')?.trim_start();
+    let end = if value.starts_with('(') {
+        value.find(')')? + 1
+    } else {
+        value.find([',', '}'])?
+    };
+    Some(value[..end].trim_end())
+}
+
+fn check_rows(path: &Path, columns: usize, values: usize) -> Result<(), IoError> {
+    if columns > 0 && values % columns == 0 || values == 0 {
+        return Ok(());
+    }
+    Err(IoError::ValueCount {
+        path: path.to_owned(),
+        name: format!("table of {columns} columns"),
+        expected: values.next_multiple_of(columns.max(1)),
+        found: values,
+    })
+}
+
+fn csv_error(source: &Source, error: &csv::Error) -> IoError {
+    let line = error.position().map_or(1, |p| p.line() as usize);
+    let found = match error.kind() {
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("found {len} columns where the header has {expected_len}")
+        }
+        _ => error.to_string(),
+    };
+    source.malformed_at(Place::Line(line), found)
+}

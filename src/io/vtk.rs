@@ -1,0 +1,560 @@
+//! The legacy VTK format (`.vtk`), in text and binary, and what it shares with the XML format.
+//!
+//! Own code: `vtkio` allocates by unchecked counts of the file, and its errors name neither file nor place.
+
+use std::{
+    borrow::Cow,
+    io::{self, Write},
+    path::Path,
+};
+
+use super::{
+    IoError, Place, atomic_write,
+    contents::Contents,
+    source::{ByteOrder, Scalar, Source, TEXT_NUMBER, Tokens, excerpt},
+};
+use crate::Point;
+
+/// Cells of one kind, by their 0-based corners.
+#[derive(Debug, Clone, Copy)]
+pub enum Cells<'a> {
+    /// Triangles, counter-clockwise from outside.
+    Triangles(&'a [[u32; 3]]),
+    /// Tetrahedra.
+    Tets(&'a [[u32; 4]]),
+    /// Hexahedra: four corners around the bottom, counter-clockwise seen from above, then the four over them.
+    Hexes(&'a [[u32; 8]]),
+}
+
+impl<'a> Cells<'a> {
+    /// How many cells there are.
+    pub fn count(self) -> usize {
+        self.flat().len() / self.corners()
+    }
+
+    /// The corners of each cell.
+    pub fn iter(self) -> impl Iterator<Item = &'a [u32]> {
+        self.flat().chunks_exact(self.corners())
+    }
+
+    fn corners(self) -> usize {
+        match self {
+            Self::Triangles(_) => 3,
+            Self::Tets(_) => 4,
+            Self::Hexes(_) => 8,
+        }
+    }
+
+    /// The corners of all cells, one cell after the other.
+    pub(super) fn flat(self) -> &'a [u32] {
+        match self {
+            Self::Triangles(cells) => cells.as_flattened(),
+            Self::Tets(cells) => cells.as_flattened(),
+            Self::Hexes(cells) => cells.as_flattened(),
+        }
+    }
+
+    /// The number that VTK gives this kind of cell.
+    pub(super) fn vtk_type(self) -> u8 {
+        match self {
+            Self::Triangles(_) => TRIANGLE,
+            Self::Tets(_) => TETRAHEDRON,
+            Self::Hexes(_) => HEXAHEDRON,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Triangles(_) => "triangle",
+            Self::Tets(_) => "tetrahedron",
+            Self::Hexes(_) => "hexahedron",
+        }
+    }
+}
+
+/// Values at the points or in the cells of a mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// The name shown by viewers.
+    pub name: String,
+    /// Values per point or cell: 1 for a scalar, 3 for a vector, 9 for a matrix in row-major order.
+    pub components: usize,
+    /// `n × components`, row-major.
+    pub values: Vec<f64>,
+}
+
+/// The fields that go with a mesh.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct VtkFields {
+    /// Fields with values at the points.
+    pub point: Vec<Field>,
+    /// Fields with values in the cells.
+    pub cell: Vec<Field>,
+}
+
+/// How numbers are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum VtkEncoding {
+    /// As text, of which every number reads back to the same bits.
+    Text,
+    /// As big-endian bytes, as the format has it.
+    Binary,
+}
+
+/// Writes a legacy VTK file (version 3.0, which all readers know) with double-precision coordinates and fields.
+/// Blanks in field names become `_`.
+///
+/// # Errors
+///
+/// [`IoError::IndexOutOfRange`], [`IoError::ValueCount`] for a field that does not fit the mesh, [`IoError::Write`].
+pub fn write_vtk(
+    path: impl AsRef<Path>,
+    points: &[Point],
+    cells: Cells,
+    fields: &VtkFields,
+    encoding: VtkEncoding,
+) -> Result<(), IoError> {
+    check(path.as_ref(), points, cells, fields)?;
+    atomic_write(path, |writer| {
+        write(
+            &mut LegacyWriter { writer, encoding },
+            points.iter().flat_map(|p| p.iter().copied()),
+            cells,
+            fields,
+        )
+    })
+}
+
+/// Refuses cells that name missing points and fields that do not fit: viewers crash on such files.
+pub(super) fn check(path: &Path, points: &[Point], cells: Cells, fields: &VtkFields) -> Result<(), IoError> {
+    let missing = |v: &&u32| **v as usize >= points.len();
+    for (index, cell) in cells.iter().enumerate() {
+        if let Some(&vertex) = cell.iter().find(missing) {
+            return Err(IoError::IndexOutOfRange {
+                path: path.to_owned(),
+                element: cells.name(),
+                index,
+                vertex: i64::from(vertex),
+                vertices: points.len(),
+                base: 0,
+            });
+        }
+    }
+    let point_fields = fields.point.iter().map(|field| (field, points.len()));
+    let cell_fields = fields.cell.iter().map(|field| (field, cells.count()));
+    for (field, count) in point_fields.chain(cell_fields) {
+        let expected = count * field.components;
+        if field.values.len() != expected {
+            return Err(IoError::ValueCount {
+                path: path.to_owned(),
+                name: field.name.clone(),
+                expected,
+                found: field.values.len(),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// The points and cells of an unstructured grid or of polygonal data, in file order. Fields are passed over.
+pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
+    let mut reader = LegacyReader::new(source)?;
+    let mut contents = Contents::default();
+    let mut cells: Option<CellLists> = None;
+    let mut types: Option<Vec<i64>> = None;
+    let mut grid = true;
+    while let Some(word) = reader.tokens.next() {
+        match word {
+            b"DATASET" => grid = reader.dataset_is_grid()?,
+            b"METADATA" => reader.skip_metadata(),
+            b"FIELD" => reader.skip_fields()?,
+            b"POINTS" => contents.vertices = reader.points()?,
+            b"CELLS" if grid => cells = Some(reader.cell_lists("cells")?),
+            b"CELL_TYPES" if grid => types = Some(reader.cell_types()?),
+            b"POLYGONS" if !grid => {
+                let polygons = reader.cell_lists("polygons")?;
+                polygons.iter().for_each(|p| contents.polygons.push(p.iter().copied()));
+            }
+            b"TRIANGLE_STRIPS" if !grid => {
+                let strips = reader.cell_lists("triangle strips")?;
+                strips.iter().for_each(|s| contents.polygons.push_strip(s));
+            }
+            b"VERTICES" | b"LINES" if !grid => drop(reader.cell_lists("vertices and lines")?),
+            b"POINT_DATA" | b"CELL_DATA" => break,
+            _ => {
+                let found = excerpt(word);
+                return Err(reader
+                    .tokens
+                    .malformed(format!("found `{found}` where a keyword was expected")));
+            }
+        }
+    }
+    if !grid {
+        return Ok(contents);
+    }
+    let Some((cells, types)) = cells.zip(types) else {
+        return Err(source.truncated("an unstructured grid without CELLS or CELL_TYPES"));
+    };
+    if cells.ends.len() != types.len() {
+        let found = format!("{} cells have {} cell types", cells.ends.len(), types.len());
+        return Err(source.malformed(source.bytes.len(), found));
+    }
+    sort_cells(source, &mut contents, types.into_iter().zip(cells.iter()))?;
+    Ok(contents)
+}
+
+const TRIANGLE: u8 = 5;
+const TETRAHEDRON: u8 = 10;
+const HEXAHEDRON: u8 = 12;
+
+/// Adds cells, each with its VTK type, to the polygons and tetrahedra. Points and lines are passed over.
+pub(super) fn sort_cells<'c>(
+    source: &Source,
+    contents: &mut Contents,
+    cells: impl Iterator<Item = (i64, &'c [i64])>,
+) -> Result<(), IoError> {
+    for (index, (kind, corners)) in cells.enumerate() {
+        match (kind, corners) {
+            (1..=4 | 21, _) => {}
+            (5, &[a, b, c]) => contents.polygons.push([a, b, c]),
+            (6, strip) => contents.polygons.push_strip(strip),
+            (7, polygon) => contents.polygons.push(polygon.iter().copied()),
+            // A pixel goes row by row, not around.
+            (8, &[a, b, c, d]) => contents.polygons.push([a, b, d, c]),
+            (9, &[a, b, c, d]) => contents.polygons.push([a, b, c, d]),
+            (10, &[a, b, c, d]) => contents.tets.push([a, b, c, d]),
+            (5 | 8..=10, _) => {
+                let found = format!("cell {index} has VTK type {kind} but {} corners", corners.len());
+                return Err(source.malformed_at(Place::Line(1), found));
+            }
+            (11, _) => contents.add_other_cells("voxels", 1),
+            (12, _) => contents.add_other_cells("hexahedra", 1),
+            (13, _) => contents.add_other_cells("wedges", 1),
+            (14, _) => contents.add_other_cells("pyramids", 1),
+            (24, _) => contents.add_other_cells("quadratic tetrahedra", 1),
+            (42, _) => contents.add_other_cells("polyhedra", 1),
+            _ => contents.add_other_cells(&format!("cells of VTK type {kind}"), 1),
+        }
+    }
+    Ok(())
+}
+
+/// Cells as the lists of their corners.
+struct CellLists {
+    corners: Vec<i64>,
+    ends: Vec<usize>,
+}
+
+impl CellLists {
+    fn iter(&self) -> impl Iterator<Item = &[i64]> {
+        let starts = std::iter::once(0).chain(self.ends.iter().copied());
+        starts.zip(&self.ends).map(|(start, &end)| &self.corners[start..end])
+    }
+}
+
+/// Turns offsets as VTK stores them into the ends of lists over `corners` entries; `None` when they are none.
+pub(super) fn list_ends(offsets: impl IntoIterator<Item = i64>, corners: usize) -> Option<Vec<usize>> {
+    let mut last = 0;
+    offsets
+        .into_iter()
+        .map(|offset| {
+            let end = usize::try_from(offset).ok()?;
+            let valid = last <= end && end <= corners;
+            last = end;
+            valid.then_some(end)
+        })
+        .collect()
+}
+
+struct LegacyReader<'a> {
+    source: &'a Source<'a>,
+    tokens: Tokens<'a>,
+    binary: bool,
+}
+
+impl<'a> LegacyReader<'a> {
+    /// Reads the version, the title and the encoding.
+    fn new(source: &'a Source<'a>) -> Result<Self, IoError> {
+        let mut tokens = source.tokens();
+        let first = tokens.line();
+        if !first.starts_with(b"# vtk DataFile Version") {
+            let found = excerpt(first);
+            return Err(tokens.malformed(format!("found `{found}` where `# vtk DataFile Version` was expected")));
+        }
+        tokens.line();
+        if tokens.rest().is_empty() {
+            return Err(source.truncated("the header"));
+        }
+        let binary = match tokens.line().trim_ascii() {
+            b"ASCII" => false,
+            b"BINARY" => true,
+            other => {
+                let found = excerpt(other);
+                return Err(tokens.malformed(format!("found `{found}` where ASCII or BINARY was expected")));
+            }
+        };
+        Ok(Self { source, tokens, binary })
+    }
+
+    fn dataset_is_grid(&mut self) -> Result<bool, IoError> {
+        match self.tokens.word("the kind of data set")?.as_str() {
+            "UNSTRUCTURED_GRID" => Ok(true),
+            "POLYDATA" => Ok(false),
+            other => Err(self.source.unsupported(
+                format!("a VTK data set of kind `{}`", excerpt(other.as_bytes())),
+                "save it as an unstructured grid or as polygonal data",
+            )),
+        }
+    }
+
+    /// Skips lines to the next blank one.
+    fn skip_metadata(&mut self) {
+        self.tokens.line();
+        while !self.tokens.rest().is_empty() && !self.tokens.line().is_empty() {}
+    }
+
+    fn skip_fields(&mut self) -> Result<(), IoError> {
+        self.tokens.word("a field")?;
+        for _ in 0..self.tokens.count("field arrays", 4 * TEXT_NUMBER)? {
+            let mut name = self.tokens.word("a field")?;
+            while name == "METADATA" {
+                self.skip_metadata();
+                name = self.tokens.word("a field")?;
+            }
+            let components = self.tokens.count("components", 0)?;
+            let tuples = self.tokens.count("tuples", 0)?;
+            let scalar = self.scalar()?;
+            let count = (components as u64).saturating_mul(tuples as u64);
+            self.floats(scalar, count, "values of a field")?;
+        }
+        Ok(())
+    }
+
+    fn points(&mut self) -> Result<Vec<Point>, IoError> {
+        let count = self.tokens.count("points", 3)?;
+        let scalar = self.scalar()?;
+        let coordinates = self.floats(scalar, 3 * count as u64, "coordinates")?;
+        Ok(coordinates
+            .chunks_exact(3)
+            .map(|p| Point::new(p[0], p[1], p[2]))
+            .collect())
+    }
+
+    /// Lists of corners, each after its length (to VTK 4) or as offsets and corners (from VTK 5).
+    fn cell_lists(&mut self, element: &str) -> Result<CellLists, IoError> {
+        let cells = self.tokens.count(element, 1)?;
+        let size = self.tokens.count(element, 1)?;
+        if self.tokens.rest().trim_ascii_start().starts_with(b"OFFSETS") {
+            return self.offset_lists(cells, size, element);
+        }
+        let values = self.integers(Scalar::I32, size as u64, element)?;
+        let mut lists = CellLists {
+            corners: Vec::with_capacity(values.len()),
+            ends: Vec::with_capacity(cells.min(values.len())),
+        };
+        let mut rest = values.as_slice();
+        for cell in 0..cells {
+            let list = rest
+                .split_first()
+                .and_then(|(&length, tail)| tail.split_at_checked(usize::try_from(length).ok()?));
+            let Some((corners, tail)) = list else {
+                let found = format!("{element}: the list of corners of number {cell} exceeds the {size} values given");
+                return Err(self.tokens.malformed(found));
+            };
+            lists.corners.extend_from_slice(corners);
+            lists.ends.push(lists.corners.len());
+            rest = tail;
+        }
+        Ok(lists)
+    }
+
+    fn offset_lists(&mut self, offsets: usize, corners: usize, element: &str) -> Result<CellLists, IoError> {
+        self.tokens.next();
+        let scalar = self.scalar()?;
+        let offsets = self.integers(scalar, offsets as u64, element)?;
+        if self.tokens.word(element)? != "CONNECTIVITY" {
+            return Err(self.tokens.malformed("CONNECTIVITY was expected after OFFSETS"));
+        }
+        let scalar = self.scalar()?;
+        let corners = self.integers(scalar, corners as u64, element)?;
+        match list_ends(offsets.into_iter().skip(1), corners.len()) {
+            Some(ends) => Ok(CellLists { corners, ends }),
+            None => Err(self
+                .tokens
+                .malformed(format!("the offsets of {element} do not ascend within CONNECTIVITY"))),
+        }
+    }
+
+    fn cell_types(&mut self) -> Result<Vec<i64>, IoError> {
+        let count = self.tokens.count("cell types", 1)?;
+        self.integers(Scalar::I32, count as u64, "cell types")
+    }
+
+    fn scalar(&mut self) -> Result<Scalar, IoError> {
+        let name = self.tokens.word("a data type")?;
+        match name.to_ascii_lowercase().as_str() {
+            "char" | "signed_char" | "vtktypeint8" => Ok(Scalar::I8),
+            "unsigned_char" | "vtktypeuint8" => Ok(Scalar::U8),
+            "short" | "vtktypeint16" => Ok(Scalar::I16),
+            "unsigned_short" | "vtktypeuint16" => Ok(Scalar::U16),
+            "int" | "vtktypeint32" => Ok(Scalar::I32),
+            "unsigned_int" | "vtktypeuint32" => Ok(Scalar::U32),
+            "long" | "vtktypeint64" | "vtkidtype" => Ok(Scalar::I64),
+            "unsigned_long" | "vtktypeuint64" => Ok(Scalar::U64),
+            "float" => Ok(Scalar::F32),
+            "double" => Ok(Scalar::F64),
+            _ => {
+                let found = excerpt(name.as_bytes());
+                Err(self
+                    .tokens
+                    .malformed(format!("found `{found}` where a data type was expected")))
+            }
+        }
+    }
+
+    fn floats(&mut self, scalar: Scalar, count: u64, element: &str) -> Result<Vec<f64>, IoError> {
+        self.values(
+            scalar,
+            count,
+            element,
+            |b| scalar.float(b, ByteOrder::Big),
+            |t| t.float(element),
+        )
+    }
+
+    fn integers(&mut self, scalar: Scalar, count: u64, element: &str) -> Result<Vec<i64>, IoError> {
+        self.values(
+            scalar,
+            count,
+            element,
+            |b| scalar.integer(b, ByteOrder::Big),
+            |t| t.integer(element),
+        )
+    }
+
+    fn values<T>(
+        &mut self,
+        scalar: Scalar,
+        count: u64,
+        element: &str,
+        from_bytes: impl Fn(&[u8]) -> T,
+        from_text: impl Fn(&mut Tokens<'a>) -> Result<T, IoError>,
+    ) -> Result<Vec<T>, IoError> {
+        if self.binary {
+            // The data begin after the line of the keyword, even when there are none.
+            self.tokens.line();
+            let available = self.tokens.rest().len();
+            let count = self.source.checked_count(count, element, scalar.size(), available)?;
+            let bytes = self.tokens.take(count * scalar.size(), element)?;
+            Ok(bytes.chunks_exact(scalar.size()).map(from_bytes).collect())
+        } else {
+            let available = self.tokens.rest().len() + 1;
+            let count = self.source.checked_count(count, element, TEXT_NUMBER, available)?;
+            (0..count).map(|_| from_text(&mut self.tokens)).collect()
+        }
+    }
+}
+
+struct LegacyWriter<'a> {
+    writer: &'a mut dyn Write,
+    encoding: VtkEncoding,
+}
+
+fn write(
+    out: &mut LegacyWriter,
+    coordinates: impl Iterator<Item = f64>,
+    cells: Cells,
+    fields: &VtkFields,
+) -> io::Result<()> {
+    let corners = cells.corners() as u32;
+    let coordinates: Vec<f64> = coordinates.collect();
+    let encoding = match out.encoding {
+        VtkEncoding::Text => "ASCII",
+        VtkEncoding::Binary => "BINARY",
+    };
+    writeln!(
+        out.writer,
+        "# vtk DataFile Version 3.0\nsolidmap\n{encoding}\nDATASET UNSTRUCTURED_GRID"
+    )?;
+    writeln!(out.writer, "POINTS {} double", coordinates.len() / 3)?;
+    out.floats(&coordinates, 3)?;
+    writeln!(
+        out.writer,
+        "CELLS {} {}",
+        cells.count(),
+        cells.count() + cells.flat().len()
+    )?;
+    for cell in cells.iter() {
+        out.integers(std::iter::once(corners).chain(cell.iter().copied()))?;
+    }
+    out.end_of_data()?;
+    writeln!(out.writer, "CELL_TYPES {}", cells.count())?;
+    for _ in 0..cells.count() {
+        out.integers([u32::from(cells.vtk_type())])?;
+    }
+    out.end_of_data()?;
+    out.fields("POINT_DATA", coordinates.len() / 3, &fields.point)?;
+    out.fields("CELL_DATA", cells.count(), &fields.cell)
+}
+
+impl LegacyWriter<'_> {
+    fn fields(&mut self, place: &str, count: usize, fields: &[Field]) -> io::Result<()> {
+        if fields.is_empty() {
+            return Ok(());
+        }
+        writeln!(self.writer, "{place} {count}\nFIELD FieldData {}", fields.len())?;
+        for field in fields {
+            let name = legacy_name(&field.name);
+            writeln!(self.writer, "{name} {} {count} double", field.components)?;
+            self.floats(&field.values, field.components)?;
+        }
+        Ok(())
+    }
+
+    fn floats(&mut self, values: &[f64], per_line: usize) -> io::Result<()> {
+        match self.encoding {
+            VtkEncoding::Binary => values
+                .iter()
+                .try_for_each(|x| self.writer.write_all(&x.to_be_bytes()))?,
+            VtkEncoding::Text => {
+                for (k, value) in values.iter().enumerate() {
+                    let end = if (k + 1) % per_line == 0 { '\n' } else { ' ' };
+                    write!(self.writer, "{value:?}{end}")?;
+                }
+            }
+        }
+        self.end_of_data()
+    }
+
+    /// One line of text.
+    fn integers(&mut self, values: impl IntoIterator<Item = u32>) -> io::Result<()> {
+        for value in values {
+            match self.encoding {
+                VtkEncoding::Binary => self.writer.write_all(&value.to_be_bytes())?,
+                VtkEncoding::Text => write!(self.writer, "{value} ")?,
+            }
+        }
+        match self.encoding {
+            VtkEncoding::Binary => Ok(()),
+            VtkEncoding::Text => self.writer.write_all(b"\n"),
+        }
+    }
+
+    fn end_of_data(&mut self) -> io::Result<()> {
+        match self.encoding {
+            VtkEncoding::Binary => self.writer.write_all(b"\n"),
+            VtkEncoding::Text => Ok(()),
+        }
+    }
+}
+
+/// Names in a legacy file are single words.
+fn legacy_name(name: &str) -> Cow<'_, str> {
+    if name.is_empty() {
+        return Cow::Borrowed("_");
+    }
+    if name.contains(char::is_whitespace) {
+        return Cow::Owned(name.replace(char::is_whitespace, "_"));
+    }
+    Cow::Borrowed(name)
+}
