@@ -1,0 +1,51 @@
+//! Builds the C++ behind `src/native` when the feature `native` is on.
+
+fn main() {
+    println!("cargo::rerun-if-changed=build.rs");
+    #[cfg(feature = "native")]
+    native::build();
+}
+
+#[cfg(feature = "native")]
+mod native {
+    use std::path::Path;
+    use std::process::Command;
+
+    const SOURCES: &str = "cpp/native";
+    const ADVICE: &str = "install what the feature `native` needs with `apt-get install cmake g++ libcgal-dev \
+        libtet1.5-dev libeigen3-dev`, or build without it: `cargo build --no-default-features --features cli`";
+
+    pub fn build() {
+        for entry in std::fs::read_dir(SOURCES).expect("cpp/native is part of the source tree").flatten() {
+            println!("cargo::rerun-if-changed={}", entry.path().display());
+        }
+        println!("cargo::rerun-if-changed=src/native/bridge.rs");
+
+        if Command::new("cmake").arg("--version").output().is_err() {
+            fail("cmake is missing");
+        }
+        if !Path::new("/usr/include/tetgen.h").exists() {
+            println!("cargo::warning=tetgen.h is not in /usr/include; if the build fails, {ADVICE}");
+        }
+        // CGAL unoptimised is a hundred times slower, so its library is a release build in every cargo profile.
+        let library = std::panic::catch_unwind(|| cmake::Config::new(SOURCES).profile("Release").build())
+            .unwrap_or_else(|_| fail("the C++ of the feature `native` did not build (see above)"));
+
+        // Before the library that it calls: static archives are searched in this order.
+        cxx_build::bridge("src/native/bridge.rs")
+            .file("cpp/native/glue.cpp")
+            .include(SOURCES)
+            .std("c++17")
+            .compile("solidmap_native_glue");
+        println!("cargo::rustc-link-search=native={}", library.join("lib").display());
+        println!("cargo::rustc-link-lib=static=solidmap_native");
+        for shared in ["tet", "mpfr", "gmp", "stdc++"] {
+            println!("cargo::rustc-link-lib=dylib={shared}");
+        }
+    }
+
+    fn fail(what: &str) -> ! {
+        println!("cargo::error={what}; {ADVICE}");
+        std::process::exit(1);
+    }
+}

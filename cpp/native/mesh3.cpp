@@ -1,0 +1,103 @@
+// CGAL's Delaunay refinement mesher. Sequential on purpose: its parallel form is slower at these sizes, and no two of
+// its runs give the same mesh.
+#include <CGAL/Mesh_complex_3_in_triangulation_3.h>
+#include <CGAL/Mesh_criteria_3.h>
+#include <CGAL/Mesh_triangulation_3.h>
+#include <CGAL/Polygon_mesh_processing/connected_components.h>
+#include <CGAL/Polygon_mesh_processing/orient_polygon_soup.h>
+#include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
+#include <CGAL/Polyhedral_mesh_domain_with_features_3.h>
+#include <CGAL/make_mesh_3.h>
+#include <CGAL/refine_mesh_3.h>
+
+#include <unordered_map>
+
+#include "soup.h"
+
+namespace solidmap::native {
+
+namespace {
+
+using Polyhedron = SurfaceMesh;
+using Domain = CGAL::Polyhedral_mesh_domain_with_features_3<Kernel, Polyhedron>;
+using Triangulation = CGAL::Mesh_triangulation_3<Domain, CGAL::Default, CGAL::Sequential_tag>::type;
+using Complex = CGAL::Mesh_complex_3_in_triangulation_3<Triangulation, Domain::Corner_index, Domain::Curve_index>;
+using Criteria = CGAL::Mesh_criteria_3<Triangulation>;
+
+Polyhedron polyhedron_of(const SurfaceView& surface) {
+  namespace PMP = CGAL::Polygon_mesh_processing;
+  std::vector<Point> points = points_of(surface);
+  auto triangles = proper_triangles(surface, points);
+  PMP::orient_polygon_soup(points, triangles);
+  Polyhedron polyhedron;
+  PMP::polygon_soup_to_polygon_mesh(points, triangles, polyhedron);
+  return polyhedron;
+}
+
+/// Puts some points of every shell into the triangulation. Left alone, CGAL starts from rays through the centre of the
+/// box, or from sharp edges, and never finds a smooth shell that neither of them meets.
+void seed_every_shell(Complex& complex, const Domain& domain) {
+  constexpr std::size_t kSeeds = 24;
+  const Polyhedron& polyhedron = domain.polyhedra().front();
+  const auto patch = get(CGAL::face_patch_id_t<int>(), polyhedron);
+
+  std::unordered_map<Polyhedron::Face_index, std::size_t> shell_map;
+  const auto shell_of = boost::make_assoc_property_map(shell_map);
+  const std::size_t shells = CGAL::Polygon_mesh_processing::connected_components(polyhedron, shell_of);
+  std::vector<std::vector<Polyhedron::Face_index>> faces_of(shells);
+  for (auto f : polyhedron.faces()) faces_of[get(shell_of, f)].push_back(f);
+
+  auto& triangulation = complex.triangulation();
+  const auto weighted = triangulation.geom_traits().construct_weighted_point_3_object();
+  for (const auto& faces : faces_of) {
+    const std::size_t count = std::min(kSeeds, faces.size());
+    for (std::size_t k = 0; k < count; ++k) {
+      const auto f = faces[k * faces.size() / count];
+      auto h = polyhedron.halfedge(f);
+      const Point p = CGAL::centroid(polyhedron.point(polyhedron.source(h)), polyhedron.point(polyhedron.target(h)),
+                                     polyhedron.point(polyhedron.target(polyhedron.next(h))));
+      const auto v = triangulation.insert(weighted(p));
+      // Null where a protecting ball of a sharp edge covers the point.
+      if (v == Triangulation::Vertex_handle()) continue;
+      complex.set_dimension(v, 2);
+      complex.set_index(v, domain.index_from_surface_patch_index(get(patch, f)));
+    }
+  }
+}
+
+Arrays arrays_of(const Complex& complex) {
+  Arrays out;
+  std::unordered_map<Complex::Vertex_handle, std::uint32_t> number;
+  for (auto cell = complex.cells_in_complex_begin(); cell != complex.cells_in_complex_end(); ++cell) {
+    for (int k = 0; k < 4; ++k) {
+      const auto v = cell->vertex(k);
+      const auto [entry, is_new] = number.try_emplace(v, static_cast<std::uint32_t>(number.size()));
+      if (is_new) out.xyz.insert(out.xyz.end(), {v->point().x(), v->point().y(), v->point().z()});
+      out.corners.push_back(entry->second);
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+Arrays mesh3(SurfaceView surface, const Mesh3Options& options) {
+  namespace params = CGAL::parameters;
+  // CGAL's default generator keeps its state from one call to the next.
+  CGAL::get_default_random() = CGAL::Random(0);
+  CGAL::Random random(0);
+
+  Domain domain(polyhedron_of(surface), &random);
+  domain.detect_features(options.feature_angle);
+  const Criteria criteria(params::edge_size = options.edge_size, params::facet_angle = options.facet_angle,
+                          params::facet_size = options.facet_size, params::facet_distance = options.facet_distance,
+                          params::cell_radius_edge_ratio = options.cell_radius_edge_ratio,
+                          params::cell_size = options.cell_size);
+  Complex complex;
+  CGAL::Mesh_3::internal::init_c3t3_with_features(complex, domain, criteria);
+  seed_every_shell(complex, domain);
+  CGAL::refine_mesh_3(complex, domain, criteria);
+  return arrays_of(complex);
+}
+
+}  // namespace solidmap::native

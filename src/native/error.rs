@@ -1,0 +1,210 @@
+use super::bridge::ffi;
+use crate::mesh::MeshError;
+
+/// What makes a surface unfit for an operation, with the first place where it does (0-based).
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum InputDefect {
+    /// No triangles at all.
+    #[error("it has no triangles")]
+    Empty,
+    /// A NaN or infinite coordinate.
+    #[error("vertex {vertex} has a coordinate that is NaN or infinite")]
+    NotFinite {
+        /// The first such vertex.
+        vertex: usize,
+    },
+    /// Coordinates whose products leave the range of numbers.
+    #[error("its size of {size:e} is outside 1e-30 to 1e30; choose another unit of length")]
+    OutOfScale {
+        /// Largest coordinate, or the box's diagonal.
+        size: f64,
+    },
+    /// A triangle that names a vertex twice, or whose corners lie on a line.
+    #[error("triangle {triangle} has no area; merge its corners or remove it and mend the neighbours")]
+    DegenerateTriangle {
+        /// The first such triangle.
+        triangle: usize,
+    },
+    /// Two triangles with the same corners, in whatever order.
+    #[error("triangles {first} and {second} have the same corners; remove one of them, or both where sheets cancel")]
+    RepeatedTriangle {
+        /// The lower index.
+        first: usize,
+        /// The higher index.
+        second: usize,
+    },
+    /// Two vertices in one place.
+    #[error("vertices {first} and {second} are in the same place; merge them")]
+    CoincidentVertices {
+        /// The lower index.
+        first: usize,
+        /// The higher index.
+        second: usize,
+    },
+    /// A vertex that no triangle names; its place among the vertices of a tetrahedral mesh could not be kept.
+    #[error("vertex {vertex} belongs to no triangle; remove the vertices that nothing uses")]
+    UnreferencedVertex {
+        /// The first such vertex.
+        vertex: usize,
+    },
+    /// Edges with an odd number of triangles.
+    #[error(
+        "it is open: {edges} edges, the first between vertices {} and {}, have an odd number of triangles; close it",
+        edge[0], edge[1]
+    )]
+    Open {
+        /// The first such edge.
+        edge: [u32; 2],
+        /// How many there are.
+        edges: usize,
+    },
+    /// An edge of more than two triangles, where the operation needs a manifold.
+    #[error("the edge between vertices {} and {} has {triangles} triangles; split the surface there", edge[0], edge[1])]
+    NonManifoldEdge {
+        /// The edge.
+        edge: [u32; 2],
+        /// How many triangles meet in it.
+        triangles: usize,
+    },
+    /// A part whose triangles cannot be turned to agree, or that is non-manifold and does not agree as it is.
+    #[error("the triangles at the edge between vertices {} and {} cannot be oriented alike; orient them", edge[0], edge[1])]
+    NotOrientable {
+        /// An edge where they disagree.
+        edge: [u32; 2],
+    },
+    /// A closed surface that encloses nothing.
+    #[error("it encloses no volume: all of it lies in a plane, or its sheets cancel")]
+    Flat,
+}
+
+/// Why an operation of CGAL or TetGen gave no result.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum NativeError {
+    /// The surface cannot be worked on as it is.
+    #[error("the surface cannot be used: {0}")]
+    InvalidInput(#[from] InputDefect),
+    /// An option outside its range.
+    #[error("option `{name}` is {value}, but it must be {requirement}")]
+    InvalidOption {
+        /// Field of the options.
+        name: &'static str,
+        /// What was asked for.
+        value: f64,
+        /// What is allowed.
+        requirement: &'static str,
+    },
+    /// Triangles of the surface pass through one another.
+    #[error(
+        "the surface intersects itself: {pairs} pairs of triangles, the first {} and {}; mend it or mesh a wrap of it",
+        first[0], first[1]
+    )]
+    SelfIntersection {
+        /// How many pairs intersect.
+        pairs: usize,
+        /// The first of them.
+        first: [u32; 2],
+    },
+    /// TetGen met triangles that intersect within its tolerance.
+    #[error("TetGen finds triangles that intersect within its tolerance; remesh the surface where it nearly touches itself")]
+    NearIntersection,
+    /// TetGen met a feature too small to resolve.
+    #[error("TetGen finds a feature too small to mesh; remove very short edges and very thin triangles")]
+    SmallFeature,
+    /// TetGen met two triangles that nearly coincide.
+    #[error("TetGen finds two triangles that nearly coincide; move them apart or merge them")]
+    CloseFacets,
+    /// Memory ran out.
+    #[error("memory ran out; ask for a coarser mesh")]
+    OutOfMemory,
+    /// An internal error of TetGen, by its own code.
+    #[error("TetGen failed with its code {code}; remesh the surface, or use the other mesher")]
+    Internal {
+        /// TetGen's code: 2 an error of its own, 10 an input it did not take.
+        code: i32,
+    },
+    /// A mesher returned no tetrahedra.
+    #[error("the mesher returned no tetrahedra; check that the surface is closed and the sizes are below its own")]
+    EmptyResult,
+    /// More elements than there should be were asked for.
+    #[error("about {elements:.1e} {kind} would be needed, more than {limit:.1e}; ask for a coarser mesh")]
+    TooFine {
+        /// `"triangles"` or `"tetrahedra"`.
+        kind: &'static str,
+        /// The estimate.
+        elements: f64,
+        /// How many are accepted.
+        limit: f64,
+    },
+    /// A tetrahedral mesh does not fill the surface it was made from.
+    #[error("the tetrahedra fill a volume of {got:e}, but the surface encloses {want:e}; the result was dropped")]
+    VolumeMismatch {
+        /// Volume of the tetrahedra.
+        got: f64,
+        /// Volume that the surface encloses.
+        want: f64,
+    },
+    /// A boundary-preserving mesh whose boundary is not the input's.
+    #[error("the mesher changed the boundary at triangle {triangle}; vertices may lie too close together there")]
+    BoundaryChanged {
+        /// The first input triangle that is not a face of the boundary, or the count when the boundary has more.
+        triangle: usize,
+    },
+    /// A boundary-preserving mesh that does not begin with the input's vertices.
+    #[error("the mesher moved or merged vertex {vertex}; it may lie too close to another")]
+    VertexChanged {
+        /// The first such vertex.
+        vertex: usize,
+    },
+    /// A tetrahedron without volume in double precision.
+    #[error("tetrahedron {tet} of the result is flat in double precision; remesh the surface, or ask for more quality")]
+    FlatTetrahedron {
+        /// The first such tetrahedron.
+        tet: usize,
+    },
+    /// An offset surface of another genus than was asked for, at every size tried.
+    #[error("the offset surface has genus {got}, not {want}; gaps below twice `alpha` are filled, so lower it or the distance")]
+    Topology {
+        /// Genus of the finest wrap.
+        got: usize,
+        /// Genus asked for.
+        want: usize,
+    },
+    /// No offset surface passed its checks.
+    #[error("no offset surface after {attempts} attempts: {reason}; choose a larger distance or `max_triangles`")]
+    OffsetFailed {
+        /// How many wraps were tried.
+        attempts: usize,
+        /// Why the last was dropped.
+        reason: String,
+    },
+    /// An exception of CGAL.
+    #[error("CGAL failed: {0}")]
+    Cgal(String),
+    /// TetGen's errors would end the process instead of arriving as errors, so it is not called.
+    #[error("TetGen cannot be called safely in this process: {0}; load solidmap before other libraries that use TetGen")]
+    SelfTestFailed(String),
+    /// The bridge was handed something that it does not know.
+    #[error("the C++ side failed: {0}")]
+    Unknown(String),
+    /// The result has more elements than indices can name.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+}
+
+/// The codes are those of `cpp/native/core.h`.
+pub(super) fn check(outcome: ffi::Outcome) -> Result<(), NativeError> {
+    let ffi::Outcome { code, message } = outcome;
+    Err(match code {
+        0 => return Ok(()),
+        1 => NativeError::OutOfMemory,
+        2 | 10 => NativeError::Internal { code },
+        3 => NativeError::NearIntersection,
+        4 => NativeError::SmallFeature,
+        5 => NativeError::CloseFacets,
+        101 => NativeError::Cgal(message),
+        102 => NativeError::SelfTestFailed(message),
+        _ => NativeError::Unknown(message),
+    })
+}
