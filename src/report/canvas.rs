@@ -62,14 +62,6 @@ impl Canvas {
         }
     }
 
-    pub(super) fn fill(&mut self, x: usize, y: usize, width: usize, height: usize, colour: Rgb) {
-        for row in y..(y + height).min(self.height) {
-            for column in x..(x + width).min(self.width) {
-                self.pixels[row * self.width + column] = colour;
-            }
-        }
-    }
-
     /// Copies another canvas here with its top left corner at `(x, y)`.
     pub(super) fn paste(&mut self, other: &Canvas, x: usize, y: usize) {
         for row in 0..other.height {

@@ -3,7 +3,7 @@ use super::colour_bar::BarLayout;
 use super::colour_map::ColourBar;
 use super::panel::{LEAST_SIDE, Panel, PanelAxis, check_size};
 use super::text::{Anchor, TextStyle, Weight};
-use super::ticks::linear_ticks;
+use super::ticks::{Ticks, linear_ticks};
 use super::{ReportError, png};
 
 /// Lengths in ems.
@@ -66,10 +66,10 @@ impl Figure {
             let baseline = (BORDER + 1.1 + 1.25 * TITLE_LINE * k as f64) * layout.style.em;
             title.draw(&mut canvas, line, [layout.width / 2.0, baseline], Anchor::Middle);
         }
-        for (cells, (y, _)) in layout.cells.iter().zip(&layout.rows) {
+        for (cells, (y, height)) in layout.cells.iter().zip(&layout.rows) {
             for (cell, (x, width)) in cells.iter().zip(&layout.columns) {
-                let left = x + (width - cell.panel.canvas.width() as f64) / 2.0;
-                cell.draw(&mut canvas, &layout.style, left.round(), *y);
+                let [left, top] = [x + cell.inset(0, *width), y + cell.inset(1, *height)];
+                cell.draw(&mut canvas, &layout.style, left.floor(), top.floor());
             }
         }
         if let Some((bar, x, y)) = &layout.bar {
@@ -135,7 +135,7 @@ impl<'a> Cell<'a> {
         let bar = panel.bar.as_ref().map(|bar| BarLayout::new(bar, em, size[1]));
         let (mut left, mut right, mut bottom) = (0.0, 0.0, 0.0);
         if let Some(axes) = &panel.axes {
-            let labels = ticks_along(&axes[1], size[1], em).labels;
+            let labels = ticks_along(axes, 1, size[1], em).labels;
             let widest = labels.iter().map(|label| style.text().width(label)).fold(0.0, f64::max);
             left = widest + (TICK + 0.8) * em + style.text().width(&axes[1].name);
             // The last label under the horizontal axis may stand out by half its width.
@@ -162,6 +162,15 @@ impl<'a> Cell<'a> {
             bar,
             margins: [left.max(overhang), top, right.max(overhang), bottom],
         }
+    }
+
+    fn size(&self, direction: usize) -> f64 {
+        [self.panel.canvas.width(), self.panel.canvas.height()][direction] as f64
+    }
+
+    /// Space on either side of the picture, which stands in the middle of its column (0) or row (1) of this extent.
+    fn inset(&self, direction: usize, extent: f64) -> f64 {
+        (extent - self.size(direction)) / 2.0
     }
 
     /// Draws the panel with the top left corner of its picture at `(x, y)`.
@@ -217,16 +226,11 @@ impl<'a> Layout<'a> {
         let mut right = BORDER * em;
         let columns: Vec<(f64, f64)> = (0..cells.iter().map(Vec::len).max()?)
             .map(|k| {
-                let column = || cells.iter().filter_map(move |row| row.get(k));
-                let width = column().map(|c| c.panel.canvas.width() as f64).fold(0.0, f64::max);
-                // A narrower picture stands in the middle of its column, and its margins with it.
-                let margin = |side: usize| {
-                    let beyond = |c: &Cell| c.margins[side] - (width - c.panel.canvas.width() as f64) / 2.0;
-                    column().map(beyond).fold(0.0, f64::max)
-                };
-                let left = right + if k > 0 { em } else { 0.0 } + margin(0);
-                right = left + width + margin(2);
-                (left.round(), width)
+                let column: Vec<&Cell> = cells.iter().filter_map(|row| row.get(k)).collect();
+                let (before, width, after) = band(&column, 0);
+                let left = (right + if k > 0 { em } else { 0.0 } + before).ceil();
+                right = left + width + after;
+                (left, width)
             })
             .collect();
         let bar_width = figure.bar.as_ref().map_or(0.0, |bar| BarLayout::new(bar, em, 1e3).width());
@@ -238,10 +242,9 @@ impl<'a> Layout<'a> {
             .iter()
             .enumerate()
             .map(|(k, row)| {
-                let most = |of: fn(&Cell) -> f64| row.iter().map(of).fold(0.0, f64::max);
-                let height = most(|c| c.panel.canvas.height() as f64);
-                let top = (bottom + if k > 0 { em } else { 0.0 } + most(|c| c.margins[1])).round();
-                bottom = top + height + most(|c| c.margins[3]);
+                let (before, height, after) = band(&row.iter().collect::<Vec<_>>(), 1);
+                let top = (bottom + if k > 0 { em } else { 0.0 } + before).ceil();
+                bottom = top + height + after;
                 (top, height)
             })
             .collect();
@@ -266,8 +269,18 @@ impl<'a> Layout<'a> {
     }
 }
 
-fn ticks_along(axis: &PanelAxis, length: f64, em: f64) -> super::ticks::Ticks {
-    linear_ticks(axis.low, axis.high, (length / (5.0 * em)).clamp(1.0, 6.0) as usize)
+/// The largest picture of a column (0) or row (1) of cells, and the margins beyond it before and after.
+fn band(cells: &[&Cell], direction: usize) -> (f64, f64, f64) {
+    let extent = cells.iter().map(|c| c.size(direction)).fold(0.0, f64::max);
+    let margin = |side: usize| cells.iter().map(|c| c.margins[side] - c.inset(direction, extent)).fold(0.0, f64::max);
+    (margin(direction), extent, margin(direction + 2))
+}
+
+/// Round coordinates along the horizontal (0) or vertical (1) edge of a picture, as many as are legible.
+fn ticks_along(axes: &[PanelAxis; 2], direction: usize, length: f64, em: f64) -> Ticks {
+    let spacing = [5.0, 2.6][direction] * em;
+    let axis = &axes[direction];
+    linear_ticks(axis.low, axis.high, (length / spacing).clamp(1.0, 6.0) as usize)
 }
 
 /// Lines along the left and lower edge of a picture, with round coordinates and the names of the axes.
@@ -278,7 +291,7 @@ fn draw_axes(canvas: &mut Canvas, style: &Style, axes: &[PanelAxis; 2], [x, y, w
     let (left, bottom) = (x - 0.5, y + height + 0.5);
     let mut lines = vec![[[left, y], [left, bottom]], [[left, bottom], [x + width, bottom]]];
 
-    let ticks = ticks_along(across, width, em);
+    let ticks = ticks_along(axes, 0, width, em);
     for (position, label) in ticks.positions.iter().zip(&ticks.labels) {
         let place = x + (position - across.low) / (across.high - across.low) * width;
         lines.push([[place, bottom], [place, bottom + TICK * em]]);
@@ -287,7 +300,7 @@ fn draw_axes(canvas: &mut Canvas, style: &Style, axes: &[PanelAxis; 2], [x, y, w
     let name = axis_name(across, ticks.factor);
     text.draw(canvas, &name, [x + width / 2.0, bottom + (TICK + 2.3) * em], Anchor::Middle);
 
-    let ticks = ticks_along(up, height, em);
+    let ticks = ticks_along(axes, 1, height, em);
     let mut widest = 0f64;
     for (position, label) in ticks.positions.iter().zip(&ticks.labels) {
         let place = bottom - (position - up.low) / (up.high - up.low) * height;

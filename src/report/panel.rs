@@ -49,11 +49,10 @@ impl Panel {
         canvas.stroke(&outline, (width.max(height) as f64 / 400.0).max(1.2), INK);
 
         let plane = section.plane();
-        let mut direction = 0..2;
-        let axes = plane.axis.in_plane().map(|axis| {
-            let (low, high) = section.extent(direction.next().unwrap_or(1));
+        let axes = [0, 1].map(|direction| {
+            let (low, high) = section.extent(direction);
             PanelAxis {
-                name: axis.to_string(),
+                name: section.axes()[direction].to_string(),
                 low,
                 high,
             }

@@ -34,8 +34,8 @@ impl Axis {
         self as usize
     }
 
-    /// The axes that point right and up in a picture of a plane perpendicular to this one: y and z, x and z, x and y.
-    pub fn in_plane(self) -> [Axis; 2] {
+    /// The two other axes, in order.
+    fn others(self) -> [Axis; 2] {
         match self {
             Axis::X => [Axis::Y, Axis::Z],
             Axis::Y => [Axis::X, Axis::Z],
@@ -66,6 +66,8 @@ pub struct Plane {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Section {
     plane: Plane,
+    /// The axes that point right and up in the picture.
+    axes: [Axis; 2],
     /// Width and height in pixels.
     size: [usize; 2],
     /// Lower left corner of the picture in the plane.
@@ -84,7 +86,18 @@ pub struct Section {
 type Crossing = (u32, f64, i32);
 
 impl Section {
-    /// The section of the solid that `surface` bounds, `size` pixels along the longer side of the picture.
+    /// The section of the solid that `surface` bounds, `size` pixels along the longer side of the picture, with z
+    /// pointing up in it, and y when the plane is perpendicular to z.
+    ///
+    /// # Errors
+    ///
+    /// As [`Section::with_up`].
+    pub fn new(surface: &SurfaceMesh, plane: Plane, size: usize) -> Result<Self, ReportError> {
+        Self::with_up(surface, plane, Axis::Z, size)
+    }
+
+    /// The section with the axis `up` pointing up in the picture; where that is perpendicular to the plane, the later
+    /// of the two others does.
     ///
     /// Where the plane passes through vertices or contains triangles, the section is the limit of those on the side
     /// of the solid's middle: a plane through an outer face of a cube gives the whole face. Costs a pass over the
@@ -95,7 +108,7 @@ impl Section {
     /// [`ReportError::PlaneMissesSolid`], [`ReportError::SectionBelowPixel`], [`ReportError::OpenSurface`] when the
     /// outline does not close, [`ReportError::NotFinite`], [`ReportError::EmptySurface`], [`ReportError::TooSmall`]
     /// and [`ReportError::TooLarge`].
-    pub fn new(surface: &SurfaceMesh, plane: Plane, size: usize) -> Result<Self, ReportError> {
+    pub fn with_up(surface: &SurfaceMesh, plane: Plane, up: Axis, size: usize) -> Result<Self, ReportError> {
         check_size(size, size)?;
         let (low, high) = finite_box(surface)?;
         let along = plane.axis.index();
@@ -111,11 +124,13 @@ impl Section {
         // A plane through vertices is moved by an infinitesimal amount towards the middle, so that every vertex is
         // strictly on one side and every crossed triangle is crossed in exactly two edges.
         let on_plane_is_above = plane.position > (low[along] + high[along]) / 2.0;
-        let outline = outline(surface, plane, on_plane_is_above);
+        let [first, second] = plane.axis.others();
+        let axes = if first == up { [second, first] } else { [first, second] };
+        let outline = outline(surface, plane, axes, on_plane_is_above);
         if outline.is_empty() {
             return Err(misses());
         }
-        let mut section = Self::framed(plane, low, high, size);
+        let mut section = Self::framed(plane, axes, low, high, size);
         section.outline = outline;
         section.cover()?;
         if section.points.is_empty() {
@@ -134,7 +149,7 @@ impl Section {
         &self.points
     }
 
-    /// Segments of the outline in the plane's two coordinates ([`Axis::in_plane`]), in no order.
+    /// Segments of the outline in the plane's two coordinates ([`Section::axes`]), in no order.
     pub fn outline(&self) -> &[[[f64; 2]; 2]] {
         &self.outline
     }
@@ -147,6 +162,11 @@ impl Section {
     /// The plane of the section.
     pub fn plane(&self) -> Plane {
         self.plane
+    }
+
+    /// The axes that point right and up in the picture.
+    pub fn axes(&self) -> [Axis; 2] {
+        self.axes
     }
 
     /// Width and height of the picture in pixels.
@@ -175,17 +195,18 @@ impl Section {
     }
 
     /// A section not yet filled in, its picture fitted about the box with a small margin.
-    fn framed(plane: Plane, low: Point, high: Point, size: usize) -> Self {
-        let axes = plane.axis.in_plane().map(Axis::index);
-        let extent = axes.map(|k| high[k] - low[k]);
+    fn framed(plane: Plane, axes: [Axis; 2], low: Point, high: Point, size: usize) -> Self {
+        let extent = axes.map(|axis| high[axis.index()] - low[axis.index()]);
         let margin = (size / 40).max(2);
         let longer = extent[0].max(extent[1]);
         // A solid without extent in the plane still needs a pixel of some size; it then covers none.
         let pixel = if longer > 0.0 { longer / (size - 2 * margin) as f64 } else { 1.0 };
         let size = extent.map(|e| ((e / pixel).ceil() as usize + 2 * margin).min(size));
-        let corner = [0, 1].map(|k| (low[axes[k]] + high[axes[k]]) / 2.0 - size[k] as f64 * pixel / 2.0);
+        let middle = axes.map(|axis| (low[axis.index()] + high[axis.index()]) / 2.0);
+        let corner = [0, 1].map(|k| middle[k] - size[k] as f64 * pixel / 2.0);
         Self {
             plane,
+            axes,
             size,
             corner,
             pixel,
@@ -252,11 +273,10 @@ impl Section {
     }
 
     fn in_space(&self, [u, v]: [f64; 2]) -> Point {
-        let [right, up] = self.plane.axis.in_plane().map(Axis::index);
         let mut point = Point::origin();
         point[self.plane.axis.index()] = self.plane.position;
-        point[right] = u;
-        point[up] = v;
+        point[self.axes[0].index()] = u;
+        point[self.axes[1].index()] = v;
         point
     }
 
@@ -289,7 +309,7 @@ pub(super) fn finite_box(surface: &SurfaceMesh) -> Result<(Point, Point), Report
 
 /// The directed segments in which the plane cuts the triangles. Each crossed edge gives the same point, to the last
 /// bit, in both of its triangles, so that the outline of a closed surface is closed.
-fn outline(surface: &SurfaceMesh, plane: Plane, on_plane_is_above: bool) -> Vec<[[f64; 2]; 2]> {
+fn outline(surface: &SurfaceMesh, plane: Plane, axes: [Axis; 2], on_plane_is_above: bool) -> Vec<[[f64; 2]; 2]> {
     let along = plane.axis.index();
     let above = |v: u32| {
         let height = surface.vertices()[v as usize][along];
@@ -298,7 +318,7 @@ fn outline(surface: &SurfaceMesh, plane: Plane, on_plane_is_above: bool) -> Vec<
     let crossing = |a: u32, b: u32| {
         let [p, q] = [a.min(b), a.max(b)].map(|v| surface.vertices()[v as usize]);
         let t = (plane.position - p[along]) / (q[along] - p[along]);
-        plane.axis.in_plane().map(|k| p[k.index()] + t * (q[k.index()] - p[k.index()]))
+        axes.map(|k| p[k.index()] + t * (q[k.index()] - p[k.index()]))
     };
     let mut segments = Vec::new();
     for &[a, b, c] in surface.triangles() {

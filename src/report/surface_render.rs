@@ -357,7 +357,7 @@ fn lighting(normal: &Vector, even: bool) -> ([f32; 3], f32) {
     let sky = 0.5 + 0.5 * normal.y;
     let half = (key + Vector::z()).normalize();
     let gloss = 0.10 * normal.dot(&half).max(0.0).powi(40);
-    let (ambient, key_power, fill_power) = if even { (0.48, 0.50, 0.14) } else { (0.24, 0.74, 0.20) };
+    let (ambient, key_power, fill_power) = if even { (0.66, 0.38, 0.16) } else { (0.34, 0.76, 0.22) };
     // A warm key and a cool sky tell the faces of a plain solid apart.
     let warm = [1.02, 1.0, 0.96];
     let cool = if even { [1.0; 3] } else { [0.93, 0.99, 1.10] };

@@ -55,18 +55,18 @@ pub(super) fn logarithmic_ticks(low: f64, high: f64, count: usize) -> Ticks {
         return linear_ticks(low, high, count);
     }
     // One notation along the whole axis: plain numbers only when all of them are short.
-    let plain = (-3..5).contains(&first) && last < 6;
-    let label = |x: &f64| {
-        if plain || positions.len() != powers {
-            typeset(*x, 3)
-        } else {
-            ten_to_the(x.log10().round() as i32)
-        }
+    let exponent = |x: f64| (x.log10() + 1e-9).floor() as i32;
+    let lowest = exponent(positions[0]);
+    let plain = lowest >= -3 && last < 6;
+    let label = |x: &f64| match (plain, positions.len() == powers) {
+        (true, _) => typeset(*x, 3),
+        (false, true) => ten_to_the(exponent(*x)),
+        (false, false) => typeset(x / 10f64.powi(lowest), 3),
     };
     Ticks {
         labels: positions.iter().map(label).collect(),
+        factor: (!plain && positions.len() != powers).then(|| format!("×{}", ten_to_the(lowest))),
         positions,
-        factor: None,
     }
 }
 
@@ -122,6 +122,9 @@ mod tests {
         assert_eq!(logarithmic_ticks(1e-3, 1.0, 5).labels, ["0.001", "0.01", "0.1", "1"]);
         assert_eq!(logarithmic_ticks(1.0, 20.0, 5).labels, ["1", "2", "5", "10", "20"]);
         assert_eq!(logarithmic_ticks(1e-12, 1.0, 5).labels, ["10⁻¹²", "10⁻⁹", "10⁻⁶", "10⁻³", "10⁰"]);
+        let few = logarithmic_ticks(1.5e-5, 2.2e-4, 5);
+        assert_eq!(few.labels, ["2", "5", "10", "20"]);
+        assert_eq!(few.factor.as_deref(), Some("×10⁻⁵"));
         assert_eq!(logarithmic_ticks(3.0, 4.0, 5).labels, ["3.0", "3.2", "3.4", "3.6", "3.8", "4.0"]);
     }
 }
