@@ -10,22 +10,21 @@
 //! # Range
 //!
 //! The vector loops take `1/r` from an estimate polished by one step of Householder's method, and that estimate has a
-//! limited range of `r²` (that of `f32` under AVX2). Coordinates are therefore scaled by a power of two to at most one,
+//! limited range of `r²` (that of `f32` under AVX2). Coordinates are therefore scaled by a power of two to about one,
 //! which is exact, and what still leaves the range shows: as a sum that is not finite, or beforehand from the target's
-//! coordinates. Those targets alone are summed again by [`super::laplace_potential`]'s own formula, which has no such limits.
+//! coordinates. Those targets alone are summed again by the formula of [`laplace_potential`], which has no such limits.
 //!
 //! # References
 //!
-//! Householder, *The Numerical Treatment of a Single Nonlinear Equation* (1970), section 4.4, for the iteration of
-//! arbitrary order.
+//! Householder, *The Numerical Treatment of a Single Nonlinear Equation* (1970), for iterations of arbitrary order.
 
 use std::f64::consts::PI;
 
 use rayon::prelude::*;
 
-use super::KernelError;
 use super::laplace::norm;
-use crate::{Matrix3, Point};
+use super::{KernelError, laplace_potential};
+use crate::{Matrix3, Point, Vector};
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -125,10 +124,10 @@ impl Sources {
     }
 }
 
-/// Potential at each target, `Σ_j w_j G(x, y_j)` with [`super::laplace_potential`] as `G`: one triple per target, one
+/// Potential at each target, `Σ_j w_j G(x, y_j)` with [`laplace_potential`] as `G`: one triple per target, one
 /// component per weight.
 ///
-/// Within `1e-13 Σ_j |w_j| G(x, y_j)` of the exact sum for up to some 10⁶ sources, at any scale of coordinates. Not
+/// Within `1e-13 Σ_j |w_j| G(x, y_j)` of the exact sum for up to 10⁵ sources, at any scale of coordinates. Not
 /// finite (infinite or NaN) where a target coincides with a source, even one of weight zero, and where it is not
 /// finite itself.
 ///
@@ -150,7 +149,7 @@ pub fn potential_with(instructions: Instructions, sources: &Sources, targets: &[
 
 /// Potential as [`potential`] has it, and its Jacobian at each target: entry `(i, k)` is `∂/∂x_k` of component `i`.
 ///
-/// Costs about twice the potential alone. The Jacobian is accurate relative to `Σ_j |w_j| |∇G(x, y_j)|` in the same
+/// Costs twice to two and a half times the potential alone. The Jacobian is accurate relative to `Σ_j |w_j| |∇G(x, y_j)|` in the same
 /// sense, and not finite where the potential is not.
 pub fn potential_and_gradient(sources: &Sources, targets: &[Point]) -> (Vec<[f64; 3]>, Vec<Matrix3>) {
     potential_and_gradient_with(Instructions::detect(), sources, targets)
@@ -246,7 +245,7 @@ trait Lanes: Copy + Send + Sync {
     /// negative.
     fn add_gradient(self, sources: &[Source], targets: &Block, sums: &mut [Lane; 12]);
 
-    /// Writes `factor / r` for the targets of all blocks. Whether all are finite; `true` only when they are.
+    /// Writes `factor / r` for the targets of all blocks; returns `true` only when all entries are finite.
     fn write_column(self, source: [f64; 3], factor: f64, targets: &[Block], column: &mut [f64]) -> bool;
 }
 
@@ -379,7 +378,7 @@ fn assemble(lanes: impl Lanes, targets: &[Point], sources: &[Point], matrix: &mu
             }
             for (entry, target) in column.iter_mut().zip(targets) {
                 if !entry.is_finite() || (source_is_minute && is_minute(*target * scale.up)) {
-                    *entry = super::laplace_potential(*target, *source);
+                    *entry = laplace_potential(*target, *source);
                 }
             }
         });
@@ -452,7 +451,7 @@ fn unlimited_jacobian(sources: &Sources, target: Point) -> Matrix3 {
     for &[x, y, z, w0, w1, w2] in &sources.packed {
         let d = target - Point::new(x, y, z) * sources.scale.down;
         let r = norm(d);
-        sum -= crate::Vector::new(w0, w1, w2) / r / r * (d / r).transpose();
+        sum -= Vector::new(w0, w1, w2) / r / r * (d / r).transpose();
     }
     sum
 }
@@ -465,8 +464,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
 
     use super::*;
-    use crate::kernel::{laplace_gradient, laplace_potential};
-    use crate::{Point, Vector};
+    use crate::kernel::laplace_gradient;
 
     /// How a random point of a test is placed.
     #[derive(Debug, Clone, Copy)]
@@ -642,8 +640,8 @@ mod tests {
         for instructions in Instructions::available() {
             for (value, target) in potential_with(instructions, &sources, &targets).iter().zip(targets) {
                 let expected: f64 = points.iter().map(|p| laplace_potential(target, *p)).sum();
-                for i in 0..3 {
-                    assert!((value[i] / (expected * (i + 1) as f64) - 1.0).abs() < 1e-15);
+                for (value, weight) in value.iter().zip([1.0, 2.0, 3.0]) {
+                    assert!((value / (expected * weight) - 1.0).abs() < 1e-15);
                 }
             }
             let mut matrix = [0.0; 6];

@@ -1,6 +1,8 @@
 //! The inner loops in plain Rust, with the square root and division of the machine. Four lanes at a time, which compilers
 //! turn into whatever vectors the target has by default.
 
+use std::array::from_fn;
+
 use super::{Block, LANES, Lane, Lanes, Source};
 
 const WIDTH: usize = 4;
@@ -8,18 +10,18 @@ const WIDTH: usize = 4;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Portable;
 
+/// A value for each target of a vector.
+type Vector = [f64; WIDTH];
+
 impl Lanes for Portable {
     fn add_potential(self, sources: &[Source], targets: &Block, sums: &mut [Lane; 3]) {
         for vector in 0..targets.vectors(WIDTH) {
             let x = load(&targets.coordinates, vector);
             let mut sum = [[0.0; WIDTH]; 3];
             for source in sources {
-                for lane in 0..WIDTH {
-                    let [x, y, z] = difference(&x, lane, source);
-                    let g = reciprocal_sqrt(x * x + y * y + z * z);
-                    for i in 0..3 {
-                        sum[i][lane] += source[3 + i] * g;
-                    }
+                let g = reciprocal_norm(&difference(&x, source));
+                for i in 0..3 {
+                    add_scaled(&mut sum[i], source[3 + i], &g);
                 }
             }
             add(&sum, sums, vector);
@@ -31,16 +33,13 @@ impl Lanes for Portable {
             let x = load(&targets.coordinates, vector);
             let mut sum = [[0.0; WIDTH]; 12];
             for source in sources {
-                for lane in 0..WIDTH {
-                    let d = difference(&x, lane, source);
-                    let g = reciprocal_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-                    let g3 = g * g * g;
-                    for i in 0..3 {
-                        let w = source[3 + i];
-                        sum[i][lane] += w * g;
-                        for k in 0..3 {
-                            sum[3 + 3 * i + k][lane] += w * g3 * d[k];
-                        }
+                let d = difference(&x, source);
+                let g = reciprocal_norm(&d);
+                let dg3 = d.map(|d| from_fn(|lane| d[lane] * (g[lane] * g[lane] * g[lane])));
+                for i in 0..3 {
+                    add_scaled(&mut sum[i], source[3 + i], &g);
+                    for k in 0..3 {
+                        add_scaled(&mut sum[3 + 3 * i + k], source[3 + i], &dg3[k]);
                     }
                 }
             }
@@ -64,21 +63,30 @@ impl Lanes for Portable {
 
 /// `1/√s`; NaN for infinity, which here means that a coordinate was not finite, not that a source is too far to matter.
 fn reciprocal_sqrt(s: f64) -> f64 {
-    1.0 / s.sqrt() + (s - s)
+    1.0 / s.sqrt() + 0.0 * s
 }
 
-fn difference(x: &[[f64; WIDTH]; 3], lane: usize, source: &Source) -> [f64; 3] {
-    [x[0][lane] - source[0], x[1][lane] - source[1], x[2][lane] - source[2]]
+fn reciprocal_norm(d: &[Vector; 3]) -> Vector {
+    let [x, y, z] = d;
+    from_fn(|lane| reciprocal_sqrt(x[lane] * x[lane] + y[lane] * y[lane] + z[lane] * z[lane]))
 }
 
-fn load(lanes: &[Lane; 3], vector: usize) -> [[f64; WIDTH]; 3] {
+fn difference(x: &[Vector; 3], source: &Source) -> [Vector; 3] {
+    from_fn(|axis| x[axis].map(|x| x - source[axis]))
+}
+
+fn add_scaled(sum: &mut Vector, factor: f64, values: &Vector) {
+    for (sum, value) in sum.iter_mut().zip(values) {
+        *sum += factor * value;
+    }
+}
+
+fn load(lanes: &[Lane; 3], vector: usize) -> [Vector; 3] {
     lanes.each_ref().map(|lane| lane.as_chunks().0[vector])
 }
 
-fn add<const N: usize>(sum: &[[f64; WIDTH]; N], sums: &mut [Lane; N], vector: usize) {
+fn add<const N: usize>(sum: &[Vector; N], sums: &mut [Lane; N], vector: usize) {
     for (sum, lane) in sum.iter().zip(sums) {
-        for (value, lane) in sum.iter().zip(&mut lane.as_chunks_mut::<WIDTH>().0[vector]) {
-            *lane += value;
-        }
+        add_scaled(&mut lane.as_chunks_mut().0[vector], 1.0, sum);
     }
 }
