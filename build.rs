@@ -16,7 +16,10 @@ mod native {
         libtet1.5-dev libeigen3-dev`, or build without it: `cargo build --no-default-features --features cli`";
 
     pub fn build() {
-        for entry in std::fs::read_dir(SOURCES).expect("cpp/native is part of the source tree").flatten() {
+        for entry in std::fs::read_dir(SOURCES)
+            .expect("cpp/native is part of the source tree")
+            .flatten()
+        {
             println!("cargo::rerun-if-changed={}", entry.path().display());
         }
         println!("cargo::rerun-if-changed=src/native/bridge.rs");

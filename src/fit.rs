@@ -44,7 +44,7 @@ pub struct FitOptions {
     /// Sources per boundary vertex, the paper's sRatio.
     pub source_ratio: f64,
     /// Collocation points per boundary vertex, the paper's cRatio. Up to 1 they are vertices; at 3 and more, with all
-    /// vertices in use, they are the vertices and the centroids; otherwise points spread evenly by area.
+    /// vertices in use, they are the vertices and the centroids; otherwise as many around each source.
     pub collocation_ratio: f64,
     /// At most this many sources; a domain that asks for more gets fewer, and fewer collocation points in proportion.
     /// Time grows with the cube of it and memory (24 bytes per entry) with the square.
@@ -82,7 +82,10 @@ impl FitOptions {
             source_ratio: 0.6,
             collocation_ratio: 1.0,
             max_sources: 3000,
-            solver: DenseOptions { method: Method::Svd, ..DenseOptions::default() },
+            solver: DenseOptions {
+                method: Method::Svd,
+                ..DenseOptions::default()
+            },
             ..Self::adaptive()
         }
     }
@@ -264,24 +267,47 @@ impl DomainFactor {
         let (domain, mut warnings) = checked(domain)?;
         let frame = Frame::of(domain.vertices());
         let size = Size::of(&domain, options, &mut warnings);
-        let sources = place_sources(&domain, size.sources, options, &mut warnings)?;
-        let collocation = place_collocation(&domain, &size, options);
+        let anchors = Anchors::choose(&domain, size.sources);
+        let sources = place_sources(&domain, &anchors, options, &mut warnings)?;
+        let collocation = place_collocation(&domain, &anchors, &size, options);
         let sampled = start.elapsed().as_secs_f64();
 
-        let points = collocation.points.iter().map(|p| frame.to_unit(&p.position(&domain, domain.vertices())));
+        let points = collocation
+            .points
+            .iter()
+            .map(|p| frame.to_unit(&p.position(&domain, domain.vertices())));
         let points: Vec<Point> = points.collect();
         let mean_area = collocation.areas.iter().sum::<f64>() / points.len().max(1) as f64;
         let system = CollocationSystem {
             collocation: &points,
-            row_weights: &collocation.areas.iter().map(|a| (a / mean_area).sqrt()).collect::<Vec<_>>(),
+            row_weights: &collocation
+                .areas
+                .iter()
+                .map(|a| (a / mean_area).sqrt())
+                .collect::<Vec<_>>(),
             sources: &sources.iter().map(|q| frame.to_unit(q)).collect::<Vec<_>>(),
             affine: options.affine,
         };
-        progress(Phase::Factoring { rows: points.len(), columns: system.unknowns() });
+        progress(Phase::Factoring {
+            rows: points.len(),
+            columns: system.unknowns(),
+        });
         let factor = DenseFactor::new(&system, &options.solver)?;
-        let seconds =
-            Seconds { sampling: sampled, factor: start.elapsed().as_secs_f64() - sampled, ..Seconds::default() };
-        Ok(Self { domain, options: options.clone(), frame, sources, collocation, factor, warnings, seconds })
+        let seconds = Seconds {
+            sampling: sampled,
+            factor: start.elapsed().as_secs_f64() - sampled,
+            ..Seconds::default()
+        };
+        Ok(Self {
+            domain,
+            options: options.clone(),
+            frame,
+            sources,
+            collocation,
+            factor,
+            warnings,
+            seconds,
+        })
     }
 
     /// The map for one boundary map of this domain, measured at held-out points. The report's `sampling` and `factor`
@@ -299,9 +325,16 @@ impl DomainFactor {
         let boundary = BoundaryMap::new(self.domain.clone(), boundary.image().to_vec())?;
         let target = Frame::of(boundary.image());
         // With the constant in the basis the shift changes nothing but rounding; without it, it would change the fit.
-        let origin = if self.options.affine { target.centre } else { Point::origin() };
-        let data: Vec<[f64; 3]> =
-            boundary.evaluate(&self.collocation.points).iter().map(|p| (p - origin).into()).collect();
+        let origin = if self.options.affine {
+            target.centre
+        } else {
+            Point::origin()
+        };
+        let data: Vec<[f64; 3]> = boundary
+            .evaluate(&self.collocation.points)
+            .iter()
+            .map(|p| (p - origin).into())
+            .collect();
         let unit = self.factor.solve(&data)?;
         let map = HarmonicMap::new(self.sources.clone(), self.frame.to_model(unit, origin))
             .expect("one coefficient row per source");
@@ -310,7 +343,11 @@ impl DomainFactor {
         progress(Phase::Measuring);
         let (boundary_error, residual) = self.measure(&map, &boundary, target.diagonal);
         let checked = start.elapsed().as_secs_f64() - solved;
-        let seconds = Seconds { solve: solved, check: checked, ..self.seconds };
+        let seconds = Seconds {
+            solve: solved,
+            check: checked,
+            ..self.seconds
+        };
         let total = seconds.sampling + seconds.factor + solved + checked;
         let report = self.report(boundary_error, &residual, Seconds { total, ..seconds });
         Ok(Fit { map, report })
@@ -324,14 +361,25 @@ impl DomainFactor {
     fn measure(&self, map: &HarmonicMap, boundary: &BoundaryMap, diagonal: f64) -> (BoundaryError, Vec<f64>) {
         let error_at = |points: &[SurfacePoint]| -> Vec<f64> {
             let images = map.evaluate(&boundary.positions(points));
-            images.iter().zip(boundary.evaluate(points)).map(|(f, exact)| (f - exact).norm() / diagonal).collect()
+            images
+                .iter()
+                .zip(boundary.evaluate(points))
+                .map(|(f, exact)| (f - exact).norm() / diagonal)
+                .collect()
         };
         let held_out = sampling::held_out(&self.domain, self.options.held_out, 100_000, self.options.seed);
         let errors = error_at(&held_out);
         let max = errors.iter().copied().fold(0.0, f64::max);
         let mut averaged = errors;
         averaged.truncate(self.options.held_out);
-        (BoundaryError { rms: rms(&averaged), p99: quantile(averaged, 0.99), max }, error_at(&self.collocation.points))
+        (
+            BoundaryError {
+                rms: rms(&averaged),
+                p99: quantile(averaged, 0.99),
+                max,
+            },
+            error_at(&self.collocation.points),
+        )
     }
 
     fn report(&self, boundary_error: BoundaryError, residual: &[f64], seconds: Seconds) -> FitReport {
@@ -378,8 +426,16 @@ impl Size {
             ));
         }
         let ratio = options.collocation_ratio / options.source_ratio;
-        let collocation = if sources < asked { ratio * sources as f64 } else { options.collocation_ratio * vertices };
-        Self { sources, collocation: collocation.round() as usize, whole: sources == asked }
+        let collocation = if sources < asked {
+            ratio * sources as f64
+        } else {
+            options.collocation_ratio * vertices
+        };
+        Self {
+            sources,
+            collocation: collocation.round() as usize,
+            whole: sources == asked,
+        }
     }
 }
 
@@ -391,9 +447,16 @@ struct Frame {
 
 impl Frame {
     fn of(points: &[Point]) -> Self {
-        let low = points.iter().fold(Vector::repeat(f64::INFINITY), |low, p| low.inf(&p.coords));
-        let high = points.iter().fold(Vector::repeat(f64::NEG_INFINITY), |high, p| high.sup(&p.coords));
-        Self { centre: Point::from((low + high) / 2.0), diagonal: (high - low).norm() }
+        let low = points
+            .iter()
+            .fold(Vector::repeat(f64::INFINITY), |low, p| low.inf(&p.coords));
+        let high = points
+            .iter()
+            .fold(Vector::repeat(f64::NEG_INFINITY), |high, p| high.sup(&p.coords));
+        Self {
+            centre: Point::from((low + high) / 2.0),
+            diagonal: (high - low).norm(),
+        }
     }
 
     fn to_unit(&self, p: &Point) -> Point {
@@ -414,14 +477,23 @@ impl Frame {
 
 fn require_valid(options: &FitOptions) -> Result<(), FitError> {
     let require = |holds: bool, option, value, range| {
-        if holds { Ok(()) } else { Err(FitError::Option { option, value, range }) }
+        if holds {
+            Ok(())
+        } else {
+            Err(FitError::Option { option, value, range })
+        }
     };
     let positive = |v: f64| v > 0.0 && v.is_finite();
     match options.placement {
         Placement::Adaptive { alpha } => require(positive(alpha), "alpha", alpha, "positive (1 to 1.5 is good)")?,
         Placement::Offset { distance } => require(positive(distance), "offset", distance, "positive (0.1 is usual)")?,
         Placement::Sphere { radius } => {
-            require(radius > 0.5 && radius.is_finite(), "radius", radius, "more than 0.5, to contain the domain")?;
+            require(
+                radius > 0.5 && radius.is_finite(),
+                "radius",
+                radius,
+                "more than 0.5, to contain the domain",
+            )?;
         }
     }
     let (sources, collocation) = (options.source_ratio, options.collocation_ratio);
@@ -434,7 +506,12 @@ fn require_valid(options: &FitOptions) -> Result<(), FitError> {
     )?;
     require(options.max_sources > 0, "max-sources", 0.0, "positive")?;
     let truncation = options.solver.truncation;
-    require((0.0..1.0).contains(&truncation), "truncation", truncation, "from 0 to below 1 (1e-10 is usual)")?;
+    require(
+        (0.0..1.0).contains(&truncation),
+        "truncation",
+        truncation,
+        "from 0 to below 1 (1e-10 is usual)",
+    )?;
     require(options.held_out > 0, "held-out", 0.0, "positive")
 }
 
@@ -452,15 +529,14 @@ fn checked(domain: &SurfaceMesh) -> Result<(SurfaceMesh, Vec<String>), FitError>
 
 fn place_sources(
     domain: &SurfaceMesh,
-    count: usize,
+    anchors: &Anchors,
     options: &FitOptions,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Point>, FitError> {
     let sources = match options.placement {
         Placement::Adaptive { alpha } => {
             let query = SurfaceQuery::new(domain)?;
-            let anchors = Anchors::choose(domain, count);
-            let placed = sampling::adaptive_sources(domain, &anchors, alpha, &|p| query.signed_distance(p));
+            let placed = sampling::adaptive_sources(domain, anchors, alpha, &|p| query.signed_distance(p));
             if placed.dropped > 0 {
                 warnings.push(format!(
                     "{} of {} sources found no room outside the domain (gaps narrower than their spacing) and were \
@@ -471,13 +547,17 @@ fn place_sources(
             }
             placed.positions
         }
-        Placement::Offset { distance } => offset_sources(domain, distance, count, options.seed)?,
+        Placement::Offset { distance } => offset_sources(domain, distance, anchors.vertices.len(), options.seed)?,
         Placement::Sphere { radius } => {
             let frame = Frame::of(domain.vertices());
-            sampling::bounding_sphere(frame.centre, radius * frame.diagonal, count)
+            sampling::bounding_sphere(frame.centre, radius * frame.diagonal, anchors.vertices.len())
         }
     };
-    if sources.is_empty() { Err(FitError::NoSources) } else { Ok(sources) }
+    if sources.is_empty() {
+        Err(FitError::NoSources)
+    } else {
+        Ok(sources)
+    }
 }
 
 #[cfg(not(feature = "native"))]
@@ -489,17 +569,25 @@ fn offset_sources(_: &SurfaceMesh, _: f64, _: usize, _: u64) -> Result<Vec<Point
 fn offset_sources(domain: &SurfaceMesh, distance: f64, count: usize, seed: u64) -> Result<Vec<Point>, FitError> {
     let distance = distance * Frame::of(domain.vertices()).diagonal;
     let offset = crate::native::offset_surface(domain, distance, &crate::native::OffsetOptions::default())?;
-    Ok(sampling::even_points(&offset.surface, count, seed))
+    Ok(sampling::even_points(&offset.mesh, count, seed))
 }
 
-fn place_collocation(domain: &SurfaceMesh, size: &Size, options: &FitOptions) -> Collocation {
+fn place_collocation(domain: &SurfaceMesh, anchors: &Anchors, size: &Size, options: &FitOptions) -> Collocation {
     if options.collocation_ratio <= 1.0 {
         return Collocation::vertices(domain, &Anchors::choose(domain, size.collocation).vertices);
     }
     if options.collocation_ratio >= 3.0 && size.whole {
         return Collocation::vertices_and_centroids(domain);
     }
-    Collocation::even(domain, size.collocation, options.seed)
+    match options.placement {
+        Placement::Adaptive { .. } => {
+            let extra = size.collocation.div_ceil(anchors.vertices.len().max(1)) - 1;
+            Collocation::around(domain, anchors, extra, options.seed)
+        }
+        Placement::Offset { .. } | Placement::Sphere { .. } => {
+            Collocation::even(domain, size.collocation, options.seed)
+        }
+    }
 }
 
 fn rms(values: &[f64]) -> f64 {

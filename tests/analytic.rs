@@ -13,7 +13,11 @@ use solidmap::solver::{CollocationSystem, DenseFactor, DenseOptions};
 /// Harmonic polynomials of degree 2, 3 and 4.
 fn polynomials(p: &Point) -> Point {
     let (x, y, z) = (p.x, p.y, p.z);
-    Point::new(x * x - y * y + z, x * x * x - 3.0 * x * z * z, y.powi(4) - 6.0 * y * y * z * z + z.powi(4))
+    Point::new(
+        x * x - y * y + z,
+        x * x * x - 3.0 * x * z * z,
+        y.powi(4) - 6.0 * y * y * z * z + z.powi(4),
+    )
 }
 
 /// The potentials of point charges well outside of every solid here.
@@ -27,7 +31,11 @@ fn charges(p: &Point) -> Point {
 }
 
 fn affine(p: &Point) -> Point {
-    Point::new(1.0 + 2.0 * p.x - 0.5 * p.y, 0.3 * p.x + p.y - 4.0, 0.7 * p.z + 0.2 * p.y)
+    Point::new(
+        1.0 + 2.0 * p.x - 0.5 * p.y,
+        0.3 * p.x + p.y - 4.0,
+        0.7 * p.z + 0.2 * p.y,
+    )
 }
 
 #[test]
@@ -35,13 +43,20 @@ fn identity_and_affine_maps_are_reproduced() {
     for (name, domain) in solids(0) {
         let inside = interior_points(&domain, 200, 1);
         for placement in [Placement::Adaptive { alpha: 1.0 }, Placement::Sphere { radius: 1.0 }] {
-            let options = FitOptions { placement, ..FitOptions::adaptive() };
+            let options = FitOptions {
+                placement,
+                ..FitOptions::adaptive()
+            };
             for f in [|p: &Point| *p, affine] {
                 let fit = fitted(&boundary_map(&domain, f), &options);
                 let exact: Vec<Point> = inside.iter().map(f).collect();
                 let error = largest_distance(&fit.map.evaluate(&inside), &exact);
                 assert!(error < 1e-9, "{name}, {placement:?}: {error:e}");
-                assert!(fit.report.boundary_error.max < 1e-9, "{name}: {:?}", fit.report.boundary_error);
+                assert!(
+                    fit.report.boundary_error.max < 1e-9,
+                    "{name}: {:?}",
+                    fit.report.boundary_error
+                );
             }
         }
     }
@@ -82,8 +97,12 @@ fn boundary_error_falls_as_sources_are_added() {
     let data: Vec<[f64; 3]> = collocation.iter().map(|p| charges(p).into()).collect();
     let errors = [40, 80, 160, 320].map(|count| {
         let sources = sampling::bounding_sphere(Point::origin(), 1.8, count);
-        let system =
-            CollocationSystem { collocation: &collocation, row_weights: &weights, sources: &sources, affine: true };
+        let system = CollocationSystem {
+            collocation: &collocation,
+            row_weights: &weights,
+            sources: &sources,
+            affine: true,
+        };
         let factor = DenseFactor::new(&system, &DenseOptions::default()).unwrap();
         let map = solidmap::map::HarmonicMap::new(sources.clone(), factor.solve(&data).unwrap()).unwrap();
         let exact: Vec<Point> = held_out.iter().map(charges).collect();
@@ -107,14 +126,21 @@ fn interior_obeys_the_maximum_principle() {
             .map(|p: &SurfacePoint| p.position(&domain, domain.vertices()))
             .collect();
         let (inside, boundary) = (error(&interior_points(&domain, 2000, 4)), error(&surface));
-        assert!(inside <= boundary, "{name}: {inside:e} inside, {boundary:e} on the boundary");
+        assert!(
+            inside <= boundary,
+            "{name}: {inside:e} inside, {boundary:e} on the boundary"
+        );
 
         let values = fit.map.evaluate(&surface);
         for k in 0..3 {
             let low = values.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min);
             let high = values.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
             for p in fit.map.evaluate(&interior_points(&domain, 500, 5)) {
-                assert!(p[k] > low && p[k] < high, "{name}: coordinate {k} is {} outside of {low} to {high}", p[k]);
+                assert!(
+                    p[k] > low && p[k] < high,
+                    "{name}: coordinate {k} is {} outside of {low} to {high}",
+                    p[k]
+                );
             }
         }
     }
@@ -141,17 +167,27 @@ fn one_factorisation_answers_many_boundary_maps() {
         assert_eq!(kept.map.coefficients(), fresh.map.coefficients());
     }
     let other = boundary_map(&shapes::sphere(1.0, 1), affine);
-    assert!(matches!(factor.solve(&other, &|_| {}), Err(solidmap::fit::FitError::OtherDomain)));
+    assert!(matches!(
+        factor.solve(&other, &|_| {}),
+        Err(solidmap::fit::FitError::OtherDomain)
+    ));
 }
 
 /// A model with more vertices than sources allowed is fitted all the same, and says so.
 #[test]
 fn too_many_vertices_are_subsampled_with_a_warning() {
     let domain = shapes::sphere(1.0, 4);
-    let options = FitOptions { max_sources: 300, ..FitOptions::default() };
+    let options = FitOptions {
+        max_sources: 300,
+        ..FitOptions::default()
+    };
     let fit = fitted(&boundary_map(&domain, charges), &options);
     assert_eq!((fit.report.sources, fit.report.collocation), (300, 900));
-    assert!(fit.report.warnings.iter().any(|w| w.contains("--max-sources")), "{:?}", fit.report.warnings);
+    assert!(
+        fit.report.warnings.iter().any(|w| w.contains("--max-sources")),
+        "{:?}",
+        fit.report.warnings
+    );
     assert!(fit.report.boundary_error.rms < 5e-4, "{:?}", fit.report.boundary_error);
 }
 
@@ -169,4 +205,3 @@ fn the_paper_basis_meets_the_identity_only_nearly() {
     let rms = fit.report.boundary_error.rms;
     assert!(rms > 1e-12 && rms < 1e-3, "{rms:e}");
 }
-

@@ -13,7 +13,11 @@ use solidmap::{Point, Vector};
 const TOLERANCE: f64 = 1e-10;
 
 fn bent(p: &Point) -> Point {
-    Point::new(p.x + 0.3 * p.y * p.y, p.y - 0.2 * (2.0 * p.z).sin(), p.z * (1.0 + 0.2 * p.x))
+    Point::new(
+        p.x + 0.3 * p.y * p.y,
+        p.y - 0.2 * (2.0 * p.z).sin(),
+        p.z * (1.0 + 0.2 * p.x),
+    )
 }
 
 fn motion(scale: f64) -> Similarity3<f64> {
@@ -25,7 +29,9 @@ fn motion(scale: f64) -> Similarity3<f64> {
 fn moving_the_target_moves_the_map() {
     for (name, domain) in solids(0) {
         let inside = interior_points(&domain, 100, 1);
-        let plain = fitted(&boundary_map(&domain, bent), &FitOptions::default()).map.evaluate(&inside);
+        let plain = fitted(&boundary_map(&domain, bent), &FitOptions::default())
+            .map
+            .evaluate(&inside);
         for scale in [1.0, 1e-3, 1e4] {
             let motion = motion(scale);
             let moved = fitted(&boundary_map(&domain, |p| motion * bent(p)), &FitOptions::default());
@@ -48,8 +54,13 @@ fn moving_the_domain_moves_the_map() {
             let motion = motion(scale);
             let moved_domain = shapes::deformed(&domain, |p| motion * p);
             let back = motion.inverse();
-            let moved = fitted(&boundary_map(&moved_domain, |p| bent(&(back * p))), &FitOptions::default());
-            let images = moved.map.evaluate(&inside.iter().map(|p| motion * p).collect::<Vec<_>>());
+            let moved = fitted(
+                &boundary_map(&moved_domain, |p| bent(&(back * p))),
+                &FitOptions::default(),
+            );
+            let images = moved
+                .map
+                .evaluate(&inside.iter().map(|p| motion * p).collect::<Vec<_>>());
             let error = largest_distance(&images, &expected);
             let rounding = (100.0 * TOLERANCE).max(1e-11 * 20.0 / scale);
             assert!(error < rounding, "{name}, scale {scale}: {error:e}");
@@ -65,10 +76,17 @@ fn jacobians_turn_with_the_domain() {
     let domain = shapes::torus(1.0, 0.4, 20, 9);
     let inside = interior_points(&domain, 50, 3);
     let rotation = Rotation3::from_euler_angles(0.3, 0.5, -0.8);
-    let plain = fitted(&boundary_map(&domain, bent), &FitOptions::default()).map.jacobian(&inside);
+    let plain = fitted(&boundary_map(&domain, bent), &FitOptions::default())
+        .map
+        .jacobian(&inside);
     let turned = shapes::deformed(&domain, |p| rotation * p);
-    let fit = fitted(&boundary_map(&turned, |p| bent(&(rotation.inverse() * p))), &FitOptions::default());
-    let jacobians = fit.map.jacobian(&inside.iter().map(|p| rotation * p).collect::<Vec<_>>());
+    let fit = fitted(
+        &boundary_map(&turned, |p| bent(&(rotation.inverse() * p))),
+        &FitOptions::default(),
+    );
+    let jacobians = fit
+        .map
+        .jacobian(&inside.iter().map(|p| rotation * p).collect::<Vec<_>>());
     for (j, turned) in plain.iter().zip(jacobians) {
         assert!((j * rotation.matrix().transpose() - turned).amax() < 1e-8);
     }

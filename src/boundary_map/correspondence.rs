@@ -77,14 +77,22 @@ impl BoundaryMap {
     /// When the counts differ, or the image is not finite or has no extent.
     pub fn new(domain: SurfaceMesh, image: Vec<Point>) -> Result<Self, BoundaryMapError> {
         if domain.vertices().len() != image.len() {
-            return Err(BoundaryMapError::VertexCount { domain: domain.vertices().len(), image: image.len() });
+            return Err(BoundaryMapError::VertexCount {
+                domain: domain.vertices().len(),
+                image: image.len(),
+            });
         }
         if let Some(vertex) = image.iter().position(|p| p.iter().any(|c| !c.is_finite())) {
-            return Err(BoundaryMapError::NonFinite { vertex, position: image[vertex].coords.into() });
+            return Err(BoundaryMapError::NonFinite {
+                vertex,
+                position: image[vertex].coords.into(),
+            });
         }
         let map = Self { domain, image };
         if map.target_diagonal() == 0.0 {
-            return Err(BoundaryMapError::NoExtent { vertices: map.image.len() });
+            return Err(BoundaryMapError::NoExtent {
+                vertices: map.image.len(),
+            });
         }
         Ok(map)
     }
@@ -117,7 +125,11 @@ impl BoundaryMap {
         }
         require_same_elements("tetrahedron", domain.tets(), image.tets())?;
         let boundary = domain.boundary();
-        let images = boundary.vertex_ids.iter().map(|&v| image.vertices()[v as usize]).collect();
+        let images = boundary
+            .vertex_ids
+            .iter()
+            .map(|&v| image.vertices()[v as usize])
+            .collect();
         Self::new(boundary.surface, images)
     }
 
@@ -133,7 +145,9 @@ impl BoundaryMap {
 
     /// The domain's triangles over the image positions: the boundary of the target.
     pub fn target(&self) -> SurfaceMesh {
-        self.domain.with_vertices(self.image.clone()).expect("counts were compared when the map was made")
+        self.domain
+            .with_vertices(self.image.clone())
+            .expect("counts were compared when the map was made")
     }
 
     /// Diagonal of the target's bounding box, the unit of reported errors.
@@ -143,7 +157,10 @@ impl BoundaryMap {
 
     /// Positions of surface points in the domain.
     pub fn positions(&self, points: &[SurfacePoint]) -> Vec<Point> {
-        points.iter().map(|p| p.position(&self.domain, self.domain.vertices())).collect()
+        points
+            .iter()
+            .map(|p| p.position(&self.domain, self.domain.vertices()))
+            .collect()
     }
 
     /// Images of surface points.
@@ -163,7 +180,11 @@ fn require_same_elements<const N: usize>(
     image: &[[u32; N]],
 ) -> Result<(), BoundaryMapError> {
     if domain.len() != image.len() {
-        return Err(BoundaryMapError::FaceCount { element, domain: domain.len(), image: image.len() });
+        return Err(BoundaryMapError::FaceCount {
+            element,
+            domain: domain.len(),
+            image: image.len(),
+        });
     }
     let sorted = |mut corners: [u32; N]| {
         corners.sort_unstable();
@@ -190,7 +211,13 @@ mod tests {
         let domain = shapes::cube(2.0, 2);
         let stretched = shapes::deformed(&domain, |p| Point::new(3.0 * p.x, p.y - 1.0, p.z));
         let map = BoundaryMap::between(domain, &stretched).unwrap();
-        let points = [SurfacePoint::corner(5, 2), SurfacePoint { triangle: 7, barycentric: [0.2, 0.3, 0.5] }];
+        let points = [
+            SurfacePoint::corner(5, 2),
+            SurfacePoint {
+                triangle: 7,
+                barycentric: [0.2, 0.3, 0.5],
+            },
+        ];
         for (x, y) in map.positions(&points).iter().zip(map.evaluate(&points)) {
             assert!((Point::new(3.0 * x.x, x.y - 1.0, x.z) - y).norm() < 1e-15);
         }
@@ -218,7 +245,10 @@ mod tests {
             Err(BoundaryMapError::NonFinite { vertex: 7, .. })
         ));
         let point = vec![Point::origin(); 26];
-        assert!(matches!(BoundaryMap::new(domain, point), Err(BoundaryMapError::NoExtent { vertices: 26 })));
+        assert!(matches!(
+            BoundaryMap::new(domain, point),
+            Err(BoundaryMapError::NoExtent { vertices: 26 })
+        ));
     }
 
     #[test]

@@ -35,7 +35,12 @@ pub fn ring_to_knot(around: usize, across: usize) -> BoundaryMap {
 pub fn polycube_to_animal(divisions: usize) -> BoundaryMap {
     let mut cubes = Vec::new();
     let mut block = |x: std::ops::Range<i32>, y: std::ops::Range<i32>, z: std::ops::Range<i32>| {
-        for (i, j, k) in x.flat_map(|i| y.clone().flat_map({ let z = z.clone(); move |j| z.clone().map(move |k| (i, j, k)) })) {
+        for (i, j, k) in x.flat_map(|i| {
+            y.clone().flat_map({
+                let z = z.clone();
+                move |j| z.clone().map(move |k| (i, j, k))
+            })
+        }) {
             cubes.push([i, j, k]);
         }
     };
@@ -48,13 +53,20 @@ pub fn polycube_to_animal(divisions: usize) -> BoundaryMap {
     block(-2..0, 1..2, 3..4);
     let domain = shapes::polycube(&cubes, divisions);
     // The number of steps that rounds by a given length grows with the square of the resolution.
-    let image = rounded(&domain, 5 * divisions * divisions).into_iter().map(pose).collect();
+    let image = rounded(&domain, 5 * divisions * divisions)
+        .into_iter()
+        .map(pose)
+        .collect();
     BoundaryMap::new(domain, image).expect("a rounded polycube is finite and extended")
 }
 
 /// Position, principal normal and binormal of a trefoil knot.
 fn trefoil(t: f64) -> (Point, Vector, Vector) {
-    let position = Point::new(t.sin() + 2.0 * (2.0 * t).sin(), t.cos() - 2.0 * (2.0 * t).cos(), -(3.0 * t).sin());
+    let position = Point::new(
+        t.sin() + 2.0 * (2.0 * t).sin(),
+        t.cos() - 2.0 * (2.0 * t).cos(),
+        -(3.0 * t).sin(),
+    );
     let velocity = Vector::new(
         t.cos() + 4.0 * (2.0 * t).cos(),
         -t.sin() + 4.0 * (2.0 * t).sin(),
@@ -117,7 +129,11 @@ mod tests {
         let point = |k: usize| trefoil(2.0 * PI * k as f64 / n as f64).0;
         let length: f64 = (0..n).map(|k| (point(k + 1) - point(k)).norm()).sum();
         let volume = ring_to_knot(400, 100).target().volume();
-        assert!((volume / (PI * 0.25 * length) - 1.0).abs() < 3e-3, "{volume} against {}", PI * 0.25 * length);
+        assert!(
+            (volume / (PI * 0.25 * length) - 1.0).abs() < 3e-3,
+            "{volume} against {}",
+            PI * 0.25 * length
+        );
     }
 
     #[test]

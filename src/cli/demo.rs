@@ -45,7 +45,11 @@ fn pairs() -> [Pair; 2] {
             name: "animal",
             title: "From a polycube to a free-form solid",
             boundary: examples::polycube_to_animal(4),
-            camera: Camera { azimuth: 35.0, elevation: 22.0, up: Axis::Z },
+            camera: Camera {
+                azimuth: 35.0,
+                elevation: 22.0,
+                up: Axis::Z,
+            },
             section: Axis::Y,
             cut: Axis::Y,
         },
@@ -53,7 +57,11 @@ fn pairs() -> [Pair; 2] {
             name: "knot",
             title: "From a solid ring to a solid trefoil knot",
             boundary: examples::ring_to_knot(96, 24),
-            camera: Camera { azimuth: 20.0, elevation: 50.0, up: Axis::Z },
+            camera: Camera {
+                azimuth: 20.0,
+                elevation: 50.0,
+                up: Axis::Z,
+            },
             section: Axis::Z,
             cut: Axis::Z,
         },
@@ -99,7 +107,11 @@ pub fn run(args: &DemoArgs, output: &Output) -> anyhow::Result<Outcome> {
 }
 
 fn show(pair: &Pair, folder: &Path, output: &Output) -> anyhow::Result<PairReport> {
-    output.note(format!("{}: {} boundary vertices", pair.title, pair.boundary.domain().vertices().len()));
+    output.note(format!(
+        "{}: {} boundary vertices",
+        pair.title,
+        pair.boundary.domain().vertices().len()
+    ));
     let fit = fit_with_progress(&pair.boundary, &FitOptions::default(), output)?;
     fit.report.warnings.iter().for_each(|warning| output.warn(warning));
 
@@ -110,13 +122,18 @@ fn show(pair: &Pair, folder: &Path, output: &Output) -> anyhow::Result<PairRepor
     let energy = energies(&fit.map, &quadrature, quadrature.volume(), target.volume(), &options)?;
 
     output.progress("writing");
-    io::write_surface(&folder.join("domain.obj"), domain)?;
-    io::write_surface(&folder.join("image.obj"), &target)?;
+    io::write_surface(folder.join("domain.obj"), domain)?;
+    io::write_surface(folder.join("image.obj"), &target)?;
     let depth = depths(&target, &fit.map.evaluate(quadrature.points()))?;
     write_cells(&folder.join("energy.vtu"), &quadrature, None, &energy, &depth)?;
 
     output.progress("drawing");
-    let pictured = Pictured { map: &fit.map, domain, target: &target, options };
+    let pictured = Pictured {
+        map: &fit.map,
+        domain,
+        target: &target,
+        options,
+    };
     let mut panels = pictured.section(middle(domain, pair.section), SECTION_PIXELS)?;
     panels.push(pictured.target_section(middle(&target, pair.section), SECTION_PIXELS)?);
     let rows = panels.chunks(2).map(<[_]>::to_vec).collect();
@@ -126,14 +143,18 @@ fn show(pair: &Pair, folder: &Path, output: &Output) -> anyhow::Result<PairRepor
     let carried = carry(domain, &fit.map)?;
     let mut views = vec![surface_views(pair, domain, &target)?];
     if let Some(carried) = &carried {
-        io::write_tets(&folder.join("domain_tets.vtu"), &carried.before)?;
-        io::write_tets(&folder.join("carried_tets.vtu"), &carried.after)?;
+        io::write_tets(folder.join("domain_tets.vtu"), &carried.before)?;
+        io::write_tets(folder.join("carried_tets.vtu"), &carried.after)?;
         views.push(cut_views(pair, carried)?);
     }
     save(&folder.join("map.png"), &Figure::grid(views).titled(pair.title))?;
 
     let metadata = MapMetadata::new(fit.report.clone(), vec![]);
-    let file = MapFile { map: fit.map, boundary: Some(pair.boundary.clone()), metadata };
+    let file = MapFile {
+        map: fit.map,
+        boundary: Some(pair.boundary.clone()),
+        metadata,
+    };
     io::write_map(&folder.join("map.safetensors"), &file)?;
     output.finish();
     Ok(PairReport {
@@ -155,7 +176,9 @@ struct Carried {
 fn carry(domain: &SurfaceMesh, map: &HarmonicMap) -> anyhow::Result<Option<Carried>> {
     let before = solidmap::native::tetrahedralize(domain, &solidmap::native::TetOptions::default())?;
     let images = map.evaluate(before.vertices());
-    let after = before.with_vertices(images).context("the map gave another number of images than points")?;
+    let after = before
+        .with_vertices(images)
+        .context("the map gave another number of images than points")?;
     Ok(Some(Carried { before, after }))
 }
 
@@ -165,7 +188,10 @@ fn carry(_: &SurfaceMesh, _: &HarmonicMap) -> anyhow::Result<Option<Carried>> {
 }
 
 fn surface_views(pair: &Pair, domain: &SurfaceMesh, target: &SurfaceMesh) -> anyhow::Result<Vec<Panel>> {
-    let style = SurfaceStyle { edges: Edges::All, ..SurfaceStyle::default() };
+    let style = SurfaceStyle {
+        edges: Edges::All,
+        ..SurfaceStyle::default()
+    };
     let view = |surface| Panel::of_surface(surface, &style, &pair.camera, VIEW_PIXELS);
     Ok(vec![view(domain)?.titled("Domain"), view(target)?.titled("Target")])
 }
@@ -179,13 +205,24 @@ fn cut_views(pair: &Pair, carried: &Carried) -> anyhow::Result<Vec<Panel>> {
         .filter(|&t| {
             let height = carried.before.corners(t).iter().map(|p| p[axis]).sum::<f64>() / 4.0;
             // The half that the viewer looks into: the camera stands on the side of low y and of high z.
-            if pair.cut == Axis::Y { height > middle } else { height < middle }
+            if pair.cut == Axis::Y {
+                height > middle
+            } else {
+                height < middle
+            }
         })
         .map(|t| carried.before.tets()[t])
         .collect();
     let kept = TetMesh::new(carried.before.vertices().to_vec(), half)?.boundary();
-    let images = kept.vertex_ids.iter().map(|&v| carried.after.vertices()[v as usize]).collect();
-    let after = kept.surface.with_vertices(images).context("the boundary lost vertices")?;
+    let images = kept
+        .vertex_ids
+        .iter()
+        .map(|&v| carried.after.vertices()[v as usize])
+        .collect();
+    let after = kept
+        .surface
+        .with_vertices(images)
+        .context("the boundary lost vertices")?;
     let style = SurfaceStyle {
         edges: Edges::All,
         shading: solidmap::report::Shading::Flat,
@@ -199,7 +236,9 @@ fn cut_views(pair: &Pair, carried: &Carried) -> anyhow::Result<Vec<Panel>> {
 }
 
 fn middle(surface: &SurfaceMesh, axis: Axis) -> Plane {
-    let position = surface.bounding_box().map_or(0.0, |(low, high)| (low[axis.index()] + high[axis.index()]) / 2.0);
+    let position = surface
+        .bounding_box()
+        .map_or(0.0, |(low, high)| (low[axis.index()] + high[axis.index()]) / 2.0);
     Plane { axis, position }
 }
 

@@ -8,7 +8,7 @@ use solidmap::Point;
 use solidmap::energy::{
     EnergyOptions, EnergyReport, Lame, Layout, Quadrature, Resolution, clipped_grid, energies, tet_quadrature,
 };
-use solidmap::io::{self, CellBlock, Field, VtkFields};
+use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::mesh::TetMesh;
 use solidmap::report::{Axis, Figure, Plane};
 
@@ -32,15 +32,22 @@ struct Report {
 
 /// Measures the energies of a map and writes their distribution.
 pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
-    ensure!((0.0..=1.0).contains(&args.position), "--position is {}, but must be from 0 to 1", args.position);
+    ensure!(
+        (0.0..=1.0).contains(&args.position),
+        "--position is {}, but must be from 0 to 1",
+        args.position
+    );
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
     let target = boundary.target();
     let options = EnergyOptions {
         normalize: !args.no_normalize,
-        lame: Lame { lambda: args.lame[0], mu: args.lame[1] },
+        lame: Lame {
+            lambda: args.lame[0],
+            mu: args.lame[1],
+        },
     };
-    let mesh = args.mesh.as_deref().map(io::read_tets).transpose()?;
+    let mesh = args.mesh.as_ref().map(io::read_tets).transpose()?;
 
     output.progress("integrating");
     let quadrature = match &mesh {
@@ -48,44 +55,87 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
         None => clipped_grid(boundary.domain(), Resolution::CellsAlongLongestSide(args.resolution))?,
     };
     // A reflecting map has a target of negative volume; its size is what energies are scaled by.
-    let energy = energies(&file.map, &quadrature, quadrature.volume(), target.volume().abs(), &options)
-        .with_context(|| format!("cannot measure `{}`", args.map.display()))?;
+    let energy = energies(
+        &file.map,
+        &quadrature,
+        quadrature.volume(),
+        target.volume().abs(),
+        &options,
+    )
+    .with_context(|| format!("cannot measure `{}`", args.map.display()))?;
 
     if let Some(path) = &args.vtu {
         output.progress("writing");
-        let deep = depths(&target, &solidmap::map::VolumeMap::evaluate(&file.map, quadrature.points()))?;
+        let deep = depths(
+            &target,
+            &solidmap::map::VolumeMap::evaluate(&file.map, quadrature.points()),
+        )?;
         write_cells(path, &quadrature, mesh.as_ref(), &energy, &deep)?;
     }
     if let Some(path) = &args.png {
         output.progress("drawing");
-        let pictured = Pictured { map: &file.map, domain: boundary.domain(), target: &target, options };
+        let pictured = Pictured {
+            map: &file.map,
+            domain: boundary.domain(),
+            target: &target,
+            options,
+        };
         let panels = pictured.section(plane(args, boundary.domain().vertices()), SECTION_PIXELS)?;
         let png = Figure::row(panels).to_png()?;
         io::atomic_write(path, |writer| writer.write_all(&png))?;
     }
 
     let cells = quadrature.cell_means(&energy.densities.harmonic).len();
-    let report = Report { map: args.map.clone(), cells, points: quadrature.points().len(), energy };
+    let report = Report {
+        map: args.map.clone(),
+        cells,
+        points: quadrature.points().len(),
+        energy,
+    };
     output.result(&report, || pairs(energy_rows(&report.energy)))?;
     Ok(Outcome::Done)
 }
 
 /// The lines of the summary that say what energies a map has.
 pub fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
-    let scaled = if energy.normalized { "both solids at unit volume" } else { "in model units" };
-    let (harmonic, deformation, det) = (&energy.harmonic_density, &energy.deformation_density, &energy.det_jacobian);
+    let scaled = if energy.normalized {
+        "both solids at unit volume"
+    } else {
+        "in model units"
+    };
+    let (harmonic, deformation, det) = (
+        &energy.harmonic_density,
+        &energy.deformation_density,
+        &energy.det_jacobian,
+    );
     let row = |name: &str, total: f64, d: &solidmap::energy::Distribution| {
-        [name.to_owned(), format!("{total:<12.6} density {:.3e} to {:.3e}, median {:.3e}", d.min, d.max, d.median)]
+        [
+            name.to_owned(),
+            format!(
+                "{total:<12.6} density {:.3e} to {:.3e}, median {:.3e}",
+                d.min, d.max, d.median
+            ),
+        ]
     };
     vec![
         row("harmonic energy", energy.harmonic, harmonic),
         row("deformation energy", energy.deformation, deformation),
         [String::new(), scaled.into()],
-        ["volume".into(), format!("{:.6} → {:.6}", energy.volume, energy.target_volume)],
-        ["det J".into(), format!("{:.3e} to {:.3e}, median {:.3e}", det.min, det.max, det.median)],
+        [
+            "volume".into(),
+            format!("{:.6} → {:.6}", energy.volume, energy.target_volume),
+        ],
+        [
+            "det J".into(),
+            format!("{:.3e} to {:.3e}, median {:.3e}", det.min, det.max, det.median),
+        ],
         [
             "folded".into(),
-            format!("{} points, {:.2} % of the volume", energy.inverted_points, 100.0 * energy.inverted_fraction),
+            format!(
+                "{} points, {:.2} % of the volume",
+                energy.inverted_points,
+                100.0 * energy.inverted_fraction
+            ),
         ],
     ]
 }
@@ -99,7 +149,10 @@ fn plane(args: &EnergyArgs, vertices: &[Point]) -> Plane {
     let along = vertices.iter().map(|p| p[axis.index()]);
     let low = along.clone().fold(f64::INFINITY, f64::min);
     let high = along.fold(f64::NEG_INFINITY, f64::max);
-    Plane { axis, position: low + args.position * (high - low) }
+    Plane {
+        axis,
+        position: low + args.position * (high - low),
+    }
 }
 
 /// Mean densities of all cells: boxes of the grid, whole also where the solid cuts them, or tetrahedra.
@@ -117,30 +170,49 @@ pub fn write_cells(
         ("det_jacobian", &densities.det_jacobian),
         ("transferred_distance", depth),
     ];
-    let cells: Vec<u32> = quadrature.cell_means(&densities.harmonic).iter().map(|c| c.cell).collect();
-    let (points, block) = match (quadrature.layout(), mesh) {
-        (Layout::Tets { .. }, Some(mesh)) => {
-            let tets = cells.iter().map(|&c| mesh.tets()[c as usize]).collect();
-            (mesh.vertices().to_vec(), CellBlock::Tets(tets))
-        }
-        (Layout::Grid(grid), _) => boxes(&grid, &cells),
-        (Layout::Tets { .. }, None) => anyhow::bail!("a distribution over tetrahedra needs their mesh"),
-    };
+    let cells: Vec<u32> = quadrature
+        .cell_means(&densities.harmonic)
+        .iter()
+        .map(|c| c.cell)
+        .collect();
     let cell = fields.map(|(name, values)| Field {
         name: name.into(),
         components: 1,
         values: quadrature.cell_means(values).iter().map(|c| c.mean).collect(),
     });
-    let fields = VtkFields { point: vec![], cell: cell.into() };
-    Ok(io::write_vtu(path, &points, &block, &fields)?)
+    let fields = VtkFields {
+        point: vec![],
+        cell: cell.into(),
+    };
+    match (quadrature.layout(), mesh) {
+        (Layout::Tets { .. }, Some(mesh)) => {
+            let tets: Vec<_> = cells.iter().map(|&c| mesh.tets()[c as usize]).collect();
+            io::write_vtu(path, mesh.vertices(), Cells::Tets(&tets), &fields)?;
+        }
+        (Layout::Grid(grid), _) => {
+            let (points, hexes) = boxes(&grid, &cells);
+            io::write_vtu(path, &points, Cells::Hexes(&hexes), &fields)?;
+        }
+        (Layout::Tets { .. }, None) => anyhow::bail!("a distribution over tetrahedra needs their mesh"),
+    }
+    Ok(())
 }
 
 /// Corners and hexahedra of boxes, corners shared.
-fn boxes(grid: &solidmap::energy::Grid, cells: &[u32]) -> (Vec<Point>, CellBlock) {
+fn boxes(grid: &solidmap::energy::Grid, cells: &[u32]) -> (Vec<Point>, Vec<[u32; 8]>) {
     let mut index = std::collections::HashMap::new();
     let mut points = Vec::new();
     // VTK's order of a hexahedron's corners.
-    let corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]];
+    let corners = [
+        [0, 0, 0],
+        [1, 0, 0],
+        [1, 1, 0],
+        [0, 1, 0],
+        [0, 0, 1],
+        [1, 0, 1],
+        [1, 1, 1],
+        [0, 1, 1],
+    ];
     let hexes = cells.iter().map(|&cell| {
         let steps = grid.steps(cell);
         corners.map(|corner| {
@@ -153,5 +225,5 @@ fn boxes(grid: &solidmap::energy::Grid, cells: &[u32]) -> (Vec<Point>, CellBlock
         })
     });
     let hexes = hexes.collect();
-    (points, CellBlock::Hexahedra(hexes))
+    (points, hexes)
 }

@@ -38,9 +38,16 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
         );
     }
     if writes_mesh && args.jacobian {
-        bail!("Jacobians go into .csv or .npy; `{}` would lose them", args.output.display());
+        bail!(
+            "Jacobians go into .csv or .npy; `{}` would lose them",
+            args.output.display()
+        );
     }
-    let solid = if is_table(&args.points) { None } else { Some(io::read_solid(&args.points)?) };
+    let solid = if is_table(&args.points) {
+        None
+    } else {
+        Some(io::read_solid(&args.points)?)
+    };
     let points = match &solid {
         None => io::read_points(&args.points)?,
         Some(Solid::Surface(surface)) => surface.vertices().to_vec(),
@@ -61,7 +68,9 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
         _ => write_table(&args.output, &points, &images, jacobians.as_deref())?,
     }
     if not_finite > 0 {
-        output.warn(format!("{not_finite} images are not finite; those points lie at sources, outside the domain"));
+        output.warn(format!(
+            "{not_finite} images are not finite; those points lie at sources, outside the domain"
+        ));
     }
     let report = Report {
         map: args.map.clone(),
@@ -87,7 +96,8 @@ fn rows(report: &Report) -> Vec<[String; 2]> {
 }
 
 fn is_table(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv") || e.eq_ignore_ascii_case("npy"))
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("csv") || e.eq_ignore_ascii_case("npy"))
 }
 
 /// Writes the mesh with its vertices at their images; counts the tetrahedra that changed hand.
@@ -110,22 +120,36 @@ fn write_mesh(path: &Path, solid: &Solid, images: Vec<Point>) -> anyhow::Result<
 /// reflects, and the others are counted.
 pub fn flipped_tets(before: &solidmap::mesh::TetMesh, after: &solidmap::mesh::TetMesh) -> usize {
     let count = before.tets().len();
-    let kept = (0..count).filter(|&t| before.signed_volume(t) * after.signed_volume(t) > 0.0).count();
-    let turned = (0..count).filter(|&t| before.signed_volume(t) * after.signed_volume(t) < 0.0).count();
+    let kept = (0..count)
+        .filter(|&t| before.signed_volume(t) * after.signed_volume(t) > 0.0)
+        .count();
+    let turned = (0..count)
+        .filter(|&t| before.signed_volume(t) * after.signed_volume(t) < 0.0)
+        .count();
     count - kept.max(turned)
 }
 
+/// CSV: the points, their images and the Jacobians' entries. NPY has no names: the images, then the entries.
 fn write_table(path: &Path, points: &[Point], images: &[Point], jacobians: Option<&[Matrix3]>) -> anyhow::Result<()> {
-    let mut names = ["x", "y", "z", "fx", "fy", "fz"].map(String::from).to_vec();
+    let csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+    let mut names = if csv { vec!["x", "y", "z"] } else { vec![] };
+    names.extend(["fx", "fy", "fz"]);
     if jacobians.is_some() {
-        names.extend((0..3).flat_map(|i| (0..3).map(move |k| format!("j{i}{k}"))));
+        names.extend(["j00", "j01", "j02", "j10", "j11", "j12", "j20", "j21", "j22"]);
     }
-    let rows: Vec<f64> = (0..points.len())
-        .flat_map(|p| {
-            let jacobian = jacobians.map(|all| all[p].transpose());
-            let entries: Vec<f64> = jacobian.iter().flat_map(|j| j.iter().copied()).collect();
-            points[p].iter().chain(images[p].iter()).copied().chain(entries).collect::<Vec<_>>()
-        })
-        .collect();
-    Ok(io::write_table(path, &names, &rows)?)
+    let mut values = Vec::with_capacity(points.len() * names.len());
+    for (p, (point, image)) in points.iter().zip(images).enumerate() {
+        if csv {
+            values.extend_from_slice(point.coords.as_slice());
+        }
+        values.extend_from_slice(image.coords.as_slice());
+        // Matrices are stored by columns.
+        values.extend(jacobians.iter().flat_map(|all| all[p].transpose().as_slice().to_vec()));
+    }
+    if csv {
+        io::write_csv(path, &names, &values)?
+    } else {
+        io::write_npy(path, names.len(), &values)?
+    }
+    Ok(())
 }

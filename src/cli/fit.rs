@@ -6,7 +6,7 @@ use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{Fit, FitOptions, FitReport, Phase, Placement, fit};
-use solidmap::io::{self, CellBlock, Field, MapFile, MapMetadata, Provenance, VtkFields};
+use solidmap::io::{self, Cells, Field, MapFile, MapMetadata, Provenance, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::solver::Method;
 
@@ -39,15 +39,24 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
 
     output.progress("writing");
     let inputs = [("domain", &args.domain), ("image", &args.image)];
-    let inputs = inputs.iter().map(|(role, path)| Provenance::of(role, path)).collect::<Result<_, _>>()?;
+    let inputs = inputs
+        .iter()
+        .map(|(role, path)| Provenance::of(role, path))
+        .collect::<Result<_, _>>()?;
     let metadata = MapMetadata::new(fit.report.clone(), inputs);
-    let file = MapFile { map: fit.map, boundary: Some(boundary), metadata };
+    let file = MapFile {
+        map: fit.map,
+        boundary: Some(boundary),
+        metadata,
+    };
     io::write_map(&args.output, &file)?;
     if let (Some(path), Some(boundary)) = (&args.vtu, &file.boundary) {
         write_boundary(path, boundary, &file.map)?;
     }
 
-    let tolerance_met = args.tolerance.is_none_or(|tolerance| fit.report.boundary_error.p99 <= tolerance);
+    let tolerance_met = args
+        .tolerance
+        .is_none_or(|tolerance| fit.report.boundary_error.p99 <= tolerance);
     let report = Report {
         domain: args.domain.clone(),
         image: args.image.clone(),
@@ -84,19 +93,49 @@ pub fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
     let error = report.boundary_error;
     let condition = report.condition.map_or("singular".into(), |c| format!("{c:.1e}"));
     vec![
-        ["boundary".into(), format!("{} vertices, {} triangles", report.vertices, report.faces)],
-        ["system".into(), format!("{} sources, {} collocation points", report.sources, report.collocation)],
-        ["solver".into(), format!("{}, rank {}, condition {condition}", report.method, report.rank)],
-        ["boundary error".into(), format!("rms {:.2e}   99 % {:.2e}   max {:.2e}", error.rms, error.p99, error.max)],
-        ["".into(), "at held-out points, as fractions of the target's diagonal".into()],
-        ["residual".into(), format!("rms {:.2e} at the collocation points (C-Error {:.2e})", report.residual_rms, report.c_error)],
-        ["time".into(), format!("{:.2} s ({:.2} s factoring)", report.seconds.total, report.seconds.factor)],
+        [
+            "boundary".into(),
+            format!("{} vertices, {} triangles", report.vertices, report.faces),
+        ],
+        [
+            "system".into(),
+            format!("{} sources, {} collocation points", report.sources, report.collocation),
+        ],
+        [
+            "solver".into(),
+            format!("{}, rank {}, condition {condition}", report.method, report.rank),
+        ],
+        [
+            "boundary error".into(),
+            format!("rms {:.2e}   99 % {:.2e}   max {:.2e}", error.rms, error.p99, error.max),
+        ],
+        [
+            "".into(),
+            "at held-out points, as fractions of the target's diagonal".into(),
+        ],
+        [
+            "residual".into(),
+            format!(
+                "rms {:.2e} at the collocation points (C-Error {:.2e})",
+                report.residual_rms, report.c_error
+            ),
+        ],
+        [
+            "time".into(),
+            format!(
+                "{:.2} s ({:.2} s factoring)",
+                report.seconds.total, report.seconds.factor
+            ),
+        ],
     ]
 }
 
 fn summary(report: &Report) -> String {
     let mut rows = fit_rows(&report.fit);
-    rows.push(["memory".into(), format!("{:.0} MiB at most", report.peak_rss_bytes as f64 / 1048576.0)]);
+    rows.push([
+        "memory".into(),
+        format!("{:.0} MiB at most", report.peak_rss_bytes as f64 / 1048576.0),
+    ]);
     rows.push(["map".into(), report.map.display().to_string()]);
     pairs(rows)
 }
@@ -109,7 +148,11 @@ fn options(args: &MethodArgs) -> FitOptions {
         (None, None) => PlacementKind::Adaptive,
     });
     // The paper's ratios belong to its placements; the overdetermined default to the adaptive one.
-    let base = if args.paper || placement != PlacementKind::Adaptive { FitOptions::paper() } else { FitOptions::adaptive() };
+    let base = if args.paper || placement != PlacementKind::Adaptive {
+        FitOptions::paper()
+    } else {
+        FitOptions::adaptive()
+    };
     let mut solver = base.solver;
     if let Some(method) = args.method {
         solver.method = match method {
@@ -118,12 +161,23 @@ fn options(args: &MethodArgs) -> FitOptions {
         };
     }
     solver.truncation = args.truncation.unwrap_or(solver.truncation);
-    let default_limit = if solver.method == Method::Qr { FitOptions::adaptive() } else { FitOptions::paper() }.max_sources;
+    let default_limit = if solver.method == Method::Qr {
+        FitOptions::adaptive()
+    } else {
+        FitOptions::paper()
+    }
+    .max_sources;
     FitOptions {
         placement: match placement {
-            PlacementKind::Adaptive => Placement::Adaptive { alpha: args.alpha.unwrap_or(1.0) },
-            PlacementKind::Offset => Placement::Offset { distance: args.offset.unwrap_or(0.1) },
-            PlacementKind::Sphere => Placement::Sphere { radius: args.radius.unwrap_or(1.0) },
+            PlacementKind::Adaptive => Placement::Adaptive {
+                alpha: args.alpha.unwrap_or(1.0),
+            },
+            PlacementKind::Offset => Placement::Offset {
+                distance: args.offset.unwrap_or(0.1),
+            },
+            PlacementKind::Sphere => Placement::Sphere {
+                radius: args.radius.unwrap_or(1.0),
+            },
         },
         source_ratio: args.s_ratio.unwrap_or(base.source_ratio),
         collocation_ratio: args.c_ratio.unwrap_or(base.collocation_ratio),
@@ -148,7 +202,10 @@ fn warn_of_self_intersections(boundary: &BoundaryMap, path: &Path, output: &Outp
             pairs[0][0],
             pairs[0][1]
         )),
-        Err(error) => output.warn(format!("self-intersections of `{}` could not be looked for: {error}", path.display())),
+        Err(error) => output.warn(format!(
+            "self-intersections of `{}` could not be looked for: {error}",
+            path.display()
+        )),
     }
 }
 
@@ -163,11 +220,28 @@ fn write_boundary(path: &Path, boundary: &BoundaryMap, map: &HarmonicMap) -> any
     let vectors = |points: &[solidmap::Point]| points.iter().flat_map(|p| p.iter().copied()).collect();
     let fields = VtkFields {
         point: vec![
-            Field { name: "image".into(), components: 3, values: vectors(boundary.image()) },
-            Field { name: "mapped".into(), components: 3, values: vectors(&mapped) },
-            Field { name: "error".into(), components: 1, values: errors.collect() },
+            Field {
+                name: "image".into(),
+                components: 3,
+                values: vectors(boundary.image()),
+            },
+            Field {
+                name: "mapped".into(),
+                components: 3,
+                values: vectors(&mapped),
+            },
+            Field {
+                name: "error".into(),
+                components: 1,
+                values: errors.collect(),
+            },
         ],
         cell: vec![],
     };
-    Ok(io::write_vtu(path, domain.vertices(), &CellBlock::Triangles(domain.triangles().to_vec()), &fields)?)
+    Ok(io::write_vtu(
+        path,
+        domain.vertices(),
+        Cells::Triangles(domain.triangles()),
+        &fields,
+    )?)
 }

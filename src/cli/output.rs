@@ -15,7 +15,11 @@ pub struct Output {
 impl Output {
     /// Results as JSON, or as text.
     pub fn new(json: bool) -> Self {
-        let bar = if io::stderr().is_terminal() { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
+        let bar = if io::stderr().is_terminal() {
+            ProgressBar::new_spinner()
+        } else {
+            ProgressBar::hidden()
+        };
         let style = ProgressStyle::with_template("{spinner} {msg} ({elapsed})");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
         Self { json, bar }
@@ -48,7 +52,11 @@ impl Output {
     /// The result: `report` as JSON, or `text`.
     pub fn result(&self, report: &impl Serialize, text: impl FnOnce() -> String) -> anyhow::Result<()> {
         self.finish();
-        let content = if self.json { serde_json::to_string_pretty(report)? } else { text() };
+        let content = if self.json {
+            serde_json::to_string_pretty(report)?
+        } else {
+            text()
+        };
         let mut stdout = io::stdout().lock();
         writeln!(stdout, "{}", content.trim_end())?;
         Ok(stdout.flush()?)
@@ -57,14 +65,19 @@ impl Output {
 
 /// Largest resident set of this process so far, in bytes; 0 where the system does not say.
 pub fn peak_rss_bytes() -> u64 {
-    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return 0 };
+    let Ok(status) = std::fs::read_to_string("/proc/self/status") else {
+        return 0;
+    };
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    line.and_then(|rest| rest.trim().trim_end_matches("kB").trim().parse::<u64>().ok()).map_or(0, |kib| kib * 1024)
+    line.and_then(|rest| rest.trim().trim_end_matches("kB").trim().parse::<u64>().ok())
+        .map_or(0, |kib| kib * 1024)
 }
 
 /// Lines of a name and a text, the texts aligned.
 pub fn pairs(rows: Vec<[String; 2]>) -> String {
     let width = rows.iter().map(|[name, _]| name.chars().count()).max().unwrap_or(0);
-    let lines = rows.into_iter().map(|[name, text]| format!("{name:<width$}  {text}").trim_end().to_owned());
+    let lines = rows
+        .into_iter()
+        .map(|[name, text]| format!("{name:<width$}  {text}").trim_end().to_owned());
     lines.collect::<Vec<_>>().join("\n")
 }

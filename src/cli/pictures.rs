@@ -30,26 +30,46 @@ impl Pictured<'_> {
         // A few points at creases have densities far above all others; the bar says that it clamps.
         let most = ValueRange::Quantiles(0.0, 0.99);
         let energies = [
-            ("harmonic energy density", jacobians.iter().map(harmonic::density).collect::<Vec<_>>()),
-            ("deformation energy density", jacobians.iter().map(|j| deformation::density(j, &lame)).collect()),
+            (
+                "harmonic energy density",
+                jacobians.iter().map(harmonic::density).collect::<Vec<_>>(),
+            ),
+            (
+                "deformation energy density",
+                jacobians.iter().map(|j| deformation::density(j, &lame)).collect(),
+            ),
         ];
         let mut panels = Vec::new();
         for (name, values) in energies {
             panels.push(panel(&section, name, &values, most)?);
         }
         let depth = depths(self.target, &self.map.evaluate(section.points()))?;
-        panels.push(panel(&section, "target's distance field, transferred", &depth, ValueRange::Full)?);
+        panels.push(panel(
+            &section,
+            "target's distance field, transferred",
+            &depth,
+            ValueRange::Full,
+        )?);
         Ok(panels)
     }
 
     /// The target's own distance field on a cross-section of the target.
     pub fn target_section(&self, plane: Plane, pixels: usize) -> anyhow::Result<Panel> {
         let section = Section::new(self.target, plane, pixels)?;
-        panel(&section, "distance field of the target", &depths(self.target, section.points())?, ValueRange::Full)
+        panel(
+            &section,
+            "distance field of the target",
+            &depths(self.target, section.points())?,
+            ValueRange::Full,
+        )
     }
 
     fn jacobian_scale(&self) -> f64 {
-        if self.options.normalize { (self.domain.volume() / self.target.volume()).abs().cbrt() } else { 1.0 }
+        if self.options.normalize {
+            (self.domain.volume() / self.target.volume()).abs().cbrt()
+        } else {
+            1.0
+        }
     }
 }
 

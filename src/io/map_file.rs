@@ -12,7 +12,6 @@
 //! JSON object: see [`MapMetadata`].
 
 use std::collections::HashMap;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
@@ -126,7 +125,11 @@ impl Provenance {
         let digest = sha2::Sha256::digest(std::fs::read(path)?);
         let sha256 = digest.iter().map(|byte| format!("{byte:02x}")).collect();
         let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { role: role.into(), file, sha256 })
+        Ok(Self {
+            role: role.into(),
+            file,
+            sha256,
+        })
     }
 }
 
@@ -140,16 +143,46 @@ pub fn write_map(path: &Path, file: &MapFile) -> Result<(), MapFileError> {
     let rows = |points: &[crate::Point]| bytes(points.iter().flat_map(|p| p.iter().copied()));
     let coefficients = file.map.coefficients();
     let mut tensors = vec![
-        ("sources", Dtype::F64, file.map.sources().len(), rows(file.map.sources())),
-        ("coefficients", Dtype::F64, coefficients.sources.len(), bytes(coefficients.sources.iter().flatten().copied())),
-        ("affine", Dtype::F64, 4, bytes(coefficients.affine.iter().flatten().copied())),
+        (
+            "sources",
+            Dtype::F64,
+            file.map.sources().len(),
+            rows(file.map.sources()),
+        ),
+        (
+            "coefficients",
+            Dtype::F64,
+            coefficients.sources.len(),
+            bytes(coefficients.sources.iter().flatten().copied()),
+        ),
+        (
+            "affine",
+            Dtype::F64,
+            4,
+            bytes(coefficients.affine.iter().flatten().copied()),
+        ),
     ];
     if let Some(boundary) = &file.boundary {
         let domain = boundary.domain();
-        let triangles = domain.triangles().iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
-        tensors.push(("domain_vertices", Dtype::F64, domain.vertices().len(), rows(domain.vertices())));
+        let triangles = domain
+            .triangles()
+            .iter()
+            .flatten()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
+        tensors.push((
+            "domain_vertices",
+            Dtype::F64,
+            domain.vertices().len(),
+            rows(domain.vertices()),
+        ));
         tensors.push(("domain_triangles", Dtype::U32, domain.triangles().len(), triangles));
-        tensors.push(("image_vertices", Dtype::F64, boundary.image().len(), rows(boundary.image())));
+        tensors.push((
+            "image_vertices",
+            Dtype::F64,
+            boundary.image().len(),
+            rows(boundary.image()),
+        ));
     }
     let views: Vec<_> = tensors
         .iter()
@@ -167,7 +200,10 @@ pub fn write_map(path: &Path, file: &MapFile) -> Result<(), MapFileError> {
 ///
 /// When it cannot be read, is not a map or not whole, or is of a newer major version.
 pub fn read_map(path: &Path) -> Result<MapFile, MapFileError> {
-    let content = std::fs::read(path).map_err(|source| IoError::Open { path: path.to_owned(), source })?;
+    let content = std::fs::read(path).map_err(|source| IoError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
     let tensors = SafeTensors::deserialize(&content).map_err(|e| not_a_map(path, &e))?;
     let (_, header) = SafeTensors::read_metadata(&content).map_err(|e| not_a_map(path, &e))?;
     let metadata = read_metadata(path, header.metadata().as_ref())?;
@@ -182,8 +218,16 @@ pub fn read_map(path: &Path) -> Result<MapFile, MapFileError> {
     let coefficients = Coefficients { sources: rows, affine };
     let map = HarmonicMap::new(sources, coefficients)
         .ok_or_else(|| reader.problem("coefficients", format!("has {count} rows, which is not one per source")))?;
-    let boundary = if reader.has("domain_vertices") { Some(reader.boundary()?) } else { None };
-    Ok(MapFile { map, boundary, metadata })
+    let boundary = if reader.has("domain_vertices") {
+        Some(reader.boundary()?)
+    } else {
+        None
+    };
+    Ok(MapFile {
+        map,
+        boundary,
+        metadata,
+    })
 }
 
 struct Reader<'a> {
@@ -219,18 +263,28 @@ impl Reader<'_> {
     }
 
     fn data(&self, tensor: &'static str, dtype: Dtype) -> Result<&[u8], MapFileError> {
-        let view = self.tensors.tensor(tensor).map_err(|_| self.problem(tensor, "is missing".into()))?;
+        let view = self
+            .tensors
+            .tensor(tensor)
+            .map_err(|_| self.problem(tensor, "is missing".into()))?;
         match view.shape() {
             [_, 3] if view.dtype() == dtype => Ok(view.data()),
             shape => {
-                let found = format!("is {:?} of shape {shape:?} instead of {dtype:?} of shape [n, 3]", view.dtype());
+                let found = format!(
+                    "is {:?} of shape {shape:?} instead of {dtype:?} of shape [n, 3]",
+                    view.dtype()
+                );
                 Err(self.problem(tensor, found))
             }
         }
     }
 
     fn problem(&self, tensor: &'static str, problem: String) -> MapFileError {
-        MapFileError::Tensor { path: self.path.to_owned(), tensor, problem }
+        MapFileError::Tensor {
+            path: self.path.to_owned(),
+            tensor,
+            problem,
+        }
     }
 }
 
@@ -242,14 +296,20 @@ fn read_metadata(path: &Path, entries: Option<&HashMap<String, String>>) -> Resu
     let value: serde_json::Value = serde_json::from_str(text).map_err(|e| not_a_map(path, &e))?;
     let found = value["format_version"].as_str().unwrap_or_default();
     match found.split('.').next().and_then(|major| major.parse::<u32>().ok()) {
-        Some(major) if major > FORMAT_VERSION.0 => Err(MapFileError::Newer { path: path.into(), found: found.into() }),
+        Some(major) if major > FORMAT_VERSION.0 => Err(MapFileError::Newer {
+            path: path.into(),
+            found: found.into(),
+        }),
         Some(_) => serde_json::from_value(value).map_err(|e| not_a_map(path, &e)),
         None => Err(not_a_map(path, &"its metadata has no format version")),
     }
 }
 
 fn not_a_map(path: &Path, cause: &dyn std::fmt::Display) -> MapFileError {
-    MapFileError::NotAMap { path: path.to_owned(), cause: cause.to_string() }
+    MapFileError::NotAMap {
+        path: path.to_owned(),
+        cause: cause.to_string(),
+    }
 }
 
 fn bytes(numbers: impl Iterator<Item = f64>) -> Vec<u8> {
@@ -264,17 +324,29 @@ mod tests {
 
     fn example() -> MapFile {
         let domain = shapes::sphere(1.0, 1);
-        let image = shapes::deformed(&domain, |p| Point::new(2.0 * p.x, p.y, p.z + 0.1 * p.x)).vertices().to_vec();
+        let image = shapes::deformed(&domain, |p| Point::new(2.0 * p.x, p.y, p.z + 0.1 * p.x))
+            .vertices()
+            .to_vec();
         let sources: Vec<Point> = shapes::sphere(1.5, 0).vertices().to_vec();
         let coefficients = Coefficients {
-            sources: (0..sources.len()).map(|k| [k as f64, 0.1 + k as f64, -1.0 / (1.0 + k as f64)]).collect(),
+            sources: (0..sources.len())
+                .map(|k| [k as f64, 0.1 + k as f64, -1.0 / (1.0 + k as f64)])
+                .collect(),
             affine: [[0.5, 0.0, 0.1], [2.0, 0.0, 0.1], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         };
-        let inputs = vec![Provenance { role: "domain".into(), file: "ball.obj".into(), sha256: "ab".into() }];
+        let inputs = vec![Provenance {
+            role: "domain".into(),
+            file: "ball.obj".into(),
+            sha256: "ab".into(),
+        }];
         MapFile {
             map: HarmonicMap::new(sources, coefficients).unwrap(),
             boundary: Some(BoundaryMap::new(domain, image).unwrap()),
-            metadata: MapMetadata { inputs, format_version: "1.0".into(), ..MapMetadata::default() },
+            metadata: MapMetadata {
+                inputs,
+                format_version: "1.0".into(),
+                ..MapMetadata::default()
+            },
         }
     }
 
@@ -317,11 +389,17 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         for length in (0..whole.len()).step_by(97) {
             std::fs::write(&path, &whole[..length]).unwrap();
-            assert!(matches!(read_map(&path), Err(MapFileError::NotAMap { .. })), "{length} bytes");
+            assert!(
+                matches!(read_map(&path), Err(MapFileError::NotAMap { .. })),
+                "{length} bytes"
+            );
         }
         std::fs::write(&path, b"v 0 0 0\nv 1 0 0\n").unwrap();
         assert!(matches!(read_map(&path), Err(MapFileError::NotAMap { .. })));
-        assert!(matches!(read_map(&folder.path().join("none.map")), Err(MapFileError::Io(_))));
+        assert!(matches!(
+            read_map(&folder.path().join("none.map")),
+            Err(MapFileError::Io(_))
+        ));
     }
 
     #[test]
@@ -329,9 +407,19 @@ mod tests {
         let folder = folder();
         let path = folder.path().join("odd.map");
         let data = vec![0u8; 64];
-        let entries = HashMap::from([(METADATA_KEY.to_owned(), r#"{"format_version":"1.0","generator":"x"}"#.into())]);
+        let entries = HashMap::from([(
+            METADATA_KEY.to_owned(),
+            r#"{"format_version":"1.0","generator":"x"}"#.into(),
+        )]);
         let view = TensorView::new(Dtype::F64, vec![4, 2], &data).unwrap();
-        std::fs::write(&path, safetensors::serialize([("sources", view)], Some(entries)).unwrap()).unwrap();
-        assert!(matches!(read_map(&path), Err(MapFileError::Tensor { tensor: "sources", .. })));
+        std::fs::write(
+            &path,
+            safetensors::serialize([("sources", view)], Some(entries)).unwrap(),
+        )
+        .unwrap();
+        assert!(matches!(
+            read_map(&path),
+            Err(MapFileError::Tensor { tensor: "sources", .. })
+        ));
     }
 }

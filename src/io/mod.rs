@@ -21,6 +21,7 @@
 mod atomic;
 mod contents;
 mod error;
+mod map_file;
 mod medit;
 mod obj;
 mod off;
@@ -38,6 +39,7 @@ use source::Source;
 
 pub use atomic::atomic_write;
 pub use error::{IoError, Place};
+pub use map_file::{MapFile, MapFileError, MapMetadata, Provenance, read_map, write_map};
 pub use points::{write_csv, write_npy};
 pub use vtk::{Cells, Field, VtkEncoding, VtkFields, write_vtk};
 pub use vtu::write_vtu;

@@ -23,7 +23,11 @@ impl HarmonicMap {
     /// The map with these sources and coefficients. `None` when their counts differ.
     pub fn new(sources: Vec<Point>, coefficients: Coefficients) -> Option<Self> {
         let kernel_sources = Sources::new(&sources, &coefficients.sources).ok()?;
-        Some(Self { sources, coefficients, kernel_sources })
+        Some(Self {
+            sources,
+            coefficients,
+            kernel_sources,
+        })
     }
 
     /// Positions `Q` of the sources, outside the domain.
@@ -45,7 +49,10 @@ impl HarmonicMap {
 impl VolumeMap for HarmonicMap {
     fn evaluate(&self, points: &[Point]) -> Vec<Point> {
         let sums = direct::potential(&self.kernel_sources, points);
-        sums.into_par_iter().zip(points).map(|(sum, x)| Point::from(self.affine(x) + Vector::from(sum))).collect()
+        sums.into_par_iter()
+            .zip(points)
+            .map(|(sum, x)| Point::from(self.affine(x) + Vector::from(sum)))
+            .collect()
     }
 
     fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
@@ -62,7 +69,11 @@ mod tests {
     use super::*;
 
     fn example() -> HarmonicMap {
-        let sources = vec![Point::new(2.0, 0.1, -0.3), Point::new(-0.4, 2.2, 0.5), Point::new(0.3, -0.2, -2.1)];
+        let sources = vec![
+            Point::new(2.0, 0.1, -0.3),
+            Point::new(-0.4, 2.2, 0.5),
+            Point::new(0.3, -0.2, -2.1),
+        ];
         let coefficients = Coefficients {
             sources: vec![[1.0, -2.0, 0.5], [0.3, 0.7, -1.1], [-0.6, 1.2, 2.0]],
             affine: [[0.1, 0.2, 0.3], [1.0, 0.1, 0.0], [0.0, 0.9, -0.2], [0.3, 0.0, 1.1]],
@@ -71,7 +82,9 @@ mod tests {
     }
 
     fn points() -> Vec<Point> {
-        (0..50).map(|k| Point::new((k as f64).sin(), (1.7 * k as f64).cos(), (0.3 * k as f64).sin()) * 0.55).collect()
+        (0..50)
+            .map(|k| Point::new((k as f64).sin(), (1.7 * k as f64).cos(), (0.3 * k as f64).sin()) * 0.55)
+            .collect()
     }
 
     /// A central difference of step `h` errs by at most `h² max|∂³f| / 6`, and each source adds at most
@@ -111,9 +124,19 @@ mod tests {
     #[test]
     fn without_sources_the_map_is_affine() {
         let affine = [[1.0, 2.0, 3.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 4.0]];
-        let map = HarmonicMap::new(vec![], Coefficients { sources: vec![], affine }).unwrap();
+        let map = HarmonicMap::new(
+            vec![],
+            Coefficients {
+                sources: vec![],
+                affine,
+            },
+        )
+        .unwrap();
         assert_eq!(map.evaluate(&[Point::new(1.0, 1.0, 1.0)])[0], Point::new(3.0, 5.0, 7.0));
-        assert_eq!(map.jacobian(&[Point::origin()])[0], Matrix3::from_diagonal(&Vector::new(2.0, 3.0, 4.0)));
+        assert_eq!(
+            map.jacobian(&[Point::origin()])[0],
+            Matrix3::from_diagonal(&Vector::new(2.0, 3.0, 4.0))
+        );
         assert!(HarmonicMap::new(vec![Point::origin()], Coefficients::default()).is_none());
     }
 }

@@ -130,7 +130,9 @@ mod tests {
         let mut whole = Canvas::new(40, 20, WHITE);
         whole.stroke(&[[[5.0, 10.0], [35.0, 10.0]]], 4.0, [0; 3]);
         let mut parts = Canvas::new(40, 20, WHITE);
-        let pieces: Vec<_> = (5..35).map(|x| [[f64::from(x), 10.0], [f64::from(x + 1), 10.0]]).collect();
+        let pieces: Vec<_> = (5..35)
+            .map(|x| [[f64::from(x), 10.0], [f64::from(x + 1), 10.0]])
+            .collect();
         parts.stroke(&pieces, 4.0, [0; 3]);
         assert_eq!(whole, parts);
         assert_eq!(whole.get(20, 8), [0; 3]);

@@ -31,7 +31,10 @@ impl<'a> BarLayout<'a> {
             Scale::Log => logarithmic_ticks(low, high, count),
         };
         let (least, most) = bar.data_range();
-        let mut notes = vec![format!("max {}", typeset(most, 3)), format!("min {}", typeset(least, 3))];
+        let mut notes = vec![
+            format!("max {}", typeset(most, 3)),
+            format!("min {}", typeset(least, 3)),
+        ];
         if let Some((from, to)) = bar.quantiles() {
             let percent = |p: f64| typeset(100.0 * p, 3);
             notes.push(format!("bar: {}–{} %", percent(from), percent(to)));
@@ -48,8 +51,16 @@ impl<'a> BarLayout<'a> {
     /// Width to the right of the picture.
     pub(super) fn width(&self) -> f64 {
         let ramp_and_labels = (RAMP + TICK + 0.3) * self.em + self.labels_width();
-        let name = if self.bar.label().is_empty() { 0.0 } else { 1.7 * self.em };
-        let notes = self.notes.iter().map(|note| self.note_text().width(note)).fold(0.0, f64::max);
+        let name = if self.bar.label().is_empty() {
+            0.0
+        } else {
+            1.7 * self.em
+        };
+        let notes = self
+            .notes
+            .iter()
+            .map(|note| self.note_text().width(note))
+            .fold(0.0, f64::max);
         GAP * self.em + (ramp_and_labels + name).max(notes) + 0.2 * self.em
     }
 
@@ -60,7 +71,11 @@ impl<'a> BarLayout<'a> {
 
     /// Height above the ramp.
     pub(super) fn above(&self) -> f64 {
-        if self.ticks.factor.is_some() { 1.6 * self.em } else { 0.0 }
+        if self.ticks.factor.is_some() {
+            1.6 * self.em
+        } else {
+            0.0
+        }
     }
 
     /// Draws the bar, the left edge of its space at `x` and the top of its ramp at `y`.
@@ -117,7 +132,11 @@ impl<'a> BarLayout<'a> {
 
     fn labels_width(&self) -> f64 {
         let text = self.text(INK);
-        self.ticks.labels.iter().map(|label| text.width(label)).fold(0.0, f64::max)
+        self.ticks
+            .labels
+            .iter()
+            .map(|label| text.width(label))
+            .fold(0.0, f64::max)
     }
 
     fn text(&self, colour: [u8; 3]) -> TextStyle {

@@ -146,7 +146,9 @@ impl ColourBar {
 fn ends(shown: &[f64], fractions: [f64; 2], label: &str) -> Result<(f64, f64), ReportError> {
     quantiles(shown, fractions)
         .map(|[low, high]| (low, high))
-        .ok_or_else(|| ReportError::NoPositiveValue { label: label.to_owned() })
+        .ok_or_else(|| ReportError::NoPositiveValue {
+            label: label.to_owned(),
+        })
 }
 
 /// The range itself, or one of a tenth about it when it is too narrow to mean anything.
@@ -227,7 +229,12 @@ mod tests {
 
     #[test]
     fn a_constant_field_is_the_middle_of_its_bar() {
-        for (value, scale) in [(3.0, Scale::Linear), (0.0, Scale::Linear), (-7.0, Scale::Linear), (3.0, Scale::Log)] {
+        for (value, scale) in [
+            (3.0, Scale::Linear),
+            (0.0, Scale::Linear),
+            (-7.0, Scale::Linear),
+            (3.0, Scale::Log),
+        ] {
             let bar = ColourBar::new("v", [value, value * (1.0 + 1e-13)], ValueRange::Full, scale).unwrap();
             assert!((bar.fraction(value) - 0.5).abs() < 1e-9);
         }
@@ -237,8 +244,14 @@ mod tests {
     fn impossible_ranges_are_refused() {
         let bar = |values: [f64; 2], range, scale| ColourBar::new("v", values, range, scale).unwrap_err();
         let nan = [f64::NAN; 2];
-        assert!(matches!(bar(nan, ValueRange::Full, Scale::Linear), ReportError::NoFiniteValue { .. }));
-        assert!(matches!(bar([-1.0, 0.0], ValueRange::Full, Scale::Log), ReportError::NoPositiveValue { .. }));
+        assert!(matches!(
+            bar(nan, ValueRange::Full, Scale::Linear),
+            ReportError::NoFiniteValue { .. }
+        ));
+        assert!(matches!(
+            bar([-1.0, 0.0], ValueRange::Full, Scale::Log),
+            ReportError::NoPositiveValue { .. }
+        ));
         for (range, scale) in [
             (ValueRange::Fixed(2.0, 2.0), Scale::Linear),
             (ValueRange::Fixed(f64::NAN, 2.0), Scale::Linear),

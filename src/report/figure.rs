@@ -147,8 +147,11 @@ impl<'a> Cell<'a> {
         }
         let room = size[0] + left.min(right) * 2.0;
         let title = style.panel_title().wrapped(&panel.title, room);
-        let captions: Vec<String> =
-            panel.captions.iter().flat_map(|text| style.caption().wrapped(text, room)).collect();
+        let captions: Vec<String> = panel
+            .captions
+            .iter()
+            .flat_map(|text| style.caption().wrapped(text, room))
+            .collect();
         let widest = |text: TextStyle, lines: &[String]| lines.iter().map(|l| text.width(l)).fold(0.0, f64::max);
         let overhang = (widest(style.panel_title(), &title).max(widest(style.caption(), &captions)) - size[0]) / 2.0;
         bottom += LINE * em * captions.len() as f64 + 0.4 * em;
@@ -180,7 +183,9 @@ impl<'a> Cell<'a> {
         canvas.paste(&self.panel.canvas, x as usize, y as usize);
         for (k, line) in self.title.iter().rev().enumerate() {
             let baseline = y - (0.75 + TITLE_LINE * k as f64) * em;
-            style.panel_title().draw(canvas, line, [x + width / 2.0, baseline], Anchor::Middle);
+            style
+                .panel_title()
+                .draw(canvas, line, [x + width / 2.0, baseline], Anchor::Middle);
         }
         let mut below = y + height;
         if let Some(axes) = &self.panel.axes {
@@ -189,7 +194,9 @@ impl<'a> Cell<'a> {
         }
         for (k, line) in self.captions.iter().enumerate() {
             let baseline = below + (1.15 + LINE * k as f64) * em;
-            style.caption().draw(canvas, line, [x + width / 2.0, baseline], Anchor::Middle);
+            style
+                .caption()
+                .draw(canvas, line, [x + width / 2.0, baseline], Anchor::Middle);
         }
         if let Some(bar) = &self.bar {
             bar.draw(canvas, x + width, y);
@@ -220,8 +227,11 @@ impl<'a> Layout<'a> {
             em: (longest as f64 / 30.0).clamp(11.0, 48.0),
         };
         let em = style.em;
-        let cells: Vec<Vec<Cell>> =
-            figure.rows.iter().map(|row| row.iter().map(|panel| Cell::new(panel, &style)).collect()).collect();
+        let cells: Vec<Vec<Cell>> = figure
+            .rows
+            .iter()
+            .map(|row| row.iter().map(|panel| Cell::new(panel, &style)).collect())
+            .collect();
 
         let mut right = BORDER * em;
         let columns: Vec<(f64, f64)> = (0..cells.iter().map(Vec::len).max()?)
@@ -233,7 +243,10 @@ impl<'a> Layout<'a> {
                 (left, width)
             })
             .collect();
-        let bar_width = figure.bar.as_ref().map_or(0.0, |bar| BarLayout::new(bar, em, 1e3).width());
+        let bar_width = figure
+            .bar
+            .as_ref()
+            .map_or(0.0, |bar| BarLayout::new(bar, em, 1e3).width());
         let width = right + bar_width + BORDER * em;
 
         let title = style.figure_title().wrapped(&figure.title, width - 2.0 * BORDER * em);
@@ -272,7 +285,12 @@ impl<'a> Layout<'a> {
 /// The largest picture of a column (0) or row (1) of cells, and the margins beyond it before and after.
 fn band(cells: &[&Cell], direction: usize) -> (f64, f64, f64) {
     let extent = cells.iter().map(|c| c.size(direction)).fold(0.0, f64::max);
-    let margin = |side: usize| cells.iter().map(|c| c.margins[side] - c.inset(direction, extent)).fold(0.0, f64::max);
+    let margin = |side: usize| {
+        cells
+            .iter()
+            .map(|c| c.margins[side] - c.inset(direction, extent))
+            .fold(0.0, f64::max)
+    };
     (margin(direction), extent, margin(direction + 2))
 }
 
@@ -298,7 +316,12 @@ fn draw_axes(canvas: &mut Canvas, style: &Style, axes: &[PanelAxis; 2], [x, y, w
         text.draw(canvas, label, [place, bottom + (TICK + 1.05) * em], Anchor::Middle);
     }
     let name = axis_name(across, ticks.factor);
-    text.draw(canvas, &name, [x + width / 2.0, bottom + (TICK + 2.3) * em], Anchor::Middle);
+    text.draw(
+        canvas,
+        &name,
+        [x + width / 2.0, bottom + (TICK + 2.3) * em],
+        Anchor::Middle,
+    );
 
     let ticks = ticks_along(axes, 1, height, em);
     let mut widest = 0f64;

@@ -32,7 +32,9 @@ pub(super) fn ten_to_the(exponent: i32) -> String {
 fn superscript(digits: &str) -> String {
     let raised = |c: char| match c {
         '-' => '⁻',
-        c => c.to_digit(10).map_or(c, |d| ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][d as usize]),
+        c => c
+            .to_digit(10)
+            .map_or(c, |d| ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][d as usize]),
     };
     digits.chars().map(raised).collect()
 }
@@ -41,7 +43,10 @@ fn superscript(digits: &str) -> String {
 fn decimal(value: f64, digits: usize) -> (String, i32) {
     let text = format!("{value:.*e}", digits.saturating_sub(1));
     match text.split_once('e') {
-        Some((mantissa, exponent)) => (without_trailing_zeros(mantissa.to_owned()), exponent.parse().unwrap_or(0)),
+        Some((mantissa, exponent)) => (
+            without_trailing_zeros(mantissa.to_owned()),
+            exponent.parse().unwrap_or(0),
+        ),
         None => (text, 0),
     }
 }

@@ -45,7 +45,11 @@ impl Panel {
         for (([x, y], coverage), value) in section.covered_pixels().zip(values) {
             canvas.set(x, y, mixed(WHITE, bar.colour(*value), coverage));
         }
-        let outline: Vec<_> = section.outline().iter().map(|s| s.map(|p| section.on_picture(p))).collect();
+        let outline: Vec<_> = section
+            .outline()
+            .iter()
+            .map(|s| s.map(|p| section.on_picture(p)))
+            .collect();
         canvas.stroke(&outline, (width.max(height) as f64 / 400.0).max(1.2), INK);
 
         let plane = section.plane();

@@ -20,7 +20,10 @@ pub(super) fn decode(bytes: &[u8]) -> Canvas {
     let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
     let mut data = vec![0; reader.output_buffer_size().unwrap()];
     let info = reader.next_frame(&mut data).unwrap();
-    assert_eq!((info.color_type, info.bit_depth), (png::ColorType::Rgb, png::BitDepth::Eight));
+    assert_eq!(
+        (info.color_type, info.bit_depth),
+        (png::ColorType::Rgb, png::BitDepth::Eight)
+    );
     let mut canvas = Canvas::new(info.width as usize, info.height as usize, [0; 3]);
     for (pixel, rgb) in canvas.pixels_mut().iter_mut().zip(data.as_chunks::<3>().0) {
         *pixel = *rgb;

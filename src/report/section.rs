@@ -200,7 +200,11 @@ impl Section {
         let margin = (size / 40).max(2);
         let longer = extent[0].max(extent[1]);
         // A solid without extent in the plane still needs a pixel of some size; it then covers none.
-        let pixel = if longer > 0.0 { longer / (size - 2 * margin) as f64 } else { 1.0 };
+        let pixel = if longer > 0.0 {
+            longer / (size - 2 * margin) as f64
+        } else {
+            1.0
+        };
         let size = extent.map(|e| ((e / pixel).ceil() as usize + 2 * margin).min(size));
         let middle = axes.map(|axis| (low[axis.index()] + high[axis.index()]) / 2.0);
         let corner = [0, 1].map(|k| middle[k] - size[k] as f64 * pixel / 2.0);
@@ -257,7 +261,11 @@ impl Section {
                 }
                 coverage[k] += (b - a) / (self.pixel * SUBROWS as f64);
                 let centre = [left + self.pixel / 2.0, samples[SUBROWS / 2]];
-                let u = if a < centre[0] && centre[0] < b { centre[0] } else { (a + b) / 2.0 };
+                let u = if a < centre[0] && centre[0] < b {
+                    centre[0]
+                } else {
+                    (a + b) / 2.0
+                };
                 let distance = (u - centre[0]).powi(2) + (samples[subrow] - centre[1]).powi(2);
                 if distance < nearest[k].0 {
                     nearest[k] = (distance, [u, samples[subrow]]);
@@ -265,7 +273,11 @@ impl Section {
             }
         }
         let row = (self.size[1] - 1 - from_below) as u32;
-        for (k, part) in coverage.into_iter().enumerate().filter(|(_, part)| *part >= LEAST_COVERAGE) {
+        for (k, part) in coverage
+            .into_iter()
+            .enumerate()
+            .filter(|(_, part)| *part >= LEAST_COVERAGE)
+        {
             self.pixels.push([k as u32, row]);
             self.coverage.push(part.min(1.0) as f32);
             self.points.push(self.in_space(nearest[k].1));
@@ -346,7 +358,11 @@ fn outline(surface: &SurfaceMesh, plane: Plane, axes: [Axis; 2], on_plane_is_abo
 fn crossings(outline: &[[[f64; 2]; 2]], rows: &[f64]) -> Vec<Crossing> {
     let mut crossings = Vec::new();
     for &[start, end] in outline {
-        let (p, q, turn) = if start[1] <= end[1] { (start, end, 1) } else { (end, start, -1) };
+        let (p, q, turn) = if start[1] <= end[1] {
+            (start, end, 1)
+        } else {
+            (end, start, -1)
+        };
         let first = rows.partition_point(|v| *v < p[1]);
         let last = rows.partition_point(|v| *v < q[1]);
         crossings.extend((first..last).map(|row| {

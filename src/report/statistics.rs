@@ -75,7 +75,11 @@ impl Histogram {
         for x in &sorted {
             // Halved, since the span of two finite numbers may overflow.
             let fraction = (x / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0);
-            let bin = if high > low { (fraction * bins as f64) as usize } else { 0 };
+            let bin = if high > low {
+                (fraction * bins as f64) as usize
+            } else {
+                0
+            };
             counts[bin.min(last)] += 1;
         }
         Some(Self { low, high, counts })

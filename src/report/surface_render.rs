@@ -147,9 +147,13 @@ pub(super) fn render(
     check_style(surface, style)?;
     let scene = scene(surface, style, camera, [width, height]);
     let mut canvas = Canvas::new(width, height, BACKGROUND[0]);
-    canvas.pixels_mut().par_chunks_mut(width * BAND).enumerate().for_each(|(band, pixels)| {
-        draw_band(&scene, band * BAND, width, height, pixels);
-    });
+    canvas
+        .pixels_mut()
+        .par_chunks_mut(width * BAND)
+        .enumerate()
+        .for_each(|(band, pixels)| {
+            draw_band(&scene, band * BAND, width, height, pixels);
+        });
     Ok(canvas)
 }
 
@@ -236,7 +240,10 @@ fn corner_normals(surface: &SurfaceMesh, shading: Shading) -> Vec<[Vector; 3]> {
     }
     let normal = |t: usize, v: u32| {
         let near = around[v as usize].iter().map(|&o| o as usize);
-        let sum: Vector = near.filter(|&o| units[o].dot(&units[t]) > CREASE_COSINE).map(|o| areas[o]).sum();
+        let sum: Vector = near
+            .filter(|&o| units[o].dot(&units[t]) > CREASE_COSINE)
+            .map(|o| areas[o])
+            .sum();
         sum.try_normalize(0.0).unwrap_or(units[t])
     };
     let triangles = surface.triangles().iter().enumerate();
@@ -266,7 +273,11 @@ fn draw_band(scene: &Scene, first_row: usize, width: usize, height: usize, pixel
         let mut sum = [0f32; 3];
         for sample in 0..SAMPLES * SAMPLES {
             let place = (y * SAMPLES + sample / SAMPLES) * columns + x * SAMPLES + sample % SAMPLES;
-            let colour = if depth[place] > f64::NEG_INFINITY { light[place] } else { background };
+            let colour = if depth[place] > f64::NEG_INFINITY {
+                light[place]
+            } else {
+                background
+            };
             sum.iter_mut().zip(colour).for_each(|(s, c)| *s += c);
         }
         *pixel = sum.map(|s| to_srgb(s / (SAMPLES * SAMPLES) as f32));
@@ -317,8 +328,8 @@ fn draw_face(
             if z > depth[place] {
                 depth[place] = z;
                 // Edge k joins corners k and k + 1; the corner opposite to it measures the distance.
-                let on_edge = (0..3)
-                    .any(|k| face.edges[k] && weights[(k + 2) % 3] * heights[k] < scene.edge_half_width);
+                let on_edge =
+                    (0..3).any(|k| face.edges[k] && weights[(k + 2) % 3] * heights[k] < scene.edge_half_width);
                 light[place] = shaded(scene, face, weights, faces_viewer, on_edge);
             }
         }
@@ -372,14 +383,22 @@ fn to_linear(channel: u8) -> f32 {
     static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
     let decoded = |k: usize| {
         let c = k as f32 / 255.0;
-        if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+        if c <= 0.04045 {
+            c / 12.92
+        } else {
+            ((c + 0.055) / 1.055).powf(2.4)
+        }
     };
     TABLE.get_or_init(|| std::array::from_fn(decoded))[channel as usize]
 }
 
 fn to_srgb(light: f32) -> u8 {
     let c = light.clamp(0.0, 1.0);
-    let encoded = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
+    let encoded = if c <= 0.003_130_8 {
+        12.92 * c
+    } else {
+        1.055 * c.powf(1.0 / 2.4) - 0.055
+    };
     (255.0 * encoded).round() as u8
 }
 

@@ -17,11 +17,17 @@ pub(super) fn linear_ticks(low: f64, high: f64, count: usize) -> Ticks {
     };
     // The ends themselves count when they are round up to rounding errors.
     let (first, last) = ((low / step - 1e-6).ceil(), (high / step + 1e-6).floor());
-    let steps = (0..2 * count.max(1) + 2).map(|k| first + k as f64).take_while(|k| *k <= last);
+    let steps = (0..2 * count.max(1) + 2)
+        .map(|k| first + k as f64)
+        .take_while(|k| *k <= last);
     let positions: Vec<f64> = steps.map(|k| k * step + 0.0).collect();
 
     let largest = positions.iter().fold(0f64, |a, x| a.max(x.abs()));
-    let exponent = if largest > 0.0 { largest.log10().floor() as i32 } else { 0 };
+    let exponent = if largest > 0.0 {
+        largest.log10().floor() as i32
+    } else {
+        0
+    };
     let shift = if (-3..5).contains(&exponent) { 0 } else { exponent };
     let decimals = (shift - step_exponent).clamp(0, 12) as usize;
     let label = |x: &f64| format!("{:.decimals$}", x / 10f64.powi(shift) + 0.0).replace('-', "−");
@@ -95,7 +101,10 @@ mod tests {
         let small = linear_ticks(1.13e-6, 4.4e-6, 4);
         assert_eq!(small.labels, ["2", "3", "4"]);
         assert_eq!(small.factor.as_deref(), Some("×10⁻⁶"));
-        assert_eq!(linear_ticks(0.0, 250_000.0, 5).labels, ["0.0", "0.5", "1.0", "1.5", "2.0", "2.5"]);
+        assert_eq!(
+            linear_ticks(0.0, 250_000.0, 5).labels,
+            ["0.0", "0.5", "1.0", "1.5", "2.0", "2.5"]
+        );
     }
 
     #[test]
@@ -121,10 +130,16 @@ mod tests {
     fn logarithmic_ticks_thin_out_with_the_decades() {
         assert_eq!(logarithmic_ticks(1e-3, 1.0, 5).labels, ["0.001", "0.01", "0.1", "1"]);
         assert_eq!(logarithmic_ticks(1.0, 20.0, 5).labels, ["1", "2", "5", "10", "20"]);
-        assert_eq!(logarithmic_ticks(1e-12, 1.0, 5).labels, ["10⁻¹²", "10⁻⁹", "10⁻⁶", "10⁻³", "10⁰"]);
+        assert_eq!(
+            logarithmic_ticks(1e-12, 1.0, 5).labels,
+            ["10⁻¹²", "10⁻⁹", "10⁻⁶", "10⁻³", "10⁰"]
+        );
         let few = logarithmic_ticks(1.5e-5, 2.2e-4, 5);
         assert_eq!(few.labels, ["2", "5", "10", "20"]);
         assert_eq!(few.factor.as_deref(), Some("×10⁻⁵"));
-        assert_eq!(logarithmic_ticks(3.0, 4.0, 5).labels, ["3.0", "3.2", "3.4", "3.6", "3.8", "4.0"]);
+        assert_eq!(
+            logarithmic_ticks(3.0, 4.0, 5).labels,
+            ["3.0", "3.2", "3.4", "3.6", "3.8", "4.0"]
+        );
     }
 }

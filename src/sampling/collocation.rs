@@ -4,6 +4,7 @@ use rand::Rng;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use super::Anchors;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 
 /// Boundary points at which the map is asked to meet its data, each with its share of the surface area.
@@ -31,21 +32,53 @@ impl Collocation {
     /// held-out error is four times that with the centroids (square systems in `docs/method.md`).
     pub fn vertices_and_centroids(domain: &SurfaceMesh) -> Self {
         let mut vertex_areas = vec![0.0; domain.vertices().len()];
-        let triangle_areas: Vec<f64> = (0..domain.triangles().len()).map(|t| domain.area_vector(t).norm()).collect();
+        let triangle_areas: Vec<f64> = (0..domain.triangles().len())
+            .map(|t| domain.area_vector(t).norm())
+            .collect();
         for (corners, area) in domain.triangles().iter().zip(&triangle_areas) {
             corners.iter().for_each(|&v| vertex_areas[v as usize] += area / 6.0);
         }
         let corner_of = corner_of_vertex(domain);
-        let vertices = corner_of.iter().zip(&vertex_areas).filter_map(|(point, &area)| point.map(|p| (p, area)));
-        let centroids = triangle_areas.iter().enumerate().map(|(t, area)| (centroid(t as u32), area / 2.0));
+        let vertices = corner_of
+            .iter()
+            .zip(&vertex_areas)
+            .filter_map(|(point, &area)| point.map(|p| (p, area)));
+        let centroids = triangle_areas
+            .iter()
+            .enumerate()
+            .map(|(t, area)| (centroid(t as u32), area / 2.0));
         let (points, areas) = vertices.chain(centroids).filter(|&(_, area)| area > 0.0).unzip();
+        Self { points, areas }
+    }
+
+    /// Each anchor's vertex, and `extra` points at random in the triangles nearest to it, one in each of `extra` parts of
+    /// equal area. Every source so has its `1 + extra` equations in its own neighbourhood, however uneven the anchors
+    /// are: points spread by area alone leave crowded sources undetermined, and their coefficients explode.
+    pub fn around(domain: &SurfaceMesh, anchors: &Anchors, extra: usize, seed: u64) -> Self {
+        let mut regions = vec![Vec::new(); anchors.vertices.len()];
+        for t in 0..domain.triangles().len() {
+            if let Some(anchor) = anchor_of_triangle(domain, anchors, t) {
+                regions[anchor as usize].push(t as u32);
+            }
+        }
+        let corner_of = corner_of_vertex(domain);
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let (mut points, mut areas) = (Vec::new(), Vec::new());
+        for ((vertex, spacing), region) in anchors.vertices.iter().zip(&anchors.spacing).zip(&regions) {
+            let first = points.len();
+            points.extend(corner_of[*vertex as usize]);
+            points.extend(stratified(domain, region, extra, &mut random));
+            let share = spacing * spacing / (points.len() - first).max(1) as f64;
+            areas.resize(points.len(), share);
+        }
         Self { points, areas }
     }
 
     /// `count` points spread evenly by area, one at random in each of `count` strips of equal area that follow the
     /// order of the triangles. Equal weights.
     pub fn even(domain: &SurfaceMesh, count: usize, seed: u64) -> Self {
-        let points = stratified(domain, count, seed);
+        let all: Vec<u32> = (0..domain.triangles().len() as u32).collect();
+        let points = stratified(domain, &all, count, &mut ChaCha8Rng::seed_from_u64(seed));
         let areas = vec![domain.area() / count.max(1) as f64; points.len()];
         Self { points, areas }
     }
@@ -55,11 +88,18 @@ impl Collocation {
 /// one in each of up to `per_triangle` triangles, so that small triangles, where creases are, are not passed over in
 /// the maximum. The first `count` are those to average over.
 pub fn held_out(domain: &SurfaceMesh, count: usize, per_triangle: usize, seed: u64) -> Vec<SurfacePoint> {
-    let mut points = stratified(domain, count, seed);
-    let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x9e37_79b9_7f4a_7c15);
     let triangles = domain.triangles().len();
+    let all: Vec<u32> = (0..triangles as u32).collect();
+    // A stream of its own: a fit with the same seed must not have seen these points.
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(1);
+    let mut points = stratified(domain, &all, count, &mut random);
     let step = triangles.div_ceil(per_triangle.max(1)).max(1);
-    points.extend((0..triangles).step_by(step).map(|t| random_point(t as u32, &mut random)));
+    points.extend(
+        (0..triangles)
+            .step_by(step)
+            .map(|t| random_point(t as u32, &mut random)),
+    );
     points
 }
 
@@ -74,25 +114,38 @@ fn corner_of_vertex(domain: &SurfaceMesh) -> Vec<Option<SurfacePoint>> {
 }
 
 fn centroid(triangle: u32) -> SurfacePoint {
-    SurfacePoint { triangle, barycentric: [1.0 / 3.0; 3] }
+    SurfacePoint {
+        triangle,
+        barycentric: [1.0 / 3.0; 3],
+    }
 }
 
-fn stratified(domain: &SurfaceMesh, count: usize, seed: u64) -> Vec<SurfacePoint> {
-    let mut cumulative = Vec::with_capacity(domain.triangles().len());
+/// The anchor nearest to the triangle's centroid, of those nearest to its corners.
+fn anchor_of_triangle(domain: &SurfaceMesh, anchors: &Anchors, triangle: usize) -> Option<u32> {
+    let centre = centroid(triangle as u32).position(domain, domain.vertices());
+    let distance = |anchor: &u32| (domain.vertices()[anchors.vertices[*anchor as usize] as usize] - centre).norm();
+    let candidates = domain.triangles()[triangle]
+        .iter()
+        .filter_map(|&v| anchors.nearest[v as usize]);
+    candidates.min_by(|a, b| distance(a).total_cmp(&distance(b)))
+}
+
+/// `count` points in these triangles, one at random in each of `count` parts of equal area.
+fn stratified(domain: &SurfaceMesh, triangles: &[u32], count: usize, random: &mut ChaCha8Rng) -> Vec<SurfacePoint> {
+    let mut cumulative = Vec::with_capacity(triangles.len());
     let mut total = 0.0;
-    for t in 0..domain.triangles().len() {
-        total += domain.area_vector(t).norm();
+    for &t in triangles {
+        total += domain.area_vector(t as usize).norm();
         cumulative.push(total);
     }
     if !(total > 0.0 && total.is_finite()) {
         return Vec::new();
     }
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
     (0..count)
         .map(|k| {
             let area = (k as f64 + random.random::<f64>()) / count as f64 * total;
             let triangle = cumulative.partition_point(|&c| c <= area).min(cumulative.len() - 1);
-            random_point(triangle as u32, &mut random)
+            random_point(triangles[triangle], random)
         })
         .collect()
 }
@@ -100,7 +153,10 @@ fn stratified(domain: &SurfaceMesh, count: usize, seed: u64) -> Vec<SurfacePoint
 /// Uniform in the triangle (Turk, *Generating random points in triangles*, Graphics Gems, 1990).
 fn random_point(triangle: u32, random: &mut ChaCha8Rng) -> SurfacePoint {
     let (root, t) = (random.random::<f64>().sqrt(), random.random::<f64>());
-    SurfacePoint { triangle, barycentric: [1.0 - root, root * (1.0 - t), root * t] }
+    SurfacePoint {
+        triangle,
+        barycentric: [1.0 - root, root * (1.0 - t), root * t],
+    }
 }
 
 #[cfg(test)]
@@ -123,6 +179,30 @@ mod tests {
         }
     }
 
+    /// A sphere whose upper half is eight times as fine: each anchor must have its equations next to it.
+    #[test]
+    fn every_anchor_has_its_points_in_its_neighbourhood() {
+        let fine = shapes::sphere(1.0, 5);
+        let cap = shapes::deformed(&fine, |p| crate::Point::new(p.x, p.y, p.z + 0.9 * (1.0 - p.z * p.z)));
+        let anchors = Anchors::choose(&cap, 9000);
+        let collocation = Collocation::around(&cap, &anchors, 2, 1);
+        assert!(collocation.points.len() > 29 * 900);
+        assert!((collocation.areas.iter().sum::<f64>() / cap.area() - 1.0).abs() < 1e-9);
+        let positions: Vec<_> = collocation
+            .points
+            .iter()
+            .map(|p| p.position(&cap, cap.vertices()))
+            .collect();
+        for (&vertex, spacing) in anchors.vertices.iter().zip(&anchors.spacing).step_by(37) {
+            let centre = cap.vertices()[vertex as usize];
+            let near = positions
+                .iter()
+                .filter(|p| (*p - centre).norm() < 2.0 * spacing)
+                .count();
+            assert!(near >= 5, "only {near} points within two spacings");
+        }
+    }
+
     #[test]
     fn vertices_without_triangles_are_left_out() {
         let (mut vertices, triangles) = shapes::cube(1.0, 1).into_parts();
@@ -138,9 +218,16 @@ mod tests {
     fn stratified_points_follow_the_area() {
         let domain = shapes::torus(1.0, 0.4, 60, 30);
         let points = held_out(&domain, 4000, 0, 7);
-        let mean: Vector = points.iter().map(|p| p.position(&domain, domain.vertices()).coords).sum::<Vector>() / 4000.0;
+        let mean: Vector = points
+            .iter()
+            .map(|p| p.position(&domain, domain.vertices()).coords)
+            .sum::<Vector>()
+            / 4000.0;
         assert!(mean.norm() < 4.0 * 1.0 / 4000f64.sqrt());
-        let outer = points.iter().filter(|p| p.position(&domain, domain.vertices()).z > 0.0).count() as f64;
+        let outer = points
+            .iter()
+            .filter(|p| p.position(&domain, domain.vertices()).z > 0.0)
+            .count() as f64;
         assert!((outer - 2000.0).abs() < 4.0 * (4000f64 / 4.0).sqrt());
     }
 

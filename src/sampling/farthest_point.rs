@@ -15,6 +15,8 @@ pub struct Anchors {
     pub spacing: Vec<f64>,
     /// Unit vertex normals, triangles weighted by their angle.
     pub normals: Vec<Vector>,
+    /// For each vertex of the surface, which anchor is nearest; `None` for vertices that could not carry one.
+    pub nearest: Vec<Option<u32>>,
 }
 
 impl Anchors {
@@ -28,12 +30,19 @@ impl Anchors {
         let positions: Vec<Point> = usable.iter().map(|&v| domain.vertices()[v as usize]).collect();
         let selection = select(&positions, count);
         let mut gathered = vec![0.0; selection.chosen.len()];
-        for (k, &v) in usable.iter().enumerate() {
-            gathered[selection.nearest[k] as usize] += areas[v as usize];
+        let mut nearest = vec![None; areas.len()];
+        for (&v, &anchor) in usable.iter().zip(&selection.nearest) {
+            gathered[anchor as usize] += areas[v as usize];
+            nearest[v as usize] = Some(anchor);
         }
         let vertices: Vec<u32> = selection.chosen.iter().map(|&k| usable[k]).collect();
         let normals = vertices.iter().map(|&v| normals[v as usize]).collect();
-        Self { vertices, spacing: gathered.into_iter().map(f64::sqrt).collect(), normals }
+        Self {
+            vertices,
+            spacing: gathered.into_iter().map(f64::sqrt).collect(),
+            normals,
+            nearest,
+        }
     }
 }
 
@@ -60,15 +69,22 @@ fn select(points: &[Point], count: usize) -> Selection {
         }
         let (centre, order) = (points[index], chosen.len() as u32);
         chosen.push(index);
-        nearest.par_iter_mut().zip(points).with_min_len(1 << 13).for_each(|(best, p)| {
-            let d = (p - centre).norm_squared();
-            if d < best.0 {
-                *best = (d, order);
-            }
-        });
+        nearest
+            .par_iter_mut()
+            .zip(points)
+            .with_min_len(1 << 13)
+            .for_each(|(best, p)| {
+                let d = (p - centre).norm_squared();
+                if d < best.0 {
+                    *best = (d, order);
+                }
+            });
         next = farthest(nearest.iter().map(|best| best.0));
     }
-    Selection { chosen, nearest: nearest.into_iter().map(|best| best.1).collect() }
+    Selection {
+        chosen,
+        nearest: nearest.into_iter().map(|best| best.1).collect(),
+    }
 }
 
 /// The largest value and its index, the first of equals; NaN is never taken.
@@ -85,7 +101,9 @@ fn vertex_areas_and_normals(domain: &SurfaceMesh) -> (Vec<f64>, Vec<Vector>) {
     let mut normals = vec![Vector::zeros(); domain.vertices().len()];
     for t in 0..domain.triangles().len() {
         let area_vector = domain.area_vector(t);
-        let Some(normal) = area_vector.try_normalize(0.0) else { continue };
+        let Some(normal) = area_vector.try_normalize(0.0) else {
+            continue;
+        };
         let corners = domain.corners(t);
         for k in 0..3 {
             let vertex = domain.triangles()[t][k] as usize;
@@ -94,7 +112,10 @@ fn vertex_areas_and_normals(domain: &SurfaceMesh) -> (Vec<f64>, Vec<Vector>) {
             normals[vertex] += normal * ahead.angle(&behind);
         }
     }
-    let normals = normals.into_iter().map(|n| n.try_normalize(1e-12).unwrap_or_default()).collect();
+    let normals = normals
+        .into_iter()
+        .map(|n| n.try_normalize(1e-12).unwrap_or_default())
+        .collect();
     (areas, normals)
 }
 
@@ -127,7 +148,10 @@ mod tests {
             .map(|(i, j)| (points[chosen[i]] - points[chosen[j]]).norm())
             .fold(f64::INFINITY, f64::min);
         let covering = (4.0 / 100f64).sqrt();
-        assert!(closest > covering, "closest pair {closest}, discs of radius {covering} cover the sphere at best");
+        assert!(
+            closest > covering,
+            "closest pair {closest}, discs of radius {covering} cover the sphere at best"
+        );
     }
 
     #[test]

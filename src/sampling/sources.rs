@@ -53,7 +53,10 @@ pub fn adaptive_sources(
         })
         .collect();
     let dropped = placed.iter().filter(|p| p.is_none()).count();
-    PlacedSources { positions: placed.into_iter().flatten().collect(), dropped }
+    PlacedSources {
+        positions: placed.into_iter().flatten().collect(),
+        dropped,
+    }
 }
 
 /// `count` points spread evenly over a surface by area, such as an offset surface: the well-spread ones of eight times
@@ -110,7 +113,9 @@ mod tests {
     fn an_anchor_without_room_is_dropped() {
         let ball = shapes::sphere(1.0, 2);
         let anchors = Anchors::choose(&ball, usize::MAX);
-        let placed = adaptive_sources(&ball, &anchors, 1.0, &|p| if p.z > 0.0 { -1.0 } else { p.coords.norm() - 1.0 });
+        let placed = adaptive_sources(&ball, &anchors, 1.0, &|p| {
+            if p.z > 0.0 { -1.0 } else { p.coords.norm() - 1.0 }
+        });
         assert!(placed.dropped > 60 && placed.positions.len() + placed.dropped == 162);
     }
 
@@ -121,7 +126,11 @@ mod tests {
         assert_eq!(points.len(), 200);
         let spacing = (torus.area() / 200.0).sqrt();
         for (i, p) in points.iter().enumerate() {
-            let nearest = points.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, q)| (p - q).norm());
+            let nearest = points
+                .iter()
+                .enumerate()
+                .filter(|(j, _)| *j != i)
+                .map(|(_, q)| (p - q).norm());
             assert!(nearest.fold(f64::INFINITY, f64::min) > 0.5 * spacing);
         }
     }

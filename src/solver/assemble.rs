@@ -36,7 +36,9 @@ impl CollocationSystem<'_> {
             .par_col_iter_mut()
             .enumerate()
             .map(|(column, entries)| {
-                let contiguous = entries.try_as_col_major_mut().expect("columns of an owned matrix are contiguous");
+                let contiguous = entries
+                    .try_as_col_major_mut()
+                    .expect("columns of an owned matrix are contiguous");
                 self.fill_column(column, contiguous.as_slice_mut())
             })
             .collect();

@@ -4,6 +4,7 @@
 //! Cost for `m` rows and `n` columns: QR `2mn²` flops in matrix products; SVD some `4mn² + 22n³`, a good part of them
 //! bound by memory. Memory `8mn` bytes for QR, about three times that for the SVD.
 
+use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::householder::{
     apply_block_householder_sequence_transpose_on_the_left_in_place_scratch,
     apply_block_householder_sequence_transpose_on_the_left_in_place_with_conj,
@@ -11,7 +12,6 @@ use faer::linalg::householder::{
 use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch, recommended_block_size};
 use faer::linalg::solvers::ColPivQr;
 use faer::linalg::triangular_solve;
-use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::{Conj, Mat, MatRef, Par};
 
 use super::{Coefficients, CollocationSystem, SolveError};
@@ -39,7 +39,10 @@ pub struct DenseOptions {
 
 impl Default for DenseOptions {
     fn default() -> Self {
-        Self { method: Method::default(), truncation: 1e-10 }
+        Self {
+            method: Method::default(),
+            truncation: 1e-10,
+        }
     }
 }
 
@@ -54,9 +57,17 @@ pub struct DenseFactor {
 }
 
 enum Decomposition {
-    Svd { u: Mat<f64>, s: Vec<f64>, v: Mat<f64> },
+    Svd {
+        u: Mat<f64>,
+        s: Vec<f64>,
+        v: Mat<f64>,
+    },
     /// The factored matrix holds `R` on and above the diagonal and the Householder vectors below it.
-    Qr { factored: Mat<f64>, coefficients: Mat<f64>, pivoted: Option<ColPivQr<f64>> },
+    Qr {
+        factored: Mat<f64>,
+        coefficients: Mat<f64>,
+        pivoted: Option<ColPivQr<f64>>,
+    },
 }
 
 impl DenseFactor {
@@ -68,7 +79,11 @@ impl DenseFactor {
     pub fn new(system: &CollocationSystem<'_>, options: &DenseOptions) -> Result<Self, SolveError> {
         let (collocation, unknowns, sources) = (system.collocation.len(), system.unknowns(), system.sources.len());
         if collocation < unknowns || unknowns == 0 {
-            return Err(SolveError::Underdetermined { collocation, unknowns, sources });
+            return Err(SolveError::Underdetermined {
+                collocation,
+                unknowns,
+                sources,
+            });
         }
         let (matrix, scales) = system.matrix()?;
         let (decomposition, rank, condition) = match options.method {
@@ -76,9 +91,18 @@ impl DenseFactor {
             Method::Qr => qr(matrix, options.truncation),
         };
         if rank == 0 {
-            return Err(SolveError::RankZero { truncation: options.truncation });
+            return Err(SolveError::RankZero {
+                truncation: options.truncation,
+            });
         }
-        Ok(Self { decomposition, scales, row_weights: system.row_weights.to_vec(), sources, rank, condition })
+        Ok(Self {
+            decomposition,
+            scales,
+            row_weights: system.row_weights.to_vec(),
+            sources,
+            rank,
+            condition,
+        })
     }
 
     /// Number of singular values or pivots kept.
@@ -100,7 +124,10 @@ impl DenseFactor {
     pub fn solve(&self, data: &[[f64; 3]]) -> Result<Coefficients, SolveError> {
         let collocation = self.row_weights.len();
         if data.len() != collocation {
-            return Err(SolveError::DataLength { data: data.len(), collocation });
+            return Err(SolveError::DataLength {
+                data: data.len(),
+                collocation,
+            });
         }
         let rhs = Mat::from_fn(collocation, 3, |r, k| self.row_weights[r] * data[r][k]);
         let scaled = match &self.decomposition {
@@ -111,7 +138,11 @@ impl DenseFactor {
                 }
                 v.as_ref().subcols(0, self.rank) * projected
             }
-            Decomposition::Qr { factored, coefficients, pivoted } => {
+            Decomposition::Qr {
+                factored,
+                coefficients,
+                pivoted,
+            } => {
                 let projected = apply_q_transpose(factored, coefficients, rhs);
                 match pivoted {
                     None => solve_upper(factored.as_ref(), projected),
@@ -132,7 +163,10 @@ impl DenseFactor {
         for (function, column) in (self.sources..self.scales.len()).enumerate() {
             affine[function] = row(column);
         }
-        Coefficients { sources: (0..self.sources).map(row).collect(), affine }
+        Coefficients {
+            sources: (0..self.sources).map(row).collect(),
+            affine,
+        }
     }
 }
 
@@ -142,7 +176,15 @@ fn svd(matrix: Mat<f64>, truncation: f64) -> Result<(Decomposition, usize, f64),
     let s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
     let rank = s.iter().take_while(|&&value| value > truncation * s[0]).count();
     let condition = s[0] / s[s.len() - 1];
-    Ok((Decomposition::Svd { u: svd.U().to_owned(), s, v: svd.V().to_owned() }, rank, condition))
+    Ok((
+        Decomposition::Svd {
+            u: svd.U().to_owned(),
+            s,
+            v: svd.V().to_owned(),
+        },
+        rank,
+        condition,
+    ))
 }
 
 fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Decomposition, usize, f64) {
@@ -160,13 +202,31 @@ fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Decomposition, usize, f64) {
     );
     let condition = triangular_condition(matrix.as_ref().subrows(0, columns));
     if condition * truncation < 1.0 {
-        return (Decomposition::Qr { factored: matrix, coefficients, pivoted: None }, columns, condition);
+        return (
+            Decomposition::Qr {
+                factored: matrix,
+                coefficients,
+                pivoted: None,
+            },
+            columns,
+            condition,
+        );
     }
     let triangle = Mat::from_fn(columns, columns, |i, j| if i <= j { matrix[(i, j)] } else { 0.0 });
     let pivoted = triangle.col_piv_qr();
     let first = pivoted.R()[(0, 0)].abs();
-    let rank = (0..columns).take_while(|&k| pivoted.R()[(k, k)].abs() > truncation * first).count();
-    (Decomposition::Qr { factored: matrix, coefficients, pivoted: Some(pivoted) }, rank, condition)
+    let rank = (0..columns)
+        .take_while(|&k| pivoted.R()[(k, k)].abs() > truncation * first)
+        .count();
+    (
+        Decomposition::Qr {
+            factored: matrix,
+            coefficients,
+            pivoted: Some(pivoted),
+        },
+        rank,
+        condition,
+    )
 }
 
 /// Condition number of an upper triangle by power iterations on `RᵀR` and its inverse. Ten steps give two digits,
@@ -282,17 +342,33 @@ mod tests {
             let collocation = shapes::sphere(1.0, 3).vertices().to_vec();
             let weights = (0..collocation.len()).map(|k| 1.0 + 0.3 * (k as f64).sin()).collect();
             let sources = crate::sampling::bounding_sphere(Point::origin(), 1.0 + distance, sources);
-            Self { collocation, weights, sources }
+            Self {
+                collocation,
+                weights,
+                sources,
+            }
         }
 
         fn system(&self, affine: bool) -> CollocationSystem<'_> {
             let (collocation, row_weights, sources) = (&self.collocation, &self.weights, &self.sources);
-            CollocationSystem { collocation, row_weights, sources, affine }
+            CollocationSystem {
+                collocation,
+                row_weights,
+                sources,
+                affine,
+            }
         }
 
         fn data(&self) -> Vec<[f64; 3]> {
-            let charges = [Point::new(3.0, 0.5, 0.0), Point::new(-1.0, 2.8, 1.0), Point::new(0.2, -0.4, -3.1)];
-            self.collocation.iter().map(|p| charges.map(|q| kernel::laplace_potential(*p, q))).collect()
+            let charges = [
+                Point::new(3.0, 0.5, 0.0),
+                Point::new(-1.0, 2.8, 1.0),
+                Point::new(0.2, -0.4, -3.1),
+            ];
+            self.collocation
+                .iter()
+                .map(|p| charges.map(|q| kernel::laplace_potential(*p, q)))
+                .collect()
         }
 
         fn residual(&self, coefficients: &Coefficients) -> f64 {
@@ -321,7 +397,10 @@ mod tests {
     #[test]
     fn svd_and_qr_agree_on_a_well_conditioned_system() {
         let ball = Ball::new(200, 0.3);
-        let (svd, qr) = (factor(&ball.system(true), Method::Svd, 0.0), factor(&ball.system(true), Method::Qr, 0.0));
+        let (svd, qr) = (
+            factor(&ball.system(true), Method::Svd, 0.0),
+            factor(&ball.system(true), Method::Qr, 0.0),
+        );
         let (x, y) = (svd.solve(&ball.data()).unwrap(), qr.solve(&ball.data()).unwrap());
         let size = x.sources.iter().flatten().fold(0f64, |m, v| m.max(v.abs()));
         let pairs = x.sources.iter().zip(&y.sources).chain(x.affine.iter().zip(&y.affine));
@@ -330,7 +409,10 @@ mod tests {
         }
         assert_eq!((svd.rank(), qr.rank()), (204, 204));
         let ratio = qr.condition() / svd.condition();
-        assert!((0.9..=1.0 + 1e-9).contains(&ratio), "condition by power iteration is {ratio} of the exact one");
+        assert!(
+            (0.9..=1.0 + 1e-9).contains(&ratio),
+            "condition by power iteration is {ratio} of the exact one"
+        );
     }
 
     /// Far sources make the matrix singular to working precision. A truncated solution of either kind must leave a
@@ -350,7 +432,11 @@ mod tests {
     #[test]
     fn a_repeated_source_does_not_matter() {
         let mut ball = Ball::new(100, 0.4);
-        let alone = ball.residual(&factor(&ball.system(true), Method::Qr, 1e-10).solve(&ball.data()).unwrap());
+        let alone = ball.residual(
+            &factor(&ball.system(true), Method::Qr, 1e-10)
+                .solve(&ball.data())
+                .unwrap(),
+        );
         ball.sources.push(ball.sources[17]);
         let factor = factor(&ball.system(true), Method::Qr, 1e-10);
         assert_eq!(factor.rank(), 104);
@@ -361,7 +447,11 @@ mod tests {
     #[test]
     fn affine_data_need_no_sources() {
         let ball = Ball::new(50, 0.5);
-        let data: Vec<_> = ball.collocation.iter().map(|p| [1.0 + p.x, 2.0 * p.y - p.z, 3.0 * p.z]).collect();
+        let data: Vec<_> = ball
+            .collocation
+            .iter()
+            .map(|p| [1.0 + p.x, 2.0 * p.y - p.z, 3.0 * p.z])
+            .collect();
         for method in [Method::Svd, Method::Qr] {
             let solution = factor(&ball.system(true), method, 1e-12).solve(&data).unwrap();
             assert!(solution.sources.iter().flatten().all(|w| w.abs() < 1e-11));
@@ -375,13 +465,23 @@ mod tests {
     #[test]
     fn bad_systems_are_named() {
         let mut ball = Ball::new(100, 0.4);
-        let few = CollocationSystem { collocation: &ball.collocation[..103], ..ball.system(true) };
+        let few = CollocationSystem {
+            collocation: &ball.collocation[..103],
+            ..ball.system(true)
+        };
         assert!(matches!(
             DenseFactor::new(&few, &DenseOptions::default()),
-            Err(SolveError::Underdetermined { collocation: 103, unknowns: 104, sources: 100 })
+            Err(SolveError::Underdetermined {
+                collocation: 103,
+                unknowns: 104,
+                sources: 100
+            })
         ));
         let good = factor(&ball.system(false), Method::Qr, 0.0);
-        assert!(matches!(good.solve(&[[0.0; 3]]), Err(SolveError::DataLength { data: 1, .. })));
+        assert!(matches!(
+            good.solve(&[[0.0; 3]]),
+            Err(SolveError::DataLength { data: 1, .. })
+        ));
         ball.sources[7] = ball.collocation[3];
         let hit = DenseFactor::new(&ball.system(true), &DenseOptions::default());
         assert!(matches!(hit, Err(SolveError::NonFinite { column: 7 })));

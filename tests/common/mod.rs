@@ -39,7 +39,9 @@ pub fn interior_points(domain: &SurfaceMesh, count: usize, seed: u64) -> Vec<Poi
     let mut random = StdRng::seed_from_u64(seed);
     let mut points = Vec::new();
     while points.len() < count {
-        let p = Point::from(std::array::from_fn::<f64, 3, _>(|k| random.random_range(low[k]..high[k])));
+        let p = Point::from(std::array::from_fn::<f64, 3, _>(|k| {
+            random.random_range(low[k]..high[k])
+        }));
         if query.contains(&p) {
             points.push(p);
         }

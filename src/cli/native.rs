@@ -1,0 +1,157 @@
+//! `solidmap tet` and `solidmap offset`: what CGAL and TetGen do.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Context;
+use serde::Serialize;
+use solidmap::io;
+use solidmap::native::{self, Mesh3Options, OffsetOptions, TetOptions};
+
+use super::args::{Mesher, OffsetArgs, TetArgs};
+use super::output::{Output, pairs};
+use super::{Outcome, input};
+
+/// What `tet --json` prints.
+#[derive(Serialize)]
+struct TetReport {
+    model: PathBuf,
+    output: PathBuf,
+    mesher: &'static str,
+    vertices: usize,
+    tets: usize,
+    volume: f64,
+    surface_volume: f64,
+    seconds: f64,
+}
+
+/// Fills a surface with tetrahedra.
+pub fn tet(args: &TetArgs, output: &Output) -> anyhow::Result<Outcome> {
+    output.progress("reading");
+    let surface = input::read_surface(&args.model)?;
+    output.progress("tetrahedralising");
+    let start = Instant::now();
+    let (mesher, result) = match args.mesher {
+        Mesher::Tetgen => {
+            let options = TetOptions {
+                radius_edge_ratio: (args.quality > 0.0).then_some(args.quality),
+                max_volume: args.max_volume,
+                ..TetOptions::default()
+            };
+            ("tetgen", native::tetrahedralize(&surface, &options))
+        }
+        Mesher::Cgal => {
+            // A regular tetrahedron of circumradius r has the volume 8√3/27 r³.
+            let cell_size = args.max_volume.map(|v| (v * 27.0 / (8.0 * 3f64.sqrt())).cbrt());
+            let options = Mesh3Options {
+                cell_size,
+                ..Mesh3Options::default()
+            };
+            ("cgal", native::tetrahedralize_mesh3(&surface, &options))
+        }
+    };
+    let mesh = result.with_context(|| format!("cannot tetrahedralise `{}`", args.model.display()))?;
+    let seconds = start.elapsed().as_secs_f64();
+    io::write_tets(&args.output, &mesh)?;
+    let report = TetReport {
+        model: args.model.clone(),
+        output: args.output.clone(),
+        mesher,
+        vertices: mesh.vertices().len(),
+        tets: mesh.tets().len(),
+        volume: mesh.volume(),
+        surface_volume: surface.volume().abs(),
+        seconds,
+    };
+    output.result(&report, || {
+        pairs(vec![
+            [
+                "tets".into(),
+                format!("{} over {} vertices, in {seconds:.2} s", report.tets, report.vertices),
+            ],
+            [
+                "volume".into(),
+                format!("{:.6} (surface {:.6})", report.volume, report.surface_volume),
+            ],
+            ["written".into(), report.output.display().to_string()],
+        ])
+    })?;
+    Ok(Outcome::Done)
+}
+
+/// What `offset --json` prints.
+#[derive(Serialize)]
+struct OffsetReport {
+    model: PathBuf,
+    output: PathBuf,
+    distance: f64,
+    vertices: usize,
+    triangles: usize,
+    vertex_error: f64,
+    centroid_error: f64,
+    min_distance: f64,
+    genus: usize,
+    model_genus: Option<usize>,
+    components: usize,
+    raw_wrap: bool,
+    seconds: f64,
+}
+
+/// Makes the surface at a distance.
+pub fn offset(args: &OffsetArgs, output: &Output) -> anyhow::Result<Outcome> {
+    output.progress("reading");
+    let surface = input::read_surface(&args.model)?;
+    let distance = if args.relative {
+        args.distance * surface.diagonal()
+    } else {
+        args.distance
+    };
+    output.progress("wrapping");
+    let start = Instant::now();
+    let offset = native::offset_surface(&surface, distance, &OffsetOptions::default())
+        .with_context(|| format!("cannot offset `{}`", args.model.display()))?;
+    let seconds = start.elapsed().as_secs_f64();
+    io::write_surface(&args.output, &offset.mesh)?;
+    if offset.raw_wrap {
+        output.warn("no smoothed surface passed its checks; the wrap as it came is about 1 % off the distance");
+    }
+    if offset.model_genus.is_some_and(|genus| genus != offset.genus) {
+        output.warn("the offset has another genus than the model: its distance, or its resolution, closes holes");
+    }
+    let report = OffsetReport {
+        model: args.model.clone(),
+        output: args.output.clone(),
+        distance,
+        vertices: offset.mesh.vertices().len(),
+        triangles: offset.mesh.triangles().len(),
+        vertex_error: offset.vertex_error,
+        centroid_error: offset.centroid_error,
+        min_distance: offset.min_distance,
+        genus: offset.genus,
+        model_genus: offset.model_genus,
+        components: offset.components,
+        raw_wrap: offset.raw_wrap,
+        seconds,
+    };
+    output.result(&report, || {
+        pairs(vec![
+            [
+                "offset".into(),
+                format!("{} triangles at {distance:.6}, in {seconds:.2} s", report.triangles),
+            ],
+            [
+                "error".into(),
+                format!(
+                    "{:.2e} at vertices, {:.2e} at centroids",
+                    report.vertex_error, report.centroid_error
+                ),
+            ],
+            [
+                "genus".into(),
+                format!("{} in {} component(s)", report.genus, report.components),
+            ],
+            ["written".into(), report.output.display().to_string()],
+        ])
+    })?;
+    Ok(Outcome::Done)
+}
