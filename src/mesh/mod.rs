@@ -7,6 +7,8 @@ pub mod shapes;
 mod surface_mesh;
 mod tet_mesh;
 pub mod topology;
+mod weld;
 
 pub use surface_mesh::{MeshError, SurfaceMesh};
 pub use tet_mesh::{BoundarySurface, TetMesh};
+pub use weld::{lowest_coincident_vertices, welded};
