@@ -48,7 +48,12 @@ impl CheckReport {
         let (errors, warnings) = (self.errors().count(), self.warnings().count());
         let plural = |count: usize, word: &str| format!("{count} {word}{}", if count == 1 { "" } else { "s" });
         match (errors, warnings) {
-            (0, 0) => "Healthy: the surface bounds a solid.".to_string(),
+            (0, 0) => match &self.self_intersections {
+                SelfIntersections::NotChecked { .. } => {
+                    "Healthy, as far as it was checked: the surface bounds a solid.".to_string()
+                }
+                SelfIntersections::Checked { .. } => "Healthy: the surface bounds a solid.".to_string(),
+            },
             (0, _) => format!("Solvable, with {}.", plural(warnings, "warning")),
             (_, 0) => format!("Not solvable: {}.", plural(errors, "error")),
             _ => format!(
@@ -86,7 +91,10 @@ impl CheckReport {
             ("manifold edges", yes(self.edge_manifold)),
             ("manifold vertices", yes(self.vertex_manifold)),
             ("consistently oriented", yes(self.consistently_oriented)),
-            ("facing outward", yes(self.outward)),
+            (
+                "facing outward",
+                self.volume.map_or("-".to_string(), |_| yes(self.outward)),
+            ),
             ("self-intersections", intersections),
         ] {
             writeln!(f, "  {name:<22} {fact}")?;
@@ -133,7 +141,7 @@ fn bounds(component: &ComponentReport) -> String {
     }
 }
 
-fn write_ids(f: &mut Formatter, name: &str, ids: &Vec<String>) -> fmt::Result {
+fn write_ids(f: &mut Formatter, name: &str, ids: &[String]) -> fmt::Result {
     if ids.is_empty() {
         return Ok(());
     }

@@ -11,8 +11,8 @@ use crate::mesh::{SurfaceMesh, lowest_coincident_vertices, welded};
 /// How many ids a finding lists.
 const LISTED: usize = 20;
 
-/// Twice the area below this fraction of the longest side squared is rounding: the triangle has none.
-const NO_AREA: f64 = 1e-12;
+/// Height below this fraction of the longest side is rounding: the triangle has no area.
+const NO_HEIGHT: f64 = 1e-12;
 
 /// Examines a surface: what it is, what is wrong with it, where, and what to do about it.
 ///
@@ -148,11 +148,11 @@ fn proper_part(mesh: &SurfaceMesh) -> (SurfaceMesh, Vec<u32>) {
 }
 
 fn has_no_area([a, b, c]: &[Point; 3]) -> bool {
-    let longest = (b - a)
-        .norm_squared()
-        .max((c - b).norm_squared())
-        .max((a - c).norm_squared());
-    (b - a).cross(&(c - a)).norm() <= NO_AREA * longest
+    let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+    let magnitude = [a, b, c].map(|p| p.coords.amax()).into_iter().fold(0.0, f64::max);
+    // Coordinates far from the origin are rounded more coarsely than a small triangle's height.
+    let no_height = NO_HEIGHT * longest + 2.0 * f64::EPSILON * magnitude;
+    (b - a).cross(&(c - a)).norm() <= no_height * longest
 }
 
 fn names_a_vertex_twice(&[a, b, c]: &[u32; 3]) -> bool {
@@ -284,10 +284,16 @@ fn inconsistent_orientation(anatomy: &Anatomy) -> Option<Finding> {
         return None;
     }
     let faces = indices(orientation.flip.iter().copied());
+    let remedy = match faces.len() {
+        0 => "no turning of triangles would make them agree".to_string(),
+        count => format!(
+            "turning {} over would make them agree",
+            counted(count, "triangle", "triangles")
+        ),
+    };
     let message = format!(
-        "{} two triangles that disagree which side is out; turning {} over would make them agree",
+        "{} two triangles that disagree which side is out; {remedy}",
         counted(edges.len(), "edge lies between", "edges lie between"),
-        counted(faces.len(), "triangle", "triangles"),
     );
     let finding = finding(FindingKind::InconsistentOrientation, Severity::Warning, edges.len());
     Some(
@@ -421,7 +427,10 @@ fn repeated_corner_faces(mesh: &SurfaceMesh) -> Option<Finding> {
 }
 
 fn degenerate_faces(mesh: &SurfaceMesh) -> Option<Finding> {
-    let is_degenerate = |t: usize| !names_a_vertex_twice(&mesh.triangles()[t]) && has_no_area(&mesh.corners(t));
+    let is_degenerate = |t: usize| {
+        let corners = mesh.corners(t);
+        corners.iter().all(is_finite) && !names_a_vertex_twice(&mesh.triangles()[t]) && has_no_area(&corners)
+    };
     let faces = indices((0..mesh.triangles().len()).map(is_degenerate));
     let message = format!(
         "{} no area, first triangle {}",

@@ -11,6 +11,9 @@ mod mend;
 
 use serde::Serialize;
 
+#[cfg(test)]
+mod tests;
+
 pub use examine::check;
 pub use mend::{Mending, MendingKind, mend};
 

@@ -479,7 +479,7 @@ mod tests {
             "surfaces/goathead_2k8.obj",
         ] {
             let Some(mesh) = test_models::load(name) else { return };
-            assert_signs_agree(&mesh, 1000);
+            assert_signs_agree(&mesh, 300);
         }
     }
 
