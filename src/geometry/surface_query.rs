@@ -495,7 +495,13 @@ mod tests {
         let shifted = |x, y| shapes::deformed(&cube, |p| p + Vector::new(x, y, 0.0));
         let wall = shapes::joined(&cube, &shifted(1.0, 0.0));
         let edge = shapes::joined(&cube, &shifted(1.0, 1.0));
-        for mesh in [with_a_thin_triangle(&cube), soup, wall, edge] {
+        for mesh in [
+            with_a_thin_triangle(&cube),
+            with_a_thin_triangle(&tetrahedron()),
+            soup,
+            wall,
+            edge,
+        ] {
             assert_signs_agree(&mesh, 4000);
         }
     }
@@ -731,6 +737,12 @@ mod tests {
         shapes::deformed(&shapes::cube(2.0, 1), |p| {
             Point::new(p.x, p.y, p.z * if p.x > 0.0 { thickness / 9.0 } else { thickness })
         })
+    }
+
+    /// All edges sharper than a right angle.
+    fn tetrahedron() -> SurfaceMesh {
+        let vertices = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]].map(Point::from);
+        SurfaceMesh::new(vertices.to_vec(), vec![[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]).unwrap()
     }
 
     /// A ball with spikes and pits: corners where the surface is neither convex nor concave.
