@@ -54,8 +54,8 @@ pub fn closest_point_on_triangle(p: &Point, corners: &[Point; 3]) -> TrianglePoi
     let mut best = corner(0, -ap);
     let mut least = best.offset.norm_squared();
     let on_or_beyond = [third <= 0.0, first <= 0.0, second <= 0.0];
-    for side in 0..3 {
-        if thin || on_or_beyond[side] {
+    for (side, on_or_beyond) in on_or_beyond.into_iter().enumerate() {
+        if thin || on_or_beyond {
             let candidate = closest_point_on_side(p, corners, side);
             let distance = candidate.offset.norm_squared();
             if distance < least {

@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use super::closest_point::is_thin;
 use super::winding_number::FarField;
 use super::{Aabb, Bvh, Feature, TrianglePoint, closest_point_on_triangle};
-use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::{NONE, Topology};
+use crate::mesh::{SurfaceMesh, welded};
 use crate::{Point, Vector};
 
 /// Answers where the surface is closest, how far, and on which side, of any number of points.
@@ -132,9 +132,12 @@ impl SurfaceQuery {
         self.sign(p, self.nearest(p, self.slot_of_first_triangle))
     }
 
-    /// Whether the point is inside: where [`Self::signed_distance`] is negative, and faster outside the box.
+    /// Whether the point is inside: whether the surface winds about it more than half a time.
+    ///
+    /// Away from the surface this is several times faster than [`Self::signed_distance`]. Both agree on the surface of
+    /// a solid; where parts overlap, or the surface has holes, this is the one to trust.
     pub fn contains(&self, p: &Point) -> bool {
-        self.contains_from(p, &mut { self.slot_of_first_triangle })
+        self.bounds().contains(p) && self.winding_number(p) > 0.5
     }
 
     /// The generalised winding number about `p` by expansions of far parts: off by a few hundredths at most, where an
@@ -143,7 +146,7 @@ impl SurfaceQuery {
         self.far_field.winding_number(&self.bvh, &self.corners, p)
     }
 
-    /// [`Self::closest_point`] of each point, in parallel; faster when neighbours in the list are neighbours in space.
+    /// [`Self::closest_point`] of each point, in parallel.
     pub fn closest_points(&self, points: &[Point]) -> Vec<ClosestPoint> {
         self.each(points, |p, slot| {
             *slot = self.nearest(p, *slot);
@@ -151,7 +154,7 @@ impl SurfaceQuery {
         })
     }
 
-    /// [`Self::signed_distance`] of each point, in parallel; faster when neighbours in the list are neighbours in space.
+    /// [`Self::signed_distance`] of each point, in parallel.
     pub fn signed_distances(&self, points: &[Point]) -> Vec<f64> {
         self.each(points, |p, slot| {
             *slot = self.nearest(p, *slot);
@@ -159,29 +162,23 @@ impl SurfaceQuery {
         })
     }
 
-    /// [`Self::contains`] of each point, in parallel; faster when neighbours in the list are neighbours in space.
+    /// [`Self::contains`] of each point, in parallel.
     pub fn contains_all(&self, points: &[Point]) -> Vec<bool> {
-        self.each(points, |p, slot| self.contains_from(p, slot))
+        self.each(points, |p, _| self.contains(p))
     }
 
+    /// Answers along a space-filling curve: neighbours read the same part of the tree, and the closest triangle of one
+    /// is a good start for the next.
     fn each<T: Send>(&self, points: &[Point], answer: impl Fn(&Point, &mut u32) -> T + Sync) -> Vec<T> {
-        let runs = points.par_chunks(RUN).flat_map_iter(|run| {
+        let order = morton_order(points);
+        let runs = order.par_chunks(RUN).flat_map_iter(|run| {
             let mut slot = self.slot_of_first_triangle;
             let answer = &answer;
-            run.iter().map(move |p| answer(p, &mut slot))
+            run.iter().map(move |&i| (i, answer(&points[i as usize], &mut slot)))
         });
-        runs.collect()
-    }
-
-    fn contains_from(&self, p: &Point, slot: &mut u32) -> bool {
-        if !self.bounds().contains(p) {
-            return false;
-        }
-        if self.sides.is_none() {
-            return self.is_wound_about(p);
-        }
-        *slot = self.nearest(p, *slot);
-        self.sign(p, *slot) < 0.0
+        let mut answers: Vec<(u32, T)> = runs.collect();
+        answers.par_sort_unstable_by_key(|&(i, _)| i);
+        answers.into_iter().map(|(_, answer)| answer).collect()
     }
 
     /// Slot of the closest triangle. `start` is tried first: the closer it is, the faster.
@@ -246,7 +243,7 @@ impl SurfaceQuery {
 
     fn is_inside(&self, p: &Point, slot: u32, closest: &TrianglePoint, distance: f64) -> bool {
         let Some(sides) = &self.sides else {
-            return self.is_wound_about(p);
+            return self.contains(p);
         };
         let normal = sides.at(slot as usize, closest.feature);
         let along = -normal.dot(&closest.offset);
@@ -255,12 +252,8 @@ impl SurfaceQuery {
         if on_surface || along.abs() > DECISIVE * normal.norm() * distance {
             along < 0.0
         } else {
-            self.is_wound_about(p)
+            self.contains(p)
         }
-    }
-
-    fn is_wound_about(&self, p: &Point) -> bool {
-        self.winding_number(p) > 0.5
     }
 }
 
@@ -303,6 +296,37 @@ impl Pseudonormals {
     }
 }
 
+/// Indices of the points along Morton's curve through their box.
+fn morton_order(points: &[Point]) -> Vec<u32> {
+    let bounds = Aabb::around(points);
+    let scale = bounds.extent().map(|e| f64::from(1 << 21) / e);
+    let key = |p: &Point| {
+        // NaN and what is infinite for want of an extent saturate.
+        let at = (p - bounds.low)
+            .component_mul(&scale)
+            .map(|x| spread((x as u64).min((1 << 21) - 1)));
+        at.x | at.y << 1 | at.z << 2
+    };
+    let keys: Vec<u64> = points.par_iter().map(key).collect();
+    let mut order: Vec<u32> = (0..points.len() as u32).collect();
+    order.par_sort_unstable_by_key(|&i| (keys[i as usize], i));
+    order
+}
+
+/// Puts two zero bits between the 21 bits of `x`.
+fn spread(mut x: u64) -> u64 {
+    for (shift, mask) in [
+        (32, 0x001f_0000_0000_ffff),
+        (16, 0x001f_0000_ff00_00ff),
+        (8, 0x100f_00f0_0f00_f00f),
+        (4, 0x10c3_0c30_c30c_30c3),
+        (2, 0x1249_2492_4924_9249),
+    ] {
+        x = (x | x << shift) & mask;
+    }
+    x
+}
+
 fn check_corners(mesh: &SurfaceMesh) -> Result<(), QueryError> {
     if mesh.triangles().is_empty() {
         return Err(QueryError::Empty);
@@ -321,26 +345,6 @@ fn longest_side_squared([a, b, c]: &[Point; 3]) -> f64 {
         .norm_squared()
         .max((c - b).norm_squared())
         .max((a - c).norm_squared())
-}
-
-/// The triangles over the lowest of the vertices at each place.
-fn welded(mesh: &SurfaceMesh) -> SurfaceMesh {
-    let vertices = mesh.vertices();
-    let mut order: Vec<u32> = (0..vertices.len() as u32).collect();
-    let place = |v: u32| &vertices[v as usize];
-    let compare = |a: u32, b: u32| {
-        let (a, b) = (place(a), place(b));
-        a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z))
-    };
-    order.par_sort_unstable_by(|&a, &b| compare(a, b).then(a.cmp(&b)));
-    let mut lowest: Vec<u32> = (0..vertices.len() as u32).collect();
-    for pair in order.windows(2) {
-        if place(pair[0]) == place(pair[1]) {
-            lowest[pair[1] as usize] = lowest[pair[0] as usize];
-        }
-    }
-    let triangles = mesh.triangles().iter().map(|t| t.map(|v| lowest[v as usize])).collect();
-    SurfaceMesh::new(vertices.to_vec(), triangles).expect("welding names vertices that are there")
 }
 
 /// Zero for a thin triangle.
@@ -475,7 +479,7 @@ mod tests {
             "surfaces/goathead_2k8.obj",
         ] {
             let Some(mesh) = test_models::load(name) else { return };
-            assert_signs_agree(&mesh, 1000);
+            assert_signs_agree(&mesh, 300);
         }
     }
 
@@ -491,7 +495,13 @@ mod tests {
         let shifted = |x, y| shapes::deformed(&cube, |p| p + Vector::new(x, y, 0.0));
         let wall = shapes::joined(&cube, &shifted(1.0, 0.0));
         let edge = shapes::joined(&cube, &shifted(1.0, 1.0));
-        for mesh in [with_a_thin_triangle(&cube), soup, wall, edge] {
+        for mesh in [
+            with_a_thin_triangle(&cube),
+            with_a_thin_triangle(&tetrahedron()),
+            soup,
+            wall,
+            edge,
+        ] {
             assert_signs_agree(&mesh, 4000);
         }
     }
@@ -642,7 +652,7 @@ mod tests {
         let query = SurfaceQuery::new(&mesh).unwrap();
         println!("build {:?}", start.elapsed());
         let mut random = StdRng::seed_from_u64(SEED);
-        let count = 200_000;
+        let count = 100_000;
         let near: Vec<Point> = (0..count)
             .map(|_| {
                 let t = random.random_range(0..mesh.triangles().len());
@@ -655,23 +665,32 @@ mod tests {
         coherent.sort_by_key(|p| query.closest_point(p).triangle);
         let inside = points_about(&query.bounds(), 0.0, count);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        for (name, points) in [
-            ("near", &near),
-            ("near, in order of triangles", &coherent),
-            ("in the box", &inside),
-        ] {
-            let start = Instant::now();
-            let sum: f64 = points.iter().map(|p| query.signed_distance(p)).sum();
-            let single = count as f64 / start.elapsed().as_secs_f64();
-            let start = Instant::now();
-            let batch: f64 = pool.install(|| query.signed_distances(points)).iter().sum();
-            assert_eq!(sum, batch);
-            let batch = count as f64 / start.elapsed().as_secs_f64();
-            let start = Instant::now();
-            let _: f64 = points.iter().map(|p| query.winding_number(p)).sum();
-            let winding = count as f64 / start.elapsed().as_secs_f64();
-            println!("{name}: {single:.3e} single, {batch:.3e} batch, {winding:.3e} winding numbers /s/core");
+        for (name, points) in [("near", &near), ("near, in order", &coherent), ("in the box", &inside)] {
+            let rate = |label, answer: &(dyn Fn() -> f64 + Sync)| {
+                let (sum, seconds) = pool.install(|| {
+                    let start = cpu_seconds();
+                    (answer(), cpu_seconds() - start)
+                });
+                println!("{name}: {:.3e} {label} per second and core", count as f64 / seconds);
+                sum
+            };
+            let single = rate("signed distances", &|| {
+                points.iter().map(|p| query.signed_distance(p)).sum()
+            });
+            let batch = rate("signed distances in a batch", &|| {
+                query.signed_distances(points).iter().sum()
+            });
+            assert_eq!(single, batch);
+            rate("winding numbers", &|| {
+                points.iter().map(|p| query.winding_number(p)).sum()
+            });
         }
+    }
+
+    /// Time this thread has run, so that other work on the machine does not count.
+    fn cpu_seconds() -> f64 {
+        let text = std::fs::read_to_string("/proc/thread-self/schedstat").expect("measured on Linux");
+        text.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
     }
 
     fn assert_signs_agree(mesh: &SurfaceMesh, count: usize) {
@@ -718,6 +737,12 @@ mod tests {
         shapes::deformed(&shapes::cube(2.0, 1), |p| {
             Point::new(p.x, p.y, p.z * if p.x > 0.0 { thickness / 9.0 } else { thickness })
         })
+    }
+
+    /// All edges sharper than a right angle.
+    fn tetrahedron() -> SurfaceMesh {
+        let vertices = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]].map(Point::from);
+        SurfaceMesh::new(vertices.to_vec(), vec![[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]).unwrap()
     }
 
     /// A ball with spikes and pits: corners where the surface is neither convex nor concave.

@@ -7,7 +7,7 @@
 
 use std::f64::consts::PI;
 
-use super::{Aabb, Bvh};
+use super::Bvh;
 use crate::mesh::SurfaceMesh;
 use crate::{Point, Vector};
 
@@ -155,6 +155,7 @@ mod tests {
     use rand::{Rng, SeedableRng, rngs::StdRng};
 
     use super::*;
+    use crate::geometry::Aabb;
     use crate::mesh::shapes;
 
     const SEED: u64 = 11;

@@ -8,7 +8,9 @@ mod surface_mesh;
 mod surface_point;
 mod tet_mesh;
 pub mod topology;
+mod weld;
 
 pub use surface_mesh::{MeshError, SurfaceMesh};
 pub use surface_point::SurfacePoint;
 pub use tet_mesh::{BoundarySurface, TetMesh};
+pub use weld::{lowest_coincident_vertices, welded};

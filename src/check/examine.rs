@@ -1,0 +1,527 @@
+use super::anatomy::{Anatomy, Shell, is_finite};
+use super::{
+    CheckReport, ComponentKind, ComponentReport, FindSelfIntersections, Finding, FindingKind, SelfIntersections,
+    Severity,
+};
+use crate::Point;
+use crate::geometry::Aabb;
+use crate::mesh::topology::Topology;
+use crate::mesh::{SurfaceMesh, lowest_coincident_vertices, welded};
+
+/// How many ids a finding lists.
+const LISTED: usize = 20;
+
+/// Height below this fraction of the longest side is rounding: the triangle has no area.
+const NO_HEIGHT: f64 = 1e-12;
+
+/// Examines a surface: what it is, what is wrong with it, where, and what to do about it.
+///
+/// `self_intersections` finds intersecting triangles, as CGAL does in builds with the `native` feature; without it the
+/// report says that nobody looked. It is handed the triangles that have finite corners and an area, alone; the report
+/// has the numbers of the whole surface. Takes about a second per million triangles.
+pub fn check(mesh: &SurfaceMesh, self_intersections: Option<FindSelfIntersections>) -> CheckReport {
+    let anatomy = Anatomy::of(mesh);
+    let (self_intersections, intersecting) = look_for_self_intersections(mesh, self_intersections);
+    let mut findings: Vec<Finding> = [
+        empty(&anatomy),
+        non_finite_vertices(mesh),
+        open_edges(&anatomy),
+        non_manifold_edges(&anatomy),
+        non_orientable(&anatomy),
+        zero_volume(&anatomy),
+        inconsistent_orientation(&anatomy),
+        inward(&anatomy),
+        cavity_orientation(&anatomy),
+        overlapping_shells(&anatomy),
+        self_intersecting(&intersecting),
+        non_manifold_vertices(&anatomy),
+        duplicate_faces(mesh),
+        repeated_corner_faces(mesh),
+        degenerate_faces(mesh),
+        duplicate_vertices(mesh),
+        unreferenced_vertices(&anatomy),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    findings.sort_by_key(|finding| finding.severity);
+    let found = |kind| findings.iter().any(|finding: &Finding| finding.kind == kind);
+    let shells = &anatomy.shells;
+    let bounds_a_solid = !shells.is_empty() && shells.iter().all(Shell::has_volume);
+    let finite: Vec<Point> = mesh.vertices().iter().filter(|p| is_finite(p)).copied().collect();
+    let bounds = (!finite.is_empty()).then(|| Aabb::around(&finite));
+    CheckReport {
+        vertices: mesh.vertices().len(),
+        faces: mesh.triangles().len(),
+        closed: anatomy.topology.is_closed(),
+        edge_manifold: anatomy.topology.is_edge_manifold(),
+        vertex_manifold: !found(FindingKind::NonManifoldVertices),
+        consistently_oriented: anatomy.orientation.inconsistent_edges.is_empty(),
+        outward: bounds_a_solid
+            && anatomy.orientation.inconsistent_edges.is_empty()
+            && !shells.iter().any(Shell::faces_wrong_way),
+        self_intersections,
+        area: shells.iter().map(|shell| shell.area).sum(),
+        volume: bounds_a_solid.then(|| shells.iter().map(signed_volume).sum()),
+        bounding_box: bounds.map(|b| [b.low.into(), b.high.into()]),
+        diagonal: bounds.map_or(0.0, |b| b.extent().norm()),
+        components: component_reports(&anatomy),
+        findings,
+    }
+}
+
+/// Positive for solids, negative for cavities.
+fn signed_volume(shell: &Shell) -> f64 {
+    if shell.is_cavity() {
+        -shell.volume.abs()
+    } else {
+        shell.volume.abs()
+    }
+}
+
+fn component_reports(anatomy: &Anatomy) -> Vec<ComponentReport> {
+    let shells = anatomy.components.shapes.iter().zip(&anatomy.shells);
+    shells
+        .map(|(shape, shell)| ComponentReport {
+            faces: shape.triangles,
+            vertices: shape.vertices,
+            euler_characteristic: shape.euler_characteristic(),
+            genus: shape.genus().filter(|_| shell.is_sound),
+            area: shell.area,
+            volume: shell.is_sound.then_some(shell.volume),
+            kind: match shell {
+                _ if !shell.is_sound => ComponentKind::NotAShell,
+                _ if shell.is_cavity() => ComponentKind::Cavity,
+                _ => ComponentKind::Solid,
+            },
+            depth: shell.is_sound.then_some(shell.depth),
+            inside: shell.inside,
+        })
+        .collect()
+}
+
+/// Runs the finder on the triangles it can bear and returns pairs of the whole surface's triangles.
+fn look_for_self_intersections(
+    mesh: &SurfaceMesh,
+    find: Option<FindSelfIntersections>,
+) -> (SelfIntersections, Vec<[u32; 2]>) {
+    let not_checked = |reason: String| (SelfIntersections::NotChecked { reason }, Vec::new());
+    let Some(find) = find else {
+        return not_checked("built without `native`".to_string());
+    };
+    let (proper, original) = proper_part(mesh);
+    let pairs = match find(&proper) {
+        Ok(pairs) => pairs,
+        Err(reason) => return not_checked(reason),
+    };
+    let original = |pair: [u32; 2]| {
+        let [a, b] = pair.map(|t| original.get(t as usize).copied());
+        Some([a?, b?])
+    };
+    let pairs: Vec<[u32; 2]> = pairs.into_iter().filter_map(original).collect();
+    (SelfIntersections::Checked { pairs: pairs.len() }, pairs)
+}
+
+/// The triangles with an area and finite corners, over the vertices they name, and their numbers in the whole.
+fn proper_part(mesh: &SurfaceMesh) -> (SurfaceMesh, Vec<u32>) {
+    let is_proper = |&t: &u32| {
+        let corners = mesh.corners(t as usize);
+        corners.iter().all(is_finite) && !has_no_area(&corners)
+    };
+    let kept: Vec<u32> = (0..mesh.triangles().len() as u32).filter(is_proper).collect();
+    let mut number = vec![u32::MAX; mesh.vertices().len()];
+    let mut vertices = Vec::new();
+    let mut renumbered = |v: u32| {
+        let number = &mut number[v as usize];
+        if *number == u32::MAX {
+            *number = vertices.len() as u32;
+            vertices.push(mesh.vertices()[v as usize]);
+        }
+        *number
+    };
+    let triangles = kept
+        .iter()
+        .map(|&t| mesh.triangles()[t as usize].map(&mut renumbered))
+        .collect();
+    let proper = SurfaceMesh::new(vertices, triangles).expect("triangles name the vertices that were kept for them");
+    (proper, kept)
+}
+
+fn has_no_area([a, b, c]: &[Point; 3]) -> bool {
+    let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+    let magnitude = [a, b, c].map(|p| p.coords.amax()).into_iter().fold(0.0, f64::max);
+    // Coordinates far from the origin are rounded more coarsely than a small triangle's height.
+    let no_height = NO_HEIGHT * longest + 2.0 * f64::EPSILON * magnitude;
+    (b - a).cross(&(c - a)).norm() <= no_height * longest
+}
+
+fn names_a_vertex_twice(&[a, b, c]: &[u32; 3]) -> bool {
+    a == b || b == c || c == a
+}
+
+fn empty(anatomy: &Anatomy) -> Option<Finding> {
+    let nothing = anatomy.components.shapes.is_empty();
+    nothing.then(|| {
+        let count = anatomy.mesh.triangles().len();
+        finding(FindingKind::Empty, Severity::Error, 1)
+            .says(match count {
+                0 => "the surface has no triangles".to_string(),
+                _ => format!("none of the {count} triangles has three different corners"),
+            })
+            .advises("check that the right file was exported, with its faces")
+    })
+}
+
+fn non_finite_vertices(mesh: &SurfaceMesh) -> Option<Finding> {
+    let vertices = indices(mesh.vertices().iter().map(|p| !is_finite(p)));
+    let first = *vertices.first()?;
+    let place = mesh.vertices()[first as usize];
+    let message = format!(
+        "{} an infinite or undefined coordinate, first vertex {first} at ({}, {}, {})",
+        counted(vertices.len(), "vertex has", "vertices have"),
+        place.x,
+        place.y,
+        place.z
+    );
+    let finding = finding(FindingKind::NonFiniteVertices, Severity::Error, vertices.len()).at_vertices(&vertices);
+    Some(
+        finding
+            .says(message)
+            .advises("export the model again; a division by zero in the program that wrote it is the usual cause"),
+    )
+}
+
+fn open_edges(anatomy: &Anatomy) -> Option<Finding> {
+    let edges = anatomy.topology.open_edges();
+    if edges.is_empty() {
+        return None;
+    }
+    let loops = anatomy.topology.boundary_loops();
+    let longest = loops.iter().map(Vec::len).max().unwrap_or(0);
+    let message = format!(
+        "{} around {}, the longest of {}",
+        counted(edges.len(), "open edge", "open edges"),
+        counted(loops.len(), "hole", "holes"),
+        counted(longest, "edge", "edges"),
+    );
+    let welded = welded(anatomy.mesh);
+    let left = Topology::new(&welded).open_edges().len();
+    let advice = if left == 0 {
+        "merge the vertices that coincide (Blender: Merge by Distance; MeshLab: Merge Close Vertices): that closes the \
+         surface"
+            .to_string()
+    } else if left < edges.len() {
+        format!(
+            "merge the vertices that coincide (Blender: Merge by Distance; MeshLab: Merge Close Vertices), which leaves \
+             {left} open, then fill the holes (MeshLab: Close Holes; Blender: Clean Up > Fill Holes)"
+        )
+    } else {
+        "fill the holes (MeshLab: Close Holes; Blender: Clean Up > Fill Holes), or wrap the surface \
+         (CGAL: Alpha Wrapping)"
+            .to_string()
+    };
+    let finding = finding(FindingKind::OpenEdges, Severity::Error, edges.len()).at_edges(&edges);
+    Some(finding.says(message).advises(&advice))
+}
+
+fn non_manifold_edges(anatomy: &Anatomy) -> Option<Finding> {
+    let edges = anatomy.topology.non_manifold_edges();
+    let message = format!(
+        "{} more than two triangles, first between vertices {} and {}",
+        counted(edges.len(), "edge has", "edges have"),
+        edges.first()?[0],
+        edges[0][1],
+    );
+    let finding = finding(FindingKind::NonManifoldEdges, Severity::Error, edges.len()).at_edges(&edges);
+    Some(finding.says(message).advises(
+        "delete doubled and inner faces and split parts that touch along an edge (MeshLab: Repair Non Manifold Edges; \
+         Blender: Select Non Manifold), or wrap the surface (CGAL: Alpha Wrapping)",
+    ))
+}
+
+fn non_orientable(anatomy: &Anatomy) -> Option<Finding> {
+    let twisted = &anatomy.orientation.twisted_edges;
+    let edges: Vec<[u32; 2]> = twisted.iter().map(|&e| anatomy.topology.edges()[e as usize]).collect();
+    let message = format!(
+        "{} one side only, like a Moebius strip; the twist closes at the edge between vertices {} and {}",
+        counted(edges.len(), "part has", "parts have"),
+        edges.first()?[0],
+        edges[0][1],
+    );
+    let finding = finding(FindingKind::NonOrientable, Severity::Error, edges.len()).at_edges(&edges);
+    Some(
+        finding
+            .says(message)
+            .advises("no solid has such a boundary: cut the part open and close it untwisted"),
+    )
+}
+
+fn zero_volume(anatomy: &Anatomy) -> Option<Finding> {
+    let is_flat = |shell: &Shell| shell.is_sound && !shell.has_volume();
+    let flat: Vec<usize> = (0..anatomy.shells.len())
+        .filter(|&s| is_flat(&anatomy.shells[s]))
+        .collect();
+    let first = *flat.first()?;
+    let faces: Vec<u32> = anatomy.triangles_where(|_, shell| is_flat(shell)).collect();
+    let message = format!(
+        "{} no volume, first component {first} of {}",
+        counted(flat.len(), "closed component encloses", "closed components enclose"),
+        counted(anatomy.components.shapes[first].triangles, "triangle", "triangles"),
+    );
+    let finding = finding(FindingKind::ZeroVolume, Severity::Error, flat.len()).at_faces(&faces);
+    Some(
+        finding
+            .says(message)
+            .advises("delete the flat component, or give it thickness (Blender: Solidify)"),
+    )
+}
+
+fn inconsistent_orientation(anatomy: &Anatomy) -> Option<Finding> {
+    let orientation = &anatomy.orientation;
+    let numbers = &orientation.inconsistent_edges;
+    let edges: Vec<[u32; 2]> = numbers.iter().map(|&e| anatomy.topology.edges()[e as usize]).collect();
+    if edges.is_empty() {
+        return None;
+    }
+    let faces = indices(orientation.flip.iter().copied());
+    let remedy = match faces.len() {
+        0 => "no turning of triangles would make them agree".to_string(),
+        count => format!(
+            "turning {} over would make them agree",
+            counted(count, "triangle", "triangles")
+        ),
+    };
+    let message = format!(
+        "{} two triangles that disagree which side is out; {remedy}",
+        counted(edges.len(), "edge lies between", "edges lie between"),
+    );
+    let finding = finding(FindingKind::InconsistentOrientation, Severity::Warning, edges.len());
+    Some(
+        finding
+            .at_edges(&edges)
+            .at_faces(&faces)
+            .says(message)
+            .advises("closed orientable parts are mended before the solve; others: Blender, Recalculate Outside"),
+    )
+}
+
+fn inward(anatomy: &Anatomy) -> Option<Finding> {
+    let wrong = |shell: &Shell| shell.faces_wrong_way() && !shell.is_cavity();
+    let (count, faces) = wrong_way_round(anatomy, wrong)?;
+    let finding = finding(FindingKind::Inward, Severity::Warning, count).at_faces(&faces);
+    let message = format!(
+        "{} inward: the volume is negative",
+        counted(count, "solid component faces", "solid components face")
+    );
+    Some(
+        finding
+            .says(message)
+            .advises("nothing to do: the triangles are turned over before the solve"),
+    )
+}
+
+fn cavity_orientation(anatomy: &Anatomy) -> Option<Finding> {
+    let wrong = |shell: &Shell| shell.faces_wrong_way() && shell.is_cavity();
+    let (count, faces) = wrong_way_round(anatomy, wrong)?;
+    let finding = finding(FindingKind::CavityOrientation, Severity::Warning, count).at_faces(&faces);
+    let message = format!(
+        "{} like a solid: a component inside another is the boundary of a cavity and should face into it",
+        counted(count, "cavity is oriented", "cavities are oriented")
+    );
+    Some(finding.says(message).advises(
+        "nothing to do if a cavity is meant: the triangles are turned over before the solve; if a solid inside the solid \
+         is meant, delete the component or solve on it alone",
+    ))
+}
+
+/// How many shells are wrong, and their triangles.
+fn wrong_way_round(anatomy: &Anatomy, wrong: impl Fn(&Shell) -> bool) -> Option<(usize, Vec<u32>)> {
+    let count = anatomy.shells.iter().filter(|shell| wrong(shell)).count();
+    let faces = || anatomy.triangles_where(|_, shell| wrong(shell)).collect();
+    (count > 0).then(|| (count, faces()))
+}
+
+fn overlapping_shells(anatomy: &Anatomy) -> Option<Finding> {
+    let overlaps = &anatomy.overlaps;
+    let &[first, second] = overlaps.first()?;
+    let message = format!(
+        "{} inside each other, first components {first} and {second}",
+        counted(
+            overlaps.len(),
+            "pair of components is partly",
+            "pairs of components are partly"
+        ),
+    );
+    let finding = finding(FindingKind::OverlappingShells, Severity::Warning, overlaps.len());
+    Some(finding.says(message).advises(
+        "unite the parts (Blender: Boolean > Union; MeshLab: Mesh Boolean); the overlap belongs to both of them as it is",
+    ))
+}
+
+fn self_intersecting(pairs: &[[u32; 2]]) -> Option<Finding> {
+    let &[first, second] = pairs.first()?;
+    let mut faces = pairs.concat();
+    faces.sort_unstable();
+    faces.dedup();
+    let message = format!(
+        "{} intersect, first {first} and {second}; {} take part",
+        counted(pairs.len(), "pair of triangles", "pairs of triangles"),
+        counted(faces.len(), "triangle", "triangles"),
+    );
+    let finding = finding(FindingKind::SelfIntersections, Severity::Warning, pairs.len()).at_faces(&faces);
+    Some(finding.says(message).advises(
+        "a map can be fitted, but inside and outside are ambiguous there and the solid cannot be tetrahedralised: smooth \
+         or remesh around these triangles, or wrap the surface (CGAL: Alpha Wrapping)",
+    ))
+}
+
+fn non_manifold_vertices(anatomy: &Anatomy) -> Option<Finding> {
+    let vertices = anatomy.topology.non_manifold_vertices();
+    let message = format!(
+        "the surface touches itself at {}, first {}",
+        counted(vertices.len(), "vertex", "vertices"),
+        vertices.first()?
+    );
+    let finding = finding(FindingKind::NonManifoldVertices, Severity::Warning, vertices.len());
+    Some(finding.at_vertices(&vertices).says(message).advises(
+        "a map can be fitted; the parts that touch share one image there. To part them, give each its own vertex \
+         (MeshLab: Repair Non Manifold Vertices by Splitting)",
+    ))
+}
+
+fn duplicate_faces(mesh: &SurfaceMesh) -> Option<Finding> {
+    let sorted = |t: &[u32; 3]| {
+        let mut corners = *t;
+        corners.sort_unstable();
+        corners
+    };
+    let mut keyed: Vec<([u32; 3], u32)> = (0..).zip(mesh.triangles()).map(|(i, t)| (sorted(t), i)).collect();
+    keyed.sort_unstable();
+    let again = |pair: &[([u32; 3], u32)]| (pair[0].0 == pair[1].0).then_some(pair[1].1);
+    let mut faces: Vec<u32> = keyed.windows(2).filter_map(again).collect();
+    faces.sort_unstable();
+    let message = format!(
+        "{} the vertices of an earlier one, first triangle {}",
+        counted(faces.len(), "triangle has", "triangles have"),
+        faces.first()?
+    );
+    let finding = finding(FindingKind::DuplicateFaces, Severity::Warning, faces.len()).at_faces(&faces);
+    Some(finding.says(message).advises(
+        "delete them (MeshLab: Remove Duplicate Faces); where each face is there both ways round, delete both",
+    ))
+}
+
+fn repeated_corner_faces(mesh: &SurfaceMesh) -> Option<Finding> {
+    let faces = indices(mesh.triangles().iter().map(names_a_vertex_twice));
+    let message = format!(
+        "{} a vertex twice, first triangle {}",
+        counted(faces.len(), "triangle names", "triangles name"),
+        faces.first()?
+    );
+    let finding = finding(FindingKind::RepeatedCornerFaces, Severity::Warning, faces.len()).at_faces(&faces);
+    Some(
+        finding
+            .says(message)
+            .advises("nothing to do: they have no area and are passed over"),
+    )
+}
+
+fn degenerate_faces(mesh: &SurfaceMesh) -> Option<Finding> {
+    let is_degenerate = |t: usize| {
+        let corners = mesh.corners(t);
+        corners.iter().all(is_finite) && !names_a_vertex_twice(&mesh.triangles()[t]) && has_no_area(&corners)
+    };
+    let faces = indices((0..mesh.triangles().len()).map(is_degenerate));
+    let message = format!(
+        "{} no area, first triangle {}",
+        counted(faces.len(), "triangle has", "triangles have"),
+        faces.first()?
+    );
+    let finding = finding(FindingKind::DegenerateFaces, Severity::Warning, faces.len()).at_faces(&faces);
+    Some(finding.says(message).advises(
+        "a map can be fitted, no sample falls on them; before tetrahedralising, collapse them (Blender: Degenerate \
+         Dissolve) or remesh",
+    ))
+}
+
+fn duplicate_vertices(mesh: &SurfaceMesh) -> Option<Finding> {
+    let lowest = lowest_coincident_vertices(mesh.vertices());
+    let vertices = indices((0..).zip(&lowest).map(|(v, &lowest)| v != lowest));
+    let first = *vertices.first()?;
+    let message = format!(
+        "{} at the place of an earlier one, first vertex {first} with {}",
+        counted(vertices.len(), "vertex is", "vertices are"),
+        lowest[first as usize]
+    );
+    let finding = finding(FindingKind::DuplicateVertices, Severity::Warning, vertices.len());
+    Some(finding.at_vertices(&vertices).says(message).advises(
+        "nothing to do where the surface is closed; merging them (Blender: Merge by Distance) renumbers the vertices, so \
+         do it to domain and image alike",
+    ))
+}
+
+fn unreferenced_vertices(anatomy: &Anatomy) -> Option<Finding> {
+    let vertices = anatomy.topology.unreferenced_vertices();
+    let message = format!(
+        "{}, first vertex {}",
+        counted(
+            vertices.len(),
+            "vertex belongs to no triangle",
+            "vertices belong to no triangle"
+        ),
+        vertices.first()?
+    );
+    let finding = finding(FindingKind::UnreferencedVertices, Severity::Warning, vertices.len());
+    Some(finding.at_vertices(&vertices).says(message).advises(
+        "nothing to do: they are passed over. MeshLab (Remove Unreferenced Vertices) removes them, which renumbers the \
+         others",
+    ))
+}
+
+fn finding(kind: FindingKind, severity: Severity, count: usize) -> Finding {
+    Finding {
+        kind,
+        severity,
+        count,
+        vertices: Vec::new(),
+        edges: Vec::new(),
+        faces: Vec::new(),
+        message: String::new(),
+        advice: String::new(),
+    }
+}
+
+impl Finding {
+    fn at_vertices(mut self, vertices: &[u32]) -> Self {
+        self.vertices = vertices.iter().copied().take(LISTED).collect();
+        self
+    }
+
+    fn at_edges(mut self, edges: &[[u32; 2]]) -> Self {
+        self.edges = edges.iter().copied().take(LISTED).collect();
+        self
+    }
+
+    fn at_faces(mut self, faces: &[u32]) -> Self {
+        self.faces = faces.iter().copied().take(LISTED).collect();
+        self
+    }
+
+    fn says(mut self, message: String) -> Self {
+        self.message = message;
+        self
+    }
+
+    fn advises(mut self, advice: &str) -> Self {
+        self.advice = advice.to_string();
+        self
+    }
+}
+
+fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
+fn indices(marks: impl Iterator<Item = bool>) -> Vec<u32> {
+    (0..).zip(marks).filter(|&(_, mark)| mark).map(|(i, _)| i).collect()
+}
