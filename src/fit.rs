@@ -102,7 +102,7 @@ impl Default for FitOptions {
 #[non_exhaustive]
 pub enum FitError {
     /// The domain does not bound a solid.
-    #[error("the domain does not bound a solid:\n{}", .0.errors_text())]
+    #[error("the domain does not bound a solid: {}", describe_errors(.0))]
     DefectiveDomain(Box<CheckReport>),
     /// A setting is out of range.
     #[error("{option} is {value}, but must be {range}")]
@@ -475,6 +475,13 @@ impl Frame {
     }
 }
 
+fn describe_errors(report: &CheckReport) -> String {
+    let errors = report
+        .errors()
+        .map(|finding| format!("{}; {}", finding.message, finding.advice));
+    errors.collect::<Vec<_>>().join("; also: ")
+}
+
 fn require_valid(options: &FitOptions) -> Result<(), FitError> {
     let require = |holds: bool, option, value, range| {
         if holds {
@@ -535,7 +542,8 @@ fn place_sources(
 ) -> Result<Vec<Point>, FitError> {
     let sources = match options.placement {
         Placement::Adaptive { alpha } => {
-            let query = SurfaceQuery::new(domain)?;
+            // The winding number stays right where parts of the surface overlap; the few queries here can afford it.
+            let query = SurfaceQuery::with_winding_sign(domain)?;
             let placed = sampling::adaptive_sources(domain, anchors, alpha, &|p| query.signed_distance(p));
             if placed.dropped > 0 {
                 warnings.push(format!(

@@ -79,6 +79,11 @@ pub fn depths(surface: &SurfaceMesh, points: &[Point]) -> anyhow::Result<Vec<f64
     Ok(query.signed_distances(points).into_iter().map(|d| -d).collect())
 }
 
+/// Blue is the boundary; the boundary error puts some points a little outside of it.
+fn from_zero(depth: &[f64]) -> ValueRange {
+    ValueRange::Fixed(0.0, depth.iter().copied().fold(f64::MIN_POSITIVE, f64::max))
+}
+
 fn panel(section: &Section, name: &str, values: &[f64], range: ValueRange) -> anyhow::Result<Panel> {
     let bar = ColourBar::new("", values.iter().copied(), range, Scale::Linear)?;
     Ok(Panel::of_section(section, values, &bar)?.titled(name).with_bar(&bar))
