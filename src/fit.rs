@@ -197,8 +197,9 @@ pub struct FitReport {
     pub c_error: f64,
     /// Root mean square misfit at the collocation points, as a fraction of the target's diagonal.
     pub residual_rms: f64,
-    /// Wall time.
-    pub seconds: Seconds,
+    /// Wall time; `None` in a map file, so that the same fit gives the same bytes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<Seconds>,
     /// What was mended or left out.
     pub warnings: Vec<String>,
 }
@@ -400,7 +401,7 @@ impl DomainFactor {
             boundary_error,
             c_error: residual.iter().map(|r| r * r).sum(),
             residual_rms: rms(residual),
-            seconds,
+            seconds: Some(seconds),
             warnings: self.warnings.clone(),
         }
     }

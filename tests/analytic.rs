@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{boundary_map, fitted, interior_points, largest_distance, solids};
+use common::{boundary_map, fitted, interior_points, largest_distance, models, solids};
 use solidmap::Point;
 use solidmap::fit::{FitOptions, Placement};
 use solidmap::map::VolumeMap;
@@ -204,4 +204,27 @@ fn the_paper_basis_meets_the_identity_only_nearly() {
     assert_eq!(fit.map.coefficients().affine, [[0.0; 3]; 4]);
     let rms = fit.report.boundary_error.rms;
     assert!(rms > 1e-12 && rms < 1e-3, "{rms:e}");
+}
+#[test]
+fn real_models_meet_smooth_data() {
+    let Some(folder) = models() else { return };
+    for (file, bound) in [
+        ("surfaces/kitten_g1_9k.obj", 1e-4),
+        ("surfaces/double_torus_g2_3k.obj", 1e-4),
+    ] {
+        let domain = solidmap::io::read_surface(&folder.join(file)).unwrap();
+        let (low, high) = domain.bounding_box().unwrap();
+        let (centre, size) = (nalgebra::center(&low, &high), (high - low).norm());
+        let boundary = boundary_map(&domain, |p| charges(&Point::from((p - centre) * 1.5 / size)));
+        let options = FitOptions {
+            max_sources: 2500,
+            ..FitOptions::default()
+        };
+        let fit = fitted(&boundary, &options);
+        assert!(
+            fit.report.boundary_error.rms < bound,
+            "{file}: {:?}",
+            fit.report.boundary_error
+        );
+    }
 }

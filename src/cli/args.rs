@@ -68,6 +68,7 @@ pub struct CheckArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(allow_negative_numbers = true)]
 pub struct TetArgs {
     /// Closed surface
     pub model: PathBuf,
@@ -92,6 +93,7 @@ pub enum Mesher {
 }
 
 #[derive(Debug, Args)]
+#[command(allow_negative_numbers = true)]
 pub struct OffsetArgs {
     /// Surface to wrap
     pub model: PathBuf,
@@ -107,6 +109,7 @@ pub struct OffsetArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(allow_negative_numbers = true)]
 pub struct FitArgs {
     /// Boundary of the solid to map, or a tet mesh of it
     pub domain: PathBuf,
@@ -199,6 +202,7 @@ pub struct EvalArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(allow_negative_numbers = true)]
 pub struct EnergyArgs {
     /// Map file
     pub map: PathBuf,

@@ -273,7 +273,7 @@ fn summary(report: &Report) -> String {
             format!("{:.4}", pair.energy.deformation),
             or_dash(pair.tets),
             or_dash(pair.flipped_tets),
-            format!("{:.2}", pair.fit.seconds.total),
+            pair.fit.seconds.map_or(String::new(), |s| format!("{:.2}", s.total)),
         ]);
     }
     format!(

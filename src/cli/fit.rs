@@ -120,18 +120,17 @@ pub fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
                 report.residual_rms, report.c_error
             ),
         ],
-        [
-            "time".into(),
-            format!(
-                "{:.2} s ({:.2} s factoring)",
-                report.seconds.total, report.seconds.factor
-            ),
-        ],
     ]
 }
 
 fn summary(report: &Report) -> String {
     let mut rows = fit_rows(&report.fit);
+    if let Some(seconds) = report.fit.seconds {
+        rows.push([
+            "time".into(),
+            format!("{:.2} s, of which factoring {:.2} s", seconds.total, seconds.factor),
+        ]);
+    }
     rows.push([
         "memory".into(),
         format!("{:.0} MiB at most", report.peak_rss_bytes as f64 / 1048576.0),

@@ -48,7 +48,7 @@ impl Pictured<'_> {
             &section,
             "target's distance field, transferred",
             &depth,
-            ValueRange::Full,
+            from_zero(&depth),
         )?);
         Ok(panels)
     }
@@ -56,12 +56,8 @@ impl Pictured<'_> {
     /// The target's own distance field on a cross-section of the target.
     pub fn target_section(&self, plane: Plane, pixels: usize) -> anyhow::Result<Panel> {
         let section = Section::new(self.target, plane, pixels)?;
-        panel(
-            &section,
-            "distance field of the target",
-            &depths(self.target, section.points())?,
-            ValueRange::Full,
-        )
+        let depth = depths(self.target, section.points())?;
+        panel(&section, "distance field of the target", &depth, from_zero(&depth))
     }
 
     fn jacobian_scale(&self) -> f64 {

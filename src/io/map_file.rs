@@ -103,8 +103,9 @@ pub enum MapFileError {
 }
 
 impl MapMetadata {
-    /// Metadata of a map that this program has just fitted.
+    /// Metadata of a map that this program has just fitted, without the times it took.
     pub fn new(fit: FitReport, inputs: Vec<Provenance>) -> Self {
+        let fit = FitReport { seconds: None, ..fit };
         Self {
             format_version: format!("{}.{}", FORMAT_VERSION.0, FORMAT_VERSION.1),
             generator: concat!("solidmap ", env!("CARGO_PKG_VERSION")).into(),

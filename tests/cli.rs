@@ -1,0 +1,361 @@
+//! The command line from outside: files in, files out, exit codes.
+#![cfg(feature = "cli")]
+
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use solidmap::Point;
+use solidmap::io::{self, read_points, read_tets};
+use solidmap::mesh::{SurfaceMesh, shapes};
+
+struct Workplace {
+    folder: tempfile::TempDir,
+}
+
+impl Workplace {
+    fn new() -> Self {
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+        }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn surface(&self, name: &str, mesh: &SurfaceMesh) -> String {
+        io::write_surface(self.path(name), mesh).unwrap();
+        name.into()
+    }
+
+    /// Runs in the folder; words are separated by blanks.
+    fn run(&self, line: &str) -> Output {
+        let mut command = Command::cargo_bin("solidmap").unwrap();
+        command.current_dir(self.folder.path()).args(line.split_whitespace());
+        command.timeout(std::time::Duration::from_secs(120)).output().unwrap()
+    }
+
+    fn must(&self, line: &str) -> Output {
+        let output = self.run(line);
+        assert_eq!(output.status.code(), Some(0), "{line}: {}", stderr(&output));
+        output
+    }
+
+    fn fails(&self, line: &str, fragments: &[&str]) {
+        let output = self.run(line);
+        let text = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{line}: {text}");
+        assert!(text.contains("error: "), "{line}: {text}");
+        for fragment in fragments {
+            assert!(text.contains(fragment), "{line}: no `{fragment}` in: {text}");
+        }
+    }
+
+    /// A ball and its affine image, fitted.
+    fn with_fitted_ball() -> Self {
+        let place = Self::new();
+        place.surface("ball.obj", &shapes::sphere(1.0, 2));
+        place.surface("image.ply", &shapes::deformed(&shapes::sphere(1.0, 2), affine));
+        place.must("fit ball.obj --image image.ply -o ball.map");
+        place
+    }
+}
+
+fn affine(p: &Point) -> Point {
+    Point::new(2.0 * p.x + 1.0, p.y - 0.5 * p.z, 0.5 * p.z)
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn json(output: &Output) -> Value {
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn columns(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
+    let text = std::fs::read_to_string(path).unwrap();
+    let mut lines = text.lines();
+    let names = lines.next().unwrap().split(',').map(String::from).collect();
+    (
+        names,
+        lines
+            .map(|l| l.split(',').map(|x| x.parse().unwrap()).collect())
+            .collect(),
+    )
+}
+
+#[test]
+fn fit_reports_what_the_contract_names() {
+    let place = Workplace::with_fitted_ball();
+    let report = json(&place.must("fit ball.obj --image image.ply -o again.map --json --vtu boundary.vtu"));
+    for key in [
+        "vertices",
+        "faces",
+        "sources",
+        "collocation",
+        "method",
+        "iterations",
+        "c_error",
+        "tolerance_met",
+    ] {
+        assert!(!report[key].is_null(), "{key} is missing from {report}");
+    }
+    for key in ["rms", "p99", "max"] {
+        assert!(report["boundary_error"][key].as_f64().unwrap() < 1e-9);
+    }
+    for key in ["total", "sampling", "factor", "solve", "check"] {
+        assert!(report["seconds"][key].as_f64().unwrap() >= 0.0);
+    }
+    assert!(report["peak_rss_bytes"].as_u64().unwrap() > 1_000_000);
+    let again = std::fs::read(place.path("again.map")).unwrap();
+    let twice = json(&place.must("fit ball.obj --image image.ply -o twice.map --json"));
+    assert_eq!(twice["boundary_error"], report["boundary_error"]);
+    assert!(
+        again == std::fs::read(place.path("twice.map")).unwrap(),
+        "the same fit gives the same file"
+    );
+    assert_eq!(
+        io::read_surface(place.path("boundary.vtu")).unwrap().vertices().len(),
+        162
+    );
+}
+
+#[test]
+fn eval_maps_points_and_meshes_and_gives_jacobians() {
+    let place = Workplace::with_fitted_ball();
+    std::fs::write(place.path("points.csv"), "name,z,y,x\na,0.1,0.2,0.3\nb,-0.5,0,0\n").unwrap();
+    place.must("eval ball.map points.csv -o images.csv --jacobian");
+    let (names, rows) = columns(&place.path("images.csv"));
+    assert_eq!(names.join(","), "x,y,z,fx,fy,fz,j00,j01,j02,j10,j11,j12,j20,j21,j22");
+    for row in &rows {
+        let expected = affine(&Point::new(row[0], row[1], row[2]));
+        assert!((Point::new(row[3], row[4], row[5]) - expected).norm() < 1e-9);
+        let jacobian = [2.0, 0.0, 0.0, 0.0, 1.0, -0.5, 0.0, 0.0, 0.5];
+        assert!(
+            row[6..].iter().zip(jacobian).all(|(a, b)| (a - b).abs() < 1e-8),
+            "{row:?}"
+        );
+    }
+    assert_eq!(rows[0][..3], [0.3, 0.2, 0.1]);
+
+    place.must("eval ball.map points.csv -o images.npy");
+    let from_npy = read_points(place.path("images.npy")).unwrap();
+    assert_eq!(from_npy[1], Point::new(rows[1][3], rows[1][4], rows[1][5]));
+
+    place.must("eval ball.map ball.obj -o mapped.obj");
+    let (mapped, image) = (
+        io::read_surface(place.path("mapped.obj")).unwrap(),
+        io::read_surface(place.path("image.ply")).unwrap(),
+    );
+    assert_eq!(mapped.triangles(), image.triangles());
+    assert!(
+        mapped
+            .vertices()
+            .iter()
+            .zip(image.vertices())
+            .all(|(a, b)| (a - b).norm() < 1e-9)
+    );
+
+    place.fails(
+        "eval ball.map points.csv -o images.obj",
+        &["points.csv", ".csv or .npy"],
+    );
+    place.fails("eval ball.map ball.obj -o out.ply --jacobian", &["Jacobians"]);
+    place.fails(
+        "eval ball.obj points.csv -o images.csv",
+        &["ball.obj", "not a map file"],
+    );
+    place.fails("eval none.map points.csv -o images.csv", &["none.map"]);
+}
+
+/// The identity has harmonic energy 3 once scaled to unit volume, and no deformation energy; the stretch by two in one
+/// direction, scaled back to unit volume, has `c²(4 + 1 + 1 + ¼ + ¼)` with `c³ = V₁/V₂ = 1` here.
+#[test]
+fn energy_measures_and_pictures() {
+    let place = Workplace::with_fitted_ball();
+    place.must("fit ball.obj --image ball.obj -o identity.map");
+    let identity = json(&place.must("energy identity.map --json"));
+    assert!(
+        (identity["harmonic"].as_f64().unwrap() - 3.0).abs() < 1e-9,
+        "{identity}"
+    );
+    assert!(identity["deformation"].as_f64().unwrap() < 1e-12);
+
+    let report = json(&place.must("energy ball.map --json --png section.png --axis x --vtu cells.vtu"));
+    assert!((report["harmonic"].as_f64().unwrap() - 5.5).abs() < 1e-8, "{report}");
+    assert_eq!(report["inverted_points"], Value::from(0));
+    let png = std::fs::read(place.path("section.png")).unwrap();
+    assert_eq!(png[..8], *b"\x89PNG\r\n\x1a\n");
+    assert!(
+        std::fs::read_to_string(place.path("cells.vtu")).is_ok_and(|t| t.contains("harmonic_energy")) || {
+            let bytes = std::fs::read(place.path("cells.vtu")).unwrap();
+            bytes.windows(15).any(|w| w == b"harmonic_energy")
+        }
+    );
+    place.fails("energy ball.map --position 1.5", &["--position", "from 0 to 1"]);
+}
+
+#[test]
+fn a_missed_tolerance_exits_with_1_and_still_writes_the_map() {
+    let place = Workplace::new();
+    place.surface("ball.obj", &shapes::sphere(1.0, 2));
+    let bent = |p: &Point| Point::new(p.x + p.y * p.y, p.y, p.z + (5.0 * p.x).sin());
+    place.surface("bent.obj", &shapes::deformed(&shapes::sphere(1.0, 2), bent));
+    let output = place.run("fit ball.obj --image bent.obj -o bent.map --tolerance 1e-9 --json");
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(json(&output)["tolerance_met"], Value::from(false));
+    assert!(stderr(&output).contains("tolerance"));
+    place.must("eval bent.map ball.obj -o out.csv");
+    place.must("fit ball.obj --image bent.obj -o bent.map --tolerance 0.5");
+}
+
+#[test]
+fn what_cannot_run_says_why_and_exits_with_2() {
+    let place = Workplace::with_fitted_ball();
+    place.surface("cube.obj", &shapes::cube(1.0, 3));
+    place.surface("open.obj", &{
+        let (vertices, mut triangles) = shapes::cube(1.0, 3).into_parts();
+        triangles.truncate(100);
+        SurfaceMesh::new(vertices, triangles).unwrap()
+    });
+    place.fails("fit none.obj --image ball.obj -o out.map", &["none.obj"]);
+    place.fails(
+        "fit ball.obj --image cube.obj -o out.map",
+        &["162 vertices", "56", "ball.obj", "cube.obj"],
+    );
+    place.fails(
+        "fit open.obj --image open.obj -o out.map",
+        &["open.obj", "open edges", "fill"],
+    );
+    place.fails(
+        "fit ball.obj --image ball.obj -o no/such/folder/out.map",
+        &["no/such/folder/out.map"],
+    );
+    place.fails(
+        "fit ball.obj --image ball.obj -o out.map --alpha -1",
+        &["alpha", "positive"],
+    );
+    place.fails(
+        "fit ball.obj --image ball.obj -o out.map --radius 0.2",
+        &["radius", "0.5"],
+    );
+    place.fails("fit ball.obj --image ball.obj -o out.map --c-ratio 0.5", &["c-ratio"]);
+    place.fails("fit ball.xyz --image ball.obj -o out.map", &["ball.xyz"]);
+    std::fs::write(
+        place.path("nan.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n",
+    )
+    .unwrap();
+    place.fails("fit nan.obj --image nan.obj -o out.map", &["nan.obj", "vertex 3"]);
+    assert!(!place.path("out.map").exists());
+    assert_eq!(place.run("fit ball.obj").status.code(), Some(2));
+    assert_eq!(place.run("frobnicate").status.code(), Some(2));
+}
+
+#[test]
+fn check_exits_with_0_1_or_2() {
+    let place = Workplace::with_fitted_ball();
+    place.surface("inward.obj", &shapes::sphere(1.0, 1).reversed());
+    assert!(String::from_utf8_lossy(&place.must("check ball.obj").stdout).contains("ball.obj"));
+    let output = place.run("check ball.obj inward.obj --json");
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(json(&output)["models"][1]["findings"][0]["kind"], Value::from("inward"));
+    let output = place.run("check none.obj inward.obj");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        String::from_utf8_lossy(&output.stdout).contains("inward.obj"),
+        "the others are looked at all the same"
+    );
+}
+
+/// With one thread or two the sums may be cut differently, and round differently.
+#[test]
+fn the_number_of_threads_does_not_change_the_map() {
+    let place = Workplace::new();
+    place.surface("torus.obj", &shapes::torus(1.0, 0.4, 30, 14));
+    place.surface(
+        "image.obj",
+        &shapes::deformed(&shapes::torus(1.0, 0.4, 30, 14), |p| {
+            Point::new(p.x * (1.0 + p.z), p.y + p.x * p.x, p.z)
+        }),
+    );
+    let images = [1, 2].map(|threads| {
+        place.must(&format!("fit torus.obj --image image.obj -o t.map --threads {threads}"));
+        place.must(&format!("eval t.map torus.obj -o out.npy --threads {threads}"));
+        read_points(place.path("out.npy")).unwrap()
+    });
+    assert!(images[0].iter().zip(&images[1]).all(|(a, b)| (a - b).norm() < 1e-9));
+}
+
+#[test]
+fn version_names_the_licence_of_the_binary() {
+    let text = String::from_utf8(Workplace::new().must("--version").stdout).unwrap();
+    let licence = if cfg!(feature = "native") {
+        "AGPL"
+    } else {
+        "MIT OR Apache-2.0"
+    };
+    assert!(text.contains(licence), "{text}");
+}
+
+#[cfg(feature = "native")]
+#[test]
+fn tet_and_offset_write_meshes() {
+    let place = Workplace::with_fitted_ball();
+    for mesher in ["tetgen", "cgal"] {
+        for extension in ["mesh", "vtk", "vtu"] {
+            let report = json(&place.must(&format!("tet ball.obj -o tets.{extension} --mesher {mesher} --json")));
+            let tets = read_tets(place.path(&format!("tets.{extension}"))).unwrap();
+            assert_eq!(report["tets"], Value::from(tets.tets().len()));
+            assert!((tets.volume() - report["volume"].as_f64().unwrap()).abs() < 1e-9);
+        }
+    }
+    place.must("eval ball.map tets.vtu -o carried.vtu");
+    place.must("energy ball.map --mesh tets.vtu --vtu energy.vtu");
+    let report = json(&place.must("offset ball.obj --distance 0.1 --relative -o offset.ply --json"));
+    let offset = io::read_surface(place.path("offset.ply")).unwrap();
+    assert_eq!(report["triangles"], Value::from(offset.triangles().len()));
+    let distance = report["distance"].as_f64().unwrap();
+    assert!(
+        offset
+            .vertices()
+            .iter()
+            .all(|p| (p.coords.norm() - 1.0 - distance).abs() < 0.1 * distance)
+    );
+    place.must("fit ball.obj --image image.ply --paper -o paper.map");
+    place.fails("tet ball.obj -o tets.obj", &["tets.obj"]);
+}
+
+#[cfg(not(feature = "native"))]
+#[test]
+fn without_the_bridge_its_commands_say_so() {
+    let place = Workplace::with_fitted_ball();
+    place.fails("tet ball.obj -o tets.mesh", &["native"]);
+    place.fails("offset ball.obj --distance 0.1 -o offset.ply", &["native"]);
+    place.fails(
+        "fit ball.obj --image image.ply --paper -o paper.map",
+        &["native", "adaptive"],
+    );
+}
+
+#[test]
+fn demo_writes_maps_and_pictures() {
+    let place = Workplace::new();
+    let report = json(&place.must("demo --out shown --json"));
+    for (k, name) in ["animal", "knot"].iter().enumerate() {
+        assert!(report["pairs"][k]["fit"]["boundary_error"]["rms"].as_f64().unwrap() < 2e-3);
+        for file in [
+            "map.safetensors",
+            "map.png",
+            "sections.png",
+            "energy.vtu",
+            "domain.obj",
+            "image.obj",
+        ] {
+            assert!(place.path("shown").join(name).join(file).exists(), "{name}/{file}");
+        }
+    }
+}
