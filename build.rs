@@ -8,7 +8,6 @@ fn main() {
 
 #[cfg(feature = "native")]
 mod native {
-    use std::path::Path;
     use std::process::Command;
 
     const SOURCES: &str = "cpp/native";
@@ -16,16 +15,16 @@ mod native {
         libtet1.5-dev libeigen3-dev`, or build without it: `cargo build --no-default-features --features cli`";
 
     pub fn build() {
-        for entry in std::fs::read_dir(SOURCES).expect("cpp/native is part of the source tree").flatten() {
+        for entry in std::fs::read_dir(SOURCES)
+            .expect("cpp/native is part of the source tree")
+            .flatten()
+        {
             println!("cargo::rerun-if-changed={}", entry.path().display());
         }
         println!("cargo::rerun-if-changed=src/native/bridge.rs");
 
         if Command::new("cmake").arg("--version").output().is_err() {
             fail("cmake is missing");
-        }
-        if !Path::new("/usr/include/tetgen.h").exists() {
-            println!("cargo::warning=tetgen.h is not in /usr/include; if the build fails, {ADVICE}");
         }
         // CGAL unoptimised is a hundred times slower, so its library is a release build in every cargo profile.
         let library = std::panic::catch_unwind(|| cmake::Config::new(SOURCES).profile("Release").build())

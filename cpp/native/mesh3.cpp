@@ -7,7 +7,9 @@
 #include <CGAL/Polygon_mesh_processing/orient_polygon_soup.h>
 #include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
 #include <CGAL/Polyhedral_mesh_domain_with_features_3.h>
+#include <CGAL/exude_mesh_3.h>
 #include <CGAL/make_mesh_3.h>
+#include <CGAL/perturb_mesh_3.h>
 #include <CGAL/refine_mesh_3.h>
 
 #include <algorithm>
@@ -119,8 +121,15 @@ Arrays mesh3(SurfaceView surface, const Mesh3Options& options) {
     Complex complex;
     CGAL::Mesh_3::internal::init_c3t3_with_features(complex, domain, criteria);
     for (const Faces& shell : shells) seed(complex, domain, shell, std::min(count, shell.size()), random);
-    CGAL::refine_mesh_3(complex, domain, criteria);
-    if (count >= most || every_shell_is_met(complex, domain, shells)) return arrays_of(complex);
+    // Refinement assumes solid cells, and what follows it assumes that it found some: both crash without.
+    const bool solid = complex.triangulation().dimension() == 3;
+    if (solid) CGAL::refine_mesh_3(complex, domain, criteria, params::no_perturb(), params::no_exude());
+    if (solid && complex.number_of_cells_in_complex() > 0 && every_shell_is_met(complex, domain, shells)) {
+      CGAL::perturb_mesh_3(complex, domain);
+      CGAL::exude_mesh_3(complex);
+      return arrays_of(complex);
+    }
+    if (count >= most) return {};
   }
 }
 

@@ -91,7 +91,10 @@ impl SignedDistanceField {
     /// Coordinates that CGAL can work with: the model's centre stands in for points that are nowhere or too far.
     fn within_reach(&self, chunk: &[Point]) -> Vec<f64> {
         let reachable = |p: &Point| p.iter().all(|c| c.abs() < FAR);
-        let safe: Vec<Point> = chunk.iter().map(|p| if reachable(p) { *p } else { self.centre }).collect();
+        let safe: Vec<Point> = chunk
+            .iter()
+            .map(|p| if reachable(p) { *p } else { self.centre })
+            .collect();
         flat(&safe)
     }
 }

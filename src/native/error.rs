@@ -107,7 +107,9 @@ pub enum NativeError {
         first: [u32; 2],
     },
     /// TetGen met triangles that intersect within its tolerance.
-    #[error("TetGen finds triangles that intersect within its tolerance; remesh the surface where it nearly touches itself")]
+    #[error(
+        "TetGen finds triangles that intersect within its tolerance; remesh the surface where it nearly touches itself"
+    )]
     NearIntersection,
     /// TetGen met a feature too small to resolve.
     #[error("TetGen finds a feature too small to mesh; remove very short edges and very thin triangles")]
@@ -164,7 +166,9 @@ pub enum NativeError {
         tet: usize,
     },
     /// An offset surface of another genus than was asked for, at every size tried.
-    #[error("the offset surface has genus {got}, not {want}; gaps below twice `alpha` are filled, so lower it or the distance")]
+    #[error(
+        "the offset surface has genus {got}, not {want}; gaps below twice `alpha` are filled, so lower it or the distance"
+    )]
     Topology {
         /// Genus of the finest wrap.
         got: usize,
@@ -183,7 +187,9 @@ pub enum NativeError {
     #[error("CGAL failed: {0}")]
     Cgal(String),
     /// TetGen's errors would end the process instead of arriving as errors, so it is not called.
-    #[error("TetGen cannot be called safely in this process: {0}; load solidmap before other libraries that use TetGen")]
+    #[error(
+        "TetGen cannot be called safely in this process: {0}; load solidmap before other libraries that use TetGen"
+    )]
     SelfTestFailed(String),
     /// The bridge was handed something that it does not know.
     #[error("the C++ side failed: {0}")]

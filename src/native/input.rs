@@ -60,7 +60,11 @@ impl Topology {
                 let [s, t] = [pair[0].triangle as usize, pair[1].triangle as usize];
                 shells.join(s, t, false);
                 for end in edge {
-                    fans.join(3 * s + corner(triangles[s], end), 3 * t + corner(triangles[t], end), false);
+                    fans.join(
+                        3 * s + corner(triangles[s], end),
+                        3 * t + corner(triangles[t], end),
+                        false,
+                    );
                 }
             }
         }
@@ -166,12 +170,19 @@ pub(super) fn check_elements(surface: &SurfaceMesh) -> Result<(), InputDefect> {
         return Err(InputDefect::RepeatedTriangle { first, second });
     }
     // Adding 0.0 makes one zero of both.
-    let places = surface.vertices().iter().map(|p| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits()));
+    let places = surface
+        .vertices()
+        .iter()
+        .map(|p| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits()));
     if let Some((first, second)) = first_repeated(places) {
         return Err(InputDefect::CoincidentVertices { first, second });
     }
     let mut used = vec![false; surface.vertices().len()];
-    surface.triangles().iter().flatten().for_each(|&v| used[v as usize] = true);
+    surface
+        .triangles()
+        .iter()
+        .flatten()
+        .for_each(|&v| used[v as usize] = true);
     match used.iter().position(|&u| !u) {
         Some(vertex) => Err(InputDefect::UnreferencedVertex { vertex }),
         None => Ok(()),
@@ -204,7 +215,11 @@ pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<
 pub(super) fn meeting_triangles(surface: &SurfaceMesh) -> Result<Vec<[u32; 2]>, NativeError> {
     let mut pairs = Vec::new();
     let triangles = surface.triangles().as_flattened();
-    check(ffi::intersecting_pairs(&flat(surface.vertices()), triangles, &mut pairs))?;
+    check(ffi::intersecting_pairs(
+        &flat(surface.vertices()),
+        triangles,
+        &mut pairs,
+    ))?;
     Ok(pairs.as_chunks::<2>().0.to_vec())
 }
 
@@ -220,7 +235,10 @@ fn solid_of(shells: &[Shell], topology: &Topology) -> Solid {
         outer_genus: 0,
     };
     for (k, shell) in shells.iter().enumerate() {
-        let around = shells.iter().enumerate().filter(|&(j, other)| j != k && other.encloses(&shell.witness));
+        let around = shells
+            .iter()
+            .enumerate()
+            .filter(|&(j, other)| j != k && other.encloses(&shell.witness));
         if around.count() % 2 == 0 {
             solid.volume += shell.volume;
             solid.outer_genus += topology.genus(k);
@@ -332,8 +350,13 @@ fn sorted_edges(surface: &SurfaceMesh) -> Vec<EdgeUse> {
         })
     };
     let proper = |edge: &EdgeUse| edge.ends[0] != edge.ends[1];
-    let mut edges: Vec<EdgeUse> =
-        surface.triangles().iter().enumerate().flat_map(of_triangle).filter(proper).collect();
+    let mut edges: Vec<EdgeUse> = surface
+        .triangles()
+        .iter()
+        .enumerate()
+        .flat_map(of_triangle)
+        .filter(proper)
+        .collect();
     edges.sort_unstable();
     edges
 }
@@ -352,7 +375,9 @@ fn first_repeated<K: Ord>(items: impl Iterator<Item = K>) -> Option<(usize, usiz
     let mut order: Vec<(K, usize)> = items.enumerate().map(|(k, item)| (item, k)).collect();
     order.sort_unstable();
     let repeats = order.windows(2).filter(|pair| pair[0].0 == pair[1].0);
-    repeats.map(|pair| (pair[0].1, pair[1].1)).min_by_key(|&(_, second)| second)
+    repeats
+        .map(|pair| (pair[0].1, pair[1].1))
+        .min_by_key(|&(_, second)| second)
 }
 
 #[cfg(test)]
@@ -383,9 +408,20 @@ mod tests {
         let tip = shapes::cube(1.0, 1);
         let moved = shapes::deformed(&tip, |p| p + crate::Vector::repeat(1.0));
         let both = shapes::joined(&tip, &moved);
-        let shared = both.vertices()[..8].iter().position(|p| *p == Point::new(0.5, 0.5, 0.5)).unwrap() as u32;
-        let twin = both.vertices()[8..].iter().position(|p| *p == Point::new(0.5, 0.5, 0.5)).unwrap() as u32 + 8;
-        let triangles = both.triangles().iter().map(|t| t.map(|v| if v == twin { shared } else { v })).collect();
+        let shared = both.vertices()[..8]
+            .iter()
+            .position(|p| *p == Point::new(0.5, 0.5, 0.5))
+            .unwrap() as u32;
+        let twin = both.vertices()[8..]
+            .iter()
+            .position(|p| *p == Point::new(0.5, 0.5, 0.5))
+            .unwrap() as u32
+            + 8;
+        let triangles = both
+            .triangles()
+            .iter()
+            .map(|t| t.map(|v| if v == twin { shared } else { v }))
+            .collect();
         let pinched = SurfaceMesh::new(both.vertices().to_vec(), triangles).unwrap();
         let topology = Topology::of(&pinched);
         assert_eq!(topology.pinched, 1);

@@ -109,7 +109,9 @@ pub fn offset_surface(
         }
         let wrap = job.wrap(alpha)?;
         if options.rounds > 0 {
-            let made = job.projected(&wrap, alpha).and_then(|mesh| job.accept(mesh, alpha, retries, false));
+            let made = job
+                .projected(&wrap, alpha)
+                .and_then(|mesh| job.accept(mesh, alpha, retries, false));
             match made {
                 Ok(result) => return Ok(result),
                 Err(error) => failure = Some(error),
@@ -169,7 +171,13 @@ impl<'a> Job<'a> {
     fn wrap(&self, alpha: f64) -> Result<SurfaceMesh, NativeError> {
         let mut out = ffi::Mesh::default();
         let triangles = self.model.triangles().as_flattened();
-        check(ffi::wrap_surface(&flat(self.model.vertices()), triangles, alpha, self.distance, &mut out))?;
+        check(ffi::wrap_surface(
+            &flat(self.model.vertices()),
+            triangles,
+            alpha,
+            self.distance,
+            &mut out,
+        ))?;
         surface_of(&out)
     }
 
@@ -229,7 +237,11 @@ impl<'a> Job<'a> {
         let centroid = |t: usize| Point::from(mesh.corners(t).iter().map(|p| p.coords).sum::<crate::Vector>() / 3.0);
         let centroids: Vec<Point> = (0..mesh.triangles().len()).map(centroid).collect();
         let at_centroids = self.field.distance(&centroids);
-        let min_distance = at_vertices.iter().chain(&at_centroids).copied().fold(f64::INFINITY, f64::min);
+        let min_distance = at_vertices
+            .iter()
+            .chain(&at_centroids)
+            .copied()
+            .fold(f64::INFINITY, f64::min);
         // Written so that NaN fails.
         if !(min_distance >= self.options.min_fraction * self.distance) {
             return Err(failed(format!("it comes as near as {min_distance:e} to the model")));

@@ -20,7 +20,8 @@ pub struct TetOptions {
     pub radius_edge_ratio: Option<f64>,
     /// Smallest dihedral angle aimed for, in degrees, 0 to 20. Needs `radius_edge_ratio`.
     pub min_dihedral: f64,
-    /// Largest volume of a tetrahedron, in cubic model units.
+    /// Volume of a tetrahedron to aim for, in cubic model units. Those next to the boundary, which must not be split,
+    /// stay as large as its triangles make them.
     pub max_volume: Option<f64>,
 }
 
@@ -140,10 +141,20 @@ pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Re
 fn check_tet_options(options: &TetOptions, solid: &Solid) -> Result<(), NativeError> {
     if let Some(ratio) = options.radius_edge_ratio {
         let valid = (1.1..1e6).contains(&ratio);
-        check_option("radius_edge_ratio", ratio, valid, "at least 1.1, or refinement may never end")?;
+        check_option(
+            "radius_edge_ratio",
+            ratio,
+            valid,
+            "at least 1.1, or refinement may never end",
+        )?;
     }
     let angle = options.min_dihedral;
-    check_option("min_dihedral", angle, (0.0..=20.0).contains(&angle), "between 0 and 20 degrees")?;
+    check_option(
+        "min_dihedral",
+        angle,
+        (0.0..=20.0).contains(&angle),
+        "between 0 and 20 degrees",
+    )?;
     if let Some(volume) = options.max_volume {
         let valid = volume.is_finite() && volume > 0.0;
         check_option("max_volume", volume, valid, "positive and finite")?;
@@ -163,7 +174,12 @@ fn check_mesh3_options(
         check_option(name, size, size.is_finite() && size > 0.0, "positive and finite")?;
     }
     let angle = options.feature_angle;
-    check_option("feature_angle", angle, (0.0..=180.0).contains(&angle), "between 0 and 180 degrees")?;
+    check_option(
+        "feature_angle",
+        angle,
+        (0.0..=180.0).contains(&angle),
+        "between 0 and 180 degrees",
+    )?;
     // A regular tetrahedron of circumradius r has the volume 8 r³ / (9 √3).
     check_count("tetrahedra", 2.0 * solid.volume / cell_size.powi(3), MOST_TETS)
 }
@@ -187,7 +203,11 @@ pub(super) fn check_count(kind: &'static str, elements: f64, limit: f64) -> Resu
 }
 
 fn check_prefix(input: &[Point], output: &[Point]) -> Result<(), NativeError> {
-    let same = |k: usize| output.get(k).is_some_and(|p| (0..3).all(|i| p[i].to_bits() == input[k][i].to_bits()));
+    let same = |k: usize| {
+        output
+            .get(k)
+            .is_some_and(|p| (0..3).all(|i| p[i].to_bits() == input[k][i].to_bits()))
+    };
     match (0..input.len()).find(|&k| !same(k)) {
         Some(vertex) => Err(NativeError::VertexChanged { vertex }),
         None => Ok(()),
@@ -208,8 +228,12 @@ fn check_volume(mesh: &TetMesh, want: f64, tolerance: f64) -> Result<(), NativeE
 /// TetGen fills cavities. Walking inwards from the hull and counting the input triangles passed needs no point inside
 /// each cavity, no orientation, and notices a boundary that leaks.
 fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, NativeError> {
-    let input: HashMap<[u32; 3], usize> =
-        surface.triangles().iter().enumerate().map(|(t, &corners)| (sorted(corners), t)).collect();
+    let input: HashMap<[u32; 3], usize> = surface
+        .triangles()
+        .iter()
+        .enumerate()
+        .map(|(t, &corners)| (sorted(corners), t))
+        .collect();
     let mut found = vec![false; input.len()];
     let outside = tets.len();
     let mut sides = ParityForest::new(tets.len() + 1);
@@ -260,7 +284,12 @@ fn compacted(vertices: Vec<Point>, tets: Vec<[u32; 4]>, kept: usize) -> Result<T
         *number = next;
         next += u32::from(used);
     }
-    let vertices = vertices.into_iter().zip(used).filter(|&(_, used)| used).map(|(p, _)| p).collect();
+    let vertices = vertices
+        .into_iter()
+        .zip(used)
+        .filter(|&(_, used)| used)
+        .map(|(p, _)| p)
+        .collect();
     let tets = tets.into_iter().map(|t| t.map(|v| number[v as usize])).collect();
     Ok(TetMesh::new(vertices, tets)?)
 }
@@ -291,7 +320,14 @@ mod tests {
     fn unchecked(surface: &SurfaceMesh, ratio: f64) -> Result<ffi::Mesh, NativeError> {
         let mut out = ffi::Mesh::default();
         let triangles = surface.triangles().as_flattened();
-        check(ffi::tetgen_mesh(&flat(surface.vertices()), triangles, ratio, 0.0, 0.0, &mut out))?;
+        check(ffi::tetgen_mesh(
+            &flat(surface.vertices()),
+            triangles,
+            ratio,
+            0.0,
+            0.0,
+            &mut out,
+        ))?;
         Ok(out)
     }
 
@@ -327,6 +363,9 @@ mod tests {
         let mut triangles = ball.triangles().to_vec();
         triangles[7] = [0, 1, 2];
         let other = SurfaceMesh::new(ball.vertices().to_vec(), triangles).unwrap();
-        assert!(matches!(inside_tets(&other, tets), Err(NativeError::BoundaryChanged { .. })));
+        assert!(matches!(
+            inside_tets(&other, tets),
+            Err(NativeError::BoundaryChanged { .. })
+        ));
     }
 }
