@@ -13,7 +13,12 @@
 #include <CGAL/refine_mesh_3.h>
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
 #include <set>
+#include <thread>
 #include <unordered_map>
 
 #include "soup.h"
@@ -37,6 +42,44 @@ Polyhedron polyhedron_of(const SurfaceView& surface) {
   PMP::polygon_soup_to_polygon_mesh(points, triangles, polyhedron);
   return polyhedron;
 }
+
+/// Where refinement does not end by itself, memory must not end it.
+constexpr std::size_t kMostVertices = 5'000'000;
+
+/// Raises a flag after some seconds, unless it is destroyed first.
+class Deadline {
+ public:
+  explicit Deadline(double seconds)
+      : end_(std::chrono::steady_clock::now() +
+             std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(seconds))),
+        thread_([this] {
+          std::unique_lock<std::mutex> lock(mutex_);
+          passed = !wake_.wait_until(lock, end_, [this] { return done_; });
+        }) {}
+
+  ~Deadline() {
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      done_ = true;
+    }
+    wake_.notify_one();
+    thread_.join();
+  }
+
+  /// Seconds left, never quite none: CGAL takes 0 for no limit.
+  double left() const {
+    return std::max(1e-3, std::chrono::duration<double>(end_ - std::chrono::steady_clock::now()).count());
+  }
+
+  std::atomic<bool> passed{false};
+
+ private:
+  std::chrono::steady_clock::time_point end_;
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  bool done_ = false;
+  std::thread thread_;
+};
 
 using Faces = std::vector<Polyhedron::Face_index>;
 
@@ -117,16 +160,31 @@ Arrays mesh3(SurfaceView surface, const Mesh3Options& options) {
   const std::vector<Faces> shells = shells_of(domain.polyhedra().front());
   std::size_t most = 0;
   for (const Faces& shell : shells) most = std::max(most, shell.size());
+  // A mesh cut short is no result, so that no result depends on the time that it took.
+  Deadline deadline(options.seconds);
+  CGAL::Mesh_error_code stop = CGAL::CGAL_MESH_3_NO_ERROR;
+  const auto check = [&](bool in_time) {
+    if (stop == CGAL::CGAL_MESH_3_MAXIMAL_NUMBER_OF_VERTICES_REACHED)
+      throw Failure(kStopped, std::to_string(kMostVertices) + " vertices were reached");
+    if (!in_time || stop != CGAL::CGAL_MESH_3_NO_ERROR) throw Failure(kStopped, "the time limit passed");
+  };
   for (std::size_t count = 24;; count *= 4) {
     Complex complex;
-    CGAL::Mesh_3::internal::init_c3t3_with_features(complex, domain, criteria);
+    CGAL::Mesh_3::internal::init_c3t3_with_features(complex, domain, criteria, false, kMostVertices, &stop,
+                                                    &deadline.passed);
+    check(true);
     for (const Faces& shell : shells) seed(complex, domain, shell, std::min(count, shell.size()), random);
     // Refinement assumes solid cells, and what follows it assumes that it found some: both crash without.
     const bool solid = complex.triangulation().dimension() == 3;
-    if (solid) CGAL::refine_mesh_3(complex, domain, criteria, params::no_perturb(), params::no_exude());
+    if (solid)
+      CGAL::refine_mesh_3(complex, domain, criteria, params::no_perturb(), params::no_exude(),
+                            params::mesh_3_options(params::maximal_number_of_vertices = kMostVertices,
+                                                   params::pointer_to_error_code = &stop,
+                                                   params::pointer_to_stop_atomic_boolean = &deadline.passed));
+    check(true);
     if (solid && complex.number_of_cells_in_complex() > 0 && every_shell_is_met(complex, domain, shells)) {
-      CGAL::perturb_mesh_3(complex, domain);
-      CGAL::exude_mesh_3(complex);
+      check(CGAL::perturb_mesh_3(complex, domain, params::time_limit = deadline.left()) != CGAL::TIME_LIMIT_REACHED);
+      check(CGAL::exude_mesh_3(complex, params::time_limit = deadline.left()) != CGAL::TIME_LIMIT_REACHED);
       return arrays_of(complex);
     }
     if (count >= most) return {};

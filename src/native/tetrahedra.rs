@@ -1,4 +1,5 @@
 use std::collections::HashMap;
+use std::time::Duration;
 
 use rayon::prelude::*;
 
@@ -46,6 +47,9 @@ pub struct Mesh3Options {
     pub facet_distance: Option<f64>,
     /// Edges whose triangles' normals differ by more than this many degrees are kept, 0 to 180.
     pub feature_angle: f64,
+    /// After this time the attempt is an error: sharp edges that nearly touch can take any time to protect. At most
+    /// 10^6 s.
+    pub time_limit: Duration,
 }
 
 impl Default for Mesh3Options {
@@ -54,6 +58,7 @@ impl Default for Mesh3Options {
             cell_size: None,
             facet_distance: None,
             feature_angle: 60.0,
+            time_limit: Duration::from_secs(300),
         }
     }
 }
@@ -125,6 +130,7 @@ pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Re
         cell_size,
         cell_radius_edge_ratio: 2.0,
         feature_angle: options.feature_angle,
+        seconds: options.time_limit.as_secs_f64(),
     };
     let mut out = ffi::Mesh::default();
     let triangles = surface.triangles().as_flattened();
@@ -180,6 +186,8 @@ fn check_mesh3_options(
         (0.0..=180.0).contains(&angle),
         "between 0 and 180 degrees",
     )?;
+    let seconds = options.time_limit.as_secs_f64();
+    check_option("time_limit", seconds, seconds <= 1e6, "at most 10^6 s")?;
     // A regular tetrahedron of circumradius r has the volume 8 r³ / (9 √3).
     check_count("tetrahedra", 2.0 * solid.volume / cell_size.powi(3), MOST_TETS)
 }
