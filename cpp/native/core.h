@@ -41,6 +41,7 @@ enum FailureCode : int {
   kCgal = 101,
   kNotInterposed = 102,
   kUnknown = 103,
+  kStopped = 104,
 };
 
 class Failure : public std::exception {
@@ -77,6 +78,8 @@ struct Mesh3Options {
   double cell_radius_edge_ratio;
   /// Degrees between the normals of two triangles from which their edge is kept.
   double feature_angle;
+  /// After which `kStopped` is thrown.
+  double seconds;
 };
 
 /// Delaunay refinement of what lies inside an odd number of the shells. Needs a closed surface with two triangles at

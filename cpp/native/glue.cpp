@@ -63,7 +63,7 @@ Outcome tetgen_mesh(Coordinates xyz, Indices triangles, double radius_edge_ratio
 Outcome mesh3_mesh(Coordinates xyz, Indices triangles, const RefinementSizes& sizes, Mesh& out) {
   return guarded([&] {
     const Mesh3Options options{sizes.edge_size, sizes.facet_size, sizes.facet_angle, sizes.facet_distance,
-                               sizes.cell_size, sizes.cell_radius_edge_ratio, sizes.feature_angle};
+                               sizes.cell_size, sizes.cell_radius_edge_ratio, sizes.feature_angle, sizes.seconds};
     copy(mesh3(view(xyz, triangles), options), out);
   });
 }

@@ -23,6 +23,7 @@ pub(super) mod ffi {
         cell_size: f64,
         cell_radius_edge_ratio: f64,
         feature_angle: f64,
+        seconds: f64,
     }
 
     unsafe extern "C++" {

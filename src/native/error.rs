@@ -191,6 +191,11 @@ pub enum NativeError {
         "TetGen cannot be called safely in this process: {0}; load solidmap before other libraries that use TetGen"
     )]
     SelfTestFailed(String),
+    /// CGAL's mesher was stopped before its end.
+    #[error(
+        "meshing was stopped because {0}; ask for a coarser mesh, raise the limit, or remove parts that nearly touch"
+    )]
+    Stopped(String),
     /// The bridge was handed something that it does not know.
     #[error("the C++ side failed: {0}")]
     Unknown(String),
@@ -210,6 +215,7 @@ pub(super) fn check(outcome: ffi::Outcome) -> Result<(), NativeError> {
         4 => NativeError::SmallFeature,
         5 => NativeError::CloseFacets,
         101 => NativeError::Cgal(message),
+        104 => NativeError::Stopped(message),
         102 => NativeError::SelfTestFailed(message),
         _ => NativeError::Unknown(message),
     })

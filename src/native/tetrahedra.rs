@@ -1,4 +1,5 @@
 use std::collections::HashMap;
+use std::time::Duration;
 
 use rayon::prelude::*;
 
@@ -20,7 +21,8 @@ pub struct TetOptions {
     pub radius_edge_ratio: Option<f64>,
     /// Smallest dihedral angle aimed for, in degrees, 0 to 20. Needs `radius_edge_ratio`.
     pub min_dihedral: f64,
-    /// Largest volume of a tetrahedron, in cubic model units.
+    /// Volume of a tetrahedron to aim for, in cubic model units. Those next to the boundary, which must not be split,
+    /// stay as large as its triangles make them.
     pub max_volume: Option<f64>,
 }
 
@@ -45,6 +47,9 @@ pub struct Mesh3Options {
     pub facet_distance: Option<f64>,
     /// Edges whose triangles' normals differ by more than this many degrees are kept, 0 to 180.
     pub feature_angle: f64,
+    /// After this time the attempt is an error: sharp edges that nearly touch can take any time to protect. At most
+    /// 10^6 s.
+    pub time_limit: Duration,
 }
 
 impl Default for Mesh3Options {
@@ -53,6 +58,7 @@ impl Default for Mesh3Options {
             cell_size: None,
             facet_distance: None,
             feature_angle: 60.0,
+            time_limit: Duration::from_secs(300),
         }
     }
 }
@@ -124,6 +130,7 @@ pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Re
         cell_size,
         cell_radius_edge_ratio: 2.0,
         feature_angle: options.feature_angle,
+        seconds: options.time_limit.as_secs_f64(),
     };
     let mut out = ffi::Mesh::default();
     let triangles = surface.triangles().as_flattened();
@@ -179,6 +186,11 @@ fn check_mesh3_options(
         (0.0..=180.0).contains(&angle),
         "between 0 and 180 degrees",
     )?;
+<<<<<<< HEAD
+=======
+    let seconds = options.time_limit.as_secs_f64();
+    check_option("time_limit", seconds, seconds <= 1e6, "at most 10^6 s")?;
+>>>>>>> wt-native
     // A regular tetrahedron of circumradius r has the volume 8 r³ / (9 √3).
     check_count("tetrahedra", 2.0 * solid.volume / cell_size.powi(3), MOST_TETS)
 }
