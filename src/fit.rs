@@ -9,6 +9,7 @@ use crate::boundary_map::{BoundaryMap, BoundaryMapError};
 use crate::check::{self, CheckReport};
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::map::{HarmonicMap, VolumeMap};
+use crate::mesh::topology::Topology;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::{self, Anchors, Collocation};
 use crate::solver::{Coefficients, CollocationSystem, DenseFactor, DenseOptions, Method, SolveError};
@@ -23,13 +24,13 @@ pub enum Placement {
         /// Distance over spacing; 1 to 1.5 is good.
         alpha: f64,
     },
-    /// Evenly on an offset surface (the paper's choice; needs the feature `native`). Cavities get theirs as `Adaptive`
-    /// does, because an offset surface wraps the outside only.
+    /// Evenly on an offset surface (the paper's choice; needs the feature `native`). It wraps the outside only, so
+    /// cavities get their sources as by `Adaptive`.
     Offset {
         /// Distance over the diagonal of the domain's bounding box, the paper's O-Distance; 0.02 to 0.2 is usual.
         distance: f64,
     },
-    /// Evenly on a sphere about the centre of the bounding box.
+    /// Evenly on a sphere about the centre of the bounding box; cavities get their sources as by `Adaptive`.
     Sphere {
         /// Radius over the diagonal of the domain's bounding box, the paper's R-Ratio; more than 0.5.
         radius: f64,
@@ -542,24 +543,21 @@ fn place_sources(
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Point>, FitError> {
     let sources = match options.placement {
-        Placement::Adaptive { alpha } => {
-            // The winding number stays right where parts of the surface overlap; the few queries here can afford it.
-            let query = SurfaceQuery::with_winding_sign(domain)?;
-            let placed = sampling::adaptive_sources(domain, anchors, alpha, &|p| query.signed_distance(p));
-            if placed.dropped > 0 {
-                warnings.push(format!(
-                    "{} of {} sources found no room outside the domain (gaps narrower than their spacing) and were \
-                     left out",
-                    placed.dropped,
-                    anchors.vertices.len()
-                ));
-            }
-            placed.positions
-        }
-        Placement::Offset { distance } => offset_sources(domain, distance, anchors.vertices.len(), options.seed)?,
-        Placement::Sphere { radius } => {
-            let frame = Frame::of(domain.vertices());
-            sampling::bounding_sphere(frame.centre, radius * frame.diagonal, anchors.vertices.len())
+        Placement::Adaptive { alpha } => near_sources(domain, anchors, alpha, warnings)?,
+        Placement::Offset { .. } | Placement::Sphere { .. } => {
+            let in_cavity = cavity_vertices(domain);
+            let within = anchors.only(|v| in_cavity[v as usize]);
+            let count = anchors.vertices.len() - within.vertices.len();
+            let mut sources = match options.placement {
+                Placement::Offset { distance } => offset_sources(domain, distance, count, options.seed)?,
+                Placement::Sphere { radius } => {
+                    let frame = Frame::of(domain.vertices());
+                    sampling::bounding_sphere(frame.centre, radius * frame.diagonal, count)
+                }
+                Placement::Adaptive { .. } => Vec::new(),
+            };
+            sources.extend(near_sources(domain, &within, 1.0, warnings)?);
+            sources
         }
     };
     if sources.is_empty() {
@@ -567,6 +565,46 @@ fn place_sources(
     } else {
         Ok(sources)
     }
+}
+
+fn near_sources(
+    domain: &SurfaceMesh,
+    anchors: &Anchors,
+    alpha: f64,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Point>, FitError> {
+    // The winding number stays right where parts of the surface overlap; the few queries here can afford it.
+    let query = SurfaceQuery::with_winding_sign(domain)?;
+    let placed = sampling::adaptive_sources(domain, anchors, alpha, &|p| query.signed_distance(p));
+    if placed.dropped > 0 {
+        warnings.push(format!(
+            "{} of {} sources found no room outside the domain (gaps narrower than their spacing) and were left out",
+            placed.dropped,
+            anchors.vertices.len()
+        ));
+    }
+    Ok(placed.positions)
+}
+
+/// Whether each vertex lies on a shell that encloses a cavity: one that, on a mended surface, has a negative volume.
+fn cavity_vertices(domain: &SurfaceMesh) -> Vec<bool> {
+    let components = Topology::new(domain).components();
+    let centre = Frame::of(domain.vertices()).centre;
+    let mut volumes = vec![0.0; components.shapes.len()];
+    let parts = |t: usize| Some(components.of_triangle[t] as usize).filter(|&c| c < components.shapes.len());
+    for t in 0..domain.triangles().len() {
+        let [a, b, c] = domain.corners(t).map(|p| p - centre);
+        if let Some(component) = parts(t) {
+            volumes[component] += a.dot(&b.cross(&c));
+        }
+    }
+    let mut in_cavity = vec![false; domain.vertices().len()];
+    for (t, corners) in domain.triangles().iter().enumerate() {
+        if parts(t).is_some_and(|component| volumes[component] < 0.0) {
+            corners.iter().for_each(|&v| in_cavity[v as usize] = true);
+        }
+    }
+    in_cavity
 }
 
 #[cfg(not(feature = "native"))]

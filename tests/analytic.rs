@@ -191,6 +191,29 @@ fn too_many_vertices_are_subsampled_with_a_warning() {
     assert!(fit.report.boundary_error.rms < 5e-4, "{:?}", fit.report.boundary_error);
 }
 
+/// A sphere around everything has no sources in the cavity, and no harmonic function outside of it could take these
+/// values there: a charge at the cavity's centre. The sources that cavities get must do it.
+#[test]
+fn cavities_have_sources_whatever_the_placement() {
+    let domain = shapes::spherical_shell(1.0, 0.5, 3);
+    let boundary = boundary_map(&domain, |p| Point::new(1.0 / p.coords.norm(), p.y, p.z));
+    for placement in [
+        Placement::Adaptive { alpha: 1.0 },
+        Placement::Sphere { radius: 0.6 },
+        #[cfg(feature = "native")]
+        Placement::Offset { distance: 0.1 },
+    ] {
+        let options = FitOptions {
+            placement,
+            source_ratio: 1.0,
+            collocation_ratio: 3.0,
+            ..FitOptions::adaptive()
+        };
+        let rms = fitted(&boundary, &options).report.boundary_error.rms;
+        assert!(rms < 3e-3, "{placement:?}: {rms:e}");
+    }
+}
+
 /// Without affine columns the basis is the paper's, which cannot meet even the identity exactly.
 #[test]
 fn the_paper_basis_meets_the_identity_only_nearly() {

@@ -91,6 +91,18 @@ std::vector<Faces> shells_of(const Polyhedron& polyhedron) {
   return shells;
 }
 
+/// Puts balls along the sharp edges, so that refinement keeps them. CGAL's own call lets balls shrink without end where
+/// edges nearly touch; here they end at the distance that the mesh may be off in any case.
+void protect_edges(Complex& complex, const Domain& domain, const Criteria& criteria, double smallest,
+                   CGAL::Mesh_error_code& stop, Deadline& deadline) {
+  using EdgeCriteria = Criteria::Edge_criteria;
+  using Sizing = CGAL::Mesh_3::internal::Edge_criteria_sizing_field_wrapper<EdgeCriteria>;
+  const EdgeCriteria& edges = criteria.edge_criteria_object();
+  CGAL::Mesh_3::Protect_edges_sizing_field<Complex, Domain, Sizing> protect(
+      complex, domain, Sizing(edges), smallest, kMostVertices, &stop, &deadline.passed);
+  protect(true);
+}
+
 /// Inserts up to `count` points of a shell, at random in their faces: seeds as regular as a regular model would lie on
 /// common spheres, which CGAL takes for an error.
 void seed(Complex& complex, const Domain& domain, const Faces& shell, std::size_t count, CGAL::Random& random) {
@@ -170,8 +182,7 @@ Arrays mesh3(SurfaceView surface, const Mesh3Options& options) {
   };
   for (std::size_t count = 24;; count *= 4) {
     Complex complex;
-    CGAL::Mesh_3::internal::init_c3t3_with_features(complex, domain, criteria, false, kMostVertices, &stop,
-                                                    &deadline.passed);
+    protect_edges(complex, domain, criteria, options.facet_distance, stop, deadline);
     check(true);
     for (const Faces& shell : shells) seed(complex, domain, shell, std::min(count, shell.size()), random);
     // Refinement assumes solid cells, and what follows it assumes that it found some: both crash without.

@@ -186,11 +186,8 @@ fn check_mesh3_options(
         (0.0..=180.0).contains(&angle),
         "between 0 and 180 degrees",
     )?;
-<<<<<<< HEAD
-=======
     let seconds = options.time_limit.as_secs_f64();
     check_option("time_limit", seconds, seconds <= 1e6, "at most 10^6 s")?;
->>>>>>> wt-native
     // A regular tetrahedron of circumradius r has the volume 8 r³ / (9 √3).
     check_count("tetrahedra", 2.0 * solid.volume / cell_size.powi(3), MOST_TETS)
 }

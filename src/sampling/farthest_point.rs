@@ -44,6 +44,25 @@ impl Anchors {
             nearest,
         }
     }
+
+    /// Those anchors whose vertex is wanted. `nearest` keeps only the vertices that belong to one of them.
+    pub fn only(&self, wanted: impl Fn(u32) -> bool) -> Self {
+        let kept: Vec<usize> = (0..self.vertices.len()).filter(|&k| wanted(self.vertices[k])).collect();
+        let mut renumbered = vec![None; self.vertices.len()];
+        for (new, &old) in kept.iter().enumerate() {
+            renumbered[old] = Some(new as u32);
+        }
+        Self {
+            vertices: kept.iter().map(|&k| self.vertices[k]).collect(),
+            spacing: kept.iter().map(|&k| self.spacing[k]).collect(),
+            normals: kept.iter().map(|&k| self.normals[k]).collect(),
+            nearest: self
+                .nearest
+                .iter()
+                .map(|anchor| anchor.and_then(|a| renumbered[a as usize]))
+                .collect(),
+        }
+    }
 }
 
 /// Indices of up to `count` well-spread points, none of them coincident.
