@@ -202,3 +202,41 @@ fn with_path(error: MeshError, path: &Path) -> IoError {
         },
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn too_many_elements_are_named_with_the_file() {
+        let error = MeshError::TooLarge {
+            element: "vertex",
+            count: 3_000_000_000,
+        };
+        let message = with_path(error, Path::new("a.ply")).to_string();
+        let expected = "`a.ply` holds 3000000000 vertices, more than the 2147483647 that 31-bit indices can name";
+        assert_eq!(message, expected);
+    }
+
+    #[test]
+    fn the_cut_of_a_polygon_depends_on_its_corners_alone() {
+        let polygons = || {
+            let mut polygons = Polygons::default();
+            polygons.push([2, 4, 3, 1, 0]);
+            polygons
+        };
+        let surface = |height: f64| {
+            let contents = Contents {
+                vertices: (0..5)
+                    .map(|k| Point::new(f64::from(k), height * f64::from(k % 2), 0.0))
+                    .collect(),
+                polygons: polygons(),
+                ..Contents::default()
+            };
+            contents.into_surface(Path::new("a.obj")).unwrap()
+        };
+        let [flat, bent] = [surface(0.0), surface(7.0)];
+        assert_eq!(flat.triangles(), [[2, 4, 3], [2, 3, 1], [2, 1, 0]]);
+        assert_eq!(flat.triangles(), bent.triangles());
+    }
+}

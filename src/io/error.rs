@@ -70,7 +70,7 @@ pub enum IoError {
         available: usize,
     },
     /// A face with one or two corners, or none, cannot be cut into triangles.
-    #[error("face {face} of `{path}` has {corners} corners, and a face needs at least 3; remove it")]
+    #[error("face {face} (0-based) of `{path}` has {corners} corners, and a face needs at least 3; remove it")]
     FewCorners {
         /// The file.
         path: PathBuf,
@@ -81,7 +81,7 @@ pub enum IoError {
     },
     /// A face or cell refers to a vertex that is not there.
     #[error(
-        "{element} {index} of `{path}` refers to vertex {vertex}, but there are {vertices} vertices, counted from {base}"
+        "{element} {index} (0-based) of `{path}` refers to vertex {vertex}, but there are {vertices} vertices, counted from {base}"
     )]
     IndexOutOfRange {
         /// The file.

@@ -113,3 +113,88 @@ fn skip_section(tokens: &mut Tokens) {
 fn is_keyword(token: &[u8]) -> bool {
     token[0].is_ascii_alphabetic() && parsed::<f64>(token).is_none()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::{
+        Place, Solid,
+        testing::{place_of, solid, surface, tets},
+    };
+
+    const TETS: &str = "MeshVersionFormatted 2\n# a comment\nDimension\n3\nVertices\n5\n0 0 0 1\n1 0 0 1\n0 1 0 2\n\
+                        0 0 1 0\nnan inf 1 0\nCorners 2\n1\n2\nNormals 1\n0 NaN inf\nTriangles\n1\n1 2 3 7\n\
+                        Tetrahedra 2\n1 2 3 4 0\n2 1 3 4 9\nEnd\ngarbage\n";
+
+    #[test]
+    fn tets_of_both_hands_come_back_as_they_are() {
+        let mesh = tets("mesh", TETS.as_bytes()).unwrap();
+        assert_eq!(mesh.tets(), [[0, 1, 2, 3], [1, 0, 2, 3]]);
+        assert_eq!(mesh.vertices().len(), 5);
+        assert!(mesh.vertices()[4].x.is_nan() && mesh.vertices()[4].y.is_infinite());
+        assert!(matches!(solid("mesh", TETS.as_bytes()), Ok(Solid::Tets(_))));
+        assert!(matches!(
+            surface("mesh", TETS.as_bytes()),
+            Err(IoError::WrongKind { .. })
+        ));
+    }
+
+    #[test]
+    fn faces_alone_are_a_surface() {
+        let text = TETS.split("Tetrahedra").next().unwrap().to_owned() + "Quadrilaterals\n1\n1 2 3 4 0\n";
+        let mesh = surface("mesh", text.as_bytes()).unwrap();
+        assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 1, 2], [0, 2, 3]]);
+        assert!(matches!(solid("mesh", text.as_bytes()), Ok(Solid::Surface(_))));
+        assert!(matches!(tets("mesh", text.as_bytes()), Err(IoError::WrongKind { .. })));
+    }
+
+    #[test]
+    fn other_cells_are_refused_by_name() {
+        let text = TETS.replace("Tetrahedra 2\n1 2 3 4 0\n2 1 3 4 9", "Hexahedra\n1\n1 2 3 4 1 2 3 4 0");
+        let message = tets("mesh", text.as_bytes()).unwrap_err().to_string();
+        assert!(message.contains("1 hexahedra"), "{message}");
+        let text = TETS.replace("End", "Prisms 1\n1 2 3 1 2 3 0\nEnd");
+        assert!(matches!(
+            tets("mesh", text.as_bytes()),
+            Err(IoError::Unsupported { .. })
+        ));
+        let none = TETS.replace("End", "Hexahedra 0\nEnd");
+        assert_eq!(tets("mesh", none.as_bytes()).unwrap().tets().len(), 2);
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let read = |from: &str, to: &str| {
+            assert!(TETS.contains(from));
+            solid("mesh", TETS.replace(from, to).as_bytes()).map(drop)
+        };
+        assert_eq!(place_of(read("MeshVersionFormatted", "Mesh")), Place::Line(1));
+        assert_eq!(place_of(read("1 0 0 1\n", "1 ? 0 1\n")), Place::Line(8));
+        assert_eq!(place_of(read("2 1 3 4 9\n", "2 1 3 4 9 9\n")), Place::Line(22));
+        assert!(matches!(
+            read("Dimension\n3", "Dimension 2"),
+            Err(IoError::Unsupported { .. })
+        ));
+        assert!(matches!(
+            read("2 1 3 4 9\nEnd\ngarbage\n", "2 1 3"),
+            Err(IoError::Truncated { .. } | IoError::CountExceedsFile { .. })
+        ));
+        assert!(matches!(
+            read("Tetrahedra 2", "Tetrahedra 20000000000"),
+            Err(IoError::CountExceedsFile { .. })
+        ));
+        let missing = read("2 1 3 4 9", "2 1 3 6 9");
+        let expected =
+            "tetrahedron 1 (0-based) of `a.mesh` refers to vertex 6, but there are 5 vertices, counted from 1";
+        assert_eq!(missing.unwrap_err().to_string(), expected);
+        assert!(matches!(
+            read("2 1 3 4 9", "2 1 3 0 9"),
+            Err(IoError::IndexOutOfRange { vertex: 0, .. })
+        ));
+        let cloud = TETS.split("Triangles").next().unwrap();
+        assert!(matches!(
+            solid("mesh", cloud.as_bytes()),
+            Err(IoError::NoGeometry { .. })
+        ));
+    }
+}

@@ -223,3 +223,151 @@ fn unknown_extension(path: &Path, purpose: &'static str, known: impl IntoIterato
         known: known.join(", "),
     }
 }
+
+/// Files from memory, for the tests of the formats.
+#[cfg(test)]
+mod testing {
+    use super::*;
+
+    pub fn surface(extension: &str, bytes: &[u8]) -> Result<SurfaceMesh, IoError> {
+        parse(extension, bytes)?.into_surface(&file(extension))
+    }
+
+    pub fn tets(extension: &str, bytes: &[u8]) -> Result<TetMesh, IoError> {
+        parse(extension, bytes)?.into_tets(&file(extension))
+    }
+
+    pub fn solid(extension: &str, bytes: &[u8]) -> Result<Solid, IoError> {
+        parse(extension, bytes)?.into_solid(&file(extension))
+    }
+
+    pub fn points(extension: &str, bytes: &[u8]) -> Result<Vec<Point>, IoError> {
+        parse(extension, bytes).map(|contents| contents.vertices)
+    }
+
+    pub fn place_of<T>(result: Result<T, IoError>) -> Place {
+        match result {
+            Err(IoError::Malformed { place, .. }) => place,
+            Err(error) => panic!("not malformed: {error}"),
+            Ok(_) => panic!("not an error"),
+        }
+    }
+
+    fn parse(extension: &str, bytes: &[u8]) -> Result<Contents, IoError> {
+        let mut formats = MESH_FORMATS.iter().chain(&POINT_FORMATS);
+        let format = formats.find(|format| format.extension == extension).unwrap();
+        (format.parse)(&Source {
+            path: &file(extension),
+            format: format.name,
+            bytes,
+        })
+    }
+
+    fn file(extension: &str) -> std::path::PathBuf {
+        format!("a.{extension}").into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    use super::*;
+
+    /// A small valid file of each kind: its extension and content.
+    fn small_files() -> Vec<(String, Vec<u8>)> {
+        let points = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]].map(Point::from);
+        let surface = SurfaceMesh::new(points.to_vec(), vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
+        let tets = TetMesh::new(points.to_vec(), vec![[0, 1, 2, 3]]).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let mut files = Vec::new();
+        let mut add_written = |extension: &str, write: &dyn Fn(&Path) -> Result<(), IoError>| {
+            let path = folder.path().join(format!("a.{extension}"));
+            write(&path).unwrap();
+            files.push((extension.to_owned(), fs::read(&path).unwrap()));
+        };
+        for extension in ["obj", "ply", "off", "mesh", "vtk", "vtu"] {
+            add_written(extension, &|path| write_surface(path, &surface));
+        }
+        for extension in CELL_EXTENSIONS {
+            add_written(extension, &|path| write_tets(path, &tets));
+        }
+        let (cells, no_fields) = (Cells::Tets(tets.tets()), VtkFields::default());
+        add_written("vtk", &|path| {
+            write_vtk(path, &points, cells, &no_fields, VtkEncoding::Text)
+        });
+        add_written("csv", &|path| {
+            write_csv(path, &["x", "y", "z"], &[1., 2., 3., 4., 5., 6.])
+        });
+        add_written("npy", &|path| write_npy(path, 3, &[1., 2., 3., 4., 5., 6.]));
+
+        let mut text = String::from("solid a\n");
+        let mut binary = vec![b' '; 80];
+        binary.extend((surface.triangles().len() as u32).to_le_bytes());
+        for triangle in 0..surface.triangles().len() {
+            let corners = surface.corners(triangle);
+            let vertices = corners.map(|p| format!("vertex {} {} {}\n", p.x, p.y, p.z)).concat();
+            text += &format!("facet normal 0 0 0\nouter loop\n{vertices}endloop\nendfacet\n");
+            binary.extend([0; 12]);
+            binary.extend(
+                corners
+                    .iter()
+                    .flat_map(|p| p.iter().flat_map(|&x| (x as f32).to_le_bytes())),
+            );
+            binary.extend([0; 2]);
+        }
+        files.push(("stl".to_owned(), (text + "endsolid a\n").into_bytes()));
+        files.push(("stl".to_owned(), binary));
+        let strips = b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+                       element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n\
+                       0 0 1\n7 0 2 1 3 -1 0 2\n";
+        files.push(("ply".to_owned(), strips.to_vec()));
+        files
+    }
+
+    /// Makes all that can be made of a file.
+    fn read_without_panic(extension: &str, bytes: &[u8]) {
+        let read = || {
+            let _ = testing::surface(extension, bytes);
+            let _ = testing::tets(extension, bytes);
+            let _ = testing::solid(extension, bytes);
+        };
+        if catch_unwind(AssertUnwindSafe(read)).is_err() {
+            panic!(".{extension}: {}", bytes.escape_ascii());
+        }
+    }
+
+    #[test]
+    fn a_file_cut_off_anywhere_is_an_error_or_complete() {
+        for (extension, whole) in small_files() {
+            let content = testing::solid(&extension, &whole).ok();
+            for length in 0..whole.len() {
+                let cut = &whole[..length];
+                read_without_panic(&extension, cut);
+                // OBJ and CSV say nowhere how much is to come.
+                if !matches!(extension.as_str(), "obj" | "csv")
+                    && let Ok(read) = testing::solid(&extension, cut)
+                {
+                    assert_eq!(Some(read), content, "{extension} cut to {length}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn flipped_bits_never_panic() {
+        let mut random = StdRng::seed_from_u64(20);
+        for (extension, whole) in small_files() {
+            for _ in 0..1000 {
+                let mut spoiled = whole.clone();
+                for _ in 0..random.random_range(1..5) {
+                    let at = random.random_range(0..spoiled.len());
+                    spoiled[at] ^= 1 << random.random_range(0..8);
+                }
+                read_without_panic(&extension, &spoiled);
+            }
+        }
+    }
+}

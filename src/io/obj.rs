@@ -41,12 +41,10 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
         ..Contents::default()
     };
     let mut corners = mesh.indices.as_slice();
-    let mut triangles_only = vec![];
-    let arities = if mesh.face_arities.is_empty() {
-        triangles_only.resize(corners.len() / 3, 3);
-        &triangles_only
-    } else {
-        &mesh.face_arities
+    let arities = match mesh.face_arities {
+        // `tobj` leaves them out when all faces are triangles.
+        arities if arities.is_empty() => vec![3; corners.len() / 3],
+        arities => arities,
     };
     for (face, &arity) in arities.iter().enumerate() {
         let (these, others) = corners.split_at(arity as usize);
@@ -230,5 +228,177 @@ impl BufRead for Lines<'_> {
         let (taken, rest) = self.rest.split_at(amount);
         self.read += taken.iter().filter(|&&b| b == b'\n').count();
         self.rest = rest;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::{
+        Place,
+        testing::{place_of, surface},
+    };
+
+    #[test]
+    fn vertex_order_survives_and_unreferenced_vertices_stay() {
+        // Faces use the vertices backwards, and vertex 1 not at all.
+        let mesh = surface(
+            "obj",
+            b"v 0 0 0\nv 9 9 9\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 5 4 3\nf 3 4 1\n",
+        )
+        .unwrap();
+        assert_eq!(mesh.vertices()[1], Point::new(9., 9., 9.));
+        assert_eq!(mesh.vertices()[4], Point::new(0., 0., 1.));
+        assert_eq!(mesh.triangles(), [[4, 3, 2], [2, 3, 0]]);
+    }
+
+    #[test]
+    fn objects_groups_and_materials_are_one_mesh_in_file_order() {
+        let text = b"mtllib missing.mtl\no one\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 3 2 1\no two\ng a b\n\
+                     v 0 0 1\nvt 0 0\nvn 0 0 1\nusemtl\nf 4/1/1 1//1 2/1\ns off\nf 1 2 3\n";
+        let mesh = surface("obj", text).unwrap();
+        assert_eq!(mesh.vertices().len(), 4);
+        assert_eq!(mesh.triangles(), [[2, 1, 0], [3, 0, 1], [0, 1, 2]]);
+    }
+
+    #[test]
+    fn negative_indices_count_back_from_the_face() {
+        let mesh = surface("obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 5 5\nf -1 -3 -2\n").unwrap();
+        assert_eq!(mesh.triangles(), [[0, 1, 2], [3, 1, 2]]);
+    }
+
+    #[test]
+    fn faces_may_come_before_their_vertices() {
+        let mesh = surface("obj", b"v 0 0 0\nf 1 3 2\nv 1 0 0\nv 0 1 0\n").unwrap();
+        assert_eq!(mesh.vertices()[1], Point::new(1., 0., 0.));
+        assert_eq!(mesh.triangles(), [[0, 2, 1]]);
+    }
+
+    #[test]
+    fn polygons_are_fanned_about_their_first_corner() {
+        let mesh = surface(
+            "obj",
+            b"v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nf 2 3 4 5 1\nf 1 2 3 4\n",
+        )
+        .unwrap();
+        assert_eq!(
+            mesh.triangles(),
+            [[1, 2, 3], [1, 3, 4], [1, 4, 0], [0, 1, 2], [0, 2, 3]]
+        );
+    }
+
+    #[test]
+    fn lines_go_on_after_a_backslash_but_comments_do_not() {
+        let text = b"# C:\\models\\\nv 0 0 \\\r\n 0\nv 1 0 0 # and \\\nv 0 1 0\nf 1 \\\n2 \\\n3\n";
+        let mesh = surface("obj", text).unwrap();
+        assert_eq!(mesh.vertices().len(), 3);
+        assert_eq!(mesh.triangles(), [[0, 1, 2]]);
+    }
+
+    #[test]
+    fn comments_may_hold_any_bytes_and_lines_any_end() {
+        let mesh = surface("obj", b"# caf\xe9 \xff\r\nv 0 0 0\r\n\tv 1 0 0 \r\nv 0 1 0\r\nf 1 2 3").unwrap();
+        assert_eq!(mesh.triangles().len(), 1);
+    }
+
+    #[test]
+    fn colours_weights_lines_and_points_are_passed_over() {
+        let text = b"v 0 0 0 1 0 0\nv 2 0 0 2\nv 0 1 0 0.5 0.5\nl 1 2\np 3\nf 1 2 3\n";
+        let mesh = surface("obj", text).unwrap();
+        assert_eq!(mesh.vertices()[1], Point::new(2., 0., 0.));
+        assert_eq!(mesh.triangles(), [[0, 1, 2]]);
+    }
+
+    #[test]
+    fn meshes_of_up_to_three_vertices_are_read() {
+        // The face that heads the text then has as few corners as a point, a line and a triangle.
+        assert_eq!(surface("obj", b"v 0 0 0\nf 1 1 1\n").unwrap().triangles(), [[0, 0, 0]]);
+        assert_eq!(
+            surface("obj", b"v 0 0 0\nv 1 0 0\nf 2 1 1\n").unwrap().triangles(),
+            [[1, 0, 0]]
+        );
+        assert_eq!(
+            surface("obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 3 2 1\n")
+                .unwrap()
+                .triangles(),
+            [[2, 1, 0]]
+        );
+    }
+
+    #[test]
+    fn unusual_numbers_are_read_as_they_are() {
+        let mesh = surface("obj", b"v nan inf -inf\nv 1e300 -0.0 +1.5E-3\nv NaN 0 0\nf 1 2 3\n").unwrap();
+        let [p, q] = [mesh.vertices()[0], mesh.vertices()[1]];
+        assert!(p.x.is_nan() && p.y == f64::INFINITY && p.z == f64::NEG_INFINITY);
+        assert!(q.x == 1e300 && q.y.is_sign_negative() && q.z == 1.5e-3);
+    }
+
+    #[test]
+    fn malformed_statements_are_named_by_their_line() {
+        for (text, line) in [
+            ("v 0 0 0\n\n# c\nv 1 x 0\n", 4),
+            ("v 0 0\n", 1),
+            ("v 0 0 0\nf 1 2 \\\n three\n", 2),
+            ("v 0 0 0\nv 0 0 0\nf /1 1 1\n", 3),
+            ("v 0 0 0\nf 1.5 1 1\n", 2),
+        ] {
+            assert_eq!(place_of(surface("obj", text.as_bytes())), Place::Line(line), "{text}");
+        }
+    }
+
+    #[test]
+    fn missing_vertices_are_named_by_their_face() {
+        for (text, face, missing) in [
+            ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 4\n", 1, 4),
+            ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 0 3\n", 0, 0),
+            ("v 0 0 0\nf -1 -1 -2\nv 1 0 0\n", 0, -2),
+            ("f 1 2 3\n", 0, 1),
+        ] {
+            match surface("obj", text.as_bytes()) {
+                Err(IoError::IndexOutOfRange {
+                    index, vertex, base: 1, ..
+                }) => {
+                    assert_eq!((index, vertex), (face, missing), "{text}");
+                }
+                other => panic!("{text}: {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn faces_need_three_corners_and_surfaces_need_faces() {
+        let two = surface("obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n");
+        assert!(
+            matches!(
+                two,
+                Err(IoError::FewCorners {
+                    face: 1,
+                    corners: 2,
+                    ..
+                })
+            ),
+            "{two:?}"
+        );
+        let none = surface("obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf\n");
+        assert!(
+            matches!(
+                none,
+                Err(IoError::FewCorners {
+                    face: 0,
+                    corners: 0,
+                    ..
+                })
+            ),
+            "{none:?}"
+        );
+        let cloud = surface("obj", b"v 0 0 0\nv 1 0 0\n");
+        assert!(
+            matches!(cloud, Err(IoError::NoGeometry { vertices: 2, .. })),
+            "{cloud:?}"
+        );
+        assert!(matches!(
+            surface("obj", b""),
+            Err(IoError::NoGeometry { vertices: 0, .. })
+        ));
     }
 }

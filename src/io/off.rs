@@ -28,7 +28,7 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
     }
     let mut polygon = Vec::new();
     for _ in 0..faces {
-        let corners = tokens.count("corners of a face", TEXT_NUMBER)?;
+        let corners = tokens.count("the corners of a face", 0)?;
         polygon.clear();
         for _ in 0..corners {
             polygon.push(tokens.integer("the corners of a face")?);
@@ -83,5 +83,98 @@ fn skip_count_of_edges(tokens: &mut Tokens) {
     let next_line = rest.split(|&b| b == b'\n').next().unwrap_or_default();
     if counts_end_line && parsed::<u64>(next_line.trim_ascii()).is_some() {
         tokens.line();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        Point,
+        io::{
+            Place,
+            testing::{place_of, surface},
+        },
+    };
+
+    #[test]
+    fn counts_comments_and_extra_values_may_stand_anywhere() {
+        let plain = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+        let expected = surface("off", plain.as_bytes()).unwrap();
+        for text in [
+            "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2",
+            "# made by hand\nOFF # really\n\n3 1 0\n0 0 0 # first\n1 0 0\n\n0 1 0\n3 0 1 2\n",
+            "OFF\n3 1\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+            "OFF\n3\n1\n0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+            "3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+            "COFF\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 255 0 0 255\n0 1 0 1 1 1\n3 0 1 2 0.5 0.5 0.5\n",
+            "NOFF\r\n3 1 0\r\n0 0 0 0 0 1\r\n1 0 0 0 0 1\r\n0 1 0 0 0 1\r\n3 0 1 2\r\n",
+            "STCNOFF\n3 1 0\n0\n0\n0\n1 0 0\n0 1 0\n3\n0 1\n2\n",
+        ] {
+            assert_eq!(surface("off", text.as_bytes()).unwrap(), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn polygons_are_fanned_and_unusual_numbers_kept() {
+        let mesh = surface("off", b"OFF\n5 1 0\nnan 0 0\n1 0 0\n1 1 0\n0 inf 0\n7 7 7\n4 1 2 3 0\n").unwrap();
+        assert_eq!(mesh.triangles(), [[1, 2, 3], [1, 3, 0]]);
+        assert!(mesh.vertices()[0].x.is_nan() && mesh.vertices()[3].y.is_infinite());
+        assert_eq!(mesh.vertices()[4], Point::new(7., 7., 7.));
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let read = |text: &str| surface("off", text.as_bytes());
+        assert_eq!(place_of(read("PLY\n3 1 0\n")), Place::Line(1));
+        assert_eq!(
+            place_of(read("OFF\n3 1 0\n0 0 0\n1 zero 0\n0 1 0\n3 0 1 2\n")),
+            Place::Line(4)
+        );
+        assert_eq!(place_of(read("OFF\n-3 1 0\n0 0 0\n")), Place::Line(2));
+        assert!(matches!(
+            read("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0"),
+            Err(IoError::Truncated { .. })
+        ));
+        assert!(matches!(
+            read("OFF\n3 1 0\n0 0 0\n"),
+            Err(IoError::CountExceedsFile { count: 3, .. })
+        ));
+        let absurd = read("OFF\n3 99999999999 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n");
+        assert!(matches!(
+            absurd,
+            Err(IoError::CountExceedsFile {
+                count: 99_999_999_999,
+                ..
+            })
+        ));
+        let missing = read("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n");
+        assert!(matches!(
+            missing,
+            Err(IoError::IndexOutOfRange {
+                index: 0,
+                vertex: 3,
+                base: 0,
+                ..
+            })
+        ));
+        let two = read("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n2 0 1\n");
+        assert!(matches!(
+            two,
+            Err(IoError::FewCorners {
+                face: 0,
+                corners: 2,
+                ..
+            })
+        ));
+        assert!(matches!(
+            read("OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n"),
+            Err(IoError::NoGeometry { .. })
+        ));
+        assert!(matches!(
+            read("4OFF\n1 0 0\n0 0 0 1\n"),
+            Err(IoError::Unsupported { .. })
+        ));
+        assert!(matches!(read("OFF BINARY\n"), Err(IoError::Unsupported { .. })));
     }
 }

@@ -184,7 +184,7 @@ fn npy_entry<'a>(header: &'a str, key: &str) -> Option<&'a str> {
 }
 
 fn check_rows(path: &Path, columns: usize, values: usize) -> Result<(), IoError> {
-    if columns > 0 && values % columns == 0 || values == 0 {
+    if columns > 0 && values.is_multiple_of(columns) || values == 0 {
         return Ok(());
     }
     Err(IoError::ValueCount {
@@ -204,4 +204,113 @@ fn csv_error(source: &Source, error: &csv::Error) -> IoError {
         _ => error.to_string(),
     };
     source.malformed_at(Place::Line(line), found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::testing::{place_of, points};
+
+    fn npy(version: u8, header: &str, data: &[u8]) -> Vec<u8> {
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend([version, 0]);
+        match version {
+            1 => bytes.extend((header.len() as u16).to_le_bytes()),
+            _ => bytes.extend((header.len() as u32).to_le_bytes()),
+        }
+        bytes.extend(header.as_bytes());
+        bytes.extend(data);
+        bytes
+    }
+
+    #[test]
+    fn csv_columns_may_stand_in_any_order_among_others() {
+        let bytes = b"\xef\xbb\xbfname, Z ,x,note,y\na,3,1,\"b, c\",2\r\n\xff,nan, -inf ,,1e-3\n";
+        let points = points("csv", bytes).unwrap();
+        assert_eq!(points[0], Point::new(1., 2., 3.));
+        assert!(points[1].x == f64::NEG_INFINITY && points[1].y == 1e-3 && points[1].z.is_nan());
+        assert_eq!(points.len(), 2);
+    }
+
+    #[test]
+    fn csv_faults_are_named_by_their_line() {
+        let read = |text: &str| points("csv", text.as_bytes());
+        assert_eq!(read("x,y,z\n").unwrap(), []);
+        assert_eq!(place_of(read("x,y\n1,2\n")), Place::Line(1));
+        assert_eq!(place_of(read("")), Place::Line(1));
+        assert_eq!(place_of(read("x,y,z\n1,2,3\n1,two,3\n")), Place::Line(3));
+        assert_eq!(place_of(read("x,y,z\n1,2,3\n1,2\n")), Place::Line(3));
+        let message = read("1,2,3\n4,5,6\n").unwrap_err().to_string();
+        assert!(
+            message.contains("`1,2,3`") && message.contains("x, y and z"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn npy_arrays_of_either_precision_and_order_are_read() {
+        let expected = [Point::new(1., 2., 3.), Point::new(4., 5., 6.5)];
+        let rows = [1., 2., 3., 4., 5., 6.5f64];
+        let columns = [1., 4., 2., 5., 3., 6.5f64];
+        let doubles = |values: [f64; 6]| values.map(f64::to_le_bytes).concat();
+        let singles = rows.map(|x| (x as f32).to_be_bytes()).concat();
+        for bytes in [
+            npy(
+                1,
+                "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }  \n",
+                &doubles(rows),
+            ),
+            npy(
+                2,
+                "{'descr': '<f8', 'fortran_order': True, 'shape': (2, 3), }\n",
+                &doubles(columns),
+            ),
+            npy(3, "{'shape':(2,3),'fortran_order':False,'descr':\">f4\"}", &singles),
+        ] {
+            assert_eq!(points("npy", &bytes).unwrap(), expected);
+        }
+    }
+
+    #[test]
+    fn npy_faults_are_named() {
+        let header = "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }\n";
+        let good = npy(1, header, &[0; 48]);
+        assert_eq!(points("npy", &good).unwrap().len(), 2);
+        let read = |from: &str, to: &str| points("npy", &npy(1, &header.replace(from, to), &[0; 48]));
+        assert!(matches!(read("<f8", "<i8"), Err(IoError::Unsupported { .. })));
+        assert!(matches!(read("(2, 3)", "(3, 2)"), Err(IoError::Malformed { .. })));
+        assert!(matches!(read("(2, 3)", "(6,)"), Err(IoError::Malformed { .. })));
+        assert!(matches!(read("(2, 3)", "(2, 3"), Err(IoError::Malformed { .. })));
+        assert!(matches!(read("shape", "form"), Err(IoError::Malformed { .. })));
+        assert!(matches!(
+            read("(2, 3)", "(99999999999999, 3)"),
+            Err(IoError::CountExceedsFile { .. })
+        ));
+        assert!(matches!(
+            points("npy", &good[..good.len() - 1]),
+            Err(IoError::CountExceedsFile { .. })
+        ));
+        assert!(matches!(points("npy", &good[..30]), Err(IoError::Truncated { .. })));
+        assert!(matches!(
+            points("npy", &npy(9, header, &[])),
+            Err(IoError::Unsupported { .. })
+        ));
+        assert_eq!(place_of(points("npy", b"x,y,z\n1,2,3\n")), Place::Byte(0));
+    }
+
+    #[test]
+    fn values_must_fill_whole_rows() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = write_csv(folder.path().join("a.csv"), &["a", "b"], &[1., 2., 3.]).unwrap_err();
+        assert!(matches!(
+            error,
+            IoError::ValueCount {
+                expected: 4,
+                found: 3,
+                ..
+            }
+        ));
+        assert!(write_npy(folder.path().join("a.npy"), 0, &[1.]).is_err());
+        assert!(write_npy(folder.path().join("a.npy"), 4, &[]).is_ok());
+    }
 }

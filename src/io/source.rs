@@ -265,10 +265,16 @@ pub(super) enum ByteOrder {
 
 impl ByteOrder {
     fn bits(self, bytes: &[u8], size: usize) -> u64 {
-        let add = |bits: u64, &byte: &u8| bits << 8 | u64::from(byte);
+        let mut word = [0; 8];
         match self {
-            Self::Little => bytes[..size].iter().rev().fold(0, add),
-            Self::Big => bytes[..size].iter().fold(0, add),
+            Self::Little => {
+                word[..size].copy_from_slice(&bytes[..size]);
+                u64::from_le_bytes(word)
+            }
+            Self::Big => {
+                word[8 - size..].copy_from_slice(&bytes[..size]);
+                u64::from_be_bytes(word)
+            }
         }
     }
 }

@@ -147,3 +147,116 @@ impl Corners {
         }));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        io::testing::{place_of, surface},
+        mesh::shapes,
+    };
+
+    fn binary(header: &str, triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
+        let mut bytes = header.as_bytes().to_vec();
+        bytes.resize(HEADER, b' ');
+        bytes.extend((triangles.len() as u32).to_le_bytes());
+        for triangle in triangles {
+            bytes.extend([0; 12]);
+            bytes.extend(triangle.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
+            bytes.extend([0; 2]);
+        }
+        bytes
+    }
+
+    const TWO: [[[f32; 3]; 3]; 2] = [
+        [[1., 0., 0.], [0., 1., 0.], [0., 0., 0.]],
+        [[0., 1., 0.], [1., 0., 0.], [1., 1., 0.]],
+    ];
+
+    const TEXT: &str = "solid two words\n facet normal 0 0 1\n  outer loop\n   vertex 1 0 0\n   vertex 0 1 0\n   \
+                        vertex 0 -0 0\n  endloop\n endfacet\nendsolid two words\nsolid b\nFACET NORMAL -1.#IND 0 0\n \
+                        OUTER LOOP VERTEX 0 1 0 VERTEX 1 0 0 VERTEX 1 1 0 ENDLOOP ENDFACET ENDSOLID\n";
+
+    #[test]
+    fn equal_corners_become_one_vertex_in_order_of_appearance() {
+        for bytes in [
+            binary("made by hand", &TWO),
+            binary("solid of which the header lies", &TWO),
+            TEXT.as_bytes().to_vec(),
+        ] {
+            let mesh = surface("stl", &bytes).unwrap();
+            let expected = [[1., 0., 0.], [0., 1., 0.], [0., 0., 0.], [1., 1., 0.]].map(Point::from);
+            assert_eq!(mesh.vertices(), expected);
+            assert_eq!(mesh.triangles(), [[0, 1, 2], [1, 0, 3]]);
+        }
+    }
+
+    #[test]
+    fn a_closed_mesh_comes_back_closed() {
+        let torus = shapes::torus(2.0, 0.5, 12, 8);
+        let corners = |t| torus.corners(t).map(|p| [p.x as f32, p.y as f32, p.z as f32]);
+        let triangles: Vec<_> = (0..torus.triangles().len()).map(corners).collect();
+        let read = surface("stl", &binary("", &triangles)).unwrap();
+        assert_eq!(read.vertices().len(), torus.vertices().len());
+        // Single precision moves each coordinate by 3e-8 of itself.
+        assert!((read.volume() / torus.volume() - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn trailing_bytes_of_a_binary_file_are_passed_over() {
+        let mut bytes = binary("", &TWO);
+        bytes.extend([7; 33]);
+        assert_eq!(surface("stl", &bytes).unwrap().triangles().len(), 2);
+    }
+
+    #[test]
+    fn text_keeps_double_precision_and_unusual_numbers() {
+        let text = "solid\nfacet normal 0 0 1\nouter loop\nvertex 0.1 nan 0\nvertex inf 1 0\nvertex 0 0 1\nendloop\n\
+                    endfacet\nendsolid\n";
+        let mesh = surface("stl", text.as_bytes()).unwrap();
+        assert!(mesh.vertices()[0].x == 0.1 && mesh.vertices()[0].y.is_nan() && mesh.vertices()[1].x.is_infinite());
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let read = |text: &str| surface("stl", text.as_bytes());
+        assert_eq!(place_of(read(&TEXT.replacen("vertex", "vertx", 1))), Place::Line(4));
+        assert_eq!(
+            place_of(read(&TEXT.replacen("vertex 1 0", "vertex 1 O", 1))),
+            Place::Line(4)
+        );
+        assert_eq!(place_of(read("hello world")), Place::Line(1));
+        assert!(matches!(
+            read("solid a\nfacet normal 0 0 1\nouter loop"),
+            Err(IoError::Truncated { .. })
+        ));
+        let unended = TEXT.replace("ENDSOLID", "");
+        assert!(matches!(read(&unended), Err(IoError::Truncated { .. })));
+        let two = TEXT.replacen("vertex 1 0 0", "", 1);
+        assert!(matches!(
+            read(&two),
+            Err(IoError::FewCorners {
+                face: 0,
+                corners: 2,
+                ..
+            })
+        ));
+        assert!(matches!(read("solid a\nendsolid a\n"), Err(IoError::NoGeometry { .. })));
+
+        let whole = binary("", &TWO);
+        assert!(matches!(
+            surface("stl", &whole[..70]),
+            Err(IoError::Truncated { .. } | IoError::Malformed { .. })
+        ));
+        assert!(matches!(
+            surface("stl", &whole[..150]),
+            Err(IoError::CountExceedsFile { count: 2, .. })
+        ));
+        let mut absurd = whole.clone();
+        absurd[HEADER..HEADER + 4].fill(0xff);
+        assert!(matches!(
+            surface("stl", &absurd),
+            Err(IoError::CountExceedsFile { count: 0xffff_ffff, .. })
+        ));
+    }
+}

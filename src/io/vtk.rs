@@ -116,12 +116,7 @@ pub fn write_vtk(
 ) -> Result<(), IoError> {
     check(path.as_ref(), points, cells, fields)?;
     atomic_write(path, |writer| {
-        write(
-            &mut LegacyWriter { writer, encoding },
-            points.iter().flat_map(|p| p.iter().copied()),
-            cells,
-            fields,
-        )
+        write(&mut LegacyWriter { writer, encoding }, points, cells, fields)
     })
 }
 
@@ -162,6 +157,7 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
     let mut contents = Contents::default();
     let mut cells: Option<CellLists> = None;
     let mut types: Option<Vec<i64>> = None;
+    let mut end_of_types = Place::Byte(0);
     let mut grid = true;
     while let Some(word) = reader.tokens.next() {
         match word {
@@ -170,7 +166,10 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
             b"FIELD" => reader.skip_fields()?,
             b"POINTS" => contents.vertices = reader.points()?,
             b"CELLS" if grid => cells = Some(reader.cell_lists("cells")?),
-            b"CELL_TYPES" if grid => types = Some(reader.cell_types()?),
+            b"CELL_TYPES" if grid => {
+                types = Some(reader.cell_types()?);
+                end_of_types = Place::Byte(reader.tokens.position());
+            }
             b"POLYGONS" if !grid => {
                 let polygons = reader.cell_lists("polygons")?;
                 polygons.iter().for_each(|p| contents.polygons.push(p.iter().copied()));
@@ -197,9 +196,9 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
     };
     if cells.ends.len() != types.len() {
         let found = format!("{} cells have {} cell types", cells.ends.len(), types.len());
-        return Err(source.malformed(source.bytes.len(), found));
+        return Err(source.malformed_at(end_of_types, found));
     }
-    sort_cells(source, &mut contents, types.into_iter().zip(cells.iter()))?;
+    sort_cells(source, end_of_types, &mut contents, types.into_iter().zip(cells.iter()))?;
     Ok(contents)
 }
 
@@ -207,9 +206,11 @@ const TRIANGLE: u8 = 5;
 const TETRAHEDRON: u8 = 10;
 const HEXAHEDRON: u8 = 12;
 
-/// Adds cells, each with its VTK type, to the polygons and tetrahedra. Points and lines are passed over.
+/// Adds cells, each with its VTK type, to the polygons and tetrahedra. Points and lines are passed over; `place` is
+/// where the types stand.
 pub(super) fn sort_cells<'c>(
     source: &Source,
+    place: Place,
     contents: &mut Contents,
     cells: impl Iterator<Item = (i64, &'c [i64])>,
 ) -> Result<(), IoError> {
@@ -225,7 +226,7 @@ pub(super) fn sort_cells<'c>(
             (10, &[a, b, c, d]) => contents.tets.push([a, b, c, d]),
             (5 | 8..=10, _) => {
                 let found = format!("cell {index} has VTK type {kind} but {} corners", corners.len());
-                return Err(source.malformed_at(Place::Line(1), found));
+                return Err(source.malformed_at(place, found));
             }
             (11, _) => contents.add_other_cells("voxels", 1),
             (12, _) => contents.add_other_cells("hexahedra", 1),
@@ -460,14 +461,9 @@ struct LegacyWriter<'a> {
     encoding: VtkEncoding,
 }
 
-fn write(
-    out: &mut LegacyWriter,
-    coordinates: impl Iterator<Item = f64>,
-    cells: Cells,
-    fields: &VtkFields,
-) -> io::Result<()> {
+fn write(out: &mut LegacyWriter, points: &[Point], cells: Cells, fields: &VtkFields) -> io::Result<()> {
     let corners = cells.corners() as u32;
-    let coordinates: Vec<f64> = coordinates.collect();
+    let coordinates: Vec<f64> = points.iter().flat_map(|p| p.iter().copied()).collect();
     let encoding = match out.encoding {
         VtkEncoding::Text => "ASCII",
         VtkEncoding::Binary => "BINARY",
@@ -476,7 +472,7 @@ fn write(
         out.writer,
         "# vtk DataFile Version 3.0\nsolidmap\n{encoding}\nDATASET UNSTRUCTURED_GRID"
     )?;
-    writeln!(out.writer, "POINTS {} double", coordinates.len() / 3)?;
+    writeln!(out.writer, "POINTS {} double", points.len())?;
     out.floats(&coordinates, 3)?;
     writeln!(
         out.writer,
@@ -493,7 +489,7 @@ fn write(
         out.integers([u32::from(cells.vtk_type())])?;
     }
     out.end_of_data()?;
-    out.fields("POINT_DATA", coordinates.len() / 3, &fields.point)?;
+    out.fields("POINT_DATA", points.len(), &fields.point)?;
     out.fields("CELL_DATA", cells.count(), &fields.cell)
 }
 
@@ -557,4 +553,205 @@ fn legacy_name(name: &str) -> Cow<'_, str> {
         return Cow::Owned(name.replace(char::is_whitespace, "_"));
     }
     Cow::Borrowed(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::{
+        Solid,
+        testing::{place_of, solid, surface, tets},
+    };
+
+    const OLD: &str = "# vtk DataFile Version 2.0\nby hand\nASCII\nDATASET UNSTRUCTURED_GRID\nFIELD FieldData 1\n\
+                       TIME 1 2 double\n0.5 nan\nPOINTS 5 float\n0 0 0 1 0 0\n0 1 0\n0 0 1 nan inf -inf\n\n\
+                       METADATA\nINFORMATION 1\nNAME L2 LOCATION vtkDataArray\n\nCELLS 4 15\n4 0 1 2 3\n4 1 0 2 3\n\
+                       1 4\n2 0 1\nCELL_TYPES 4\n10\n10\n1\n3\nPOINT_DATA 5\nSCALARS anything\n";
+
+    const NEW: &str = "# vtk DataFile Version 5.1\nvtk output\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n\
+                       0 0 0 1 0 0 0 1 0 0 0 1 nan inf -inf \nCELLS 5 11\nOFFSETS vtktypeint64\n0 4 8 9 11 \n\
+                       CONNECTIVITY vtktypeint64\n0 1 2 3 1 0 2 3 4 0 1\nCELL_TYPES 4\n10\n10\n1\n3\n";
+
+    /// The same file with its numbers in binary.
+    fn binary(text: &str) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut kind = "text";
+        for line in text.replace("ASCII", "BINARY").lines() {
+            let words: Vec<&str> = line.split_ascii_whitespace().collect();
+            let is_number = |word: &&str| word.parse::<f64>().is_ok();
+            if kind == "text" || !words.iter().all(is_number) || words.is_empty() {
+                kind = match words.first() {
+                    Some(&"TIME") => "double",
+                    Some(&"POINTS" | &"OFFSETS" | &"CONNECTIVITY") => words[words.len() - 1],
+                    Some(&"CELL_TYPES" | &"POLYGONS" | &"TRIANGLE_STRIPS" | &"VERTICES") => "int",
+                    Some(&"CELLS") if !text.contains("OFFSETS") => "int",
+                    _ => "text",
+                };
+                bytes.extend(line.bytes().chain([b'\n']));
+                continue;
+            }
+            for word in words {
+                let value: f64 = word.parse().unwrap();
+                match kind {
+                    "float" => bytes.extend((value as f32).to_be_bytes()),
+                    "double" => bytes.extend(value.to_be_bytes()),
+                    "int" => bytes.extend((value as i32).to_be_bytes()),
+                    _ => bytes.extend((value as i64).to_be_bytes()),
+                }
+            }
+        }
+        bytes
+    }
+
+    #[test]
+    fn old_and_new_grids_are_read_in_text_and_binary() {
+        for bytes in [OLD.into(), NEW.into(), binary(OLD), binary(NEW)] {
+            let shown = String::from_utf8_lossy(&bytes).into_owned();
+            let mesh = tets("vtk", &bytes).unwrap_or_else(|error| panic!("{error}: {shown}"));
+            assert_eq!(mesh.tets(), [[0, 1, 2, 3], [1, 0, 2, 3]]);
+            assert_eq!(mesh.vertices()[3], Point::new(0., 0., 1.));
+            let odd = mesh.vertices()[4];
+            assert!(odd.x.is_nan() && odd.y == f64::INFINITY && odd.z == f64::NEG_INFINITY);
+            assert!(matches!(solid("vtk", &bytes), Ok(Solid::Tets(_))));
+            assert!(matches!(surface("vtk", &bytes), Err(IoError::WrongKind { .. })));
+        }
+    }
+
+    #[test]
+    fn faces_of_every_kind_are_a_surface() {
+        let text = "# vtk DataFile Version 3.0\n\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n0 0 0 1 0 0 0 1 0 \
+                    1 1 0\nCELLS 5 23\n3 0 1 2\n4 0 1 2 3\n4 0 1 3 2\n4 0 1 2 3\n3 3 2 1\nCELL_TYPES 5\n5\n8\n9\n6\n7\n";
+        let quad = [[0, 1, 3], [0, 3, 2]];
+        let mesh = surface("vtk", text.as_bytes()).unwrap();
+        let strip = [[0, 1, 2], [2, 1, 3]];
+        assert_eq!(
+            mesh.triangles(),
+            [&[[0, 1, 2]], &quad[..], &quad, &strip, &[[3, 2, 1]]].concat()
+        );
+        assert!(matches!(solid("vtk", text.as_bytes()), Ok(Solid::Surface(_))));
+        assert!(matches!(tets("vtk", text.as_bytes()), Err(IoError::WrongKind { .. })));
+    }
+
+    #[test]
+    fn polygonal_data_are_a_surface() {
+        let text = "# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 1 1 0\n\
+                    VERTICES 1 2\n1 0\nPOLYGONS 2 9\n3 0 1 2\n4 0 1 3 2\nTRIANGLE_STRIPS 1 5\n4 0 1 2 3\nCELL_DATA 4\n";
+        for bytes in [text.into(), binary(text)] {
+            let triangles = [[0, 1, 2], [0, 1, 3], [0, 3, 2], [0, 1, 2], [2, 1, 3]];
+            assert_eq!(surface("vtk", &bytes).unwrap().triangles(), triangles);
+        }
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let read = |from: &str, to: &str| {
+            assert!(OLD.contains(from));
+            solid("vtk", OLD.replace(from, to).as_bytes()).map(drop)
+        };
+        assert_eq!(place_of(read("# vtk", "# VTK")), Place::Line(1));
+        assert_eq!(place_of(read("ASCII", "UTF8")), Place::Line(3));
+        assert_eq!(place_of(read("0 1 0\n0", "0 l 0\n0")), Place::Line(10));
+        assert_eq!(place_of(read("float", "complex")), Place::Line(8));
+        assert_eq!(place_of(read("CELLS 4 15", "CELLS 4 14")), Place::Line(21));
+        assert!(matches!(
+            read("4 1 0 2 3", "4 1 0 2 5"),
+            Err(IoError::IndexOutOfRange {
+                index: 1,
+                vertex: 5,
+                ..
+            })
+        ));
+        assert!(matches!(read("10\n1\n", "12\n1\n"), Err(IoError::Unsupported { .. })));
+        assert!(matches!(read("10\n1\n", "9\n1\n").map(drop), Ok(())));
+        assert!(matches!(
+            read("10\n10\n1\n", "10\n5\n1\n"),
+            Err(IoError::Malformed { .. })
+        ));
+        assert!(matches!(
+            read("UNSTRUCTURED", "RECTILINEAR"),
+            Err(IoError::Unsupported { .. })
+        ));
+        assert!(matches!(
+            read("POINTS 5", "POINTS 5000000000"),
+            Err(IoError::CountExceedsFile { .. })
+        ));
+        assert!(matches!(
+            read("CELL_TYPES 4\n10\n10\n1\n3\n", ""),
+            Err(IoError::Truncated { .. })
+        ));
+        assert!(matches!(
+            read("CELL_TYPES 4\n10\n10\n1\n3\n", "CELL_TYPES 3\n10\n10\n1\n"),
+            Err(IoError::Malformed { .. })
+        ));
+        let descending = NEW.replace("0 4 8 9 11", "0 4 3 9 11");
+        assert!(matches!(
+            tets("vtk", descending.as_bytes()),
+            Err(IoError::Malformed { .. })
+        ));
+        let cut = binary(NEW);
+        assert!(matches!(
+            tets("vtk", &cut[..200]),
+            Err(IoError::CountExceedsFile { .. })
+        ));
+    }
+
+    #[test]
+    fn cells_and_fields_that_do_not_fit_are_refused_before_writing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtk");
+        let points = [Point::origin(); 4];
+        let write = |cells, fields: &VtkFields| write_vtk(&path, &points, cells, fields, VtkEncoding::Text);
+        let error = write(Cells::Tets(&[[0, 1, 2, 4]]), &VtkFields::default()).unwrap_err();
+        assert!(matches!(error, IoError::IndexOutOfRange { vertex: 4, .. }));
+        let fields = VtkFields {
+            cell: vec![Field {
+                name: "detJ".into(),
+                components: 1,
+                values: vec![1.0; 2],
+            }],
+            ..VtkFields::default()
+        };
+        let error = write(Cells::Tets(&[[0, 1, 2, 3]]), &fields).unwrap_err();
+        assert!(
+            matches!(
+                error,
+                IoError::ValueCount {
+                    expected: 1,
+                    found: 2,
+                    ..
+                }
+            ),
+            "{error}"
+        );
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn written_text_is_what_the_format_asks_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtk");
+        let points = [[0., 0., 0.], [1., 0., 0.], [0., 0.1, 0.]].map(Point::from);
+        let field = |name: &str, components, values: Vec<f64>| Field {
+            name: name.into(),
+            components,
+            values,
+        };
+        let fields = VtkFields {
+            point: vec![field("a b", 1, vec![1., 2., 3.])],
+            cell: vec![field("v", 3, vec![0.5, 0., 1e-300])],
+        };
+        write_vtk(
+            &path,
+            &points,
+            Cells::Triangles(&[[0, 1, 2]]),
+            &fields,
+            VtkEncoding::Text,
+        )
+        .unwrap();
+        let expected = "# vtk DataFile Version 3.0\nsolidmap\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 3 double\n\
+                        0.0 0.0 0.0\n1.0 0.0 0.0\n0.0 0.1 0.0\nCELLS 1 4\n3 0 1 2 \nCELL_TYPES 1\n5 \nPOINT_DATA 3\n\
+                        FIELD FieldData 1\na_b 1 3 double\n1.0\n2.0\n3.0\nCELL_DATA 1\nFIELD FieldData 1\nv 3 1 double\n\
+                        0.5 0.0 1e-300\n";
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), expected);
+    }
 }

@@ -14,6 +14,7 @@ use base64::{Engine, engine::general_purpose::STANDARD, write::EncoderWriter};
 use flate2::read::ZlibDecoder;
 use quick_xml::{
     Reader,
+    errors::IllFormedError,
     escape::escape,
     events::{BytesStart, Event},
 };
@@ -68,7 +69,8 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
         };
         let starts = std::iter::once(0).chain(ends.iter().copied());
         let lists = starts.zip(&ends).map(|(start, &end)| &corners[start..end]);
-        sort_cells(source, &mut contents, types.into_iter().zip(lists))?;
+        let place = document.place(type_array);
+        sort_cells(source, place, &mut contents, types.into_iter().zip(lists))?;
     }
     Ok(contents)
 }
@@ -85,7 +87,7 @@ struct Array<'a> {
     name: Cow<'a, str>,
     scalar: Scalar,
     encoding: Encoding,
-    /// What stands between the tags.
+    /// What stands between the tags, up to elements that VTK adds after the numbers.
     text: Range<usize>,
 }
 
@@ -106,6 +108,8 @@ struct Document<'a> {
     pieces: Vec<Piece<'a>>,
     /// Appended data after the `_`, and whether they are in base64.
     appended: Option<(&'a [u8], bool)>,
+    /// Where in the appended data any array begins.
+    offsets: Vec<usize>,
 }
 
 impl<'a> Document<'a> {
@@ -118,15 +122,18 @@ impl<'a> Document<'a> {
             compressed: false,
             pieces: vec![],
             appended: None,
+            offsets: vec![],
         };
-        let mut reader = Reader::from_str(xml);
+        // The reader would leave out a byte order mark, but not count it.
+        let shift = if xml.starts_with('\u{feff}') { 3 } else { 0 };
+        let mut reader = Reader::from_str(&xml[shift..]);
         let (mut rooted, mut ended) = (false, false);
         // The element whose arrays are wanted: `Points` or `Cells`.
         let mut section = String::new();
         loop {
-            let at = reader.buffer_position() as usize;
+            let at = shift + reader.buffer_position() as usize;
             let event = reader.read_event();
-            let event = event.map_err(|error| source.malformed(reader.error_position() as usize, error.to_string()))?;
+            let event = event.map_err(|error| xml_error(source, shift + reader.error_position() as usize, &error))?;
             let (tag, empty) = match event {
                 Event::Start(tag) => (tag, false),
                 Event::Empty(tag) => (tag, true),
@@ -141,6 +148,10 @@ impl<'a> Document<'a> {
                 _ => continue,
             };
             let tag = Tag { source, tag, at };
+            let offset = tag.attribute("offset")?;
+            document
+                .offsets
+                .extend(offset.and_then(|offset| offset.trim().parse::<usize>().ok()));
             match tag.tag.name().as_ref() {
                 "VTKFile" => {
                     document.read_root(&tag)?;
@@ -154,12 +165,12 @@ impl<'a> Document<'a> {
                 }),
                 name @ ("Points" | "Cells") if !empty => section = name.to_owned(),
                 "DataArray" if !section.is_empty() => {
-                    let start = reader.buffer_position() as usize;
+                    let start = shift + reader.buffer_position() as usize;
                     let mut end = start;
                     if !empty {
                         let span = reader.read_to_end(tag.tag.name());
-                        let span = span.map_err(|error| source.malformed(start, error.to_string()))?;
-                        end = span.end as usize;
+                        let span = span.map_err(|error| xml_error(source, start, &error))?;
+                        end = shift + span.end as usize;
                     }
                     let array = tag.array(start..end)?;
                     match document.pieces.last_mut() {
@@ -256,7 +267,9 @@ impl<'a> Document<'a> {
                     .ok_or_else(|| self.source.truncated("the appended data"))?;
                 let data = data.get(offset..).ok_or_else(cut_off)?;
                 if base64 {
-                    Cow::Owned(decode_base64(data).map_err(invalid)?)
+                    let next = self.offsets.iter().filter(|&&next| next > offset).min();
+                    let length = next.map_or(data.len(), |next| data.len().min(next - offset));
+                    Cow::Owned(decode_base64(&data[..length]).map_err(invalid)?)
                 } else {
                     Cow::Borrowed(data)
                 }
@@ -353,6 +366,16 @@ fn split_appended<'a>(source: &Source<'a>) -> Result<(&'a str, Option<&'a [u8]>)
     }
 }
 
+/// What is not closed at the end of the file was cut off.
+fn xml_error(source: &Source, position: usize, error: &quick_xml::Error) -> IoError {
+    match error {
+        quick_xml::Error::Syntax(_) | quick_xml::Error::IllFormed(IllFormedError::MissingEndTag(_)) => {
+            source.truncated("the XML structure")
+        }
+        _ => source.malformed(position, error.to_string()),
+    }
+}
+
 /// Decodes base64 up to the first `<` or the end. Lengths and data may be encoded apart, so that padding stands in
 /// the middle.
 fn decode_base64(text: &[u8]) -> Result<Vec<u8>, String> {
@@ -362,7 +385,8 @@ fn decode_base64(text: &[u8]) -> Result<Vec<u8>, String> {
     let mut rest = text.as_slice();
     while !rest.is_empty() {
         let padding = rest.iter().position(|&b| b == b'=').unwrap_or(rest.len());
-        let (part, tail) = rest.split_at(padding.next_multiple_of(4).min(rest.len()));
+        let length = padding.max(1).next_multiple_of(4).min(rest.len());
+        let (part, tail) = rest.split_at(length);
         STANDARD
             .decode_vec(part, &mut bytes)
             .map_err(|error| format!("base64: {error}"))?;
@@ -401,6 +425,8 @@ impl<'a> Tag<'a> {
     fn array(&self, text: Range<usize>) -> Result<Array<'a>, IoError> {
         let kind = self.required("type")?;
         let format = self.required("format")?;
+        let inner = &self.source.bytes[text.clone()];
+        let length = inner.iter().position(|&b| b == b'<').unwrap_or(inner.len());
         Ok(Array {
             name: self.attribute("Name")?.unwrap_or_default(),
             scalar: scalar(&kind).ok_or_else(|| self.refused("type", &kind))?,
@@ -413,7 +439,7 @@ impl<'a> Tag<'a> {
                 }
                 _ => return Err(self.refused("format", &format)),
             },
-            text,
+            text: text.start..text.start + length,
         })
     }
 
@@ -505,4 +531,347 @@ fn write_array<const N: usize>(
     encoder.finish()?;
     drop(encoder);
     writeln!(writer, "</DataArray>")
+}
+
+#[cfg(test)]
+mod tests {
+    use flate2::{Compression, write::ZlibEncoder};
+
+    use super::*;
+    use crate::io::{
+        Solid,
+        testing::{place_of, solid, surface, tets},
+    };
+
+    /// How a test file stores its arrays.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    enum Storage {
+        Text,
+        Inline,
+        AppendedRaw,
+        AppendedBase64,
+    }
+
+    /// Writes the arrays of a file in any of the ways that VTK has.
+    struct Builder {
+        storage: Storage,
+        order: ByteOrder,
+        wide_header: bool,
+        /// Bytes in a compressed block.
+        block: Option<usize>,
+        appended: Vec<u8>,
+    }
+
+    impl Builder {
+        fn turned(&self, mut bytes: Vec<u8>) -> Vec<u8> {
+            if self.order == ByteOrder::Big {
+                bytes.reverse();
+            }
+            bytes
+        }
+
+        fn lengths(&self, lengths: &[usize]) -> Vec<u8> {
+            let bytes = |&n: &usize| match self.wide_header {
+                true => self.turned((n as u64).to_le_bytes().to_vec()),
+                false => self.turned((n as u32).to_le_bytes().to_vec()),
+            };
+            lengths.iter().flat_map(bytes).collect()
+        }
+
+        fn array(&mut self, attributes: &str, values: &[f64]) -> String {
+            let bytes: Vec<u8> = values
+                .iter()
+                .flat_map(|&x| {
+                    self.turned(match attributes {
+                        a if a.contains("Float64") => x.to_le_bytes().to_vec(),
+                        a if a.contains("Float32") => (x as f32).to_le_bytes().to_vec(),
+                        a if a.contains("Int64") => (x as i64).to_le_bytes().to_vec(),
+                        a if a.contains("Int32") => (x as i32).to_le_bytes().to_vec(),
+                        _ => vec![x as u8],
+                    })
+                })
+                .collect();
+            let (head, data) = match self.block {
+                None => (self.lengths(&[bytes.len()]), bytes),
+                Some(size) => {
+                    let zip = |block: &[u8]| {
+                        let mut encoder = ZlibEncoder::new(vec![], Compression::default());
+                        encoder.write_all(block).unwrap();
+                        encoder.finish().unwrap()
+                    };
+                    let blocks: Vec<_> = bytes.chunks(size).map(zip).collect();
+                    let mut lengths = vec![blocks.len(), size, bytes.len() % size];
+                    lengths.extend(blocks.iter().map(Vec::len));
+                    (self.lengths(&lengths), blocks.concat())
+                }
+            };
+            let base64 = || STANDARD.encode(&head) + &STANDARD.encode(&data);
+            let (format, offset) = match self.storage {
+                Storage::Text => ("ascii", None),
+                Storage::Inline => ("binary", None),
+                _ => ("appended", Some(self.appended.len())),
+            };
+            let text = match self.storage {
+                Storage::Text => values.iter().map(|x| format!("{x} ")).collect(),
+                Storage::Inline => format!("\n  {}\n", base64()),
+                _ => String::new(),
+            };
+            match self.storage {
+                Storage::AppendedRaw => self.appended.extend([head, data].concat()),
+                Storage::AppendedBase64 => self.appended.extend(base64().as_bytes()),
+                _ => {}
+            }
+            let offset = offset.map_or(String::new(), |offset| format!(" offset=\"{offset}\""));
+            match text.as_str() {
+                "" => format!("<DataArray {attributes} format=\"{format}\"{offset}/>\n"),
+                // VTK adds the norms of an array after its numbers.
+                text => format!("<DataArray {attributes} format=\"{format}\">{text}<InformationKey/></DataArray>\n"),
+            }
+        }
+
+        /// Two pieces: a tetrahedron with a triangle, and a tetrahedron of the other hand.
+        fn file(mut self) -> Vec<u8> {
+            let order = if self.order == ByteOrder::Big {
+                "BigEndian"
+            } else {
+                "LittleEndian"
+            };
+            let header = if self.wide_header {
+                " header_type=\"UInt64\""
+            } else {
+                ""
+            };
+            let zlib = if self.block.is_some() {
+                " compressor=\"vtkZLibDataCompressor\""
+            } else {
+                ""
+            };
+            let mut xml = format!(
+                "<?xml version=\"1.0\"?>\n<!-- <Points> -->\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" \
+                 byte_order=\"{order}\"{header}{zlib}>\n<UnstructuredGrid>\n<FieldData>\n"
+            );
+            xml += &self.array("type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\"", &[0.5]);
+            let float = "type=\"Float32\" Name=\"Points\" NumberOfComponents=\"3\"";
+            let double = float.replace("32", "64");
+            let points = [0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1.];
+            let odd = [0., 0., f64::NAN, 1., 0., f64::INFINITY, 0., 1., 0., 0., 0., -1.5];
+            for (kind, points, connectivity, offsets, types) in [
+                (
+                    float,
+                    points,
+                    &[0., 1., 2., 3., 0., 1., 2.][..],
+                    &[4., 7.][..],
+                    &[10., 5.][..],
+                ),
+                (&double, odd, &[1., 0., 2., 3.], &[4.], &[10.]),
+            ] {
+                xml += &format!(
+                    "</FieldData>\n<Piece NumberOfPoints='4' NumberOfCells='{}'>\n<PointData>\n",
+                    types.len()
+                );
+                xml += &self.array("type=\"Float64\" Name=\"connectivity\"", &[1., 2., 3., 4.]);
+                xml += &format!(
+                    "</PointData>\n<Points>\n{}</Points>\n<Cells>\n",
+                    self.array(kind, &points)
+                );
+                xml += &self.array("type=\"UInt8\" Name=\"types\"", types);
+                xml += &self.array("type=\"Int32\" Name=\"offsets\"", offsets);
+                xml += &self.array("type=\"Int64\" Name=\"connectivity\"", connectivity);
+                xml += "</Cells>\n</Piece>\n<FieldData>\n";
+            }
+            xml += "</FieldData>\n</UnstructuredGrid>\n";
+            let mut bytes = xml.into_bytes();
+            if matches!(self.storage, Storage::AppendedRaw | Storage::AppendedBase64) {
+                let encoding = if self.storage == Storage::AppendedRaw {
+                    "raw"
+                } else {
+                    "base64"
+                };
+                bytes.extend(format!("<AppendedData encoding=\"{encoding}\">\n   _").bytes());
+                bytes.extend(self.appended);
+                bytes.extend(b"\n</AppendedData>\n");
+            }
+            bytes.extend(b"</VTKFile>\n");
+            bytes
+        }
+    }
+
+    /// Every way of storing numbers, each as a file of the same grid.
+    fn all_files() -> Vec<(String, Vec<u8>)> {
+        let mut files = Vec::new();
+        for storage in [
+            Storage::Text,
+            Storage::Inline,
+            Storage::AppendedRaw,
+            Storage::AppendedBase64,
+        ] {
+            for order in [ByteOrder::Little, ByteOrder::Big] {
+                for wide_header in [false, true] {
+                    for block in [None, Some(1 << 15), Some(10)] {
+                        let builder = Builder {
+                            storage,
+                            order,
+                            wide_header,
+                            block,
+                            appended: vec![],
+                        };
+                        files.push((format!("{storage:?} {order:?} {wide_header} {block:?}"), builder.file()));
+                    }
+                }
+            }
+        }
+        files
+    }
+
+    #[test]
+    fn every_encoding_byte_order_and_compression_reads_the_same() {
+        for (name, bytes) in all_files() {
+            let mesh = tets("vtu", &bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(mesh.tets(), [[0, 1, 2, 3], [5, 4, 6, 7]], "{name}");
+            assert_eq!(mesh.vertices()[3], Point::new(0., 0., 1.), "{name}");
+            assert!(
+                mesh.vertices()[4].z.is_nan() && mesh.vertices()[5].z == f64::INFINITY,
+                "{name}"
+            );
+            assert_eq!(mesh.vertices()[7].z, -1.5, "{name}");
+            assert!(matches!(solid("vtu", &bytes), Ok(Solid::Tets(_))));
+        }
+    }
+
+    #[test]
+    fn padding_without_digits_is_refused() {
+        assert_eq!(decode_base64(b" AAEC Aw== BA== <").unwrap(), [0, 1, 2, 3, 4]);
+        assert!(decode_base64(b"====").is_err());
+        assert!(decode_base64(b"AAEC=").is_err());
+        assert!(decode_base64(b"AAE").is_err());
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_passed_over() {
+        for (name, bytes) in all_files() {
+            let marked = [b"\xef\xbb\xbf", bytes.as_slice()].concat();
+            assert_eq!(tets("vtu", &marked).unwrap().tets().len(), 2, "{name}");
+        }
+    }
+
+    #[test]
+    fn lengths_and_data_may_be_encoded_together() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let points = [[0., 0., 0.], [1., 0., 0.], [0., 0.1, 0.]].map(Point::from);
+        write_vtu(&path, &points, Cells::Triangles(&[[2, 1, 0]]), &VtkFields::default()).unwrap();
+        let mesh = surface("vtu", &std::fs::read(&path).unwrap()).unwrap();
+        assert_eq!((mesh.vertices(), mesh.triangles()), (&points[..], &[[2, 1, 0]][..]));
+    }
+
+    #[test]
+    fn names_of_fields_are_escaped() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let fields = VtkFields {
+            point: vec![Field {
+                name: "|f| < \"1\" & more".into(),
+                components: 1,
+                values: vec![1., 2., 3.],
+            }],
+            ..VtkFields::default()
+        };
+        write_vtu(&path, &[Point::origin(); 3], Cells::Triangles(&[[0, 1, 2]]), &fields).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert!(surface("vtu", &bytes).is_ok());
+        assert!(
+            String::from_utf8(bytes)
+                .unwrap()
+                .contains("Name=\"|f| &lt; &quot;1&quot; &amp; more\"")
+        );
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let files = all_files();
+        let text = String::from_utf8(files[0].1.clone()).unwrap();
+        let read = |from: &str, to: &str| {
+            assert!(text.contains(from), "{from}");
+            tets("vtu", text.replacen(from, to, 1).as_bytes())
+        };
+        assert!(read("LittleEndian", "LittleEndian").is_ok());
+        assert_eq!(
+            place_of(tets("vtu", text.replace("VTKFile", "File").as_bytes())),
+            Place::Line(1)
+        );
+        assert_eq!(place_of(read("NumberOfPoints='4'", "")), Place::Line(8));
+        assert_eq!(
+            place_of(read("NumberOfPoints='4'", "NumberOfPoints='four'")),
+            Place::Line(8)
+        );
+        let before = text.split("</UnstructuredGrid>").next().unwrap();
+        let line = Place::Line(before.split('\n').count());
+        assert_eq!(place_of(read("</UnstructuredGrid>", "</Grid>")), line);
+        assert!(matches!(
+            read("NumberOfPoints='4'", "NumberOfPoints='5'"),
+            Err(IoError::Malformed { .. })
+        ));
+        assert!(matches!(
+            read("NumberOfCells='2'", "NumberOfCells='999999999999'"),
+            Err(IoError::Malformed { .. })
+        ));
+        assert!(matches!(read("Float32", "Float31"), Err(IoError::Malformed { .. })));
+        assert!(matches!(
+            read("0 1 2 3 0 1 2", "0 1 2 three 0 1 2"),
+            Err(IoError::Malformed { .. })
+        ));
+        assert!(matches!(read(">4 7 <", ">4 8 <"), Err(IoError::Malformed { .. })));
+        assert!(matches!(
+            read("0 1 2 3 0 1 2", "0 1 2 9 0 1 2"),
+            Err(IoError::IndexOutOfRange { vertex: 9, .. })
+        ));
+        assert!(matches!(read(">10 5 <", ">14 5 <"), Err(IoError::Unsupported { .. })));
+        assert!(matches!(
+            read("type=\"UnstructuredGrid\"", "type=\"ImageData\""),
+            Err(IoError::Unsupported { .. })
+        ));
+        assert!(matches!(
+            read("version=\"1.0\" byte", "compressor=\"vtkLZ4DataCompressor\" byte"),
+            Err(IoError::Unsupported { .. })
+        ));
+        assert!(matches!(
+            tets("vtu", &files[0].1[..text.len() - 15]),
+            Err(IoError::Truncated { .. })
+        ));
+        assert!(matches!(tets("vtu", b"hello"), Err(IoError::Malformed { .. })));
+
+        let inline = &files[13].1;
+        let spoiled = String::from_utf8(inline.clone()).unwrap().replacen("\n  ", "\n  !", 3);
+        assert!(matches!(
+            tets("vtu", spoiled.as_bytes()),
+            Err(IoError::Malformed { .. })
+        ));
+        let (name, raw) = &files[24];
+        assert_eq!(name, "AppendedRaw Little false None");
+        assert!(matches!(
+            tets("vtu", &raw[..raw.len() - 70]),
+            Err(IoError::Truncated { .. })
+        ));
+    }
+
+    #[test]
+    fn a_cut_or_spoiled_file_is_an_error_or_read_never_a_panic() {
+        use rand::{Rng, SeedableRng, rngs::StdRng};
+
+        const CLOSING_TAGS: usize = 30;
+        let mut random = StdRng::seed_from_u64(7);
+        for (_, bytes) in all_files().into_iter().step_by(5) {
+            for end in (0..bytes.len() - CLOSING_TAGS).step_by(7) {
+                assert!(solid("vtu", &bytes[..end]).is_err(), "{end}");
+            }
+            for _ in 0..200 {
+                let mut spoiled = bytes.clone();
+                for _ in 0..random.random_range(1..4) {
+                    let at = random.random_range(0..spoiled.len());
+                    spoiled[at] ^= 1 << random.random_range(0..8);
+                }
+                let _ = solid("vtu", &spoiled);
+            }
+        }
+    }
 }
