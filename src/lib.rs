@@ -1,4 +1,46 @@
 //! Harmonic volumetric maps between solids by the method of fundamental solutions.
+//!
+//! Given a solid bounded by a closed triangle mesh, the *domain*, and an image for every vertex of that mesh, this crate
+//! computes the map of everything inside whose coordinates are harmonic and that carries the boundary as asked. No
+//! tetrahedra are needed: the map is a sum of point sources outside the domain, fitted to the boundary, and has a value
+//! and a derivative at any point.
+//!
+//! ```
+//! use solidmap::boundary_map::BoundaryMap;
+//! use solidmap::fit::{FitOptions, fit};
+//! use solidmap::map::VolumeMap;
+//! use solidmap::mesh::shapes;
+//! use solidmap::Point;
+//!
+//! let domain = shapes::sphere(1.0, 2);
+//! let image = domain.vertices().iter().map(|p| Point::new(2.0 * p.x, p.y, p.z + 0.3 * p.x * p.y)).collect();
+//! let boundary = BoundaryMap::new(domain, image)?;
+//! let fit = fit(&boundary, &FitOptions::default(), &|_| {})?;
+//! assert!(fit.report.boundary_error.rms < 1e-2);
+//! let centre = fit.map.evaluate(&[Point::origin()])[0];
+//! assert!((centre - Point::origin()).norm() < 1e-2);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Conventions
+//!
+//! Lengths are in model units. Arrays of points are `n × 3`; triangles are counter-clockwise seen from outside, and
+//! indices count from 0. Errors of a map are fractions of the target's bounding-box diagonal, at boundary points that
+//! the fit has not seen ([`fit::BoundaryError`]). Results do not depend on the order of evaluation; they may differ in
+//! the last digits between numbers of threads and kinds of processors.
+//!
+//! # Method
+//!
+//! X. Li, X. Guo, H. Wang, Y. He, X. Gu, H. Qin, *Harmonic Volumetric Mapping for Solid Modeling Applications*, ACM
+//! Symposium on Solid and Physical Modeling, 2007. `docs/method.md` maps its notation to this code and says where the
+//! two differ.
+//!
+//! # Features
+//!
+//! `native` (default) calls CGAL (GPL) and TetGen (AGPL) through C++; without it the crate is pure Rust under MIT or
+//! Apache-2.0, and what needs them says so. `cli` (default) is the program.
+
+#![deny(missing_docs, rustdoc::broken_intra_doc_links)]
 
 pub mod boundary_map;
 pub mod check;

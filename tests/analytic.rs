@@ -235,7 +235,7 @@ fn real_models_meet_smooth_data() {
         ("surfaces/kitten_g1_9k.obj", 1e-4),
         ("surfaces/double_torus_g2_3k.obj", 1e-4),
     ] {
-        let domain = solidmap::io::read_surface(&folder.join(file)).unwrap();
+        let domain = solidmap::io::read_surface(folder.join(file)).unwrap();
         let (low, high) = domain.bounding_box().unwrap();
         let (centre, size) = (nalgebra::center(&low, &high), (high - low).norm());
         let boundary = boundary_map(&domain, |p| charges(&Point::from((p - centre) * 1.5 / size)));

@@ -242,8 +242,7 @@ impl<'a> Job<'a> {
             .chain(&at_centroids)
             .copied()
             .fold(f64::INFINITY, f64::min);
-        // Written so that NaN fails.
-        if !(min_distance >= self.options.min_fraction * self.distance) {
+        if min_distance < self.options.min_fraction * self.distance {
             return Err(failed(format!("it comes as near as {min_distance:e} to the model")));
         }
         let genus = (0..topology.euler.len()).map(|shell| topology.genus(shell)).sum();

@@ -8,22 +8,29 @@ use super::ticks::{Ticks, linear_ticks, logarithmic_ticks};
 
 /// Lengths in ems.
 const RAMP: f64 = 1.0;
-const GAP: f64 = 1.2;
+/// Between the picture and the ramp.
+pub(super) const GAP: f64 = 1.2;
 const TICK: f64 = 0.3;
 const POINT: f64 = 0.8;
 const LINE: f64 = 1.25;
+const LEAST_HEIGHT: f64 = 9.0;
 
-/// A bar measured for a ramp of a certain height.
+/// A bar measured to stand beside a picture, and to stand out above and below it where that is low.
 pub(super) struct BarLayout<'a> {
     bar: &'a ColourBar,
     ticks: Ticks,
+    name: Vec<String>,
     notes: Vec<String>,
     em: f64,
+    /// Of the ramp.
     height: f64,
+    /// By how much the ramp stands out above the picture, and below it.
+    overhang: f64,
 }
 
 impl<'a> BarLayout<'a> {
-    pub(super) fn new(bar: &'a ColourBar, em: f64, height: f64) -> Self {
+    pub(super) fn new(bar: &'a ColourBar, em: f64, picture_height: f64) -> Self {
+        let height = picture_height.max(LEAST_HEIGHT * em);
         let (low, high) = bar.range();
         let count = (height / (2.6 * em)).clamp(2.0, 8.0) as usize;
         let ticks = match bar.scale() {
@@ -39,23 +46,23 @@ impl<'a> BarLayout<'a> {
             let percent = |p: f64| typeset(100.0 * p, 3);
             notes.push(format!("bar: {}–{} %", percent(from), percent(to)));
         }
-        Self {
+        let mut layout = Self {
             bar,
             ticks,
+            name: Vec::new(),
             notes,
             em,
             height,
-        }
+            overhang: (height - picture_height) / 2.0,
+        };
+        layout.name = layout.text(INK).wrapped(bar.label(), height);
+        layout
     }
 
     /// Width to the right of the picture.
     pub(super) fn width(&self) -> f64 {
         let ramp_and_labels = (RAMP + TICK + 0.3) * self.em + self.labels_width();
-        let name = if self.bar.label().is_empty() {
-            0.0
-        } else {
-            1.7 * self.em
-        };
+        let name = (0.4 + LINE * self.name.len() as f64) * self.em;
         let notes = self
             .notes
             .iter()
@@ -64,22 +71,24 @@ impl<'a> BarLayout<'a> {
         GAP * self.em + (ramp_and_labels + name).max(notes) + 0.2 * self.em
     }
 
-    /// Height below the ramp.
+    /// Height below the picture.
     pub(super) fn below(&self) -> f64 {
-        (0.5 + LINE * self.notes.len() as f64) * self.em
+        self.overhang + (0.5 + LINE * self.notes.len() as f64) * self.em
     }
 
-    /// Height above the ramp.
+    /// Height above the picture.
     pub(super) fn above(&self) -> f64 {
-        if self.ticks.factor.is_some() {
-            1.6 * self.em
-        } else {
-            0.0
-        }
+        self.overhang
+            + if self.ticks.factor.is_some() {
+                1.6 * self.em
+            } else {
+                0.0
+            }
     }
 
-    /// Draws the bar, the left edge of its space at `x` and the top of its ramp at `y`.
+    /// Draws the bar beside a picture whose right edge is at `x` and whose top is at `y`.
     pub(super) fn draw(&self, canvas: &mut Canvas, x: f64, y: f64) {
+        let y = (y - self.overhang).round();
         let left = (x + GAP * self.em).round();
         self.draw_ramp(canvas, left, y);
         let text = self.text(INK);
@@ -93,8 +102,10 @@ impl<'a> BarLayout<'a> {
         if let Some(factor) = &self.ticks.factor {
             text.draw(canvas, factor, [left, y - 0.6 * self.em], Anchor::Start);
         }
-        let name = labels + self.labels_width() + 1.4 * self.em;
-        text.draw_upward(canvas, self.bar.label(), [name, y + self.height / 2.0], Anchor::Middle);
+        for (k, line) in self.name.iter().enumerate() {
+            let baseline = labels + self.labels_width() + (1.4 + LINE * k as f64) * self.em;
+            text.draw_upward(canvas, line, [baseline, y + self.height / 2.0], Anchor::Middle);
+        }
         for (k, note) in self.notes.iter().enumerate() {
             let baseline = y + self.height + (1.5 + LINE * k as f64) * self.em;
             self.note_text().draw(canvas, note, [left, baseline], Anchor::Start);
@@ -103,12 +114,8 @@ impl<'a> BarLayout<'a> {
 
     /// The ramp, red end up; an end with values beyond it is drawn as a point.
     fn draw_ramp(&self, canvas: &mut Canvas, left: f64, top: f64) {
-        let (low, high) = self.bar.range();
-        let (least, most) = self.bar.data_range();
+        let [upper, lower] = self.points();
         let width = (RAMP * self.em).round();
-        let point = POINT * self.em;
-        let pointed = |beyond: bool| if beyond { point } else { 0.0 };
-        let (upper, lower) = (pointed(most > high), pointed(least < low));
         let rows = self.height.round();
         for row in 0..rows as i64 {
             let depth = row as f64 + 0.5;
@@ -117,17 +124,21 @@ impl<'a> BarLayout<'a> {
             for column in 0..width as i64 {
                 let from_middle = (column as f64 + 0.5 - width / 2.0).abs();
                 let covered = (share * width / 2.0 - from_middle + 0.5).clamp(0.0, 1.0);
-                canvas.blend(left as i64 + column, top.round() as i64 + row, colour, covered as f32);
+                canvas.blend(left as i64 + column, top as i64 + row, colour, covered as f32);
             }
         }
     }
 
     fn tick_height(&self, top: f64, value: f64) -> f64 {
+        let [upper, lower] = self.points();
+        top + upper + (1.0 - self.bar.fraction(value)) * (self.height - upper - lower)
+    }
+
+    /// Heights of the points at the upper and the lower end.
+    fn points(&self) -> [f64; 2] {
         let (low, high) = self.bar.range();
         let (least, most) = self.bar.data_range();
-        let pointed = |beyond: bool| if beyond { POINT * self.em } else { 0.0 };
-        let (upper, lower) = (pointed(most > high), pointed(least < low));
-        top + upper + (1.0 - self.bar.fraction(value)) * (self.height - upper - lower)
+        [most > high, least < low].map(|beyond| if beyond { POINT * self.em } else { 0.0 })
     }
 
     fn labels_width(&self) -> f64 {

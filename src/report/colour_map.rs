@@ -9,7 +9,7 @@ pub(super) const NO_VALUE: Rgb = [160, 160, 160];
 /// saturation. The scheme of the paper's figures, "red represents maximum while blue represents minimum". Fractions
 /// outside `[0, 1]` are clamped.
 pub fn rainbow(fraction: f64) -> Rgb {
-    let t = 4.0 * fraction.max(0.0).min(1.0);
+    let t = 4.0 * fraction.clamp(0.0, 1.0);
     let rising = |from: f64| (255.0 * (t - from).clamp(0.0, 1.0)).round() as u8;
     [rising(2.0), rising(0.0) - rising(3.0), 255 - rising(1.0)]
 }

@@ -1,5 +1,5 @@
 use super::canvas::{Canvas, GREY_INK, INK, RULE, WHITE};
-use super::colour_bar::BarLayout;
+use super::colour_bar::{BarLayout, GAP};
 use super::colour_map::ColourBar;
 use super::panel::{LEAST_SIDE, Panel, PanelAxis, check_size};
 use super::text::{Anchor, TextStyle, Weight};
@@ -124,6 +124,8 @@ struct Cell<'a> {
     title: Vec<String>,
     captions: Vec<String>,
     bar: Option<BarLayout<'a>>,
+    /// Space between the picture and its bar beyond the usual, for texts that do not break.
+    aside: f64,
     /// Left, top, right, bottom.
     margins: [f64; 4],
 }
@@ -142,10 +144,8 @@ impl<'a> Cell<'a> {
             right = 0.8 * em;
             bottom = (TICK + 2.6) * em;
         }
-        if let Some(bar) = &bar {
-            right = bar.width();
-        }
-        let room = size[0] + left.min(right) * 2.0;
+        let free = if bar.is_some() { 0.8 * GAP * em } else { right };
+        let room = size[0] + left.min(free) * 2.0;
         let title = style.panel_title().wrapped(&panel.title, room);
         let captions: Vec<String> = panel
             .captions
@@ -154,15 +154,21 @@ impl<'a> Cell<'a> {
             .collect();
         let widest = |text: TextStyle, lines: &[String]| lines.iter().map(|l| text.width(l)).fold(0.0, f64::max);
         let overhang = (widest(style.panel_title(), &title).max(widest(style.caption(), &captions)) - size[0]) / 2.0;
+        let mut aside = 0.0;
+        if let Some(bar) = &bar {
+            aside = (overhang - free).max(0.0);
+            right = aside + bar.width();
+        }
         bottom += LINE * em * captions.len() as f64 + 0.4 * em;
         bottom = bar.as_ref().map_or(bottom, |bar| bottom.max(bar.below()));
-        let above = TITLE_LINE * em * title.len() as f64 + 0.4 * em;
-        let top = bar.as_ref().map_or(above, |bar| above.max(bar.above()));
+        let top = TITLE_LINE * em * title.len() as f64 + 0.4 * em;
+        let top = bar.as_ref().map_or(top, |bar| top.max(bar.above()));
         Self {
             panel,
             title,
             captions,
             bar,
+            aside,
             margins: [left.max(overhang), top, right.max(overhang), bottom],
         }
     }
@@ -199,7 +205,7 @@ impl<'a> Cell<'a> {
                 .draw(canvas, line, [x + width / 2.0, baseline], Anchor::Middle);
         }
         if let Some(bar) = &self.bar {
-            bar.draw(canvas, x + width, y);
+            bar.draw(canvas, x + width + self.aside, y);
         }
     }
 }
@@ -243,32 +249,32 @@ impl<'a> Layout<'a> {
                 (left, width)
             })
             .collect();
-        let bar_width = figure
-            .bar
-            .as_ref()
-            .map_or(0.0, |bar| BarLayout::new(bar, em, 1e3).width());
-        let width = right + bar_width + BORDER * em;
-
-        let title = style.figure_title().wrapped(&figure.title, width - 2.0 * BORDER * em);
-        let mut bottom = (BORDER + 1.25 * TITLE_LINE * title.len() as f64) * em;
-        let rows: Vec<(f64, f64)> = cells
+        let mut bottom = 0.0;
+        let mut rows: Vec<(f64, f64)> = cells
             .iter()
             .enumerate()
             .map(|(k, row)| {
                 let (before, height, after) = band(&row.iter().collect::<Vec<_>>(), 1);
-                let top = (bottom + if k > 0 { em } else { 0.0 } + before).ceil();
+                let top = bottom + if k > 0 { em } else { 0.0 } + before;
                 bottom = top + height + after;
                 (top, height)
             })
             .collect();
-        let mut height = bottom + BORDER * em;
+        let (first, last) = (*rows.first()?, *rows.last()?);
+        let bar = figure
+            .bar
+            .as_ref()
+            .map(|bar| BarLayout::new(bar, em, last.0 + last.1 - first.0));
+        let bar_extent = bar
+            .as_ref()
+            .map_or([0.0; 3], |bar| [bar.width(), bar.above(), bar.below()]);
 
-        let (first, last) = (rows.first()?, rows.last()?);
-        let bar = figure.bar.as_ref().map(|bar| {
-            let bar = BarLayout::new(bar, em, last.0 + last.1 - first.0);
-            height = height.max(last.0 + last.1 + bar.below() + BORDER * em);
-            (bar, right, first.0)
-        });
+        let width = right + bar_extent[0] + BORDER * em;
+        let title = style.figure_title().wrapped(&figure.title, width - 2.0 * BORDER * em);
+        let above = (BORDER + 1.25 * TITLE_LINE * title.len() as f64) * em + (bar_extent[1] - first.0).max(0.0);
+        rows.iter_mut().for_each(|row| row.0 = (row.0 + above).ceil());
+        let height = above + bottom.max(last.0 + last.1 + bar_extent[2]) + BORDER * em;
+        let bar = bar.map(|bar| (bar, right, rows[0].0));
         Some(Self {
             style,
             width,
@@ -298,7 +304,17 @@ fn band(cells: &[&Cell], direction: usize) -> (f64, f64, f64) {
 fn ticks_along(axes: &[PanelAxis; 2], direction: usize, length: f64, em: f64) -> Ticks {
     let spacing = [5.0, 2.6][direction] * em;
     let axis = &axes[direction];
-    linear_ticks(axis.low, axis.high, (length / spacing).clamp(1.0, 6.0) as usize)
+    let count = (length / spacing).clamp(1.0, 6.0) as usize;
+    let ticks = |count| linear_ticks(axis.low, axis.high, count);
+    // One coordinate gives no scale: a short edge rather has its labels closer together, as long as they stay apart.
+    let several = |ticks: &Ticks| match ticks.positions[..] {
+        [first, second, ..] => (second - first) / (axis.high - axis.low) * length > spacing / 2.0,
+        _ => false,
+    };
+    (count..count + 5)
+        .map(ticks)
+        .find(several)
+        .unwrap_or_else(|| ticks(count))
 }
 
 /// Lines along the left and lower edge of a picture, with round coordinates and the names of the axes.
@@ -342,5 +358,122 @@ fn axis_name(axis: &PanelAxis, factor: Option<String>) -> String {
     match factor {
         Some(factor) => format!("{} ({factor})", axis.name),
         None => axis.name.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::png::decode;
+    use super::super::{Axis, Camera, Plane, Scale, Section, SurfaceStyle, ValueRange};
+    use super::*;
+    use crate::mesh::shapes;
+
+    /// The section of the unit ball at z = 0.1, coloured by x, and its bar.
+    fn ball_by_x() -> (Section, Vec<f64>, ColourBar) {
+        let plane = Plane {
+            axis: Axis::Z,
+            position: 0.1,
+        };
+        let section = Section::new(&shapes::sphere(1.0, 4), plane, 200).unwrap();
+        let values: Vec<f64> = section.points().iter().map(|p| p.x).collect();
+        let bar = ColourBar::new("x", [-1.0, 1.0], ValueRange::Full, Scale::Linear).unwrap();
+        (section, values, bar)
+    }
+
+    #[test]
+    fn a_ball_coloured_by_x_is_blue_on_the_left_and_red_on_the_right() {
+        let (section, values, bar) = ball_by_x();
+        let canvas = Panel::of_section(&section, &values, &bar).unwrap().canvas;
+        assert_eq!((canvas.width(), canvas.height()), (200, 200));
+        // A pixel is 2/190 wide; hue at x = ±0.9 is a fifth of the way from the end stops' neighbours.
+        let near = |found: [u8; 3], wanted: [u8; 3]| found.iter().zip(wanted).all(|(a, b)| a.abs_diff(b) <= 6);
+        assert!(near(canvas.get(14, 100), bar.colour(-0.9)), "{:?}", canvas.get(14, 100));
+        assert!(
+            near(canvas.get(185, 100), bar.colour(0.9)),
+            "{:?}",
+            canvas.get(185, 100)
+        );
+        assert!(near(canvas.get(100, 40), [0, 255, 0]), "{:?}", canvas.get(100, 40));
+        assert_eq!(canvas.get(10, 10), WHITE);
+    }
+
+    #[test]
+    fn values_that_are_not_numbers_are_grey() {
+        let (section, mut values, bar) = ball_by_x();
+        values.fill(f64::NAN);
+        let canvas = Panel::of_section(&section, &values, &bar).unwrap().canvas;
+        assert_eq!(canvas.get(100, 100), [160; 3]);
+    }
+
+    #[test]
+    fn the_file_holds_the_figure_and_every_run_gives_the_same() {
+        let (section, values, bar) = ball_by_x();
+        let panel = Panel::of_section(&section, &values, &bar)
+            .unwrap()
+            .titled("Ball")
+            .with_bar(&bar);
+        let view = Panel::of_surface(
+            &shapes::sphere(1.0, 3),
+            &SurfaceStyle::default(),
+            &Camera::default(),
+            [120, 90],
+        );
+        let figure = Figure::grid(vec![vec![panel.clone(), view.unwrap()], vec![panel]])
+            .titled("Twice")
+            .with_bar(&bar);
+        let file = figure.to_png().unwrap();
+        assert_eq!(decode(&file), figure.draw().unwrap());
+        assert_eq!(file, figure.clone().to_png().unwrap());
+    }
+
+    /// Texts that overrun the picture would be cut at its edge: the border must stay white.
+    #[test]
+    fn nothing_is_cut_at_the_edge_of_the_figure() {
+        let rod = shapes::deformed(&shapes::cube(2.0, 1), |p| crate::Point::new(6.0 * p.x, p.y, 0.3 * p.z));
+        let plane = Plane {
+            axis: Axis::Y,
+            position: 0.0,
+        };
+        let label = "elastic potential density of the deformation [J/m³]";
+        for size in [16, 60, 300] {
+            let section = Section::new(&rod, plane, size).unwrap();
+            let values: Vec<f64> = section.points().iter().map(|p| 1e7 + 3e6 * p.x).collect();
+            let bar = ColourBar::new(label, values.clone(), ValueRange::Quantiles(0.1, 0.9), Scale::Linear).unwrap();
+            let panel = Panel::of_section(&section, &values, &bar).unwrap();
+            let told = panel
+                .clone()
+                .titled("A long title that needs several lines")
+                .captioned("and a remark that does");
+            for figure in [
+                Figure::row(vec![told.with_bar(&bar)]),
+                Figure::row(vec![panel]).with_bar(&bar),
+            ] {
+                let canvas = figure.titled("A title of the whole figure").draw().unwrap();
+                let (width, height) = (canvas.width(), canvas.height());
+                let border = (0..width).flat_map(|x| [(x, 0), (x, 1), (x, height - 1)]);
+                let border = border.chain((0..height).flat_map(|y| [(0, y), (1, y), (width - 1, y)]));
+                assert!(border.into_iter().all(|(x, y)| canvas.get(x, y) == WHITE), "{size}");
+            }
+        }
+    }
+
+    #[test]
+    fn figures_without_panels_and_beyond_the_limit_are_refused() {
+        assert!(matches!(
+            Figure::row(Vec::new()).to_png(),
+            Err(ReportError::TooSmall { .. })
+        ));
+        assert!(matches!(
+            Figure::grid(vec![Vec::new()]).to_png(),
+            Err(ReportError::TooSmall { .. })
+        ));
+        let (section, values, bar) = ball_by_x();
+        let panel = Panel::of_section(&section, &values, &bar).unwrap();
+        let far_too_many = Figure::row(vec![panel; 2000]);
+        assert!(matches!(far_too_many.to_png(), Err(ReportError::TooLarge { .. })));
+        assert!(matches!(
+            Panel::of_section(&section, &values[1..], &bar),
+            Err(ReportError::ValueCount { .. })
+        ));
     }
 }

@@ -5,6 +5,20 @@
 //! side by side. Everything is drawn in memory by the processor and comes back as the bytes of a PNG file, which are
 //! the same on every run.
 //!
+//! ```
+//! use solidmap::mesh::shapes;
+//! use solidmap::report::{Axis, ColourBar, Figure, Panel, Plane, Scale, Section, ValueRange};
+//!
+//! let solid = shapes::spherical_shell(1.0, 0.4, 3);
+//! let section = Section::new(&solid, Plane { axis: Axis::Z, position: 0.1 }, 200)?;
+//! let field: Vec<f64> = section.points().iter().map(|p| p.coords.norm()).collect();
+//! let bar = ColourBar::new("distance", field.iter().copied(), ValueRange::Quantiles(0.01, 0.99), Scale::Linear)?;
+//! let panel = Panel::of_section(&section, &field, &bar)?.titled("Shell");
+//! let png: Vec<u8> = Figure::row(vec![panel]).with_bar(&bar).to_png()?;
+//! # assert!(!png.is_empty());
+//! # Ok::<(), solidmap::report::ReportError>(())
+//! ```
+//!
 //! Text is set in DejaVu Sans, embedded in the binary under the Bitstream Vera font licence (permissive; its notice
 //! must accompany copies of the font, and so of the binary).
 
@@ -12,7 +26,9 @@ mod canvas;
 mod colour_bar;
 mod colour_map;
 mod figure;
+mod light;
 mod number;
+mod outline;
 mod panel;
 mod png;
 mod section;
@@ -76,7 +92,7 @@ pub enum ReportError {
         z: f64,
     },
     /// A coordinate that cannot be drawn.
-    #[error("vertex {vertex} has a coordinate that is not a number, infinite or beyond 1e150 (0-based)")]
+    #[error("vertex {vertex} has a coordinate that is not a number, infinite or beyond 1e70 (0-based)")]
     NotFinite {
         /// Which vertex.
         vertex: usize,

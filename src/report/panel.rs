@@ -1,5 +1,5 @@
 use super::ReportError;
-use super::canvas::{Canvas, INK, Rgb, WHITE, mixed};
+use super::canvas::{Canvas, INK, WHITE, mixed};
 use super::colour_map::ColourBar;
 use super::number::typeset;
 use super::section::Section;
@@ -108,12 +108,6 @@ impl Panel {
     pub fn with_bar(mut self, bar: &ColourBar) -> Self {
         self.bar = Some(bar.clone());
         self
-    }
-
-    /// Colour of a pixel of the picture proper, `(0, 0)` its top left; `None` outside.
-    pub fn pixel(&self, x: usize, y: usize) -> Option<Rgb> {
-        let inside = x < self.canvas.width() && y < self.canvas.height();
-        inside.then(|| self.canvas.pixels()[y * self.canvas.width() + x])
     }
 }
 

@@ -102,8 +102,7 @@ fn sorted_finite(values: &[f64]) -> Vec<f64> {
 }
 
 fn quantile_of_sorted(sorted: &[f64], fraction: f64) -> f64 {
-    // `max` before `min`, so that a fraction that is not a number counts as 0.
-    let rank = (sorted.len() - 1) as f64 * fraction.max(0.0).min(1.0);
+    let rank = (sorted.len() - 1) as f64 * fraction.clamp(0.0, 1.0);
     let (below, above) = (sorted[rank.floor() as usize], sorted[rank.ceil() as usize]);
     below * (1.0 - rank.fract()) + above * rank.fract()
 }

@@ -1,15 +1,14 @@
 //! Shaded views of surfaces: an orthographic camera, a depth buffer, and lights that come with the camera.
 
-use std::sync::OnceLock;
-
-use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::ReportError;
 use super::canvas::{Canvas, Rgb};
 use super::colour_map::ColourBar;
+use super::light::{lighting, to_linear, to_srgb};
+use super::outline::finite_box;
 use super::panel::check_count;
-use super::section::{Axis, finite_box};
+use super::section::Axis;
 use crate::Vector;
 use crate::mesh::SurfaceMesh;
 
@@ -112,7 +111,7 @@ pub struct SurfaceStyle {
 impl Default for SurfaceStyle {
     fn default() -> Self {
         Self {
-            colour: SurfaceColour::Uniform([214, 206, 194]),
+            colour: SurfaceColour::Uniform([224, 217, 206]),
             shading: Shading::default(),
             edges: Edges::default(),
         }
@@ -359,52 +358,135 @@ fn shaded(scene: &Scene, face: &Face, weights: [f64; 3], faces_viewer: bool, on_
     })
 }
 
-/// Light that a surface of this normal sends on, per colour, and the gloss added to it. Coloured fields are lit more
-/// evenly and without gloss, so that their colours can be compared with the bar.
-fn lighting(normal: &Vector, even: bool) -> ([f32; 3], f32) {
-    let key = Vector3::new(-0.45, 0.62, 0.64);
-    let fill = Vector3::new(0.80, 0.10, 0.59);
-    let lambert = |light: &Vector| normal.dot(light).max(0.0);
-    let sky = 0.5 + 0.5 * normal.y;
-    let half = (key + Vector::z()).normalize();
-    let gloss = 0.10 * normal.dot(&half).max(0.0).powi(40);
-    let (ambient, key_power, fill_power) = if even { (0.66, 0.38, 0.16) } else { (0.34, 0.76, 0.22) };
-    // A warm key and a cool sky tell the faces of a plain solid apart.
-    let warm = [1.02, 1.0, 0.96];
-    let cool = if even { [1.0; 3] } else { [0.93, 0.99, 1.10] };
-    let diffuse = [0, 1, 2].map(|k| {
-        let lit = warm[k] * key_power * lambert(&key) + fill_power * lambert(&fill);
-        (cool[k] * ambient * (0.55 + 0.45 * sky) + lit) as f32
-    });
-    (diffuse, if even { 0.0 } else { gloss as f32 })
-}
-
-fn to_linear(channel: u8) -> f32 {
-    static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
-    let decoded = |k: usize| {
-        let c = k as f32 / 255.0;
-        if c <= 0.04045 {
-            c / 12.92
-        } else {
-            ((c + 0.055) / 1.055).powf(2.4)
-        }
-    };
-    TABLE.get_or_init(|| std::array::from_fn(decoded))[channel as usize]
-}
-
-fn to_srgb(light: f32) -> u8 {
-    let c = light.clamp(0.0, 1.0);
-    let encoded = if c <= 0.003_130_8 {
-        12.92 * c
-    } else {
-        1.055 * c.powf(1.0 / 2.4) - 0.055
-    };
-    (255.0 * encoded).round() as u8
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::colour_map::{Scale, ValueRange};
     use super::*;
     use crate::mesh::shapes;
+
+    const FRONT: Camera = Camera {
+        azimuth: 0.0,
+        elevation: 0.0,
+        up: Axis::Z,
+    };
+
+    fn background_at(y: usize, height: usize) -> Rgb {
+        background(y as f64 / height as f64).map(to_srgb)
+    }
+
+    /// Pixels that differ from the background.
+    fn covered(canvas: &Canvas) -> Vec<(usize, usize)> {
+        let places = (0..canvas.height()).flat_map(|y| (0..canvas.width()).map(move |x| (x, y)));
+        places
+            .filter(|&(x, y)| canvas.get(x, y) != background_at(y, canvas.height()))
+            .collect()
+    }
+
+    #[test]
+    fn every_camera_is_a_right_handed_frame() {
+        for up in [Axis::X, Axis::Y, Axis::Z] {
+            for (azimuth, elevation) in [(0.0, 0.0), (32.0, 24.0), (-100.0, 90.0)] {
+                let [right, upward, viewer] = Camera { azimuth, elevation, up }.frame();
+                assert!((right.cross(&upward) - viewer).norm() < 1e-15);
+                assert!((right.norm() - 1.0).abs() < 1e-15 && right[up.index()].abs() < 1e-15);
+            }
+        }
+    }
+
+    /// The disc has 0.9 of the width as its diameter; pixels on its rim, π · 180 long, count whole.
+    #[test]
+    fn a_ball_fills_its_disc() {
+        let canvas = render(&shapes::sphere(3.0, 4), &SurfaceStyle::default(), &FRONT, [200, 240]).unwrap();
+        let exact = std::f64::consts::PI * 90.0 * 90.0;
+        assert!((covered(&canvas).len() as f64 - exact).abs() < std::f64::consts::PI * 180.0);
+    }
+
+    #[test]
+    fn the_nearer_surface_hides_the_farther_in_either_order() {
+        let near = shapes::deformed(&shapes::cube(1.0, 1), |p| p - 3.0 * Vector::y());
+        let far = shapes::cube(1.0, 1);
+        let bar = ColourBar::new("part", [0.0, 1.0], ValueRange::Full, Scale::Linear).unwrap();
+        for (first, second, values) in [(&near, &far, [1.0, 0.0]), (&far, &near, [0.0, 1.0])] {
+            let count = first.triangles().len();
+            let values = values.iter().flat_map(|v| std::iter::repeat_n(*v, count)).collect();
+            let style = SurfaceStyle {
+                colour: SurfaceColour::PerTriangle(values, bar.clone()),
+                ..SurfaceStyle::default()
+            };
+            let canvas = render(&shapes::joined(first, second), &style, &FRONT, [50, 50]).unwrap();
+            let [red, green, blue] = canvas.get(25, 25);
+            assert!(red > 150 && green == 0 && blue == 0);
+        }
+    }
+
+    #[test]
+    fn a_vertex_field_runs_from_left_to_right() {
+        let cube = shapes::cube(1.0, 2);
+        let bar = ColourBar::new("x", [-0.5, 0.5], ValueRange::Full, Scale::Linear).unwrap();
+        let values = cube.vertices().iter().map(|p| p.x).collect();
+        let style = SurfaceStyle {
+            colour: SurfaceColour::PerVertex(values, bar),
+            ..SurfaceStyle::default()
+        };
+        let canvas = render(&cube, &style, &FRONT, [100, 100]).unwrap();
+        let [left, middle, right] = [8, 50, 91].map(|x| canvas.get(x, 50));
+        assert!(left[2] > 150 && left[0] == 0 && right[0] > 150 && right[2] == 0);
+        assert!(middle[1] > 150 && middle[0] < 40 && middle[2] < 40, "{middle:?}");
+    }
+
+    #[test]
+    fn edges_are_drawn_where_marked() {
+        let cube = shapes::cube(1.0, 1);
+        let diagonals_hidden = cube.triangles().iter().map(|&[a, b, c]| {
+            [[a, b], [b, c], [c, a]].map(|[p, q]| {
+                let along = cube.vertices()[q as usize] - cube.vertices()[p as usize];
+                along.norm() < 1.1
+            })
+        });
+        let view = |edges| {
+            let style = SurfaceStyle {
+                edges,
+                ..SurfaceStyle::default()
+            };
+            render(&cube, &style, &FRONT, [101, 101]).unwrap()
+        };
+        let marked = view(Edges::Marked(diagonals_hidden.collect()));
+        let (plain, all) = (view(Edges::Hidden), view(Edges::All));
+        // The centre of the front face lies on its diagonal, (5, 50) on its left side.
+        assert_eq!(marked.get(50, 50), plain.get(50, 50));
+        assert!(all.get(50, 50)[0] + 40 < plain.get(50, 50)[0]);
+        assert!(marked.get(5, 50)[0] + 40 < plain.get(5, 50)[0]);
+    }
+
+    #[test]
+    fn smooth_shading_rounds_a_ball_and_keeps_a_cube_sharp() {
+        let ball = shapes::sphere(1.0, 3);
+        for (normals, triangle) in corner_normals(&ball, Shading::Smooth).iter().zip(ball.triangles()) {
+            for (normal, &v) in normals.iter().zip(triangle) {
+                // Edges of 1/8: the averaged normal is off by far less than the 1/16 of a single triangle's.
+                assert!((normal - ball.vertices()[v as usize].coords).norm() < 0.02);
+            }
+        }
+        let cube = shapes::cube(1.0, 2);
+        assert_eq!(
+            corner_normals(&cube, Shading::Smooth),
+            corner_normals(&cube, Shading::Flat)
+        );
+    }
+
+    #[test]
+    fn degenerate_surfaces_are_drawn_or_refused_but_never_panic() {
+        let ball = shapes::sphere(1.0, 1);
+        let flat = shapes::deformed(&ball, |_| crate::Point::new(1.0, 2.0, 3.0));
+        let canvas = render(&flat, &SurfaceStyle::default(), &FRONT, [30, 30]).unwrap();
+        assert!(covered(&canvas).is_empty());
+        let style = SurfaceStyle {
+            edges: Edges::Marked(vec![[true; 3]]),
+            ..SurfaceStyle::default()
+        };
+        assert!(matches!(
+            render(&ball, &style, &FRONT, [30, 30]),
+            Err(ReportError::ValueCount { .. })
+        ));
+    }
 }
