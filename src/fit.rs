@@ -423,8 +423,8 @@ impl Size {
         let sources = asked.min(options.max_sources);
         if sources < asked {
             warnings.push(format!(
-                "{asked} sources were asked for and {sources} are used, which the dense solver can afford; detail finer \
-                 than their spacing is lost (see the boundary error). Raise the limit with --max-sources"
+                "{vertices} vertices call for {asked} sources; {sources} are used, as many as the dense solver is allowed. \
+                 Detail finer than their spacing is lost: see the boundary error. --max-sources raises the limit"
             ));
         }
         let ratio = options.collocation_ratio / options.source_ratio;

@@ -4,6 +4,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use solidmap::report::Axis;
 
 const LICENCE: &str = if cfg!(feature = "native") {
     "built with CGAL (GPL-3.0-or-later) and TetGen (AGPL-3.0-or-later): this binary may be passed on under AGPL-3.0"
@@ -120,8 +121,8 @@ pub struct FitArgs {
     #[arg(short, long, value_name = "MAP")]
     pub output: PathBuf,
     /// Exit with 1 when 99 % of the boundary errs by more than this fraction of the target's diagonal
-    #[arg(long, value_name = "FRACTION")]
-    pub tolerance: Option<f64>,
+    #[arg(long, value_name = "FRACTION", default_value_t = 0.01)]
+    pub tolerance: f64,
     /// Also write the boundary with its images and errors, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
@@ -227,6 +228,9 @@ pub struct EnergyArgs {
     /// Axis that the cross-section is perpendicular to
     #[arg(long, value_enum, default_value_t = AxisKind::Z)]
     pub axis: AxisKind,
+    /// Axis that points up in the picture
+    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
+    pub up: AxisKind,
     /// Place of the cross-section, from 0 to 1 along the axis through the domain's box
     #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
     pub position: f64,
@@ -237,4 +241,14 @@ pub enum AxisKind {
     X,
     Y,
     Z,
+}
+
+impl From<AxisKind> for Axis {
+    fn from(kind: AxisKind) -> Self {
+        match kind {
+            AxisKind::X => Self::X,
+            AxisKind::Y => Self::Y,
+            AxisKind::Z => Self::Z,
+        }
+    }
 }

@@ -133,6 +133,7 @@ fn show(pair: &Pair, folder: &Path, output: &Output) -> anyhow::Result<PairRepor
         domain,
         target: &target,
         options,
+        up: pair.camera.up,
     };
     let mut panels = pictured.section(middle(domain, pair.section), SECTION_PIXELS)?;
     panels.push(pictured.target_section(middle(&target, pair.section), SECTION_PIXELS)?);

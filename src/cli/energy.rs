@@ -12,7 +12,7 @@ use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::mesh::TetMesh;
 use solidmap::report::{Axis, Figure, Plane};
 
-use super::args::{AxisKind, EnergyArgs};
+use super::args::EnergyArgs;
 use super::output::{Output, pairs};
 use super::pictures::{Pictured, depths};
 use super::{Outcome, input};
@@ -79,6 +79,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
             domain: boundary.domain(),
             target: &target,
             options,
+            up: args.up.into(),
         };
         let panels = pictured.section(plane(args, boundary.domain().vertices()), SECTION_PIXELS)?;
         let png = Figure::row(panels).to_png()?;
@@ -141,11 +142,7 @@ pub fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
 }
 
 fn plane(args: &EnergyArgs, vertices: &[Point]) -> Plane {
-    let axis = match args.axis {
-        AxisKind::X => Axis::X,
-        AxisKind::Y => Axis::Y,
-        AxisKind::Z => Axis::Z,
-    };
+    let axis = Axis::from(args.axis);
     let along = vertices.iter().map(|p| p[axis.index()]);
     let low = along.clone().fold(f64::INFINITY, f64::min);
     let high = along.fold(f64::NEG_INFINITY, f64::max);

@@ -4,7 +4,7 @@ use solidmap::energy::{EnergyOptions, deformation, harmonic};
 use solidmap::geometry::SurfaceQuery;
 use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
-use solidmap::report::{ColourBar, Panel, Plane, Scale, Section, ValueRange};
+use solidmap::report::{Axis, ColourBar, Panel, Plane, Scale, Section, ValueRange};
 use solidmap::{Matrix3, Point};
 
 /// A map between two solids, as pictures need it.
@@ -17,13 +17,15 @@ pub struct Pictured<'a> {
     pub target: &'a SurfaceMesh,
     /// How energies are measured.
     pub options: EnergyOptions,
+    /// The axis that points up in pictures.
+    pub up: Axis,
 }
 
 impl Pictured<'_> {
     /// Harmonic energy density, deformation energy density, and the target's distance field seen through the map, on a
     /// cross-section of the domain: figures 2 (c)–(e) and 7 (d) of the paper.
     pub fn section(&self, plane: Plane, pixels: usize) -> anyhow::Result<Vec<Panel>> {
-        let section = Section::new(self.domain, plane, pixels)?;
+        let section = Section::with_up(self.domain, plane, self.up, pixels)?;
         let scale = self.jacobian_scale();
         let jacobians: Vec<Matrix3> = self.map.jacobian(section.points()).iter().map(|j| j * scale).collect();
         let lame = self.options.lame;
@@ -55,7 +57,7 @@ impl Pictured<'_> {
 
     /// The target's own distance field on a cross-section of the target.
     pub fn target_section(&self, plane: Plane, pixels: usize) -> anyhow::Result<Panel> {
-        let section = Section::new(self.target, plane, pixels)?;
+        let section = Section::with_up(self.target, plane, self.up, pixels)?;
         let depth = depths(self.target, section.points())?;
         panel(&section, "distance field of the target", &depth, from_zero(&depth))
     }
