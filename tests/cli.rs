@@ -7,7 +7,7 @@ use std::process::Output;
 use assert_cmd::Command;
 use serde_json::Value;
 use solidmap::Point;
-use solidmap::io::{self, read_points, read_tets};
+use solidmap::io::{self, read_points};
 use solidmap::mesh::{SurfaceMesh, shapes};
 
 struct Workplace {
@@ -308,7 +308,7 @@ fn tet_and_offset_write_meshes() {
     for mesher in ["tetgen", "cgal"] {
         for extension in ["mesh", "vtk", "vtu"] {
             let report = json(&place.must(&format!("tet ball.obj -o tets.{extension} --mesher {mesher} --json")));
-            let tets = read_tets(place.path(&format!("tets.{extension}"))).unwrap();
+            let tets = io::read_tets(place.path(&format!("tets.{extension}"))).unwrap();
             assert_eq!(report["tets"], Value::from(tets.tets().len()));
             assert!((tets.volume() - report["volume"].as_f64().unwrap()).abs() < 1e-9);
         }

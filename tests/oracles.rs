@@ -72,6 +72,26 @@ fn signed_distance_and_inside_agree_with_cgal_on_real_models() {
     }
 }
 
+#[test]
+fn volume_agrees_with_cgal() {
+    let mut surfaces = solids(1);
+    if let Some(folder) = models() {
+        for file in [
+            "surfaces/kitten_g1_9k.obj",
+            "surfaces/igea_15k.obj",
+            "surfaces/three_holes_g3_uv_2k.obj",
+        ] {
+            surfaces.push((file, solidmap::io::read_surface(folder.join(file)).unwrap()));
+        }
+    }
+    for (name, surface) in surfaces {
+        let theirs = SignedDistanceField::new(&surface).unwrap().volume().unwrap();
+        let ours = surface.volume();
+        // Both sum as many terms as there are triangles; the rounding of a sum of n terms grows like √n at worst here.
+        assert!((ours / theirs - 1.0).abs() < 1e-11, "{name}: {ours} against {theirs}");
+    }
+}
+
 /// TetGen keeps the boundary, so its volume is the surface's to rounding; Mesh_3 makes its own, within the facet
 /// distance that it is asked for.
 #[test]

@@ -109,6 +109,8 @@ class DistanceField {
   void closest(const double* points, std::size_t count, double* closest) const;
   /// Writes 1 for points inside, 0 for points outside or on the surface. Needs a closed surface.
   void inside(const double* points, std::size_t count, std::uint8_t* inside) const;
+  /// Signed volume that the triangles enclose, positive when they face outward. Needs a closed surface.
+  double volume() const;
 
  private:
   struct Impl;

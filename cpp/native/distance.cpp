@@ -2,6 +2,7 @@
 #include <CGAL/AABB_face_graph_triangle_primitive.h>
 #include <CGAL/AABB_traits.h>
 #include <CGAL/AABB_tree.h>
+#include <CGAL/Polygon_mesh_processing/measure.h>
 #include <CGAL/Polygon_mesh_processing/orient_polygon_soup.h>
 #include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
 #include <CGAL/Side_of_triangle_mesh.h>
@@ -63,5 +64,7 @@ void DistanceField::inside(const double* points, std::size_t count, std::uint8_t
     inside[k] = (*impl_->side)(p) == CGAL::ON_BOUNDED_SIDE;
   }
 }
+
+double DistanceField::volume() const { return CGAL::to_double(CGAL::Polygon_mesh_processing::volume(impl_->mesh)); }
 
 }  // namespace solidmap::native

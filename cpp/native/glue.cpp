@@ -93,6 +93,10 @@ Outcome closest_points(const DistanceField& field, Coordinates points, rust::Sli
   });
 }
 
+Outcome enclosed_volume(const DistanceField& field, double& volume) {
+  return guarded([&] { volume = field.volume(); });
+}
+
 Outcome points_inside(const DistanceField& field, Coordinates points, rust::Slice<std::uint8_t> inside) {
   return guarded([&] {
     if (3 * inside.size() != points.size()) throw Failure(kUnknown, "buffers of different lengths");

@@ -22,6 +22,7 @@ Outcome remesh_surface(Coordinates xyz, Indices triangles, double edge_length, M
 Outcome intersecting_pairs(Coordinates xyz, Indices triangles, rust::Vec<std::uint32_t>& pairs);
 std::unique_ptr<DistanceField> new_distance_field(Coordinates xyz, Indices triangles, Outcome& outcome);
 Outcome closest_points(const DistanceField& field, Coordinates points, rust::Slice<double> closest);
+Outcome enclosed_volume(const DistanceField& field, double& volume);
 Outcome points_inside(const DistanceField& field, Coordinates points, rust::Slice<std::uint8_t> inside);
 
 }  // namespace solidmap::native

@@ -1,6 +1,5 @@
 //! What can be typed. Each option's help is its documentation; names are a contract.
 
-use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -27,8 +26,8 @@ pub struct Cli {
     #[arg(long, global = true)]
     pub json: bool,
     /// Number of threads [default: all cores]
-    #[arg(long, global = true, value_name = "N")]
-    pub threads: Option<NonZeroUsize>,
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
 }
 
 const EXIT_CODES: &str = "\

@@ -44,9 +44,9 @@ pub fn run() -> ExitCode {
 fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.get())
+            .num_threads(threads.into())
             .build_global()?;
-        faer::set_global_parallelism(faer::Par::rayon(threads.get()));
+        faer::set_global_parallelism(faer::Par::rayon(threads.into()));
     }
     let output = Output::new(cli.json);
     match &cli.command {

@@ -73,7 +73,8 @@ impl Pictured<'_> {
 
 /// Distance of each point from the boundary, negative outside.
 pub fn depths(surface: &SurfaceMesh, points: &[Point]) -> anyhow::Result<Vec<f64>> {
-    let query = SurfaceQuery::new(surface)?;
+    // A target may overlap itself where its boundary map folds; the winding number keeps the sign right there.
+    let query = SurfaceQuery::with_winding_sign(surface)?;
     Ok(query.signed_distances(points).into_iter().map(|d| -d).collect())
 }
 

@@ -46,6 +46,7 @@ pub(super) mod ffi {
         fn intersecting_pairs(xyz: &[f64], triangles: &[u32], pairs: &mut Vec<u32>) -> Outcome;
         fn new_distance_field(xyz: &[f64], triangles: &[u32], outcome: &mut Outcome) -> UniquePtr<DistanceField>;
         fn closest_points(field: &DistanceField, points: &[f64], closest: &mut [f64]) -> Outcome;
+        fn enclosed_volume(field: &DistanceField, volume: &mut f64) -> Outcome;
         fn points_inside(field: &DistanceField, points: &[f64], inside: &mut [u8]) -> Outcome;
     }
 }

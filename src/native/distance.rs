@@ -62,6 +62,17 @@ impl SignedDistanceField {
         chunks.flatten_iter().collect()
     }
 
+    /// The volume that the surface encloses by CGAL's count, positive when its triangles face outward.
+    ///
+    /// # Errors
+    ///
+    /// [`NativeError::Cgal`] when CGAL cannot tell.
+    pub fn volume(&self) -> Result<f64, NativeError> {
+        let mut volume = f64::NAN;
+        check(ffi::enclosed_volume(&self.field, &mut volume))?;
+        Ok(volume)
+    }
+
     fn distance_of_chunk(&self, chunk: &[Point]) -> Vec<f64> {
         let mut inside = vec![0u8; chunk.len()];
         let safe = self.within_reach(chunk);
