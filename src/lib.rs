@@ -56,6 +56,7 @@ pub mod native;
 pub mod report;
 pub mod sampling;
 pub mod solver;
+pub mod statistics;
 
 /// A point in space, in model units.
 pub type Point = nalgebra::Point3<f64>;

@@ -8,7 +8,7 @@ use solidmap::fit::{FitOptions, Placement};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{SurfacePoint, shapes};
 use solidmap::sampling;
-use solidmap::solver::{CollocationSystem, DenseFactor, DenseOptions};
+use solidmap::solver::{CollocationSystem, DenseFactor, DenseOptions, Method};
 
 /// Harmonic polynomials of degree 2, 3 and 4.
 fn polynomials(p: &Point) -> Point {
@@ -38,20 +38,38 @@ fn affine(p: &Point) -> Point {
     )
 }
 
+/// Every placement, solver and collocation; the coarse solids have some 160 to 300 vertices, so 100 sources subsample.
 #[test]
 fn identity_and_affine_maps_are_reproduced() {
+    let svd = DenseOptions {
+        method: Method::Svd,
+        ..DenseOptions::default()
+    };
+    let choices = [
+        FitOptions::adaptive(),
+        FitOptions {
+            solver: svd,
+            ..FitOptions::adaptive()
+        },
+        FitOptions {
+            max_sources: 100,
+            ..FitOptions::adaptive()
+        },
+        FitOptions {
+            placement: Placement::Sphere { radius: 1.0 },
+            ..FitOptions::adaptive()
+        },
+        #[cfg(feature = "native")]
+        FitOptions::paper(),
+    ];
     for (name, domain) in solids(0) {
         let inside = interior_points(&domain, 200, 1);
-        for placement in [Placement::Adaptive { alpha: 1.0 }, Placement::Sphere { radius: 1.0 }] {
-            let options = FitOptions {
-                placement,
-                ..FitOptions::adaptive()
-            };
+        for options in &choices {
             for f in [|p: &Point| *p, affine] {
-                let fit = fitted(&boundary_map(&domain, f), &options);
+                let fit = fitted(&boundary_map(&domain, f), options);
                 let exact: Vec<Point> = inside.iter().map(f).collect();
                 let error = largest_distance(&fit.map.evaluate(&inside), &exact);
-                assert!(error < 1e-9, "{name}, {placement:?}: {error:e}");
+                assert!(error < 1e-9, "{name}, {options:?}: {error:e}");
                 assert!(
                     fit.report.boundary_error.max < 1e-9,
                     "{name}: {:?}",
@@ -112,6 +130,47 @@ fn boundary_error_falls_as_sources_are_added() {
     assert!(errors[3] < 1e-6, "{errors:?}");
 }
 
+/// The same with exact data on every solid, with sources that follow the spacing `h`. Seen from the boundary, a layer of
+/// sources at `alpha · h` ripples with the relative amplitude `exp(−2π alpha)` whatever `h`, and the field of what it
+/// ripples about shrinks with `h`: first order with a small constant. Four times the sources must halve the error; 1.8 is
+/// asked for.
+#[test]
+fn boundary_error_falls_as_sources_are_added_to_any_solid() {
+    for (name, domain) in solids(2) {
+        let query = solidmap::geometry::SurfaceQuery::new(&domain).unwrap();
+        let held_out: Vec<Point> = sampling::held_out(&domain, 1000, 0, 3)
+            .iter()
+            .map(|p| p.position(&domain, domain.vertices()))
+            .collect();
+        let exact: Vec<Point> = held_out.iter().map(charges).collect();
+        let errors = [60, 240, 960].map(|count| {
+            let anchors = sampling::Anchors::choose(&domain, count);
+            let placed = sampling::adaptive_sources(&domain, &anchors, 1.5, &|p| query.signed_distance(p));
+            let around = sampling::Collocation::around(&domain, &anchors, 2, 1);
+            let points: Vec<Point> = around
+                .points
+                .iter()
+                .map(|p| p.position(&domain, domain.vertices()))
+                .collect();
+            let data: Vec<[f64; 3]> = points.iter().map(|p| charges(p).into()).collect();
+            let weights = vec![1.0; points.len()];
+            let system = CollocationSystem {
+                collocation: &points,
+                row_weights: &weights,
+                sources: &placed.positions,
+                affine: true,
+            };
+            let factor = DenseFactor::new(&system, &DenseOptions::default()).unwrap();
+            let map = solidmap::map::HarmonicMap::new(placed.positions.clone(), factor.solve(&data).unwrap()).unwrap();
+            largest_distance(&map.evaluate(&held_out), &exact)
+        });
+        assert!(
+            errors[1] < errors[0] / 1.8 && errors[2] < errors[1] / 1.8,
+            "{name}: {errors:?}"
+        );
+    }
+}
+
 /// The error of a fit is itself harmonic, so inside it is nowhere larger than on the boundary.
 #[test]
 fn interior_obeys_the_maximum_principle() {
@@ -152,7 +211,6 @@ fn smooth_data_are_met_between_the_collocation_points() {
     let domain = shapes::sphere(1.0, 4);
     let fit = fitted(&boundary_map(&domain, charges), &FitOptions::default());
     assert!(fit.report.boundary_error.rms < 1e-4, "{:?}", fit.report.boundary_error);
-    assert!(fit.report.residual_rms < fit.report.boundary_error.max);
 }
 
 /// A repeated solve on a kept factorisation is the fit itself.

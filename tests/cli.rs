@@ -255,6 +255,149 @@ fn what_cannot_run_says_why_and_exits_with_2() {
     assert_eq!(place.run("frobnicate").status.code(), Some(2));
 }
 
+/// The cause stands in the message once, and no temporary name does.
+#[test]
+fn errors_are_said_once() {
+    let place = Workplace::with_fitted_ball();
+    let lines = [
+        "fit none.obj --image ball.obj -o out.map",
+        "eval none.map ball.obj -o out.csv",
+        "fit ball.obj --image ball.obj -o out.map --s-ratio 1 --c-ratio 1",
+        "eval ball.map ball.obj -o /dev/full",
+    ];
+    for line in lines
+        .iter()
+        .filter(|line| !line.contains("/dev/full") || Path::new("/dev/full").exists())
+    {
+        let text = stderr(&place.run(line));
+        let parts: Vec<&str> = text.trim().split(": ").collect();
+        let mut unique = parts.clone();
+        unique.sort_unstable();
+        unique.dedup();
+        assert_eq!(parts.len(), unique.len(), "{line}: {text}");
+        assert!(!text.contains(".tmp"), "{line}: {text}");
+    }
+}
+
+#[test]
+fn options_out_of_range_are_refused_at_once() {
+    let place = Workplace::with_fitted_ball();
+    for (line, fragment) in [
+        (
+            "fit ball.obj --image ball.obj -o out.map --held-out 1000000000000",
+            "held-out",
+        ),
+        ("fit ball.obj --image ball.obj -o out.map --c-ratio 1e15", "c-ratio"),
+        ("fit ball.obj --image ball.obj -o out.map --tolerance nan", "tolerance"),
+        ("fit ball.obj --image ball.obj -o out.map --alpha nan", "alpha"),
+        ("fit ball.obj --image ball.obj -o out.map --s-ratio 2", "s-ratio"),
+        (
+            "fit ball.obj --image ball.obj -o out.map --placement sphere --alpha 2",
+            "--alpha",
+        ),
+        ("fit ball.obj --image ball.obj -o out.map --threads 100000", "--threads"),
+        ("fit ball.obj --image ball.obj -o out.map --threads 0", "--threads"),
+        ("fit ball.obj --image ball.obj -o .", "folder"),
+        ("fit ball.obj --image ball.obj -o out.map --vtu out.txt", ".vtu"),
+        ("energy ball.map --resolution 100000", "cells"),
+        ("energy ball.map --lame nan 1", "--lame"),
+        ("energy ball.map --png out.jpg", ".png"),
+        ("eval ball.map ball.obj -o out.xyz", "out.xyz"),
+    ] {
+        place.fails(line, &[fragment]);
+    }
+}
+
+/// Faces that look the wrong way are mended before the fit; what follows must see the mended solid.
+#[test]
+fn energies_are_those_of_the_mended_domain() {
+    let place = Workplace::new();
+    let (outer, inner) = (shapes::sphere(1.0, 2), shapes::sphere(0.5, 2));
+    place.surface("inward.obj", &outer.reversed());
+    place.surface("nested.obj", &shapes::joined(&outer, &inner));
+    for (model, volume) in [("inward", outer.volume()), ("nested", outer.volume() - inner.volume())] {
+        let fit = place.must(&format!("fit {model}.obj --image {model}.obj -o {model}.map"));
+        assert!(stderr(&fit).contains("warning"), "{model}: {}", stderr(&fit));
+        let report = json(&place.must(&format!("energy {model}.map --json")));
+        assert!(
+            (report["volume"].as_f64().unwrap() / volume - 1.0).abs() < 1e-9,
+            "{model}: {report}"
+        );
+        assert!(
+            (report["harmonic"].as_f64().unwrap() - 3.0).abs() < 1e-6,
+            "{model}: {report}"
+        );
+        assert_eq!(report["inverted_points"], Value::from(0));
+    }
+}
+
+/// A reflection turns all of space over, which is no fold.
+#[test]
+fn a_reflecting_map_is_not_folded() {
+    let place = Workplace::with_fitted_ball();
+    place.surface(
+        "mirror.obj",
+        &shapes::deformed(&shapes::sphere(1.0, 2), |p| Point::new(-p.x, p.y, p.z)),
+    );
+    place.must("fit ball.obj --image mirror.obj -o mirror.map");
+    let report = json(&place.must("energy mirror.map --json --png mirror.png"));
+    assert_eq!(report["inverted_points"], Value::from(0));
+    assert_eq!(report["inverted_fraction"], Value::from(0.0));
+    assert!((report["harmonic"].as_f64().unwrap() - 3.0).abs() < 1e-9);
+}
+
+#[test]
+fn extreme_sizes_are_mapped_or_refused_never_passed_unmeasured() {
+    let place = Workplace::new();
+    for (name, scale) in [("tiny", 1e-9), ("huge", 1e9)] {
+        place.surface(&format!("{name}.obj"), &shapes::sphere(scale, 2));
+        let report = json(&place.must(&format!("fit {name}.obj --image {name}.obj -o {name}.map --json")));
+        assert!(report["boundary_error"]["max"].as_f64().unwrap() < 1e-9);
+    }
+    for (name, scale) in [("absurd", 1e160), ("nothing", 1e-160)] {
+        place.surface(&format!("{name}.obj"), &shapes::sphere(scale, 2));
+        place.surface("ball.obj", &shapes::sphere(1.0, 2));
+        place.fails(&format!("fit ball.obj --image {name}.obj -o out.map"), &["scale"]);
+        place.fails(&format!("fit {name}.obj --image ball.obj -o out.map"), &["scale"]);
+    }
+}
+
+/// Every choice of the method reaches the library: on smooth data each meets its own bound.
+#[test]
+fn methods_and_placements_can_be_chosen() {
+    let place = Workplace::with_fitted_ball();
+    let bent = |p: &Point| Point::new(p.x + 0.2 * p.y * p.y, p.y, p.z + 0.1 * p.x * p.y);
+    place.surface("bent.obj", &shapes::deformed(&shapes::sphere(1.0, 2), bent));
+    for (options, method, bound) in [
+        ("--method svd", "dense-svd", 5e-3),
+        ("--method qr --alpha 1.5", "dense-qr", 5e-3),
+        ("--placement sphere", "dense-svd", 5e-2),
+        ("--radius 0.7 --c-ratio 3", "dense-svd", 2e-2),
+        ("--no-affine", "dense-qr", 2e-2),
+        ("--c-ratio 5 --seed 7 --held-out 5000", "dense-qr", 5e-3),
+    ] {
+        let report = json(&place.must(&format!(
+            "fit ball.obj --image bent.obj -o bent.map --json --tolerance 1 {options}"
+        )));
+        assert_eq!(report["method"], Value::from(method), "{options}");
+        let rms = report["boundary_error"]["rms"].as_f64().unwrap();
+        assert!(rms < bound, "{options}: {rms:e}");
+    }
+}
+
+#[test]
+fn points_without_an_image_and_points_outside_are_counted() {
+    let place = Workplace::with_fitted_ball();
+    std::fs::write(place.path("points.csv"), "x,y,z\n0,0,0\nnan,0,0\n5,0,0\n").unwrap();
+    let output = place.must("eval ball.map points.csv -o images.csv --json");
+    let report = json(&output);
+    assert_eq!(
+        (&report["not_finite"], &report["outside"]),
+        (&Value::from(1), &Value::from(1))
+    );
+    assert!(stderr(&output).contains("point 1"));
+}
+
 #[test]
 fn check_exits_with_0_1_or_2() {
     let place = Workplace::with_fitted_ball();
@@ -313,8 +456,14 @@ fn tet_and_offset_write_meshes() {
             assert!((tets.volume() - report["volume"].as_f64().unwrap()).abs() < 1e-9);
         }
     }
+    place.must("tet ball.obj -o tets.vtu");
     place.must("eval ball.map tets.vtu -o carried.vtu");
-    place.must("energy ball.map --mesh tets.vtu --vtu energy.vtu");
+    let report = json(&place.must("energy ball.map --mesh tets.vtu --vtu energy.vtu --json"));
+    assert!((report["harmonic"].as_f64().unwrap() - 5.5).abs() < 1e-8, "{report}");
+    place.surface("large.obj", &shapes::sphere(3.0, 2));
+    place.must("tet large.obj -o large.vtu");
+    place.fails("energy ball.map --mesh large.vtu", &["large.vtu", "volume"]);
+    place.fails("tet ball.obj -o tets.xyz", &["tets.xyz", ".vtu"]);
     let report = json(&place.must("offset ball.obj --distance 0.1 --relative -o offset.ply --json"));
     let offset = io::read_surface(place.path("offset.ply")).unwrap();
     assert_eq!(report["triangles"], Value::from(offset.triangles().len()));
@@ -358,4 +507,5 @@ fn demo_writes_maps_and_pictures() {
             assert!(place.path("shown").join(name).join(file).exists(), "{name}/{file}");
         }
     }
+    assert!(report["peak_rss_bytes"].as_u64().unwrap() < 1 << 30);
 }

@@ -4,13 +4,15 @@ mod common;
 
 use common::{boundary_map, fitted, interior_points, largest_distance, solids};
 use nalgebra::{Rotation3, Similarity3, UnitQuaternion};
-use solidmap::fit::FitOptions;
+use solidmap::fit::{Fit, FitOptions};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::shapes;
 use solidmap::{Point, Vector};
 
-/// Rounding in the solution grows with the condition number, which is some hundreds here.
-const TOLERANCE: f64 = 1e-10;
+/// Rounding in the solution grows with the condition number; a factor of ten for the sizes of the terms.
+fn tolerance(fit: &Fit) -> f64 {
+    10.0 * f64::EPSILON * fit.report.condition.unwrap()
+}
 
 fn bent(p: &Point) -> Point {
     Point::new(
@@ -29,16 +31,15 @@ fn motion(scale: f64) -> Similarity3<f64> {
 fn moving_the_target_moves_the_map() {
     for (name, domain) in solids(0) {
         let inside = interior_points(&domain, 100, 1);
-        let plain = fitted(&boundary_map(&domain, bent), &FitOptions::default())
-            .map
-            .evaluate(&inside);
+        let plain = fitted(&boundary_map(&domain, bent), &FitOptions::default());
+        let (tolerance, plain) = (tolerance(&plain), plain.map.evaluate(&inside));
         for scale in [1.0, 1e-3, 1e4] {
             let motion = motion(scale);
             let moved = fitted(&boundary_map(&domain, |p| motion * bent(p)), &FitOptions::default());
             let expected: Vec<Point> = plain.iter().map(|p| motion * p).collect();
             let error = largest_distance(&moved.map.evaluate(&inside), &expected) / scale;
             // The shift of 20 costs digits when the target is a thousandth of its size.
-            let rounding = TOLERANCE.max(1e-13 * 20.0 / scale);
+            let rounding = tolerance.max(1e-13 * 20.0 / scale);
             assert!(error < rounding, "{name}, scale {scale}: {error:e}");
         }
     }
@@ -62,7 +63,9 @@ fn moving_the_domain_moves_the_map() {
                 .map
                 .evaluate(&inside.iter().map(|p| motion * p).collect::<Vec<_>>());
             let error = largest_distance(&images, &expected);
-            let rounding = (100.0 * TOLERANCE).max(1e-11 * 20.0 / scale);
+            // The shift costs the domain's coordinates digits, and the condition number multiplies what is lost.
+            let lost = f64::EPSILON * (1.0 + 20.0 / scale);
+            let rounding = 10.0 * lost * plain.report.condition.unwrap();
             assert!(error < rounding, "{name}, scale {scale}: {error:e}");
             let (a, b) = (plain.report.boundary_error.rms, moved.report.boundary_error.rms);
             assert!((a / b - 1.0).abs() < 1e-6, "{name}: boundary error {a:e} became {b:e}");

@@ -61,6 +61,14 @@ pub enum BoundaryMapError {
         /// Its image.
         position: [f64; 3],
     },
+    /// Squares of lengths would leave the range of numbers.
+    #[error("the {solid} has a size of {diagonal:e}; scale it to between 1e-100 and 1e100")]
+    OutOfScale {
+        /// `"domain"` or `"target"`.
+        solid: &'static str,
+        /// Diagonal of its bounding box.
+        diagonal: f64,
+    },
     /// All image positions coincide, so that there is no target to measure errors by.
     #[error("all {vertices} image positions coincide; there is no target solid")]
     NoExtent {
@@ -89,10 +97,17 @@ impl BoundaryMap {
             });
         }
         let map = Self { domain, image };
-        if map.target_diagonal() == 0.0 {
+        let (domain, target) = (extent(map.domain.vertices()), extent(&map.image));
+        if target == 0.0 {
             return Err(BoundaryMapError::NoExtent {
                 vertices: map.image.len(),
             });
+        }
+        for (solid, diagonal) in [("domain", domain), ("target", target)] {
+            // Without an extent the domain is degenerate, which is for the input doctor to say.
+            if diagonal > 1e100 || (diagonal > 0.0 && diagonal < 1e-100) {
+                return Err(BoundaryMapError::OutOfScale { solid, diagonal });
+            }
         }
         Ok(map)
     }
@@ -152,7 +167,7 @@ impl BoundaryMap {
 
     /// Diagonal of the target's bounding box, the unit of reported errors.
     pub fn target_diagonal(&self) -> f64 {
-        self.target().diagonal()
+        extent(&self.image)
     }
 
     /// Positions of surface points in the domain.
@@ -167,6 +182,15 @@ impl BoundaryMap {
     pub fn evaluate(&self, points: &[SurfacePoint]) -> Vec<Point> {
         points.iter().map(|p| p.position(&self.domain, &self.image)).collect()
     }
+}
+
+/// Diagonal of the bounding box, without the squares that over- or underflow.
+fn extent(points: &[Point]) -> f64 {
+    let sides = (0..3).map(|k| {
+        let along = points.iter().map(|p| p[k]);
+        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+    });
+    sides.fold(0.0, |diagonal: f64, side| diagonal.hypot(side.max(0.0)))
 }
 
 /// Compares connectivity up to the order of corners within an element.

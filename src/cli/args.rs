@@ -133,17 +133,17 @@ pub struct FitArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Method")]
 pub struct MethodArgs {
-    /// Start from the paper's settings: offset surface at 0.1, s-ratio 0.6, c-ratio 1, svd
+    /// Start from the paper's settings: offset surface at 0.1, s-ratio 0.6, c-ratio 1, svd (but see --no-affine)
     #[arg(long)]
     pub paper: bool,
     /// Where the sources stand: near the surface by local spacing, on an offset surface, or on a sphere
     #[arg(long, value_enum)]
     pub placement: Option<PlacementKind>,
     /// Adaptive placement: source distance over local spacing [default: 1]
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["offset", "radius", "paper"])]
     pub alpha: Option<f64>,
     /// Offset placement: distance over the domain's diagonal [default: 0.1]
-    #[arg(long, value_name = "FRACTION")]
+    #[arg(long, value_name = "FRACTION", conflicts_with = "radius")]
     pub offset: Option<f64>,
     /// Sphere placement: radius over the domain's diagonal [default: 1]
     #[arg(long, value_name = "FRACTION")]
@@ -151,7 +151,8 @@ pub struct MethodArgs {
     /// Sources per boundary vertex [default: 1; offset and sphere: 0.6]
     #[arg(long)]
     pub s_ratio: Option<f64>,
-    /// Collocation points per boundary vertex [default: 3; offset and sphere: 1]
+    /// Collocation points per boundary vertex: up to 1, vertices; 3, vertices and centroids; else spread around the
+    /// sources [default: 3; offset and sphere: 1]
     #[arg(long)]
     pub c_ratio: Option<f64>,
     /// Limit on the sources; larger models get fewer than asked for [default: 5000; svd: 3000]

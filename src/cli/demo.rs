@@ -153,7 +153,7 @@ fn show(pair: &Pair, folder: &Path, output: &Output) -> anyhow::Result<PairRepor
     let metadata = MapMetadata::new(fit.report.clone(), vec![]);
     let file = MapFile {
         map: fit.map,
-        boundary: Some(pair.boundary.clone()),
+        boundary: Some(fit.boundary),
         metadata,
     };
     io::write_map(&folder.join("map.safetensors"), &file)?;

@@ -9,7 +9,7 @@ use solidmap::energy::{
     EnergyOptions, EnergyReport, Lame, Layout, Quadrature, Resolution, clipped_grid, energies, tet_quadrature,
 };
 use solidmap::io::{self, Cells, Field, VtkFields};
-use solidmap::mesh::TetMesh;
+use solidmap::mesh::{SurfaceMesh, TetMesh};
 use solidmap::report::{Axis, Figure, Plane};
 
 use super::args::EnergyArgs;
@@ -37,9 +37,20 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
         "--position is {}, but must be from 0 to 1",
         args.position
     );
+    ensure!(
+        args.lame.iter().all(|constant| constant.is_finite()),
+        "--lame is {} {}, but must be two finite numbers",
+        args.lame[0],
+        args.lame[1]
+    );
+    for (path, extension) in [(&args.vtu, "vtu"), (&args.png, "png")] {
+        if let Some(path) = path {
+            input::require_writable(path, &[extension])?;
+        }
+    }
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
-    let target = boundary.target();
+    let target = input::outward_target(&boundary);
     let options = EnergyOptions {
         normalize: !args.no_normalize,
         lame: Lame {
@@ -54,12 +65,14 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
         Some(mesh) => tet_quadrature(mesh)?,
         None => clipped_grid(boundary.domain(), Resolution::CellsAlongLongestSide(args.resolution))?,
     };
-    // A reflecting map has a target of negative volume; its size is what energies are scaled by.
+    if let Some(path) = &args.mesh {
+        require_same_solid(path, quadrature.volume(), boundary.domain())?;
+    }
     let energy = energies(
         &file.map,
         &quadrature,
         quadrature.volume(),
-        target.volume().abs(),
+        boundary.target().volume(),
         &options,
     )
     .with_context(|| format!("cannot measure `{}`", args.map.display()))?;
@@ -139,6 +152,18 @@ pub fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
             ),
         ],
     ]
+}
+
+/// A mesh of another solid reaches beyond the domain, where the map means nothing.
+fn require_same_solid(mesh: &Path, volume: f64, domain: &SurfaceMesh) -> anyhow::Result<()> {
+    let expected = domain.volume();
+    ensure!(
+        (volume / expected - 1.0).abs() < 0.05,
+        "`{}` has a volume of {volume:.6}, and the domain of the map {expected:.6}; give a tet mesh of the domain \
+         (`solidmap tet`)",
+        mesh.display()
+    );
+    Ok(())
 }
 
 fn plane(args: &EnergyArgs, vertices: &[Point]) -> Plane {

@@ -4,13 +4,18 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use serde::Serialize;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::geometry::SurfaceQuery;
 use solidmap::io::{self, Solid};
 use solidmap::map::VolumeMap;
 use solidmap::{Matrix3, Point};
 
-use super::Outcome;
 use super::args::EvalArgs;
 use super::output::{Output, pairs};
+use super::{Outcome, input};
+
+/// Extensions that results are written to.
+const OUTPUTS: [&str; 8] = ["csv", "npy", "obj", "ply", "off", "mesh", "vtk", "vtu"];
 
 /// What `eval --json` prints.
 #[derive(Serialize)]
@@ -18,8 +23,10 @@ struct Report {
     map: PathBuf,
     points: usize,
     output: PathBuf,
-    /// Points whose image is not finite: those at a source.
+    /// Points with NaN or infinite coordinates, and points at sources: they have no image.
     not_finite: usize,
+    /// Points outside the domain, where the formula still has a value but it means nothing. Unknown without the domain.
+    outside: Option<usize>,
     /// Tetrahedra of a carried tet mesh whose sign the map turned.
     flipped_tets: Option<usize>,
     seconds: f64,
@@ -27,6 +34,7 @@ struct Report {
 
 /// Maps points and writes their images.
 pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
+    input::require_writable(&args.output, &OUTPUTS)?;
     output.progress("reading");
     let file = io::read_map(&args.map)?;
     let writes_mesh = !is_table(&args.output);
@@ -59,17 +67,30 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
     let images = file.map.evaluate(&points);
     let jacobians = args.jacobian.then(|| file.map.jacobian(&points));
     let seconds = start.elapsed().as_secs_f64();
-    let not_finite = images.iter().filter(|p| p.iter().any(|c| !c.is_finite())).count();
+    let not_finite = images.iter().filter(|p| !is_finite(p)).count();
 
     output.progress("writing");
     let mut flipped_tets = None;
     match solid {
-        Some(solid) if writes_mesh => flipped_tets = write_mesh(&args.output, &solid, images)?,
+        Some(solid) if writes_mesh => flipped_tets = write_mesh(&args.output, &solid, images.clone())?,
         _ => write_table(&args.output, &points, &images, jacobians.as_deref())?,
     }
     if not_finite > 0 {
+        let first = images.iter().position(|p| !is_finite(p)).unwrap_or_default();
         output.warn(format!(
-            "{not_finite} images are not finite; those points lie at sources, outside the domain"
+            "{not_finite} points have no finite image, the first is point {first} (from 0): their coordinates are not \
+             finite, or they lie at sources"
+        ));
+    }
+    let outside = file
+        .boundary
+        .as_ref()
+        .map(|boundary| outside(boundary, &points))
+        .transpose()?;
+    if outside.is_some_and(|count| count > 0) {
+        output.warn(format!(
+            "{} points lie outside the domain; the formula has values there, but they are no map",
+            outside.unwrap_or_default()
         ));
     }
     let report = Report {
@@ -77,6 +98,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
         points: points.len(),
         output: args.output.clone(),
         not_finite,
+        outside,
         flipped_tets,
         seconds,
     };
@@ -93,6 +115,23 @@ fn rows(report: &Report) -> Vec<[String; 2]> {
         rows.push(["flipped tets".into(), flipped.to_string()]);
     }
     rows
+}
+
+fn is_finite(p: &Point) -> bool {
+    p.iter().all(|c| c.is_finite())
+}
+
+/// Points farther outside than the boundary error could put a boundary point.
+fn outside(boundary: &BoundaryMap, points: &[Point]) -> anyhow::Result<usize> {
+    let domain = boundary.domain();
+    let query = SurfaceQuery::new(domain)?;
+    let finite: Vec<Point> = points.iter().copied().filter(is_finite).collect();
+    let margin = 1e-6 * domain.diagonal();
+    Ok(query
+        .signed_distances(&finite)
+        .into_iter()
+        .filter(|&d| d > margin)
+        .count())
 }
 
 fn is_table(path: &Path) -> bool {

@@ -29,24 +29,30 @@ struct Report {
 
 /// Fits a map and writes it.
 pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
+    input::require_writable(&args.output, &[])?;
+    if let Some(path) = &args.vtu {
+        input::require_writable(path, &["vtu"])?;
+    }
+    anyhow::ensure!(
+        args.tolerance >= 0.0,
+        "--tolerance is {}, but must be zero or positive",
+        args.tolerance
+    );
     output.progress("reading");
-    let options = options(&args.method);
+    let options = options(&args.method)?;
+    let inputs = [provenance("domain", &args.domain)?, provenance("image", &args.image)?];
     let boundary = input::read_boundary_map(&args.domain, &args.image)?;
-    let fit = fit_with_progress(&boundary, &options, output)
+    let intersections = self_intersections(&boundary, &args.domain);
+    let mut fit = fit_with_progress(&boundary, &options, output)
         .with_context(|| format!("cannot map `{}`", args.domain.display()))?;
-    warn_of_self_intersections(&boundary, &args.domain, output);
+    fit.report.warnings.extend(intersections);
     fit.report.warnings.iter().for_each(|warning| output.warn(warning));
 
     output.progress("writing");
-    let inputs = [("domain", &args.domain), ("image", &args.image)];
-    let inputs = inputs
-        .iter()
-        .map(|(role, path)| Provenance::of(role, path))
-        .collect::<Result<_, _>>()?;
-    let metadata = MapMetadata::new(fit.report.clone(), inputs);
+    let metadata = MapMetadata::new(fit.report.clone(), inputs.into());
     let file = MapFile {
         map: fit.map,
-        boundary: Some(boundary),
+        boundary: Some(fit.boundary),
         metadata,
     };
     io::write_map(&args.output, &file)?;
@@ -69,7 +75,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     output.warn(format!(
-        "99 % of the boundary is met only to {:.1e} of the target's diagonal, and {:.1e} was asked for; the map was \
+        "99 % of the boundary is met only to {:.1e} of the target's diagonal, and the tolerance is {:.1e}; the map was \
          written all the same. {}",
         report.fit.boundary_error.p99,
         args.tolerance,
@@ -152,13 +158,23 @@ fn advice(fit: &FitReport) -> &'static str {
     }
 }
 
-fn options(args: &MethodArgs) -> FitOptions {
+fn options(args: &MethodArgs) -> anyhow::Result<FitOptions> {
     let placement = args.placement.unwrap_or(match (args.offset, args.radius) {
         (Some(_), _) => PlacementKind::Offset,
         (None, Some(_)) => PlacementKind::Sphere,
         (None, None) if args.paper => PlacementKind::Offset,
         (None, None) => PlacementKind::Adaptive,
     });
+    for (given, flag, kind) in [
+        (args.alpha.is_some(), "--alpha", PlacementKind::Adaptive),
+        (args.offset.is_some(), "--offset", PlacementKind::Offset),
+        (args.radius.is_some(), "--radius", PlacementKind::Sphere),
+    ] {
+        anyhow::ensure!(
+            !given || placement == kind,
+            "{flag} has no meaning with the placement {placement:?}"
+        );
+    }
     // The paper's ratios belong to its placements; the overdetermined default to the adaptive one.
     let base = if args.paper || placement != PlacementKind::Adaptive {
         FitOptions::paper()
@@ -179,7 +195,7 @@ fn options(args: &MethodArgs) -> FitOptions {
         FitOptions::paper()
     }
     .max_sources;
-    FitOptions {
+    Ok(FitOptions {
         placement: match placement {
             PlacementKind::Adaptive => Placement::Adaptive {
                 alpha: args.alpha.unwrap_or(1.0),
@@ -198,31 +214,33 @@ fn options(args: &MethodArgs) -> FitOptions {
         solver,
         held_out: args.held_out,
         seed: args.seed,
-    }
+    })
 }
 
-/// The boundary can be fitted all the same, but where it intersects itself there is no inside.
+fn provenance(role: &str, path: &Path) -> anyhow::Result<Provenance> {
+    Provenance::of(role, path).with_context(|| format!("cannot read `{}`", path.display()))
+}
+
+/// A remark when the domain intersects itself. The boundary can be fitted all the same, but there is no inside there.
 #[cfg(feature = "native")]
-fn warn_of_self_intersections(boundary: &BoundaryMap, path: &Path, output: &Output) {
+fn self_intersections(boundary: &BoundaryMap, path: &Path) -> Option<String> {
+    let shown = path.display();
     match solidmap::native::self_intersections(boundary.domain()) {
-        Ok(pairs) if pairs.is_empty() => {}
-        Ok(pairs) => output.warn(format!(
-            "`{}` intersects itself: {} pairs of triangles, the first {} and {}; the map is wrong there. See \
-             `solidmap check`",
-            path.display(),
-            pairs.len(),
-            pairs[0][0],
-            pairs[0][1]
-        )),
-        Err(error) => output.warn(format!(
-            "self-intersections of `{}` could not be looked for: {error}",
-            path.display()
-        )),
+        Ok(pairs) => pairs.first().map(|[a, b]| {
+            format!(
+                "`{shown}` intersects itself: {} pairs of triangles, the first {a} and {b}; the map is wrong there. See \
+                 `solidmap check`",
+                pairs.len()
+            )
+        }),
+        Err(error) => Some(format!("self-intersections of `{shown}` could not be looked for: {error}")),
     }
 }
 
 #[cfg(not(feature = "native"))]
-fn warn_of_self_intersections(_: &BoundaryMap, _: &Path, _: &Output) {}
+fn self_intersections(_: &BoundaryMap, _: &Path) -> Option<String> {
+    None
+}
 
 /// The domain's surface with the image, the map's value and the error at each vertex.
 fn write_boundary(path: &Path, boundary: &BoundaryMap, map: &HarmonicMap) -> anyhow::Result<()> {

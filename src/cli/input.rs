@@ -35,3 +35,31 @@ pub fn read_fitted_map(path: &Path) -> anyhow::Result<(MapFile, BoundaryMap)> {
         .with_context(|| format!("`{}` holds a map without its domain; fit it again", path.display()))?;
     Ok((file, boundary))
 }
+
+/// Refuses an output before any work is done for it: a folder, a file in a folder that is not there, or an extension
+/// that is not one of `extensions` (any when there are none).
+pub fn require_writable(path: &Path, extensions: &[&str]) -> anyhow::Result<()> {
+    let shown = path.display();
+    anyhow::ensure!(!path.is_dir(), "cannot write `{shown}`: it is a folder");
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        anyhow::bail!("cannot write `{shown}`: there is no folder `{}`", folder.display());
+    }
+    let found = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    anyhow::ensure!(
+        extensions.is_empty() || extensions.contains(&found.as_str()),
+        "cannot write `{shown}`: name it .{}",
+        extensions.join(" or .")
+    );
+    Ok(())
+}
+
+/// The target as the boundary of a solid: a reflecting map has turned it inside out.
+pub fn outward_target(boundary: &BoundaryMap) -> SurfaceMesh {
+    let target = boundary.target();
+    if target.volume() < 0.0 {
+        target.reversed()
+    } else {
+        target
+    }
+}

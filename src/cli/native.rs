@@ -27,6 +27,12 @@ struct TetReport {
 
 /// Fills a surface with tetrahedra.
 pub fn tet(args: &TetArgs, output: &Output) -> anyhow::Result<Outcome> {
+    input::require_writable(&args.output, &["mesh", "vtk", "vtu"])?;
+    anyhow::ensure!(
+        args.quality == 0.0 || args.quality >= 1.1,
+        "--quality is {}, but must be 0 (no refinement) or at least 1.1",
+        args.quality
+    );
     output.progress("reading");
     let surface = input::read_surface(&args.model)?;
     output.progress("tetrahedralising");
@@ -99,6 +105,7 @@ struct OffsetReport {
 
 /// Makes the surface at a distance.
 pub fn offset(args: &OffsetArgs, output: &Output) -> anyhow::Result<Outcome> {
+    input::require_writable(&args.output, &["obj", "ply", "off", "mesh", "vtk", "vtu"])?;
     output.progress("reading");
     let surface = input::read_surface(&args.model)?;
     let distance = if args.relative {

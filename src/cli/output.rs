@@ -39,13 +39,13 @@ impl Output {
 
     /// A remark to the user, such as what was mended.
     pub fn warn(&self, message: impl std::fmt::Display) {
-        self.bar.suspend(|| eprintln!("warning: {message}"));
+        self.bar.suspend(|| say(format_args!("warning: {message}")));
     }
 
     /// What else happened, such as a file written. Not shown with `--json`.
     pub fn note(&self, message: impl std::fmt::Display) {
         if !self.json {
-            self.bar.suspend(|| eprintln!("{message}"));
+            self.bar.suspend(|| say(format_args!("{message}")));
         }
     }
 
@@ -58,9 +58,17 @@ impl Output {
             text()
         };
         let mut stdout = io::stdout().lock();
-        writeln!(stdout, "{}", content.trim_end())?;
-        Ok(stdout.flush()?)
+        match writeln!(stdout, "{}", content.trim_end()).and_then(|()| stdout.flush()) {
+            // A reader such as `head` that has seen enough is no error.
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+            written => Ok(written?),
+        }
     }
+}
+
+/// A line on stderr. Nobody can be told when that fails.
+pub fn say(message: std::fmt::Arguments<'_>) {
+    let _ = writeln!(io::stderr(), "{message}");
 }
 
 /// Largest resident set of this process so far, in bytes; 0 where the system does not say.

@@ -7,6 +7,8 @@ use solidmap::mesh::SurfaceMesh;
 use solidmap::report::{Axis, ColourBar, Panel, Plane, Scale, Section, ValueRange};
 use solidmap::{Matrix3, Point};
 
+const DISTANCE: &str = "distance from the boundary";
+
 /// A map between two solids, as pictures need it.
 pub struct Pictured<'a> {
     /// The map.
@@ -33,11 +35,11 @@ impl Pictured<'_> {
         let most = ValueRange::Quantiles(0.0, 0.99);
         let energies = [
             (
-                "harmonic energy density",
+                ["harmonic energy density", "‖J‖²"],
                 jacobians.iter().map(harmonic::density).collect::<Vec<_>>(),
             ),
             (
-                "deformation energy density",
+                ["deformation energy density", "½ σ:ε"],
                 jacobians.iter().map(|j| deformation::density(j, &lame)).collect(),
             ),
         ];
@@ -48,7 +50,7 @@ impl Pictured<'_> {
         let depth = depths(self.target, &self.map.evaluate(section.points()))?;
         panels.push(panel(
             &section,
-            "target's distance field, transferred",
+            ["target's distance field, transferred", DISTANCE],
             &depth,
             from_zero(&depth),
         )?);
@@ -59,7 +61,12 @@ impl Pictured<'_> {
     pub fn target_section(&self, plane: Plane, pixels: usize) -> anyhow::Result<Panel> {
         let section = Section::with_up(self.target, plane, self.up, pixels)?;
         let depth = depths(self.target, section.points())?;
-        panel(&section, "distance field of the target", &depth, from_zero(&depth))
+        panel(
+            &section,
+            ["distance field of the target", DISTANCE],
+            &depth,
+            from_zero(&depth),
+        )
     }
 
     fn jacobian_scale(&self) -> f64 {
@@ -80,10 +87,10 @@ pub fn depths(surface: &SurfaceMesh, points: &[Point]) -> anyhow::Result<Vec<f64
 
 /// Blue is the boundary; the boundary error puts some points a little outside of it.
 fn from_zero(depth: &[f64]) -> ValueRange {
-    ValueRange::Fixed(0.0, depth.iter().copied().fold(f64::MIN_POSITIVE, f64::max))
+    ValueRange::Fixed(0.0, depth.iter().copied().fold(0.0, f64::max).max(f64::EPSILON))
 }
 
-fn panel(section: &Section, name: &str, values: &[f64], range: ValueRange) -> anyhow::Result<Panel> {
-    let bar = ColourBar::new("", values.iter().copied(), range, Scale::Linear)?;
+fn panel(section: &Section, [name, label]: [&str; 2], values: &[f64], range: ValueRange) -> anyhow::Result<Panel> {
+    let bar = ColourBar::new(label, values.iter().copied(), range, Scale::Linear)?;
     Ok(Panel::of_section(section, values, &bar)?.titled(name).with_bar(&bar))
 }

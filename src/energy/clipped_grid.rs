@@ -1,4 +1,4 @@
-//! Quadrature on a regular grid whose cells are clipped by the solid: Li, Guo, Wang, He & Gu, *Harmonic volumetric
+//! Quadrature on a regular grid whose cells are clipped by the solid: Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric
 //! mapping for solid modeling applications* (2007), equation (3), with the exact volume of every clipped cell.
 //!
 //! A point lies in the solid when more upward than downward triangles are above it. So the volume of a cell is the
@@ -90,7 +90,8 @@ const OPENING: f64 = 1e-6;
 const INSIDE_OUT: f64 = 1e-6;
 /// How often a cell with its centroid outside is halved before its point is put on the surface.
 const MAX_DIVISIONS: u32 = 5;
-const MAX_CELLS: u64 = 1 << 30;
+/// Some 8 GB of points and densities when all of them are inside.
+const MAX_CELLS: u64 = 1 << 26;
 const MAX_CELLS_ALONG_AXIS: u64 = 1 << 16;
 
 /// A convex planar polygon in grid units (the grid's origin at 0, cells of size 1). A triangle cut by the four sides

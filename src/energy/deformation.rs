@@ -1,4 +1,4 @@
-//! Deformation energy: Li, Guo, Wang, He & Gu, *Harmonic volumetric mapping for solid modeling applications* (2007),
+//! Deformation energy: Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling applications* (2007),
 //! section 4.3.2, equation (4).
 
 use crate::Matrix3;

@@ -1,4 +1,4 @@
-//! Harmonic energy: Li, Guo, Wang, He & Gu, *Harmonic volumetric mapping for solid modeling applications* (2007),
+//! Harmonic energy: Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling applications* (2007),
 //! section 4.3.1, equation (2).
 
 use crate::Matrix3;

@@ -1,6 +1,6 @@
 //! Energies of a map between solids, as totals and as distributions over the domain.
 //!
-//! Sections 4.3.1 and 4.3.2 of Li, Guo, Wang, He & Gu, *Harmonic volumetric mapping for solid modeling applications*
+//! Sections 4.3.1 and 4.3.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling applications*
 //! (2007). A [`Quadrature`] of the domain says where a density is evaluated and what volume each point stands for:
 //! [`clipped_grid`] makes one from a surface, as the paper does, [`tet_quadrature`] from a tetrahedral mesh.
 
@@ -58,10 +58,10 @@ pub struct EnergyReport {
     pub harmonic_density: Distribution,
     /// Deformation energy density over the domain.
     pub deformation_density: Distribution,
-    /// `det J` of the map as it is, in model units also when energies are normalised; negative where the map turns
-    /// space inside out.
+    /// `det J` of the map as it is, in model units also when energies are normalised. Where its sign is not that of
+    /// `target_volume`, the map is folded.
     pub det_jacobian: Distribution,
-    /// Points where `det J ≤ 0`.
+    /// Points where the map is folded: `det J` is zero, or has not the sign of `target_volume`.
     pub inverted_points: usize,
     /// Share of the domain's volume that those points stand for.
     pub inverted_fraction: f64,
@@ -114,7 +114,7 @@ pub enum EnergyError {
 /// Harmonic and deformation energy of a map over a domain, with their distributions.
 ///
 /// `domain_volume` and `target_volume` are those of the two solids, in model units; `domain_volume` is as a rule
-/// [`Quadrature::volume`].
+/// [`Quadrature::volume`]. The target's is negative when the map reflects.
 ///
 /// With [`EnergyOptions::normalize`] the energies are those of `f̃(x̃) = s₂ f(x̃ / s₁)`, where `sᵢ = Vᵢ^(−1/3)` scales
 /// solid `i` to unit volume: its Jacobian is `J̃ = (s₂ / s₁) J = (V₁ / V₂)^(1/3) J`, its volume element
@@ -130,13 +130,17 @@ pub fn energies(
     target_volume: f64,
     options: &EnergyOptions,
 ) -> Result<EnergyReport, EnergyError> {
-    for (solid, volume) in [("domain", domain_volume), ("target", target_volume)] {
-        if !(volume > 0.0 && volume.is_finite()) {
-            return Err(EnergyError::Volume { solid, volume });
-        }
+    let unusable = |volume: f64| !(volume > 0.0 && volume.is_finite());
+    if unusable(domain_volume) {
+        let (solid, volume) = ("domain", domain_volume);
+        return Err(EnergyError::Volume { solid, volume });
+    }
+    if options.normalize && unusable(target_volume.abs()) {
+        let (solid, volume) = ("target", target_volume);
+        return Err(EnergyError::Volume { solid, volume });
     }
     let (stretch, element) = if options.normalize {
-        ((domain_volume / target_volume).cbrt(), 1.0 / domain_volume)
+        ((domain_volume / target_volume.abs()).cbrt(), 1.0 / domain_volume)
     } else {
         (1.0, 1.0)
     };
@@ -150,14 +154,15 @@ pub fn energies(
         };
         Distribution::weighted(values, weights).ok_or(empty)
     };
-    let inverted = |det: &&f64| **det <= 0.0;
-    let inverted_volume: f64 = densities
+    // A reflecting map turns all of space over, and is folded where it does not.
+    let orientation = if target_volume < 0.0 { -1.0 } else { 1.0 };
+    let inverted = |det: &&f64| **det * orientation <= 0.0;
+    let folded = densities
         .det_jacobian
         .iter()
         .zip(weights)
-        .filter(|(det, _)| inverted(det))
-        .map(|(_, weight)| weight)
-        .sum();
+        .filter(|(det, _)| inverted(det));
+    let inverted_volume = folded.fold(0.0, |sum, (_, weight)| sum + weight);
     Ok(EnergyReport {
         harmonic: quadrature.integrate(&densities.harmonic) * element,
         deformation: quadrature.integrate(&densities.deformation) * element,
@@ -384,7 +389,7 @@ mod tests {
         let identity = affine(Matrix3::identity());
         let options = EnergyOptions::default();
         assert!(matches!(
-            energies(&identity, &rule, 1.0, -1.0, &options),
+            energies(&identity, &rule, 1.0, 0.0, &options),
             Err(EnergyError::Volume { solid: "target", .. })
         ));
         assert!(matches!(

@@ -25,8 +25,20 @@ pub fn atomic_write(
     let path = path.as_ref();
     replace(path, write).map_err(|source| IoError::Write {
         path: path.to_owned(),
-        source,
+        source: without_path(source),
     })
+}
+
+/// The system's own error: `tempfile` wraps it to add the temporary name, which says nothing to the user.
+fn without_path(error: io::Error) -> io::Error {
+    let system = error
+        .get_ref()
+        .and_then(|wrapped| wrapped.source())
+        .and_then(|e| e.downcast_ref::<io::Error>());
+    match system.and_then(io::Error::raw_os_error) {
+        Some(code) => io::Error::from_raw_os_error(code),
+        None => error,
+    }
 }
 
 fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {

@@ -1,6 +1,6 @@
 use super::ReportError;
 use super::canvas::Rgb;
-use super::statistics::quantiles;
+use crate::statistics::quantiles;
 
 /// Where a value is not a number, and so has no colour of the bar.
 pub(super) const NO_VALUE: Rgb = [160, 160, 160];

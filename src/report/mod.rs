@@ -32,7 +32,6 @@ mod outline;
 mod panel;
 mod png;
 mod section;
-mod statistics;
 mod surface_render;
 mod table;
 mod text;
@@ -44,7 +43,6 @@ pub use figure::Figure;
 pub use number::significant;
 pub use panel::Panel;
 pub use section::{Axis, Plane, Section};
-pub use statistics::{Histogram, Summary, quantiles};
 pub use surface_render::{Camera, Edges, Shading, SurfaceColour, SurfaceStyle};
 pub use table::{Align, Table};
 

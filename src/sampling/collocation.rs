@@ -179,7 +179,7 @@ mod tests {
         }
     }
 
-    /// A sphere whose upper half is eight times as fine: each anchor must have its equations next to it.
+    /// A sphere dimpled at the poles, so that vertices crowd unevenly: each anchor must have its equations next to it.
     #[test]
     fn every_anchor_has_its_points_in_its_neighbourhood() {
         let fine = shapes::sphere(1.0, 5);

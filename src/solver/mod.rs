@@ -26,7 +26,7 @@ pub enum SolveError {
     /// Fewer equations than unknowns.
     #[error(
         "{collocation} collocation points cannot determine {unknowns} unknowns ({sources} sources); raise the number of \
-         collocation points or lower the number of sources"
+         collocation points (c-ratio) or lower the number of sources (s-ratio)"
     )]
     Underdetermined {
         /// Rows.

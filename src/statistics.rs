@@ -53,48 +53,6 @@ pub fn quantiles<const N: usize>(values: &[f64], fractions: [f64; N]) -> Option<
     (!sorted.is_empty()).then(|| fractions.map(|p| quantile_of_sorted(&sorted, p)))
 }
 
-/// Counts of values in bins of equal width.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Histogram {
-    /// Lower end of the first bin: the smallest value.
-    pub low: f64,
-    /// Upper end of the last bin, which includes it: the largest value.
-    pub high: f64,
-    /// How many values each bin holds, lower end included.
-    pub counts: Vec<usize>,
-}
-
-impl Histogram {
-    /// The finite values in `bins` bins between the smallest and largest; `None` without bins or finite values.
-    /// Equal values all go to the first bin.
-    pub fn of(values: &[f64], bins: usize) -> Option<Self> {
-        let sorted = sorted_finite(values);
-        let (&low, &high) = (sorted.first()?, sorted.last()?);
-        let mut counts = vec![0; bins];
-        let last = bins.checked_sub(1)?;
-        for x in &sorted {
-            // Halved, since the span of two finite numbers may overflow.
-            let fraction = (x / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0);
-            let bin = if high > low {
-                (fraction * bins as f64) as usize
-            } else {
-                0
-            };
-            counts[bin.min(last)] += 1;
-        }
-        Some(Self { low, high, counts })
-    }
-
-    /// Lower and upper end of a bin.
-    pub fn bin(&self, bin: usize) -> (f64, f64) {
-        let edge = |k: usize| {
-            let t = k as f64 / self.counts.len() as f64;
-            self.low * (1.0 - t) + self.high * t
-        };
-        (edge(bin), edge(bin + 1))
-    }
-}
-
 fn sorted_finite(values: &[f64]) -> Vec<f64> {
     let mut finite: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
     finite.sort_unstable_by(f64::total_cmp);
@@ -137,15 +95,5 @@ mod tests {
         for size in [1e-200, 1e200] {
             assert!((Summary::of(&[size, size]).unwrap().rms / size - 1.0).abs() < 1e-14);
         }
-    }
-
-    #[test]
-    fn a_histogram_counts_every_value_once() {
-        let histogram = Histogram::of(&[0.0, 0.5, 1.0, 1.5, 2.0, f64::NAN], 2).unwrap();
-        assert_eq!(histogram.counts, [2, 3]);
-        assert_eq!(histogram.bin(1), (1.0, 2.0));
-        assert_eq!(Histogram::of(&[7.0; 4], 3).unwrap().counts, [4, 0, 0]);
-        assert_eq!(Histogram::of(&[-1e308, 1e308], 2).unwrap().counts, [1, 1]);
-        assert_eq!(Histogram::of(&[1.0], 0), None);
     }
 }

@@ -1,0 +1,70 @@
+use crate::boundary_map::BoundaryMapError;
+use crate::check::CheckReport;
+use crate::geometry::QueryError;
+use crate::solver::SolveError;
+
+/// Why no map came out.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FitError {
+    /// The domain does not bound a solid.
+    #[error("the domain does not bound a solid: {}", describe_errors(.0))]
+    DefectiveDomain(Box<CheckReport>),
+    /// A setting is out of range.
+    #[error("{option} is {value}, but must be {range}")]
+    Option {
+        /// The field of [`FitOptions`].
+        option: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is allowed.
+        range: &'static str,
+    },
+    /// No source found a place outside the domain.
+    #[error("no source found a place outside the domain; its surface may be folded onto itself everywhere")]
+    NoSources,
+    /// Sources on an offset surface without the C++ bridge.
+    #[error("an offset surface needs CGAL; build with the feature `native`, or use the adaptive placement")]
+    NeedsNative,
+    /// The offset surface could not be built.
+    #[cfg(feature = "native")]
+    #[error("cannot build the offset surface for the sources: {0}")]
+    Offset(#[from] crate::native::NativeError),
+    /// The domain's surface cannot be asked for distances.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+    /// The boundary map is of another domain than the factorisation.
+    #[error("the boundary map's domain is not the one that was factored")]
+    OtherDomain,
+    /// The coefficients are so large that the map has no finite value somewhere on the boundary.
+    #[error(
+        "the map is not finite on the whole boundary; bring sources nearer (adaptive placement) or raise the truncation"
+    )]
+    NonFiniteMap,
+    /// The matrix would not fit into memory.
+    #[error(
+        "a matrix of {rows} collocation points by {columns} unknowns needs {gib:.0} GiB; lower the number of sources \
+         (max-sources) or of collocation points (c-ratio)"
+    )]
+    TooLarge {
+        /// Collocation points.
+        rows: usize,
+        /// Unknowns.
+        columns: usize,
+        /// Memory of the decomposition.
+        gib: f64,
+    },
+    /// The boundary map is unusable.
+    #[error(transparent)]
+    BoundaryMap(#[from] BoundaryMapError),
+    /// The system has no usable solution.
+    #[error("cannot solve for the coefficients: {0}")]
+    Solve(#[from] SolveError),
+}
+
+fn describe_errors(report: &CheckReport) -> String {
+    let errors = report
+        .errors()
+        .map(|finding| format!("{}; {}", finding.message, finding.advice));
+    errors.collect::<Vec<_>>().join("; also: ")
+}

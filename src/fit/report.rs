@@ -1,0 +1,98 @@
+use super::Placement;
+use crate::boundary_map::BoundaryMap;
+use crate::map::HarmonicMap;
+
+/// Distances `|f(p) − f'(p)|` at held-out boundary points, as fractions of the target's diagonal.
+///
+/// Since `f − f_exact` is harmonic, its largest value anywhere inside is at most its largest on the boundary (maximum
+/// principle): this error bounds that of the whole map against the exact harmonic one, as far as the points are dense.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct BoundaryError {
+    /// Root mean square over the area.
+    pub rms: f64,
+    /// 99 % of the area is below.
+    pub p99: f64,
+    /// The largest, over more points than the average (at least one in each triangle, up to 100 000).
+    pub max: f64,
+}
+
+/// Wall time by phase, in seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Seconds {
+    /// Everything.
+    pub total: f64,
+    /// Checking the domain and placing points.
+    pub sampling: f64,
+    /// Assembling and decomposing the matrix.
+    pub factor: f64,
+    /// Applying the decomposition to the boundary data.
+    pub solve: f64,
+    /// Measuring the boundary error.
+    pub check: f64,
+}
+
+/// What a fit did, and how well it meets its boundary map.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct FitReport {
+    /// Boundary vertices of the domain.
+    pub vertices: usize,
+    /// Boundary triangles of the domain.
+    pub faces: usize,
+    /// Sources placed.
+    pub sources: usize,
+    /// Collocation points.
+    pub collocation: usize,
+    /// `"dense-qr"` or `"dense-svd"`.
+    pub method: String,
+    /// Where the sources stand.
+    pub placement: Placement,
+    /// Whether the affine functions are in the basis.
+    pub affine: bool,
+    /// Iterations of the solver; 1 for a direct one.
+    pub iterations: usize,
+    /// Singular values or pivots kept, of `sources` plus 4.
+    pub rank: usize,
+    /// Condition number of the scaled matrix before truncation; `None` when it is singular to working precision.
+    pub condition: Option<f64>,
+    /// The number that counts.
+    pub boundary_error: BoundaryError,
+    /// The paper's C-Error (section 4.5), `Σ |f(p) − f'(p)|²` over the collocation points, in units of the target's
+    /// diagonal squared. It is small where the fit was made and says little elsewhere.
+    pub c_error: f64,
+    /// Root mean square misfit at the collocation points, as a fraction of the target's diagonal.
+    pub residual_rms: f64,
+    /// Wall time; `None` in a map file, so that the same fit gives the same bytes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<Seconds>,
+    /// What was mended or left out.
+    pub warnings: Vec<String>,
+}
+
+/// A map and what is known about it.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// The harmonic map, in model units.
+    pub map: HarmonicMap,
+    /// The boundary map that was fitted, its domain with the faces turned outward.
+    pub boundary: BoundaryMap,
+    /// How it was made and how good it is.
+    pub report: FitReport,
+}
+
+/// The steps of a fit, for showing progress.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Checking the domain and placing sources and collocation points.
+    Sampling,
+    /// Decomposing a matrix of this many rows and columns.
+    Factoring {
+        /// Collocation points.
+        rows: usize,
+        /// Unknowns.
+        columns: usize,
+    },
+    /// Applying the decomposition.
+    Solving,
+    /// Measuring the boundary error.
+    Measuring,
+}
