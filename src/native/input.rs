@@ -323,4 +323,15 @@ mod tests {
         let nested = shapes::joined(&shapes::spherical_shell(1.0, 0.5, 2), &shapes::sphere(0.25, 2));
         assert!((volume(&nested) - nested.volume()).abs() < 1e-12);
     }
+    #[test]
+    fn a_projective_plane_has_no_inside() {
+        let vertices = (0..6).map(|k| Point::new(f64::from(k), f64::from(k * k), f64::from(k * k * k)));
+        let around = |k: u32| [1 + k % 5, 1 + (k + 1) % 5, 1 + (k + 3) % 5];
+        let triangles = (0..5).flat_map(|k| [[0, around(k)[0], around(k)[1]], around(k)]);
+        let plane = SurfaceMesh::new(vertices.collect(), triangles.collect()).unwrap();
+        let topology = Topology::new(&plane);
+        assert_eq!(check_closed(&topology).and(check_manifold(&topology)), Ok(()));
+        let refused = solid(&plane, &topology).err();
+        assert!(matches!(refused, Some(InputDefect::NotOrientable { .. })));
+    }
 }
