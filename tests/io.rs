@@ -1,11 +1,11 @@
 //! Meshes and points through files: what is written reads back to the same bits, spoiled files are errors and never
 //! panics, and real models have the counts that they are known to have.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+mod common;
 
+use std::{fs, path::Path};
+
+use common::models;
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::{
     Point,
@@ -209,15 +209,6 @@ fn files_that_cannot_be_opened_are_named_with_the_cause() {
         write_surface(folder.path().join("none/a.obj"), &mesh),
         Err(IoError::Write { .. })
     ));
-}
-
-/// The folder of real models, or `None` with a loud word.
-fn models() -> Option<PathBuf> {
-    let folder = std::env::var_os("SOLIDMAP_MODELS").map(PathBuf::from);
-    if folder.is_none() {
-        eprintln!("SKIPPED: set SOLIDMAP_MODELS to the folder of models to run this test");
-    }
-    folder
 }
 
 #[test]

@@ -480,18 +480,20 @@ impl Rim {
 }
 
 /// Union-find whose representatives are the lowest members, so that results do not depend on the order of unions.
-struct DisjointSets {
+pub(crate) struct DisjointSets {
     parent: Vec<u32>,
 }
 
 impl DisjointSets {
-    fn new(count: usize) -> Self {
+    /// `count` members, each in a set of its own.
+    pub(crate) fn new(count: usize) -> Self {
         Self {
             parent: (0..count as u32).collect(),
         }
     }
 
-    fn find(&mut self, mut member: u32) -> u32 {
+    /// The lowest member of the set that `member` is in.
+    pub(crate) fn find(&mut self, mut member: u32) -> u32 {
         while self.parent[member as usize] != member {
             let grandparent = self.parent[self.parent[member as usize] as usize];
             self.parent[member as usize] = grandparent;
@@ -500,7 +502,8 @@ impl DisjointSets {
         member
     }
 
-    fn unite(&mut self, a: u32, b: u32) {
+    /// Makes one set of the sets that `a` and `b` are in.
+    pub(crate) fn unite(&mut self, a: u32, b: u32) {
         let (a, b) = (self.find(a), self.find(b));
         self.parent[a.max(b) as usize] = a.min(b);
     }

@@ -2,9 +2,10 @@ use rayon::prelude::*;
 
 use super::bridge::ffi;
 use super::error::{NativeError, check};
-use super::input::{Topology, check_closed, check_numbers, flat, points};
+use super::input::{check_closed, check_numbers, flat, points};
 use crate::Point;
 use crate::mesh::SurfaceMesh;
+use crate::mesh::topology::Topology;
 
 /// Queries per call into C++, and per task.
 const CHUNK: usize = 512;
@@ -36,7 +37,7 @@ impl SignedDistanceField {
     /// [`NativeError::Cgal`] when all its triangles are degenerate.
     pub fn new(surface: &SurfaceMesh) -> Result<Self, NativeError> {
         check_numbers(surface)?;
-        check_closed(&Topology::of(surface))?;
+        check_closed(&Topology::new(surface))?;
         let mut outcome = ffi::Outcome {
             code: 0,
             message: String::new(),

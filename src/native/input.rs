@@ -3,110 +3,18 @@
 
 use super::bridge::ffi;
 use super::error::{InputDefect, NativeError, check};
-use super::parity::ParityForest;
 use crate::Point;
-use crate::mesh::SurfaceMesh;
+use crate::geometry::{Aabb, solid_angle};
+use crate::mesh::topology::{NONE, Topology};
+use crate::mesh::{SurfaceMesh, lowest_coincident_vertices};
 
 /// A closed surface without self-intersections, read by the even-odd rule.
 pub(super) struct Solid {
     /// Volume inside an odd number of shells.
     pub volume: f64,
-    /// Handles of the shells that bound the solid from outside, summed; cavities do not count.
-    pub outer_genus: usize,
-}
-
-/// The connectivity of a surface.
-pub(super) struct Topology {
-    /// An edge with an odd number of triangles, and how many there are.
-    pub open: Option<([u32; 2], usize)>,
-    /// An edge of more than two triangles, with their number.
-    pub non_manifold: Option<([u32; 2], usize)>,
-    /// An edge that its triangles do not run through equally often in both directions.
-    pub unbalanced: Option<[u32; 2]>,
-    /// Vertices where several fans of triangles meet in a point.
-    pub pinched: usize,
-    /// The part of each triangle, numbered from 0 in order of their first triangles.
-    pub shell_of: Vec<u32>,
-    /// Euler characteristic of each part, pinched vertices taken apart.
-    pub euler: Vec<i64>,
-}
-
-impl Topology {
-    pub fn of(surface: &SurfaceMesh) -> Self {
-        let edges = sorted_edges(surface);
-        let mut topology = Self {
-            open: None,
-            non_manifold: None,
-            unbalanced: None,
-            pinched: 0,
-            shell_of: Vec::new(),
-            euler: Vec::new(),
-        };
-        let triangles = surface.triangles();
-        let mut shells = ParityForest::new(triangles.len());
-        let mut fans = ParityForest::new(3 * triangles.len());
-        for uses in edges.chunk_by(|a, b| a.ends == b.ends) {
-            let edge = uses[0].ends;
-            if uses.len() % 2 == 1 {
-                topology.open.get_or_insert((edge, 0)).1 += 1;
-            }
-            if uses.len() > 2 {
-                topology.non_manifold.get_or_insert((edge, uses.len()));
-            }
-            if 2 * uses.iter().filter(|u| u.forward).count() != uses.len() {
-                topology.unbalanced.get_or_insert(edge);
-            }
-            for pair in uses.windows(2) {
-                let [s, t] = [pair[0].triangle as usize, pair[1].triangle as usize];
-                shells.join(s, t, false);
-                for end in edge {
-                    fans.join(
-                        3 * s + corner(triangles[s], end),
-                        3 * t + corner(triangles[t], end),
-                        false,
-                    );
-                }
-            }
-        }
-        topology.count(surface, &edges, &mut shells, &mut fans);
-        topology
-    }
-
-    fn count(&mut self, surface: &SurfaceMesh, edges: &[EdgeUse], shells: &mut ParityForest, fans: &mut ParityForest) {
-        let triangles = surface.triangles();
-        let mut number = vec![u32::MAX; triangles.len()];
-        for t in 0..triangles.len() {
-            let (root, _) = shells.find(t);
-            if number[root] == u32::MAX {
-                number[root] = self.euler.len() as u32;
-                self.euler.push(0);
-            }
-            self.shell_of.push(number[root]);
-            self.euler[number[root] as usize] += 1;
-        }
-        for uses in edges.chunk_by(|a, b| a.ends == b.ends) {
-            self.euler[self.shell_of[uses[0].triangle as usize] as usize] -= 1;
-        }
-        let mut seen = vec![false; surface.vertices().len()];
-        for (t, triangle) in triangles.iter().enumerate() {
-            for (k, &v) in triangle.iter().enumerate() {
-                if fans.find(3 * t + k).0 == 3 * t + k {
-                    self.euler[self.shell_of[t] as usize] += 1;
-                    self.pinched += usize::from(std::mem::replace(&mut seen[v as usize], true));
-                }
-            }
-        }
-    }
-
-    /// Handles of a part. Means something for closed manifold parts only.
-    pub fn genus(&self, shell: usize) -> usize {
-        usize::try_from((2 - self.euler[shell]) / 2).unwrap_or(0)
-    }
-
-    /// Closed, two triangles at every edge, one fan at every vertex, all of one orientation.
-    pub fn is_oriented_manifold(&self) -> bool {
-        self.open.is_none() && self.non_manifold.is_none() && self.unbalanced.is_none() && self.pinched == 0
-    }
+    /// Handles of the shells that bound the solid from outside, summed; cavities do not count. `None` when one of them
+    /// is no manifold.
+    pub outer_genus: Option<u64>,
 }
 
 /// Coordinates in one row, as the bridge takes them.
@@ -144,47 +52,47 @@ pub(super) fn check_numbers(surface: &SurfaceMesh) -> Result<(), InputDefect> {
     Ok(())
 }
 
-/// An even number of triangles at every edge.
+/// An even number of triangles at every edge. [`Topology::is_closed`] asks for less: three triangles close no solid.
 pub(super) fn check_closed(topology: &Topology) -> Result<(), InputDefect> {
-    match topology.open {
-        Some((edge, edges)) => Err(InputDefect::Open { edge, edges }),
+    let mut open = (0..topology.edges().len()).filter(|&edge| topology.sides(edge).len() % 2 == 1);
+    match open.next() {
+        Some(first) => Err(InputDefect::Open {
+            edge: topology.edges()[first],
+            edges: 1 + open.count(),
+        }),
         None => Ok(()),
     }
 }
 
 /// At most two triangles at every edge.
 pub(super) fn check_manifold(topology: &Topology) -> Result<(), InputDefect> {
-    match topology.non_manifold {
-        Some((edge, triangles)) => Err(InputDefect::NonManifoldEdge { edge, triangles }),
+    match (0..topology.edges().len()).find(|&edge| topology.sides(edge).len() > 2) {
+        Some(edge) => Err(InputDefect::NonManifoldEdge {
+            edge: topology.edges()[edge],
+            triangles: topology.sides(edge).len(),
+        }),
         None => Ok(()),
     }
 }
 
 /// A proper triangle everywhere, and every vertex used and alone in its place.
-pub(super) fn check_elements(surface: &SurfaceMesh) -> Result<(), InputDefect> {
-    let repeats = |t: &[u32; 3]| t[0] == t[1] || t[1] == t[2] || t[2] == t[0];
-    if let Some(triangle) = surface.triangles().iter().position(repeats) {
+fn check_elements(surface: &SurfaceMesh, topology: &Topology) -> Result<(), InputDefect> {
+    let triangles = surface.triangles();
+    if let Some(triangle) = (0..triangles.len()).find(|&t| topology.edges_of_triangle(t).is_none()) {
         return Err(InputDefect::DegenerateTriangle { triangle });
     }
-    if let Some((first, second)) = first_repeated(surface.triangles().iter().map(|&t| sorted(t))) {
+    if let Some((first, second)) = first_repeated(triangles) {
         return Err(InputDefect::RepeatedTriangle { first, second });
     }
-    // Adding 0.0 makes one zero of both.
-    let places = surface
-        .vertices()
-        .iter()
-        .map(|p| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits()));
-    if let Some((first, second)) = first_repeated(places) {
+    let lowest = lowest_coincident_vertices(surface.vertices());
+    if let Some(second) = (0..lowest.len()).find(|&v| lowest[v] as usize != v) {
+        let first = lowest[second] as usize;
         return Err(InputDefect::CoincidentVertices { first, second });
     }
-    let mut used = vec![false; surface.vertices().len()];
-    surface
-        .triangles()
-        .iter()
-        .flatten()
-        .for_each(|&v| used[v as usize] = true);
-    match used.iter().position(|&u| !u) {
-        Some(vertex) => Err(InputDefect::UnreferencedVertex { vertex }),
+    match topology.unreferenced_vertices().first() {
+        Some(&vertex) => Err(InputDefect::UnreferencedVertex {
+            vertex: vertex as usize,
+        }),
         None => Ok(()),
     }
 }
@@ -192,7 +100,7 @@ pub(super) fn check_elements(surface: &SurfaceMesh) -> Result<(), InputDefect> {
 /// Everything that the tetrahedral meshers need.
 pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<Solid, NativeError> {
     check_numbers(surface)?;
-    check_elements(surface)?;
+    check_elements(surface, topology)?;
     check_closed(topology)?;
     // A flat surface intersects itself too, and to say so would not help.
     let shells = shells(surface, topology)?;
@@ -207,7 +115,7 @@ pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<
             pairs: pairs.len(),
             first,
         }),
-        None => Ok(solid_of(&shells, topology)),
+        None => Ok(solid_of(&shells)),
     }
 }
 
@@ -226,13 +134,13 @@ pub(super) fn meeting_triangles(surface: &SurfaceMesh) -> Result<Vec<[u32; 2]>, 
 /// Volume and handles by the even-odd rule: the shells' own orientations are mended, so they do not matter. Means
 /// something only where shells do not intersect.
 pub(super) fn solid(surface: &SurfaceMesh, topology: &Topology) -> Result<Solid, InputDefect> {
-    Ok(solid_of(&shells(surface, topology)?, topology))
+    Ok(solid_of(&shells(surface, topology)?))
 }
 
-fn solid_of(shells: &[Shell], topology: &Topology) -> Solid {
+fn solid_of(shells: &[Shell]) -> Solid {
     let mut solid = Solid {
         volume: 0.0,
-        outer_genus: 0,
+        outer_genus: Some(0),
     };
     for (k, shell) in shells.iter().enumerate() {
         let around = shells
@@ -241,7 +149,7 @@ fn solid_of(shells: &[Shell], topology: &Topology) -> Solid {
             .filter(|&(j, other)| j != k && other.encloses(&shell.witness));
         if around.count() % 2 == 0 {
             solid.volume += shell.volume;
-            solid.outer_genus += topology.genus(k);
+            solid.outer_genus = solid.outer_genus.zip(shell.genus).map(|(sum, genus)| sum + genus);
         } else {
             solid.volume -= shell.volume;
         }
@@ -251,54 +159,47 @@ fn solid_of(shells: &[Shell], topology: &Topology) -> Solid {
 
 struct Shell {
     triangles: Vec<[Point; 3]>,
-    low: Point,
-    high: Point,
+    bounds: Aabb,
     volume: f64,
+    genus: Option<u64>,
     /// A point of the shell that no other shell touches.
     witness: Point,
 }
 
 impl Shell {
     fn encloses(&self, p: &Point) -> bool {
-        let in_box = (0..3).all(|k| self.low[k] < p[k] && p[k] < self.high[k]);
-        in_box && self.solid_angle(p).abs() > 2.0 * std::f64::consts::PI
-    }
-
-    /// Van Oosterom & Strackee, *The solid angle of a plane triangle*, IEEE Trans. Biomed. Eng. 30 (1983).
-    fn solid_angle(&self, p: &Point) -> f64 {
-        let of_triangle = |corners: &[Point; 3]| {
-            let [a, b, c] = corners.map(|q| q - p);
-            let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
-            let above = a.dot(&b.cross(&c));
-            let below = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
-            2.0 * above.atan2(below)
+        let angle = || {
+            self.triangles
+                .iter()
+                .map(|corners| solid_angle(p, corners))
+                .sum::<f64>()
         };
-        self.triangles.iter().map(of_triangle).sum()
+        self.bounds.contains(p) && angle().abs() > 2.0 * std::f64::consts::PI
     }
 }
 
 /// The parts of the surface, each oriented alike within itself.
 fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<Shell>, InputDefect> {
-    let turned = turned_triangles(surface, topology)?;
+    let turned = turned_triangles(topology)?;
     let (low, high) = surface.bounding_box().ok_or(InputDefect::Empty)?;
     let centre = nalgebra::center(&low, &high);
-    let mut shells: Vec<Shell> = (0..topology.euler.len())
-        .map(|_| Shell {
-            triangles: Vec::new(),
-            low: high,
-            high: low,
-            volume: 0.0,
-            witness: centre,
-        })
-        .collect();
-    for (t, &turn) in turned.iter().enumerate() {
-        let [a, b, c] = surface.corners(t);
-        let corners = if turn { [a, c, b] } else { [a, b, c] };
-        let shell = &mut shells[topology.shell_of[t] as usize];
-        for p in &corners {
-            shell.low = shell.low.inf(p);
-            shell.high = shell.high.sup(p);
+    let components = topology.components();
+    let empty = |genus| Shell {
+        triangles: Vec::new(),
+        bounds: Aabb::empty(),
+        volume: 0.0,
+        genus,
+        witness: centre,
+    };
+    let mut shells: Vec<Shell> = components.shapes.iter().map(|shape| empty(shape.genus())).collect();
+    for (t, &component) in components.of_triangle.iter().enumerate() {
+        if component == NONE {
+            continue;
         }
+        let [a, b, c] = surface.corners(t);
+        let corners = if turned[t] { [a, c, b] } else { [a, b, c] };
+        let shell = &mut shells[component as usize];
+        shell.bounds = shell.bounds.union(&Aabb::around(&corners));
         let [a, b, c] = corners.map(|p| p - centre);
         shell.volume += a.dot(&b.cross(&c)) / 6.0;
         shell.witness = centre + (a + b + c) / 3.0;
@@ -313,56 +214,27 @@ fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<Shell>, Inpu
     Ok(shells)
 }
 
-/// Which triangles to turn over so that neighbours agree.
-fn turned_triangles(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<bool>, InputDefect> {
-    let count = surface.triangles().len();
-    let Some(edge) = topology.unbalanced else {
-        return Ok(vec![false; count]);
+/// Which triangles to turn over so that neighbours agree. At an edge of more than two triangles nothing tells which are
+/// neighbours, so such a surface must be oriented as it is: as many triangles run one way through an edge as the other.
+fn turned_triangles(topology: &Topology) -> Result<Vec<bool>, InputDefect> {
+    let orientation = topology.orientation();
+    let unmended = if topology.is_edge_manifold() {
+        orientation.twisted_edges.first().map(|&edge| edge as usize)
+    } else {
+        (0..topology.edges().len()).find(|&edge| !is_balanced(topology, edge))
     };
-    if topology.non_manifold.is_some() {
-        return Err(InputDefect::NotOrientable { edge });
+    match unmended {
+        Some(edge) => Err(InputDefect::NotOrientable {
+            edge: topology.edges()[edge],
+        }),
+        None => Ok(orientation.flip),
     }
-    let mut sides = ParityForest::new(count);
-    for uses in sorted_edges(surface).chunk_by(|a, b| a.ends == b.ends) {
-        for pair in uses.windows(2) {
-            let same_direction = pair[0].forward == pair[1].forward;
-            if !sides.join(pair[0].triangle as usize, pair[1].triangle as usize, same_direction) {
-                return Err(InputDefect::NotOrientable { edge: uses[0].ends });
-            }
-        }
-    }
-    Ok((0..count).map(|t| sides.find(t).1).collect())
 }
 
-#[derive(PartialEq, Eq, PartialOrd, Ord)]
-struct EdgeUse {
-    ends: [u32; 2],
-    triangle: u32,
-    forward: bool,
-}
-
-fn sorted_edges(surface: &SurfaceMesh) -> Vec<EdgeUse> {
-    let of_triangle = |(t, &[a, b, c]): (usize, &[u32; 3])| {
-        [[a, b], [b, c], [c, a]].map(|[from, to]| EdgeUse {
-            ends: [from.min(to), from.max(to)],
-            triangle: t as u32,
-            forward: from < to,
-        })
-    };
-    let proper = |edge: &EdgeUse| edge.ends[0] != edge.ends[1];
-    let mut edges: Vec<EdgeUse> = surface
-        .triangles()
-        .iter()
-        .enumerate()
-        .flat_map(of_triangle)
-        .filter(proper)
-        .collect();
-    edges.sort_unstable();
-    edges
-}
-
-fn corner(triangle: [u32; 3], vertex: u32) -> usize {
-    triangle.iter().position(|&v| v == vertex).unwrap_or(0)
+fn is_balanced(topology: &Topology, edge: usize) -> bool {
+    let sides = topology.sides(edge);
+    let forward = sides.iter().filter(|&&side| topology.runs_forward(side));
+    2 * forward.count() == sides.len()
 }
 
 pub(super) fn sorted<const N: usize>(mut corners: [u32; N]) -> [u32; N] {
@@ -370,9 +242,13 @@ pub(super) fn sorted<const N: usize>(mut corners: [u32; N]) -> [u32; N] {
     corners
 }
 
-/// The first item that an earlier one equals, with that one's index before its own.
-fn first_repeated<K: Ord>(items: impl Iterator<Item = K>) -> Option<(usize, usize)> {
-    let mut order: Vec<(K, usize)> = items.enumerate().map(|(k, item)| (item, k)).collect();
+/// The first triangle with the corners of an earlier one, with that one's index before its own.
+fn first_repeated(triangles: &[[u32; 3]]) -> Option<(usize, usize)> {
+    let mut order: Vec<([u32; 3], usize)> = triangles
+        .iter()
+        .enumerate()
+        .map(|(t, &corners)| (sorted(corners), t))
+        .collect();
     order.sort_unstable();
     let repeats = order.windows(2).filter(|pair| pair[0].0 == pair[1].0);
     repeats
@@ -385,8 +261,12 @@ mod tests {
     use super::*;
     use crate::mesh::shapes;
 
+    fn solid_in(surface: &SurfaceMesh) -> Solid {
+        solid(surface, &Topology::new(surface)).unwrap()
+    }
+
     fn volume(surface: &SurfaceMesh) -> f64 {
-        solid(surface, &Topology::of(surface)).unwrap().volume
+        solid_in(surface).volume
     }
 
     #[test]
@@ -396,15 +276,12 @@ mod tests {
             (shapes::torus(1.0, 0.3, 12, 8), 1),
             (shapes::double_torus(2), 2),
         ] {
-            let topology = Topology::of(&surface);
-            assert!(topology.is_oriented_manifold());
-            assert_eq!(topology.euler.len(), 1);
-            assert_eq!(topology.genus(0), genus);
+            assert_eq!(solid_in(&surface).outer_genus, Some(genus));
         }
     }
 
     #[test]
-    fn a_pinched_vertex_is_counted_and_taken_apart() {
+    fn bodies_that_touch_in_a_vertex_are_two() {
         let tip = shapes::cube(1.0, 1);
         let moved = shapes::deformed(&tip, |p| p + crate::Vector::repeat(1.0));
         let both = shapes::joined(&tip, &moved);
@@ -423,9 +300,8 @@ mod tests {
             .map(|t| t.map(|v| if v == twin { shared } else { v }))
             .collect();
         let pinched = SurfaceMesh::new(both.vertices().to_vec(), triangles).unwrap();
-        let topology = Topology::of(&pinched);
-        assert_eq!(topology.pinched, 1);
-        assert_eq!((topology.genus(0), topology.genus(1)), (0, 0));
+        assert_eq!(Topology::new(&pinched).non_manifold_vertices(), [shared]);
+        assert_eq!(solid_in(&pinched).outer_genus, Some(0));
         assert!((volume(&pinched) - 2.0).abs() < 1e-12);
     }
 
@@ -446,5 +322,16 @@ mod tests {
     fn a_body_inside_a_cavity_counts() {
         let nested = shapes::joined(&shapes::spherical_shell(1.0, 0.5, 2), &shapes::sphere(0.25, 2));
         assert!((volume(&nested) - nested.volume()).abs() < 1e-12);
+    }
+    #[test]
+    fn a_projective_plane_has_no_inside() {
+        let vertices = (0..6).map(|k| Point::new(f64::from(k), f64::from(k * k), f64::from(k * k * k)));
+        let around = |k: u32| [1 + k % 5, 1 + (k + 1) % 5, 1 + (k + 3) % 5];
+        let triangles = (0..5).flat_map(|k| [[0, around(k)[0], around(k)[1]], around(k)]);
+        let plane = SurfaceMesh::new(vertices.collect(), triangles.collect()).unwrap();
+        let topology = Topology::new(&plane);
+        assert_eq!(check_closed(&topology).and(check_manifold(&topology)), Ok(()));
+        let refused = solid(&plane, &topology).err();
+        assert!(matches!(refused, Some(InputDefect::NotOrientable { .. })));
     }
 }

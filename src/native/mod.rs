@@ -17,7 +17,6 @@ mod error;
 mod input;
 mod intersections;
 mod offset;
-mod parity;
 mod tetrahedra;
 
 pub use distance::SignedDistanceField;

@@ -1,10 +1,11 @@
 use super::bridge::ffi;
 use super::distance::SignedDistanceField;
 use super::error::{NativeError, check};
-use super::input::{Topology, check_closed, check_numbers, flat, meeting_triangles, solid, surface as surface_of};
+use super::input::{check_closed, check_numbers, flat, meeting_triangles, solid, surface as surface_of};
 use super::tetrahedra::{check_count, check_option};
 use crate::Point;
 use crate::mesh::SurfaceMesh;
+use crate::mesh::topology::{ComponentShape, Topology};
 
 /// Newton steps of the projection; away from creases one is enough, and at a crease none are.
 const PROJECTION_STEPS: usize = 5;
@@ -55,7 +56,7 @@ pub struct OffsetSurface {
     pub min_distance: f64,
     /// Handles, summed over the components.
     pub genus: usize,
-    /// Handles of the model's outer shells, when it is manifold. A distance beyond half of a hole's width closes the
+    /// Handles of the model's outer shells, when they are manifold. A distance beyond half of a hole's width closes the
     /// hole, so a smaller genus is right there and a sign of too large an `alpha` elsewhere.
     pub model_genus: Option<usize>,
     /// Connected components. Bodies closer than twice the distance share one.
@@ -95,7 +96,7 @@ pub fn offset_surface(
     let valid = first_alpha.is_finite() && first_alpha > 0.0;
     check_option("alpha", first_alpha, valid, "positive and finite")?;
     check_numbers(surface)?;
-    check_closed(&Topology::of(surface))?;
+    check_closed(&Topology::new(surface))?;
 
     let job = Job::new(surface, distance, options)?;
     let mut fallback = None;
@@ -142,15 +143,10 @@ struct Job<'a> {
 
 impl<'a> Job<'a> {
     fn new(model: &'a SurfaceMesh, distance: f64, options: &'a OffsetOptions) -> Result<Self, NativeError> {
-        let topology = Topology::of(model);
-        let model_genus = if topology.non_manifold.is_none() {
-            solid(model, &topology).ok().map(|solid| solid.outer_genus)
-        } else {
-            None
-        };
+        let solid = solid(model, &Topology::new(model)).ok();
         Ok(Self {
             model,
-            model_genus,
+            model_genus: solid.and_then(|solid| solid.outer_genus).map(|genus| genus as usize),
             field: SignedDistanceField::new(model)?,
             distance,
             options,
@@ -225,10 +221,13 @@ impl<'a> Job<'a> {
             attempts: retries + 1,
             reason,
         };
-        let topology = Topology::of(&mesh);
-        if mesh.triangles().is_empty() || !topology.is_oriented_manifold() || mesh.volume() <= 0.0 {
+        let topology = Topology::new(&mesh);
+        let shapes = topology.components().shapes;
+        let genus: Option<u64> = shapes.iter().map(ComponentShape::genus).sum();
+        let (Some(genus), true) = (genus, bounds_a_solid(&mesh, &topology)) else {
             return Err(failed("the surface is not closed and manifold".into()));
-        }
+        };
+        let genus = genus as usize;
         let crossings = self.crossings(&mesh)?;
         if crossings > 0 {
             return Err(failed(format!("{crossings} pairs of triangles intersect")));
@@ -245,7 +244,6 @@ impl<'a> Job<'a> {
         if min_distance < self.options.min_fraction * self.distance {
             return Err(failed(format!("it comes as near as {min_distance:e} to the model")));
         }
-        let genus = (0..topology.euler.len()).map(|shell| topology.genus(shell)).sum();
         match self.options.genus {
             Some(want) if want != genus => return Err(NativeError::Topology { got: genus, want }),
             _ => {}
@@ -258,7 +256,7 @@ impl<'a> Job<'a> {
             min_distance,
             genus,
             model_genus: self.model_genus,
-            components: topology.euler.len(),
+            components: shapes.len(),
             alpha,
             retries,
             raw_wrap,
@@ -275,4 +273,11 @@ impl<'a> Job<'a> {
         let pairs = meeting_triangles(&SurfaceMesh::new(vertices, triangles)?)?;
         Ok(pairs.iter().filter(|pair| (pair[0] as usize) < own).count())
     }
+}
+
+/// Closed, two triangles at every edge, one fan at every vertex, all oriented outward.
+fn bounds_a_solid(mesh: &SurfaceMesh, topology: &Topology) -> bool {
+    let is_manifold = topology.is_edge_manifold() && topology.non_manifold_vertices().is_empty();
+    let is_oriented = topology.orientation().inconsistent_edges.is_empty() && mesh.volume() > 0.0;
+    topology.is_closed() && is_manifold && is_oriented
 }

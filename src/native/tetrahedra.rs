@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use super::bridge::ffi;
 use super::error::{NativeError, check};
-use super::input::{Solid, Topology, check_manifold, check_solid, flat, points, sorted};
-use super::parity::ParityForest;
+use super::input::{Solid, check_manifold, check_solid, flat, points, sorted};
 use crate::Point;
+use crate::mesh::topology::{DisjointSets, Topology};
 use crate::mesh::{SurfaceMesh, TetMesh};
 
 /// Tetrahedra that a mesher is asked for at most; about 100 GB at this count.
@@ -75,7 +75,7 @@ impl Default for Mesh3Options {
 /// [`NativeError::SelfIntersection`] for one that passes through itself, and one error for each way in which the mesh
 /// could be wrong: nothing is returned unless boundary, prefix, handedness and volume have been checked.
 pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<TetMesh, NativeError> {
-    let topology = Topology::of(surface);
+    let topology = Topology::new(surface);
     let solid = check_solid(surface, &topology)?;
     check_tet_options(options, &solid)?;
 
@@ -114,7 +114,7 @@ pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<Tet
 /// As [`tetrahedralize`]; [`NativeError::VolumeMismatch`] when the volume is further from the surface's than
 /// `facet_distance` explains, as it is where parts or gaps are thinner than the mesh is fine.
 pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Result<TetMesh, NativeError> {
-    let topology = Topology::of(surface);
+    let topology = Topology::new(surface);
     let solid = check_solid(surface, &topology)?;
     check_manifold(&topology)?;
     let cell_size = options.cell_size.unwrap_or(surface.diagonal() / 20.0);
@@ -243,8 +243,10 @@ fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>
         .map(|(t, &corners)| (sorted(corners), t))
         .collect();
     let mut found = vec![false; input.len()];
-    let outside = tets.len();
-    let mut sides = ParityForest::new(tets.len() + 1);
+    let outside = tets.len() as u32;
+    // Tetrahedron t and the outside stand there twice: as 2t on their own side and as 2t + 1 on the other. A face of
+    // the boundary joins one's own side with the other's other.
+    let mut sides = DisjointSets::new(2 * (tets.len() + 1));
     let count = surface.vertices().len() as u32;
     for uses in sorted_faces(tets).chunk_by(|a, b| a >> 32 == b >> 32) {
         let face = [(uses[0] >> 96) as u32, (uses[0] >> 64) as u32, (uses[0] >> 32) as u32];
@@ -252,9 +254,12 @@ fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>
         if let Some(&t) = triangle {
             found[t] = true;
         }
-        let first = uses[0] as u32 as usize;
-        let second = uses.get(1).map_or(outside, |&u| u as u32 as usize);
-        if uses.len() > 2 || !sides.join(first, second, triangle.is_some()) {
+        let first = 2 * (uses[0] as u32);
+        let second = 2 * uses.get(1).map_or(outside, |&u| u as u32);
+        let crossed = u32::from(triangle.is_some());
+        sides.unite(first, second + crossed);
+        sides.unite(first + 1, second + 1 - crossed);
+        if uses.len() > 2 || sides.find(first) == sides.find(first + 1) {
             let triangle = triangle.copied().unwrap_or(found.len());
             return Err(NativeError::BoundaryChanged { triangle });
         }
@@ -262,8 +267,8 @@ fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>
     if let Some(triangle) = found.iter().position(|&f| !f) {
         return Err(NativeError::BoundaryChanged { triangle });
     }
-    let (root, bit) = sides.find(outside);
-    let is_inside = |&t: &usize| sides.find(t) == (root, !bit);
+    let other_side = sides.find(2 * outside + 1);
+    let is_inside = |&t: &usize| sides.find(2 * t as u32) == other_side;
     Ok((0..tets.len()).filter(is_inside).map(|t| tets[t]).collect())
 }
 
