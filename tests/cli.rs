@@ -385,6 +385,66 @@ fn methods_and_placements_can_be_chosen() {
     }
 }
 
+/// A vertex that no triangle uses has an image like all others, but is no part of either solid.
+#[test]
+fn unused_vertices_do_not_stretch_the_unit_of_errors() {
+    let place = Workplace::new();
+    let with_unused = |mesh: &SurfaceMesh, far: f64| {
+        let (mut vertices, triangles) = mesh.clone().into_parts();
+        vertices.push(Point::new(far, far, far));
+        SurfaceMesh::new(vertices, triangles).unwrap()
+    };
+    let ball = shapes::sphere(1.0, 2);
+    let bent = shapes::deformed(&ball, |p| Point::new(p.x + 0.2 * p.y * p.y, p.y, p.z));
+    place.surface("ball.obj", &ball);
+    place.surface("bent.obj", &bent);
+    place.surface("ball_far.obj", &with_unused(&ball, 100.0));
+    place.surface("bent_far.obj", &with_unused(&bent, -1e4));
+    let plain = json(&place.must("fit ball.obj --image bent.obj -o m.map --json"));
+    let output = place.must("fit ball_far.obj --image bent_far.obj -o far.map --json");
+    assert_eq!(json(&output)["boundary_error"], plain["boundary_error"]);
+    assert!(
+        stderr(&output).contains("belongs to no triangle"),
+        "{}",
+        stderr(&output)
+    );
+    place.must("energy far.map --png far.png");
+}
+
+#[test]
+fn outputs_do_not_overwrite_inputs() {
+    let place = Workplace::with_fitted_ball();
+    for line in [
+        "fit ball.obj --image image.ply -o ball.obj",
+        "fit ball.obj --image image.ply -o out.map --vtu image.ply",
+        "eval ball.map ball.obj -o ball.obj",
+        "eval ball.map ball.obj -o ./ball.obj",
+    ] {
+        let before = std::fs::read(place.path("ball.obj")).unwrap();
+        assert_eq!(place.run(line).status.code(), Some(2), "{line}");
+        assert_eq!(std::fs::read(place.path("ball.obj")).unwrap(), before, "{line}");
+    }
+}
+
+#[test]
+fn targets_that_are_no_solids_are_remarked_on() {
+    let place = Workplace::with_fitted_ball();
+    place.surface(
+        "flat.obj",
+        &shapes::deformed(&shapes::sphere(1.0, 2), |p| Point::new(p.x, p.y, 0.0)),
+    );
+    let flat = place.must("fit ball.obj --image flat.obj -o flat.map");
+    assert!(stderr(&flat).contains("no volume"), "{}", stderr(&flat));
+    place.fails("energy flat.map", &["flat.map", "volume"]);
+    place.must("energy flat.map --no-normalize");
+    place.surface(
+        "mirror.obj",
+        &shapes::deformed(&shapes::sphere(1.0, 2), |p| Point::new(-p.x, p.y, p.z)),
+    );
+    let mirror = place.must("fit ball.obj --image mirror.obj -o mirror.map");
+    assert!(stderr(&mirror).contains("inside out"), "{}", stderr(&mirror));
+}
+
 #[test]
 fn points_without_an_image_and_points_outside_are_counted() {
     let place = Workplace::with_fitted_ball();

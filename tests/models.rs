@@ -226,11 +226,25 @@ fn every_bad_model_gets_its_diagnosis() {
             assert!(!finding["advice"].as_str().unwrap().is_empty(), "{file}: {finding}");
         }
     }
-    for file in ["empty.obj", "not_enough_indices.obj"] {
+    let unreadable = [("empty.obj", "no faces"), ("not_enough_indices.obj", "2 corners")];
+    for (file, reason) in unreadable {
         let path = models.join("bad").join(file);
         let output = solidmap(&["check", path.to_str().unwrap()]);
         assert_eq!(output.status.code(), Some(2), "{file}");
+        assert!(String::from_utf8_lossy(&output.stdout).contains(reason), "{file}");
     }
+    let mut known: Vec<&str> = BAD
+        .iter()
+        .map(|(file, _)| *file)
+        .chain(unreadable.map(|(file, _)| file))
+        .collect();
+    let mut there: Vec<String> = std::fs::read_dir(models.join("bad"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    known.sort_unstable();
+    there.sort_unstable();
+    assert_eq!(known, there, "every bad model has an expected diagnosis");
 }
 
 /// `fit` of a bad model onto itself names the defect and exits with 2, or succeeds with a warning; never a signal,

@@ -97,7 +97,7 @@ impl BoundaryMap {
             });
         }
         let map = Self { domain, image };
-        let (domain, target) = (extent(map.domain.vertices()), extent(&map.image));
+        let (domain, target) = (map.extent(map.domain.vertices()), map.extent(&map.image));
         if target == 0.0 {
             return Err(BoundaryMapError::NoExtent {
                 vertices: map.image.len(),
@@ -167,7 +167,17 @@ impl BoundaryMap {
 
     /// Diagonal of the target's bounding box, the unit of reported errors.
     pub fn target_diagonal(&self) -> f64 {
-        extent(&self.image)
+        self.extent(&self.image)
+    }
+
+    /// Diagonal of the bounding box of the triangles at these positions, without squares that over- or underflow.
+    fn extent(&self, positions: &[Point]) -> f64 {
+        let used = || self.domain.triangles().iter().flatten().map(|&v| positions[v as usize]);
+        let sides = (0..3).map(|k| {
+            let along = used().map(|p| p[k]);
+            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+        });
+        sides.fold(0.0, |diagonal: f64, side| diagonal.hypot(side.max(0.0)))
     }
 
     /// Positions of surface points in the domain.
@@ -182,15 +192,6 @@ impl BoundaryMap {
     pub fn evaluate(&self, points: &[SurfacePoint]) -> Vec<Point> {
         points.iter().map(|p| p.position(&self.domain, &self.image)).collect()
     }
-}
-
-/// Diagonal of the bounding box, without the squares that over- or underflow.
-fn extent(points: &[Point]) -> f64 {
-    let sides = (0..3).map(|k| {
-        let along = points.iter().map(|p| p[k]);
-        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
-    });
-    sides.fold(0.0, |diagonal: f64, side| diagonal.hypot(side.max(0.0)))
 }
 
 /// Compares connectivity up to the order of corners within an element.

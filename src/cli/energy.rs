@@ -10,7 +10,7 @@ use solidmap::energy::{
 };
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::mesh::{SurfaceMesh, TetMesh};
-use solidmap::report::{Axis, Figure, Plane};
+use solidmap::report::{Axis, Figure, Plane, significant};
 
 use super::args::EnergyArgs;
 use super::output::{Output, pairs};
@@ -45,7 +45,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
     );
     for (path, extension) in [(&args.vtu, "vtu"), (&args.png, "png")] {
         if let Some(path) = path {
-            input::require_writable(path, &[extension])?;
+            input::require_writable(path, &[extension], &[&args.map])?;
         }
     }
     output.progress("reading");
@@ -60,6 +60,11 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
     };
     let mesh = args.mesh.as_ref().map(io::read_tets).transpose()?;
 
+    ensure!(
+        args.no_normalize || target.volume() > 1e-12 * target.diagonal().powi(3),
+        "the target of `{}` encloses no volume that could be scaled to one; use --no-normalize",
+        args.map.display()
+    );
     output.progress("integrating");
     let quadrature = match &mesh {
         Some(mesh) => tet_quadrature(mesh)?,
@@ -94,7 +99,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
             options,
             up: args.up.into(),
         };
-        let panels = pictured.section(plane(args, boundary.domain().vertices()), SECTION_PIXELS)?;
+        let panels = pictured.section(plane(args, boundary.domain()), SECTION_PIXELS)?;
         let png = Figure::row(panels).to_png()?;
         io::atomic_write(path, |writer| writer.write_all(&png))?;
     }
@@ -137,7 +142,11 @@ pub fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
         [String::new(), scaled.into()],
         [
             "volume".into(),
-            format!("{:.6} → {:.6}", energy.volume, energy.target_volume),
+            format!(
+                "{} → {}",
+                significant(energy.volume, 6),
+                significant(energy.target_volume, 6)
+            ),
         ],
         [
             "det J".into(),
@@ -166,15 +175,12 @@ fn require_same_solid(mesh: &Path, volume: f64, domain: &SurfaceMesh) -> anyhow:
     Ok(())
 }
 
-fn plane(args: &EnergyArgs, vertices: &[Point]) -> Plane {
+fn plane(args: &EnergyArgs, domain: &SurfaceMesh) -> Plane {
     let axis = Axis::from(args.axis);
-    let along = vertices.iter().map(|p| p[axis.index()]);
-    let low = along.clone().fold(f64::INFINITY, f64::min);
-    let high = along.fold(f64::NEG_INFINITY, f64::max);
-    Plane {
-        axis,
-        position: low + args.position * (high - low),
-    }
+    let (low, high) = domain.bounding_box().unwrap_or_default();
+    let (low, high) = (low[axis.index()], high[axis.index()]);
+    let position = low + args.position * (high - low);
+    Plane { axis, position }
 }
 
 /// Mean densities of all cells: boxes of the grid, whole also where the solid cuts them, or tetrahedra.
@@ -197,15 +203,23 @@ pub fn write_cells(
         .iter()
         .map(|c| c.cell)
         .collect();
-    let cell = fields.map(|(name, values)| Field {
+    let scalar = |name: &str, values| Field {
         name: name.into(),
         components: 1,
-        values: quadrature.cell_means(values).iter().map(|c| c.mean).collect(),
-    });
-    let fields = VtkFields {
-        point: vec![],
-        cell: cell.into(),
+        values,
     };
+    let means = |values| quadrature.cell_means(values).iter().map(|c| c.mean).collect();
+    let mut cell: Vec<Field> = fields
+        .iter()
+        .map(|&(name, values)| scalar(name, means(values)))
+        .collect();
+    let volumes = quadrature
+        .cell_means(&densities.harmonic)
+        .iter()
+        .map(|c| c.volume)
+        .collect();
+    cell.push(scalar("volume_inside", volumes));
+    let fields = VtkFields { point: vec![], cell };
     match (quadrature.layout(), mesh) {
         (Layout::Tets { .. }, Some(mesh)) => {
             let tets: Vec<_> = cells.iter().map(|&c| mesh.tets()[c as usize]).collect();

@@ -34,7 +34,7 @@ struct Report {
 
 /// Maps points and writes their images.
 pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
-    input::require_writable(&args.output, &OUTPUTS)?;
+    input::require_writable(&args.output, &OUTPUTS, &[&args.map, &args.points])?;
     output.progress("reading");
     let file = io::read_map(&args.map)?;
     let writes_mesh = !is_table(&args.output);

@@ -29,9 +29,10 @@ struct Report {
 
 /// Fits a map and writes it.
 pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
-    input::require_writable(&args.output, &[])?;
+    let (domain, image) = (args.domain.as_path(), args.image.as_path());
+    input::require_writable(&args.output, &[], &[domain, image])?;
     if let Some(path) = &args.vtu {
-        input::require_writable(path, &["vtu"])?;
+        input::require_writable(path, &["vtu"], &[domain, image, &args.output])?;
     }
     anyhow::ensure!(
         args.tolerance >= 0.0,
@@ -153,9 +154,14 @@ fn summary(report: &Report) -> String {
 fn advice(fit: &FitReport) -> &'static str {
     match fit.placement {
         Placement::Offset { .. } | Placement::Sphere { .. } => "Use the adaptive placement",
-        Placement::Adaptive { .. } if fit.sources < fit.vertices => "Raise --max-sources",
+        Placement::Adaptive { .. } if subsampled(fit) => "Raise --max-sources",
         Placement::Adaptive { .. } => "Refine both meshes where the error is large (see --vtu)",
     }
+}
+
+/// Whether the limit on the sources took some away, and not a narrow gap.
+fn subsampled(fit: &FitReport) -> bool {
+    fit.warnings.iter().any(|warning| warning.contains("--max-sources"))
 }
 
 fn options(args: &MethodArgs) -> anyhow::Result<FitOptions> {

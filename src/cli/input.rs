@@ -36,15 +36,20 @@ pub fn read_fitted_map(path: &Path) -> anyhow::Result<(MapFile, BoundaryMap)> {
     Ok((file, boundary))
 }
 
-/// Refuses an output before any work is done for it: a folder, a file in a folder that is not there, or an extension
-/// that is not one of `extensions` (any when there are none).
-pub fn require_writable(path: &Path, extensions: &[&str]) -> anyhow::Result<()> {
+/// Refuses an output before any work is done for it: a folder, a file in a folder that is not there, one of the files
+/// `others` that are read or written too, or an extension that is not one of `extensions` (any when there are none).
+pub fn require_writable(path: &Path, extensions: &[&str], others: &[&Path]) -> anyhow::Result<()> {
     let shown = path.display();
     anyhow::ensure!(!path.is_dir(), "cannot write `{shown}`: it is a folder");
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
         anyhow::bail!("cannot write `{shown}`: there is no folder `{}`", folder.display());
     }
+    let whole = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    anyhow::ensure!(
+        !others.iter().any(|other| whole(other) == whole(path)),
+        "`{shown}` would be overwritten: it is named twice, as an output and as another file"
+    );
     let found = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     anyhow::ensure!(
         extensions.is_empty() || extensions.contains(&found.as_str()),

@@ -7,6 +7,7 @@ use anyhow::Context;
 use serde::Serialize;
 use solidmap::io;
 use solidmap::native::{self, Mesh3Options, OffsetOptions, TetOptions};
+use solidmap::report::significant;
 
 use super::args::{Mesher, OffsetArgs, TetArgs};
 use super::output::{Output, pairs};
@@ -27,7 +28,7 @@ struct TetReport {
 
 /// Fills a surface with tetrahedra.
 pub fn tet(args: &TetArgs, output: &Output) -> anyhow::Result<Outcome> {
-    input::require_writable(&args.output, &["mesh", "vtk", "vtu"])?;
+    input::require_writable(&args.output, &["mesh", "vtk", "vtu"], &[&args.model])?;
     anyhow::ensure!(
         args.quality == 0.0 || args.quality >= 1.1,
         "--quality is {}, but must be 0 (no refinement) or at least 1.1",
@@ -66,7 +67,7 @@ pub fn tet(args: &TetArgs, output: &Output) -> anyhow::Result<Outcome> {
         vertices: mesh.vertices().len(),
         tets: mesh.tets().len(),
         volume: mesh.volume(),
-        surface_volume: surface.volume().abs(),
+        surface_volume: solidmap::check::mend(&surface).0.volume(),
         seconds,
     };
     output.result(&report, || {
@@ -77,7 +78,11 @@ pub fn tet(args: &TetArgs, output: &Output) -> anyhow::Result<Outcome> {
             ],
             [
                 "volume".into(),
-                format!("{:.6} (surface {:.6})", report.volume, report.surface_volume),
+                format!(
+                    "{} (surface {})",
+                    significant(report.volume, 7),
+                    significant(report.surface_volume, 7)
+                ),
             ],
             ["written".into(), report.output.display().to_string()],
         ])
@@ -105,7 +110,11 @@ struct OffsetReport {
 
 /// Makes the surface at a distance.
 pub fn offset(args: &OffsetArgs, output: &Output) -> anyhow::Result<Outcome> {
-    input::require_writable(&args.output, &["obj", "ply", "off", "mesh", "vtk", "vtu"])?;
+    input::require_writable(
+        &args.output,
+        &["obj", "ply", "off", "mesh", "vtk", "vtu"],
+        &[&args.model],
+    )?;
     output.progress("reading");
     let surface = input::read_surface(&args.model)?;
     let distance = if args.relative {

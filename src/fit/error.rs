@@ -13,7 +13,7 @@ pub enum FitError {
     /// A setting is out of range.
     #[error("{option} is {value}, but must be {range}")]
     Option {
-        /// The field of [`FitOptions`].
+        /// The field of [`crate::fit::FitOptions`].
         option: &'static str,
         /// Its value.
         value: f64,

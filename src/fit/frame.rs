@@ -1,5 +1,6 @@
+use crate::Point;
+use crate::mesh::SurfaceMesh;
 use crate::solver::Coefficients;
-use crate::{Point, Vector};
 
 /// The frame in which the system is solved: the box centre at the origin, the diagonal 1.
 pub(super) struct Frame {
@@ -8,15 +9,10 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    pub fn of(points: &[Point]) -> Self {
-        let low = points
-            .iter()
-            .fold(Vector::repeat(f64::INFINITY), |low, p| low.inf(&p.coords));
-        let high = points
-            .iter()
-            .fold(Vector::repeat(f64::NEG_INFINITY), |high, p| high.sup(&p.coords));
+    pub fn of(surface: &SurfaceMesh) -> Self {
+        let (low, high) = surface.bounding_box().unwrap_or_default();
         Self {
-            centre: Point::from((low + high) / 2.0),
+            centre: nalgebra::center(&low, &high),
             diagonal: (high - low).norm(),
         }
     }

@@ -38,6 +38,9 @@ pub fn fit(boundary: &BoundaryMap, options: &FitOptions, progress: &dyn Fn(Phase
     DomainFactor::new(boundary.domain(), options, progress)?.solve(boundary, progress)
 }
 
+/// A volume below this part of the diagonal's cube is none but for rounding.
+const FLAT: f64 = 1e-12;
+
 /// A domain made ready: points placed and the matrix decomposed. Answers any number of boundary maps.
 pub struct DomainFactor {
     domain: SurfaceMesh,
@@ -62,7 +65,7 @@ impl DomainFactor {
         progress(Phase::Sampling);
         require_valid(options)?;
         let (domain, mut warnings) = checked(domain)?;
-        let frame = Frame::of(domain.vertices());
+        let frame = Frame::of(&domain);
         let size = Size::of(&domain, options, &mut warnings)?;
         let anchors = Anchors::choose(&domain, size.sources);
         let sources = place_sources(&domain, &anchors, &size, options, &mut warnings)?;
@@ -122,7 +125,8 @@ impl DomainFactor {
             .ok()
             .filter(|_| same_vertices)
             .ok_or(FitError::OtherDomain)?;
-        let target = Frame::of(boundary.image());
+        let target_surface = boundary.target();
+        let target = Frame::of(&target_surface);
         // With the constant in the basis the shift changes nothing but rounding; without it, it would change the fit.
         let origin = if self.options.affine {
             target.centre
@@ -148,7 +152,10 @@ impl DomainFactor {
             ..self.seconds
         };
         let total = seconds.sampling + seconds.factor + solved + checked;
-        let report = self.report(boundary_error, &residual, Seconds { total, ..seconds });
+        let mut report = self.report(boundary_error, &residual, Seconds { total, ..seconds });
+        report
+            .warnings
+            .extend(remark_on_target(&target_surface, target.diagonal));
         Ok(Fit { map, boundary, report })
     }
 
@@ -214,4 +221,13 @@ fn checked(domain: &SurfaceMesh) -> Result<(SurfaceMesh, Vec<String>), FitError>
     let warnings = report.warnings().map(|finding| finding.message.clone());
     let warnings = warnings.chain(mendings.iter().map(ToString::to_string)).collect();
     Ok((mended, warnings))
+}
+
+/// What is odd about a target, though it can be mapped to.
+fn remark_on_target(target: &SurfaceMesh, diagonal: f64) -> Option<String> {
+    let volume = target.volume();
+    if volume.abs() < FLAT * diagonal.powi(3) {
+        return Some("the target encloses no volume, so it is no solid; the map flattens the domain".into());
+    }
+    (volume < 0.0).then(|| "the boundary map turns the solid inside out: it is a reflection".into())
 }

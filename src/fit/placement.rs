@@ -26,7 +26,7 @@ pub(super) fn place_sources(
             let mut sources = match options.placement {
                 Placement::Offset { distance } => offset_sources(domain, distance, count, options.seed, warnings)?,
                 Placement::Sphere { radius } => {
-                    let frame = Frame::of(domain.vertices());
+                    let frame = Frame::of(domain);
                     sampling::bounding_sphere(frame.centre, radius * frame.diagonal, count)
                 }
                 Placement::Adaptive { .. } => Vec::new(),
@@ -64,7 +64,7 @@ fn near_sources(
 /// Whether each vertex lies on a shell that encloses a cavity: one that, on a mended surface, has a negative volume.
 fn cavity_vertices(domain: &SurfaceMesh) -> Vec<bool> {
     let components = Topology::new(domain).components();
-    let centre = Frame::of(domain.vertices()).centre;
+    let centre = Frame::of(domain).centre;
     let mut volumes = vec![0.0; components.shapes.len()];
     let parts = |t: usize| Some(components.of_triangle[t] as usize).filter(|&c| c < components.shapes.len());
     for t in 0..domain.triangles().len() {
@@ -95,7 +95,7 @@ fn offset_sources(
     seed: u64,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Point>, FitError> {
-    let distance = distance * Frame::of(domain.vertices()).diagonal;
+    let distance = distance * Frame::of(domain).diagonal;
     let offset = crate::native::offset_surface(domain, distance, &crate::native::OffsetOptions::default())?;
     if offset.raw_wrap {
         warnings.push("the offset surface is the wrap as it came, about 1 % off its distance".into());

@@ -400,7 +400,9 @@ impl<'a> LegacyReader<'a> {
             "unsigned_short" | "vtktypeuint16" => Ok(Scalar::U16),
             "int" | "vtktypeint32" => Ok(Scalar::I32),
             "unsigned_int" | "vtktypeuint32" => Ok(Scalar::U32),
-            "long" | "vtktypeint64" | "vtkidtype" => Ok(Scalar::I64),
+            "long" | "vtktypeint64" => Ok(Scalar::I64),
+            // VTK writes its ids as 32-bit integers to legacy files, however wide they are in memory.
+            "vtkidtype" => Ok(Scalar::I32),
             "unsigned_long" | "vtktypeuint64" => Ok(Scalar::U64),
             "float" => Ok(Scalar::F32),
             "double" => Ok(Scalar::F64),

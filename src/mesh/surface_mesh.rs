@@ -113,21 +113,21 @@ impl SurfaceMesh {
             .sum()
     }
 
-    /// Lowest and highest corner of the axis-aligned box of all vertices; `None` without vertices. NaN coordinates
-    /// are passed over.
+    /// Lowest and highest corner of the axis-aligned box of the triangles: vertices that none of them uses do not count.
+    /// `None` without triangles. NaN coordinates are passed over.
     pub fn bounding_box(&self) -> Option<(Point, Point)> {
-        bounding_box(&self.vertices)
+        bounding_box(self.triangles.iter().flatten().map(|&v| &self.vertices[v as usize]))
     }
 
-    /// Length of the diagonal of the bounding box, the size by which errors are reported; 0 without vertices.
+    /// Length of the diagonal of the bounding box, the size by which errors are reported; 0 without triangles.
     pub fn diagonal(&self) -> f64 {
         self.bounding_box().map_or(0.0, |(low, high)| (high - low).norm())
     }
 }
 
-pub(super) fn bounding_box(points: &[Point]) -> Option<(Point, Point)> {
-    let first = points.first()?;
-    Some(points.iter().fold((*first, *first), |(low, high), p| {
+pub(super) fn bounding_box<'a>(mut points: impl Iterator<Item = &'a Point>) -> Option<(Point, Point)> {
+    let first = points.next()?;
+    Some(points.fold((*first, *first), |(low, high), p| {
         (
             Point::new(low.x.min(p.x), low.y.min(p.y), low.z.min(p.z)),
             Point::new(high.x.max(p.x), high.y.max(p.y), high.z.max(p.z)),

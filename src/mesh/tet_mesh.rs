@@ -70,7 +70,7 @@ impl TetMesh {
 
     /// Lowest and highest corner of the axis-aligned box of all vertices; `None` without vertices.
     pub fn bounding_box(&self) -> Option<(Point, Point)> {
-        bounding_box(&self.vertices)
+        bounding_box(self.vertices.iter())
     }
 
     /// The triangles that belong to one tetrahedron only, oriented outward.

@@ -121,20 +121,25 @@ pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Re
     let facet_distance = options.facet_distance.unwrap_or(cell_size / 20.0);
     check_mesh3_options(cell_size, facet_distance, options, &solid)?;
 
+    // CGAL works with squares and absolute bounds: at 1e-20 it crashes. A power of two scales without rounding.
+    let unit = surface.diagonal().log2().round().exp2();
     let sizes = ffi::RefinementSizes {
-        edge_size: cell_size,
-        facet_size: cell_size,
+        edge_size: cell_size / unit,
+        facet_size: cell_size / unit,
         // Refinement is proved to end up to 30 degrees and from a ratio of 2.
         facet_angle: 25.0,
-        facet_distance,
-        cell_size,
+        facet_distance: facet_distance / unit,
+        cell_size: cell_size / unit,
         cell_radius_edge_ratio: 2.0,
         feature_angle: options.feature_angle,
         seconds: options.time_limit.as_secs_f64(),
     };
     let mut out = ffi::Mesh::default();
     let triangles = surface.triangles().as_flattened();
-    check(ffi::mesh3_mesh(&flat(surface.vertices()), triangles, &sizes, &mut out))?;
+    let mut xyz = flat(surface.vertices());
+    xyz.iter_mut().for_each(|coordinate| *coordinate /= unit);
+    check(ffi::mesh3_mesh(&xyz, triangles, &sizes, &mut out))?;
+    out.xyz.iter_mut().for_each(|coordinate| *coordinate *= unit);
     let tets = out.corners.as_chunks::<4>().0;
     if tets.is_empty() {
         return Err(NativeError::EmptyResult);
