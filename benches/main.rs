@@ -3,6 +3,7 @@
 use criterion::{criterion_group, criterion_main};
 
 mod fit;
+mod geometry;
 mod inputs;
 mod kernel;
 
@@ -14,6 +15,8 @@ criterion_group!(
     fit::factor,
     fit::solve,
     fit::evaluate,
-    fit::energy
+    fit::energy,
+    geometry::build,
+    geometry::query
 );
 criterion_main!(benches);

@@ -399,7 +399,6 @@ fn vertex_normals(mesh: &SurfaceMesh, slot_of: &[u32], of_face: &[Vector], acros
 
 #[cfg(test)]
 mod tests {
-    use std::time::Instant;
 
     use nalgebra::{Rotation3, Unit};
     use proptest::prelude::*;
@@ -628,69 +627,6 @@ mod tests {
                 prop_assert!((here - there).abs() < 1e-12);
             }
         }
-    }
-
-    /// `cargo test --release -- --ignored --nocapture throughput`
-    #[test]
-    #[ignore = "a measurement"]
-    fn throughput() {
-        let start = Instant::now();
-        let mesh = shapes::sphere(1.0, 7);
-        let wavy = |p: &Point| p * (1.0 + 0.1 * ((9.0 * p.x).sin() + (8.0 * p.y).cos() + (7.0 * p.z).sin()));
-        let mesh = shapes::deformed(&mesh, wavy);
-        println!("mesh {:?}, {} triangles", start.elapsed(), mesh.triangles().len());
-        for _ in 0..2 {
-            let start = Instant::now();
-            let bvh = SurfaceQuery::with_winding_sign(&mesh).unwrap();
-            println!(
-                "build without pseudonormals {:?}, {} nodes",
-                start.elapsed(),
-                bvh.bvh.nodes().len()
-            );
-        }
-        let start = Instant::now();
-        let query = SurfaceQuery::new(&mesh).unwrap();
-        println!("build {:?}", start.elapsed());
-        let mut random = StdRng::seed_from_u64(SEED);
-        let count = 100_000;
-        let near: Vec<Point> = (0..count)
-            .map(|_| {
-                let t = random.random_range(0..mesh.triangles().len());
-                let [a, b, c] = mesh.corners(t);
-                let (u, v): (f64, f64) = (random.random_range(0.0..0.5), random.random_range(0.0..0.5));
-                a + (b - a) * u + (c - a) * v + mesh.area_vector(t).normalize() * random.random_range(-0.02..0.02)
-            })
-            .collect();
-        let mut coherent = near.clone();
-        coherent.sort_by_key(|p| query.closest_point(p).triangle);
-        let inside = points_about(&query.bounds(), 0.0, count);
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        for (name, points) in [("near", &near), ("near, in order", &coherent), ("in the box", &inside)] {
-            let rate = |label, answer: &(dyn Fn() -> f64 + Sync)| {
-                let (sum, seconds) = pool.install(|| {
-                    let start = cpu_seconds();
-                    (answer(), cpu_seconds() - start)
-                });
-                println!("{name}: {:.3e} {label} per second and core", count as f64 / seconds);
-                sum
-            };
-            let single = rate("signed distances", &|| {
-                points.iter().map(|p| query.signed_distance(p)).sum()
-            });
-            let batch = rate("signed distances in a batch", &|| {
-                query.signed_distances(points).iter().sum()
-            });
-            assert_eq!(single, batch);
-            rate("winding numbers", &|| {
-                points.iter().map(|p| query.winding_number(p)).sum()
-            });
-        }
-    }
-
-    /// Time this thread has run, so that other work on the machine does not count.
-    fn cpu_seconds() -> f64 {
-        let text = std::fs::read_to_string("/proc/thread-self/schedstat").expect("measured on Linux");
-        text.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
     }
 
     fn assert_signs_agree(mesh: &SurfaceMesh, count: usize) {
