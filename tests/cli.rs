@@ -250,6 +250,17 @@ fn what_cannot_run_says_why_and_exits_with_2() {
     )
     .unwrap();
     place.fails("fit nan.obj --image nan.obj -o out.map", &["nan.obj", "vertex 3"]);
+    std::fs::write(
+        place.path("inf.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv inf 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n",
+    )
+    .unwrap();
+    std::fs::write(
+        place.path("tet.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n",
+    )
+    .unwrap();
+    place.fails("fit inf.obj --image tet.obj -o out.map", &["inf.obj", "first vertex 3"]);
     assert!(!place.path("out.map").exists());
     assert_eq!(place.run("fit ball.obj").status.code(), Some(2));
     assert_eq!(place.run("frobnicate").status.code(), Some(2));
@@ -522,6 +533,10 @@ fn tet_and_offset_write_meshes() {
     assert!((report["harmonic"].as_f64().unwrap() - 5.5).abs() < 1e-8, "{report}");
     place.surface("large.obj", &shapes::sphere(3.0, 2));
     place.must("tet large.obj -o large.vtu");
+    place.fails(
+        "energy ball.map --mesh tets.vtu --vtu tets.vtu",
+        &["tets.vtu", "overwritten"],
+    );
     place.fails("energy ball.map --mesh large.vtu", &["large.vtu", "volume"]);
     place.fails("tet ball.obj -o tets.xyz", &["tets.xyz", ".vtu"]);
     let report = json(&place.must("offset ball.obj --distance 0.1 --relative -o offset.ply --json"));

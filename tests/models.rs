@@ -270,7 +270,14 @@ fn fitting_bad_models_ends_in_a_named_error_or_a_map() {
         let messages = String::from_utf8_lossy(&output.stderr);
         assert!(!messages.contains("panicked"), "{name}: {messages}");
         match output.status.code() {
-            Some(0) => {}
+            // That sources are few here says nothing about the model. The one without a finding is three sound bodies.
+            Some(0) => assert!(
+                name.ends_with("hull_mask_3parts.obj")
+                    || messages
+                        .lines()
+                        .any(|line| line.starts_with("warning: ") && !line.contains("--max-sources")),
+                "{name}: {messages}"
+            ),
             Some(2) => assert!(
                 messages.contains("error: ") && messages.contains(name),
                 "{name}: {messages}"

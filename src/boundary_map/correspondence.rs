@@ -103,9 +103,15 @@ impl BoundaryMap {
                 vertices: map.image.len(),
             });
         }
-        for (solid, diagonal) in [("domain", domain), ("target", target)] {
-            // Without an extent the domain is degenerate, which is for the input doctor to say.
-            if diagonal > 1e100 || (diagonal > 0.0 && diagonal < 1e-100) {
+        let finite_domain = map
+            .domain
+            .vertices()
+            .iter()
+            .flat_map(|p| p.iter())
+            .all(|c| c.is_finite());
+        for (solid, diagonal, looked_at) in [("domain", domain, finite_domain), ("target", target, true)] {
+            // Without an extent, or not finite, the domain is defective, which is for the input doctor to say.
+            if looked_at && (diagonal > 1e100 || (diagonal > 0.0 && diagonal < 1e-100)) {
                 return Err(BoundaryMapError::OutOfScale { solid, diagonal });
             }
         }

@@ -43,9 +43,13 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
         args.lame[0],
         args.lame[1]
     );
+    let inputs: Vec<&Path> = std::iter::once(&args.map)
+        .chain(&args.mesh)
+        .map(PathBuf::as_path)
+        .collect();
     for (path, extension) in [(&args.vtu, "vtu"), (&args.png, "png")] {
         if let Some(path) = path {
-            input::require_writable(path, &[extension], &[&args.map])?;
+            input::require_writable(path, &[extension], &inputs)?;
         }
     }
     output.progress("reading");
@@ -116,7 +120,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
 }
 
 /// The lines of the summary that say what energies a map has.
-pub fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
+fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
     let scaled = if energy.normalized {
         "both solids at unit volume"
     } else {

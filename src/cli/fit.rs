@@ -100,7 +100,7 @@ pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &
 }
 
 /// The lines of the summary that say how good a fit is.
-pub fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
+fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
     let error = report.boundary_error;
     let condition = report.condition.map_or("singular".into(), |c| format!("{c:.1e}"));
     vec![

@@ -155,6 +155,8 @@ pub(super) struct Size {
 }
 
 impl Size {
+    /// What the options ask of this domain, cut to what they allow.
+    ///
     /// # Errors
     ///
     /// [`FitError::TooLarge`].

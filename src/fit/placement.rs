@@ -19,20 +19,16 @@ pub(super) fn place_sources(
 ) -> Result<Vec<Point>, FitError> {
     let sources = match options.placement {
         Placement::Adaptive { alpha } => near_sources(domain, anchors, alpha, warnings)?,
-        Placement::Offset { .. } | Placement::Sphere { .. } => {
-            let in_cavity = cavity_vertices(domain);
-            let within = anchors.only(|v| in_cavity[v as usize]);
-            let count = size.sources.saturating_sub(within.vertices.len());
-            let mut sources = match options.placement {
-                Placement::Offset { distance } => offset_sources(domain, distance, count, options.seed, warnings)?,
-                Placement::Sphere { radius } => {
-                    let frame = Frame::of(domain);
-                    sampling::bounding_sphere(frame.centre, radius * frame.diagonal, count)
-                }
-                Placement::Adaptive { .. } => Vec::new(),
-            };
-            sources.extend(near_sources(domain, &within, 1.0, warnings)?);
-            sources
+        Placement::Offset { distance } => {
+            let (within, count) = in_cavities(domain, anchors, size);
+            let around = offset_sources(domain, distance, count, options.seed, warnings)?;
+            [around, near_sources(domain, &within, 1.0, warnings)?].concat()
+        }
+        Placement::Sphere { radius } => {
+            let (within, count) = in_cavities(domain, anchors, size);
+            let frame = Frame::of(domain);
+            let around = sampling::bounding_sphere(frame.centre, radius * frame.diagonal, count);
+            [around, near_sources(domain, &within, 1.0, warnings)?].concat()
         }
     };
     if sources.is_empty() {
@@ -59,6 +55,14 @@ fn near_sources(
         ));
     }
     Ok(placed.positions)
+}
+
+/// The anchors on cavities, which no surface around the domain serves, and how many sources are left for that surface.
+fn in_cavities(domain: &SurfaceMesh, anchors: &Anchors, size: &Size) -> (Anchors, usize) {
+    let in_cavity = cavity_vertices(domain);
+    let within = anchors.only(|v| in_cavity[v as usize]);
+    let count = size.sources.saturating_sub(within.vertices.len());
+    (within, count)
 }
 
 /// Whether each vertex lies on a shell that encloses a cavity: one that, on a mended surface, has a negative volume.

@@ -5,7 +5,8 @@
 //! after the other, so that no sum crosses lanes and neither array needs padding in memory.
 //!
 //! Every target's sum is formed in the same order whatever the number of threads, in tiles of sources, so results are
-//! reproducible to the last bit for one choice of [`Instructions`]. Between two choices they differ by rounding.
+//! reproducible to the last bit for one choice of [`Instructions`] on one make of processor. Between two choices they
+//! differ by rounding, and so do makes whose reciprocal square root estimates differ.
 //!
 //! # Range
 //!

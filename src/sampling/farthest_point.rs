@@ -21,7 +21,7 @@ pub struct Anchors {
 
 impl Anchors {
     /// Up to `count` anchors among the vertices of the surface's triangles. Coincident vertices and vertices without
-    /// area carry none. Costs `count` passes over the vertices, unless all of them are taken.
+    /// area carry none. Costs `count` passes over the vertices.
     pub fn choose(domain: &SurfaceMesh, count: usize) -> Self {
         let (areas, normals) = vertex_areas_and_normals(domain);
         let usable: Vec<u32> = (0..areas.len() as u32)
