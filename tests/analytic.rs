@@ -145,7 +145,7 @@ fn boundary_error_falls_as_sources_are_added_to_any_solid() {
         let exact: Vec<Point> = held_out.iter().map(charges).collect();
         let errors = [60, 240, 960].map(|count| {
             let anchors = sampling::Anchors::choose(&domain, count);
-            let placed = sampling::adaptive_sources(&domain, &anchors, 1.5, &|p| query.signed_distance(p));
+            let placed = sampling::adaptive_sources(&domain, &anchors, 1.5, &|balls| query.are_outside(balls));
             let around = sampling::Collocation::around(&domain, &anchors, 2, 1);
             let points: Vec<Point> = around
                 .points

@@ -44,9 +44,8 @@ fn near_sources(
     alpha: f64,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Point>, FitError> {
-    // The winding number stays right where parts of the surface overlap; the few queries here can afford it.
     let query = SurfaceQuery::with_winding_sign(domain)?;
-    let placed = sampling::adaptive_sources(domain, anchors, alpha, &|p| query.signed_distance(p));
+    let placed = sampling::adaptive_sources(domain, anchors, alpha, &|balls| query.are_outside(balls));
     if placed.dropped > 0 {
         warnings.push(format!(
             "{} of {} sources found no room outside the domain (gaps narrower than their spacing) and were left out",

@@ -146,39 +146,82 @@ impl SurfaceQuery {
         self.far_field.winding_number(&self.bvh, &self.corners, p)
     }
 
+    /// Whether each ball (centre and radius) lies outside the solid: no part of the surface is nearer to its centre than
+    /// its radius, and the surface does not wind about it. Right also where parts of the surface overlap, however the
+    /// query was made. `false` for balls without a finite centre. In parallel.
+    ///
+    /// Several times faster than the signed distances of the centres: the search ends with the first triangle in the
+    /// ball, and balls that overlap are on the same side of the surface, so that in a crowd few need a winding number.
+    pub fn are_outside(&self, balls: &[(Point, f64)]) -> Vec<bool> {
+        let centres: Vec<Point> = balls.iter().map(|ball| ball.0).collect();
+        self.each(&centres, Free::default, |i, known| {
+            let (centre, radius) = balls[i];
+            centre.coords.iter().all(|x| x.is_finite())
+                && self.is_free(&centre, radius)
+                && known.is_outside(&centre, radius, || !self.contains(&centre))
+        })
+    }
+
     /// [`Self::closest_point`] of each point, in parallel.
     pub fn closest_points(&self, points: &[Point]) -> Vec<ClosestPoint> {
-        self.each(points, |p, slot| {
-            *slot = self.nearest(p, *slot);
-            self.describe(p, *slot)
-        })
+        self.each(
+            points,
+            || self.slot_of_first_triangle,
+            |i, slot| {
+                *slot = self.nearest(&points[i], *slot);
+                self.describe(&points[i], *slot)
+            },
+        )
     }
 
     /// [`Self::signed_distance`] of each point, in parallel.
     pub fn signed_distances(&self, points: &[Point]) -> Vec<f64> {
-        self.each(points, |p, slot| {
-            *slot = self.nearest(p, *slot);
-            self.sign(p, *slot)
-        })
+        self.each(
+            points,
+            || self.slot_of_first_triangle,
+            |i, slot| {
+                *slot = self.nearest(&points[i], *slot);
+                self.sign(&points[i], *slot)
+            },
+        )
     }
 
     /// [`Self::contains`] of each point, in parallel.
     pub fn contains_all(&self, points: &[Point]) -> Vec<bool> {
-        self.each(points, |p, _| self.contains(p))
+        self.each(points, || (), |i, _| self.contains(&points[i]))
     }
 
-    /// Answers along a space-filling curve: neighbours read the same part of the tree, and the closest triangle of one
-    /// is a good start for the next.
-    fn each<T: Send>(&self, points: &[Point], answer: impl Fn(&Point, &mut u32) -> T + Sync) -> Vec<T> {
+    /// Answers along a space-filling curve: neighbours read the same part of the tree, and what is known of one, such as
+    /// its closest triangle, is a good start for the next. `answer` gets the index of a point and what the one before
+    /// it left; `begin` makes that for the first of a run.
+    fn each<K, T: Send>(
+        &self,
+        points: &[Point],
+        begin: impl Fn() -> K + Sync,
+        answer: impl Fn(usize, &mut K) -> T + Sync,
+    ) -> Vec<T> {
         let order = morton_order(points);
         let runs = order.par_chunks(RUN).flat_map_iter(|run| {
-            let mut slot = self.slot_of_first_triangle;
+            let mut known = begin();
             let answer = &answer;
-            run.iter().map(move |&i| (i, answer(&points[i as usize], &mut slot)))
+            run.iter().map(move |&i| (i, answer(i as usize, &mut known)))
         });
         let mut answers: Vec<(u32, T)> = runs.collect();
         answers.par_sort_unstable_by_key(|&(i, _)| i);
         answers.into_iter().map(|(_, answer)| answer).collect()
+    }
+
+    /// Whether no triangle is nearer to `p` than `radius`.
+    fn is_free(&self, p: &Point, radius: f64) -> bool {
+        const STOP: f64 = -1.0;
+        let mut free = true;
+        self.bvh.visit_nearest(p, radius * radius, |mut slots, limit| {
+            let is_in =
+                |slot| closest_point_on_triangle(p, &self.corners[slot]).offset.norm_squared() < radius * radius;
+            free &= !slots.any(is_in);
+            if free { limit } else { STOP }
+        });
+        free
     }
 
     /// Slot of the closest triangle. `start` is tried first: the closer it is, the faster.
@@ -254,6 +297,31 @@ impl SurfaceQuery {
         } else {
             self.contains(p)
         }
+    }
+}
+
+/// The last few balls that were found free of the surface, and whether they are outside.
+#[derive(Default)]
+struct Free {
+    balls: [(Point, f64, bool); REMEMBERED],
+    next: usize,
+}
+
+/// Balls remembered: along the curve, few points have all their neighbours farther back than this.
+const REMEMBERED: usize = 16;
+
+impl Free {
+    /// Whether a ball free of the surface is outside: as a known one that it overlaps, else as `find_out` says.
+    fn is_outside(&mut self, centre: &Point, radius: f64, find_out: impl FnOnce() -> bool) -> bool {
+        // Balls that only touch might do so through the surface.
+        let overlaps = |ball: &&(Point, f64, bool)| {
+            let reach = (1.0 - 1e-6) * (ball.1 + radius);
+            ball.1 > 0.0 && (ball.0 - centre).norm_squared() < reach * reach
+        };
+        let outside = self.balls.iter().find(overlaps).map_or_else(find_out, |ball| ball.2);
+        self.balls[self.next] = (*centre, radius, outside);
+        self.next = (self.next + 1) % REMEMBERED;
+        outside
     }
 }
 
@@ -588,6 +656,45 @@ mod tests {
                 query.contains(&Point::new(size, 0.0, 0.0)),
             );
         }
+    }
+
+    /// Two balls that overlap, apart from a third, and a shell: what the union of the balls and the cavity say.
+    #[test]
+    fn balls_are_outside_when_clear_of_the_surface_and_not_wound_about() {
+        let moved = |x: f64| shapes::deformed(&shapes::sphere(1.0, 4), |p| p + Vector::x() * x);
+        let mesh = shapes::joined(&shapes::joined(&moved(0.0), &moved(1.2)), &moved(4.0));
+        let shell = shapes::deformed(&shapes::spherical_shell(1.0, 0.5, 4), |p| p - Vector::x() * 4.0);
+        let query = SurfaceQuery::new(&shapes::joined(&mesh, &shell)).unwrap();
+        let mut random = StdRng::seed_from_u64(SEED);
+        let points = points_about(&query.bounds(), 0.1, 20_000);
+        let balls: Vec<(Point, f64)> = points.iter().map(|&p| (p, random.random_range(0.01..0.3))).collect();
+        let (mut inside, mut blocked, mut outside) = (0, 0, 0);
+        for (&(p, radius), found) in balls.iter().zip(query.are_outside(&balls)) {
+            // The meshes lie within 0.002 of their spheres.
+            let gaps = [0.0, 1.2, 4.0, -4.0].map(|x| ((p - Point::new(x, 0.0, 0.0)).norm(), 1.0));
+            let in_cavity = gaps[3].0 < 0.5;
+            let clearance = gaps
+                .iter()
+                .map(|(d, r)| (d - r).abs())
+                .fold((gaps[3].0 - 0.5).abs(), f64::min);
+            if (clearance - radius).abs() < 0.005 {
+                continue;
+            }
+            let within = gaps.iter().any(|(d, r)| d < r) && !in_cavity;
+            assert_eq!(found, !within && clearance > radius, "{p} {radius}");
+            inside += usize::from(within && clearance > radius);
+            blocked += usize::from(clearance < radius);
+            outside += usize::from(found);
+        }
+        assert!(
+            inside > 500 && blocked > 500 && outside > 500,
+            "{inside} {blocked} {outside}"
+        );
+        let nowhere = [
+            (Point::new(f64::NAN, 0.0, 0.0), 0.1),
+            (Point::new(f64::INFINITY, 0.0, 0.0), 0.1),
+        ];
+        assert_eq!(query.are_outside(&nowhere), [false; 2]);
     }
 
     #[test]

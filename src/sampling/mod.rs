@@ -9,4 +9,6 @@ mod sources;
 
 pub use collocation::{Collocation, held_out};
 pub use farthest_point::{Anchors, thin};
-pub use sources::{PlacedSources, adaptive_sources, bounding_sphere, even_points};
+pub use sources::{
+    AreOutside, PlacedSources, SourceSite, adaptive_sources, bounding_sphere, even_points, place_sources,
+};

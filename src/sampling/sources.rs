@@ -1,12 +1,10 @@
 //! Where the sources stand: near the surface at a distance that follows the local spacing (the default), evenly on an
 //! offset surface, or on a bounding sphere (the paper's two choices, section 4.5 and figure 4).
 
-use rayon::prelude::*;
-
 use super::collocation::Collocation;
 use super::farthest_point::{Anchors, thin};
-use crate::Point;
 use crate::mesh::SurfaceMesh;
+use crate::{Point, Vector};
 
 /// A source that cannot reach this fraction of its intended distance is dropped: so near the surface, its field is a
 /// spike that no collocation point sees.
@@ -16,46 +14,81 @@ const STEP_BACK: f64 = 0.7;
 /// A source at distance `d` along the normal must be at least this part of `d` away from the whole surface.
 const CLEARANCE: f64 = 0.7;
 
+/// Where a source is wanted: a point of the surface, what it stands for and which way is out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SourceSite {
+    /// The point of the surface.
+    pub position: Point,
+    /// Unit outward normal there.
+    pub normal: Vector,
+    /// Local spacing of the sources.
+    pub spacing: f64,
+}
+
 /// Sources, and how many of those asked for found no place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedSources {
     /// Positions outside the solid.
     pub positions: Vec<Point>,
-    /// Anchors left without a source, as in a gap narrower than the spacing.
+    /// Index of the site, or anchor, that each source stands off; ascending.
+    pub sites: Vec<u32>,
+    /// Sites left without a source, as in a gap narrower than the spacing.
     pub dropped: usize,
 }
 
-/// One source per anchor at `alpha` times its spacing along the outward normal, stepped back where another part of the
-/// surface is near, so that every source is outside: also in thin gaps, and inside cavities, whose surface faces into
-/// them.
-///
-/// `signed_distance` is that to the surface, negative inside. Costs one to a dozen distance queries per anchor.
+/// Whether each ball, by centre and radius, lies outside the solid and clear of its surface:
+/// [`crate::geometry::SurfaceQuery::are_outside`].
+pub type AreOutside<'a> = dyn Fn(&[(Point, f64)]) -> Vec<bool> + 'a;
+
+/// One source per anchor, placed as [`place_sources`] does.
 pub fn adaptive_sources(
     domain: &SurfaceMesh,
     anchors: &Anchors,
     alpha: f64,
-    signed_distance: &(dyn Fn(&Point) -> f64 + Sync),
+    are_outside: &AreOutside,
 ) -> PlacedSources {
-    let placed: Vec<Option<Point>> = (0..anchors.vertices.len())
-        .into_par_iter()
-        .map(|k| {
-            let anchor = domain.vertices()[anchors.vertices[k] as usize];
-            let intended = alpha * anchors.spacing[k];
-            let mut distance = intended;
-            while distance >= LEAST_DISTANCE * intended {
-                let source = anchor + anchors.normals[k] * distance;
-                if signed_distance(&source) >= CLEARANCE * distance {
-                    return Some(source);
-                }
-                distance *= STEP_BACK;
-            }
-            None
-        })
-        .collect();
-    let dropped = placed.iter().filter(|p| p.is_none()).count();
+    let of_anchor = |k: usize| SourceSite {
+        position: domain.vertices()[anchors.vertices[k] as usize],
+        normal: anchors.normals[k],
+        spacing: anchors.spacing[k],
+    };
+    let sites: Vec<SourceSite> = (0..anchors.vertices.len()).map(of_anchor).collect();
+    place_sources(&sites, alpha, are_outside)
+}
+
+/// One source per site at `alpha` times its spacing along the outward normal, stepped back where another part of the
+/// surface is near, so that every source is outside: also in thin gaps, and inside cavities, whose surface faces into
+/// them.
+///
+/// Costs one query per site, and up to five more for those that are blocked.
+pub fn place_sources(sites: &[SourceSite], alpha: f64, are_outside: &AreOutside) -> PlacedSources {
+    let mut placed: Vec<Option<Point>> = vec![None; sites.len()];
+    let mut waiting: Vec<usize> = (0..sites.len()).collect();
+    let mut part = 1.0;
+    while part >= LEAST_DISTANCE && !waiting.is_empty() {
+        let ball = |&k: &usize| {
+            let distance = part * alpha * sites[k].spacing;
+            (sites[k].position + sites[k].normal * distance, CLEARANCE * distance)
+        };
+        let balls: Vec<(Point, f64)> = waiting.iter().map(ball).collect();
+        let outside = are_outside(&balls);
+        for ((&k, ball), _) in waiting
+            .iter()
+            .zip(&balls)
+            .zip(&outside)
+            .filter(|(_, outside)| **outside)
+        {
+            placed[k] = Some(ball.0);
+        }
+        waiting.retain(|&k| placed[k].is_none());
+        part *= STEP_BACK;
+    }
+    let placed = placed.into_iter().enumerate();
+    let (sites, positions) = placed.filter_map(|(k, source)| Some((k as u32, source?))).unzip();
     PlacedSources {
-        positions: placed.into_iter().flatten().collect(),
-        dropped,
+        positions,
+        sites,
+        dropped: waiting.len(),
     }
 }
 
@@ -79,7 +112,7 @@ pub fn bounding_sphere(centre: Point, radius: f64, count: usize) -> Vec<Point> {
             let z = 1.0 - (2 * k + 1) as f64 / count as f64;
             let (sine, cosine) = (turn * k as f64).sin_cos();
             let r = (1.0 - z * z).sqrt();
-            centre + radius * crate::Vector::new(r * cosine, r * sine, z)
+            centre + radius * Vector::new(r * cosine, r * sine, z)
         })
         .collect()
 }
@@ -94,11 +127,15 @@ mod tests {
         ((p - Point::new(0.0, 0.0, 1.15)).norm() - 1.0).min(p.z.abs() - 0.1)
     }
 
+    fn clear_by(balls: &[(Point, f64)], signed_distance: impl Fn(&Point) -> f64) -> Vec<bool> {
+        balls.iter().map(|(p, radius)| signed_distance(p) >= *radius).collect()
+    }
+
     #[test]
     fn sources_step_back_in_a_narrow_gap_and_stay_outside() {
-        let ball = shapes::deformed(&shapes::sphere(1.0, 3), |p| p + crate::Vector::z() * 1.15);
+        let ball = shapes::deformed(&shapes::sphere(1.0, 3), |p| p + Vector::z() * 1.15);
         let anchors = Anchors::choose(&ball, usize::MAX);
-        let placed = adaptive_sources(&ball, &anchors, 1.0, &ball_over_slab);
+        let placed = adaptive_sources(&ball, &anchors, 1.0, &|balls| clear_by(balls, ball_over_slab));
         assert_eq!(placed.dropped, 0);
         assert!(placed.positions.iter().all(|p| ball_over_slab(p) > 0.0));
         let free = placed.positions.iter().filter(|p| p.z > 1.0);
@@ -113,10 +150,14 @@ mod tests {
     fn an_anchor_without_room_is_dropped() {
         let ball = shapes::sphere(1.0, 2);
         let anchors = Anchors::choose(&ball, usize::MAX);
-        let placed = adaptive_sources(&ball, &anchors, 1.0, &|p| {
-            if p.z > 0.0 { -1.0 } else { p.coords.norm() - 1.0 }
-        });
+        let solid = |p: &Point| if p.z > 0.0 { -1.0 } else { p.coords.norm() - 1.0 };
+        let placed = adaptive_sources(&ball, &anchors, 1.0, &|balls| clear_by(balls, solid));
         assert!(placed.dropped > 60 && placed.positions.len() + placed.dropped == 162);
+        for (source, &site) in placed.positions.iter().zip(&placed.sites) {
+            let normal = anchors.normals[site as usize];
+            let anchor = ball.vertices()[anchors.vertices[site as usize] as usize];
+            assert!((source - anchor).cross(&normal).norm() < 1e-14);
+        }
     }
 
     #[test]
@@ -140,7 +181,7 @@ mod tests {
         let centre = Point::new(1.0, 2.0, 3.0);
         let points = bounding_sphere(centre, 2.0, 500);
         assert!(points.iter().all(|p| ((p - centre).norm() - 2.0).abs() < 1e-14));
-        let mean = points.iter().map(|p| p - centre).sum::<crate::Vector>() / 500.0;
+        let mean = points.iter().map(|p| p - centre).sum::<Vector>() / 500.0;
         assert!(mean.norm() < 0.01);
     }
 }
