@@ -53,6 +53,7 @@ pub mod map;
 pub mod mesh;
 #[cfg(feature = "native")]
 pub mod native;
+mod partition;
 pub mod report;
 pub mod sampling;
 pub mod solver;

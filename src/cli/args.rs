@@ -158,10 +158,11 @@ pub struct MethodArgs {
     /// Limit on the sources; larger models get fewer than asked for [default: 5000; svd: 3000]
     #[arg(long, value_name = "N")]
     pub max_sources: Option<usize>,
-    /// Dense solver: pivoted QR, or the paper's singular value decomposition
+    /// Iterations with local solves, dense QR, or the paper's dense singular value decomposition [default: schwarz near
+    /// the surface, else svd]
     #[arg(long, value_enum)]
     pub method: Option<MethodKind>,
-    /// Singular values or pivots below this fraction of the largest are cut off [default: 1e-10]
+    /// Dense methods: singular values or pivots below this fraction of the largest are cut off [default: 1e-10]
     #[arg(long)]
     pub truncation: Option<f64>,
     /// Leave the affine functions out of the basis, as the paper does
@@ -184,7 +185,9 @@ pub enum PlacementKind {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MethodKind {
-    Qr,
+    Schwarz,
+    #[value(alias = "qr")]
+    Dense,
     Svd,
 }
 

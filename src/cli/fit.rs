@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::fit::{Fit, FitOptions, FitReport, Phase, Placement, fit};
+use solidmap::fit::{Fit, FitOptions, FitReport, Phase, Placement, Solver, fit};
 use solidmap::io::{self, Cells, Field, MapFile, MapMetadata, Provenance, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
-use solidmap::solver::Method;
+use solidmap::solver::{DenseOptions, Method, SchwarzOptions, Stop};
 
 use super::args::{FitArgs, MethodArgs, MethodKind, PlacementKind};
 use super::output::{Output, pairs, peak_rss_bytes};
@@ -90,8 +90,10 @@ pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &
     let fitted = fit(boundary, options, &|phase| {
         output.progress(match phase {
             Phase::Sampling => "placing sources".into(),
-            Phase::Factoring { rows, columns } => format!("factoring a {rows} × {columns} matrix"),
+            Phase::Decomposing { rows, columns } => format!("decomposing a {rows} × {columns} matrix"),
+            Phase::Factoring { done, of } => format!("factoring local problems: {done} of {of}"),
             Phase::Solving => "solving".into(),
+            Phase::Iterating { iteration, residual } => format!("iteration {iteration}: residual {residual:.1e}"),
             Phase::Measuring => "measuring the boundary error".into(),
         });
     });
@@ -102,7 +104,6 @@ pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &
 /// The lines of the summary that say how good a fit is.
 fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
     let error = report.boundary_error;
-    let condition = report.condition.map_or("singular".into(), |c| format!("{c:.1e}"));
     vec![
         [
             "boundary".into(),
@@ -114,7 +115,7 @@ fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
         ],
         [
             "solver".into(),
-            format!("{}, rank {}, condition {condition}", report.method, report.rank),
+            solver(report),
         ],
         [
             "boundary error".into(),
@@ -132,6 +133,24 @@ fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
             ),
         ],
     ]
+}
+
+fn solver(report: &FitReport) -> String {
+    match (report.rank, report.stop) {
+        (Some(rank), _) => {
+            let condition = report.condition.map_or("singular".into(), |c| format!("{c:.1e}"));
+            format!("{}, rank {rank}, condition {condition}", report.method)
+        }
+        (None, Some(stop)) => {
+            let why = match stop {
+                Stop::Goal => "far below the tolerance",
+                Stop::Plateau => "at the least-squares optimum",
+                Stop::Iterations => "before it converged",
+            };
+            format!("{}, stopped after {} iterations {why}", report.method, report.iterations)
+        }
+        (None, None) => report.method.clone(),
+    }
 }
 
 fn summary(report: &Report) -> String {
@@ -187,18 +206,25 @@ fn options(args: &MethodArgs) -> anyhow::Result<FitOptions> {
     } else {
         FitOptions::adaptive()
     };
-    let mut solver = base.solver;
-    if let Some(method) = args.method {
-        solver.method = match method {
-            MethodKind::Qr => Method::Qr,
-            MethodKind::Svd => Method::Svd,
-        };
+    let mut solver = match (args.method, base.solver) {
+        (None, solver) => solver,
+        (Some(MethodKind::Schwarz), _) => Solver::Schwarz(SchwarzOptions::default()),
+        (Some(MethodKind::Dense), _) => Solver::Dense(DenseOptions::default()),
+        (Some(MethodKind::Svd), _) => Solver::Dense(DenseOptions {
+            method: Method::Svd,
+            ..DenseOptions::default()
+        }),
+    };
+    if let Some(truncation) = args.truncation {
+        match &mut solver {
+            Solver::Dense(dense) => dense.truncation = truncation,
+            Solver::Schwarz(_) => anyhow::bail!("--truncation has a meaning with --method dense or svd only"),
+        }
     }
-    solver.truncation = args.truncation.unwrap_or(solver.truncation);
-    let default_limit = if solver.method == Method::Qr {
-        FitOptions::adaptive()
-    } else {
-        FitOptions::paper()
+    let default_limit = match solver {
+        Solver::Schwarz(_) => FitOptions::adaptive(),
+        Solver::Dense(dense) if dense.method == Method::Qr => FitOptions::dense(),
+        Solver::Dense(_) => FitOptions::paper(),
     }
     .max_sources;
     Ok(FitOptions {

@@ -21,6 +21,10 @@ impl Frame {
         Point::from((p - self.centre) / self.diagonal)
     }
 
+    pub fn to_model_point(&self, p: &Point) -> Point {
+        self.centre + p.coords * self.diagonal
+    }
+
     /// Coefficients for points in model units: `1/|x'| = diagonal / |x|`, and `A·(1, x') = (A₀ − A·centre/d) + (A/d)·x`.
     pub fn to_model(&self, unit: Coefficients, origin: Point) -> Coefficients {
         let sources = unit.sources.iter().map(|w| w.map(|w| w * self.diagonal)).collect();

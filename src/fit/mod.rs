@@ -5,14 +5,16 @@
 
 mod error;
 mod frame;
+mod levels;
 mod options;
 mod placement;
 mod report;
+mod system;
 
 use std::time::Instant;
 
 pub use error::FitError;
-pub use options::{FitOptions, Placement};
+pub use options::{FitOptions, Placement, Solver};
 pub use report::{BoundaryError, Fit, FitReport, Phase, Seconds};
 
 use crate::Point;
@@ -20,16 +22,17 @@ use crate::boundary_map::BoundaryMap;
 use crate::check;
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
-use crate::sampling::{self, Anchors, Collocation};
-use crate::solver::{CollocationSystem, DenseFactor, Method};
+use crate::sampling;
+use crate::solver::{Coefficients, Values};
 use crate::statistics::Summary;
 use frame::Frame;
-use options::{Size, require_valid};
-use placement::{place_collocation, place_sources};
+use options::require_valid;
+use system::{Solved, System};
 
 /// Fits the harmonic map that carries the boundary of the domain as `boundary` does.
 ///
-/// Costs `2mn²` flops and `8mn` bytes for `m` collocation points and `n` sources (QR).
+/// With the Schwarz solver, time and memory grow with the number of sources (`docs/scaling.md`); a dense one takes `2mn²` flops and `8mn` bytes for
+/// `m` collocation points and `n` sources (QR).
 ///
 /// # Errors
 ///
@@ -41,21 +44,18 @@ pub fn fit(boundary: &BoundaryMap, options: &FitOptions, progress: &dyn Fn(Phase
 /// A volume below this part of the diagonal's cube is none but for rounding.
 const FLAT: f64 = 1e-12;
 
-/// A domain made ready: points placed and the matrix decomposed. Answers any number of boundary maps.
+/// A domain made ready: points placed and the system factored. Answers any number of boundary maps.
 pub struct DomainFactor {
     domain: SurfaceMesh,
     options: FitOptions,
     frame: Frame,
-    /// In model units.
-    sources: Vec<Point>,
-    collocation: Collocation,
-    factor: DenseFactor,
+    system: System,
     warnings: Vec<String>,
     seconds: Seconds,
 }
 
 impl DomainFactor {
-    /// Checks and mends the domain, places sources and collocation points, and decomposes the matrix.
+    /// Checks and mends the domain, places sources and collocation points, and factors the system.
     ///
     /// # Errors
     ///
@@ -66,33 +66,9 @@ impl DomainFactor {
         require_valid(options)?;
         let (domain, mut warnings) = checked(domain)?;
         let frame = Frame::of(&domain);
-        let size = Size::of(&domain, options, &mut warnings)?;
-        let anchors = Anchors::choose(&domain, size.sources);
-        let sources = place_sources(&domain, &anchors, &size, options, &mut warnings)?;
-        let collocation = place_collocation(&domain, &anchors, &size, options);
+        let placed = System::place(&domain, &frame, options, &mut warnings)?;
         let sampled = start.elapsed().as_secs_f64();
-
-        let points = collocation
-            .points
-            .iter()
-            .map(|p| frame.to_unit(&p.position(&domain, domain.vertices())));
-        let points: Vec<Point> = points.collect();
-        let mean_area = collocation.areas.iter().sum::<f64>() / points.len().max(1) as f64;
-        let system = CollocationSystem {
-            collocation: &points,
-            row_weights: &collocation
-                .areas
-                .iter()
-                .map(|a| (a / mean_area).sqrt())
-                .collect::<Vec<_>>(),
-            sources: &sources.iter().map(|q| frame.to_unit(q)).collect::<Vec<_>>(),
-            affine: options.affine,
-        };
-        progress(Phase::Factoring {
-            rows: points.len(),
-            columns: system.unknowns(),
-        });
-        let factor = DenseFactor::new(&system, &options.solver)?;
+        let system = placed.factor(&frame, progress)?;
         let seconds = Seconds {
             sampling: sampled,
             factor: start.elapsed().as_secs_f64() - sampled,
@@ -102,9 +78,7 @@ impl DomainFactor {
             domain,
             options: options.clone(),
             frame,
-            sources,
-            collocation,
-            factor,
+            system,
             warnings,
             seconds,
         })
@@ -117,98 +91,177 @@ impl DomainFactor {
     ///
     /// [`FitError::OtherDomain`] when the boundary map is not one of the domain that was factored.
     pub fn solve(&self, boundary: &BoundaryMap, progress: &dyn Fn(Phase)) -> Result<Fit, FitError> {
+        let mut fits = self.solve_block(std::slice::from_ref(boundary), progress)?;
+        Ok(fits.remove(0))
+    }
+
+    /// The maps for several boundary maps of this domain at once, such as the frames of a sequence: they share every
+    /// kernel value, and cost much less than one by one. Each report's `solve` and `check` times are its share.
+    ///
+    /// Needs `24 · (collocation + sources)` bytes per boundary map, some ten times over.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::solve`].
+    pub fn solve_block(&self, boundaries: &[BoundaryMap], progress: &dyn Fn(Phase)) -> Result<Vec<Fit>, FitError> {
         let start = Instant::now();
-        progress(Phase::Solving);
+        let goals = boundaries.iter().map(|boundary| self.goal_of(boundary));
+        let goals: Vec<Goal> = goals.collect::<Result<_, _>>()?;
+        let Some(smallest) = goals.iter().map(|goal| goal.target.diagonal).min_by(f64::total_cmp) else {
+            return Ok(Vec::new());
+        };
+        let columns: Vec<Vec<[f64; 3]>> = goals.iter().map(|goal| goal.data(&self.system.collocation)).collect();
+        let data = side_by_side(&columns);
+        let in_fractions = |phase| match phase {
+            Phase::Iterating { iteration, residual } => progress(Phase::Iterating {
+                iteration,
+                residual: residual / smallest,
+            }),
+            other => progress(other),
+        };
+        let solved = self.system.solve(&data, None, 0.0, &in_fractions)?;
+        let seconds = start.elapsed().as_secs_f64() / goals.len() as f64;
+        goals
+            .into_iter()
+            .enumerate()
+            .map(|(k, goal)| self.finish(goal, &solved, 3 * k, seconds, progress))
+            .collect()
+    }
+
+    /// What a boundary map asks of the solver.
+    fn goal_of(&self, boundary: &BoundaryMap) -> Result<Goal, FitError> {
         // The mended domain has the same vertices and triangles; some of them are turned over.
         let same_vertices = boundary.domain().vertices() == self.domain.vertices();
-        let boundary = BoundaryMap::between(self.domain.clone(), &boundary.target())
+        let surface = boundary.target();
+        let boundary = BoundaryMap::between(self.domain.clone(), &surface)
             .ok()
             .filter(|_| same_vertices)
             .ok_or(FitError::OtherDomain)?;
-        let target_surface = boundary.target();
-        let target = Frame::of(&target_surface);
+        let target = Frame::of(&surface);
         // With the constant in the basis the shift changes nothing but rounding; without it, it would change the fit.
         let origin = if self.options.affine {
             target.centre
         } else {
             Point::origin()
         };
-        let data: Vec<[f64; 3]> = boundary
-            .evaluate(&self.collocation.points)
-            .iter()
-            .map(|p| (p - origin).into())
-            .collect();
-        let unit = self.factor.solve(&data)?;
-        let map = HarmonicMap::new(self.sources.clone(), self.frame.to_model(unit, origin))
-            .expect("one coefficient row per source");
-        let solved = start.elapsed().as_secs_f64();
-
-        progress(Phase::Measuring);
-        let (boundary_error, residual) = self.measure(&map, &boundary, target.diagonal)?;
-        let checked = start.elapsed().as_secs_f64() - solved;
-        let seconds = Seconds {
-            solve: solved,
-            check: checked,
-            ..self.seconds
-        };
-        let total = seconds.sampling + seconds.factor + solved + checked;
-        let mut report = self.report(boundary_error, &residual, Seconds { total, ..seconds });
-        report
-            .warnings
-            .extend(remark_on_target(&target_surface, target.diagonal));
-        Ok(Fit { map, boundary, report })
+        Ok(Goal {
+            boundary,
+            surface,
+            target,
+            origin,
+        })
     }
 
-    fn measure(
+    /// The map of three columns of a solution, measured.
+    fn finish(
+        &self,
+        goal: Goal,
+        solved: &Solved,
+        first: usize,
+        seconds: f64,
+        progress: &dyn Fn(Phase),
+    ) -> Result<Fit, FitError> {
+        let start = Instant::now();
+        progress(Phase::Measuring);
+        let unit = Coefficients::of_columns(&solved.coefficients, first, self.system.sources.len());
+        let map = HarmonicMap::new(self.system.sources.clone(), self.frame.to_model(unit, goal.origin))
+            .expect("one coefficient row per source");
+        let diagonal = goal.target.diagonal;
+        let residual = match &solved.residual {
+            Some(values) => distances(values, first, diagonal),
+            None => errors_at(&map, &goal.boundary, &self.system.collocation, diagonal),
+        };
+        let residual = finite(&residual)?;
+        let boundary_error = self.boundary_error(&map, &goal.boundary, diagonal)?;
+        let checked = start.elapsed().as_secs_f64();
+        let warnings = remark_on_target(&goal.surface, diagonal);
+        let dense = self.system.rank_and_condition();
+        let report = FitReport {
+            vertices: self.domain.vertices().len(),
+            faces: self.domain.triangles().len(),
+            sources: self.system.sources.len(),
+            collocation: self.system.collocation.len(),
+            method: self.system.method().into(),
+            placement: self.options.placement,
+            affine: self.options.affine,
+            iterations: solved.iterations,
+            stop: solved.stop,
+            rank: dense.map(|(rank, _)| rank),
+            condition: dense.map(|(_, condition)| condition).filter(|c| c.is_finite()),
+            boundary_error,
+            c_error: residual.rms * residual.rms * residual.count as f64,
+            residual_rms: residual.rms,
+            seconds: Some(Seconds {
+                total: self.seconds.sampling + self.seconds.factor + seconds + checked,
+                solve: seconds,
+                check: checked,
+                ..self.seconds
+            }),
+            warnings: self.warnings.iter().cloned().chain(warnings).collect(),
+        };
+        Ok(Fit {
+            map,
+            boundary: goal.boundary,
+            report,
+        })
+    }
+
+    fn boundary_error(
         &self,
         map: &HarmonicMap,
         boundary: &BoundaryMap,
         diagonal: f64,
-    ) -> Result<(BoundaryError, Summary), FitError> {
-        let errors_at = |points: &[SurfacePoint]| -> Vec<f64> {
-            let images = map.evaluate(&boundary.positions(points));
-            let pairs = images.iter().zip(boundary.evaluate(points));
-            pairs.map(|(f, exact)| (f - exact).norm() / diagonal).collect()
-        };
-        let finite = |errors: &[f64]| {
-            Summary::of(errors)
-                .filter(|s| s.not_finite == 0)
-                .ok_or(FitError::NonFiniteMap)
-        };
+    ) -> Result<BoundaryError, FitError> {
         let held_out = sampling::held_out(&self.domain, self.options.held_out, 100_000, self.options.seed);
-        let errors = errors_at(&held_out);
+        let errors = errors_at(map, boundary, &held_out, diagonal);
         let max = finite(&errors)?.max;
         let averaged = finite(&errors[..self.options.held_out.min(errors.len())])?;
-        let boundary_error = BoundaryError {
+        Ok(BoundaryError {
             rms: averaged.rms,
             p99: averaged.p99,
             max,
-        };
-        Ok((boundary_error, finite(&errors_at(&self.collocation.points))?))
+        })
     }
+}
 
-    fn report(&self, boundary_error: BoundaryError, residual: &Summary, seconds: Seconds) -> FitReport {
-        FitReport {
-            vertices: self.domain.vertices().len(),
-            faces: self.domain.triangles().len(),
-            sources: self.sources.len(),
-            collocation: self.collocation.points.len(),
-            method: match self.options.solver.method {
-                Method::Qr => "dense-qr".into(),
-                Method::Svd => "dense-svd".into(),
-            },
-            placement: self.options.placement,
-            affine: self.options.affine,
-            iterations: 1,
-            rank: self.factor.rank(),
-            condition: Some(self.factor.condition()).filter(|c| c.is_finite()),
-            boundary_error,
-            c_error: residual.rms * residual.rms * residual.count as f64,
-            residual_rms: residual.rms,
-            seconds: Some(seconds),
-            warnings: self.warnings.clone(),
-        }
+/// A boundary map of the mended domain, and the frame of its target.
+struct Goal {
+    boundary: BoundaryMap,
+    surface: SurfaceMesh,
+    target: Frame,
+    /// Data are taken from here.
+    origin: Point,
+}
+
+impl Goal {
+    fn data(&self, points: &[SurfacePoint]) -> Vec<[f64; 3]> {
+        let images = self.boundary.evaluate(points);
+        images.iter().map(|p| (p - self.origin).into()).collect()
     }
+}
+
+/// One row per point with the triples of all lists.
+fn side_by_side(lists: &[Vec<[f64; 3]>]) -> Values {
+    let rows = lists.first().map_or(0, Vec::len);
+    let numbers = (0..rows).flat_map(|r| lists.iter().flat_map(move |list| list[r]));
+    Values::new(3 * lists.len(), numbers.collect())
+}
+
+fn errors_at(map: &HarmonicMap, boundary: &BoundaryMap, points: &[SurfacePoint], diagonal: f64) -> Vec<f64> {
+    let images = map.evaluate(&boundary.positions(points));
+    let pairs = images.iter().zip(boundary.evaluate(points));
+    pairs.map(|(f, exact)| (f - exact).norm() / diagonal).collect()
+}
+
+fn distances(values: &Values, first: usize, diagonal: f64) -> Vec<f64> {
+    let row = |r: usize| values.row(r)[first..first + 3].iter().map(|v| v * v).sum::<f64>().sqrt() / diagonal;
+    (0..values.rows()).map(row).collect()
+}
+
+fn finite(errors: &[f64]) -> Result<Summary, FitError> {
+    Summary::of(errors)
+        .filter(|s| s.not_finite == 0)
+        .ok_or(FitError::NonFiniteMap)
 }
 
 /// The domain with its faces turned outward, and what there is to say about it.

@@ -2,7 +2,7 @@
 
 use super::FitError;
 use crate::mesh::SurfaceMesh;
-use crate::solver::{DenseOptions, Method};
+use crate::solver::{DenseOptions, Method, SchwarzOptions};
 
 /// Where the sources stand.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -26,6 +26,17 @@ pub enum Placement {
     },
 }
 
+/// How the least-squares system is solved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Solver {
+    /// Iterations preconditioned by local solves on several levels: time and memory grow with the number of sources.
+    /// Needs sources near the surface, that is, the adaptive placement.
+    Schwarz(SchwarzOptions),
+    /// A dense decomposition: time grows with the cube of the number of sources and memory (24 bytes per entry) with
+    /// the square.
+    Dense(DenseOptions),
+}
+
 /// Settings of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitOptions {
@@ -37,12 +48,12 @@ pub struct FitOptions {
     /// are the vertices and the centroids; other numbers are spread around the sources.
     pub collocation_ratio: f64,
     /// At most this many sources; a domain that asks for more gets fewer, and fewer collocation points in proportion.
-    /// Time grows with the cube of it and memory (24 bytes per entry) with the square.
+    /// The coarser levels of the Schwarz solver, a seventh more, do not count.
     pub max_sources: usize,
     /// Whether the affine functions are in the basis; without them it is the paper's.
     pub affine: bool,
-    /// How the dense system is solved.
-    pub solver: DenseOptions,
+    /// How the system is solved.
+    pub solver: Solver,
     /// Held-out points that the boundary error is averaged over.
     pub held_out: usize,
     /// Seed of everything random (even samples, held-out points).
@@ -56,11 +67,20 @@ impl FitOptions {
             placement: Placement::Adaptive { alpha: 1.0 },
             source_ratio: 1.0,
             collocation_ratio: 3.0,
-            max_sources: 5000,
+            max_sources: 2_000_000,
             affine: true,
-            solver: DenseOptions::default(),
+            solver: Solver::Schwarz(SchwarzOptions::default()),
             held_out: 20_000,
             seed: 1,
+        }
+    }
+
+    /// As [`Self::adaptive`] by a dense decomposition, with at most 5000 sources.
+    pub fn dense() -> Self {
+        Self {
+            max_sources: 5000,
+            solver: Solver::Dense(DenseOptions::default()),
+            ..Self::adaptive()
         }
     }
 
@@ -72,10 +92,10 @@ impl FitOptions {
             source_ratio: 0.6,
             collocation_ratio: 1.0,
             max_sources: 3000,
-            solver: DenseOptions {
+            solver: Solver::Dense(DenseOptions {
                 method: Method::Svd,
                 ..DenseOptions::default()
-            },
+            }),
             ..Self::adaptive()
         }
     }
@@ -130,13 +150,16 @@ pub(super) fn require_valid(options: &FitOptions) -> Result<(), FitError> {
         sources,
         "at most 1 with the adaptive placement, which has one source per vertex; refine the mesh for more",
     )?;
-    let truncation = options.solver.truncation;
-    require(
-        (0.0..1.0).contains(&truncation),
-        "truncation",
-        truncation,
-        "from 0 to below 1 (1e-10 is usual)",
-    )?;
+    match options.solver {
+        Solver::Dense(DenseOptions { truncation, .. }) => require(
+            (0.0..1.0).contains(&truncation),
+            "truncation",
+            truncation,
+            "from 0 to below 1 (1e-10 is usual)",
+        )?,
+        Solver::Schwarz(_) if !adaptive => return Err(FitError::SchwarzNeedsNearSources),
+        Solver::Schwarz(_) => {}
+    }
     let held_out = options.held_out;
     require(
         (1..=MOST_HELD_OUT).contains(&held_out),
@@ -166,8 +189,8 @@ impl Size {
         let sources = asked.min(options.max_sources);
         if sources < asked {
             warnings.push(format!(
-                "{vertices} vertices call for {asked} sources; {sources} are used, as many as the dense solver is allowed. \
-                 Detail finer than their spacing is lost: see the boundary error. --max-sources raises the limit"
+                "{vertices} vertices call for {asked} sources; {sources} are used, as many as are allowed. Detail finer than \
+                 their spacing is lost: see the boundary error. --max-sources raises the limit"
             ));
         }
         let ratio = options.collocation_ratio / options.source_ratio;
@@ -176,15 +199,14 @@ impl Size {
         } else {
             options.collocation_ratio * vertices
         };
-        // The decomposition and a copy; three times that for an SVD.
-        let (columns, copies) = (
-            sources + 4,
-            if options.solver.method == Method::Svd { 3.0 } else { 2.0 },
-        );
-        let bytes = copies * 8.0 * collocation * columns as f64;
-        if bytes > MOST_BYTES {
-            let (rows, gib) = (collocation as usize, bytes / (1u64 << 30) as f64);
-            return Err(FitError::TooLarge { rows, columns, gib });
+        if let Solver::Dense(dense) = options.solver {
+            // The decomposition and a copy; three times that for an SVD.
+            let (columns, copies) = (sources + 4, if dense.method == Method::Svd { 3.0 } else { 2.0 });
+            let bytes = copies * 8.0 * collocation * columns as f64;
+            if bytes > MOST_BYTES {
+                let (rows, gib) = (collocation as usize, bytes / (1u64 << 30) as f64);
+                return Err(FitError::TooLarge { rows, columns, gib });
+            }
         }
         Ok(Self {
             sources,

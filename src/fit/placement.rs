@@ -1,6 +1,7 @@
 //! Sources and collocation points of a domain.
 
 use super::frame::Frame;
+use super::levels::remark_on_dropped;
 use super::options::Size;
 use super::{FitError, FitOptions, Placement};
 use crate::Point;
@@ -47,11 +48,7 @@ fn near_sources(
     let query = SurfaceQuery::with_winding_sign(domain)?;
     let placed = sampling::adaptive_sources(domain, anchors, alpha, &|balls| query.are_outside(balls));
     if placed.dropped > 0 {
-        warnings.push(format!(
-            "{} of {} sources found no room outside the domain (gaps narrower than their spacing) and were left out",
-            placed.dropped,
-            anchors.vertices.len()
-        ));
+        warnings.push(remark_on_dropped(placed.dropped, anchors.vertices.len()));
     }
     Ok(placed.positions)
 }

@@ -1,6 +1,7 @@
 use super::Placement;
 use crate::boundary_map::BoundaryMap;
 use crate::map::HarmonicMap;
+use crate::solver::Stop;
 
 /// Distances `|f(p) − f'(p)|` at held-out boundary points, as fractions of the target's diagonal.
 ///
@@ -42,7 +43,7 @@ pub struct FitReport {
     pub sources: usize,
     /// Collocation points.
     pub collocation: usize,
-    /// `"dense-qr"` or `"dense-svd"`.
+    /// `"schwarz"`, `"dense-qr"` or `"dense-svd"`.
     pub method: String,
     /// Where the sources stand.
     pub placement: Placement,
@@ -50,9 +51,14 @@ pub struct FitReport {
     pub affine: bool,
     /// Iterations of the solver; 1 for a direct one.
     pub iterations: usize,
-    /// Singular values or pivots kept, of `sources` plus 4.
-    pub rank: usize,
-    /// Condition number of the scaled matrix before truncation; `None` when it is singular to working precision.
+    /// Why an iterative solver ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stop: Option<Stop>,
+    /// Singular values or pivots kept by a dense solver, of `sources` plus 4.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rank: Option<usize>,
+    /// Condition number of a dense solver's scaled matrix before truncation; `None` when it is singular to working
+    /// precision.
     pub condition: Option<f64>,
     /// The number that counts.
     pub boundary_error: BoundaryError,
@@ -80,19 +86,33 @@ pub struct Fit {
 }
 
 /// The steps of a fit, for showing progress.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Phase {
     /// Checking the domain and placing sources and collocation points.
     Sampling,
-    /// Decomposing a matrix of this many rows and columns.
-    Factoring {
+    /// Decomposing a dense matrix of this many rows and columns.
+    Decomposing {
         /// Collocation points.
         rows: usize,
         /// Unknowns.
         columns: usize,
     },
-    /// Applying the decomposition.
+    /// Factoring local problems of a level.
+    Factoring {
+        /// How many are done.
+        done: usize,
+        /// How many there are.
+        of: usize,
+    },
+    /// Applying a dense decomposition.
     Solving,
+    /// Iterating.
+    Iterating {
+        /// Iterations made.
+        iteration: usize,
+        /// Root mean square residual, as a fraction of the target's diagonal.
+        residual: f64,
+    },
     /// Measuring the boundary error.
     Measuring,
 }

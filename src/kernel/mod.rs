@@ -4,6 +4,7 @@
 
 pub mod direct;
 mod laplace;
+pub mod sums;
 
 pub use laplace::{laplace_gradient, laplace_potential};
 

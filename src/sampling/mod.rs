@@ -5,10 +5,12 @@
 
 mod collocation;
 mod farthest_point;
+mod hierarchy;
 mod sources;
 
 pub use collocation::{Collocation, held_out};
 pub use farthest_point::{Anchors, thin};
+pub use hierarchy::{HierarchyOptions, SiteLevel, coarser_levels};
 pub use sources::{
     AreOutside, PlacedSources, SourceSite, adaptive_sources, bounding_sphere, even_points, place_sources,
 };

@@ -14,7 +14,7 @@ use faer::linalg::solvers::ColPivQr;
 use faer::linalg::triangular_solve;
 use faer::{Conj, Mat, MatRef, Par};
 
-use super::{Coefficients, CollocationSystem, SolveError};
+use super::{Coefficients, CollocationSystem, SolveError, Values};
 
 /// How the dense system is decomposed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -122,19 +122,30 @@ impl DenseFactor {
     ///
     /// When the number of values is not that of the rows.
     pub fn solve(&self, data: &[[f64; 3]]) -> Result<Coefficients, SolveError> {
+        let solution = self.solve_columns(&Values::from_triples(data))?;
+        Ok(Coefficients::of_columns(&solution, 0, self.sources))
+    }
+
+    /// As [`Self::solve`] for any number of right-hand sides, one per column: a row per source, then the rows of the
+    /// affine functions if the system has them.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::solve`].
+    pub fn solve_columns(&self, data: &Values) -> Result<Values, SolveError> {
         let collocation = self.row_weights.len();
-        if data.len() != collocation {
+        if data.rows() != collocation {
             return Err(SolveError::DataLength {
-                data: data.len(),
+                data: data.rows(),
                 collocation,
             });
         }
-        let rhs = Mat::from_fn(collocation, 3, |r, k| self.row_weights[r] * data[r][k]);
+        let rhs = Mat::from_fn(collocation, data.columns(), |r, k| self.row_weights[r] * data.row(r)[k]);
         let scaled = match &self.decomposition {
             Decomposition::Svd { u, s, v } => {
                 let mut projected = u.as_ref().subcols(0, self.rank).transpose() * &rhs;
                 for (r, &singular) in s.iter().take(self.rank).enumerate() {
-                    (0..3).for_each(|k| projected[(r, k)] /= singular);
+                    (0..data.columns()).for_each(|k| projected[(r, k)] /= singular);
                 }
                 v.as_ref().subcols(0, self.rank) * projected
             }
@@ -150,23 +161,14 @@ impl DenseFactor {
                 }
             }
         };
-        Ok(self.unscaled(&scaled))
-    }
-
-    fn unscaled(&self, scaled: &Mat<f64>) -> Coefficients {
         // A column of zeros (the function z on a flat boundary) has scale 0 and no coefficient.
-        let row = |c: usize| -> [f64; 3] {
-            let scale = self.scales[c];
-            std::array::from_fn(|k| if scale > 0.0 { scaled[(c, k)] / scale } else { 0.0 })
-        };
-        let mut affine = [[0.0; 3]; 4];
-        for (function, column) in (self.sources..self.scales.len()).enumerate() {
-            affine[function] = row(column);
+        let mut solution = Values::zeros(self.scales.len(), data.columns());
+        for (c, &scale) in self.scales.iter().enumerate().filter(|(_, scale)| **scale > 0.0) {
+            for (k, value) in solution.row_mut(c).iter_mut().enumerate() {
+                *value = scaled[(c, k)] / scale;
+            }
         }
-        Coefficients {
-            sources: (0..self.sources).map(row).collect(),
-            affine,
-        }
+        Ok(solution)
     }
 }
 
@@ -298,7 +300,7 @@ fn apply_q_transpose(factored: &Mat<f64>, coefficients: &Mat<f64>, mut rhs: Mat<
         Par::Seq,
         MemStack::new(&mut MemBuffer::new(scratch)),
     );
-    rhs.truncate(columns, 3);
+    rhs.truncate(columns, rhs.ncols());
     rhs
 }
 
@@ -316,10 +318,10 @@ fn solve_pivoted(pivoted: &ColPivQr<f64>, rank: usize, rhs: Mat<f64>) -> Mat<f64
     let leading = pivoted.R().submatrix(0, 0, rank, rank);
     let kept = projected.as_mut().subrows_mut(0, rank);
     triangular_solve::solve_upper_triangular_in_place(leading, kept, faer::get_global_parallelism());
-    let mut solution = Mat::zeros(columns, 3);
+    let mut solution = Mat::zeros(columns, projected.ncols());
     let (order, _) = pivoted.P().arrays();
     for k in 0..rank {
-        (0..3).for_each(|c| solution[(order[k], c)] = projected[(k, c)]);
+        (0..projected.ncols()).for_each(|c| solution[(order[k], c)] = projected[(k, c)]);
     }
     solution
 }

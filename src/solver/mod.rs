@@ -6,9 +6,15 @@
 
 mod assemble;
 mod dense;
+mod krylov;
+mod patches;
+mod schwarz;
+mod values;
 
 pub use assemble::CollocationSystem;
 pub use dense::{DenseFactor, DenseOptions, Method};
+pub use schwarz::{Level, SchwarzFactor, SchwarzOptions, Solution, Stop};
+pub use values::Values;
 
 /// The unknowns of the fit.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -17,6 +23,22 @@ pub struct Coefficients {
     pub sources: Vec<[f64; 3]>,
     /// Rows for the functions 1, x, y, z; zero when the basis has no affine part.
     pub affine: [[f64; 3]; 4],
+}
+
+impl Coefficients {
+    /// Those of the map whose coordinates are three columns of a solution, from `first` on: one row per source, then the
+    /// rows of the affine functions, if it has them.
+    pub fn of_columns(solution: &Values, first: usize, sources: usize) -> Self {
+        let row = |r: usize| std::array::from_fn(|k| solution.row(r)[first + k]);
+        let mut affine = [[0.0; 3]; 4];
+        for (function, r) in affine.iter_mut().zip(sources..solution.rows()) {
+            *function = row(r);
+        }
+        Self {
+            sources: (0..sources).map(row).collect(),
+            affine,
+        }
+    }
 }
 
 /// Why a system has no usable solution.
@@ -53,6 +75,9 @@ pub enum SolveError {
     /// The singular value iteration failed.
     #[error("the singular value decomposition did not converge; use the QR method instead")]
     NoConvergence,
+    /// A sum over the sources could not be formed.
+    #[error(transparent)]
+    Sum(#[from] crate::kernel::KernelError),
     /// Nothing was kept.
     #[error("no singular value or pivot exceeds the truncation {truncation:e}; the boundary points may all coincide")]
     RankZero {

@@ -1,0 +1,108 @@
+//! The levels of the Schwarz solver: sources at every spacing from a few hundred for the whole domain to one per anchor.
+
+use super::FitError;
+use super::frame::Frame;
+use crate::Point;
+use crate::geometry::SurfaceQuery;
+use crate::mesh::{SurfaceMesh, SurfacePoint};
+use crate::sampling::{self, Anchors, Collocation, HierarchyOptions, SiteLevel, SourceSite};
+use crate::solver::Level;
+
+/// Sources of coarser levels stand this much farther out, in spacings of their level, so that they leave a smooth rest.
+const COARSE_ALPHA: f64 = 1.5;
+
+/// Levels in the unit frame, coarse to fine, and remarks on sources that found no place.
+pub(super) fn levels(
+    domain: &SurfaceMesh,
+    anchors: &Anchors,
+    collocation: &Collocation,
+    alpha: f64,
+    query: &SurfaceQuery,
+    frame: &Frame,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Level>, FitError> {
+    let finest = finest_level(domain, anchors, collocation);
+    let mut levels: Vec<Level> = sampling::coarser_levels(&finest, &HierarchyOptions::default())
+        .iter()
+        .map(|sites| placed_level(sites, alpha * COARSE_ALPHA, query, frame).0)
+        .collect();
+    let (finest, dropped) = placed_level(&finest, alpha, query, frame);
+    if dropped > 0 {
+        warnings.push(remark_on_dropped(dropped, anchors.vertices.len()));
+    }
+    if finest.sources.is_empty() {
+        return Err(FitError::NoSources);
+    }
+    levels.push(finest);
+    Ok(levels)
+}
+
+pub(super) fn remark_on_dropped(dropped: usize, asked: usize) -> String {
+    format!(
+        "{dropped} of {asked} sources found no room outside the domain (gaps narrower than their spacing) and were left out"
+    )
+}
+
+/// Sources off the sites of a level in the unit frame, and the sites that are left without one.
+pub(super) fn placed_level(sites: &SiteLevel, alpha: f64, query: &SurfaceQuery, frame: &Frame) -> (Level, usize) {
+    let placed = sampling::place_sources(&sites.sites, alpha, &|balls| query.are_outside(balls));
+    let mut source_of_site = vec![u32::MAX; sites.sites.len()];
+    for (source, &site) in placed.sites.iter().enumerate() {
+        source_of_site[site as usize] = source as u32;
+    }
+    let unit = frame.diagonal.powi(2).recip();
+    let mut level = Level {
+        sources: placed.positions.iter().map(|q| frame.to_unit(q)).collect(),
+        spacing: placed
+            .sites
+            .iter()
+            .map(|&site| sites.sites[site as usize].spacing / frame.diagonal)
+            .collect(),
+        ..Level::default()
+    };
+    for ((&row, &site), area) in sites.rows.iter().zip(&sites.owner).zip(&sites.areas) {
+        let source = source_of_site[site as usize];
+        if source != u32::MAX {
+            level.rows.push(row);
+            level.owner.push(source);
+            level.weights.push(area * unit);
+        }
+    }
+    (level, placed.dropped)
+}
+
+fn finest_level(domain: &SurfaceMesh, anchors: &Anchors, collocation: &Collocation) -> SiteLevel {
+    let position = |k: usize| domain.vertices()[anchors.vertices[k] as usize];
+    let mut level = SiteLevel {
+        sites: (0..anchors.vertices.len())
+            .map(|k| SourceSite {
+                position: position(k),
+                normal: anchors.normals[k],
+                spacing: anchors.spacing[k],
+            })
+            .collect(),
+        ..SiteLevel::default()
+    };
+    for (row, (point, &area)) in collocation.points.iter().zip(&collocation.areas).enumerate() {
+        if let Some(owner) = owner(domain, anchors, point, &position) {
+            level.rows.push(row as u32);
+            level.owner.push(owner);
+            level.areas.push(area);
+        }
+    }
+    level
+}
+
+/// The anchor nearest to a point, of those nearest to its triangle's corners.
+fn owner(
+    domain: &SurfaceMesh,
+    anchors: &Anchors,
+    point: &SurfacePoint,
+    position: &impl Fn(usize) -> Point,
+) -> Option<u32> {
+    let at = point.position(domain, domain.vertices());
+    let distance = |anchor: &u32| (position(*anchor as usize) - at).norm_squared();
+    let corners = domain.triangles()[point.triangle as usize];
+    let candidates = corners.iter().filter_map(|&v| anchors.nearest[v as usize]);
+    candidates.min_by(|a, b| distance(a).total_cmp(&distance(b)))
+}

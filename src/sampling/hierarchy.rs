@@ -1,0 +1,153 @@
+//! Coarser and coarser choices of the sites of sources, for a multilevel solver: compact groups of neighbouring sites
+//! each become one.
+
+use super::SourceSite;
+use crate::partition::Partition;
+use crate::{Point, Vector};
+
+/// Sites of one spacing, and boundary points to fit their sources to.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SiteLevel {
+    /// Where sources are wanted.
+    pub sites: Vec<SourceSite>,
+    /// Collocation points in use, as indices into all of them.
+    pub rows: Vec<u32>,
+    /// For each of `rows`, the site it is nearest to.
+    pub owner: Vec<u32>,
+    /// For each of `rows`, the area it stands for.
+    pub areas: Vec<f64>,
+}
+
+/// How a hierarchy is built.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HierarchyOptions {
+    /// Sites that become one of the next coarser level.
+    pub ratio: usize,
+    /// The coarsest level has at most so many sites.
+    pub coarsest: usize,
+    /// Collocation points kept for each site of a coarser level.
+    pub rows_per_site: usize,
+}
+
+impl Default for HierarchyOptions {
+    fn default() -> Self {
+        Self {
+            ratio: 8,
+            coarsest: 800,
+            rows_per_site: 6,
+        }
+    }
+}
+
+/// Levels coarser than the given one, coarsest first; none when it is small enough itself. Spacing grows by the square
+/// root of the ratio from one to the next, everywhere in proportion to the finest. Costs `n log n`.
+pub fn coarser_levels(finest: &SiteLevel, options: &HierarchyOptions) -> Vec<SiteLevel> {
+    let mut levels: Vec<SiteLevel> = Vec::new();
+    // For each row of the finest level, its site in the latest.
+    let mut owner = finest.owner.clone();
+    let mut sites = &finest.sites;
+    while sites.len() > options.coarsest {
+        // At least a fifth of what is allowed is kept: a coarsest level of a few sources would be of little use.
+        let ratio = options.ratio.min((5 * sites.len()).div_ceil(options.coarsest)).max(2);
+        let (coarse, parent) = coarsen(sites, ratio);
+        owner.iter_mut().for_each(|o| *o = parent[*o as usize]);
+        levels.push(thinned(coarse, &owner, finest, options.rows_per_site));
+        sites = &levels[levels.len() - 1].sites;
+    }
+    levels.reverse();
+    levels
+}
+
+/// One site per group of up to `ratio`, and the group of each site.
+fn coarsen(sites: &[SourceSite], ratio: usize) -> (Vec<SourceSite>, Vec<u32>) {
+    let positions: Vec<Point> = sites.iter().map(|site| site.position).collect();
+    let partition = Partition::new(&positions, &vec![0.0; sites.len()], ratio);
+    let mut parent = vec![0; sites.len()];
+    let mut coarse = Vec::with_capacity(partition.parts().len());
+    for (group, members) in partition.parts().enumerate() {
+        members.iter().for_each(|&m| parent[m as usize] = group as u32);
+        let area: f64 = members.iter().map(|&m| sites[m as usize].spacing.powi(2)).sum();
+        let moment: Vector = members
+            .iter()
+            .map(|&m| positions[m as usize].coords * sites[m as usize].spacing.powi(2))
+            .sum();
+        let centre = Point::from(moment / area);
+        let distance = |m: &u32| (positions[*m as usize] - centre).norm_squared();
+        // The middle one of the group, not its mean: it lies on the surface and has a normal of its own.
+        let middle = members.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
+        coarse.extend(middle.map(|&m| SourceSite {
+            spacing: area.sqrt(),
+            ..sites[m as usize]
+        }));
+    }
+    (coarse, parent)
+}
+
+/// The sites with up to `count` of the rows that each owns, evenly taken.
+fn thinned(sites: Vec<SourceSite>, owner: &[u32], finest: &SiteLevel, count: usize) -> SiteLevel {
+    let mut owned = vec![0usize; sites.len()];
+    owner.iter().for_each(|&o| owned[o as usize] += 1);
+    let mut seen = vec![0usize; sites.len()];
+    let mut level = SiteLevel::default();
+    for (&o, &row) in owner.iter().zip(&finest.rows) {
+        let (all, place) = (owned[o as usize], seen[o as usize]);
+        seen[o as usize] += 1;
+        let kept = all.min(count);
+        // The rows whose share of `kept` passes an integer.
+        if place * kept / all != (place + 1) * kept / all {
+            level.rows.push(row);
+            level.owner.push(o);
+            level.areas.push(sites[o as usize].spacing.powi(2) / kept as f64);
+        }
+    }
+    level.sites = sites;
+    level
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+
+    fn sphere_level(subdivisions: usize) -> SiteLevel {
+        let sphere = shapes::sphere(1.0, subdivisions);
+        let spacing = (sphere.area() / sphere.vertices().len() as f64).sqrt();
+        let sites: Vec<SourceSite> = sphere
+            .vertices()
+            .iter()
+            .map(|p| SourceSite {
+                position: *p,
+                normal: p.coords,
+                spacing,
+            })
+            .collect();
+        let rows: Vec<u32> = (0..3 * sites.len() as u32).collect();
+        SiteLevel {
+            owner: rows.iter().map(|r| r / 3).collect(),
+            areas: vec![spacing * spacing / 3.0; rows.len()],
+            rows,
+            sites,
+        }
+    }
+
+    #[test]
+    fn levels_shrink_to_the_coarsest_and_share_out_the_same_area() {
+        let finest = sphere_level(5);
+        let options = HierarchyOptions::default();
+        let levels = coarser_levels(&finest, &options);
+        assert_eq!(levels.len(), 2);
+        assert!((160..=800).contains(&levels[0].sites.len()));
+        let area: f64 = finest.areas.iter().sum();
+        for level in &levels {
+            assert!((level.areas.iter().sum::<f64>() / area - 1.0).abs() < 1e-12);
+            let per_site = level.rows.len() as f64 / level.sites.len() as f64;
+            assert_eq!(per_site, options.rows_per_site as f64);
+            for (&row, &owner) in level.rows.iter().zip(&level.owner) {
+                let site = &level.sites[owner as usize];
+                let point = finest.sites[row as usize / 3].position;
+                assert!((point - site.position).norm() < 3.0 * site.spacing);
+            }
+        }
+        assert!(coarser_levels(&sphere_level(2), &options).is_empty());
+    }
+}

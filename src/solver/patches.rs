@@ -1,0 +1,219 @@
+//! Local least-squares solves: sources in overlapping patches, each with the boundary points around it (a restricted
+//! additive Schwarz method; Cai and Sarkis, *A restricted additive Schwarz preconditioner for general sparse linear
+//! systems*, SIAM J. Sci. Comput. 21, 1999, with rectangular local problems).
+
+use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
+use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::linalg::triangular_solve;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::{Accum, Mat, Par};
+use rayon::prelude::*;
+
+use super::schwarz::Level;
+use super::Values;
+use crate::Point;
+use crate::kernel::direct;
+use crate::partition::{Bounds, Partition};
+
+/// Added to the unit diagonal of a local normal matrix; raised a hundredfold until it is positive definite.
+const RIDGE: f64 = 1e-13;
+/// Patches that are made between two reports of progress.
+const PATCHES_PER_REPORT: usize = 64;
+
+/// The local problems of one level.
+pub(super) struct Patches {
+    patches: Vec<Patch>,
+    sources: Vec<Point>,
+    /// Positions and weights of the level's rows.
+    points: Vec<Point>,
+    weights: Vec<f64>,
+}
+
+struct Patch {
+    /// Overlap first, then the core, whose coefficients alone are kept.
+    sources: Vec<u32>,
+    core: usize,
+    /// Among the level's rows.
+    rows: Vec<u32>,
+    /// The columns of the inverse normal matrix that belong to the core: `sources × core`.
+    inverse: Mat<f64>,
+}
+
+impl Patches {
+    /// Cuts the level's sources into cores of at most `core` and factors the problem of each with the sources up to
+    /// `overlap` spacings around it.
+    ///
+    /// Costs about `rows · sources²` flops per patch; keeps `8 · core · sources` bytes of each.
+    pub fn new(level: &Level, points: Vec<Point>, core: usize, overlap: f64, progress: &dyn Fn(usize, usize)) -> Self {
+        let radii: Vec<f64> = level.spacing.iter().map(|h| overlap * h).collect();
+        let partition = Partition::new(&level.sources, &radii, core);
+        let rows_of = rows_of_sources(level);
+        let cores: Vec<&[u32]> = partition.parts().collect();
+        let mut patches = Vec::with_capacity(cores.len());
+        for chunk in cores.chunks(PATCHES_PER_REPORT) {
+            progress(patches.len(), cores.len());
+            let make = |core: &&[u32]| {
+                let bounds = Bounds::around(core.iter().map(|&s| level.sources[s as usize]));
+                let mut sources = partition.reaching(&level.sources, &radii, &bounds);
+                let mut is_core: Vec<u32> = core.to_vec();
+                is_core.sort_unstable();
+                sources.retain(|s| is_core.binary_search(s).is_err());
+                sources.extend(&is_core);
+                Patch::new(level, &points, sources, core.len(), &rows_of)
+            };
+            patches.par_extend(chunk.par_iter().map(make));
+        }
+        Self {
+            patches,
+            sources: level.sources.clone(),
+            points,
+            weights: level.weights.clone(),
+        }
+    }
+
+    /// Coefficients that lower a residual given at the level's rows: one row per source.
+    pub fn solve(&self, residual: &Values) -> Values {
+        let solved: Vec<Mat<f64>> = self.patches.par_iter().map(|patch| patch.solve(self, residual)).collect();
+        let mut solution = Values::zeros(self.sources.len(), residual.columns());
+        for (patch, part) in self.patches.iter().zip(&solved) {
+            let core = &patch.sources[patch.sources.len() - patch.core..];
+            for (i, &source) in core.iter().enumerate() {
+                for (k, value) in solution.row_mut(source as usize).iter_mut().enumerate() {
+                    *value = part[(i, k)];
+                }
+            }
+        }
+        solution
+    }
+}
+
+impl Patch {
+    fn new(level: &Level, points: &[Point], sources: Vec<u32>, core: usize, rows_of: &RowsOfSources) -> Self {
+        let rows: Vec<u32> = sources.iter().flat_map(|&s| rows_of.of(s)).copied().collect();
+        let matrix = {
+            let at: Vec<Point> = rows.iter().map(|&r| points[r as usize]).collect();
+            let from: Vec<Point> = sources.iter().map(|&s| level.sources[s as usize]).collect();
+            let mut matrix = local_matrix(&at, &from);
+            for column in 0..sources.len() {
+                for (entry, &r) in matrix.col_as_slice_mut(column).iter_mut().zip(&rows) {
+                    *entry *= level.weights[r as usize].sqrt();
+                }
+            }
+            matrix
+        };
+        let inverse = core_inverse(&matrix, core);
+        Self {
+            sources,
+            core,
+            rows,
+            inverse,
+        }
+    }
+
+    fn solve(&self, patches: &Patches, residual: &Values) -> Mat<f64> {
+        let at: Vec<Point> = self.sources.iter().map(|&s| patches.sources[s as usize]).collect();
+        let from: Vec<Point> = self.rows.iter().map(|&r| patches.points[r as usize]).collect();
+        let columns = residual.columns();
+        let weighted = |r: u32, k: usize| patches.weights[r as usize] * residual.row(r as usize)[k];
+        let mut projected = Mat::zeros(at.len(), columns);
+        if columns <= 3 {
+            // The kernel is symmetric: the transposed product is the potential of the rows at the sources.
+            let weight = |&r: &u32| std::array::from_fn(|k| if k < columns { weighted(r, k) } else { 0.0 });
+            let weights: Vec<[f64; 3]> = self.rows.iter().map(weight).collect();
+            let charges = direct::Sources::new(&from, &weights).expect("a weight for each row");
+            for (i, sums) in direct::potential(&charges, &at).iter().enumerate() {
+                (0..columns).for_each(|k| projected[(i, k)] = sums[k]);
+            }
+        } else {
+            let matrix = local_matrix(&from, &at);
+            let rhs = Mat::from_fn(from.len(), columns, |i, k| weighted(self.rows[i], k));
+            matmul(projected.as_mut(), Accum::Replace, matrix.transpose(), &rhs, 1.0, Par::Seq);
+        }
+        let mut solution = Mat::zeros(self.core, columns);
+        matmul(solution.as_mut(), Accum::Replace, self.inverse.transpose(), &projected, 1.0, Par::Seq);
+        solution
+    }
+}
+
+/// Kernel values: a row per point of `at`, a column per point of `from`.
+fn local_matrix(at: &[Point], from: &[Point]) -> Mat<f64> {
+    let mut entries = vec![0.0; at.len() * from.len()];
+    direct::fill_matrix(at, from, &mut entries).expect("an entry for each pair");
+    faer::MatRef::from_column_major_slice(&entries, at.len(), from.len()).to_owned()
+}
+
+/// The last `core` columns of `(AᵀA)⁻¹`, by Cholesky of the matrix scaled to a unit diagonal.
+fn core_inverse(matrix: &Mat<f64>, core: usize) -> Mat<f64> {
+    let n = matrix.ncols();
+    let mut normal = Mat::<f64>::zeros(n, n);
+    triangular::matmul(
+        normal.as_mut(),
+        BlockStructure::TriangularLower,
+        Accum::Replace,
+        matrix.transpose(),
+        BlockStructure::Rectangular,
+        matrix,
+        BlockStructure::Rectangular,
+        1.0,
+        Par::Seq,
+    );
+    let scales: Vec<f64> = (0..n).map(|i| normal[(i, i)].sqrt().recip()).map(|s| if s.is_finite() { s } else { 0.0 }).collect();
+    let scratch = cholesky_in_place_scratch::<f64>(n, Par::Seq, Default::default());
+    let mut memory = MemBuffer::new(scratch);
+    let mut ridge = RIDGE;
+    let factor = loop {
+        let mut scaled = Mat::<f64>::zeros(n, n);
+        for j in 0..n {
+            for i in j + 1..n {
+                scaled[(i, j)] = normal[(i, j)] * scales[i] * scales[j];
+            }
+            scaled[(j, j)] = 1.0 + ridge;
+        }
+        let result = cholesky_in_place(scaled.as_mut(), Default::default(), Par::Seq, MemStack::new(&mut memory), Default::default());
+        if result.is_ok() || ridge > 1.0 {
+            break scaled;
+        }
+        ridge *= 100.0;
+    };
+    let mut inverse = Mat::<f64>::zeros(n, core);
+    (0..core).for_each(|c| inverse[(n - core + c, c)] = 1.0);
+    let overlap = n - core;
+    // The right-hand sides are zero above the core, and so is what the forward substitution makes of them.
+    let trailing = factor.submatrix(overlap, overlap, core, core);
+    triangular_solve::solve_lower_triangular_in_place(trailing, inverse.as_mut().subrows_mut(overlap, core), Par::Seq);
+    triangular_solve::solve_upper_triangular_in_place(factor.transpose(), inverse.as_mut(), Par::Seq);
+    for c in 0..core {
+        for i in 0..n {
+            inverse[(i, c)] *= scales[i] * scales[overlap + c];
+        }
+    }
+    inverse
+}
+
+/// The rows that each source owns.
+struct RowsOfSources {
+    rows: Vec<u32>,
+    starts: Vec<u32>,
+}
+
+impl RowsOfSources {
+    fn of(&self, source: u32) -> &[u32] {
+        &self.rows[self.starts[source as usize] as usize..self.starts[source as usize + 1] as usize]
+    }
+}
+
+fn rows_of_sources(level: &Level) -> RowsOfSources {
+    let mut starts = vec![0u32; level.sources.len() + 1];
+    level.owner.iter().for_each(|&s| starts[s as usize + 1] += 1);
+    for s in 0..level.sources.len() {
+        starts[s + 1] += starts[s];
+    }
+    let mut next = starts.clone();
+    let mut rows = vec![0; level.owner.len()];
+    for (row, &source) in level.owner.iter().enumerate() {
+        rows[next[source as usize] as usize] = row as u32;
+        next[source as usize] += 1;
+    }
+    RowsOfSources { rows, starts }
+}

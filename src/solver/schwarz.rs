@@ -1,0 +1,407 @@
+//! Large least-squares systems: flexible Krylov iterations in the space of the data, preconditioned level by level by
+//! local least-squares solves.
+//!
+//! Levels go from coarse to fine. The coarsest holds the affine functions and is solved densely; every other level is cut
+//! into overlapping [patches](super::patches). One iteration first corrects by the coarse levels together, each on what
+//! those before it leave, and then by each finer level on its own, with the best step length along each correction
+//! and all before. All levels' sources are unknowns of the same system and stay in the map. Nothing dense grows with
+//! the number of sources: patches are of one size, and there are levels enough to keep the coarsest small.
+
+use super::krylov::Minimisation;
+use super::patches::Patches;
+use super::{CollocationSystem, DenseFactor, DenseOptions, SolveError, Values};
+use crate::Point;
+use crate::kernel::sums::Sums;
+
+/// Sources of one spacing, and the equations that they are fitted to.
+#[derive(Debug, Clone, Default)]
+pub struct Level {
+    /// Positions outside the solid.
+    pub sources: Vec<Point>,
+    /// Local spacing of each source.
+    pub spacing: Vec<f64>,
+    /// Collocation points that this level sees, as indices into those of the whole system.
+    pub rows: Vec<u32>,
+    /// For each of `rows`, the source of this level it belongs to.
+    pub owner: Vec<u32>,
+    /// For each of `rows`, the area it stands for.
+    pub weights: Vec<f64>,
+}
+
+/// Settings of [`SchwarzFactor`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SchwarzOptions {
+    /// Sources in the core of a patch.
+    pub core: usize,
+    /// Reach of a patch beyond its core, in local spacings.
+    pub overlap: f64,
+    /// An iteration that leaves more than this part of the residual has reached the plateau, the least-squares optimum.
+    pub plateau: f64,
+    /// Iterations at most.
+    pub most_iterations: usize,
+    /// Relative accuracy of the sums over finer levels within an iteration; those over coarse levels, whose
+    /// corrections are larger than what they leave, are ten times as accurate.
+    pub accuracy: f64,
+}
+
+impl Default for SchwarzOptions {
+    fn default() -> Self {
+        Self {
+            core: 120,
+            overlap: 3.0,
+            plateau: 0.9,
+            most_iterations: 20,
+            accuracy: 1e-5,
+        }
+    }
+}
+
+/// Why the iterations ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Stop {
+    /// The residual is as small as asked for.
+    Goal,
+    /// The residual fell no further: it is the optimum's, to within what an iteration gains.
+    Plateau,
+    /// The number of iterations allowed was used up.
+    Iterations,
+}
+
+/// The coefficients, and how they were found.
+#[derive(Debug, Clone)]
+pub struct Solution {
+    /// A row per source, level after level, then four rows for the functions 1, x, y, z if the basis has them.
+    pub coefficients: Values,
+    /// What is left at the collocation points, computed afresh from the coefficients.
+    pub residual: Values,
+    /// Iterations made.
+    pub iterations: usize,
+    /// Weighted root mean square of the residual before the first iteration and after each, over all columns.
+    pub history: Vec<f64>,
+    /// Why they ended.
+    pub stop: Stop,
+}
+
+/// A system made ready for any number of right-hand sides.
+pub struct SchwarzFactor {
+    collocation: Vec<Point>,
+    /// Area shares, one per collocation point.
+    weights: Vec<f64>,
+    levels: Vec<FactoredLevel>,
+    /// Levels that are corrected together, as ranges of `levels`.
+    groups: Vec<Group>,
+    affine: bool,
+    options: SchwarzOptions,
+}
+
+struct FactoredLevel {
+    sources: usize,
+    rows: Vec<u32>,
+    solver: LocalSolver,
+}
+
+enum LocalSolver {
+    Dense(DenseFactor),
+    Patches(Patches),
+}
+
+struct Group {
+    first: usize,
+    sources: Vec<Point>,
+    /// For each level but the first: the sums of all levels of the group before it, at its rows.
+    within: Vec<Sums>,
+    to_collocation: Sums,
+}
+
+impl SchwarzFactor {
+    /// Factors the levels, coarse to fine; the last is the one whose spacing the map is to resolve. `weights` are the area
+    /// shares of the collocation points. `progress` is called with the patches made and their number.
+    ///
+    /// # Errors
+    ///
+    /// When the coarsest level has fewer rows than unknowns, or a matrix entry is not finite.
+    pub fn new(
+        collocation: Vec<Point>,
+        weights: Vec<f64>,
+        levels: &[Level],
+        affine: bool,
+        options: &SchwarzOptions,
+        progress: &dyn Fn(usize, usize),
+    ) -> Result<Self, SolveError> {
+        let mut factor = Self {
+            collocation,
+            weights,
+            levels: Vec::new(),
+            groups: Vec::new(),
+            affine,
+            options: *options,
+        };
+        let coarsest = levels.first().ok_or(SolveError::Underdetermined {
+            collocation: factor.collocation.len(),
+            unknowns: 0,
+            sources: 0,
+        })?;
+        factor.levels.push(factor.dense_level(coarsest)?);
+        for level in &levels[1..] {
+            let patches = factor.patches(level, progress);
+            factor.levels.push(patches);
+        }
+        let coarse = levels.len().saturating_sub(1).max(1);
+        factor.add_group(&levels[..coarse], 0)?;
+        if levels.len() > 1 {
+            factor.add_group(&levels[coarse..], coarse)?;
+        }
+        Ok(factor)
+    }
+
+    /// Adds collocation points and a finer level, whose rows may be old points and new. Warm starts carry over: the
+    /// coefficients of the levels before keep their place.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`].
+    pub fn refine(
+        &mut self,
+        collocation: &[Point],
+        weights: &[f64],
+        level: &Level,
+        progress: &dyn Fn(usize, usize),
+    ) -> Result<(), SolveError> {
+        self.collocation.extend_from_slice(collocation);
+        self.weights.extend_from_slice(weights);
+        let patches = self.patches(level, progress);
+        self.levels.push(patches);
+        for group in &mut self.groups {
+            group.to_collocation = sums(&group.sources, &self.collocation, self.options.accuracy)?;
+        }
+        self.add_group(std::slice::from_ref(level), self.levels.len() - 1)
+    }
+
+    /// Number of sources of all levels.
+    pub fn sources(&self) -> usize {
+        self.levels.iter().map(|level| level.sources).sum()
+    }
+
+    /// Number of collocation points.
+    pub fn rows(&self) -> usize {
+        self.collocation.len()
+    }
+
+    /// The coefficients for boundary values `data`, a row per collocation point and any number of columns, which share
+    /// every kernel value. Starts at `start` if given (its rows may be fewer by those of the latest level), ends when the
+    /// root mean square of the residual is below `goal` in every column or falls no further.
+    ///
+    /// # Errors
+    ///
+    /// [`SolveError::DataLength`].
+    pub fn solve(
+        &self,
+        data: &Values,
+        start: Option<&Values>,
+        goal: f64,
+        progress: &dyn Fn(usize, f64),
+    ) -> Result<Solution, SolveError> {
+        if data.rows() != self.collocation.len() {
+            return Err(SolveError::DataLength {
+                data: data.rows(),
+                collocation: self.collocation.len(),
+            });
+        }
+        let (solution, residual) = match start {
+            Some(start) => {
+                let start = self.extended(start);
+                let residual = self.residual(data, &start, self.options.accuracy * 0.1)?;
+                (start, residual)
+            }
+            None => (Values::zeros(self.unknowns(), data.columns()), data.clone()),
+        };
+        let area: f64 = self.weights.iter().sum();
+        let mut search = Minimisation::new(&self.weights, residual, solution);
+        let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / area).sqrt();
+        let reached = |squares: &[f64]| squares.iter().all(|s| (s / area).sqrt() <= goal);
+        let mut squares = search.squares();
+        let mut history = vec![rms(&squares)];
+        let mut refreshed = false;
+        let stop = loop {
+            let iterations = history.len() - 1;
+            progress(iterations, rms(&squares));
+            let stop = if reached(&squares) {
+                Some(Stop::Goal)
+            } else if iterations > 0 && history[iterations] > self.options.plateau * history[iterations - 1] {
+                Some(Stop::Plateau)
+            } else {
+                (iterations == self.options.most_iterations).then_some(Stop::Iterations)
+            };
+            if let Some(stop) = stop {
+                // The sums within iterations are rough, and the residual carried along drifts from the true one.
+                let fresh = self.residual(data, &search.solution, self.options.accuracy * 1e-3)?;
+                let carried = rms(&squares);
+                search.restart(fresh);
+                squares = search.squares();
+                let drifted = rms(&squares) > 1.02 * carried;
+                if !drifted || refreshed || stop == Stop::Iterations {
+                    break stop;
+                }
+                refreshed = true;
+            }
+            for group in &self.groups {
+                let step = self.correction(group, &search.residual)?;
+                let image = self.image(group, &step, None)?;
+                search.advance(step, image);
+            }
+            squares = search.squares();
+            history.push(rms(&squares));
+        };
+        Ok(Solution {
+            coefficients: search.solution,
+            residual: search.residual,
+            iterations: history.len() - 1,
+            history,
+            stop,
+        })
+    }
+
+    fn unknowns(&self) -> usize {
+        self.sources() + if self.affine { 4 } else { 0 }
+    }
+
+    /// Coefficients of fewer levels, with zeros for the others.
+    fn extended(&self, start: &Values) -> Values {
+        let mut solution = Values::zeros(self.unknowns(), start.columns());
+        let affine = if self.affine { 4 } else { 0 };
+        let sources = (start.rows() - affine).min(self.sources());
+        (0..sources).for_each(|s| solution.row_mut(s).copy_from_slice(start.row(s)));
+        for k in 0..affine {
+            let row = self.sources() + k;
+            solution.row_mut(row).copy_from_slice(start.row(start.rows() - affine + k));
+        }
+        solution
+    }
+
+    fn dense_level(&self, level: &Level) -> Result<FactoredLevel, SolveError> {
+        let area = level.weights.iter().sum::<f64>() / level.weights.len().max(1) as f64;
+        let system = CollocationSystem {
+            collocation: &self.points(&level.rows),
+            row_weights: &level.weights.iter().map(|w| (w / area).sqrt()).collect::<Vec<_>>(),
+            sources: &level.sources,
+            affine: self.affine,
+        };
+        Ok(FactoredLevel {
+            sources: level.sources.len(),
+            rows: level.rows.clone(),
+            solver: LocalSolver::Dense(DenseFactor::new(&system, &DenseOptions::default())?),
+        })
+    }
+
+    fn patches(&self, level: &Level, progress: &dyn Fn(usize, usize)) -> FactoredLevel {
+        let points = self.points(&level.rows);
+        let SchwarzOptions { core, overlap, .. } = self.options;
+        FactoredLevel {
+            sources: level.sources.len(),
+            rows: level.rows.clone(),
+            solver: LocalSolver::Patches(Patches::new(level, points, core, overlap, progress)),
+        }
+    }
+
+    fn points(&self, rows: &[u32]) -> Vec<Point> {
+        rows.iter().map(|&r| self.collocation[r as usize]).collect()
+    }
+
+    fn add_group(&mut self, levels: &[Level], first: usize) -> Result<(), SolveError> {
+        let mut sources = Vec::new();
+        let mut within = Vec::new();
+        for (i, level) in levels.iter().enumerate() {
+            if i > 0 {
+                within.push(sums(&sources, &self.points(&level.rows), self.options.accuracy * 0.1)?);
+            }
+            sources.extend_from_slice(&level.sources);
+        }
+        let accuracy = self.options.accuracy * if first == 0 { 0.1 } else { 1.0 };
+        let to_collocation = sums(&sources, &self.collocation, accuracy)?;
+        self.groups.push(Group {
+            first,
+            sources,
+            within,
+            to_collocation,
+        });
+        Ok(())
+    }
+
+    /// A group's correction of a residual, as coefficients of all unknowns: each level works on what those before it
+    /// leave.
+    fn correction(&self, group: &Group, residual: &Values) -> Result<Values, SolveError> {
+        let columns = residual.columns();
+        let mut coefficients = Vec::with_capacity(group.sources.len() * columns);
+        let mut affine = None;
+        for i in 0..=group.within.len() {
+            let level = &self.levels[group.first + i];
+            let mut rest = residual.gather(&level.rows);
+            if i > 0 {
+                let part = group.within[i - 1].potential(&coefficients, columns)?;
+                let mut part = Values::new(columns, part);
+                self.add_affine(&mut part, affine.as_ref(), |r| self.collocation[level.rows[r] as usize]);
+                rest.add_scaled(&vec![-1.0; columns], &part);
+            }
+            let solved = match &level.solver {
+                LocalSolver::Dense(dense) => dense.solve_columns(&rest)?,
+                LocalSolver::Patches(patches) => patches.solve(&rest),
+            };
+            coefficients.extend_from_slice(&solved.as_slice()[..level.sources * columns]);
+            if solved.rows() > level.sources {
+                affine = Some(solved.as_slice()[level.sources * columns..].to_vec());
+            }
+        }
+        let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
+        let mut all = vec![0.0; self.unknowns() * columns];
+        all[before * columns..][..coefficients.len()].copy_from_slice(&coefficients);
+        if let Some(affine) = affine {
+            all[self.sources() * columns..].copy_from_slice(&affine);
+        }
+        Ok(Values::new(columns, all))
+    }
+
+    /// What a group's part of the coefficients, and with the first group the affine functions, give at the collocation
+    /// points.
+    fn image(&self, group: &Group, coefficients: &Values, accuracy: Option<f64>) -> Result<Values, SolveError> {
+        let columns = coefficients.columns();
+        let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
+        let weights = &coefficients.as_slice()[before * columns..][..group.sources.len() * columns];
+        let potential = match accuracy {
+            Some(accuracy) => group.to_collocation.with_accuracy(accuracy).potential(weights, columns)?,
+            None => group.to_collocation.potential(weights, columns)?,
+        };
+        let mut image = Values::new(columns, potential);
+        if group.first == 0 && self.affine {
+            let affine = coefficients.as_slice()[self.sources() * columns..].to_vec();
+            self.add_affine(&mut image, Some(&affine), |r| self.collocation[r]);
+        }
+        Ok(image)
+    }
+
+    fn add_affine(&self, values: &mut Values, affine: Option<&Vec<f64>>, point: impl Fn(usize) -> Point) {
+        let Some(affine) = affine else { return };
+        let columns = values.columns();
+        for r in 0..values.rows() {
+            let p = point(r);
+            for (k, value) in values.row_mut(r).iter_mut().enumerate() {
+                let a = |function: usize| affine[function * columns + k];
+                *value += a(0) + a(1) * p.x + a(2) * p.y + a(3) * p.z;
+            }
+        }
+    }
+
+    /// Data minus what all coefficients give, to a relative accuracy of the sums.
+    fn residual(&self, data: &Values, coefficients: &Values, accuracy: f64) -> Result<Values, SolveError> {
+        let mut residual = data.clone();
+        for group in &self.groups {
+            let image = self.image(group, coefficients, Some(accuracy))?;
+            residual.add_scaled(&vec![-1.0; data.columns()], &image);
+        }
+        Ok(residual)
+    }
+}
+
+fn sums(sources: &[Point], targets: &[Point], accuracy: f64) -> Result<Sums, SolveError> {
+    Ok(Sums::new(sources, targets, accuracy)?)
+}

@@ -1,0 +1,105 @@
+use rayon::prelude::*;
+
+/// Several right-hand sides, solutions or residuals side by side: `rows × columns` numbers, row after row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Values {
+    columns: usize,
+    numbers: Vec<f64>,
+}
+
+impl Values {
+    /// All zero.
+    pub fn zeros(rows: usize, columns: usize) -> Self {
+        Self::new(columns, vec![0.0; rows * columns])
+    }
+
+    /// Rows of `columns` numbers each.
+    ///
+    /// # Panics
+    ///
+    /// When the numbers do not fill whole rows.
+    pub fn new(columns: usize, numbers: Vec<f64>) -> Self {
+        assert!(columns > 0 && numbers.len().is_multiple_of(columns), "rows are whole");
+        Self { columns, numbers }
+    }
+
+    /// Rows of three.
+    pub fn from_triples(triples: &[[f64; 3]]) -> Self {
+        Self::new(3, triples.as_flattened().to_vec())
+    }
+
+    /// How many rows there are.
+    pub fn rows(&self) -> usize {
+        self.numbers.len() / self.columns
+    }
+
+    /// How many columns there are.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// One row.
+    pub fn row(&self, row: usize) -> &[f64] {
+        &self.numbers[row * self.columns..(row + 1) * self.columns]
+    }
+
+    /// One row, to write to.
+    pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
+        &mut self.numbers[row * self.columns..(row + 1) * self.columns]
+    }
+
+    /// All numbers, row after row.
+    pub fn as_slice(&self) -> &[f64] {
+        &self.numbers
+    }
+
+    /// The chosen rows, in that order.
+    pub(super) fn gather(&self, rows: &[u32]) -> Self {
+        let mut numbers = Vec::with_capacity(rows.len() * self.columns);
+        rows.iter().for_each(|&r| numbers.extend_from_slice(self.row(r as usize)));
+        Self::new(self.columns, numbers)
+    }
+
+    /// Adds `factors[c] · other` to column `c`.
+    pub(super) fn add_scaled(&mut self, factors: &[f64], other: &Self) {
+        debug_assert_eq!(self.numbers.len(), other.numbers.len());
+        let chunk = self.columns * ROWS_PER_TASK;
+        let parts = self.numbers.par_chunks_mut(chunk).zip(other.numbers.par_chunks(chunk));
+        parts.for_each(|(mine, others)| {
+            let rows = mine.chunks_exact_mut(factors.len()).zip(others.chunks_exact(factors.len()));
+            for (mine, other) in rows {
+                for ((value, other), factor) in mine.iter_mut().zip(other).zip(factors) {
+                    *value += factor * other;
+                }
+            }
+        });
+    }
+
+    /// For every column, `Σ_r weights[r] · self[r] · other[r]`; the same for any number of threads.
+    pub(super) fn dot(&self, other: &Self, weights: &[f64]) -> Vec<f64> {
+        let chunk = self.columns * ROWS_PER_TASK;
+        let parts: Vec<Vec<f64>> = self
+            .numbers
+            .par_chunks(chunk)
+            .zip(other.numbers.par_chunks(chunk))
+            .zip(weights.par_chunks(ROWS_PER_TASK))
+            .map(|((mine, others), weights)| {
+                let mut sums = vec![0.0; self.columns];
+                let rows = mine.chunks_exact(self.columns).zip(others.chunks_exact(self.columns));
+                for ((mine, other), weight) in rows.zip(weights) {
+                    for ((sum, a), b) in sums.iter_mut().zip(mine).zip(other) {
+                        *sum += weight * a * b;
+                    }
+                }
+                sums
+            })
+            .collect();
+        parts.iter().fold(vec![0.0; self.columns], |mut total, part| {
+            total.iter_mut().zip(part).for_each(|(t, p)| *t += p);
+            total
+        })
+    }
+}
+
+/// Rows that make a task worth handing to another thread.
+const ROWS_PER_TASK: usize = 1 << 12;
