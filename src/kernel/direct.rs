@@ -213,6 +213,42 @@ pub fn fill_matrix_with(
     Ok(())
 }
 
+/// The inner loops for other algorithms of this module, on coordinates that the caller has scaled: see [`Lanes`].
+impl Instructions {
+    /// Adds the potential of three weights at each block of targets.
+    pub(super) fn add_potential(self, sources: &[Source], targets: &[Block], sums: &mut [[Lane; 3]]) {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512(lanes) => add_tiles(sources, targets, sums, |s, t, sums| lanes.add_potential(s, t, sums)),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2(lanes) => add_tiles(sources, targets, sums, |s, t, sums| lanes.add_potential(s, t, sums)),
+            Level::Portable(lanes) => add_tiles(sources, targets, sums, |s, t, sums| lanes.add_potential(s, t, sums)),
+        }
+    }
+
+    /// Adds the potential of three weights, then the negative of its gradient, as [`Lanes::add_gradient`] orders them.
+    pub(super) fn add_gradient(self, sources: &[Source], targets: &[Block], sums: &mut [[Lane; 12]]) {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512(lanes) => add_tiles(sources, targets, sums, |s, t, sums| lanes.add_gradient(s, t, sums)),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2(lanes) => add_tiles(sources, targets, sums, |s, t, sums| lanes.add_gradient(s, t, sums)),
+            Level::Portable(lanes) => add_tiles(sources, targets, sums, |s, t, sums| lanes.add_gradient(s, t, sums)),
+        }
+    }
+
+    /// Writes `1 / r` for the targets of all blocks, one column of `column.len()` entries.
+    pub(super) fn write_column(self, source: [f64; 3], targets: &[Block], column: &mut [f64]) {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512(lanes) => lanes.write_column(source, 1.0, targets, column),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2(lanes) => lanes.write_column(source, 1.0, targets, column),
+            Level::Portable(lanes) => lanes.write_column(source, 1.0, targets, column),
+        };
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Level {
     #[cfg(target_arch = "x86_64")]
@@ -223,7 +259,7 @@ enum Level {
 }
 
 /// Targets of one pass of the inner loops: a multiple of every vector width.
-const LANES: usize = 16;
+pub(super) const LANES: usize = 16;
 /// Blocks of targets that see a tile of sources before the next tile is fetched.
 const BLOCKS: usize = 4;
 /// Sources of a tile: 24 KiB, half of a first-level cache. Also bounds the growth of rounding errors, as each tile is
@@ -233,9 +269,9 @@ const TILE: usize = 512;
 const PAIRS_PER_TASK: usize = 1 << 17;
 
 /// Scaled position, then the weights over 4π.
-type Source = [f64; 6];
+pub(super) type Source = [f64; 6];
 /// One value for each target of a block.
-type Lane = [f64; LANES];
+pub(super) type Lane = [f64; LANES];
 
 /// The inner loops in one set of instructions. Sums are in scaled units and add to what is there.
 trait Lanes: Copy + Send + Sync {
@@ -253,18 +289,23 @@ trait Lanes: Copy + Send + Sync {
 /// Scaled coordinates of up to [`LANES`] targets, the last repeated to fill the lanes.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
-struct Block {
+pub(super) struct Block {
     coordinates: [Lane; 3],
     len: usize,
 }
 
 impl Block {
     fn new(targets: &[Point], scale: Scale) -> Self {
+        Self::mapped(targets, |target| target.coords.map(|c| c * scale.up).into())
+    }
+
+    /// A block of one to [`LANES`] targets whose scaled coordinates `map` gives.
+    pub(super) fn mapped<T>(targets: &[T], map: impl Fn(&T) -> [f64; 3]) -> Self {
         let mut coordinates = [[0.0; LANES]; 3];
         for lane in 0..LANES {
-            let target = targets[lane.min(targets.len() - 1)];
+            let target = map(&targets[lane.min(targets.len() - 1)]);
             for axis in 0..3 {
-                coordinates[axis][lane] = target[axis] * scale.up;
+                coordinates[axis][lane] = target[axis];
             }
         }
         Self {
@@ -281,14 +322,14 @@ impl Block {
 
 /// A power of two by which lengths are multiplied, and its reciprocal.
 #[derive(Debug, Clone, Copy)]
-struct Scale {
-    up: f64,
+pub(super) struct Scale {
+    pub(super) up: f64,
     down: f64,
 }
 
 impl Scale {
     /// Brings the largest finite coordinate to between one and two, or as near as exact powers of two do.
-    fn of(points: &[Point]) -> Self {
+    pub(super) fn of(points: &[Point]) -> Self {
         let finite = points
             .iter()
             .flat_map(|p| p.iter())
@@ -385,6 +426,20 @@ fn assemble(lanes: impl Lanes, targets: &[Point], sources: &[Point], matrix: &mu
         });
 }
 
+/// Adds tile after tile of sources, each to all blocks while it is in the first-level cache.
+fn add_tiles<const N: usize>(
+    sources: &[Source],
+    targets: &[Block],
+    sums: &mut [[Lane; N]],
+    add: impl Fn(&[Source], &Block, &mut [Lane; N]),
+) {
+    for tile in sources.chunks(TILE) {
+        for (block, sums) in targets.iter().zip(&mut *sums) {
+            add(tile, block, sums);
+        }
+    }
+}
+
 fn chunks_per_task(sources: &Sources) -> usize {
     PAIRS_PER_TASK.div_ceil(LANES * BLOCKS * sources.len().max(1))
 }
@@ -423,7 +478,7 @@ const FAR: f64 = (1u64 << 60) as f64;
 
 /// Whether a scaled point is so near the origin (2⁻⁴³⁰) that its squared distance to another such point may underflow.
 /// Distances below 2⁻⁴⁸⁵ occur only among such points, since coordinates of `2⁻⁴³⁰` are 2⁻⁴⁸³ apart.
-fn is_minute(scaled: Point) -> bool {
+pub(super) fn is_minute(scaled: Point) -> bool {
     const MINUTE: f64 = f64::from_bits((1023 - 430) << 52);
     scaled.coords.amax() < MINUTE
 }

@@ -1,8 +1,10 @@
 //! The Laplace kernel in space, and sums of it over many sources.
 //!
+//! [`direct`] forms them term by term, [`fmm`] to a given accuracy in time linear in the number of points.
 //! Imports nothing else of this crate: points and weights arrive as slices.
 
 pub mod direct;
+pub mod fmm;
 mod laplace;
 pub mod sums;
 
@@ -19,6 +21,17 @@ pub enum KernelError {
         what: &'static str,
         /// How many the other arrays call for.
         expected: usize,
+        /// How many there are.
+        found: usize,
+    },
+    /// More points than the indices of a tree can count.
+    #[error(
+        "{found} {what} are more than the {} that a tree can hold; sum over parts of them",
+        u32::MAX
+    )]
+    TooMany {
+        /// What is counted.
+        what: &'static str,
         /// How many there are.
         found: usize,
     },

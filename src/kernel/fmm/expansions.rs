@@ -1,0 +1,317 @@
+//! The sweeps over expansions: sources to multipoles up the tree, multipoles to locals across it, locals down.
+//!
+//! An expansion of `columns` right-hand sides is as many columns of `rank` entries, and the expansions of all cells lie
+//! one after the other by slot. Each task owns the expansions that it writes and sums in a fixed order, so results do
+//! not depend on threads.
+
+use std::ops::Range;
+
+use faer::linalg::matmul::matmul;
+use faer::traits::ComplexField;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
+use rayon::prelude::*;
+
+use super::lists::{GROUP, Lists};
+use super::operators::{Operators, Transfers};
+use super::tree::{Cell, Tree};
+use super::weights::Weights;
+use crate::kernel::direct::{Block, Instructions, LANES};
+
+/// What a pass over the tree works with.
+#[derive(Clone, Copy)]
+pub(super) struct Pass<'a> {
+    pub(super) tree: &'a Tree,
+    pub(super) lists: &'a Lists,
+    pub(super) operators: &'a Operators,
+    pub(super) instructions: Instructions,
+    pub(super) weights: &'a Weights,
+}
+
+/// Cells of a task: enough columns for a product, and many tasks in a level.
+const CELLS: usize = 32;
+/// Columns of a product, which with an operator fit a second-level cache.
+const COLUMNS: usize = 256;
+
+impl Pass<'_> {
+    pub(super) fn columns(&self) -> usize {
+        self.weights.columns
+    }
+
+    /// Entries of an expansion, all columns together.
+    pub(super) fn stride(&self) -> usize {
+        self.operators.rank * self.columns()
+    }
+
+    /// Multipole expansions of all cells with sources.
+    pub(super) fn multipoles(&self) -> Vec<f64> {
+        let (stride, cells) = (self.stride(), &self.lists.source_cells);
+        let mut multipoles = vec![0.0; cells.len() * stride];
+        for level in self.levels(cells).into_iter().rev() {
+            let (upper, finer) = multipoles.split_at_mut(level.end * stride);
+            upper[level.start * stride..]
+                .par_chunks_mut(CELLS * stride)
+                .zip(cells[level.clone()].par_chunks(CELLS))
+                .for_each(|(expansions, cells)| {
+                    self.collect_sources(cells, expansions);
+                    self.raise_children(cells, level.end, finer, expansions);
+                });
+        }
+        multipoles
+    }
+
+    /// Local expansions of all cells with targets.
+    pub(super) fn locals(&self, multipoles: &[f64]) -> Vec<f64> {
+        let mut locals = match &self.operators.transfers {
+            Transfers::Single(operators) => self.transfer(operators, multipoles),
+            Transfers::Double(operators) => self.transfer(operators, multipoles),
+        };
+        let (stride, cells) = (self.stride(), &self.lists.target_cells);
+        for level in self.levels(cells) {
+            let (coarser, own) = locals.split_at_mut(level.start * stride);
+            own[..level.len() * stride]
+                .par_chunks_mut(CELLS * stride)
+                .zip(cells[level.clone()].par_chunks(CELLS))
+                .enumerate()
+                .for_each(|(chunk, (expansions, cells))| {
+                    self.lower_parents(cells, coarser, expansions);
+                    self.collect_coarser(level.start + chunk * CELLS, expansions);
+                });
+        }
+        locals
+    }
+
+    /// Slots of each level.
+    fn levels(&self, cells: &[u32]) -> Vec<Range<usize>> {
+        let starts: Vec<usize> = self
+            .tree
+            .levels
+            .iter()
+            .map(|&start| cells.partition_point(|&cell| (cell as usize) < start))
+            .collect();
+        starts.windows(2).map(|w| w[0]..w[1]).collect()
+    }
+
+    fn cell(&self, cell: u32) -> &Cell {
+        &self.tree.cells[cell as usize]
+    }
+
+    /// Expansions of leaves, from the potential of their sources at the outer surface.
+    fn collect_sources(&self, cells: &[u32], expansions: &mut [f64]) {
+        let leaves: Vec<usize> = (0..cells.len()).filter(|&i| self.cell(cells[i]).is_leaf()).collect();
+        if leaves.is_empty() {
+            return;
+        }
+        let points = self.operators.outer.len();
+        let mut potentials = vec![0.0; points * self.columns() * leaves.len()];
+        for (&leaf, potentials) in leaves.iter().zip(potentials.chunks_mut(points * self.columns())) {
+            let cell = self.cell(cells[leaf]);
+            self.add_potential_of(cell.sources(), cell, &self.operators.outer_blocks, potentials);
+        }
+        let found = self.product(self.operators.inverse.as_ref(), &potentials, 1.0);
+        for (&leaf, found) in leaves.iter().zip(found.chunks(self.stride())) {
+            expansions[leaf * self.stride()..][..self.stride()].copy_from_slice(found);
+        }
+    }
+
+    /// Adds to `out` (points of `blocks` × columns) the potential of sources in units of `cell`.
+    fn add_potential_of(&self, sources: Range<usize>, cell: &Cell, blocks: &[Block], out: &mut [f64]) {
+        let points = out.len() / self.columns();
+        let up = 1.0 / self.tree.half_width(cell);
+        for (packed, out) in self.weights.triples.iter().zip(out.chunks_mut(3 * points)) {
+            let local: Vec<_> = packed[sources.clone()]
+                .iter()
+                .map(|&[x, y, z, w0, w1, w2]| {
+                    let [cx, cy, cz] = cell.centre;
+                    [(x - cx) * up, (y - cy) * up, (z - cz) * up, w0, w1, w2]
+                })
+                .collect();
+            let mut sums = vec![[[0.0; LANES]; 3]; blocks.len()];
+            self.instructions.add_potential(&local, blocks, &mut sums);
+            for (column, out) in out.chunks_mut(points).enumerate() {
+                for (out, sums) in out.chunks_mut(LANES).zip(&sums) {
+                    for (out, sum) in out.iter_mut().zip(&sums[column]) {
+                        *out += sum;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Expansions of inner cells, from those of their children, whose slots begin at `first`.
+    fn raise_children(&self, cells: &[u32], first: usize, finer: &[f64], expansions: &mut [f64]) {
+        let children: Vec<(usize, usize)> = cells
+            .iter()
+            .enumerate()
+            .flat_map(|(i, &cell)| self.cell(cell).children().map(move |child| (i, child)))
+            .filter(|&(_, child)| !self.tree.cells[child].sources().is_empty())
+            .collect();
+        if children.is_empty() {
+            return;
+        }
+        let mut gathered = Vec::with_capacity(children.len() * self.stride());
+        for &(_, child) in &children {
+            let slot = self.lists.source_slot[child] as usize - first;
+            self.gather(
+                &finer[slot * self.stride()..][..self.stride()],
+                self.flip(child),
+                &mut gathered,
+            );
+        }
+        let raised = self.product(self.operators.upward.as_ref(), &gathered, 1.0);
+        for (&(parent, child), raised) in children.iter().zip(raised.chunks(self.stride())) {
+            let expansion = &mut expansions[parent * self.stride()..][..self.stride()];
+            self.scatter(raised, self.flip(child), expansion);
+        }
+    }
+
+    /// Adds the expansions of parents.
+    fn lower_parents(&self, cells: &[u32], coarser: &[f64], expansions: &mut [f64]) {
+        if coarser.is_empty() {
+            return;
+        }
+        let mut gathered = Vec::with_capacity(cells.len() * self.stride());
+        for &cell in cells {
+            let slot = self.lists.target_slot[self.cell(cell).parent as usize] as usize;
+            let parent = &coarser[slot * self.stride()..][..self.stride()];
+            self.gather(parent, self.flip(cell as usize), &mut gathered);
+        }
+        // Potentials are in units of 1 / half-width, which halves from parent to child.
+        let lowered = self.product(self.operators.upward.transpose(), &gathered, 0.5);
+        let expansions = expansions.chunks_mut(self.stride());
+        for ((&cell, lowered), expansion) in cells.iter().zip(lowered.chunks(self.stride())).zip(expansions) {
+            self.scatter(lowered, self.flip(cell as usize), expansion);
+        }
+    }
+
+    /// Adds what coarser leaves contribute source by source; `first` is the slot of the first expansion.
+    fn collect_coarser(&self, first: usize, expansions: &mut [f64]) {
+        for (i, expansion) in expansions.chunks_mut(self.stride()).enumerate() {
+            let leaves = self.lists.coarser.row(first + i);
+            if leaves.is_empty() {
+                continue;
+            }
+            let cell = self.cell(self.lists.target_cells[first + i]);
+            let mut potentials = vec![0.0; self.operators.inner.len() * self.columns()];
+            for &leaf in leaves {
+                let sources = self.cell(leaf).sources();
+                self.add_potential_of(sources, cell, &self.operators.inner_blocks, &mut potentials);
+            }
+            let found = self.product(self.operators.basis.transpose(), &potentials, 1.0);
+            for (entry, found) in expansion.iter_mut().zip(found) {
+                *entry += found;
+            }
+        }
+    }
+
+    fn transfer<T: Real>(&self, operators: &[Mat<T>], multipoles: &[f64]) -> Vec<f64> {
+        let (rank, stride) = (self.operators.rank, self.stride());
+        let mut locals = vec![0.0; self.lists.target_cells.len() * stride];
+        let batch = COLUMNS.div_ceil(self.columns());
+        locals
+            .par_chunks_mut(GROUP * stride)
+            .enumerate()
+            .for_each(|(group, locals)| {
+                let bounds = self.lists.groups[group] as usize..self.lists.groups[group + 1] as usize;
+                let mut gathered = vec![T::default(); batch * stride];
+                let mut moved = vec![T::default(); batch * stride];
+                for same in self.lists.transfers[bounds].chunk_by(|a, b| a.operator == b.operator) {
+                    let operator = operators[same[0].operator as usize].as_ref();
+                    for batch in same.chunks(batch) {
+                        let (gathered, moved) = (
+                            &mut gathered[..batch.len() * stride],
+                            &mut moved[..batch.len() * stride],
+                        );
+                        for (transfer, to) in batch.iter().zip(gathered.chunks_mut(stride)) {
+                            let from = &multipoles[transfer.source as usize * stride..][..stride];
+                            let signs = &self.operators.signs[transfer.flip as usize];
+                            for (from, to) in from.chunks(rank).zip(to.chunks_mut(rank)) {
+                                for ((&from, &sign), to) in from.iter().zip(signs).zip(to) {
+                                    *to = T::from_f64(from * sign);
+                                }
+                            }
+                        }
+                        let columns = batch.len() * self.columns();
+                        matmul(
+                            MatMut::from_column_major_slice_mut(moved, rank, columns),
+                            Accum::Replace,
+                            operator,
+                            MatRef::from_column_major_slice(gathered, rank, columns),
+                            T::from_f64(1.0),
+                            Par::Seq,
+                        );
+                        for (transfer, from) in batch.iter().zip(moved.chunks(stride)) {
+                            let to = &mut locals[transfer.target as usize % GROUP * stride..][..stride];
+                            let signs = &self.operators.signs[transfer.flip as usize];
+                            for (from, to) in from.chunks(rank).zip(to.chunks_mut(rank)) {
+                                for ((&from, &sign), to) in from.iter().zip(signs).zip(to) {
+                                    *to += from.to_f64() * sign;
+                                }
+                            }
+                        }
+                    }
+                }
+            });
+        locals
+    }
+
+    /// Axes in which a child's octant differs from the upper one.
+    fn flip(&self, child: usize) -> &[f64] {
+        &self.operators.signs[7 ^ self.tree.cells[child].octant as usize]
+    }
+
+    fn gather(&self, expansion: &[f64], signs: &[f64], out: &mut Vec<f64>) {
+        for column in expansion.chunks(self.operators.rank) {
+            out.extend(column.iter().zip(signs).map(|(value, sign)| value * sign));
+        }
+    }
+
+    fn scatter(&self, expansion: &[f64], signs: &[f64], out: &mut [f64]) {
+        let rank = self.operators.rank;
+        for (from, to) in expansion.chunks(rank).zip(out.chunks_mut(rank)) {
+            for ((from, sign), to) in from.iter().zip(signs).zip(to) {
+                *to += from * sign;
+            }
+        }
+    }
+
+    /// `factor × matrix × columns`, both column after column.
+    pub(super) fn product(&self, matrix: MatRef<'_, f64>, columns: &[f64], factor: f64) -> Vec<f64> {
+        let count = columns.len() / matrix.ncols();
+        let mut out = vec![0.0; matrix.nrows() * count];
+        matmul(
+            MatMut::from_column_major_slice_mut(&mut out, matrix.nrows(), count),
+            Accum::Replace,
+            matrix,
+            MatRef::from_column_major_slice(columns, matrix.ncols(), count),
+            factor,
+            Par::Seq,
+        );
+        out
+    }
+}
+
+/// A precision for the translations across the tree.
+trait Real: ComplexField + Copy + Default {
+    fn from_f64(value: f64) -> Self;
+    fn to_f64(self) -> f64;
+}
+
+impl Real for f64 {
+    fn from_f64(value: f64) -> Self {
+        value
+    }
+
+    fn to_f64(self) -> f64 {
+        self
+    }
+}
+
+impl Real for f32 {
+    fn from_f64(value: f64) -> Self {
+        value as f32
+    }
+
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+}

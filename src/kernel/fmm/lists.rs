@@ -1,0 +1,293 @@
+//! Which cells act on which, and how: the U, V, W and X lists of the adaptive method.
+//!
+//! One descent over the cells that hold targets carries the source cells that touch the current one. What stops touching
+//! it is far: a cell of the same size acts by a translation of expansions (V), a coarser leaf on the local expansion (X).
+//! At a leaf, what still touches is opened until only leaves touch (U), and what is finer and does not touch acts by its
+//! multipole expansion (W). Where so few points are involved that an expansion costs more than it saves, the sources are
+//! near ones instead.
+
+use std::ops::Range;
+
+use super::tree::{NONE, Tree};
+
+/// A translation from the multipole expansion of one cell to the local expansion of another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Transfer {
+    /// Group of target slots, then operator: the order in which transfers are applied.
+    pub(super) group: u32,
+    pub(super) operator: u8,
+    /// Axes to reflect, one bit each.
+    pub(super) flip: u8,
+    pub(super) target: u32,
+    pub(super) source: u32,
+}
+
+/// Values of different length for each of many items.
+#[derive(Debug, Default)]
+pub(super) struct Rows<T> {
+    starts: Vec<u32>,
+    values: Vec<T>,
+}
+
+impl<T> Rows<T> {
+    fn from_pairs(count: usize, mut pairs: Vec<(u32, T)>) -> Self {
+        pairs.sort_by_key(|pair| pair.0);
+        let mut starts = vec![0; count + 1];
+        for (row, _) in &pairs {
+            starts[*row as usize + 1] += 1;
+        }
+        for row in 0..count {
+            starts[row + 1] += starts[row];
+        }
+        Self {
+            starts,
+            values: pairs.into_iter().map(|pair| pair.1).collect(),
+        }
+    }
+
+    pub(super) fn row(&self, row: usize) -> &[T] {
+        &self.values[self.starts[row] as usize..self.starts[row + 1] as usize]
+    }
+}
+
+#[derive(Debug)]
+pub(super) struct Lists {
+    /// Slot of the multipole expansion of each cell, in the order of cells; [`NONE`] without sources.
+    pub(super) source_slot: Vec<u32>,
+    /// Slot of the local expansion of each cell; [`NONE`] without targets.
+    pub(super) target_slot: Vec<u32>,
+    /// Cells by slot.
+    pub(super) source_cells: Vec<u32>,
+    pub(super) target_cells: Vec<u32>,
+    /// V lists, in the order of their fields.
+    pub(super) transfers: Vec<Transfer>,
+    /// Where each group of target slots begins in `transfers`.
+    pub(super) groups: Vec<u32>,
+    /// Leaves with targets in the order of their targets.
+    pub(super) leaves: Vec<u32>,
+    /// For each of the leaves, ranges of sources that act directly, ascending.
+    pub(super) near: Rows<Range<u32>>,
+    /// W lists: for each of the leaves, cells whose multipole expansions are evaluated at its targets.
+    pub(super) finer: Rows<u32>,
+    /// X lists: for each target slot, leaves whose sources act on the local expansion.
+    pub(super) coarser: Rows<u32>,
+}
+
+/// Where an expansion becomes cheaper than its sources one by one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Thresholds {
+    /// Pairs below which a translation is not worth while.
+    pub(super) pairs: usize,
+    /// Points below which an expansion is not evaluated, and not collected, point by point.
+    pub(super) points: usize,
+}
+
+/// Target slots of a group: enough to fill the columns of a product with each operator, few enough for many tasks.
+pub(super) const GROUP: usize = 256;
+
+impl Lists {
+    pub(super) fn new(tree: &Tree, thresholds: Thresholds) -> Self {
+        let (source_slot, source_cells) = slots(tree, |cell| !tree.cells[cell].sources().is_empty());
+        let (target_slot, target_cells) = slots(tree, |cell| !tree.cells[cell].targets().is_empty());
+        let mut descent = Descent {
+            tree,
+            thresholds,
+            source_slot: &source_slot,
+            target_slot: &target_slot,
+            transfers: Vec::new(),
+            leaves: Vec::new(),
+            near: Vec::new(),
+            finer: Vec::new(),
+            coarser: Vec::new(),
+        };
+        if !tree.cells[0].targets().is_empty() && !tree.cells[0].sources().is_empty() {
+            descent.visit(0, &[0], &[]);
+        }
+        let Descent {
+            mut transfers,
+            leaves,
+            near,
+            finer,
+            coarser,
+            ..
+        } = descent;
+        transfers.sort_unstable();
+        let group_count = target_cells.len().div_ceil(GROUP) as u32;
+        let groups = (0..=group_count)
+            .map(|g| transfers.partition_point(|t| t.group < g) as u32)
+            .collect();
+        Self {
+            transfers,
+            groups,
+            near: Rows::from_pairs(leaves.len(), near),
+            finer: Rows::from_pairs(leaves.len(), finer),
+            coarser: Rows::from_pairs(target_cells.len(), coarser),
+            leaves,
+            source_slot,
+            target_slot,
+            source_cells,
+            target_cells,
+        }
+    }
+}
+
+fn slots(tree: &Tree, has_points: impl Fn(usize) -> bool) -> (Vec<u32>, Vec<u32>) {
+    let mut slot = vec![NONE; tree.cells.len()];
+    let mut cells = Vec::new();
+    for (cell, slot) in slot.iter_mut().enumerate() {
+        if has_points(cell) {
+            *slot = cells.len() as u32;
+            cells.push(cell as u32);
+        }
+    }
+    (slot, cells)
+}
+
+struct Descent<'a> {
+    tree: &'a Tree,
+    thresholds: Thresholds,
+    source_slot: &'a [u32],
+    target_slot: &'a [u32],
+    transfers: Vec<Transfer>,
+    leaves: Vec<u32>,
+    near: Vec<(u32, Range<u32>)>,
+    finer: Vec<(u32, u32)>,
+    coarser: Vec<(u32, u32)>,
+}
+
+impl Descent<'_> {
+    /// `touching`: source cells of the level of `cell`, or coarser leaves, that touch it. `near`: further source cells
+    /// that act directly on all its targets.
+    fn visit(&mut self, cell: usize, touching: &[u32], near: &[u32]) {
+        let tree = self.tree;
+        if tree.cells[cell].is_leaf() {
+            return self.finish_leaf(cell, touching, near);
+        }
+        for child in tree.cells[cell].children() {
+            if tree.cells[child].targets().is_empty() {
+                continue;
+            }
+            let mut child_touching = Vec::with_capacity(32);
+            let mut child_near = near.to_vec();
+            for &other in touching {
+                self.relate(child, other, &mut child_touching, &mut child_near);
+            }
+            self.visit(child, &child_touching, &child_near);
+        }
+    }
+
+    /// Sorts `other`, which touches the parent of `child`, or its children.
+    fn relate(&mut self, child: usize, other: u32, touching: &mut Vec<u32>, near: &mut Vec<u32>) {
+        let tree = self.tree;
+        let target = &tree.cells[child];
+        let source = &tree.cells[other as usize];
+        if source.is_leaf() {
+            if source.touches(target) {
+                touching.push(other);
+            } else if target.targets().len() <= self.thresholds.points {
+                near.push(other);
+            } else {
+                self.coarser.push((self.target_slot[child], other));
+            }
+            return;
+        }
+        for part in source.children() {
+            let source = &tree.cells[part];
+            if source.sources().is_empty() {
+                continue;
+            }
+            if source.touches(target) {
+                touching.push(part as u32);
+            } else if source.sources().len() * target.targets().len() <= self.thresholds.pairs {
+                near.push(part as u32);
+            } else {
+                let (operator, flip) = operator_of(target.offset_from(source));
+                self.transfers.push(Transfer {
+                    group: self.target_slot[child] / GROUP as u32,
+                    operator,
+                    flip,
+                    target: self.target_slot[child],
+                    source: self.source_slot[part],
+                });
+            }
+        }
+    }
+
+    fn finish_leaf(&mut self, cell: usize, touching: &[u32], near: &[u32]) {
+        let number = self.leaves.len() as u32;
+        self.leaves.push(cell as u32);
+        let mut near = near.to_vec();
+        let mut open = touching.to_vec();
+        while let Some(other) = open.pop() {
+            let source = &self.tree.cells[other as usize];
+            let touches = source.touches(&self.tree.cells[cell]);
+            if touches && !source.is_leaf() {
+                let with_sources = |&part: &usize| !self.tree.cells[part].sources().is_empty();
+                open.extend(source.children().filter(with_sources).map(|part| part as u32));
+            } else if touches || source.sources().len() <= self.thresholds.points {
+                near.push(other);
+            } else {
+                self.finer.push((number, self.source_slot[other as usize]));
+            }
+        }
+        for range in self.merged_sources(near) {
+            self.near.push((number, range));
+        }
+    }
+
+    fn merged_sources(&self, mut cells: Vec<u32>) -> Vec<Range<u32>> {
+        let range = |cell: u32| {
+            let range = self.tree.cells[cell as usize].sources();
+            range.start as u32..range.end as u32
+        };
+        cells.sort_unstable_by_key(|&cell| range(cell).start);
+        let mut merged: Vec<Range<u32>> = Vec::with_capacity(cells.len());
+        for cell in cells {
+            let range = range(cell);
+            match merged.last_mut() {
+                Some(last) if last.end == range.start => last.end = range.end,
+                _ => merged.push(range),
+            }
+        }
+        merged
+    }
+}
+
+/// Offsets whose largest component is two or three, all others being non-negative; see [`operator_of`].
+pub(super) fn canonical_offsets() -> impl Iterator<Item = [i64; 3]> {
+    (0..64)
+        .map(|code| [code >> 4, code >> 2 & 3, code & 3])
+        .filter(|offset| offset.iter().any(|&c| c > 1))
+}
+
+/// The number of the operator for an offset between cells, and the axes to reflect before and after.
+fn operator_of(offset: [i64; 3]) -> (u8, u8) {
+    let flip = (0..3).fold(0u8, |bits, axis| bits | u8::from(offset[axis] < 0) << axis);
+    let [x, y, z] = offset.map(|c| c.unsigned_abs() as u8);
+    let code = x << 4 | y << 2 | z;
+    // Offsets without a component above one are skipped: 0, 1, 4, 5, 16, 17, 20, 21.
+    let skipped = [0, 1, 4, 5, 16, 17, 20, 21].iter().filter(|&&c| c < code).count() as u8;
+    (code - skipped, flip)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn offsets_and_reflections_name_the_operator() {
+        let canonical: Vec<_> = canonical_offsets().collect();
+        assert_eq!(canonical.len(), 56);
+        for code in 0..343 {
+            let offset = [code / 49 - 3, code / 7 % 7 - 3, code % 7 - 3];
+            if offset.iter().all(|c: &i64| c.abs() < 2) {
+                continue;
+            }
+            let (operator, flip) = operator_of(offset);
+            let reflected: [i64; 3] = std::array::from_fn(|axis| {
+                canonical[operator as usize][axis] * if flip >> axis & 1 == 1 { -1 } else { 1 }
+            });
+            assert_eq!(reflected, offset);
+        }
+    }
+}

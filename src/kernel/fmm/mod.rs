@@ -1,0 +1,305 @@
+//! Sums of the Laplace kernel to a given accuracy in time linear in the number of points.
+//!
+//! An adaptive kernel-independent fast multipole method over two sets of points: an octree ([`tree`]), the four kinds
+//! of interaction ([`lists`]), expansions by equivalent sources on cubes, compressed by a singular value decomposition
+//! ([`operators`]), the sweeps over them ([`expansions`]), and the sums at the targets ([`evaluate`]).
+//!
+//! # References
+//!
+//! Ying, Biros, Zorin, *A kernel-independent adaptive fast multipole algorithm in two and three dimensions*, J. Comput.
+//! Phys. 196 (2004); Carrier, Greengard, Rokhlin, *A fast adaptive multipole algorithm for particle simulations*, SIAM
+//! J. Sci. Stat. Comput. 9 (1988), for the lists.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::KernelError;
+use super::direct::{self, Instructions, Scale, Sources, is_minute};
+use crate::{Matrix3, Point};
+
+mod evaluate;
+mod expansions;
+mod lists;
+mod operators;
+mod tree;
+mod weights;
+
+use expansions::Pass;
+use lists::{Lists, Thresholds};
+use operators::{Operators, RESOLUTIONS, resolution_for};
+use tree::{Capacity, NONE, Ordered, Tree};
+use weights::Weights;
+
+/// Sources and targets sorted into a tree, for any number of sums over them.
+#[derive(Debug, Clone)]
+pub struct Fmm {
+    geometry: Arc<Geometry>,
+    resolution: usize,
+}
+
+/// What does not depend on weights or accuracy.
+#[derive(Debug)]
+struct Geometry {
+    tree: Tree,
+    lists: Lists,
+    sources: Vec<Point>,
+    /// By which coordinates were multiplied.
+    up: f64,
+    /// Place of each target in the order of the tree; [`NONE`] for those that are not in it.
+    places: Vec<u32>,
+    /// Targets that are summed term by term: those out of range of the tree.
+    outside: Vec<(u32, Point)>,
+    /// Whether some source has a coordinate that is not finite.
+    has_bad_source: bool,
+}
+
+/// Largest scaled coordinate of a target in the tree: what is farther from the origin than 2³⁰ times the sources has
+/// nothing to gain from it.
+const FAR: f64 = (1u64 << 30) as f64;
+
+/// Right-hand sides of a pass; more are taken in turn, as their expansions would need much memory.
+const COLUMNS: usize = 48;
+
+impl Fmm {
+    /// Sorts the points; sums will have about the relative error `accuracy` in the Euclidean norm over all targets.
+    ///
+    /// `accuracy` may be anything from `1e-2` to `1e-10`; beyond these, or NaN, it counts as the nearer of them (NaN as
+    /// `1e-10`).
+    ///
+    /// # Errors
+    ///
+    /// [`KernelError::TooMany`] for more than 2³² − 2 points of a kind.
+    pub fn new(sources: &[Point], targets: &[Point], accuracy: f64) -> Result<Self, KernelError> {
+        let resolution = resolution_for(accuracy);
+        Self::with_capacity(sources, targets, resolution, capacity_for(resolution))
+    }
+
+    /// The same points at another accuracy, as [`Self::new`] takes it; shares the tree.
+    pub fn with_accuracy(&self, accuracy: f64) -> Self {
+        Self {
+            geometry: self.geometry.clone(),
+            resolution: resolution_for(accuracy),
+        }
+    }
+
+    /// `Σ_j w_j / (4π |x − y_j|)` for each target `x` and each column of `weights` (`sources × columns`, row-major):
+    /// `targets × columns`, row-major.
+    ///
+    /// Not finite where a target coincides with a source and where it is not finite itself. The same to the last bit
+    /// for any number of threads.
+    ///
+    /// # Errors
+    ///
+    /// [`KernelError::LengthMismatch`] when `weights` has not `sources × columns` entries.
+    pub fn potential(&self, weights: &[f64], columns: usize) -> Result<Vec<f64>, KernelError> {
+        Ok(self.sums(weights, columns, false)?.0)
+    }
+
+    /// Potential as [`Self::potential`] has it, and its gradient: `targets × columns × 3`, row-major.
+    ///
+    /// The gradient's relative error is up to ten times that of the potential.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::potential`].
+    pub fn potential_and_gradient(&self, weights: &[f64], columns: usize) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
+        self.sums(weights, columns, true)
+    }
+
+    fn with_capacity(
+        sources: &[Point],
+        targets: &[Point],
+        resolution: usize,
+        capacity: Capacity,
+    ) -> Result<Self, KernelError> {
+        for (what, found) in [("sources", sources.len()), ("targets", targets.len())] {
+            if found >= NONE as usize {
+                return Err(KernelError::TooMany { what, found });
+            }
+        }
+        let scale = Scale::of(sources);
+        let has_bad_source = !sources.iter().all(is_finite);
+        let has_minute = sources.iter().any(|p| is_minute(*p * scale.up));
+        let in_tree = |p: &Point| {
+            let scaled = *p * scale.up;
+            scaled.iter().all(|c| c.abs() <= FAR) && !(has_minute && is_minute(scaled))
+        };
+        let mut places = vec![NONE; targets.len()];
+        let mut outside = Vec::new();
+        if !has_bad_source && !sources.is_empty() {
+            let (inside, not): (Vec<u32>, Vec<u32>) =
+                (0..targets.len() as u32).partition(|&t| in_tree(&targets[t as usize]));
+            outside.extend(not.into_iter().map(|t| (t, targets[t as usize])));
+            let tree = Tree::new(
+                ordered(sources, (0..sources.len() as u32).collect(), scale.up),
+                ordered(targets, inside, scale.up),
+                capacity,
+            );
+            for (place, &target) in tree.targets.original.iter().enumerate() {
+                places[target as usize] = place as u32;
+            }
+            return Ok(Self::from_parts(
+                tree, sources, scale.up, places, outside, false, resolution,
+            ));
+        }
+        let none = || ordered(&[], Vec::new(), 1.0);
+        let tree = Tree::new(none(), none(), capacity);
+        Ok(Self::from_parts(
+            tree,
+            sources,
+            scale.up,
+            places,
+            outside,
+            has_bad_source,
+            resolution,
+        ))
+    }
+
+    fn from_parts(
+        tree: Tree,
+        sources: &[Point],
+        up: f64,
+        places: Vec<u32>,
+        outside: Vec<(u32, Point)>,
+        has_bad_source: bool,
+        resolution: usize,
+    ) -> Self {
+        let lists = Lists::new(&tree, thresholds_for(resolution));
+        Self {
+            geometry: Arc::new(Geometry {
+                tree,
+                lists,
+                sources: sources.to_vec(),
+                up,
+                places,
+                outside,
+                has_bad_source,
+            }),
+            resolution,
+        }
+    }
+
+    fn sums(&self, weights: &[f64], columns: usize, with_gradient: bool) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
+        let geometry = &*self.geometry;
+        let expected = geometry.sources.len().saturating_mul(columns);
+        if weights.len() != expected {
+            return Err(KernelError::LengthMismatch {
+                what: "weights of sources",
+                expected,
+                found: weights.len(),
+            });
+        }
+        let rows = geometry.places.len() * columns;
+        let empty = if geometry.has_bad_source { f64::NAN } else { 0.0 };
+        let mut potentials = vec![empty; rows];
+        let mut gradients = vec![empty; if with_gradient { 3 * rows } else { 0 }];
+        if geometry.has_bad_source || geometry.sources.is_empty() || rows == 0 {
+            return Ok((potentials, gradients));
+        }
+        let operators = Operators::of(self.resolution);
+        for first in (0..columns).step_by(COLUMNS) {
+            let part = columns.min(first + COLUMNS) - first;
+            let weights = Weights::new(&geometry.tree.sources, weights, columns, first, part);
+            let pass = Pass {
+                tree: &geometry.tree,
+                lists: &geometry.lists,
+                operators: &operators,
+                instructions: Instructions::detect(),
+                weights: &weights,
+            };
+            let multipoles = pass.multipoles();
+            let locals = pass.locals(&multipoles);
+            let sums = evaluate::evaluate(&pass, &multipoles, &locals, with_gradient);
+            geometry.restore_order(&sums.potentials, &weights.scale, columns, first, 1, &mut potentials);
+            if with_gradient {
+                geometry.restore_order(&sums.gradients, &weights.scale, columns, first, 3, &mut gradients);
+            }
+        }
+        geometry.sum_directly(weights, columns, &mut potentials, &mut gradients);
+        Ok((potentials, gradients))
+    }
+}
+
+impl Geometry {
+    /// Brings sums of `scale.len()` columns of `values` entries from the order of the tree to that of the caller, in
+    /// the caller's units.
+    fn restore_order(&self, sums: &[f64], scale: &[f64], columns: usize, first: usize, values: usize, out: &mut [f64]) {
+        let len = scale.len() * values;
+        let up = if values == 1 { self.up } else { self.up * self.up };
+        out.par_chunks_mut(columns * values)
+            .zip(&self.places)
+            .with_min_len(4096)
+            .filter(|(_, place)| **place != NONE)
+            .for_each(|(row, &place)| {
+                let from = sums[place as usize * len..][..len].chunks(values);
+                for ((to, from), scale) in row[first * values..].chunks_mut(values).zip(from).zip(scale) {
+                    for (to, from) in to.iter_mut().zip(from) {
+                        *to = from * up * scale;
+                    }
+                }
+            });
+    }
+
+    /// Sums term by term for the targets outside the tree.
+    fn sum_directly(&self, weights: &[f64], columns: usize, potentials: &mut [f64], gradients: &mut [f64]) {
+        if self.outside.is_empty() {
+            return;
+        }
+        let targets: Vec<Point> = self.outside.iter().map(|t| t.1).collect();
+        for first in (0..columns).step_by(3) {
+            let part = columns.min(first + 3) - first;
+            let triple = |row: &[f64]| std::array::from_fn(|i| if i < part { row[first + i] } else { 0.0 });
+            let triples: Vec<[f64; 3]> = weights.chunks(columns).map(triple).collect();
+            let Ok(sources) = Sources::new(&self.sources, &triples) else {
+                return;
+            };
+            let (sums, jacobians): (Vec<[f64; 3]>, Vec<Matrix3>) = direct::potential_and_gradient(&sources, &targets);
+            for ((&(target, _), sum), jacobian) in self.outside.iter().zip(&sums).zip(&jacobians) {
+                for i in 0..part {
+                    let place = target as usize * columns + first + i;
+                    potentials[place] = sum[i];
+                    if !gradients.is_empty() {
+                        for axis in 0..3 {
+                            gradients[3 * place + axis] = jacobian[(i, axis)];
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn is_finite(p: &Point) -> bool {
+    p.iter().all(|c| c.is_finite())
+}
+
+fn ordered(points: &[Point], original: Vec<u32>, up: f64) -> Ordered {
+    Ordered {
+        positions: original
+            .iter()
+            .map(|&i| (points[i as usize] * up).coords.into())
+            .collect(),
+        original,
+    }
+}
+
+/// Points of a leaf for which near sums and expansions cost about the same.
+fn capacity_for(resolution: usize) -> Capacity {
+    const SOURCES: [usize; RESOLUTIONS.len()] = [40, 60, 80, 120, 160, 240, 300, 400, 500];
+    let var = |n: &str, d: usize| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
+    let sources = var("FMM_CAP", SOURCES[resolution]);
+    Capacity {
+        sources,
+        targets: var("FMM_CAPT", 2 * sources),
+    }
+}
+
+fn thresholds_for(resolution: usize) -> Thresholds {
+    let var = |n: &str, d: usize| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
+    let _ = resolution;
+    Thresholds {
+        pairs: var("FMM_PAIRS", 2000),
+        points: var("FMM_POINTS", 200),
+    }
+}

@@ -1,0 +1,253 @@
+//! Expansions about the unit cell `[-1, 1]³` and the matrices that translate them.
+//!
+//! # Notation
+//!
+//! `E` and `C` are the points of an inner and an outer cube surface, [`INNER`] and [`OUTER`] times the cell, and
+//! `K[i, j] = 1 / |C_i − E_j|`. With the singular value decomposition `K = U S Vᵀ`, truncated,
+//!
+//! - a *multipole* expansion `m` stands for the weights `V m` at `E`, which give the far potential of the cell's sources;
+//! - a *local* expansion `l` holds `Vᵀ` times the potential of far sources at `E`, and stands for weights `U S⁻¹ l` at
+//!   `C`, which give that potential inside the cell.
+//!
+//! Both are well conditioned, unlike the weights themselves, and no longer than the accuracy calls for. The surfaces
+//! are symmetric in each coordinate plane and so is every singular vector, up to sign: one operator serves all octants
+//! of a parent, and 56 serve all 316 offsets.
+//!
+//! # References
+//!
+//! Ying, Biros, Zorin, *A kernel-independent adaptive fast multipole algorithm in two and three dimensions*, J. Comput.
+//! Phys. 196 (2004); Fong & Darve, *The black-box fast multipole method*, J. Comput. Phys. 228 (2009), for truncation.
+
+use std::sync::{Arc, OnceLock};
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
+use nalgebra::DMatrix;
+
+use super::lists::canonical_offsets;
+use crate::kernel::direct::{Block, LANES};
+
+const INNER: f64 = 1.05;
+const OUTER: f64 = 2.95;
+
+/// How finely expansions resolve the field, least accurate first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Resolution {
+    /// Greatest relative error of a sum for which this one is chosen.
+    pub(super) accuracy: f64,
+    /// Points along an edge of the surfaces.
+    order: usize,
+    /// Singular values are kept above this, relative to the first.
+    cutoff: f64,
+    /// Whether translations between multipole and local expansions are in single precision.
+    single: bool,
+}
+
+const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: bool) -> Resolution {
+    Resolution {
+        accuracy,
+        order,
+        cutoff,
+        single,
+    }
+}
+
+pub(super) const RESOLUTIONS: [Resolution; 9] = [
+    resolution(1e-2, 3, 1e-2, true),
+    resolution(1e-3, 4, 1e-3, true),
+    resolution(1e-4, 5, 1e-4, true),
+    resolution(1e-5, 6, 1e-5, true),
+    resolution(1e-6, 8, 1e-6, true),
+    resolution(1e-7, 9, 1e-7, false),
+    resolution(1e-8, 10, 1e-8, false),
+    resolution(1e-9, 12, 1e-10, false),
+    resolution(1e-10, 14, 1e-12, false),
+];
+
+/// The coarsest resolution that reaches `accuracy`, or the finest there is.
+pub(super) fn resolution_for(accuracy: f64) -> usize {
+    RESOLUTIONS
+        .iter()
+        // A digit of slack in the last place, so that 1e-6 computed by the caller is 1e-6.
+        .position(|r| r.accuracy <= accuracy * 1.001)
+        .unwrap_or(RESOLUTIONS.len() - 1)
+}
+
+#[derive(Debug)]
+pub(super) struct Operators {
+    /// Length of an expansion.
+    pub(super) rank: usize,
+    /// Points of `E` and of `C`.
+    pub(super) inner: Vec<[f64; 3]>,
+    pub(super) outer: Vec<[f64; 3]>,
+    pub(super) inner_blocks: Vec<Block>,
+    pub(super) outer_blocks: Vec<Block>,
+    /// `V`.
+    pub(super) basis: Mat<f64>,
+    /// `S⁻¹ Uᵀ`: from potentials at `C` to a multipole expansion; transposed, from a local expansion to weights at `C`.
+    pub(super) inverse: Mat<f64>,
+    /// From the multipole expansion of the child in the upper octant to its parent's; transposed and halved, from local
+    /// expansions of parents to those of children.
+    pub(super) upward: Mat<f64>,
+    pub(super) transfers: Transfers,
+    /// For each set of reflected axes, the sign that each entry of an expansion takes.
+    pub(super) signs: [Vec<f64>; 8],
+}
+
+/// Operators from multipole to local expansions, by number of the offset.
+#[derive(Debug)]
+pub(super) enum Transfers {
+    Single(Vec<Mat<f32>>),
+    Double(Vec<Mat<f64>>),
+}
+
+impl Operators {
+    /// The operators of a resolution, formed when first asked for.
+    pub(super) fn of(resolution: usize) -> Arc<Self> {
+        static CACHE: [OnceLock<Arc<Operators>>; RESOLUTIONS.len()] = [const { OnceLock::new() }; RESOLUTIONS.len()];
+        // Nothing in `new` may use the thread pool: a thread that waits there could take up work that waits here.
+        CACHE[resolution]
+            .get_or_init(|| Arc::new(Self::new(RESOLUTIONS[resolution])))
+            .clone()
+    }
+
+    fn new(resolution: Resolution) -> Self {
+        let inner = surface(resolution.order, INNER);
+        let outer = surface(resolution.order, OUTER);
+        let Decomposition {
+            left,
+            values,
+            right,
+            parity,
+        } = decompose(&inner, &outer, resolution.cutoff);
+        let inverse = Mat::from_fn(values.len(), outer.len(), |i, j| left[(j, i)] / values[i]);
+        let child: Vec<_> = inner.iter().map(|p| p.map(|c| 0.5 * (c + 1.0))).collect();
+        let upward = product(
+            inverse.as_ref(),
+            product(kernel(&outer, &child).as_ref(), right.as_ref()).as_ref(),
+        );
+        let transfers = canonical_offsets().map(|offset| {
+            let there: Vec<_> = inner
+                .iter()
+                .map(|p| std::array::from_fn(|axis| p[axis] + 2.0 * offset[axis] as f64))
+                .collect();
+            product(
+                right.transpose(),
+                product(kernel(&there, &inner).as_ref(), right.as_ref()).as_ref(),
+            )
+        });
+        Self {
+            rank: values.len(),
+            inner_blocks: blocks(&inner),
+            outer_blocks: blocks(&outer),
+            inverse,
+            upward,
+            transfers: if resolution.single {
+                let single = |m: Mat<f64>| Mat::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)] as f32);
+                Transfers::Single(transfers.map(single).collect())
+            } else {
+                Transfers::Double(transfers.collect())
+            },
+            signs: std::array::from_fn(|flip| {
+                let sign = |p: &usize| if (p & flip).count_ones() % 2 == 1 { -1.0 } else { 1.0 };
+                parity.iter().map(sign).collect()
+            }),
+            basis: right,
+            inner,
+            outer,
+        }
+    }
+}
+
+/// Grid points with `order` along an edge on the surface of a cube of half-width `radius`.
+fn surface(order: usize, radius: f64) -> Vec<[f64; 3]> {
+    let last = order as i64 - 1;
+    let mut points = Vec::new();
+    for code in 0..order.pow(3) as i64 {
+        let steps = [
+            code / (order * order) as i64,
+            code / order as i64 % order as i64,
+            code % order as i64,
+        ];
+        if steps.iter().any(|&s| s == 0 || s == last) {
+            // Symmetric to the last bit about zero.
+            points.push(steps.map(|s| radius * (2 * s - last) as f64 / last as f64));
+        }
+    }
+    points
+}
+
+fn kernel(targets: &[[f64; 3]], sources: &[[f64; 3]]) -> Mat<f64> {
+    Mat::from_fn(targets.len(), sources.len(), |i, j| {
+        let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| targets[i][axis] - sources[j][axis]);
+        1.0 / (x * x + y * y + z * z).sqrt()
+    })
+}
+
+fn product(left: MatRef<'_, f64>, right: MatRef<'_, f64>) -> Mat<f64> {
+    let mut out = Mat::zeros(left.nrows(), right.ncols());
+    matmul(out.as_mut(), Accum::Replace, left, right, 1.0, Par::Seq);
+    out
+}
+
+pub(super) fn blocks(points: &[[f64; 3]]) -> Vec<Block> {
+    points.chunks(LANES).map(|p| Block::mapped(p, |p| *p)).collect()
+}
+
+/// The truncated singular value decomposition of `K`, by symmetry classes.
+struct Decomposition {
+    left: Mat<f64>,
+    values: Vec<f64>,
+    right: Mat<f64>,
+    /// Bit `k` is set where a singular vector is odd in axis `k`.
+    parity: Vec<usize>,
+}
+
+fn decompose(inner: &[[f64; 3]], outer: &[[f64; 3]], cutoff: f64) -> Decomposition {
+    let full = kernel(outer, inner);
+    let mut triples = Vec::new();
+    for parity in 0..8 {
+        let class = symmetric_vectors(inner, parity);
+        let part = product(class.transpose(), product(full.as_ref(), class.as_ref()).as_ref());
+        let svd = DMatrix::from_fn(part.nrows(), part.ncols(), |i, j| part[(i, j)]).svd(true, true);
+        let (Some(left), Some(right)) = (svd.u, svd.v_t) else {
+            continue;
+        };
+        let left = product(
+            class.as_ref(),
+            Mat::from_fn(left.nrows(), left.ncols(), |i, j| left[(i, j)]).as_ref(),
+        );
+        let right = product(
+            class.as_ref(),
+            Mat::from_fn(right.ncols(), right.nrows(), |i, j| right[(j, i)]).as_ref(),
+        );
+        for (i, &value) in svd.singular_values.iter().enumerate() {
+            triples.push((value, parity, left.col(i).to_owned(), right.col(i).to_owned()));
+        }
+    }
+    let largest = triples.iter().map(|t| t.0).fold(0.0, f64::max);
+    triples.retain(|t| t.0 > cutoff * largest);
+    Decomposition {
+        left: Mat::from_fn(outer.len(), triples.len(), |i, j| triples[j].2[i]),
+        right: Mat::from_fn(inner.len(), triples.len(), |i, j| triples[j].3[i]),
+        values: triples.iter().map(|t| t.0).collect(),
+        parity: triples.iter().map(|t| t.1).collect(),
+    }
+}
+
+/// An orthonormal basis of the vectors over `points` that are odd in the axes of `parity` and even in the others.
+fn symmetric_vectors(points: &[[f64; 3]], parity: usize) -> Mat<f64> {
+    let odd = |axis: usize| parity >> axis & 1 == 1;
+    let is_representative = |p: &[f64; 3]| (0..3).all(|axis| p[axis] > 0.0 || (p[axis] == 0.0 && !odd(axis)));
+    let representatives: Vec<_> = points.iter().filter(|p| is_representative(p)).collect();
+    Mat::from_fn(points.len(), representatives.len(), |i, j| {
+        let (point, representative) = (points[i], representatives[j]);
+        if (0..3).any(|axis| point[axis].abs() != representative[axis]) {
+            return 0.0;
+        }
+        let images = representative.iter().filter(|&&c| c != 0.0).count() as i32;
+        let flips = (0..3).filter(|&axis| odd(axis) && point[axis] < 0.0).count();
+        let sign = if flips % 2 == 1 { -1.0 } else { 1.0 };
+        sign * 0.5f64.powi(images).sqrt()
+    })
+}
