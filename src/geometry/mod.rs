@@ -13,5 +13,6 @@ mod winding_number;
 pub use aabb::Aabb;
 pub use bvh::{Bvh, BvhNode};
 pub use closest_point::{Feature, TrianglePoint, closest_point_on_triangle};
+pub(crate) use surface_query::morton_order;
 pub use surface_query::{ClosestPoint, QueryError, SurfaceQuery};
 pub use winding_number::{solid_angle, winding_number};

@@ -365,7 +365,7 @@ impl Pseudonormals {
 }
 
 /// Indices of the points along Morton's curve through their box.
-fn morton_order(points: &[Point]) -> Vec<u32> {
+pub(crate) fn morton_order(points: &[Point]) -> Vec<u32> {
     let bounds = Aabb::around(points);
     let scale = bounds.extent().map(|e| f64::from(1 << 21) / e);
     let key = |p: &Point| {

@@ -3,11 +3,13 @@
 //! Points on the boundary are made as [`crate::mesh::SurfacePoint`]s, so that their images follow from the boundary map, and points
 //! in space only where they leave the surface.
 
+mod cells;
 mod collocation;
 mod farthest_point;
 mod hierarchy;
 mod sources;
 
+pub use cells::{Cells, Refinement};
 pub use collocation::{Collocation, held_out};
 pub use farthest_point::{Anchors, thin};
 pub use hierarchy::{HierarchyOptions, SiteLevel, coarser_levels};

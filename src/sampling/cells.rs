@@ -1,0 +1,663 @@
+//! Graded refinement: the surface cut into cells that know how finely the sources stand there, and the new sources and
+//! equations where some of the cells are marked (error-driven refinement with fixed bulk, as in Dörfler, *A convergent
+//! adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996; longest-edge bisection of Rivara,
+//! *Algorithms for refining triangular grids suitable for adaptive and multigrid techniques*, IJNME 20, 1984).
+//!
+//! The triangles stay as they are, and so does the boundary map: a cell is a part of a triangle. Nothing keeps neighbours
+//! of a cell from being finer, for cells are never used as a mesh.
+
+use std::collections::HashSet;
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::{Anchors, Collocation, SourceSite};
+use crate::geometry::morton_order;
+use crate::mesh::topology::{NONE, Topology};
+use crate::mesh::{SurfaceMesh, SurfacePoint};
+use crate::{Point, Vector};
+
+/// A partition of the surface into triangles and parts of triangles, each with the spacing of the finest sources there.
+///
+/// The functions that take a `domain` want the one that the cells were made of.
+#[derive(Debug, Clone)]
+pub struct Cells {
+    cells: Vec<Cell>,
+    /// Barycentric corners of the cells that are parts. Bisection makes them multiples of powers of two: exact.
+    parts: Vec<Corners>,
+    /// Triangle across each side, [`NONE`] where there is no one such.
+    across: Vec<[u32; 3]>,
+}
+
+type Corners = [[f64; 3]; 3];
+
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    triangle: u32,
+    /// Index of its corners, [`NONE`] for a whole triangle.
+    part: u32,
+    area: f64,
+    spacing: f64,
+}
+
+/// New sources and equations.
+#[derive(Debug, Clone)]
+pub struct Refinement {
+    /// Where new sources are wanted.
+    pub sites: Vec<SourceSite>,
+    /// The same points of the surface, for their images.
+    pub points: Vec<SurfacePoint>,
+    /// Three points around each site; their areas are those of the marked cells.
+    pub collocation: Collocation,
+    /// Index of the site of each collocation point.
+    pub owner: Vec<u32>,
+}
+
+/// A new cell, and the square of the spacing wanted there.
+#[derive(Clone, Copy)]
+struct Piece {
+    triangle: u32,
+    corners: Corners,
+    area: f64,
+    wanted: f64,
+}
+
+/// Pieces come within this factor of the area wanted: halving can do no better.
+const TOLERANCE: f64 = std::f64::consts::SQRT_2;
+/// Sides longer than this many spacings are halved even when the area is small enough.
+const LONG: f64 = 3.0;
+/// But not below this part of the area wanted: of the thinnest needles there would be no end.
+const NEEDLE: f64 = 0.05;
+/// Small pieces farther apart than this many spacings do not share a site.
+const APART: f64 = 3.0;
+/// Least cosine between a site's normal and its triangle's: a source that leans more stays too near its own triangle.
+const UPRIGHT: f64 = 0.75;
+const WHOLE: Corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+/// The points of the rule of degree 2 (Strang & Fix 1973).
+const INTERIOR: Corners = [
+    [2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0],
+    [1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0],
+    [1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0],
+];
+
+impl Cells {
+    /// One cell per triangle with an area, of the mean spacing of the anchors nearest to its corners.
+    pub fn of_anchors(domain: &SurfaceMesh, anchors: &Anchors) -> Self {
+        let spacing_at = |v: u32| Some(anchors.spacing[anchors.nearest[v as usize]? as usize]);
+        let cell = |t: usize| {
+            let area = domain.area_vector(t).norm();
+            let known = domain.triangles()[t].iter().filter_map(|&v| spacing_at(v));
+            let (sum, count) = known.fold((0.0, 0), |(sum, count), h| (sum + h, count + 1));
+            (area > 0.0).then_some(Cell {
+                triangle: t as u32,
+                part: NONE,
+                area,
+                spacing: if count > 0 {
+                    sum / f64::from(count)
+                } else {
+                    (2.0 * area).sqrt()
+                },
+            })
+        };
+        Self {
+            cells: (0..domain.triangles().len()).into_par_iter().filter_map(cell).collect(),
+            parts: Vec::new(),
+            across: triangles_across(domain),
+        }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Whether there are none: the surface has no area.
+    pub fn is_empty(&self) -> bool {
+        self.cells.is_empty()
+    }
+
+    /// Area of a cell. They sum to the surface's.
+    pub fn area(&self, cell: usize) -> f64 {
+        self.cells[cell].area
+    }
+
+    /// Spacing of the finest sources that stand off a cell.
+    pub fn spacing(&self, cell: usize) -> f64 {
+        self.cells[cell].spacing
+    }
+
+    /// Triangle that a cell is, or is a part of. Cells are in the order of their triangles.
+    pub fn triangle(&self, cell: usize) -> u32 {
+        self.cells[cell].triangle
+    }
+
+    /// Corners of a cell, barycentric in its triangle.
+    pub fn corners(&self, cell: usize) -> [[f64; 3]; 3] {
+        match self.cells[cell].part {
+            NONE => WHOLE,
+            part => self.parts[part as usize],
+        }
+    }
+
+    /// `per_cell` points at random in each cell, and the cell of each, for estimating the error cell by cell.
+    pub fn probes(&self, per_cell: usize, seed: u64) -> (Vec<SurfacePoint>, Vec<u32>) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        // Neither the held-out points (stream 1) nor the collocation points (stream 0).
+        random.set_stream(2);
+        let of_cells = (0..self.len()).flat_map(|cell| std::iter::repeat_n(cell, per_cell));
+        of_cells
+            .map(|cell| {
+                let (root, t) = (random.random::<f64>().sqrt(), random.random::<f64>());
+                let weights = [1.0 - root, root * (1.0 - t), root * t];
+                (at(self.cells[cell].triangle, &self.corners(cell), weights), cell as u32)
+            })
+            .unzip()
+    }
+
+    /// The marks, and those of the cells that have a corner in common with a marked one.
+    pub fn grow(&self, domain: &SurfaceMesh, marked: &[bool]) -> Vec<bool> {
+        let mut touched = vec![false; domain.vertices().len()];
+        let mut places = HashSet::new();
+        for cell in (0..self.len()).filter(|&cell| marked[cell]) {
+            for corner in self.corners(cell) {
+                match self.vertex(domain, cell, &corner) {
+                    Some(vertex) => touched[vertex as usize] = true,
+                    None => drop(places.insert(self.place(domain, cell, corner))),
+                }
+            }
+        }
+        let touches = |cell: usize| {
+            self.corners(cell)
+                .iter()
+                .any(|corner| match self.vertex(domain, cell, corner) {
+                    Some(vertex) => touched[vertex as usize],
+                    None => places.contains(&self.place(domain, cell, *corner)),
+                })
+        };
+        (0..self.len()).map(|cell| marked[cell] || touches(cell)).collect()
+    }
+
+    /// Halves the spacing of the marked cells: cuts them by bisection of their longest sides until each piece is about
+    /// the square of the new spacing, and returns one site for each. Cells far smaller than that, as there are where
+    /// anchors are fewer than vertices, share sites instead.
+    ///
+    /// A quarter of the spacing squared is met within a factor of `√2`, and a site's new spacing is the square root of
+    /// what it got.
+    pub fn refine(&mut self, domain: &SurfaceMesh, marked: &[bool]) -> Refinement {
+        let pieces: Vec<Vec<Piece>> = (0..self.len())
+            .into_par_iter()
+            .map(|cell| {
+                if marked[cell] {
+                    self.cut(domain, cell)
+                } else {
+                    Vec::new()
+                }
+            })
+            .collect();
+        let flat: Vec<Piece> = pieces.iter().flatten().copied().collect();
+        let groups = grouped(domain, &flat);
+        let mut spacing = vec![0.0; flat.len()];
+        for group in &groups {
+            group.pieces.iter().for_each(|&k| spacing[k as usize] = group.spacing);
+        }
+        let refinement = self.refinement(domain, &flat, &groups);
+        self.replace(marked, &pieces, &spacing);
+        refinement
+    }
+
+    fn cut(&self, domain: &SurfaceMesh, cell: usize) -> Vec<Piece> {
+        let Cell {
+            triangle,
+            area,
+            spacing,
+            ..
+        } = self.cells[cell];
+        let wanted = spacing * spacing / 4.0;
+        let mut done = Vec::new();
+        let mut waiting = vec![Piece {
+            triangle,
+            corners: self.corners(cell),
+            area,
+            wanted,
+        }];
+        while let Some(piece) = waiting.pop() {
+            let (side, length_squared) = piece.longest_side(domain);
+            let too_long = length_squared > LONG * LONG * wanted && piece.area > NEEDLE * wanted;
+            if piece.area > TOLERANCE * wanted || too_long {
+                waiting.extend(piece.halves(side));
+            } else {
+                done.push(piece);
+            }
+        }
+        done
+    }
+
+    fn refinement(&self, domain: &SurfaceMesh, pieces: &[Piece], groups: &[Group]) -> Refinement {
+        let mut refinement = Refinement {
+            sites: Vec::with_capacity(groups.len()),
+            points: Vec::with_capacity(groups.len()),
+            collocation: Collocation {
+                points: Vec::with_capacity(3 * groups.len()),
+                areas: Vec::with_capacity(3 * groups.len()),
+            },
+            owner: Vec::with_capacity(3 * groups.len()),
+        };
+        for (k, group) in groups.iter().enumerate() {
+            let point = group.middle(domain, pieces);
+            refinement.points.push(point);
+            refinement.sites.push(SourceSite {
+                position: point.position(domain, domain.vertices()),
+                normal: self.normal(domain, &point, group.spacing),
+                spacing: group.spacing,
+            });
+            refinement.collocation.points.extend(group.interior_points(pieces));
+            refinement.collocation.areas.extend([group.area / 3.0; 3]);
+            refinement.owner.extend([k as u32; 3]);
+        }
+        refinement
+    }
+
+    /// The triangle's normal, turned towards that of a neighbour the nearer their common side: half-way on the side and
+    /// not at all one spacing from it. So sources keep clear of re-entrant creases and spread around convex ones.
+    fn normal(&self, domain: &SurfaceMesh, point: &SurfacePoint, spacing: f64) -> Vector {
+        let unit = |t: u32| domain.area_vector(t as usize).try_normalize(0.0).unwrap_or_default();
+        let own = unit(point.triangle);
+        let corners = domain.corners(point.triangle as usize);
+        let double_area = 2.0 * domain.area_vector(point.triangle as usize).norm();
+        let mut sum = own;
+        for side in 0..3 {
+            let other = self.across[point.triangle as usize][side];
+            let length = (corners[(side + 1) % 3] - corners[side]).norm();
+            let distance = point.barycentric[(side + 2) % 3] * double_area / length;
+            if other != NONE && distance < spacing {
+                sum += unit(other) * (1.0 - distance / spacing);
+            }
+        }
+        upright(&sum, &own)
+    }
+
+    fn replace(&mut self, marked: &[bool], pieces: &[Vec<Piece>], spacing: &[f64]) {
+        let mut spacing = spacing.iter();
+        let (mut cells, mut parts) = (Vec::with_capacity(self.len() + spacing.len()), Vec::new());
+        for (cell, old) in self.cells.iter().enumerate() {
+            if !marked[cell] {
+                let mut kept = *old;
+                if old.part != NONE {
+                    kept.part = parts.len() as u32;
+                    parts.push(self.parts[old.part as usize]);
+                }
+                cells.push(kept);
+            }
+            for (piece, &spacing) in pieces[cell].iter().zip(&mut spacing) {
+                let is_whole = piece.corners == WHOLE;
+                cells.push(Cell {
+                    triangle: piece.triangle,
+                    part: if is_whole { NONE } else { parts.len() as u32 },
+                    area: piece.area,
+                    spacing,
+                });
+                parts.extend((!is_whole).then_some(piece.corners));
+            }
+        }
+        (self.cells, self.parts) = (cells, parts);
+    }
+
+    /// The vertex of the mesh at this corner, if there is one.
+    fn vertex(&self, domain: &SurfaceMesh, cell: usize, corner: &[f64; 3]) -> Option<u32> {
+        let k = corner.iter().position(|&weight| weight == 1.0)?;
+        Some(domain.triangles()[self.cells[cell].triangle as usize][k])
+    }
+
+    /// Where a corner is: the same bits from either triangle at a side, whose weights are exact.
+    fn place(&self, domain: &SurfaceMesh, cell: usize, corner: [f64; 3]) -> [u64; 3] {
+        let point = SurfacePoint {
+            triangle: self.cells[cell].triangle,
+            barycentric: corner,
+        };
+        let position = point.position(domain, domain.vertices());
+        [position.x, position.y, position.z].map(|x| (x + 0.0).to_bits())
+    }
+}
+
+impl Piece {
+    /// Side from this corner to the next, and the square of its length.
+    fn longest_side(&self, domain: &SurfaceMesh) -> (usize, f64) {
+        let corners = self.corners.map(|barycentric| {
+            let point = SurfacePoint {
+                triangle: self.triangle,
+                barycentric,
+            };
+            point.position(domain, domain.vertices())
+        });
+        let length = |side: usize| (corners[(side + 1) % 3] - corners[side]).norm_squared();
+        let longer = |a: (usize, f64), b: (usize, f64)| if b.1 > a.1 { b } else { a };
+        longer(longer((0, length(0)), (1, length(1))), (2, length(2)))
+    }
+
+    fn halves(&self, side: usize) -> [Self; 2] {
+        let (start, end) = (self.corners[side], self.corners[(side + 1) % 3]);
+        let middle = [0, 1, 2].map(|k| (start[k] + end[k]) / 2.0);
+        let with = |corner: usize| {
+            let mut half = *self;
+            half.corners[corner] = middle;
+            half.area /= 2.0;
+            half
+        };
+        [with((side + 1) % 3), with(side)]
+    }
+
+    fn centroid(&self) -> SurfacePoint {
+        at(self.triangle, &self.corners, [1.0 / 3.0; 3])
+    }
+}
+
+/// Pieces that share a site.
+struct Group {
+    pieces: Vec<u32>,
+    area: f64,
+    spacing: f64,
+}
+
+impl Group {
+    /// Centroid of the piece in the middle.
+    fn middle(&self, domain: &SurfaceMesh, pieces: &[Piece]) -> SurfacePoint {
+        let position = |k: u32| pieces[k as usize].centroid().position(domain, domain.vertices());
+        let weighted = self
+            .pieces
+            .iter()
+            .map(|&k| position(k).coords * pieces[k as usize].area);
+        let mean = Point::from(weighted.sum::<Vector>() / self.area);
+        let distance = |k: &&u32| (position(**k) - mean).norm_squared();
+        let nearest = self.pieces.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        pieces[*nearest.expect("groups have pieces") as usize].centroid()
+    }
+
+    /// Three points, each in the piece that has its third of the area.
+    fn interior_points(&self, pieces: &[Piece]) -> [SurfacePoint; 3] {
+        [0, 1, 2].map(|third| {
+            let mut left = (third as f64 + 0.5) / 3.0 * self.area;
+            let holds = |k: &&u32| {
+                left -= pieces[**k as usize].area;
+                left < 0.0
+            };
+            let k = self.pieces.iter().find(holds).or(self.pieces.last());
+            let piece = &pieces[*k.expect("groups have pieces") as usize];
+            at(piece.triangle, &piece.corners, INTERIOR[third])
+        })
+    }
+}
+
+/// Each piece alone, but small ones with those next to them on a space-filling curve.
+fn grouped(domain: &SurfaceMesh, pieces: &[Piece]) -> Vec<Group> {
+    let is_small = |k: &u32| pieces[*k as usize].area * TOLERANCE < pieces[*k as usize].wanted;
+    let (small, alone): (Vec<u32>, Vec<u32>) = (0..pieces.len() as u32).partition(is_small);
+    let mut groups: Vec<Group> = alone
+        .iter()
+        .map(|&k| Group {
+            pieces: vec![k],
+            area: pieces[k as usize].area,
+            spacing: pieces[k as usize].area.sqrt(),
+        })
+        .collect();
+    let centroid = |&k: &u32| pieces[k as usize].centroid().position(domain, domain.vertices());
+    let centroids: Vec<Point> = small.iter().map(centroid).collect();
+    // How much of a site the group holds, and where it began.
+    let (mut held, mut start) = (f64::INFINITY, Point::origin());
+    for i in morton_order(&centroids) {
+        let (k, centroid) = (small[i as usize], centroids[i as usize]);
+        let piece = &pieces[k as usize];
+        let apart = (centroid - start).norm_squared() > APART * APART * piece.wanted;
+        match groups.last_mut() {
+            Some(group) if held * TOLERANCE < 1.0 && !apart => {
+                group.pieces.push(k);
+                group.area += piece.area;
+                group.spacing = group.spacing.min(piece.wanted.sqrt());
+                held += piece.area / piece.wanted;
+            }
+            _ => {
+                groups.push(Group {
+                    pieces: vec![k],
+                    area: piece.area,
+                    spacing: piece.wanted.sqrt(),
+                });
+                (held, start) = (piece.area / piece.wanted, centroid);
+            }
+        }
+    }
+    groups
+}
+
+/// The point of a cell with these weights of its corners.
+fn at(triangle: u32, corners: &Corners, weights: [f64; 3]) -> SurfacePoint {
+    let coordinate = |k: usize| (0..3).map(|corner| weights[corner] * corners[corner][k]).sum();
+    SurfacePoint {
+        triangle,
+        barycentric: [coordinate(0), coordinate(1), coordinate(2)],
+    }
+}
+
+/// The unit vector in this direction, or as near to it as [`UPRIGHT`] lets it be.
+fn upright(direction: &Vector, normal: &Vector) -> Vector {
+    let unit = direction.try_normalize(1e-9).unwrap_or(*normal);
+    let along = unit.dot(normal);
+    if along >= UPRIGHT {
+        return unit;
+    }
+    let across = (unit - normal * along).try_normalize(1e-9).unwrap_or_default();
+    (normal * UPRIGHT + across * (1.0 - UPRIGHT * UPRIGHT).sqrt()).normalize()
+}
+
+fn triangles_across(domain: &SurfaceMesh) -> Vec<[u32; 3]> {
+    let topology = Topology::new(domain);
+    let mut across = vec![[NONE; 3]; domain.triangles().len()];
+    for edge in 0..topology.edges().len() {
+        if let &[first, second] = topology.sides(edge) {
+            across[first.triangle as usize][first.corner as usize] = second.triangle;
+            across[second.triangle as usize][second.corner as usize] = first.triangle;
+        }
+    }
+    across
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::SurfaceQuery;
+    use crate::mesh::shapes;
+    use crate::sampling::{held_out, place_sources};
+
+    fn all_anchors(domain: &SurfaceMesh) -> Cells {
+        Cells::of_anchors(domain, &Anchors::choose(domain, usize::MAX))
+    }
+
+    fn total_area(cells: &Cells) -> f64 {
+        (0..cells.len()).map(|cell| cells.area(cell)).sum()
+    }
+
+    fn area_of(domain: &SurfaceMesh, cells: &Cells, cell: usize) -> f64 {
+        let [a, b, c] = cells.corners(cell).map(|barycentric| {
+            let triangle = cells.triangle(cell);
+            SurfacePoint { triangle, barycentric }.position(domain, domain.vertices())
+        });
+        (b - a).cross(&(c - a)).norm() / 2.0
+    }
+
+    fn solids() -> Vec<(&'static str, SurfaceMesh)> {
+        vec![
+            ("cube", shapes::cube(1.0, 1)),
+            ("L", shapes::polycube(&[[0, 0, 0], [1, 0, 0], [0, 1, 0]], 1)),
+            ("shell", shapes::spherical_shell(1.0, 0.6, 2)),
+            ("torus", shapes::torus(1.0, 0.4, 24, 12)),
+        ]
+    }
+
+    #[test]
+    fn cells_partition_the_surface_after_any_refinements() {
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        for (name, domain) in solids() {
+            let mut cells = all_anchors(&domain);
+            for _ in 0..4 {
+                let marked: Vec<bool> = (0..cells.len()).map(|_| random.random_bool(0.4)).collect();
+                cells.refine(&domain, &marked);
+                assert!((total_area(&cells) / domain.area() - 1.0).abs() < 1e-12, "{name}");
+            }
+            for cell in 0..cells.len() {
+                assert!((area_of(&domain, &cells, cell) / cells.area(cell) - 1.0).abs() < 1e-9);
+            }
+            for point in held_out(&domain, 300, 0, 5) {
+                let holding = (0..cells.len()).filter(|&cell| holds(&cells, cell, &point)).count();
+                assert_eq!(holding, 1, "{name}");
+            }
+        }
+    }
+
+    /// Whether the point is in the cell: all three parts that it cuts it into turn the same way.
+    fn holds(cells: &Cells, cell: usize, point: &SurfacePoint) -> bool {
+        let corners = cells.corners(cell).map(Vector::from);
+        let p = Vector::from(point.barycentric);
+        let turn = |k: usize| p.dot(&corners[k].cross(&corners[(k + 1) % 3]));
+        let first = turn(0) > 0.0;
+        cells.triangle(cell) == point.triangle && (1..3).all(|k| (turn(k) > 0.0) == first)
+    }
+
+    #[test]
+    fn spacing_halves_with_each_refinement() {
+        for (name, domain) in solids() {
+            let mut cells = all_anchors(&domain);
+            for _ in 0..3 {
+                let before: Vec<f64> = (0..cells.len()).map(|cell| cells.spacing(cell)).collect();
+                let triangle_of: Vec<u32> = (0..cells.len()).map(|cell| cells.triangle(cell)).collect();
+                let refinement = cells.refine(&domain, &vec![true; before.len()]);
+                // Of whole triangles, a spacing is the mean of three neighbourhoods.
+                let (mean_before, mean_after) = (
+                    before.iter().sum::<f64>() / before.len() as f64,
+                    (domain.area() / refinement.sites.len() as f64).sqrt(),
+                );
+                let ratio = mean_after / mean_before;
+                assert!((0.4..0.62).contains(&ratio), "{name}: {ratio}");
+                for (site, point) in refinement.sites.iter().zip(&refinement.points) {
+                    let first = triangle_of.partition_point(|&t| t < point.triangle);
+                    let ratio = site.spacing
+                        / before[first..]
+                            .iter()
+                            .zip(&triangle_of[first..])
+                            .take_while(|(_, t)| **t == point.triangle)
+                            .map(|(h, _)| *h)
+                            .fold(0.0, f64::max);
+                    assert!(ratio < 0.5 * TOLERANCE.sqrt() + 1e-9, "{name}: {ratio}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn collocation_stands_for_the_marked_area_and_follows_its_sites() {
+        let domain = shapes::torus(1.0, 0.4, 24, 12);
+        let mut cells = all_anchors(&domain);
+        let marked: Vec<bool> = (0..cells.len()).map(|cell| cell % 3 == 0).collect();
+        let area: f64 = (0..cells.len()).filter(|&c| marked[c]).map(|c| cells.area(c)).sum();
+        let refinement = cells.refine(&domain, &marked);
+        assert!((refinement.collocation.areas.iter().sum::<f64>() / area - 1.0).abs() < 1e-12);
+        assert_eq!(refinement.owner.len(), 3 * refinement.sites.len());
+        for (point, &owner) in refinement.collocation.points.iter().zip(&refinement.owner) {
+            let site = &refinement.sites[owner as usize];
+            let position = point.position(&domain, domain.vertices());
+            assert!((position - site.position).norm() < 2.0 * LONG * site.spacing);
+            assert!((point.barycentric.iter().sum::<f64>() - 1.0).abs() < 1e-15);
+        }
+    }
+
+    /// Three rounds at a third of the cells each. A source at an inner corner of three sides finds no room.
+    #[test]
+    fn sources_of_the_sites_are_outside() {
+        for (name, domain) in solids() {
+            let query = SurfaceQuery::new(&domain).unwrap();
+            let mut cells = all_anchors(&domain);
+            let mut random = ChaCha8Rng::seed_from_u64(8);
+            for round in 0..3 {
+                let marked: Vec<bool> = (0..cells.len())
+                    .map(|_| round == 0 || random.random_bool(0.3))
+                    .collect();
+                let refinement = cells.refine(&domain, &marked);
+                let placed = place_sources(&refinement.sites, 1.0, &|balls| query.are_outside(balls));
+                assert_eq!(placed.dropped, 0, "{name}: of {}", refinement.sites.len());
+                for (source, &site) in placed.positions.iter().zip(&placed.sites) {
+                    let spacing = refinement.sites[site as usize].spacing;
+                    assert!(query.signed_distance(source) > 0.1 * spacing, "{name}");
+                }
+            }
+        }
+    }
+
+    /// A tube of 3600 needles, some hundred times as long as wide: as many sites as the area asks for, and no cut makes
+    /// a piece smaller than half of [`NEEDLE`].
+    #[test]
+    fn needles_share_sites() {
+        let domain = shapes::torus(1.0, 0.3, 3, 600);
+        let anchors = Anchors::choose(&domain, 300);
+        let mut cells = Cells::of_anchors(&domain, &anchors);
+        for _ in 0..3 {
+            let spacing = (0..cells.len()).map(|c| cells.area(c) / (cells.spacing(c) / 2.0).powi(2));
+            let expected: f64 = spacing.sum();
+            let refinement = cells.refine(&domain, &vec![true; cells.len()]);
+            let ratio = refinement.sites.len() as f64 / expected;
+            assert!((0.6..2.0).contains(&ratio), "{ratio}");
+            assert!(cells.len() as f64 <= 2.0 * expected / NEEDLE + 3600.0);
+            let total: f64 = refinement.collocation.areas.iter().sum();
+            assert!((total / domain.area() - 1.0).abs() < 1e-12);
+        }
+    }
+
+    /// Four triangles per anchor and more: cells are groups of triangles at first.
+    #[test]
+    fn few_anchors_among_many_triangles_refine_like_a_coarse_mesh() {
+        let domain = shapes::sphere(1.0, 5);
+        let anchors = Anchors::choose(&domain, 300);
+        let mut cells = Cells::of_anchors(&domain, &anchors);
+        let refinement = cells.refine(&domain, &vec![true; domain.triangles().len()]);
+        let ratio = refinement.sites.len() as f64 / 1200.0;
+        assert!((0.8..1.6).contains(&ratio), "{ratio}");
+        assert_eq!(cells.len(), domain.triangles().len());
+        let normal_is_radial = |site: &SourceSite| site.normal.dot(&site.position.coords.normalize()) > 0.99;
+        assert!(refinement.sites.iter().all(normal_is_radial));
+    }
+
+    #[test]
+    fn probes_lie_in_their_cells_and_repeat_with_the_seed() {
+        let domain = shapes::cube(1.0, 1);
+        let mut cells = all_anchors(&domain);
+        cells.refine(&domain, &(0..12).map(|cell| cell < 5).collect::<Vec<_>>());
+        let (points, of_cell) = cells.probes(3, 7);
+        assert_eq!(points.len(), 3 * cells.len());
+        for (point, &cell) in points.iter().zip(&of_cell) {
+            assert!(holds(&cells, cell as usize, point));
+        }
+        assert_eq!(points, cells.probes(3, 7).0);
+        assert_ne!(points, cells.probes(3, 8).0);
+    }
+
+    #[test]
+    fn marks_grow_to_what_touches_them() {
+        let domain = shapes::sphere(1.0, 2);
+        let cells = all_anchors(&domain);
+        let mut marked = vec![false; cells.len()];
+        marked[100] = true;
+        let grown = cells.grow(&domain, &marked);
+        let shares = |t: usize| {
+            domain.triangles()[t]
+                .iter()
+                .any(|v| domain.triangles()[100].contains(v))
+        };
+        assert!((0..cells.len()).all(|cell| grown[cell] == shares(cell)));
+
+        // Also where the common corner is none of the mesh's: the middle of a face of the cube.
+        let cube = shapes::cube(1.0, 1);
+        let mut cells = all_anchors(&cube);
+        cells.refine(&cube, &[true; 12]);
+        let marked: Vec<bool> = (0..24).map(|cell| cell == 0).collect();
+        let grown = cells.grow(&cube, &marked);
+        let on_same_face = (0..24).filter(|&c| grown[c] && cells.triangle(c) / 2 == cells.triangle(0) / 2);
+        assert_eq!(on_same_face.count(), 4);
+    }
+}
