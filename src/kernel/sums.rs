@@ -1,13 +1,16 @@
-//! PLACEHOLDER until the fast multipole sums are merged.
+//! PLACEHOLDER until the fast multipole sums' own choice is merged.
 #![allow(missing_docs)]
-use super::{KernelError, direct};
+use super::{KernelError, direct, fmm::Fmm};
 use crate::Point;
 #[derive(Clone)]
-pub struct Sums { sources: Vec<Point>, targets: Vec<Point> }
+pub struct Sums { sources: Vec<Point>, targets: Vec<Point>, fmm: Option<std::sync::Arc<Fmm>> }
 impl Sums {
-    pub fn new(sources: &[Point], targets: &[Point], _accuracy: f64) -> Result<Self, KernelError> { Ok(Self { sources: sources.to_vec(), targets: targets.to_vec() }) }
-    pub fn with_accuracy(&self, _accuracy: f64) -> Self { self.clone() }
+    pub fn new(sources: &[Point], targets: &[Point], accuracy: f64) -> Result<Self, KernelError> {
+        let fmm = if (sources.len() as f64) * (targets.len() as f64) > 3e7 { Some(std::sync::Arc::new(Fmm::new(sources, targets, accuracy)?)) } else { None };
+        Ok(Self { sources: sources.to_vec(), targets: targets.to_vec(), fmm }) }
+    pub fn with_accuracy(&self, accuracy: f64) -> Self { let mut s = self.clone(); s.fmm = self.fmm.as_ref().map(|f| std::sync::Arc::new(f.with_accuracy(accuracy))); s }
     pub fn potential(&self, weights: &[f64], columns: usize) -> Result<Vec<f64>, KernelError> {
+        if let Some(f) = &self.fmm { return f.potential(weights, columns); }
         let mut out = vec![0.0; self.targets.len() * columns];
         let mut first = 0;
         while first < columns {
@@ -19,6 +22,7 @@ impl Sums {
         Ok(out)
     }
     pub fn potential_and_gradient(&self, weights: &[f64], columns: usize) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
+        if let Some(f) = &self.fmm { return f.potential_and_gradient(weights, columns); }
         assert!(columns == 3);
         let w: Vec<[f64; 3]> = weights.chunks(3).map(|r| [r[0], r[1], r[2]]).collect();
         let s = direct::Sources::new(&self.sources, &w)?;

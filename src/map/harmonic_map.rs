@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::VolumeMap;
-use crate::kernel::direct::{self, Sources};
+use crate::kernel::sums::Sums;
 use crate::solver::Coefficients;
 use crate::{Matrix3, Point, Vector};
 
@@ -16,18 +16,15 @@ use crate::{Matrix3, Point, Vector};
 pub struct HarmonicMap {
     sources: Vec<Point>,
     coefficients: Coefficients,
-    kernel_sources: Sources,
 }
+
+/// Relative accuracy of sums over many sources; over few they are exact to rounding.
+const ACCURACY: f64 = 1e-8;
 
 impl HarmonicMap {
     /// The map with these sources and coefficients. `None` when their counts differ.
     pub fn new(sources: Vec<Point>, coefficients: Coefficients) -> Option<Self> {
-        let kernel_sources = Sources::new(&sources, &coefficients.sources).ok()?;
-        Some(Self {
-            sources,
-            coefficients,
-            kernel_sources,
-        })
+        (sources.len() == coefficients.sources.len()).then_some(Self { sources, coefficients })
     }
 
     /// Positions `Q` of the sources, outside the domain.
@@ -40,6 +37,14 @@ impl HarmonicMap {
         &self.coefficients
     }
 
+    fn sums(&self, points: &[Point]) -> Sums {
+        Sums::new(&self.sources, points, ACCURACY).expect("the accuracy is in range")
+    }
+
+    fn weights(&self) -> &[f64] {
+        self.coefficients.sources.as_flattened()
+    }
+
     fn affine(&self, x: &Point) -> Vector {
         let a = &self.coefficients.affine;
         Vector::from_fn(|i, _| a[0][i] + a[1][i] * x.x + a[2][i] * x.y + a[3][i] * x.z)
@@ -48,19 +53,27 @@ impl HarmonicMap {
 
 impl VolumeMap for HarmonicMap {
     fn evaluate(&self, points: &[Point]) -> Vec<Point> {
-        let sums = direct::potential(&self.kernel_sources, points);
-        sums.into_par_iter()
+        let sums = self.sums(points).potential(self.weights(), 3);
+        let sums = sums.expect("one weight per source");
+        sums.as_chunks::<3>()
+            .0
+            .par_iter()
             .zip(points)
-            .map(|(sum, x)| Point::from(self.affine(x) + Vector::from(sum)))
+            .map(|(&sum, x)| Point::from(self.affine(x) + Vector::from(sum)))
             .collect()
     }
 
     fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
         let a = &self.coefficients.affine;
         let linear = Matrix3::from_fn(|i, k| a[k + 1][i]);
-        let (_, mut jacobians) = direct::potential_and_gradient(&self.kernel_sources, points);
-        jacobians.par_iter_mut().for_each(|j| *j += linear);
-        jacobians
+        let sums = self.sums(points).potential_and_gradient(self.weights(), 3);
+        let (_, gradients) = sums.expect("one weight per source");
+        gradients
+            .as_chunks::<9>()
+            .0
+            .par_iter()
+            .map(|gradient| Matrix3::from_row_slice(gradient) + linear)
+            .collect()
     }
 }
 
