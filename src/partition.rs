@@ -49,7 +49,11 @@ impl Bounds {
     }
 
     fn distance_squared(&self, other: &Self) -> f64 {
-        let gap = |axis: usize| (self.low[axis] - other.high[axis]).max(other.low[axis] - self.high[axis]).max(0.0);
+        let gap = |axis: usize| {
+            (self.low[axis] - other.high[axis])
+                .max(other.low[axis] - self.high[axis])
+                .max(0.0)
+        };
         (0..3).map(|axis| gap(axis) * gap(axis)).sum()
     }
 
@@ -117,7 +121,11 @@ fn cut(points: &[Point], radii: &[f64], order: &mut [u32], start: usize, parts: 
         let (left, right) = order.split_at_mut(middle);
         let mut left = || cut(points, radii, left, start, parts / 2);
         let mut right = || cut(points, radii, right, start + middle, parts - parts / 2);
-        let (left, right) = if large { rayon::join(left, right) } else { (left(), right()) };
+        let (left, right) = if large {
+            rayon::join(left, right)
+        } else {
+            (left(), right())
+        };
         [Box::new(left), Box::new(right)]
     });
     Node {
@@ -150,7 +158,10 @@ mod tests {
             assert!(all.iter().enumerate().all(|(i, &j)| i == j as usize) && all.len() == points.len());
             let sizes: Vec<usize> = partition.parts().map(<[u32]>::len).collect();
             let (least, largest) = (sizes.iter().min().unwrap(), sizes.iter().max().unwrap());
-            assert!(*largest <= most && largest - least <= 2, "{least} to {largest} of {most}");
+            assert!(
+                *largest <= most && largest - least <= 2,
+                "{least} to {largest} of {most}"
+            );
         }
         assert_eq!(Partition::new(&[], &[], 5).parts().len(), 0);
         assert_eq!(Partition::new(&[Point::origin(); 10], &[0.0; 10], 3).parts().len(), 4);

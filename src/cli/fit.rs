@@ -113,10 +113,7 @@ fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
             "system".into(),
             format!("{} sources, {} collocation points", report.sources, report.collocation),
         ],
-        [
-            "solver".into(),
-            solver(report),
-        ],
+        ["solver".into(), solver(report)],
         [
             "boundary error".into(),
             format!("rms {:.2e}   99 % {:.2e}   max {:.2e}", error.rms, error.p99, error.max),
@@ -147,7 +144,10 @@ fn solver(report: &FitReport) -> String {
                 Stop::Plateau => "at the least-squares optimum",
                 Stop::Iterations => "before it converged",
             };
-            format!("{}, stopped after {} iterations {why}", report.method, report.iterations)
+            format!(
+                "{}, stopped after {} iterations {why}",
+                report.method, report.iterations
+            )
         }
         (None, None) => report.method.clone(),
     }

@@ -8,9 +8,6 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::{self, Anchors, Collocation, HierarchyOptions, SiteLevel, SourceSite};
 use crate::solver::Level;
 
-/// Sources of coarser levels stand this much farther out, in spacings of their level, so that they leave a smooth rest.
-const COARSE_ALPHA: f64 = 1.5;
-
 /// Levels in the unit frame, coarse to fine, and remarks on sources that found no place.
 pub(super) fn levels(
     domain: &SurfaceMesh,
@@ -24,7 +21,7 @@ pub(super) fn levels(
     let finest = finest_level(domain, anchors, collocation);
     let mut levels: Vec<Level> = sampling::coarser_levels(&finest, &HierarchyOptions::default())
         .iter()
-        .map(|sites| placed_level(sites, alpha * COARSE_ALPHA, query, frame).0)
+        .map(|sites| placed_level(sites, alpha, query, frame).0)
         .collect();
     let (finest, dropped) = placed_level(&finest, alpha, query, frame);
     if dropped > 0 {
@@ -46,7 +43,7 @@ pub(super) fn remark_on_dropped(dropped: usize, asked: usize) -> String {
 /// Sources off the sites of a level in the unit frame, and the sites that are left without one.
 pub(super) fn placed_level(sites: &SiteLevel, alpha: f64, query: &SurfaceQuery, frame: &Frame) -> (Level, usize) {
     let placed = sampling::place_sources(&sites.sites, alpha, &|balls| query.are_outside(balls));
-    let mut source_of_site = vec![u32::MAX; sites.sites.len()];
+    let mut source_of_site = vec![Level::NO_OWNER; sites.sites.len()];
     for (source, &site) in placed.sites.iter().enumerate() {
         source_of_site[site as usize] = source as u32;
     }
@@ -61,12 +58,9 @@ pub(super) fn placed_level(sites: &SiteLevel, alpha: f64, query: &SurfaceQuery, 
         ..Level::default()
     };
     for ((&row, &site), area) in sites.rows.iter().zip(&sites.owner).zip(&sites.areas) {
-        let source = source_of_site[site as usize];
-        if source != u32::MAX {
-            level.rows.push(row);
-            level.owner.push(source);
-            level.weights.push(area * unit);
-        }
+        level.rows.push(row);
+        level.owner.push(source_of_site[site as usize]);
+        level.weights.push(area * unit);
     }
     (level, placed.dropped)
 }

@@ -254,7 +254,14 @@ fn errors_at(map: &HarmonicMap, boundary: &BoundaryMap, points: &[SurfacePoint],
 }
 
 fn distances(values: &Values, first: usize, diagonal: f64) -> Vec<f64> {
-    let row = |r: usize| values.row(r)[first..first + 3].iter().map(|v| v * v).sum::<f64>().sqrt() / diagonal;
+    let row = |r: usize| {
+        values.row(r)[first..first + 3]
+            .iter()
+            .map(|v| v * v)
+            .sum::<f64>()
+            .sqrt()
+            / diagonal
+    };
     (0..values.rows()).map(row).collect()
 }
 

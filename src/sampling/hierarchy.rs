@@ -39,20 +39,21 @@ impl Default for HierarchyOptions {
     }
 }
 
-/// Levels coarser than the given one, coarsest first; none when it is small enough itself. Spacing grows by the square
+/// Levels coarser than the given one, coarsest first; none when it is small enough itself. The rows of each are among
+/// those of the next finer. Spacing grows by the square
 /// root of the ratio from one to the next, everywhere in proportion to the finest. Costs `n log n`.
 pub fn coarser_levels(finest: &SiteLevel, options: &HierarchyOptions) -> Vec<SiteLevel> {
     let mut levels: Vec<SiteLevel> = Vec::new();
-    // For each row of the finest level, its site in the latest.
-    let mut owner = finest.owner.clone();
-    let mut sites = &finest.sites;
-    while sites.len() > options.coarsest {
+    let mut fine = finest;
+    while fine.sites.len() > options.coarsest {
         // At least a fifth of what is allowed is kept: a coarsest level of a few sources would be of little use.
-        let ratio = options.ratio.min((5 * sites.len()).div_ceil(options.coarsest)).max(2);
-        let (coarse, parent) = coarsen(sites, ratio);
-        owner.iter_mut().for_each(|o| *o = parent[*o as usize]);
-        levels.push(thinned(coarse, &owner, finest, options.rows_per_site));
-        sites = &levels[levels.len() - 1].sites;
+        let ratio = options
+            .ratio
+            .min((5 * fine.sites.len()).div_ceil(options.coarsest))
+            .max(2);
+        let (coarse, parent) = coarsen(&fine.sites, ratio);
+        levels.push(thinned(coarse, &parent, fine, options.rows_per_site));
+        fine = &levels[levels.len() - 1];
     }
     levels.reverse();
     levels
@@ -74,7 +75,9 @@ fn coarsen(sites: &[SourceSite], ratio: usize) -> (Vec<SourceSite>, Vec<u32>) {
         let centre = Point::from(moment / area);
         let distance = |m: &u32| (positions[*m as usize] - centre).norm_squared();
         // The middle one of the group, not its mean: it lies on the surface and has a normal of its own.
-        let middle = members.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
+        let middle = members
+            .iter()
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));
         coarse.extend(middle.map(|&m| SourceSite {
             spacing: area.sqrt(),
             ..sites[m as usize]
@@ -83,13 +86,14 @@ fn coarsen(sites: &[SourceSite], ratio: usize) -> (Vec<SourceSite>, Vec<u32>) {
     (coarse, parent)
 }
 
-/// The sites with up to `count` of the rows that each owns, evenly taken.
-fn thinned(sites: Vec<SourceSite>, owner: &[u32], finest: &SiteLevel, count: usize) -> SiteLevel {
+/// The sites with up to `count` of the rows of the finer level that each owns, evenly taken.
+fn thinned(sites: Vec<SourceSite>, parent: &[u32], finer: &SiteLevel, count: usize) -> SiteLevel {
+    let owners = finer.owner.iter().map(|&o| parent[o as usize]);
     let mut owned = vec![0usize; sites.len()];
-    owner.iter().for_each(|&o| owned[o as usize] += 1);
+    owners.clone().for_each(|o| owned[o as usize] += 1);
     let mut seen = vec![0usize; sites.len()];
     let mut level = SiteLevel::default();
-    for (&o, &row) in owner.iter().zip(&finest.rows) {
+    for (o, &row) in owners.zip(&finer.rows) {
         let (all, place) = (owned[o as usize], seen[o as usize]);
         seen[o as usize] += 1;
         let kept = all.min(count);

@@ -75,6 +75,12 @@ pub enum SolveError {
     /// The singular value iteration failed.
     #[error("the singular value decomposition did not converge; use the QR method instead")]
     NoConvergence,
+    /// A coarse level sees a collocation point that the next finer level does not.
+    #[error("collocation point {row} is in a coarse level, but not in the next finer one")]
+    RowsNotNested {
+        /// The first such point.
+        row: u32,
+    },
     /// A sum over the sources could not be formed.
     #[error(transparent)]
     Sum(#[from] crate::kernel::KernelError),

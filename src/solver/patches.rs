@@ -2,16 +2,16 @@
 //! additive Schwarz method; Cai and Sarkis, *A restricted additive Schwarz preconditioner for general sparse linear
 //! systems*, SIAM J. Sci. Comput. 21, 1999, with rectangular local problems).
 
+use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::triangular_solve;
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::{Accum, Mat, Par};
+use faer::{Accum, Mat, MatRef, Par};
 use rayon::prelude::*;
 
-use super::schwarz::Level;
 use super::Values;
+use super::schwarz::Level;
 use crate::Point;
 use crate::kernel::direct;
 use crate::partition::{Bounds, Partition};
@@ -74,7 +74,11 @@ impl Patches {
 
     /// Coefficients that lower a residual given at the level's rows: one row per source.
     pub fn solve(&self, residual: &Values) -> Values {
-        let solved: Vec<Mat<f64>> = self.patches.par_iter().map(|patch| patch.solve(self, residual)).collect();
+        let solved: Vec<Mat<f64>> = self
+            .patches
+            .par_iter()
+            .map(|patch| patch.solve(self, residual))
+            .collect();
         let mut solution = Values::zeros(self.sources.len(), residual.columns());
         for (patch, part) in self.patches.iter().zip(&solved) {
             let core = &patch.sources[patch.sources.len() - patch.core..];
@@ -95,14 +99,14 @@ impl Patch {
             let at: Vec<Point> = rows.iter().map(|&r| points[r as usize]).collect();
             let from: Vec<Point> = sources.iter().map(|&s| level.sources[s as usize]).collect();
             let mut matrix = local_matrix(&at, &from);
-            for column in 0..sources.len() {
-                for (entry, &r) in matrix.col_as_slice_mut(column).iter_mut().zip(&rows) {
-                    *entry *= level.weights[r as usize].sqrt();
-                }
+            let roots: Vec<f64> = rows.iter().map(|&r| level.weights[r as usize].sqrt()).collect();
+            for column in matrix.chunks_exact_mut(rows.len().max(1)) {
+                column.iter_mut().zip(&roots).for_each(|(entry, root)| *entry *= root);
             }
             matrix
         };
-        let inverse = core_inverse(&matrix, core);
+        let matrix = MatRef::from_column_major_slice(&matrix, rows.len(), sources.len());
+        let inverse = core_inverse(matrix, core);
         Self {
             sources,
             core,
@@ -127,24 +131,39 @@ impl Patch {
             }
         } else {
             let matrix = local_matrix(&from, &at);
+            let matrix = MatRef::from_column_major_slice(&matrix, from.len(), at.len());
             let rhs = Mat::from_fn(from.len(), columns, |i, k| weighted(self.rows[i], k));
-            matmul(projected.as_mut(), Accum::Replace, matrix.transpose(), &rhs, 1.0, Par::Seq);
+            matmul(
+                projected.as_mut(),
+                Accum::Replace,
+                matrix.transpose(),
+                &rhs,
+                1.0,
+                Par::Seq,
+            );
         }
         let mut solution = Mat::zeros(self.core, columns);
-        matmul(solution.as_mut(), Accum::Replace, self.inverse.transpose(), &projected, 1.0, Par::Seq);
+        matmul(
+            solution.as_mut(),
+            Accum::Replace,
+            self.inverse.transpose(),
+            &projected,
+            1.0,
+            Par::Seq,
+        );
         solution
     }
 }
 
-/// Kernel values: a row per point of `at`, a column per point of `from`.
-fn local_matrix(at: &[Point], from: &[Point]) -> Mat<f64> {
-    let mut entries = vec![0.0; at.len() * from.len()];
-    direct::fill_matrix(at, from, &mut entries).expect("an entry for each pair");
-    faer::MatRef::from_column_major_slice(&entries, at.len(), from.len()).to_owned()
+/// Kernel values: a row per point of `at`, column after column of points of `from`.
+fn local_matrix(at: &[Point], from: &[Point]) -> Vec<f64> {
+    let mut matrix = vec![0.0; at.len() * from.len()];
+    direct::fill_matrix(at, from, &mut matrix).expect("an entry for each pair");
+    matrix
 }
 
 /// The last `core` columns of `(AᵀA)⁻¹`, by Cholesky of the matrix scaled to a unit diagonal.
-fn core_inverse(matrix: &Mat<f64>, core: usize) -> Mat<f64> {
+fn core_inverse(matrix: MatRef<'_, f64>, core: usize) -> Mat<f64> {
     let n = matrix.ncols();
     let mut normal = Mat::<f64>::zeros(n, n);
     triangular::matmul(
@@ -158,19 +177,29 @@ fn core_inverse(matrix: &Mat<f64>, core: usize) -> Mat<f64> {
         1.0,
         Par::Seq,
     );
-    let scales: Vec<f64> = (0..n).map(|i| normal[(i, i)].sqrt().recip()).map(|s| if s.is_finite() { s } else { 0.0 }).collect();
+    let reciprocal_root = |i: usize| normal[(i, i)].sqrt().recip();
+    let scales: Vec<f64> = (0..n)
+        .map(reciprocal_root)
+        .map(|s| if s.is_finite() { s } else { 0.0 })
+        .collect();
     let scratch = cholesky_in_place_scratch::<f64>(n, Par::Seq, Default::default());
     let mut memory = MemBuffer::new(scratch);
     let mut ridge = RIDGE;
     let factor = loop {
         let mut scaled = Mat::<f64>::zeros(n, n);
         for j in 0..n {
-            for i in j + 1..n {
-                scaled[(i, j)] = normal[(i, j)] * scales[i] * scales[j];
-            }
+            let below = scaled.col_as_slice_mut(j)[j..].iter_mut();
+            let entries = below.zip(&normal.col_as_slice(j)[j..]).zip(&scales[j..]);
+            entries.for_each(|((out, entry), scale)| *out = entry * scale * scales[j]);
             scaled[(j, j)] = 1.0 + ridge;
         }
-        let result = cholesky_in_place(scaled.as_mut(), Default::default(), Par::Seq, MemStack::new(&mut memory), Default::default());
+        let result = cholesky_in_place(
+            scaled.as_mut(),
+            Default::default(),
+            Par::Seq,
+            MemStack::new(&mut memory),
+            Default::default(),
+        );
         if result.is_ok() || ridge > 1.0 {
             break scaled;
         }
@@ -184,9 +213,9 @@ fn core_inverse(matrix: &Mat<f64>, core: usize) -> Mat<f64> {
     triangular_solve::solve_lower_triangular_in_place(trailing, inverse.as_mut().subrows_mut(overlap, core), Par::Seq);
     triangular_solve::solve_upper_triangular_in_place(factor.transpose(), inverse.as_mut(), Par::Seq);
     for c in 0..core {
-        for i in 0..n {
-            inverse[(i, c)] *= scales[i] * scales[overlap + c];
-        }
+        let own = scales[overlap + c];
+        let column = inverse.col_as_slice_mut(c).iter_mut();
+        column.zip(&scales).for_each(|(entry, scale)| *entry *= scale * own);
     }
     inverse
 }
@@ -205,13 +234,14 @@ impl RowsOfSources {
 
 fn rows_of_sources(level: &Level) -> RowsOfSources {
     let mut starts = vec![0u32; level.sources.len() + 1];
-    level.owner.iter().for_each(|&s| starts[s as usize + 1] += 1);
+    let owned = level.owner.iter().enumerate().filter(|(_, s)| **s != Level::NO_OWNER);
+    owned.clone().for_each(|(_, &s)| starts[s as usize + 1] += 1);
     for s in 0..level.sources.len() {
         starts[s + 1] += starts[s];
     }
     let mut next = starts.clone();
-    let mut rows = vec![0; level.owner.len()];
-    for (row, &source) in level.owner.iter().enumerate() {
+    let mut rows = vec![0; starts[level.sources.len()] as usize];
+    for (row, &source) in owned {
         rows[next[source as usize] as usize] = row as u32;
         next[source as usize] += 1;
     }

@@ -22,10 +22,15 @@ pub struct Level {
     pub spacing: Vec<f64>,
     /// Collocation points that this level sees, as indices into those of the whole system.
     pub rows: Vec<u32>,
-    /// For each of `rows`, the source of this level it belongs to.
+    /// For each of `rows`, the source of this level it belongs to, or [`Level::NO_OWNER`].
     pub owner: Vec<u32>,
     /// For each of `rows`, the area it stands for.
     pub weights: Vec<f64>,
+}
+
+impl Level {
+    /// In `owner`: a row that belongs to no source, as where a source found no place. It is in no local problem.
+    pub const NO_OWNER: u32 = u32::MAX;
 }
 
 /// Settings of [`SchwarzFactor`].
@@ -35,7 +40,10 @@ pub struct SchwarzOptions {
     pub core: usize,
     /// Reach of a patch beyond its core, in local spacings.
     pub overlap: f64,
-    /// An iteration that leaves more than this part of the residual has reached the plateau, the least-squares optimum.
+    /// Iterations of the same kind that correct each coarse level, on its own rows.
+    pub coarse_iterations: usize,
+    /// When one correction of every group of levels, wherever the count starts, leaves more than this part of the
+    /// residual, it has reached the plateau: the least-squares optimum, within a few percent.
     pub plateau: f64,
     /// Iterations at most.
     pub most_iterations: usize,
@@ -49,12 +57,18 @@ impl Default for SchwarzOptions {
         Self {
             core: 120,
             overlap: 3.0,
-            plateau: 0.9,
+            coarse_iterations: 2,
+            plateau: 0.85,
             most_iterations: 20,
             accuracy: 1e-5,
         }
     }
 }
+
+/// Accuracy of the residual that is reported, relative to that of the sums within iterations.
+const FINAL_ACCURACY: f64 = 1e-3;
+/// A true residual that exceeds the one carried along by this factor is iterated on once more.
+const DRIFT: f64 = 1.02;
 
 /// Why the iterations ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -77,7 +91,8 @@ pub struct Solution {
     pub residual: Values,
     /// Iterations made.
     pub iterations: usize,
-    /// Weighted root mean square of the residual before the first iteration and after each, over all columns.
+    /// Weighted root mean square of the residual over all columns before the first iteration, after each whole one, and
+    /// in the end.
     pub history: Vec<f64>,
     /// Why they ended.
     pub stop: Stop,
@@ -97,7 +112,9 @@ pub struct SchwarzFactor {
 
 struct FactoredLevel {
     sources: usize,
+    /// Among all collocation points.
     rows: Vec<u32>,
+    weights: Vec<f64>,
     solver: LocalSolver,
 }
 
@@ -106,12 +123,21 @@ enum LocalSolver {
     Patches(Patches),
 }
 
+/// Levels that are corrected together; all but the first group are one level each.
 struct Group {
     first: usize,
     sources: Vec<Point>,
-    /// For each level but the first: the sums of all levels of the group before it, at its rows.
-    within: Vec<Sums>,
+    /// For each level but the first.
+    steps: Vec<CoarseStep>,
     to_collocation: Sums,
+}
+
+/// What a coarse level above the coarsest needs to iterate on its own rows.
+struct CoarseStep {
+    /// The rows of the next coarser level, as indices into this level's.
+    coarser_rows: Vec<u32>,
+    from_coarser: Sums,
+    from_own: Sums,
 }
 
 impl SchwarzFactor {
@@ -220,43 +246,52 @@ impl SchwarzFactor {
         let mut search = Minimisation::new(&self.weights, residual, solution);
         let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / area).sqrt();
         let reached = |squares: &[f64]| squares.iter().all(|s| (s / area).sqrt() <= goal);
-        let mut squares = search.squares();
-        let mut history = vec![rms(&squares)];
+        let mut history = vec![rms(&search.squares())];
+        // Of the residual before and after each correction, since the latest start.
+        let mut trace = history.clone();
         let mut refreshed = false;
+        let mut next = 0;
         let stop = loop {
-            let iterations = history.len() - 1;
-            progress(iterations, rms(&squares));
-            let stop = if reached(&squares) {
+            let latest = trace[trace.len() - 1];
+            let window = trace
+                .len()
+                .checked_sub(self.groups.len() + 1)
+                .map(|before| trace[before]);
+            let stop = if reached(&search.squares()) {
                 Some(Stop::Goal)
-            } else if iterations > 0 && history[iterations] > self.options.plateau * history[iterations - 1] {
+            } else if window.is_some_and(|before| latest > self.options.plateau * before) {
                 Some(Stop::Plateau)
             } else {
-                (iterations == self.options.most_iterations).then_some(Stop::Iterations)
+                (history.len() > self.options.most_iterations).then_some(Stop::Iterations)
             };
             if let Some(stop) = stop {
                 // The sums within iterations are rough, and the residual carried along drifts from the true one.
-                let fresh = self.residual(data, &search.solution, self.options.accuracy * 1e-3)?;
-                let carried = rms(&squares);
-                search.restart(fresh);
-                squares = search.squares();
-                let drifted = rms(&squares) > 1.02 * carried;
-                if !drifted || refreshed || stop == Stop::Iterations {
+                search.restart(self.residual(data, &search.solution, self.options.accuracy * FINAL_ACCURACY)?);
+                let fresh = rms(&search.squares());
+                if fresh <= DRIFT * latest || refreshed || stop == Stop::Iterations {
+                    history.push(fresh);
                     break stop;
                 }
                 refreshed = true;
+                trace = vec![fresh];
             }
-            for group in &self.groups {
-                let step = self.correction(group, &search.residual)?;
-                let image = self.image(group, &step, None)?;
-                search.advance(step, image);
+            if next == 0 {
+                progress(history.len() - 1, latest);
             }
-            squares = search.squares();
-            history.push(rms(&squares));
+            let group = &self.groups[next];
+            let step = self.correction(group, &search.residual)?;
+            let image = self.image(group, &step, None)?;
+            search.advance(step, image);
+            trace.push(rms(&search.squares()));
+            next = (next + 1) % self.groups.len();
+            if next == 0 {
+                history.push(trace[trace.len() - 1]);
+            }
         };
         Ok(Solution {
             coefficients: search.solution,
             residual: search.residual,
-            iterations: history.len() - 1,
+            iterations: history.len() - 2 + usize::from(next > 0),
             history,
             stop,
         })
@@ -274,7 +309,9 @@ impl SchwarzFactor {
         (0..sources).for_each(|s| solution.row_mut(s).copy_from_slice(start.row(s)));
         for k in 0..affine {
             let row = self.sources() + k;
-            solution.row_mut(row).copy_from_slice(start.row(start.rows() - affine + k));
+            solution
+                .row_mut(row)
+                .copy_from_slice(start.row(start.rows() - affine + k));
         }
         solution
     }
@@ -290,6 +327,7 @@ impl SchwarzFactor {
         Ok(FactoredLevel {
             sources: level.sources.len(),
             rows: level.rows.clone(),
+            weights: level.weights.clone(),
             solver: LocalSolver::Dense(DenseFactor::new(&system, &DenseOptions::default())?),
         })
     }
@@ -300,6 +338,7 @@ impl SchwarzFactor {
         FactoredLevel {
             sources: level.sources.len(),
             rows: level.rows.clone(),
+            weights: level.weights.clone(),
             solver: LocalSolver::Patches(Patches::new(level, points, core, overlap, progress)),
         }
     }
@@ -309,56 +348,85 @@ impl SchwarzFactor {
     }
 
     fn add_group(&mut self, levels: &[Level], first: usize) -> Result<(), SolveError> {
-        let mut sources = Vec::new();
-        let mut within = Vec::new();
+        let accuracy = self.options.accuracy * if first == 0 { 0.1 } else { 1.0 };
+        let mut sources: Vec<Point> = Vec::new();
+        let mut steps = Vec::new();
         for (i, level) in levels.iter().enumerate() {
             if i > 0 {
-                within.push(sums(&sources, &self.points(&level.rows), self.options.accuracy * 0.1)?);
+                let points = self.points(&level.rows);
+                steps.push(CoarseStep {
+                    coarser_rows: positions_in(&level.rows, &levels[i - 1].rows)?,
+                    from_coarser: sums(&sources, &points, accuracy)?,
+                    from_own: sums(&level.sources, &points, accuracy)?,
+                });
             }
             sources.extend_from_slice(&level.sources);
         }
-        let accuracy = self.options.accuracy * if first == 0 { 0.1 } else { 1.0 };
         let to_collocation = sums(&sources, &self.collocation, accuracy)?;
         self.groups.push(Group {
             first,
             sources,
-            within,
+            steps,
             to_collocation,
         });
         Ok(())
     }
 
-    /// A group's correction of a residual, as coefficients of all unknowns: each level works on what those before it
-    /// leave.
+    /// A group's correction of a residual, as coefficients of all unknowns.
     fn correction(&self, group: &Group, residual: &Values) -> Result<Values, SolveError> {
         let columns = residual.columns();
-        let mut coefficients = Vec::with_capacity(group.sources.len() * columns);
-        let mut affine = None;
-        for i in 0..=group.within.len() {
-            let level = &self.levels[group.first + i];
-            let mut rest = residual.gather(&level.rows);
-            if i > 0 {
-                let part = group.within[i - 1].potential(&coefficients, columns)?;
-                let mut part = Values::new(columns, part);
-                self.add_affine(&mut part, affine.as_ref(), |r| self.collocation[level.rows[r] as usize]);
-                rest.add_scaled(&vec![-1.0; columns], &part);
-            }
-            let solved = match &level.solver {
-                LocalSolver::Dense(dense) => dense.solve_columns(&rest)?,
-                LocalSolver::Patches(patches) => patches.solve(&rest),
-            };
-            coefficients.extend_from_slice(&solved.as_slice()[..level.sources * columns]);
-            if solved.rows() > level.sources {
-                affine = Some(solved.as_slice()[level.sources * columns..].to_vec());
-            }
-        }
+        let last = group.steps.len();
+        let rest = residual.gather(&self.levels[group.first + last].rows);
+        let solved = self.correct_level(group, last, rest)?;
         let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
+        let own = group.sources.len() * columns;
+        let (coefficients, affine) = solved.as_slice().split_at(own);
         let mut all = vec![0.0; self.unknowns() * columns];
-        all[before * columns..][..coefficients.len()].copy_from_slice(&coefficients);
-        if let Some(affine) = affine {
-            all[self.sources() * columns..].copy_from_slice(&affine);
+        all[before * columns..][..own].copy_from_slice(coefficients);
+        if !affine.is_empty() {
+            all[self.sources() * columns..].copy_from_slice(affine);
         }
         Ok(Values::new(columns, all))
+    }
+
+    /// Coefficients of the group's levels up to this one (and the affine functions, in the first group) for a residual at
+    /// this level's rows: a few iterations of the same kind as those of the whole.
+    fn correct_level(&self, group: &Group, index: usize, residual: Values) -> Result<Values, SolveError> {
+        let level = &self.levels[group.first + index];
+        let columns = residual.columns();
+        let patches = match &level.solver {
+            LocalSolver::Dense(dense) => return dense.solve_columns(&residual),
+            LocalSolver::Patches(patches) => patches,
+        };
+        if index == 0 {
+            return Ok(patches.solve(&residual));
+        }
+        let step = &group.steps[index - 1];
+        let coarser: usize = self.levels[group.first..group.first + index]
+            .iter()
+            .map(|level| level.sources)
+            .sum();
+        let affine = if self.affine { 4 } else { 0 };
+        let unknowns = coarser + level.sources + affine;
+        let mut search = Minimisation::new(&level.weights, residual, Values::zeros(unknowns, columns));
+        for _ in 0..self.options.coarse_iterations {
+            let rest = search.residual.gather(&step.coarser_rows);
+            let solved = self.correct_level(group, index - 1, rest)?;
+            let (own, linear) = solved.as_slice().split_at(coarser * columns);
+            let mut image = Values::new(columns, step.from_coarser.potential(own, columns)?);
+            self.add_affine(&mut image, linear, |r| self.collocation[level.rows[r] as usize]);
+            let gap = vec![0.0; level.sources * columns];
+            search.advance(Values::new(columns, [own, &gap, linear].concat()), image);
+
+            let solved = patches.solve(&search.residual);
+            let image = Values::new(columns, step.from_own.potential(solved.as_slice(), columns)?);
+            let (gap, no_affine) = (vec![0.0; coarser * columns], vec![0.0; affine * columns]);
+            search.advance(
+                Values::new(columns, [&gap, solved.as_slice(), &no_affine].concat()),
+                image,
+            );
+        }
+        Ok(search.solution)
     }
 
     /// What a group's part of the coefficients, and with the first group the affine functions, give at the collocation
@@ -368,19 +436,24 @@ impl SchwarzFactor {
         let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
         let weights = &coefficients.as_slice()[before * columns..][..group.sources.len() * columns];
         let potential = match accuracy {
-            Some(accuracy) => group.to_collocation.with_accuracy(accuracy).potential(weights, columns)?,
+            Some(accuracy) => group
+                .to_collocation
+                .with_accuracy(accuracy)
+                .potential(weights, columns)?,
             None => group.to_collocation.potential(weights, columns)?,
         };
         let mut image = Values::new(columns, potential);
         if group.first == 0 && self.affine {
-            let affine = coefficients.as_slice()[self.sources() * columns..].to_vec();
-            self.add_affine(&mut image, Some(&affine), |r| self.collocation[r]);
+            let affine = &coefficients.as_slice()[self.sources() * columns..];
+            self.add_affine(&mut image, affine, |r| self.collocation[r]);
         }
         Ok(image)
     }
 
-    fn add_affine(&self, values: &mut Values, affine: Option<&Vec<f64>>, point: impl Fn(usize) -> Point) {
-        let Some(affine) = affine else { return };
+    fn add_affine(&self, values: &mut Values, affine: &[f64], point: impl Fn(usize) -> Point) {
+        if affine.is_empty() {
+            return;
+        }
         let columns = values.columns();
         for r in 0..values.rows() {
             let p = point(r);
@@ -400,6 +473,21 @@ impl SchwarzFactor {
         }
         Ok(residual)
     }
+}
+
+/// Where the second list's rows stand in the first.
+fn positions_in(rows: &[u32], chosen: &[u32]) -> Result<Vec<u32>, SolveError> {
+    let mut place: Vec<u32> = (0..rows.len() as u32).collect();
+    place.sort_unstable_by_key(|&i| rows[i as usize]);
+    let find = |row: &u32| {
+        place
+            .binary_search_by_key(row, |&i| rows[i as usize])
+            .map(|at| place[at])
+    };
+    chosen
+        .iter()
+        .map(|row| find(row).map_err(|_| SolveError::RowsNotNested { row: *row }))
+        .collect()
 }
 
 fn sums(sources: &[Point], targets: &[Point], accuracy: f64) -> Result<Sums, SolveError> {

@@ -56,7 +56,8 @@ impl Values {
     /// The chosen rows, in that order.
     pub(super) fn gather(&self, rows: &[u32]) -> Self {
         let mut numbers = Vec::with_capacity(rows.len() * self.columns);
-        rows.iter().for_each(|&r| numbers.extend_from_slice(self.row(r as usize)));
+        rows.iter()
+            .for_each(|&r| numbers.extend_from_slice(self.row(r as usize)));
         Self::new(self.columns, numbers)
     }
 
@@ -66,7 +67,9 @@ impl Values {
         let chunk = self.columns * ROWS_PER_TASK;
         let parts = self.numbers.par_chunks_mut(chunk).zip(other.numbers.par_chunks(chunk));
         parts.for_each(|(mine, others)| {
-            let rows = mine.chunks_exact_mut(factors.len()).zip(others.chunks_exact(factors.len()));
+            let rows = mine
+                .chunks_exact_mut(factors.len())
+                .zip(others.chunks_exact(factors.len()));
             for (mine, other) in rows {
                 for ((value, other), factor) in mine.iter_mut().zip(other).zip(factors) {
                     *value += factor * other;
