@@ -306,14 +306,25 @@ impl<'a> Topology<'a> {
 
     fn count_vertices(&self, of_triangle: &[u32], shapes: &mut [ComponentShape]) {
         let mut fans = self.fans();
-        let mut incidences: Vec<(u32, u32, u32)> = self
-            .proper_corners()
-            .map(|(corner, vertex)| (of_triangle[corner as usize / 3], vertex, fans.find(corner)))
-            .collect();
-        incidences.sort_unstable();
-        incidences.dedup();
-        for (i, &(component, vertex, _)) in incidences.iter().enumerate() {
-            let again = i > 0 && incidences[i - 1].0 == component && incidences[i - 1].1 == vertex;
+        let mut first_fan = vec![NONE; self.mesh.vertices().len()];
+        // Component, vertex and fan of the corners in other fans than the first at their vertex: few, if any.
+        let mut others = Vec::new();
+        for (corner, vertex) in self.proper_corners() {
+            let (component, fan) = (of_triangle[corner as usize / 3], fans.find(corner));
+            let first = &mut first_fan[vertex as usize];
+            if *first == NONE {
+                *first = fan;
+                shapes[component as usize].vertices += 1;
+            } else if *first != fan {
+                others.push((component, vertex, fan));
+            }
+        }
+        others.sort_unstable();
+        others.dedup();
+        for (i, &(component, vertex, _)) in others.iter().enumerate() {
+            // A fan is named by one of its corners.
+            let of_first = of_triangle[first_fan[vertex as usize] as usize / 3];
+            let again = of_first == component || i > 0 && others[i - 1].0 == component && others[i - 1].1 == vertex;
             let shape = &mut shapes[component as usize];
             shape.vertices += usize::from(!again);
             shape.manifold &= !again;

@@ -1,3 +1,5 @@
+use rayon::prelude::*;
+
 use super::SurfaceMesh;
 use crate::Point;
 
@@ -6,7 +8,7 @@ pub fn lowest_coincident_vertices(vertices: &[Point]) -> Vec<u32> {
     // Adding zero makes -0 and 0 one place.
     let place = |v: u32| vertices[v as usize].coords.map(|x| x + 0.0);
     let mut order: Vec<u32> = (0..vertices.len() as u32).collect();
-    order.sort_unstable_by(|&a, &b| {
+    order.par_sort_unstable_by(|&a, &b| {
         let (p, q) = (place(a), place(b));
         let coordinates = p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)).then(p.z.total_cmp(&q.z));
         coordinates.then(a.cmp(&b))
