@@ -119,8 +119,9 @@ pub struct FitArgs {
     /// Map file to write (safetensors)
     #[arg(short, long, value_name = "MAP")]
     pub output: PathBuf,
-    /// Exit with 1 when 99 % of the boundary errs by more than this fraction of the target's diagonal
-    #[arg(long, value_name = "FRACTION", default_value_t = 0.01)]
+    /// Boundary error to reach at 99 % of the area, as a fraction of the target's diagonal: sources are added until it
+    /// is met. Exit code 1 when it is not
+    #[arg(long, value_name = "FRACTION", default_value_t = 0.001)]
     pub tolerance: f64,
     /// Also write the boundary with its images and errors, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
@@ -168,6 +169,9 @@ pub struct MethodArgs {
     /// Leave the affine functions out of the basis, as the paper does
     #[arg(long)]
     pub no_affine: bool,
+    /// Keep to one source per vertex, though the tolerance be missed
+    #[arg(long)]
+    pub no_refine: bool,
     /// Held-out boundary points that the error is averaged over
     #[arg(long, default_value_t = 20_000, value_name = "N")]
     pub held_out: usize,

@@ -34,13 +34,8 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
     if let Some(path) = &args.vtu {
         input::require_writable(path, &["vtu"], &[domain, image, &args.output])?;
     }
-    anyhow::ensure!(
-        args.tolerance >= 0.0,
-        "--tolerance is {}, but must be zero or positive",
-        args.tolerance
-    );
     output.progress("reading");
-    let options = options(&args.method)?;
+    let options = options(&args.method, args.tolerance)?;
     let inputs = [provenance("domain", &args.domain)?, provenance("image", &args.image)?];
     let boundary = input::read_boundary_map(&args.domain, &args.image)?;
     let intersections = self_intersections(&boundary, &args.domain);
@@ -95,6 +90,7 @@ pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &
             Phase::Solving => "solving".into(),
             Phase::Iterating { iteration, residual } => format!("iteration {iteration}: residual {residual:.1e}"),
             Phase::Measuring => "measuring the boundary error".into(),
+            Phase::Refining { round, error } => format!("refinement {round}: error {error:.1e}"),
         });
     });
     output.finish();
@@ -183,7 +179,7 @@ fn subsampled(fit: &FitReport) -> bool {
     fit.warnings.iter().any(|warning| warning.contains("--max-sources"))
 }
 
-fn options(args: &MethodArgs) -> anyhow::Result<FitOptions> {
+fn options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> {
     let placement = args.placement.unwrap_or(match (args.offset, args.radius) {
         (Some(_), _) => PlacementKind::Offset,
         (None, Some(_)) => PlacementKind::Sphere,
@@ -244,6 +240,8 @@ fn options(args: &MethodArgs) -> anyhow::Result<FitOptions> {
         max_sources: args.max_sources.unwrap_or(default_limit),
         affine: !args.no_affine,
         solver,
+        tolerance,
+        refine: !args.no_refine,
         held_out: args.held_out,
         seed: args.seed,
     })

@@ -21,6 +21,11 @@ impl Frame {
         Point::from((p - self.centre) / self.diagonal)
     }
 
+    pub fn unit_areas(&self, areas: &[f64]) -> Vec<f64> {
+        let unit = self.diagonal.powi(2).recip();
+        areas.iter().map(|area| area * unit).collect()
+    }
+
     pub fn to_model_point(&self, p: &Point) -> Point {
         self.centre + p.coords * self.diagonal
     }

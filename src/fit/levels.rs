@@ -47,21 +47,17 @@ pub(super) fn placed_level(sites: &SiteLevel, alpha: f64, query: &SurfaceQuery, 
     for (source, &site) in placed.sites.iter().enumerate() {
         source_of_site[site as usize] = source as u32;
     }
-    let unit = frame.diagonal.powi(2).recip();
-    let mut level = Level {
+    let level = Level {
         sources: placed.positions.iter().map(|q| frame.to_unit(q)).collect(),
         spacing: placed
             .sites
             .iter()
             .map(|&site| sites.sites[site as usize].spacing / frame.diagonal)
             .collect(),
-        ..Level::default()
+        rows: sites.rows.clone(),
+        owner: sites.owner.iter().map(|&site| source_of_site[site as usize]).collect(),
+        weights: frame.unit_areas(&sites.areas),
     };
-    for ((&row, &site), area) in sites.rows.iter().zip(&sites.owner).zip(&sites.areas) {
-        level.rows.push(row);
-        level.owner.push(source_of_site[site as usize]);
-        level.weights.push(area * unit);
-    }
     (level, placed.dropped)
 }
 

@@ -8,6 +8,7 @@ mod frame;
 mod levels;
 mod options;
 mod placement;
+mod refinement;
 mod report;
 mod system;
 
@@ -27,6 +28,7 @@ use crate::solver::{Coefficients, Values};
 use crate::statistics::Summary;
 use frame::Frame;
 use options::require_valid;
+use refinement::Grading;
 use system::{Solved, System};
 
 /// Fits the harmonic map that carries the boundary of the domain as `boundary` does.
@@ -38,9 +40,16 @@ use system::{Solved, System};
 ///
 /// When the domain does not bound a solid, a setting is out of range, or the system cannot be solved.
 pub fn fit(boundary: &BoundaryMap, options: &FitOptions, progress: &dyn Fn(Phase)) -> Result<Fit, FitError> {
-    DomainFactor::new(boundary.domain(), options, progress)?.solve(boundary, progress)
+    let mut factor = DomainFactor::new(boundary.domain(), options, progress)?;
+    factor.solve_refined(boundary, progress)
 }
 
+/// Residuals below this part of the tolerance need no more iterations.
+const FAR_BELOW: f64 = 0.02;
+/// A round of refinement that leaves more of the error than this was in vain.
+const GAIN: f64 = 0.95;
+/// Rounds in vain, one after the other, that end refinement.
+const ROUNDS_IN_VAIN: usize = 3;
 /// A volume below this part of the diagonal's cube is none but for rounding.
 const FLAT: f64 = 1e-12;
 
@@ -50,6 +59,7 @@ pub struct DomainFactor {
     options: FitOptions,
     frame: Frame,
     system: System,
+    refinements: usize,
     warnings: Vec<String>,
     seconds: Seconds,
 }
@@ -79,9 +89,92 @@ impl DomainFactor {
             options: options.clone(),
             frame,
             system,
+            refinements: 0,
             warnings,
             seconds,
         })
+    }
+
+    /// The map for one boundary map of this domain, with finer sources added where its error is too large for the
+    /// tolerance. They stay, and serve later boundary maps as well.
+    ///
+    /// Ends with the best map when the tolerance is met, no more sources are allowed, or three rounds did not help.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::solve`].
+    pub fn solve_refined(&mut self, boundary: &BoundaryMap, progress: &dyn Fn(Phase)) -> Result<Fit, FitError> {
+        let (mut best, mut solved) = self.solve_from(boundary, None, progress)?;
+        let Placement::Adaptive { alpha } = self.options.placement else {
+            return Ok(best);
+        };
+        let tolerance = self.options.tolerance;
+        let is_met = |fit: &Fit| fit.report.boundary_error.p99 <= tolerance;
+        if is_met(&best) || !self.options.refine || !self.system.is_refinable() {
+            return Ok(best);
+        }
+        let start = Instant::now();
+        let mut grading = Grading::new(&self.domain, &self.system.anchors, alpha)?;
+        self.seconds.sampling += start.elapsed().as_secs_f64();
+        let mut latest = best.clone();
+        let mut in_vain = 0;
+        while !is_met(&best) && in_vain < ROUNDS_IN_VAIN {
+            if !self.refine(&mut grading, &latest, progress)? {
+                break;
+            }
+            (latest, solved) = self.solve_from(boundary, Some(&solved.coefficients), progress)?;
+            let (before, now) = (best.report.boundary_error.p99, latest.report.boundary_error.p99);
+            in_vain = if now < GAIN * before { 0 } else { in_vain + 1 };
+            if now < before {
+                best = latest.clone();
+            }
+        }
+        best.report.warnings = [&self.warnings[..], &remarks_of(&best)].concat();
+        Ok(best)
+    }
+
+    /// Adds sources where a fit errs too much; `false` when no more are allowed.
+    fn refine(&mut self, grading: &mut Grading, fit: &Fit, progress: &dyn Fn(Phase)) -> Result<bool, FitError> {
+        let start = Instant::now();
+        self.refinements += 1;
+        progress(Phase::Refining {
+            round: self.refinements,
+            error: fit.report.boundary_error.p99,
+        });
+        let diagonal = Frame::of(&fit.boundary.target()).diagonal;
+        let finer = grading.refine(
+            &self.domain,
+            &self.frame,
+            self.options.tolerance,
+            self.system.collocation.len(),
+            self.options.seed,
+            &|points| errors_at(&fit.map, &fit.boundary, points, diagonal),
+        );
+        let sampled = start.elapsed().as_secs_f64();
+        self.seconds.sampling += sampled;
+        let Some(finer) = finer else { return Ok(false) };
+        let sources = self.system.sources.len() + finer.level.sources.len();
+        if sources > self.options.max_sources {
+            self.warnings.push(format!(
+                "refinement ended before the tolerance was met: it calls for {sources} sources, and {} are allowed; \
+                 --max-sources raises the limit",
+                self.options.max_sources
+            ));
+            return Ok(false);
+        }
+        self.system.refine(&self.domain, &self.frame, finer, progress)?;
+        self.seconds.factor += start.elapsed().as_secs_f64() - sampled;
+        Ok(true)
+    }
+
+    fn solve_from(
+        &self,
+        boundary: &BoundaryMap,
+        from: Option<&Values>,
+        progress: &dyn Fn(Phase),
+    ) -> Result<(Fit, Solved), FitError> {
+        let (mut fits, solved) = self.solve_columns(std::slice::from_ref(boundary), from, progress)?;
+        Ok((fits.remove(0), solved))
     }
 
     /// The map for one boundary map of this domain, measured at held-out points. The report's `sampling` and `factor`
@@ -91,8 +184,7 @@ impl DomainFactor {
     ///
     /// [`FitError::OtherDomain`] when the boundary map is not one of the domain that was factored.
     pub fn solve(&self, boundary: &BoundaryMap, progress: &dyn Fn(Phase)) -> Result<Fit, FitError> {
-        let mut fits = self.solve_block(std::slice::from_ref(boundary), progress)?;
-        Ok(fits.remove(0))
+        Ok(self.solve_from(boundary, None, progress)?.0)
     }
 
     /// The maps for several boundary maps of this domain at once, such as the frames of a sequence: they share every
@@ -104,12 +196,25 @@ impl DomainFactor {
     ///
     /// As [`Self::solve`].
     pub fn solve_block(&self, boundaries: &[BoundaryMap], progress: &dyn Fn(Phase)) -> Result<Vec<Fit>, FitError> {
+        if boundaries.is_empty() {
+            return Ok(Vec::new());
+        }
+        Ok(self.solve_columns(boundaries, None, progress)?.0)
+    }
+
+    fn solve_columns(
+        &self,
+        boundaries: &[BoundaryMap],
+        from: Option<&Values>,
+        progress: &dyn Fn(Phase),
+    ) -> Result<(Vec<Fit>, Solved), FitError> {
         let start = Instant::now();
         let goals = boundaries.iter().map(|boundary| self.goal_of(boundary));
         let goals: Vec<Goal> = goals.collect::<Result<_, _>>()?;
-        let Some(smallest) = goals.iter().map(|goal| goal.target.diagonal).min_by(f64::total_cmp) else {
-            return Ok(Vec::new());
-        };
+        let smallest = goals
+            .iter()
+            .map(|goal| goal.target.diagonal)
+            .fold(f64::INFINITY, f64::min);
         let columns: Vec<Vec<[f64; 3]>> = goals.iter().map(|goal| goal.data(&self.system.collocation)).collect();
         let data = side_by_side(&columns);
         let in_fractions = |phase| match phase {
@@ -119,13 +224,14 @@ impl DomainFactor {
             }),
             other => progress(other),
         };
-        let solved = self.system.solve(&data, None, 0.0, &in_fractions)?;
+        let enough = FAR_BELOW * self.options.tolerance * smallest;
+        let solved = self.system.solve(&data, from, enough, &in_fractions)?;
         let seconds = start.elapsed().as_secs_f64() / goals.len() as f64;
-        goals
+        let finished = goals
             .into_iter()
             .enumerate()
-            .map(|(k, goal)| self.finish(goal, &solved, 3 * k, seconds, progress))
-            .collect()
+            .map(|(k, goal)| self.finish(goal, &solved, 3 * k, seconds, progress));
+        Ok((finished.collect::<Result<_, _>>()?, solved))
     }
 
     /// What a boundary map asks of the solver.
@@ -146,7 +252,6 @@ impl DomainFactor {
         };
         Ok(Goal {
             boundary,
-            surface,
             target,
             origin,
         })
@@ -174,7 +279,6 @@ impl DomainFactor {
         let residual = finite(&residual)?;
         let boundary_error = self.boundary_error(&map, &goal.boundary, diagonal)?;
         let checked = start.elapsed().as_secs_f64();
-        let warnings = remark_on_target(&goal.surface, diagonal);
         let dense = self.system.rank_and_condition();
         let report = FitReport {
             vertices: self.domain.vertices().len(),
@@ -185,6 +289,7 @@ impl DomainFactor {
             placement: self.options.placement,
             affine: self.options.affine,
             iterations: solved.iterations,
+            refinements: self.refinements,
             stop: solved.stop,
             rank: dense.map(|(rank, _)| rank),
             condition: dense.map(|(_, condition)| condition).filter(|c| c.is_finite()),
@@ -197,13 +302,15 @@ impl DomainFactor {
                 check: checked,
                 ..self.seconds
             }),
-            warnings: self.warnings.iter().cloned().chain(warnings).collect(),
+            warnings: self.warnings.clone(),
         };
-        Ok(Fit {
+        let mut fit = Fit {
             map,
             boundary: goal.boundary,
             report,
-        })
+        };
+        fit.report.warnings.extend(remarks_of(&fit));
+        Ok(fit)
     }
 
     fn boundary_error(
@@ -227,7 +334,6 @@ impl DomainFactor {
 /// A boundary map of the mended domain, and the frame of its target.
 struct Goal {
     boundary: BoundaryMap,
-    surface: SurfaceMesh,
     target: Frame,
     /// Data are taken from here.
     origin: Point,
@@ -284,10 +390,15 @@ fn checked(domain: &SurfaceMesh) -> Result<(SurfaceMesh, Vec<String>), FitError>
 }
 
 /// What is odd about a target, though it can be mapped to.
-fn remark_on_target(target: &SurfaceMesh, diagonal: f64) -> Option<String> {
+fn remarks_of(fit: &Fit) -> Vec<String> {
+    let target = fit.boundary.target();
     let volume = target.volume();
-    if volume.abs() < FLAT * diagonal.powi(3) {
-        return Some("the target encloses no volume, so it is no solid; the map flattens the domain".into());
-    }
-    (volume < 0.0).then(|| "the boundary map turns the solid inside out: it is a reflection".into())
+    let remark = if volume.abs() < FLAT * Frame::of(&target).diagonal.powi(3) {
+        "the target encloses no volume, so it is no solid; the map flattens the domain"
+    } else if volume < 0.0 {
+        "the boundary map turns the solid inside out: it is a reflection"
+    } else {
+        return Vec::new();
+    };
+    vec![remark.into()]
 }

@@ -54,6 +54,10 @@ pub struct FitOptions {
     pub affine: bool,
     /// How the system is solved.
     pub solver: Solver,
+    /// The boundary error (99 % of the area, as a fraction of the target's diagonal) to be reached.
+    pub tolerance: f64,
+    /// Whether [`fit`](crate::fit::fit) adds sources where the error is too large for the tolerance. Needs the Schwarz solver.
+    pub refine: bool,
     /// Held-out points that the boundary error is averaged over.
     pub held_out: usize,
     /// Seed of everything random (even samples, held-out points).
@@ -70,6 +74,8 @@ impl FitOptions {
             max_sources: 2_000_000,
             affine: true,
             solver: Solver::Schwarz(SchwarzOptions::default()),
+            tolerance: 1e-3,
+            refine: true,
             held_out: 20_000,
             seed: 1,
         }
@@ -160,6 +166,13 @@ pub(super) fn require_valid(options: &FitOptions) -> Result<(), FitError> {
         Solver::Schwarz(_) if !adaptive => return Err(FitError::SchwarzNeedsNearSources),
         Solver::Schwarz(_) => {}
     }
+    let tolerance = options.tolerance;
+    require(
+        positive(tolerance),
+        "tolerance",
+        tolerance,
+        "positive (1e-3 of the target's diagonal is usual)",
+    )?;
     let held_out = options.held_out;
     require(
         (1..=MOST_HELD_OUT).contains(&held_out),

@@ -51,6 +51,9 @@ pub struct FitReport {
     pub affine: bool,
     /// Iterations of the solver; 1 for a direct one.
     pub iterations: usize,
+    /// Rounds of refinement, each with finer sources where the error was too large for the tolerance.
+    #[serde(default)]
+    pub refinements: usize,
     /// Why an iterative solver ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stop: Option<Stop>,
@@ -115,4 +118,11 @@ pub enum Phase {
     },
     /// Measuring the boundary error.
     Measuring,
+    /// Adding sources where the error is too large.
+    Refining {
+        /// Which round, from 1.
+        round: usize,
+        /// The boundary error so far (99 %).
+        error: f64,
+    },
 }

@@ -4,6 +4,7 @@ use super::frame::Frame;
 use super::levels::levels;
 use super::options::{Size, Solver};
 use super::placement::{place_collocation, place_sources};
+use super::refinement::Finer;
 use super::{FitError, FitOptions, Phase, Placement};
 use crate::Point;
 use crate::geometry::SurfaceQuery;
@@ -13,6 +14,8 @@ use crate::solver::{CollocationSystem, DenseFactor, Method, SchwarzFactor, Stop,
 
 /// A factored system, its points in model units.
 pub(super) struct System {
+    /// The finest level as it was placed first.
+    pub anchors: Anchors,
     pub sources: Vec<Point>,
     pub collocation: Vec<SurfacePoint>,
     solver: Factor,
@@ -60,10 +63,10 @@ impl System {
                 Layout::Dense(sources.iter().map(|q| frame.to_unit(q)).collect(), dense)
             }
         };
-        let unit_area = frame.diagonal.powi(2).recip();
         Ok(Placed {
+            anchors,
             points,
-            weights: collocation.areas.iter().map(|a| a * unit_area).collect(),
+            weights: frame.unit_areas(&collocation.areas),
             collocation: collocation.points,
             layout,
             affine: options.affine,
@@ -100,6 +103,35 @@ impl System {
         }
     }
 
+    /// Adds a level and its collocation points.
+    pub fn refine(
+        &mut self,
+        domain: &SurfaceMesh,
+        frame: &Frame,
+        finer: Finer,
+        progress: &dyn Fn(Phase),
+    ) -> Result<(), FitError> {
+        let Factor::Schwarz(schwarz) = &mut self.solver else {
+            return Ok(());
+        };
+        let points = finer
+            .points
+            .iter()
+            .map(|p| frame.to_unit(&p.position(domain, domain.vertices())))
+            .collect::<Vec<_>>();
+        let report = |done, of| progress(Phase::Factoring { done, of });
+        schwarz.refine(&points, &frame.unit_areas(&finer.areas), &finer.level, &report)?;
+        self.collocation.extend(finer.points);
+        self.sources
+            .extend(finer.level.sources.iter().map(|q| frame.to_model_point(q)));
+        Ok(())
+    }
+
+    /// Whether levels can be added.
+    pub fn is_refinable(&self) -> bool {
+        matches!(self.solver, Factor::Schwarz(_))
+    }
+
     /// `"schwarz"`, `"dense-qr"` or `"dense-svd"`.
     pub fn method(&self) -> &'static str {
         match self.solver {
@@ -120,6 +152,7 @@ impl System {
 
 /// Points placed, nothing factored yet.
 pub(super) struct Placed {
+    anchors: Anchors,
     collocation: Vec<SurfacePoint>,
     /// Positions and area shares of the collocation points in the unit frame.
     points: Vec<Point>,
@@ -160,6 +193,7 @@ impl Placed {
         };
         let sources: Vec<Point> = sources;
         Ok(System {
+            anchors: self.anchors,
             sources: sources.iter().map(|q| frame.to_model_point(q)).collect(),
             collocation: self.collocation,
             solver,
