@@ -1,9 +1,10 @@
-//! Queries on a wavy sphere of 82 000 triangles.
+//! Queries on a wavy sphere of 82 000 triangles, and what sampling makes of a bumpy one of 100 000 vertices.
 
 use criterion::{BenchmarkId, Criterion, Throughput};
 use solidmap::geometry::SurfaceQuery;
 use solidmap::mesh::{SurfaceMesh, shapes};
-use solidmap::{Point, sampling};
+use solidmap::sampling::{self, Anchors, Cells};
+use solidmap::{Point, check};
 
 const QUERIES: usize = 20_000;
 
@@ -46,5 +47,27 @@ pub fn query(criterion: &mut Criterion) {
             b.iter(|| query.contains_all(points))
         });
     }
+    group.finish();
+}
+
+/// All that is done before a solve: the check, the choice of anchors, the sources, and a refinement of a tenth.
+pub fn prepare(criterion: &mut Criterion) {
+    let mesh = shapes::bumpy_sphere(100);
+    let anchors = Anchors::choose(&mesh, usize::MAX);
+    let query = SurfaceQuery::with_winding_sign(&mesh).expect("the sphere is finite");
+    let cells = Cells::of_anchors(&mesh, &anchors);
+    let marked: Vec<bool> = (0..cells.len()).map(|cell| cell % 10 == 0).collect();
+    let mut group = criterion.benchmark_group("sampling");
+    group.sample_size(10);
+    group.throughput(Throughput::Elements(mesh.vertices().len() as u64));
+    group.bench_function("check/100k", |b| {
+        b.iter(|| (check::check(&mesh, None), check::mend(&mesh)))
+    });
+    group.bench_function("anchors/all", |b| b.iter(|| Anchors::choose(&mesh, usize::MAX)));
+    group.bench_function("anchors/quarter", |b| b.iter(|| Anchors::choose(&mesh, 25_000)));
+    group.bench_function("sources/100k", |b| {
+        b.iter(|| sampling::adaptive_sources(&mesh, &anchors, 1.0, &|balls| query.are_outside(balls)));
+    });
+    group.bench_function("refine/tenth", |b| b.iter(|| cells.clone().refine(&mesh, &marked)));
     group.finish();
 }

@@ -17,6 +17,7 @@ criterion_group!(
     fit::evaluate,
     fit::energy,
     geometry::build,
-    geometry::query
+    geometry::query,
+    geometry::prepare
 );
 criterion_main!(benches);

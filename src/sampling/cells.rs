@@ -156,6 +156,10 @@ impl Cells {
     }
 
     /// The marks, and those of the cells that have a corner in common with a marked one.
+    ///
+    /// # Panics
+    ///
+    /// When there are fewer marks than cells.
     pub fn grow(&self, domain: &SurfaceMesh, marked: &[bool]) -> Vec<bool> {
         let mut touched = vec![false; domain.vertices().len()];
         let mut places = HashSet::new();
@@ -184,6 +188,10 @@ impl Cells {
     ///
     /// A quarter of the spacing squared is met within a factor of `√2`, and a site's new spacing is the square root of
     /// what it got.
+    ///
+    /// # Panics
+    ///
+    /// When there are fewer marks than cells.
     pub fn refine(&mut self, domain: &SurfaceMesh, marked: &[bool]) -> Refinement {
         let pieces: Vec<Vec<Piece>> = (0..self.len())
             .into_par_iter()
