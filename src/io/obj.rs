@@ -1,8 +1,12 @@
-//! Wavefront OBJ: the `v` and `f` statements; all others are passed over.
+//! Wavefront OBJ, read through the crate `tobj`.
+//!
+//! `tobj` numbers vertices anew in the order in which faces first use them, drops the unused ones and returns objects
+//! and groups apart. It is therefore given only the `v` and `f` statements, headed by one face that names all
+//! vertices in order: what it numbers anew is then what stood in the file.
 
 use std::{
     borrow::Cow,
-    io::{self, Write},
+    io::{self, BufRead, Read, Write},
 };
 
 use super::{
@@ -15,27 +19,41 @@ use crate::{Point, mesh::SurfaceMesh};
 /// All objects and groups as one mesh, vertices and faces in file order. Normals, texture coordinates, colours,
 /// weights, materials, lines, points and free-form curves are passed over.
 pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
-    let mut reader = Reader::default();
-    let mut offset = 0;
-    while offset < source.bytes.len() {
-        let (statement, length) = logical_line(&source.bytes[offset..]);
-        reader.add(&statement).map_err(|wanted| {
-            let found = excerpt(statement.trim_ascii());
-            source.malformed(offset, format!("found `{found}`: {wanted}"))
-        })?;
-        offset += length;
+    let statements = Statements::of(source.bytes);
+    let heading = statements.face_of_all_vertices();
+    let mut reader = Lines {
+        rest: statements.text.as_bytes(),
+        read: 0,
+    };
+    let options = tobj::LoadOptions::default();
+    let no_materials = |_: &std::path::Path| Err(tobj::LoadError::OpenFileFailed);
+    let loaded = tobj::load_obj_buf(&mut heading.as_bytes().chain(&mut reader), &options, no_materials);
+    let mesh = match loaded {
+        Ok((models, _)) => models.into_iter().next().map(|model| model.mesh).unwrap_or_default(),
+        Err(tobj::LoadError::FaceVertexOutOfBounds) => return Err(statements.first_missing_vertex(source)),
+        Err(error) => return Err(statements.malformed(source, reader.read.saturating_sub(1), &error)),
+    };
+
+    let vertices = mesh.positions.chunks_exact(3).map(|p| Point::new(p[0], p[1], p[2]));
+    let mut contents = Contents {
+        vertices: vertices.collect(),
+        base: 1,
+        ..Contents::default()
+    };
+    let mut corners = mesh.indices.as_slice();
+    let arities = match mesh.face_arities {
+        // `tobj` leaves them out when all faces are triangles.
+        arities if arities.is_empty() => vec![3; corners.len() / 3],
+        arities => arities,
+    };
+    for (face, &arity) in arities.iter().enumerate() {
+        let (these, others) = corners.split_at(arity as usize);
+        corners = others;
+        if face > 0 || heading.is_empty() {
+            contents.polygons.push(these.iter().map(|&v| i64::from(v)));
+        }
     }
-    match reader.before_first {
-        Some((face, vertex)) => Err(IoError::IndexOutOfRange {
-            path: source.path.to_owned(),
-            element: "face",
-            index: face,
-            vertex,
-            vertices: reader.contents.vertices.len(),
-            base: 1,
-        }),
-        None => Ok(reader.contents),
-    }
+    Ok(contents)
 }
 
 /// Writes vertices and triangles; coordinates read back to the same bits.
@@ -50,62 +68,105 @@ pub(super) fn write(writer: &mut dyn Write, mesh: &SurfaceMesh) -> io::Result<()
     Ok(())
 }
 
-/// Gathers what the statements say.
-struct Reader {
-    contents: Contents,
-    faces: usize,
-    /// The first face that counts back from a vertex farther than there are, and the number it names.
-    before_first: Option<(usize, i64)>,
+/// The `v` and `f` statements of a file, one a line, without comments, colours and texture or normal indices.
+#[derive(Default)]
+struct Statements {
+    text: String,
+    /// For each line of `text`, the offset of its statement in the file.
+    offsets: Vec<usize>,
+    vertices: usize,
 }
 
-impl Default for Reader {
-    fn default() -> Self {
-        Self {
-            contents: Contents {
-                base: 1,
-                ..Contents::default()
-            },
-            faces: 0,
-            before_first: None,
+impl Statements {
+    fn of(bytes: &[u8]) -> Self {
+        let mut statements = Self::default();
+        let mut offset = 0;
+        while offset < bytes.len() {
+            let (statement, length) = logical_line(&bytes[offset..]);
+            statements.add(&statement, offset);
+            offset += length;
         }
+        statements
     }
-}
 
-impl Reader {
-    /// The error says what a statement needs to have.
-    fn add(&mut self, statement: &[u8]) -> Result<(), &'static str> {
+    /// A face statement that names the vertices in order; none without vertices.
+    fn face_of_all_vertices(&self) -> String {
+        let mut face = String::with_capacity(8 * self.vertices);
+        for v in 1..=self.vertices {
+            face.push_str(if v == 1 { "f " } else { " " });
+            face.push_str(&v.to_string());
+        }
+        face.push_str(if self.vertices > 0 { "\n" } else { "" });
+        face
+    }
+
+    fn add(&mut self, statement: &[u8], offset: usize) {
         let code = statement.split(|&b| b == b'#').next().unwrap_or_default();
         let mut words = code.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
         match words.next() {
             Some(b"v") => {
-                let mut coordinate = || words.next().and_then(parsed).ok_or("a vertex needs three numbers");
-                let point = Point::new(coordinate()?, coordinate()?, coordinate()?);
-                self.contents.vertices.push(point);
+                self.text.push('v');
+                words.take(3).for_each(|word| self.add_word(word));
+                self.vertices += 1;
             }
             Some(b"f") => {
-                let mut corners = Vec::with_capacity(4);
-                for word in words {
-                    let number: i64 = parsed(vertex_part(word)).ok_or("a face needs whole numbers")?;
-                    corners.push(self.resolved(number));
-                }
-                self.contents.polygons.push(corners);
-                self.faces += 1;
+                self.text.push('f');
+                words.for_each(|word| self.add_word(vertex_part(word)));
             }
-            _ => {}
+            _ => return,
         }
-        Ok(())
+        self.text.push('\n');
+        self.offsets.push(offset);
     }
 
-    /// From 0. Negative numbers count back from the last vertex so far.
-    fn resolved(&mut self, number: i64) -> i64 {
-        if number >= 0 {
-            return number - 1;
+    fn add_word(&mut self, word: &[u8]) {
+        self.text.push(' ');
+        self.text.push_str(&String::from_utf8_lossy(word));
+    }
+
+    fn malformed(&self, source: &Source, line: usize, error: &tobj::LoadError) -> IoError {
+        let offset = self.offsets.get(line).copied().unwrap_or(source.bytes.len());
+        let (statement, _) = logical_line(&source.bytes[offset..]);
+        let wanted = match error {
+            tobj::LoadError::PositionParseError => "a vertex needs three numbers".to_owned(),
+            tobj::LoadError::FaceParseError => "a face needs whole numbers".to_owned(),
+            other => other.to_string(),
+        };
+        source.malformed(offset, format!("found `{}`: {wanted}", excerpt(statement.trim_ascii())))
+    }
+
+    /// `tobj` says that some face names a missing vertex; this says which.
+    fn first_missing_vertex(&self, source: &Source) -> IoError {
+        let (mut vertices, mut faces) = (0, 0);
+        for (line, statement) in self.text.lines().enumerate() {
+            let mut words = statement.split(' ');
+            if words.next() == Some("v") {
+                vertices += 1;
+                continue;
+            }
+            for word in words {
+                let Some(index) = parsed::<i64>(word.as_bytes()) else {
+                    return self.malformed(source, line, &tobj::LoadError::FaceParseError);
+                };
+                let from_first = if index < 0 {
+                    index.saturating_add(vertices + 1)
+                } else {
+                    index
+                };
+                if from_first < 1 || from_first > self.vertices as i64 {
+                    return IoError::IndexOutOfRange {
+                        path: source.path.to_owned(),
+                        element: "face",
+                        index: faces,
+                        vertex: index,
+                        vertices: self.vertices,
+                        base: 1,
+                    };
+                }
+            }
+            faces += 1;
         }
-        let index = number.saturating_add(self.contents.vertices.len() as i64);
-        if index < 0 {
-            self.before_first.get_or_insert((self.faces, number));
-        }
-        index
+        source.malformed(source.bytes.len(), tobj::LoadError::FaceVertexOutOfBounds.to_string())
     }
 }
 
@@ -140,6 +201,33 @@ fn logical_line(bytes: &[u8]) -> (Cow<'_, [u8]>, usize) {
                 return (Cow::Owned(joined), length);
             }
         }
+    }
+}
+
+/// Hands out bytes and counts the lines that were taken.
+struct Lines<'a> {
+    rest: &'a [u8],
+    read: usize,
+}
+
+impl Read for Lines<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let length = self.rest.len().min(buffer.len());
+        buffer[..length].copy_from_slice(&self.rest[..length]);
+        self.consume(length);
+        Ok(length)
+    }
+}
+
+impl BufRead for Lines<'_> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        Ok(self.rest)
+    }
+
+    fn consume(&mut self, amount: usize) {
+        let (taken, rest) = self.rest.split_at(amount);
+        self.read += taken.iter().filter(|&&b| b == b'\n').count();
+        self.rest = rest;
     }
 }
 
