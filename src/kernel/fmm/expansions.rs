@@ -31,6 +31,8 @@ pub(super) struct Pass<'a> {
 const CELLS: usize = 32;
 /// Columns of a product, which with an operator fit a second-level cache.
 const COLUMNS: usize = 256;
+/// Sources whose kernel is evaluated before it is multiplied by weights: as many as a second-level cache holds.
+const TILE: usize = 128;
 
 impl Pass<'_> {
     pub(super) fn columns(&self) -> usize {
@@ -117,6 +119,12 @@ impl Pass<'_> {
     fn add_potential_of(&self, sources: Range<usize>, cell: &Cell, blocks: &[Block], out: &mut [f64]) {
         let points = out.len() / self.columns();
         let up = 1.0 / self.tree.half_width(cell);
+        if !self.weights.rows.is_empty() {
+            let unit = |p: &[f64; 3]| std::array::from_fn(|axis| (p[axis] - cell.centre[axis]) * up);
+            let positions: Vec<_> = self.tree.sources.positions[sources.clone()].iter().map(unit).collect();
+            let out = MatMut::from_column_major_slice_mut(out, points, self.columns());
+            return self.add_products(&positions, self.weight_rows(sources), blocks, 1.0, out);
+        }
         for (packed, out) in self.weights.triples.iter().zip(out.chunks_mut(3 * points)) {
             let local: Vec<_> = packed[sources.clone()]
                 .iter()
@@ -134,6 +142,43 @@ impl Pass<'_> {
                     }
                 }
             }
+        }
+    }
+
+    /// The weights of a range of sources, one row each.
+    pub(super) fn weight_rows(&self, sources: Range<usize>) -> MatRef<'_, f64> {
+        let (len, columns) = (sources.len(), self.columns());
+        MatRef::from_row_major_slice(
+            &self.weights.rows[sources.start * columns..][..len * columns],
+            len,
+            columns,
+        )
+    }
+
+    /// Adds to `out` (targets × columns) `factor` times the potential of points with a row of weights each.
+    pub(super) fn add_products(
+        &self,
+        points: &[[f64; 3]],
+        weights: MatRef<'_, f64>,
+        targets: &[Block],
+        factor: f64,
+        mut out: MatMut<'_, f64>,
+    ) {
+        let rows = out.nrows();
+        let mut kernel = vec![0.0; rows * TILE.min(points.len())];
+        for (tile, points) in points.chunks(TILE).enumerate() {
+            let kernel = &mut kernel[..rows * points.len()];
+            for (point, column) in points.iter().zip(kernel.chunks_mut(rows)) {
+                self.instructions.write_column(*point, targets, column);
+            }
+            matmul(
+                out.as_mut(),
+                Accum::Add,
+                MatRef::from_column_major_slice(kernel, rows, points.len()),
+                weights.subrows(tile * TILE, points.len()),
+                factor,
+                Par::Seq,
+            );
         }
     }
 
