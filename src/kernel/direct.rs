@@ -180,6 +180,14 @@ pub(super) fn sum_columns(
     targets: &[Point],
     with_gradient: bool,
 ) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
+    let expected = points.len().saturating_mul(columns);
+    if weights.len() != expected {
+        return Err(KernelError::LengthMismatch {
+            what: "weights of sources",
+            expected,
+            found: weights.len(),
+        });
+    }
     let rows = targets.len() * columns;
     let mut potentials = vec![0.0; rows];
     let mut gradients = vec![0.0; if with_gradient { 3 * rows } else { 0 }];

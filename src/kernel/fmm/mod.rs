@@ -278,11 +278,10 @@ fn ordered(points: &[Point], original: Vec<u32>, up: f64) -> Ordered {
 /// Points of a leaf for which near sums and expansions cost about the same.
 fn capacity_for(resolution: usize) -> Capacity {
     const SOURCES: [usize; RESOLUTIONS.len()] = [40, 60, 80, 120, 140, 160, 240, 300, 400, 500];
-    let var = |n: &str, d: usize| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
-    let sources = var("FMM_CAP", SOURCES[resolution]);
+    let sources = SOURCES[resolution];
     Capacity {
         sources,
-        targets: var("FMM_CAPT", 2 * sources),
+        targets: 2 * sources,
     }
 }
 
@@ -294,3 +293,6 @@ fn thresholds_for(resolution: usize) -> Thresholds {
         points: var("FMM_POINTS", 200),
     }
 }
+
+#[cfg(test)]
+mod tests;
