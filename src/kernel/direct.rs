@@ -171,6 +171,47 @@ pub fn potential_and_gradient_with(
     }
 }
 
+/// Sums for any number of columns: `weights` is `points × columns`, row-major, and so are the results with
+/// `targets × columns` potentials and, when asked for, `targets × columns × 3` entries of gradients.
+pub(super) fn sum_columns(
+    points: &[Point],
+    weights: &[f64],
+    columns: usize,
+    targets: &[Point],
+    with_gradient: bool,
+) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
+    let expected = points.len().saturating_mul(columns);
+    if weights.len() != expected {
+        return Err(KernelError::LengthMismatch {
+            what: "weights of sources",
+            expected,
+            found: weights.len(),
+        });
+    }
+    let rows = targets.len() * columns;
+    let mut potentials = vec![0.0; rows];
+    let mut gradients = vec![0.0; if with_gradient { 3 * rows } else { 0 }];
+    for first in (0..columns).step_by(3) {
+        let part = columns.min(first + 3) - first;
+        let triple = |row: &[f64]| std::array::from_fn(|i| if i < part { row[first + i] } else { 0.0 });
+        let sources = Sources::new(points, &weights.chunks(columns).map(triple).collect::<Vec<_>>())?;
+        let (sums, jacobians) = if with_gradient {
+            potential_and_gradient(&sources, targets)
+        } else {
+            (potential(&sources, targets), Vec::new())
+        };
+        for (row, sum) in potentials.chunks_mut(columns).zip(&sums) {
+            row[first..first + part].copy_from_slice(&sum[..part]);
+        }
+        for (row, jacobian) in gradients.chunks_mut(3 * columns).zip(&jacobians) {
+            for (i, gradient) in row[3 * first..3 * (first + part)].chunks_mut(3).enumerate() {
+                gradient.copy_from_slice(&[jacobian[(i, 0)], jacobian[(i, 1)], jacobian[(i, 2)]]);
+            }
+        }
+    }
+    Ok((potentials, gradients))
+}
+
 /// Writes the matrix `A[r, s] = G(targets[r], sources[s])` to `matrix`, column after column without gaps: the entries
 /// of one source are contiguous.
 ///

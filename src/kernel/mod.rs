@@ -1,14 +1,16 @@
 //! The Laplace kernel in space, and sums of it over many sources.
 //!
-//! [`direct`] forms them term by term, [`fmm`] to a given accuracy in time linear in the number of points.
+//! [`direct`] forms them term by term, [`fmm`] to a given accuracy in time linear in the number of points, and
+//! [`Sums`] by whichever of the two is cheaper.
 //! Imports nothing else of this crate: points and weights arrive as slices.
 
 pub mod direct;
 pub mod fmm;
 mod laplace;
-pub mod sums;
+mod sums;
 
 pub use laplace::{laplace_gradient, laplace_potential};
+pub use sums::Sums;
 
 /// Why a kernel sum or matrix could not be formed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -1,68 +1,158 @@
-//! PLACEHOLDER until the fast multipole sums' own choice is merged.
-#![allow(missing_docs)]
-use super::{KernelError, direct, fmm::Fmm};
+//! Sums by whichever way is cheaper: term by term, exact but for rounding, or by the fast multipole method.
+
+use super::fmm::Fmm;
+use super::{KernelError, direct};
 use crate::Point;
-#[derive(Clone)]
+
+/// Sources and targets, ready for any number of sums over them at an accuracy.
+///
+/// Term by term where that costs less, which is for few points, few sources or few targets; otherwise through [`Fmm`].
+#[derive(Debug, Clone)]
 pub struct Sums {
     sources: Vec<Point>,
     targets: Vec<Point>,
-    fmm: Option<std::sync::Arc<Fmm>>,
+    accuracy: f64,
+    fmm: Option<Fmm>,
 }
+
+/// What is summed, as far as costs go.
+#[derive(Debug, Clone, Copy)]
+struct Work {
+    sources: usize,
+    targets: usize,
+    accuracy: f64,
+    columns: usize,
+}
+
+impl Work {
+    /// Whether summing term by term costs less.
+    ///
+    /// A direct sum costs a unit for each pair and each three columns. The fast sum costs some hundred units for each
+    /// point, on top of an overhead, and these grow with the digits asked for: the tables were measured, at three columns,
+    /// as the number of points at which the two take equal time for as many targets as sources on a surface. Beyond
+    /// six columns the fast sum works by matrix products and its cost for a column falls by about a third.
+    fn is_small(&self) -> bool {
+        const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 5e3), (1e-6, 7e3), (1e-8, 1.2e4), (1e-9, 1.6e4), (0.0, 2.2e4)];
+        let reaches = |&(accuracy, _): &(f64, f64)| self.accuracy >= accuracy;
+        let crossover = CROSSOVERS
+            .into_iter()
+            .find(reaches)
+            .map_or(f64::INFINITY, |(_, points)| points);
+        let crossover = if self.columns > 6 { crossover / 1.5 } else { crossover };
+        let (sources, targets) = (self.sources as f64, self.targets as f64);
+        sources * targets <= 0.5 * crossover * (sources + targets)
+    }
+}
+
 impl Sums {
+    /// Takes the points, and sorts them into a tree if that is going to pay. `accuracy` is as [`Fmm::new`] has it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Fmm::new`].
     pub fn new(sources: &[Point], targets: &[Point], accuracy: f64) -> Result<Self, KernelError> {
-        let fmm = if (sources.len() as f64) * (targets.len() as f64) > 3e7 {
-            Some(std::sync::Arc::new(Fmm::new(sources, targets, accuracy)?))
-        } else {
-            None
+        let work = Work {
+            sources: sources.len(),
+            targets: targets.len(),
+            accuracy,
+            columns: usize::MAX,
         };
         Ok(Self {
             sources: sources.to_vec(),
             targets: targets.to_vec(),
-            fmm,
+            accuracy,
+            fmm: if work.is_small() {
+                None
+            } else {
+                Some(Fmm::new(sources, targets, accuracy)?)
+            },
         })
     }
-    pub fn with_accuracy(&self, accuracy: f64) -> Self {
-        let mut s = self.clone();
-        s.fmm = self
-            .fmm
-            .as_ref()
-            .map(|f| std::sync::Arc::new(f.with_accuracy(accuracy)));
-        s
-    }
+
+    /// `Σ_j w_j / (4π |x − y_j|)`: see [`Fmm::potential`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Fmm::potential`].
     pub fn potential(&self, weights: &[f64], columns: usize) -> Result<Vec<f64>, KernelError> {
-        if let Some(f) = &self.fmm {
-            return f.potential(weights, columns);
+        match self.fast(columns) {
+            Some(fmm) => fmm.potential(weights, columns),
+            None => Ok(self.sum_directly(weights, columns, false)?.0),
         }
-        let mut out = vec![0.0; self.targets.len() * columns];
-        let mut first = 0;
-        while first < columns {
-            let w: Vec<[f64; 3]> = weights
-                .chunks(columns)
-                .map(|row| std::array::from_fn(|k| row.get(first + k).copied().unwrap_or(0.0)))
-                .collect();
-            let s = direct::Sources::new(&self.sources, &w)?;
-            for (o, v) in out.chunks_mut(columns).zip(direct::potential(&s, &self.targets)) {
-                for k in 0..3.min(columns - first) {
-                    o[first + k] = v[k];
-                }
-            }
-            first += 3;
-        }
-        Ok(out)
     }
+
+    /// Potential and gradient: see [`Fmm::potential_and_gradient`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Fmm::potential`].
     pub fn potential_and_gradient(&self, weights: &[f64], columns: usize) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
-        if let Some(f) = &self.fmm {
-            return f.potential_and_gradient(weights, columns);
+        match self.fast(columns) {
+            Some(fmm) => fmm.potential_and_gradient(weights, columns),
+            None => self.sum_directly(weights, columns, true),
         }
-        assert!(columns == 3);
-        let w: Vec<[f64; 3]> = weights.chunks(3).map(|r| [r[0], r[1], r[2]]).collect();
-        let s = direct::Sources::new(&self.sources, &w)?;
-        let (v, j) = direct::potential_and_gradient(&s, &self.targets);
-        Ok((
-            v.as_flattened().to_vec(),
-            j.iter()
-                .flat_map(|j| (0..3).flat_map(move |i| (0..3).map(move |k| j[(i, k)])))
-                .collect(),
-        ))
+    }
+
+    fn fast(&self, columns: usize) -> Option<&Fmm> {
+        let work = Work {
+            sources: self.sources.len(),
+            targets: self.targets.len(),
+            accuracy: self.accuracy,
+            columns,
+        };
+        self.fmm.as_ref().filter(|_| !work.is_small())
+    }
+
+    fn sum_directly(
+        &self,
+        weights: &[f64],
+        columns: usize,
+        with_gradient: bool,
+    ) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
+        direct::sum_columns(&self.sources, weights, columns, &self.targets, with_gradient)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spiral(count: usize, radius: f64) -> Vec<Point> {
+        let point = |i: usize| {
+            let (z, angle) = (1.0 - (2 * i + 1) as f64 / count as f64, 2.4 * i as f64);
+            let r = (1.0 - z * z).sqrt();
+            Point::new(r * angle.cos(), r * angle.sin(), z) * radius
+        };
+        (0..count).map(point).collect()
+    }
+
+    #[test]
+    fn small_sums_are_exact_and_large_ones_reach_the_accuracy() {
+        for (count, is_fast, tolerance) in [(100, false, 1e-13), (12_000, true, 1e-5)] {
+            let (sources, targets) = (spiral(count, 1.1), spiral(count, 1.0));
+            let weights: Vec<f64> = (0..2 * count).map(|i| ((i * i) as f64).sin()).collect();
+            let sums = Sums::new(&sources, &targets, 1e-5).unwrap();
+            assert_eq!(sums.fast(2).is_some(), is_fast);
+            let found = sums.potential_and_gradient(&weights, 2).unwrap();
+            let expected = direct::sum_columns(&sources, &weights, 2, &targets, true).unwrap();
+            let norm = |v: &mut dyn Iterator<Item = f64>| v.map(|x| x * x).sum::<f64>().sqrt();
+            let error = norm(&mut found.0.iter().zip(&expected.0).map(|(a, b)| a - b));
+            assert!(error <= tolerance * norm(&mut expected.0.iter().copied()));
+            let error = norm(&mut found.1.iter().zip(&expected.1).map(|(a, b)| a - b));
+            assert!(error <= 10.0 * tolerance * norm(&mut expected.1.iter().copied()));
+            assert_eq!(sums.potential(&weights[..count], 1).unwrap().len(), count);
+        }
+    }
+
+    #[test]
+    fn few_targets_are_summed_directly_however_many_the_sources() {
+        let sums = Sums::new(&spiral(50_000, 1.1), &spiral(200, 1.0), 1e-4).unwrap();
+        assert!(sums.fmm.is_none());
+    }
+
+    #[test]
+    fn rejects_weights_of_another_number_of_sources() {
+        let sums = Sums::new(&spiral(10, 1.1), &spiral(20, 1.0), 1e-4).unwrap();
+        assert!(sums.potential(&[1.0; 19], 2).is_err());
     }
 }

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use faer::{MatMut, MatRef};
 use rayon::prelude::*;
 
 use super::expansions::Pass;
@@ -12,18 +13,18 @@ use crate::kernel::direct::{Block, LANES, Lane, Source};
 pub(super) struct Sums {
     pub(super) potentials: Vec<f64>,
     pub(super) gradients: Vec<f64>,
+    /// Targets, as the caller numbers them, whose sums left the range of the inner loops though no source is there.
+    pub(super) failed: Vec<u32>,
 }
 
 /// Leaves whose local expansions are evaluated together.
 const LEAVES: usize = 16;
 
-/// How the inner loops sum: `N` values for three weights, a value being the derivative of the potential of some order.
+/// What the inner loops sum: `N` values at each target for three weights.
 trait Kind<const N: usize>: Copy + Sync {
-    /// Values for each weight at each target.
-    const VALUES: usize = N / 3;
     fn add(self, pass: &Pass, sources: &[Source], targets: &[Block], sums: &mut [[Lane; N]]);
-    /// Factor for a value (the potential's is 0) when lengths are multiplied by `up`.
-    fn scale(value: usize, up: f64) -> f64;
+    /// By what a value is multiplied when lengths are divided by `up`.
+    fn scale(self, value: usize, up: f64) -> f64;
 }
 
 #[derive(Clone, Copy)]
@@ -37,7 +38,7 @@ impl Kind<3> for Potential {
         pass.instructions.add_potential(sources, targets, sums);
     }
 
-    fn scale(_: usize, up: f64) -> f64 {
+    fn scale(self, _: usize, up: f64) -> f64 {
         up
     }
 }
@@ -47,8 +48,8 @@ impl Kind<12> for Gradient {
         pass.instructions.add_gradient(sources, targets, sums);
     }
 
-    fn scale(sum: usize, up: f64) -> f64 {
-        if sum < 3 { up } else { up * up }
+    fn scale(self, value: usize, up: f64) -> f64 {
+        if value < 3 { up } else { up * up }
     }
 }
 
@@ -58,15 +59,21 @@ pub(super) fn evaluate(pass: &Pass, multipoles: &[f64], locals: &[f64], with_gra
     let mut sums = Sums {
         potentials: vec![0.0; rows],
         gradients: vec![0.0; if with_gradient { 3 * rows } else { 0 }],
+        failed: Vec::new(),
     };
     let tasks = tasks(pass, &mut sums, with_gradient);
-    tasks.into_par_iter().for_each(|task| {
-        if with_gradient {
-            task.run(pass, multipoles, locals, Gradient);
+    let run = |mut task: Task| {
+        let weights = task.surface_weights(pass, locals);
+        if !pass.weights.rows.is_empty() {
+            task.run_by_rows(pass, multipoles, &weights);
+        } else if with_gradient {
+            task.run_by_triples(pass, multipoles, &weights, Gradient);
         } else {
-            task.run(pass, multipoles, locals, Potential);
+            task.run_by_triples(pass, multipoles, &weights, Potential);
         }
-    });
+        task.failed(pass)
+    };
+    sums.failed = tasks.into_par_iter().flat_map_iter(run).collect();
     sums
 }
 
@@ -98,8 +105,8 @@ fn tasks<'a>(pass: &Pass, sums: &'a mut Sums, with_gradient: bool) -> Vec<Task<'
 }
 
 impl Task<'_> {
-    fn run<const N: usize>(mut self, pass: &Pass, multipoles: &[f64], locals: &[f64], kind: impl Kind<N>) {
-        let outer = pass.operators.outer.len() * pass.columns();
+    /// Weights on the outer surface for each leaf, all columns of a leaf together.
+    fn surface_weights(&self, pass: &Pass, locals: &[f64]) -> Vec<f64> {
         let stride = pass.stride();
         let slot = |leaf: usize| pass.lists.target_slot[pass.lists.leaves[leaf] as usize] as usize;
         let gathered: Vec<f64> = self
@@ -108,7 +115,11 @@ impl Task<'_> {
             .flat_map(|leaf| &locals[slot(leaf) * stride..][..stride])
             .copied()
             .collect();
-        let weights = pass.product(pass.operators.inverse.transpose(), &gathered, 1.0);
+        pass.product(pass.operators.inverse.transpose(), &gathered, 1.0)
+    }
+
+    fn run_by_triples<const N: usize>(&mut self, pass: &Pass, multipoles: &[f64], weights: &[f64], kind: impl Kind<N>) {
+        let outer = pass.operators.outer.len() * pass.columns();
         let mut done = 0;
         for (leaf, weights) in self.leaves.clone().zip(weights.chunks(outer)) {
             let cell = &pass.tree.cells[pass.lists.leaves[leaf] as usize];
@@ -118,6 +129,51 @@ impl Task<'_> {
             }
             done += cell.targets().len();
         }
+    }
+
+    fn run_by_rows(&mut self, pass: &Pass, multipoles: &[f64], weights: &[f64]) {
+        let columns = pass.columns();
+        let mut potentials = &mut self.potentials[..];
+        for (leaf, weights) in self
+            .leaves
+            .clone()
+            .zip(weights.chunks(pass.operators.outer.len() * columns))
+        {
+            let cell = &pass.tree.cells[pass.lists.leaves[leaf] as usize];
+            let (own, rest) = std::mem::take(&mut potentials).split_at_mut(cell.targets().len() * columns);
+            add_leaf_by_rows(pass, leaf, weights, multipoles, own);
+            potentials = rest;
+        }
+    }
+
+    /// Targets whose sums are not finite although all weights are, and no source near them has the same place.
+    fn failed(&self, pass: &Pass) -> Vec<u32> {
+        if !pass.weights.are_finite {
+            return Vec::new();
+        }
+        let columns = pass.columns();
+        let targets = self.leaves.clone().flat_map(|leaf| {
+            let targets = pass.tree.cells[pass.lists.leaves[leaf] as usize].targets();
+            targets.map(move |target| (leaf, target))
+        });
+        let is_finite = |place: usize| {
+            let potentials = &self.potentials[place * columns..][..columns];
+            let gradients = self
+                .gradients
+                .get(3 * place * columns..3 * (place + 1) * columns)
+                .unwrap_or(&[]);
+            potentials.iter().chain(gradients).all(|v| v.is_finite())
+        };
+        let coincides = |leaf: usize, target: usize| {
+            let position = pass.tree.targets.positions[target];
+            let mut near = pass.lists.near.row(leaf).iter();
+            near.any(|near| pass.tree.sources.positions[near.start as usize..near.end as usize].contains(&position))
+        };
+        targets
+            .enumerate()
+            .filter(|&(place, (leaf, target))| !is_finite(place) && !coincides(leaf, target))
+            .map(|(_, (_, target))| pass.tree.targets.original[target])
+            .collect()
     }
 
     fn store<const N: usize>(&mut self, pass: &Pass, first: usize, len: usize, triple: usize, sums: &[[Lane; N]]) {
@@ -186,6 +242,38 @@ fn sum_leaf<const N: usize>(
     sums
 }
 
+/// Adds all columns at the targets of a leaf to `out`, `targets × columns`.
+fn add_leaf_by_rows(pass: &Pass, leaf: usize, local_weights: &[f64], multipoles: &[f64], out: &mut [f64]) {
+    let columns = pass.columns();
+    let cell = &pass.tree.cells[pass.lists.leaves[leaf] as usize];
+    let targets = &pass.tree.targets.positions[cell.targets()];
+    let mut out = MatMut::from_row_major_slice_mut(out, targets.len(), columns);
+    let blocks: Vec<Block> = targets.chunks(LANES).map(|t| Block::mapped(t, |t| *t)).collect();
+    for near in pass.lists.near.row(leaf) {
+        let near = near.start as usize..near.end as usize;
+        let positions = &pass.tree.sources.positions[near.clone()];
+        pass.add_products(positions, pass.weight_rows(near), &blocks, 1.0, out.as_mut());
+    }
+    let mut add_surface = |cell: &Cell, surface: &[[f64; 3]], weights: &[f64]| {
+        let up = 1.0 / pass.tree.half_width(cell);
+        let weights = MatRef::from_column_major_slice(weights, surface.len(), columns);
+        pass.add_products(surface, weights, &unit_blocks(targets, cell, up), up, out.as_mut());
+    };
+    add_surface(cell, &pass.operators.outer, local_weights);
+    for &slot in pass.lists.finer.row(leaf) {
+        let cell = &pass.tree.cells[pass.lists.source_cells[slot as usize] as usize];
+        let expansion = &multipoles[slot as usize * pass.stride()..][..pass.stride()];
+        let weights = pass.product(pass.operators.basis.as_ref(), expansion, 1.0);
+        add_surface(cell, &pass.operators.inner, &weights);
+    }
+}
+
+/// Targets in units of a cell.
+fn unit_blocks(targets: &[[f64; 3]], cell: &Cell, up: f64) -> Vec<Block> {
+    let unit = |t: &[f64; 3]| std::array::from_fn(|axis| (t[axis] - cell.centre[axis]) * up);
+    targets.chunks(LANES).map(|t| Block::mapped(t, unit)).collect()
+}
+
 /// Adds the sums over the points of a surface about `cell`, with weights column after column.
 #[expect(clippy::too_many_arguments)]
 fn add_expansion<const N: usize>(
@@ -212,20 +300,15 @@ fn add_expansion<const N: usize>(
         .map(|(i, &[x, y, z])| [x, y, z, weight(0, i), weight(1, i), weight(2, i)])
         .collect();
     let up = 1.0 / pass.tree.half_width(cell);
-    let unit = |t: &[f64; 3]| std::array::from_fn(|axis| (t[axis] - cell.centre[axis]) * up);
-    let blocks: Vec<Block> = targets.chunks(LANES).map(|t| Block::mapped(t, unit)).collect();
+    let blocks = unit_blocks(targets, cell, up);
     let mut own = vec![[[0.0; LANES]; N]; blocks.len()];
     kind.add(pass, &sources, &blocks, &mut own);
     for (sums, own) in sums.iter_mut().zip(&own) {
         for (value, (sums, own)) in sums.iter_mut().zip(own).enumerate() {
-            let scale = scale_of(kind, value, up);
+            let scale = kind.scale(value, up);
             for (sum, own) in sums.iter_mut().zip(own) {
                 *sum += scale * own;
             }
         }
     }
-}
-
-fn scale_of<const N: usize, K: Kind<N>>(_: K, value: usize, up: f64) -> f64 {
-    K::scale(value, up)
 }

@@ -4,14 +4,14 @@
 //! one after the other by slot. Each task owns the expansions that it writes and sums in a fixed order, so results do
 //! not depend on threads.
 
-use std::ops::Range;
+use std::ops::{AddAssign, Mul, Range};
 
 use faer::linalg::matmul::matmul;
 use faer::traits::ComplexField;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
-use super::lists::{GROUP, Lists};
+use super::lists::{GROUP, Lists, Transfer};
 use super::operators::{Operators, Transfers};
 use super::tree::{Cell, Tree};
 use super::weights::Weights;
@@ -31,6 +31,8 @@ pub(super) struct Pass<'a> {
 const CELLS: usize = 32;
 /// Columns of a product, which with an operator fit a second-level cache.
 const COLUMNS: usize = 256;
+/// Sources whose kernel is evaluated before it is multiplied by weights: as many as a second-level cache holds.
+const TILE: usize = 128;
 
 impl Pass<'_> {
     pub(super) fn columns(&self) -> usize {
@@ -117,6 +119,12 @@ impl Pass<'_> {
     fn add_potential_of(&self, sources: Range<usize>, cell: &Cell, blocks: &[Block], out: &mut [f64]) {
         let points = out.len() / self.columns();
         let up = 1.0 / self.tree.half_width(cell);
+        if !self.weights.rows.is_empty() {
+            let unit = |p: &[f64; 3]| std::array::from_fn(|axis| (p[axis] - cell.centre[axis]) * up);
+            let positions: Vec<_> = self.tree.sources.positions[sources.clone()].iter().map(unit).collect();
+            let out = MatMut::from_column_major_slice_mut(out, points, self.columns());
+            return self.add_products(&positions, self.weight_rows(sources), blocks, 1.0, out);
+        }
         for (packed, out) in self.weights.triples.iter().zip(out.chunks_mut(3 * points)) {
             let local: Vec<_> = packed[sources.clone()]
                 .iter()
@@ -134,6 +142,43 @@ impl Pass<'_> {
                     }
                 }
             }
+        }
+    }
+
+    /// The weights of a range of sources, one row each.
+    pub(super) fn weight_rows(&self, sources: Range<usize>) -> MatRef<'_, f64> {
+        let (len, columns) = (sources.len(), self.columns());
+        MatRef::from_row_major_slice(
+            &self.weights.rows[sources.start * columns..][..len * columns],
+            len,
+            columns,
+        )
+    }
+
+    /// Adds to `out` (targets × columns) `factor` times the potential of points with a row of weights each.
+    pub(super) fn add_products(
+        &self,
+        points: &[[f64; 3]],
+        weights: MatRef<'_, f64>,
+        targets: &[Block],
+        factor: f64,
+        mut out: MatMut<'_, f64>,
+    ) {
+        let rows = out.nrows();
+        let mut kernel = vec![0.0; rows * TILE.min(points.len())];
+        for (tile, points) in points.chunks(TILE).enumerate() {
+            let kernel = &mut kernel[..rows * points.len()];
+            for (point, column) in points.iter().zip(kernel.chunks_mut(rows)) {
+                self.instructions.write_column(*point, targets, column);
+            }
+            matmul(
+                out.as_mut(),
+                Accum::Add,
+                MatRef::from_column_major_slice(kernel, rows, points.len()),
+                weights.subrows(tile * TILE, points.len()),
+                factor,
+                Par::Seq,
+            );
         }
     }
 
@@ -203,55 +248,79 @@ impl Pass<'_> {
         }
     }
 
+    /// Applies the V lists. Everything is in the precision of the operators until the end, which halves the traffic of
+    /// single precision.
     fn transfer<T: Real>(&self, operators: &[Mat<T>], multipoles: &[f64]) -> Vec<f64> {
-        let (rank, stride) = (self.operators.rank, self.stride());
+        let stride = self.stride();
+        let multipoles: Vec<T> = multipoles
+            .par_iter()
+            .with_min_len(1 << 14)
+            .map(|&m| T::from_f64(m))
+            .collect();
+        let signs = self
+            .operators
+            .signs
+            .each_ref()
+            .map(|signs| signs.iter().map(|&s| T::from_f64(s)).collect());
         let mut locals = vec![0.0; self.lists.target_cells.len() * stride];
-        let batch = COLUMNS.div_ceil(self.columns());
         locals
             .par_chunks_mut(GROUP * stride)
             .enumerate()
             .for_each(|(group, locals)| {
-                let bounds = self.lists.groups[group] as usize..self.lists.groups[group + 1] as usize;
-                let mut gathered = vec![T::default(); batch * stride];
-                let mut moved = vec![T::default(); batch * stride];
-                for same in self.lists.transfers[bounds].chunk_by(|a, b| a.operator == b.operator) {
-                    let operator = operators[same[0].operator as usize].as_ref();
-                    for batch in same.chunks(batch) {
-                        let (gathered, moved) = (
-                            &mut gathered[..batch.len() * stride],
-                            &mut moved[..batch.len() * stride],
-                        );
-                        for (transfer, to) in batch.iter().zip(gathered.chunks_mut(stride)) {
-                            let from = &multipoles[transfer.source as usize * stride..][..stride];
-                            let signs = &self.operators.signs[transfer.flip as usize];
-                            for (from, to) in from.chunks(rank).zip(to.chunks_mut(rank)) {
-                                for ((&from, &sign), to) in from.iter().zip(signs).zip(to) {
-                                    *to = T::from_f64(from * sign);
-                                }
-                            }
-                        }
-                        let columns = batch.len() * self.columns();
-                        matmul(
-                            MatMut::from_column_major_slice_mut(moved, rank, columns),
-                            Accum::Replace,
-                            operator,
-                            MatRef::from_column_major_slice(gathered, rank, columns),
-                            T::from_f64(1.0),
-                            Par::Seq,
-                        );
-                        for (transfer, from) in batch.iter().zip(moved.chunks(stride)) {
-                            let to = &mut locals[transfer.target as usize % GROUP * stride..][..stride];
-                            let signs = &self.operators.signs[transfer.flip as usize];
-                            for (from, to) in from.chunks(rank).zip(to.chunks_mut(rank)) {
-                                for ((&from, &sign), to) in from.iter().zip(signs).zip(to) {
-                                    *to += from.to_f64() * sign;
-                                }
-                            }
-                        }
-                    }
+                let transfers = self.lists.groups[group] as usize..self.lists.groups[group + 1] as usize;
+                let sums = self.transfer_group(operators, &signs, &multipoles, &self.lists.transfers[transfers]);
+                for (local, sum) in locals.iter_mut().zip(sums) {
+                    *local = sum.to_f64();
                 }
             });
         locals
+    }
+
+    fn transfer_group<T: Real>(
+        &self,
+        operators: &[Mat<T>],
+        signs: &[Vec<T>; 8],
+        multipoles: &[T],
+        transfers: &[Transfer],
+    ) -> Vec<T> {
+        let (rank, stride) = (self.operators.rank, self.stride());
+        let batch = COLUMNS.div_ceil(self.columns());
+        let mut sums = vec![T::default(); GROUP * stride];
+        let mut gathered = vec![T::default(); batch * stride];
+        let mut moved = vec![T::default(); batch * stride];
+        for same in transfers.chunk_by(|a, b| a.operator == b.operator) {
+            let operator = operators[same[0].operator as usize].as_ref();
+            for batch in same.chunks(batch) {
+                for (transfer, to) in batch.iter().zip(gathered.chunks_mut(stride)) {
+                    let from = &multipoles[transfer.source as usize * stride..][..stride];
+                    let signs = &signs[transfer.flip as usize];
+                    for (from, to) in from.chunks_exact(rank).zip(to.chunks_exact_mut(rank)) {
+                        for ((&from, &sign), to) in from.iter().zip(signs).zip(to) {
+                            *to = from * sign;
+                        }
+                    }
+                }
+                let columns = batch.len() * self.columns();
+                matmul(
+                    MatMut::from_column_major_slice_mut(&mut moved[..rank * columns], rank, columns),
+                    Accum::Replace,
+                    operator,
+                    MatRef::from_column_major_slice(&gathered[..rank * columns], rank, columns),
+                    T::from_f64(1.0),
+                    Par::Seq,
+                );
+                for (transfer, from) in batch.iter().zip(moved.chunks(stride)) {
+                    let to = &mut sums[transfer.target as usize % GROUP * stride..][..stride];
+                    let signs = &signs[transfer.flip as usize];
+                    for (from, to) in from.chunks_exact(rank).zip(to.chunks_exact_mut(rank)) {
+                        for ((&from, &sign), to) in from.iter().zip(signs).zip(to) {
+                            *to += from * sign;
+                        }
+                    }
+                }
+            }
+        }
+        sums
     }
 
     /// Axes in which a child's octant differs from the upper one.
@@ -291,7 +360,7 @@ impl Pass<'_> {
 }
 
 /// A precision for the translations across the tree.
-trait Real: ComplexField + Copy + Default {
+trait Real: ComplexField + Copy + Default + Mul<Output = Self> + AddAssign {
     fn from_f64(value: f64) -> Self;
     fn to_f64(self) -> f64;
 }

@@ -10,13 +10,14 @@
 //! Phys. 196 (2004); Carrier, Greengard, Rokhlin, *A fast adaptive multipole algorithm for particle simulations*, SIAM
 //! J. Sci. Stat. Comput. 9 (1988), for the lists.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::KernelError;
-use super::direct::{self, Instructions, Scale, Sources, is_minute};
-use crate::{Matrix3, Point};
+use super::direct::{self, Instructions, Scale, is_minute};
+use crate::Point;
 
 mod evaluate;
 mod expansions;
@@ -29,7 +30,7 @@ use expansions::Pass;
 use lists::{Lists, Thresholds};
 use operators::{Operators, RESOLUTIONS, resolution_for};
 use tree::{Capacity, NONE, Ordered, Tree};
-use weights::Weights;
+use weights::{Layout, Weights};
 
 /// Sources and targets sorted into a tree, for any number of sums over them.
 #[derive(Debug, Clone)]
@@ -44,12 +45,13 @@ struct Geometry {
     tree: Tree,
     lists: Lists,
     sources: Vec<Point>,
+    targets: Vec<Point>,
     /// By which coordinates were multiplied.
     up: f64,
     /// Place of each target in the order of the tree; [`NONE`] for those that are not in it.
     places: Vec<u32>,
     /// Targets that are summed term by term: those out of range of the tree.
-    outside: Vec<(u32, Point)>,
+    outside: Vec<u32>,
     /// Whether some source has a coordinate that is not finite.
     has_bad_source: bool,
 }
@@ -60,6 +62,8 @@ const FAR: f64 = (1u64 << 30) as f64;
 
 /// Right-hand sides of a pass; more are taken in turn, as their expansions would need much memory.
 const COLUMNS: usize = 48;
+/// Right-hand sides up to which the kernel is evaluated anew for each three of them.
+const MOST_TRIPLED: usize = 6;
 
 impl Fmm {
     /// Sorts the points; sums will have about the relative error `accuracy` in the Euclidean norm over all targets.
@@ -72,7 +76,13 @@ impl Fmm {
     /// [`KernelError::TooMany`] for more than 2³² − 2 points of a kind.
     pub fn new(sources: &[Point], targets: &[Point], accuracy: f64) -> Result<Self, KernelError> {
         let resolution = resolution_for(accuracy);
-        Self::with_capacity(sources, targets, resolution, capacity_for(resolution))
+        Self::with_capacity(
+            sources,
+            targets,
+            resolution,
+            capacity_for(resolution),
+            thresholds_for(resolution),
+        )
     }
 
     /// The same points at another accuracy, as [`Self::new`] takes it; shares the tree.
@@ -112,6 +122,7 @@ impl Fmm {
         targets: &[Point],
         resolution: usize,
         capacity: Capacity,
+        thresholds: Thresholds,
     ) -> Result<Self, KernelError> {
         for (what, found) in [("sources", sources.len()), ("targets", targets.len())] {
             if found >= NONE as usize {
@@ -125,59 +136,34 @@ impl Fmm {
             let scaled = *p * scale.up;
             scaled.iter().all(|c| c.abs() <= FAR) && !(has_minute && is_minute(scaled))
         };
+        // Sums with a source that is nowhere are not finite anywhere, and those of no sources are zero: no tree.
+        let has_tree = !has_bad_source && !sources.is_empty();
+        let (inside, outside): (Vec<u32>, Vec<u32>) =
+            (0..targets.len() as u32).partition(|&t| has_tree && in_tree(&targets[t as usize]));
+        let numbers = 0..if has_tree { sources.len() as u32 } else { 0 };
+        let tree = Tree::new(
+            ordered(sources, numbers.collect(), scale.up),
+            ordered(targets, inside, scale.up),
+            capacity,
+        );
         let mut places = vec![NONE; targets.len()];
-        let mut outside = Vec::new();
-        if !has_bad_source && !sources.is_empty() {
-            let (inside, not): (Vec<u32>, Vec<u32>) =
-                (0..targets.len() as u32).partition(|&t| in_tree(&targets[t as usize]));
-            outside.extend(not.into_iter().map(|t| (t, targets[t as usize])));
-            let tree = Tree::new(
-                ordered(sources, (0..sources.len() as u32).collect(), scale.up),
-                ordered(targets, inside, scale.up),
-                capacity,
-            );
-            for (place, &target) in tree.targets.original.iter().enumerate() {
-                places[target as usize] = place as u32;
-            }
-            return Ok(Self::from_parts(
-                tree, sources, scale.up, places, outside, false, resolution,
-            ));
+        for (place, &target) in tree.targets.original.iter().enumerate() {
+            places[target as usize] = place as u32;
         }
-        let none = || ordered(&[], Vec::new(), 1.0);
-        let tree = Tree::new(none(), none(), capacity);
-        Ok(Self::from_parts(
-            tree,
-            sources,
-            scale.up,
-            places,
-            outside,
-            has_bad_source,
-            resolution,
-        ))
-    }
-
-    fn from_parts(
-        tree: Tree,
-        sources: &[Point],
-        up: f64,
-        places: Vec<u32>,
-        outside: Vec<(u32, Point)>,
-        has_bad_source: bool,
-        resolution: usize,
-    ) -> Self {
-        let lists = Lists::new(&tree, thresholds_for(resolution));
-        Self {
+        let lists = Lists::new(&tree, thresholds);
+        Ok(Self {
             geometry: Arc::new(Geometry {
                 tree,
                 lists,
                 sources: sources.to_vec(),
-                up,
+                targets: targets.to_vec(),
+                up: scale.up,
                 places,
                 outside,
                 has_bad_source,
             }),
             resolution,
-        }
+        })
     }
 
     fn sums(&self, weights: &[f64], columns: usize, with_gradient: bool) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
@@ -198,9 +184,15 @@ impl Fmm {
             return Ok((potentials, gradients));
         }
         let operators = Operators::of(self.resolution);
+        let layout = if columns > MOST_TRIPLED && !with_gradient {
+            Layout::Rows
+        } else {
+            Layout::Triples
+        };
+        let mut failed = BTreeSet::new();
         for first in (0..columns).step_by(COLUMNS) {
-            let part = columns.min(first + COLUMNS) - first;
-            let weights = Weights::new(&geometry.tree.sources, weights, columns, first, part);
+            let part = first..columns.min(first + COLUMNS);
+            let weights = Weights::new(&geometry.tree.sources, weights, columns, part, layout);
             let pass = Pass {
                 tree: &geometry.tree,
                 lists: &geometry.lists,
@@ -215,8 +207,10 @@ impl Fmm {
             if with_gradient {
                 geometry.restore_order(&sums.gradients, &weights.scale, columns, first, 3, &mut gradients);
             }
+            failed.extend(sums.failed);
         }
-        geometry.sum_directly(weights, columns, &mut potentials, &mut gradients);
+        let numbers = geometry.outside.iter().copied().chain(failed);
+        geometry.sum_directly(numbers, weights, columns, &mut potentials, &mut gradients)?;
         Ok((potentials, gradients))
     }
 }
@@ -226,7 +220,7 @@ impl Geometry {
     /// the caller's units.
     fn restore_order(&self, sums: &[f64], scale: &[f64], columns: usize, first: usize, values: usize, out: &mut [f64]) {
         let len = scale.len() * values;
-        let up = if values == 1 { self.up } else { self.up * self.up };
+        let (up, up_again) = (self.up, if values == 1 { 1.0 } else { self.up });
         out.par_chunks_mut(columns * values)
             .zip(&self.places)
             .with_min_len(4096)
@@ -235,38 +229,35 @@ impl Geometry {
                 let from = sums[place as usize * len..][..len].chunks(values);
                 for ((to, from), scale) in row[first * values..].chunks_mut(values).zip(from).zip(scale) {
                     for (to, from) in to.iter_mut().zip(from) {
-                        *to = from * up * scale;
+                        *to = from * scale * up * up_again;
                     }
                 }
             });
     }
 
-    /// Sums term by term for the targets outside the tree.
-    fn sum_directly(&self, weights: &[f64], columns: usize, potentials: &mut [f64], gradients: &mut [f64]) {
-        if self.outside.is_empty() {
-            return;
+    /// Sums term by term for the given targets.
+    fn sum_directly(
+        &self,
+        numbers: impl Iterator<Item = u32>,
+        weights: &[f64],
+        columns: usize,
+        potentials: &mut [f64],
+        gradients: &mut [f64],
+    ) -> Result<(), KernelError> {
+        let numbers: Vec<usize> = numbers.map(|number| number as usize).collect();
+        if numbers.is_empty() {
+            return Ok(());
         }
-        let targets: Vec<Point> = self.outside.iter().map(|t| t.1).collect();
-        for first in (0..columns).step_by(3) {
-            let part = columns.min(first + 3) - first;
-            let triple = |row: &[f64]| std::array::from_fn(|i| if i < part { row[first + i] } else { 0.0 });
-            let triples: Vec<[f64; 3]> = weights.chunks(columns).map(triple).collect();
-            let Ok(sources) = Sources::new(&self.sources, &triples) else {
-                return;
-            };
-            let (sums, jacobians): (Vec<[f64; 3]>, Vec<Matrix3>) = direct::potential_and_gradient(&sources, &targets);
-            for ((&(target, _), sum), jacobian) in self.outside.iter().zip(&sums).zip(&jacobians) {
-                for i in 0..part {
-                    let place = target as usize * columns + first + i;
-                    potentials[place] = sum[i];
-                    if !gradients.is_empty() {
-                        for axis in 0..3 {
-                            gradients[3 * place + axis] = jacobian[(i, axis)];
-                        }
-                    }
-                }
-            }
+        let targets: Vec<Point> = numbers.iter().map(|&number| self.targets[number]).collect();
+        let (own, own_gradients) =
+            direct::sum_columns(&self.sources, weights, columns, &targets, !gradients.is_empty())?;
+        for (&number, own) in numbers.iter().zip(own.chunks(columns)) {
+            potentials[number * columns..][..columns].copy_from_slice(own);
         }
+        for (&number, own) in numbers.iter().zip(own_gradients.chunks(3 * columns)) {
+            gradients[3 * number * columns..][..3 * columns].copy_from_slice(own);
+        }
+        Ok(())
     }
 }
 
@@ -286,12 +277,11 @@ fn ordered(points: &[Point], original: Vec<u32>, up: f64) -> Ordered {
 
 /// Points of a leaf for which near sums and expansions cost about the same.
 fn capacity_for(resolution: usize) -> Capacity {
-    const SOURCES: [usize; RESOLUTIONS.len()] = [40, 60, 80, 120, 160, 240, 300, 400, 500];
-    let var = |n: &str, d: usize| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
-    let sources = var("FMM_CAP", SOURCES[resolution]);
+    const SOURCES: [usize; RESOLUTIONS.len()] = [40, 60, 80, 120, 140, 160, 240, 300, 400, 500];
+    let sources = SOURCES[resolution];
     Capacity {
         sources,
-        targets: var("FMM_CAPT", 2 * sources),
+        targets: 2 * sources,
     }
 }
 
@@ -303,3 +293,6 @@ fn thresholds_for(resolution: usize) -> Thresholds {
         points: var("FMM_POINTS", 200),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -52,16 +52,17 @@ const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: bool) -> R
     }
 }
 
-pub(super) const RESOLUTIONS: [Resolution; 9] = [
+pub(super) const RESOLUTIONS: [Resolution; 10] = [
     resolution(1e-2, 3, 1e-2, true),
-    resolution(1e-3, 4, 1e-3, true),
-    resolution(1e-4, 5, 1e-4, true),
-    resolution(1e-5, 6, 1e-5, true),
+    resolution(1e-3, 4, 3e-4, true),
+    resolution(1e-4, 5, 3e-5, true),
+    resolution(1e-5, 6, 3e-6, true),
+    resolution(3e-6, 7, 3e-6, true),
     resolution(1e-6, 8, 1e-6, true),
-    resolution(1e-7, 9, 1e-7, false),
-    resolution(1e-8, 10, 1e-8, false),
-    resolution(1e-9, 12, 1e-10, false),
-    resolution(1e-10, 14, 1e-12, false),
+    resolution(1e-7, 9, 3e-8, false),
+    resolution(1e-8, 11, 1e-8, false),
+    resolution(1e-9, 12, 1e-9, false),
+    resolution(1e-10, 13, 1e-10, false),
 ];
 
 /// The coarsest resolution that reaches `accuracy`, or the finest there is.
@@ -111,7 +112,11 @@ impl Operators {
             .clone()
     }
 
-    fn new(resolution: Resolution) -> Self {
+    fn new(mut resolution: Resolution) -> Self {
+        let var = |n: &str, d: f64| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
+        resolution.order = var("FMM_ORDER", resolution.order as f64) as usize;
+        resolution.cutoff = var("FMM_CUT", resolution.cutoff);
+        resolution.single = var("FMM_SINGLE", resolution.single as u8 as f64) == 1.0;
         let inner = surface(resolution.order, INNER);
         let outer = surface(resolution.order, OUTER);
         let Decomposition {
@@ -120,6 +125,9 @@ impl Operators {
             right,
             parity,
         } = decompose(&inner, &outer, resolution.cutoff);
+        if std::env::var("FMM_ORDER").is_ok() {
+            eprint!("rank {} of {} ", values.len(), outer.len());
+        }
         let inverse = Mat::from_fn(values.len(), outer.len(), |i, j| left[(j, i)] / values[i]);
         let child: Vec<_> = inner.iter().map(|p| p.map(|c| 0.5 * (c + 1.0))).collect();
         let upward = product(

@@ -1,18 +1,30 @@
 //! Weights of the sources in the order of a tree, ready for the inner loops.
 
 use std::f64::consts::PI;
+use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::tree::Ordered;
 use crate::kernel::direct::Source;
 
+/// How sums over points are formed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Layout {
+    /// Three columns at a time, evaluating the kernel for each triple.
+    Triples,
+    /// All columns together, as products with blocks of the kernel's matrix.
+    Rows,
+}
+
 /// Right-hand sides of one pass.
 #[derive(Debug)]
 pub(super) struct Weights {
     pub(super) columns: usize,
-    /// Positions and three weights for each source, the last filled up with zeros.
+    /// Positions and three weights for each source, the last filled up with zeros; none for [`Layout::Rows`].
     pub(super) triples: Vec<Vec<Source>>,
+    /// Weights, `sources × columns`, row-major; none for [`Layout::Triples`].
+    pub(super) rows: Vec<f64>,
     /// Powers of two by which the sums of each column have to be multiplied: single precision has a short range.
     pub(super) scale: Vec<f64>,
     /// Whether all weights are finite.
@@ -20,8 +32,15 @@ pub(super) struct Weights {
 }
 
 impl Weights {
-    /// Columns `first..first + columns` of `weights`, which has `stride` in all.
-    pub(super) fn new(sources: &Ordered, weights: &[f64], stride: usize, first: usize, columns: usize) -> Self {
+    /// The given columns of `weights`, which has `stride` in all.
+    pub(super) fn new(
+        sources: &Ordered,
+        weights: &[f64],
+        stride: usize,
+        Range { start: first, end }: Range<usize>,
+        layout: Layout,
+    ) -> Self {
+        let columns = end - first;
         let mut largest = vec![0.0f64; columns];
         let mut are_finite = true;
         for row in weights.chunks(stride) {
@@ -32,7 +51,23 @@ impl Weights {
         }
         let scale: Vec<f64> = largest.into_iter().map(power_of_two_near).collect();
         let factor: Vec<f64> = scale.iter().map(|s| 1.0 / s).collect();
-        let triples = (0..columns.div_ceil(3)).map(|triple| {
+        let mut rows = Vec::new();
+        let mut triple_count = columns.div_ceil(3);
+        if layout == Layout::Rows {
+            triple_count = 0;
+            rows = vec![0.0; sources.original.len() * columns];
+            let fill = |(row, &number): (&mut [f64], &u32)| {
+                let from = &weights[number as usize * stride + first..];
+                for ((to, from), factor) in row.iter_mut().zip(from).zip(&factor) {
+                    *to = from * factor / (4.0 * PI);
+                }
+            };
+            rows.par_chunks_mut(columns)
+                .zip(&sources.original)
+                .with_min_len(1024)
+                .for_each(fill);
+        }
+        let triples = (0..triple_count).map(|triple| {
             let columns = 3 * triple..columns.min(3 * triple + 3);
             let pack = |(&[x, y, z], &number): (&[f64; 3], &u32)| {
                 let row = &weights[number as usize * stride + first..];
@@ -53,6 +88,7 @@ impl Weights {
         Self {
             columns,
             triples: triples.collect(),
+            rows,
             scale,
             are_finite,
         }
