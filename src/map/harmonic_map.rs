@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::VolumeMap;
-use crate::kernel::sums::Sums;
+use crate::kernel::Sums;
 use crate::solver::Coefficients;
 use crate::{Matrix3, Point, Vector};
 

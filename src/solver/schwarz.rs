@@ -11,7 +11,7 @@ use super::krylov::Minimisation;
 use super::patches::Patches;
 use super::{CollocationSystem, DenseFactor, DenseOptions, SolveError, Values};
 use crate::Point;
-use crate::kernel::sums::Sums;
+use crate::kernel::Sums;
 
 /// Sources of one spacing, and the equations that they are fitted to.
 #[derive(Debug, Clone, Default)]
