@@ -69,6 +69,15 @@ impl Sums {
         })
     }
 
+    /// The same points at another accuracy; the tree is shared.
+    pub fn with_accuracy(&self, accuracy: f64) -> Self {
+        Self {
+            accuracy,
+            fmm: self.fmm.as_ref().map(|fmm| fmm.with_accuracy(accuracy)),
+            ..self.clone()
+        }
+    }
+
     /// `Σ_j w_j / (4π |x − y_j|)`: see [`Fmm::potential`].
     ///
     /// # Errors
