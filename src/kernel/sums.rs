@@ -1,5 +1,7 @@
 //! Sums by whichever way is cheaper: term by term, exact but for rounding, or by the fast multipole method.
 
+use std::sync::Arc;
+
 use super::fmm::Fmm;
 use super::{KernelError, direct};
 use crate::Point;
@@ -9,8 +11,8 @@ use crate::Point;
 /// Term by term where that costs less, which is for few points, few sources or few targets; otherwise through [`Fmm`].
 #[derive(Debug, Clone)]
 pub struct Sums {
-    sources: Vec<Point>,
-    targets: Vec<Point>,
+    sources: Arc<[Point]>,
+    targets: Arc<[Point]>,
     accuracy: f64,
     fmm: Option<Fmm>,
 }
@@ -58,8 +60,8 @@ impl Sums {
             columns: usize::MAX,
         };
         Ok(Self {
-            sources: sources.to_vec(),
-            targets: targets.to_vec(),
+            sources: sources.into(),
+            targets: targets.into(),
             accuracy,
             fmm: if work.is_small() {
                 None
@@ -72,9 +74,10 @@ impl Sums {
     /// The same points at another accuracy; the tree is shared.
     pub fn with_accuracy(&self, accuracy: f64) -> Self {
         Self {
+            sources: Arc::clone(&self.sources),
+            targets: Arc::clone(&self.targets),
             accuracy,
             fmm: self.fmm.as_ref().map(|fmm| fmm.with_accuracy(accuracy)),
-            ..self.clone()
         }
     }
 
