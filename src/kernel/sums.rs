@@ -34,7 +34,7 @@ impl Work {
     /// as the number of points at which the two take equal time for as many targets as sources on a surface. Beyond
     /// six columns the fast sum works by matrix products and its cost for a column falls by about a third.
     fn is_small(&self) -> bool {
-        const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 5e3), (1e-6, 7e3), (1e-8, 1.2e4), (1e-9, 1.6e4), (0.0, 2.2e4)];
+        const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 5e3), (1e-6, 7e3), (1e-8, 1.2e4), (1e-9, 2e4), (0.0, 2.5e4)];
         let reaches = |&(accuracy, _): &(f64, f64)| self.accuracy >= accuracy;
         let crossover = CROSSOVERS
             .into_iter()
