@@ -272,13 +272,11 @@ impl DomainFactor {
         let map = HarmonicMap::new(self.system.sources.clone(), self.frame.to_model(unit, goal.origin))
             .expect("one coefficient row per source");
         let diagonal = goal.target.diagonal;
-        let residual = match &solved.residual {
-            Some(values) => distances(values, first, diagonal),
-            None => errors_at(&map, &goal.boundary, &self.system.collocation, diagonal),
+        let map = match solved.residual {
+            Some(residual) => map.with_error(residual / diagonal),
+            None => map,
         };
-        let residual = finite(&residual)?;
-        let map = map.with_error(residual.rms);
-        let boundary_error = self.boundary_error(&map, &goal.boundary, diagonal)?;
+        let (boundary_error, residual) = self.measure(&map, &goal.boundary, diagonal)?;
         let checked = start.elapsed().as_secs_f64();
         let dense = self.system.rank_and_condition();
         let report = FitReport {
@@ -314,21 +312,26 @@ impl DomainFactor {
         Ok(fit)
     }
 
-    fn boundary_error(
+    /// Errors at held-out points, and at the collocation points; both in one go, since they share the sources.
+    fn measure(
         &self,
         map: &HarmonicMap,
         boundary: &BoundaryMap,
         diagonal: f64,
-    ) -> Result<BoundaryError, FitError> {
-        let held_out = sampling::held_out(&self.domain, self.options.held_out, 100_000, self.options.seed);
-        let errors = errors_at(map, boundary, &held_out, diagonal);
-        let max = finite(&errors)?.max;
-        let averaged = finite(&errors[..self.options.held_out.min(errors.len())])?;
-        Ok(BoundaryError {
+    ) -> Result<(BoundaryError, Summary), FitError> {
+        let mut points = sampling::held_out(&self.domain, self.options.held_out, 100_000, self.options.seed);
+        let held_out = points.len();
+        points.extend_from_slice(&self.system.collocation);
+        let errors = errors_at(map, boundary, &points, diagonal);
+        let (errors, at_collocation) = errors.split_at(held_out);
+        let max = finite(errors)?.max;
+        let averaged = finite(&errors[..self.options.held_out.min(held_out)])?;
+        let boundary_error = BoundaryError {
             rms: averaged.rms,
             p99: averaged.p99,
             max,
-        })
+        };
+        Ok((boundary_error, finite(at_collocation)?))
     }
 }
 
@@ -358,18 +361,6 @@ fn errors_at(map: &HarmonicMap, boundary: &BoundaryMap, points: &[SurfacePoint],
     let images = map.evaluate(&boundary.positions(points));
     let pairs = images.iter().zip(boundary.evaluate(points));
     pairs.map(|(f, exact)| (f - exact).norm() / diagonal).collect()
-}
-
-fn distances(values: &Values, first: usize, diagonal: f64) -> Vec<f64> {
-    let row = |r: usize| {
-        values.row(r)[first..first + 3]
-            .iter()
-            .map(|v| v * v)
-            .sum::<f64>()
-            .sqrt()
-            / diagonal
-    };
-    (0..values.rows()).map(row).collect()
 }
 
 fn finite(errors: &[f64]) -> Result<Summary, FitError> {

@@ -29,9 +29,9 @@ enum Factor {
 /// Coefficients in the unit frame and how they were found.
 pub(super) struct Solved {
     pub coefficients: Values,
-    /// Data minus map at the collocation points, where the solver has it.
-    pub residual: Option<Values>,
     pub iterations: usize,
+    /// Root mean square at the collocation points, where the solver knows it: about right.
+    pub residual: Option<f64>,
     pub stop: Option<Stop>,
 }
 
@@ -85,8 +85,8 @@ impl System {
                 progress(Phase::Solving);
                 Ok(Solved {
                     coefficients: dense.solve_columns(data)?,
-                    residual: None,
                     iterations: 1,
+                    residual: None,
                     stop: None,
                 })
             }
@@ -95,8 +95,8 @@ impl System {
                 let solution = schwarz.solve(data, start, goal, &report)?;
                 Ok(Solved {
                     coefficients: solution.coefficients,
-                    residual: Some(solution.residual),
                     iterations: solution.iterations,
+                    residual: solution.history.last().copied(),
                     stop: Some(solution.stop),
                 })
             }

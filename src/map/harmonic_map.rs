@@ -22,7 +22,7 @@ pub struct HarmonicMap {
 /// Relative accuracy of sums over many sources unless told otherwise.
 const ACCURACY: f64 = 1e-8;
 /// Part of a map's own error that its sums may add.
-const PART_OF_ERROR: f64 = 0.02;
+const PART_OF_ERROR: f64 = 0.03;
 
 impl HarmonicMap {
     /// The map with these sources and coefficients. `None` when their counts differ.
@@ -82,7 +82,9 @@ impl VolumeMap for HarmonicMap {
         let a = &self.coefficients.affine;
         let linear = Matrix3::from_fn(|i, k| a[k + 1][i]);
         // A gradient has about a digit less than the potential.
-        let sums = self.sums(points, 0.1 * self.accuracy).potential_and_gradient(self.weights(), 3);
+        let sums = self
+            .sums(points, 0.1 * self.accuracy)
+            .potential_and_gradient(self.weights(), 3);
         let (_, gradients) = sums.expect("one weight per source");
         gradients
             .as_chunks::<9>()

@@ -32,7 +32,7 @@ pub struct HierarchyOptions {
 impl Default for HierarchyOptions {
     fn default() -> Self {
         Self {
-            ratio: 8,
+            ratio: 12,
             coarsest: 800,
             rows_per_site: 6,
         }

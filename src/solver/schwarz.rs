@@ -45,10 +45,11 @@ pub struct SchwarzOptions {
     /// When one correction of every group of levels, wherever the count starts, leaves more than this part of the
     /// residual, it has reached the plateau: the least-squares optimum, within a few percent.
     pub plateau: f64,
+    /// The same for a correction of the finest level alone, from the second iteration on.
+    pub finest_plateau: f64,
     /// Iterations at most.
     pub most_iterations: usize,
-    /// Relative accuracy of the sums for the first correction, which takes most of the data away, and ten times that for
-    /// the residual in the end.
+    /// Relative accuracy of the sums for the first correction, which takes most of the data away.
     pub first_accuracy: f64,
     /// Relative accuracy of the sums for later corrections, which are as small as what is left to correct.
     pub later_accuracy: f64,
@@ -58,9 +59,10 @@ impl Default for SchwarzOptions {
     fn default() -> Self {
         Self {
             core: 80,
-            overlap: 2.5,
+            overlap: 3.0,
             coarse_iterations: 2,
             plateau: 0.85,
+            finest_plateau: 0.93,
             most_iterations: 20,
             first_accuracy: 1e-6,
             later_accuracy: 1e-4,
@@ -68,12 +70,12 @@ impl Default for SchwarzOptions {
     }
 }
 
-/// Accuracy of the residual that is reported, relative to that of the first correction.
-const FINAL_ACCURACY: f64 = 0.1;
+/// Relative accuracy of the residual that is reported, times what the residual is of the data.
+const FINAL_ACCURACY: f64 = 0.02;
 /// Later groups correct what the first leaves, and can be summed so much less accurately.
 const LATER_GROUPS: f64 = 10.0;
-/// A true residual that exceeds the one carried along by this factor is iterated on once more.
-const DRIFT: f64 = 1.02;
+/// Part of the residual by which the one carried along may have drifted before it is computed afresh.
+const DRIFT: f64 = 0.02;
 
 /// Why the iterations ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -92,12 +94,10 @@ pub enum Stop {
 pub struct Solution {
     /// A row per source, level after level, then four rows for the functions 1, x, y, z if the basis has them.
     pub coefficients: Values,
-    /// What is left at the collocation points, computed afresh from the coefficients.
-    pub residual: Values,
     /// Iterations made.
     pub iterations: usize,
-    /// Weighted root mean square of the residual over all columns before the first iteration, after each whole one, and
-    /// in the end.
+    /// Weighted root mean square of the residual over all columns before the first iteration and after each; the last may
+    /// have corrected some levels only. Carried along from correction to correction, right to a percent or so.
     pub history: Vec<f64>,
     /// Why they ended.
     pub stop: Stop,
@@ -258,27 +258,27 @@ impl SchwarzFactor {
         let mut next = 0;
         let stop = loop {
             let latest = trace[trace.len() - 1];
-            let window = trace
-                .len()
-                .checked_sub(self.groups.len() + 1)
-                .map(|before| trace[before]);
             let stop = if reached(&search.squares()) {
                 Some(Stop::Goal)
-            } else if window.is_some_and(|before| latest > self.options.plateau * before) {
+            } else if self.is_plateau(&trace) {
                 Some(Stop::Plateau)
             } else {
                 (history.len() > self.options.most_iterations).then_some(Stop::Iterations)
             };
             if let Some(stop) = stop {
-                // The sums within iterations are rough, and the residual carried along drifts from the true one.
-                search.restart(self.residual(data, &search.solution, self.options.first_accuracy * FINAL_ACCURACY)?);
-                let fresh = rms(&search.squares());
-                if fresh <= DRIFT * latest || refreshed || stop == Stop::Iterations {
-                    history.push(fresh);
+                // The sums are rough, and the residual carried along drifts from the true one.
+                let drift = self.options.first_accuracy * trace[0]
+                    + self.options.later_accuracy * trace[1..].iter().sum::<f64>();
+                if drift <= DRIFT * latest || refreshed || stop == Stop::Iterations {
                     break stop;
                 }
+                let accuracy = (FINAL_ACCURACY * latest / history[0]).min(self.options.first_accuracy);
+                search.restart(self.residual(data, &search.solution, accuracy)?);
                 refreshed = true;
-                trace = vec![fresh];
+                trace = vec![rms(&search.squares())];
+                if trace[0] <= (1.0 + 10.0 * DRIFT) * latest {
+                    break stop;
+                }
             }
             if next == 0 {
                 progress(history.len() - 1, latest);
@@ -299,13 +299,25 @@ impl SchwarzFactor {
                 history.push(trace[trace.len() - 1]);
             }
         };
+        if next > 0 {
+            history.push(trace[trace.len() - 1]);
+        }
         Ok(Solution {
             coefficients: search.solution,
-            residual: search.residual,
-            iterations: history.len() - 2 + usize::from(next > 0),
+            iterations: history.len() - 1,
             history,
             stop,
         })
+    }
+
+    /// Whether the latest corrections gained so little that more would gain next to nothing.
+    fn is_plateau(&self, trace: &[f64]) -> bool {
+        let groups = self.groups.len();
+        let gain = |corrections: usize| trace[trace.len() - 1] / trace[trace.len() - 1 - corrections];
+        let cycle = trace.len() > groups && gain(groups) > self.options.plateau;
+        // The finest group's latest gain, at the end of an iteration that is not the first.
+        let finest = trace.len() > 2 * groups && (trace.len() - 1).is_multiple_of(groups);
+        cycle || (finest && gain(1) > self.options.finest_plateau)
     }
 
     fn unknowns(&self) -> usize {
