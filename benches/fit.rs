@@ -3,37 +3,79 @@
 use criterion::{BenchmarkId, Criterion, Throughput};
 use solidmap::boundary_map::{BoundaryMap, examples};
 use solidmap::energy::{EnergyOptions, Resolution, clipped_grid, energies};
-use solidmap::fit::{DomainFactor, FitOptions, Placement};
+use solidmap::fit::{DomainFactor, FitOptions, Solver, fit};
 use solidmap::map::{HarmonicMap, VolumeMap};
+use solidmap::mesh::shapes;
 use solidmap::solver::{DenseOptions, Method};
+
+/// Frequencies of the bumpy sphere: 2.6k, 10k, 32k and 100k vertices.
+const FREQUENCIES: [usize; 4] = [16, 32, 57, 100];
+/// Boundary maps solved together.
+const FRAMES: usize = 30;
 
 fn pair() -> BoundaryMap {
     examples::polycube_to_animal(4)
 }
 
-fn options(method: Method, sources: usize) -> FitOptions {
-    let solver = DenseOptions {
-        method,
-        ..DenseOptions::default()
-    };
+/// A solid of `10·f² + 2` vertices, mapped to a sphere that is squeezed more in later frames.
+fn bumpy(frequency: usize, frame: usize) -> BoundaryMap {
+    let domain = shapes::bumpy_sphere(frequency);
+    let squeezed = 1.0 - 0.01 * frame as f64;
+    let image = shapes::projected_to_sphere(&domain, 1.0);
+    let image = shapes::deformed(&image, |p| {
+        solidmap::Point::new(squeezed * p.x, p.y, p.z + 0.1 * squeezed * p.x * p.x)
+    });
+    BoundaryMap::new(domain, image.vertices().to_vec()).expect("the meshes match")
+}
+
+fn dense(method: Method, sources: usize) -> FitOptions {
     FitOptions {
-        placement: Placement::Adaptive { alpha: 1.0 },
         max_sources: sources,
-        solver,
-        ..FitOptions::default()
+        solver: Solver::Dense(DenseOptions {
+            method,
+            ..DenseOptions::default()
+        }),
+        ..FitOptions::dense()
     }
 }
 
+fn factored(pair: &BoundaryMap, options: &FitOptions) -> DomainFactor {
+    DomainFactor::new(pair.domain(), options, &|_| {}).expect("the pair is sound")
+}
+
 fn fitted(pair: &BoundaryMap) -> HarmonicMap {
-    let factor = DomainFactor::new(pair.domain(), &options(Method::Qr, 1000), &|_| {}).expect("the pair is sound");
+    let factor = factored(pair, &dense(Method::Qr, 1000));
     factor.solve(pair, &|_| {}).expect("the pair is sound").map
 }
 
-/// Checking, placing points, assembling and decomposing; three rows for a column.
+/// Everything: checking, placing points, factoring, solving, measuring.
+pub fn whole(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("fit/whole");
+    group.sample_size(10);
+    for frequency in FREQUENCIES {
+        let pair = bumpy(frequency, 0);
+        let vertices = pair.domain().vertices().len();
+        group.throughput(Throughput::Elements(vertices as u64));
+        group.bench_function(BenchmarkId::new("schwarz", vertices), |b| {
+            b.iter(|| fit(&pair, &FitOptions::default(), &|_| {}));
+        });
+    }
+    group.finish();
+}
+
+/// Checking, placing points and factoring; three rows for a column.
 pub fn factor(criterion: &mut Criterion) {
-    let pair = pair();
     let mut group = criterion.benchmark_group("fit/factor");
     group.sample_size(10);
+    for frequency in FREQUENCIES {
+        let pair = bumpy(frequency, 0);
+        let vertices = pair.domain().vertices().len();
+        group.throughput(Throughput::Elements(vertices as u64));
+        group.bench_function(BenchmarkId::new("schwarz", vertices), |b| {
+            b.iter(|| factored(&pair, &FitOptions::default()));
+        });
+    }
+    let pair = pair();
     for (name, method, sizes) in [
         ("qr", Method::Qr, &[500, 1000, 2000][..]),
         ("svd", Method::Svd, &[500, 1000][..]),
@@ -41,26 +83,53 @@ pub fn factor(criterion: &mut Criterion) {
         for &sources in sizes {
             group.throughput(Throughput::Elements(sources as u64));
             group.bench_function(BenchmarkId::new(name, sources), |b| {
-                b.iter(|| DomainFactor::new(pair.domain(), &options(method, sources), &|_| {}));
+                b.iter(|| factored(&pair, &dense(method, sources)));
             });
         }
     }
     group.finish();
 }
 
-/// A new boundary map on a kept decomposition, with its error measured.
+/// A new boundary map on a kept factorisation, with its error measured.
 pub fn solve(criterion: &mut Criterion) {
-    let pair = pair();
     let mut group = criterion.benchmark_group("fit/solve");
     group.sample_size(10);
+    for frequency in FREQUENCIES {
+        let (first, second) = (bumpy(frequency, 0), bumpy(frequency, 1));
+        let vertices = first.domain().vertices().len();
+        let factor = factored(&first, &FitOptions::default());
+        group.throughput(Throughput::Elements(vertices as u64));
+        group.bench_function(BenchmarkId::new("schwarz", vertices), |b| {
+            b.iter(|| factor.solve(&second, &|_| {}));
+        });
+    }
+    let pair = pair();
     for sources in [500, 1000, 2000] {
-        let factor = DomainFactor::new(pair.domain(), &options(Method::Qr, sources), &|_| {});
-        let factor = factor.expect("the pair is sound");
+        let factor = factored(&pair, &dense(Method::Qr, sources));
         group.throughput(Throughput::Elements(sources as u64));
         group.bench_function(BenchmarkId::new("qr", sources), |b| {
             b.iter(|| factor.solve(&pair, &|_| {}))
         });
     }
+    group.finish();
+}
+
+/// The frames of a sequence on a kept factorisation, together and one by one.
+pub fn frames(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("fit/frames");
+    group.sample_size(10);
+    group.throughput(Throughput::Elements(FRAMES as u64));
+    let frames: Vec<BoundaryMap> = (0..FRAMES).map(|frame| bumpy(32, frame)).collect();
+    let factor = factored(&frames[0], &FitOptions::default());
+    group.bench_function("together/10242", |b| b.iter(|| factor.solve_block(&frames, &|_| {})));
+    group.bench_function("one by one/10242", |b| {
+        b.iter(|| {
+            frames
+                .iter()
+                .map(|frame| factor.solve(frame, &|_| {}))
+                .collect::<Vec<_>>()
+        });
+    });
     group.finish();
 }
 
