@@ -8,12 +8,13 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::{Anchors, Cells, SiteLevel};
 use crate::solver::Level;
 
-/// Cells whose error exceeds this part of the tolerance are refined: halving the spacing more than halves the error.
-const MARKED: f64 = 0.6;
-/// Part of the area that is refined at least.
-const LEAST_AREA: f64 = 0.01;
+/// Part of the area that may go on exceeding the tolerance: less than the hundredth that [`BoundaryError::p99`] allows, since new
+/// sources do not make all of the refined area right.
+///
+/// [`BoundaryError::p99`]: super::BoundaryError
+const LEFT_OUT: f64 = 0.003;
 /// Points at which the error is estimated, at least one in each cell.
-const PROBES: usize = 30_000;
+const PROBES: usize = 50_000;
 
 /// The domain's surface cut into cells that know how finely the sources stand there.
 pub(super) struct Grading {
@@ -52,7 +53,7 @@ impl Grading {
         seed: u64,
         errors_at: &dyn Fn(&[SurfacePoint]) -> Vec<f64>,
     ) -> Option<Finer> {
-        let marked = self.marked(domain, tolerance, seed, errors_at);
+        let marked = self.marked(tolerance, seed, errors_at);
         let refinement = self.cells.refine(domain, &marked);
         let sites = SiteLevel {
             rows: (rows as u32..).take(refinement.owner.len()).collect(),
@@ -68,37 +69,39 @@ impl Grading {
         })
     }
 
-    fn marked(
-        &mut self,
-        domain: &SurfaceMesh,
-        tolerance: f64,
-        seed: u64,
-        errors_at: &dyn Fn(&[SurfacePoint]) -> Vec<f64>,
-    ) -> Vec<bool> {
+    /// The cells to refine so that all but a little of the area that errs too much is refined.
+    fn marked(&mut self, tolerance: f64, seed: u64, errors_at: &dyn Fn(&[SurfacePoint]) -> Vec<f64>) -> Vec<bool> {
         self.rounds += 1;
         let per_cell = PROBES.div_ceil(self.cells.len().max(1));
         let (points, cell_of) = self.cells.probes(per_cell, seed.wrapping_add(self.rounds));
-        let mut worst = vec![0.0f64; self.cells.len()];
-        for (error, cell) in errors_at(&points).iter().zip(cell_of) {
-            worst[cell as usize] = worst[cell as usize].max(*error);
-        }
-        let threshold = self.largest(&worst, LEAST_AREA).min(MARKED * tolerance);
-        let marked: Vec<bool> = worst.iter().map(|&error| error >= threshold && error > 0.0).collect();
-        self.cells.grow(domain, &marked)
-    }
-
-    /// The error that this part of the area exceeds.
-    fn largest(&self, worst: &[f64], part: f64) -> f64 {
-        let mut order: Vec<usize> = (0..worst.len()).collect();
-        order.sort_unstable_by(|&a, &b| worst[b].total_cmp(&worst[a]).then(a.cmp(&b)));
-        let wanted = part * (0..worst.len()).map(|cell| self.cells.area(cell)).sum::<f64>();
-        let mut area = 0.0;
-        for cell in order {
-            area += self.cells.area(cell);
-            if area >= wanted {
-                return worst[cell];
+        // Of each cell, the area on which the error is too large, and the largest error.
+        let mut excess = vec![(0.0, 0.0f64); self.cells.len()];
+        for (error, cell) in errors_at(&points).into_iter().zip(cell_of) {
+            let (area, worst) = &mut excess[cell as usize];
+            *worst = worst.max(error);
+            if error > tolerance {
+                *area += self.cells.area(cell as usize) / per_cell as f64;
             }
         }
-        0.0
+        let mut order: Vec<usize> = (0..excess.len()).collect();
+        order.sort_unstable_by(|&a, &b| {
+            let ((area_a, worst_a), (area_b, worst_b)) = (excess[a], excess[b]);
+            area_b
+                .total_cmp(&area_a)
+                .then(worst_b.total_cmp(&worst_a))
+                .then(a.cmp(&b))
+        });
+        let total: f64 = (0..excess.len()).map(|cell| self.cells.area(cell)).sum();
+        let mut left = excess.iter().map(|(area, _)| area).sum::<f64>();
+        let mut marked = vec![false; excess.len()];
+        // The worst cell at least, though the probes met no error that is too large.
+        for (rank, cell) in order.into_iter().enumerate() {
+            if rank > 0 && left <= LEFT_OUT * total {
+                break;
+            }
+            marked[cell] = true;
+            left -= excess[cell].0;
+        }
+        marked
     }
 }

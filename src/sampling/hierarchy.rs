@@ -33,7 +33,7 @@ impl Default for HierarchyOptions {
     fn default() -> Self {
         Self {
             ratio: 12,
-            coarsest: 800,
+            coarsest: 1500,
             rows_per_site: 6,
         }
     }

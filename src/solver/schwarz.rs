@@ -59,7 +59,7 @@ impl Default for SchwarzOptions {
     fn default() -> Self {
         Self {
             core: 80,
-            overlap: 3.0,
+            overlap: 4.0,
             coarse_iterations: 2,
             plateau: 0.85,
             finest_plateau: 0.93,
