@@ -4,7 +4,7 @@ mod common;
 
 use common::{boundary_map, fitted, interior_points, largest_distance, models, solids};
 use solidmap::Point;
-use solidmap::fit::{FitOptions, Placement};
+use solidmap::fit::{FitOptions, Placement, Solver};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{SurfacePoint, shapes};
 use solidmap::sampling;
@@ -47,17 +47,22 @@ fn identity_and_affine_maps_are_reproduced() {
     };
     let choices = [
         FitOptions::adaptive(),
+        FitOptions::dense(),
         FitOptions {
-            solver: svd,
-            ..FitOptions::adaptive()
+            solver: Solver::Dense(svd),
+            ..FitOptions::dense()
         },
         FitOptions {
             max_sources: 100,
             ..FitOptions::adaptive()
         },
         FitOptions {
+            max_sources: 100,
+            ..FitOptions::dense()
+        },
+        FitOptions {
             placement: Placement::Sphere { radius: 1.0 },
-            ..FitOptions::adaptive()
+            ..FitOptions::dense()
         },
         #[cfg(feature = "native")]
         FitOptions::paper(),
@@ -265,7 +270,7 @@ fn cavities_have_sources_whatever_the_placement() {
             placement,
             source_ratio: 1.0,
             collocation_ratio: 3.0,
-            ..FitOptions::adaptive()
+            ..FitOptions::dense()
         };
         let rms = fitted(&boundary, &options).report.boundary_error.rms;
         assert!(rms < 3e-3, "{placement:?}: {rms:e}");
