@@ -8,6 +8,7 @@ use std::hint::black_box;
 use criterion::{Criterion, SamplingMode, Throughput};
 use solidmap::Point;
 use solidmap::kernel::direct::{self, Instructions, Sources};
+use solidmap::kernel::fmm::Fmm;
 
 use crate::inputs;
 
@@ -40,6 +41,42 @@ pub fn assemble(criterion: &mut Criterion) {
             }
         },
     );
+}
+
+/// One pass of three columns through a tree that stands, at several accuracies; an element is a target.
+pub fn fast(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("kernel/fast");
+    group.sample_size(10).sampling_mode(SamplingMode::Flat);
+    for (sources, targets) in [(10_000, 10_000), (100_000, 100_000), (134_000, 403_000)] {
+        group.throughput(Throughput::Elements(targets as u64));
+        let (points, places) = (inputs::sources(sources), inputs::targets(targets));
+        let weights: Vec<f64> = inputs::weights(sources).into_iter().flatten().collect();
+        for accuracy in [1e-4, 1e-6] {
+            let fmm = Fmm::new(&points, &places, accuracy).expect("few enough points");
+            group.bench_function(format!("{sources}x{targets}/{accuracy:e}"), |bencher| {
+                bencher.iter(|| black_box(fmm.potential(&weights, 3).expect("a weight for each source")));
+            });
+            group.bench_function(format!("{sources}x{targets}/{accuracy:e}/gradient"), |bencher| {
+                bencher.iter(|| {
+                    black_box(
+                        fmm.potential_and_gradient(&weights, 3)
+                            .expect("a weight for each source"),
+                    )
+                });
+            });
+        }
+    }
+}
+
+/// Sorting points into a tree; an element is a point.
+pub fn tree(criterion: &mut Criterion) {
+    let (sources, targets) = (inputs::sources(100_000), inputs::targets(100_000));
+    let mut group = criterion.benchmark_group("kernel/tree");
+    group.sample_size(10).sampling_mode(SamplingMode::Flat);
+    group.throughput(Throughput::Elements(200_000));
+    group.bench_function("100000x100000", |bencher| {
+        bencher.iter(|| black_box(Fmm::new(&sources, &targets, 1e-6).expect("few enough points")));
+    });
 }
 
 fn sums(criterion: &mut Criterion, name: &str, sum: impl Fn(Instructions, &Sources, &[Point])) {

@@ -12,6 +12,8 @@ criterion_group!(
     kernel::potential,
     kernel::gradient,
     kernel::assemble,
+    kernel::tree,
+    kernel::fast,
     fit::factor,
     fit::solve,
     fit::evaluate,

@@ -1,5 +1,7 @@
 //! Sums by whichever way is cheaper: term by term, exact but for rounding, or by the fast multipole method.
 
+use std::sync::Arc;
+
 use super::fmm::Fmm;
 use super::{KernelError, direct};
 use crate::Point;
@@ -9,8 +11,8 @@ use crate::Point;
 /// Term by term where that costs less, which is for few points, few sources or few targets; otherwise through [`Fmm`].
 #[derive(Debug, Clone)]
 pub struct Sums {
-    sources: Vec<Point>,
-    targets: Vec<Point>,
+    sources: Arc<[Point]>,
+    targets: Arc<[Point]>,
     accuracy: f64,
     fmm: Option<Fmm>,
 }
@@ -32,7 +34,7 @@ impl Work {
     /// as the number of points at which the two take equal time for as many targets as sources on a surface. Beyond
     /// six columns the fast sum works by matrix products and its cost for a column falls by about a third.
     fn is_small(&self) -> bool {
-        const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 5e3), (1e-6, 7e3), (1e-8, 1.2e4), (1e-9, 1.6e4), (0.0, 2.2e4)];
+        const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 5e3), (1e-6, 7e3), (1e-8, 1.2e4), (1e-9, 2e4), (0.0, 2.5e4)];
         let reaches = |&(accuracy, _): &(f64, f64)| self.accuracy >= accuracy;
         let crossover = CROSSOVERS
             .into_iter()
@@ -58,8 +60,8 @@ impl Sums {
             columns: usize::MAX,
         };
         Ok(Self {
-            sources: sources.to_vec(),
-            targets: targets.to_vec(),
+            sources: sources.into(),
+            targets: targets.into(),
             accuracy,
             fmm: if work.is_small() {
                 None
@@ -72,9 +74,10 @@ impl Sums {
     /// The same points at another accuracy; the tree is shared.
     pub fn with_accuracy(&self, accuracy: f64) -> Self {
         Self {
+            sources: Arc::clone(&self.sources),
+            targets: Arc::clone(&self.targets),
             accuracy,
             fmm: self.fmm.as_ref().map(|fmm| fmm.with_accuracy(accuracy)),
-            ..self.clone()
         }
     }
 

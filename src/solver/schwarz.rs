@@ -47,26 +47,31 @@ pub struct SchwarzOptions {
     pub plateau: f64,
     /// Iterations at most.
     pub most_iterations: usize,
-    /// Relative accuracy of the sums over finer levels within an iteration; those over coarse levels, whose
-    /// corrections are larger than what they leave, are ten times as accurate.
-    pub accuracy: f64,
+    /// Relative accuracy of the sums for the first correction, which takes most of the data away, and ten times that for
+    /// the residual in the end.
+    pub first_accuracy: f64,
+    /// Relative accuracy of the sums for later corrections, which are as small as what is left to correct.
+    pub later_accuracy: f64,
 }
 
 impl Default for SchwarzOptions {
     fn default() -> Self {
         Self {
-            core: 120,
-            overlap: 3.0,
+            core: 80,
+            overlap: 2.5,
             coarse_iterations: 2,
             plateau: 0.85,
             most_iterations: 20,
-            accuracy: 1e-5,
+            first_accuracy: 1e-6,
+            later_accuracy: 1e-4,
         }
     }
 }
 
-/// Accuracy of the residual that is reported, relative to that of the sums within iterations.
-const FINAL_ACCURACY: f64 = 1e-3;
+/// Accuracy of the residual that is reported, relative to that of the first correction.
+const FINAL_ACCURACY: f64 = 0.1;
+/// Later groups correct what the first leaves, and can be summed so much less accurately.
+const LATER_GROUPS: f64 = 10.0;
 /// A true residual that exceeds the one carried along by this factor is iterated on once more.
 const DRIFT: f64 = 1.02;
 
@@ -199,7 +204,7 @@ impl SchwarzFactor {
         let patches = self.patches(level, progress);
         self.levels.push(patches);
         for group in &mut self.groups {
-            group.to_collocation = sums(&group.sources, &self.collocation, self.options.accuracy)?;
+            group.to_collocation = sums(&group.sources, &self.collocation, self.options.first_accuracy)?;
         }
         self.add_group(std::slice::from_ref(level), self.levels.len() - 1)
     }
@@ -237,7 +242,7 @@ impl SchwarzFactor {
         let (solution, residual) = match start {
             Some(start) => {
                 let start = self.extended(start);
-                let residual = self.residual(data, &start, self.options.accuracy * 0.1)?;
+                let residual = self.residual(data, &start, self.options.first_accuracy)?;
                 (start, residual)
             }
             None => (Values::zeros(self.unknowns(), data.columns()), data.clone()),
@@ -266,7 +271,7 @@ impl SchwarzFactor {
             };
             if let Some(stop) = stop {
                 // The sums within iterations are rough, and the residual carried along drifts from the true one.
-                search.restart(self.residual(data, &search.solution, self.options.accuracy * FINAL_ACCURACY)?);
+                search.restart(self.residual(data, &search.solution, self.options.first_accuracy * FINAL_ACCURACY)?);
                 let fresh = rms(&search.squares());
                 if fresh <= DRIFT * latest || refreshed || stop == Stop::Iterations {
                     history.push(fresh);
@@ -279,8 +284,14 @@ impl SchwarzFactor {
                 progress(history.len() - 1, latest);
             }
             let group = &self.groups[next];
-            let step = self.correction(group, &search.residual)?;
-            let image = self.image(group, &step, None)?;
+            let is_first = trace.len() == 1 && history.len() == 1 && start.is_none();
+            let accuracy = if is_first {
+                self.options.first_accuracy
+            } else {
+                self.options.later_accuracy
+            };
+            let step = self.correction(group, &search.residual, accuracy)?;
+            let image = self.image(group, &step, accuracy)?;
             search.advance(step, image);
             trace.push(rms(&search.squares()));
             next = (next + 1) % self.groups.len();
@@ -348,7 +359,7 @@ impl SchwarzFactor {
     }
 
     fn add_group(&mut self, levels: &[Level], first: usize) -> Result<(), SolveError> {
-        let accuracy = self.options.accuracy * if first == 0 { 0.1 } else { 1.0 };
+        let accuracy = self.options.first_accuracy;
         let mut sources: Vec<Point> = Vec::new();
         let mut steps = Vec::new();
         for (i, level) in levels.iter().enumerate() {
@@ -373,11 +384,11 @@ impl SchwarzFactor {
     }
 
     /// A group's correction of a residual, as coefficients of all unknowns.
-    fn correction(&self, group: &Group, residual: &Values) -> Result<Values, SolveError> {
+    fn correction(&self, group: &Group, residual: &Values, accuracy: f64) -> Result<Values, SolveError> {
         let columns = residual.columns();
         let last = group.steps.len();
         let rest = residual.gather(&self.levels[group.first + last].rows);
-        let solved = self.correct_level(group, last, rest)?;
+        let solved = self.correct_level(group, last, rest, accuracy)?;
         let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
         let own = group.sources.len() * columns;
         let (coefficients, affine) = solved.as_slice().split_at(own);
@@ -391,7 +402,13 @@ impl SchwarzFactor {
 
     /// Coefficients of the group's levels up to this one (and the affine functions, in the first group) for a residual at
     /// this level's rows: a few iterations of the same kind as those of the whole.
-    fn correct_level(&self, group: &Group, index: usize, residual: Values) -> Result<Values, SolveError> {
+    fn correct_level(
+        &self,
+        group: &Group,
+        index: usize,
+        residual: Values,
+        accuracy: f64,
+    ) -> Result<Values, SolveError> {
         let level = &self.levels[group.first + index];
         let columns = residual.columns();
         let patches = match &level.solver {
@@ -409,17 +426,26 @@ impl SchwarzFactor {
         let affine = if self.affine { 4 } else { 0 };
         let unknowns = coarser + level.sources + affine;
         let mut search = Minimisation::new(&level.weights, residual, Values::zeros(unknowns, columns));
-        for _ in 0..self.options.coarse_iterations {
+        for iteration in 0..self.options.coarse_iterations {
+            let accuracy = if iteration == 0 {
+                accuracy
+            } else {
+                accuracy.max(self.options.later_accuracy)
+            };
             let rest = search.residual.gather(&step.coarser_rows);
-            let solved = self.correct_level(group, index - 1, rest)?;
+            let solved = self.correct_level(group, index - 1, rest, accuracy)?;
             let (own, linear) = solved.as_slice().split_at(coarser * columns);
-            let mut image = Values::new(columns, step.from_coarser.potential(own, columns)?);
+            let mut image = Values::new(
+                columns,
+                step.from_coarser.with_accuracy(accuracy).potential(own, columns)?,
+            );
             self.add_affine(&mut image, linear, |r| self.collocation[level.rows[r] as usize]);
             let gap = vec![0.0; level.sources * columns];
             search.advance(Values::new(columns, [own, &gap, linear].concat()), image);
 
             let solved = patches.solve(&search.residual);
-            let image = Values::new(columns, step.from_own.potential(solved.as_slice(), columns)?);
+            let own = step.from_own.with_accuracy(accuracy.max(self.options.later_accuracy));
+            let image = Values::new(columns, own.potential(solved.as_slice(), columns)?);
             let (gap, no_affine) = (vec![0.0; coarser * columns], vec![0.0; affine * columns]);
             search.advance(
                 Values::new(columns, [&gap, solved.as_slice(), &no_affine].concat()),
@@ -431,17 +457,14 @@ impl SchwarzFactor {
 
     /// What a group's part of the coefficients, and with the first group the affine functions, give at the collocation
     /// points.
-    fn image(&self, group: &Group, coefficients: &Values, accuracy: Option<f64>) -> Result<Values, SolveError> {
+    fn image(&self, group: &Group, coefficients: &Values, accuracy: f64) -> Result<Values, SolveError> {
         let columns = coefficients.columns();
         let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
         let weights = &coefficients.as_slice()[before * columns..][..group.sources.len() * columns];
-        let potential = match accuracy {
-            Some(accuracy) => group
-                .to_collocation
-                .with_accuracy(accuracy)
-                .potential(weights, columns)?,
-            None => group.to_collocation.potential(weights, columns)?,
-        };
+        let potential = group
+            .to_collocation
+            .with_accuracy(accuracy)
+            .potential(weights, columns)?;
         let mut image = Values::new(columns, potential);
         if group.first == 0 && self.affine {
             let affine = &coefficients.as_slice()[self.sources() * columns..];
@@ -468,7 +491,8 @@ impl SchwarzFactor {
     fn residual(&self, data: &Values, coefficients: &Values, accuracy: f64) -> Result<Values, SolveError> {
         let mut residual = data.clone();
         for group in &self.groups {
-            let image = self.image(group, coefficients, Some(accuracy))?;
+            let accuracy = accuracy * if group.first == 0 { 1.0 } else { LATER_GROUPS };
+            let image = self.image(group, coefficients, accuracy)?;
             residual.add_scaled(&vec![-1.0; data.columns()], &image);
         }
         Ok(residual)

@@ -6,6 +6,7 @@ use faer::{MatMut, MatRef};
 use rayon::prelude::*;
 
 use super::expansions::Pass;
+use super::lists::Leaf;
 use super::tree::Cell;
 use crate::kernel::direct::{Block, LANES, Lane, Source};
 
@@ -90,7 +91,7 @@ fn tasks<'a>(pass: &Pass, sums: &'a mut Sums, with_gradient: bool) -> Vec<Task<'
     let mut tasks = Vec::with_capacity(leaves.len().div_ceil(LEAVES));
     for first in (0..leaves.len()).step_by(LEAVES) {
         let range = first..leaves.len().min(first + LEAVES);
-        let targets = |leaf: usize| pass.tree.cells[leaves[leaf] as usize].targets();
+        let targets = |leaf: usize| leaves[leaf].targets();
         let len = (targets(range.end - 1).end - targets(first).start) * pass.columns();
         let (own, rest) = potentials.split_at_mut(len);
         let (own_gradients, other_gradients) = gradients.split_at_mut(if with_gradient { 3 * len } else { 0 });
@@ -108,7 +109,7 @@ impl Task<'_> {
     /// Weights on the outer surface for each leaf, all columns of a leaf together.
     fn surface_weights(&self, pass: &Pass, locals: &[f64]) -> Vec<f64> {
         let stride = pass.stride();
-        let slot = |leaf: usize| pass.lists.target_slot[pass.lists.leaves[leaf] as usize] as usize;
+        let slot = |leaf: usize| pass.lists.target_slot[pass.lists.leaves[leaf].cell as usize] as usize;
         let gathered: Vec<f64> = self
             .leaves
             .clone()
@@ -122,12 +123,12 @@ impl Task<'_> {
         let outer = pass.operators.outer.len() * pass.columns();
         let mut done = 0;
         for (leaf, weights) in self.leaves.clone().zip(weights.chunks(outer)) {
-            let cell = &pass.tree.cells[pass.lists.leaves[leaf] as usize];
+            let len = pass.lists.leaves[leaf].targets().len();
             for triple in 0..pass.weights.triples.len() {
                 let sums = sum_leaf(pass, leaf, triple, weights, multipoles, kind);
-                self.store(pass, done, cell.targets().len(), triple, &sums);
+                self.store(pass, done, len, triple, &sums);
             }
-            done += cell.targets().len();
+            done += len;
         }
     }
 
@@ -139,8 +140,8 @@ impl Task<'_> {
             .clone()
             .zip(weights.chunks(pass.operators.outer.len() * columns))
         {
-            let cell = &pass.tree.cells[pass.lists.leaves[leaf] as usize];
-            let (own, rest) = std::mem::take(&mut potentials).split_at_mut(cell.targets().len() * columns);
+            let len = pass.lists.leaves[leaf].targets().len() * columns;
+            let (own, rest) = std::mem::take(&mut potentials).split_at_mut(len);
             add_leaf_by_rows(pass, leaf, weights, multipoles, own);
             potentials = rest;
         }
@@ -153,7 +154,7 @@ impl Task<'_> {
         }
         let columns = pass.columns();
         let targets = self.leaves.clone().flat_map(|leaf| {
-            let targets = pass.tree.cells[pass.lists.leaves[leaf] as usize].targets();
+            let targets = pass.lists.leaves[leaf].targets();
             targets.map(move |target| (leaf, target))
         });
         let is_finite = |place: usize| {
@@ -202,8 +203,9 @@ fn sum_leaf<const N: usize>(
     multipoles: &[f64],
     kind: impl Kind<N>,
 ) -> Vec<[Lane; N]> {
-    let cell = &pass.tree.cells[pass.lists.leaves[leaf] as usize];
-    let targets = &pass.tree.targets.positions[cell.targets()];
+    let Leaf { cell, .. } = pass.lists.leaves[leaf];
+    let cell = &pass.tree.cells[cell as usize];
+    let targets = &pass.tree.targets.positions[pass.lists.leaves[leaf].targets()];
     let blocks: Vec<Block> = targets.chunks(LANES).map(|t| Block::mapped(t, |t| *t)).collect();
     let mut sums = vec![[[0.0; LANES]; N]; blocks.len()];
     for near in pass.lists.near.row(leaf) {
@@ -245,8 +247,9 @@ fn sum_leaf<const N: usize>(
 /// Adds all columns at the targets of a leaf to `out`, `targets × columns`.
 fn add_leaf_by_rows(pass: &Pass, leaf: usize, local_weights: &[f64], multipoles: &[f64], out: &mut [f64]) {
     let columns = pass.columns();
-    let cell = &pass.tree.cells[pass.lists.leaves[leaf] as usize];
-    let targets = &pass.tree.targets.positions[cell.targets()];
+    let Leaf { cell, .. } = pass.lists.leaves[leaf];
+    let cell = &pass.tree.cells[cell as usize];
+    let targets = &pass.tree.targets.positions[pass.lists.leaves[leaf].targets()];
     let mut out = MatMut::from_row_major_slice_mut(out, targets.len(), columns);
     let blocks: Vec<Block> = targets.chunks(LANES).map(|t| Block::mapped(t, |t| *t)).collect();
     for near in pass.lists.near.row(leaf) {

@@ -54,7 +54,7 @@ impl<T> Rows<T> {
 pub(super) struct Lists {
     /// Slot of the multipole expansion of each cell, in the order of cells; [`NONE`] without sources.
     pub(super) source_slot: Vec<u32>,
-    /// Slot of the local expansion of each cell; [`NONE`] without targets.
+    /// Slot of the local expansion of each cell; [`NONE`] without targets, and below a cell that is not opened.
     pub(super) target_slot: Vec<u32>,
     /// Cells by slot.
     pub(super) source_cells: Vec<u32>,
@@ -63,8 +63,8 @@ pub(super) struct Lists {
     pub(super) transfers: Vec<Transfer>,
     /// Where each group of target slots begins in `transfers`.
     pub(super) groups: Vec<u32>,
-    /// Leaves with targets in the order of their targets.
-    pub(super) leaves: Vec<u32>,
+    /// Where targets are evaluated, in the order of the targets.
+    pub(super) leaves: Vec<Leaf>,
     /// For each of the leaves, ranges of sources that act directly, ascending.
     pub(super) near: Rows<Range<u32>>,
     /// W lists: for each of the leaves, cells whose multipole expansions are evaluated at its targets.
@@ -72,6 +72,22 @@ pub(super) struct Lists {
     /// X lists: for each target slot, leaves whose sources act on the local expansion.
     pub(super) coarser: Rows<u32>,
 }
+
+/// Targets that are evaluated together, with the local expansion of one cell.
+#[derive(Debug, Clone)]
+pub(super) struct Leaf {
+    pub(super) cell: u32,
+    targets: Range<u32>,
+}
+
+impl Leaf {
+    pub(super) fn targets(&self) -> Range<usize> {
+        self.targets.start as usize..self.targets.end as usize
+    }
+}
+
+/// Targets of a leaf at most: a cell with no sources near may hold any number.
+const LEAF_TARGETS: usize = 512;
 
 /// Where an expansion becomes cheaper than its sources one by one.
 #[derive(Debug, Clone, Copy)]
@@ -88,17 +104,16 @@ pub(super) const GROUP: usize = 256;
 impl Lists {
     pub(super) fn new(tree: &Tree, thresholds: Thresholds) -> Self {
         let (source_slot, source_cells) = slots(tree, |cell| !tree.cells[cell].sources().is_empty());
-        let (target_slot, target_cells) = slots(tree, |cell| !tree.cells[cell].targets().is_empty());
         let mut descent = Descent {
             tree,
             thresholds,
             source_slot: &source_slot,
-            target_slot: &target_slot,
             transfers: Vec::new(),
             leaves: Vec::new(),
             near: Vec::new(),
             finer: Vec::new(),
             coarser: Vec::new(),
+            is_visited: vec![false; tree.cells.len()],
         };
         if !tree.cells[0].targets().is_empty() && !tree.cells[0].sources().is_empty() {
             descent.visit(0, &[0], &[]);
@@ -108,10 +123,19 @@ impl Lists {
             leaves,
             near,
             finer,
-            coarser,
+            mut coarser,
+            is_visited,
             ..
         } = descent;
+        let (target_slot, target_cells) = slots(tree, |cell| is_visited[cell]);
+        for transfer in &mut transfers {
+            transfer.target = target_slot[transfer.target as usize];
+            transfer.group = transfer.target / GROUP as u32;
+        }
         transfers.sort_unstable();
+        for (target, _) in &mut coarser {
+            *target = target_slot[*target as usize];
+        }
         let group_count = target_cells.len().div_ceil(GROUP) as u32;
         let groups = (0..=group_count)
             .map(|g| transfers.partition_point(|t| t.group < g) as u32)
@@ -143,25 +167,35 @@ fn slots(tree: &Tree, has_points: impl Fn(usize) -> bool) -> (Vec<u32>, Vec<u32>
     (slot, cells)
 }
 
+/// Until all is known, targets are given as cells, not slots.
 struct Descent<'a> {
     tree: &'a Tree,
     thresholds: Thresholds,
     source_slot: &'a [u32],
-    target_slot: &'a [u32],
     transfers: Vec<Transfer>,
-    leaves: Vec<u32>,
+    leaves: Vec<Leaf>,
     near: Vec<(u32, Range<u32>)>,
     finer: Vec<(u32, u32)>,
     coarser: Vec<(u32, u32)>,
+    is_visited: Vec<bool>,
 }
 
 impl Descent<'_> {
     /// `touching`: source cells of the level of `cell`, or coarser leaves, that touch it. `near`: further source cells
     /// that act directly on all its targets.
+    ///
+    /// Stops where hardly any sources touch, however many the targets: smaller cells would gain nothing, and gradients
+    /// lose digits as the cell shrinks against the distance of the sources.
     fn visit(&mut self, cell: usize, touching: &[u32], near: &[u32]) {
         let tree = self.tree;
+        self.is_visited[cell] = true;
+        let touching_sources: usize = touching.iter().map(|&c| tree.cells[c as usize].sources().len()).sum();
+        if touching_sources <= self.thresholds.points {
+            return self.finish(cell, [touching, near].concat(), &[]);
+        }
         if tree.cells[cell].is_leaf() {
-            return self.finish_leaf(cell, touching, near);
+            let (more, finer) = self.open(cell, touching);
+            return self.finish(cell, [near, &more].concat(), &finer);
         }
         for child in tree.cells[cell].children() {
             if tree.cells[child].targets().is_empty() {
@@ -187,7 +221,7 @@ impl Descent<'_> {
             } else if target.targets().len() <= self.thresholds.points {
                 near.push(other);
             } else {
-                self.coarser.push((self.target_slot[child], other));
+                self.coarser.push((child as u32, other));
             }
             return;
         }
@@ -203,35 +237,47 @@ impl Descent<'_> {
             } else {
                 let (operator, flip) = operator_of(target.offset_from(source));
                 self.transfers.push(Transfer {
-                    group: self.target_slot[child] / GROUP as u32,
+                    group: 0,
                     operator,
                     flip,
-                    target: self.target_slot[child],
+                    target: child as u32,
                     source: self.source_slot[part],
                 });
             }
         }
     }
 
-    fn finish_leaf(&mut self, cell: usize, touching: &[u32], near: &[u32]) {
-        let number = self.leaves.len() as u32;
-        self.leaves.push(cell as u32);
-        let mut near = near.to_vec();
+    /// Cells that act directly on a leaf among those that touch it and their descendants, and slots of the multipole
+    /// expansions that stand for the others.
+    fn open(&self, leaf: usize, touching: &[u32]) -> (Vec<u32>, Vec<u32>) {
+        let (mut near, mut finer) = (Vec::new(), Vec::new());
         let mut open = touching.to_vec();
         while let Some(other) = open.pop() {
             let source = &self.tree.cells[other as usize];
-            let touches = source.touches(&self.tree.cells[cell]);
+            let touches = source.touches(&self.tree.cells[leaf]);
             if touches && !source.is_leaf() {
                 let with_sources = |&part: &usize| !self.tree.cells[part].sources().is_empty();
                 open.extend(source.children().filter(with_sources).map(|part| part as u32));
             } else if touches || source.sources().len() <= self.thresholds.points {
                 near.push(other);
             } else {
-                self.finer.push((number, self.source_slot[other as usize]));
+                finer.push(self.source_slot[other as usize]);
             }
         }
-        for range in self.merged_sources(near) {
-            self.near.push((number, range));
+        (near, finer)
+    }
+
+    fn finish(&mut self, cell: usize, near: Vec<u32>, finer: &[u32]) {
+        let near = self.merged_sources(near);
+        let targets = self.tree.cells[cell].targets();
+        for first in targets.clone().step_by(LEAF_TARGETS) {
+            let number = self.leaves.len() as u32;
+            self.leaves.push(Leaf {
+                cell: cell as u32,
+                targets: first as u32..targets.end.min(first + LEAF_TARGETS) as u32,
+            });
+            self.near.extend(near.iter().map(|range| (number, range.clone())));
+            self.finer.extend(finer.iter().map(|&slot| (number, slot)));
         }
     }
 

@@ -76,13 +76,7 @@ impl Fmm {
     /// [`KernelError::TooMany`] for more than 2³² − 2 points of a kind.
     pub fn new(sources: &[Point], targets: &[Point], accuracy: f64) -> Result<Self, KernelError> {
         let resolution = resolution_for(accuracy);
-        Self::with_capacity(
-            sources,
-            targets,
-            resolution,
-            capacity_for(resolution),
-            thresholds_for(resolution),
-        )
+        Self::with_capacity(sources, targets, resolution, capacity_for(resolution), THRESHOLDS)
     }
 
     /// The same points at another accuracy, as [`Self::new`] takes it; shares the tree.
@@ -285,14 +279,11 @@ fn capacity_for(resolution: usize) -> Capacity {
     }
 }
 
-fn thresholds_for(resolution: usize) -> Thresholds {
-    let var = |n: &str, d: usize| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
-    let _ = resolution;
-    Thresholds {
-        pairs: var("FMM_PAIRS", 2000),
-        points: var("FMM_POINTS", 200),
-    }
-}
+/// A translation in single precision costs about as much as this many pairs, an evaluation at a point as this many.
+const THRESHOLDS: Thresholds = Thresholds {
+    pairs: 2000,
+    points: 200,
+};
 
 #[cfg(test)]
 mod tests;
