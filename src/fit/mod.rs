@@ -277,6 +277,7 @@ impl DomainFactor {
             None => errors_at(&map, &goal.boundary, &self.system.collocation, diagonal),
         };
         let residual = finite(&residual)?;
+        let map = map.with_error(residual.rms);
         let boundary_error = self.boundary_error(&map, &goal.boundary, diagonal)?;
         let checked = start.elapsed().as_secs_f64();
         let dense = self.system.rank_and_condition();

@@ -217,8 +217,11 @@ pub fn read_map(path: &Path) -> Result<MapFile, MapFileError> {
         .map_err(|rows| reader.problem("affine", format!("has {} rows instead of 4", rows.len())))?;
     let count = rows.len();
     let coefficients = Coefficients { sources: rows, affine };
-    let map = HarmonicMap::new(sources, coefficients)
+    let mut map = HarmonicMap::new(sources, coefficients)
         .ok_or_else(|| reader.problem("coefficients", format!("has {count} rows, which is not one per source")))?;
+    if let Some(fit) = &metadata.fit {
+        map = map.with_error(fit.residual_rms);
+    }
     let boundary = if reader.has("domain_vertices") {
         Some(reader.boundary()?)
     } else {
