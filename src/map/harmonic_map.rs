@@ -82,7 +82,9 @@ impl VolumeMap for HarmonicMap {
         let a = &self.coefficients.affine;
         let linear = Matrix3::from_fn(|i, k| a[k + 1][i]);
         // A gradient has about a digit less than the potential.
-        let sums = self.sums(points, 0.1 * self.accuracy).potential_and_gradient(self.weights(), 3);
+        let sums = self
+            .sums(points, 0.1 * self.accuracy)
+            .potential_and_gradient(self.weights(), 3);
         let (_, gradients) = sums.expect("one weight per source");
         gradients
             .as_chunks::<9>()
