@@ -226,21 +226,39 @@ fn refinement_reaches_the_tolerance_on_real_polycubes() {
 }
 
 /// The same boundary map on a mesh quartered again and again, one source per vertex, against refinement of the coarse
-/// one: at three times the sources, the uniform fit still errs more.
+/// one.
 #[test]
 fn sources_are_added_only_where_they_are_needed() {
-    let boundary = creased_cube();
-    let refined = fitted(&boundary, &with_tolerance(3e-3)).report;
-    let (mut domain, mut image) = (boundary.domain().clone(), boundary.target());
-    while domain.vertices().len() < 3 * refined.sources {
-        (domain, image) = (shapes::quartered(&domain), shapes::quartered(&image));
+    for (name, boundary, tolerance) in [
+        ("cube", creased_cube(), 3e-3),
+        ("cube", creased_cube(), 1e-3),
+        ("cube", creased_cube(), 3e-4),
+        ("L", ell(), 3e-4),
+        ("animal", examples::polycube_to_animal(3), 3e-3),
+        ("animal", examples::polycube_to_animal(3), 1e-3),
+    ] {
+        let refined = fitted(&boundary, &with_tolerance(tolerance)).report;
+        println!(
+            "{name} {tolerance:e} graded {} {:?} {:?}",
+            refined.sources, refined.boundary_error, refined.seconds
+        );
+        let (mut domain, mut image) = (boundary.domain().clone(), boundary.target());
+        while domain.vertices().len() < 130_000 {
+            let uniform = fitted(
+                &BoundaryMap::between(domain.clone(), &image).unwrap(),
+                &FitOptions {
+                    refine: false,
+                    ..with_tolerance(tolerance)
+                },
+            )
+            .report;
+            println!(
+                "    uniform {} {:?} {:?}",
+                uniform.sources, uniform.boundary_error, uniform.seconds
+            );
+            (domain, image) = (shapes::quartered(&domain), shapes::quartered(&image));
+        }
     }
-    let uniform = fitted(&BoundaryMap::between(domain, &image).unwrap(), &to_the_optimum()).report;
-    println!(
-        "graded {} {:?}; uniform {} {:?}",
-        refined.sources, refined.boundary_error, uniform.sources, uniform.boundary_error
-    );
-    assert!(uniform.boundary_error.p99 > refined.boundary_error.p99);
 }
 
 #[test]
@@ -273,7 +291,7 @@ fn refinement_keeps_to_its_budget_and_says_so() {
 /// With as many equations as sources the residual vanishes, whatever the map does between the collocation points.
 #[test]
 fn the_boundary_error_is_not_the_residual() {
-    let boundary = radial(&shapes::polycube(&[[0, 0, 0], [1, 0, 0], [0, 1, 0]], 4));
+    let boundary = ell();
     let options = FitOptions {
         collocation_ratio: 1.0,
         affine: false,
@@ -353,23 +371,35 @@ fn a_block_of_frames_gives_the_maps_of_single_solves() {
     assert!(factor.solve_block(&[], &|_| {}).unwrap().is_empty());
 }
 
+/// The second map's coordinates are the first's, turned: what was refined for one serves the other, without more ado.
 #[test]
 fn refined_sources_serve_later_boundary_maps() {
     let boundary = ell();
-    let mut factor = DomainFactor::new(boundary.domain(), &with_tolerance(1e-3), &|_| {}).unwrap();
-    let other = boundary_map(boundary.domain(), bent);
-    let before = factor.solve(&other, &|_| {}).unwrap().report;
+    let options = with_tolerance(1e-3);
+    let mut factor = DomainFactor::new(boundary.domain(), &options, &|_| {}).unwrap();
+    let turned = boundary
+        .image()
+        .iter()
+        .map(|p| Point::new(2.0 * p.y, -2.0 * p.x, 2.0 * p.z + 5.0));
+    let turned = BoundaryMap::new(boundary.domain().clone(), turned.collect()).unwrap();
+    let before = factor.solve(&turned, &|_| {}).unwrap().report;
+    assert!(before.boundary_error.p99 > options.tolerance);
     let first = factor.solve_refined(&boundary, &|_| {}).unwrap().report;
-    let after = factor.solve(&other, &|_| {}).unwrap().report;
-    assert!(first.sources > before.sources && after.sources >= first.sources);
-    assert!(
-        after.boundary_error.p99 < 0.7 * before.boundary_error.p99,
-        "{:?} to {:?}",
-        before.boundary_error,
-        after.boundary_error
-    );
+    let after = factor.solve(&turned, &|_| {}).unwrap().report;
+    assert!(first.sources > before.sources && after.sources == first.sources);
+    let ratio = after.boundary_error.p99 / first.boundary_error.p99;
+    // One was found warm, from the unrefined solution, the other at once: within what the plateau leaves open.
+    assert!((0.9..1.1).contains(&ratio), "{ratio}");
+    let again = factor.solve_refined(&turned, &|_| {}).unwrap().report;
+    assert!(again.sources == first.sources && again.boundary_error.p99 <= options.tolerance);
+    // Other data add their own.
+    let other = boundary_map(boundary.domain(), bent);
     let finest = factor.solve_refined(&other, &|_| {}).unwrap().report;
-    assert!(finest.boundary_error.p99 <= 1e-3);
+    assert!(
+        finest.boundary_error.p99 <= options.tolerance,
+        "{:?}",
+        finest.boundary_error
+    );
 }
 
 /// A thousand to a few thousand vertices each.

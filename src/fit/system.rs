@@ -200,3 +200,247 @@ impl Placed {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::boundary_map::BoundaryMap;
+    use crate::geometry::test_models;
+    use crate::kernel::direct;
+    use crate::mesh::shapes;
+    use crate::solver::{DenseOptions, Level, SchwarzOptions};
+
+    /// What the Schwarz solver is given for a domain, and data for it.
+    struct Case {
+        domain: SurfaceMesh,
+        points: Vec<Point>,
+        weights: Vec<f64>,
+        collocation: Vec<SurfacePoint>,
+        levels: Vec<Level>,
+    }
+
+    impl Case {
+        fn new(domain: SurfaceMesh, max_sources: usize) -> Self {
+            let options = FitOptions {
+                max_sources,
+                ..FitOptions::adaptive()
+            };
+            let frame = Frame::of(&domain);
+            let placed = System::place(&domain, &frame, &options, &mut Vec::new()).unwrap();
+            let Layout::Levels(levels, _) = placed.layout else {
+                panic!("levels for the Schwarz solver");
+            };
+            Self {
+                points: placed.points,
+                weights: placed.weights,
+                collocation: placed.collocation,
+                levels,
+                domain,
+            }
+        }
+
+        fn schwarz(&self, options: &SchwarzOptions) -> SchwarzFactor {
+            let (points, weights) = (self.points.clone(), self.weights.clone());
+            SchwarzFactor::new(points, weights, &self.levels, true, options, &|_, _| {}).unwrap()
+        }
+
+        fn data(&self, f: impl Fn(&Point) -> Point) -> Values {
+            let frame = Frame::of(&self.domain);
+            let image = self.domain.vertices().iter().map(|p| f(&frame.to_unit(p))).collect();
+            let boundary = BoundaryMap::new(self.domain.clone(), image).unwrap();
+            let rows: Vec<[f64; 3]> = boundary
+                .evaluate(&self.collocation)
+                .iter()
+                .map(|p| (*p).into())
+                .collect();
+            Values::from_triples(&rows)
+        }
+
+        fn sources(&self) -> Vec<Point> {
+            self.levels.iter().flat_map(|level| level.sources.clone()).collect()
+        }
+
+        /// Weighted root mean square of what coefficients leave, summed term by term.
+        fn residual(&self, data: &Values, coefficients: &Values) -> f64 {
+            let sources = self.sources();
+            let rows: Vec<[f64; 3]> = (0..sources.len() + 4)
+                .map(|r| std::array::from_fn(|k| coefficients.row(r)[k]))
+                .collect();
+            let (weights, affine) = rows.split_at(sources.len());
+            let charges = direct::Sources::new(&sources, weights).unwrap();
+            let potential = direct::potential(&charges, &self.points);
+            let rows = self.points.iter().zip(&self.weights).enumerate();
+            let squares = rows.map(|(r, (p, weight))| {
+                let error = |k: usize| {
+                    let linear = affine[0][k] + affine[1][k] * p.x + affine[2][k] * p.y + affine[3][k] * p.z;
+                    data.row(r)[k] - potential[r][k] - linear
+                };
+                weight * (0..3).map(|k| error(k).powi(2)).sum::<f64>()
+            });
+            (squares.sum::<f64>() / self.weights.iter().sum::<f64>()).sqrt()
+        }
+    }
+
+    fn radial(p: &Point) -> Point {
+        Point::from(p.coords / p.coords.norm().max(0.05))
+    }
+
+    /// A polycube of the nearest axis: creases all over.
+    fn boxed(p: &Point) -> Point {
+        Point::from(p.coords / p.coords.amax().max(0.05))
+    }
+
+    fn smooth(p: &Point) -> Point {
+        let potential = |x, y, z| 1.0 / (p - Point::new(x, y, z)).norm();
+        Point::new(
+            potential(2.0, 0.3, 0.1),
+            potential(-0.3, 1.7, 0.2),
+            p.z + potential(1.0, 1.0, -1.5),
+        )
+    }
+
+    fn procedural() -> Vec<(&'static str, SurfaceMesh, usize)> {
+        vec![
+            ("bumpy ball", shapes::bumpy_sphere(12), usize::MAX),
+            ("genus 2", shapes::double_torus(6), usize::MAX),
+            ("shell", shapes::spherical_shell(1.0, 0.6, 3), usize::MAX),
+            ("cube of few sources", shapes::cube(1.0, 25), 1100),
+        ]
+    }
+
+    /// The optimum is that of all levels' sources together over all rows, which is the problem that the Schwarz solver is to
+    /// solve; truncated so low that it is the least residual to rounding. Both residuals are summed afresh, term by term.
+    fn assert_near_the_optimum(name: &str, case: &Case) {
+        let schwarz = case.schwarz(&SchwarzOptions::default());
+        let sources = case.sources();
+        let system = CollocationSystem {
+            collocation: &case.points,
+            row_weights: &case.weights.iter().map(|w| w.sqrt()).collect::<Vec<_>>(),
+            sources: &sources,
+            affine: true,
+        };
+        let options = DenseOptions {
+            truncation: 1e-14,
+            ..DenseOptions::default()
+        };
+        let dense = DenseFactor::new(&system, &options).unwrap();
+        let mut too_high = Vec::new();
+        for (kind, data) in [
+            ("radial", case.data(radial)),
+            ("boxed", case.data(boxed)),
+            ("smooth", case.data(smooth)),
+        ] {
+            let solution = schwarz.solve(&data, None, 0.0, &|_, _| {}).unwrap();
+            let found = case.residual(&data, &solution.coefficients);
+            let optimum = case.residual(&data, &dense.solve_columns(&data).unwrap());
+            let sizes: Vec<usize> = case.levels.iter().map(|level| level.sources.len()).collect();
+            println!(
+                "{name} {sizes:?}, {kind}: {found:.4e}, optimum {optimum:.4e}, ratio {:.3}, {} iterations, {:?}, {:?}",
+                found / optimum,
+                solution.iterations,
+                solution.stop,
+                solution.history
+            );
+            if found > 1.1 * optimum {
+                too_high.push((kind, found / optimum));
+            }
+        }
+        assert!(too_high.is_empty(), "{name}: {too_high:?}");
+    }
+
+    #[test]
+    fn schwarz_comes_within_a_tenth_of_the_optimum() {
+        for (name, domain, sources) in procedural() {
+            assert_near_the_optimum(name, &Case::new(domain, sources));
+        }
+    }
+
+    #[test]
+    fn schwarz_comes_within_a_tenth_of_the_optimum_on_real_models() {
+        for (name, sources) in [
+            ("surfaces/igea_15k.obj", 2000),
+            ("surfaces/kitten_g1_9k.obj", 1500),
+            ("surfaces/double_torus_g2_3k.obj", 1500),
+            ("surfaces/spot_uv_2k9.obj", 1200),
+        ] {
+            let Some(domain) = test_models::load(name) else { return };
+            assert_near_the_optimum(name, &Case::new(domain, sources));
+        }
+    }
+
+    /// A minute of dense decompositions.
+    #[test]
+    #[ignore = "takes a minute"]
+    fn schwarz_comes_within_a_tenth_of_the_optimum_of_4000_sources() {
+        for name in ["surfaces/igea_15k.obj", "surfaces/kitten_g1_9k.obj"] {
+            let Some(domain) = test_models::load(name) else { return };
+            assert_near_the_optimum(name, &Case::new(domain, 3500));
+        }
+    }
+
+    #[test]
+    fn a_solution_needs_no_more_than_one_iteration_to_be_found_again() {
+        let case = Case::new(shapes::bumpy_sphere(16), usize::MAX);
+        let (factor, data) = (case.schwarz(&SchwarzOptions::default()), case.data(radial));
+        let first = factor.solve(&data, None, 0.0, &|_, _| {}).unwrap();
+        let again = factor.solve(&data, Some(&first.coefficients), 0.0, &|_, _| {}).unwrap();
+        let (before, after) = (
+            first.history[first.history.len() - 1],
+            again.history[again.history.len() - 1],
+        );
+        assert!(again.iterations <= 1, "{:?} then {:?}", first.history, again.history);
+        assert!(after <= before * (1.0 + 1e-6), "{before:e} then {after:e}");
+        // What was found already is a goal that is met at once.
+        let met = factor
+            .solve(&data, Some(&first.coefficients), 1.01 * before, &|_, _| {})
+            .unwrap();
+        assert_eq!((met.iterations, met.stop), (0, Stop::Goal));
+    }
+
+    #[test]
+    fn iterations_end_at_the_goal_the_plateau_or_their_number() {
+        let case = Case::new(shapes::bumpy_sphere(16), usize::MAX);
+        let data = case.data(smooth);
+        let factor = case.schwarz(&SchwarzOptions::default());
+        let plateau = factor.solve(&data, None, 0.0, &|_, _| {}).unwrap();
+        assert_eq!(plateau.stop, Stop::Plateau);
+        let least = plateau.history[plateau.history.len() - 1];
+        assert!((case.residual(&data, &plateau.coefficients) / least - 1.0).abs() < 1e-3);
+
+        let goal = 100.0 * least;
+        let early = factor.solve(&data, None, goal, &|_, _| {}).unwrap();
+        assert_eq!(early.stop, Stop::Goal);
+        assert!(early.iterations < plateau.iterations);
+        let found = case.residual(&data, &early.coefficients);
+        assert!(found <= 3f64.sqrt() * goal && found > least, "{found:e}");
+
+        let none_left = SchwarzOptions {
+            most_iterations: 1,
+            plateau: 1.0,
+            ..SchwarzOptions::default()
+        };
+        let cut = case.schwarz(&none_left).solve(&data, None, 0.0, &|_, _| {}).unwrap();
+        assert_eq!((cut.iterations, cut.stop), (1, Stop::Iterations));
+    }
+
+    /// Nothing to fit, affine data (in the basis), and data that are not as many as the rows.
+    #[test]
+    fn trivial_and_wrong_data_are_answered() {
+        let case = Case::new(shapes::bumpy_sphere(12), usize::MAX);
+        let factor = case.schwarz(&SchwarzOptions::default());
+        let zero = factor
+            .solve(&Values::zeros(case.points.len(), 2), None, 0.0, &|_, _| {})
+            .unwrap();
+        assert!(zero.coefficients.as_slice().iter().all(|w| *w == 0.0) && zero.iterations == 0);
+        let affine = case.data(|p| Point::new(1.0 + p.x, 2.0 * p.y - p.z, 3.0 * p.z));
+        let solution = factor.solve(&affine, None, 1e-10, &|_, _| {}).unwrap();
+        assert!(
+            case.residual(&affine, &solution.coefficients) < 1e-10,
+            "{:?}",
+            solution.history
+        );
+        let few = Values::zeros(case.points.len() - 1, 3);
+        let error = factor.solve(&few, None, 0.0, &|_, _| {});
+        assert!(matches!(error, Err(crate::solver::SolveError::DataLength { .. })));
+    }
+}
