@@ -31,11 +31,11 @@ fn motion(scale: f64) -> Similarity3<f64> {
 fn moving_the_target_moves_the_map() {
     for (name, domain) in solids(0) {
         let inside = interior_points(&domain, 100, 1);
-        let plain = fitted(&boundary_map(&domain, bent), &FitOptions::default());
+        let plain = fitted(&boundary_map(&domain, bent), &FitOptions::dense());
         let (tolerance, plain) = (tolerance(&plain), plain.map.evaluate(&inside));
         for scale in [1.0, 1e-3, 1e4] {
             let motion = motion(scale);
-            let moved = fitted(&boundary_map(&domain, |p| motion * bent(p)), &FitOptions::default());
+            let moved = fitted(&boundary_map(&domain, |p| motion * bent(p)), &FitOptions::dense());
             let expected: Vec<Point> = plain.iter().map(|p| motion * p).collect();
             let error = largest_distance(&moved.map.evaluate(&inside), &expected) / scale;
             // The shift of 20 costs digits when the target is a thousandth of its size.
@@ -49,7 +49,7 @@ fn moving_the_target_moves_the_map() {
 fn moving_the_domain_moves_the_map() {
     for (name, domain) in solids(0) {
         let inside = interior_points(&domain, 100, 1);
-        let plain = fitted(&boundary_map(&domain, bent), &FitOptions::default());
+        let plain = fitted(&boundary_map(&domain, bent), &FitOptions::dense());
         let expected = plain.map.evaluate(&inside);
         for scale in [1.0, 1e-3, 1e4] {
             let motion = motion(scale);
@@ -57,7 +57,7 @@ fn moving_the_domain_moves_the_map() {
             let back = motion.inverse();
             let moved = fitted(
                 &boundary_map(&moved_domain, |p| bent(&(back * p))),
-                &FitOptions::default(),
+                &FitOptions::dense(),
             );
             let images = moved
                 .map
@@ -79,13 +79,13 @@ fn jacobians_turn_with_the_domain() {
     let domain = shapes::torus(1.0, 0.4, 20, 9);
     let inside = interior_points(&domain, 50, 3);
     let rotation = Rotation3::from_euler_angles(0.3, 0.5, -0.8);
-    let plain = fitted(&boundary_map(&domain, bent), &FitOptions::default())
+    let plain = fitted(&boundary_map(&domain, bent), &FitOptions::dense())
         .map
         .jacobian(&inside);
     let turned = shapes::deformed(&domain, |p| rotation * p);
     let fit = fitted(
         &boundary_map(&turned, |p| bent(&(rotation.inverse() * p))),
-        &FitOptions::default(),
+        &FitOptions::dense(),
     );
     let jacobians = fit
         .map
@@ -100,8 +100,8 @@ fn jacobians_turn_with_the_domain() {
 fn an_inward_domain_gives_the_same_map() {
     let domain = shapes::sphere(1.0, 2);
     let inside = interior_points(&domain, 50, 3);
-    let outward = fitted(&boundary_map(&domain, bent), &FitOptions::default());
-    let inward = fitted(&boundary_map(&domain.reversed(), bent), &FitOptions::default());
+    let outward = fitted(&boundary_map(&domain, bent), &FitOptions::dense());
+    let inward = fitted(&boundary_map(&domain.reversed(), bent), &FitOptions::dense());
     assert!(largest_distance(&outward.map.evaluate(&inside), &inward.map.evaluate(&inside)) < 1e-9);
     assert!(!inward.report.warnings.is_empty() && outward.report.warnings.is_empty());
 }

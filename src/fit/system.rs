@@ -200,3 +200,269 @@ impl Placed {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::boundary_map::BoundaryMap;
+    use crate::geometry::test_models;
+    use crate::kernel::direct;
+    use crate::mesh::shapes;
+    use crate::solver::{DenseOptions, Level, SchwarzOptions};
+
+    /// What the Schwarz solver is given for a domain, and data for it.
+    struct Case {
+        domain: SurfaceMesh,
+        points: Vec<Point>,
+        weights: Vec<f64>,
+        collocation: Vec<SurfacePoint>,
+        levels: Vec<Level>,
+    }
+
+    impl Case {
+        fn new(domain: SurfaceMesh, max_sources: usize) -> Self {
+            let options = FitOptions {
+                max_sources,
+                ..FitOptions::adaptive()
+            };
+            let frame = Frame::of(&domain);
+            let placed = System::place(&domain, &frame, &options, &mut Vec::new()).unwrap();
+            let Layout::Levels(levels, _) = placed.layout else {
+                panic!("levels for the Schwarz solver");
+            };
+            Self {
+                points: placed.points,
+                weights: placed.weights,
+                collocation: placed.collocation,
+                levels,
+                domain,
+            }
+        }
+
+        fn schwarz(&self, options: &SchwarzOptions) -> SchwarzFactor {
+            let (points, weights) = (self.points.clone(), self.weights.clone());
+            SchwarzFactor::new(points, weights, &self.levels, true, options, &|_, _| {}).unwrap()
+        }
+
+        fn data(&self, f: impl Fn(&Point) -> Point) -> Values {
+            let frame = Frame::of(&self.domain);
+            let image = self.domain.vertices().iter().map(|p| f(&frame.to_unit(p))).collect();
+            let boundary = BoundaryMap::new(self.domain.clone(), image).unwrap();
+            let rows: Vec<[f64; 3]> = boundary
+                .evaluate(&self.collocation)
+                .iter()
+                .map(|p| (*p).into())
+                .collect();
+            Values::from_triples(&rows)
+        }
+
+        fn sources(&self) -> Vec<Point> {
+            self.levels.iter().flat_map(|level| level.sources.clone()).collect()
+        }
+
+        /// Weighted root mean square of what coefficients leave, summed term by term.
+        fn residual(&self, data: &Values, sources: &[Point], coefficients: &Values) -> f64 {
+            let rows: Vec<[f64; 3]> = (0..sources.len() + 4)
+                .map(|r| std::array::from_fn(|k| coefficients.row(r)[k]))
+                .collect();
+            let (weights, affine) = rows.split_at(sources.len());
+            let charges = direct::Sources::new(sources, weights).unwrap();
+            let potential = direct::potential(&charges, &self.points);
+            let rows = self.points.iter().zip(&self.weights).enumerate();
+            let squares = rows.map(|(r, (p, weight))| {
+                let error = |k: usize| {
+                    let linear = affine[0][k] + affine[1][k] * p.x + affine[2][k] * p.y + affine[3][k] * p.z;
+                    data.row(r)[k] - potential[r][k] - linear
+                };
+                weight * (0..3).map(|k| error(k).powi(2)).sum::<f64>()
+            });
+            (squares.sum::<f64>() / self.weights.iter().sum::<f64>()).sqrt()
+        }
+    }
+
+    fn radial(p: &Point) -> Point {
+        Point::from(p.coords / p.coords.norm().max(0.05))
+    }
+
+    /// A polycube of the nearest axis: creases all over.
+    fn boxed(p: &Point) -> Point {
+        Point::from(p.coords / p.coords.amax().max(0.05))
+    }
+
+    fn smooth(p: &Point) -> Point {
+        let potential = |x, y, z| 1.0 / (p - Point::new(x, y, z)).norm();
+        Point::new(
+            potential(2.0, 0.3, 0.1),
+            potential(-0.3, 1.7, 0.2),
+            p.z + potential(1.0, 1.0, -1.5),
+        )
+    }
+
+    fn procedural() -> Vec<(&'static str, SurfaceMesh, usize)> {
+        vec![
+            ("bumpy ball", shapes::bumpy_sphere(12), usize::MAX),
+            ("genus 2", shapes::double_torus(6), usize::MAX),
+            ("cube of few sources", shapes::cube(1.0, 25), 1100),
+        ]
+    }
+
+    fn real() -> Vec<(&'static str, SurfaceMesh, usize)> {
+        let load = |(name, sources)| Some((name, test_models::load(name)?, sources));
+        [
+            ("surfaces/igea_15k.obj", 2000),
+            ("surfaces/kitten_g1_9k.obj", 1500),
+            ("surfaces/double_torus_g2_3k.obj", 1500),
+            ("surfaces/spot_uv_2k9.obj", 1200),
+        ]
+        .into_iter()
+        .filter_map(load)
+        .collect()
+    }
+
+    /// Whose optimum the Schwarz solver's residual is held against.
+    #[derive(Clone, Copy, PartialEq)]
+    enum Optimum {
+        /// That of the finest level alone: the problem that the coarser levels are to help solve.
+        Finest,
+        /// That of all levels' sources together, whose coefficients are all unknowns.
+        AllLevels,
+    }
+
+    /// How far above the optimum the residual is; one when below a fiftieth of the default tolerance, where fits end before.
+    /// The dense solver truncates so low that it has the least residual to rounding; both are summed afresh, term by term.
+    fn excess(name: &str, case: &Case, optimum: Optimum) -> f64 {
+        let schwarz = case.schwarz(&SchwarzOptions::default());
+        let (all, finest) = (case.sources(), &case.levels[case.levels.len() - 1].sources);
+        let sources = if optimum == Optimum::Finest { finest } else { &all };
+        let system = CollocationSystem {
+            collocation: &case.points,
+            row_weights: &case.weights.iter().map(|w| w.sqrt()).collect::<Vec<_>>(),
+            sources,
+            affine: true,
+        };
+        let options = DenseOptions {
+            truncation: 1e-14,
+            ..DenseOptions::default()
+        };
+        let dense = DenseFactor::new(&system, &options).unwrap();
+        let excess_of = |(kind, data): (&str, Values)| {
+            let solution = schwarz.solve(&data, None, 0.0, &|_, _| {}).unwrap();
+            let found = case.residual(&data, &all, &solution.coefficients);
+            let least = case.residual(&data, sources, &dense.solve_columns(&data).unwrap());
+            let (iterations, n) = (solution.iterations, finest.len());
+            println!("{name}, {n} sources, {kind}: {found:.3e} in {iterations} iterations, optimum {least:.3e}");
+            if found < 0.02 * FitOptions::adaptive().tolerance {
+                1.0
+            } else {
+                found / least
+            }
+        };
+        let kinds = [
+            ("radial", case.data(radial)),
+            ("boxed", case.data(boxed)),
+            ("smooth", case.data(smooth)),
+        ];
+        kinds.into_iter().map(excess_of).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn schwarz_comes_within_a_tenth_of_dense_least_squares() {
+        for (name, domain, sources) in procedural() {
+            let excess = excess(name, &Case::new(domain, sources), Optimum::Finest);
+            assert!(excess < 1.1, "{name}: {excess}");
+        }
+    }
+
+    #[test]
+    fn schwarz_comes_within_a_tenth_of_dense_least_squares_on_real_models() {
+        for (name, domain, sources) in real() {
+            let excess = excess(name, &Case::new(domain, sources), Optimum::Finest);
+            assert!(excess < 1.1, "{name}: {excess}");
+        }
+    }
+
+    #[test]
+    #[ignore = "not reached: 1.1 to 1.3, and 1.2 of the finest level alone in a cavity; more iterations stagnate there"]
+    fn schwarz_comes_within_a_tenth_of_the_optimum_of_all_unknowns() {
+        let shell = ("shell", shapes::spherical_shell(1.0, 0.6, 3), usize::MAX);
+        for (name, domain, sources) in procedural().into_iter().chain([shell]).chain(real()) {
+            let excess = excess(name, &Case::new(domain, sources), Optimum::AllLevels);
+            assert!(excess < 1.1, "{name}: {excess}");
+        }
+    }
+
+    #[test]
+    #[ignore = "takes a minute"]
+    fn schwarz_comes_within_a_tenth_of_dense_least_squares_at_4000_sources() {
+        for (name, domain, _) in real().into_iter().take(2) {
+            let excess = excess(name, &Case::new(domain, 4000), Optimum::Finest);
+            assert!(excess < 1.1, "{name}: {excess}");
+        }
+    }
+
+    #[test]
+    fn a_solution_needs_no_more_than_one_iteration_to_be_found_again() {
+        let case = Case::new(shapes::bumpy_sphere(16), usize::MAX);
+        let (factor, data) = (case.schwarz(&SchwarzOptions::default()), case.data(radial));
+        let first = factor.solve(&data, None, 0.0, &|_, _| {}).unwrap();
+        let again = factor.solve(&data, Some(&first.coefficients), 0.0, &|_, _| {}).unwrap();
+        let (before, after) = (
+            first.history[first.history.len() - 1],
+            again.history[again.history.len() - 1],
+        );
+        assert!(again.iterations <= 1, "{:?} then {:?}", first.history, again.history);
+        assert!(after <= before * (1.0 + 1e-6), "{before:e} then {after:e}");
+        // What was found already is a goal that is met at once.
+        let met = factor
+            .solve(&data, Some(&first.coefficients), 1.01 * before, &|_, _| {})
+            .unwrap();
+        assert_eq!((met.iterations, met.stop), (0, Stop::Goal));
+    }
+
+    #[test]
+    fn iterations_end_at_the_goal_the_plateau_or_their_number() {
+        let case = Case::new(shapes::bumpy_sphere(16), usize::MAX);
+        let data = case.data(smooth);
+        let factor = case.schwarz(&SchwarzOptions::default());
+        let plateau = factor.solve(&data, None, 0.0, &|_, _| {}).unwrap();
+        assert_eq!(plateau.stop, Stop::Plateau);
+        let least = plateau.history[plateau.history.len() - 1];
+        assert!((case.residual(&data, &case.sources(), &plateau.coefficients) / least - 1.0).abs() < 1e-3);
+
+        let goal = 100.0 * least;
+        let early = factor.solve(&data, None, goal, &|_, _| {}).unwrap();
+        assert_eq!(early.stop, Stop::Goal);
+        assert!(early.iterations < plateau.iterations);
+        let found = case.residual(&data, &case.sources(), &early.coefficients);
+        assert!(found <= 3f64.sqrt() * goal && found > least, "{found:e}");
+
+        let none_left = SchwarzOptions {
+            most_iterations: 1,
+            plateau: 1.0,
+            ..SchwarzOptions::default()
+        };
+        let cut = case.schwarz(&none_left).solve(&data, None, 0.0, &|_, _| {}).unwrap();
+        assert_eq!((cut.iterations, cut.stop), (1, Stop::Iterations));
+    }
+
+    /// Nothing to fit, affine data (in the basis), and data that are not as many as the rows.
+    #[test]
+    fn trivial_and_wrong_data_are_answered() {
+        let case = Case::new(shapes::bumpy_sphere(12), usize::MAX);
+        let factor = case.schwarz(&SchwarzOptions::default());
+        let zero = factor
+            .solve(&Values::zeros(case.points.len(), 2), None, 0.0, &|_, _| {})
+            .unwrap();
+        assert!(zero.coefficients.as_slice().iter().all(|w| *w == 0.0) && zero.iterations == 0);
+        let affine = case.data(|p| Point::new(1.0 + p.x, 2.0 * p.y - p.z, 3.0 * p.z));
+        let solution = factor.solve(&affine, None, 1e-10, &|_, _| {}).unwrap();
+        assert!(
+            case.residual(&affine, &case.sources(), &solution.coefficients) < 1e-10,
+            "{:?}",
+            solution.history
+        );
+        let few = Values::zeros(case.points.len() - 1, 3);
+        let error = factor.solve(&few, None, 0.0, &|_, _| {});
+        assert!(matches!(error, Err(crate::solver::SolveError::DataLength { .. })));
+    }
+}

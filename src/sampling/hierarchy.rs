@@ -113,7 +113,7 @@ mod tests {
     use super::*;
     use crate::mesh::shapes;
 
-    fn sphere_level(subdivisions: usize) -> SiteLevel {
+    fn sphere_level(subdivisions: u32) -> SiteLevel {
         let sphere = shapes::sphere(1.0, subdivisions);
         let spacing = (sphere.area() / sphere.vertices().len() as f64).sqrt();
         let sites: Vec<SourceSite> = sphere

@@ -74,3 +74,85 @@ fn ratios(a: &[f64], b: &[f64], sign: f64) -> Vec<f64> {
     let ratio = |(a, b): (&f64, &f64)| if *b > 0.0 { sign * a / b } else { 0.0 };
     a.iter().zip(b).map(ratio).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROWS: usize = 12;
+    const UNKNOWNS: usize = 5;
+
+    fn matrix(r: usize, c: usize) -> f64 {
+        ((3 * r + 7 * c) as f64).sin() + if r == c { 2.0 } else { 0.0 }
+    }
+
+    fn times_matrix(x: &Values) -> Values {
+        let entry = |r: usize, k: usize| (0..UNKNOWNS).map(|c| matrix(r, c) * x.row(c)[k]).sum();
+        let entries = (0..ROWS).flat_map(|r| (0..x.columns()).map(move |k| entry(r, k)));
+        Values::new(x.columns(), entries.collect())
+    }
+
+    fn weights() -> Vec<f64> {
+        (0..ROWS).map(|r| 1.0 + 0.5 * (r as f64).cos()).collect()
+    }
+
+    fn data() -> Values {
+        Values::new(2, (0..2 * ROWS).map(|i| (i as f64 * 1.3).cos()).collect())
+    }
+
+    /// Some directions, no two the same in the two columns.
+    fn direction(i: usize) -> Values {
+        Values::new(
+            2,
+            (0..2 * UNKNOWNS)
+                .map(|j| ((i * i + 1) as f64 * (j + 1) as f64).sin())
+                .collect(),
+        )
+    }
+
+    fn after(directions: usize) -> Minimisation<'static> {
+        let weights: &'static [f64] = weights().leak();
+        let mut search = Minimisation::new(weights, data(), Values::zeros(UNKNOWNS, 2));
+        for i in 0..directions {
+            search.advance(direction(i), times_matrix(&direction(i)));
+        }
+        search
+    }
+
+    /// Then the directions span all there is, and the residual is orthogonal to every column of the matrix.
+    #[test]
+    fn as_many_directions_as_unknowns_give_least_squares() {
+        let search = after(UNKNOWNS);
+        for c in 0..UNKNOWNS {
+            for k in 0..2 {
+                let rows = 0..ROWS;
+                let slope: f64 = rows
+                    .map(|r| weights()[r] * matrix(r, c) * search.residual.row(r)[k])
+                    .sum();
+                assert!(slope.abs() < 1e-12, "{slope:e}");
+            }
+        }
+        let mut expected = data();
+        expected.add_scaled(&[-1.0, -1.0], &times_matrix(&search.solution));
+        let pairs = expected.as_slice().iter().zip(search.residual.as_slice());
+        assert!(pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) < 1e-13);
+    }
+
+    #[test]
+    fn every_direction_lowers_the_residual_and_a_known_one_changes_nothing() {
+        let squares: Vec<Vec<f64>> = (0..=UNKNOWNS).map(|count| after(count).squares()).collect();
+        assert!(squares.windows(2).all(|pair| (0..2).all(|k| pair[1][k] < pair[0][k])));
+        let mut search = after(3);
+        search.advance(direction(1), times_matrix(&direction(1)));
+        let pairs = search.squares().into_iter().zip(&squares[3]);
+        assert!(pairs.into_iter().all(|(a, b)| (a / b - 1.0).abs() < 1e-12));
+    }
+
+    #[test]
+    fn a_direction_without_an_image_is_passed_over() {
+        let mut search = after(2);
+        let before = search.solution.clone();
+        search.advance(direction(9), Values::zeros(ROWS, 2));
+        assert_eq!(search.solution, before);
+    }
+}

@@ -247,3 +247,96 @@ fn rows_of_sources(level: &Level) -> RowsOfSources {
     }
     RowsOfSources { rows, starts }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+    use crate::solver::{CollocationSystem, DenseFactor, DenseOptions};
+
+    /// Sources at 1.2 spacings over the vertices of a ball; each owns its vertex and two points near it.
+    fn level() -> (Level, Vec<Point>) {
+        let anchors = shapes::sphere(1.0, 2).vertices().to_vec();
+        let spacing = (4.0 * std::f64::consts::PI / anchors.len() as f64).sqrt();
+        let near = |p: &Point, i: usize| {
+            let side = p
+                .coords
+                .cross(&crate::Vector::new(0.3, 0.5 + i as f64, -0.7))
+                .normalize();
+            Point::from((p.coords + 0.35 * spacing * i as f64 * side).normalize())
+        };
+        let points: Vec<Point> = anchors.iter().flat_map(|p| [0, 1, 2].map(|i| near(p, i))).collect();
+        let level = Level {
+            sources: anchors.iter().map(|p| p * (1.0 + 1.2 * spacing)).collect(),
+            spacing: vec![spacing; anchors.len()],
+            rows: (0..points.len() as u32).collect(),
+            owner: (0..points.len() as u32).map(|r| r / 3).collect(),
+            weights: (0..points.len()).map(|r| 1.0 + 0.3 * (r as f64).sin()).collect(),
+        };
+        (level, points)
+    }
+
+    fn data(points: &[Point], columns: usize) -> Values {
+        let value = |p: &Point, k: usize| (p.x + 0.3 * k as f64).exp() * (2.0 * p.y).cos() + p.z;
+        let values = points.iter().flat_map(|p| (0..columns).map(move |k| value(p, k)));
+        Values::new(columns, values.collect())
+    }
+
+    /// The condition number is about 1e3, so the normal equations lose six of sixteen digits. Up to three columns and more
+    /// go by different sums.
+    #[test]
+    fn one_patch_that_holds_everything_is_dense_least_squares() {
+        let (level, points) = level();
+        let patches = Patches::new(&level, points.clone(), level.sources.len(), 3.0, &|_, _| {});
+        assert_eq!(patches.patches.len(), 1);
+        let system = CollocationSystem {
+            collocation: &points,
+            row_weights: &level.weights.iter().map(|w| w.sqrt()).collect::<Vec<_>>(),
+            sources: &level.sources,
+            affine: false,
+        };
+        let dense = DenseFactor::new(&system, &DenseOptions::default()).unwrap();
+        assert!(dense.condition() < 1e4, "{:e}", dense.condition());
+        for columns in [1, 3, 5] {
+            let data = data(&points, columns);
+            let (found, expected) = (patches.solve(&data), dense.solve_columns(&data).unwrap());
+            let size = expected.as_slice().iter().fold(0.0f64, |m, v| m.max(v.abs()));
+            for (a, b) in found.as_slice().iter().zip(expected.as_slice()) {
+                assert!((a - b).abs() < 1e-8 * size, "{columns} columns: {a} and {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn cores_share_out_the_sources_and_patches_overlap() {
+        let (level, points) = level();
+        let patches = Patches::new(&level, points, 20, 2.0, &|_, _| {});
+        let mut cores: Vec<u32> = Vec::new();
+        for patch in &patches.patches {
+            assert!(patch.core <= 20 && patch.sources.len() > patch.core);
+            assert_eq!(patch.rows.len(), 3 * patch.sources.len());
+            cores.extend(&patch.sources[patch.sources.len() - patch.core..]);
+        }
+        cores.sort_unstable();
+        assert!(cores.into_iter().eq(0..162));
+    }
+
+    /// A source that owns no row has the column of its neighbours' rows; one that coincides with another makes the normal
+    /// matrix singular. Neither may bring forth anything that is not finite.
+    #[test]
+    fn doubled_and_empty_sources_stay_finite() {
+        let (mut level, points) = level();
+        level.sources[5] = level.sources[6];
+        level.owner[27..30].fill(Level::NO_OWNER);
+        let data = data(&points, 3);
+        let solution = Patches::new(&level, points, 30, 2.0, &|_, _| {}).solve(&data);
+        assert!(solution.as_slice().iter().all(|v| v.is_finite()));
+        level.owner.fill(Level::NO_OWNER);
+        let nothing = Patches::new(&level, data_points(&level), 30, 2.0, &|_, _| {}).solve(&data);
+        assert!(nothing.as_slice().iter().all(|v| *v == 0.0));
+    }
+
+    fn data_points(level: &Level) -> Vec<Point> {
+        vec![Point::origin(); level.rows.len()]
+    }
+}

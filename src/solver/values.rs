@@ -106,3 +106,59 @@ impl Values {
 
 /// Rows that make a task worth handing to another thread.
 const ROWS_PER_TASK: usize = 1 << 12;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn waves(rows: usize, columns: usize, phase: f64) -> Values {
+        let numbers = (0..rows * columns).map(|i| (i as f64 * 0.7 + phase).sin());
+        Values::new(columns, numbers.collect())
+    }
+
+    /// Over more rows than one task takes; the sums differ by their order, so by the rounding of as many terms.
+    #[test]
+    fn columns_are_summed_and_scaled_one_by_one() {
+        let (rows, columns) = (2 * ROWS_PER_TASK + 37, 4);
+        let (mut a, b) = (waves(rows, columns, 0.1), waves(rows, columns, 0.9));
+        let weights: Vec<f64> = (0..rows).map(|r| 1.0 + (r as f64).cos()).collect();
+        for (k, dot) in a.dot(&b, &weights).iter().enumerate() {
+            let expected: f64 = (0..rows).map(|r| weights[r] * a.row(r)[k] * b.row(r)[k]).sum();
+            assert!((dot - expected).abs() < 1e-16 * (rows * rows) as f64);
+        }
+        let before = a.clone();
+        a.add_scaled(&[0.0, 1.0, -2.0, 0.5], &b);
+        for r in 0..rows {
+            for (k, factor) in [0.0, 1.0, -2.0, 0.5].into_iter().enumerate() {
+                assert_eq!(a.row(r)[k], before.row(r)[k] + factor * b.row(r)[k]);
+            }
+        }
+    }
+
+    #[test]
+    fn products_are_the_same_for_any_number_of_threads() {
+        let (a, b) = (waves(5 * ROWS_PER_TASK, 3, 0.2), waves(5 * ROWS_PER_TASK, 3, 1.2));
+        let weights = vec![0.3; a.rows()];
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| a.dot(&b, &weights))
+        };
+        assert_eq!(with(1), with(3));
+    }
+
+    #[test]
+    fn rows_are_chosen_in_the_order_asked_for() {
+        let values = Values::from_triples(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]);
+        assert_eq!(
+            values.gather(&[2, 0, 2]).as_slice(),
+            [7.0, 8.0, 9.0, 1.0, 2.0, 3.0, 7.0, 8.0, 9.0]
+        );
+        assert_eq!((values.gather(&[]).rows(), values.gather(&[]).columns()), (0, 3));
+    }
+
+    #[test]
+    #[should_panic(expected = "rows are whole")]
+    fn rows_must_be_whole() {
+        Values::new(3, vec![0.0; 7]);
+    }
+}
