@@ -7,6 +7,7 @@ mod energy;
 mod eval;
 mod fit;
 mod input;
+mod interrupt;
 #[cfg(feature = "native")]
 mod native;
 mod output;
@@ -27,7 +28,7 @@ pub enum Outcome {
     CheckFailed,
 }
 
-/// Runs the program: exit code 0 done, 1 ran but a check failed, 2 could not run.
+/// Runs the program: exit code 0 done, 1 ran but a check failed, 2 could not run; interrupted, it ends with 130.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
     match execute(&cli) {
@@ -48,6 +49,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         faer::set_global_parallelism(faer::Par::rayon(threads.into()));
     }
     let output = Output::new(cli.json);
+    interrupt::end_cleanly(&output);
     match &cli.command {
         Command::Demo(args) => demo::run(args, &output),
         Command::Check(args) => check::run(args, &output),
