@@ -88,7 +88,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
 
 /// Fits with the phases shown.
 pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &Output) -> anyhow::Result<Fit> {
-    let fitted = fit(boundary, options, &|phase| {
+    Ok(fit(boundary, options, &|phase| {
         output.progress(match phase {
             Phase::Checking => "checking".into(),
             Phase::Sampling => "placing sources".into(),
@@ -101,9 +101,7 @@ pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &
                 format!("refinement {round}: error {error:.1e}, {sources} sources")
             }
         });
-    });
-    output.finish();
-    Ok(fitted?)
+    })?)
 }
 
 /// The lines of the summary that say how good a fit is.

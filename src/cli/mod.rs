@@ -50,7 +50,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
     }
     let output = Output::new(cli.json);
     interrupt::end_cleanly(&output);
-    match &cli.command {
+    let outcome = match &cli.command {
         Command::Demo(args) => demo::run(args, &output),
         Command::Check(args) => check::run(args, &output),
         #[cfg(feature = "native")]
@@ -64,7 +64,9 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Fit(args) => fit::run(args, &output),
         Command::Eval(args) => eval::run(args, &output),
         Command::Energy(args) => energy::run(args, &output),
-    }
+    };
+    output.finish();
+    outcome
 }
 
 /// The error and its causes, each once: many of our errors quote their cause.

@@ -44,12 +44,12 @@ impl Output {
 
     /// Shows how far a step is.
     pub fn progress_of(&self, step: impl Into<String>, done: usize, of: usize) {
+        self.show(step.into());
         if self.bar.length().is_none() {
             self.bar.set_style(style(BAR));
         }
-        self.bar.set_length(of as u64);
         self.bar.set_position(done as u64);
-        self.show(step.into());
+        self.bar.set_length(of as u64);
     }
 
     fn show(&self, step: String) {

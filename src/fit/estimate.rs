@@ -1,7 +1,8 @@
 //! How much memory a fit will need, before any of it is taken.
 //!
 //! The constants are fitted to the peak resident set of whole runs of the program (x86-64, Linux), of which they are within
-//! 20 %: Schwarz fits of 5k to 1M vertices at several ratios of sources and collocation points to vertices, and dense ones of 1000 to 4000 sources.
+//! 20 %: Schwarz fits of 5k to 1M vertices at several ratios of sources and collocation points to vertices, and dense ones
+//! of 100 to 4000 sources. Refined fits are estimated less well, in the worst case seen at two thirds of their peak.
 
 use super::options::Size;
 use super::{FitError, FitOptions, Solver};
@@ -19,6 +20,8 @@ pub struct Workload {
     pub collocation: usize,
     /// Boundary maps that are solved for at once.
     pub maps: usize,
+    /// Rounds of refinement, each with a level of its own.
+    pub refinements: usize,
     /// How the system is solved.
     pub solver: Solver,
 }
@@ -36,6 +39,7 @@ impl Workload {
             sources,
             collocation: size.collocation,
             maps: 1,
+            refinements: 0,
             solver: options.solver,
         }
     }
@@ -53,7 +57,12 @@ impl Workload {
         let more_maps = PER_POINT_AND_MAP * others * (rows + sources);
         more_maps
             + match self.solver {
-                Solver::Schwarz(options) => PER_ROW * rows + per_source(&options) * sources + coarsest(sources),
+                Solver::Schwarz(options) => {
+                    let rounds = self.refinements as f64;
+                    let refining = if rounds > 0.0 { REFINING } else { 0.0 };
+                    let per_row = PER_ROW + PER_ROW_AND_ROUND * rounds;
+                    per_row * rows + per_source(&options) * sources + coarsest(sources) + refining
+                }
                 Solver::Dense(options) => {
                     let (tall, square) = (8.0 * rows * sources, 8.0 * sources * sources);
                     match options.method {
@@ -149,6 +158,10 @@ const PER_VERTEX: f64 = 500.0;
 const PER_VERTEX_CHECKED: f64 = 1000.0;
 /// Bytes for each collocation point: its part in the vectors of the iterations and in the trees of the fast sums.
 const PER_ROW: f64 = 850.0;
+/// Bytes for each collocation point in the tree that each round of refinement adds.
+const PER_ROW_AND_ROUND: f64 = 250.0;
+/// Bytes for finding out where to refine.
+const REFINING: f64 = 40e6;
 /// Bytes for each row and source and each further boundary map: ten vectors of three numbers.
 const PER_POINT_AND_MAP: f64 = 240.0;
 
@@ -189,7 +202,7 @@ mod tests {
     #[test]
     fn estimates_are_within_30_percent_of_measured_peaks() {
         let (qr, svd) = (dense(Method::Qr), dense(Method::Svd));
-        for (solver, vertices, sources, collocation, measured) in [
+        let unrefined = [
             (SCHWARZ, 5048, 5679, 15_140, 75.7),
             (SCHWARZ, 15_002, 17_111, 45_002, 166.2),
             (SCHWARZ, 49_688, 56_676, 149_060, 410.8),
@@ -199,6 +212,7 @@ mod tests {
             (SCHWARZ, 134_345, 153_493, 403_031, 919.9),
             (SCHWARZ, 135_002, 11_407, 30_000, 186.8),
             (SCHWARZ, 301_058, 343_985, 903_170, 1964.8),
+            (SCHWARZ, 998_786, 1_141_437, 2_996_354, 6084.3),
             (qr, 135_002, 100, 300, 146.6),
             (qr, 15_002, 999, 3000, 53.7),
             (qr, 15_002, 2000, 6000, 137.1),
@@ -209,12 +223,23 @@ mod tests {
             (svd, 15_002, 2000, 4000, 513.9),
             (svd, 15_002, 2000, 6000, 621.0),
             (svd, 5048, 3000, 5000, 908.2),
-        ] {
+        ];
+        let refined = [
+            (1, (SCHWARZ, 4331, 12_894, 37_052, 171.0)),
+            (1, (SCHWARZ, 6256, 12_533, 35_249, 176.1)),
+            (2, (SCHWARZ, 4331, 44_930, 133_160, 376.5)),
+            (2, (SCHWARZ, 6256, 42_739, 125_867, 393.2)),
+            (3, (SCHWARZ, 4331, 151_542, 452_996, 1128.4)),
+            (3, (SCHWARZ, 6256, 208_150, 622_100, 1648.8)),
+        ];
+        for (refinements, run) in unrefined.map(|run| (0, run)).into_iter().chain(refined) {
+            let (solver, vertices, sources, collocation, measured) = run;
             let work = Workload {
                 vertices,
                 sources,
                 collocation,
                 maps: 1,
+                refinements,
                 solver,
             };
             let ratio = work.bytes() as f64 / (measured * 1e6);
@@ -229,6 +254,7 @@ mod tests {
             sources: 1_142_857,
             collocation: 3_000_000,
             maps: 1,
+            refinements: 0,
             solver: SCHWARZ,
         };
         let options = FitOptions {

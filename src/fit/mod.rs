@@ -183,6 +183,7 @@ impl DomainFactor {
         let mut work = self.work(1);
         work.sources += finer.level.sources.len();
         work.collocation += finer.points.len();
+        work.refinements = self.refinements;
         if let Some((end, limit)) = self.exceeded(&work) {
             self.warnings.push(format!(
                 "refinement ended before the tolerance was met: it calls for {} sources, {limit}",
@@ -201,6 +202,7 @@ impl DomainFactor {
             sources: self.system.sources.len(),
             collocation: self.system.collocation.len(),
             maps,
+            refinements: self.refinements,
             solver: self.options.solver,
         }
     }
