@@ -213,6 +213,123 @@ fn a_missed_tolerance_exits_with_1_and_still_writes_the_map() {
 }
 
 #[test]
+fn memory_is_a_limit_on_fits_and_on_refinement() {
+    let place = Workplace::new();
+    let cube = shapes::cube(1.0, 12);
+    place.surface("cube.obj", &cube);
+    let bent = |p: &Point| Point::new(p.x + p.y * p.y, p.y, p.z + (5.0 * p.x).sin());
+    place.surface("bent.obj", &shapes::deformed(&cube, bent));
+    let fit = "fit cube.obj --image bent.obj -o out.map";
+    for needs in ["--memory", "--max-sources", "--s-ratio", "coarser mesh"] {
+        place.fails(&format!("{fit} --memory 2MB"), &["MiB", needs]);
+    }
+    assert!(!place.path("out.map").exists());
+    place.fails(
+        &format!("{fit} --method dense --memory 100MiB --max-sources 100000 --c-ratio 5000"),
+        &["GiB", "100 MiB are allowed"],
+    );
+    for size in ["4stones", "0", "-1GiB", "GiB", "1e400"] {
+        let output = place.run(&format!("{fit} --memory={size}"));
+        assert_eq!(output.status.code(), Some(2), "{size}");
+        assert!(stderr(&output).contains("500MB"), "{size}: {}", stderr(&output));
+    }
+
+    let output = place.run(&format!("{fit} --memory 80MB --tolerance 1e-7 --json"));
+    let report = json(&output);
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert_eq!(report["refinement_end"], "memory");
+    assert_eq!(report["tolerance_met"], false);
+    assert!(stderr(&output).contains("Raise --memory"), "{}", stderr(&output));
+    assert!(place.path("out.map").exists());
+}
+
+#[test]
+fn a_missed_tolerance_comes_with_advice_that_fits() {
+    let place = Workplace::new();
+    place.surface("ball.obj", &shapes::sphere(1.0, 2));
+    let bent = |p: &Point| Point::new(p.x + p.y * p.y, p.y, p.z + (5.0 * p.x).sin());
+    place.surface("bent.obj", &shapes::deformed(&shapes::sphere(1.0, 2), bent));
+    for (options, end, advice) in [
+        ("--no-refine", "off", "Leave out --no-refine"),
+        ("--method dense", "fixed", "Use --method schwarz"),
+        ("--placement sphere", "fixed", "Use the adaptive placement"),
+        ("--max-sources 200", "max_sources", "Raise --max-sources"),
+    ] {
+        let output = place.run(&format!(
+            "fit ball.obj --image bent.obj -o out.map --tolerance 1e-9 --json {options}"
+        ));
+        assert_eq!(json(&output)["refinement_end"], end, "{options}");
+        assert!(stderr(&output).contains(advice), "{options}: {}", stderr(&output));
+    }
+    let output = place.must("fit ball.obj --image bent.obj -o out.map --tolerance 0.5 --json");
+    assert_eq!(json(&output)["refinement_end"], "tolerance");
+}
+
+/// Starts a program in the folder, interrupts it once `is_time`, and says how it ended and how long that took.
+#[cfg(unix)]
+fn interrupted(place: &Workplace, line: &str, is_time: impl Fn() -> bool) -> (Output, std::time::Duration) {
+    use std::process::Stdio;
+    use std::time::{Duration, Instant};
+
+    let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin!("solidmap"));
+    command.current_dir(place.folder.path()).args(line.split_whitespace());
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    while !is_time() {
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "it ended before it was interrupted"
+        );
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let start = Instant::now();
+    let kill = std::process::Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status();
+    assert!(kill.unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    (output, start.elapsed())
+}
+
+/// Names in the folder that begin with a dot.
+#[cfg(unix)]
+fn hidden_files(place: &Workplace) -> Vec<String> {
+    let names = std::fs::read_dir(place.folder.path()).unwrap();
+    let names = names.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
+    names.filter(|name| name.starts_with('.')).collect()
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_fit_ends_at_once_and_leaves_nothing() {
+    let place = Workplace::new();
+    let ball = shapes::sphere(1.0, 6);
+    place.surface("ball.ply", &ball);
+    place.surface("image.ply", &shapes::deformed(&ball, affine));
+    let start = std::time::Instant::now();
+    let line = "fit ball.ply --image image.ply -o out.map --method dense --max-sources 5000";
+    let (output, waited) = interrupted(&place, line, || start.elapsed().as_millis() > 300);
+    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+    assert!(waited.as_secs_f64() < 1.0, "{waited:?}");
+    assert!(!place.path("out.map").exists());
+    assert_eq!(hidden_files(&place), Vec::<String>::new());
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_write_keeps_the_old_file_and_leaves_no_other() {
+    let place = Workplace::with_fitted_ball();
+    let points: Vec<f64> = (0..1_500_000).map(|k| 0.3 * f64::from(k).sin()).collect();
+    io::write_npy(place.path("points.npy"), 3, &points).unwrap();
+    std::fs::write(place.path("out.csv"), "old").unwrap();
+    let is_writing = || !hidden_files(&place).is_empty();
+    let (output, waited) = interrupted(&place, "eval ball.map points.npy -o out.csv --jacobian", is_writing);
+    assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+    assert!(waited.as_secs_f64() < 1.0, "{waited:?}");
+    assert_eq!(std::fs::read(place.path("out.csv")).unwrap(), b"old");
+    assert_eq!(hidden_files(&place), Vec::<String>::new());
+}
+
+#[test]
 fn what_cannot_run_says_why_and_exits_with_2() {
     let place = Workplace::with_fitted_ball();
     place.surface("cube.obj", &shapes::cube(1.0, 3));

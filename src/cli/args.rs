@@ -31,7 +31,8 @@ pub struct Cli {
 }
 
 const EXIT_CODES: &str = "\
-Exit codes: 0 done; 1 ran, but a check failed (tolerance missed, defects found); 2 could not run.
+Exit codes: 0 done; 1 ran, but a check failed (tolerance missed, defects found); 2 could not run;
+130 interrupted.
 
 Surfaces are read from .obj .ply .off .stl, and from the boundary of tet meshes .mesh .vtk .vtu.";
 
@@ -119,8 +120,8 @@ pub struct FitArgs {
     /// Map file to write (safetensors)
     #[arg(short, long, value_name = "MAP")]
     pub output: PathBuf,
-    /// Boundary error to reach at 99 % of the area, as a fraction of the target's diagonal: sources are added until it
-    /// is met. Exit code 1 when it is not
+    /// Boundary error to reach over 99 % of the area, as a fraction of the target's diagonal. Sources are added where it
+    /// is larger; if it cannot be reached, the best map is written and the exit code is 1
     #[arg(long, value_name = "FRACTION", default_value_t = 0.001)]
     pub tolerance: f64,
     /// Also write the boundary with its images and errors, for ParaView (.vtu)
@@ -137,7 +138,7 @@ pub struct MethodArgs {
     /// Start from the paper's settings: offset surface at 0.1, s-ratio 0.6, c-ratio 1, svd (but see --no-affine)
     #[arg(long)]
     pub paper: bool,
-    /// Where the sources stand: near the surface by local spacing, on an offset surface, or on a sphere
+    /// Where the sources stand [default: adaptive]
     #[arg(long, value_enum)]
     pub placement: Option<PlacementKind>,
     /// Adaptive placement: source distance over local spacing [default: 1]
@@ -156,11 +157,15 @@ pub struct MethodArgs {
     /// sources [default: 3; offset and sphere: 1]
     #[arg(long)]
     pub c_ratio: Option<f64>,
-    /// Limit on the sources; larger models get fewer than asked for [default: 5000; svd: 3000]
+    /// Limit on the sources, also of refinement; larger models get fewer than asked for [default: 2000000; dense: 5000;
+    /// svd: 3000]
     #[arg(long, value_name = "N")]
     pub max_sources: Option<usize>,
-    /// Iterations with local solves, dense QR, or the paper's dense singular value decomposition [default: schwarz near
-    /// the surface, else svd]
+    /// Limit on the memory, such as 500MB, 4GiB or a number of bytes: a fit that needs more is refused before it starts,
+    /// and refinement ends there [default: 9/10 of what is available now]
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    pub memory: Option<u64>,
+    /// How the coefficients are solved for [default: schwarz with the adaptive placement, else svd]
     #[arg(long, value_enum)]
     pub method: Option<MethodKind>,
     /// Dense methods: singular values or pivots below this fraction of the largest are cut off [default: 1e-10]
@@ -169,7 +174,7 @@ pub struct MethodArgs {
     /// Leave the affine functions out of the basis, as the paper does
     #[arg(long)]
     pub no_affine: bool,
-    /// Keep to one source per vertex, though the tolerance be missed
+    /// Add no sources where the tolerance is missed
     #[arg(long)]
     pub no_refine: bool,
     /// Held-out boundary points that the error is averaged over
@@ -182,17 +187,45 @@ pub struct MethodArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PlacementKind {
+    /// Near the surface, by local spacing
     Adaptive,
+    /// On an offset surface, as in the paper
     Offset,
+    /// On a sphere around the domain
     Sphere,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MethodKind {
+    /// Iterations with local solves: any number of sources, near the surface
     Schwarz,
+    /// Dense QR: for a few thousand sources
     #[value(alias = "qr")]
     Dense,
+    /// Dense truncated singular value decomposition, as in the paper: slower than QR
     Svd,
+}
+
+/// A number of bytes with an optional unit: KB, MB, GB, TB are powers of 1000; K, KiB and so on of 1024.
+fn bytes(text: &str) -> Result<u64, String> {
+    let wanted = || format!("`{text}` is no size; write it as 4GiB, 500MB or a number of bytes");
+    let end = text.trim().find(|c: char| c.is_ascii_alphabetic() || c == ' ');
+    let (number, unit) = text.trim().split_at(end.unwrap_or(text.trim().len()));
+    let unit = unit.trim().to_lowercase();
+    let (prefix, base) = match unit.strip_suffix("ib").or(unit.strip_suffix('b')) {
+        _ if unit == "b" => ("", 1),
+        Some(prefix) if unit.ends_with("ib") => (prefix, 1024u64),
+        Some(prefix) => (prefix, 1000),
+        None => (unit.as_str(), 1024),
+    };
+    let power = ["", "k", "m", "g", "t"].iter().position(|p| *p == prefix);
+    let factor = base.pow(power.ok_or_else(wanted)? as u32) as f64;
+    let number: f64 = number.parse().map_err(|_| wanted())?;
+    if number.is_finite() && number > 0.0 {
+        Ok((number * factor) as u64)
+    } else {
+        Err(wanted())
+    }
 }
 
 #[derive(Debug, Args)]

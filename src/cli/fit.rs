@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::fit::{Fit, FitOptions, FitReport, Phase, Placement, Solver, fit};
+use solidmap::fit::{Fit, FitOptions, FitReport, Phase, Placement, RefinementEnd, Solver, fit};
 use solidmap::io::{self, Cells, Field, MapFile, MapMetadata, Provenance, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::solver::{DenseOptions, Method, SchwarzOptions, Stop};
@@ -36,8 +36,14 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
     }
     output.progress("reading");
     let options = options(&args.method, args.tolerance)?;
-    let inputs = [provenance("domain", &args.domain)?, provenance("image", &args.image)?];
-    let boundary = input::read_boundary_map(&args.domain, &args.image)?;
+    let (boundary, inputs) = rayon::join(
+        || input::read_boundary_map(domain, image),
+        || [provenance("domain", domain), provenance("image", image)],
+    );
+    let [domain_origin, image_origin] = inputs;
+    let inputs = vec![domain_origin?, image_origin?];
+    let boundary = boundary?;
+    output.progress("looking for self-intersections");
     let intersections = self_intersections(&boundary, &args.domain);
     let mut fit = fit_with_progress(&boundary, &options, output)
         .with_context(|| format!("cannot map `{}`", args.domain.display()))?;
@@ -45,7 +51,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
     fit.report.warnings.iter().for_each(|warning| output.warn(warning));
 
     output.progress("writing");
-    let metadata = MapMetadata::new(fit.report.clone(), inputs.into());
+    let metadata = MapMetadata::new(fit.report.clone(), inputs);
     let file = MapFile {
         map: fit.map,
         boundary: Some(fit.boundary),
@@ -82,19 +88,20 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
 
 /// Fits with the phases shown.
 pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &Output) -> anyhow::Result<Fit> {
-    let fitted = fit(boundary, options, &|phase| {
+    Ok(fit(boundary, options, &|phase| {
         output.progress(match phase {
+            Phase::Checking => "checking".into(),
             Phase::Sampling => "placing sources".into(),
             Phase::Decomposing { rows, columns } => format!("decomposing a {rows} × {columns} matrix"),
-            Phase::Factoring { done, of } => format!("factoring local problems: {done} of {of}"),
+            Phase::Factoring { done, of } => return output.progress_of("factoring local problems", done, of),
             Phase::Solving => "solving".into(),
             Phase::Iterating { iteration, residual } => format!("iteration {iteration}: residual {residual:.1e}"),
             Phase::Measuring => "measuring the boundary error".into(),
-            Phase::Refining { round, error } => format!("refinement {round}: error {error:.1e}"),
+            Phase::Refining { round, error, sources } => {
+                format!("refinement {round}: error {error:.1e}, {sources} sources")
+            }
         });
-    });
-    output.finish();
-    Ok(fitted?)
+    })?)
 }
 
 /// The lines of the summary that say how good a fit is.
@@ -110,6 +117,7 @@ fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
             format!("{} sources, {} collocation points", report.sources, report.collocation),
         ],
         ["solver".into(), solver(report)],
+        ["refinement".into(), refinement(report)],
         [
             "boundary error".into(),
             format!("rms {:.2e}   99 % {:.2e}   max {:.2e}", error.rms, error.p99, error.max),
@@ -149,8 +157,38 @@ fn solver(report: &FitReport) -> String {
     }
 }
 
+fn refinement(report: &FitReport) -> String {
+    let rounds = match report.refinements {
+        0 => "none".into(),
+        1 => "1 round".into(),
+        rounds => format!("{rounds} rounds"),
+    };
+    let end = report.refinement_end.map(|end| match end {
+        RefinementEnd::Tolerance => "the tolerance is met",
+        RefinementEnd::Off => "not asked for",
+        RefinementEnd::Fixed => "this method has none",
+        RefinementEnd::MaxSources => "ended by --max-sources",
+        RefinementEnd::Memory => "ended by --memory",
+        RefinementEnd::InVain => "more sources did not help",
+        RefinementEnd::NoRoom => "no room for more sources",
+    });
+    [rounds]
+        .into_iter()
+        .chain(end.map(Into::into))
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
 fn summary(report: &Report) -> String {
     let mut rows = fit_rows(&report.fit);
+    rows.push([
+        "tolerance".into(),
+        format!(
+            "{:.1e}, {}",
+            report.tolerance,
+            if report.tolerance_met { "met" } else { "missed" }
+        ),
+    ]);
     if let Some(seconds) = report.fit.seconds {
         rows.push([
             "time".into(),
@@ -167,16 +205,20 @@ fn summary(report: &Report) -> String {
 
 /// What most likely helps.
 fn advice(fit: &FitReport) -> &'static str {
-    match fit.placement {
-        Placement::Offset { .. } | Placement::Sphere { .. } => "Use the adaptive placement",
-        Placement::Adaptive { .. } if subsampled(fit) => "Raise --max-sources",
-        Placement::Adaptive { .. } => "Refine both meshes where the error is large (see --vtu)",
+    let is_adaptive = matches!(fit.placement, Placement::Adaptive { .. });
+    match fit.refinement_end {
+        Some(RefinementEnd::MaxSources) => "Raise --max-sources, or the tolerance",
+        Some(RefinementEnd::Memory) => "Raise --memory, or the tolerance",
+        Some(RefinementEnd::Off) => "Leave out --no-refine: sources are then added where the error is large",
+        Some(RefinementEnd::Fixed) if is_adaptive => "Use --method schwarz: it adds sources where the error is large",
+        Some(RefinementEnd::Fixed) => "Use the adaptive placement: it adds sources where the error is large",
+        Some(RefinementEnd::NoRoom) => {
+            "No finer source finds a place outside the domain where the error is large (see --vtu): widen the gaps there"
+        }
+        Some(RefinementEnd::InVain | RefinementEnd::Tolerance) | None => {
+            "More sources did not help: see with --vtu where the boundary map jumps, folds, or is too coarse"
+        }
     }
-}
-
-/// Whether the limit on the sources took some away, and not a narrow gap.
-fn subsampled(fit: &FitReport) -> bool {
-    fit.warnings.iter().any(|warning| warning.contains("--max-sources"))
 }
 
 fn options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> {
@@ -242,6 +284,7 @@ fn options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> {
         solver,
         tolerance,
         refine: !args.no_refine,
+        memory: args.memory,
         held_out: args.held_out,
         seed: args.seed,
     })

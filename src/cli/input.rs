@@ -17,7 +17,8 @@ pub fn read_surface(path: &Path) -> anyhow::Result<SurfaceMesh> {
 
 /// The boundary map from one file to another of the same connectivity.
 pub fn read_boundary_map(domain: &Path, image: &Path) -> anyhow::Result<BoundaryMap> {
-    let map = match (io::read_solid(domain)?, io::read_solid(image)?) {
+    let (domain_solid, image_solid) = rayon::join(|| io::read_solid(domain), || io::read_solid(image));
+    let map = match (domain_solid?, image_solid?) {
         (Solid::Tets(domain), Solid::Tets(image)) => BoundaryMap::between_tets(&domain, &image),
         (Solid::Tets(domain), Solid::Surface(image)) => BoundaryMap::between(domain.boundary().surface, &image),
         (Solid::Surface(domain), Solid::Tets(image)) => BoundaryMap::between(domain, &image.boundary().surface),

@@ -7,6 +7,7 @@ mod energy;
 mod eval;
 mod fit;
 mod input;
+mod interrupt;
 #[cfg(feature = "native")]
 mod native;
 mod output;
@@ -27,7 +28,7 @@ pub enum Outcome {
     CheckFailed,
 }
 
-/// Runs the program: exit code 0 done, 1 ran but a check failed, 2 could not run.
+/// Runs the program: exit code 0 done, 1 ran but a check failed, 2 could not run; interrupted, it ends with 130.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
     match execute(&cli) {
@@ -48,7 +49,8 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         faer::set_global_parallelism(faer::Par::rayon(threads.into()));
     }
     let output = Output::new(cli.json);
-    match &cli.command {
+    interrupt::end_cleanly(&output);
+    let outcome = match &cli.command {
         Command::Demo(args) => demo::run(args, &output),
         Command::Check(args) => check::run(args, &output),
         #[cfg(feature = "native")]
@@ -62,7 +64,9 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Fit(args) => fit::run(args, &output),
         Command::Eval(args) => eval::run(args, &output),
         Command::Energy(args) => energy::run(args, &output),
-    }
+    };
+    output.finish();
+    outcome
 }
 
 /// The error and its causes, each once: many of our errors quote their cause.

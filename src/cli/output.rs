@@ -1,5 +1,6 @@
 //! What goes to the terminal: results to stdout, messages and progress to stderr, bars only on a terminal.
 
+use std::cell::Cell;
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
 
@@ -10,7 +11,11 @@ use serde::Serialize;
 pub struct Output {
     json: bool,
     bar: ProgressBar,
+    ticking: Cell<bool>,
 }
+
+const SPINNER: &str = "{spinner} {msg} [{elapsed}]";
+const BAR: &str = "{spinner} {msg} {bar:30} {human_pos}/{human_len} [{elapsed}]";
 
 impl Output {
     /// Results as JSON, or as text.
@@ -20,21 +25,53 @@ impl Output {
         } else {
             ProgressBar::hidden()
         };
-        let style = ProgressStyle::with_template("{spinner} {msg} ({elapsed})");
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
-        Self { json, bar }
+        bar.set_style(style(SPINNER));
+        Self {
+            json,
+            bar,
+            ticking: Cell::new(false),
+        }
     }
 
-    /// Shows what is being done now.
+    /// Shows what is being done now, with the time since the command began.
     pub fn progress(&self, step: impl Into<String>) {
-        self.bar.set_message(step.into());
-        self.bar.reset_elapsed();
-        self.bar.enable_steady_tick(Duration::from_millis(100));
+        if self.bar.length().is_some() {
+            self.bar.set_style(style(SPINNER));
+            self.bar.unset_length();
+        }
+        self.show(step.into());
     }
 
-    /// Takes the progress line away.
+    /// Shows how far a step is.
+    pub fn progress_of(&self, step: impl Into<String>, done: usize, of: usize) {
+        self.show(step.into());
+        if self.bar.length().is_none() {
+            self.bar.set_style(style(BAR));
+        }
+        self.bar.set_position(done as u64);
+        self.bar.set_length(of as u64);
+    }
+
+    fn show(&self, step: String) {
+        self.bar.set_message(step);
+        if !self.ticking.replace(true) {
+            // A line that was taken away comes back; the time runs on.
+            let elapsed = self.bar.elapsed();
+            self.bar.reset();
+            self.bar.set_elapsed(elapsed);
+            self.bar.enable_steady_tick(Duration::from_millis(100));
+        }
+    }
+
+    /// Takes the progress line away, until there is more to show.
     pub fn finish(&self) {
+        self.ticking.set(false);
         self.bar.finish_and_clear();
+    }
+
+    /// The progress line, for the thread that ends the program.
+    pub fn line(&self) -> ProgressBar {
+        self.bar.clone()
     }
 
     /// A remark to the user, such as what was mended.
@@ -64,6 +101,10 @@ impl Output {
             written => Ok(written?),
         }
     }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_spinner())
 }
 
 /// A line on stderr. Nobody can be told when that fails.

@@ -1,3 +1,4 @@
+use super::estimate::readable;
 use crate::boundary_map::BoundaryMapError;
 use crate::check::CheckReport;
 use crate::geometry::QueryError;
@@ -46,18 +47,24 @@ pub enum FitError {
         "the map is not finite on the whole boundary; bring sources nearer (adaptive placement) or raise the truncation"
     )]
     NonFiniteMap,
-    /// The matrix would not fit into memory.
+    /// The fit would not fit into memory.
     #[error(
-        "a matrix of {rows} collocation points by {columns} unknowns needs {gib:.0} GiB; lower the number of sources \
-         (max-sources) or of collocation points (c-ratio)"
+        "{sources} sources and {collocation} collocation points need about {}, and {} are allowed{}; lower the number \
+         of sources (--max-sources, --s-ratio) or of collocation points (--c-ratio), use a coarser mesh, or allow more \
+         (--memory)",
+        readable(*.need), readable(*.allowed), describe_fitting(*.fitting)
     )]
     TooLarge {
+        /// Sources of all levels.
+        sources: usize,
         /// Collocation points.
-        rows: usize,
-        /// Unknowns.
-        columns: usize,
-        /// Memory of the decomposition.
-        gib: f64,
+        collocation: usize,
+        /// Bytes that the fit will need.
+        need: u64,
+        /// Bytes that it may take.
+        allowed: u64,
+        /// Sources to ask for (`max_sources`) that would fit; 0 when the mesh alone is too large.
+        fitting: usize,
     },
     /// The boundary map is unusable.
     #[error(transparent)]
@@ -65,6 +72,14 @@ pub enum FitError {
     /// The system has no usable solution.
     #[error("cannot solve for the coefficients: {0}")]
     Solve(#[from] SolveError),
+}
+
+fn describe_fitting(sources: usize) -> String {
+    if sources == 0 {
+        String::new()
+    } else {
+        format!(", enough for {sources} sources")
+    }
 }
 
 fn describe_errors(report: &CheckReport) -> String {

@@ -4,6 +4,7 @@
 //! one [`DomainFactor::solve`] (section 4.6).
 
 mod error;
+mod estimate;
 mod frame;
 mod levels;
 mod options;
@@ -15,8 +16,9 @@ mod system;
 use std::time::Instant;
 
 pub use error::FitError;
+pub use estimate::{Workload, available_memory};
 pub use options::{FitOptions, Placement, Solver};
-pub use report::{BoundaryError, Fit, FitReport, Phase, Seconds};
+pub use report::{BoundaryError, Fit, FitReport, Phase, RefinementEnd, Seconds};
 
 use crate::Point;
 use crate::boundary_map::BoundaryMap;
@@ -26,6 +28,7 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling;
 use crate::solver::{Coefficients, Values};
 use crate::statistics::Summary;
+use estimate::{readable, require_room, with_budget};
 use frame::Frame;
 use options::require_valid;
 use refinement::Grading;
@@ -38,7 +41,8 @@ use system::{Solved, System};
 ///
 /// # Errors
 ///
-/// When the domain does not bound a solid, a setting is out of range, or the system cannot be solved.
+/// When the domain does not bound a solid, a setting is out of range, the fit needs more memory than allowed, or the
+/// system cannot be solved.
 pub fn fit(boundary: &BoundaryMap, options: &FitOptions, progress: &dyn Fn(Phase)) -> Result<Fit, FitError> {
     let mut factor = DomainFactor::new(boundary.domain(), options, progress)?;
     factor.solve_refined(boundary, progress)
@@ -72,9 +76,12 @@ impl DomainFactor {
     /// As [`fit`].
     pub fn new(domain: &SurfaceMesh, options: &FitOptions, progress: &dyn Fn(Phase)) -> Result<Self, FitError> {
         let start = Instant::now();
-        progress(Phase::Sampling);
+        progress(Phase::Checking);
         require_valid(options)?;
+        let options = &with_budget(options);
+        require_room(&Workload::of(domain, options), options)?;
         let (domain, mut warnings) = checked(domain)?;
+        progress(Phase::Sampling);
         let frame = Frame::of(&domain);
         let placed = System::place(&domain, &frame, options, &mut warnings)?;
         let sampled = start.elapsed().as_secs_f64();
@@ -105,12 +112,17 @@ impl DomainFactor {
     /// As [`Self::solve`].
     pub fn solve_refined(&mut self, boundary: &BoundaryMap, progress: &dyn Fn(Phase)) -> Result<Fit, FitError> {
         let (mut best, mut solved) = self.solve_from(boundary, None, progress)?;
-        let Placement::Adaptive { alpha } = self.options.placement else {
-            return Ok(best);
-        };
         let tolerance = self.options.tolerance;
         let is_met = |fit: &Fit| fit.report.boundary_error.p99 <= tolerance;
-        if is_met(&best) || !self.options.refine || !self.system.is_refinable() {
+        let (alpha, end) = match self.options.placement {
+            _ if is_met(&best) => (0.0, Some(RefinementEnd::Tolerance)),
+            Placement::Adaptive { alpha } if self.system.is_refinable() => {
+                (alpha, (!self.options.refine).then_some(RefinementEnd::Off))
+            }
+            _ => (0.0, Some(RefinementEnd::Fixed)),
+        };
+        if end.is_some() {
+            best.report.refinement_end = end;
             return Ok(best);
         }
         let start = Instant::now();
@@ -118,9 +130,15 @@ impl DomainFactor {
         self.seconds.sampling += start.elapsed().as_secs_f64();
         let mut latest = best.clone();
         let mut in_vain = 0;
-        while !is_met(&best) && in_vain < ROUNDS_IN_VAIN {
-            if !self.refine(&mut grading, &latest, progress)? {
-                break;
+        let end = loop {
+            if is_met(&best) {
+                break RefinementEnd::Tolerance;
+            }
+            if in_vain == ROUNDS_IN_VAIN {
+                break RefinementEnd::InVain;
+            }
+            if let Some(end) = self.refine(&mut grading, &latest, progress)? {
+                break end;
             }
             (latest, solved) = self.solve_from(boundary, Some(&solved.coefficients), progress)?;
             let (before, now) = (best.report.boundary_error.p99, latest.report.boundary_error.p99);
@@ -128,18 +146,25 @@ impl DomainFactor {
             if now < before {
                 best = latest.clone();
             }
-        }
+        };
+        best.report.refinement_end = Some(end);
         best.report.warnings = [&self.warnings[..], &remarks_of(&best)].concat();
         Ok(best)
     }
 
-    /// Adds sources where a fit errs too much; `false` when no more are allowed.
-    fn refine(&mut self, grading: &mut Grading, fit: &Fit, progress: &dyn Fn(Phase)) -> Result<bool, FitError> {
+    /// Adds sources where a fit errs too much, or says why there are no more.
+    fn refine(
+        &mut self,
+        grading: &mut Grading,
+        fit: &Fit,
+        progress: &dyn Fn(Phase),
+    ) -> Result<Option<RefinementEnd>, FitError> {
         let start = Instant::now();
         self.refinements += 1;
         progress(Phase::Refining {
             round: self.refinements,
             error: fit.report.boundary_error.p99,
+            sources: self.system.sources.len(),
         });
         let diagonal = Frame::of(&fit.boundary.target()).diagonal;
         let finer = grading.refine(
@@ -152,19 +177,49 @@ impl DomainFactor {
         );
         let sampled = start.elapsed().as_secs_f64();
         self.seconds.sampling += sampled;
-        let Some(finer) = finer else { return Ok(false) };
-        let sources = self.system.sources.len() + finer.level.sources.len();
-        if sources > self.options.max_sources {
+        let Some(finer) = finer else {
+            return Ok(Some(RefinementEnd::NoRoom));
+        };
+        let mut work = self.work(1);
+        work.sources += finer.level.sources.len();
+        work.collocation += finer.points.len();
+        work.refinements = self.refinements;
+        if let Some((end, limit)) = self.exceeded(&work) {
             self.warnings.push(format!(
-                "refinement ended before the tolerance was met: it calls for {sources} sources, and {} are allowed; \
-                 --max-sources raises the limit",
-                self.options.max_sources
+                "refinement ended before the tolerance was met: it calls for {} sources, {limit}",
+                work.sources
             ));
-            return Ok(false);
+            return Ok(Some(end));
         }
         self.system.refine(&self.domain, &self.frame, finer, progress)?;
         self.seconds.factor += start.elapsed().as_secs_f64() - sampled;
-        Ok(true)
+        Ok(None)
+    }
+
+    fn work(&self, maps: usize) -> Workload {
+        Workload {
+            vertices: self.domain.vertices().len(),
+            sources: self.system.sources.len(),
+            collocation: self.system.collocation.len(),
+            maps,
+            refinements: self.refinements,
+            solver: self.options.solver,
+        }
+    }
+
+    /// The limit that a round of refinement would break, and how to say so.
+    fn exceeded(&self, work: &Workload) -> Option<(RefinementEnd, String)> {
+        let most = self.options.max_sources;
+        if work.sources > most {
+            let limit = format!("and {most} are allowed; --max-sources raises the limit");
+            return Some((RefinementEnd::MaxSources, limit));
+        }
+        let (need, allowed) = (work.bytes(), self.options.memory?);
+        let limit = || {
+            let (need, allowed) = (readable(need), readable(allowed));
+            format!("which need about {need}, and {allowed} are allowed; --memory raises the limit")
+        };
+        (need > allowed).then(|| (RefinementEnd::Memory, limit()))
     }
 
     fn solve_from(
@@ -194,11 +249,12 @@ impl DomainFactor {
     ///
     /// # Errors
     ///
-    /// As [`Self::solve`].
+    /// As [`Self::solve`], and [`FitError::TooLarge`] when that is more than allowed.
     pub fn solve_block(&self, boundaries: &[BoundaryMap], progress: &dyn Fn(Phase)) -> Result<Vec<Fit>, FitError> {
         if boundaries.is_empty() {
             return Ok(Vec::new());
         }
+        require_room(&self.work(boundaries.len()), &self.options)?;
         Ok(self.solve_columns(boundaries, None, progress)?.0)
     }
 
@@ -289,6 +345,7 @@ impl DomainFactor {
             affine: self.options.affine,
             iterations: solved.iterations,
             refinements: self.refinements,
+            refinement_end: None,
             stop: solved.stop,
             rank: dense.map(|(rank, _)| rank),
             condition: dense.map(|(_, condition)| condition).filter(|c| c.is_finite()),

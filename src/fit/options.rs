@@ -58,6 +58,10 @@ pub struct FitOptions {
     pub tolerance: f64,
     /// Whether [`fit`](crate::fit::fit) adds sources where the error is too large for the tolerance. Needs the Schwarz solver.
     pub refine: bool,
+    /// Bytes that a fit may need, estimated before they are taken ([`Workload::bytes`](crate::fit::Workload::bytes)): more is refused, and a round of
+    /// refinement that needs more ends it. `None` for nine tenths of what is available at the start, where the system
+    /// says so, else no limit.
+    pub memory: Option<u64>,
     /// Held-out points that the boundary error is averaged over.
     pub held_out: usize,
     /// Seed of everything random (even samples, held-out points).
@@ -76,6 +80,7 @@ impl FitOptions {
             solver: Solver::Schwarz(SchwarzOptions::default()),
             tolerance: 1e-3,
             refine: true,
+            memory: None,
             held_out: 20_000,
             seed: 1,
         }
@@ -115,9 +120,6 @@ impl Default for FitOptions {
 
 /// Held-out points that may be asked for.
 const MOST_HELD_OUT: usize = 10_000_000;
-
-/// Memory that a decomposition may take; beyond it a machine with room for it needs hours.
-const MOST_BYTES: f64 = 64e9;
 
 pub(super) fn require_valid(options: &FitOptions) -> Result<(), FitError> {
     let require = |holds: bool, option, value, range| {
@@ -186,45 +188,42 @@ pub(super) fn require_valid(options: &FitOptions) -> Result<(), FitError> {
 pub(super) struct Size {
     pub sources: usize,
     pub collocation: usize,
-    /// Whether all vertices are in use, none left out for the sake of time.
-    pub whole: bool,
+    /// Sources that there would be without a limit.
+    asked: usize,
 }
 
 impl Size {
     /// What the options ask of this domain, cut to what they allow.
-    ///
-    /// # Errors
-    ///
-    /// [`FitError::TooLarge`].
-    pub fn of(domain: &SurfaceMesh, options: &FitOptions, warnings: &mut Vec<String>) -> Result<Self, FitError> {
+    pub fn of(domain: &SurfaceMesh, options: &FitOptions) -> Self {
         let vertices = domain.vertices().len() as f64;
         let asked = ((options.source_ratio * vertices).round() as usize).max(1);
         let sources = asked.min(options.max_sources);
-        if sources < asked {
-            warnings.push(format!(
-                "{vertices} vertices call for {asked} sources; {sources} are used, as many as are allowed. Detail finer than \
-                 their spacing is lost: see the boundary error. --max-sources raises the limit"
-            ));
-        }
         let ratio = options.collocation_ratio / options.source_ratio;
         let collocation = if sources < asked {
             ratio * sources as f64
         } else {
             options.collocation_ratio * vertices
         };
-        if let Solver::Dense(dense) = options.solver {
-            // The decomposition and a copy; three times that for an SVD.
-            let (columns, copies) = (sources + 4, if dense.method == Method::Svd { 3.0 } else { 2.0 });
-            let bytes = copies * 8.0 * collocation * columns as f64;
-            if bytes > MOST_BYTES {
-                let (rows, gib) = (collocation as usize, bytes / (1u64 << 30) as f64);
-                return Err(FitError::TooLarge { rows, columns, gib });
-            }
-        }
-        Ok(Self {
+        Self {
             sources,
             collocation: collocation.round() as usize,
-            whole: sources == asked,
+            asked,
+        }
+    }
+
+    /// Whether all vertices are in use, none left out for the sake of time.
+    pub fn is_whole(&self) -> bool {
+        self.sources == self.asked
+    }
+
+    /// A remark when the limit on the sources took some away.
+    pub fn remark(&self) -> Option<String> {
+        let Self { sources, asked, .. } = self;
+        (!self.is_whole()).then(|| {
+            format!(
+                "the domain's vertices call for {asked} sources; {sources} are used, as many as are allowed. Detail finer \
+                 than their spacing is lost: see the boundary error. --max-sources raises the limit"
+            )
         })
     }
 }

@@ -119,7 +119,7 @@ pub(super) fn place_collocation(
     if options.collocation_ratio <= 1.0 {
         return Collocation::vertices(domain, &Anchors::choose(domain, size.collocation).vertices);
     }
-    if options.collocation_ratio == 3.0 && size.whole {
+    if options.collocation_ratio == 3.0 && size.is_whole() {
         return Collocation::vertices_and_centroids(domain);
     }
     match options.placement {

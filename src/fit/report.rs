@@ -54,6 +54,9 @@ pub struct FitReport {
     /// Rounds of refinement, each with finer sources where the error was too large for the tolerance.
     #[serde(default)]
     pub refinements: usize,
+    /// Why no more sources were added; `None` where no tolerance was aimed at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refinement_end: Option<RefinementEnd>,
     /// Why an iterative solver ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stop: Option<Stop>,
@@ -77,6 +80,26 @@ pub struct FitReport {
     pub warnings: Vec<String>,
 }
 
+/// Why no more sources were added.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RefinementEnd {
+    /// The tolerance is met.
+    Tolerance,
+    /// Refinement was not asked for.
+    Off,
+    /// The solver is dense, or the sources stand far from the surface: neither can be refined.
+    Fixed,
+    /// The limit on the sources.
+    MaxSources,
+    /// The limit on the memory.
+    Memory,
+    /// Several rounds did not lower the error.
+    InVain,
+    /// No finer source finds a place outside the domain.
+    NoRoom,
+}
+
 /// A map and what is known about it.
 #[derive(Debug, Clone)]
 pub struct Fit {
@@ -91,7 +114,9 @@ pub struct Fit {
 /// The steps of a fit, for showing progress.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Phase {
-    /// Checking the domain and placing sources and collocation points.
+    /// Checking the domain.
+    Checking,
+    /// Placing sources and collocation points.
     Sampling,
     /// Decomposing a dense matrix of this many rows and columns.
     Decomposing {
@@ -124,5 +149,7 @@ pub enum Phase {
         round: usize,
         /// The boundary error so far (99 %).
         error: f64,
+        /// Sources so far.
+        sources: usize,
     },
 }

@@ -43,7 +43,8 @@ impl System {
         options: &FitOptions,
         warnings: &mut Vec<String>,
     ) -> Result<Placed, FitError> {
-        let size = Size::of(domain, options, warnings)?;
+        let size = Size::of(domain, options);
+        warnings.extend(size.remark());
         let anchors = Anchors::choose(domain, size.sources);
         let collocation = place_collocation(domain, &anchors, &size, options);
         let points = collocation

@@ -3,7 +3,8 @@
 use std::{
     fs::{self, File},
     io::{self, BufWriter, Write},
-    path::Path,
+    path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, PoisonError},
 };
 
 use super::IoError;
@@ -17,7 +18,7 @@ use super::IoError;
 /// # Errors
 ///
 /// [`IoError::Write`], also when `write` fails; the temporary file is then removed. A kill may leave it behind, as
-/// `.NAME.XXXXXX.tmp`.
+/// `.NAME.XXXXXX.tmp`; a program that gets to know of its end calls [`abandon_writes`].
 pub fn atomic_write(
     path: impl AsRef<Path>,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -27,6 +28,25 @@ pub fn atomic_write(
         path: path.to_owned(),
         source: without_path(source),
     })
+}
+
+/// Removes the temporary files of all [`atomic_write`]s that have begun. None ends or begins any more: their threads wait
+/// for ever, so this is for a program that is about to exit, as after an interrupt.
+pub fn abandon_writes() {
+    let unfinished = unfinished();
+    for path in unfinished.iter() {
+        // Whoever removed it meanwhile did what was wanted.
+        let _ = fs::remove_file(path);
+    }
+    // Held for ever, so that no half-written file is given its name and no new one appears.
+    std::mem::forget(unfinished);
+}
+
+/// Temporary files that are being written. Files are made, renamed and removed while this is held.
+static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The system's own error: `tempfile` wraps it to add the temporary name, which says nothing to the user.
@@ -56,22 +76,54 @@ fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) ->
     let name = target
         .file_name()
         .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "the path names no file"))?;
-    let mut temporary = temporary_file(&format!(".{}.", name.to_string_lossy()), folder)?;
+    let mut temporary = Temporary::new(&format!(".{}.", name.to_string_lossy()), folder)?;
     if let Some(existing) = existing.filter(|m| m.is_file()) {
-        temporary.as_file().set_permissions(existing.permissions())?;
+        temporary.file().set_permissions(existing.permissions())?;
     }
-    write_buffered(temporary.as_file_mut(), write)?;
-    temporary.persist(&target)?;
-    Ok(())
+    write_buffered(temporary.file(), write)?;
+    temporary.persist(&target)
 }
 
-fn temporary_file(prefix: &str, folder: &Path) -> io::Result<tempfile::NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(prefix).suffix(".tmp");
-    // `tempfile` makes files that only their owner can read; the umask cuts this mode down to the usual one.
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder.tempfile_in(folder)
+/// A temporary file that [`abandon_writes`] knows of. Dropped, it is removed.
+struct Temporary(Option<tempfile::NamedTempFile>);
+
+impl Temporary {
+    fn new(prefix: &str, folder: &Path) -> io::Result<Self> {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(prefix).suffix(".tmp");
+        // `tempfile` makes files that only their owner can read; the umask cuts this mode down to the usual one.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut unfinished = unfinished();
+        let file = builder.tempfile_in(folder)?;
+        unfinished.push(file.path().to_owned());
+        Ok(Self(Some(file)))
+    }
+
+    fn file(&mut self) -> &mut File {
+        self.0
+            .as_mut()
+            .expect("the file is there until it is persisted")
+            .as_file_mut()
+    }
+
+    fn persist(mut self, target: &Path) -> io::Result<()> {
+        self.end(|file| file.persist(target).map(drop).map_err(io::Error::from))
+    }
+
+    fn end(&mut self, end: impl FnOnce(tempfile::NamedTempFile) -> io::Result<()>) -> io::Result<()> {
+        let mut unfinished = unfinished();
+        let Some(file) = self.0.take() else { return Ok(()) };
+        unfinished.retain(|path| path != file.path());
+        end(file)
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        // A file that cannot be removed is left to the user.
+        let _ = self.end(tempfile::NamedTempFile::close);
+    }
 }
 
 fn write_buffered(file: &mut File, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {

@@ -37,7 +37,7 @@ use std::{fs, path::Path};
 use contents::Contents;
 use source::Source;
 
-pub use atomic::atomic_write;
+pub use atomic::{abandon_writes, atomic_write};
 pub use error::{IoError, Place};
 pub use map_file::{MapFile, MapFileError, MapMetadata, Provenance, read_map, write_map};
 pub use points::{write_csv, write_npy};

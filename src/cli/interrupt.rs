@@ -1,0 +1,20 @@
+//! Ctrl-C, and the other signals that ask a program to end.
+
+use super::output::{self, Output};
+use solidmap::io;
+
+/// What a shell shows for a program that was interrupted.
+const INTERRUPTED: i32 = 130;
+
+/// From now on an interrupt removes what is half written and ends the program. One that is ignored, as under `nohup`,
+/// stays so.
+pub fn end_cleanly(output: &Output) {
+    let line = output.line();
+    // Without a handler the system ends the program; no more than a temporary file is left.
+    let _ = ctrlc::try_set_handler(move || {
+        io::abandon_writes();
+        line.finish_and_clear();
+        output::say(format_args!("interrupted"));
+        std::process::exit(INTERRUPTED);
+    });
+}
