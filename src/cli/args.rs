@@ -151,11 +151,11 @@ pub struct MethodArgs {
     #[arg(long, value_name = "FRACTION")]
     pub radius: Option<f64>,
     /// Sources per boundary vertex [default: 1; offset and sphere: 0.6]
-    #[arg(long)]
+    #[arg(long, value_name = "RATIO")]
     pub s_ratio: Option<f64>,
     /// Collocation points per boundary vertex: up to 1, vertices; 3, vertices and centroids; else spread around the
     /// sources [default: 3; offset and sphere: 1]
-    #[arg(long)]
+    #[arg(long, value_name = "RATIO")]
     pub c_ratio: Option<f64>,
     /// Limit on the sources, also of refinement; larger models get fewer than asked for [default: 2000000; dense: 5000;
     /// svd: 3000]
