@@ -261,7 +261,6 @@ fn sources_are_added_only_where_they_are_needed() {
 }
 
 #[test]
-#[ignore = "not reached: every cell with a worst error above 0.6 of the tolerance is refined, which on these are most"]
 fn refinement_takes_fewer_sources_than_a_uniform_mesh_on_polycubes() {
     for (name, boundary, tolerance) in [
         ("cube", creased_cube(), 3e-3),

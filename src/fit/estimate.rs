@@ -7,6 +7,7 @@
 use super::options::Size;
 use super::{FitError, FitOptions, Solver};
 use crate::mesh::SurfaceMesh;
+use crate::sampling::HierarchyOptions;
 use crate::solver::{Method, SchwarzOptions};
 
 /// What a fit has to hold, as far as memory goes.
@@ -147,8 +148,8 @@ pub(super) fn readable(bytes: u64) -> String {
 /// Part of the available memory that a fit may take unless told otherwise.
 const MOST: f64 = 0.9;
 
-/// All sources over those of the finest level: each level has an eighth of the next finer's.
-const WITH_COARSER_LEVELS: f64 = 8.0 / 7.0;
+/// All sources over those of the finest level: each level has a twelfth of the next finer's.
+const WITH_COARSER_LEVELS: f64 = 12.0 / 11.0;
 
 /// Bytes of the program itself.
 const PROGRAM: f64 = 10e6;
@@ -171,25 +172,20 @@ fn per_source(options: &SchwarzOptions) -> f64 {
     8.0 * patch + 1000.0
 }
 
-/// The coarsest level, which is dense: usually 600 sources with six rows each, and a copy while they are decomposed.
+/// The coarsest level, which is dense, with six rows per source, and a copy while it is decomposed.
 fn coarsest(sources: f64) -> f64 {
-    let coarsest = sources.min(600.0);
-    2.0 * 8.0 * 6.0 * coarsest * coarsest
+    let options = HierarchyOptions::default();
+    let mut coarsest = sources;
+    while coarsest > options.coarsest as f64 {
+        coarsest /= options.ratio as f64;
+    }
+    2.0 * 8.0 * options.rows_per_site as f64 * coarsest * coarsest
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::solver::DenseOptions;
-
-    const SCHWARZ: Solver = Solver::Schwarz(SchwarzOptions {
-        core: 120,
-        overlap: 3.0,
-        coarse_iterations: 2,
-        plateau: 0.85,
-        most_iterations: 20,
-        accuracy: 1e-5,
-    });
 
     fn dense(method: Method) -> Solver {
         Solver::Dense(DenseOptions {
@@ -201,18 +197,19 @@ mod tests {
     /// Vertices, sources, collocation points and the measured peak in MB.
     #[test]
     fn estimates_are_within_30_percent_of_measured_peaks() {
+        let schwarz = Solver::Schwarz(SchwarzOptions::default());
         let (qr, svd) = (dense(Method::Qr), dense(Method::Svd));
         let unrefined = [
-            (SCHWARZ, 5048, 5679, 15_140, 75.7),
-            (SCHWARZ, 15_002, 17_111, 45_002, 166.2),
-            (SCHWARZ, 49_688, 56_676, 149_060, 410.8),
-            (SCHWARZ, 49_688, 56_676, 298_128, 539.3),
-            (SCHWARZ, 49_688, 17_003, 149_060, 257.4),
-            (SCHWARZ, 49_688, 5591, 24_844, 110.6),
-            (SCHWARZ, 134_345, 153_493, 403_031, 919.9),
-            (SCHWARZ, 135_002, 11_407, 30_000, 186.8),
-            (SCHWARZ, 301_058, 343_985, 903_170, 1964.8),
-            (SCHWARZ, 998_786, 1_141_437, 2_996_354, 6084.3),
+            (schwarz, 5048, 5679, 15_140, 75.7),
+            (schwarz, 15_002, 17_111, 45_002, 166.2),
+            (schwarz, 49_688, 56_676, 149_060, 410.8),
+            (schwarz, 49_688, 56_676, 298_128, 539.3),
+            (schwarz, 49_688, 17_003, 149_060, 257.4),
+            (schwarz, 49_688, 5591, 24_844, 110.6),
+            (schwarz, 134_345, 153_493, 403_031, 919.9),
+            (schwarz, 135_002, 11_407, 30_000, 186.8),
+            (schwarz, 301_058, 343_985, 903_170, 1964.8),
+            (schwarz, 998_786, 1_141_437, 2_996_354, 6084.3),
             (qr, 135_002, 100, 300, 146.6),
             (qr, 15_002, 999, 3000, 53.7),
             (qr, 15_002, 2000, 6000, 137.1),
@@ -225,12 +222,12 @@ mod tests {
             (svd, 5048, 3000, 5000, 908.2),
         ];
         let refined = [
-            (1, (SCHWARZ, 4331, 12_894, 37_052, 171.0)),
-            (1, (SCHWARZ, 6256, 12_533, 35_249, 176.1)),
-            (2, (SCHWARZ, 4331, 44_930, 133_160, 376.5)),
-            (2, (SCHWARZ, 6256, 42_739, 125_867, 393.2)),
-            (3, (SCHWARZ, 4331, 151_542, 452_996, 1128.4)),
-            (3, (SCHWARZ, 6256, 208_150, 622_100, 1648.8)),
+            (1, (schwarz, 4331, 12_894, 37_052, 171.0)),
+            (1, (schwarz, 6256, 12_533, 35_249, 176.1)),
+            (2, (schwarz, 4331, 44_930, 133_160, 376.5)),
+            (2, (schwarz, 6256, 42_739, 125_867, 393.2)),
+            (3, (schwarz, 4331, 151_542, 452_996, 1128.4)),
+            (3, (schwarz, 6256, 208_150, 622_100, 1648.8)),
         ];
         for (refinements, run) in unrefined.map(|run| (0, run)).into_iter().chain(refined) {
             let (solver, vertices, sources, collocation, measured) = run;
@@ -255,7 +252,7 @@ mod tests {
             collocation: 3_000_000,
             maps: 1,
             refinements: 0,
-            solver: SCHWARZ,
+            solver: Solver::Schwarz(SchwarzOptions::default()),
         };
         let options = FitOptions {
             memory: Some(2_000_000_000),

@@ -15,12 +15,13 @@ mod system;
 
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 pub use error::FitError;
 pub use estimate::{Workload, available_memory};
 pub use options::{FitOptions, Placement, Solver};
 pub use report::{BoundaryError, Fit, FitReport, Phase, RefinementEnd, Seconds};
 
-use crate::Point;
 use crate::boundary_map::BoundaryMap;
 use crate::check;
 use crate::map::{HarmonicMap, VolumeMap};
@@ -28,6 +29,7 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling;
 use crate::solver::{Coefficients, Values};
 use crate::statistics::Summary;
+use crate::{Point, Vector};
 use estimate::{readable, require_room, with_budget};
 use frame::Frame;
 use options::require_valid;
@@ -283,11 +285,13 @@ impl DomainFactor {
         let enough = FAR_BELOW * self.options.tolerance * smallest;
         let solved = self.system.solve(&data, from, enough, &in_fractions)?;
         let seconds = start.elapsed().as_secs_f64() / goals.len() as f64;
-        let finished = goals
-            .into_iter()
-            .enumerate()
-            .map(|(k, goal)| self.finish(goal, &solved, 3 * k, seconds, progress));
-        Ok((finished.collect::<Result<_, _>>()?, solved))
+        progress(Phase::Measuring);
+        let start = Instant::now();
+        let measured = self.measure(&goals, &solved, smallest)?;
+        let checked = start.elapsed().as_secs_f64() / goals.len() as f64;
+        let parts = goals.into_iter().zip(measured).enumerate();
+        let fits = parts.map(|(k, (goal, errors))| self.finish(goal, errors, &solved, 3 * k, [seconds, checked]));
+        Ok((fits.collect(), solved))
     }
 
     /// What a boundary map asks of the solver.
@@ -313,27 +317,22 @@ impl DomainFactor {
         })
     }
 
-    /// The map of three columns of a solution, measured.
+    /// The map of three columns of a solution, with what was measured of it and the seconds of solving and measuring.
     fn finish(
         &self,
         goal: Goal,
+        (boundary_error, residual): (BoundaryError, Summary),
         solved: &Solved,
         first: usize,
-        seconds: f64,
-        progress: &dyn Fn(Phase),
-    ) -> Result<Fit, FitError> {
-        let start = Instant::now();
-        progress(Phase::Measuring);
+        [seconds, checked]: [f64; 2],
+    ) -> Fit {
         let unit = Coefficients::of_columns(&solved.coefficients, first, self.system.sources.len());
         let map = HarmonicMap::new(self.system.sources.clone(), self.frame.to_model(unit, goal.origin))
             .expect("one coefficient row per source");
-        let diagonal = goal.target.diagonal;
         let map = match solved.residual {
-            Some(residual) => map.with_error(residual / diagonal),
+            Some(_) => map.with_error(residual.rms),
             None => map,
         };
-        let (boundary_error, residual) = self.measure(&map, &goal.boundary, diagonal)?;
-        let checked = start.elapsed().as_secs_f64();
         let dense = self.system.rank_and_condition();
         let report = FitReport {
             vertices: self.domain.vertices().len(),
@@ -366,29 +365,43 @@ impl DomainFactor {
             report,
         };
         fit.report.warnings.extend(remarks_of(&fit));
-        Ok(fit)
+        fit
     }
 
-    /// Errors at held-out points, and at the collocation points; both in one go, since they share the sources.
+    /// Errors of every map at held-out points, and at the collocation points; all in one go, since they share the kernel
+    /// values.
     fn measure(
         &self,
-        map: &HarmonicMap,
-        boundary: &BoundaryMap,
-        diagonal: f64,
-    ) -> Result<(BoundaryError, Summary), FitError> {
+        goals: &[Goal],
+        solved: &Solved,
+        smallest: f64,
+    ) -> Result<Vec<(BoundaryError, Summary)>, FitError> {
         let mut points = sampling::held_out(&self.domain, self.options.held_out, 100_000, self.options.seed);
         let held_out = points.len();
         points.extend_from_slice(&self.system.collocation);
-        let errors = errors_at(map, boundary, &points, diagonal);
-        let (errors, at_collocation) = errors.split_at(held_out);
-        let max = finite(errors)?.max;
-        let averaged = finite(&errors[..self.options.held_out.min(held_out)])?;
-        let boundary_error = BoundaryError {
-            rms: averaged.rms,
-            p99: averaged.p99,
-            max,
+        let at: Vec<Point> = points
+            .par_iter()
+            .map(|p| self.frame.to_unit(&p.position(&self.domain, self.domain.vertices())))
+            .collect();
+        let error = solved.residual.map_or(0.0, |residual| residual / smallest);
+        let values = self.system.evaluate(&self.frame, &solved.coefficients, &at, error)?;
+        let measure = |(k, goal): (usize, &Goal)| {
+            let images = goal.boundary.evaluate(&points);
+            let distance = |(r, exact): (usize, &Point)| {
+                let [x, y, z] = [0, 1, 2].map(|i| values.row(r)[3 * k + i]);
+                (goal.origin + Vector::new(x, y, z) - exact).norm() / goal.target.diagonal
+            };
+            let errors: Vec<f64> = images.par_iter().enumerate().map(distance).collect();
+            let (errors, at_collocation) = errors.split_at(held_out);
+            let averaged = finite(&errors[..self.options.held_out.min(held_out)])?;
+            let boundary_error = BoundaryError {
+                rms: averaged.rms,
+                p99: averaged.p99,
+                max: finite(errors)?.max,
+            };
+            Ok((boundary_error, finite(at_collocation)?))
         };
-        Ok((boundary_error, finite(at_collocation)?))
+        goals.iter().enumerate().map(measure).collect()
     }
 }
 

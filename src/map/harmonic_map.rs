@@ -38,8 +38,10 @@ impl HarmonicMap {
     /// target's diagonal. Sums over a few thousand sources are exact to rounding in any case; those over more cost two
     /// to five times as much at 1e-8, the default, as at 1e-6.
     pub fn with_error(self, boundary_error: f64) -> Self {
-        let accuracy = (PART_OF_ERROR * boundary_error).clamp(1e-10, 1e-6);
-        Self { accuracy, ..self }
+        Self {
+            accuracy: accuracy_for(boundary_error),
+            ..self
+        }
     }
 
     /// Positions `Q` of the sources, outside the domain.
@@ -64,6 +66,11 @@ impl HarmonicMap {
         let a = &self.coefficients.affine;
         Vector::from_fn(|i, _| a[0][i] + a[1][i] * x.x + a[2][i] * x.y + a[3][i] * x.z)
     }
+}
+
+/// Accuracy of sums that adds little to an error.
+pub(crate) fn accuracy_for(boundary_error: f64) -> f64 {
+    (PART_OF_ERROR * boundary_error).clamp(1e-10, 1e-6)
 }
 
 impl VolumeMap for HarmonicMap {

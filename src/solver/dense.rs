@@ -170,6 +170,30 @@ impl DenseFactor {
         }
         Ok(solution)
     }
+
+    /// `(AᵀA)⁻¹ gradient`, for gradients `Aᵀr` that were formed elsewhere, up to one common factor; `None` when the decomposition was truncated.
+    pub(super) fn solve_normal(&self, gradient: &Values) -> Option<Values> {
+        let Decomposition::Qr {
+            factored,
+            pivoted: None,
+            ..
+        } = &self.decomposition
+        else {
+            return None;
+        };
+        if self.scales.contains(&0.0) {
+            return None;
+        }
+        let columns = gradient.columns();
+        let mut solution = Mat::from_fn(self.scales.len(), columns, |c, k| gradient.row(c)[k] / self.scales[c]);
+        let triangle = factored.as_ref().subrows(0, self.scales.len());
+        let par = faer::get_global_parallelism();
+        triangular_solve::solve_lower_triangular_in_place(triangle.transpose(), solution.as_mut(), par);
+        triangular_solve::solve_upper_triangular_in_place(triangle, solution.as_mut(), par);
+        let rows = self.scales.iter().enumerate();
+        let numbers = rows.flat_map(|(c, scale)| (0..columns).map(|k| solution[(c, k)] / scale).collect::<Vec<_>>());
+        Some(Values::new(columns, numbers.collect()))
+    }
 }
 
 fn svd(matrix: Mat<f64>, truncation: f64) -> Result<(Decomposition, usize, f64), SolveError> {

@@ -72,14 +72,37 @@ impl Patches {
         }
     }
 
-    /// Coefficients that lower a residual given at the level's rows: one row per source.
+    /// Coefficients that lower a residual given at the level's rows: one row per source. Every patch sees its own rows only.
     pub fn solve(&self, residual: &Values) -> Values {
-        let solved: Vec<Mat<f64>> = self
-            .patches
-            .par_iter()
-            .map(|patch| patch.solve(self, residual))
-            .collect();
-        let mut solution = Values::zeros(self.sources.len(), residual.columns());
+        self.on_cores(residual.columns(), |patch| patch.project(self, residual))
+    }
+
+    /// The same for the gradient `Aᵀ W r` of the whole residual, given at the level's sources.
+    pub fn solve_gradient(&self, gradient: &Values) -> Values {
+        let local = |patch: &Patch| {
+            Mat::from_fn(patch.sources.len(), gradient.columns(), |i, k| {
+                gradient.row(patch.sources[i] as usize)[k]
+            })
+        };
+        self.on_cores(gradient.columns(), local)
+    }
+
+    /// Solves the local normal equations for right-hand sides at each patch's sources, and keeps the cores' part.
+    fn on_cores(&self, columns: usize, rhs: impl Fn(&Patch) -> Mat<f64> + Sync) -> Values {
+        let solve = |patch: &Patch| {
+            let mut solution = Mat::zeros(patch.core, columns);
+            matmul(
+                solution.as_mut(),
+                Accum::Replace,
+                patch.inverse.transpose(),
+                &rhs(patch),
+                1.0,
+                Par::Seq,
+            );
+            solution
+        };
+        let solved: Vec<Mat<f64>> = self.patches.par_iter().map(solve).collect();
+        let mut solution = Values::zeros(self.sources.len(), columns);
         for (patch, part) in self.patches.iter().zip(&solved) {
             let core = &patch.sources[patch.sources.len() - patch.core..];
             for (i, &source) in core.iter().enumerate() {
@@ -115,7 +138,8 @@ impl Patch {
         }
     }
 
-    fn solve(&self, patches: &Patches, residual: &Values) -> Mat<f64> {
+    /// `Aᵀ W r` with the patch's rows and sources.
+    fn project(&self, patches: &Patches, residual: &Values) -> Mat<f64> {
         let at: Vec<Point> = self.sources.iter().map(|&s| patches.sources[s as usize]).collect();
         let from: Vec<Point> = self.rows.iter().map(|&r| patches.points[r as usize]).collect();
         let columns = residual.columns();
@@ -142,16 +166,7 @@ impl Patch {
                 Par::Seq,
             );
         }
-        let mut solution = Mat::zeros(self.core, columns);
-        matmul(
-            solution.as_mut(),
-            Accum::Replace,
-            self.inverse.transpose(),
-            &projected,
-            1.0,
-            Par::Seq,
-        );
-        solution
+        projected
     }
 }
 

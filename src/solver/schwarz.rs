@@ -77,6 +77,11 @@ const LATER_GROUPS: f64 = 10.0;
 /// Part of the residual by which the one carried along may have drifted before it is computed afresh.
 const DRIFT: f64 = 0.02;
 
+/// Systems of up to so many rows times sources are polished: sums over them cost a few hundredths of a second.
+const POLISHED_PAIRS: usize = 100_000_000;
+/// Polishing ends when an iteration leaves more than this part.
+const POLISHED: f64 = 0.99;
+
 /// Why the iterations ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -124,7 +129,7 @@ struct FactoredLevel {
 }
 
 enum LocalSolver {
-    Dense(DenseFactor),
+    Dense(Box<DenseFactor>),
     Patches(Patches),
 }
 
@@ -302,6 +307,10 @@ impl SchwarzFactor {
         if next > 0 {
             history.push(trace[trace.len() - 1]);
         }
+        let is_small = self.rows() * self.sources() <= POLISHED_PAIRS;
+        if stop == Stop::Plateau && is_small && start.is_none() && self.levels.len() > 1 {
+            self.polish(&mut search, &rms, &mut history, progress)?;
+        }
         Ok(Solution {
             coefficients: search.solution,
             iterations: history.len() - 1,
@@ -310,8 +319,90 @@ impl SchwarzFactor {
         })
     }
 
+    /// More corrections, from the gradient of the whole residual. Local problems see their own rows only, and vanish a few percent above
+    /// the least-squares optimum; the gradient vanishes at the optimum and nowhere else. It takes a transposed sum
+    /// for every iteration, so that only small systems get it.
+    fn polish(
+        &self,
+        search: &mut Minimisation<'_>,
+        rms: &dyn Fn(&[f64]) -> f64,
+        history: &mut Vec<f64>,
+        progress: &dyn Fn(usize, f64),
+    ) -> Result<(), SolveError> {
+        let sources: Vec<Point> = self.groups.iter().flat_map(|group| group.sources.clone()).collect();
+        let transposed = sums(&self.collocation, &sources, self.options.later_accuracy)?;
+        for _ in 0..self.options.most_iterations {
+            let before = history[history.len() - 1];
+            progress(history.len() - 1, before);
+            let gradient = self.gradient(&transposed, &search.residual)?;
+            for group in &self.groups {
+                if let Some(step) = self.gradient_correction(group, &gradient) {
+                    let image = self.image(group, &step, self.options.later_accuracy)?;
+                    search.advance(step, image);
+                }
+            }
+            let now = rms(&search.squares());
+            history.push(now);
+            if now > POLISHED * before {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// `Aᵀ W r` for all unknowns.
+    fn gradient(&self, transposed: &Sums, residual: &Values) -> Result<Values, SolveError> {
+        let columns = residual.columns();
+        let weighted: Vec<f64> = (0..self.rows())
+            .flat_map(|r| residual.row(r).iter().map(move |value| self.weights[r] * value))
+            .collect();
+        let mut gradient = transposed.potential(&weighted, columns)?;
+        if self.affine {
+            let mut sums = vec![0.0; 4 * columns];
+            for (row, p) in weighted.chunks_exact(columns).zip(&self.collocation) {
+                for (k, value) in row.iter().enumerate() {
+                    for (function, factor) in [1.0, p.x, p.y, p.z].into_iter().enumerate() {
+                        sums[function * columns + k] += factor * value;
+                    }
+                }
+            }
+            gradient.extend(sums);
+        }
+        Ok(Values::new(columns, gradient))
+    }
+
+    /// What the local normal equations of a group of one level make of a gradient.
+    fn gradient_correction(&self, group: &Group, gradient: &Values) -> Option<Values> {
+        if !group.steps.is_empty() {
+            return None;
+        }
+        let columns = gradient.columns();
+        let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
+        let all = gradient.as_slice();
+        let own = &all[before * columns..][..group.sources.len() * columns];
+        let mut step = vec![0.0; all.len()];
+        match &self.levels[group.first].solver {
+            LocalSolver::Patches(patches) => {
+                let solved = patches.solve_gradient(&Values::new(columns, own.to_vec()));
+                step[before * columns..][..own.len()].copy_from_slice(solved.as_slice());
+            }
+            LocalSolver::Dense(dense) => {
+                let affine = &all[self.sources() * columns..];
+                let solved = dense.solve_normal(&Values::new(columns, [own, affine].concat()))?;
+                let (coefficients, affine) = solved.as_slice().split_at(own.len());
+                step[..own.len()].copy_from_slice(coefficients);
+                step[self.sources() * columns..].copy_from_slice(affine);
+            }
+        }
+        Some(Values::new(columns, step))
+    }
+
     /// Whether the latest corrections gained so little that more would gain next to nothing.
     fn is_plateau(&self, trace: &[f64]) -> bool {
+        // One dense level is solved in one go.
+        if self.levels.len() == 1 && trace.len() > 1 {
+            return true;
+        }
         let groups = self.groups.len();
         let gain = |corrections: usize| trace[trace.len() - 1] / trace[trace.len() - 1 - corrections];
         let cycle = trace.len() > groups && gain(groups) > self.options.plateau;
@@ -351,7 +442,7 @@ impl SchwarzFactor {
             sources: level.sources.len(),
             rows: level.rows.clone(),
             weights: level.weights.clone(),
-            solver: LocalSolver::Dense(DenseFactor::new(&system, &DenseOptions::default())?),
+            solver: LocalSolver::Dense(Box::new(DenseFactor::new(&system, &DenseOptions::default())?)),
         })
     }
 
