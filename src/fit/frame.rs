@@ -31,12 +31,17 @@ impl Frame {
     }
 
     /// Coefficients for points in model units: `1/|x'| = diagonal / |x|`, and `A·(1, x') = (A₀ − A·centre/d) + (A/d)·x`.
-    pub fn to_model(&self, unit: Coefficients, origin: Point) -> Coefficients {
-        let sources = unit.sources.iter().map(|w| w.map(|w| w * self.diagonal)).collect();
-        let mut affine = unit.affine.map(|row| row.map(|a| a / self.diagonal));
+    /// Values are multiplied by `scale` and moved by `origin`.
+    pub fn to_model(&self, unit: Coefficients, scale: f64, origin: Point) -> Coefficients {
+        let sources = unit
+            .sources
+            .iter()
+            .map(|w| w.map(|w| w * scale * self.diagonal))
+            .collect();
+        let mut affine = unit.affine.map(|row| row.map(|a| a * scale / self.diagonal));
         affine[0] = std::array::from_fn(|i| {
             let shift: f64 = (0..3).map(|k| affine[k + 1][i] * self.centre[k]).sum();
-            unit.affine[0][i] - shift + origin[i]
+            scale * unit.affine[0][i] - shift + origin[i]
         });
         Coefficients { sources, affine }
     }

@@ -269,25 +269,15 @@ impl DomainFactor {
         let start = Instant::now();
         let goals = boundaries.iter().map(|boundary| self.goal_of(boundary));
         let goals: Vec<Goal> = goals.collect::<Result<_, _>>()?;
-        let smallest = goals
-            .iter()
-            .map(|goal| goal.target.diagonal)
-            .fold(f64::INFINITY, f64::min);
         let columns: Vec<Vec<[f64; 3]>> = goals.iter().map(|goal| goal.data(&self.system.collocation)).collect();
         let data = side_by_side(&columns);
-        let in_fractions = |phase| match phase {
-            Phase::Iterating { iteration, residual } => progress(Phase::Iterating {
-                iteration,
-                residual: residual / smallest,
-            }),
-            other => progress(other),
-        };
-        let enough = FAR_BELOW * self.options.tolerance * smallest;
-        let solved = self.system.solve(&data, from, enough, &in_fractions)?;
+        let solved = self
+            .system
+            .solve(&data, from, FAR_BELOW * self.options.tolerance, progress)?;
         let seconds = start.elapsed().as_secs_f64() / goals.len() as f64;
         progress(Phase::Measuring);
         let start = Instant::now();
-        let measured = self.measure(&goals, &solved, smallest)?;
+        let measured = self.measure(&goals, &solved)?;
         let checked = start.elapsed().as_secs_f64() / goals.len() as f64;
         let parts = goals.into_iter().zip(measured).enumerate();
         let fits = parts.map(|(k, (goal, errors))| self.finish(goal, errors, &solved, 3 * k, [seconds, checked]));
@@ -327,8 +317,11 @@ impl DomainFactor {
         [seconds, checked]: [f64; 2],
     ) -> Fit {
         let unit = Coefficients::of_columns(&solved.coefficients, first, self.system.sources.len());
-        let map = HarmonicMap::new(self.system.sources.clone(), self.frame.to_model(unit, goal.origin))
-            .expect("one coefficient row per source");
+        let map = HarmonicMap::new(
+            self.system.sources.clone(),
+            self.frame.to_model(unit, goal.scale(), goal.origin),
+        )
+        .expect("one coefficient row per source");
         let map = match solved.residual {
             Some(_) => map.with_error(residual.rms),
             None => map,
@@ -370,12 +363,7 @@ impl DomainFactor {
 
     /// Errors of every map at held-out points, and at the collocation points; all in one go, since they share the kernel
     /// values.
-    fn measure(
-        &self,
-        goals: &[Goal],
-        solved: &Solved,
-        smallest: f64,
-    ) -> Result<Vec<(BoundaryError, Summary)>, FitError> {
+    fn measure(&self, goals: &[Goal], solved: &Solved) -> Result<Vec<(BoundaryError, Summary)>, FitError> {
         let mut points = sampling::held_out(&self.domain, self.options.held_out, 100_000, self.options.seed);
         let held_out = points.len();
         points.extend_from_slice(&self.system.collocation);
@@ -383,13 +371,13 @@ impl DomainFactor {
             .par_iter()
             .map(|p| self.frame.to_unit(&p.position(&self.domain, self.domain.vertices())))
             .collect();
-        let error = solved.residual.map_or(0.0, |residual| residual / smallest);
+        let error = solved.residual.unwrap_or(0.0);
         let values = self.system.evaluate(&self.frame, &solved.coefficients, &at, error)?;
         let measure = |(k, goal): (usize, &Goal)| {
             let images = goal.boundary.evaluate(&points);
             let distance = |(r, exact): (usize, &Point)| {
                 let [x, y, z] = [0, 1, 2].map(|i| values.row(r)[3 * k + i]);
-                (goal.origin + Vector::new(x, y, z) - exact).norm() / goal.target.diagonal
+                (Vector::new(x, y, z) - (exact - goal.origin) / goal.scale()).norm()
             };
             let errors: Vec<f64> = images.par_iter().enumerate().map(distance).collect();
             let (errors, at_collocation) = errors.split_at(held_out);
@@ -416,7 +404,13 @@ struct Goal {
 impl Goal {
     fn data(&self, points: &[SurfacePoint]) -> Vec<[f64; 3]> {
         let images = self.boundary.evaluate(points);
-        images.iter().map(|p| (p - self.origin).into()).collect()
+        let scale = self.scale();
+        images.iter().map(|p| ((p - self.origin) / scale).into()).collect()
+    }
+
+    /// Lengths of the target are solved for in this unit, so that the maps of a block weigh alike.
+    fn scale(&self) -> f64 {
+        self.target.diagonal
     }
 }
 
