@@ -1,13 +1,12 @@
 //! How much memory a fit will need, before any of it is taken.
 //!
 //! The constants are fitted to the peak resident set of whole runs of the program (x86-64, Linux), of which they are within
-//! 20 %: Schwarz fits of 5k to 1M vertices at several ratios of sources and collocation points to vertices, and dense ones
-//! of 100 to 4000 sources. Refined fits are estimated less well, in the worst case seen at two thirds of their peak.
+//! 30 %: Schwarz fits of 5k to 1M vertices at several ratios of sources and collocation points to vertices, refined ones
+//! of up to ten rounds, and dense ones of 100 to 4000 sources.
 
 use super::options::Size;
 use super::{FitError, FitOptions, Solver};
 use crate::mesh::SurfaceMesh;
-use crate::sampling::HierarchyOptions;
 use crate::solver::{Method, SchwarzOptions};
 
 /// What a fit has to hold, as far as memory goes.
@@ -60,9 +59,8 @@ impl Workload {
             + match self.solver {
                 Solver::Schwarz(options) => {
                     let rounds = self.refinements as f64;
-                    let refining = if rounds > 0.0 { REFINING } else { 0.0 };
                     let per_row = PER_ROW + PER_ROW_AND_ROUND * rounds;
-                    per_row * rows + per_source(&options) * sources + coarsest(sources) + refining
+                    per_row * rows + per_source(&options) * sources + coarsest(sources)
                 }
                 Solver::Dense(options) => {
                     let (tall, square) = (8.0 * rows * sources, 8.0 * sources * sources);
@@ -151,35 +149,30 @@ const MOST: f64 = 0.9;
 /// All sources over those of the finest level: each level has a twelfth of the next finer's.
 const WITH_COARSER_LEVELS: f64 = 12.0 / 11.0;
 
-/// Bytes of the program itself.
-const PROGRAM: f64 = 10e6;
+/// Bytes of the program itself and the tables of the fast sums.
+const PROGRAM: f64 = 30e6;
 /// Bytes kept for each vertex and its two triangles: the domain, the image, and what sorts them in space.
 const PER_VERTEX: f64 = 500.0;
 /// Bytes taken for each vertex while the domain is checked; they are free again when the system is factored.
 const PER_VERTEX_CHECKED: f64 = 1000.0;
 /// Bytes for each collocation point: its part in the vectors of the iterations and in the trees of the fast sums.
-const PER_ROW: f64 = 850.0;
+const PER_ROW: f64 = 660.0;
 /// Bytes for each collocation point in the tree that each round of refinement adds.
-const PER_ROW_AND_ROUND: f64 = 250.0;
-/// Bytes for finding out where to refine.
-const REFINING: f64 = 40e6;
+const PER_ROW_AND_ROUND: f64 = 100.0;
 /// Bytes for each row and source and each further boundary map: ten vectors of three numbers.
 const PER_POINT_AND_MAP: f64 = 240.0;
 
 /// A source's column of its patch's inverse, and its part in trees and vectors.
 fn per_source(options: &SchwarzOptions) -> f64 {
     let patch = ((options.core as f64).sqrt() + 2.0 * options.overlap).powi(2);
-    8.0 * patch + 1000.0
+    8.0 * patch + 800.0
 }
 
-/// The coarsest level, which is dense, with six rows per source, and a copy while it is decomposed.
+/// The coarsest level, which is dense, with six rows per source, and a copy while it is decomposed. There are usually some
+/// 560 sources; up to 1500 when there is no other level.
 fn coarsest(sources: f64) -> f64 {
-    let options = HierarchyOptions::default();
-    let mut coarsest = sources;
-    while coarsest > options.coarsest as f64 {
-        coarsest /= options.ratio as f64;
-    }
-    2.0 * 8.0 * options.rows_per_site as f64 * coarsest * coarsest
+    let coarsest = sources.min(560.0);
+    2.0 * 8.0 * 6.0 * coarsest * coarsest
 }
 
 #[cfg(test)]
@@ -200,34 +193,27 @@ mod tests {
         let schwarz = Solver::Schwarz(SchwarzOptions::default());
         let (qr, svd) = (dense(Method::Qr), dense(Method::Svd));
         let unrefined = [
-            (schwarz, 5048, 5679, 15_140, 75.7),
-            (schwarz, 15_002, 17_111, 45_002, 166.2),
-            (schwarz, 49_688, 56_676, 149_060, 410.8),
-            (schwarz, 49_688, 56_676, 298_128, 539.3),
-            (schwarz, 49_688, 17_003, 149_060, 257.4),
-            (schwarz, 49_688, 5591, 24_844, 110.6),
-            (schwarz, 134_345, 153_493, 403_031, 919.9),
-            (schwarz, 135_002, 11_407, 30_000, 186.8),
-            (schwarz, 301_058, 343_985, 903_170, 1964.8),
-            (schwarz, 998_786, 1_141_437, 2_996_354, 6084.3),
-            (qr, 135_002, 100, 300, 146.6),
-            (qr, 15_002, 999, 3000, 53.7),
-            (qr, 15_002, 2000, 6000, 137.1),
-            (qr, 15_002, 2000, 16_000, 322.7),
-            (qr, 15_002, 4000, 11_996, 443.1),
-            (svd, 15_002, 999, 3000, 176.6),
-            (svd, 15_002, 999, 8000, 303.1),
-            (svd, 15_002, 2000, 4000, 513.9),
-            (svd, 15_002, 2000, 6000, 621.0),
-            (svd, 5048, 3000, 5000, 908.2),
+            (schwarz, 4842, 5246, 14_522, 72.0),
+            (schwarz, 15_002, 16_564, 45_002, 134.7),
+            (schwarz, 50_412, 54_995, 151_232, 356.5),
+            (schwarz, 50_412, 54_995, 302_277, 464.0),
+            (schwarz, 50_412, 16_701, 151_232, 226.8),
+            (schwarz, 134_345, 146_774, 403_031, 805.2),
+            (schwarz, 134_345, 11_110, 30_000, 175.9),
+            (schwarz, 316_842, 345_814, 950_522, 1818.1),
+            (schwarz, 998_562, 1_089_289, 2_995_682, 5438.3),
+            (qr, 134_345, 100, 300, 170.0),
+            (qr, 15_002, 999, 3000, 59.6),
+            (qr, 15_002, 4000, 11_996, 444.9),
+            (svd, 15_002, 2000, 6000, 616.3),
         ];
         let refined = [
-            (1, (schwarz, 4331, 12_894, 37_052, 171.0)),
-            (1, (schwarz, 6256, 12_533, 35_249, 176.1)),
-            (2, (schwarz, 4331, 44_930, 133_160, 376.5)),
-            (2, (schwarz, 6256, 42_739, 125_867, 393.2)),
-            (3, (schwarz, 4331, 151_542, 452_996, 1128.4)),
-            (3, (schwarz, 6256, 208_150, 622_100, 1648.8)),
+            (2, (schwarz, 4331, 8210, 23_456, 99.5)),
+            (2, (schwarz, 6256, 7371, 20_543, 110.0)),
+            (6, (schwarz, 4331, 78_579, 234_563, 566.6)),
+            (6, (schwarz, 6256, 52_636, 156_338, 367.8)),
+            (8, (schwarz, 4331, 434_849, 1_303_472, 3054.1)),
+            (10, (schwarz, 6256, 243_193, 728_009, 1870.5)),
         ];
         for (refinements, run) in unrefined.map(|run| (0, run)).into_iter().chain(refined) {
             let (solver, vertices, sources, collocation, measured) = run;

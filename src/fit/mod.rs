@@ -131,6 +131,7 @@ impl DomainFactor {
         let mut grading = Grading::new(&self.domain, &self.system.anchors, alpha)?;
         self.seconds.sampling += start.elapsed().as_secs_f64();
         let mut latest = best.clone();
+        let mut spent = best.report.seconds.unwrap_or_default();
         let mut in_vain = 0;
         let end = loop {
             if is_met(&best) {
@@ -143,12 +144,21 @@ impl DomainFactor {
                 break end;
             }
             (latest, solved) = self.solve_from(boundary, Some(&solved.coefficients), progress)?;
+            let round = latest.report.seconds.unwrap_or_default();
+            (spent.solve, spent.check) = (spent.solve + round.solve, spent.check + round.check);
             let (before, now) = (best.report.boundary_error.p99, latest.report.boundary_error.p99);
             in_vain = if now < GAIN * before { 0 } else { in_vain + 1 };
             if now < before {
                 best = latest.clone();
             }
         };
+        let Seconds { sampling, factor, .. } = self.seconds;
+        best.report.seconds = Some(Seconds {
+            total: sampling + factor + spent.solve + spent.check,
+            sampling,
+            factor,
+            ..spent
+        });
         best.report.refinement_end = Some(end);
         best.report.warnings = [&self.warnings[..], &remarks_of(&best)].concat();
         Ok(best)

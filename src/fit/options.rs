@@ -48,7 +48,7 @@ pub struct FitOptions {
     /// are the vertices and the centroids; other numbers are spread around the sources.
     pub collocation_ratio: f64,
     /// At most this many sources; a domain that asks for more gets fewer, and fewer collocation points in proportion.
-    /// The coarser levels of the Schwarz solver, a seventh more, do not count.
+    /// The coarser levels of the Schwarz solver, a tenth more, do not count.
     pub max_sources: usize,
     /// Whether the affine functions are in the basis; without them it is the paper's.
     pub affine: bool,

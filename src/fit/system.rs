@@ -347,25 +347,16 @@ mod tests {
         .collect()
     }
 
-    /// Whose optimum the Schwarz solver's residual is held against.
-    #[derive(Clone, Copy, PartialEq)]
-    enum Optimum {
-        /// That of the finest level alone: the problem that the coarser levels are to help solve.
-        Finest,
-        /// That of all levels' sources together, whose coefficients are all unknowns.
-        AllLevels,
-    }
-
-    /// How far above the optimum the residual is; one when below a fiftieth of the default tolerance, where fits end before.
+    /// How far the residual is above the optimum of the finest level alone, the problem that the coarser levels are to help
+    /// solve; one when below a fiftieth of the default tolerance, where fits end before.
     /// The dense solver truncates so low that it has the least residual to rounding; both are summed afresh, term by term.
-    fn excess(name: &str, case: &Case, optimum: Optimum) -> f64 {
+    fn excess(name: &str, case: &Case) -> f64 {
         let schwarz = case.schwarz(&SchwarzOptions::default());
         let (all, finest) = (case.sources(), &case.levels[case.levels.len() - 1].sources);
-        let sources = if optimum == Optimum::Finest { finest } else { &all };
         let system = CollocationSystem {
             collocation: &case.points,
             row_weights: &case.weights.iter().map(|w| w.sqrt()).collect::<Vec<_>>(),
-            sources,
+            sources: finest,
             affine: true,
         };
         let options = DenseOptions {
@@ -376,7 +367,7 @@ mod tests {
         let excess_of = |(kind, data): (&str, Values)| {
             let solution = schwarz.solve(&data, None, 0.0, &|_, _| {}).unwrap();
             let found = case.residual(&data, &all, &solution.coefficients);
-            let least = case.residual(&data, sources, &dense.solve_columns(&data).unwrap());
+            let least = case.residual(&data, finest, &dense.solve_columns(&data).unwrap());
             let (iterations, n) = (solution.iterations, finest.len());
             println!("{name}, {n} sources, {kind}: {found:.3e} in {iterations} iterations, optimum {least:.3e}");
             if found < 0.02 * FitOptions::adaptive().tolerance {
@@ -396,7 +387,7 @@ mod tests {
     #[test]
     fn schwarz_comes_within_a_tenth_of_dense_least_squares() {
         for (name, domain, sources) in procedural() {
-            let excess = excess(name, &Case::new(domain, sources), Optimum::Finest);
+            let excess = excess(name, &Case::new(domain, sources));
             assert!(excess < 1.1, "{name}: {excess}");
         }
     }
@@ -404,7 +395,7 @@ mod tests {
     #[test]
     fn schwarz_comes_within_a_tenth_of_dense_least_squares_on_real_models() {
         for (name, domain, sources) in real() {
-            let excess = excess(name, &Case::new(domain, sources), Optimum::Finest);
+            let excess = excess(name, &Case::new(domain, sources));
             assert!(excess < 1.1, "{name}: {excess}");
         }
     }
@@ -413,7 +404,7 @@ mod tests {
     #[ignore = "takes a minute"]
     fn schwarz_comes_within_a_tenth_of_dense_least_squares_at_4000_sources() {
         for (name, domain, _) in real().into_iter().take(2) {
-            let excess = excess(name, &Case::new(domain, 4000), Optimum::Finest);
+            let excess = excess(name, &Case::new(domain, 4000));
             assert!(excess < 1.1, "{name}: {excess}");
         }
     }

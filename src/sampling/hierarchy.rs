@@ -23,7 +23,9 @@ pub struct SiteLevel {
 pub struct HierarchyOptions {
     /// Sites that become one of the next coarser level.
     pub ratio: usize,
-    /// The coarsest level has at most so many sites.
+    /// Up to so many sites are small enough to have no coarser level.
+    pub dense: usize,
+    /// Below more than that, the coarsest level has at most so many sites, and at least a third of them.
     pub coarsest: usize,
     /// Collocation points kept for each site of a coarser level.
     pub rows_per_site: usize,
@@ -33,7 +35,8 @@ impl Default for HierarchyOptions {
     fn default() -> Self {
         Self {
             ratio: 12,
-            coarsest: 1500,
+            dense: 1500,
+            coarsest: 800,
             rows_per_site: 6,
         }
     }
@@ -45,11 +48,14 @@ impl Default for HierarchyOptions {
 pub fn coarser_levels(finest: &SiteLevel, options: &HierarchyOptions) -> Vec<SiteLevel> {
     let mut levels: Vec<SiteLevel> = Vec::new();
     let mut fine = finest;
+    if fine.sites.len() <= options.dense {
+        return levels;
+    }
     while fine.sites.len() > options.coarsest {
-        // At least a fifth of what is allowed is kept: a coarsest level of a few sources would be of little use.
+        // A coarsest level of a few sources would be of little use.
         let ratio = options
             .ratio
-            .min((5 * fine.sites.len()).div_ceil(options.coarsest))
+            .min((2 * fine.sites.len()).div_ceil(options.coarsest))
             .max(2);
         let (coarse, parent) = coarsen(&fine.sites, ratio);
         levels.push(thinned(coarse, &parent, fine, options.rows_per_site));
@@ -140,7 +146,7 @@ mod tests {
         let options = HierarchyOptions::default();
         let levels = coarser_levels(&finest, &options);
         assert_eq!(levels.len(), 2);
-        assert!((160..=800).contains(&levels[0].sites.len()));
+        assert!((265..=800).contains(&levels[0].sites.len()));
         let area: f64 = finest.areas.iter().sum();
         for level in &levels {
             assert!((level.areas.iter().sum::<f64>() / area - 1.0).abs() < 1e-12);
