@@ -234,7 +234,7 @@ mod tests {
     fn what_is_said_to_fit_fits() {
         let work = Workload {
             vertices: 1_000_000,
-            sources: 1_142_857,
+            sources: 1_090_909,
             collocation: 3_000_000,
             maps: 1,
             refinements: 0,
