@@ -17,7 +17,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::create_dir_all(&folder)?;
     let domain = shapes::bumpy_sphere(frequency.parse()?);
     let image = shapes::projected_to_sphere(&domain, 1.0);
-    io::write_surface(&folder.join("domain.ply"), &domain)?;
-    io::write_surface(&folder.join("image.ply"), &image)?;
+    io::write_surface(folder.join("domain.ply"), &domain)?;
+    io::write_surface(folder.join("image.ply"), &image)?;
     Ok(())
 }

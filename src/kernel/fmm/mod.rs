@@ -1,8 +1,8 @@
 //! Sums of the Laplace kernel to a given accuracy in time linear in the number of points.
 //!
-//! An adaptive kernel-independent fast multipole method over two sets of points: an octree ([`tree`]), the four kinds
-//! of interaction ([`lists`]), expansions by equivalent sources on cubes, compressed by a singular value decomposition
-//! ([`operators`]), the sweeps over them ([`expansions`]), and the sums at the targets ([`evaluate`]).
+//! An adaptive kernel-independent fast multipole method over two sets of points: an octree (`tree`), the four kinds
+//! of interaction (`lists`), expansions by equivalent sources on cubes, compressed by a singular value decomposition
+//! (`operators`), the sweeps over them (`expansions`), and the sums at the targets (`evaluate`).
 //!
 //! # References
 //!
