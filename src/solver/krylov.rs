@@ -9,6 +9,10 @@ use super::Values;
 /// Directions kept; older ones are dropped.
 const MOST_DIRECTIONS: usize = 24;
 
+/// A direction whose image is below this part of the residual, in squares, is made of rounding errors, as when a level has
+/// nothing to gain any more. Going along it would make the result depend on the order of sums.
+const NOISE: f64 = 1e-12;
+
 /// Right-hand sides in lock-step: each column has its own step lengths, all share directions' cost.
 pub(super) struct Minimisation<'a> {
     weights: &'a [f64],
@@ -46,7 +50,12 @@ impl<'a> Minimisation<'a> {
             image.add_scaled(&factors, &known.image);
             step.add_scaled(&factors, &known.step);
         }
-        let squares = image.dot(&image, self.weights);
+        let mut squares = image.dot(&image, self.weights);
+        for (square, left) in squares.iter_mut().zip(self.squares()) {
+            if *square < NOISE * left {
+                *square = 0.0;
+            }
+        }
         let lengths = ratios(&self.residual.dot(&image, self.weights), &squares, 1.0);
         let back: Vec<f64> = lengths.iter().map(|l| -l).collect();
         self.residual.add_scaled(&back, &image);
