@@ -5,8 +5,9 @@ use solidmap::boundary_map::{BoundaryMap, examples};
 use solidmap::energy::{EnergyOptions, Resolution, clipped_grid, energies};
 use solidmap::fit::{DomainFactor, FitOptions, Solver, fit};
 use solidmap::map::{HarmonicMap, VolumeMap};
-use solidmap::mesh::shapes;
+use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::solver::{DenseOptions, Method};
+use solidmap::{Point, Vector};
 
 /// Frequencies of the bumpy sphere: 2.6k, 10k, 32k and 100k vertices.
 const FREQUENCIES: [usize; 4] = [16, 32, 57, 100];
@@ -23,7 +24,7 @@ fn bumpy(frequency: usize, frame: usize) -> BoundaryMap {
     let squeezed = 1.0 - 0.01 * frame as f64;
     let image = shapes::projected_to_sphere(&domain, 1.0);
     let image = shapes::deformed(&image, |p| {
-        solidmap::Point::new(squeezed * p.x, p.y, p.z + 0.1 * squeezed * p.x * p.x)
+        Point::new(squeezed * p.x, p.y, p.z + 0.1 * squeezed * p.x * p.x)
     });
     BoundaryMap::new(domain, image.vertices().to_vec()).expect("the meshes match")
 }
@@ -114,23 +115,52 @@ pub fn solve(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// The frames of a sequence on a kept factorisation, together and one by one.
+/// The frames of a sequence on a kept factorisation, together and one by one: of a body that swims, whose frames are made
+/// of few modes, and of one whose vertices tremble, where every frame is news.
 pub fn frames(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("fit/frames");
     group.sample_size(10);
     group.throughput(Throughput::Elements(FRAMES as u64));
-    let frames: Vec<BoundaryMap> = (0..FRAMES).map(|frame| bumpy(32, frame)).collect();
-    let factor = factored(&frames[0], &FitOptions::default());
-    group.bench_function("together/10242", |b| b.iter(|| factor.solve_block(&frames, &|_| {})));
-    group.bench_function("one by one/10242", |b| {
-        b.iter(|| {
-            frames
-                .iter()
-                .map(|frame| factor.solve(frame, &|_| {}))
-                .collect::<Vec<_>>()
+    let domain = shapes::bumpy_sphere(32);
+    let factor = DomainFactor::new(&domain, &FitOptions::default(), &|_| {}).expect("the domain is sound");
+    for (name, tremor) in [("swimming", 0.0), ("trembling", 0.002)] {
+        let frames: Vec<BoundaryMap> = (0..FRAMES).map(|frame| swimming(&domain, frame, tremor)).collect();
+        let vertices = domain.vertices().len();
+        group.bench_function(format!("{name} together/{vertices}"), |b| {
+            b.iter(|| factor.solve_block(&frames, &|_| {}))
         });
-    });
+        group.bench_function(format!("{name} one by one/{vertices}"), |b| {
+            b.iter(|| {
+                frames
+                    .iter()
+                    .map(|frame| factor.solve(frame, &|_| {}))
+                    .collect::<Vec<_>>()
+            });
+        });
+    }
     group.finish();
+}
+
+/// A wave runs along the body, which bends and twists.
+fn swimming(domain: &SurfaceMesh, frame: usize, tremor: f64) -> BoundaryMap {
+    let time = 0.2 * frame as f64;
+    let noise = |seed: f64| (seed * 12.9898).sin() * 43758.5453;
+    let swum = |(v, p): (usize, &Point)| {
+        let (bend, twist) = (
+            0.35 * p.x * (2.0 * p.x - time).sin(),
+            0.5 * (1.5 * p.x - 0.7 * time).cos(),
+        );
+        let (cosine, sine) = (twist.cos(), twist.sin());
+        let moved = Point::new(
+            p.x - 0.1 * bend * bend,
+            cosine * p.y - sine * p.z + bend,
+            sine * p.y + cosine * p.z,
+        );
+        let tremble = |axis: usize| tremor * (noise((3 * v + axis) as f64 + 0.37 * frame as f64).fract() - 0.5);
+        moved + Vector::new(tremble(0), tremble(1), tremble(2))
+    };
+    let image = domain.vertices().iter().enumerate().map(swum).collect();
+    BoundaryMap::new(domain.clone(), image).expect("an image for each vertex")
 }
 
 /// Images and Jacobians of points of the domain's grid.

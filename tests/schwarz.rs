@@ -345,7 +345,43 @@ fn errors_are_measured_where_nothing_was_fitted() {
     assert!(held_out.iter().all(|p| !fitted_at.contains(p)));
 }
 
-/// Frames of very different size in one block: each must be as if solved alone.
+/// Frames that move alike are solved for as fewer modes, and lose a five-hundredth of the tolerance by that. By the maximum
+/// principle their maps are then as near to those of single solves as the errors of both at the boundary allow.
+#[test]
+fn a_sequence_solved_by_its_modes_has_the_errors_of_single_solves() {
+    let domain = shapes::bumpy_sphere(16);
+    let inside = interior_points(&shapes::sphere(0.7, 3), 200, 2);
+    let swum = |time: f64| {
+        move |p: &Point| {
+            let twist = 0.5 * (1.5 * p.x - time).cos();
+            let (cosine, sine) = (twist.cos(), twist.sin());
+            Point::new(p.x, cosine * p.y - sine * p.z, sine * p.y + cosine * p.z)
+        }
+    };
+    let frames: Vec<_> = (0..16).map(|k| boundary_map(&domain, swum(0.2 * k as f64))).collect();
+    let options = FitOptions::default();
+    let factor = DomainFactor::new(&domain, &options, &|_| {}).unwrap();
+    let block = factor.solve_block(&frames, &|_| {}).unwrap();
+    for (k, (fit, frame)) in block.iter().zip(&frames).enumerate() {
+        let single = factor.solve(frame, &|_| {}).unwrap();
+        let (error, alone) = (fit.report.boundary_error, single.report.boundary_error);
+        let lost = 0.002 * options.tolerance;
+        assert!(
+            error.rms < 1.1 * alone.rms + lost,
+            "frame {k}: {} and {}",
+            error.rms,
+            alone.rms
+        );
+        let difference = largest_distance(&fit.map.evaluate(&inside), &single.map.evaluate(&inside));
+        assert!(
+            difference / frame.target_diagonal() < error.max + alone.max,
+            "frame {k}: {difference:e}"
+        );
+    }
+}
+
+/// Frames of very different size and difficulty in one block: each must be as if solved alone, to a small part of its own
+/// error. Two solves may end an iteration apart, and an iteration at the end gains about a hundredth.
 #[test]
 fn a_block_of_frames_gives_the_maps_of_single_solves() {
     let domain = shapes::bumpy_sphere(20);
@@ -374,7 +410,11 @@ fn a_block_of_frames_gives_the_maps_of_single_solves() {
         let single = factor.solve(frame, &|_| {}).unwrap();
         let difference =
             largest_distance(&fit.map.evaluate(&inside), &single.map.evaluate(&inside)) / frame.target_diagonal();
-        assert!(difference < 1e-6, "frame {k}: {difference:e}");
+        let error = single.report.boundary_error.rms;
+        assert!(
+            difference < 0.02 * error + 1e-12,
+            "frame {k}: {difference:e}, {error:e}"
+        );
         assert!(
             fit.report.boundary_error.rms < 1.01 * single.report.boundary_error.rms + 1e-9,
             "frame {k}"

@@ -6,6 +6,7 @@
 mod error;
 mod estimate;
 mod frame;
+mod held_out;
 mod levels;
 mod options;
 mod placement;
@@ -22,16 +23,15 @@ pub use estimate::{Workload, available_memory};
 pub use options::{FitOptions, Placement, Solver};
 pub use report::{BoundaryError, Fit, FitReport, Phase, RefinementEnd, Seconds};
 
+use crate::Point;
 use crate::boundary_map::BoundaryMap;
 use crate::check;
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
-use crate::sampling;
 use crate::solver::{Coefficients, Values};
-use crate::statistics::Summary;
-use crate::{Point, Vector};
 use estimate::{readable, require_room, with_budget};
 use frame::Frame;
+use held_out::HeldOut;
 use options::require_valid;
 use refinement::Grading;
 use system::{Solved, System};
@@ -65,6 +65,7 @@ pub struct DomainFactor {
     options: FitOptions,
     frame: Frame,
     system: System,
+    held_out: HeldOut,
     refinements: usize,
     warnings: Vec<String>,
     seconds: Seconds,
@@ -86,6 +87,7 @@ impl DomainFactor {
         progress(Phase::Sampling);
         let frame = Frame::of(&domain);
         let placed = System::place(&domain, &frame, options, &mut warnings)?;
+        let held_out = HeldOut::new(&domain, &frame, options.held_out, options.seed);
         let sampled = start.elapsed().as_secs_f64();
         let system = placed.factor(&frame, progress)?;
         let seconds = Seconds {
@@ -98,6 +100,7 @@ impl DomainFactor {
             options: options.clone(),
             frame,
             system,
+            held_out,
             refinements: 0,
             warnings,
             seconds,
@@ -204,6 +207,7 @@ impl DomainFactor {
             return Ok(Some(end));
         }
         self.system.refine(&self.domain, &self.frame, finer, progress)?;
+        self.held_out.forget_sources();
         self.seconds.factor += start.elapsed().as_secs_f64() - sampled;
         Ok(None)
     }
@@ -254,8 +258,10 @@ impl DomainFactor {
         Ok(self.solve_from(boundary, None, progress)?.0)
     }
 
-    /// The maps for several boundary maps of this domain at once, such as the frames of a sequence: they share every
-    /// kernel value, and cost much less than one by one. Each report's `solve` and `check` times are its share.
+    /// The maps for several boundary maps of this domain at once, such as the frames of a sequence. They share every
+    /// kernel value, and what they have in common is solved for once: with a tolerance, the system is solved for as many modes
+    /// of the data as make it up to a five-hundredth of the tolerance (see [`Mixing`](crate::solver::Mixing)). Each
+    /// report's `solve` and `check` times are its share.
     ///
     /// Needs `24 · (collocation + sources)` bytes per boundary map, some ten times over.
     ///
@@ -279,18 +285,32 @@ impl DomainFactor {
         let start = Instant::now();
         let goals = boundaries.iter().map(|boundary| self.goal_of(boundary));
         let goals: Vec<Goal> = goals.collect::<Result<_, _>>()?;
+        let goal = FAR_BELOW * self.options.tolerance;
         let columns: Vec<Vec<[f64; 3]>> = goals.iter().map(|goal| goal.data(&self.system.collocation)).collect();
         let data = side_by_side(&columns);
-        let solved = self
-            .system
-            .solve(&data, from, FAR_BELOW * self.options.tolerance, progress)?;
+        let solved = self.system.solve(&self.frame, &data, from, goal, progress)?;
+        let coefficients = solved.coefficients_of_data();
         let seconds = start.elapsed().as_secs_f64() / goals.len() as f64;
         progress(Phase::Measuring);
         let start = Instant::now();
-        let measured = self.measure(&goals, &solved)?;
+        let residuals = (0..goals.len()).into_par_iter();
+        let residuals: Vec<Residual> = residuals.map(|k| Residual::of(&solved.residual, 3 * k)).collect();
+        // The dense solver is the reference, and measured exactly.
+        let error = match solved.stop {
+            Some(_) => residuals
+                .iter()
+                .map(|residual| residual.rms)
+                .fold(f64::INFINITY, f64::min),
+            None => 0.0,
+        };
+        let values = self.held_out.values(&self.system, &self.frame, &solved, error)?;
+        let errors = self.held_out.errors(&goals, &values)?;
         let checked = start.elapsed().as_secs_f64() / goals.len() as f64;
-        let parts = goals.into_iter().zip(measured).enumerate();
-        let fits = parts.map(|(k, (goal, errors))| self.finish(goal, errors, &solved, 3 * k, [seconds, checked]));
+        let parts = goals.into_iter().zip(errors).zip(residuals).enumerate();
+        let fits = parts.map(|(k, ((goal, boundary_error), residual))| {
+            let unit = Coefficients::of_columns(&coefficients, 3 * k, self.system.sources.len());
+            self.finish(goal, unit, (boundary_error, residual), &solved, [seconds, checked])
+        });
         Ok((fits.collect(), solved))
     }
 
@@ -317,22 +337,21 @@ impl DomainFactor {
         })
     }
 
-    /// The map of three columns of a solution, with what was measured of it and the seconds of solving and measuring.
+    /// The map of coefficients in the unit frame, with what was measured of it and the seconds of solving and measuring.
     fn finish(
         &self,
         goal: Goal,
-        (boundary_error, residual): (BoundaryError, Summary),
+        unit: Coefficients,
+        (boundary_error, residual): (BoundaryError, Residual),
         solved: &Solved,
-        first: usize,
         [seconds, checked]: [f64; 2],
     ) -> Fit {
-        let unit = Coefficients::of_columns(&solved.coefficients, first, self.system.sources.len());
         let map = HarmonicMap::new(
             self.system.sources.clone(),
             self.frame.to_model(unit, goal.scale(), goal.origin),
         )
         .expect("one coefficient row per source");
-        let map = match solved.residual {
+        let map = match solved.stop {
             Some(_) => map.with_error(residual.rms),
             None => map,
         };
@@ -352,7 +371,7 @@ impl DomainFactor {
             rank: dense.map(|(rank, _)| rank),
             condition: dense.map(|(_, condition)| condition).filter(|c| c.is_finite()),
             boundary_error,
-            c_error: residual.rms * residual.rms * residual.count as f64,
+            c_error: residual.sum_of_squares,
             residual_rms: residual.rms,
             seconds: Some(Seconds {
                 total: self.seconds.sampling + self.seconds.factor + seconds + checked,
@@ -369,37 +388,6 @@ impl DomainFactor {
         };
         fit.report.warnings.extend(remarks_of(&fit));
         fit
-    }
-
-    /// Errors of every map at held-out points, and at the collocation points; all in one go, since they share the kernel
-    /// values.
-    fn measure(&self, goals: &[Goal], solved: &Solved) -> Result<Vec<(BoundaryError, Summary)>, FitError> {
-        let mut points = sampling::held_out(&self.domain, self.options.held_out, 100_000, self.options.seed);
-        let held_out = points.len();
-        points.extend_from_slice(&self.system.collocation);
-        let at: Vec<Point> = points
-            .par_iter()
-            .map(|p| self.frame.to_unit(&p.position(&self.domain, self.domain.vertices())))
-            .collect();
-        let error = solved.residual.unwrap_or(0.0);
-        let values = self.system.evaluate(&self.frame, &solved.coefficients, &at, error)?;
-        let measure = |(k, goal): (usize, &Goal)| {
-            let images = goal.boundary.evaluate(&points);
-            let distance = |(r, exact): (usize, &Point)| {
-                let [x, y, z] = [0, 1, 2].map(|i| values.row(r)[3 * k + i]);
-                (Vector::new(x, y, z) - (exact - goal.origin) / goal.scale()).norm()
-            };
-            let errors: Vec<f64> = images.par_iter().enumerate().map(distance).collect();
-            let (errors, at_collocation) = errors.split_at(held_out);
-            let averaged = finite(&errors[..self.options.held_out.min(held_out)])?;
-            let boundary_error = BoundaryError {
-                rms: averaged.rms,
-                p99: averaged.p99,
-                max: finite(errors)?.max,
-            };
-            Ok((boundary_error, finite(at_collocation)?))
-        };
-        goals.iter().enumerate().map(measure).collect()
     }
 }
 
@@ -424,6 +412,24 @@ impl Goal {
     }
 }
 
+/// Misfit of one map at the collocation points.
+struct Residual {
+    sum_of_squares: f64,
+    rms: f64,
+}
+
+impl Residual {
+    /// Of three columns, from `first` on.
+    fn of(residual: &Values, first: usize) -> Self {
+        let square = |r: usize| residual.row(r)[first..first + 3].iter().map(|v| v * v).sum::<f64>();
+        let sum_of_squares: f64 = (0..residual.rows()).map(square).sum();
+        Self {
+            sum_of_squares,
+            rms: (sum_of_squares / residual.rows().max(1) as f64).sqrt(),
+        }
+    }
+}
+
 /// One row per point with the triples of all lists.
 fn side_by_side(lists: &[Vec<[f64; 3]>]) -> Values {
     let rows = lists.first().map_or(0, Vec::len);
@@ -435,12 +441,6 @@ fn errors_at(map: &HarmonicMap, boundary: &BoundaryMap, points: &[SurfacePoint],
     let images = map.evaluate(&boundary.positions(points));
     let pairs = images.iter().zip(boundary.evaluate(points));
     pairs.map(|(f, exact)| (f - exact).norm() / diagonal).collect()
-}
-
-fn finite(errors: &[f64]) -> Result<Summary, FitError> {
-    Summary::of(errors)
-        .filter(|s| s.not_finite == 0)
-        .ok_or(FitError::NonFiniteMap)
 }
 
 /// The domain with its faces turned outward, and what there is to say about it.

@@ -11,10 +11,9 @@ use super::{FitError, FitOptions, Phase, Placement};
 use crate::Point;
 use crate::geometry::SurfaceQuery;
 use crate::kernel::Sums;
-use crate::map::accuracy_for;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::Anchors;
-use crate::solver::{CollocationSystem, DenseFactor, Method, SchwarzFactor, SolveError, Stop, Values};
+use crate::solver::{CollocationSystem, DenseFactor, Method, Mixing, SchwarzFactor, SolveError, Stop, Values};
 
 /// A factored system, its points in model units.
 pub(super) struct System {
@@ -26,17 +25,41 @@ pub(super) struct System {
 }
 
 enum Factor {
-    Dense(Box<DenseFactor>, Method),
+    /// With the collocation points in the unit frame.
+    Dense(Box<DenseFactor>, Method, Vec<Point>),
     Schwarz(Box<SchwarzFactor>),
 }
+
+/// Part of the goal for the residual that may be lost by solving for modes of the data.
+const TRUNCATION: f64 = 0.1;
 
 /// Coefficients in the unit frame and how they were found.
 pub(super) struct Solved {
     pub coefficients: Values,
+    /// How the data's coefficients follow from these, where they are those of fewer modes.
+    mixing: Option<Mixing>,
+    /// Data minus values at the collocation points.
+    pub residual: Values,
     pub iterations: usize,
-    /// Root mean square at the collocation points, where the solver knows it: about right.
-    pub residual: Option<f64>,
     pub stop: Option<Stop>,
+}
+
+impl Solved {
+    /// Coefficients for the data.
+    pub fn coefficients_of_data(&self) -> Values {
+        match &self.mixing {
+            Some(mixing) => mixing.coefficients(&self.coefficients),
+            None => self.coefficients.clone(),
+        }
+    }
+
+    /// Values at points of the unit frame, from what the coefficients give there.
+    pub fn values_of_data(&self, values: Values, points: &[Point]) -> Values {
+        match &self.mixing {
+            Some(mixing) => mixing.values(&values, points),
+            None => values,
+        }
+    }
 }
 
 impl System {
@@ -80,28 +103,47 @@ impl System {
 
     pub fn solve(
         &self,
+        frame: &Frame,
         data: &Values,
         start: Option<&Values>,
         goal: f64,
         progress: &dyn Fn(Phase),
     ) -> Result<Solved, FitError> {
         match &self.solver {
-            Factor::Dense(dense, _) => {
+            Factor::Dense(dense, _, points) => {
                 progress(Phase::Solving);
+                let coefficients = dense.solve_columns(data)?;
+                let values = values(&self.sums(frame, points, 0.0)?, &coefficients, points)?;
                 Ok(Solved {
-                    coefficients: dense.solve_columns(data)?,
+                    residual: data.minus(&values),
+                    coefficients,
+                    mixing: None,
                     iterations: 1,
-                    residual: None,
                     stop: None,
                 })
             }
             Factor::Schwarz(schwarz) => {
                 let report = |iteration, residual| progress(Phase::Iterating { iteration, residual });
-                let solution = schwarz.solve(data, start, goal, &report)?;
+                let compressed = match start {
+                    None if data.columns() > 3 => schwarz.modes_of(data, TRUNCATION * goal),
+                    _ => None,
+                };
+                let Some((modes, mixing)) = compressed else {
+                    let solution = schwarz.solve(data, start, goal, &report)?;
+                    return Ok(Solved {
+                        coefficients: solution.coefficients,
+                        mixing: None,
+                        residual: solution.residual,
+                        iterations: solution.iterations,
+                        stop: Some(solution.stop),
+                    });
+                };
+                let solution = schwarz.solve(&modes, None, goal, &report)?;
                 Ok(Solved {
                     coefficients: solution.coefficients,
+                    residual: data.minus(&mixing.values(&modes.minus(&solution.residual), schwarz.collocation())),
+                    mixing: Some(mixing),
                     iterations: solution.iterations,
-                    residual: solution.history.last().copied(),
                     stop: Some(solution.stop),
                 })
             }
@@ -132,27 +174,10 @@ impl System {
         Ok(())
     }
 
-    /// Values of all columns of a solution at points of the unit frame, summed as accurately as a map of this error
-    /// deserves.
-    pub fn evaluate(
-        &self,
-        frame: &Frame,
-        coefficients: &Values,
-        points: &[Point],
-        error: f64,
-    ) -> Result<Values, FitError> {
-        let columns = coefficients.columns();
+    /// Sums over all sources at points of the unit frame.
+    pub fn sums(&self, frame: &Frame, points: &[Point], accuracy: f64) -> Result<Sums, FitError> {
         let sources: Vec<Point> = self.sources.iter().map(|q| frame.to_unit(q)).collect();
-        let (weights, affine) = coefficients.as_slice().split_at(sources.len() * columns);
-        let sums = Sums::new(&sources, points, accuracy_for(error)).map_err(SolveError::from)?;
-        let mut values = sums.potential(weights, columns).map_err(SolveError::from)?;
-        for (function, row) in affine.chunks_exact(columns).enumerate() {
-            values.par_chunks_mut(columns).zip(points).for_each(|(value, p)| {
-                let factor = if function == 0 { 1.0 } else { p[function - 1] };
-                value.iter_mut().zip(row).for_each(|(value, a)| *value += a * factor);
-            });
-        }
-        Ok(Values::new(columns, values))
+        Ok(Sums::new(&sources, points, accuracy).map_err(SolveError::from)?)
     }
 
     /// Whether levels can be added.
@@ -164,18 +189,32 @@ impl System {
     pub fn method(&self) -> &'static str {
         match self.solver {
             Factor::Schwarz(_) => "schwarz",
-            Factor::Dense(_, Method::Qr) => "dense-qr",
-            Factor::Dense(_, Method::Svd) => "dense-svd",
+            Factor::Dense(_, Method::Qr, _) => "dense-qr",
+            Factor::Dense(_, Method::Svd, _) => "dense-svd",
         }
     }
 
     /// Rank and condition number of a dense decomposition.
     pub fn rank_and_condition(&self) -> Option<(usize, f64)> {
         match &self.solver {
-            Factor::Dense(dense, _) => Some((dense.rank(), dense.condition())),
+            Factor::Dense(dense, ..) => Some((dense.rank(), dense.condition())),
             Factor::Schwarz(_) => None,
         }
     }
+}
+
+/// Values of all columns of a solution at the points of `sums`.
+pub(super) fn values(sums: &Sums, coefficients: &Values, points: &[Point]) -> Result<Values, FitError> {
+    let columns = coefficients.columns();
+    let (weights, affine) = coefficients.as_slice().split_at(sums.sources() * columns);
+    let mut values = sums.potential(weights, columns).map_err(SolveError::from)?;
+    for (function, row) in affine.chunks_exact(columns).enumerate() {
+        values.par_chunks_mut(columns).zip(points).for_each(|(value, p)| {
+            let factor = if function == 0 { 1.0 } else { p[function - 1] };
+            value.iter_mut().zip(row).for_each(|(value, a)| *value += a * factor);
+        });
+    }
+    Ok(Values::new(columns, values))
 }
 
 /// Points placed, nothing factored yet.
@@ -216,7 +255,7 @@ impl Placed {
                     columns: system.unknowns(),
                 });
                 let factor = DenseFactor::new(&system, &options)?;
-                (sources, Factor::Dense(Box::new(factor), options.method))
+                (sources, Factor::Dense(Box::new(factor), options.method, self.points))
             }
         };
         let sources: Vec<Point> = sources;

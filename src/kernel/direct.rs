@@ -21,6 +21,8 @@
 
 use std::f64::consts::PI;
 
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
 use super::laplace::norm;
@@ -171,6 +173,9 @@ pub fn potential_and_gradient_with(
     }
 }
 
+/// Right-hand sides up to which the kernel is evaluated anew for each three of them.
+pub(super) const MOST_TRIPLED: usize = 6;
+
 /// Sums for any number of columns: `weights` is `points × columns`, row-major, and so are the results with
 /// `targets × columns` potentials and, when asked for, `targets × columns × 3` entries of gradients.
 pub(super) fn sum_columns(
@@ -187,6 +192,12 @@ pub(super) fn sum_columns(
             expected,
             found: weights.len(),
         });
+    }
+    if columns > MOST_TRIPLED && !with_gradient {
+        return Ok((
+            Instructions::detect().sum_products(points, weights, columns, targets),
+            Vec::new(),
+        ));
     }
     let rows = targets.len() * columns;
     let mut potentials = vec![0.0; rows];
@@ -278,6 +289,16 @@ impl Instructions {
         }
     }
 
+    fn sum_products(self, points: &[Point], weights: &[f64], columns: usize, targets: &[Point]) -> Vec<f64> {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512(lanes) => products(lanes, points, weights, columns, targets),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2(lanes) => products(lanes, points, weights, columns, targets),
+            Level::Portable(lanes) => products(lanes, points, weights, columns, targets),
+        }
+    }
+
     /// Writes `1 / r` for the targets of all blocks, one column of `column.len()` entries.
     pub(super) fn write_column(self, source: [f64; 3], targets: &[Block], column: &mut [f64]) {
         match self.0 {
@@ -308,6 +329,9 @@ const BLOCKS: usize = 4;
 const TILE: usize = 512;
 /// Pairs that make a task worth handing to another thread, a tenth of a millisecond or so.
 const PAIRS_PER_TASK: usize = 1 << 17;
+/// Targets and sources whose kernel is evaluated before it is multiplied: as many as a second-level cache holds.
+const PRODUCT_ROWS: usize = 256;
+const PRODUCT_TILE: usize = 128;
 
 /// Scaled position, then the weights over 4π.
 pub(super) type Source = [f64; 6];
@@ -452,19 +476,59 @@ fn assemble(lanes: impl Lanes, targets: &[Point], sources: &[Point], matrix: &mu
         .par_chunks_mut(targets.len())
         .zip(sources)
         .with_min_len(PAIRS_PER_TASK.div_ceil(targets.len()))
-        .for_each(|(column, source)| {
-            let scaled = *source * scale.up;
-            let finite = lanes.write_column(scaled.coords.into(), scale.up / (4.0 * PI), &blocks, column);
-            let source_is_minute = is_minute(scaled);
-            if finite && !source_is_minute {
-                return;
-            }
-            for (entry, target) in column.iter_mut().zip(targets) {
-                if !entry.is_finite() || (source_is_minute && is_minute(*target * scale.up)) {
-                    *entry = laplace_potential(*target, *source);
+        .for_each(|(column, source)| write_entries(lanes, *source, targets, &blocks, scale, column));
+}
+
+/// The kernel between a source and all targets, which `blocks` hold to scale.
+fn write_entries(
+    lanes: impl Lanes,
+    source: Point,
+    targets: &[Point],
+    blocks: &[Block],
+    scale: Scale,
+    column: &mut [f64],
+) {
+    let scaled = source * scale.up;
+    let finite = lanes.write_column(scaled.coords.into(), scale.up / (4.0 * PI), blocks, column);
+    let source_is_minute = is_minute(scaled);
+    if finite && !source_is_minute {
+        return;
+    }
+    for (entry, target) in column.iter_mut().zip(targets) {
+        if !entry.is_finite() || (source_is_minute && is_minute(*target * scale.up)) {
+            *entry = laplace_potential(*target, source);
+        }
+    }
+}
+
+/// Potentials of many columns, which share each kernel value: products with tiles of the kernel's matrix.
+fn products(lanes: impl Lanes, points: &[Point], weights: &[f64], columns: usize, targets: &[Point]) -> Vec<f64> {
+    let scale = Scale::of(&[extent(targets), extent(points)]);
+    let mut potentials = vec![0.0; targets.len() * columns];
+    let rows = PRODUCT_ROWS;
+    (potentials.par_chunks_mut(rows * columns), targets.par_chunks(rows))
+        .into_par_iter()
+        .with_min_len((PAIRS_PER_TASK / columns).div_ceil(rows * points.len().max(1)))
+        .for_each(|(potentials, targets)| {
+            let blocks: Vec<Block> = targets.chunks(LANES).map(|t| Block::new(t, scale)).collect();
+            let mut kernel = vec![0.0; targets.len() * PRODUCT_TILE.min(points.len())];
+            let tiles = points.chunks(PRODUCT_TILE).zip(weights.chunks(PRODUCT_TILE * columns));
+            for (points, weights) in tiles {
+                let kernel = &mut kernel[..targets.len() * points.len()];
+                for (source, column) in points.iter().zip(kernel.chunks_mut(targets.len())) {
+                    write_entries(lanes, *source, targets, &blocks, scale, column);
                 }
+                matmul(
+                    MatMut::from_row_major_slice_mut(&mut *potentials, targets.len(), columns),
+                    Accum::Add,
+                    MatRef::from_column_major_slice(kernel, targets.len(), points.len()),
+                    MatRef::from_row_major_slice(weights, points.len(), columns),
+                    1.0,
+                    Par::Seq,
+                );
             }
         });
+    potentials
 }
 
 /// Adds tile after tile of sources, each to all blocks while it is in the first-level cache.

@@ -71,6 +71,11 @@ impl Sums {
         })
     }
 
+    /// Number of sources.
+    pub fn sources(&self) -> usize {
+        self.sources.len()
+    }
+
     /// The same points at another accuracy; the tree is shared.
     pub fn with_accuracy(&self, accuracy: f64) -> Self {
         Self {

@@ -69,7 +69,7 @@ impl HarmonicMap {
 }
 
 /// Accuracy of sums that adds little to an error.
-pub(crate) fn accuracy_for(boundary_error: f64) -> f64 {
+fn accuracy_for(boundary_error: f64) -> f64 {
     (PART_OF_ERROR * boundary_error).clamp(1e-10, 1e-6)
 }
 

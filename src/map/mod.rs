@@ -4,5 +4,4 @@ mod harmonic_map;
 mod volume_map;
 
 pub use harmonic_map::HarmonicMap;
-pub(crate) use harmonic_map::accuracy_for;
 pub use volume_map::VolumeMap;

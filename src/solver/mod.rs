@@ -7,12 +7,14 @@
 mod assemble;
 mod dense;
 mod krylov;
+mod modes;
 mod patches;
 mod schwarz;
 mod values;
 
 pub use assemble::CollocationSystem;
 pub use dense::{DenseFactor, DenseOptions, Method};
+pub use modes::Mixing;
 pub use schwarz::{Level, SchwarzFactor, SchwarzOptions, Solution, Stop};
 pub use values::Values;
 

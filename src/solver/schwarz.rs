@@ -9,7 +9,7 @@
 
 use super::krylov::Minimisation;
 use super::patches::Patches;
-use super::{CollocationSystem, DenseFactor, DenseOptions, SolveError, Values};
+use super::{CollocationSystem, DenseFactor, DenseOptions, Mixing, SolveError, Values};
 use crate::Point;
 use crate::kernel::Sums;
 
@@ -99,6 +99,9 @@ pub enum Stop {
 pub struct Solution {
     /// A row per source, level after level, then four rows for the functions 1, x, y, z if the basis has them.
     pub coefficients: Values,
+    /// Data minus what the coefficients give, a row per collocation point. Carried along from correction to correction:
+    /// right to a few hundredths of its norm.
+    pub residual: Values,
     /// Iterations made.
     pub iterations: usize,
     /// Weighted root mean square of the residual over all columns before the first iteration and after each; the last may
@@ -219,6 +222,16 @@ impl SchwarzFactor {
         self.levels.iter().map(|level| level.sources).sum()
     }
 
+    /// The modes of data at the collocation points: see [`Mixing::of`].
+    pub fn modes_of(&self, data: &Values, truncation: f64) -> Option<(Values, Mixing)> {
+        Mixing::of(data, &self.collocation, &self.weights, self.affine, truncation)
+    }
+
+    /// Positions of the collocation points.
+    pub fn collocation(&self) -> &[Point] {
+        &self.collocation
+    }
+
     /// Number of collocation points.
     pub fn rows(&self) -> usize {
         self.collocation.len()
@@ -313,6 +326,7 @@ impl SchwarzFactor {
         }
         Ok(Solution {
             coefficients: search.solution,
+            residual: search.residual,
             iterations: history.len() - 1,
             history,
             stop,

@@ -53,6 +53,22 @@ impl Values {
         &self.numbers
     }
 
+    /// All numbers, to write to.
+    pub(super) fn as_mut_slice(&mut self) -> &mut [f64] {
+        &mut self.numbers
+    }
+
+    /// `self − other`, of the same size.
+    ///
+    /// # Panics
+    ///
+    /// When the sizes differ.
+    pub fn minus(&self, other: &Self) -> Self {
+        assert_eq!((self.columns, self.numbers.len()), (other.columns, other.numbers.len()));
+        let pairs = self.numbers.par_iter().zip(&other.numbers);
+        Self::new(self.columns, pairs.with_min_len(1 << 14).map(|(a, b)| a - b).collect())
+    }
+
     /// The chosen rows, in that order.
     pub(super) fn gather(&self, rows: &[u32]) -> Self {
         let mut numbers = Vec::with_capacity(rows.len() * self.columns);

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::KernelError;
-use super::direct::{self, Instructions, Scale, is_minute};
+use super::direct::{self, Instructions, MOST_TRIPLED, Scale, is_minute};
 use crate::Point;
 
 mod evaluate;
@@ -62,8 +62,6 @@ const FAR: f64 = (1u64 << 30) as f64;
 
 /// Right-hand sides of a pass; more are taken in turn, as their expansions would need much memory.
 const COLUMNS: usize = 48;
-/// Right-hand sides up to which the kernel is evaluated anew for each three of them.
-const MOST_TRIPLED: usize = 6;
 
 impl Fmm {
     /// Sorts the points; sums will have about the relative error `accuracy` in the Euclidean norm over all targets.
