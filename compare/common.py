@@ -54,7 +54,7 @@ def read_tet_map(path):
 def read_surface(path):
     """Vertices and triangles of a closed surface, or of the boundary of a tetrahedral mesh (.mesh, .vtk, .vtu).
 
-    Vertices keep the order and the number they have in the file, so that two files of the same connectivity correspond.
+    Vertices keep the order and number that they have in the file: files of the same connectivity correspond.
     """
     path = Path(path)
     if not path.is_file():
@@ -67,7 +67,10 @@ def read_surface(path):
     if suffix == ".mesh":
         vertices, tets, triangles = igl.readMESH(path)
         return vertices, igl.boundary_facets(tets)[0] if len(tets) else triangles
-    return igl.read_triangle_mesh(path)
+    vertices, triangles = igl.read_triangle_mesh(path)
+    if len(triangles) == 0:
+        raise BadInput(f"{path} has no triangles that libigl can read; give .obj, .off, .ply, .stl, .mesh or .vtu")
+    return vertices, triangles
 
 
 def read_boundary_map(domain, image):
@@ -76,8 +79,8 @@ def read_boundary_map(domain, image):
     images, image_triangles = read_surface(image)
     if len(images) != len(vertices) or len(image_triangles) != len(triangles):
         raise BadInput(
-            f"{image} has {len(images)} vertices and {len(image_triangles)} triangles, {domain} has {len(vertices)} and "
-            f"{len(triangles)}; they must have the same connectivity"
+            f"{image} has {len(images)} vertices and {len(image_triangles)} triangles, {domain} has {len(vertices)} "
+            f"and {len(triangles)}; they must have the same connectivity"
         )
     return vertices, triangles, images
 
@@ -89,7 +92,12 @@ def read_table(path, columns):
         raise BadInput(f"{path} does not exist; run `solidmap compare ... --out {path.parent}` first")
     with open(path) as file:
         names = [name.strip() for name in file.readline().split(",")]
-        values = np.loadtxt(file, delimiter=",", ndmin=2)
+        try:
+            values = np.loadtxt(file, delimiter=",", ndmin=2)
+        except ValueError as error:
+            raise BadInput(f"{path} is not a table of numbers: {error}") from None
+    if values.size == 0 or values.shape[1] != len(names):
+        raise BadInput(f"{path} has no rows of {len(names)} numbers under its first line")
     if missing := [column for column in columns if column not in names]:
         raise BadInput(f"{path} has no column {', '.join(missing)}; its columns are {', '.join(names)}")
     return values[:, [names.index(column) for column in columns]]
@@ -157,9 +165,9 @@ class Table:
         lengths = np.linalg.norm(a - b, axis=1) / self.diagonal
         found = {"max": lengths.max(initial=0.0), "rms": float(np.sqrt(np.mean(lengths**2))) if len(lengths) else 0.0}
         said = f"{by} {bound:.0e}" if bound else "-"
-        # Written so that NaN fails.
-        self._row(f"{name:44} {len(lengths):8} {found['max']:10.2e} {found['rms']:10.2e} {said:>10}",
-                  bound is None or found[by] <= bound)
+        row = f"{name:44} {len(lengths):8} {found['max']:10.2e} {found['rms']:10.2e} {said:>10}"
+        # In this form of the comparison NaN fails.
+        self._row(row, bound is None or found[by] <= bound)
         return found
 
     def require(self, claim, holds):
@@ -177,7 +185,7 @@ def run(check):
     """Ends the program with 0 when a check passed, 1 when it failed, 2 when it could not run."""
     try:
         passed = check()
-    except BadInput as error:
+    except (BadInput, OSError, RuntimeError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(COULD_NOT_RUN)
     sys.exit(0 if passed else 1)
@@ -199,7 +207,7 @@ def _points(grid):
 
 
 def _tets(grid, path):
-    types = vtk_to_numpy(grid.GetCellTypes()) if hasattr(grid, "GetCellTypes") else vtk_to_numpy(grid.GetCellTypesArray())
+    types = vtk_to_numpy(grid.GetCellTypesArray())
     if not (types == VTK_TETRA).any():
         raise BadInput(f"{path} has no tetrahedra")
     offsets = vtk_to_numpy(grid.GetCells().GetOffsetsArray())[:-1][types == VTK_TETRA]

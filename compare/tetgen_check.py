@@ -23,7 +23,7 @@ def main():
     parser.add_argument("domain", type=Path)
     parser.add_argument("image", type=Path)
     parser.add_argument("folder", type=Path, help="what `solidmap compare --out` wrote")
-    parser.add_argument("--multiple", type=float, default=4.0, help="of the mesh's own error that maps may differ by (rms)")
+    parser.add_argument("--multiple", type=float, default=4.0, help="of the error of the tets, allowed (rms)")
     parser.add_argument("--max-tets", type=int, default=200_000, help="of the finer mesh, about")
     options = parser.parse_args()
     run(lambda: check(options))
