@@ -17,24 +17,44 @@ pub struct Distribution {
 impl Distribution {
     /// Quantiles of parallel values and weights. `None` when there are none. Costs a sort.
     pub fn weighted(values: &[f64], weights: &[f64]) -> Option<Self> {
-        let mut sorted: Vec<(f64, f64)> = values.iter().copied().zip(weights.iter().copied()).collect();
-        sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let (&(min, _), &(max, _)) = (sorted.first()?, sorted.last()?);
-        let total: f64 = sorted.iter().map(|(_, weight)| weight).sum();
-        let quantile = |share: f64| {
-            let mut below = 0.0;
-            let reached = sorted.iter().find(|(_, weight)| {
-                below += weight;
-                below >= share * total
-            });
-            reached.map_or(max, |(value, _)| *value)
-        };
+        let sorted = WeightedValues::new(values.iter().copied().zip(weights.iter().copied()));
         Some(Self {
-            min,
-            median: quantile(0.5),
-            p99: quantile(0.99),
-            max,
+            min: sorted.quantile(0.0)?,
+            median: sorted.quantile(0.5)?,
+            p99: sorted.quantile(0.99)?,
+            max: sorted.quantile(1.0)?,
         })
+    }
+}
+
+/// Values in ascending order, each with its weight.
+pub(super) struct WeightedValues {
+    ascending: Vec<(f64, f64)>,
+    total: f64,
+}
+
+impl WeightedValues {
+    /// Sorts pairs of values and weights.
+    pub fn new(pairs: impl Iterator<Item = (f64, f64)>) -> Self {
+        let mut ascending: Vec<(f64, f64)> = pairs.collect();
+        ascending.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let total = ascending.iter().map(|(_, weight)| weight).sum();
+        Self { ascending, total }
+    }
+
+    /// The smallest value that, with all below it, has this share of the weight: 0 gives the smallest of all, 1 the
+    /// largest. `None` when there are no values.
+    pub fn quantile(&self, share: f64) -> Option<f64> {
+        let (last, _) = self.ascending.last()?;
+        if share >= 1.0 {
+            return Some(*last);
+        }
+        let mut below = 0.0;
+        let reached = self.ascending.iter().find(|(_, weight)| {
+            below += weight;
+            below >= share * self.total
+        });
+        reached.or(self.ascending.last()).map(|(value, _)| *value)
     }
 }
 

@@ -2,10 +2,12 @@
 //!
 //! Sections 4.3.1 and 4.3.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling applications*
 //! (2007). A [`Quadrature`] of the domain says where a density is evaluated and what volume each point stands for:
-//! [`clipped_grid`] makes one from a surface, as the paper does, [`tet_quadrature`] from a tetrahedral mesh.
+//! [`clipped_grid`] makes one from a surface, as the paper does, [`tet_quadrature`] from a tetrahedral mesh. [`mod@distortion`]
+//! measures the quality of a map by the metrics that are usual elsewhere.
 
 mod clipped_grid;
 pub mod deformation;
+pub mod distortion;
 mod distribution;
 pub mod harmonic;
 mod quadrature;
@@ -13,6 +15,7 @@ mod tet_quadrature;
 
 pub use clipped_grid::{Resolution, clipped_grid};
 pub use deformation::Lame;
+pub use distortion::{Determinants, Distortion, DistortionReport, distortion, tet_distortion};
 pub use distribution::Distribution;
 pub use quadrature::{CellMean, Grid, Layout, Quadrature, QuadratureError};
 pub use tet_quadrature::tet_quadrature;
@@ -107,6 +110,14 @@ pub enum EnergyError {
         /// Points asked for.
         expected: usize,
         /// Jacobians given.
+        found: usize,
+    },
+    /// Vertices of a tetrahedral mesh and their images are not parallel.
+    #[error("{found} images for the {expected} vertices of the domain; give the image of every vertex, in order")]
+    ImageCount {
+        /// Vertices of the domain.
+        expected: usize,
+        /// Images given.
         found: usize,
     },
 }

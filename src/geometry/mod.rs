@@ -1,10 +1,11 @@
-//! Distance, inside and winding number queries on surfaces.
+//! Distance, inside and winding number queries on surfaces, and exact orientation of tetrahedra.
 //!
 //! [`SurfaceQuery`] is built once per surface and asked often; the other items are what it is made of.
 
 mod aabb;
 mod bvh;
 mod closest_point;
+mod predicates;
 mod surface_query;
 #[cfg(test)]
 pub(crate) mod test_models;
@@ -13,6 +14,7 @@ mod winding_number;
 pub use aabb::Aabb;
 pub use bvh::{Bvh, BvhNode};
 pub use closest_point::{Feature, TrianglePoint, closest_point_on_triangle};
+pub use predicates::{FlippedTets, flipped_tets, orientation};
 pub(crate) use surface_query::morton_order;
 pub use surface_query::{ClosestPoint, QueryError, SurfaceQuery};
 pub use winding_number::{solid_angle, winding_number};

@@ -1,0 +1,202 @@
+//! On which side of a plane a point lies, and which tetrahedra a map turns over, decided without rounding errors.
+//!
+//! Shewchuk, *Adaptive precision floating-point arithmetic and fast robust geometric predicates*, Discrete &
+//! Computational Geometry 18 (1997).
+
+use std::cmp::Ordering;
+
+use rayon::prelude::*;
+use robust::{Coord3D, orient3d};
+
+use crate::{Point, mesh::TetMesh};
+
+/// What a map does to the tetrahedra of a mesh; those in none of these groups keep their orientation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct FlippedTets {
+    /// The image has the opposite orientation.
+    pub negative: usize,
+    /// The four images lie exactly in a plane.
+    pub degenerate: usize,
+    /// An image, or a corner in the domain, has a coordinate that is NaN or infinite.
+    pub not_finite: usize,
+    /// The tetrahedron is exactly flat already in the domain, so that it has no orientation to keep; counted here
+    /// only.
+    pub flat_in_domain: usize,
+}
+
+impl FlippedTets {
+    /// Tetrahedra of the domain with an orientation whose images do not have it.
+    pub fn count(&self) -> usize {
+        self.negative + self.degenerate + self.not_finite
+    }
+}
+
+/// The sign of `det(b − a, c − a, d − a)`: `Greater` for a right-handed tetrahedron, `Equal` when the points lie exactly
+/// in a plane, `None` when a coordinate is NaN or infinite.
+///
+/// Exact for the coordinates as given, whatever their common size. Only coordinates that differ among themselves by
+/// more than about a hundred orders of magnitude can underflow to `Equal`.
+pub fn orientation(a: &Point, b: &Point, c: &Point, d: &Point) -> Option<Ordering> {
+    let points = [a, b, c, d];
+    if points.iter().any(|p| p.iter().any(|x| !x.is_finite())) {
+        return None;
+    }
+    let size = points.iter().map(|p| p.coords.amax()).fold(0.0, f64::max);
+    let scale = power_of_two_near_inverse(size);
+    let [a, b, c, d] = points.map(|p| Coord3D {
+        x: p.x * scale,
+        y: p.y * scale,
+        z: p.z * scale,
+    });
+    // Shewchuk's determinant is that of a − d, b − d, c − d, which has the other sign.
+    0.0.partial_cmp(&orient3d(a, b, c, d))
+}
+
+/// Counts the tetrahedra that a map turns over or flattens, each against its own orientation in the domain, with
+/// [`orientation`]. `images` are those of the vertices of `domain`; `None` when the counts differ.
+///
+/// A map that mirrors the whole domain turns over every tetrahedron.
+pub fn flipped_tets(domain: &TetMesh, images: &[Point]) -> Option<FlippedTets> {
+    if images.len() != domain.vertices().len() {
+        return None;
+    }
+    let flipped = |tet: &[u32; 4]| {
+        let side = |points: &[Point]| {
+            let [a, b, c, d] = tet.map(|v| &points[v as usize]);
+            orientation(a, b, c, d)
+        };
+        FlippedTets::of_one(side(domain.vertices()), side(images))
+    };
+    Some(
+        domain
+            .tets()
+            .par_iter()
+            .map(flipped)
+            .reduce(FlippedTets::default, FlippedTets::plus),
+    )
+}
+
+impl FlippedTets {
+    fn of_one(domain: Option<Ordering>, image: Option<Ordering>) -> Self {
+        let mut counts = Self::default();
+        match (domain, image) {
+            (None, _) => counts.not_finite = 1,
+            (Some(Ordering::Equal), _) => counts.flat_in_domain = 1,
+            (_, None) => counts.not_finite = 1,
+            (_, Some(Ordering::Equal)) => counts.degenerate = 1,
+            (before, after) => counts.negative = usize::from(before != after),
+        }
+        counts
+    }
+
+    fn plus(self, other: Self) -> Self {
+        Self {
+            negative: self.negative + other.negative,
+            degenerate: self.degenerate + other.degenerate,
+            not_finite: self.not_finite + other.not_finite,
+            flat_in_domain: self.flat_in_domain + other.flat_in_domain,
+        }
+    }
+}
+
+/// Scales `size` to between ½ and 2 without rounding, where products of three coordinates neither overflow nor vanish.
+fn power_of_two_near_inverse(size: f64) -> f64 {
+    let exponent = (size.to_bits() >> 52) as i32 - 1023;
+    2f64.powi((-exponent).clamp(-1022, 1022))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn p(x: f64, y: f64, z: f64) -> Point {
+        Point::new(x, y, z)
+    }
+
+    fn naive(points: &[Point; 4]) -> f64 {
+        let [a, b, c, d] = points;
+        (b - a).dot(&(c - a).cross(&(d - a)))
+    }
+
+    fn sign(points: &[Point; 4]) -> Option<Ordering> {
+        let [a, b, c, d] = points;
+        orientation(a, b, c, d)
+    }
+
+    fn unit() -> [Point; 4] {
+        [p(0., 0., 0.), p(1., 0., 0.), p(0., 1., 0.), p(0., 0., 1.)]
+    }
+
+    #[test]
+    fn right_handed_is_greater_and_a_swap_changes_the_hand() {
+        let [a, b, c, d] = unit();
+        assert_eq!(sign(&[a, b, c, d]), Some(Ordering::Greater));
+        assert_eq!(sign(&[b, a, c, d]), Some(Ordering::Less));
+        assert_eq!(sign(&[a, b, c, p(0.3, 0.2, 0.0)]), Some(Ordering::Equal));
+    }
+
+    #[test]
+    fn decides_points_near_a_plane_where_the_rounded_determinant_errs() {
+        // The corners span the plane x + y + z = 24 with the normal (1, 1, 1). The offset of the last point is a small
+        // multiple of 2⁻⁵³ and therefore known exactly.
+        let [a, b, c] = [p(24.0, 0.0, 0.0), p(0.0, 24.0, 0.0), p(0.0, 0.0, 24.0)];
+        let (fine, coarse) = (2f64.powi(-53), 2f64.powi(-48));
+        let mut wrong = 0;
+        for i in 0..32 {
+            for j in 0..32 {
+                for step in [-1.0, 0.0, 1.0] {
+                    let (dx, dy, dz) = (i as f64 * fine, j as f64 * fine, step * coarse);
+                    let points = [a, b, c, p(0.5 + dx, 0.5 + dy, 23.0 + dz)];
+                    let expected = (dx + dy + dz).partial_cmp(&0.0);
+                    assert_eq!(sign(&points), expected, "{i} {j} {step}");
+                    wrong += usize::from(naive(&points).partial_cmp(&0.0) != expected);
+                }
+            }
+        }
+        assert!(wrong > 100, "the rounded determinant errs in {wrong} of 3072 cases");
+    }
+
+    #[test]
+    fn decides_tetrahedra_of_any_size() {
+        for size in [1e-300, 1e-150, 1.0, 1e150, 1e300] {
+            let [a, b, c, d] = unit().map(|point| point * size);
+            assert_eq!(sign(&[a, b, c, d]), Some(Ordering::Greater), "{size}");
+            assert_eq!(sign(&[a, c, b, d]), Some(Ordering::Less), "{size}");
+        }
+        assert_eq!(sign(&[Point::origin(); 4]), Some(Ordering::Equal));
+    }
+
+    #[test]
+    fn coordinates_that_are_not_finite_have_no_orientation() {
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            for corner in 0..4 {
+                let mut points = unit();
+                points[corner].y = bad;
+                assert_eq!(sign(&points), None);
+            }
+        }
+    }
+
+    #[test]
+    fn counts_each_tet_against_its_own_orientation() {
+        let mut vertices = unit().to_vec();
+        vertices.extend([p(5., 5., 0.), p(0., 0., f64::NAN)]);
+        let tets = vec![[0, 1, 2, 3], [1, 0, 2, 3], [0, 1, 2, 4], [0, 1, 2, 5]];
+        let domain = TetMesh::new(vertices.clone(), tets).unwrap();
+        let count = |image: &dyn Fn(&Point) -> Point| {
+            flipped_tets(&domain, &vertices.iter().map(image).collect::<Vec<_>>()).unwrap()
+        };
+        let kept = FlippedTets {
+            not_finite: 1,
+            flat_in_domain: 1,
+            ..FlippedTets::default()
+        };
+        assert_eq!(count(&|v| *v), kept);
+        assert_eq!(count(&|v| p(-v.x, v.y, v.z)), FlippedTets { negative: 2, ..kept });
+        assert_eq!(count(&|v| p(v.x, v.x, v.z)), FlippedTets { degenerate: 2, ..kept });
+        let lost = count(&|_| p(f64::INFINITY, 0.0, 0.0));
+        assert_eq!(lost, FlippedTets { not_finite: 3, ..kept });
+        assert_eq!(lost.count(), 3);
+        assert_eq!(flipped_tets(&domain, &vertices[1..]), None);
+    }
+}
