@@ -162,7 +162,8 @@ pub(super) fn solve(
     let mut direction = preconditioner.applied(&residual);
     let mut slope = dot(&residual, &direction);
     let mut squares = dot(&residual, &residual);
-    for iteration in 0.. {
+    let mut iteration = 0;
+    loop {
         if (0..3).all(|c| squares[c] <= limit[c]) {
             return Ok((solution, iteration));
         }
@@ -196,8 +197,8 @@ pub(super) fn solve(
         slope = next_slope;
         let rows = direction.par_iter_mut().zip(next).with_min_len(ROWS);
         rows.for_each(|(d, z)| *d = z + d.component_mul(&turn));
+        iteration += 1;
     }
-    unreachable!("the iterations end")
 }
 
 /// Dot products of the columns.
