@@ -1,0 +1,259 @@
+//! The minimiser of the discrete harmonic energy with the boundary held, as a linear system: for every vertex `v` off
+//! the boundary, `Σ_u k_uv (f(v) − f(u)) = 0`.
+
+use std::sync::{Arc, OnceLock};
+
+use rayon::prelude::*;
+
+use super::boundary::{boundary_faces, vertices_of};
+use super::stiffness::{Incidence, Stiffness};
+use super::tet_map::Solid;
+use super::{BaselineError, check_images};
+use crate::geometry::morton_order;
+use crate::mesh::TetMesh;
+use crate::{Point, Vector};
+
+/// Rows that one task takes. Sums over all rows add those of such parts in order, so that they are the same for any
+/// number of threads.
+pub(super) const ROWS: usize = 2048;
+
+/// Values of a map at the unknowns, one row each.
+pub(super) type Rows = Vec<Vector>;
+
+/// The system, its unknowns numbered along a space-filling curve.
+#[derive(Debug, Clone)]
+pub(super) struct Dirichlet {
+    pub solid: Arc<Solid>,
+    /// Vertices on the boundary, ascending.
+    pub fixed: Vec<u32>,
+    /// Triangles of the boundary, by places in `fixed`.
+    pub faces: Vec<[u32; 3]>,
+    /// The vertex of each unknown.
+    pub free: Vec<u32>,
+    /// The symmetric matrix without its diagonal; its entries are minus these weights.
+    pub inner: Compressed,
+    /// Sum of all weights around each unknown.
+    pub diagonal: Vec<f64>,
+    /// Weights between unknowns and places in `fixed`.
+    pub outer: Compressed,
+    /// Weights between places in `fixed`.
+    rim: Compressed,
+}
+
+/// Rows of a sparse matrix.
+#[derive(Debug, Clone)]
+pub(super) struct Compressed {
+    pub begin: Vec<usize>,
+    pub columns: Vec<u32>,
+    pub weights: Vec<f64>,
+}
+
+impl Compressed {
+    pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let row = self.begin[i]..self.begin[i + 1];
+        let columns = self.columns[row.clone()].iter().map(|&c| c as usize);
+        columns.zip(self.weights[row].iter().copied())
+    }
+
+    /// The rows of these vertices among the columns that have a number; ascending by it.
+    fn of(stiffness: &Stiffness, vertices: &[u32], number: &[u32]) -> Self {
+        let parts = vertices.par_chunks(ROWS).map(|part| {
+            let (mut ends, mut entries, mut row) = (Vec::new(), Vec::new(), Vec::new());
+            for &v in part {
+                let (neighbours, weights) = stiffness.edges_of(v as usize);
+                let numbered = neighbours
+                    .iter()
+                    .map(|&u| number[u as usize])
+                    .zip(weights.iter().copied());
+                row.extend(numbered.filter(|entry| entry.0 != u32::MAX));
+                row.sort_unstable_by_key(|entry| entry.0);
+                entries.append(&mut row);
+                ends.push(entries.len());
+            }
+            (ends, entries)
+        });
+        let parts: Vec<_> = parts.collect();
+        let count = parts.iter().map(|part| part.1.len()).sum();
+        let (mut begin, mut columns, mut weights) = (vec![0], Vec::with_capacity(count), Vec::with_capacity(count));
+        for (ends, entries) in parts {
+            begin.extend(ends.iter().map(|end| columns.len() + end));
+            columns.extend(entries.iter().map(|entry| entry.0));
+            weights.extend(entries.iter().map(|entry| entry.1));
+        }
+        Self {
+            begin,
+            columns,
+            weights,
+        }
+    }
+}
+
+impl Dirichlet {
+    pub fn new(mesh: TetMesh) -> Result<Self, BaselineError> {
+        let incidence = Incidence::new(&mesh);
+        let stiffness = Stiffness::with_incidence(&mesh, &incidence)?;
+        let faces = boundary_faces(&mesh, &incidence);
+        let fixed = vertices_of(&faces);
+
+        let mut place = vec![u32::MAX; mesh.vertices().len()];
+        number(&fixed, &mut place);
+        let is_free = |v: &u32| place[*v as usize] == u32::MAX && !incidence.of(*v).is_empty();
+        let inside: Vec<u32> = (0..mesh.vertices().len() as u32).filter(is_free).collect();
+        let positions: Vec<Point> = inside.iter().map(|&v| mesh.vertices()[v as usize]).collect();
+        let free: Vec<u32> = morton_order(&positions).iter().map(|&i| inside[i as usize]).collect();
+
+        let outer = Compressed::of(&stiffness, &free, &place);
+        let rim = Compressed::of(&stiffness, &fixed, &place);
+        let faces = faces.iter().map(|face| face.map(|v| place[v as usize])).collect();
+        fixed.iter().for_each(|&v| place[v as usize] = u32::MAX);
+        number(&free, &mut place);
+        let inner = Compressed::of(&stiffness, &free, &place);
+        let sum = |&v: &u32| stiffness.edges_of(v as usize).1.iter().sum();
+        let system = Self {
+            solid: Arc::new(Solid {
+                mesh,
+                locator: OnceLock::new(),
+            }),
+            diagonal: free.par_iter().map(sum).collect(),
+            fixed,
+            faces,
+            free,
+            inner,
+            outer,
+            rim,
+        };
+        system.check_held()?;
+        Ok(system)
+    }
+
+    /// That every unknown hangs together with the boundary; else its images are undetermined and the matrix singular.
+    fn check_held(&self) -> Result<(), BaselineError> {
+        let mut is_held: Vec<bool> = self.outer.begin.windows(2).map(|row| row[0] < row[1]).collect();
+        let mut waiting: Vec<usize> = (0..self.free.len()).filter(|&i| is_held[i]).collect();
+        while let Some(i) = waiting.pop() {
+            for (j, _) in self.inner.row(i) {
+                if !std::mem::replace(&mut is_held[j], true) {
+                    waiting.push(j);
+                }
+            }
+        }
+        let loose = (0..self.free.len()).filter(|&i| !is_held[i]).map(|i| self.free[i]);
+        loose
+            .min()
+            .map_or(Ok(()), |vertex| Err(BaselineError::NoBoundary { vertex }))
+    }
+
+    /// Checks boundary data, in the order of `fixed`, and gives its mean over the vertices with the data about that. In
+    /// data far from the origin digits would be lost, and constants are then met exactly.
+    pub fn centred(&self, images: &[Point]) -> Result<(Vector, Rows), BaselineError> {
+        check_images(images, self.fixed.len())?;
+        let mean = sum_of_parts(images.len(), |i| images[i].coords) / images.len().max(1) as f64;
+        Ok((mean, images.iter().map(|p| p.coords - mean).collect()))
+    }
+
+    /// The right-hand side for images of the boundary.
+    pub fn data(&self, images: &[Vector]) -> Rows {
+        let row = |i: usize| self.outer.row(i).map(|(j, k)| images[j] * k).sum();
+        (0..self.free.len())
+            .into_par_iter()
+            .with_min_len(ROWS)
+            .map(row)
+            .collect()
+    }
+
+    /// The matrix times `values`.
+    pub fn times(&self, values: &[Vector]) -> Rows {
+        let row = |i: usize| {
+            let whole = values[i] * self.diagonal[i];
+            whole - self.inner.row(i).map(|(j, k)| values[j] * k).sum::<Vector>()
+        };
+        (0..self.free.len())
+            .into_par_iter()
+            .with_min_len(ROWS)
+            .map(row)
+            .collect()
+    }
+
+    /// The energy `Σ k_uv |f(u) − f(v)|²` of images of the unknowns and the boundary.
+    pub fn energy(&self, values: &[Vector], boundary: &[Vector]) -> f64 {
+        let inside = |i: usize| {
+            let to_unknowns = self
+                .inner
+                .row(i)
+                .map(|(j, k)| 0.5 * k * (values[j] - values[i]).norm_squared());
+            let to_boundary = self
+                .outer
+                .row(i)
+                .map(|(j, k)| k * (boundary[j] - values[i]).norm_squared());
+            to_unknowns.sum::<f64>() + to_boundary.sum::<f64>()
+        };
+        let outside = |i: usize| {
+            let edges = self
+                .rim
+                .row(i)
+                .map(|(j, k)| 0.5 * k * (boundary[j] - boundary[i]).norm_squared());
+            edges.sum::<f64>()
+        };
+        sum_of_parts(self.free.len(), inside) + sum_of_parts(self.fixed.len(), outside)
+    }
+
+    /// Images of all vertices. Those that no tetrahedron uses go to the middle.
+    pub fn images(&self, middle: &Vector, values: &[Vector], boundary: &[Point]) -> Vec<Point> {
+        let mut images = vec![Point::from(*middle); self.solid.mesh.vertices().len()];
+        for (&v, value) in self.free.iter().zip(values) {
+            images[v as usize] += value;
+        }
+        for (&v, &image) in self.fixed.iter().zip(boundary) {
+            images[v as usize] = image;
+        }
+        images
+    }
+}
+
+fn number(vertices: &[u32], place: &mut [u32]) {
+    for (i, &v) in vertices.iter().enumerate() {
+        place[v as usize] = i as u32;
+    }
+}
+
+/// Sum over `0..count`, the same for any number of threads.
+pub(super) fn sum_of_parts<T>(count: usize, term: impl Fn(usize) -> T + Sync) -> T
+where
+    T: Send + std::iter::Sum<T>,
+{
+    let parts = (0..count.div_ceil(ROWS)).into_par_iter();
+    let sums = parts.map(|part| (part * ROWS..((part + 1) * ROWS).min(count)).map(&term).sum());
+    sums.collect::<Vec<T>>().into_iter().sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::baseline::test_meshes::{ball, torus};
+
+    #[test]
+    fn energy_is_that_of_the_edges() {
+        for mesh in [ball(5), torus(3)] {
+            let stiffness = Stiffness::new(&mesh).unwrap();
+            let image = |p: &Point| Point::new(p.x.sin(), p.y * p.z, p.x - p.z);
+            let images: Vec<Point> = mesh.vertices().iter().map(image).collect();
+            let expected = stiffness.energy(&images).unwrap();
+            let system = Dirichlet::new(mesh).unwrap();
+            let at = |vertices: &[u32]| -> Rows { vertices.iter().map(|&v| images[v as usize].coords).collect() };
+            let found = system.energy(&at(&system.free), &at(&system.fixed));
+            assert!((found / expected - 1.0).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn solids_without_a_boundary_are_named() {
+        // Every triangle belongs to two tetrahedra.
+        let mesh = ball(2);
+        let twice = [mesh.tets(), mesh.tets()].concat();
+        let twice = TetMesh::new(mesh.vertices().to_vec(), twice).unwrap();
+        assert!(matches!(
+            Dirichlet::new(twice),
+            Err(BaselineError::NoBoundary { vertex: 0 })
+        ));
+    }
+}
