@@ -42,6 +42,7 @@
 
 #![deny(missing_docs, rustdoc::broken_intra_doc_links)]
 
+pub mod baseline;
 pub mod boundary_map;
 pub mod check;
 pub mod energy;
