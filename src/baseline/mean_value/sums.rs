@@ -192,14 +192,14 @@ fn sum_avx2<const GRADIENT: bool>(token: Avx2, patches: &[Patch], blocks: &[Bloc
 #[inline(always)]
 fn sum_patches<L: Lanes, const GRADIENT: bool>(token: L::Token, patches: &[Patch], blocks: &[Block]) -> Vec<Sums> {
     let mut sums = vec![[[0.0; LANES]; 16]; blocks.len()];
-    let mut along_edges = Vec::new();
+    let most_edges = patches.iter().map(|patch| patch.edges.len()).max().unwrap_or(0);
+    let mut along_edges = vec![[L::splat(token, 0.0); 2]; most_edges];
     for patch in patches {
         for (block, sums) in blocks.iter().zip(&mut sums) {
             for first in (0..LANES).step_by(L::WIDTH) {
                 let load = |axis: &[f64; LANES]| L::load(token, &axis[first..]);
                 let at = block.points.each_ref().map(load);
                 let origin = block.origins.each_ref().map(load);
-                along_edges.clear();
                 let mut sum = [L::splat(token, 0.0); 16];
                 add_edges::<L, GRADIENT>(token, &patch.edges, at, &mut along_edges, &mut sum);
                 add_triangles::<L, GRADIENT>(token, &patch.triangles, at, origin, &along_edges, &mut sum);
@@ -214,18 +214,18 @@ fn sum_patches<L: Lanes, const GRADIENT: bool>(token: L::Token, patches: &[Patch
     sums
 }
 
-/// Adds the shares of edges in `Σ G m`, and lists `κ` and `κ₄` (zero without gradients).
+/// Adds the shares of edges in `Σ G m`, and writes `κ` and, with gradients, `κ₄`.
 #[inline(always)]
 fn add_edges<L: Lanes, const GRADIENT: bool>(
     token: L::Token,
     edges: &[Edge],
     at: [L; 3],
-    along_edges: &mut Vec<[L; 2]>,
+    along_edges: &mut [[L; 2]],
     sum: &mut [L; 16],
 ) {
     let splat = |value| L::splat(token, value);
     let mut part = *sum;
-    for edge in edges {
+    for (edge, integrals) in edges.iter().zip(along_edges) {
         let along = edge.along.map(splat);
         let length_squared = splat(edge.length_squared);
         let d: [L; 3] = std::array::from_fn(|k| splat(edge.start[k]) - at[k]);
@@ -238,7 +238,7 @@ fn add_edges<L: Lanes, const GRADIENT: bool>(
         }
         if GRADIENT {
             let across = length_squared * slope;
-            along_edges.push([kappa, across.mul_add(splat(0.5), r)]);
+            *integrals = [kappa, across.mul_add(splat(0.5), r)];
             let of_d = r + r + across;
             let of_along = r - forward * slope;
             // `∇κ`, negative.
@@ -251,7 +251,7 @@ fn add_edges<L: Lanes, const GRADIENT: bool>(
                 }
             }
         } else {
-            along_edges.push([kappa, splat(0.0)]);
+            integrals[0] = kappa;
         }
     }
     *sum = part;
@@ -275,7 +275,7 @@ fn segment<L: Lanes, const GRADIENT: bool>(token: L::Token, d: [L; 3], along: [L
     let a = dot(d, d) + forward;
     // With `z = C/A²`, the squared tangent of the angle: by series in `z` if it is small, as for all but the nearest
     // edges. Then nothing cancels, not even where `v` lies on the line of the edge.
-    let inverse = L::splat(token, 1.0).over(a);
+    let inverse = a.reciprocal();
     let squared = inverse * inverse;
     let z = c * squared;
     let arctan = arctan_over_argument(token, z);
@@ -337,9 +337,9 @@ fn arctan_minus_rational<L: Lanes>(token: L::Token, z: L) -> L {
 
 #[inline(always)]
 fn horner<L: Lanes>(token: L::Token, terms: &[f64; 8], z: L) -> L {
-    terms[1..]
-        .iter()
-        .fold(L::splat(token, terms[0]), |sum, &term| sum.mul_add(z, L::splat(token, term)))
+    terms[1..].iter().fold(L::splat(token, terms[0]), |sum, &term| {
+        sum.mul_add(z, L::splat(token, term))
+    })
 }
 
 /// The integrals where the angle is not small.
@@ -394,15 +394,14 @@ fn add_triangles<L: Lanes, const GRADIENT: bool>(
         // `Σ α κ` with the third `α` from their sum.
         let weighed = |i: usize| alpha0.mul_add(e0[i] - e1[i], alpha2.mul_add(e2[i] - e1[i], twice_area * e1[i]));
         let h_squared = h * h;
-        let mut j = (weighed(0) * splat(0.5)).over(h_squared);
+        let mut j = weighed(0) * splat(0.5) * h_squared.reciprocal();
         let flat = h_squared.less(dot(d, d) * splat(FLAT * FLAT));
         if flat != 0 {
             j = replace_flat(token, triangle, at, flat, j);
         }
         let s = h * j;
-        let phi: [L; 3] = std::array::from_fn(|i| {
-            splat(triangle.first_image[i]) - origin[i] - row(token, &triangle.gradient, i, d)
-        });
+        let phi: [L; 3] =
+            std::array::from_fn(|i| splat(triangle.first_image[i]) - origin[i] - row(token, &triangle.gradient, i, d));
         for i in 0..3 {
             part[i] = phi[i].mul_add(s, part[i]);
         }
@@ -500,4 +499,129 @@ fn cross<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
 #[inline(always)]
 fn row<L: Lanes>(token: L::Token, matrix: &[f64; 9], i: usize, d: [L; 3]) -> L {
     dot(std::array::from_fn(|k| L::splat(token, matrix[3 * i + k])), d)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangle() -> Triangle {
+        let corners = [[0.2, -0.1, 0.3], [1.1, 0.2, 0.2], [0.4, 0.9, 0.6]].map(Point::from);
+        Triangle::new(corners, corners, [0, 1, 2]).unwrap()
+    }
+
+    /// Points `height` above the plane, beside each side and beyond each corner, near and far.
+    fn points_beside(triangle: &Triangle, height: f64) -> Vec<Point> {
+        let [a, b, c] = triangle.corners;
+        let weights = [
+            [0.5, 0.6, -0.1],
+            [-0.2, 0.4, 0.8],
+            [1.4, -0.2, -0.2],
+            [-3.0, 2.0, 2.0],
+            [9.0, -4.0, -4.0],
+        ];
+        let at = |[u, v, w]: [f64; 3]| a.coords * u + b.coords * v + c.coords * w;
+        weights
+            .map(|w| Point::from(at(w) - Vector::from(triangle.normal) * height))
+            .to_vec()
+    }
+
+    /// `∫ dA / r^power` by the midpoint rule on `4^levels` equal triangles, extrapolated from three such.
+    fn integrate(triangle: &Triangle, point: &Point, power: i32) -> f64 {
+        let rule = |n: usize| {
+            let [a, b, c] = triangle.corners;
+            let centre = |i: f64, j: f64| a + (b - a) * (i / n as f64) + (c - a) * (j / n as f64);
+            let value = |p: Point| (p - point).norm().powi(-power);
+            let mut sum = 0.0;
+            for i in 0..n {
+                for j in 0..n - i {
+                    let (i, j) = (i as f64, j as f64);
+                    sum += value(centre(i + 1.0 / 3.0, j + 1.0 / 3.0));
+                    if i + j < n as f64 - 1.0 {
+                        sum += value(centre(i + 2.0 / 3.0, j + 2.0 / 3.0));
+                    }
+                }
+            }
+            sum * triangle.twice_area / 2.0 / (n * n) as f64
+        };
+        let rules = [60, 120, 240].map(rule);
+        let once = [0, 1].map(|k| (4.0 * rules[k + 1] - rules[k]) / 3.0);
+        (16.0 * once[1] - once[0]) / 15.0
+    }
+
+    #[test]
+    fn the_series_for_low_points_matches_quadrature() {
+        let triangle = triangle();
+        for height in [0.0, 1e-9, 1e-5, -3e-5] {
+            for point in points_beside(&triangle, height) {
+                let series = flat_integral(&triangle, point).unwrap();
+                let expected = integrate(&triangle, &point, 4);
+                // The midpoint rule's error, on cells a tenth of the nearest distance.
+                assert!((series / expected - 1.0).abs() < 1e-6, "{point} {series} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_series_for_low_points_meets_the_closed_form() {
+        let triangle = triangle();
+        for point in points_beside(&triangle, 0.0) {
+            let mut low = 1.0;
+            while flat_integral(&triangle, point + Vector::from(triangle.normal) * low).is_none() {
+                low /= 1.5;
+            }
+            let point = point + Vector::from(triangle.normal) * low;
+            let series = flat_integral(&triangle, point).unwrap();
+            let kappa_alpha: f64 = (0..3)
+                .map(|k| {
+                    let (start, end) = (triangle.corners[k], triangle.corners[(k + 1) % 3]);
+                    let (d, along) = (start - point, end - start);
+                    let kappa = segment::<f64, false>((), d.into(), along.into(), d.dot(&along)).kappa;
+                    kappa * d.dot(&along.cross(&Vector::from(triangle.normal)))
+                })
+                .sum();
+            let closed = kappa_alpha / (2.0 * low * low);
+            // What the closed form loses here: rounding over `h²`, times distance over size for the far points.
+            assert!((series / closed - 1.0).abs() < 1e-7, "{point}: {series} {closed}");
+        }
+    }
+
+    #[test]
+    fn integrals_over_edges_match_quadrature() {
+        let along = Vector::new(1.0, 0.5, -0.3);
+        for from in [
+            Vector::new(0.3, 0.1, 0.2),
+            Vector::new(-0.5, -0.1, 0.2),
+            Vector::new(4.0, 5.0, 3.0),
+            Vector::new(2.0, 1.0, -0.6),
+            Vector::new(2.0, 1.0, -0.6 + 1e-9),
+            Vector::new(20.0, -30.0, 7.0),
+            Vector::new(-0.5, 0.2, 0.1),
+        ] {
+            let numeric = |power: i32| {
+                let n = 2000;
+                // Simpson's rule.
+                let at = |k: usize| (from + along * (k as f64 / n as f64)).norm().powi(-power);
+                let inner: f64 = (1..n).map(|k| at(k) * if k % 2 == 1 { 4.0 } else { 2.0 }).sum();
+                (at(0) + inner + at(n)) / (3 * n) as f64
+            };
+            let integrals = segment::<f64, true>((), from.into(), along.into(), from.dot(&along));
+            let kappa4 = integrals.r + 0.5 * along.norm_squared() * integrals.slope;
+            let kappa6 = sixth_power_integral(from, from + along, along.norm_squared(), integrals.kappa, kappa4);
+            assert!((integrals.kappa / numeric(2) - 1.0).abs() < 1e-10);
+            assert!((kappa4 / numeric(4) - 1.0).abs() < 1e-9);
+            assert!(
+                (kappa6 / numeric(6) - 1.0).abs() < 1e-5,
+                "{from}: {kappa6} {}",
+                numeric(6)
+            );
+        }
+    }
+
+    #[test]
+    fn triangles_without_height_do_not_count() {
+        let line = [0.0, 1.0, 2.0].map(|x| Point::new(x, 0.3 * x, 0.0));
+        assert!(Triangle::new(line, line, [0, 1, 2]).is_none());
+        assert!(Triangle::new([line[0]; 3], line, [0, 1, 2]).is_none());
+    }
 }
