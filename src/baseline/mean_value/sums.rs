@@ -101,7 +101,7 @@ impl Triangle {
         let area_vector = sides[0].cross(&sides[1]);
         let twice_area = area_vector.norm();
         let longest_squared = sides.iter().map(Vector::norm_squared).fold(0.0, f64::max);
-        if !(twice_area > NO_HEIGHT * longest_squared) {
+        if twice_area <= NO_HEIGHT * longest_squared {
             return None;
         }
         let normal = area_vector / twice_area;
