@@ -3,17 +3,20 @@
 //! [`TetHarmonic`] and [`TetLaplacian`] minimise the same discrete harmonic energy on a tetrahedral mesh, whose edge
 //! weights are those of [`Stiffness`]: the one by a sparse factorisation that is kept for further boundary maps, or by
 //! preconditioned conjugate gradients; the other by descent from an initial map, as Wang, Gu, Thompson and Yau do. Both
-//! give a [`TetMap`], linear over each tetrahedron.
+//! give a [`TetMap`], linear over each tetrahedron. [`MeanValueMap`] interpolates the boundary by mean value coordinates,
+//! which take no mesh and are not harmonic.
 
 mod boundary;
 mod conjugate_gradients;
 mod dirichlet;
+mod mean_value;
 pub mod stiffness;
 pub mod tet_harmonic;
 pub mod tet_laplacian;
 mod tet_map;
 
 pub use boundary::{BoundaryImages, boundary_images, boundary_vertices};
+pub use mean_value::{MeanValueError, MeanValueMap};
 pub use stiffness::Stiffness;
 pub use tet_harmonic::{HarmonicOptions, Solver, TetHarmonic};
 pub use tet_laplacian::{Descended, Descent, DescentOptions, Stop, TetLaplacian};
