@@ -756,4 +756,26 @@ mod tests {
         let broken = distortion(&identity, &rule, f64::NAN, 1.0);
         assert!(matches!(broken, Err(EnergyError::Volume { solid: "domain", .. })));
     }
+
+    #[test]
+    fn a_published_map_with_flipped_and_flat_tets_has_finite_means() {
+        let Ok(folder) = std::env::var("SOLIDMAP_MODELS") else {
+            eprintln!("SKIPPED: no published map is tested; set SOLIDMAP_MODELS to the folder of models");
+            return;
+        };
+        let read = |name: &str| crate::io::read_tets(std::path::Path::new(&folder).join("maps").join(name)).unwrap();
+        let (object, cube) = (read("max_planck_object.mesh"), read("max_planck_cube.mesh"));
+        let report = tet_distortion(&object, cube.vertices()).unwrap();
+        let flipped = crate::geometry::flipped_tets(&object, cube.vertices()).unwrap();
+        // Jacobians are rounded, so that an exactly flat image may have either sign here.
+        let folded = report.determinants.unwrap().negative;
+        assert!((flipped.negative..=flipped.count()).contains(&folded), "{folded}");
+        assert_eq!(report.not_finite, 0);
+        assert!(report.left_out_fraction > 0.0 && report.left_out_fraction < 0.05);
+        for values in [report.mean, report.mean_normalized, report.volmap] {
+            let values = values.unwrap();
+            assert!(fields(&values).iter().all(|x| x.is_finite()), "{values:?}");
+            assert!(values.conformal > 1.0 && values.mips > values.conformal);
+        }
+    }
 }

@@ -199,4 +199,22 @@ mod tests {
         assert_eq!(lost.count(), 3);
         assert_eq!(flipped_tets(&domain, &vertices[1..]), None);
     }
+
+    #[test]
+    fn finds_the_flipped_and_flat_tets_of_a_published_map() {
+        let Ok(folder) = std::env::var("SOLIDMAP_MODELS") else {
+            eprintln!("SKIPPED: no published map is tested; set SOLIDMAP_MODELS to the folder of models");
+            return;
+        };
+        let read = |name: &str| crate::io::read_tets(std::path::Path::new(&folder).join("maps").join(name)).unwrap();
+        let (object, cube) = (read("max_planck_object.mesh"), read("max_planck_cube.mesh"));
+        let expected = FlippedTets {
+            negative: 45,
+            degenerate: 198,
+            ..FlippedTets::default()
+        };
+        assert_eq!(flipped_tets(&object, cube.vertices()), Some(expected));
+        let back = flipped_tets(&cube, object.vertices()).unwrap();
+        assert_eq!((back.negative, back.flat_in_domain), (45, 198));
+    }
 }
