@@ -34,17 +34,17 @@ pub struct Distortion {
 /// Distortion of a map over a domain.
 ///
 /// Means are over the part of the domain where the map is regular: the Jacobian finite and `det J` of the sign of the
-/// target's volume. Three of the metrics are infinite elsewhere, and VOLMAP too leaves folded elements out; how much that
-/// is stands beside the means, and they are to be read together.
+/// target's volume. Three of the metrics are infinite elsewhere, and VOLMAP too leaves folded elements out; how much
+/// that is stands beside the means, and they are to be read together.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct DistortionReport {
     /// Means over the volume of the domain, of the map as it is. `None` when the map is regular nowhere.
     pub mean: Option<Distortion>,
-    /// The same with the target scaled to the volume of the domain, as [`super::EnergyOptions::normalize`] scales both to
-    /// 1: how Dirichlet, symmetric Dirichlet and ARAP of different targets compare. The other two do not change.
+    /// The same with the target scaled to the volume of the domain, as [`super::EnergyOptions::normalize`] scales both
+    /// to 1: how Dirichlet, symmetric Dirichlet and ARAP of different targets compare. The other two do not change.
     pub mean_normalized: Option<Distortion>,
-    /// Means as VOLMAP's program forms them: over the volume of the *image*, of values clamped to between the value of a
-    /// rigid motion and [`VOLMAP_BOUND`], of the map as it is.
+    /// Means as VOLMAP's program forms them: over the volume of the *image*, of values clamped to between the value of
+    /// a rigid motion and [`VOLMAP_BOUND`], of the map as it is.
     pub volmap: Option<Distortion>,
     /// Determinants of the Jacobians that are finite, in model units. `None` when none is.
     pub determinants: Option<Determinants>,
@@ -135,8 +135,8 @@ pub fn stretches(jacobian: &Matrix3) -> [f64; 3] {
     [first, second, sign * third]
 }
 
-/// Conformal distortion `(σ₁² + σ₂² + σ₃²) / (3 (σ₁ σ₂ σ₃)^⅔)`: 1 for similarities and more for everything else, whatever
-/// the scale; infinite where the map folds.
+/// Conformal distortion `(σ₁² + σ₂² + σ₃²) / (3 (σ₁ σ₂ σ₃)^⅔)`: 1 for similarities and more for everything else,
+/// whatever the scale; infinite where the map folds.
 pub fn conformal([a, b, c]: &[f64; 3]) -> f64 {
     if folded(*c) {
         return f64::INFINITY;
@@ -146,8 +146,8 @@ pub fn conformal([a, b, c]: &[f64; 3]) -> f64 {
     (large * large + 1.0 + small * small) / (3.0 * (large * small).cbrt().powi(2))
 }
 
-/// Dirichlet energy `σ₁² + σ₂² + σ₃²`, the harmonic energy density of [`super::harmonic`]: 3 for rigid motions, and less for
-/// maps that shrink. Depends on the scale; finite where the map folds.
+/// Dirichlet energy `σ₁² + σ₂² + σ₃²`, the harmonic energy density of [`super::harmonic`]: 3 for rigid motions, and less
+/// for maps that shrink. Depends on the scale; finite where the map folds.
 pub fn dirichlet([a, b, c]: &[f64; 3]) -> f64 {
     a * a + b * b + c * c
 }
@@ -179,8 +179,8 @@ pub fn mips([a, b, c]: &[f64; 3]) -> f64 {
 
 /// Distortion of a map at the points of a quadrature.
 ///
-/// The volumes are those of the two solids in model units, as for [`super::energies`]; the target's is negative when the
-/// map reflects.
+/// The volumes are those of the two solids in model units, as for [`super::energies`]; the target's is negative when
+/// the map reflects.
 ///
 /// # Errors
 ///

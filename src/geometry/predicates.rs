@@ -31,8 +31,8 @@ impl FlippedTets {
     }
 }
 
-/// The sign of `det(b − a, c − a, d − a)`: `Greater` for a right-handed tetrahedron, `Equal` when the points lie exactly
-/// in a plane, `None` when a coordinate is NaN or infinite.
+/// The sign of `det(b − a, c − a, d − a)`: `Greater` for a right-handed tetrahedron, `Equal` when the points lie
+/// exactly in a plane, `None` when a coordinate is NaN or infinite.
 ///
 /// Exact for the coordinates as given, whatever their common size. Only coordinates that differ among themselves by
 /// more than about a hundred orders of magnitude can underflow to `Equal`.
