@@ -1,9 +1,9 @@
 """The mean value coordinates of solidmap against those of VTK, at the same points.
 
 VTK's `vtkMeanValueCoordinatesInterpolator` has the formulas of Ju, Schaefer & Warren (2005) as they are printed, and
-loses digits near the surface: against 40-digit arithmetic it errs by 1e-11 of the diagonal or less down to a distance of
-1e-6 of it, and by up to 1.5e-7 at 1e-7, where it takes a point to be on the triangle. Points almost in the plane of a
-far triangle cost it up to 1e-9. Points are therefore held to two bounds.
+loses digits near the surface: against 40-digit arithmetic it errs by 2e-11 of the diagonal or less down to a distance
+of 1e-6 of it, and by up to 1.5e-7 at 1e-7, where it takes a point to be on the triangle. Points almost in the plane of
+a far triangle cost it up to 1e-9. Points are therefore held to two bounds.
 """
 
 import argparse

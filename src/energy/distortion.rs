@@ -34,17 +34,17 @@ pub struct Distortion {
 /// Distortion of a map over a domain.
 ///
 /// Means are over the part of the domain where the map is regular: the Jacobian finite and `det J` of the sign of the
-/// target's volume. Three of the metrics are infinite elsewhere, and VOLMAP too leaves folded elements out; how much that
-/// is stands beside the means, and they are to be read together.
+/// target's volume. Three of the metrics are infinite elsewhere, and VOLMAP too leaves folded elements out; how much
+/// that is stands beside the means, and they are to be read together.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct DistortionReport {
     /// Means over the volume of the domain, of the map as it is. `None` when the map is regular nowhere.
     pub mean: Option<Distortion>,
-    /// The same with the target scaled to the volume of the domain, as [`super::EnergyOptions::normalize`] scales both to
-    /// 1: how Dirichlet, symmetric Dirichlet and ARAP of different targets compare. The other two do not change.
+    /// The same with the target scaled to the volume of the domain, as [`super::EnergyOptions::normalize`] scales both
+    /// to 1: how Dirichlet, symmetric Dirichlet and ARAP of different targets compare. The other two do not change.
     pub mean_normalized: Option<Distortion>,
-    /// Means as VOLMAP's program forms them: over the volume of the *image*, of values clamped to between the value of a
-    /// rigid motion and [`VOLMAP_BOUND`], of the map as it is.
+    /// Means as VOLMAP's program forms them: over the volume of the *image*, of values clamped to between the value of
+    /// a rigid motion and [`VOLMAP_BOUND`], of the map as it is.
     pub volmap: Option<Distortion>,
     /// Determinants of the Jacobians that are finite, in model units. `None` when none is.
     pub determinants: Option<Determinants>,
@@ -135,8 +135,8 @@ pub fn stretches(jacobian: &Matrix3) -> [f64; 3] {
     [first, second, sign * third]
 }
 
-/// Conformal distortion `(σ₁² + σ₂² + σ₃²) / (3 (σ₁ σ₂ σ₃)^⅔)`: 1 for similarities and more for everything else, whatever
-/// the scale; infinite where the map folds.
+/// Conformal distortion `(σ₁² + σ₂² + σ₃²) / (3 (σ₁ σ₂ σ₃)^⅔)`: 1 for similarities and more for everything else,
+/// whatever the scale; infinite where the map folds.
 pub fn conformal([a, b, c]: &[f64; 3]) -> f64 {
     if folded(*c) {
         return f64::INFINITY;
@@ -146,8 +146,8 @@ pub fn conformal([a, b, c]: &[f64; 3]) -> f64 {
     (large * large + 1.0 + small * small) / (3.0 * (large * small).cbrt().powi(2))
 }
 
-/// Dirichlet energy `σ₁² + σ₂² + σ₃²`, the harmonic energy density of [`super::harmonic`]: 3 for rigid motions, and less for
-/// maps that shrink. Depends on the scale; finite where the map folds.
+/// Dirichlet energy `σ₁² + σ₂² + σ₃²`, the harmonic energy density of [`super::harmonic`]: 3 for rigid motions, and less
+/// for maps that shrink. Depends on the scale; finite where the map folds.
 pub fn dirichlet([a, b, c]: &[f64; 3]) -> f64 {
     a * a + b * b + c * c
 }
@@ -179,8 +179,8 @@ pub fn mips([a, b, c]: &[f64; 3]) -> f64 {
 
 /// Distortion of a map at the points of a quadrature.
 ///
-/// The volumes are those of the two solids in model units, as for [`super::energies`]; the target's is negative when the
-/// map reflects.
+/// The volumes are those of the two solids in model units, as for [`super::energies`]; the target's is negative when
+/// the map reflects.
 ///
 /// # Errors
 ///
@@ -755,5 +755,27 @@ mod tests {
         let identity = Jacobians(|_: &Point| Matrix3::identity());
         let broken = distortion(&identity, &rule, f64::NAN, 1.0);
         assert!(matches!(broken, Err(EnergyError::Volume { solid: "domain", .. })));
+    }
+
+    #[test]
+    fn a_published_map_with_flipped_and_flat_tets_has_finite_means() {
+        let Ok(folder) = std::env::var("SOLIDMAP_MODELS") else {
+            eprintln!("SKIPPED: no published map is tested; set SOLIDMAP_MODELS to the folder of models");
+            return;
+        };
+        let read = |name: &str| crate::io::read_tets(std::path::Path::new(&folder).join("maps").join(name)).unwrap();
+        let (object, cube) = (read("max_planck_object.mesh"), read("max_planck_cube.mesh"));
+        let report = tet_distortion(&object, cube.vertices()).unwrap();
+        let flipped = crate::geometry::flipped_tets(&object, cube.vertices()).unwrap();
+        // Jacobians are rounded, so that an exactly flat image may have either sign here.
+        let folded = report.determinants.unwrap().negative;
+        assert!((flipped.negative..=flipped.count()).contains(&folded), "{folded}");
+        assert_eq!(report.not_finite, 0);
+        assert!(report.left_out_fraction > 0.0 && report.left_out_fraction < 0.05);
+        for values in [report.mean, report.mean_normalized, report.volmap] {
+            let values = values.unwrap();
+            assert!(fields(&values).iter().all(|x| x.is_finite()), "{values:?}");
+            assert!(values.conformal > 1.0 && values.mips > values.conformal);
+        }
     }
 }

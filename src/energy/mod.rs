@@ -2,8 +2,8 @@
 //!
 //! Sections 4.3.1 and 4.3.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling applications*
 //! (2007). A [`Quadrature`] of the domain says where a density is evaluated and what volume each point stands for:
-//! [`clipped_grid`] makes one from a surface, as the paper does, [`tet_quadrature`] from a tetrahedral mesh. [`mod@distortion`]
-//! measures the quality of a map by the metrics that are usual elsewhere.
+//! [`clipped_grid`] makes one from a surface, as the paper does, [`tet_quadrature`] from a tetrahedral mesh.
+//! [`mod@distortion`] measures the quality of a map by the metrics that are usual elsewhere.
 
 mod clipped_grid;
 pub mod deformation;

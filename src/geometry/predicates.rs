@@ -31,8 +31,8 @@ impl FlippedTets {
     }
 }
 
-/// The sign of `det(b − a, c − a, d − a)`: `Greater` for a right-handed tetrahedron, `Equal` when the points lie exactly
-/// in a plane, `None` when a coordinate is NaN or infinite.
+/// The sign of `det(b − a, c − a, d − a)`: `Greater` for a right-handed tetrahedron, `Equal` when the points lie
+/// exactly in a plane, `None` when a coordinate is NaN or infinite.
 ///
 /// Exact for the coordinates as given, whatever their common size. Only coordinates that differ among themselves by
 /// more than about a hundred orders of magnitude can underflow to `Equal`.
@@ -198,5 +198,23 @@ mod tests {
         assert_eq!(lost, FlippedTets { not_finite: 3, ..kept });
         assert_eq!(lost.count(), 3);
         assert_eq!(flipped_tets(&domain, &vertices[1..]), None);
+    }
+
+    #[test]
+    fn finds_the_flipped_and_flat_tets_of_a_published_map() {
+        let Ok(folder) = std::env::var("SOLIDMAP_MODELS") else {
+            eprintln!("SKIPPED: no published map is tested; set SOLIDMAP_MODELS to the folder of models");
+            return;
+        };
+        let read = |name: &str| crate::io::read_tets(std::path::Path::new(&folder).join("maps").join(name)).unwrap();
+        let (object, cube) = (read("max_planck_object.mesh"), read("max_planck_cube.mesh"));
+        let expected = FlippedTets {
+            negative: 45,
+            degenerate: 198,
+            ..FlippedTets::default()
+        };
+        assert_eq!(flipped_tets(&object, cube.vertices()), Some(expected));
+        let back = flipped_tets(&cube, object.vertices()).unwrap();
+        assert_eq!((back.negative, back.flat_in_domain), (45, 198));
     }
 }
