@@ -45,6 +45,7 @@
 pub mod baseline;
 pub mod boundary_map;
 pub mod check;
+pub mod compare;
 pub mod energy;
 pub mod fit;
 pub mod geometry;

@@ -1,5 +1,7 @@
 //! A boundary map given by an image position for every vertex of the domain, straight in between.
 
+use std::collections::HashMap;
+
 use crate::Point;
 use crate::mesh::{SurfaceMesh, SurfacePoint, TetMesh};
 
@@ -184,6 +186,30 @@ impl BoundaryMap {
             along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
         });
         sides.fold(0.0, |diagonal: f64, side| diagonal.hypot(side.max(0.0)))
+    }
+
+    /// The same map over a domain whose triangles are each cut into four at the midpoints of their edges. The first vertices
+    /// are the old ones.
+    pub fn subdivided(&self) -> Self {
+        let mut vertices = self.domain.vertices().to_vec();
+        let mut image = self.image.clone();
+        let mut middles = HashMap::new();
+        let mut middle = |a: u32, b: u32| {
+            *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                for points in [&mut vertices, &mut image] {
+                    let between = nalgebra::center(&points[a as usize], &points[b as usize]);
+                    points.push(between);
+                }
+                vertices.len() as u32 - 1
+            })
+        };
+        let mut triangles = Vec::with_capacity(4 * self.domain.triangles().len());
+        for &[a, b, c] in self.domain.triangles() {
+            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+            triangles.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        }
+        let domain = SurfaceMesh::new(vertices, triangles).expect("corners are vertices");
+        Self { domain, image }
     }
 
     /// Positions of surface points in the domain.

@@ -7,7 +7,7 @@
 
 use rayon::prelude::*;
 
-use super::{CHUNK, EnergyError, Quadrature, distribution::WeightedValues, quadrature::sum};
+use super::{CHUNK, EnergyError, Quadrature, distribution::WeightedValues, quadrature::sum, require_count};
 use crate::{Matrix3, Point, map::VolumeMap, mesh::TetMesh};
 
 /// Values above this count as this much in [`DistortionReport::volmap`].
@@ -198,17 +198,38 @@ pub fn distortion(
         .chunks(CHUNK)
         .zip(quadrature.weights().chunks(CHUNK))
     {
-        let jacobians = map.jacobian(points);
-        if jacobians.len() != points.len() {
-            return Err(EnergyError::JacobianCount {
-                expected: points.len(),
-                found: jacobians.len(),
-            });
-        }
-        let sample = |(jacobian, &weight)| Sample::new(jacobian, weight, &scale);
-        samples.par_extend(jacobians.par_iter().zip(weights).map(sample));
+        add_samples(&mut samples, &map.jacobian(points), weights, &scale)?;
     }
     Ok(report(&samples, scale.stretch))
+}
+
+/// [`distortion`] of a map whose Jacobians at the points of the quadrature are known already.
+///
+/// # Errors
+///
+/// As [`distortion`].
+pub fn distortion_of_jacobians(
+    jacobians: &[Matrix3],
+    quadrature: &Quadrature,
+    domain_volume: f64,
+    target_volume: f64,
+) -> Result<DistortionReport, EnergyError> {
+    let scale = Scale::new(domain_volume, target_volume)?;
+    let mut samples = Vec::with_capacity(jacobians.len());
+    add_samples(&mut samples, jacobians, quadrature.weights(), &scale)?;
+    Ok(report(&samples, scale.stretch))
+}
+
+fn add_samples(
+    samples: &mut Vec<Sample>,
+    jacobians: &[Matrix3],
+    weights: &[f64],
+    scale: &Scale,
+) -> Result<(), EnergyError> {
+    require_count(jacobians.len(), weights.len())?;
+    let sample = |(jacobian, &weight)| Sample::new(jacobian, weight, scale);
+    samples.par_extend(jacobians.par_iter().zip(weights).map(sample));
+    Ok(())
 }
 
 /// Distortion of the map that is linear over each tetrahedron of a mesh and carries its vertices to `images`: one

@@ -15,12 +15,16 @@ mod tet_quadrature;
 
 pub use clipped_grid::{Resolution, clipped_grid};
 pub use deformation::Lame;
-pub use distortion::{Determinants, Distortion, DistortionReport, distortion, tet_distortion};
+pub use distortion::{
+    Determinants, Distortion, DistortionReport, distortion, distortion_of_jacobians, tet_distortion,
+};
 pub use distribution::Distribution;
 pub use quadrature::{CellMean, Grid, Layout, Quadrature, QuadratureError};
 pub use tet_quadrature::tet_quadrature;
 
-use crate::{Point, map::VolumeMap};
+use std::ops::Range;
+
+use crate::{Matrix3, Point, map::VolumeMap};
 
 /// Points whose Jacobians are held at a time: enough for every core, little beside the densities.
 const CHUNK: usize = 1 << 16;
@@ -141,6 +145,37 @@ pub fn energies(
     target_volume: f64,
     options: &EnergyOptions,
 ) -> Result<EnergyReport, EnergyError> {
+    measure(quadrature, domain_volume, target_volume, options, |chunk| {
+        map.jacobian(&quadrature.points()[chunk])
+    })
+}
+
+/// [`energies`] of a map whose Jacobians at the points of the quadrature are known already.
+///
+/// # Errors
+///
+/// As [`energies`].
+pub fn energies_of_jacobians(
+    jacobians: &[Matrix3],
+    quadrature: &Quadrature,
+    domain_volume: f64,
+    target_volume: f64,
+    options: &EnergyOptions,
+) -> Result<EnergyReport, EnergyError> {
+    require_count(jacobians.len(), quadrature.points().len())?;
+    measure(quadrature, domain_volume, target_volume, options, |chunk| {
+        jacobians[chunk].to_vec()
+    })
+}
+
+/// Energies from the Jacobians at ranges of the quadrature's points.
+fn measure(
+    quadrature: &Quadrature,
+    domain_volume: f64,
+    target_volume: f64,
+    options: &EnergyOptions,
+    jacobians: impl Fn(Range<usize>) -> Vec<Matrix3>,
+) -> Result<EnergyReport, EnergyError> {
     let unusable = |volume: f64| !(volume > 0.0 && volume.is_finite());
     if unusable(domain_volume) {
         let (solid, volume) = ("domain", domain_volume);
@@ -156,7 +191,7 @@ pub fn energies(
         (1.0, 1.0)
     };
 
-    let densities = densities(map, quadrature.points(), stretch, &options.lame)?;
+    let densities = densities(quadrature.points(), stretch, &options.lame, jacobians)?;
     let weights = quadrature.weights();
     let distribution = |values: &[f64]| {
         let empty = EnergyError::Volume {
@@ -190,16 +225,17 @@ pub fn energies(
 }
 
 /// Energy densities of the map times `stretch`, and determinants of the map itself.
-fn densities(map: &dyn VolumeMap, points: &[Point], stretch: f64, lame: &Lame) -> Result<Densities, EnergyError> {
+fn densities(
+    points: &[Point],
+    stretch: f64,
+    lame: &Lame,
+    jacobians: impl Fn(Range<usize>) -> Vec<Matrix3>,
+) -> Result<Densities, EnergyError> {
     let mut densities = Densities::default();
-    for chunk in points.chunks(CHUNK) {
-        let jacobians = map.jacobian(chunk);
-        if jacobians.len() != chunk.len() {
-            return Err(EnergyError::JacobianCount {
-                expected: chunk.len(),
-                found: jacobians.len(),
-            });
-        }
+    for first in (0..points.len()).step_by(CHUNK) {
+        let chunk = &points[first..points.len().min(first + CHUNK)];
+        let jacobians = jacobians(first..first + chunk.len());
+        require_count(jacobians.len(), chunk.len())?;
         for (jacobian, &point) in jacobians.iter().zip(chunk) {
             if jacobian.iter().any(|entry| !entry.is_finite()) {
                 return Err(EnergyError::NonFiniteJacobian { point });
@@ -211,6 +247,14 @@ fn densities(map: &dyn VolumeMap, points: &[Point], stretch: f64, lame: &Lame) -
         }
     }
     Ok(densities)
+}
+
+fn require_count(found: usize, expected: usize) -> Result<(), EnergyError> {
+    if found == expected {
+        Ok(())
+    } else {
+        Err(EnergyError::JacobianCount { expected, found })
+    }
 }
 
 #[cfg(test)]

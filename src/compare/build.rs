@@ -1,0 +1,347 @@
+//! A map by any method, phase by phase.
+
+use std::time::Instant;
+
+use super::CompareError;
+use crate::Point;
+use crate::baseline::{
+    DescentOptions, HarmonicOptions, MeanValueMap, TetHarmonic, TetLaplacian, TetMap, boundary_images,
+};
+use crate::boundary_map::BoundaryMap;
+use crate::fit::{FitOptions, FitReport, Phase, fit};
+use crate::map::VolumeMap;
+use crate::mesh::{SurfaceMesh, TetMesh};
+
+/// A way from a boundary map to a map of the solid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// The method of fundamental solutions: [`crate::fit`].
+    Mfs,
+    /// Linear finite elements with a factorisation that is kept: [`TetHarmonic`].
+    Fem,
+    /// The descent of Wang et al. 2004: [`TetLaplacian`].
+    Variational,
+    /// Mean value coordinates of Ju et al. 2005, which are not harmonic: [`MeanValueMap`].
+    MeanValue,
+}
+
+impl Method {
+    /// All of them, in the order of tables.
+    pub const ALL: [Self; 4] = [Self::Mfs, Self::Fem, Self::Variational, Self::MeanValue];
+
+    /// The name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mfs => "mfs",
+            Self::Fem => "fem",
+            Self::Variational => "variational",
+            Self::MeanValue => "mean_value",
+        }
+    }
+
+    /// Whether it takes a tetrahedral mesh.
+    pub fn is_on_tets(self) -> bool {
+        matches!(self, Self::Fem | Self::Variational)
+    }
+}
+
+/// Who makes tetrahedra.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MeshSource {
+    /// TetGen, which keeps the domain's surface.
+    Tetgen,
+    /// CGAL's Mesh_3, which makes its own surface.
+    Mesh3,
+}
+
+/// A tetrahedral mesh of the domain.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct MeshSpec {
+    /// Who makes it.
+    pub source: MeshSource,
+    /// Edge length of the tetrahedra inside, over the domain's diagonal; `None` leaves them as coarse as their shape allows.
+    pub edge: Option<f64>,
+    /// Largest ratio of circumradius to shortest edge (TetGen).
+    pub quality: f64,
+    /// How often every triangle of the surface is cut into four first. A mesh that keeps the surface is refined at the
+    /// boundary in no other way.
+    pub subdivisions: u32,
+    /// Tetrahedra at most, by an estimate before they are made.
+    pub most_tets: usize,
+}
+
+impl MeshSpec {
+    /// TetGen's, at its usual quality, with edges inside of twice the mean length of those on the surface.
+    pub fn of(domain: &SurfaceMesh) -> Self {
+        Self {
+            source: MeshSource::Tetgen,
+            edge: Some(2.0 * mean_edge(domain) / domain.diagonal()),
+            quality: 1.414,
+            subdivisions: 0,
+            most_tets: 20_000_000,
+        }
+    }
+}
+
+/// What to build.
+#[derive(Debug, Clone)]
+pub struct Recipe<'a> {
+    /// By which method.
+    pub method: Method,
+    /// How the method of fundamental solutions is set.
+    pub fit: FitOptions,
+    /// How the linear system of finite elements is solved.
+    pub harmonic: HarmonicOptions,
+    /// How the variational method descends.
+    pub descent: DescentOptions,
+    /// How the domain is meshed, for methods that need it.
+    pub mesh: MeshSpec,
+    /// A mesh of the domain to take instead.
+    pub given: Option<&'a TetMesh>,
+}
+
+/// Wall time of the phases, in seconds; zero for those that a method does not have.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Seconds {
+    /// Tetrahedra.
+    pub mesh: f64,
+    /// All that a second boundary map would not cost: placing points, assembling, factoring.
+    pub factor: f64,
+    /// All that it would.
+    pub solve: f64,
+    /// Images and Jacobians at the points of the quadrature.
+    pub evaluate: f64,
+}
+
+/// A map and what it cost.
+pub struct Built {
+    /// The map.
+    pub map: Box<dyn VolumeMap>,
+    /// Tetrahedra over the domain and the images of their vertices, where the map is made of them.
+    pub tets: Option<(TetMesh, Vec<Point>)>,
+    /// Unknowns per coordinate.
+    pub unknowns: usize,
+    /// Iterations, for methods that have them.
+    pub iterations: Option<usize>,
+    /// Energy `½ ∫ ‖J‖²` at the start of a descent and after each of its steps.
+    pub energies: Vec<f64>,
+    /// The report of a fit.
+    pub fit: Option<FitReport>,
+    /// All but `evaluate`.
+    pub seconds: Seconds,
+}
+
+/// Makes the map. `progress` is told what is being done.
+///
+/// # Errors
+///
+/// [`CompareError`], by the method at fault.
+pub fn build(boundary: &BoundaryMap, recipe: &Recipe, progress: &dyn Fn(String)) -> Result<Built, CompareError> {
+    match recipe.method {
+        Method::Mfs => by_fundamental_solutions(boundary, recipe, progress),
+        Method::Fem => by_finite_elements(boundary, recipe, progress),
+        Method::Variational => by_descent(boundary, recipe, progress),
+        Method::MeanValue => by_mean_values(boundary),
+    }
+}
+
+/// A tetrahedral mesh of the boundary map's domain, and the boundary map that belongs to it.
+///
+/// # Errors
+///
+/// When it would have too many tetrahedra, there is no mesher, or it fails.
+pub fn make_mesh(boundary: &BoundaryMap, spec: &MeshSpec) -> Result<(TetMesh, BoundaryMap), CompareError> {
+    let mut boundary = boundary.clone();
+    for _ in 0..spec.subdivisions {
+        boundary = boundary.subdivided();
+    }
+    let domain = boundary.domain();
+    let positive = |what, value: f64, range| {
+        if value > 0.0 && value.is_finite() {
+            Ok(())
+        } else {
+            Err(CompareError::Option { what, value, range })
+        }
+    };
+    positive("quality of the mesh", spec.quality, "a ratio of at least 1.1")?;
+    if let Some(edge) = spec.edge {
+        positive("edge length of the mesh", edge, "a positive fraction of the domain's diagonal")?;
+        let edge = edge * domain.diagonal();
+        let tets = domain.volume().abs() / tet_volume(edge);
+        if tets > spec.most_tets as f64 {
+            let most = spec.most_tets;
+            return Err(CompareError::TooManyTets { tets, edge, most });
+        }
+    }
+    Ok((mesh_of(domain, spec)?, boundary))
+}
+
+#[cfg(feature = "native")]
+fn mesh_of(domain: &SurfaceMesh, spec: &MeshSpec) -> Result<TetMesh, CompareError> {
+    use crate::native::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_mesh3};
+    let edge = spec.edge.map(|edge| edge * domain.diagonal());
+    Ok(match spec.source {
+        MeshSource::Tetgen => tetrahedralize(
+            domain,
+            &TetOptions {
+                radius_edge_ratio: Some(spec.quality),
+                max_volume: edge.map(tet_volume),
+                ..TetOptions::default()
+            },
+        )?,
+        MeshSource::Mesh3 => tetrahedralize_mesh3(
+            domain,
+            &Mesh3Options {
+                // The circumradius of a regular tetrahedron.
+                cell_size: edge.map(|edge| edge * 0.375f64.sqrt()),
+                ..Mesh3Options::default()
+            },
+        )?,
+    })
+}
+
+#[cfg(not(feature = "native"))]
+fn mesh_of(_: &SurfaceMesh, _: &MeshSpec) -> Result<TetMesh, CompareError> {
+    Err(CompareError::NoMesher)
+}
+
+/// Of a regular tetrahedron.
+fn tet_volume(edge: f64) -> f64 {
+    edge.powi(3) / (6.0 * 2f64.sqrt())
+}
+
+fn mean_edge(domain: &SurfaceMesh) -> f64 {
+    let lengths = domain.triangles().iter().flat_map(|t| {
+        let [a, b, c] = t.map(|v| domain.vertices()[v as usize]);
+        [(b - a).norm(), (c - b).norm(), (a - c).norm()]
+    });
+    lengths.sum::<f64>() / (3 * domain.triangles().len()).max(1) as f64
+}
+
+fn by_fundamental_solutions(
+    boundary: &BoundaryMap,
+    recipe: &Recipe,
+    progress: &dyn Fn(String),
+) -> Result<Built, CompareError> {
+    let told = |phase: Phase| {
+        progress(match phase {
+            Phase::Refining { round, .. } => format!("refining, round {round}"),
+            _ => "fitting".into(),
+        });
+    };
+    let fitted = fit(boundary, &recipe.fit, &told)?;
+    let seconds = fitted.report.seconds.unwrap_or_default();
+    Ok(Built {
+        map: Box::new(fitted.map),
+        tets: None,
+        unknowns: fitted.report.sources + if fitted.report.affine { 4 } else { 0 },
+        iterations: Some(fitted.report.iterations),
+        energies: Vec::new(),
+        seconds: Seconds {
+            factor: seconds.sampling + seconds.factor,
+            // Refinement goes by the error that the check measures, so that the check is part of it.
+            solve: seconds.solve + seconds.check,
+            ..Seconds::default()
+        },
+        fit: Some(fitted.report),
+    })
+}
+
+/// The mesh for a method on tetrahedra, images of its boundary vertices, and how long that took.
+fn meshed(
+    boundary: &BoundaryMap,
+    recipe: &Recipe,
+    progress: &dyn Fn(String),
+) -> Result<(TetMesh, Vec<Point>, f64), CompareError> {
+    let start = Instant::now();
+    progress("meshing".into());
+    let (mesh, boundary) = match recipe.given {
+        Some(mesh) => {
+            let (found, expected) = (mesh.volume().abs(), boundary.domain().volume().abs());
+            if (found / expected - 1.0).abs() > 0.05 {
+                return Err(CompareError::OtherSolid { found, expected });
+            }
+            (mesh.clone(), boundary.clone())
+        }
+        None => make_mesh(boundary, &recipe.mesh)?,
+    };
+    let images = boundary_images(&mesh, &boundary)?.images;
+    Ok((mesh, images, start.elapsed().as_secs_f64()))
+}
+
+fn by_finite_elements(
+    boundary: &BoundaryMap,
+    recipe: &Recipe,
+    progress: &dyn Fn(String),
+) -> Result<Built, CompareError> {
+    let (mesh, images, meshing) = meshed(boundary, recipe, progress)?;
+    progress("assembling and factoring".into());
+    let start = Instant::now();
+    let system = TetHarmonic::new(mesh, &recipe.harmonic)?;
+    let factor = start.elapsed().as_secs_f64();
+    progress("solving".into());
+    let start = Instant::now();
+    let map = system.solve(&images)?;
+    let seconds = Seconds {
+        mesh: meshing,
+        factor,
+        solve: start.elapsed().as_secs_f64(),
+        evaluate: 0.0,
+    };
+    Ok(on_tets(map, system.unknowns(), None, Vec::new(), seconds))
+}
+
+fn by_descent(boundary: &BoundaryMap, recipe: &Recipe, progress: &dyn Fn(String)) -> Result<Built, CompareError> {
+    let (mesh, images, meshing) = meshed(boundary, recipe, progress)?;
+    progress("assembling".into());
+    let start = Instant::now();
+    let system = TetLaplacian::new(mesh)?;
+    let factor = start.elapsed().as_secs_f64();
+    let start = Instant::now();
+    let told = |iteration: usize, energy: f64| {
+        if iteration.is_multiple_of(50) {
+            progress(format!("descending, step {iteration}, energy {energy:.6}"));
+        }
+    };
+    let found = system.solve(&images, &recipe.descent, &told)?;
+    let seconds = Seconds {
+        mesh: meshing,
+        factor,
+        solve: start.elapsed().as_secs_f64(),
+        evaluate: 0.0,
+    };
+    let unknowns = system.mesh().vertices().len() - system.boundary_vertices().len();
+    let steps = found.energies.len() - 1;
+    Ok(on_tets(found.map, unknowns, Some(steps), found.energies, seconds))
+}
+
+fn on_tets(map: TetMap, unknowns: usize, iterations: Option<usize>, energies: Vec<f64>, seconds: Seconds) -> Built {
+    Built {
+        tets: Some((map.mesh().clone(), map.images().to_vec())),
+        map: Box::new(map),
+        unknowns,
+        iterations,
+        energies,
+        fit: None,
+        seconds,
+    }
+}
+
+fn by_mean_values(boundary: &BoundaryMap) -> Result<Built, CompareError> {
+    let start = Instant::now();
+    let map = MeanValueMap::new(boundary)?;
+    Ok(Built {
+        map: Box::new(map),
+        tets: None,
+        unknowns: 0,
+        iterations: None,
+        energies: Vec::new(),
+        fit: None,
+        seconds: Seconds {
+            factor: start.elapsed().as_secs_f64(),
+            ..Seconds::default()
+        },
+    })
+}

@@ -1,0 +1,275 @@
+//! What is measured of every map, and where.
+
+use std::time::Instant;
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::{CompareError, MeshSpec, make_mesh};
+use crate::boundary_map::BoundaryMap;
+use crate::energy::{
+    DistortionReport, EnergyOptions, EnergyReport, Quadrature, Resolution, clipped_grid, distortion_of_jacobians,
+    energies_of_jacobians,
+};
+use crate::fit::BoundaryError;
+use crate::geometry::{FlippedTets, SurfaceQuery, flipped_tets};
+use crate::map::VolumeMap;
+use crate::mesh::{SurfacePoint, TetMesh};
+use crate::sampling;
+use crate::statistics::Summary;
+use crate::{Matrix3, Point};
+
+/// How finely maps are measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct YardstickOptions {
+    /// Cells of the integration grid along the longest side of the domain.
+    pub resolution: usize,
+    /// Points inside at which maps are compared.
+    pub interior: usize,
+    /// Boundary points at which the boundary error is averaged.
+    pub held_out: usize,
+    /// Seed of all random points.
+    pub seed: u64,
+}
+
+impl Default for YardstickOptions {
+    fn default() -> Self {
+        Self {
+            resolution: 40,
+            interior: 5000,
+            held_out: 20_000,
+            seed: 1,
+        }
+    }
+}
+
+/// Where maps are measured, the same for all of one boundary map.
+pub struct Yardstick<'a> {
+    boundary: &'a BoundaryMap,
+    quadrature: Quadrature,
+    interior: Vec<Point>,
+    held_out: Vec<SurfacePoint>,
+    even: usize,
+}
+
+/// Distances between two maps at the points inside, as fractions of the target's diagonal.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Difference {
+    /// Root mean square.
+    pub rms: f64,
+    /// Not exceeded at 99 % of the points.
+    pub p99: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// What is known of a map.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Measured {
+    /// Distance from the boundary map, which is linear over the domain's triangles, at points of the boundary that no
+    /// method is fitted at. By the maximum principle no harmonic map errs more inside.
+    pub boundary_error: BoundaryError,
+    /// Energies on the quadrature that all maps share.
+    pub energy: EnergyReport,
+    /// Quality on that quadrature.
+    pub distortion: DistortionReport,
+    /// Seconds for images and Jacobians at the quadrature's points.
+    pub evaluate_seconds: f64,
+    /// Points of the quadrature.
+    pub quadrature_points: usize,
+}
+
+/// Images of the points inside.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Samples {
+    /// In the order of [`Yardstick::interior`].
+    pub images: Vec<Point>,
+}
+
+/// Tetrahedra carried by a map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Folds {
+    /// Tetrahedra of the mesh.
+    pub tets: usize,
+    /// Those that lost their orientation, decided exactly.
+    pub flipped: usize,
+}
+
+/// Random points that are tried for each point inside.
+const TRIES: usize = 1000;
+
+impl<'a> Yardstick<'a> {
+    /// Places the points.
+    ///
+    /// # Errors
+    ///
+    /// When the domain is open or too thin.
+    pub fn new(boundary: &'a BoundaryMap, options: &YardstickOptions) -> Result<Self, CompareError> {
+        let domain = boundary.domain();
+        Ok(Self {
+            quadrature: clipped_grid(domain, Resolution::CellsAlongLongestSide(options.resolution))?,
+            interior: interior_points(boundary, options.interior, options.seed)?,
+            held_out: sampling::held_out(domain, options.held_out, 100_000, options.seed),
+            even: options.held_out,
+            boundary,
+        })
+    }
+
+    /// Points inside the domain, even by volume.
+    pub fn interior(&self) -> &[Point] {
+        &self.interior
+    }
+
+    /// Volume of the domain as the quadrature has it.
+    pub fn quadrature(&self) -> &Quadrature {
+        &self.quadrature
+    }
+
+    /// Measures a map.
+    ///
+    /// # Errors
+    ///
+    /// When the map is not finite somewhere.
+    pub fn measure(&self, map: &dyn VolumeMap) -> Result<Measured, CompareError> {
+        let start = Instant::now();
+        let jacobians: Vec<Matrix3> = map.jacobian(self.quadrature.points());
+        let images = map.evaluate(self.quadrature.points());
+        let evaluate_seconds = start.elapsed().as_secs_f64();
+        require_finite(&images)?;
+        let (volume, target) = (self.quadrature.volume(), self.boundary.target().volume());
+        let options = EnergyOptions::default();
+        Ok(Measured {
+            boundary_error: self.boundary_error(map)?,
+            energy: energies_of_jacobians(&jacobians, &self.quadrature, volume, target, &options)?,
+            distortion: distortion_of_jacobians(&jacobians, &self.quadrature, volume, target)?,
+            evaluate_seconds,
+            quadrature_points: self.quadrature.points().len(),
+        })
+    }
+
+    /// Images of the points inside.
+    ///
+    /// # Errors
+    ///
+    /// When one is not finite.
+    pub fn samples(&self, map: &dyn VolumeMap) -> Result<Samples, CompareError> {
+        let images = map.evaluate(&self.interior);
+        require_finite(&images)?;
+        Ok(Samples { images })
+    }
+
+    /// How far two maps are apart inside.
+    pub fn difference(&self, a: &Samples, b: &Samples) -> Difference {
+        let diagonal = self.boundary.target_diagonal();
+        let distances: Vec<f64> = a
+            .images
+            .iter()
+            .zip(&b.images)
+            .map(|(p, q)| (p - q).norm() / diagonal)
+            .collect();
+        Summary::of(&distances).map_or(Difference::default(), |s| Difference {
+            rms: s.rms,
+            p99: s.p99,
+            max: s.max,
+        })
+    }
+
+    /// Carries a tetrahedral mesh of the domain, its boundary by the boundary map and its inside by the map.
+    ///
+    /// # Errors
+    ///
+    /// When the mesh cannot be made.
+    pub fn folds_of_mesh(&self, map: &dyn VolumeMap, spec: &MeshSpec) -> Result<Folds, CompareError> {
+        let (mesh, boundary) = make_mesh(self.boundary, spec)?;
+        let mut images = map.evaluate(mesh.vertices());
+        let fixed = crate::baseline::boundary_images(&mesh, &boundary)?;
+        for (&vertex, image) in fixed.vertices.iter().zip(&fixed.images) {
+            images[vertex as usize] = *image;
+        }
+        Ok(folds(&mesh, &images))
+    }
+
+    fn boundary_error(&self, map: &dyn VolumeMap) -> Result<BoundaryError, CompareError> {
+        let diagonal = self.boundary.target_diagonal();
+        let mapped = map.evaluate(&self.boundary.positions(&self.held_out));
+        require_finite(&mapped)?;
+        let exact = self.boundary.evaluate(&self.held_out);
+        let pairs = mapped.par_iter().zip(&exact);
+        let errors: Vec<f64> = pairs.map(|(f, exact)| (f - exact).norm() / diagonal).collect();
+        let even = Summary::of(&errors[..self.even.min(errors.len())]);
+        Ok(even.map_or(BoundaryError::default(), |even| BoundaryError {
+            rms: even.rms,
+            p99: even.p99,
+            max: errors.iter().copied().fold(0.0, f64::max),
+        }))
+    }
+}
+
+/// Counts the tetrahedra that are not as they were.
+pub(super) fn folds(mesh: &TetMesh, images: &[Point]) -> Folds {
+    Folds {
+        tets: mesh.tets().len(),
+        flipped: flipped_tets(mesh, images).as_ref().map_or(mesh.tets().len(), FlippedTets::count),
+    }
+}
+
+impl Folds {
+    /// Of the tetrahedra of a mesh and the images of its vertices.
+    pub fn of(mesh: &TetMesh, images: &[Point]) -> Self {
+        folds(mesh, images)
+    }
+}
+
+/// How far the maps of one method are apart from their mean, over all of them: the root mean square and the largest, as
+/// fractions of `diagonal`. `None` for fewer than two.
+pub fn spread(samples: &[Samples], diagonal: f64) -> Option<Difference> {
+    let [first, _, ..] = samples else { return None };
+    let points = first.images.len();
+    let count = samples.len() as f64;
+    let distance = |i: usize| {
+        let mean = samples.iter().map(|s| s.images[i].coords / count).sum::<crate::Vector>();
+        samples.iter().map(move |s| (s.images[i].coords - mean).norm() / diagonal)
+    };
+    let distances: Vec<f64> = (0..points).flat_map(|i| distance(i).collect::<Vec<_>>()).collect();
+    Summary::of(&distances).map(|s| Difference {
+        rms: s.rms,
+        p99: s.p99,
+        max: s.max,
+    })
+}
+
+fn interior_points(boundary: &BoundaryMap, count: usize, seed: u64) -> Result<Vec<Point>, CompareError> {
+    let domain = boundary.domain();
+    let query = SurfaceQuery::with_winding_sign(domain)?;
+    let (low, high) = domain.bounding_box().unwrap_or_default();
+    // A stream of its own: not the points that a fit is checked at.
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(2);
+    let mut points = Vec::with_capacity(count);
+    let mut tries = 0;
+    while points.len() < count {
+        if tries > TRIES * count {
+            return Err(CompareError::NoInterior { tries });
+        }
+        let candidates: Vec<Point> = (0..4 * count)
+            .map(|_| Point::from([0, 1, 2].map(|k| low[k] + random.random::<f64>() * (high[k] - low[k]))))
+            .collect();
+        tries += candidates.len();
+        let inside = query.contains_all(&candidates);
+        let found = candidates.into_iter().zip(inside).filter(|(_, inside)| *inside);
+        points.extend(found.map(|(p, _)| p).take(count - points.len()));
+    }
+    Ok(points)
+}
+
+fn require_finite(images: &[Point]) -> Result<(), CompareError> {
+    let points = images.iter().filter(|p| !p.iter().all(|c| c.is_finite())).count();
+    if points == 0 {
+        return Ok(());
+    }
+    Err(CompareError::NonFinite {
+        points,
+        of: images.len(),
+    })
+}
