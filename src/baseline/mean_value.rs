@@ -9,7 +9,7 @@
 //!
 //! Sums are over all triangles, without approximation. The weights of Ju et al. divide by the volume of the tetrahedron
 //! of point and triangle; here the integrals are arranged by edges and triangles so that what they divide by does not
-//! vanish, and images are taken relative to that of the closest boundary point, so that value and Jacobian stay accurate
+//! vanish, and images are taken relative to that of the closest boundary point. Value and Jacobian thus stay accurate
 //! where a few triangles outweigh all others. [`sums`] has the formulas.
 //!
 //! # References
@@ -34,13 +34,14 @@ use sums::{Block, Edge, Instructions, LANES, Patch, Sums, Triangle};
 /// The map of a solid by mean value coordinates of its boundary.
 ///
 /// On the boundary (within 1e-12 of the domain's diagonal) the image is the boundary map's. Where the boundary has
-/// edges the Jacobian jumps; closer to it than 1e-8 of the diagonal the Jacobian is that at 1e-8, in the direction of the
-/// point, and into the solid from points on the boundary. Outside, the same formula continues the map; it is defined
-/// nearly everywhere there but means little, and its digits go as the point goes far away. NaN where the point is not
-/// finite.
+/// edges the Jacobian jumps; closer to it than 1e-8 of the diagonal the Jacobian is that at 1e-8, in the direction of
+/// the point, and into the solid from points on the boundary. Outside, the same formula continues the map; it is
+/// defined nearly everywhere there but means little, and its digits go as the point goes far away. NaN where the point
+/// is not finite.
 ///
-/// A point costs some 4 ns per triangle and core with AVX-512, 7 ns with its Jacobian; half as much again with AVX2. Images and Jacobians do not depend on
-/// the number of threads, nor on which points are asked for together.
+/// Parallel over points. A point costs some 4 ns per triangle and core with AVX-512, its Jacobian 7 ns; half as much
+/// again with AVX2. Images and Jacobians do not depend on the number of threads, nor on which points are asked for
+/// together.
 #[derive(Debug, Clone)]
 pub struct MeanValueMap {
     frame: Frame,
@@ -63,8 +64,8 @@ pub enum MeanValueError {
     Surface(#[from] QueryError),
     /// The surface has a rim or is turned over in places: directions would be missed, or counted wrongly.
     #[error(
-        "{edges} edges are not passed as often one way as the other, such as that from vertex {from} to {to}; the surface \
-         must be closed and consistently oriented"
+        "{edges} edges are not passed as often one way as the other, such as that from vertex {from} to {to}; the \
+         surface must be closed and consistently oriented"
     )]
     NotClosed {
         /// How many edges.

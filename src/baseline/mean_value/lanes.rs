@@ -1,7 +1,7 @@
 //! Vectors of points for the inner loops: AVX-512, AVX2 with FMA, or one number at a time.
 //!
-//! Numbers become lanes only through a token that exists where the processor has the instructions, so that whoever holds
-//! a [`Lanes`] may calculate with it.
+//! Numbers become lanes only through a token that exists where the processor has the instructions, so that whoever
+//! holds a [`Lanes`] may calculate with it.
 
 use std::ops::{Add, Mul, Neg, Sub};
 

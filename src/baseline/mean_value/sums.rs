@@ -12,8 +12,8 @@
 //! - `∫ ω dω = m = ½ Σ κ (d × E)` over directions `ω`, whence the numerator's share `φ s + G m`.
 //!
 //! Differentiation by `v` gives `∇κ = 2 ∫ d / r⁴ dt` and `∇s = n (J + Σ α κ₄) − h Σ b κ₄`, nothing of which divides by
-//! what may vanish, save `J`: where `v` is close to the plane of a triangle but beside it, the sum cancels, and a series
-//! in `h²` takes its place.
+//! what may vanish, save `J`: where `v` is close to the plane of a triangle but beside it, the sum cancels, and a
+//! series in `h²` takes its place.
 //!
 //! `m` and `s` are Ju et al.'s; their weights follow from `Σ w_j d_j = m`. Shares of an edge serve both its triangles:
 //! those of `G m` are summed by edges with the difference of the two `G`.
