@@ -122,9 +122,7 @@ impl TetMap {
             .par_chunks(RUN)
             .flat_map_iter(|run| {
                 let locate = |&i: &u32| locator.locate(&self.solid.mesh, &points[i as usize]);
-                run.iter()
-                    .map(move |i| locate(i))
-                    .map(|at| at.as_ref().map_or(outside, &answer))
+                run.iter().map(locate).map(|at| at.as_ref().map_or(outside, &answer))
             })
             .collect();
         let mut answers = vec![outside; points.len()];
