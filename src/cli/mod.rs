@@ -2,6 +2,7 @@
 
 mod args;
 mod check;
+mod compare;
 mod demo;
 mod energy;
 mod eval;
@@ -64,6 +65,8 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Fit(args) => fit::run(args, &output),
         Command::Eval(args) => eval::run(args, &output),
         Command::Energy(args) => energy::run(args, &output),
+        Command::Compare(args) => compare::run(args, cli.threads, &output),
+        Command::CompareWorker(args) => compare::worker::run(args),
     };
     output.finish();
     outcome

@@ -17,7 +17,7 @@ pub const VOLMAP_BOUND: f64 = 100.0;
 const MAX_SWEEPS: usize = 30;
 
 /// The five metrics, of one Jacobian or as a mean.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Distortion {
     /// [`conformal`].
     pub conformal: f64,
@@ -58,7 +58,7 @@ pub struct DistortionReport {
 
 /// Determinants of a map's Jacobians, times −1 when the target's volume is negative, so that they are positive where a
 /// map that mirrors as a whole is not folded. Quantiles count volume of the domain, as [`super::Distribution`] does.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Determinants {
     /// Points or tetrahedra where the map is folded: zero or negative.
     pub negative: usize,

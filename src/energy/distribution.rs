@@ -2,7 +2,7 @@
 ///
 /// `median` is the smallest value such that half of the volume has it or less, `p99` that 99 percent have; points of
 /// small cells therefore count little.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Distribution {
     /// Smallest value.
     pub min: f64,

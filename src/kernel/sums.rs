@@ -23,7 +23,6 @@ struct Work {
     sources: usize,
     targets: usize,
     accuracy: f64,
-    columns: usize,
 }
 
 impl Work {
@@ -31,16 +30,15 @@ impl Work {
     ///
     /// A direct sum costs a unit for each pair and each three columns. The fast sum costs some hundred units for each
     /// point, on top of an overhead, and these grow with the digits asked for: the tables were measured, at three columns,
-    /// as the number of points at which the two take equal time for as many targets as sources on a surface. Beyond
-    /// six columns the fast sum works by matrix products and its cost for a column falls by about a third.
+    /// as the number of points at which the two take equal time for as many targets as sources on a surface. For many
+    /// columns both work by matrix products and the cost for a column falls by about as much.
     fn is_small(&self) -> bool {
-        const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 5e3), (1e-6, 7e3), (1e-8, 1.2e4), (1e-9, 2e4), (0.0, 2.5e4)];
+        const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 2e3), (1e-6, 5e3), (1e-8, 1.2e4), (1e-9, 2e4), (0.0, 2.5e4)];
         let reaches = |&(accuracy, _): &(f64, f64)| self.accuracy >= accuracy;
         let crossover = CROSSOVERS
             .into_iter()
             .find(reaches)
             .map_or(f64::INFINITY, |(_, points)| points);
-        let crossover = if self.columns > 6 { crossover / 1.5 } else { crossover };
         let (sources, targets) = (self.sources as f64, self.targets as f64);
         sources * targets <= 0.5 * crossover * (sources + targets)
     }
@@ -53,11 +51,24 @@ impl Sums {
     ///
     /// As [`Fmm::new`].
     pub fn new(sources: &[Point], targets: &[Point], accuracy: f64) -> Result<Self, KernelError> {
+        Self::with_range(sources, targets, accuracy, accuracy)
+    }
+
+    /// As [`Self::new`], for sums that will also be taken at accuracies down to `loosest`, where a tree pays sooner.
+    ///
+    /// # Errors
+    ///
+    /// As [`Fmm::new`].
+    pub fn with_range(
+        sources: &[Point],
+        targets: &[Point],
+        accuracy: f64,
+        loosest: f64,
+    ) -> Result<Self, KernelError> {
         let work = Work {
             sources: sources.len(),
             targets: targets.len(),
-            accuracy,
-            columns: usize::MAX,
+            accuracy: loosest,
         };
         Ok(Self {
             sources: sources.into(),
@@ -92,7 +103,7 @@ impl Sums {
     ///
     /// As [`Fmm::potential`].
     pub fn potential(&self, weights: &[f64], columns: usize) -> Result<Vec<f64>, KernelError> {
-        match self.fast(columns) {
+        match self.fast() {
             Some(fmm) => fmm.potential(weights, columns),
             None => Ok(self.sum_directly(weights, columns, false)?.0),
         }
@@ -104,18 +115,17 @@ impl Sums {
     ///
     /// As [`Fmm::potential`].
     pub fn potential_and_gradient(&self, weights: &[f64], columns: usize) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
-        match self.fast(columns) {
+        match self.fast() {
             Some(fmm) => fmm.potential_and_gradient(weights, columns),
             None => self.sum_directly(weights, columns, true),
         }
     }
 
-    fn fast(&self, columns: usize) -> Option<&Fmm> {
+    fn fast(&self) -> Option<&Fmm> {
         let work = Work {
             sources: self.sources.len(),
             targets: self.targets.len(),
             accuracy: self.accuracy,
-            columns,
         };
         self.fmm.as_ref().filter(|_| !work.is_small())
     }
@@ -149,7 +159,7 @@ mod tests {
             let (sources, targets) = (spiral(count, 1.1), spiral(count, 1.0));
             let weights: Vec<f64> = (0..2 * count).map(|i| ((i * i) as f64).sin()).collect();
             let sums = Sums::new(&sources, &targets, 1e-5).unwrap();
-            assert_eq!(sums.fast(2).is_some(), is_fast);
+            assert_eq!(sums.fast().is_some(), is_fast);
             let found = sums.potential_and_gradient(&weights, 2).unwrap();
             let expected = direct::sum_columns(&sources, &weights, 2, &targets, true).unwrap();
             let norm = |v: &mut dyn Iterator<Item = f64>| v.map(|x| x * x).sum::<f64>().sqrt();

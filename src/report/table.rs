@@ -45,6 +45,27 @@ impl<const N: usize> Table<N> {
         self.rows.push(cells);
     }
 
+    /// The same table in Markdown (GitHub's), units in brackets behind the headings.
+    pub fn to_markdown(&self) -> String {
+        let head = |k: usize| match (self.heads[k].as_str(), self.units[k].as_str()) {
+            (head, "") => head.to_owned(),
+            ("", unit) => unit.to_owned(),
+            (head, unit) => format!("{head} ({unit})"),
+        };
+        let line = |cells: Vec<String>| {
+            let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
+            format!("| {} |\n", cells.join(" | "))
+        };
+        let rules = self.aligns.iter().map(|align| match align {
+            Align::Left => "---",
+            Align::Right => "--:",
+        });
+        let mut text = line((0..N).map(head).collect());
+        text += &format!("|{}|\n", rules.collect::<Vec<_>>().join("|"));
+        self.rows.iter().for_each(|row| text += &line(row.to_vec()));
+        text
+    }
+
     fn write_line(&self, f: &mut fmt::Formatter<'_>, cells: &[String; N], widths: &[usize; N]) -> fmt::Result {
         let mut line = String::new();
         for (k, cell) in cells.iter().enumerate() {
@@ -80,6 +101,14 @@ impl<const N: usize> fmt::Display for Table<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn markdown_has_the_same_cells() {
+        let mut table = Table::new([("method", "", Align::Left), ("error", "rms", Align::Right), ("", "max", Align::Right)]);
+        table.row(["a|b".into(), "1e-4".into(), "2e-4".into()]);
+        let expected = "| method | error (rms) | max |\n|---|--:|--:|\n| a\\|b | 1e-4 | 2e-4 |\n";
+        assert_eq!(table.to_markdown(), expected);
+    }
 
     #[test]
     fn columns_are_aligned_and_as_wide_as_their_widest_cell() {

@@ -212,7 +212,7 @@ impl SchwarzFactor {
         let patches = self.patches(level, progress);
         self.levels.push(patches);
         for group in &mut self.groups {
-            group.to_collocation = sums(&group.sources, &self.collocation, self.options.first_accuracy)?;
+            group.to_collocation = sums(&group.sources, &self.collocation, &self.options)?;
         }
         self.add_group(std::slice::from_ref(level), self.levels.len() - 1)
     }
@@ -344,7 +344,7 @@ impl SchwarzFactor {
         progress: &dyn Fn(usize, f64),
     ) -> Result<(), SolveError> {
         let sources: Vec<Point> = self.groups.iter().flat_map(|group| group.sources.clone()).collect();
-        let transposed = sums(&self.collocation, &sources, self.options.later_accuracy)?;
+        let transposed = sums(&self.collocation, &sources, &self.options)?.with_accuracy(self.options.later_accuracy);
         for _ in 0..self.options.most_iterations {
             let before = history[history.len() - 1];
             progress(history.len() - 1, before);
@@ -476,7 +476,6 @@ impl SchwarzFactor {
     }
 
     fn add_group(&mut self, levels: &[Level], first: usize) -> Result<(), SolveError> {
-        let accuracy = self.options.first_accuracy;
         let mut sources: Vec<Point> = Vec::new();
         let mut steps = Vec::new();
         for (i, level) in levels.iter().enumerate() {
@@ -484,13 +483,13 @@ impl SchwarzFactor {
                 let points = self.points(&level.rows);
                 steps.push(CoarseStep {
                     coarser_rows: positions_in(&level.rows, &levels[i - 1].rows)?,
-                    from_coarser: sums(&sources, &points, accuracy)?,
-                    from_own: sums(&level.sources, &points, accuracy)?,
+                    from_coarser: sums(&sources, &points, &self.options)?,
+                    from_own: sums(&level.sources, &points, &self.options)?,
                 });
             }
             sources.extend_from_slice(&level.sources);
         }
-        let to_collocation = sums(&sources, &self.collocation, accuracy)?;
+        let to_collocation = sums(&sources, &self.collocation, &self.options)?;
         self.groups.push(Group {
             first,
             sources,
@@ -631,6 +630,7 @@ fn positions_in(rows: &[u32], chosen: &[u32]) -> Result<Vec<u32>, SolveError> {
         .collect()
 }
 
-fn sums(sources: &[Point], targets: &[Point], accuracy: f64) -> Result<Sums, SolveError> {
-    Ok(Sums::new(sources, targets, accuracy)?)
+fn sums(sources: &[Point], targets: &[Point], options: &SchwarzOptions) -> Result<Sums, SolveError> {
+    let (first, later) = (options.first_accuracy, options.later_accuracy);
+    Ok(Sums::with_range(sources, targets, first, later)?)
 }

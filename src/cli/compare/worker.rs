@@ -1,0 +1,428 @@
+//! The process that makes one map.
+
+use std::io::{Read, Write};
+use std::path::Path;
+
+use serde::Serialize;
+use solidmap::baseline::{DescentOptions, HarmonicOptions, TetHarmonic, TetLaplacian, boundary_images};
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::check;
+use solidmap::compare::{
+    self, Built, Folds, MeshSpec, Method, Recipe, Samples, Yardstick, YardstickOptions, build, make_mesh,
+};
+use solidmap::energy::harmonic;
+use solidmap::fit::{DomainFactor, FitOptions, Placement};
+use solidmap::io::{self, Cells, Field, VtkFields};
+use solidmap::map::VolumeMap;
+use solidmap::mesh::TetMesh;
+use solidmap::report::{Axis, Plane, Section};
+use solidmap::{Matrix3, Point};
+use std::time::Instant;
+
+use super::super::args::CompareWorkerArgs;
+use super::super::output::peak_rss_bytes;
+use super::super::{Outcome, input};
+use super::job::{
+    Cut, Figures, Job, RESULT, SAMPLES, SECTION_DENSITY, SECTION_IMAGES, SECTION_PIXELS, SequenceFigures, Task,
+};
+
+/// Vertices up to which the reference's surface is cut into four once more.
+const MOST_REFERENCE_VERTICES: usize = 25_000;
+
+/// Does the job in a file and leaves the result in its scratch folder.
+pub fn run(args: &CompareWorkerArgs) -> anyhow::Result<Outcome> {
+    end_with_parent();
+    let text = std::fs::read_to_string(&args.job)?;
+    let job: Job = serde_json::from_str(&text)?;
+    let boundary = outward(input::read_boundary_map(&job.domain, &job.image)?)?;
+    match &job.task {
+        Task::Method(method) => leave(&job, &measured(&job, &boundary, *method)?)?,
+        Task::Reference => leave(&job, &reference(&job, &boundary)?)?,
+        Task::Sequence(method, frames) => leave(&job, &sequence(&job, &boundary, *method, frames)?)?,
+    }
+    Ok(Outcome::Done)
+}
+
+/// Ends this process when the one that started it is gone: its end of our standard input closes then.
+fn end_with_parent() {
+    std::thread::spawn(|| {
+        let _ = std::io::stdin().read_to_end(&mut Vec::new());
+        std::process::exit(2);
+    });
+}
+
+/// Shown by the process that waits.
+fn tell(what: String) {
+    let mut stdout = std::io::stdout().lock();
+    let _ = writeln!(stdout, "{what}").and_then(|()| stdout.flush());
+}
+
+fn leave(job: &Job, result: &impl Serialize) -> anyhow::Result<()> {
+    let bytes = serde_json::to_vec(result)?;
+    Ok(io::atomic_write(job.scratch.join(RESULT), |writer| {
+        writer.write_all(&bytes)
+    })?)
+}
+
+/// The same map of a domain whose faces look outward.
+pub fn outward(boundary: BoundaryMap) -> anyhow::Result<BoundaryMap> {
+    let (mended, mendings) = check::mend(boundary.domain());
+    if mendings.is_empty() {
+        return Ok(boundary);
+    }
+    Ok(BoundaryMap::between(mended, &boundary.target())?)
+}
+
+fn fit_options(job: &Job) -> FitOptions {
+    FitOptions {
+        tolerance: job.tolerance,
+        placement: Placement::Adaptive { alpha: job.alpha },
+        memory: job.memory,
+        seed: job.seed,
+        ..FitOptions::default()
+    }
+}
+
+fn yardstick<'a>(job: &Job, boundary: &'a BoundaryMap) -> anyhow::Result<Yardstick<'a>> {
+    tell("placing points to measure at".into());
+    let options = YardstickOptions {
+        resolution: job.resolution,
+        interior: job.interior,
+        seed: job.seed,
+        ..YardstickOptions::default()
+    };
+    Ok(Yardstick::new(boundary, &options)?)
+}
+
+fn section(cut: Cut, boundary: &BoundaryMap) -> anyhow::Result<Section> {
+    let axis = |i| [Axis::X, Axis::Y, Axis::Z][i];
+    let plane = Plane {
+        axis: axis(cut.axis),
+        position: cut.position,
+    };
+    Ok(Section::with_up(boundary.domain(), plane, axis(cut.up), SECTION_PIXELS)?)
+}
+
+fn mesh_spec(job: &Job, boundary: &BoundaryMap) -> MeshSpec {
+    job.mesh.unwrap_or_else(|| MeshSpec::of(boundary.domain()))
+}
+
+fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result<Figures> {
+    let given = job.given.as_ref().map(io::read_tets).transpose()?;
+    let spec = mesh_spec(job, boundary);
+    let recipe = Recipe {
+        method,
+        fit: fit_options(job),
+        harmonic: HarmonicOptions::default(),
+        descent: DescentOptions::default(),
+        mesh: spec,
+        given: given.as_ref(),
+    };
+    let Built {
+        map,
+        tets,
+        unknowns,
+        iterations,
+        mut seconds,
+        ..
+    } = build(boundary, &recipe, &tell)?;
+    let peak = peak_rss_bytes();
+
+    let yardstick = yardstick(job, boundary)?;
+    tell(format!("measuring at {} points", yardstick.quadrature().points().len()));
+    let found = yardstick.measure(&*map)?;
+    seconds.evaluate = found.evaluate_seconds;
+    let samples = yardstick.samples(&*map)?;
+    let interior_difference = match &job.reference {
+        Some([reference, _]) => {
+            let images = io::read_points(reference)?;
+            Some(yardstick.difference(&samples, &Samples { images }))
+        }
+        None => None,
+    };
+    write_points(&job.scratch.join(SAMPLES), &samples.images)?;
+    if let Some(cut) = job.section {
+        write_section(job, &section(cut, boundary)?, &*map)?;
+    }
+    // A mesh to count folds in; where there is no mesher, there are no counts.
+    let carried = match tets {
+        Some(carried) => Some(carried),
+        None => carried(boundary, &spec, given, &*map).ok(),
+    };
+    let folds = carried.as_ref().map(|(mesh, images)| Folds::of(mesh, images));
+    if let Some(folder) = &job.keep {
+        tell("writing".into());
+        keep(folder, method, &yardstick, &samples, carried.as_ref())?;
+    }
+    let determinants = found.distortion.determinants;
+    Ok(Figures {
+        seconds,
+        peak_rss_bytes: peak,
+        tets: folds.map(|f| f.tets),
+        flipped_tets: folds.map(|f| f.flipped),
+        unknowns,
+        iterations,
+        boundary_error: found.boundary_error,
+        interior_difference,
+        harmonic_energy: found.energy.harmonic,
+        deformation_energy: found.energy.deformation,
+        energy_density: found.energy.harmonic_density,
+        min_det_jacobian: found.energy.det_jacobian.min,
+        det_jacobian: determinants,
+        folded_fraction: found.energy.inverted_fraction,
+        distortion: found.distortion.mean_normalized,
+        volmap: found.distortion.volmap,
+        quadrature_points: found.quadrature_points,
+    })
+}
+
+/// The mesh for counting folds and the images of its vertices: of its boundary by the boundary map, inside by the map.
+fn carried(
+    boundary: &BoundaryMap,
+    spec: &MeshSpec,
+    given: Option<TetMesh>,
+    map: &dyn VolumeMap,
+) -> anyhow::Result<(TetMesh, Vec<Point>)> {
+    tell("carrying a tet mesh".into());
+    let (mesh, boundary) = match given {
+        Some(mesh) => (mesh, boundary.clone()),
+        None => make_mesh(boundary, spec)?,
+    };
+    let mut images = map.evaluate(mesh.vertices());
+    let fixed = boundary_images(&mesh, &boundary)?;
+    for (&vertex, image) in fixed.vertices.iter().zip(&fixed.images) {
+        images[vertex as usize] = *image;
+    }
+    Ok((mesh, images))
+}
+
+fn write_section(job: &Job, section: &Section, map: &dyn VolumeMap) -> anyhow::Result<()> {
+    write_points(&job.scratch.join(SECTION_IMAGES), &map.evaluate(section.points()))?;
+    let densities: Vec<f64> = map.jacobian(section.points()).iter().map(harmonic::density).collect();
+    Ok(io::write_npy(job.scratch.join(SECTION_DENSITY), 1, &densities)?)
+}
+
+fn write_points(path: &Path, points: &[Point]) -> anyhow::Result<()> {
+    let numbers: Vec<f64> = points.iter().flat_map(|p| p.iter().copied()).collect();
+    Ok(io::write_npy(path, 3, &numbers)?)
+}
+
+/// The map's values at the points inside, and the carried tet mesh, for other programs.
+fn keep(
+    folder: &Path,
+    method: Method,
+    yardstick: &Yardstick,
+    samples: &Samples,
+    carried: Option<&(TetMesh, Vec<Point>)>,
+) -> anyhow::Result<()> {
+    let name = method.name();
+    let pairs = yardstick.interior().iter().zip(&samples.images);
+    let table: Vec<f64> = pairs.flat_map(|(p, f)| [p.x, p.y, p.z, f.x, f.y, f.z]).collect();
+    io::write_csv(
+        folder.join(format!("{name}.csv")),
+        &["x", "y", "z", "fx", "fy", "fz"],
+        &table,
+    )?;
+    let Some((mesh, images)) = carried else { return Ok(()) };
+    let jacobians = jacobians(mesh, images);
+    let scalar = |name: &str, values| Field {
+        name: name.into(),
+        components: 1,
+        values,
+    };
+    let fields = VtkFields {
+        point: vec![Field {
+            name: "image".into(),
+            components: 3,
+            values: images.iter().flat_map(|p| p.iter().copied()).collect(),
+        }],
+        cell: vec![
+            scalar("harmonic_energy", jacobians.iter().map(harmonic::density).collect()),
+            scalar("det_jacobian", jacobians.iter().map(Matrix3::determinant).collect()),
+        ],
+    };
+    let path = folder.join(format!("{name}.vtu"));
+    Ok(io::write_vtu(path, mesh.vertices(), Cells::Tets(mesh.tets()), &fields)?)
+}
+
+/// Of the map that is linear over each tetrahedron; zero over flat ones.
+fn jacobians(mesh: &TetMesh, images: &[Point]) -> Vec<Matrix3> {
+    let of = |tet: &[u32; 4]| {
+        let edges = |points: &[Point]| {
+            let [a, b, c, d] = tet.map(|v| points[v as usize]);
+            Matrix3::from_columns(&[b - a, c - a, d - a])
+        };
+        let inverse = edges(mesh.vertices()).try_inverse().unwrap_or_default();
+        edges(images) * inverse
+    };
+    mesh.tets().iter().map(of).collect()
+}
+
+/// The reference, in words, with its own error.
+#[derive(Debug, Clone, Serialize, serde::Deserialize)]
+pub struct Reference {
+    pub description: String,
+    pub boundary_error: solidmap::fit::BoundaryError,
+    pub sources: usize,
+    pub seconds: f64,
+}
+
+fn reference(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<Reference> {
+    let start = Instant::now();
+    let mut finer = boundary.subdivided();
+    let mut parts = 4;
+    if boundary.domain().vertices().len() < MOST_REFERENCE_VERTICES {
+        finer = finer.subdivided();
+        parts = 16;
+    }
+    tell("fitting the reference".into());
+    let options = FitOptions {
+        tolerance: 0.1 * job.tolerance,
+        refine: false,
+        ..fit_options(job)
+    };
+    let fit = solidmap::fit::fit(&finer, &options, &|_| {})?;
+    let yardstick = yardstick(job, boundary)?;
+    write_points(&job.scratch.join(SAMPLES), &yardstick.samples(&fit.map)?.images)?;
+    if let Some(cut) = job.section {
+        write_section(job, &section(cut, boundary)?, &fit.map)?;
+    }
+    if let Some(folder) = &job.keep {
+        let points: Vec<f64> = yardstick.interior().iter().flat_map(|p| p.iter().copied()).collect();
+        io::write_csv(folder.join("points.csv"), &["x", "y", "z"], &points)?;
+    }
+    let error = fit.report.boundary_error;
+    Ok(Reference {
+        description: format!("mfs with every triangle cut into {parts}, {} sources", fit.report.sources),
+        boundary_error: error,
+        sources: fit.report.sources,
+        seconds: start.elapsed().as_secs_f64(),
+    })
+}
+
+fn sequence(
+    job: &Job,
+    boundary: &BoundaryMap,
+    method: Method,
+    frames: &[std::path::PathBuf],
+) -> anyhow::Result<SequenceFigures> {
+    let mut skipped = Vec::new();
+    let mut maps = Vec::new();
+    for path in frames {
+        let read = input::read_surface(path).and_then(|s| Ok(BoundaryMap::between(boundary.domain().clone(), &s)?));
+        match read {
+            Ok(map) => maps.push(map),
+            Err(error) => skipped.push(format!("`{}`: {}", path.display(), super::super::describe(&error))),
+        }
+    }
+    anyhow::ensure!(!maps.is_empty(), "none of the {} frames can be used", frames.len());
+    let mut figures = match method {
+        Method::Mfs => sequence_by_fundamental_solutions(job, boundary, &maps)?,
+        Method::Fem => sequence_by_finite_elements(job, boundary, &maps)?,
+        Method::Variational => sequence_by_descent(job, boundary, &maps)?,
+        Method::MeanValue => anyhow::bail!("mean value coordinates have nothing to keep from frame to frame"),
+    };
+    figures.skipped = skipped;
+    figures.peak_rss_bytes = peak_rss_bytes();
+    Ok(figures)
+}
+
+fn sequence_by_fundamental_solutions(
+    job: &Job,
+    boundary: &BoundaryMap,
+    frames: &[BoundaryMap],
+) -> anyhow::Result<SequenceFigures> {
+    let start = Instant::now();
+    // Sources are where the first frame asks for them.
+    let mut factor = DomainFactor::new(boundary.domain(), &fit_options(job), &|_| {})?;
+    factor.solve_refined(&frames[0], &|_| {})?;
+    let setup_seconds = start.elapsed().as_secs_f64();
+    let mut frame_seconds = Vec::new();
+    let mut boundary_error_p99 = 0.0f64;
+    for (i, frame) in frames.iter().enumerate() {
+        tell(format!("frame {} of {}", i + 1, frames.len()));
+        let start = Instant::now();
+        let fit = factor.solve(frame, &|_| {})?;
+        frame_seconds.push(start.elapsed().as_secs_f64());
+        boundary_error_p99 = boundary_error_p99.max(fit.report.boundary_error.p99);
+    }
+    tell("all frames together".into());
+    let start = Instant::now();
+    factor.solve_block(frames, &|_| {})?;
+    Ok(SequenceFigures {
+        setup_seconds,
+        frame_seconds,
+        together_seconds: start.elapsed().as_secs_f64(),
+        boundary_error_p99,
+        skipped: Vec::new(),
+        peak_rss_bytes: 0,
+    })
+}
+
+fn sequence_by_finite_elements(
+    job: &Job,
+    boundary: &BoundaryMap,
+    frames: &[BoundaryMap],
+) -> anyhow::Result<SequenceFigures> {
+    let start = Instant::now();
+    let (mesh, _) = make_mesh(boundary, &mesh_spec(job, boundary))?;
+    let images: Vec<Vec<Point>> = frames
+        .iter()
+        .map(|frame| Ok(boundary_images(&mesh, frame)?.images))
+        .collect::<Result<_, compare::CompareError>>()?;
+    let direct = HarmonicOptions {
+        solver: solidmap::baseline::Solver::Direct,
+        ..HarmonicOptions::default()
+    };
+    let system = TetHarmonic::new(mesh, &direct)?;
+    let setup_seconds = start.elapsed().as_secs_f64();
+    let mut frame_seconds = Vec::new();
+    for images in &images {
+        let start = Instant::now();
+        system.solve(images)?;
+        frame_seconds.push(start.elapsed().as_secs_f64());
+    }
+    let start = Instant::now();
+    system.solve_block(&images)?;
+    Ok(SequenceFigures {
+        setup_seconds,
+        frame_seconds,
+        together_seconds: start.elapsed().as_secs_f64(),
+        boundary_error_p99: 0.0,
+        skipped: Vec::new(),
+        peak_rss_bytes: 0,
+    })
+}
+
+fn sequence_by_descent(job: &Job, boundary: &BoundaryMap, frames: &[BoundaryMap]) -> anyhow::Result<SequenceFigures> {
+    let start = Instant::now();
+    let (mesh, _) = make_mesh(boundary, &mesh_spec(job, boundary))?;
+    let system = TetLaplacian::new(mesh)?;
+    let setup_seconds = start.elapsed().as_secs_f64();
+    let mut frame_seconds = Vec::new();
+    let mut together_seconds = 0.0;
+    let mut before: Option<Vec<Point>> = None;
+    for (i, frame) in frames.iter().enumerate() {
+        tell(format!("frame {} of {}", i + 1, frames.len()));
+        let images = boundary_images(system.mesh(), frame)?.images;
+        let start = Instant::now();
+        system.solve(&images, &DescentOptions::default(), &|_, _| {})?;
+        frame_seconds.push(start.elapsed().as_secs_f64());
+        let start = Instant::now();
+        let from = DescentOptions {
+            initial: before.take(),
+            ..DescentOptions::default()
+        };
+        let warm = system.solve(&images, &from, &|_, _| {})?;
+        together_seconds += start.elapsed().as_secs_f64();
+        before = Some(warm.map.images().to_vec());
+    }
+    Ok(SequenceFigures {
+        setup_seconds,
+        frame_seconds,
+        together_seconds,
+        boundary_error_p99: 0.0,
+        skipped: Vec::new(),
+        peak_rss_bytes: 0,
+    })
+}
