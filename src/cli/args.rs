@@ -343,6 +343,9 @@ pub struct CompareMeasure {
     /// Points inside at which maps are held against the reference
     #[arg(long, default_value_t = 5000, value_name = "N")]
     pub interior: usize,
+    /// The variational method ends with the step that lowers the energy by less than this part of it
+    #[arg(long, default_value_t = 1e-6, value_name = "FRACTION")]
+    pub threshold: f64,
     /// Leave the reference out, and the differences to it
     #[arg(long, conflicts_with = "equal_accuracy")]
     pub no_reference: bool,

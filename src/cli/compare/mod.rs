@@ -207,6 +207,7 @@ impl Runner<'_> {
             tolerance: measure.tolerance,
             alpha: 1.0,
             memory: args.budget.memory,
+            threshold: measure.threshold,
             resolution: measure.resolution,
             interior: measure.interior,
             seed: measure.seed,

@@ -83,6 +83,13 @@ fn fit_options(job: &Job) -> FitOptions {
     }
 }
 
+fn descent(job: &Job) -> DescentOptions {
+    DescentOptions {
+        threshold: job.threshold,
+        ..DescentOptions::default()
+    }
+}
+
 fn yardstick<'a>(job: &Job, boundary: &'a BoundaryMap) -> anyhow::Result<Yardstick<'a>> {
     tell("placing points to measure at".into());
     let options = YardstickOptions {
@@ -114,7 +121,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
         method,
         fit: fit_options(job),
         harmonic: HarmonicOptions::default(),
-        descent: DescentOptions::default(),
+        descent: descent(job),
         mesh: spec,
         given: given.as_ref(),
     };
@@ -123,6 +130,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
         tets,
         unknowns,
         iterations,
+        energies,
         mut seconds,
         ..
     } = build(boundary, &recipe, &tell)?;
@@ -153,6 +161,11 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
     if let Some(folder) = &job.keep {
         tell("writing".into());
         keep(folder, method, &yardstick, &samples, carried.as_ref())?;
+        if !energies.is_empty() {
+            let history: Vec<f64> = energies.iter().enumerate().flat_map(|(i, &e)| [i as f64, e]).collect();
+            let path = folder.join(format!("{}_energies.csv", method.name()));
+            io::write_csv(path, &["step", "energy"], &history)?;
+        }
     }
     let determinants = found.distortion.determinants;
     Ok(Figures {
@@ -406,12 +419,12 @@ fn sequence_by_descent(job: &Job, boundary: &BoundaryMap, frames: &[BoundaryMap]
         tell(format!("frame {} of {}", i + 1, frames.len()));
         let images = boundary_images(system.mesh(), frame)?.images;
         let start = Instant::now();
-        system.solve(&images, &DescentOptions::default(), &|_, _| {})?;
+        system.solve(&images, &descent(job), &|_, _| {})?;
         frame_seconds.push(start.elapsed().as_secs_f64());
         let start = Instant::now();
         let from = DescentOptions {
             initial: before.take(),
-            ..DescentOptions::default()
+            ..descent(job)
         };
         let warm = system.solve(&images, &from, &|_, _| {})?;
         together_seconds += start.elapsed().as_secs_f64();
