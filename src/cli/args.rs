@@ -269,15 +269,8 @@ pub struct EnergyArgs {
     /// Write a picture of a cross-section: both energies and the target's distance field seen through the map
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
-    /// Axis that the cross-section is perpendicular to
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub axis: AxisKind,
-    /// Axis that points up in the picture
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub up: AxisKind,
-    /// Place of the cross-section, from 0 to 1 along the axis through the domain's box
-    #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
-    pub position: f64,
+    #[command(flatten)]
+    pub section: SectionArgs,
 }
 
 #[derive(Debug, Args)]
@@ -352,15 +345,8 @@ pub struct CompareMeasure {
     /// Seed of all random choices
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Axis that the pictures' cross-section is perpendicular to
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub axis: AxisKind,
-    /// Axis that points up in the pictures
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub up: AxisKind,
-    /// Place of the cross-section, from 0 to 1 along the axis through the domain's box
-    #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
-    pub position: f64,
+    #[command(flatten)]
+    pub section: SectionArgs,
 }
 
 /// What each map may cost.
@@ -405,6 +391,20 @@ impl From<MapMethod> for solidmap::compare::Method {
             MapMethod::MeanValue => Self::MeanValue,
         }
     }
+}
+
+/// Where pictures cut the domain.
+#[derive(Debug, Args)]
+pub struct SectionArgs {
+    /// Axis that the cross-section is perpendicular to
+    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
+    pub axis: AxisKind,
+    /// Axis that points up in pictures
+    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
+    pub up: AxisKind,
+    /// Place of the cross-section, from 0 to 1 along the axis through the domain's box
+    #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
+    pub position: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

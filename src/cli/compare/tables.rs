@@ -23,7 +23,12 @@ pub fn write(folder: &Path, comparison: &Comparison) -> anyhow::Result<()> {
     let times: serde_json::Map<_, _> = comparison
         .methods
         .iter()
-        .filter_map(|row| Some((row.name.clone(), serde_json::to_value(row.figures.as_ref()?.seconds).ok()?)))
+        .filter_map(|row| {
+            Some((
+                row.name.clone(),
+                serde_json::to_value(row.figures.as_ref()?.seconds).ok()?,
+            ))
+        })
         .collect();
     let times = serde_json::to_vec_pretty(&times)?;
     io::atomic_write(folder.join("times.json"), |writer| writer.write_all(&times))?;
@@ -92,14 +97,21 @@ fn table<const N: usize>(columns: [(&str, &str, Align); N], rows: Vec<[String; N
 
 fn parts(comparison: &Comparison) -> Vec<Part> {
     let rows = &comparison.methods;
-    let mut parts = vec![cost(rows), accuracy(rows), quality(rows), Part::Words(notes(comparison))];
+    let mut parts = vec![
+        cost(rows),
+        accuracy(rows),
+        quality(rows),
+        Part::Words(notes(comparison)),
+    ];
     let errors = rows.iter().map(|row| (row.name.clone(), &row.error));
     parts.extend(failures(errors));
     if !comparison.equal_accuracy.is_empty() {
         parts.push(Part::Words(verdict(rows, &comparison.equal_accuracy)));
         parts.push(refinement(&comparison.equal_accuracy));
         let steps = comparison.equal_accuracy.iter().enumerate();
-        parts.extend(failures(steps.map(|(k, step)| (format!("refinement {k}"), &step.row.error))));
+        parts.extend(failures(
+            steps.map(|(k, step)| (format!("refinement {k}"), &step.row.error)),
+        ));
     }
     if !comparison.mesh_study.is_empty() {
         parts.push(Part::Words(
@@ -150,7 +162,11 @@ fn error(value: f64) -> String {
 }
 
 fn seconds(value: f64) -> String {
-    if value == 0.0 { DASH.into() } else { format!("{value:.2}") }
+    if value == 0.0 {
+        DASH.into()
+    } else {
+        format!("{value:.2}")
+    }
 }
 
 /// A line of `N − 1` cells for a method that has figures, dashes for one that has none.
@@ -166,7 +182,11 @@ fn cost(rows: &[Row]) -> Part {
         let total = s.mesh + s.factor + s.solve;
         vec![
             count(f.tets),
-            if f.unknowns == 0 { DASH.into() } else { f.unknowns.to_string() },
+            if f.unknowns == 0 {
+                DASH.into()
+            } else {
+                f.unknowns.to_string()
+            },
             count(f.iterations),
             seconds(s.mesh),
             seconds(s.factor),
@@ -238,9 +258,8 @@ fn quality(rows: &[Row]) -> Part {
             None => cells.extend([DASH; 3].map(String::from)),
         }
         match &f.distortion {
-            Some(d) => cells.extend(
-                [d.conformal, d.dirichlet, d.symmetric_dirichlet, d.arap, d.mips].map(|v| format!("{v:.3}")),
-            ),
+            Some(d) => cells
+                .extend([d.conformal, d.dirichlet, d.symmetric_dirichlet, d.arap, d.mips].map(|v| format!("{v:.3}"))),
             None => cells.extend([DASH; 5].map(String::from)),
         }
         cells
@@ -291,7 +310,10 @@ fn total(figures: &Figures) -> f64 {
 /// The headline: what the same accuracy costs.
 fn verdict(methods: &[Row], steps: &[Step]) -> String {
     let difference = |f: &Figures| f.interior_difference.map_or(f64::NAN, |d| d.rms);
-    let mfs = methods.iter().find(|row| row.name == "mfs").and_then(|row| row.figures.as_ref());
+    let mfs = methods
+        .iter()
+        .find(|row| row.name == "mfs")
+        .and_then(|row| row.figures.as_ref());
     let best = steps.iter().rev().find_map(|step| step.row.figures.as_ref());
     let (Some(mfs), Some(fem)) = (mfs, best) else {
         return "No finite-element map could be made at equal accuracy.".into();
