@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 
 use solidmap::Point;
-use solidmap::io;
+use solidmap::io::{self, Solid};
 use solidmap::mesh::shapes;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -16,7 +16,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let folder = PathBuf::from(folder);
     std::fs::create_dir_all(&folder)?;
-    let model = io::read_surface(model)?;
+    let model = match io::read_solid(model)? {
+        Solid::Surface(surface) => surface,
+        Solid::Tets(tets) => tets.boundary().surface,
+    };
     let (low, high) = model.bounding_box().ok_or("the model has no vertices")?;
     let (centre, diagonal) = (nalgebra::center(&low, &high), (high - low).norm());
     let domain = shapes::deformed(&model, |p| Point::from((p - centre) / diagonal));

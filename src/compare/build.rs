@@ -147,6 +147,30 @@ pub fn build(boundary: &BoundaryMap, recipe: &Recipe, progress: &dyn Fn(String))
     }
 }
 
+/// The mesh that is given, if it is one of the domain, or else [`make_mesh`]'s; and the boundary map that belongs to it.
+///
+/// # Errors
+///
+/// [`CompareError::OtherSolid`], and as [`make_mesh`].
+pub fn mesh_for(
+    boundary: &BoundaryMap,
+    spec: &MeshSpec,
+    given: Option<&TetMesh>,
+) -> Result<(TetMesh, BoundaryMap), CompareError> {
+    let Some(mesh) = given else {
+        return make_mesh(boundary, spec);
+    };
+    let (found, expected) = (mesh.volume().abs(), boundary.domain().volume().abs());
+    if (found / expected - 1.0).abs() <= MOST_OFF {
+        Ok((mesh.clone(), boundary.clone()))
+    } else {
+        Err(CompareError::OtherSolid { found, expected })
+    }
+}
+
+/// Part by which the volume of a given mesh may differ from the domain's.
+const MOST_OFF: f64 = 0.05;
+
 /// A tetrahedral mesh of the boundary map's domain, and the boundary map that belongs to it.
 ///
 /// # Errors
@@ -261,16 +285,7 @@ fn meshed(
 ) -> Result<(TetMesh, Vec<Point>, f64), CompareError> {
     let start = Instant::now();
     progress("meshing".into());
-    let (mesh, boundary) = match recipe.given {
-        Some(mesh) => {
-            let (found, expected) = (mesh.volume().abs(), boundary.domain().volume().abs());
-            if (found / expected - 1.0).abs() > 0.05 {
-                return Err(CompareError::OtherSolid { found, expected });
-            }
-            (mesh.clone(), boundary.clone())
-        }
-        None => make_mesh(boundary, &recipe.mesh)?,
-    };
+    let (mesh, boundary) = mesh_for(boundary, &recipe.mesh, recipe.given)?;
     let images = boundary_images(&mesh, &boundary)?.images;
     Ok((mesh, images, start.elapsed().as_secs_f64()))
 }

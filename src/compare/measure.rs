@@ -16,7 +16,7 @@ use crate::energy::{
 use crate::fit::BoundaryError;
 use crate::geometry::{FlippedTets, SurfaceQuery, flipped_tets};
 use crate::map::VolumeMap;
-use crate::mesh::{SurfacePoint, TetMesh};
+use crate::mesh::TetMesh;
 use crate::sampling;
 use crate::statistics::Summary;
 use crate::{Matrix3, Point};
@@ -50,8 +50,9 @@ pub struct Yardstick<'a> {
     boundary: &'a BoundaryMap,
     quadrature: Quadrature,
     interior: Vec<Point>,
-    held_out: Vec<SurfacePoint>,
-    even: usize,
+    /// Boundary points to average over, and their seed: another than a fit's, which may have stopped by its own.
+    held_out: usize,
+    seed: u64,
 }
 
 /// Distances between two maps at the points inside, as fractions of the target's diagonal.
@@ -69,7 +70,8 @@ pub struct Difference {
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Measured {
     /// Distance from the boundary map, which is linear over the domain's triangles, at points of the boundary that no
-    /// method is fitted at. By the maximum principle no harmonic map errs more inside.
+    /// method is fitted at. By the maximum principle a harmonic map errs no more inside than at its worst point of the
+    /// boundary.
     pub boundary_error: BoundaryError,
     /// Energies on the quadrature that all maps share.
     pub energy: EnergyReport,
@@ -97,6 +99,8 @@ pub struct Folds {
     pub flipped: usize,
 }
 
+/// Triangles at most that are visited for the largest boundary error.
+const TRIANGLES: usize = 100_000;
 /// Random points that are tried for each point inside.
 const TRIES: usize = 1000;
 
@@ -111,8 +115,8 @@ impl<'a> Yardstick<'a> {
         Ok(Self {
             quadrature: clipped_grid(domain, Resolution::CellsAlongLongestSide(options.resolution))?,
             interior: interior_points(boundary, options.interior, options.seed)?,
-            held_out: sampling::held_out(domain, options.held_out, 100_000, options.seed),
-            even: options.held_out,
+            held_out: options.held_out,
+            seed: options.seed.wrapping_add(1),
             boundary,
         })
     }
@@ -122,7 +126,7 @@ impl<'a> Yardstick<'a> {
         &self.interior
     }
 
-    /// Volume of the domain as the quadrature has it.
+    /// What all energies are integrated by.
     pub fn quadrature(&self) -> &Quadrature {
         &self.quadrature
     }
@@ -141,7 +145,7 @@ impl<'a> Yardstick<'a> {
         let (volume, target) = (self.quadrature.volume(), self.boundary.target().volume());
         let options = EnergyOptions::default();
         Ok(Measured {
-            boundary_error: self.boundary_error(map)?,
+            boundary_error: boundary_error(map, self.boundary, self.held_out, self.seed)?,
             energy: energies_of_jacobians(&jacobians, &self.quadrature, volume, target, &options)?,
             distortion: distortion_of_jacobians(&jacobians, &self.quadrature, volume, target)?,
             evaluate_seconds,
@@ -175,21 +179,32 @@ impl<'a> Yardstick<'a> {
             max: s.max,
         })
     }
+}
 
-    fn boundary_error(&self, map: &dyn VolumeMap) -> Result<BoundaryError, CompareError> {
-        let diagonal = self.boundary.target_diagonal();
-        let mapped = map.evaluate(&self.boundary.positions(&self.held_out));
-        require_finite(&mapped)?;
-        let exact = self.boundary.evaluate(&self.held_out);
-        let pairs = mapped.par_iter().zip(&exact);
-        let errors: Vec<f64> = pairs.map(|(f, exact)| (f - exact).norm() / diagonal).collect();
-        let even = Summary::of(&errors[..self.even.min(errors.len())]);
-        Ok(even.map_or(BoundaryError::default(), |even| BoundaryError {
-            rms: even.rms,
-            p99: even.p99,
-            max: errors.iter().copied().fold(0.0, f64::max),
-        }))
-    }
+/// Distance of a map from the boundary map at points of the boundary that depend on the seed: averages over `even` points,
+/// the largest also over one in each triangle.
+///
+/// # Errors
+///
+/// When the map is not finite at one.
+pub fn boundary_error(
+    map: &dyn VolumeMap,
+    boundary: &BoundaryMap,
+    even: usize,
+    seed: u64,
+) -> Result<BoundaryError, CompareError> {
+    let points = sampling::held_out(boundary.domain(), even, TRIANGLES, seed);
+    let mapped = map.evaluate(&boundary.positions(&points));
+    require_finite(&mapped)?;
+    let (exact, diagonal) = (boundary.evaluate(&points), boundary.target_diagonal());
+    let pairs = mapped.par_iter().zip(&exact);
+    let errors: Vec<f64> = pairs.map(|(f, exact)| (f - exact).norm() / diagonal).collect();
+    let summary = Summary::of(&errors[..even.min(errors.len())]);
+    Ok(summary.map_or(BoundaryError::default(), |even| BoundaryError {
+        rms: even.rms,
+        p99: even.p99,
+        max: errors.iter().copied().fold(0.0, f64::max),
+    }))
 }
 
 impl Folds {
@@ -197,7 +212,9 @@ impl Folds {
     pub fn of(mesh: &TetMesh, images: &[Point]) -> Self {
         Self {
             tets: mesh.tets().len(),
-            flipped: flipped_tets(mesh, images).as_ref().map_or(mesh.tets().len(), FlippedTets::count),
+            flipped: flipped_tets(mesh, images)
+                .as_ref()
+                .map_or(mesh.tets().len(), FlippedTets::count),
         }
     }
 }

@@ -7,8 +7,8 @@
 mod build;
 mod measure;
 
-pub use build::{Built, MeshSource, MeshSpec, Method, Recipe, Seconds, build, make_mesh};
-pub use measure::{Difference, Folds, Measured, Samples, Yardstick, YardstickOptions, carried, spread};
+pub use build::{Built, MeshSource, MeshSpec, Method, Recipe, Seconds, build, make_mesh, mesh_for};
+pub use measure::{Difference, Folds, Measured, Samples, Yardstick, YardstickOptions, boundary_error, carried, spread};
 
 use crate::baseline::{BaselineError, MeanValueError};
 use crate::energy::{EnergyError, QuadratureError};
@@ -37,8 +37,8 @@ pub enum CompareError {
     NoMesher,
     /// More tetrahedra than allowed.
     #[error(
-        "about {tets:.1e} tetrahedra of edge length {edge:.3e} fill the domain, and {most} are allowed; ask for larger ones or \
-         raise the limit"
+        "about {tets:.1e} tetrahedra of edge length {edge:.3e} fill the domain, and {most} are allowed; ask for larger ones \
+         (mesh-size) or raise the limit (max-tets)"
     )]
     TooManyTets {
         /// An estimate.

@@ -299,7 +299,7 @@ impl DomainFactor {
         let error = match solved.stop {
             Some(_) => residuals
                 .iter()
-                .map(|residual| residual.rms)
+                .map(|residual| residual.rms.max(goal))
                 .fold(f64::INFINITY, f64::min),
             None => 0.0,
         };

@@ -138,6 +138,8 @@ impl System {
                         stop: Some(solution.stop),
                     });
                 };
+                // A frame is a mixture of all modes with factors of norm one, and so may be its residual.
+                let goal = goal / (modes.columns() as f64).sqrt();
                 let solution = schwarz.solve(&modes, None, goal, &report)?;
                 Ok(Solved {
                     coefficients: solution.coefficients,

@@ -134,8 +134,11 @@ fn with_affine(values: &Values, affine: &Values, points: &[Point]) -> Values {
 fn factors_of(data: &Values, weights: &[f64], truncation: f64) -> Option<Values> {
     let columns = data.columns();
     let total: f64 = weights.iter().sum();
+    if columns < 2 || data.rows() == 0 {
+        return None;
+    }
     let triangle = triangle_of(data, weights);
-    if columns < 2 || !triangle.is_all_finite() {
+    if !triangle.is_all_finite() {
         return None;
     }
     let decomposed = triangle.thin_svd().ok()?;

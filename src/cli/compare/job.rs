@@ -102,6 +102,9 @@ pub struct Figures {
     /// As VOLMAP's program forms them.
     pub volmap: Option<Distortion>,
     pub quadrature_points: usize,
+    /// What could not be found out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub remarks: Vec<String>,
 }
 
 /// What is known of a sequence.

@@ -15,14 +15,16 @@ use solidmap::io;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::report::Axis;
 
-use super::args::{CompareArgs, Mesher};
+use super::args::{CompareArgs, MapMethod, Mesher};
 use super::output::Output;
-use super::{Outcome, input};
+use super::{Outcome, input, interrupt};
 use job::{Cut, Figures, Job, Row, SAMPLES, SECTION_IMAGES, SequenceFigures, Task};
 use worker::Reference;
 
-/// Finite elements are refined so often at most, each time with about four times the tetrahedra.
-const MOST_REFINEMENTS: usize = 8;
+/// Finite elements are refined so often at most, each time to about twice the tetrahedra.
+const MOST_REFINEMENTS: usize = 14;
+/// Tolerances of mfs beside them, over the one asked for.
+const TIGHTER: [f64; 2] = [0.5, 0.25];
 /// Qualities of TetGen's meshes in the study of what they matter.
 const QUALITIES: [f64; 3] = [2.0, 1.414, 1.15];
 /// Source distances of the same study, over the sources' spacing.
@@ -43,12 +45,10 @@ struct Comparison {
     sequence: Vec<SequenceRow>,
 }
 
-/// A refinement of the finite elements.
+/// A refinement of the finite elements, or of mfs.
 #[derive(Serialize)]
 struct Step {
-    subdivisions: u32,
-    /// Over the domain's diagonal.
-    edge: Option<f64>,
+    what: String,
     #[serde(flatten)]
     row: Row,
 }
@@ -88,6 +88,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{}`", folder.display()))?;
     }
     let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
+    interrupt::remove_folder(scratch.path());
     let runner = Runner {
         args,
         threads,
@@ -95,6 +96,13 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
         domain: boundary.domain(),
         diagonal: boundary.target_diagonal(),
         scratch: scratch.path(),
+    };
+    let section = match &args.out {
+        Some(folder) => {
+            clear(folder)?;
+            Some(pictures::section(runner.cut(), &boundary)?)
+        }
+        None => None,
     };
     let reference = if args.measure.no_reference {
         None
@@ -117,18 +125,54 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     output.progress("writing");
     if let Some(folder) = &args.out {
         tables::write(folder, &comparison)?;
-        pictures::write(folder, &runner, &boundary, &comparison)?;
     }
     // The contract: a list of the methods. All else is in the folder.
     output.result(&comparison.methods, || tables::text(&comparison))?;
-    if let Some(folder) = &args.out {
-        output.note(format!("Look at {}", folder.join("comparison.png").display()));
+    let remarks = comparison
+        .methods
+        .iter()
+        .filter_map(|row| Some((&row.name, row.figures.as_ref()?)));
+    for (name, figures) in remarks {
+        figures
+            .remarks
+            .iter()
+            .for_each(|remark| output.warn(format!("{name}: {remark}")));
     }
-    Ok(if comparison.is_whole() {
+    if let (Some(folder), Some(section)) = (&args.out, &section) {
+        let path = folder.join("comparison.png");
+        if pictures::write(&path, section, &runner, &boundary, &comparison)? {
+            output.note(format!("Look at {}", path.display()));
+        }
+    }
+    Ok(if comparison.has_all(args) {
         Outcome::Done
     } else {
         Outcome::CheckFailed
     })
+}
+
+/// Removes what an earlier comparison left: its maps would stand among the new ones.
+fn clear(folder: &Path) -> anyhow::Result<()> {
+    let tables = ["txt", "md", "csv", "json", "png"].map(|extension| format!("comparison.{extension}"));
+    let maps = Method::ALL.map(|method| method.name());
+    let maps = maps.iter().flat_map(|name| {
+        [
+            format!("{name}.csv"),
+            format!("{name}.vtu"),
+            format!("{name}_energies.csv"),
+        ]
+    });
+    let others = ["points.csv", "times.json"].map(String::from);
+    for name in tables.into_iter().chain(maps).chain(others) {
+        let path = folder.join(name);
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("cannot remove `{}`", path.display()));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 fn require_valid(args: &CompareArgs) -> anyhow::Result<()> {
@@ -140,6 +184,28 @@ fn require_valid(args: &CompareArgs) -> anyhow::Result<()> {
     );
     let measure = &args.measure;
     measure.section.require_valid()?;
+    ensure!(
+        measure.threshold > 0.0 && measure.threshold < 1.0,
+        "--threshold is {}, but must be a fraction between 0 and 1",
+        measure.threshold
+    );
+    ensure!(
+        (1..=1000).contains(&measure.resolution),
+        "--resolution is {}, but must be from 1 to 1000",
+        measure.resolution
+    );
+    ensure!(
+        args.tets.quality >= 1.1 && args.tets.quality.is_finite(),
+        "--quality is {}, but must be a ratio of at least 1.1 (1.4 to 2 is usual)",
+        args.tets.quality
+    );
+    ensure!(
+        !args.equal_accuracy
+            || [MapMethod::Mfs, MapMethod::Fem]
+                .iter()
+                .all(|m| args.methods.contains(m)),
+        "--equal-accuracy compares mfs and fem; both must be among the --methods"
+    );
     ensure!(
         measure.tolerance > 0.0 && measure.tolerance.is_finite(),
         "--tolerance is {}, but must be a positive fraction of the target's diagonal",
@@ -172,23 +238,18 @@ fn require_solvable(domain: &SurfaceMesh, path: &Path) -> anyhow::Result<()> {
 }
 
 impl Comparison {
-    /// Whether every figure that was asked for is there.
-    fn is_whole(&self) -> bool {
-        let rows = self
-            .methods
-            .iter()
-            .chain(self.equal_accuracy.iter().map(|step| &step.row));
+    /// Whether every figure that was asked for is there. Refinement may end with a mesh over budget: that is its way to end.
+    fn has_all(&self, args: &CompareArgs) -> bool {
         let runs = self
             .mesh_study
             .iter()
             .flat_map(|study| study.runs.iter().map(|run| &run.row));
-        rows.chain(runs).all(|row| row.error.is_none())
-            && self.sequence.iter().all(|row| row.error.is_none())
-            && self
-                .sequence
-                .iter()
-                .flat_map(|row| &row.figures)
-                .all(|f| f.skipped.is_empty())
+        let mut rows = self.methods.iter().chain(runs);
+        let mut frames = self.sequence.iter();
+        rows.all(|row| row.error.is_none())
+            && (self.reference.is_some() || args.measure.no_reference)
+            && (!self.equal_accuracy.is_empty() || !args.equal_accuracy)
+            && frames.all(|row| row.figures.as_ref().is_some_and(|f| f.skipped.is_empty()))
     }
 }
 
@@ -310,50 +371,71 @@ impl Runner<'_> {
         self.figures(&job, method.name())
     }
 
-    /// Finer and finer elements, until they are as near to the reference as the method of fundamental solutions is.
+    /// Finer and finer elements, until they are as near to the reference as the method of fundamental solutions is; and
+    /// that method at tighter tolerances.
     fn equal_accuracy(&self, methods: &[Row]) -> Vec<Step> {
+        if !self.args.equal_accuracy {
+            return Vec::new();
+        }
         let difference = |row: &Row| Some(row.figures.as_ref()?.interior_difference?.rms);
-        let mfs = methods
-            .iter()
-            .find(|row| row.name == Method::Mfs.name())
-            .and_then(difference);
-        let (true, Some(goal)) = (self.args.equal_accuracy, mfs) else {
-            if self.args.equal_accuracy {
-                self.output
-                    .warn("there is no difference of mfs to the reference that finite elements could reach");
-            }
+        let mfs = methods.iter().find(|row| row.name == Method::Mfs.name());
+        let Some((mfs, goal)) = mfs.and_then(|row| Some((row, difference(row)?))) else {
+            self.output
+                .warn("there is no difference of mfs to the reference that finite elements could reach");
             return Vec::new();
         };
-        let mut steps: Vec<Step> = Vec::new();
-        let mean = MeshSpec::of(self.domain).edge.unwrap_or(0.1);
+        let tolerance = self.args.measure.tolerance;
+        let at = |tolerance: f64| format!("tolerance {tolerance:.1e}");
+        let mut steps = vec![Step {
+            what: at(tolerance),
+            row: mfs.clone(),
+        }];
+        for factor in TIGHTER {
+            let mut job = self.refined(Method::Mfs, steps.len());
+            job.tolerance = factor * tolerance;
+            let what = at(job.tolerance);
+            let row = self.figures(&job, &format!("mfs, {what}"));
+            steps.push(Step { what, row });
+        }
         for k in 0..MOST_REFINEMENTS {
-            // Coarse inside at first; then as fine as the surface; then the surface too.
-            let (subdivisions, edge) = match k {
-                0 => (0, None),
-                1 => (0, Some(2.0 * mean)),
-                2 => (0, Some(mean)),
-                k => ((k - 2) as u32, Some(mean * 0.5f64.powi(k as i32 - 2))),
-            };
-            let mut job = self.job(Task::Method(Method::Fem), &format!("fem-{k}"));
-            job.mesh = Some(MeshSpec {
-                subdivisions,
-                edge,
-                ..self.mesh_spec()
-            });
-            job.reference = Some(self.reference_files());
-            job.section = None;
-            let row = self.figures(&job, &format!("fem, refinement {k}"));
-            let reached = difference(&row).is_none_or(|rms| rms <= goal);
-            steps.push(Step {
-                subdivisions,
-                edge,
-                row,
-            });
-            if reached {
+            let (what, spec) = self.finer_mesh(k);
+            let mut job = self.refined(Method::Fem, steps.len());
+            job.mesh = Some(spec);
+            let row = self.figures(&job, &format!("fem, {what}"));
+            let is_last = difference(&row).is_none_or(|rms| rms <= goal);
+            steps.push(Step { what, row });
+            if is_last {
                 break;
             }
         }
         steps
+    }
+
+    fn refined(&self, method: Method, number: usize) -> Job {
+        let mut job = self.job(Task::Method(method), &format!("refined-{number}"));
+        job.reference = Some(self.reference_files());
+        job.section = None;
+        job
+    }
+
+    /// Coarse inside at first, then with edges that shrink so that the tetrahedra double. A mesh keeps the triangles of the
+    /// surface, which are cut where they are larger than the tetrahedra.
+    fn finer_mesh(&self, k: usize) -> (String, MeshSpec) {
+        let spec = self.mesh_spec();
+        if k == 0 {
+            let coarse = MeshSpec { edge: None, ..spec };
+            return ("as coarse as can be".into(), coarse);
+        }
+        let coarsest = MeshSpec::of(self.domain).edge.unwrap_or(0.1);
+        let edge = coarsest * 0.5f64.powf((k - 1) as f64 / 3.0);
+        let surface = 0.5 * coarsest;
+        let subdivisions = (surface / edge).log2().ceil().max(0.0) as u32;
+        let spec = MeshSpec {
+            subdivisions,
+            edge: Some(edge),
+            ..spec
+        };
+        (format!("edge {edge:.2e}"), spec)
     }
 
     /// The same solid on several meshes.

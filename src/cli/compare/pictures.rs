@@ -7,32 +7,46 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::io;
 use solidmap::report::{Axis, ColourBar, Figure, Panel, Plane, Scale, Section, ValueRange};
 
-use super::job::{SECTION_DENSITY, SECTION_IMAGES, SECTION_PIXELS};
+use super::job::{Cut, SECTION_DENSITY, SECTION_IMAGES, SECTION_PIXELS};
 use super::{Comparison, Runner};
 
-/// Writes `comparison.png`: the harmonic energy density of every map on a cross-section of the domain, and its distance to
-/// the reference.
-pub fn write(folder: &Path, runner: &Runner, boundary: &BoundaryMap, comparison: &Comparison) -> anyhow::Result<()> {
-    let cut = runner.cut();
+/// The cross-section of the domain that all maps are shown on.
+pub fn section(cut: Cut, boundary: &BoundaryMap) -> anyhow::Result<Section> {
     let axis = |i: usize| [Axis::X, Axis::Y, Axis::Z][i];
     let plane = Plane {
         axis: axis(cut.axis),
         position: cut.position,
     };
-    let section = Section::with_up(boundary.domain(), plane, axis(cut.up), SECTION_PIXELS)?;
+    Ok(Section::with_up(
+        boundary.domain(),
+        plane,
+        axis(cut.up),
+        SECTION_PIXELS,
+    )?)
+}
+
+/// The harmonic energy density of every map on the section, and its distance to the reference. `false` when there is
+/// nothing to show.
+pub fn write(
+    path: &Path,
+    section: &Section,
+    runner: &Runner,
+    boundary: &BoundaryMap,
+    comparison: &Comparison,
+) -> anyhow::Result<bool> {
     let (volume, target) = (boundary.domain().volume(), boundary.target().volume());
     // As the table has it: both solids at unit volume.
     let stretch = (volume / target).abs().cbrt().powi(2);
     let mut densities = Vec::new();
     let mut distances = Vec::new();
-    let reference = read_points(&runner.reference_files()[1], &section);
+    let reference = read_points(&runner.reference_files()[1], section);
     for row in comparison.methods.iter().filter(|row| row.figures.is_some()) {
         let own = runner.scratch.join(&row.name);
-        let Some(values) = read_values(&own.join(SECTION_DENSITY), &section) else {
+        let Some(values) = read_values(&own.join(SECTION_DENSITY), section) else {
             continue;
         };
         densities.push((row.name.clone(), values.iter().map(|v| v * stretch).collect::<Vec<_>>()));
-        let images = read_points(&own.join(SECTION_IMAGES), &section);
+        let images = read_points(&own.join(SECTION_IMAGES), section);
         if let (Some(images), Some(reference)) = (images, &reference) {
             let pairs = images.iter().zip(reference);
             let distance = pairs.map(|(a, b)| (a - b).norm() / runner.diagonal).collect::<Vec<_>>();
@@ -40,11 +54,11 @@ pub fn write(folder: &Path, runner: &Runner, boundary: &BoundaryMap, comparison:
         }
     }
     if densities.is_empty() {
-        return Ok(());
+        return Ok(false);
     }
     let most = ValueRange::Quantiles(0.0, 0.99);
     let mut rows = vec![panels(
-        &section,
+        section,
         &densities,
         "harmonic energy density",
         most,
@@ -53,7 +67,7 @@ pub fn write(folder: &Path, runner: &Runner, boundary: &BoundaryMap, comparison:
     if !distances.is_empty() {
         let range = ValueRange::Fixed(1e-6, 1e-2);
         rows.push(panels(
-            &section,
+            section,
             &distances,
             "distance to the reference / diagonal",
             range,
@@ -61,9 +75,8 @@ pub fn write(folder: &Path, runner: &Runner, boundary: &BoundaryMap, comparison:
         )?);
     }
     let png = Figure::grid(rows).titled("One boundary map, every method").to_png()?;
-    Ok(io::atomic_write(folder.join("comparison.png"), |writer| {
-        writer.write_all(&png)
-    })?)
+    io::atomic_write(path, |writer| writer.write_all(&png))?;
+    Ok(true)
 }
 
 /// One colour bar for all, at the last.

@@ -13,6 +13,8 @@ use super::job::{Job, RESULT};
 
 /// How often a process is looked after when it says nothing.
 const TICK: Duration = Duration::from_millis(50);
+/// How long a process may take to end when it is asked to.
+const GRACE: Duration = Duration::from_secs(2);
 
 /// Does a job and gives its result, or says why there is none. What the process is doing is shown after `label`.
 pub fn run<T: DeserializeOwned>(
@@ -70,8 +72,7 @@ fn wait(mut child: Child, label: &str, time_limit: f64, output: &Output) -> Resu
         match child.try_wait() {
             Ok(Some(status)) => break status,
             Ok(None) if begun.elapsed().as_secs_f64() > time_limit => {
-                let _ = child.kill();
-                let _ = child.wait();
+                end(&mut child);
                 return Err(format!(
                     "not done within the time limit of {time_limit} s (--time-limit)"
                 ));
@@ -86,6 +87,17 @@ fn wait(mut child: Child, label: &str, time_limit: f64, output: &Output) -> Resu
     } else {
         Err(reason(status, &said))
     }
+}
+
+/// Ends a process, which gets a moment to remove what it has written half.
+fn end(child: &mut Child) {
+    drop(child.stdin.take());
+    let asked = Instant::now();
+    while asked.elapsed() < GRACE && matches!(child.try_wait(), Ok(None)) {
+        std::thread::sleep(TICK);
+    }
+    let _ = child.kill();
+    let _ = child.wait();
 }
 
 fn lines_of(child: &mut Child) -> Receiver<String> {
@@ -108,8 +120,11 @@ fn reason(status: ExitStatus, said: &str) -> String {
     match error {
         Some(error) => error.to_owned(),
         None => {
-            let last = said.lines().last().unwrap_or_default();
-            format!("its process ended with {status}. {last}").trim_end().to_owned()
+            let mut lines = said.lines().skip_while(|line| !line.contains("panicked at"));
+            let words = [lines.next(), lines.next()].map(Option::unwrap_or_default).join(" ");
+            format!("its process ended with {status}. {words}")
+                .trim_end()
+                .to_owned()
         }
     }
 }

@@ -106,17 +106,17 @@ fn parts(comparison: &Comparison) -> Vec<Part> {
     let errors = rows.iter().map(|row| (row.name.clone(), &row.error));
     parts.extend(failures(errors));
     if !comparison.equal_accuracy.is_empty() {
-        parts.push(Part::Words(verdict(rows, &comparison.equal_accuracy)));
+        parts.push(Part::Words(verdict(&comparison.equal_accuracy)));
         parts.push(refinement(&comparison.equal_accuracy));
-        let steps = comparison.equal_accuracy.iter().enumerate();
+        let steps = comparison.equal_accuracy.iter();
         parts.extend(failures(
-            steps.map(|(k, step)| (format!("refinement {k}"), &step.row.error)),
+            steps.map(|step| (format!("{}, {}", step.row.name, step.what), &step.row.error)),
         ));
     }
     if !comparison.mesh_study.is_empty() {
         parts.push(Part::Words(
-            "How far results depend on what they should not depend on: distances inside from the mean of the four maps of \
-             a method, as fractions of the target's diagonal."
+            "How far results depend on what they should not depend on: distances inside from the mean of all maps of \
+             a method, as fractions of the target's diagonal. variational differs where its descent ends, too."
                 .into(),
         ));
         parts.push(study(&comparison.mesh_study));
@@ -129,7 +129,8 @@ fn parts(comparison: &Comparison) -> Vec<Part> {
     if !comparison.sequence.is_empty() {
         parts.push(Part::Words(
             "A sequence. Together: mfs and fem solve all frames in a block, the variational method starts each from the \
-             frame before."
+             frame before. Setup: meshing, placing sources, factoring. The seconds of mfs include measuring its boundary \
+             error; fem and variational have only that of their mesh."
                 .into(),
         ));
         parts.push(sequence(&comparison.sequence));
@@ -179,9 +180,9 @@ fn line<const N: usize>(row: &Row, cells: impl Fn(&Figures) -> Vec<String>) -> [
 fn cost(rows: &[Row]) -> Part {
     let cells = |f: &Figures| {
         let s = f.seconds;
-        let total = s.mesh + s.factor + s.solve;
         vec![
-            count(f.tets),
+            // The others have tets carried, but are not made of them.
+            if s.mesh > 0.0 { count(f.tets) } else { DASH.into() },
             if f.unknowns == 0 {
                 DASH.into()
             } else {
@@ -191,9 +192,9 @@ fn cost(rows: &[Row]) -> Part {
             seconds(s.mesh),
             seconds(s.factor),
             seconds(s.solve),
-            seconds(total),
+            seconds(total(f)),
             seconds(s.evaluate),
-            format!("{:.0}", f.peak_rss_bytes as f64 / 1048576.0),
+            format!("{:.0}", mebibytes(f)),
         ]
     };
     table(
@@ -284,19 +285,24 @@ fn quality(rows: &[Row]) -> Part {
 
 fn notes(comparison: &Comparison) -> String {
     let mut notes = String::from(
-        "Boundary errors at held-out points and differences inside are fractions of the target's diagonal. Energies and \
-         distortions are with both solids at unit volume, on one quadrature for all; under each distortion stands its \
-         ideal. Flipped tets: mfs and mean_value carry the mesh that fem solves on, and need none themselves. Peaks are \
-         those of whole processes. mean_value is not harmonic.",
+        "Boundary errors, at held-out points, and differences inside are fractions of the target's diagonal. Energies and \
+         distortions are with both solids at unit volume, on one quadrature for all, det J is in model units; under each \
+         distortion stands that of a rigid motion, and folded volume is left out of them. Flipped tets: mfs and mean_value \
+         carry the mesh that fem solves on, its boundary by the boundary map, and need none themselves. Evaluate: images and \
+         Jacobians at the quadrature's points; it is all that mean_value costs, and not in the sum. Peaks are those of whole \
+         processes. variational ends with the step that gains less than --threshold, not at the minimum. mean_value is not \
+         harmonic.",
     );
     if let Some(reference) = &comparison.reference {
         let _ = write!(
             notes,
-            "\nThe reference inside is {}; its own boundary error is {:.1e} rms, {:.1e} over 99 %, {:.1e} at most, which \
-             bounds its error inside.",
+            "\nThe reference inside is {}. From the same with triangles four times as large it differs by {:.1e} rms and \
+             {:.1e} at most, and less from the truth; differences of that order mean nothing. Its boundary error is {:.1e} \
+             rms and {:.1e} at most.",
             reference.description,
+            reference.difference_to_coarser.rms,
+            reference.difference_to_coarser.max,
             reference.boundary_error.rms,
-            reference.boundary_error.p99,
             reference.boundary_error.max
         );
     }
@@ -307,75 +313,99 @@ fn total(figures: &Figures) -> f64 {
     figures.seconds.mesh + figures.seconds.factor + figures.seconds.solve
 }
 
+fn mebibytes(figures: &Figures) -> f64 {
+    figures.peak_rss_bytes as f64 / 1048576.0
+}
+
+fn inside(figures: &Figures) -> f64 {
+    figures.interior_difference.map_or(f64::NAN, |d| d.rms)
+}
+
 /// The headline: what the same accuracy costs.
-fn verdict(methods: &[Row], steps: &[Step]) -> String {
-    let difference = |f: &Figures| f.interior_difference.map_or(f64::NAN, |d| d.rms);
-    let mfs = methods
-        .iter()
-        .find(|row| row.name == "mfs")
-        .and_then(|row| row.figures.as_ref());
-    let best = steps.iter().rev().find_map(|step| step.row.figures.as_ref());
-    let (Some(mfs), Some(fem)) = (mfs, best) else {
+fn verdict(steps: &[Step]) -> String {
+    let of = |name: &str| {
+        let rows = steps.iter().filter(move |step| step.row.name == name);
+        rows.filter_map(|step| step.row.figures.as_ref()).collect::<Vec<_>>()
+    };
+    let (mfs, fem) = (of("mfs"), of("fem"));
+    let (Some(mfs), Some(finest)) = (mfs.first(), fem.last()) else {
         return "No finite-element map could be made at equal accuracy.".into();
     };
-    let cost = |f: &Figures| format!("{:.2} s and {:.0} MiB", total(f), f.peak_rss_bytes as f64 / 1048576.0);
-    let (reached, goal) = (difference(fem), difference(mfs));
-    let outcome = if reached <= goal {
-        format!(
-            "At equal accuracy inside ({goal:.1e} rms to the reference), finite elements take {:.1} times the time and {:.1} \
-             times the memory of mfs",
-            total(fem) / total(mfs),
-            fem.peak_rss_bytes as f64 / mfs.peak_rss_bytes as f64
-        )
-    } else {
-        format!(
-            "Finite elements did not reach the accuracy of mfs inside ({goal:.1e} rms to the reference) within the \
-             budget; the finest mesh is {reached:.1e} away and takes {:.1} times the time and {:.1} times the memory",
-            total(fem) / total(mfs),
-            fem.peak_rss_bytes as f64 / mfs.peak_rss_bytes as f64
-        )
+    let goal = inside(mfs);
+    let coarser = fem.len().checked_sub(2).map(|k| fem[k]);
+    let own = format!(
+        "mfs takes {} s and {:.0} MiB to come within {goal:.1e} rms of the reference inside, with a boundary error of {:.1e} \
+         rms; finite elements have none at the boundary",
+        seconds(total(mfs)),
+        mebibytes(mfs),
+        mfs.boundary_error.rms
+    );
+    if inside(finest) > goal {
+        return format!(
+            "Equal accuracy inside: {own}. They did not come as near within the budget: their finest mesh, of {} tets, is \
+             {:.1e} away and takes {} s ({:.1} times; {:.1} times without meshing) and {:.0} MiB ({:.1} times).",
+            count(finest.tets),
+            inside(finest),
+            seconds(total(finest)),
+            total(finest) / total(mfs),
+            (total(finest) - finest.seconds.mesh) / total(mfs),
+            mebibytes(finest),
+            mebibytes(finest) / mebibytes(mfs)
+        );
+    }
+    // Between the last two meshes, by powers of the difference.
+    let at_goal = |cost: &dyn Fn(&Figures) -> f64| match coarser {
+        Some(coarser) if inside(coarser) > goal => {
+            let part = (inside(coarser) / goal).ln() / (inside(coarser) / inside(finest)).ln();
+            cost(coarser) * (cost(finest) / cost(coarser)).powf(part)
+        }
+        _ => cost(finest),
     };
+    let tets = at_goal(&|f| f.tets.unwrap_or(1) as f64);
+    let (time, memory) = (at_goal(&total), at_goal(&mebibytes));
+    let solving = at_goal(&|f| total(f) - f.seconds.mesh);
     format!(
-        "{outcome}: {} with {} tets, against {}.",
-        cost(fem),
-        count(fem.tets),
-        cost(mfs)
+        "Equal accuracy inside: {own}. They are as near with about {tets:.1e} tets, for {} s ({:.1} times; {:.1} times \
+         without meshing) and {memory:.0} MiB ({:.1} times).",
+        seconds(time),
+        time / total(mfs),
+        solving / total(mfs),
+        memory / mebibytes(mfs)
     )
 }
 
 fn refinement(steps: &[Step]) -> Part {
     let rows = steps.iter().map(|step| {
-        let mut cells = vec![
-            step.subdivisions.to_string(),
-            step.edge.map_or(DASH.into(), |edge| format!("{edge:.2e}")),
-        ];
+        let mut cells = vec![step.row.name.clone(), step.what.clone()];
         match &step.row.figures {
             Some(f) => {
                 let difference = f.interior_difference.unwrap_or_default();
                 cells.extend([
-                    count(f.tets),
+                    count(f.tets.filter(|_| step.row.name != "mfs")),
                     seconds(f.seconds.mesh),
                     seconds(f.seconds.factor + f.seconds.solve),
                     seconds(total(f)),
-                    format!("{:.0}", f.peak_rss_bytes as f64 / 1048576.0),
+                    format!("{:.0}", mebibytes(f)),
+                    error(f.boundary_error.rms),
                     error(difference.rms),
                     error(difference.max),
                     format!("{:.5}", f.harmonic_energy),
                 ]);
             }
-            None => cells.extend([DASH; 8].map(String::from)),
+            None => cells.extend([DASH; 9].map(String::from)),
         }
         std::array::from_fn(|k| cells.get(k).cloned().unwrap_or_default())
     });
     table(
         [
-            ("surface", "cuts", Align::Right),
-            ("edge inside", "of diagonal", Align::Right),
+            ("method", "", Align::Left),
+            ("refined to", "", Align::Left),
             ("tets", "", Align::Right),
             ("mesh", "s", Align::Right),
-            ("solve", "s", Align::Right),
+            ("factor and solve", "s", Align::Right),
             ("sum", "s", Align::Right),
             ("peak", "MiB", Align::Right),
+            ("boundary error", "rms", Align::Right),
             ("difference inside", "rms", Align::Right),
             ("", "max", Align::Right),
             ("harmonic energy", "", Align::Right),
@@ -385,7 +415,7 @@ fn refinement(steps: &[Step]) -> Part {
 }
 
 fn study(studies: &[Study]) -> Part {
-    let mut rows: Vec<[String; 8]> = Vec::new();
+    let mut rows: Vec<[String; 9]> = Vec::new();
     for study in studies {
         for run in &study.runs {
             let mut cells = vec![study.method.name().to_owned(), run.what.clone()];
@@ -394,21 +424,22 @@ fn study(studies: &[Study]) -> Part {
                     let difference = f.interior_difference;
                     cells.extend([
                         count(f.tets.filter(|_| study.method.is_on_tets())),
+                        error(f.boundary_error.rms),
                         difference.map_or(DASH.into(), |d| error(d.rms)),
                         difference.map_or(DASH.into(), |d| error(d.max)),
                         format!("{:.5}", f.harmonic_energy),
                     ]);
                 }
-                None => cells.extend([DASH; 4].map(String::from)),
+                None => cells.extend([DASH; 5].map(String::from)),
             }
             rows.push(std::array::from_fn(|k| cells.get(k).cloned().unwrap_or_default()));
         }
         if let Some(spread) = study.spread {
-            let mut cells: [String; 8] = Default::default();
+            let mut cells: [String; 9] = Default::default();
             cells[0] = study.method.name().to_owned();
             cells[1] = "spread".into();
-            cells[6] = error(spread.rms);
-            cells[7] = error(spread.max);
+            cells[7] = error(spread.rms);
+            cells[8] = error(spread.max);
             rows.push(cells);
         }
     }
@@ -417,6 +448,7 @@ fn study(studies: &[Study]) -> Part {
             ("method", "", Align::Left),
             ("varied", "", Align::Left),
             ("tets", "", Align::Right),
+            ("boundary error", "rms", Align::Right),
             ("to reference", "rms", Align::Right),
             ("", "max", Align::Right),
             ("harmonic energy", "", Align::Right),
@@ -437,14 +469,15 @@ fn sequence(rows: &[SequenceRow]) -> Part {
                 cells.extend([
                     frames.to_string(),
                     f.skipped.len().to_string(),
-                    format!("{:.3}", f.setup_seconds),
-                    format!("{alone:.4}"),
-                    format!("{:.4}", f.together_seconds / frames as f64),
-                    format!("{:.3}", f.setup_seconds + f.together_seconds),
+                    seconds(f.setup_seconds),
+                    seconds(alone),
+                    seconds(f.together_seconds / frames as f64),
+                    seconds(f.setup_seconds + f.together_seconds),
                     format!("{:.0}", f.peak_rss_bytes as f64 / 1048576.0),
+                    error(f.boundary_error_p99),
                 ]);
             }
-            None => cells.extend([DASH; 7].map(String::from)),
+            None => cells.extend([DASH; 8].map(String::from)),
         }
         std::array::from_fn(|k| cells.get(k).cloned().unwrap_or_default())
     });
@@ -458,6 +491,7 @@ fn sequence(rows: &[SequenceRow]) -> Part {
             ("together", "s", Align::Right),
             ("setup and all", "s", Align::Right),
             ("peak", "MiB", Align::Right),
+            ("boundary error", "99 %, worst frame", Align::Right),
         ],
         lines.collect(),
     )
@@ -466,12 +500,13 @@ fn sequence(rows: &[SequenceRow]) -> Part {
 /// One line per map, all figures.
 fn csv(comparison: &Comparison) -> String {
     let mut text = String::new();
-    let steps = comparison.equal_accuracy.iter().enumerate();
+    // The first is the method's own row.
+    let steps = comparison.equal_accuracy.iter().skip(1);
     let named = comparison
         .methods
         .iter()
         .map(|row| (row.name.clone(), row))
-        .chain(steps.map(|(k, step)| (format!("fem refinement {k}"), &step.row)))
+        .chain(steps.map(|step| (format!("{} ({})", step.row.name, step.what), &step.row)))
         .chain(comparison.mesh_study.iter().flat_map(|study| {
             let runs = study.runs.iter();
             runs.map(|run| (format!("{} ({})", study.method.name(), run.what), &run.row))

@@ -8,23 +8,26 @@ use solidmap::baseline::{DescentOptions, HarmonicOptions, TetHarmonic, TetLaplac
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::check;
 use solidmap::compare::{
-    self, Built, Folds, MeshSpec, Method, Recipe, Samples, Yardstick, YardstickOptions, build, carried, make_mesh,
+    self, Built, Difference, Folds, MeshSpec, Method, Recipe, Samples, Yardstick, YardstickOptions, boundary_error,
+    build, carried, mesh_for,
 };
 use solidmap::energy::harmonic;
 use solidmap::fit::{DomainFactor, FitOptions, Placement};
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::TetMesh;
-use solidmap::report::{Axis, Plane, Section};
+use solidmap::report::Section;
 use solidmap::{Matrix3, Point};
 use std::time::Instant;
 
 use super::super::args::CompareWorkerArgs;
 use super::super::output::peak_rss_bytes;
 use super::super::{Outcome, input};
-use super::job::{
-    Cut, Figures, Job, RESULT, SAMPLES, SECTION_DENSITY, SECTION_IMAGES, SECTION_PIXELS, SequenceFigures, Task,
-};
+use super::job::{Figures, Job, RESULT, SAMPLES, SECTION_DENSITY, SECTION_IMAGES, SequenceFigures, Task};
+use super::pictures;
+
+/// Frames at most that sources are refined for.
+const MOST_ROUNDS: usize = 4;
 
 /// Vertices up to which the reference's surface is cut into four once more.
 const MOST_REFERENCE_VERTICES: usize = 25_000;
@@ -47,6 +50,7 @@ pub fn run(args: &CompareWorkerArgs) -> anyhow::Result<Outcome> {
 fn end_with_parent() {
     std::thread::spawn(|| {
         let _ = std::io::stdin().read_to_end(&mut Vec::new());
+        io::abandon_writes();
         std::process::exit(2);
     });
 }
@@ -101,20 +105,6 @@ fn yardstick<'a>(job: &Job, boundary: &'a BoundaryMap) -> anyhow::Result<Yardsti
     Ok(Yardstick::new(boundary, &options)?)
 }
 
-fn section(cut: Cut, boundary: &BoundaryMap) -> anyhow::Result<Section> {
-    let axis = |i| [Axis::X, Axis::Y, Axis::Z][i];
-    let plane = Plane {
-        axis: axis(cut.axis),
-        position: cut.position,
-    };
-    Ok(Section::with_up(
-        boundary.domain(),
-        plane,
-        axis(cut.up),
-        SECTION_PIXELS,
-    )?)
-}
-
 fn mesh_spec(job: &Job, boundary: &BoundaryMap) -> MeshSpec {
     job.mesh.unwrap_or_else(|| MeshSpec::of(boundary.domain()))
 }
@@ -155,12 +145,19 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
     };
     write_points(&job.scratch.join(SAMPLES), &samples.images)?;
     if let Some(cut) = job.section {
-        write_section(job, &section(cut, boundary)?, &*map)?;
+        write_section(job, &pictures::section(cut, boundary)?, &*map)?;
     }
     // A mesh to count folds in; where there is no mesher, there are no counts.
+    let mut remarks = Vec::new();
     let on_tets = match tets {
         Some(own) => Some(own),
-        None => carried_mesh(boundary, &spec, given, &*map).ok(),
+        None => match carried_mesh(boundary, &spec, given.as_ref(), &*map) {
+            Ok(carried) => Some(carried),
+            Err(error) => {
+                remarks.push(format!("no tets could be carried: {}", super::super::describe(&error)));
+                None
+            }
+        },
     };
     let folds = on_tets.as_ref().map(|(mesh, images)| Folds::of(mesh, images));
     if let Some(folder) = &job.keep {
@@ -191,6 +188,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
         distortion: found.distortion.mean_normalized,
         volmap: found.distortion.volmap,
         quadrature_points: found.quadrature_points,
+        remarks,
     })
 }
 
@@ -198,14 +196,11 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
 fn carried_mesh(
     boundary: &BoundaryMap,
     spec: &MeshSpec,
-    given: Option<TetMesh>,
+    given: Option<&TetMesh>,
     map: &dyn VolumeMap,
 ) -> anyhow::Result<(TetMesh, Vec<Point>)> {
     tell("carrying a tet mesh".into());
-    let (mesh, boundary) = match given {
-        Some(mesh) => (mesh, boundary.clone()),
-        None => make_mesh(boundary, spec)?,
-    };
+    let (mesh, boundary) = mesh_for(boundary, spec, given)?;
     let images = carried(&mesh, &boundary, map)?;
     Ok((mesh, images))
 }
@@ -264,16 +259,18 @@ fn keep(
 pub struct Reference {
     pub description: String,
     pub boundary_error: solidmap::fit::BoundaryError,
+    /// From the same with triangles four times as large: an estimate of that one's error inside, and more than its own.
+    pub difference_to_coarser: Difference,
     pub sources: usize,
     pub seconds: f64,
 }
 
 fn reference(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<Reference> {
     let start = Instant::now();
-    let mut finer = boundary.subdivided();
+    let mut coarser = boundary.clone();
     let mut parts = 4;
     if boundary.domain().vertices().len() < MOST_REFERENCE_VERTICES {
-        finer = finer.subdivided();
+        coarser = coarser.subdivided();
         parts = 16;
     }
     tell("fitting the reference".into());
@@ -282,11 +279,14 @@ fn reference(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<Reference> {
         refine: false,
         ..fit_options(job)
     };
-    let fit = solidmap::fit::fit(&finer, &options, &|_| {})?;
+    let before = solidmap::fit::fit(&coarser, &options, &|_| {})?;
+    let fit = solidmap::fit::fit(&coarser.subdivided(), &options, &|_| {})?;
     let yardstick = yardstick(job, boundary)?;
-    write_points(&job.scratch.join(SAMPLES), &yardstick.samples(&fit.map)?.images)?;
+    let samples = yardstick.samples(&fit.map)?;
+    let difference_to_coarser = yardstick.difference(&samples, &yardstick.samples(&before.map)?);
+    write_points(&job.scratch.join(SAMPLES), &samples.images)?;
     if let Some(cut) = job.section {
-        write_section(job, &section(cut, boundary)?, &fit.map)?;
+        write_section(job, &pictures::section(cut, boundary)?, &fit.map)?;
     }
     if let Some(folder) = &job.keep {
         let points: Vec<f64> = yardstick.interior().iter().flat_map(|p| p.iter().copied()).collect();
@@ -299,6 +299,7 @@ fn reference(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<Reference> {
             fit.report.sources
         ),
         boundary_error: error,
+        difference_to_coarser,
         sources: fit.report.sources,
         seconds: start.elapsed().as_secs_f64(),
     })
@@ -337,9 +338,18 @@ fn sequence_by_fundamental_solutions(
     frames: &[BoundaryMap],
 ) -> anyhow::Result<SequenceFigures> {
     let start = Instant::now();
-    // Sources are where the first frame asks for them.
     let mut factor = DomainFactor::new(boundary.domain(), &fit_options(job), &|_| {})?;
-    factor.solve_refined(&frames[0], &|_| {})?;
+    // Sources go where the worst frame asks for them, until there is none.
+    for round in 1..=frames.len().min(MOST_ROUNDS) {
+        tell(format!("placing sources for all frames, round {round}"));
+        let fits = factor.solve_block(frames, &|_| {})?;
+        let errors = fits.iter().map(|fit| fit.report.boundary_error.p99);
+        let worst = errors.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+        match worst {
+            Some((frame, error)) if error > job.tolerance => factor.solve_refined(&frames[frame], &|_| {})?,
+            _ => break,
+        };
+    }
     let setup_seconds = start.elapsed().as_secs_f64();
     let mut frame_seconds = Vec::new();
     let mut boundary_error_p99 = 0.0f64;
@@ -363,13 +373,29 @@ fn sequence_by_fundamental_solutions(
     })
 }
 
+/// The mesh for a sequence.
+fn sequence_mesh(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<TetMesh> {
+    let given = job.given.as_ref().map(io::read_tets).transpose()?;
+    Ok(mesh_for(boundary, &mesh_spec(job, boundary), given.as_ref())?.0)
+}
+
+/// The largest boundary error of maps on tets.
+fn worst_error(job: &Job, frames: &[BoundaryMap], maps: &[TetMap]) -> anyhow::Result<f64> {
+    tell("measuring".into());
+    let mut worst = 0.0f64;
+    for (frame, map) in frames.iter().zip(maps) {
+        worst = worst.max(boundary_error(map, frame, 5000, job.seed + 1)?.p99);
+    }
+    Ok(worst)
+}
+
 fn sequence_by_finite_elements(
     job: &Job,
     boundary: &BoundaryMap,
     frames: &[BoundaryMap],
 ) -> anyhow::Result<SequenceFigures> {
     let start = Instant::now();
-    let (mesh, _) = make_mesh(boundary, &mesh_spec(job, boundary))?;
+    let mesh = sequence_mesh(job, boundary)?;
     let images: Vec<Vec<Point>> = frames
         .iter()
         .map(|frame| Ok(boundary_images(&mesh, frame)?.images))
@@ -387,12 +413,12 @@ fn sequence_by_finite_elements(
         frame_seconds.push(start.elapsed().as_secs_f64());
     }
     let start = Instant::now();
-    system.solve_block(&images)?;
+    let maps = system.solve_block(&images)?;
     Ok(SequenceFigures {
         setup_seconds,
         frame_seconds,
         together_seconds: start.elapsed().as_secs_f64(),
-        boundary_error_p99: 0.0,
+        boundary_error_p99: worst_error(job, frames, &maps)?,
         skipped: Vec::new(),
         peak_rss_bytes: 0,
     })
@@ -400,12 +426,12 @@ fn sequence_by_finite_elements(
 
 fn sequence_by_descent(job: &Job, boundary: &BoundaryMap, frames: &[BoundaryMap]) -> anyhow::Result<SequenceFigures> {
     let start = Instant::now();
-    let (mesh, _) = make_mesh(boundary, &mesh_spec(job, boundary))?;
-    let system = TetLaplacian::new(mesh)?;
+    let system = TetLaplacian::new(sequence_mesh(job, boundary)?)?;
     let setup_seconds = start.elapsed().as_secs_f64();
     let mut frame_seconds = Vec::new();
     let mut together_seconds = 0.0;
     let mut before: Option<Vec<Point>> = None;
+    let mut maps = Vec::new();
     for (i, frame) in frames.iter().enumerate() {
         tell(format!("frame {} of {}", i + 1, frames.len()));
         let images = boundary_images(system.mesh(), frame)?.images;
@@ -420,12 +446,13 @@ fn sequence_by_descent(job: &Job, boundary: &BoundaryMap, frames: &[BoundaryMap]
         let warm = system.solve(&images, &from, &|_, _| {})?;
         together_seconds += start.elapsed().as_secs_f64();
         before = Some(warm.map.images().to_vec());
+        maps.push(warm.map);
     }
     Ok(SequenceFigures {
         setup_seconds,
         frame_seconds,
         together_seconds,
-        boundary_error_p99: 0.0,
+        boundary_error_p99: worst_error(job, frames, &maps)?,
         skipped: Vec::new(),
         peak_rss_bytes: 0,
     })
