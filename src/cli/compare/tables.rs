@@ -163,10 +163,11 @@ fn error(value: f64) -> String {
 }
 
 fn seconds(value: f64) -> String {
-    if value == 0.0 {
-        DASH.into()
-    } else {
-        format!("{value:.2}")
+    match value {
+        0.0 => DASH.into(),
+        v if v < 0.0095 => format!("{v:.4}"),
+        v if v < 0.095 => format!("{v:.3}"),
+        v => format!("{v:.2}"),
     }
 }
 
