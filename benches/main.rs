@@ -2,6 +2,7 @@
 
 use criterion::{criterion_group, criterion_main};
 
+mod baseline;
 mod fit;
 mod geometry;
 mod inputs;
@@ -14,6 +15,8 @@ criterion_group!(
     kernel::assemble,
     kernel::tree,
     kernel::fast,
+    baseline::finite_elements,
+    baseline::mean_values,
     fit::whole,
     fit::factor,
     fit::solve,

@@ -15,7 +15,7 @@ import numpy as np
 from vtkmodules.vtkCommonCore import vtkIdList
 from vtkmodules.vtkCommonDataModel import vtkMeanValueCoordinatesInterpolator
 
-from common import Table, diagonal, read_boundary_map, read_images, read_points, read_seconds, run, vtk_points
+from common import Table, diagonal, read_boundary_map, read_images, read_points, run, vtk_points
 
 
 def main():
@@ -53,9 +53,6 @@ def check(options):
     scale = table.diagonal / diagonal(vertices)
     table.compare("VTK's coordinates applied to the domain", reproduced * scale, points * scale)
     table.note(f"VTK: {wall:.3f} s on one core")
-    seconds = read_seconds(options.folder, "mean_value")
-    if seconds is not None:
-        table.note(f"solidmap: {sum(seconds.values()):.3f} s")
     return table.passed
 
 

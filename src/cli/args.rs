@@ -269,15 +269,8 @@ pub struct EnergyArgs {
     /// Write a picture of a cross-section: both energies and the target's distance field seen through the map
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
-    /// Axis that the cross-section is perpendicular to
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub axis: AxisKind,
-    /// Axis that points up in the picture
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub up: AxisKind,
-    /// Place of the cross-section, from 0 to 1 along the axis through the domain's box
-    #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
-    pub position: f64,
+    #[command(flatten)]
+    pub section: SectionArgs,
 }
 
 #[derive(Debug, Args)]
@@ -343,21 +336,17 @@ pub struct CompareMeasure {
     /// Points inside at which maps are held against the reference
     #[arg(long, default_value_t = 5000, value_name = "N")]
     pub interior: usize,
+    /// The variational method ends with the step that lowers the energy by less than this part of it
+    #[arg(long, default_value_t = 1e-6, value_name = "FRACTION")]
+    pub threshold: f64,
     /// Leave the reference out, and the differences to it
     #[arg(long, conflicts_with = "equal_accuracy")]
     pub no_reference: bool,
     /// Seed of all random choices
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Axis that the pictures' cross-section is perpendicular to
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub axis: AxisKind,
-    /// Axis that points up in the pictures
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub up: AxisKind,
-    /// Place of the cross-section, from 0 to 1 along the axis through the domain's box
-    #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
-    pub position: f64,
+    #[command(flatten)]
+    pub section: SectionArgs,
 }
 
 /// What each map may cost.
@@ -402,6 +391,20 @@ impl From<MapMethod> for solidmap::compare::Method {
             MapMethod::MeanValue => Self::MeanValue,
         }
     }
+}
+
+/// Where pictures cut the domain.
+#[derive(Debug, Args)]
+pub struct SectionArgs {
+    /// Axis that the cross-section is perpendicular to
+    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
+    pub axis: AxisKind,
+    /// Axis that points up in pictures
+    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
+    pub up: AxisKind,
+    /// Place of the cross-section, from 0 to 1 along the axis through the domain's box
+    #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
+    pub position: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

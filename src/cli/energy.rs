@@ -10,7 +10,7 @@ use solidmap::energy::{
 };
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::mesh::{SurfaceMesh, TetMesh};
-use solidmap::report::{Axis, Figure, Plane, significant};
+use solidmap::report::{Figure, significant};
 
 use super::args::EnergyArgs;
 use super::output::{Output, pairs};
@@ -32,11 +32,7 @@ struct Report {
 
 /// Measures the energies of a map and writes their distribution.
 pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
-    ensure!(
-        (0.0..=1.0).contains(&args.position),
-        "--position is {}, but must be from 0 to 1",
-        args.position
-    );
+    args.section.require_valid()?;
     ensure!(
         args.lame.iter().all(|constant| constant.is_finite()),
         "--lame is {} {}, but must be two finite numbers",
@@ -101,9 +97,9 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
             domain: boundary.domain(),
             target: &target,
             options,
-            up: args.up.into(),
+            up: args.section.up.into(),
         };
-        let panels = pictured.section(plane(args, boundary.domain()), SECTION_PIXELS)?;
+        let panels = pictured.section(args.section.plane(boundary.domain()), SECTION_PIXELS)?;
         let png = Figure::row(panels).to_png()?;
         io::atomic_write(path, |writer| writer.write_all(&png))?;
     }
@@ -177,14 +173,6 @@ fn require_same_solid(mesh: &Path, volume: f64, domain: &SurfaceMesh) -> anyhow:
         mesh.display()
     );
     Ok(())
-}
-
-fn plane(args: &EnergyArgs, domain: &SurfaceMesh) -> Plane {
-    let axis = Axis::from(args.axis);
-    let (low, high) = domain.bounding_box().unwrap_or_default();
-    let (low, high) = (low[axis.index()], high[axis.index()]);
-    let position = low + args.position * (high - low);
-    Plane { axis, position }
 }
 
 /// Mean densities of all cells: boxes of the grid, whole also where the solid cuts them, or tetrahedra.

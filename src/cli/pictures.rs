@@ -1,11 +1,35 @@
 //! The pictures that commands share.
 
+use anyhow::ensure;
 use solidmap::energy::{EnergyOptions, deformation, harmonic};
 use solidmap::geometry::SurfaceQuery;
 use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::report::{Axis, ColourBar, Panel, Plane, Scale, Section, ValueRange};
 use solidmap::{Matrix3, Point};
+
+use super::args::SectionArgs;
+
+impl SectionArgs {
+    /// Refuses a place that is none.
+    pub fn require_valid(&self) -> anyhow::Result<()> {
+        ensure!(
+            (0.0..=1.0).contains(&self.position),
+            "--position is {}, but must be from 0 to 1",
+            self.position
+        );
+        Ok(())
+    }
+
+    /// The plane through a domain.
+    pub fn plane(&self, domain: &SurfaceMesh) -> Plane {
+        let axis = Axis::from(self.axis);
+        let (low, high) = domain.bounding_box().unwrap_or_default();
+        let (low, high) = (low[axis.index()], high[axis.index()]);
+        let position = low + self.position * (high - low);
+        Plane { axis, position }
+    }
+}
 
 const DISTANCE: &str = "distance from the boundary";
 

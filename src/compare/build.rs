@@ -167,7 +167,11 @@ pub fn make_mesh(boundary: &BoundaryMap, spec: &MeshSpec) -> Result<(TetMesh, Bo
     };
     positive("quality of the mesh", spec.quality, "a ratio of at least 1.1")?;
     if let Some(edge) = spec.edge {
-        positive("edge length of the mesh", edge, "a positive fraction of the domain's diagonal")?;
+        positive(
+            "edge length of the mesh",
+            edge,
+            "a positive fraction of the domain's diagonal",
+        )?;
         let edge = edge * domain.diagonal();
         let tets = domain.volume().abs() / tet_volume(edge);
         if tets > spec.most_tets as f64 {

@@ -6,7 +6,8 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::{CompareError, MeshSpec, make_mesh};
+use super::CompareError;
+use crate::baseline::boundary_images;
 use crate::boundary_map::BoundaryMap;
 use crate::energy::{
     DistortionReport, EnergyOptions, EnergyReport, Quadrature, Resolution, clipped_grid, distortion_of_jacobians,
@@ -175,21 +176,6 @@ impl<'a> Yardstick<'a> {
         })
     }
 
-    /// Carries a tetrahedral mesh of the domain, its boundary by the boundary map and its inside by the map.
-    ///
-    /// # Errors
-    ///
-    /// When the mesh cannot be made.
-    pub fn folds_of_mesh(&self, map: &dyn VolumeMap, spec: &MeshSpec) -> Result<Folds, CompareError> {
-        let (mesh, boundary) = make_mesh(self.boundary, spec)?;
-        let mut images = map.evaluate(mesh.vertices());
-        let fixed = crate::baseline::boundary_images(&mesh, &boundary)?;
-        for (&vertex, image) in fixed.vertices.iter().zip(&fixed.images) {
-            images[vertex as usize] = *image;
-        }
-        Ok(folds(&mesh, &images))
-    }
-
     fn boundary_error(&self, map: &dyn VolumeMap) -> Result<BoundaryError, CompareError> {
         let diagonal = self.boundary.target_diagonal();
         let mapped = map.evaluate(&self.boundary.positions(&self.held_out));
@@ -206,19 +192,28 @@ impl<'a> Yardstick<'a> {
     }
 }
 
-/// Counts the tetrahedra that are not as they were.
-pub(super) fn folds(mesh: &TetMesh, images: &[Point]) -> Folds {
-    Folds {
-        tets: mesh.tets().len(),
-        flipped: flipped_tets(mesh, images).as_ref().map_or(mesh.tets().len(), FlippedTets::count),
+impl Folds {
+    /// Counts them for a mesh and the images of its vertices.
+    pub fn of(mesh: &TetMesh, images: &[Point]) -> Self {
+        Self {
+            tets: mesh.tets().len(),
+            flipped: flipped_tets(mesh, images).as_ref().map_or(mesh.tets().len(), FlippedTets::count),
+        }
     }
 }
 
-impl Folds {
-    /// Of the tetrahedra of a mesh and the images of its vertices.
-    pub fn of(mesh: &TetMesh, images: &[Point]) -> Self {
-        folds(mesh, images)
+/// Images of the vertices of a mesh of the domain: of its boundary by the boundary map, inside by the map.
+///
+/// # Errors
+///
+/// When the mesh or the domain has no boundary.
+pub fn carried(mesh: &TetMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Result<Vec<Point>, CompareError> {
+    let mut images = map.evaluate(mesh.vertices());
+    let fixed = boundary_images(mesh, boundary)?;
+    for (&vertex, image) in fixed.vertices.iter().zip(&fixed.images) {
+        images[vertex as usize] = *image;
     }
+    Ok(images)
 }
 
 /// How far the maps of one method are apart from their mean, over all of them: the root mean square and the largest, as
@@ -228,8 +223,13 @@ pub fn spread(samples: &[Samples], diagonal: f64) -> Option<Difference> {
     let points = first.images.len();
     let count = samples.len() as f64;
     let distance = |i: usize| {
-        let mean = samples.iter().map(|s| s.images[i].coords / count).sum::<crate::Vector>();
-        samples.iter().map(move |s| (s.images[i].coords - mean).norm() / diagonal)
+        let mean = samples
+            .iter()
+            .map(|s| s.images[i].coords / count)
+            .sum::<crate::Vector>();
+        samples
+            .iter()
+            .map(move |s| (s.images[i].coords - mean).norm() / diagonal)
     };
     let distances: Vec<f64> = (0..points).flat_map(|i| distance(i).collect::<Vec<_>>()).collect();
     Summary::of(&distances).map(|s| Difference {

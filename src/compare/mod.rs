@@ -7,8 +7,8 @@
 mod build;
 mod measure;
 
-pub use build::{Built, Method, MeshSource, MeshSpec, Recipe, Seconds, build, make_mesh};
-pub use measure::{Difference, Folds, Measured, Samples, Yardstick, YardstickOptions, spread};
+pub use build::{Built, MeshSource, MeshSpec, Method, Recipe, Seconds, build, make_mesh};
+pub use measure::{Difference, Folds, Measured, Samples, Yardstick, YardstickOptions, carried, spread};
 
 use crate::baseline::{BaselineError, MeanValueError};
 use crate::energy::{EnergyError, QuadratureError};

@@ -15,9 +15,7 @@ mod tet_quadrature;
 
 pub use clipped_grid::{Resolution, clipped_grid};
 pub use deformation::Lame;
-pub use distortion::{
-    Determinants, Distortion, DistortionReport, distortion, distortion_of_jacobians, tet_distortion,
-};
+pub use distortion::{Determinants, Distortion, DistortionReport, distortion, distortion_of_jacobians, tet_distortion};
 pub use distribution::Distribution;
 pub use quadrature::{CellMean, Grid, Layout, Quadrature, QuadratureError};
 pub use tet_quadrature::tet_quadrature;

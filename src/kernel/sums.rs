@@ -59,12 +59,7 @@ impl Sums {
     /// # Errors
     ///
     /// As [`Fmm::new`].
-    pub fn with_range(
-        sources: &[Point],
-        targets: &[Point],
-        accuracy: f64,
-        loosest: f64,
-    ) -> Result<Self, KernelError> {
+    pub fn with_range(sources: &[Point], targets: &[Point], accuracy: f64, loosest: f64) -> Result<Self, KernelError> {
         let work = Work {
             sources: sources.len(),
             targets: targets.len(),

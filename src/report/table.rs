@@ -104,7 +104,11 @@ mod tests {
 
     #[test]
     fn markdown_has_the_same_cells() {
-        let mut table = Table::new([("method", "", Align::Left), ("error", "rms", Align::Right), ("", "max", Align::Right)]);
+        let mut table = Table::new([
+            ("method", "", Align::Left),
+            ("error", "rms", Align::Right),
+            ("", "max", Align::Right),
+        ]);
         table.row(["a|b".into(), "1e-4".into(), "2e-4".into()]);
         let expected = "| method | error (rms) | max |\n|---|--:|--:|\n| a\\|b | 1e-4 | 2e-4 |\n";
         assert_eq!(table.to_markdown(), expected);

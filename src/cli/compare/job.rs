@@ -24,6 +24,8 @@ pub struct Job {
     /// Distance of the sources over their spacing.
     pub alpha: f64,
     pub memory: Option<u64>,
+    /// At which the variational method ends.
+    pub threshold: f64,
     pub resolution: usize,
     pub interior: usize,
     pub seed: u64,

@@ -96,8 +96,15 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
         diagonal: boundary.target_diagonal(),
         scratch: scratch.path(),
     };
-    let reference = if args.measure.no_reference { None } else { runner.reference() };
-    let methods: Vec<Row> = runner.methods().map(|method| runner.row(method, reference.is_some())).collect();
+    let reference = if args.measure.no_reference {
+        None
+    } else {
+        runner.reference()
+    };
+    let methods: Vec<Row> = runner
+        .methods()
+        .map(|method| runner.row(method, reference.is_some()))
+        .collect();
     let comparison = Comparison {
         domain: args.domain.clone(),
         image: args.image.clone(),
@@ -132,11 +139,7 @@ fn require_valid(args: &CompareArgs) -> anyhow::Result<()> {
         budget.time_limit
     );
     let measure = &args.measure;
-    ensure!(
-        (0.0..=1.0).contains(&measure.position),
-        "--position is {}, but must be from 0 to 1",
-        measure.position
-    );
+    measure.section.require_valid()?;
     ensure!(
         measure.tolerance > 0.0 && measure.tolerance.is_finite(),
         "--tolerance is {}, but must be a positive fraction of the target's diagonal",
@@ -171,11 +174,21 @@ fn require_solvable(domain: &SurfaceMesh, path: &Path) -> anyhow::Result<()> {
 impl Comparison {
     /// Whether every figure that was asked for is there.
     fn is_whole(&self) -> bool {
-        let rows = self.methods.iter().chain(self.equal_accuracy.iter().map(|step| &step.row));
-        let runs = self.mesh_study.iter().flat_map(|study| study.runs.iter().map(|run| &run.row));
+        let rows = self
+            .methods
+            .iter()
+            .chain(self.equal_accuracy.iter().map(|step| &step.row));
+        let runs = self
+            .mesh_study
+            .iter()
+            .flat_map(|study| study.runs.iter().map(|run| &run.row));
         rows.chain(runs).all(|row| row.error.is_none())
             && self.sequence.iter().all(|row| row.error.is_none())
-            && self.sequence.iter().flat_map(|row| &row.figures).all(|f| f.skipped.is_empty())
+            && self
+                .sequence
+                .iter()
+                .flat_map(|row| &row.figures)
+                .all(|f| f.skipped.is_empty())
     }
 }
 
@@ -207,6 +220,7 @@ impl Runner<'_> {
             tolerance: measure.tolerance,
             alpha: 1.0,
             memory: args.budget.memory,
+            threshold: measure.threshold,
             resolution: measure.resolution,
             interior: measure.interior,
             seed: measure.seed,
@@ -218,13 +232,12 @@ impl Runner<'_> {
     }
 
     fn cut(&self) -> Cut {
-        let measure = &self.args.measure;
-        let axis = Axis::from(measure.axis).index();
-        let (low, high) = self.domain.bounding_box().unwrap_or_default();
+        let section = &self.args.measure.section;
+        let plane = section.plane(self.domain);
         Cut {
-            axis,
-            up: Axis::from(measure.up).index(),
-            position: low[axis] + measure.position * (high[axis] - low[axis]),
+            axis: plane.axis.index(),
+            up: Axis::from(section.up).index(),
+            position: plane.position,
         }
     }
 
@@ -253,7 +266,8 @@ impl Runner<'_> {
         match self.run(&job, "reference") {
             Ok(reference) => Some(reference),
             Err(error) => {
-                self.output.warn(format!("there is no reference to hold maps against inside: {error}"));
+                self.output
+                    .warn(format!("there is no reference to hold maps against inside: {error}"));
                 None
             }
         }
@@ -299,10 +313,14 @@ impl Runner<'_> {
     /// Finer and finer elements, until they are as near to the reference as the method of fundamental solutions is.
     fn equal_accuracy(&self, methods: &[Row]) -> Vec<Step> {
         let difference = |row: &Row| Some(row.figures.as_ref()?.interior_difference?.rms);
-        let mfs = methods.iter().find(|row| row.name == Method::Mfs.name()).and_then(difference);
+        let mfs = methods
+            .iter()
+            .find(|row| row.name == Method::Mfs.name())
+            .and_then(difference);
         let (true, Some(goal)) = (self.args.equal_accuracy, mfs) else {
             if self.args.equal_accuracy {
-                self.output.warn("there is no difference of mfs to the reference that finite elements could reach");
+                self.output
+                    .warn("there is no difference of mfs to the reference that finite elements could reach");
             }
             return Vec::new();
         };
@@ -381,7 +399,10 @@ impl Runner<'_> {
                         _ => on_meshes(&mut job, k),
                     };
                     let row = self.figures(&job, &format!("{}, {what}", method.name()));
-                    let samples = row.figures.as_ref().and_then(|_| io::read_points(job.scratch.join(SAMPLES)).ok());
+                    let samples = row
+                        .figures
+                        .as_ref()
+                        .and_then(|_| io::read_points(job.scratch.join(SAMPLES)).ok());
                     (StudyRun { what, row }, samples)
                 });
                 let (runs, samples): (Vec<_>, Vec<_>) = runs.unzip();

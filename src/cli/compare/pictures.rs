@@ -12,12 +12,7 @@ use super::{Comparison, Runner};
 
 /// Writes `comparison.png`: the harmonic energy density of every map on a cross-section of the domain, and its distance to
 /// the reference.
-pub fn write(
-    folder: &Path,
-    runner: &Runner,
-    boundary: &BoundaryMap,
-    comparison: &Comparison,
-) -> anyhow::Result<()> {
+pub fn write(folder: &Path, runner: &Runner, boundary: &BoundaryMap, comparison: &Comparison) -> anyhow::Result<()> {
     let cut = runner.cut();
     let axis = |i: usize| [Axis::X, Axis::Y, Axis::Z][i];
     let plane = Plane {
@@ -33,7 +28,9 @@ pub fn write(
     let reference = read_points(&runner.reference_files()[1], &section);
     for row in comparison.methods.iter().filter(|row| row.figures.is_some()) {
         let own = runner.scratch.join(&row.name);
-        let Some(values) = read_values(&own.join(SECTION_DENSITY), &section) else { continue };
+        let Some(values) = read_values(&own.join(SECTION_DENSITY), &section) else {
+            continue;
+        };
         densities.push((row.name.clone(), values.iter().map(|v| v * stretch).collect::<Vec<_>>()));
         let images = read_points(&own.join(SECTION_IMAGES), &section);
         if let (Some(images), Some(reference)) = (images, &reference) {
@@ -46,10 +43,22 @@ pub fn write(
         return Ok(());
     }
     let most = ValueRange::Quantiles(0.0, 0.99);
-    let mut rows = vec![panels(&section, &densities, "harmonic energy density", most, Scale::Linear)?];
+    let mut rows = vec![panels(
+        &section,
+        &densities,
+        "harmonic energy density",
+        most,
+        Scale::Linear,
+    )?];
     if !distances.is_empty() {
         let range = ValueRange::Fixed(1e-6, 1e-2);
-        rows.push(panels(&section, &distances, "distance to the reference / diagonal", range, Scale::Log)?);
+        rows.push(panels(
+            &section,
+            &distances,
+            "distance to the reference / diagonal",
+            range,
+            Scale::Log,
+        )?);
     }
     let png = Figure::grid(rows).titled("One boundary map, every method").to_png()?;
     Ok(io::atomic_write(folder.join("comparison.png"), |writer| {
@@ -69,7 +78,11 @@ fn panels(
     let bar = ColourBar::new(label, all, range, scale)?;
     let panel = |(k, (name, values)): (usize, &(String, Vec<f64>))| {
         let panel = Panel::of_section(section, values, &bar)?.titled(name);
-        Ok(if k + 1 == fields.len() { panel.with_bar(&bar) } else { panel })
+        Ok(if k + 1 == fields.len() {
+            panel.with_bar(&bar)
+        } else {
+            panel
+        })
     };
     fields.iter().enumerate().map(panel).collect()
 }

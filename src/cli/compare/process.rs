@@ -41,7 +41,12 @@ fn start(job: &Job, threads: Option<u16>) -> anyhow::Result<Child> {
     // The process ends itself when its standard input does.
     let piped = [Stdio::piped(), Stdio::piped(), Stdio::piped()];
     let [stdin, stdout, stderr] = piped;
-    command.arg("compare-worker").arg(&path).stdin(stdin).stdout(stdout).stderr(stderr);
+    command
+        .arg("compare-worker")
+        .arg(&path)
+        .stdin(stdin)
+        .stdout(stdout)
+        .stderr(stderr);
     Ok(command.spawn()?)
 }
 
@@ -67,14 +72,20 @@ fn wait(mut child: Child, label: &str, time_limit: f64, output: &Output) -> Resu
             Ok(None) if begun.elapsed().as_secs_f64() > time_limit => {
                 let _ = child.kill();
                 let _ = child.wait();
-                return Err(format!("not done within the time limit of {time_limit} s (--time-limit)"));
+                return Err(format!(
+                    "not done within the time limit of {time_limit} s (--time-limit)"
+                ));
             }
             Ok(None) => {}
             Err(error) => return Err(format!("the process was lost: {error}")),
         }
     };
     let said = said.and_then(|thread| thread.join().ok()).unwrap_or_default();
-    if status.success() { Ok(()) } else { Err(reason(status, &said)) }
+    if status.success() {
+        Ok(())
+    } else {
+        Err(reason(status, &said))
+    }
 }
 
 fn lines_of(child: &mut Child) -> Receiver<String> {
@@ -102,4 +113,3 @@ fn reason(status: ExitStatus, said: &str) -> String {
         }
     }
 }
-

@@ -7,7 +7,7 @@ use solidmap::io;
 use solidmap::report::{Align, Table, significant};
 
 use super::job::{Figures, Row};
-use super::{Comparison, SequenceRow, Step, Study};
+use super::{Comparison, SequenceRow, Step, Study, StudyRun};
 
 /// Writes `comparison.txt`, `.md`, `.csv` and `.json`.
 pub fn write(folder: &Path, comparison: &Comparison) -> anyhow::Result<()> {
@@ -23,7 +23,12 @@ pub fn write(folder: &Path, comparison: &Comparison) -> anyhow::Result<()> {
     let times: serde_json::Map<_, _> = comparison
         .methods
         .iter()
-        .filter_map(|row| Some((row.name.clone(), serde_json::to_value(row.figures.as_ref()?.seconds).ok()?)))
+        .filter_map(|row| {
+            Some((
+                row.name.clone(),
+                serde_json::to_value(row.figures.as_ref()?.seconds).ok()?,
+            ))
+        })
         .collect();
     let times = serde_json::to_vec_pretty(&times)?;
     io::atomic_write(folder.join("times.json"), |writer| writer.write_all(&times))?;
@@ -35,12 +40,37 @@ pub fn text(comparison: &Comparison) -> String {
     let mut text = String::new();
     for part in parts(comparison) {
         let _ = match part {
-            Part::Words(words) => writeln!(text, "{words}\n"),
+            Part::Words(words) => writeln!(text, "{}\n", wrapped(&words)),
             Part::Table(table, _) => writeln!(text, "{table}"),
         };
     }
     text
 }
+
+/// Lines of at most [`WIDTH`] characters, broken between words.
+fn wrapped(words: &str) -> String {
+    let wrap = |line: &str| {
+        let mut text = String::new();
+        let mut width = 0;
+        for word in line.split(' ') {
+            let length = word.chars().count();
+            if width > 0 && width + 1 + length > WIDTH {
+                text.push('\n');
+                width = 0;
+            } else if width > 0 {
+                text.push(' ');
+                width += 1;
+            }
+            text.push_str(word);
+            width += length;
+        }
+        text
+    };
+    words.lines().map(wrap).collect::<Vec<_>>().join("\n")
+}
+
+/// Characters of a line of words.
+const WIDTH: usize = 110;
 
 fn markdown(comparison: &Comparison) -> String {
     let mut text = String::new();
@@ -67,15 +97,21 @@ fn table<const N: usize>(columns: [(&str, &str, Align); N], rows: Vec<[String; N
 
 fn parts(comparison: &Comparison) -> Vec<Part> {
     let rows = &comparison.methods;
-    let mut parts = vec![cost(rows), accuracy(rows), quality(rows), Part::Words(notes(comparison))];
-    let failed = rows.iter().filter_map(|row| Some(format!("{}: {}", row.name, row.error.as_ref()?)));
-    let failed: Vec<String> = failed.collect();
-    if !failed.is_empty() {
-        parts.push(Part::Words(failed.join("\n")));
-    }
+    let mut parts = vec![
+        cost(rows),
+        accuracy(rows),
+        quality(rows),
+        Part::Words(notes(comparison)),
+    ];
+    let errors = rows.iter().map(|row| (row.name.clone(), &row.error));
+    parts.extend(failures(errors));
     if !comparison.equal_accuracy.is_empty() {
         parts.push(Part::Words(verdict(rows, &comparison.equal_accuracy)));
         parts.push(refinement(&comparison.equal_accuracy));
+        let steps = comparison.equal_accuracy.iter().enumerate();
+        parts.extend(failures(
+            steps.map(|(k, step)| (format!("refinement {k}"), &step.row.error)),
+        ));
     }
     if !comparison.mesh_study.is_empty() {
         parts.push(Part::Words(
@@ -84,6 +120,11 @@ fn parts(comparison: &Comparison) -> Vec<Part> {
                 .into(),
         ));
         parts.push(study(&comparison.mesh_study));
+        let runs = comparison.mesh_study.iter().flat_map(|study| {
+            let name = |run: &StudyRun| format!("{}, {}", study.method.name(), run.what);
+            study.runs.iter().map(move |run| (name(run), &run.row.error))
+        });
+        parts.extend(failures(runs));
     }
     if !comparison.sequence.is_empty() {
         parts.push(Part::Words(
@@ -92,8 +133,22 @@ fn parts(comparison: &Comparison) -> Vec<Part> {
                 .into(),
         ));
         parts.push(sequence(&comparison.sequence));
+        let rows = comparison.sequence.iter();
+        parts.extend(failures(rows.map(|row| (row.method.name().to_owned(), &row.error))));
+        let skipped = comparison.sequence.iter().find_map(|row| row.figures.as_ref());
+        let skipped = skipped.map(|figures| figures.skipped.join("\n")).unwrap_or_default();
+        if !skipped.is_empty() {
+            parts.push(Part::Words(format!("Frames left out:\n{skipped}")));
+        }
     }
     parts
+}
+
+/// Why rows have no figures, if any has none.
+fn failures<'a>(rows: impl Iterator<Item = (String, &'a Option<String>)>) -> Option<Part> {
+    let lines = rows.filter_map(|(name, error)| Some(format!("{name}: {}", error.as_ref()?)));
+    let lines: Vec<String> = lines.collect();
+    (!lines.is_empty()).then(|| Part::Words(lines.join("\n")))
 }
 
 const DASH: &str = "-";
@@ -107,7 +162,11 @@ fn error(value: f64) -> String {
 }
 
 fn seconds(value: f64) -> String {
-    if value == 0.0 { DASH.into() } else { format!("{value:.2}") }
+    if value == 0.0 {
+        DASH.into()
+    } else {
+        format!("{value:.2}")
+    }
 }
 
 /// A line of `N − 1` cells for a method that has figures, dashes for one that has none.
@@ -123,7 +182,11 @@ fn cost(rows: &[Row]) -> Part {
         let total = s.mesh + s.factor + s.solve;
         vec![
             count(f.tets),
-            if f.unknowns == 0 { DASH.into() } else { f.unknowns.to_string() },
+            if f.unknowns == 0 {
+                DASH.into()
+            } else {
+                f.unknowns.to_string()
+            },
             count(f.iterations),
             seconds(s.mesh),
             seconds(s.factor),
@@ -162,10 +225,10 @@ fn accuracy(rows: &[Row]) -> Part {
             None => cells.extend([DASH; 3].map(String::from)),
         }
         cells.extend([
-            significant(f.harmonic_energy, 6),
-            significant(f.energy_density.median, 4),
-            significant(f.energy_density.p99, 4),
-            significant(f.energy_density.max, 4),
+            format!("{:.5}", f.harmonic_energy),
+            format!("{:.3}", f.energy_density.median),
+            format!("{:.3}", f.energy_density.p99),
+            format!("{:.3}", f.energy_density.max),
         ]);
         cells
     };
@@ -195,9 +258,8 @@ fn quality(rows: &[Row]) -> Part {
             None => cells.extend([DASH; 3].map(String::from)),
         }
         match &f.distortion {
-            Some(d) => cells.extend(
-                [d.conformal, d.dirichlet, d.symmetric_dirichlet, d.arap, d.mips].map(|v| significant(v, 4)),
-            ),
+            Some(d) => cells
+                .extend([d.conformal, d.dirichlet, d.symmetric_dirichlet, d.arap, d.mips].map(|v| format!("{v:.3}"))),
             None => cells.extend([DASH; 5].map(String::from)),
         }
         cells
@@ -248,7 +310,10 @@ fn total(figures: &Figures) -> f64 {
 /// The headline: what the same accuracy costs.
 fn verdict(methods: &[Row], steps: &[Step]) -> String {
     let difference = |f: &Figures| f.interior_difference.map_or(f64::NAN, |d| d.rms);
-    let mfs = methods.iter().find(|row| row.name == "mfs").and_then(|row| row.figures.as_ref());
+    let mfs = methods
+        .iter()
+        .find(|row| row.name == "mfs")
+        .and_then(|row| row.figures.as_ref());
     let best = steps.iter().rev().find_map(|step| step.row.figures.as_ref());
     let (Some(mfs), Some(fem)) = (mfs, best) else {
         return "No finite-element map could be made at equal accuracy.".into();
@@ -295,10 +360,10 @@ fn refinement(steps: &[Step]) -> Part {
                     format!("{:.0}", f.peak_rss_bytes as f64 / 1048576.0),
                     error(difference.rms),
                     error(difference.max),
-                    significant(f.harmonic_energy, 6),
+                    format!("{:.5}", f.harmonic_energy),
                 ]);
             }
-            None => cells.push(step.row.error.clone().unwrap_or_default()),
+            None => cells.extend([DASH; 8].map(String::from)),
         }
         std::array::from_fn(|k| cells.get(k).cloned().unwrap_or_default())
     });
@@ -331,10 +396,10 @@ fn study(studies: &[Study]) -> Part {
                         count(f.tets.filter(|_| study.method.is_on_tets())),
                         difference.map_or(DASH.into(), |d| error(d.rms)),
                         difference.map_or(DASH.into(), |d| error(d.max)),
-                        significant(f.harmonic_energy, 6),
+                        format!("{:.5}", f.harmonic_energy),
                     ]);
                 }
-                None => cells.push(run.row.error.clone().unwrap_or_default()),
+                None => cells.extend([DASH; 4].map(String::from)),
             }
             rows.push(std::array::from_fn(|k| cells.get(k).cloned().unwrap_or_default()));
         }
@@ -379,7 +444,7 @@ fn sequence(rows: &[SequenceRow]) -> Part {
                     format!("{:.0}", f.peak_rss_bytes as f64 / 1048576.0),
                 ]);
             }
-            None => cells.push(row.error.clone().unwrap_or_default()),
+            None => cells.extend([DASH; 7].map(String::from)),
         }
         std::array::from_fn(|k| cells.get(k).cloned().unwrap_or_default())
     });

@@ -4,11 +4,11 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 use serde::Serialize;
-use solidmap::baseline::{DescentOptions, HarmonicOptions, TetHarmonic, TetLaplacian, boundary_images};
+use solidmap::baseline::{DescentOptions, HarmonicOptions, TetHarmonic, TetLaplacian, TetMap, boundary_images};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::check;
 use solidmap::compare::{
-    self, Built, Folds, MeshSpec, Method, Recipe, Samples, Yardstick, YardstickOptions, build, make_mesh,
+    self, Built, Folds, MeshSpec, Method, Recipe, Samples, Yardstick, YardstickOptions, build, carried, make_mesh,
 };
 use solidmap::energy::harmonic;
 use solidmap::fit::{DomainFactor, FitOptions, Placement};
@@ -83,6 +83,13 @@ fn fit_options(job: &Job) -> FitOptions {
     }
 }
 
+fn descent(job: &Job) -> DescentOptions {
+    DescentOptions {
+        threshold: job.threshold,
+        ..DescentOptions::default()
+    }
+}
+
 fn yardstick<'a>(job: &Job, boundary: &'a BoundaryMap) -> anyhow::Result<Yardstick<'a>> {
     tell("placing points to measure at".into());
     let options = YardstickOptions {
@@ -100,7 +107,12 @@ fn section(cut: Cut, boundary: &BoundaryMap) -> anyhow::Result<Section> {
         axis: axis(cut.axis),
         position: cut.position,
     };
-    Ok(Section::with_up(boundary.domain(), plane, axis(cut.up), SECTION_PIXELS)?)
+    Ok(Section::with_up(
+        boundary.domain(),
+        plane,
+        axis(cut.up),
+        SECTION_PIXELS,
+    )?)
 }
 
 fn mesh_spec(job: &Job, boundary: &BoundaryMap) -> MeshSpec {
@@ -114,7 +126,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
         method,
         fit: fit_options(job),
         harmonic: HarmonicOptions::default(),
-        descent: DescentOptions::default(),
+        descent: descent(job),
         mesh: spec,
         given: given.as_ref(),
     };
@@ -123,6 +135,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
         tets,
         unknowns,
         iterations,
+        energies,
         mut seconds,
         ..
     } = build(boundary, &recipe, &tell)?;
@@ -145,14 +158,19 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
         write_section(job, &section(cut, boundary)?, &*map)?;
     }
     // A mesh to count folds in; where there is no mesher, there are no counts.
-    let carried = match tets {
-        Some(carried) => Some(carried),
-        None => carried(boundary, &spec, given, &*map).ok(),
+    let on_tets = match tets {
+        Some(own) => Some(own),
+        None => carried_mesh(boundary, &spec, given, &*map).ok(),
     };
-    let folds = carried.as_ref().map(|(mesh, images)| Folds::of(mesh, images));
+    let folds = on_tets.as_ref().map(|(mesh, images)| Folds::of(mesh, images));
     if let Some(folder) = &job.keep {
         tell("writing".into());
-        keep(folder, method, &yardstick, &samples, carried.as_ref())?;
+        keep(folder, method, &yardstick, &samples, on_tets.as_ref())?;
+        if !energies.is_empty() {
+            let history: Vec<f64> = energies.iter().enumerate().flat_map(|(i, &e)| [i as f64, e]).collect();
+            let path = folder.join(format!("{}_energies.csv", method.name()));
+            io::write_csv(path, &["step", "energy"], &history)?;
+        }
     }
     let determinants = found.distortion.determinants;
     Ok(Figures {
@@ -176,8 +194,8 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
     })
 }
 
-/// The mesh for counting folds and the images of its vertices: of its boundary by the boundary map, inside by the map.
-fn carried(
+/// The mesh for counting folds, and the images of its vertices.
+fn carried_mesh(
     boundary: &BoundaryMap,
     spec: &MeshSpec,
     given: Option<TetMesh>,
@@ -188,11 +206,7 @@ fn carried(
         Some(mesh) => (mesh, boundary.clone()),
         None => make_mesh(boundary, spec)?,
     };
-    let mut images = map.evaluate(mesh.vertices());
-    let fixed = boundary_images(&mesh, &boundary)?;
-    for (&vertex, image) in fixed.vertices.iter().zip(&fixed.images) {
-        images[vertex as usize] = *image;
-    }
+    let images = carried(&mesh, &boundary, map)?;
     Ok((mesh, images))
 }
 
@@ -224,7 +238,7 @@ fn keep(
         &table,
     )?;
     let Some((mesh, images)) = carried else { return Ok(()) };
-    let jacobians = jacobians(mesh, images);
+    let jacobians = TetMap::new(mesh.clone(), images.clone())?.jacobians();
     let scalar = |name: &str, values| Field {
         name: name.into(),
         components: 1,
@@ -243,19 +257,6 @@ fn keep(
     };
     let path = folder.join(format!("{name}.vtu"));
     Ok(io::write_vtu(path, mesh.vertices(), Cells::Tets(mesh.tets()), &fields)?)
-}
-
-/// Of the map that is linear over each tetrahedron; zero over flat ones.
-fn jacobians(mesh: &TetMesh, images: &[Point]) -> Vec<Matrix3> {
-    let of = |tet: &[u32; 4]| {
-        let edges = |points: &[Point]| {
-            let [a, b, c, d] = tet.map(|v| points[v as usize]);
-            Matrix3::from_columns(&[b - a, c - a, d - a])
-        };
-        let inverse = edges(mesh.vertices()).try_inverse().unwrap_or_default();
-        edges(images) * inverse
-    };
-    mesh.tets().iter().map(of).collect()
 }
 
 /// The reference, in words, with its own error.
@@ -293,7 +294,10 @@ fn reference(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<Reference> {
     }
     let error = fit.report.boundary_error;
     Ok(Reference {
-        description: format!("mfs with every triangle cut into {parts}, {} sources", fit.report.sources),
+        description: format!(
+            "mfs with every triangle cut into {parts}, {} sources",
+            fit.report.sources
+        ),
         boundary_error: error,
         sources: fit.report.sources,
         seconds: start.elapsed().as_secs_f64(),
@@ -406,12 +410,12 @@ fn sequence_by_descent(job: &Job, boundary: &BoundaryMap, frames: &[BoundaryMap]
         tell(format!("frame {} of {}", i + 1, frames.len()));
         let images = boundary_images(system.mesh(), frame)?.images;
         let start = Instant::now();
-        system.solve(&images, &DescentOptions::default(), &|_, _| {})?;
+        system.solve(&images, &descent(job), &|_, _| {})?;
         frame_seconds.push(start.elapsed().as_secs_f64());
         let start = Instant::now();
         let from = DescentOptions {
             initial: before.take(),
-            ..DescentOptions::default()
+            ..descent(job)
         };
         let warm = system.solve(&images, &from, &|_, _| {})?;
         together_seconds += start.elapsed().as_secs_f64();
