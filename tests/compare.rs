@@ -181,7 +181,10 @@ fn the_fit_and_its_reference_differ_by_no_more_than_their_boundary_errors() {
         let [a, b] = [&map, &reference].map(|built| yardstick.samples(&*built.map).unwrap());
         let found = yardstick.difference(&a, &b);
         assert!(found.max <= bound, "{name}: {found:?} above {bound:e}");
-        assert!(0.0 < found.rms && found.rms <= found.p99 && found.p99 <= found.max, "{name}: {found:?}");
+        assert!(
+            0.0 < found.rms && found.rms <= found.p99 && found.p99 <= found.max,
+            "{name}: {found:?}"
+        );
         assert!(
             of_reference.boundary_error.rms < of_map.boundary_error.rms,
             "{name}: a reference that is no better"
@@ -209,7 +212,9 @@ fn finite_elements_approach_the_reference_as_surface_and_inside_are_refined() {
             ..default
         };
         let built = built(&boundary, &recipe);
-        yardstick.difference(&yardstick.samples(&*built.map).unwrap(), &reference).rms
+        yardstick
+            .difference(&yardstick.samples(&*built.map).unwrap(), &reference)
+            .rms
     });
     for pair in differences.windows(2) {
         assert!(pair[1] < pair[0] / 2.0, "{differences:?}");
@@ -242,7 +247,10 @@ fn affine_maps_are_reproduced_with_one_energy() {
         let jacobian = Matrix3::new(2.0, -0.5, 0.0, 0.3, 1.0, 0.0, 0.0, 0.2, 0.7);
         let expected = jacobian.norm_squared() / jacobian.determinant().powf(2.0 / 3.0);
         for energy in energies {
-            assert!((energy / expected - 1.0).abs() < 1e-9, "{name}: {energy} for {expected}");
+            assert!(
+                (energy / expected - 1.0).abs() < 1e-9,
+                "{name}: {energy} for {expected}"
+            );
         }
     }
 }
@@ -274,12 +282,19 @@ fn descents_end_above_the_energy_of_the_direct_solve_and_as_near_as_it_says() {
     let mut before = f64::INFINITY;
     for threshold in [1e-3, 1e-5, 1e-7] {
         let (energy, built) = made(Method::Variational, Steepest, threshold);
-        assert!(least <= energy + rounding && energy < before, "{threshold}: {energy} for {least}");
+        assert!(
+            least <= energy + rounding && energy < before,
+            "{threshold}: {energy} for {least}"
+        );
         before = energy;
         let squares = (energy - least) * SIDE.powi(2) / (3.0 * std::f64::consts::PI.powi(2)) / SIDE.powi(3);
         let found = rms_distance(&built.map.evaluate(inside), &fem.map.evaluate(inside));
         // Random points, hundreds of them: a mean square that is off by a tenth is four deviations away.
-        assert!(found <= 1.1 * squares.sqrt() + 1e-12, "{threshold}: {found:e} above {:e}", squares.sqrt());
+        assert!(
+            found <= 1.1 * squares.sqrt() + 1e-12,
+            "{threshold}: {found:e} above {:e}",
+            squares.sqrt()
+        );
         // The history is of half the integral.
         let last = *built.energies.last().unwrap();
         assert!((2.0 * last / energy - 1.0).abs() < 1e-9, "{last} for {energy}");
@@ -310,7 +325,10 @@ fn no_map_has_less_energy_than_the_harmonic_one() {
             });
             let measured = yardstick(&boundary, 16).measure(&*built.map).unwrap();
             let scale = (domain.volume() / boundary.target().volume()).cbrt().powi(2) / domain.volume();
-            assert!((measured.energy.harmonic / (coarse * scale) - 1.0).abs() < 1e-9, "{name}, {method:?}");
+            assert!(
+                (measured.energy.harmonic / (coarse * scale) - 1.0).abs() < 1e-9,
+                "{name}, {method:?}"
+            );
             (fine, (fine - coarse).abs(), measured)
         };
         let (least, unsure, fit) = measured(Method::Mfs);
@@ -323,7 +341,10 @@ fn no_map_has_less_energy_than_the_harmonic_one() {
             let (energy, also_unsure, _) = measured(method);
             let margin = unsure + also_unsure + off_data;
             assert!(margin < 0.02 * least, "{name}: {margin:e} of {least:e} says little");
-            assert!(energy >= least - margin, "{name}, {method:?}: {energy} below {least} by more than {margin:e}");
+            assert!(
+                energy >= least - margin,
+                "{name}, {method:?}: {energy} below {least} by more than {margin:e}"
+            );
         }
     }
 }
@@ -397,7 +418,10 @@ fn spread_is_the_distance_from_the_mean_map() {
     }
     // One of three is off by 3: two are 1 from the mean and one is 2.
     let three = spread(&[same.clone(), same, moved([0.0, 3.0, 0.0])], 1.0).unwrap();
-    assert!((three.max - 2.0).abs() < 1e-12 && (three.rms - 2f64.sqrt()).abs() < 1e-12, "{three:?}");
+    assert!(
+        (three.max - 2.0).abs() < 1e-12 && (three.rms - 2f64.sqrt()).abs() < 1e-12,
+        "{three:?}"
+    );
 }
 
 /// Along x, two thirds of the cube go forth, one sixth back and the rest forth again; kinks are on planes of the lattice.
@@ -418,24 +442,36 @@ fn folds_of_a_pleated_cube_are_all_counted() {
     let mesh = cube_of_tets(6);
     let images = Formula(pleat).evaluate(mesh.vertices());
     let tets = mesh.tets().len();
-    assert_eq!(Folds::of(&mesh, &images), Folds { tets, flipped: tets / 6 });
+    assert_eq!(
+        Folds::of(&mesh, &images),
+        Folds {
+            tets,
+            flipped: tets / 6
+        }
+    );
     assert_eq!(Folds::of(&mesh, mesh.vertices()), Folds { tets, flipped: 0 });
-    let mirrored: Vec<Point> = mesh.vertices().iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
     // A mirrored solid is not folded; a pleated one is, whichever way round.
+    let mirrored: Vec<Point> = mesh.vertices().iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
     let turned: Vec<Point> = images.iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
     let found = [&mirrored, &turned].map(|images| Folds::of(&mesh, images).flipped);
-    println!("{found:?} of {tets}");
+    assert_eq!(found, [0, tets / 6]);
+    let flat: Vec<Point> = images.iter().map(|p| Point::new(p.x, p.y, 0.0)).collect();
+    assert_eq!(Folds::of(&mesh, &flat).flipped, tets);
+    assert_eq!(Folds::of(&mesh, &images[1..]).flipped, tets);
 
     let boundary = boundary_map(&shapes::cube(SIDE, 6), |p| pleat(p).0);
     let measured = yardstick(&boundary, 12).measure(&Formula(pleat)).unwrap();
     assert!((measured.energy.inverted_fraction - 1.0 / 6.0).abs() < 1e-12);
     assert_eq!(measured.energy.det_jacobian.min, -1.0);
     let determinants = measured.distortion.determinants.unwrap();
-    assert!((determinants.negative_volume - SIDE.powi(3) / 6.0).abs() < 1e-12, "{determinants:?}");
+    assert!(
+        (determinants.negative_volume - SIDE.powi(3) / 6.0).abs() < 1e-12,
+        "{determinants:?}"
+    );
     assert!(measured.boundary_error.max < 1e-12);
 }
 
-/// The boundary of a ball turned inside out by a strong bend: every method's map is folded, and none hides it.
+/// The boundary of a pleated cube: every method's map of it is folded, and none hides it.
 #[cfg(feature = "native")]
 #[test]
 fn folds_of_a_carried_mesh_are_those_of_the_map() {
@@ -473,7 +509,10 @@ fn meshes_keep_to_their_specification() {
     };
     // Eight times as many inside, fewer where the surface already asks for small ones.
     assert!(tets(finer) > 2 * tets(spec));
-    let cut = MeshSpec { subdivisions: 1, ..spec };
+    let cut = MeshSpec {
+        subdivisions: 1,
+        ..spec
+    };
     let (mesh, of_mesh) = make_mesh(&boundary, &cut).unwrap();
     assert_eq!(mesh.boundary().surface.triangles().len(), 4 * domain.triangles().len());
     assert_eq!(of_mesh, boundary.subdivided());
@@ -513,8 +552,13 @@ fn meshes_that_cannot_be_are_refused_with_a_reason() {
                 given: Some(given),
                 ..recipe(method, boundary.domain())
             };
-            let found = build(boundary, &recipe, &|_| {}).err().expect("another solid was taken");
-            assert!(matches!(found, CompareError::OtherSolid { .. }), "{found}");
+            let found = build(boundary, &recipe, &|_| {})
+                .err()
+                .expect("another solid was taken");
+            match boundary.domain().triangles().len() {
+                192 => assert!(matches!(found, CompareError::Elsewhere { .. }), "{found}"),
+                _ => assert!(matches!(found, CompareError::OtherSolid { .. }), "{found}"),
+            }
         }
     }
 }
