@@ -14,7 +14,7 @@ use crate::energy::{
     energies_of_jacobians,
 };
 use crate::fit::BoundaryError;
-use crate::geometry::{FlippedTets, SurfaceQuery, flipped_tets};
+use crate::geometry::{SurfaceQuery, flipped_tets};
 use crate::map::VolumeMap;
 use crate::mesh::TetMesh;
 use crate::sampling;
@@ -95,7 +95,7 @@ pub struct Samples {
 pub struct Folds {
     /// Tetrahedra of the mesh.
     pub tets: usize,
-    /// Those that lost their orientation, decided exactly.
+    /// Those that are flat or turned against the whole, decided exactly: a map that mirrors the solid folds nothing.
     pub flipped: usize,
 }
 
@@ -210,12 +210,20 @@ pub fn boundary_error(
 impl Folds {
     /// Counts them for a mesh and the images of its vertices.
     pub fn of(mesh: &TetMesh, images: &[Point]) -> Self {
-        Self {
-            tets: mesh.tets().len(),
-            flipped: flipped_tets(mesh, images)
-                .as_ref()
-                .map_or(mesh.tets().len(), FlippedTets::count),
-        }
+        let tets = mesh.tets().len();
+        let flipped = flipped_tets(mesh, images).map_or(tets, |found| {
+            let image = mesh.with_vertices(images.to_vec());
+            let volume = |image: TetMesh| -> f64 {
+                let signed = |t| image.signed_volume(t) * mesh.signed_volume(t).signum();
+                (0..tets).map(signed).sum()
+            };
+            if image.map_or(0.0, volume) < 0.0 {
+                tets - found.negative - found.flat_in_domain
+            } else {
+                found.count()
+            }
+        });
+        Self { tets, flipped }
     }
 }
 

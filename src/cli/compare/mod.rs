@@ -86,6 +86,8 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     require_solvable(boundary.domain(), &args.domain)?;
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{}`", folder.display()))?;
+        // Before the work, not after it. This file has no name.
+        tempfile::tempfile_in(folder).with_context(|| format!("cannot write to the folder `{}`", folder.display()))?;
     }
     let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
     interrupt::remove_folder(scratch.path());
