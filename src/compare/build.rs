@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::CompareError;
 use crate::Point;
 use crate::baseline::{
-    DescentOptions, HarmonicOptions, MeanValueMap, TetHarmonic, TetLaplacian, TetMap, boundary_images,
+    BoundaryImages, DescentOptions, HarmonicOptions, MeanValueMap, TetHarmonic, TetLaplacian, TetMap, boundary_images,
 };
 use crate::boundary_map::BoundaryMap;
 use crate::fit::{FitOptions, FitReport, Phase, fit};
@@ -286,8 +286,25 @@ fn meshed(
     let start = Instant::now();
     progress("meshing".into());
     let (mesh, boundary) = mesh_for(boundary, &recipe.mesh, recipe.given)?;
-    let images = boundary_images(&mesh, &boundary)?.images;
+    let images = images_of(&mesh, &boundary)?.images;
     Ok((mesh, images, start.elapsed().as_secs_f64()))
+}
+
+/// By which part of the domain's diagonal the boundary of its mesh may be away from its surface.
+const FAR: f64 = 0.05;
+
+/// Images of the boundary vertices of a mesh that is where the domain is.
+///
+/// # Errors
+///
+/// When it is elsewhere.
+pub(super) fn images_of(mesh: &TetMesh, boundary: &BoundaryMap) -> Result<BoundaryImages, CompareError> {
+    let images = boundary_images(mesh, boundary)?;
+    let (distance, diagonal) = (images.farthest, boundary.domain().diagonal());
+    if distance > FAR * diagonal {
+        return Err(CompareError::Elsewhere { distance, diagonal });
+    }
+    Ok(images)
 }
 
 fn by_finite_elements(

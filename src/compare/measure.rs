@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::CompareError;
-use crate::baseline::boundary_images;
+use super::build::images_of;
 use crate::boundary_map::BoundaryMap;
 use crate::energy::{
     DistortionReport, EnergyOptions, EnergyReport, Quadrature, Resolution, clipped_grid, distortion_of_jacobians,
@@ -234,7 +234,7 @@ impl Folds {
 /// When the mesh or the domain has no boundary.
 pub fn carried(mesh: &TetMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Result<Vec<Point>, CompareError> {
     let mut images = map.evaluate(mesh.vertices());
-    let fixed = boundary_images(mesh, boundary)?;
+    let fixed = images_of(mesh, boundary)?;
     for (&vertex, image) in fixed.vertices.iter().zip(&fixed.images) {
         images[vertex as usize] = *image;
     }

@@ -58,6 +58,17 @@ pub enum CompareError {
         /// Of the domain.
         expected: f64,
     },
+    /// A tet mesh in another place, or of another shape.
+    #[error(
+        "the boundary of the tet mesh is up to {distance:.3e} away from the domain's surface, whose diagonal is \
+         {diagonal:.3e}; give a mesh of the domain (`solidmap tet`)"
+    )]
+    Elsewhere {
+        /// Largest distance of a boundary vertex, in model units.
+        distance: f64,
+        /// Of the domain's bounding box.
+        diagonal: f64,
+    },
     /// A size that is none.
     #[error("the {what} is {value}, but must be {range}")]
     Option {

@@ -182,7 +182,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
         harmonic_energy: found.energy.harmonic,
         deformation_energy: found.energy.deformation,
         energy_density: found.energy.harmonic_density,
-        min_det_jacobian: found.energy.det_jacobian.min,
+        min_det_jacobian: determinants.map_or(f64::NAN, |d| d.min),
         det_jacobian: determinants,
         folded_fraction: found.energy.inverted_fraction,
         distortion: found.distortion.mean_normalized,
