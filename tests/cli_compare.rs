@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
 use serde_json::Value;
+use solidmap::compare::Method;
 use solidmap::geometry::SurfaceQuery;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
@@ -300,12 +301,19 @@ fn surfaces_of_different_connectivity_are_named() {
     for (image, fragment) in [("finer.obj", "642"), ("shuffled.obj", "triangle 0 joins")] {
         let output = place.run_line(&format!("compare domain.obj --image {image} {SMALL}"));
         let text = stderr(&output);
-        assert_eq!(output.status.code(), Some(2), "{text}");
-        for fragment in ["error: ", "domain.obj", image, fragment] {
-            assert!(text.contains(fragment), "no `{fragment}` in: {text}");
+        assert_eq!(output.status.code(), Some(1), "{text}");
+        let rows = String::from_utf8_lossy(&output.stdout).into_owned();
+        for text in [text, rows.clone()] {
+            for fragment in ["domain.obj", image, fragment] {
+                assert!(text.contains(fragment), "no `{fragment}` in: {text}");
+            }
         }
-        assert!(output.stdout.is_empty());
+        for method in Method::ALL {
+            assert!(rows.contains(method.name()), "no {method:?} in: {rows}");
+        }
     }
+    let missing = place.run_line(&format!("compare domain.obj --image missing.obj {SMALL}"));
+    assert_eq!(missing.status.code(), Some(2), "{}", stderr(&missing));
 }
 
 #[test]

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
 use serde::Serialize;
+use solidmap::boundary_map::BoundaryMapError;
 use solidmap::compare::{Difference, MeshSource, MeshSpec, Method, Samples, spread};
 use solidmap::io;
 use solidmap::mesh::SurfaceMesh;
@@ -82,7 +83,11 @@ struct SequenceRow {
 pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow::Result<Outcome> {
     require_valid(args)?;
     output.progress("reading");
-    let boundary = worker::outward(input::read_boundary_map(&args.domain, &args.image)?)?;
+    let boundary = match input::read_boundary_map(&args.domain, &args.image) {
+        // Files that can be read, but no map between them: every row says so.
+        Err(error) if error.is::<BoundaryMapError>() => return none_possible(args, &error, output),
+        read => worker::outward(read?)?,
+    };
     require_solvable(boundary.domain(), &args.domain)?;
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{}`", folder.display()))?;
@@ -154,6 +159,24 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     } else {
         Outcome::CheckFailed
     })
+}
+
+/// A table of rows that all have the same reason to be empty.
+fn none_possible(args: &CompareArgs, error: &anyhow::Error, output: &Output) -> anyhow::Result<Outcome> {
+    let error = super::describe(error);
+    let asked = |method: &Method| args.methods.iter().any(|&m| Method::from(m) == *method);
+    let row = |method: Method| Row {
+        name: method.name().to_owned(),
+        error: Some(error.clone()),
+        figures: None,
+    };
+    let rows: Vec<Row> = Method::ALL.into_iter().filter(asked).map(row).collect();
+    output.warn(&error);
+    output.result(&rows, || {
+        let line = |row: &Row| format!("{}: {error}", row.name);
+        rows.iter().map(line).collect::<Vec<_>>().join("\n")
+    })?;
+    Ok(Outcome::CheckFailed)
 }
 
 /// Removes what an earlier comparison left: its maps would stand among the new ones.
