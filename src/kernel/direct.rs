@@ -901,6 +901,40 @@ mod tests {
         }
     }
 
+    /// Many columns go by products with the kernel's matrix, few by sums: over several tiles of sources and blocks of
+    /// targets, with a pair of points at a distance whose square underflows.
+    #[test]
+    fn sums_of_many_columns_are_those_of_each() {
+        let rng = &mut StdRng::seed_from_u64(11);
+        let (sources, targets) = (2 * PRODUCT_TILE + 37, PRODUCT_ROWS + 19);
+        let mut points = |count: usize| -> Vec<Point> {
+            let coordinate = |rng: &mut StdRng| rng.random_range(-1.0..1.0);
+            (0..count)
+                .map(|_| Point::new(coordinate(rng), coordinate(rng), coordinate(rng)))
+                .collect()
+        };
+        let (mut from, mut to) = (points(sources), points(targets));
+        from[5] = Point::origin();
+        to[3] = Point::new(1e-170, 0.0, 0.0);
+        let columns = MOST_TRIPLED + 2;
+        let weight = |i: usize| (i as f64 * 0.37).sin();
+        let weights: Vec<f64> = (0..sources * columns).map(weight).collect();
+        let (together, _) = sum_columns(&from, &weights, columns, &to, false).unwrap();
+        for column in 0..columns {
+            let own: Vec<f64> = weights.iter().skip(column).step_by(columns).copied().collect();
+            let (alone, _) = sum_columns(&from, &own, 1, &to, false).unwrap();
+            let sizes: Vec<f64> = own.iter().map(|w| w.abs()).collect();
+            let (bounds, _) = sum_columns(&from, &sizes, 1, &to, false).unwrap();
+            for (t, (expected, bound)) in alone.iter().zip(&bounds).enumerate() {
+                let found = together[t * columns + column];
+                assert!(
+                    (found - expected).abs() <= 1e-13 * bound,
+                    "{found} and {expected} at {t}"
+                );
+            }
+        }
+    }
+
     #[test]
     fn rejects_arrays_of_different_length() {
         let error = Sources::new(&[Point::origin()], &[]).unwrap_err();

@@ -164,13 +164,12 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
 /// A table of rows that all have the same reason to be empty.
 fn none_possible(args: &CompareArgs, error: &anyhow::Error, output: &Output) -> anyhow::Result<Outcome> {
     let error = super::describe(error);
-    let asked = |method: &Method| args.methods.iter().any(|&m| Method::from(m) == *method);
     let row = |method: Method| Row {
         name: method.name().to_owned(),
         error: Some(error.clone()),
         figures: None,
     };
-    let rows: Vec<Row> = Method::ALL.into_iter().filter(asked).map(row).collect();
+    let rows: Vec<Row> = methods_of(args).map(row).collect();
     output.warn(&error);
     output.result(&rows, || {
         let line = |row: &Row| format!("{}: {error}", row.name);
@@ -276,15 +275,20 @@ impl Comparison {
             && (!self.equal_accuracy.is_empty() || !args.equal_accuracy)
             && frames.all(|row| row.figures.as_ref().is_some_and(|f| f.skipped.is_empty()))
     }
-}
 
-impl Comparison {
+    /// Whether the reference is further from the boundary map than a map that is held against it.
     fn is_reference_poor(&self) -> bool {
         let mfs = self.methods.iter().find(|row| row.name == Method::Mfs.name());
         let mfs = mfs.and_then(|row| row.figures.as_ref());
         let worse = |(reference, mfs): (&Reference, &Figures)| reference.boundary_error.rms > mfs.boundary_error.rms;
         self.reference.as_ref().zip(mfs).is_some_and(worse)
     }
+}
+
+/// Those asked for, in the order of tables.
+fn methods_of(args: &CompareArgs) -> impl Iterator<Item = Method> + use<> {
+    let asked: Vec<Method> = args.methods.iter().map(|&method| method.into()).collect();
+    Method::ALL.into_iter().filter(move |method| asked.contains(method))
 }
 
 /// Sends jobs out, one at a time: they take all cores.
@@ -300,8 +304,7 @@ struct Runner<'a> {
 
 impl Runner<'_> {
     fn methods(&self) -> impl Iterator<Item = Method> {
-        let asked: Vec<Method> = self.args.methods.iter().map(|&method| method.into()).collect();
-        Method::ALL.into_iter().filter(move |method| asked.contains(method))
+        methods_of(self.args)
     }
 
     fn job(&self, task: Task, name: &str) -> Job {

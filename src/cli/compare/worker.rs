@@ -384,7 +384,7 @@ fn worst_error(job: &Job, frames: &[BoundaryMap], maps: &[TetMap]) -> anyhow::Re
     tell("measuring".into());
     let mut worst = 0.0f64;
     for (frame, map) in frames.iter().zip(maps) {
-        worst = worst.max(boundary_error(map, frame, 5000, job.seed + 1)?.p99);
+        worst = worst.max(boundary_error(map, frame, 5000, job.seed.wrapping_add(1))?.p99);
     }
     Ok(worst)
 }
