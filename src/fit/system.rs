@@ -442,7 +442,6 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "takes a minute"]
     fn schwarz_comes_within_a_tenth_of_dense_least_squares_at_4000_sources() {
         for (name, domain, _) in real().into_iter().take(2) {
             let excess = excess(name, &Case::new(domain, 4000));
