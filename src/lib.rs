@@ -59,6 +59,7 @@ mod partition;
 pub mod report;
 pub mod sampling;
 pub mod solver;
+pub mod spherical;
 pub mod statistics;
 
 /// A point in space, in model units.

@@ -1,0 +1,262 @@
+//! A surface drawn on the unit sphere, one to one.
+
+use super::{Certificate, certify};
+use crate::Vector;
+use crate::check::mend;
+use crate::mesh::topology::Topology;
+use crate::mesh::{SurfaceMesh, SurfacePoint};
+
+/// A bijection of a closed surface of genus 0 with the unit sphere: a direction per vertex, and over each triangle the
+/// direction of the linear combination of its corners' (the gnomonic map of its geodesic triangle). Neighbours agree on
+/// the edge they share, so the map is continuous.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SphericalMap {
+    surface: SurfaceMesh,
+    directions: Vec<Vector>,
+}
+
+/// Why a surface has no map to the sphere, or a drawing is none.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SphericalError {
+    /// Only a closed surface covers the sphere.
+    #[error(
+        "the surface is open: {open_edges} edges have one triangle, the first joins vertices {} and {}; close the \
+         holes first", first[0], first[1]
+    )]
+    Open {
+        /// Number of edges with one triangle.
+        open_edges: usize,
+        /// The first of them.
+        first: [u32; 2],
+    },
+    /// Three or more triangles share an edge, or fans share a vertex.
+    #[error("the surface is not a manifold: {found}; see `solidmap check`")]
+    NotManifold {
+        /// What was found, and where.
+        found: String,
+    },
+    /// One solid is mapped at a time.
+    #[error("the surface has {components} components, and a map to the sphere has one; map them one by one")]
+    Components {
+        /// How many there are; 0 without triangles.
+        components: usize,
+    },
+    /// The sphere has no handles.
+    #[error("the surface has genus {genus} (handles), and only a surface of genus 0 maps to the sphere one to one")]
+    Genus {
+        /// Number of handles.
+        genus: u64,
+    },
+    /// One side only.
+    #[error("the surface cannot be oriented: going round edge {} {} turns it over", edge[0], edge[1])]
+    NotOrientable {
+        /// An edge where the sides meet.
+        edge: [u32; 2],
+    },
+    /// Coordinates must be numbers.
+    #[error("vertex {vertex} is not finite")]
+    NonFinite {
+        /// The first such vertex.
+        vertex: usize,
+    },
+    /// A vertex without a triangle has no place on the sphere.
+    #[error("{count} vertices belong to no triangle, the first is {first}; remove them")]
+    Unreferenced {
+        /// How many there are.
+        count: usize,
+        /// The first of them.
+        first: u32,
+    },
+    /// One direction per vertex.
+    #[error("the surface has {vertices} vertices, and {directions} directions were given")]
+    Count {
+        /// Vertices of the surface.
+        vertices: usize,
+        /// Directions given.
+        directions: usize,
+    },
+    /// The drawing folds, or covers the sphere several times.
+    #[error(
+        "the drawing on the sphere is not one to one: {} of its triangles are flipped, and it covers the sphere {:.3} \
+         times", .0.flipped, .0.degree
+    )]
+    NotBijective(Certificate),
+}
+
+impl SphericalMap {
+    /// The map that sends vertex `v` to the direction `directions[v]`, made to length 1. A surface whose triangles face
+    /// inward, or disagree, is turned outward first.
+    ///
+    /// # Errors
+    ///
+    /// As [`require_sphere`], and when the drawing is no bijection; decided exactly.
+    pub fn new(surface: SurfaceMesh, directions: &[Vector]) -> Result<Self, SphericalError> {
+        let surface = require_sphere(&surface)?;
+        let (vertices, given) = (surface.vertices().len(), directions.len());
+        if vertices != given {
+            return Err(SphericalError::Count {
+                vertices,
+                directions: given,
+            });
+        }
+        let directions: Vec<Vector> = directions.iter().map(Vector::normalize).collect();
+        let certificate = certify(surface.triangles(), &directions);
+        if !certificate.is_bijective() {
+            return Err(SphericalError::NotBijective(certificate));
+        }
+        Ok(Self { surface, directions })
+    }
+
+    /// The surface, its triangles facing outward.
+    pub fn surface(&self) -> &SurfaceMesh {
+        &self.surface
+    }
+
+    /// The unit vector of each vertex.
+    pub fn directions(&self) -> &[Vector] {
+        &self.directions
+    }
+
+    /// Where a point of the surface goes: a unit vector. Only the vertices of its triangle count, not their order.
+    pub fn direction(&self, point: &SurfacePoint) -> Vector {
+        let corners = self.surface.triangles()[point.triangle as usize];
+        let [a, b, c] = corners.map(|v| self.directions[v as usize]);
+        let [l, m, n] = point.barycentric;
+        (l * a + m * b + n * c).normalize()
+    }
+}
+
+/// The surface with its triangles facing outward.
+///
+/// # Errors
+///
+/// Unless it is one closed, orientable manifold of genus 0 with finite vertices, all of them used. Where it passes
+/// through itself is no matter.
+pub fn require_sphere(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalError> {
+    if let Some(vertex) = surface.vertices().iter().position(|p| p.iter().any(|c| !c.is_finite())) {
+        return Err(SphericalError::NonFinite { vertex });
+    }
+    let topology = Topology::new(surface);
+    let open = topology.open_edges();
+    if let Some(&first) = open.first() {
+        return Err(SphericalError::Open {
+            open_edges: open.len(),
+            first,
+        });
+    }
+    require_manifold(surface, &topology)?;
+    let components = topology.components().shapes;
+    let [shape] = components[..] else {
+        return Err(SphericalError::Components {
+            components: components.len(),
+        });
+    };
+    if let Some(&edge) = topology.orientation().twisted_edges.first() {
+        return Err(SphericalError::NotOrientable {
+            edge: topology.edges()[edge as usize],
+        });
+    }
+    match shape.genus() {
+        Some(0) => {}
+        Some(genus) => return Err(SphericalError::Genus { genus }),
+        None => {
+            let found = format!("its Euler characteristic is {}", shape.euler_characteristic());
+            return Err(SphericalError::NotManifold { found });
+        }
+    }
+    let unreferenced = topology.unreferenced_vertices();
+    if let Some(&first) = unreferenced.first() {
+        return Err(SphericalError::Unreferenced {
+            count: unreferenced.len(),
+            first,
+        });
+    }
+    Ok(mend(surface).0)
+}
+
+fn require_manifold(surface: &SurfaceMesh, topology: &Topology) -> Result<(), SphericalError> {
+    let found = |found: String| Err(SphericalError::NotManifold { found });
+    let repeated = (0..surface.triangles().len()).find(|&t| topology.edges_of_triangle(t).is_none());
+    if let Some(triangle) = repeated {
+        return found(format!("triangle {triangle} names a vertex twice"));
+    }
+    let edges = topology.non_manifold_edges();
+    if let Some([a, b]) = edges.first() {
+        return found(format!(
+            "{} edges have more than two triangles, the first joins vertices {a} and {b}",
+            edges.len()
+        ));
+    }
+    let vertices = topology.non_manifold_vertices();
+    if let Some(v) = vertices.first() {
+        return found(format!(
+            "it touches itself at {} vertices, the first is {v}",
+            vertices.len()
+        ));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Point;
+    use crate::mesh::shapes;
+
+    fn directions(mesh: &SurfaceMesh) -> Vec<Vector> {
+        mesh.vertices().iter().map(|p| p.coords).collect()
+    }
+
+    #[test]
+    fn names_what_keeps_a_surface_off_the_sphere() {
+        let sphere = shapes::sphere(1.0, 1);
+        let open = SurfaceMesh::new(sphere.vertices().to_vec(), sphere.triangles()[1..].to_vec()).unwrap();
+        assert!(matches!(
+            require_sphere(&open),
+            Err(SphericalError::Open { open_edges: 3, .. })
+        ));
+        let torus = shapes::torus(1.0, 0.3, 12, 6);
+        assert_eq!(require_sphere(&torus), Err(SphericalError::Genus { genus: 1 }));
+        let two = shapes::joined(&sphere, &shapes::deformed(&sphere, |p| p + Vector::new(3.0, 0.0, 0.0)));
+        assert_eq!(require_sphere(&two), Err(SphericalError::Components { components: 2 }));
+        let none = SurfaceMesh::new(vec![], vec![]).unwrap();
+        assert_eq!(require_sphere(&none), Err(SphericalError::Components { components: 0 }));
+        let mut vertices = sphere.vertices().to_vec();
+        vertices.push(Point::origin());
+        let loose = SurfaceMesh::new(vertices, sphere.triangles().to_vec()).unwrap();
+        assert!(matches!(
+            require_sphere(&loose),
+            Err(SphericalError::Unreferenced { count: 1, first: 42 })
+        ));
+        let bad = shapes::deformed(
+            &sphere,
+            |p| if p.x > 0.99 { Point::new(f64::NAN, 0.0, 0.0) } else { *p },
+        );
+        assert!(matches!(require_sphere(&bad), Err(SphericalError::NonFinite { .. })));
+    }
+
+    #[test]
+    fn turns_an_inward_surface_outward_and_refuses_a_reflection() {
+        let sphere = shapes::sphere(2.0, 2);
+        let map = SphericalMap::new(sphere.reversed(), &directions(&sphere)).unwrap();
+        assert!(map.surface().volume() > 0.0);
+        let mirrored: Vec<Vector> = directions(&sphere).iter().map(|x| -x).collect();
+        assert!(matches!(
+            SphericalMap::new(sphere, &mirrored),
+            Err(SphericalError::NotBijective(_))
+        ));
+    }
+
+    #[test]
+    fn directions_of_surface_points_are_between_those_of_the_corners() {
+        let sphere = shapes::sphere(2.0, 1);
+        let map = SphericalMap::new(sphere.clone(), &directions(&sphere)).unwrap();
+        let point = SurfacePoint {
+            triangle: 7,
+            barycentric: [0.2, 0.3, 0.5],
+        };
+        let expected = point.position(&sphere, sphere.vertices()).coords.normalize();
+        assert!((map.direction(&point) - expected).norm() < 1e-15);
+    }
+}
