@@ -4,6 +4,9 @@
 //! the sphere once: it is checked with exact predicates when it is made, so that whoever holds one holds a bijection.
 
 mod certificate;
+mod hierarchy;
+mod kernel;
+mod progressive;
 mod spherical_map;
 
 pub use certificate::{Certificate, certify};

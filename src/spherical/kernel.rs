@@ -1,0 +1,148 @@
+//! Where a vertex can stand inside the ring of its neighbours so that all its triangles are positive.
+
+use crate::Vector;
+
+/// Rings of more neighbours are not searched for the best place: the search takes the fourth power of their number.
+const MOST_SEARCHED: usize = 14;
+
+/// Six times the volume between the origin and a triangle: positive when it is seen counter-clockwise from outside.
+/// Differences come first, so that small triangles keep their sign.
+pub(super) fn det(a: &Vector, b: &Vector, c: &Vector) -> f64 {
+    a.dot(&(b - a).cross(&(c - a)))
+}
+
+/// The smallest determinant of the triangles between `x` and the sides of a ring; NaN when one of them is.
+pub(super) fn smallest_det(x: &Vector, ring: &[Vector]) -> f64 {
+    let sides = ring.iter().zip(ring.iter().cycle().skip(1));
+    let mut smallest = f64::INFINITY;
+    for (a, b) in sides {
+        let det = det(x, a, b);
+        // `f64::min` would let a NaN pass.
+        if !det.is_finite() {
+            return f64::NAN;
+        }
+        smallest = smallest.min(det);
+    }
+    smallest
+}
+
+/// A place for a vertex whose neighbours stand at `ring`, where all its triangles are positive: the centre of the largest
+/// cap that the great circles of all sides leave, or else a place near `ring[0]`.
+///
+/// The triangles that the vertex replaces are a fan about `ring[0]` and all positive, so that there is such a place;
+/// `None` when rounding leaves none.
+pub(super) fn place_in_kernel(ring: &[Vector]) -> Option<Vector> {
+    let is_inside = |x: &Vector| smallest_det(x, ring) > 0.0;
+    let centre = (ring.len() <= MOST_SEARCHED).then(|| cap_centre(ring)).flatten();
+    let middle = || -> Vector { ring.iter().sum::<Vector>().normalize() };
+    centre
+        .filter(is_inside)
+        .or_else(|| Some(middle()).filter(is_inside))
+        .or_else(|| near_first(ring))
+}
+
+/// Maximises the distance from the nearest great circle, over the unit vectors at equal distance from two or three of
+/// them: one of these is the optimum.
+fn cap_centre(ring: &[Vector]) -> Option<Vector> {
+    let k = ring.len();
+    let normals: Vec<Vector> = (0..k)
+        .map(|i| {
+            let (a, b) = (ring[i], ring[(i + 1) % k]);
+            a.cross(&(b - a)).normalize()
+        })
+        .collect();
+    let mut best: Option<(f64, Vector)> = None;
+    let mut consider = |x: Vector| {
+        let x = x.normalize();
+        let mut nearest = f64::INFINITY;
+        let least = best.map_or(0.0, |(least, _)| least);
+        for n in &normals {
+            let distance = n.dot(&x);
+            if distance.is_nan() || distance <= least {
+                return;
+            }
+            nearest = nearest.min(distance);
+        }
+        best = Some((nearest, x));
+    };
+    for i in 0..k {
+        for j in 0..i {
+            consider(normals[i] + normals[j]);
+            for l in 0..j {
+                let x = (normals[i] - normals[j]).cross(&(normals[i] - normals[l]));
+                consider(x);
+                consider(-x);
+            }
+        }
+    }
+    best.map(|(_, x)| x)
+}
+
+/// Goes from the first neighbour into the ring, ever less far.
+fn near_first(ring: &[Vector]) -> Option<Vector> {
+    let (first, k) = (ring[0], ring.len());
+    let (left, right) = (ring[1] - first, ring[k - 1] - first);
+    // Inward of both sides at the first neighbour, also where they make an angle of more than a half turn.
+    let inward = first.cross(&left).normalize() - first.cross(&right).normalize();
+    let mut step = left.norm().min(right.norm());
+    for _ in 0..200 {
+        let x = (first + step * inward).normalize();
+        if smallest_det(&x, ring) > 0.0 {
+            return Some(x);
+        }
+        step *= 0.7;
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn polygon(angles: &[f64], radius: impl Fn(usize) -> f64) -> Vec<Vector> {
+        let corner = |(i, &t): (usize, &f64)| Vector::new(radius(i) * t.cos(), radius(i) * t.sin(), 1.0).normalize();
+        angles.iter().enumerate().map(corner).collect()
+    }
+
+    #[test]
+    fn the_cap_of_a_regular_polygon_is_centred() {
+        for (k, radius) in [(3, 0.5), (6, 1e-3), (8, 1e-7), (12, 2.0)] {
+            let angles: Vec<f64> = (0..k).map(|i| std::f64::consts::TAU * i as f64 / k as f64).collect();
+            let x = place_in_kernel(&polygon(&angles, |_| radius)).unwrap();
+            let off_centre = x.x.hypot(x.y);
+            assert!(off_centre < 1e-8 * radius, "{k} {radius}: {off_centre}");
+        }
+    }
+
+    #[test]
+    fn a_star_shaped_ring_with_a_tiny_kernel_has_a_place() {
+        // Spikes: the kernel is the small polygon in the middle.
+        for k in [5, 10, 14, 40] {
+            let angles: Vec<f64> = (0..2 * k).map(|i| std::f64::consts::PI * i as f64 / k as f64).collect();
+            let ring = polygon(&angles, |i| if i % 2 == 0 { 1.0 } else { 0.1 });
+            let x = place_in_kernel(&ring).unwrap();
+            assert!(smallest_det(&x, &ring) > 0.0);
+        }
+    }
+
+    #[test]
+    fn a_reflex_corner_at_the_first_neighbour_has_a_place() {
+        // A thin arrow head about the origin's direction: the kernel touches its inner corner.
+        let at = |x: f64, y: f64| Vector::new(x, y, 1.0).normalize();
+        let ring = [at(0.0, 0.0), at(-1.0, -1.0), at(1.0, 0.0), at(-1.0, 1.0)];
+        let ring: Vec<Vector> = ring.into();
+        let x = place_in_kernel(&ring).unwrap();
+        assert!(smallest_det(&x, &ring) > 0.0 && x.x > 0.0);
+        let many: Vec<Vector> = ring
+            .iter()
+            .copied()
+            .chain((0..15).map(|i| {
+                at(
+                    -1.0 + 0.06 * f64::from(i),
+                    1.0 - 0.06 * f64::from(i) + 1e-4 * f64::from(i),
+                )
+            }))
+            .collect();
+        assert!(place_in_kernel(&many).is_none_or(|x| smallest_det(&x, &many) > 0.0));
+    }
+}
