@@ -4,8 +4,11 @@
 //! the sphere once: it is checked with exact predicates when it is made, so that whoever holds one holds a bijection.
 
 mod certificate;
+mod cholesky;
+mod energy;
 mod hierarchy;
 mod kernel;
+mod newton;
 mod progressive;
 mod spherical_map;
 

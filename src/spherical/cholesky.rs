@@ -1,0 +1,98 @@
+//! Sparse Cholesky factorisations of matrices that share one pattern.
+//!
+//! faer's supernodal factorisation, in the order of approximate minimum degree (Amestoy, Davis & Duff, *Algorithm 837:
+//! AMD*, ACM Trans. Math. Softw. 30, 2004).
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::LltRegularization;
+use faer::sparse::linalg::cholesky::{
+    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
+use faer::{Conj, MatMut, Par, Side, Spec};
+
+/// The parts that dense blocks are cut into: a number of its own, so that the last digits do not depend on the threads.
+const PARTS: usize = 4;
+
+/// A factorisation whose order and pattern are kept while the values change.
+pub(super) struct Cholesky {
+    pattern: SymbolicSparseColMat<u32>,
+    symbolic: SymbolicCholesky<u32>,
+    factor: Vec<f64>,
+    scratch: MemBuffer,
+}
+
+/// The factorisation does not fit into memory.
+#[derive(Debug)]
+pub(super) struct OutOfMemory;
+
+impl std::fmt::Debug for Cholesky {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (unknowns, entries) = (self.unknowns(), self.factor.len());
+        f.debug_struct("Cholesky")
+            .field("unknowns", &unknowns)
+            .field("entries", &entries)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Cholesky {
+    /// Prepares for matrices whose lower triangle has, in column `j`, entries in the sorted rows
+    /// `rows[begin[j]..begin[j + 1]]`.
+    pub(super) fn new(begin: Vec<u32>, rows: Vec<u32>) -> Result<Self, OutOfMemory> {
+        let count = begin.len() - 1;
+        let pattern = SymbolicSparseColMat::new_checked(count, count, begin, None, rows);
+        let params = CholeskySymbolicParams::default();
+        let symbolic = factorize_symbolic_cholesky(pattern.as_ref(), Side::Lower, SymmetricOrdering::Amd, params)
+            .map_err(|_| OutOfMemory)?;
+        let mut factor = Vec::new();
+        factor.try_reserve_exact(symbolic.len_val()).map_err(|_| OutOfMemory)?;
+        factor.resize(symbolic.len_val(), 0.0);
+        let to_factor = symbolic.factorize_numeric_llt_scratch::<f64>(parallelism(), Spec::default());
+        let to_solve = symbolic.solve_in_place_scratch::<f64>(3, parallelism());
+        let scratch = MemBuffer::try_new(to_factor.or(to_solve)).map_err(|_| OutOfMemory)?;
+        Ok(Self {
+            pattern,
+            symbolic,
+            factor,
+            scratch,
+        })
+    }
+
+    pub(super) fn unknowns(&self) -> usize {
+        self.pattern.nrows()
+    }
+
+    /// Factors the matrix with these entries in the order of the pattern. False when it is not positive definite.
+    pub(super) fn factor(&mut self, values: &[f64]) -> bool {
+        // A NaN passes the test of the pivots.
+        if values.iter().any(|value| !value.is_finite()) {
+            return false;
+        }
+        let factored = self.symbolic.factorize_numeric_llt(
+            &mut self.factor,
+            SparseColMatRef::new(self.pattern.as_ref(), values),
+            Side::Lower,
+            LltRegularization::default(),
+            parallelism(),
+            MemStack::new(&mut self.scratch),
+            Spec::default(),
+        );
+        factored.is_ok()
+    }
+
+    /// Solves in place for up to three right-hand sides, one after the other, with the last factorisation.
+    pub(super) fn solve(&mut self, columns: &mut [f64]) {
+        let rows = self.unknowns();
+        if rows == 0 {
+            return;
+        }
+        let columns = MatMut::from_column_major_slice_mut(columns, rows, columns.len() / rows);
+        let factor = LltRef::new(&self.symbolic, &self.factor);
+        factor.solve_in_place_with_conj(Conj::No, columns, parallelism(), MemStack::new(&mut self.scratch));
+    }
+}
+
+fn parallelism() -> Par {
+    Par::rayon(PARTS)
+}

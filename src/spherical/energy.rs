@@ -1,0 +1,373 @@
+//! How much a drawing on the unit sphere distorts the triangles that it draws, with derivatives.
+//!
+//! The energy per triangle is infinite where the triangle turns over, so that a descent from a drawing without flips
+//! never makes any. Its angle term is that of Hormann & Greiner, *MIPS: an efficient global parametrization method*,
+//! Curve and Surface Design (2000); with the area term beside it, on the sphere and minimised by Newton's method, it is
+//! used by Schmidt, Pieper & Kobbelt, *Surface maps via adaptive triangulations*, Computer Graphics Forum 42 (2023).
+//! Element Hessians are made semidefinite as in Teran, Sifakis, Irving & Fedkiw, *Robust quasistatic finite elements and
+//! flesh simulation*, Symposium on Computer Animation (2005).
+//!
+//! Notation: a triangle with corners `a, b, c` on the sphere has the Jacobian `z = [b − a, c − a] D` of the linear map
+//! from its rest shape onto its chord, where `D` is the inverse of the rest shape's edges; `q = |z|²`, and
+//! `d = det(a, b, c) det D`: the ratio of areas, times the distance of the chord's plane from the centre. It is positive
+//! as long as the triangle is not turned over and spans less than a hemisphere.
+
+use nalgebra::{Complex, SMatrix};
+use rayon::prelude::*;
+
+use crate::geometry::orientation;
+use crate::{Point, Vector};
+
+/// Largest ratio of the two stretches between an equilateral triangle and a rest shape. Thinner ones are taken to be this
+/// thin, so that needles and flat triangles have a shape to aim at and do not spoil the condition of the system.
+pub(crate) const MOST_ASPECT: f64 = 100.0;
+
+/// Smallest area of a rest shape over the mean. Smaller ones are blown up.
+pub(crate) const LEAST_AREA: f64 = 1e-8;
+
+/// Shapes that the triangles of a drawing should have: those of a surface in space, scaled to the area 4π in total.
+#[derive(Debug, Clone)]
+pub(crate) struct RestShapes {
+    triangles: Vec<[u32; 3]>,
+    shapes: Vec<RestShape>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct RestShape {
+    /// `inverse[i][k]`: how much edge `i` (from the first corner to the next, to the last) counts in column `k` of `z`.
+    inverse: [[f64; 2]; 2],
+    area: f64,
+}
+
+/// How much the parts of the energy count. Each part is 1 per unit of area where it is least, of 4π in total.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Weights {
+    /// Of `q / 2d`, which is least where angles are kept.
+    pub(crate) angle: f64,
+    /// Of `(d + 1/d) / 2`, which is least where areas are kept; 0 for drawings that are as conformal as can be.
+    pub(crate) area: f64,
+}
+
+/// A spring of energy `weight · |x − target|²` between a vertex and a unit vector.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Pull {
+    pub(crate) vertex: u32,
+    pub(crate) target: Vector,
+    pub(crate) weight: f64,
+}
+
+/// The energy `Σ A (w_angle q / 2d + w_area (d + 1/d) / 2)` over triangles of rest area `A`, and that of the pulls.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Energy<'a> {
+    pub(crate) rest: &'a RestShapes,
+    pub(crate) weights: Weights,
+    pub(crate) pulls: &'a [Pull],
+}
+
+/// First and second derivatives of one triangle's energy, two tangent coordinates per corner.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Element {
+    pub(super) gradient: [f64; 6],
+    /// Symmetric and positive semidefinite.
+    pub(super) hessian: SMatrix<f64, 6, 6>,
+}
+
+impl RestShapes {
+    /// The shapes of these triangles between these points.
+    ///
+    /// Always finite: triangles thinner than [`MOST_ASPECT`] or smaller than [`LEAST_AREA`] are regularised, and those
+    /// with a corner that is missing or not finite become small equilateral ones.
+    pub(crate) fn new(triangles: &[[u32; 3]], positions: &[Point]) -> Self {
+        // Coordinates of any size: products of them must not leave the range of f64.
+        let size = positions.iter().map(|p| p.coords.amax()).filter(|c| c.is_finite());
+        let unit = size.fold(0.0, f64::max).max(f64::MIN_POSITIVE).recip().min(f64::MAX);
+        let mut stretches: Vec<Stretch> = triangles.par_iter().map(|t| Stretch::of(t, positions, unit)).collect();
+        let mean = stretches.iter().map(Stretch::area).sum::<f64>() / stretches.len().max(1) as f64;
+        // Without any area all triangles are alike.
+        let least = if mean > 0.0 { LEAST_AREA * mean } else { 1.0 };
+        stretches.par_iter_mut().for_each(|s| s.regularise(least));
+        let total: f64 = stretches.iter().map(Stretch::area).sum();
+        let scale = (4.0 * std::f64::consts::PI / total).sqrt();
+        Self {
+            triangles: triangles.to_vec(),
+            shapes: stretches.par_iter().map(|s| s.rest_shape(scale)).collect(),
+        }
+    }
+
+    /// The triangles, as given.
+    pub(crate) fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// The rest area of each triangle; 4π in total.
+    pub(crate) fn areas(&self) -> impl Iterator<Item = f64> {
+        self.shapes.iter().map(|shape| shape.area)
+    }
+
+    /// For each triangle the angle term `q / 2d`, which is 1 where angles are kept, and `d`. Both are infinite or NaN for
+    /// triangles that are turned over.
+    pub(crate) fn distortions(&self, x: &[Vector]) -> Vec<[f64; 2]> {
+        let distortion = |(t, shape): (&[u32; 3], &RestShape)| match Drawn::new(shape, t.map(|v| x[v as usize])) {
+            Some(drawn) => [drawn.q / (2.0 * drawn.d), drawn.d],
+            None => [f64::INFINITY, f64::NAN],
+        };
+        self.triangles.par_iter().zip(&self.shapes).map(distortion).collect()
+    }
+}
+
+/// The linear map `w ↦ αw + β conj(w)` of the complex plane from the equilateral triangle with corners 0, 1 and
+/// `exp(iπ/3)` onto a rest shape: its stretches are `|α| ± |β|`.
+#[derive(Debug, Clone, Copy)]
+struct Stretch {
+    alpha: Complex<f64>,
+    beta: Complex<f64>,
+}
+
+impl Stretch {
+    const NONE: Self = Self {
+        alpha: Complex::ZERO,
+        beta: Complex::ZERO,
+    };
+
+    fn of(triangle: &[u32; 3], positions: &[Point], unit: f64) -> Self {
+        let [Some(a), Some(b), Some(c)] = triangle.map(|v| positions.get(v as usize)) else {
+            return Self::NONE;
+        };
+        let [first, last] = [b, c].map(|p| p.coords * unit - a.coords * unit);
+        let base = first.norm();
+        let apex = if base > 0.0 {
+            Complex::new(first.dot(&last), first.cross(&last).norm()) / base
+        } else {
+            Complex::new(last.norm(), 0.0)
+        };
+        if !(base.is_finite() && apex.re.is_finite() && apex.im.is_finite()) {
+            return Self::NONE;
+        }
+        let alpha = (apex - base * third_corner().conj()) / (third_corner() - third_corner().conj());
+        Self {
+            alpha,
+            beta: base - alpha,
+        }
+    }
+
+    fn area(&self) -> f64 {
+        // A flat triangle may come out turned over by rounding.
+        3f64.sqrt() / 4.0 * (self.alpha.norm_sqr() - self.beta.norm_sqr()).max(0.0)
+    }
+
+    fn regularise(&mut self, least_area: f64) {
+        let (alpha, beta) = (self.alpha.norm(), self.beta.norm());
+        let longest = alpha + beta;
+        if longest == 0.0 {
+            self.alpha = Complex::ONE;
+        } else if alpha - beta < longest / MOST_ASPECT {
+            let phase = |c: Complex<f64>, norm: f64| if norm > 0.0 { c / norm } else { Complex::ONE };
+            self.alpha = phase(self.alpha, alpha) * (longest * 0.5 * (1.0 + MOST_ASPECT.recip()));
+            self.beta = phase(self.beta, beta) * (longest * 0.5 * (1.0 - MOST_ASPECT.recip()));
+        }
+        let area = self.area();
+        if area < least_area || longest == 0.0 {
+            let scale = least_area.sqrt() / area.sqrt();
+            self.alpha *= scale;
+            self.beta *= scale;
+        }
+    }
+
+    fn rest_shape(&self, scale: f64) -> RestShape {
+        let image = |w: Complex<f64>| (self.alpha * w + self.beta * w.conj()) * scale;
+        let [first, last] = [image(Complex::ONE), image(third_corner())];
+        let determinant = first.re * last.im - first.im * last.re;
+        RestShape {
+            inverse: [[last.im, -last.re], [-first.im, first.re]].map(|row| row.map(|entry| entry / determinant)),
+            area: 0.5 * determinant,
+        }
+    }
+}
+
+fn third_corner() -> Complex<f64> {
+    Complex::new(0.5, 0.75f64.sqrt())
+}
+
+impl Energy<'_> {
+    /// The energy of a drawing; infinite when a triangle is turned over or flat (decided exactly), or anything is not
+    /// finite.
+    ///
+    /// # Panics
+    ///
+    /// When a triangle or pull names a vertex beyond `x`.
+    pub(crate) fn value(&self, x: &[Vector]) -> f64 {
+        let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
+            let drawn = Drawn::new(shape, t.map(|v| x[v as usize]));
+            drawn.map_or(f64::INFINITY, |drawn| shape.area * drawn.energy(self.weights))
+        };
+        let rest = self.rest;
+        // Summed in order, so that the sum is the same for any number of threads.
+        let values: Vec<f64> = rest.triangles.par_iter().zip(&rest.shapes).map(of_triangle).collect();
+        let pull = |p: &Pull| p.weight * (x[p.vertex as usize] - p.target).norm_squared();
+        let sum = values.iter().sum::<f64>() + self.pulls.iter().map(pull).sum::<f64>();
+        if sum.is_finite() { sum } else { f64::INFINITY }
+    }
+
+    /// The gradient per vertex: a tangent vector of the sphere. Not finite where a triangle is turned over.
+    #[cfg(test)]
+    pub(crate) fn gradient(&self, x: &[Vector]) -> Vec<Vector> {
+        let frames: Vec<[Vector; 2]> = x.iter().map(tangents).collect();
+        let mut gradient = vec![Vector::zeros(); x.len()];
+        for (t, element) in self.rest.triangles.iter().zip(self.elements(x, &frames)) {
+            for (c, &v) in t.iter().enumerate() {
+                let [u, w] = frames[v as usize];
+                gradient[v as usize] += u * element.gradient[2 * c] + w * element.gradient[2 * c + 1];
+            }
+        }
+        for p in self.pulls {
+            let x = x[p.vertex as usize];
+            let pull = 2.0 * p.weight * (x - p.target);
+            gradient[p.vertex as usize] += pull - x * x.dot(&pull);
+        }
+        gradient
+    }
+
+    /// Derivatives of every triangle in the tangent coordinates of `frames`; without the pulls.
+    pub(super) fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<Element> {
+        let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
+            let (corners, frames) = (t.map(|v| x[v as usize]), t.map(|v| frames[v as usize]));
+            Drawn::new(shape, corners).map_or(Element::INFINITE, |drawn| drawn.element(self.weights, &frames))
+        };
+        let rest = self.rest;
+        rest.triangles.par_iter().zip(&rest.shapes).map(of_triangle).collect()
+    }
+}
+
+/// Two unit vectors that with `x` make a right-handed frame.
+///
+/// Duff et al., *Building an orthonormal basis, revisited*, Journal of Computer Graphics Techniques 6 (2017).
+pub(super) fn tangents(x: &Vector) -> [Vector; 2] {
+    let sign = 1f64.copysign(x.z);
+    let a = -1.0 / (sign + x.z);
+    let b = x.x * x.y * a;
+    [
+        Vector::new(1.0 + sign * x.x * x.x * a, sign * b, -sign * x.x),
+        Vector::new(b, sign + x.y * x.y * a, -x.y),
+    ]
+}
+
+/// Whether the triangle is seen counter-clockwise from outside, decided exactly for the directions as given.
+pub(super) fn is_positive([a, b, c]: &[Vector; 3]) -> bool {
+    let (first, last) = (b - a, c - a);
+    let determinant = a.dot(&first.cross(&last));
+    // Far above the rounding error of the determinant, which is a few units in the last place of this product.
+    let certain = 1e-14 * a.norm() * first.norm() * last.norm();
+    if determinant.abs() > certain && certain.is_finite() {
+        return determinant > 0.0;
+    }
+    let [a, b, c] = [a, b, c].map(|x| Point::from(*x));
+    orientation(&Point::origin(), &a, &b, &c) == Some(std::cmp::Ordering::Greater)
+}
+
+/// A triangle on the sphere that is not turned over.
+struct Drawn<'a> {
+    shape: &'a RestShape,
+    corners: [Vector; 3],
+    z: [Vector; 2],
+    /// `(b − a) × (c − a)`.
+    normal: Vector,
+    q: f64,
+    d: f64,
+}
+
+impl<'a> Drawn<'a> {
+    fn new(shape: &'a RestShape, corners: [Vector; 3]) -> Option<Self> {
+        let [a, b, c] = corners;
+        let (first, last) = (b - a, c - a);
+        let [[p, r], [s, t]] = shape.inverse;
+        let z = [first * p + last * s, first * r + last * t];
+        let normal = first.cross(&last);
+        let drawn = Self {
+            shape,
+            corners,
+            z,
+            normal,
+            q: z[0].norm_squared() + z[1].norm_squared(),
+            d: a.dot(&normal) * shape.determinant(),
+        };
+        (drawn.d > 0.0 && drawn.q.is_finite() && is_positive(&corners)).then_some(drawn)
+    }
+
+    fn energy(&self, weights: Weights) -> f64 {
+        weights.angle * self.q / (2.0 * self.d) + weights.area * 0.5 * (self.d + self.d.recip())
+    }
+
+    fn element(&self, weights: Weights, frames: &[[Vector; 2]; 3]) -> Element {
+        let (q, d, area) = (self.q, self.d, self.shape.area);
+        let by_z = weights.angle / d;
+        let by_d = 0.5 * (weights.area * (1.0 - 1.0 / (d * d)) - by_z * q / d);
+        let by_d_twice = (by_z * q + weights.area / d) / (d * d);
+        let share = self.shape.shares();
+        let [a, b, c] = self.corners;
+        // Half the gradient of q, and that of d up to its radial part: without the cancellation in b × c.
+        let dq: [Vector; 3] = std::array::from_fn(|k| self.z[0] * share[k][0] + self.z[1] * share[k][1]);
+        let dd = [a.cross(&(c - b)), b.cross(&(a - c)), c.cross(&(b - a))];
+        let dd = dd.map(|v| (v + self.normal) * self.shape.determinant());
+        let tangent = |g: &[Vector; 3]| -> [f64; 6] { std::array::from_fn(|i| g[i / 2].dot(&frames[i / 2][i % 2])) };
+        let (gq, gd) = (tangent(&dq), tangent(&dd));
+
+        let mut hessian = SMatrix::<f64, 6, 6>::zeros();
+        for i in 0..6 {
+            for j in 0..=i {
+                let (m, n) = (i / 2, j / 2);
+                let cross = gq[i] * gd[j] + gd[i] * gq[j];
+                let mut entry = by_d_twice * gd[i] * gd[j] - by_z / d * cross;
+                let (u, v) = (frames[m][i % 2], frames[n][j % 2]);
+                let metric = share[m][0] * share[n][0] + share[m][1] * share[n][1];
+                if m != n {
+                    // det(u, v, ·) in the cyclic order of the corners m, n and the third; here m > n.
+                    let third = self.corners[3 - m - n];
+                    let sign = if m - n == 1 { -1.0 } else { 1.0 };
+                    entry += by_z * metric * u.dot(&v);
+                    entry += by_d * self.shape.determinant() * sign * third.dot(&u.cross(&v));
+                } else if i == j {
+                    // The sphere bends away from its tangent plane.
+                    entry += by_z * metric - by_z * dq[m].dot(&self.corners[m]) - by_d * d;
+                }
+                hessian[(i, j)] = area * entry;
+                hessian[(j, i)] = area * entry;
+            }
+        }
+        Element {
+            gradient: std::array::from_fn(|i| area * (by_z * gq[i] + by_d * gd[i])),
+            hessian: semidefinite(hessian),
+        }
+    }
+}
+
+impl RestShape {
+    fn determinant(&self) -> f64 {
+        0.5 / self.area
+    }
+
+    /// How much each corner counts in each column of `z`.
+    fn shares(&self) -> [[f64; 2]; 3] {
+        let [first, last] = self.inverse;
+        [[-first[0] - last[0], -first[1] - last[1]], first, last]
+    }
+}
+
+impl Element {
+    const INFINITE: Self = Self {
+        gradient: [f64::NAN; 6],
+        hessian: SMatrix::<f64, 6, 6>::from_array_storage(nalgebra::ArrayStorage([[f64::NAN; 6]; 6])),
+    };
+}
+
+/// The matrix without its negative eigenvalues; a matrix that is not finite, as it is.
+fn semidefinite(matrix: SMatrix<f64, 6, 6>) -> SMatrix<f64, 6, 6> {
+    let size = matrix.trace().abs();
+    if !size.is_finite() || nalgebra::Cholesky::new(matrix).is_some() {
+        return matrix;
+    }
+    let Some(eigen) = matrix.try_symmetric_eigen(f64::EPSILON, 1000) else {
+        return SMatrix::from_diagonal(&matrix.diagonal().map(|entry| entry.abs() * 6.0));
+    };
+    let kept = eigen.eigenvalues.map(|value| value.max(0.0));
+    eigen.eigenvectors * SMatrix::from_diagonal(&kept) * eigen.eigenvectors.transpose()
+}

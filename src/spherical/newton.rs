@@ -1,0 +1,436 @@
+//! Newton's method for drawings on the sphere.
+//!
+//! Two unknowns per vertex in its tangent plane; a step along them ends with the vertex pulled back to the sphere. Along
+//! a step the determinant of a triangle is a cubic polynomial times a positive factor, so that the longest step without
+//! flips is known beforehand (as Smith & Schaefer, *Bijective parameterization with free boundaries*, ACM Trans. Graph.
+//! 34, 2015, do in the plane).
+
+use rayon::prelude::*;
+
+use super::cholesky::{Cholesky, OutOfMemory};
+use super::energy::{Element, Energy, is_positive, tangents};
+use crate::Vector;
+
+/// When to stop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct NewtonOptions {
+    pub(crate) most_iterations: usize,
+    /// Fall of the energy in one iteration, as a fraction of it, at which the descent ends.
+    pub(crate) tolerance: f64,
+}
+
+impl Default for NewtonOptions {
+    fn default() -> Self {
+        Self {
+            most_iterations: 50,
+            tolerance: 1e-6,
+        }
+    }
+}
+
+/// What a descent did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct NewtonReport {
+    /// Steps taken.
+    pub(crate) iterations: usize,
+    pub(crate) energy_before: f64,
+    /// Never above `energy_before`.
+    pub(crate) energy_after: f64,
+    pub(crate) stop: Stop,
+}
+
+/// Why a descent ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Stop {
+    /// The energy falls by less than the tolerance.
+    Converged,
+    MostIterations,
+    /// No step along the last direction lowered the energy: rounding errors are as large as what is left to gain.
+    Stalled,
+}
+
+/// Why a drawing cannot be improved.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub(crate) enum NewtonError {
+    /// Every vertex that is named needs a place.
+    #[error("vertex {vertex} is named, and the drawing has {directions} directions")]
+    Count { vertex: u32, directions: usize },
+    /// The energy is finite only without flips.
+    #[error("triangle {triangle} of the drawing is turned over, flat or not finite; start from a drawing without flips")]
+    Flipped { triangle: usize },
+    /// Weights and targets must be finite, weights not negative and that of angles positive.
+    #[error("the energy is not finite at the start; its weights must be finite and its drawing not nearly flat anywhere")]
+    NotFinite,
+    /// The factorisation does not fit.
+    #[error("the system of {unknowns} unknowns does not fit into memory; use a coarser surface")]
+    OutOfMemory { unknowns: usize },
+}
+
+/// Improves drawings of one list of triangles: what depends on the connections alone is kept.
+#[derive(Debug)]
+pub(crate) struct Newton {
+    /// The unknowns `2i` and `2i + 1` are tangent coordinates of vertex `free[i]`.
+    free: Vec<u32>,
+    /// Place of each vertex in `free`, or [`FIXED`].
+    place: Vec<u32>,
+    triangles: Vec<[u32; 3]>,
+    /// Where the blocks of each triangle's matrix are added.
+    scatter: Vec<[Block; 6]>,
+    /// Where the diagonal block of each free vertex is.
+    diagonal: Vec<Block>,
+    values: Vec<f64>,
+    cholesky: Cholesky,
+}
+
+/// Where the entries of a block of two by two are in a matrix: the upper one of each column, or [`FIXED`].
+type Block = [u32; 2];
+
+const FIXED: u32 = u32::MAX;
+
+/// Pairs of corners, the blocks of a triangle's matrix.
+const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
+
+/// First shift of the matrix, as a fraction of its diagonal: it is singular along rotations of the sphere.
+const LEAST_SHIFT: f64 = 1e-9;
+/// Above this the step is that of a scaled gradient descent, and shifting further is no use.
+const MOST_SHIFT: f64 = 1e3;
+
+/// Share of the way to the first flip that a step may go.
+const SHARE_OF_LONGEST: f64 = 0.9;
+/// Share of the fall predicted by the slope that a step must reach.
+const ARMIJO: f64 = 1e-4;
+/// Halvings of a step before it is given up.
+const MOST_HALVINGS: usize = 40;
+
+impl Newton {
+    /// Prepares for these triangles with the vertices `fixed` held in place. Vertices that no triangle names stay where
+    /// they are.
+    ///
+    /// # Errors
+    ///
+    /// [`NewtonError::OutOfMemory`].
+    pub(crate) fn new(triangles: &[[u32; 3]], fixed: &[u32]) -> Result<Self, NewtonError> {
+        let (free, place) = free_vertices(triangles, fixed);
+        let neighbours = later_neighbours(triangles, &place, free.len());
+        let (begin, rows) = pattern(&neighbours);
+        let diagonal: Vec<Block> = (0..free.len()).map(|i| [begin[2 * i], begin[2 * i + 1]]).collect();
+        let block = |t: &[u32; 3], [m, n]: [usize; 2]| -> Block {
+            let (i, j) = (place[t[m] as usize], place[t[n] as usize]);
+            if i == FIXED || j == FIXED {
+                return [FIXED; 2];
+            }
+            let (row, column) = (i.max(j), i.min(j) as usize);
+            if row as usize == column {
+                return diagonal[column];
+            }
+            let k = neighbours[column].binary_search(&row).unwrap_or(0) as u32;
+            [begin[2 * column] + 2 + 2 * k, begin[2 * column + 1] + 1 + 2 * k]
+        };
+        let scatter = triangles.par_iter().map(|t| PAIRS.map(|pair| block(t, pair))).collect();
+        let values = vec![0.0; rows.len()];
+        let unknowns = 2 * free.len();
+        let cholesky = Cholesky::new(begin, rows).map_err(|OutOfMemory| NewtonError::OutOfMemory { unknowns })?;
+        Ok(Self {
+            free,
+            place,
+            triangles: triangles.to_vec(),
+            scatter,
+            diagonal,
+            values,
+            cholesky,
+        })
+    }
+
+    /// Lowers the energy of the drawing `x`, unit vectors per vertex, without ever turning a triangle over.
+    ///
+    /// The energy's triangles must be those that the method was prepared for. Deterministic, for any number of threads.
+    ///
+    /// # Errors
+    ///
+    /// When the drawing does not fit, or has a flip at the start; `x` is then unchanged.
+    ///
+    /// # Panics
+    ///
+    /// In debug builds, when the energy has other triangles.
+    pub(crate) fn minimise(
+        &mut self,
+        energy: &Energy,
+        x: &mut [Vector],
+        options: &NewtonOptions,
+    ) -> Result<NewtonReport, NewtonError> {
+        debug_assert!(self.triangles == energy.rest.triangles());
+        let energy_before = self.start(energy, x)?;
+        let mut report = NewtonReport {
+            iterations: 0,
+            energy_before,
+            energy_after: energy_before,
+            stop: Stop::MostIterations,
+        };
+        let mut shift = LEAST_SHIFT;
+        while report.iterations < options.most_iterations {
+            let frames: Vec<[Vector; 2]> = x.par_iter().map(tangents).collect();
+            let gradient = self.assemble(energy, x, &frames);
+            let Some(step) = self.descend(energy, x, &frames, &gradient, report.energy_after, &mut shift) else {
+                report.stop = Stop::Stalled;
+                break;
+            };
+            x.copy_from_slice(&step.drawing);
+            report.iterations += 1;
+            let fall = report.energy_after - step.energy;
+            report.energy_after = step.energy;
+            if fall <= options.tolerance * step.energy.abs() {
+                report.stop = Stop::Converged;
+                break;
+            }
+        }
+        Ok(report)
+    }
+
+    /// The energy at the start, once everything fits.
+    fn start(&self, energy: &Energy, x: &mut [Vector]) -> Result<f64, NewtonError> {
+        let named = self.triangles.iter().flatten().copied();
+        let vertices = named.chain(energy.pulls.iter().map(|pull| pull.vertex));
+        if let Some(vertex) = vertices.filter(|&v| v as usize >= x.len()).max() {
+            let directions = x.len();
+            return Err(NewtonError::Count { vertex, directions });
+        }
+        let is_turned = |t: &[u32; 3]| !is_positive(&t.map(|v| x[v as usize]));
+        if let Some(triangle) = self.triangles.par_iter().position_first(is_turned) {
+            return Err(NewtonError::Flipped { triangle });
+        }
+        let value = energy.value(x);
+        if value.is_finite() { Ok(value) } else { Err(NewtonError::NotFinite) }
+    }
+
+    /// Fills the matrix, and returns the gradient.
+    fn assemble(&mut self, energy: &Energy, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<f64> {
+        let mut gradient = vec![0.0; 2 * self.free.len()];
+        self.values.fill(0.0);
+        let elements = energy.elements(x, frames);
+        // In the order of the triangles, so that the sums are the same for any number of threads.
+        for ((triangle, blocks), element) in self.triangles.iter().zip(&self.scatter).zip(&elements) {
+            for (c, &v) in triangle.iter().enumerate() {
+                let place = self.place[v as usize];
+                if place != FIXED {
+                    gradient[2 * place as usize] += element.gradient[2 * c];
+                    gradient[2 * place as usize + 1] += element.gradient[2 * c + 1];
+                }
+            }
+            add_blocks(&mut self.values, triangle, &self.place, blocks, element);
+        }
+        for pull in energy.pulls {
+            let v = pull.vertex as usize;
+            let place = self.place.get(v).map_or(FIXED, |&place| place);
+            if place == FIXED {
+                continue;
+            }
+            let force = 2.0 * pull.weight * (x[v] - pull.target);
+            let [first, second] = self.diagonal[place as usize];
+            for r in 0..2 {
+                gradient[2 * place as usize + r] += force.dot(&frames[v][r]);
+            }
+            // Its exact value, for targets nearby, and above it elsewhere.
+            self.values[first as usize] += 2.0 * pull.weight;
+            self.values[second as usize] += 2.0 * pull.weight;
+        }
+        gradient
+    }
+
+    /// A step that lowers the energy, if there is one.
+    fn descend(
+        &mut self,
+        energy: &Energy,
+        x: &[Vector],
+        frames: &[[Vector; 2]],
+        gradient: &[f64],
+        before: f64,
+        shift: &mut f64,
+    ) -> Option<Step> {
+        loop {
+            if let Some(direction) = self.direction(gradient, *shift) {
+                let slope: f64 = gradient.iter().zip(&direction).map(|(g, p)| g * p).sum();
+                if slope < 0.0 {
+                    let tangent = self.displacements(frames, &direction);
+                    if let Some(step) = self.search(energy, x, &tangent, before, slope) {
+                        *shift = (*shift * 0.01).max(LEAST_SHIFT);
+                        return Some(step);
+                    }
+                }
+            }
+            // Also after a failed search: with more of the gradient in it the step is shorter and safer.
+            *shift *= 100.0;
+            if *shift > MOST_SHIFT {
+                return None;
+            }
+        }
+    }
+
+    /// The solution of the shifted system, unless it is not positive definite.
+    fn direction(&mut self, gradient: &[f64], shift: f64) -> Option<Vec<f64>> {
+        let mut values = self.values.clone();
+        for &[first, second] in &self.diagonal {
+            values[first as usize] *= 1.0 + shift;
+            values[second as usize] *= 1.0 + shift;
+        }
+        if !self.cholesky.factor(&values) {
+            return None;
+        }
+        let mut direction: Vec<f64> = gradient.iter().map(|g| -g).collect();
+        self.cholesky.solve(&mut direction);
+        direction.iter().all(|p| p.is_finite()).then_some(direction)
+    }
+
+    fn displacements(&self, frames: &[[Vector; 2]], direction: &[f64]) -> Vec<Vector> {
+        let mut tangent = vec![Vector::zeros(); frames.len()];
+        for (&v, p) in self.free.iter().zip(direction.chunks_exact(2)) {
+            let [u, w] = frames[v as usize];
+            tangent[v as usize] = u * p[0] + w * p[1];
+        }
+        tangent
+    }
+
+    /// The longest tried step along `tangent` with a sufficient fall of the energy.
+    fn search(&self, energy: &Energy, x: &[Vector], tangent: &[Vector], before: f64, slope: f64) -> Option<Step> {
+        let to_flip = self.triangles.par_iter().map(|t| {
+            let corners = t.map(|v| x[v as usize]);
+            first_root(&determinant_along(&corners, &t.map(|v| tangent[v as usize])))
+        });
+        let mut length = (SHARE_OF_LONGEST * to_flip.reduce(|| f64::INFINITY, f64::min)).min(1.0);
+        for _ in 0..MOST_HALVINGS {
+            let moved = |(x, u): (&Vector, &Vector)| if *u == Vector::zeros() { *x } else { (x + u * length).normalize() };
+            let drawing: Vec<Vector> = x.par_iter().zip(tangent).map(moved).collect();
+            let after = energy.value(&drawing);
+            if after < before && after <= before + ARMIJO * length * slope {
+                return Some(Step { drawing, energy: after });
+            }
+            length *= 0.5;
+        }
+        None
+    }
+}
+
+struct Step {
+    drawing: Vec<Vector>,
+    energy: f64,
+}
+
+fn free_vertices(triangles: &[[u32; 3]], fixed: &[u32]) -> (Vec<u32>, Vec<u32>) {
+    let count = triangles.iter().flatten().max().map_or(0, |&v| v as usize + 1);
+    let mut is_free = vec![false; count];
+    triangles.iter().flatten().for_each(|&v| is_free[v as usize] = true);
+    for &v in fixed.iter().filter(|&&v| (v as usize) < count) {
+        is_free[v as usize] = false;
+    }
+    let free: Vec<u32> = (0..count as u32).filter(|&v| is_free[v as usize]).collect();
+    let mut place = vec![FIXED; count];
+    for (i, &v) in free.iter().enumerate() {
+        place[v as usize] = i as u32;
+    }
+    (free, place)
+}
+
+/// For each free vertex its free neighbours of a higher place, sorted.
+fn later_neighbours(triangles: &[[u32; 3]], place: &[u32], free: usize) -> Vec<Vec<u32>> {
+    let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); free];
+    for t in triangles {
+        let [i, j, k] = t.map(|v| place[v as usize]);
+        for (i, j) in [(i, j), (j, k), (k, i)] {
+            if i != FIXED && j != FIXED && i != j {
+                neighbours[i.min(j) as usize].push(i.max(j));
+            }
+        }
+    }
+    neighbours.par_iter_mut().for_each(|list| {
+        list.sort_unstable();
+        list.dedup();
+    });
+    neighbours
+}
+
+/// The lower triangle of the matrix by columns: first entries and rows.
+fn pattern(neighbours: &[Vec<u32>]) -> (Vec<u32>, Vec<u32>) {
+    let mut begin = vec![0];
+    let mut rows = Vec::new();
+    for (column, list) in neighbours.iter().enumerate() {
+        let column = 2 * column as u32;
+        let below = || list.iter().flat_map(|&i| [2 * i, 2 * i + 1]);
+        rows.extend([column, column + 1].into_iter().chain(below()));
+        begin.push(rows.len() as u32);
+        rows.extend([column + 1].into_iter().chain(below()));
+        begin.push(rows.len() as u32);
+    }
+    (begin, rows)
+}
+
+fn add_blocks(values: &mut [f64], triangle: &[u32; 3], place: &[u32], blocks: &[Block; 6], element: &Element) {
+    for (&[m, n], &[first, second]) in PAIRS.iter().zip(blocks) {
+        if first == FIXED {
+            continue;
+        }
+        let (first, second) = (first as usize, second as usize);
+        if m == n {
+            values[first] += element.hessian[(2 * m, 2 * m)];
+            values[first + 1] += element.hessian[(2 * m + 1, 2 * m)];
+            values[second] += element.hessian[(2 * m + 1, 2 * m + 1)];
+            continue;
+        }
+        let below = place[triangle[m] as usize] > place[triangle[n] as usize];
+        let (row, column) = if below { (2 * m, 2 * n) } else { (2 * n, 2 * m) };
+        values[first] += element.hessian[(row, column)];
+        values[first + 1] += element.hessian[(row + 1, column)];
+        values[second] += element.hessian[(row, column + 1)];
+        values[second + 1] += element.hessian[(row + 1, column + 1)];
+    }
+}
+
+/// Coefficients of `det(a + tu, b + tv, c + tw)` by powers of `t`.
+fn determinant_along([a, b, c]: &[Vector; 3], [u, v, w]: &[Vector; 3]) -> [f64; 4] {
+    // With edges instead of corners, which nearly cancel in small triangles.
+    let (first, last) = (b - a, c - a);
+    let (turn_first, turn_last) = (v - u, w - u);
+    let normal = [
+        first.cross(&last),
+        first.cross(&turn_last) + turn_first.cross(&last),
+        turn_first.cross(&turn_last),
+    ];
+    [
+        a.dot(&normal[0]),
+        a.dot(&normal[1]) + u.dot(&normal[0]),
+        a.dot(&normal[2]) + u.dot(&normal[1]),
+        u.dot(&normal[2]),
+    ]
+}
+
+/// A lower bound, and a close one, of the first root in (0, 1] of a cubic that is positive at 0; infinite without a root.
+fn first_root(cubic: &[f64; 4]) -> f64 {
+    let mut at = 0.0;
+    let mut shifted = *cubic;
+    for _ in 0..16 {
+        let step = safe_step(&shifted);
+        if at + step >= 1.0 {
+            return f64::INFINITY;
+        }
+        at += step;
+        let [c0, c1, c2, c3] = shifted;
+        shifted = [
+            c0 + step * (c1 + step * (c2 + step * c3)),
+            c1 + step * (2.0 * c2 + 3.0 * step * c3),
+            c2 + 3.0 * step * c3,
+            c3,
+        ];
+        // Also stops at NaN.
+        if !(shifted[0] > 1e-3 * cubic[0]) {
+            break;
+        }
+    }
+    at
+}
+
+/// How far the cubic is surely positive: as far as its negative terms alone do not reach its value at 0.
+fn safe_step(&[c0, c1, c2, c3]: &[f64; 4]) -> f64 {
+    // Each of the three terms may take a third.
+    let share = c0 / 3.0;
+    let reach = |c: f64, root: fn(f64) -> f64| if c < 0.0 { root(share / -c) } else { f64::INFINITY };
+    reach(c1, |r| r).min(reach(c2, f64::sqrt)).min(reach(c3, f64::cbrt))
+}
