@@ -371,3 +371,168 @@ fn semidefinite(matrix: SMatrix<f64, 6, 6>) -> SMatrix<f64, 6, 6> {
     let kept = eigen.eigenvalues.map(|value| value.max(0.0));
     eigen.eigenvectors * SMatrix::from_diagonal(&kept) * eigen.eigenvectors.transpose()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::{SurfaceMesh, shapes};
+
+    const WEIGHTS: [[f64; 2]; 3] = [[1.0, 0.0], [0.0, 1.0], [1.0, 0.5]];
+
+    fn directions(mesh: &SurfaceMesh) -> Vec<Vector> {
+        mesh.vertices().iter().map(|p| p.coords.normalize()).collect()
+    }
+
+    fn pulls(x: &[Vector]) -> [Pull; 2] {
+        [(3, 0.7), (40, 2.0)].map(|(vertex, weight)| Pull {
+            vertex,
+            target: x[vertex as usize + 1],
+            weight,
+        })
+    }
+
+    #[test]
+    fn gradient_matches_central_differences() {
+        let mesh = shapes::bumpy_sphere(5);
+        let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
+        let x = directions(&mesh);
+        let pulls = pulls(&x);
+        for [angle, area] in WEIGHTS {
+            let energy = Energy {
+                rest: &rest,
+                weights: Weights { angle, area },
+                pulls: &pulls,
+            };
+            let gradient = energy.gradient(&x);
+            let h = 1e-5;
+            for v in 0..x.len() {
+                for tangent in tangents(&x[v]) {
+                    let moved = |step: f64| {
+                        let mut x = x.clone();
+                        x[v] = (x[v] + step * tangent).normalize();
+                        energy.value(&x)
+                    };
+                    let slope = (moved(h) - moved(-h)) / (2.0 * h);
+                    assert!(
+                        (slope - gradient[v].dot(&tangent)).abs() < 1e-6,
+                        "{slope} {}",
+                        gradient[v].dot(&tangent)
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn hessians_match_second_differences_but_for_their_negative_part() {
+        let mesh = shapes::bumpy_sphere(3);
+        let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
+        let x = directions(&mesh);
+        for [angle, area] in WEIGHTS {
+            let weights = Weights { angle, area };
+            for (t, shape) in rest.triangles.iter().zip(&rest.shapes) {
+                let corners = t.map(|v| x[v as usize]);
+                let frames = corners.map(|x| tangents(&x));
+                let of = |p: &SMatrix<f64, 6, 1>| {
+                    let moved = std::array::from_fn(|c| {
+                        (corners[c] + frames[c][0] * p[2 * c] + frames[c][1] * p[2 * c + 1]).normalize()
+                    });
+                    shape.area * Drawn::new(shape, moved).unwrap().energy(weights)
+                };
+                let h = 1e-4;
+                let step = |i: usize| SMatrix::<f64, 6, 1>::ith(i, h);
+                let difference = SMatrix::<f64, 6, 6>::from_fn(|i, j| {
+                    let [p, q] = [step(i), step(j)];
+                    (of(&(p + q)) - of(&(p - q)) - of(&(q - p)) + of(&-(p + q))) / (4.0 * h * h)
+                });
+                let found = Drawn::new(shape, corners).unwrap().element(weights, &frames).hessian;
+                // Fourth derivatives over the second are about the inverse square of the size, 0.4.
+                let tolerance = 1e-5 * difference.norm().max(1.0);
+                assert!(
+                    (found - semidefinite(difference)).norm() < tolerance,
+                    "{found} {difference}"
+                );
+                assert!(found.symmetric_eigenvalues().min() > -1e-12 * found.norm());
+            }
+        }
+    }
+
+    #[test]
+    fn rest_shapes_are_finite_whatever_the_triangles() {
+        let points = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.5, 1e-9, 0.0],
+            [0.5, 0.0, 0.0],
+            [f64::NAN, 0.0, 0.0],
+            [1e-30, 1e-30, 0.0],
+            [0.0, f64::INFINITY, 0.0],
+        ];
+        let triangles = [
+            [0, 1, 2],
+            [0, 1, 3],
+            [0, 1, 4],
+            [0, 0, 0],
+            [0, 0, 1],
+            [0, 1, 5],
+            [0, 6, 4],
+            [1, 2, 7],
+            [0, 1, 99],
+        ];
+        for scale in [1.0, 1e-300, 1e200] {
+            let positions = points.map(|p| Point::from(p) * scale);
+            let rest = RestShapes::new(&triangles, &positions);
+            assert!((rest.areas().sum::<f64>() / (4.0 * std::f64::consts::PI) - 1.0).abs() < 1e-12);
+            for shape in &rest.shapes {
+                assert!(shape.area > 1e-10 && shape.inverse.iter().flatten().all(|entry| entry.is_finite()));
+            }
+        }
+        let none = RestShapes::new(&[[0, 0, 0], [0, 1, 2]], &[]);
+        assert!(
+            none.areas()
+                .all(|area| (area / (2.0 * std::f64::consts::PI) - 1.0).abs() < 1e-12)
+        );
+        assert_eq!(RestShapes::new(&[], &[]).areas().count(), 0);
+    }
+
+    #[test]
+    fn rest_shapes_within_bounds_are_kept() {
+        let positions = [[0.0, 0.0, 1.0], [3.0, 0.0, 1.0], [1.0, 0.2, 1.0], [0.0, -1.0, 1.0]].map(Point::from);
+        let rest = RestShapes::new(&[[0, 1, 2], [0, 3, 1]], &positions);
+        // Areas 0.3 and 1.5; drawn in its own plane a triangle has the identity as its Jacobian.
+        let areas: Vec<f64> = rest.areas().collect();
+        assert!((areas[1] / areas[0] - 5.0).abs() < 1e-12);
+        let scale = (areas[0] / 0.3).sqrt();
+        let [[p, r], [s, t]] = rest.shapes[0].inverse;
+        let (first, last) = (Vector::x() * 3.0 * scale, Vector::new(1.0, 0.2, 0.0) * scale);
+        let z = [first * p + last * s, first * r + last * t];
+        assert!(
+            z[0].dot(&z[1]).abs() < 1e-12 && (z[0].norm() - 1.0).abs() < 1e-12 && (z[1].norm() - 1.0).abs() < 1e-12
+        );
+    }
+
+    #[test]
+    fn is_infinite_for_anything_that_is_no_drawing() {
+        let mesh = shapes::sphere(1.0, 2);
+        let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
+        let energy = Energy {
+            rest: &rest,
+            weights: Weights { angle: 1.0, area: 1.0 },
+            pulls: &[],
+        };
+        let x = directions(&mesh);
+        assert!(energy.value(&x).is_finite());
+        for bad in [
+            -x[7],
+            x[8],
+            Vector::repeat(f64::NAN),
+            Vector::repeat(f64::INFINITY),
+            Vector::zeros(),
+        ] {
+            let mut x = x.clone();
+            x[7] = bad;
+            assert_eq!(energy.value(&x), f64::INFINITY);
+        }
+    }
+}

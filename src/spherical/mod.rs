@@ -5,9 +5,11 @@
 
 mod certificate;
 mod cholesky;
+mod cmcf;
 mod energy;
 mod hierarchy;
 mod kernel;
+mod moebius;
 mod newton;
 mod progressive;
 mod spherical_map;
