@@ -39,7 +39,7 @@ const LEAST_WEIGHT: f64 = 1e-4;
 /// surface has no area, or memory is short.
 pub(crate) fn flow(triangles: &[[u32; 3]], positions: &[Point], options: &FlowOptions) -> Option<Vec<Vector>> {
     let in_range = |t: &[u32; 3]| t.iter().all(|&v| (v as usize) < positions.len());
-    if triangles.is_empty() || !triangles.iter().all(in_range) || !(options.step > 0.0) {
+    if triangles.is_empty() || !triangles.iter().all(in_range) || options.step.is_nan() || options.step <= 0.0 {
         return None;
     }
     let mut x: Vec<Vector> = positions.iter().map(|p| p.coords).collect();
