@@ -173,10 +173,10 @@ mod tests {
         let (_, header) = SafeTensors::read_metadata(&content).unwrap();
         let mut metadata = header.metadata().as_ref().unwrap()[BOUNDARY.key].clone();
         change(&mut tables, &mut metadata);
-        let view = |(name, (dtype, shape, data)): (&String, &(safetensors::Dtype, Vec<usize>, Vec<u8>))| {
-            (name.clone(), TensorView::new(*dtype, shape.clone(), data).unwrap())
-        };
-        let views: Vec<_> = tables.iter().map(view).collect();
+        let views: Vec<_> = tables
+            .iter()
+            .map(|(name, (dtype, shape, data))| (name, TensorView::new(*dtype, shape.clone(), data).unwrap()))
+            .collect();
         let entries = HashMap::from([(BOUNDARY.key.to_owned(), metadata)]);
         std::fs::write(path, safetensors::serialize(views, Some(entries)).unwrap()).unwrap();
         read_boundary(path).map(|_| ()).unwrap_err().to_string()

@@ -213,6 +213,36 @@ mod tests {
         ));
     }
 
+    /// Sources at three corners of a triangle, whose image is the triangle itself, as format 1.0 has it.
+    #[test]
+    fn files_of_the_first_format_are_read() {
+        let folder = folder();
+        let path = folder.path().join("old.map");
+        let numbers: Vec<u8> = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0f64]
+            .iter()
+            .flat_map(|x| x.to_le_bytes())
+            .collect();
+        let affine = vec![0u8; 96];
+        let triangle: Vec<u8> = [0u32, 1, 2].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let table = |rows: usize, data| TensorView::new(Dtype::F64, vec![rows, 3], data).unwrap();
+        let mut views: Vec<_> = ["sources", "coefficients", "domain_vertices", "image_vertices"]
+            .map(|name| (name, table(3, &numbers)))
+            .into();
+        views.push(("affine", table(4, &affine)));
+        views.push((
+            "domain_triangles",
+            TensorView::new(Dtype::U32, vec![1, 3], &triangle).unwrap(),
+        ));
+        let metadata = r#"{"format_version":"1.0","generator":"solidmap 0.1.0","fit":null,"inputs":[]}"#;
+        let entries = HashMap::from([("solidmap".to_owned(), metadata.to_owned())]);
+        std::fs::write(&path, safetensors::serialize(views, Some(entries)).unwrap()).unwrap();
+        let read = read_map(&path).unwrap();
+        let boundary = read.boundary.unwrap();
+        assert_eq!(boundary.image(), boundary.domain().vertices());
+        assert!(boundary.domain_on_sphere().is_none());
+        assert_eq!(read.map.sources()[1], Point::new(1.0, 0.0, 0.0));
+    }
+
     #[test]
     fn a_tensor_of_another_shape_is_named() {
         let folder = folder();

@@ -15,7 +15,7 @@ use crate::mesh::topology::Topology;
 use crate::{Point, Vector};
 
 /// Finds the point of a surface that a [`SphericalMap`] sends to a direction. Built once per map and asked often;
-/// `120` bytes and some 0.5 µs per triangle.
+/// some 200 bytes and 0.7 µs per triangle.
 ///
 /// Every direction has a point: where rounding leaves several triangles or none, it is in the one that is the nearest to
 /// contain it, and of equals in the first. The direction of a vertex, bit for bit, is exactly at that vertex.
@@ -90,14 +90,14 @@ impl Locator {
         }
     }
 
-    /// The point that the map sends to a direction, of any positive length. Some 1 µs.
+    /// The point that the map sends to a direction, of any positive length. Some 1 µs with 60 000 triangles.
     ///
     /// A vector of length 0 or not finite is the direction of no point: its coordinates are NaN.
     pub fn locate(&self, direction: &Vector) -> SurfacePoint {
         unit_of(direction).map_or(NOWHERE, |x| self.search(&x))
     }
 
-    /// As [`Self::locate`], faster when the point is in the triangle `hint` or near it: the answer is the same.
+    /// As [`Self::locate`], several times faster when the point is in the triangle `hint` or near it: the answer is the same.
     pub fn locate_from(&self, direction: &Vector, hint: u32) -> SurfacePoint {
         let Some(x) = unit_of(direction) else {
             return NOWHERE;
