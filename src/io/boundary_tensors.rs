@@ -160,8 +160,9 @@ fn require_agreement(reader: &Reader, map: &BoundaryMap, image: &[Point]) -> Res
     }
     let most = AGREEMENT * map.target_diagonal();
     let distance = |v: usize| (map.image()[v] - image[v]).norm();
-    // Not the other way round: what is not finite has no distance.
-    match (0..image.len()).find(|&v| !(distance(v) <= most)) {
+    // What is not finite is not near either.
+    let is_near = |v: usize| distance(v) <= most;
+    match (0..image.len()).find(|&v| !is_near(v)) {
         None => Ok(()),
         Some(v) => {
             let problem = format!(
