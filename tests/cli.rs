@@ -7,8 +7,10 @@ use std::process::Output;
 use assert_cmd::Command;
 use serde_json::Value;
 use solidmap::Point;
-use solidmap::io::{self, read_points};
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::io::{self, BoundaryFile, BoundaryMetadata, read_points};
 use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::spherical::SphericalMap;
 
 struct Workplace {
     folder: tempfile::TempDir,
@@ -121,6 +123,81 @@ fn fit_reports_what_the_contract_names() {
         io::read_surface(place.path("boundary.vtu")).unwrap().vertices().len(),
         162
     );
+}
+
+/// A bumpy ball, a box-shaped target, and the map between them through the sphere, in `ball.obj` and `ball.boundary`.
+fn with_boundary_file() -> (Workplace, BoundaryMap) {
+    let place = Workplace::new();
+    let by_rays = |surface: SurfaceMesh| {
+        let directions: Vec<_> = surface.vertices().iter().map(|p| p.coords).collect();
+        SphericalMap::new(surface, &directions).unwrap()
+    };
+    let ball = shapes::bumpy_sphere(8);
+    place.surface("ball.obj", &ball);
+    let target = shapes::deformed(&shapes::sphere(1.0, 3), |p| Point::new(1.5 * p.x, p.y, 0.8 * p.z));
+    let boundary = BoundaryMap::through_sphere(by_rays(ball), by_rays(target)).unwrap();
+    let file = BoundaryFile {
+        boundary: boundary.clone(),
+        metadata: BoundaryMetadata::new(vec![]),
+    };
+    io::write_boundary(&place.path("ball.boundary"), &file).unwrap();
+    (place, boundary)
+}
+
+#[test]
+fn fit_takes_a_boundary_file_with_or_without_its_domain() {
+    let (place, boundary) = with_boundary_file();
+    let report = json(&place.must("fit ball.obj --boundary ball.boundary -o ball.map --tolerance 0.02 --json"));
+    assert_eq!(report["boundary_file"], "ball.boundary");
+    assert!(report["image"].is_null());
+    let alone = json(&place.must("fit --boundary ball.boundary -o alone.map --tolerance 0.02 --json"));
+    assert!(alone["domain"].is_null());
+    assert_eq!(alone["boundary_error"], report["boundary_error"]);
+    let (with_domain, alone) = ["ball.map", "alone.map"]
+        .map(|name| io::read_map(&place.path(name)).unwrap())
+        .into();
+    assert_eq!(with_domain.boundary, Some(boundary));
+    assert_eq!(with_domain.map.coefficients(), alone.map.coefficients());
+    let roles = |file: &io::MapFile| file.metadata.inputs.iter().map(|i| i.role.clone()).collect::<Vec<_>>();
+    assert_eq!(roles(&with_domain), ["domain", "boundary"]);
+    assert_eq!(roles(&alone), ["boundary"]);
+    place.must("energy ball.map --json");
+    place.must("eval ball.map ball.obj -o mapped.obj");
+
+    // A domain whose triangles face inward is the same one.
+    place.surface("inward.obj", &shapes::bumpy_sphere(8).reversed());
+    place.must("fit inward.obj --boundary ball.boundary -o inward.map --tolerance 0.02");
+}
+
+#[test]
+fn fit_refuses_boundary_files_that_do_not_fit() {
+    let (place, _) = with_boundary_file();
+    place.surface("other.obj", &shapes::sphere(1.0, 2));
+    place.surface("moved.obj", &shapes::deformed(&shapes::bumpy_sphere(8), |p| p * 1.5));
+    for (domain, found) in [("other.obj", "162"), ("moved.obj", "vertex 0 is at")] {
+        let line = format!("fit {domain} --boundary ball.boundary -o out.map");
+        place.fails(
+            &line,
+            &[domain, "is not the domain of `ball.boundary`", "leave it out", found],
+        );
+    }
+    place.fails("fit --boundary none.boundary -o out.map", &["none.boundary"]);
+    place.fails(
+        "fit --boundary ball.obj -o out.map",
+        &["ball.obj", "not a boundary file"],
+    );
+    place.fails("fit --boundary ball.boundary -o ball.boundary", &["overwritten"]);
+    for line in [
+        "fit ball.obj -o out.map",
+        "fit -o out.map",
+        "fit --image ball.obj -o out.map",
+        "fit ball.obj --image ball.obj --boundary ball.boundary -o out.map",
+    ] {
+        let output = place.run(line);
+        assert_eq!(output.status.code(), Some(2), "{line}");
+        assert!(stderr(&output).contains("Usage"), "{line}: {}", stderr(&output));
+    }
+    assert!(!place.path("out.map").exists());
 }
 
 #[test]

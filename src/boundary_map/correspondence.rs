@@ -1,15 +1,29 @@
-//! A boundary map given by an image position for every vertex of the domain, straight in between.
+//! A boundary map: the image of every vertex of the domain, and of every point between them.
 
 use std::collections::HashMap;
+use std::f64::consts::PI;
+use std::sync::Arc;
 
-use crate::Point;
+use rayon::prelude::*;
+
+use super::course::{Course, Drawn};
 use crate::mesh::{SurfaceMesh, SurfacePoint, TetMesh};
+use crate::spherical::SphericalMap;
+use crate::{Point, Vector};
 
-/// A boundary map `f'`: the image of every vertex of the domain's surface, linear over its triangles.
+/// A boundary map `f'`: where each point of the domain's surface goes.
+///
+/// Given by images of the vertices alone, it is linear over the triangles in between. By way of the sphere
+/// ([`Self::onto_sphere`], [`Self::through_sphere`]) it is a bijection with the target's surface, and the images of points
+/// between vertices lie on that surface, not on the straight triangles over the images of the vertices.
+///
+/// Copies share what the ways by the sphere need.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoundaryMap {
     domain: SurfaceMesh,
     image: Vec<Point>,
+    /// `None` for straight ways.
+    course: Option<Course>,
 }
 
 /// Why a domain and an image do not make a boundary map.
@@ -71,6 +85,12 @@ pub enum BoundaryMapError {
         /// Diagonal of its bounding box.
         diagonal: f64,
     },
+    /// Vertices or triangles are not those of the domain.
+    #[error("the boundary map belongs to another domain: {difference}")]
+    OtherDomain {
+        /// The first difference.
+        difference: String,
+    },
     /// All image positions coincide, so that there is no target to measure errors by.
     #[error("all {vertices} image positions coincide; there is no target solid")]
     NoExtent {
@@ -98,26 +118,101 @@ impl BoundaryMap {
                 position: image[vertex].coords.into(),
             });
         }
-        let map = Self { domain, image };
-        let (domain, target) = (map.extent(map.domain.vertices()), map.extent(&map.image));
-        if target == 0.0 {
-            return Err(BoundaryMapError::NoExtent {
-                vertices: map.image.len(),
-            });
-        }
-        let finite_domain = map
-            .domain
-            .vertices()
-            .iter()
-            .flat_map(|p| p.iter())
-            .all(|c| c.is_finite());
-        for (solid, diagonal, looked_at) in [("domain", domain, finite_domain), ("target", target, true)] {
-            // Without an extent, or not finite, the domain is defective, which is for the input doctor to say.
-            if looked_at && (diagonal > 1e100 || (diagonal > 0.0 && diagonal < 1e-100)) {
-                return Err(BoundaryMapError::OutOfScale { solid, diagonal });
+        require_extent(&domain, &image, extent(&domain, &image))?;
+        Ok(Self {
+            domain,
+            image,
+            course: None,
+        })
+    }
+
+    /// The map that sends each point of a surface to its direction, a point of the unit sphere about the origin.
+    ///
+    /// # Errors
+    ///
+    /// When the surface is too small or too large to calculate with.
+    pub fn onto_sphere(domain: SphericalMap) -> Result<Self, BoundaryMapError> {
+        Self::by_sphere(Course {
+            domain: Arc::new(Drawn::new(domain)),
+            target: None,
+            subdivisions: 0,
+        })
+    }
+
+    /// The map that sends each point of one surface to the point of the other that has the same direction. A vertex whose
+    /// direction is that of a vertex of the target, bit for bit, goes exactly there.
+    ///
+    /// # Errors
+    ///
+    /// When a surface is too small or too large to calculate with.
+    pub fn through_sphere(domain: SphericalMap, target: SphericalMap) -> Result<Self, BoundaryMapError> {
+        Self::by_sphere(Course {
+            domain: Arc::new(Drawn::new(domain)),
+            target: Some(Arc::new(Drawn::new(target))),
+            subdivisions: 0,
+        })
+    }
+
+    fn by_sphere(course: Course) -> Result<Self, BoundaryMapError> {
+        let domain = course.domain.map.surface().clone();
+        let image = match &course.target {
+            Some(target) => {
+                let surface = target.map.surface();
+                require_extent(&domain, surface.vertices(), extent(surface, surface.vertices()))?;
+                images_of_vertices(&course, &domain, 0)
             }
+            None => {
+                let image: Vec<Point> = course.domain.map.directions().iter().map(|&x| x.into()).collect();
+                require_extent(&domain, &image, extent(&domain, &image))?;
+                image
+            }
+        };
+        Ok(Self {
+            domain,
+            image,
+            course: Some(course),
+        })
+    }
+
+    /// The map from the target's surface back to the domain's; `None` unless it goes through the sphere to another surface.
+    /// Subdivided domains are as they were before.
+    pub fn inverse(&self) -> Option<Self> {
+        let course = self.course.as_ref()?;
+        let back = Course {
+            domain: course.target.clone()?,
+            target: Some(course.domain.clone()),
+            subdivisions: 0,
+        };
+        // Both surfaces have passed the checks.
+        Self::by_sphere(back).ok()
+    }
+
+    /// The same map over this domain, which has the same vertices and triangles. A straight map's may be turned over.
+    ///
+    /// # Errors
+    ///
+    /// [`BoundaryMapError::OtherDomain`] with the first difference.
+    pub fn over(&self, domain: SurfaceMesh) -> Result<Self, BoundaryMapError> {
+        let other = |difference: String| BoundaryMapError::OtherDomain { difference };
+        let (own, given) = (self.domain.vertices(), domain.vertices());
+        if own.len() != given.len() {
+            return Err(other(format!(
+                "it has {} vertices, and this {}",
+                own.len(),
+                given.len()
+            )));
         }
-        Ok(map)
+        let show = |p: &Point| format!("({}, {}, {})", p.x, p.y, p.z);
+        if let Some(v) = (0..own.len()).find(|&v| own[v] != given[v]) {
+            let (own, given) = (show(&own[v]), show(&given[v]));
+            return Err(other(format!("vertex {v} is at {own} there, and at {given} here")));
+        }
+        require_same_elements("triangle", self.domain.triangles(), domain.triangles())
+            .map_err(|e| other(e.to_string()))?;
+        if self.course.is_some() && self.domain.triangles() != domain.triangles() {
+            return Err(other("triangles are turned; let them face outward".into()));
+        }
+        Ok(Self { domain, ..self.clone() })
     }
 
     /// The map from a mesh to one of the same connectivity.
@@ -166,30 +261,61 @@ impl BoundaryMap {
         &self.image
     }
 
-    /// The domain's triangles over the image positions: the boundary of the target.
+    /// The domain's triangles over the image positions. For a map by the sphere they only come near the target: see
+    /// [`Self::target_surface`].
     pub fn target(&self) -> SurfaceMesh {
         self.domain
             .with_vertices(self.image.clone())
             .expect("counts were compared when the map was made")
     }
 
+    /// The surface that points are carried onto, where it has triangles of its own.
+    pub fn target_surface(&self) -> Option<&SurfaceMesh> {
+        self.target_on_sphere().map(SphericalMap::surface)
+    }
+
+    /// The domain on the sphere, of a map by way of it; as it was before it was subdivided.
+    pub fn domain_on_sphere(&self) -> Option<&SphericalMap> {
+        self.course.as_ref().map(|course| &course.domain.map)
+    }
+
+    /// The target on the sphere, of a map through it to another surface.
+    pub fn target_on_sphere(&self) -> Option<&SphericalMap> {
+        Some(&self.course.as_ref()?.target.as_ref()?.map)
+    }
+
+    /// How often the domain was subdivided since it was drawn on the sphere; 0 for straight maps.
+    pub fn subdivisions(&self) -> u32 {
+        self.course.as_ref().map_or(0, |course| course.subdivisions)
+    }
+
+    /// Lowest and highest corner of the target's bounding box.
+    pub fn target_box(&self) -> (Point, Point) {
+        let corner = Point::new(1.0, 1.0, 1.0);
+        match (&self.course, self.target_surface()) {
+            (_, Some(surface)) => surface.bounding_box().unwrap_or_default(),
+            (Some(_), None) => (-corner, corner),
+            (None, None) => self.target().bounding_box().unwrap_or_default(),
+        }
+    }
+
     /// Diagonal of the target's bounding box, the unit of reported errors.
     pub fn target_diagonal(&self) -> f64 {
-        self.extent(&self.image)
+        let (low, high) = self.target_box();
+        (high - low).norm()
     }
 
-    /// Diagonal of the bounding box of the triangles at these positions, without squares that over- or underflow.
-    fn extent(&self, positions: &[Point]) -> f64 {
-        let used = || self.domain.triangles().iter().flatten().map(|&v| positions[v as usize]);
-        let sides = (0..3).map(|k| {
-            let along = used().map(|p| p[k]);
-            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
-        });
-        sides.fold(0.0, |diagonal: f64, side| diagonal.hypot(side.max(0.0)))
+    /// Volume of the target; negative when the map turns the solid inside out.
+    pub fn target_volume(&self) -> f64 {
+        match (&self.course, self.target_surface()) {
+            (_, Some(surface)) => surface.volume(),
+            (Some(_), None) => 4.0 / 3.0 * PI,
+            (None, None) => self.target().volume(),
+        }
     }
 
-    /// The same map over a domain whose triangles are each cut into four at the midpoints of their edges. The first vertices
-    /// are the old ones.
+    /// The same map over a domain whose triangles are each cut into four at the midpoints of their edges: triangle `t`
+    /// becomes `4t` to `4t + 3`. The first vertices are the old ones, and the others go where the map takes them.
     pub fn subdivided(&self) -> Self {
         let mut vertices = self.domain.vertices().to_vec();
         let mut image = self.image.clone();
@@ -209,7 +335,16 @@ impl BoundaryMap {
             triangles.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
         }
         let domain = SurfaceMesh::new(vertices, triangles).expect("corners are vertices");
-        Self { domain, image }
+        let course = self.course.as_ref().map(|course| Course {
+            subdivisions: course.subdivisions + 1,
+            ..course.clone()
+        });
+        if let Some(course) = &course {
+            let old = self.image.len();
+            image.truncate(old);
+            image.extend(images_of_vertices(course, &domain, old));
+        }
+        Self { domain, image, course }
     }
 
     /// Positions of surface points in the domain.
@@ -220,10 +355,76 @@ impl BoundaryMap {
             .collect()
     }
 
-    /// Images of surface points.
+    /// Images of surface points. By way of the sphere each costs some microseconds, in parallel.
     pub fn evaluate(&self, points: &[SurfacePoint]) -> Vec<Point> {
-        points.iter().map(|p| p.position(&self.domain, &self.image)).collect()
+        match &self.course {
+            None => points.iter().map(|p| p.position(&self.domain, &self.image)).collect(),
+            Some(course) => points.par_iter().with_min_len(256).map(|p| course.image(p)).collect(),
+        }
     }
+
+    /// Images of surface points as points of [`Self::target_surface`]; `None` where that is.
+    pub fn evaluate_on_target(&self, points: &[SurfacePoint]) -> Option<Vec<SurfacePoint>> {
+        let course = self.course.as_ref()?;
+        points
+            .par_iter()
+            .with_min_len(256)
+            .map(|p| course.on_target(p))
+            .collect()
+    }
+
+    /// Directions of surface points, unit vectors, of a map by way of the sphere.
+    pub fn directions(&self, points: &[SurfacePoint]) -> Option<Vec<Vector>> {
+        let course = self.course.as_ref()?;
+        Some(
+            points
+                .par_iter()
+                .with_min_len(256)
+                .map(|p| course.direction(p))
+                .collect(),
+        )
+    }
+}
+
+/// Images of the vertices from number `first` on, each asked for at a corner of a triangle.
+fn images_of_vertices(course: &Course, domain: &SurfaceMesh, first: usize) -> Vec<Point> {
+    let mut places = vec![SurfacePoint::corner(0, 0); domain.vertices().len() - first];
+    for (t, corners) in domain.triangles().iter().enumerate() {
+        for (k, &v) in corners.iter().enumerate() {
+            if v as usize >= first {
+                places[v as usize - first] = SurfacePoint::corner(t as u32, k);
+            }
+        }
+    }
+    places.par_iter().with_min_len(256).map(|p| course.image(p)).collect()
+}
+
+/// Diagonal of the bounding box of the triangles at these positions, without squares that over- or underflow.
+fn extent(surface: &SurfaceMesh, positions: &[Point]) -> f64 {
+    let used = || surface.triangles().iter().flatten().map(|&v| positions[v as usize]);
+    let sides = (0..3).map(|k| {
+        let along = used().map(|p| p[k]);
+        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+    });
+    sides.fold(0.0, |diagonal: f64, side| diagonal.hypot(side.max(0.0)))
+}
+
+/// # Errors
+///
+/// When the target has no extent, or one of the two is out of scale.
+fn require_extent(domain: &SurfaceMesh, image: &[Point], target: f64) -> Result<(), BoundaryMapError> {
+    if target == 0.0 {
+        return Err(BoundaryMapError::NoExtent { vertices: image.len() });
+    }
+    let finite_domain = domain.vertices().iter().flat_map(|p| p.iter()).all(|c| c.is_finite());
+    let domain = extent(domain, domain.vertices());
+    for (solid, diagonal, looked_at) in [("domain", domain, finite_domain), ("target", target, true)] {
+        // Without an extent, or not finite, the domain is defective, which is for the input doctor to say.
+        if looked_at && (diagonal > 1e100 || (diagonal > 0.0 && diagonal < 1e-100)) {
+            return Err(BoundaryMapError::OutOfScale { solid, diagonal });
+        }
+    }
+    Ok(())
 }
 
 /// Compares connectivity up to the order of corners within an element.
@@ -261,7 +462,11 @@ fn require_same_elements<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::{FitOptions, fit};
+    use crate::geometry::SurfaceQuery;
     use crate::mesh::shapes;
+    use crate::sampling::held_out;
+    use crate::spherical::testing::{drawn_by_rays, graded};
 
     #[test]
     fn is_linear_over_triangles_and_exact_at_corners() {
@@ -312,5 +517,195 @@ mod tests {
     fn accepts_an_image_whose_faces_are_turned_over() {
         let domain = shapes::sphere(1.0, 1);
         assert!(BoundaryMap::between(domain.clone(), &domain.reversed()).is_ok());
+    }
+
+    const SEED: u64 = 3;
+
+    fn bumpy_to_cube() -> BoundaryMap {
+        let [bumpy, cube] = [shapes::bumpy_sphere(14), shapes::cube(2.0, 9)].map(drawn_by_rays);
+        BoundaryMap::through_sphere(bumpy, cube).unwrap()
+    }
+
+    /// How far points of the domain are from where they come back to, over the domain's diagonal.
+    fn round_trip(map: &BoundaryMap) -> f64 {
+        let points = held_out(map.domain(), 3000, 3000, SEED);
+        let there = map.evaluate_on_target(&points).unwrap();
+        let back = map.inverse().unwrap().evaluate(&there);
+        let pairs = map.positions(&points).into_iter().zip(back);
+        pairs.map(|(p, q)| (p - q).norm()).fold(0.0, f64::max) / map.domain().diagonal()
+    }
+
+    /// The direction carries the rounding error of a unit vector, which over the length of a triangle's sides on the sphere
+    /// is that of the barycentric coordinates.
+    #[test]
+    fn there_and_back_returns_to_the_point() {
+        assert!(round_trip(&bumpy_to_cube()) < 1e-13);
+        assert!(round_trip(&bumpy_to_cube().inverse().unwrap()) < 1e-13);
+        assert!(round_trip(&bumpy_to_cube().subdivided()) < 1e-13);
+        // Heights of 0.02 and 4e-7 on the sphere.
+        let small =
+            |power| BoundaryMap::through_sphere(graded(power, 12), drawn_by_rays(shapes::sphere(1.0, 3))).unwrap();
+        assert!(round_trip(&small(1.5)) < 1e-12);
+        assert!(round_trip(&small(6.0)) < 1e-9);
+        let both = BoundaryMap::through_sphere(graded(6.0, 12), graded(6.0, 10)).unwrap();
+        assert!(round_trip(&both) < 1e-9);
+    }
+
+    #[test]
+    fn images_between_vertices_lie_on_the_target_and_not_on_straight_triangles() {
+        let map = bumpy_to_cube();
+        let points = held_out(map.domain(), 2000, 2000, SEED);
+        let images = map.evaluate(&points);
+        let on_target = SurfaceQuery::new(map.target_surface().unwrap()).unwrap();
+        let farthest = |query: &SurfaceQuery| {
+            let found = query.closest_points(&images);
+            found.iter().map(|c| c.distance).fold(0.0, f64::max)
+        };
+        assert!(farthest(&on_target) < 1e-14);
+        assert!(farthest(&SurfaceQuery::new(&map.target()).unwrap()) > 0.01);
+
+        let onto = BoundaryMap::onto_sphere(drawn_by_rays(shapes::cube(2.0, 4))).unwrap();
+        let points = held_out(onto.domain(), 500, 500, SEED);
+        for (p, image) in onto.positions(&points).iter().zip(onto.evaluate(&points)) {
+            assert!((image.coords.norm() - 1.0).abs() < 1e-15);
+            // The corners' rays and the points' are the same only at vertices, and near.
+            assert!((image.coords - p.coords.normalize()).norm() < 0.1);
+        }
+        assert_eq!(onto.image()[5].coords, onto.domain_on_sphere().unwrap().directions()[5]);
+        assert!(onto.target_surface().is_none() && onto.inverse().is_none());
+        assert!((onto.target_volume() - 4.18879).abs() < 1e-5 && (onto.target_diagonal() - 12f64.sqrt()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_surface_goes_to_itself_and_common_directions_are_met_exactly() {
+        let bumpy = drawn_by_rays(shapes::bumpy_sphere(9));
+        let map = BoundaryMap::through_sphere(bumpy.clone(), bumpy).unwrap();
+        assert_eq!(map.image(), map.domain().vertices());
+        let points = held_out(map.domain(), 2000, 2000, SEED);
+        for (p, image) in map.positions(&points).iter().zip(map.evaluate(&points)) {
+            assert!((p - image).norm() < 1e-13);
+        }
+        let corners: Vec<_> = (0..20).map(|t| SurfacePoint::corner(t, t as usize % 3)).collect();
+        assert_eq!(map.positions(&corners), map.evaluate(&corners));
+
+        // The cube's corners, at which neither surface has anything else in common.
+        let cube = drawn_by_rays(shapes::cube(2.0, 2));
+        let corner = cube
+            .surface()
+            .vertices()
+            .iter()
+            .position(|p| p.x > 0.9 && p.y > 0.9 && p.z > 0.9)
+            .unwrap();
+        let sphere = shapes::sphere(1.0, 3);
+        let mut directions: Vec<Vector> = sphere.vertices().iter().map(|p| p.coords).collect();
+        let near = (0..directions.len()).max_by(|&i, &j| {
+            let along = |i: usize| directions[i].dot(&cube.directions()[corner]);
+            along(i).total_cmp(&along(j))
+        });
+        directions[near.unwrap()] = cube.directions()[corner];
+        let pinned = SphericalMap::new(sphere, &directions).unwrap();
+        let expected = cube.surface().vertices()[corner];
+        let map = BoundaryMap::through_sphere(pinned, cube).unwrap();
+        assert_eq!(map.image()[near.unwrap()], expected);
+    }
+
+    #[test]
+    fn neighbours_agree_on_the_edge_they_share() {
+        for map in [bumpy_to_cube(), bumpy_to_cube().subdivided()] {
+            let mut sides = HashMap::new();
+            for (t, corners) in map.domain().triangles().iter().enumerate() {
+                for k in 0..3 {
+                    sides.insert((corners[k], corners[(k + 1) % 3]), (t as u32, k));
+                }
+            }
+            let on_side = |(triangle, k): (u32, usize), part: f64| {
+                let mut barycentric = [0.0; 3];
+                (barycentric[k], barycentric[(k + 1) % 3]) = (1.0 - part, part);
+                SurfacePoint { triangle, barycentric }
+            };
+            for (&(a, b), &side) in &sides {
+                let pair = [on_side(side, 0.3), on_side(sides[&(b, a)], 0.7)];
+                let images = map.evaluate(&pair);
+                assert!((images[0] - images[1]).norm() < 1e-13, "{a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn subdivision_changes_no_image_and_carries_midpoints_onto_the_target() {
+        let map = bumpy_to_cube();
+        let finer = map.subdivided().subdivided();
+        let old = map.image().len();
+        assert_eq!(&finer.image()[..old], map.image());
+        let points = held_out(finer.domain(), 2000, 2000, SEED);
+        let query = SurfaceQuery::new(map.domain()).unwrap();
+        let on_coarse = |c: crate::geometry::ClosestPoint| SurfacePoint {
+            triangle: c.triangle as u32,
+            barycentric: c.barycentric,
+        };
+        let coarse: Vec<_> = query
+            .closest_points(&finer.positions(&points))
+            .into_iter()
+            .map(on_coarse)
+            .collect();
+        for (p, q) in map.evaluate(&coarse).iter().zip(finer.evaluate(&points)) {
+            assert!((p - q).norm() < 1e-12);
+        }
+        let target = SurfaceQuery::new(map.target_surface().unwrap()).unwrap();
+        assert!(target.closest_points(finer.image()).iter().all(|c| c.distance < 1e-14));
+        assert_eq!(finer.inverse().unwrap().target_surface(), Some(map.domain()));
+    }
+
+    #[test]
+    fn holds_over_the_same_domain_only() {
+        let map = bumpy_to_cube();
+        assert_eq!(map.over(map.domain().clone()).unwrap(), map);
+        let difference = |domain: SurfaceMesh| match map.over(domain) {
+            Err(BoundaryMapError::OtherDomain { difference }) => difference,
+            other => panic!("{other:?}"),
+        };
+        assert!(difference(shapes::bumpy_sphere(3)).contains("1962 vertices"));
+        let moved = shapes::deformed(map.domain(), |p| if p.x > 1.0 { p + Vector::x() } else { *p });
+        assert!(difference(moved).starts_with("vertex "));
+        assert!(difference(map.domain().reversed()).contains("outward"));
+        let straight = BoundaryMap::new(shapes::cube(1.0, 2), shapes::cube(2.0, 2).vertices().to_vec()).unwrap();
+        assert!(straight.over(shapes::cube(1.0, 2).reversed()).is_ok());
+    }
+
+    #[test]
+    fn out_of_scale_surfaces_are_refused() {
+        let sized = |size: f64| drawn_by_rays(shapes::sphere(size, 1));
+        assert!(matches!(
+            BoundaryMap::through_sphere(sized(1.0), sized(1e101)),
+            Err(BoundaryMapError::OutOfScale { solid: "target", .. })
+        ));
+        assert!(matches!(
+            BoundaryMap::onto_sphere(sized(1e-101)),
+            Err(BoundaryMapError::OutOfScale { solid: "domain", .. })
+        ));
+    }
+
+    #[test]
+    fn a_fit_meets_the_curved_target_and_not_the_straight_triangles() {
+        let ellipsoid = shapes::deformed(&shapes::geodesic_sphere(1.0, 24), |p| {
+            Point::new(1.5 * p.x, p.y, 0.8 * p.z)
+        });
+        let map = BoundaryMap::through_sphere(drawn_by_rays(shapes::sphere(1.0, 2)), drawn_by_rays(ellipsoid)).unwrap();
+        let options = FitOptions {
+            tolerance: 2e-3,
+            ..FitOptions::default()
+        };
+        let fitted = fit(&map, &options, &|_| {}).unwrap();
+        assert!(
+            fitted.report.boundary_error.p99 < 2e-3,
+            "{:?}",
+            fitted.report.boundary_error
+        );
+        assert_eq!(fitted.boundary, map);
+        let straight = BoundaryMap::new(map.domain().clone(), map.image().to_vec()).unwrap();
+        let points = held_out(map.domain(), 500, 500, SEED);
+        let pairs = map.evaluate(&points).into_iter().zip(straight.evaluate(&points));
+        let apart = pairs.map(|(p, q)| (p - q).norm()).fold(0.0, f64::max);
+        assert!(apart > 0.01, "{apart}");
     }
 }

@@ -116,11 +116,20 @@ pub struct OffsetArgs {
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct FitArgs {
-    /// Boundary of the solid to map, or a tet mesh of it
-    pub domain: PathBuf,
+    /// Boundary of the solid to map, or a tet mesh of it; with --boundary it may be left out
+    #[arg(required_unless_present = "boundary")]
+    pub domain: Option<PathBuf>,
     /// DOMAIN's mesh with every vertex at its image
-    #[arg(long, value_name = "IMAGE")]
-    pub image: PathBuf,
+    #[arg(
+        long,
+        value_name = "IMAGE",
+        requires = "domain",
+        required_unless_present = "boundary"
+    )]
+    pub image: Option<PathBuf>,
+    /// Boundary map that says where every point goes, not vertices alone
+    #[arg(long, value_name = "FILE", conflicts_with = "image")]
+    pub boundary: Option<PathBuf>,
     /// Map file to write (safetensors)
     #[arg(short, long, value_name = "MAP")]
     pub output: PathBuf,

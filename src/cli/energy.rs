@@ -77,7 +77,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
         &file.map,
         &quadrature,
         quadrature.volume(),
-        boundary.target().volume(),
+        boundary.target_volume(),
         &options,
     )
     .with_context(|| format!("cannot measure `{}`", args.map.display()))?;

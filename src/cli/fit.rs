@@ -17,8 +17,9 @@ use super::{Outcome, input};
 /// What `fit --json` prints.
 #[derive(Serialize)]
 struct Report {
-    domain: PathBuf,
-    image: PathBuf,
+    domain: Option<PathBuf>,
+    image: Option<PathBuf>,
+    boundary_file: Option<PathBuf>,
     map: PathBuf,
     #[serde(flatten)]
     fit: FitReport,
@@ -27,26 +28,74 @@ struct Report {
     peak_rss_bytes: u64,
 }
 
+/// Where the boundary map comes from.
+enum Source<'a> {
+    Image { domain: &'a Path, image: &'a Path },
+    Boundary { file: &'a Path, domain: Option<&'a Path> },
+}
+
+impl<'a> Source<'a> {
+    fn of(args: &'a FitArgs) -> anyhow::Result<Self> {
+        let domain = args.domain.as_deref();
+        match (domain, args.image.as_deref(), args.boundary.as_deref()) {
+            (_, None, Some(file)) => Ok(Self::Boundary { file, domain }),
+            (Some(domain), Some(image), None) => Ok(Self::Image { domain, image }),
+            _ => anyhow::bail!("name a DOMAIN with its --image, or a --boundary"),
+        }
+    }
+
+    /// What is read, by role.
+    fn files(&self) -> Vec<(&'static str, &'a Path)> {
+        match *self {
+            Self::Image { domain, image } => vec![("domain", domain), ("image", image)],
+            Self::Boundary { file, domain } => {
+                let domain = domain.map(|domain| ("domain", domain));
+                domain.into_iter().chain([("boundary", file)]).collect()
+            }
+        }
+    }
+
+    /// What to call the domain.
+    fn name(&self) -> &'a Path {
+        self.files()[0].1
+    }
+
+    fn read(&self) -> anyhow::Result<BoundaryMap> {
+        match *self {
+            Self::Image { domain, image } => input::read_boundary_map(domain, image),
+            Self::Boundary { file, domain } => input::read_boundary_file(file, domain),
+        }
+    }
+}
+
 /// Fits a map and writes it.
 pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
-    let (domain, image) = (args.domain.as_path(), args.image.as_path());
-    input::require_writable(&args.output, &[], &[domain, image])?;
+    let source = Source::of(args)?;
+    let mut files: Vec<&Path> = source.files().iter().map(|(_, path)| *path).collect();
+    input::require_writable(&args.output, &[], &files)?;
     if let Some(path) = &args.vtu {
-        input::require_writable(path, &["vtu"], &[domain, image, &args.output])?;
+        files.push(&args.output);
+        input::require_writable(path, &["vtu"], &files)?;
     }
     output.progress("reading");
     let options = options(&args.method, args.tolerance)?;
     let (boundary, inputs) = rayon::join(
-        || input::read_boundary_map(domain, image),
-        || [provenance("domain", domain), provenance("image", image)],
+        || source.read(),
+        || {
+            source
+                .files()
+                .iter()
+                .map(|(role, path)| provenance(role, path))
+                .collect()
+        },
     );
-    let [domain_origin, image_origin] = inputs;
-    let inputs = vec![domain_origin?, image_origin?];
-    let boundary = boundary?;
+    let inputs: anyhow::Result<Vec<Provenance>> = inputs;
+    let (boundary, inputs) = (boundary?, inputs?);
+    let name = source.name();
     output.progress("looking for self-intersections");
-    let intersections = self_intersections(&boundary, &args.domain);
-    let mut fit = fit_with_progress(&boundary, &options, output)
-        .with_context(|| format!("cannot map `{}`", args.domain.display()))?;
+    let intersections = self_intersections(&boundary, name);
+    let mut fit =
+        fit_with_progress(&boundary, &options, output).with_context(|| format!("cannot map `{}`", name.display()))?;
     fit.report.warnings.extend(intersections);
     fit.report.warnings.iter().for_each(|warning| output.warn(warning));
 
@@ -66,6 +115,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
     let report = Report {
         domain: args.domain.clone(),
         image: args.image.clone(),
+        boundary_file: args.boundary.clone(),
         map: args.output.clone(),
         fit: fit.report,
         tolerance: args.tolerance,

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use solidmap::boundary_map::BoundaryMap;
+use solidmap::check;
 use solidmap::io::{self, MapFile, Solid};
 use solidmap::mesh::SurfaceMesh;
 
@@ -25,6 +26,22 @@ pub fn read_boundary_map(domain: &Path, image: &Path) -> anyhow::Result<Boundary
         (Solid::Surface(domain), Solid::Surface(image)) => BoundaryMap::between(domain, &image),
     };
     map.with_context(|| format!("cannot map `{}` to `{}`", domain.display(), image.display()))
+}
+
+/// The boundary map of a boundary file; of this domain, if one is named.
+pub fn read_boundary_file(path: &Path, domain: Option<&Path>) -> anyhow::Result<BoundaryMap> {
+    let boundary = io::read_boundary(path)?.boundary;
+    let Some(domain) = domain else {
+        return Ok(boundary);
+    };
+    let (mended, _) = check::mend(&read_surface(domain)?);
+    boundary.over(mended).with_context(|| {
+        format!(
+            "`{}` is not the domain of `{}`; name the model that the boundary map was made for, or leave it out",
+            domain.display(),
+            path.display()
+        )
+    })
 }
 
 /// A map file and the boundary map it was fitted to.
@@ -62,7 +79,7 @@ pub fn require_writable(path: &Path, extensions: &[&str], others: &[&Path]) -> a
 
 /// The target as the boundary of a solid: a reflecting map has turned it inside out.
 pub fn outward_target(boundary: &BoundaryMap) -> SurfaceMesh {
-    let target = boundary.target();
+    let target = boundary.target_surface().cloned().unwrap_or_else(|| boundary.target());
     if target.volume() < 0.0 {
         target.reversed()
     } else {

@@ -69,8 +69,7 @@ pub struct Difference {
 /// What is known of a map.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Measured {
-    /// Distance from the boundary map, which is linear over the domain's triangles, at points of the boundary that no
-    /// method is fitted at. By the maximum principle a harmonic map errs no more inside than at its worst point of the
+    /// Distance from the boundary map at points of the boundary that no method is fitted at. By the maximum principle a harmonic map errs no more inside than at its worst point of the
     /// boundary.
     pub boundary_error: BoundaryError,
     /// Energies on the quadrature that all maps share.
@@ -142,7 +141,7 @@ impl<'a> Yardstick<'a> {
         let images = map.evaluate(self.quadrature.points());
         let evaluate_seconds = start.elapsed().as_secs_f64();
         require_finite(&images)?;
-        let (volume, target) = (self.quadrature.volume(), self.boundary.target().volume());
+        let (volume, target) = (self.quadrature.volume(), self.boundary.target_volume());
         let options = EnergyOptions::default();
         Ok(Measured {
             boundary_error: boundary_error(map, self.boundary, self.held_out, self.seed)?,

@@ -10,7 +10,10 @@ pub(super) struct Frame {
 
 impl Frame {
     pub fn of(surface: &SurfaceMesh) -> Self {
-        let (low, high) = surface.bounding_box().unwrap_or_default();
+        Self::of_box(surface.bounding_box().unwrap_or_default())
+    }
+
+    pub fn of_box((low, high): (Point, Point)) -> Self {
         Self {
             centre: nalgebra::center(&low, &high),
             diagonal: (high - low).norm(),

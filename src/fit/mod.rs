@@ -181,7 +181,7 @@ impl DomainFactor {
             error: fit.report.boundary_error.p99,
             sources: self.system.sources.len(),
         });
-        let diagonal = Frame::of(&fit.boundary.target()).diagonal;
+        let diagonal = fit.boundary.target_diagonal();
         let finer = grading.refine(
             &self.domain,
             &self.frame,
@@ -317,13 +317,8 @@ impl DomainFactor {
     /// What a boundary map asks of the solver.
     fn goal_of(&self, boundary: &BoundaryMap) -> Result<Goal, FitError> {
         // The mended domain has the same vertices and triangles; some of them are turned over.
-        let same_vertices = boundary.domain().vertices() == self.domain.vertices();
-        let surface = boundary.target();
-        let boundary = BoundaryMap::between(self.domain.clone(), &surface)
-            .ok()
-            .filter(|_| same_vertices)
-            .ok_or(FitError::OtherDomain)?;
-        let target = Frame::of(&surface);
+        let boundary = boundary.over(self.domain.clone()).map_err(|_| FitError::OtherDomain)?;
+        let target = Frame::of_box(boundary.target_box());
         // With the constant in the basis the shift changes nothing but rounding; without it, it would change the fit.
         let origin = if self.options.affine {
             target.centre
@@ -457,9 +452,8 @@ fn checked(domain: &SurfaceMesh) -> Result<(SurfaceMesh, Vec<String>), FitError>
 
 /// What is odd about a target, though it can be mapped to.
 fn remarks_of(fit: &Fit) -> Vec<String> {
-    let target = fit.boundary.target();
-    let volume = target.volume();
-    let remark = if volume.abs() < FLAT * Frame::of(&target).diagonal.powi(3) {
+    let volume = fit.boundary.target_volume();
+    let remark = if volume.abs() < FLAT * fit.boundary.target_diagonal().powi(3) {
         "the target encloses no volume, so it is no solid; the map flattens the domain"
     } else if volume < 0.0 {
         "the boundary map turns the solid inside out: it is a reflection"

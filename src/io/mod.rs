@@ -19,6 +19,8 @@
 //! faces get the same triangles. Files are written whole or not at all ([`atomic_write`]).
 
 mod atomic;
+mod boundary_file;
+mod boundary_tensors;
 mod contents;
 mod error;
 mod map_file;
@@ -29,6 +31,7 @@ mod ply;
 mod points;
 mod source;
 mod stl;
+mod tensor_file;
 mod vtk;
 mod vtu;
 
@@ -38,9 +41,11 @@ use contents::Contents;
 use source::Source;
 
 pub use atomic::{abandon_writes, atomic_write};
+pub use boundary_file::{BoundaryFile, BoundaryMetadata, read_boundary, write_boundary};
 pub use error::{IoError, Place};
-pub use map_file::{MapFile, MapFileError, MapMetadata, Provenance, read_map, write_map};
+pub use map_file::{MapFile, MapMetadata, read_map, write_map};
 pub use points::{write_csv, write_npy};
+pub use tensor_file::{Provenance, TensorFileError};
 pub use vtk::{Cells, Field, VtkEncoding, VtkFields, write_vtk};
 pub use vtu::write_vtu;
 

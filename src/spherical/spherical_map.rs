@@ -100,7 +100,7 @@ impl SphericalMap {
                 directions: given,
             });
         }
-        let directions: Vec<Vector> = directions.iter().map(Vector::normalize).collect();
+        let directions: Vec<Vector> = directions.iter().map(unit).collect();
         let certificate = certify(surface.triangles(), &directions);
         if !certificate.is_bijective() {
             return Err(SphericalError::NotBijective(certificate));
@@ -124,6 +124,16 @@ impl SphericalMap {
         let [a, b, c] = corners.map(|v| self.directions[v as usize]);
         let [l, m, n] = point.barycentric;
         (l * a + m * b + n * c).normalize()
+    }
+}
+
+/// The vector made to length 1. One that has it but for rounding keeps its bits, so that directions that are stored and
+/// read again stay what they were.
+pub(super) fn unit(x: &Vector) -> Vector {
+    if (x.norm_squared() - 1.0).abs() <= 8.0 * f64::EPSILON {
+        *x
+    } else {
+        x.normalize()
     }
 }
 
@@ -206,6 +216,14 @@ mod tests {
 
     fn directions(mesh: &SurfaceMesh) -> Vec<Vector> {
         mesh.vertices().iter().map(|p| p.coords).collect()
+    }
+
+    #[test]
+    fn directions_of_length_1_keep_their_bits() {
+        let sphere = shapes::sphere(3.0, 3);
+        let map = SphericalMap::new(sphere.clone(), &directions(&sphere)).unwrap();
+        let again = SphericalMap::new(sphere, map.directions()).unwrap();
+        assert_eq!(map, again);
     }
 
     #[test]

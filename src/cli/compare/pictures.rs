@@ -34,7 +34,7 @@ pub fn write(
     boundary: &BoundaryMap,
     comparison: &Comparison,
 ) -> anyhow::Result<bool> {
-    let (volume, target) = (boundary.domain().volume(), boundary.target().volume());
+    let (volume, target) = (boundary.domain().volume(), boundary.target_volume());
     // As the table has it: both solids at unit volume.
     let stretch = (volume / target).abs().cbrt().powi(2);
     let mut densities = Vec::new();

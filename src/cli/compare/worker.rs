@@ -74,7 +74,7 @@ pub fn outward(boundary: BoundaryMap) -> anyhow::Result<BoundaryMap> {
     if mendings.is_empty() {
         return Ok(boundary);
     }
-    Ok(BoundaryMap::between(mended, &boundary.target())?)
+    Ok(boundary.over(mended)?)
 }
 
 fn fit_options(job: &Job) -> FitOptions {

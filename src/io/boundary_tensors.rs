@@ -1,0 +1,175 @@
+//! Boundary maps as tensors, in boundary files and map files alike.
+//!
+//! | tensor | type, shape | meaning |
+//! |---|---|---|
+//! | `domain_vertices`, `image_vertices` | f64, n × 3 | vertices of the domain and their images |
+//! | `domain_triangles` | u32, m × 3 | triangles of the domain |
+//! | `domain_directions` | f64, n × 3 | by way of the sphere: the unit vector of each vertex |
+//! | `target_vertices`, `target_triangles`, `target_directions` | the same | through it: the target and its unit vectors |
+//!
+//! The object `boundary` of the metadata says which of them count. Images by way of the sphere follow from the directions;
+//! they are stored for readers that want no more than the vertices, and compared when the map is read. A subdivided domain
+//! is stored as it was before, with the number of subdivisions.
+
+use super::TensorFileError;
+use super::tensor_file::{Reader, Tensor};
+use crate::boundary_map::BoundaryMap;
+use crate::mesh::SurfaceMesh;
+use crate::spherical::SphericalMap;
+use crate::{Point, Vector};
+
+/// What the metadata say about a boundary map.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub(super) struct BoundaryHeader {
+    pub way: Way,
+    #[serde(default)]
+    pub subdivisions: u32,
+}
+
+/// How points between vertices go.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Way {
+    #[default]
+    Straight,
+    OntoSphere,
+    ThroughSphere,
+}
+
+/// The part of metadata that this file is about. Files without it hold a straight map.
+#[derive(Default, serde::Deserialize)]
+struct Headers {
+    #[serde(default)]
+    boundary: BoundaryHeader,
+}
+
+/// Part of the target's diagonal by which stored images may differ from the map's.
+const AGREEMENT: f64 = 1e-9;
+
+/// The names of the tensors of a surface on the sphere.
+struct Names {
+    vertices: &'static str,
+    triangles: &'static str,
+    directions: &'static str,
+}
+
+const DOMAIN: Names = Names {
+    vertices: "domain_vertices",
+    triangles: "domain_triangles",
+    directions: "domain_directions",
+};
+const TARGET: Names = Names {
+    vertices: "target_vertices",
+    triangles: "target_triangles",
+    directions: "target_directions",
+};
+const IMAGE: &str = "image_vertices";
+
+pub(super) fn header_of(map: &BoundaryMap) -> BoundaryHeader {
+    BoundaryHeader {
+        way: match (map.domain_on_sphere(), map.target_on_sphere()) {
+            (None, _) => Way::Straight,
+            (Some(_), None) => Way::OntoSphere,
+            (Some(_), Some(_)) => Way::ThroughSphere,
+        },
+        subdivisions: map.subdivisions(),
+    }
+}
+
+pub(super) fn tensors_of(map: &BoundaryMap) -> Vec<Tensor> {
+    let domain = map.domain_on_sphere().map_or(map.domain(), SphericalMap::surface);
+    // The first vertices of a subdivided domain are the old ones.
+    let image = &map.image()[..domain.vertices().len()];
+    let mut tensors = Vec::from(surface_tensors(&DOMAIN, domain));
+    tensors.push(Tensor::points(IMAGE, image));
+    tensors.extend(map.domain_on_sphere().map(|drawn| directions(&DOMAIN, drawn)));
+    if let Some(target) = map.target_on_sphere() {
+        tensors.extend(surface_tensors(&TARGET, target.surface()));
+        tensors.push(directions(&TARGET, target));
+    }
+    tensors
+}
+
+fn surface_tensors(names: &Names, surface: &SurfaceMesh) -> [Tensor; 2] {
+    [
+        Tensor::points(names.vertices, surface.vertices()),
+        Tensor::triangles(names.triangles, surface.triangles()),
+    ]
+}
+
+fn directions(names: &Names, drawn: &SphericalMap) -> Tensor {
+    Tensor::rows(names.directions, drawn.directions().iter().map(|x| x.as_ref()))
+}
+
+/// The boundary map of a file. That a map by way of the sphere is one to one is decided anew, exactly.
+pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
+    let BoundaryHeader { way, subdivisions } = reader.metadata::<Headers>()?.boundary;
+    for (tensor, is_due) in [
+        (DOMAIN.directions, way != Way::Straight),
+        (TARGET.directions, way == Way::ThroughSphere),
+    ] {
+        if !is_due && reader.has(tensor) {
+            return Err(reader.problem(
+                tensor,
+                "has no place beside what the metadata say of the boundary map".into(),
+            ));
+        }
+    }
+    let image = reader.points(IMAGE)?;
+    let unusable = |e: &dyn std::fmt::Display| reader.problem(IMAGE, format!("is unusable: {e}"));
+    let map = match way {
+        Way::Straight => return BoundaryMap::new(surface(reader, &DOMAIN)?, image).map_err(|e| unusable(&e)),
+        Way::OntoSphere => BoundaryMap::onto_sphere(drawn(reader, &DOMAIN)?),
+        Way::ThroughSphere => BoundaryMap::through_sphere(drawn(reader, &DOMAIN)?, drawn(reader, &TARGET)?),
+    }
+    .map_err(|e| reader.problem(DOMAIN.vertices, format!("is unusable: {e}")))?;
+    require_agreement(reader, &map, &image)?;
+    let count = map.domain().triangles().len() as u64;
+    let is_too_fine = subdivisions > 15 || count << (2 * subdivisions) > i32::MAX as u64;
+    if is_too_fine {
+        let problem = format!("has {count} rows, too many to be cut into four {subdivisions} times");
+        return Err(reader.problem(DOMAIN.triangles, problem));
+    }
+    Ok((0..subdivisions).fold(map, |map, _| map.subdivided()))
+}
+
+fn surface(reader: &Reader, names: &Names) -> Result<SurfaceMesh, TensorFileError> {
+    SurfaceMesh::new(reader.points(names.vertices)?, reader.triangles(names.triangles)?)
+        .map_err(|e| reader.problem(names.triangles, format!("is unusable: {e}")))
+}
+
+fn drawn(reader: &Reader, names: &Names) -> Result<SphericalMap, TensorFileError> {
+    let surface = surface(reader, names)?;
+    let directions: Vec<Vector> = reader.rows(names.directions)?.into_iter().map(Vector::from).collect();
+    let drawn = SphericalMap::new(surface.clone(), &directions)
+        .map_err(|e| reader.problem(names.directions, format!("is unusable: {e}")))?;
+    if let Some(v) = (0..directions.len()).find(|&v| directions[v] != drawn.directions()[v]) {
+        let length = directions[v].norm();
+        return Err(reader.problem(names.directions, format!("has length {length} in row {v} instead of 1")));
+    }
+    if drawn.surface() != &surface {
+        return Err(reader.problem(names.triangles, "has triangles that do not face outward".into()));
+    }
+    Ok(drawn)
+}
+
+fn require_agreement(reader: &Reader, map: &BoundaryMap, image: &[Point]) -> Result<(), TensorFileError> {
+    if map.image().len() != image.len() {
+        let problem = format!("has {} rows for {} vertices", image.len(), map.image().len());
+        return Err(reader.problem(IMAGE, problem));
+    }
+    let most = AGREEMENT * map.target_diagonal();
+    let distance = |v: usize| (map.image()[v] - image[v]).norm();
+    // What is not finite is not near either.
+    let is_near = |v: usize| distance(v) <= most;
+    match (0..image.len()).find(|&v| !is_near(v)) {
+        None => Ok(()),
+        Some(v) => {
+            let problem = format!(
+                "is {:e} away, in row {v}, from where the directions send that vertex; the file was changed",
+                distance(v)
+            );
+            Err(reader.problem(IMAGE, problem))
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! Files of named tables of numbers with metadata: what map files and boundary files have in common.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::{IoError, atomic_write};
+use crate::Point;
+
+/// Why a map file or boundary file cannot be written or read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TensorFileError {
+    /// Reading or writing failed.
+    #[error(transparent)]
+    Io(#[from] IoError),
+    /// Not a safetensors container, or one of something else.
+    #[error("`{}` is not a {kind}: {cause}", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// `"map file"` or `"boundary file"`.
+        kind: &'static str,
+        /// What was found.
+        cause: String,
+    },
+    /// A tensor is missing, has another type or shape, or its numbers are of no use.
+    #[error("`{}` is not a whole {kind}: tensor `{tensor}` {problem}", path.display())]
+    Tensor {
+        /// The file.
+        path: PathBuf,
+        /// `"map file"` or `"boundary file"`.
+        kind: &'static str,
+        /// Which tensor.
+        tensor: &'static str,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Written by a later version of the program.
+    #[error(
+        "`{}` is a {kind} of format {found}, and this program reads up to {supported}.x; install a newer solidmap",
+        path.display()
+    )]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// `"map file"` or `"boundary file"`.
+        kind: &'static str,
+        /// Its version.
+        found: String,
+        /// The newest major version that is read.
+        supported: u32,
+    },
+}
+
+/// An input file by name and content.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Provenance {
+    /// `"domain"`, `"image"` and so on.
+    pub role: String,
+    /// File name without its folder.
+    pub file: String,
+    /// SHA-256 of the file, hexadecimal.
+    pub sha256: String,
+}
+
+impl Provenance {
+    /// Name and hash of a file.
+    ///
+    /// # Errors
+    ///
+    /// When the file cannot be read.
+    pub fn of(role: &str, path: &Path) -> std::io::Result<Self> {
+        use sha2::Digest;
+        let digest = sha2::Sha256::digest(std::fs::read(path)?);
+        let sha256 = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+        let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(Self {
+            role: role.into(),
+            file,
+            sha256,
+        })
+    }
+}
+
+/// A kind of file. A reader refuses a newer major version; a newer minor one only adds.
+#[derive(Debug, PartialEq)]
+pub(super) struct Kind {
+    pub name: &'static str,
+    /// The entry of the container's metadata that holds ours, a JSON object.
+    pub key: &'static str,
+    pub version: (u32, u32),
+    /// What to do with the file where another kind is wanted.
+    pub purpose: &'static str,
+}
+
+pub(super) static MAP: Kind = Kind {
+    name: "map file",
+    key: "solidmap",
+    version: (1, 1),
+    purpose: "it holds a fitted map, for `solidmap eval` and `energy`",
+};
+
+pub(super) static BOUNDARY: Kind = Kind {
+    name: "boundary file",
+    key: "solidmap_boundary",
+    version: (1, 0),
+    purpose: "it holds a boundary map, for `solidmap fit --boundary`",
+};
+
+/// A table with three columns.
+pub(super) struct Tensor {
+    name: &'static str,
+    dtype: Dtype,
+    rows: usize,
+    data: Vec<u8>,
+}
+
+impl Tensor {
+    pub fn rows<'a>(name: &'static str, rows: impl ExactSizeIterator<Item = &'a [f64; 3]>) -> Self {
+        Self {
+            name,
+            dtype: Dtype::F64,
+            rows: rows.len(),
+            data: rows.flatten().flat_map(|x| x.to_le_bytes()).collect(),
+        }
+    }
+
+    pub fn points(name: &'static str, points: &[Point]) -> Self {
+        Self::rows(name, points.iter().map(|p| p.coords.as_ref()))
+    }
+
+    pub fn triangles(name: &'static str, triangles: &[[u32; 3]]) -> Self {
+        Self {
+            name,
+            dtype: Dtype::U32,
+            rows: triangles.len(),
+            data: triangles.iter().flatten().flat_map(|v| v.to_le_bytes()).collect(),
+        }
+    }
+}
+
+impl Kind {
+    pub fn format_version(&self) -> String {
+        format!("{}.{}", self.version.0, self.version.1)
+    }
+
+    /// The same tensors and metadata give the same bytes.
+    pub fn write(&self, path: &Path, metadata: &impl Serialize, tensors: &[Tensor]) -> Result<(), TensorFileError> {
+        let metadata = serde_json::to_string(metadata).map_err(|e| self.foreign(path, &e))?;
+        let views: Vec<_> = tensors
+            .iter()
+            .map(|t| Ok((t.name, TensorView::new(t.dtype, vec![t.rows, 3], &t.data)?)))
+            .collect::<Result<_, safetensors::SafeTensorError>>()
+            .map_err(|e| self.foreign(path, &e))?;
+        let entries = HashMap::from([(self.key.to_owned(), metadata)]);
+        let bytes = safetensors::serialize(views, Some(entries)).map_err(|e| self.foreign(path, &e))?;
+        Ok(atomic_write(path, |writer| writer.write_all(&bytes))?)
+    }
+
+    fn foreign(&self, path: &Path, cause: &dyn std::fmt::Display) -> TensorFileError {
+        TensorFileError::Foreign {
+            path: path.to_owned(),
+            kind: self.name,
+            cause: cause.to_string(),
+        }
+    }
+}
+
+pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
+    std::fs::read(path).map_err(|source| IoError::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+pub(super) struct Reader<'a> {
+    kind: &'static Kind,
+    path: &'a Path,
+    tensors: SafeTensors<'a>,
+    metadata: serde_json::Value,
+}
+
+impl<'a> Reader<'a> {
+    pub fn new(kind: &'static Kind, path: &'a Path, content: &'a [u8]) -> Result<Self, TensorFileError> {
+        let tensors = SafeTensors::deserialize(content).map_err(|e| kind.foreign(path, &e))?;
+        let (_, header) = SafeTensors::read_metadata(content).map_err(|e| kind.foreign(path, &e))?;
+        let empty = HashMap::new();
+        let entries = header.metadata().as_ref().unwrap_or(&empty);
+        let Some(text) = entries.get(kind.key) else {
+            let other = [&MAP, &BOUNDARY]
+                .into_iter()
+                .find(|other| entries.contains_key(other.key));
+            let cause = other.map_or("it has no metadata of solidmap", |other| other.purpose);
+            return Err(kind.foreign(path, &cause));
+        };
+        let metadata: serde_json::Value = serde_json::from_str(text).map_err(|e| kind.foreign(path, &e))?;
+        // The version is looked at first: what else a newer file holds need not parse.
+        let found = metadata["format_version"].as_str().unwrap_or_default();
+        match found.split('.').next().and_then(|major| major.parse::<u32>().ok()) {
+            Some(major) if major > kind.version.0 => Err(TensorFileError::Newer {
+                path: path.into(),
+                kind: kind.name,
+                found: found.into(),
+                supported: kind.version.0,
+            }),
+            Some(_) => Ok(Self {
+                kind,
+                path,
+                tensors,
+                metadata,
+            }),
+            None => Err(kind.foreign(path, &"its metadata has no format version")),
+        }
+    }
+
+    /// The metadata, or as much of them as the type asks for.
+    pub fn metadata<T: DeserializeOwned>(&self) -> Result<T, TensorFileError> {
+        T::deserialize(&self.metadata).map_err(|e| self.kind.foreign(self.path, &e))
+    }
+
+    pub fn has(&self, tensor: &str) -> bool {
+        self.tensors.tensor(tensor).is_ok()
+    }
+
+    pub fn points(&self, tensor: &'static str) -> Result<Vec<Point>, TensorFileError> {
+        Ok(self.rows(tensor)?.into_iter().map(Point::from).collect())
+    }
+
+    pub fn rows(&self, tensor: &'static str) -> Result<Vec<[f64; 3]>, TensorFileError> {
+        let data = self.data(tensor, Dtype::F64)?;
+        let (numbers, _) = data.as_chunks::<8>();
+        let (rows, _) = numbers.as_chunks::<3>();
+        Ok(rows.iter().map(|row| row.map(f64::from_le_bytes)).collect())
+    }
+
+    pub fn triangles(&self, tensor: &'static str) -> Result<Vec<[u32; 3]>, TensorFileError> {
+        let data = self.data(tensor, Dtype::U32)?;
+        let (words, _) = data.as_chunks::<4>();
+        let (triangles, _) = words.as_chunks::<3>();
+        Ok(triangles.iter().map(|t| t.map(u32::from_le_bytes)).collect())
+    }
+
+    fn data(&self, tensor: &'static str, dtype: Dtype) -> Result<&[u8], TensorFileError> {
+        let view = self
+            .tensors
+            .tensor(tensor)
+            .map_err(|_| self.problem(tensor, "is missing".into()))?;
+        match view.shape() {
+            [_, 3] if view.dtype() == dtype => Ok(view.data()),
+            shape => {
+                let found = format!(
+                    "is {:?} of shape {shape:?} instead of {dtype:?} of shape [n, 3]",
+                    view.dtype()
+                );
+                Err(self.problem(tensor, found))
+            }
+        }
+    }
+
+    pub fn problem(&self, tensor: &'static str, problem: String) -> TensorFileError {
+        TensorFileError::Tensor {
+            path: self.path.to_owned(),
+            kind: self.kind.name,
+            tensor,
+            problem,
+        }
+    }
+}
