@@ -1,6 +1,7 @@
 //! Maps of boundary surfaces: where each point of the domain's surface goes, whether it is one to one, and how far it
 //! distorts.
 
+pub mod check;
 mod correspondence;
 mod distortion;
 pub mod examples;
