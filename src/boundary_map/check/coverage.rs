@@ -109,6 +109,8 @@ struct Probe {
 struct Piece {
     most: f64,
     corners: [Probe; 3],
+    /// The triangle closest to the middle of the whole triangle. That of a corner on an edge is any of several.
+    facing: usize,
     number: usize,
 }
 
@@ -133,9 +135,11 @@ impl Search<'_> {
         }
         let mut least = probes.iter().flatten().map(|p| p.distance).fold(0.0, f64::max);
         let corners = self.from.triangles().iter().map(|t| t.map(|v| probes[v as usize]));
+        let facing = self.query.closest_points(&self.centroids());
         let whole = corners
+            .zip(&facing)
             .enumerate()
-            .filter_map(|(number, [a, b, c])| Some(self.piece([a?, b?, c?], number)));
+            .filter_map(|(number, ([a, b, c], facing))| Some(self.piece([a?, b?, c?], facing.triangle, number)));
         let mut pieces: BinaryHeap<Piece> = whole.collect();
         for query in 0..MOST_QUERIES {
             match pieces.peek() {
@@ -150,7 +154,7 @@ impl Search<'_> {
                 halves
                     .into_iter()
                     .enumerate()
-                    .map(|(k, half)| self.piece(half, number + k)),
+                    .map(|(k, half)| self.piece(half, piece.facing, number + k)),
             );
         }
         let most = pieces.peek().map_or(least, |piece| piece.most.max(least));
@@ -164,7 +168,15 @@ impl Search<'_> {
         used
     }
 
-    fn piece(&self, corners: [Probe; 3], number: usize) -> Piece {
+    fn centroids(&self) -> Vec<Point> {
+        let centroid = |t: usize| {
+            let [a, b, c] = self.from.corners(t).map(|p| p.coords);
+            Point::from((a + b + c) / 3.0)
+        };
+        (0..self.from.triangles().len()).map(centroid).collect()
+    }
+
+    fn piece(&self, corners: [Probe; 3], facing: usize, number: usize) -> Piece {
         let to_triangle = |t: usize| {
             let triangle = self.to.corners(t);
             let distance = |p: &Probe| closest_point_on_triangle(&p.place, &triangle).offset.norm();
@@ -172,7 +184,9 @@ impl Search<'_> {
         };
         let convex = corners
             .iter()
-            .map(|p| to_triangle(p.closest))
+            .map(|p| p.closest)
+            .chain([facing])
+            .map(to_triangle)
             .fold(f64::INFINITY, f64::min);
         // No point of a triangle is farther from its nearest corner than the longest side over √3.
         let longest = (0..3)
@@ -182,6 +196,7 @@ impl Search<'_> {
         Piece {
             most: convex.min(farthest + longest / 3f64.sqrt()),
             corners,
+            facing,
             number,
         }
     }
