@@ -1,6 +1,7 @@
 //! A chequered pattern that is evaluated at every sample, and so stays sharp across triangles.
 
 use super::canvas::Rgb;
+use super::section::Axis;
 use crate::Point;
 
 /// A chequered field in space, coloured by position, and where each vertex of a surface stands in it.
@@ -28,9 +29,10 @@ pub enum Pattern {
         /// Cubes along its longest side.
         cells: usize,
     },
-    /// Directions from the origin, by longitude and latitude about the third axis, with this many cells from pole to
-    /// pole.
+    /// Directions from the origin, by longitude and latitude. Red, green and blue grow along the axes.
     Graticule {
+        /// The axis through the poles.
+        pole: Axis,
         /// Cells from pole to pole; twice as many go round.
         cells: usize,
     },
@@ -51,16 +53,17 @@ impl Pattern {
                 let share = [0, 1, 2].map(|k| if extent[k] > 0.0 { from_low[k] / extent[k] } else { 0.5 });
                 (share, is_odd(steps))
             }
-            Self::Graticule { cells } => {
+            Self::Graticule { pole, cells } => {
                 let direction = place.coords.try_normalize(0.0).unwrap_or_default();
                 let step = std::f64::consts::PI / *cells as f64;
-                let steps = [direction.y.atan2(direction.x), direction.z.clamp(-1.0, 1.0).asin()];
+                let [right, ahead, up] = [1, 2, 0].map(|k| direction[(pole.index() + k) % 3]);
+                let angles = [ahead.atan2(right), up.clamp(-1.0, 1.0).asin()];
                 let share = [0, 1, 2].map(|k| 0.5 + 0.5 * direction[k]);
-                (share, is_odd(steps.iter().map(|angle| (angle / step).floor()).sum()))
+                (share, is_odd(angles.iter().map(|angle| (angle / step).floor()).sum()))
             }
         };
-        let shade = if odd { 0.58 } else { 1.0 };
-        share.map(|t| (255.0 * shade * (0.28 + 0.72 * t.clamp(0.0, 1.0))).round() as u8)
+        let shade = if odd { 0.64 } else { 1.0 };
+        share.map(|t| (255.0 * shade * (0.24 + 0.76 * t.clamp(0.0, 1.0))).round() as u8)
     }
 }
 
@@ -72,7 +75,7 @@ fn is_odd(steps: f64) -> bool {
 mod tests {
     use super::*;
 
-    /// Shades differ by 0.58 in every channel, and the colour itself hardly between neighbours.
+    /// Shades differ by 0.64 in every channel, and the colour itself hardly between neighbours.
     fn is_darker(a: Rgb, b: Rgb) -> bool {
         a.iter().zip(b).all(|(a, b)| f64::from(*a) < 0.75 * f64::from(b))
     }
@@ -90,14 +93,18 @@ mod tests {
 
     #[test]
     fn longitude_does_not_jump_where_its_numbers_do() {
-        let pattern = Pattern::Graticule { cells: 12 };
+        let pattern = Pattern::Graticule {
+            pole: Axis::Z,
+            cells: 12,
+        };
         let at = |degrees: f64| {
             let (sine, cosine) = degrees.to_radians().sin_cos();
             pattern.colour(&Point::new(2.0 * cosine, 2.0 * sine, 0.1))
         };
-        // 24 cells go round: those on both sides of 180° differ as all neighbours do.
-        assert!(is_darker(at(172.0), at(-172.0)) != is_darker(at(-172.0), at(172.0)));
-        assert!(is_darker(at(157.0), at(172.0)) != is_darker(at(172.0), at(157.0)));
+        // 24 cells of 15° go round: those on both sides of 180° differ as all neighbours do.
+        for (a, b) in [(178.0, -178.0), (164.0, 166.0), (-1.0, 1.0)] {
+            assert!(is_darker(at(a), at(b)) != is_darker(at(b), at(a)), "{a} {b}");
+        }
         assert_ne!(pattern.colour(&Point::origin()), [0; 3]);
     }
 }

@@ -90,7 +90,7 @@ impl BoundaryCheck {
     }
 
     fn write_coverage(&self, f: &mut Formatter, distances: [&SurfaceDistance; 2]) -> fmt::Result {
-        let [rms, p99, max, error] = ["rms", "99 %", "max", "± at most"];
+        let [rms, p99, max, error] = ["rms", "99 %", "max", "+ at most"];
         let head = "distance / diagonal";
         writeln!(f, "\n  {head:<24}  {rms:>9}  {p99:>9}  {max:>9}  {error:>9}")?;
         for (name, d) in ["from image to target", "from target to image"]

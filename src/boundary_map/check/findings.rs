@@ -229,6 +229,11 @@ impl Evidence<'_> {
     }
 
     fn distance_advice(&self) -> String {
+        if self.coverage.is_some() && !matches!(self.covering.against, Against::Target | Against::Sphere { .. }) {
+            return "the image is at another place than the target, or of another size, and was examined by itself: \
+                    name the target that was mapped to, as the image has it"
+                .into();
+        }
         format!(
             "beyond the tolerance of {}. Check that the target is the one that was mapped to, at the same place and \
              size; triangles that are large for its features cut its corners: refine the domain there",

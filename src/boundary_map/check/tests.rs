@@ -252,6 +252,16 @@ fn flat_images_and_other_topologies_are_errors() {
 }
 
 #[test]
+fn an_image_elsewhere_is_said_to_be_and_not_to_be_folded() {
+    let torus = shapes::torus(1.0, 0.4, 24, 10);
+    let report = checked(&map(&torus, |p| p + Vector::new(0.0, 5.0, 0.0)), Some(&torus));
+    assert_eq!((report.against, report.flipped), (Against::Itself, 0), "{report}");
+    assert_eq!(report.degree.unwrap().value, 1);
+    assert!(has(&report, MapFindingKind::NotCovered) && has(&report, MapFindingKind::OffTarget));
+    assert!(report.findings[0].advice.contains("another place"), "{report}");
+}
+
+#[test]
 fn open_domains_have_no_degree_and_inward_ones_are_turned() {
     let ball = shapes::bumpy_sphere(6);
     let open = SurfaceMesh::new(ball.vertices().to_vec(), ball.triangles()[1..].to_vec()).unwrap();

@@ -40,7 +40,7 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: Axis) -> anyhow::R
             _ => "Image",
         },
     };
-    let painted = SurfaceColour::Checker(checker(&domain, map.image(), check.against));
+    let painted = SurfaceColour::Checker(checker(&domain, map.image(), check.against, up));
     let mut top = surfaces.views(&painted, &front, "")?;
     top.extend(surfaces.views(&painted, &back, ", from behind")?);
     let mut rows = vec![top];
@@ -54,7 +54,7 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: Axis) -> anyhow::R
         let ratio = values(TriangleDistortion::area_ratio);
         let most = bound(ratio.iter().map(|r| r.max(1.0 / r)), &areas);
         let area = ColourBar::new(
-            "area of the image over area, times or part of the mean",
+            "ratio of areas, 1 is the mean",
             ratio.iter().copied(),
             ValueRange::Fixed(1.0 / most, most),
             Scale::Log,
@@ -75,11 +75,11 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: Axis) -> anyhow::R
 }
 
 /// On a sphere its own longitudes and latitudes, else cubes around the domain.
-fn checker(domain: &SurfaceMesh, image: &[Point], against: Against) -> Checker {
+fn checker(domain: &SurfaceMesh, image: &[Point], against: Against, up: Axis) -> Checker {
     match against {
         Against::Sphere { centre, .. } => Checker {
             places: image.iter().map(|p| Point::from(p - Point::from(centre))).collect(),
-            pattern: Pattern::Graticule { cells: CELLS },
+            pattern: Pattern::Graticule { pole: up, cells: CELLS },
         },
         Against::Target | Against::Itself => {
             let (low, high) = domain
