@@ -184,8 +184,8 @@ fn of_one(domain: &[Point; 3], image: &[Point; 3], scale: f64) -> Option<Triangl
     let length = base.norm();
     let foot = base.dot(&other) / length;
     let height = base.cross(&other).norm() / length;
-    // Not `height <= ...`: a NaN is to be left out too.
-    if !(height > NO_HEIGHT * length) || !image_base.iter().chain(image_other.iter()).all(|x| x.is_finite()) {
+    let is_finite = |v: &Vector| v.iter().all(|x| x.is_finite());
+    if height.is_nan() || height <= NO_HEIGHT * length || !is_finite(&image_base) || !is_finite(&image_other) {
         return None;
     }
     let first = image_base / length;

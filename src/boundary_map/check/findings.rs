@@ -17,6 +17,8 @@ pub(super) struct Evidence<'a> {
     pub covering: &'a Covering,
     pub folded: &'a FoldedEdges,
     pub coverage: Option<Coverage>,
+    /// The image is too far from the target to be held against it.
+    pub elsewhere: bool,
     pub crossing: &'a [[u32; 2]],
     pub tolerance: f64,
 }
@@ -229,7 +231,7 @@ impl Evidence<'_> {
     }
 
     fn distance_advice(&self) -> String {
-        if self.coverage.is_some() && !matches!(self.covering.against, Against::Target | Against::Sphere { .. }) {
+        if self.elsewhere {
             return "the image is at another place than the target, or of another size, and was examined by itself: \
                     name the target that was mapped to, as the image has it"
                 .into();

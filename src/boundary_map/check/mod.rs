@@ -201,6 +201,7 @@ pub fn check(
         covering: &covering,
         folded: &folded,
         coverage,
+        elsewhere: pair.is_some() && near.is_none(),
         crossing: &crossing,
         tolerance: options.tolerance,
     };
