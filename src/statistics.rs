@@ -53,6 +53,39 @@ pub fn quantiles<const N: usize>(values: &[f64], fractions: [f64; N]) -> Option<
     (!sorted.is_empty()).then(|| fractions.map(|p| quantile_of_sorted(&sorted, p)))
 }
 
+/// The quantiles of `values`, each with the weight beside it in `weights`, at `shares` of the total weight in `[0, 1]`
+/// (clamped to it): the smallest value that, together with all that are smaller, has that share, so that 0 gives the
+/// smallest and 1 the largest. Infinite values count like others; values that are NaN, and those whose weight is not
+/// positive and finite, are left out. `None` when nothing is left.
+///
+/// # Panics
+///
+/// When the slices differ in length.
+pub fn weighted_quantiles<const N: usize>(values: &[f64], weights: &[f64], shares: [f64; N]) -> Option<[f64; N]> {
+    assert_eq!(values.len(), weights.len(), "one weight per value");
+    let pairs = values.iter().copied().zip(weights.iter().copied());
+    let mut ascending: Vec<(f64, f64)> = pairs
+        .filter(|(x, w)| !x.is_nan() && *w > 0.0 && w.is_finite())
+        .collect();
+    ascending.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let (largest, _) = *ascending.last()?;
+    // Divided by the largest weight: a sum of large ones would leave the range of f64.
+    let unit = ascending.iter().map(|(_, weight)| *weight).fold(0.0, f64::max);
+    let total: f64 = ascending.iter().map(|(_, weight)| weight / unit).sum();
+    let quantile = |share: f64| {
+        let mut below = 0.0;
+        let reached = ascending.iter().find(|(_, weight)| {
+            below += weight / unit;
+            below >= share * total
+        });
+        match reached {
+            Some((value, _)) if share < 1.0 => *value,
+            _ => largest,
+        }
+    };
+    Some(shares.map(quantile))
+}
+
 fn sorted_finite(values: &[f64]) -> Vec<f64> {
     let mut finite: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
     finite.sort_unstable_by(f64::total_cmp);
@@ -95,5 +128,19 @@ mod tests {
         for size in [1e-200, 1e200] {
             assert!((Summary::of(&[size, size]).unwrap().rms / size - 1.0).abs() < 1e-14);
         }
+    }
+
+    #[test]
+    fn weighted_quantiles_count_weight_and_not_values() {
+        let values = [5.0, 1.0, f64::INFINITY, 2.0, f64::NAN, 3.0];
+        let weights = [1.0, 1.0, 1.0, 6.0, 9.0, 1.0];
+        let found = weighted_quantiles(&values, &weights, [0.0, 0.09, 0.11, 0.69, 0.71, 0.89, 0.91, 1.0]);
+        let inf = f64::INFINITY;
+        assert_eq!(found, Some([1.0, 1.0, 2.0, 2.0, 3.0, 5.0, inf, inf]));
+        assert_eq!(weighted_quantiles(&[1.0], &[0.0], [0.5]), None);
+        assert_eq!(
+            weighted_quantiles(&[1.0, 2.0], &[f64::MAX; 2], [0.5, 0.6]),
+            Some([1.0, 2.0])
+        );
     }
 }

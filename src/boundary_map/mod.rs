@@ -1,7 +1,11 @@
-//! Maps of boundary surfaces: where each point of the domain's surface goes.
+//! Maps of boundary surfaces: where each point of the domain's surface goes, whether it is one to one, and how far it
+//! distorts.
 
+pub mod check;
 mod correspondence;
 mod course;
+mod distortion;
 pub mod examples;
 
 pub use correspondence::{BoundaryMap, BoundaryMapError};
+pub use distortion::{DistortionQuantiles, SurfaceDistortion, TriangleDistortion, triangle_distortions};

@@ -46,6 +46,9 @@ pub enum Command {
     Tet(TetArgs),
     /// Make the surface at a distance outside of a model
     Offset(OffsetArgs),
+    /// Look into maps of boundary surfaces
+    #[command(subcommand)]
+    Boundary(BoundaryCommand),
     /// Fit the harmonic map of a solid to a map of its boundary
     Fit(FitArgs),
     /// Map points, or a mesh's vertices
@@ -111,6 +114,35 @@ pub struct OffsetArgs {
     /// The distance is a fraction of the model's bounding-box diagonal
     #[arg(long)]
     pub relative: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum BoundaryCommand {
+    /// Say whether a boundary map is one to one, how well it covers its target, and how far it distorts
+    Check(BoundaryCheckArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct BoundaryCheckArgs {
+    /// Boundary of the solid being mapped, or a tet mesh of it
+    pub domain: PathBuf,
+    /// DOMAIN's mesh with every vertex at its image
+    pub image: PathBuf,
+    /// Surface that the image is to cover [default: the sphere that the image lies on, if it does]
+    #[arg(long, value_name = "MODEL")]
+    pub target: Option<PathBuf>,
+    /// Distance that image and target may be apart, as a fraction of the target's diagonal
+    #[arg(long, value_name = "FRACTION", default_value_t = 0.01)]
+    pub tolerance: f64,
+    /// Write a picture: domain and image painted with one pattern, and coloured by distortion
+    #[arg(long, value_name = "FILE")]
+    pub png: Option<PathBuf>,
+    /// Axis that points up in the picture
+    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
+    pub up: AxisKind,
+    /// Seed of the sample points
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
 }
 
 #[derive(Debug, Args)]

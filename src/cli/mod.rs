@@ -1,6 +1,7 @@
 //! The command line: parse, run one command, report. Alone in printing, exiting and choosing thread counts.
 
 mod args;
+mod boundary;
 mod check;
 mod compare;
 mod demo;
@@ -62,6 +63,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Tet(_) | Command::Offset(_) => anyhow::bail!(
             "this solidmap was built without CGAL and TetGen; build it with the feature `native` (the default)"
         ),
+        Command::Boundary(command) => boundary::run(command, &output),
         Command::Fit(args) => fit::run(args, &output),
         Command::Eval(args) => eval::run(args, &output),
         Command::Energy(args) => energy::run(args, &output),

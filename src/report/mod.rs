@@ -23,6 +23,7 @@
 //! must accompany copies of the font, and so of the binary).
 
 mod canvas;
+mod checker;
 mod colour_bar;
 mod colour_map;
 mod figure;
@@ -38,6 +39,7 @@ mod text;
 mod ticks;
 
 pub use canvas::Rgb;
+pub use checker::{Checker, Pattern};
 pub use colour_map::{ColourBar, Scale, ValueRange, rainbow};
 pub use figure::Figure;
 pub use number::significant;

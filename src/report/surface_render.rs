@@ -4,13 +4,14 @@ use rayon::prelude::*;
 
 use super::ReportError;
 use super::canvas::{Canvas, Rgb};
+use super::checker::{Checker, Pattern};
 use super::colour_map::ColourBar;
 use super::light::{lighting, to_linear, to_srgb};
 use super::outline::finite_box;
 use super::panel::check_count;
 use super::section::Axis;
-use crate::Vector;
 use crate::mesh::SurfaceMesh;
+use crate::{Point, Vector};
 
 /// Samples along each side of a pixel.
 const SAMPLES: usize = 3;
@@ -95,6 +96,8 @@ pub enum SurfaceColour {
     PerVertex(Vec<f64>, ColourBar),
     /// A value of each triangle.
     PerTriangle(Vec<f64>, ColourBar),
+    /// A pattern in space, evaluated between the vertices.
+    Checker(Checker),
 }
 
 /// How a surface looks. The default is plain light clay, shaded smoothly, without edges.
@@ -122,15 +125,22 @@ impl Default for SurfaceStyle {
 struct Face {
     corners: [Vector; 3],
     normals: [Vector; 3],
-    values: [f64; 3],
+    /// What the corners are coloured by: a value in the first coordinate, or a place in a pattern.
+    places: [Point; 3],
     edges: [bool; 3],
+}
+
+/// What gives a sample its colour.
+enum Paint<'a> {
+    Plain(Rgb),
+    Bar(&'a ColourBar),
+    Pattern(&'a Pattern),
 }
 
 /// What is common to all faces.
 struct Scene<'a> {
     faces: Vec<Face>,
-    bar: Option<&'a ColourBar>,
-    plain: Rgb,
+    paint: Paint<'a>,
     edge_opacity: f32,
     edge_half_width: f64,
 }
@@ -161,6 +171,7 @@ fn check_style(surface: &SurfaceMesh, style: &SurfaceStyle) -> Result<(), Report
         SurfaceColour::Uniform(_) => {}
         SurfaceColour::PerVertex(values, _) => check_count("vertex", surface.vertices().len(), values.len())?,
         SurfaceColour::PerTriangle(values, _) => check_count("triangle", surface.triangles().len(), values.len())?,
+        SurfaceColour::Checker(checker) => check_count("vertex", surface.vertices().len(), checker.places.len())?,
     }
     match &style.edges {
         Edges::Marked(marks) => check_count("triangle", surface.triangles().len(), marks.len()),
@@ -177,10 +188,11 @@ fn scene<'a>(surface: &SurfaceMesh, style: &'a SurfaceStyle, camera: &Camera, si
         .map(|(t, (&triangle, normals))| Face {
             corners: triangle.map(|v| positions[v as usize]),
             normals: normals.map(|n| seen(&n)),
-            values: match &style.colour {
-                SurfaceColour::Uniform(_) => [0.0; 3],
-                SurfaceColour::PerVertex(values, _) => triangle.map(|v| values[v as usize]),
-                SurfaceColour::PerTriangle(values, _) => [values[t]; 3],
+            places: match &style.colour {
+                SurfaceColour::Uniform(_) => [Point::origin(); 3],
+                SurfaceColour::PerVertex(values, _) => triangle.map(|v| Point::new(values[v as usize], 0.0, 0.0)),
+                SurfaceColour::PerTriangle(values, _) => [Point::new(values[t], 0.0, 0.0); 3],
+                SurfaceColour::Checker(checker) => triangle.map(|v| checker.places[v as usize]),
             },
             edges: match &style.edges {
                 Edges::Hidden => [false; 3],
@@ -189,17 +201,17 @@ fn scene<'a>(surface: &SurfaceMesh, style: &'a SurfaceStyle, camera: &Camera, si
             },
         })
         .collect();
-    let (bar, plain) = match &style.colour {
-        SurfaceColour::Uniform(colour) => (None, *colour),
-        SurfaceColour::PerVertex(_, bar) | SurfaceColour::PerTriangle(_, bar) => (Some(bar), [0; 3]),
+    let paint = match &style.colour {
+        SurfaceColour::Uniform(colour) => Paint::Plain(*colour),
+        SurfaceColour::PerVertex(_, bar) | SurfaceColour::PerTriangle(_, bar) => Paint::Bar(bar),
+        SurfaceColour::Checker(checker) => Paint::Pattern(&checker.pattern),
     };
     let edge_width = (size[0].max(size[1]) as f64 / 700.0).max(0.9);
     Scene {
         edge_opacity: edge_opacity(&faces, edge_width),
         edge_half_width: edge_width * SAMPLES as f64 / 2.0,
         faces,
-        bar,
-        plain,
+        paint,
     }
 }
 
@@ -342,15 +354,14 @@ fn shaded(scene: &Scene, face: &Face, weights: [f64; 3], faces_viewer: bool, on_
     const INSIDE: Rgb = [120, 112, 108];
     let mixed = |of: [Vector; 3]| of[0] * weights[0] + of[1] * weights[1] + of[2] * weights[2];
     let normal = mixed(face.normals).try_normalize(0.0).unwrap_or_default();
-    let (normal, albedo) = match scene.bar {
+    let place: Vector = (0..3).map(|k| face.places[k].coords * weights[k]).sum();
+    let (normal, albedo) = match &scene.paint {
         _ if !faces_viewer => (-normal, INSIDE),
-        None => (normal, scene.plain),
-        Some(bar) => {
-            let value: f64 = (0..3).map(|k| face.values[k] * weights[k]).sum();
-            (normal, bar.colour(value))
-        }
+        Paint::Plain(colour) => (normal, *colour),
+        Paint::Bar(bar) => (normal, bar.colour(place.x)),
+        Paint::Pattern(pattern) => (normal, pattern.colour(&place.into())),
     };
-    let (diffuse, gloss) = lighting(&normal, scene.bar.is_some());
+    let (diffuse, gloss) = lighting(&normal, !matches!(scene.paint, Paint::Plain(_)));
     let opacity = if on_edge { scene.edge_opacity } else { 0.0 };
     [0, 1, 2].map(|k| {
         let surface = to_linear(albedo[k]) * diffuse[k] + gloss;
@@ -432,6 +443,35 @@ mod tests {
         let [left, middle, right] = [8, 50, 91].map(|x| canvas.get(x, 50));
         assert!(left[2] > 150 && left[0] == 0 && right[0] > 150 && right[2] == 0);
         assert!(middle[1] > 150 && middle[0] < 40 && middle[2] < 40, "{middle:?}");
+    }
+
+    /// Two triangles make a face of the cube: cells of a twentieth are far smaller.
+    #[test]
+    fn a_checker_is_sharp_inside_of_triangles() {
+        let cube = shapes::cube(1.0, 1);
+        let (low, high) = cube.bounding_box().unwrap();
+        let places = cube.vertices().to_vec();
+        let pattern = Pattern::Cubes { low, high, cells: 20 };
+        let style = SurfaceStyle {
+            colour: SurfaceColour::Checker(Checker { places, pattern }),
+            ..SurfaceStyle::default()
+        };
+        let canvas = render(&cube, &style, &FRONT, [400, 400]).unwrap();
+        let blue = |x: usize| i32::from(canvas.get(x, 203)[2]);
+        let jumps = (30..370).filter(|&x| (blue(x) - blue(x - 2)).abs() > 30).count();
+        // 340 of 360 pixels of 20 cells have 18 or 19 borders, each of which two pairs of pixels see.
+        assert!((34..=40).contains(&jumps), "{jumps}");
+        let wrong = SurfaceStyle {
+            colour: SurfaceColour::Checker(Checker {
+                places: vec![],
+                pattern,
+            }),
+            ..SurfaceStyle::default()
+        };
+        assert!(matches!(
+            render(&cube, &wrong, &FRONT, [30, 30]),
+            Err(ReportError::ValueCount { .. })
+        ));
     }
 
     #[test]

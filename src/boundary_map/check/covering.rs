@@ -1,0 +1,340 @@
+//! How often an image covers what it is held against, and which of its triangles are turned over.
+
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix4, Vector4};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use robust::{Coord, orient2d};
+use serde::Serialize;
+
+use crate::geometry::{SurfaceQuery, orientation};
+use crate::mesh::SurfaceMesh;
+use crate::mesh::topology::Topology;
+use crate::spherical::certify;
+use crate::{Point, Vector};
+
+/// What an image was held against.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "surface")]
+pub enum Against {
+    /// The sphere that all its vertices lie on: decided exactly, by geodesic triangles.
+    Sphere {
+        /// Its centre.
+        centre: [f64; 3],
+        /// Its radius.
+        radius: f64,
+    },
+    /// The target surface that was given.
+    Target,
+    /// Nothing but itself.
+    Itself,
+}
+
+/// How often the target is covered, those parts that are turned over counting negatively.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Degree {
+    /// The degree: 1 for a map that is one to one, −1 when it mirrors.
+    pub value: i64,
+    /// Share of the points inside that the image goes round this often; 1 for a map onto the target.
+    pub agreement: f64,
+    /// Points inside that were asked; 0 on a sphere, where solid angles are summed.
+    pub points: usize,
+}
+
+/// How a drawing covers what it is held against.
+pub(super) struct Covering {
+    pub against: Against,
+    pub degree: Option<Degree>,
+    /// Triangles that are turned over, in order.
+    pub flipped: Vec<u32>,
+    /// Triangles whose images have no area, while they have one.
+    pub degenerate: Vec<u32>,
+    pub flat_in_domain: usize,
+}
+
+/// Edges at which an image turns back on itself.
+pub(super) struct FoldedEdges {
+    pub edges: Vec<[u32; 2]>,
+    /// Triangles beside them that face against their surroundings.
+    pub reversed: Vec<u32>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Facing {
+    Outward,
+    Inward,
+    Flat,
+}
+
+/// Points wanted inside.
+const INSIDE: usize = 256;
+/// Points tried for them.
+const TRIED: usize = 20_000;
+/// When none is deep enough, this many of the deepest are asked.
+const DEEPEST: usize = 32;
+/// Distance from the sphere, over its radius, that is taken for rounding of files.
+const ON_SPHERE: f64 = 1e-6;
+
+impl Covering {
+    /// `off` is how far the image may be from the target, as a fraction of the target's diagonal.
+    pub fn new(
+        domain: &SurfaceMesh,
+        (image, image_query): (&SurfaceMesh, &SurfaceQuery),
+        target: Option<(&SurfaceMesh, &SurfaceQuery)>,
+        folded: &FoldedEdges,
+        off: f64,
+        seed: u64,
+    ) -> Self {
+        let closed = bounds_a_solid(domain);
+        let sphere = common_sphere(image, target.map(|(mesh, _)| mesh));
+        let (against, facings, degree) = match (sphere, target) {
+            (Some((centre, radius)), _) => {
+                let against = Against::Sphere {
+                    centre: centre.into(),
+                    radius,
+                };
+                let directions: Vec<Vector> = image.vertices().iter().map(|p| p - centre).collect();
+                let degree = Degree {
+                    value: certify(image.triangles(), &directions).degree.round() as i64,
+                    agreement: 1.0,
+                    points: 0,
+                };
+                (against, facings_on_sphere(image, &directions), Some(degree))
+            }
+            (None, Some((mesh, query))) => {
+                let points = points_inside(query, seed, |p| query.winding_number(p));
+                let points = deep(points, query, off * mesh.diagonal());
+                let degree = degree(points.iter().map(|p| image_query.winding_number(p)));
+                (Against::Target, facings_on_target(image, mesh, query), Some(degree))
+            }
+            (None, None) => {
+                let points = points_inside(image_query, seed, |p| image_query.winding_number(p));
+                let degree = degree(points.iter().map(|p| image_query.winding_number(p)));
+                let mut facings = vec![Facing::Outward; image.triangles().len()];
+                folded
+                    .reversed
+                    .iter()
+                    .for_each(|&t| facings[t as usize] = Facing::Inward);
+                (Against::Itself, facings, Some(degree))
+            }
+        };
+        Self::of_facings(domain, image, against, &facings, degree.filter(|_| closed))
+    }
+
+    fn of_facings(
+        domain: &SurfaceMesh,
+        image: &SurfaceMesh,
+        against: Against,
+        facings: &[Facing],
+        degree: Option<Degree>,
+    ) -> Self {
+        let count = domain.triangles().len();
+        let flat_in_domain: Vec<bool> = (0..count)
+            .into_par_iter()
+            .map(|t| is_flat(&domain.corners(t)))
+            .collect();
+        let facing: Vec<Facing> = (0..count)
+            .into_par_iter()
+            .map(|t| {
+                if is_flat(&image.corners(t)) {
+                    Facing::Flat
+                } else {
+                    facings[t]
+                }
+            })
+            .collect();
+        let those = |wanted: Facing| -> Vec<u32> {
+            let is_wanted = |t: &u32| facing[*t as usize] == wanted && !flat_in_domain[*t as usize];
+            (0..count as u32).filter(is_wanted).collect()
+        };
+        Self {
+            against,
+            degree,
+            flipped: those(Facing::Inward),
+            degenerate: those(Facing::Flat),
+            flat_in_domain: flat_in_domain.iter().filter(|flat| **flat).count(),
+        }
+    }
+
+    /// The map turns everything inside out.
+    pub fn is_mirrored(&self) -> bool {
+        self.degree.is_some_and(|degree| degree.value < 0)
+    }
+}
+
+impl FoldedEdges {
+    pub fn find(domain: &SurfaceMesh, image: &SurfaceMesh) -> Self {
+        let topology = Topology::new(image);
+        let normals = |mesh: &SurfaceMesh| -> Vec<Vector> {
+            let count = mesh.triangles().len();
+            (0..count).into_par_iter().map(|t| mesh.area_vector(t)).collect()
+        };
+        let (before, after) = (normals(domain), normals(image));
+        let is_folded = |e: &usize| match topology.sides(*e) {
+            [first, second] if topology.runs_forward(*first) != topology.runs_forward(*second) => {
+                let pair = [first.triangle as usize, second.triangle as usize];
+                turns_back(&after, pair) && !turns_back(&before, pair)
+            }
+            _ => false,
+        };
+        let folded: Vec<usize> = (0..topology.edges().len()).filter(is_folded).collect();
+        let mut around = vec![Vector::zeros(); image.vertices().len()];
+        for (triangle, normal) in image.triangles().iter().zip(&after) {
+            triangle.iter().for_each(|&v| around[v as usize] += normal);
+        }
+        let opposes = |t: u32| {
+            let corners = image.triangles()[t as usize];
+            let own = after[t as usize];
+            let others = corners.iter().map(|&v| around[v as usize]).sum::<Vector>() - 3.0 * own;
+            own.dot(&others) < 0.0
+        };
+        let beside = folded
+            .iter()
+            .flat_map(|&e| topology.sides(e).iter().map(|side| side.triangle));
+        let mut reversed: Vec<u32> = beside.filter(|&t| opposes(t)).collect();
+        reversed.sort_unstable();
+        reversed.dedup();
+        Self {
+            edges: folded.iter().map(|&e| topology.edges()[e]).collect(),
+            reversed,
+        }
+    }
+}
+
+/// Whether the normals of two triangles differ by more than 150°.
+fn turns_back(normals: &[Vector], [a, b]: [usize; 2]) -> bool {
+    const COSINE: f64 = -0.866_025_403_784_438_6;
+    let (a, b) = (normals[a], normals[b]);
+    a.dot(&b) < COSINE * (a.norm() * b.norm())
+}
+
+/// Closed, and neighbours agree which side is out.
+pub(super) fn bounds_a_solid(mesh: &SurfaceMesh) -> bool {
+    let topology = Topology::new(mesh);
+    topology.is_closed() && topology.orientation().inconsistent_edges.is_empty()
+}
+
+/// Corners exactly on a line: on one in each of the three coordinate planes.
+fn is_flat(corners: &[Point; 3]) -> bool {
+    (0..3).all(|k| {
+        let [a, b, c] = corners.map(|p| Coord {
+            x: p[k],
+            y: p[(k + 1) % 3],
+        });
+        orient2d(a, b, c) == 0.0
+    })
+}
+
+/// The sphere that the vertices of the image lie on, and those of the target if there is one.
+fn common_sphere(image: &SurfaceMesh, target: Option<&SurfaceMesh>) -> Option<(Point, f64)> {
+    let (centre, radius) = fitted_sphere(image)?;
+    let lies_on = |mesh: &SurfaceMesh| {
+        let mut used = mesh.triangles().iter().flatten().map(|&v| mesh.vertices()[v as usize]);
+        used.all(|p| ((p - centre).norm() - radius).abs() <= ON_SPHERE * radius)
+    };
+    (lies_on(image) && target.is_none_or(lies_on)).then_some((centre, radius))
+}
+
+/// The sphere of least squares through the corners: `|p|² − 2 c·p = r² − |c|²` is linear in the unknowns.
+fn fitted_sphere(mesh: &SurfaceMesh) -> Option<(Point, f64)> {
+    let (low, high) = mesh.bounding_box()?;
+    let (origin, size) = (nalgebra::center(&low, &high), (high - low).amax());
+    let (mut matrix, mut right) = (Matrix4::zeros(), Vector4::zeros());
+    for &v in mesh.triangles().iter().flatten() {
+        let p = (mesh.vertices()[v as usize] - origin) / size;
+        let row = Vector4::new(2.0 * p.x, 2.0 * p.y, 2.0 * p.z, 1.0);
+        matrix += row * row.transpose();
+        right += row * p.norm_squared();
+    }
+    let solution = matrix.cholesky()?.solve(&right);
+    let centre = solution.xyz();
+    let radius = (solution.w + centre.norm_squared()).sqrt();
+    (radius.is_finite() && radius > 0.0).then(|| (origin + centre * size, radius * size))
+}
+
+fn facings_on_sphere(image: &SurfaceMesh, directions: &[Vector]) -> Vec<Facing> {
+    let facing = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| Point::from(directions[v as usize]));
+        match orientation(&Point::origin(), &a, &b, &c) {
+            Some(Ordering::Greater) => Facing::Outward,
+            Some(Ordering::Less) => Facing::Inward,
+            _ => Facing::Flat,
+        }
+    };
+    image.triangles().par_iter().map(facing).collect()
+}
+
+/// A triangle faces inward when the target's normals do at the points closest to all four of its samples. Where a
+/// triangle spans a crease, some samples see one side and some the other; it faces both, or neither.
+fn facings_on_target(image: &SurfaceMesh, target: &SurfaceMesh, query: &SurfaceQuery) -> Vec<Facing> {
+    const SAMPLES: [[f64; 3]; 4] = {
+        let (far, near) = (1.0 / 6.0, 2.0 / 3.0);
+        [[1.0 / 3.0; 3], [near, far, far], [far, near, far], [far, far, near]]
+    };
+    let samples = |t: usize| {
+        let [a, b, c] = image.corners(t).map(|p| p.coords);
+        SAMPLES.map(|[l, m, n]| Point::from(a * l + b * m + c * n))
+    };
+    let places: Vec<Point> = (0..image.triangles().len()).flat_map(samples).collect();
+    let closest = query.closest_points(&places);
+    let facing = |(t, closest): (usize, &[crate::geometry::ClosestPoint])| {
+        let normal = image.area_vector(t);
+        let against = closest
+            .iter()
+            .all(|c| target.area_vector(c.triangle).dot(&normal) < 0.0);
+        if against { Facing::Inward } else { Facing::Outward }
+    };
+    closest.chunks_exact(SAMPLES.len()).enumerate().map(facing).collect()
+}
+
+/// Random points of the box of a surface that it winds about, with what is known of them.
+fn points_inside(query: &SurfaceQuery, seed: u64, winding: impl Fn(&Point) -> f64 + Sync) -> Vec<Point> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let bounds = query.bounds();
+    let tried: Vec<Point> = (0..TRIED)
+        .map(|_| {
+            let t = Vector::from_fn(|_, _| random.random::<f64>());
+            bounds.low + bounds.extent().component_mul(&t)
+        })
+        .collect();
+    let inside: Vec<bool> = tried.par_iter().map(|p| winding(p).abs() > 0.5).collect();
+    tried
+        .into_iter()
+        .zip(inside)
+        .filter_map(|(p, inside)| inside.then_some(p))
+        .collect()
+}
+
+/// Those farther from the surface than `off`: an image that is nowhere farther off the surface than that goes round
+/// them as often as its closest points on the surface do. When there are none, the deepest.
+fn deep(points: Vec<Point>, query: &SurfaceQuery, off: f64) -> Vec<Point> {
+    let depths = query.closest_points(&points).into_iter().map(|c| c.distance);
+    let mut ordered: Vec<(f64, Point)> = depths.zip(points).collect();
+    let far: Vec<Point> = ordered
+        .iter()
+        .filter(|(d, _)| *d > off)
+        .map(|(_, p)| *p)
+        .take(INSIDE)
+        .collect();
+    if !far.is_empty() {
+        return far;
+    }
+    ordered.sort_by(|a, b| b.0.total_cmp(&a.0));
+    ordered.into_iter().take(DEEPEST).map(|(_, p)| p).collect()
+}
+
+/// The most frequent of these winding numbers.
+fn degree(winding: impl Iterator<Item = f64>) -> Degree {
+    let mut counts = BTreeMap::new();
+    winding.for_each(|w| *counts.entry(w.round() as i64).or_insert(0usize) += 1);
+    let points: usize = counts.values().sum();
+    let most = counts.iter().max_by_key(|(_, count)| **count);
+    Degree {
+        value: most.map_or(0, |(value, _)| *value),
+        agreement: most.map_or(1.0, |(_, count)| *count as f64 / points as f64),
+        points,
+    }
+}

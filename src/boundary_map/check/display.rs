@@ -1,0 +1,147 @@
+use std::fmt::{self, Display, Formatter};
+
+use super::{Against, BoundaryCheck, MapFinding, SurfaceDistance, Verdict};
+use crate::check::{SelfIntersections, Severity};
+
+/// Ids shown of each sort.
+const SHOWN: usize = 8;
+
+impl Display for BoundaryCheck {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        writeln!(f, "{}\n", self.headline())?;
+        self.write_facts(f)?;
+        if let Some(coverage) = &self.coverage {
+            self.write_coverage(f, [&coverage.image_to_target, &coverage.target_to_image])?;
+        }
+        if let Some(distortion) = &self.distortion {
+            writeln!(f)?;
+            distortion
+                .to_string()
+                .lines()
+                .try_for_each(|line| writeln!(f, "  {line}"))?;
+        }
+        for finding in &self.findings {
+            write!(f, "\n{finding}")?;
+        }
+        if self
+            .findings
+            .iter()
+            .any(|found| !found.faces.is_empty() || !found.edges.is_empty())
+        {
+            writeln!(f, "\nVertices and triangles are counted from 0.")?;
+        }
+        Ok(())
+    }
+}
+
+impl BoundaryCheck {
+    fn headline(&self) -> &'static str {
+        match self.verdict {
+            Verdict::Bijective if self.findings.is_empty() => "One to one with the sphere, decided exactly.",
+            Verdict::Bijective => "One to one with the sphere, decided exactly; but see below.",
+            Verdict::NoDefectFound => "One to one, as far as can be told: nothing speaks against it.",
+            Verdict::Doubtful => "Perhaps one to one, but there are doubts.",
+            Verdict::NotBijective => "NOT one to one.",
+        }
+    }
+
+    fn write_facts(&self, f: &mut Formatter) -> fmt::Result {
+        let against = match self.against {
+            Against::Sphere {
+                centre: [x, y, z],
+                radius,
+            } => {
+                format!("the sphere that it lies on: centre ({x:.4}, {y:.4}, {z:.4}), radius {radius:.4}")
+            }
+            Against::Target => "the target".into(),
+            Against::Itself => "nothing but itself; a target tells more (--target)".into(),
+        };
+        let degree = match self.degree {
+            None => "none".into(),
+            Some(degree) if degree.agreement < 1.0 => {
+                format!(
+                    "{} ({:.1} % of the points inside)",
+                    degree.value,
+                    100.0 * degree.agreement
+                )
+            }
+            Some(degree) => degree.value.to_string(),
+        };
+        let intersections = match &self.self_intersections {
+            SelfIntersections::NotChecked { reason } => format!("not checked: {reason}"),
+            SelfIntersections::Checked { pairs } => format!("{pairs} pairs of triangles"),
+        };
+        let flat = match self.flat_in_domain {
+            0 => String::new(),
+            count => format!(" (and {count} in the domain)"),
+        };
+        for (name, fact) in [
+            ("triangles", self.faces.to_string()),
+            ("held against", against),
+            ("degree", degree),
+            ("flipped triangles", self.flipped.to_string()),
+            ("degenerate triangles", format!("{}{flat}", self.degenerate)),
+            ("folded edges", self.folded_edges.to_string()),
+            ("self-intersections", intersections),
+        ] {
+            writeln!(f, "  {name:<22} {fact}")?;
+        }
+        Ok(())
+    }
+
+    fn write_coverage(&self, f: &mut Formatter, distances: [&SurfaceDistance; 2]) -> fmt::Result {
+        let [rms, p99, max, error] = ["rms", "99 %", "max", "+ at most"];
+        let head = "distance / diagonal";
+        writeln!(f, "\n  {head:<24}  {rms:>9}  {p99:>9}  {max:>9}  {error:>9}")?;
+        for (name, d) in ["from image to target", "from target to image"]
+            .into_iter()
+            .zip(distances)
+        {
+            let [rms, p99, max, error] = [d.rms, d.p99, d.max, d.max_error].map(small);
+            writeln!(f, "  {name:<24}  {rms:>9}  {p99:>9}  {max:>9}  {error:>9}")?;
+        }
+        Ok(())
+    }
+}
+
+impl Display for MapFinding {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        let label = match self.severity {
+            Severity::Error => "error",
+            Severity::Warning => "warning",
+        };
+        write_wrapped(f, &format!("{label}: "), &self.message)?;
+        let edges: Vec<String> = self.edges.iter().map(|[a, b]| format!("{a}-{b}")).collect();
+        let faces: Vec<String> = self.faces.iter().map(u32::to_string).collect();
+        for (name, ids) in [("edges", edges), ("triangles", faces)] {
+            if !ids.is_empty() {
+                let more = if ids.len() > SHOWN || self.count > ids.len() {
+                    ", ..."
+                } else {
+                    ""
+                };
+                writeln!(f, "  {name}: {}{more}", ids[..ids.len().min(SHOWN)].join(", "))?;
+            }
+        }
+        write_wrapped(f, "  mend: ", &self.advice)
+    }
+}
+
+/// Rounding errors of coordinates are no distances.
+fn small(x: f64) -> String {
+    if x < 1e-15 { "0".into() } else { format!("{x:.1e}") }
+}
+
+/// Lines of 100 characters, the first begun by `label` and the others indented as far.
+fn write_wrapped(f: &mut Formatter, label: &str, text: &str) -> fmt::Result {
+    let mut line = label.to_string();
+    for word in text.split_whitespace() {
+        if line.len() + word.len() > 100 && line.len() > label.len() {
+            writeln!(f, "{}", line.trim_end())?;
+            line = " ".repeat(label.len());
+        }
+        line += word;
+        line += " ";
+    }
+    writeln!(f, "{}", line.trim_end())
+}

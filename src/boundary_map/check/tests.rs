@@ -1,0 +1,327 @@
+use super::*;
+use crate::mesh::shapes;
+use crate::{Point, Vector};
+
+fn map(domain: &SurfaceMesh, f: impl Fn(&Point) -> Point) -> BoundaryMap {
+    BoundaryMap::new(domain.clone(), domain.vertices().iter().map(f).collect()).unwrap()
+}
+
+fn checked(map: &BoundaryMap, target: Option<&SurfaceMesh>) -> BoundaryCheck {
+    check(map, target, &BoundaryCheckOptions::default(), None).unwrap()
+}
+
+fn has(report: &BoundaryCheck, kind: MapFindingKind) -> bool {
+    report.findings.iter().any(|finding| finding.kind == kind)
+}
+
+fn radially(p: &Point) -> Point {
+    Point::from(p.coords.normalize() * 3.0 + Vector::new(5.0, -1.0, 0.5))
+}
+
+#[test]
+fn a_radial_projection_is_one_to_one_with_the_sphere() {
+    let report = checked(&map(&shapes::bumpy_sphere(8), radially), None);
+    assert_eq!(
+        (report.verdict, report.flipped, report.degenerate),
+        (Verdict::Bijective, 0, 0)
+    );
+    assert_eq!(report.degree.unwrap().value, 1);
+    let Against::Sphere { centre, radius } = report.against else {
+        panic!("{report}");
+    };
+    assert!((Point::from(centre) - Point::new(5.0, -1.0, 0.5)).norm() < 1e-9 && (radius - 3.0).abs() < 1e-9);
+    assert!(report.findings.is_empty(), "{report}");
+}
+
+#[test]
+fn a_vertex_pulled_over_its_ring_is_caught_on_the_sphere_on_a_target_and_by_itself() {
+    let domain = shapes::bumpy_sphere(8);
+    for (smooth, with_target) in [(true, false), (false, true), (false, false)] {
+        let place = |p: &Point| if smooth { radially(p) } else { *p };
+        let mut image: Vec<Point> = domain.vertices().iter().map(place).collect();
+        // Past the farthest neighbour of a neighbour: to the centroid of a triangle two rings away.
+        let ring: Vec<u32> = domain
+            .triangles()
+            .iter()
+            .filter(|t| t.contains(&100))
+            .flatten()
+            .copied()
+            .collect();
+        let beyond = domain
+            .triangles()
+            .iter()
+            .find(|t| t.iter().any(|v| ring.contains(v)) && t.iter().filter(|v| ring.contains(v)).count() == 1);
+        let [a, b, c] = beyond.unwrap().map(|v| image[v as usize].coords);
+        image[100] = Point::from((a + b + c) / 3.0);
+        if smooth {
+            let centre = Point::new(5.0, -1.0, 0.5);
+            image[100] = centre + (image[100] - centre).normalize() * 3.0;
+        }
+        let folded = BoundaryMap::new(domain.clone(), image).unwrap();
+        let report = checked(&folded, with_target.then_some(&domain));
+        assert_eq!(report.verdict, Verdict::NotBijective, "{report}");
+        assert!(
+            has(&report, MapFindingKind::Flipped) && (1..8).contains(&report.flipped),
+            "{report}"
+        );
+        assert_eq!(report.degree.unwrap().value, 1, "{report}");
+        assert!(report.folded_edges > 0);
+        let faces = &report
+            .findings
+            .iter()
+            .find(|f| f.kind == MapFindingKind::Flipped)
+            .unwrap()
+            .faces;
+        assert!(
+            faces.iter().all(|&t| domain.triangles()[t as usize].contains(&100)),
+            "{report}"
+        );
+    }
+}
+
+#[test]
+fn identity_on_solids_of_any_genus_is_found_without_defect() {
+    let solids = [
+        shapes::torus(1.0, 0.4, 24, 10),
+        shapes::double_torus(2),
+        shapes::spherical_shell(1.0, 0.4, 2),
+        shapes::bumpy_sphere(6),
+    ];
+    for domain in solids {
+        for target in [None, Some(&domain)] {
+            let report = checked(&map(&domain, |p| *p), target);
+            assert_eq!(report.verdict, Verdict::NoDefectFound, "{report}");
+            assert_eq!(report.degree.unwrap().value, 1);
+            assert!(
+                report
+                    .coverage
+                    .is_none_or(|c| c.hausdorff() < 1e-14 && c.image_to_target.max_error < 1e-14)
+            );
+            assert!((report.distortion.unwrap().length.max - 1.0).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_torus_turned_along_itself_covers_a_finer_torus_once() {
+    let domain = shapes::torus(1.0, 0.4, 90, 40);
+    let target = shapes::torus(1.0, 0.4, 120, 60);
+    let turn = nalgebra::Rotation3::from_axis_angle(&Vector::z_axis(), 0.7);
+    let report = checked(&map(&domain, |p| turn * p), Some(&target));
+    assert_eq!(
+        (report.verdict, report.flipped),
+        (Verdict::NoDefectFound, 0),
+        "{report}"
+    );
+    assert_eq!(report.degree.unwrap().value, 1);
+    let distance = report.coverage.unwrap().hausdorff();
+    // Chords of 1.4 (2π/90) and 0.4 (2π/40) leave gaps of c²/8R each at most; the diagonal is 4.04.
+    assert!(distance > 1e-5 && distance < 2.0 * (0.0977f64.powi(2) / 11.2 + 0.0628f64.powi(2) / 3.2) / 4.04);
+}
+
+#[test]
+fn mirror_images_are_flagged_and_no_triangle_of_theirs_is() {
+    let domain = shapes::bumpy_sphere(6);
+    let mirrored = |p: &Point| Point::new(-p.x, p.y, p.z);
+    let target = map(&domain, mirrored).target();
+    for (f, target) in [
+        (&mirrored as &dyn Fn(&Point) -> Point, Some(&target)),
+        (&mirrored, None),
+        (&|p: &Point| mirrored(&radially(p)), None),
+    ] {
+        let report = checked(&map(&domain, f), target);
+        assert_eq!(report.degree.unwrap().value, -1, "{report}");
+        assert!(
+            has(&report, MapFindingKind::Mirrored) && report.findings.len() == 1,
+            "{report}"
+        );
+        assert_ne!(report.verdict, Verdict::NotBijective);
+    }
+}
+
+/// Longitudes are doubled: the sphere is covered twice, branching at the poles.
+fn doubled(p: &Point) -> Point {
+    let (angle, reach) = (2.0 * p.y.atan2(p.x), p.x.hypot(p.y));
+    Point::new(reach * angle.cos(), reach * angle.sin(), p.z)
+}
+
+#[test]
+fn a_double_cover_has_degree_two() {
+    let sphere = shapes::geodesic_sphere(1.0, 12);
+    let report = checked(&map(&sphere, doubled), None);
+    assert!(matches!(report.against, Against::Sphere { .. }));
+    assert_eq!(
+        (report.degree.unwrap().value, report.verdict),
+        (2, Verdict::NotBijective)
+    );
+    let torus = shapes::torus(1.0, 0.4, 96, 24);
+    for target in [None, Some(&shapes::torus(1.0, 0.4, 48, 24))] {
+        let report = checked(&map(&torus, doubled), target);
+        assert_eq!(report.degree.unwrap().value, 2, "{report}");
+        assert!(has(&report, MapFindingKind::Degree) && report.flipped == 0, "{report}");
+    }
+}
+
+#[test]
+fn an_image_that_covers_half_is_caught() {
+    let sphere = shapes::geodesic_sphere(1.0, 10);
+    let domain = shapes::bumpy_sphere(10);
+    let ellipsoid = shapes::deformed(&sphere, |p| Point::new(2.0 * p.x, p.y, p.z));
+    let half = |p: &Point| {
+        let unit = p.coords.normalize();
+        Point::new(2.0 * unit.x, unit.y, unit.z.abs())
+    };
+    let report = checked(&map(&domain, half), Some(&ellipsoid));
+    assert!(
+        has(&report, MapFindingKind::NotCovered) && has(&report, MapFindingKind::Degree),
+        "{report}"
+    );
+    assert!(!has(&report, MapFindingKind::OffTarget), "{report}");
+    // The lowest point is √2 from the rim, over a diagonal of √24.
+    let gap = report.coverage.unwrap().target_to_image;
+    assert!((gap.max - (1.0 / 12f64).sqrt()).abs() < 1e-3, "{report}");
+}
+
+#[test]
+fn the_hausdorff_distance_of_an_offset_is_the_offset() {
+    let domain = shapes::geodesic_sphere(1.0, 20);
+    let report = checked(&map(&domain, |p| p * 1.25), Some(&domain));
+    let coverage = report.coverage.unwrap();
+    let expected = 0.25 / domain.diagonal();
+    for distance in [coverage.image_to_target, coverage.target_to_image] {
+        // Chords of 1/18 rad at most cut off 1/2600.
+        assert!(
+            (distance.max - expected).abs() < 5e-4 / domain.diagonal(),
+            "{distance:?}"
+        );
+        assert!(
+            distance.max_error <= 2e-4 && (distance.rms / expected - 1.0).abs() < 2e-3,
+            "{distance:?}"
+        );
+    }
+    // All vertices of both lie on a sphere, but not on the same one.
+    assert_eq!(report.against, Against::Target);
+    assert_eq!(
+        report.degree.unwrap(),
+        Degree {
+            value: 1,
+            agreement: 1.0,
+            points: report.degree.unwrap().points
+        }
+    );
+}
+
+/// The largest distance is in the middle of a face, where no vertex is: a cube's face over the sphere's flat top.
+#[test]
+fn largest_distances_are_found_between_vertices() {
+    let cube = shapes::cube(2.0, 1);
+    let sphere = shapes::geodesic_sphere(3f64.sqrt(), 24);
+    let query = |mesh: &SurfaceMesh| SurfaceQuery::new(mesh).unwrap();
+    let options = BoundaryCheckOptions {
+        samples: 10,
+        ..Default::default()
+    };
+    let coverage = Coverage::measure((&cube, &query(&cube)), (&sphere, &query(&sphere)), &options);
+    let expected = (3f64.sqrt() - 1.0) / sphere.diagonal();
+    for distance in [coverage.image_to_target, coverage.target_to_image] {
+        assert!((distance.max - expected).abs() < 5e-4, "{distance:?} {expected}");
+        assert!(distance.max_error <= 2e-4, "{distance:?}");
+    }
+}
+
+#[test]
+fn flat_images_and_other_topologies_are_errors() {
+    let torus = shapes::torus(1.0, 0.4, 24, 10);
+    let ball = shapes::bumpy_sphere(6);
+    let flat = checked(&map(&ball, |p| Point::new(p.x, 0.0, 0.0)), None);
+    assert_eq!(flat.degenerate, ball.triangles().len());
+    assert!(
+        flat.distortion.is_none() && has(&flat, MapFindingKind::Degenerate),
+        "{flat}"
+    );
+    let report = checked(&map(&torus, |p| *p), Some(&ball));
+    let topology = report
+        .findings
+        .iter()
+        .find(|f| f.kind == MapFindingKind::Topology)
+        .unwrap();
+    assert!(
+        topology.message.contains("genus 1") && topology.message.contains("genus 0"),
+        "{report}"
+    );
+}
+
+#[test]
+fn an_image_elsewhere_is_said_to_be_and_not_to_be_folded() {
+    let torus = shapes::torus(1.0, 0.4, 24, 10);
+    let report = checked(&map(&torus, |p| p + Vector::new(0.0, 5.0, 0.0)), Some(&torus));
+    assert_eq!((report.against, report.flipped), (Against::Itself, 0), "{report}");
+    assert_eq!(report.degree.unwrap().value, 1);
+    assert!(has(&report, MapFindingKind::NotCovered) && has(&report, MapFindingKind::OffTarget));
+    assert!(report.findings[0].advice.contains("another place"), "{report}");
+}
+
+#[test]
+fn open_domains_have_no_degree_and_inward_ones_are_turned() {
+    let ball = shapes::bumpy_sphere(6);
+    let open = SurfaceMesh::new(ball.vertices().to_vec(), ball.triangles()[1..].to_vec()).unwrap();
+    let report = checked(&map(&open, |p| *p), Some(&ball));
+    assert_eq!(
+        (report.degree, report.verdict),
+        (None, Verdict::NotBijective),
+        "{report}"
+    );
+    let report = checked(&map(&ball.reversed(), |p| *p), Some(&ball.reversed()));
+    assert_eq!(
+        (report.degree.unwrap().value, report.verdict),
+        (1, Verdict::NoDefectFound)
+    );
+}
+
+#[test]
+fn what_is_not_finite_is_refused_by_name() {
+    let ball = shapes::bumpy_sphere(3);
+    let mut image = ball.vertices().to_vec();
+    image[7].y = f64::NAN;
+    let error = BoundaryMap::new(ball.clone(), image.clone()).unwrap_err();
+    assert!(error.to_string().contains("vertex 7"), "{error}");
+    let bad = SurfaceMesh::new(image, ball.triangles().to_vec()).unwrap();
+    let from_bad = BoundaryMap::new(bad.clone(), ball.vertices().to_vec()).unwrap();
+    let options = BoundaryCheckOptions::default();
+    let error = check(&from_bad, None, &options, None).unwrap_err();
+    assert!(matches!(
+        error,
+        BoundaryCheckError::Domain(QueryError::NonFinite { vertex: 7, .. })
+    ));
+    let error = check(&map(&ball, |p| *p), Some(&bad), &options, None).unwrap_err();
+    assert!(
+        error.to_string().contains("vertex 7") && error.to_string().contains("target"),
+        "{error}"
+    );
+}
+
+#[test]
+fn the_report_is_the_same_on_any_number_of_threads() {
+    let torus = shapes::torus(1.0, 0.4, 30, 12);
+    let target = shapes::torus(1.02, 0.41, 40, 20);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| checked(&map(&torus, |p| *p), Some(&target)))
+    };
+    assert_eq!(on(1), on(3));
+}
+
+#[test]
+fn crossing_triangles_come_from_whoever_finds_them() {
+    let ball = shapes::bumpy_sphere(3);
+    let find = |_: &SurfaceMesh| Ok(vec![[3, 9], [3, 11]]);
+    let report = check(&map(&ball, |p| *p), None, &BoundaryCheckOptions::default(), Some(&find)).unwrap();
+    assert_eq!(report.verdict, Verdict::Doubtful);
+    assert_eq!(report.findings[0].faces, [3, 9, 11]);
+    assert!(
+        report
+            .to_string()
+            .contains("2 pairs of image triangles pass through each other"),
+        "{report}"
+    );
+}

@@ -1,0 +1,15 @@
+//! `solidmap boundary`: maps of boundary surfaces.
+
+mod check;
+mod pictures;
+
+use super::Outcome;
+use super::args::BoundaryCommand;
+use super::output::Output;
+
+/// Runs the subcommand.
+pub fn run(command: &BoundaryCommand, output: &Output) -> anyhow::Result<Outcome> {
+    match command {
+        BoundaryCommand::Check(args) => check::run(args, output),
+    }
+}

@@ -1,0 +1,179 @@
+//! `solidmap boundary` from outside: files in, a verdict and pictures out.
+#![cfg(feature = "cli")]
+
+mod common;
+
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use solidmap::Point;
+use solidmap::io;
+use solidmap::mesh::{SurfaceMesh, shapes};
+
+struct Workplace {
+    folder: tempfile::TempDir,
+}
+
+impl Workplace {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn surface(&self, name: &str, mesh: &SurfaceMesh) {
+        io::write_surface(self.path(name), mesh).unwrap();
+    }
+
+    /// Runs in the folder; words are separated by blanks.
+    fn run(&self, line: &str) -> Output {
+        let mut command = Command::cargo_bin("solidmap").unwrap();
+        command.current_dir(self.folder.path()).args(line.split_whitespace());
+        command.timeout(std::time::Duration::from_secs(120)).output().unwrap()
+    }
+
+    fn ends_with(&self, code: i32, line: &str) -> Output {
+        let output = self.run(line);
+        assert_eq!(
+            output.status.code(),
+            Some(code),
+            "{line}: {}{}",
+            text(&output.stdout),
+            text(&output.stderr)
+        );
+        output
+    }
+
+    /// A bumpy ball and its projection to the unit sphere.
+    fn with_ball() -> Self {
+        let place = Self::new();
+        let domain = shapes::bumpy_sphere(8);
+        place.surface("domain.obj", &domain);
+        place.surface("sphere.ply", &shapes::projected_to_sphere(&domain, 1.0));
+        place
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn json(output: &Output) -> Value {
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn a_map_to_the_sphere_is_reported_one_to_one_in_words_numbers_and_pictures() {
+    let place = Workplace::with_ball();
+    let output = place.ends_with(0, "boundary check domain.obj sphere.ply --png map.png");
+    let words = text(&output.stdout);
+    for fragment in [
+        "decided exactly",
+        "degree",
+        "flipped triangles",
+        "symmetric Dirichlet",
+        "99 %",
+    ] {
+        assert!(words.contains(fragment), "{words}");
+    }
+    let png = std::fs::read(place.path("map.png")).unwrap();
+    assert!(png.starts_with(b"\x89PNG") && png.len() > 50_000);
+    let report = json(&place.ends_with(0, "boundary check domain.obj sphere.ply --json"));
+    assert_eq!(report["verdict"], "bijective");
+    assert_eq!(report["against"]["surface"], "sphere");
+    assert_eq!((&report["degree"]["value"], &report["flipped"]), (&1.into(), &0.into()));
+    assert!(report["distortion"]["angle"]["p90"].as_f64().unwrap() >= 1.0);
+    assert!(report["coverage"].is_null() && report["seconds"].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn a_target_adds_coverage_both_ways() {
+    let place = Workplace::with_ball();
+    place.surface("fine.obj", &shapes::bumpy_sphere(24));
+    let line = "boundary check domain.obj domain.obj --target fine.obj";
+    let report = json(&place.ends_with(0, &format!("{line} --json")));
+    assert_eq!(
+        (&report["verdict"], &report["against"]["surface"]),
+        (&"no_defect_found".into(), &"target".into())
+    );
+    for way in ["image_to_target", "target_to_image"] {
+        let max = report["coverage"][way]["max"].as_f64().unwrap();
+        assert!(max > 0.0 && max < 0.01, "{report}");
+    }
+    let words = text(&place.ends_with(1, &format!("{line} --tolerance 1e-6")).stdout);
+    assert!(
+        words.contains("from target to image") && words.contains("the target is not covered"),
+        "{words}"
+    );
+}
+
+#[test]
+fn folds_and_mirror_images_end_with_1() {
+    let place = Workplace::with_ball();
+    let domain = shapes::bumpy_sphere(8);
+    let mut vertices = domain.vertices().to_vec();
+    vertices[0] = -vertices[0];
+    place.surface("folded.obj", &domain.with_vertices(vertices).unwrap());
+    let words = text(
+        &place
+            .ends_with(1, "boundary check domain.obj folded.obj --target domain.obj")
+            .stdout,
+    );
+    assert!(words.contains("NOT one to one") && words.contains("mend: "), "{words}");
+    place.surface(
+        "mirrored.obj",
+        &shapes::deformed(&domain, |p| Point::new(p.x, p.y, -p.z)),
+    );
+    let report = json(&place.ends_with(1, "boundary check domain.obj mirrored.obj --json --png mirrored.png"));
+    assert_eq!(
+        (&report["findings"][0]["kind"], &report["degree"]["value"]),
+        (&"mirrored".into(), &(-1).into())
+    );
+    assert!(place.path("mirrored.png").exists());
+}
+
+#[test]
+fn what_cannot_be_checked_ends_with_2_and_says_why() {
+    let place = Workplace::with_ball();
+    place.surface("other.obj", &shapes::sphere(1.0, 2));
+    let good = std::fs::read_to_string(place.path("domain.obj")).unwrap();
+    let bad = good.replacen(good.lines().find(|l| l.starts_with("v ")).unwrap(), "v nan 0 0", 1);
+    std::fs::write(place.path("nan.obj"), bad).unwrap();
+    for (line, fragments) in [
+        ("domain.obj missing.obj", vec!["missing.obj"]),
+        ("domain.obj other.obj", vec!["vertices", "domain.obj"]),
+        ("domain.obj nan.obj", vec!["vertex 0 is not finite"]),
+        ("nan.obj domain.obj", vec!["domain cannot be examined", "vertex 0"]),
+        (
+            "domain.obj domain.obj --target nan.obj",
+            vec!["target cannot be examined"],
+        ),
+        ("domain.obj sphere.ply --tolerance nan", vec!["--tolerance"]),
+        ("domain.obj sphere.ply --png map.jpg", vec![".png"]),
+        ("domain.obj sphere.ply --png sphere.ply", vec!["overwritten"]),
+    ] {
+        let words = text(&place.ends_with(2, &format!("boundary check {line}")).stderr);
+        for fragment in fragments {
+            assert!(words.contains("error: ") && words.contains(fragment), "{line}: {words}");
+        }
+    }
+}
+
+#[test]
+fn the_bird_and_its_polycube_are_told_apart_from_their_mirror_images() {
+    let Some(models) = common::models() else { return };
+    let place = Workplace::new();
+    let [bird, polycube] = ["bird_object.vtk", "bird_polycube.vtk"].map(|name| models.join("maps").join(name));
+    let line = format!("boundary check {} {} --json", bird.display(), polycube.display());
+    let report = json(&place.run(&line));
+    assert_eq!(
+        (&report["faces"], &report["degree"]["value"]),
+        (&8658.into(), &1.into()),
+        "{report}"
+    );
+}
