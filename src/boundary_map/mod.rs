@@ -2,5 +2,6 @@
 
 mod correspondence;
 pub mod examples;
+pub mod pair;
 
 pub use correspondence::{BoundaryMap, BoundaryMapError};
