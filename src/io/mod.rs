@@ -21,6 +21,7 @@
 mod atomic;
 mod contents;
 mod error;
+mod landmarks;
 mod map_file;
 mod medit;
 mod obj;
@@ -39,6 +40,7 @@ use source::Source;
 
 pub use atomic::{abandon_writes, atomic_write};
 pub use error::{IoError, Place};
+pub use landmarks::{LandmarkFileError, read_landmark_files, read_landmarks};
 pub use map_file::{MapFile, MapFileError, MapMetadata, Provenance, read_map, write_map};
 pub use points::{write_csv, write_npy};
 pub use vtk::{Cells, Field, VtkEncoding, VtkFields, write_vtk};

@@ -149,7 +149,11 @@ impl Body {
             rotation: Matrix3::identity(),
             translation: -centre.coords / radius,
         };
-        let vertices = surface.vertices().iter().map(|p| Point::from((p - centre) / radius)).collect();
+        let vertices = surface
+            .vertices()
+            .iter()
+            .map(|p| Point::from((p - centre) / radius))
+            .collect();
         let framed = surface.with_vertices(vertices).expect("one position per vertex");
         let normals = vertex_normals(&framed);
         let query = OrientedQuery::new(&framed, &normals).ok_or(AlignError::NoArea { side })?;
@@ -236,9 +240,18 @@ pub fn align_by_landmarks(
     };
     let start = fitted(1.0);
     let refined = pair.refine(&start, &framed);
-    let misfit = |s: &Similarity| framed.iter().map(|(a, b, _)| (s.apply(a) - b).norm_squared()).sum::<f64>();
+    let misfit = |s: &Similarity| {
+        framed
+            .iter()
+            .map(|(a, b, _)| (s.apply(a) - b).norm_squared())
+            .sum::<f64>()
+    };
     let allowed = 1.5 * misfit(&start).sqrt() + 0.01 * target.diagonal * (count as f64).sqrt();
-    let kept = if misfit(&refined).sqrt() <= allowed { refined } else { start };
+    let kept = if misfit(&refined).sqrt() <= allowed {
+        refined
+    } else {
+        start
+    };
     Ok(Alignments {
         best: vec![pair.describe(&kept)],
         mirrored: pair.describe(&fitted(-1.0)),
@@ -284,12 +297,19 @@ impl<'a> Pair<'a> {
         let mut starts: Vec<(f64, Similarity)> = self
             .starts(sign)
             .into_par_iter()
-            .map(|start| (self.residual(&start, &self.partners(&start, FEW / 2, &Partners::default())), start))
+            .map(|start| {
+                (
+                    self.residual(&start, &self.partners(&start, FEW / 2, &Partners::default())),
+                    start,
+                )
+            })
             .collect();
         sort(&mut starts);
         starts.truncate(STARTS);
-        let mut improved: Vec<(f64, Similarity)> =
-            starts.par_iter().map(|(_, start)| self.improve_coarsely(start)).collect();
+        let mut improved: Vec<(f64, Similarity)> = starts
+            .par_iter()
+            .map(|(_, start)| self.improve_coarsely(start))
+            .collect();
         sort(&mut improved);
         let finalists = distinct(improved, FINALISTS);
         let mut refined: Vec<(f64, Similarity)> = finalists
@@ -300,7 +320,10 @@ impl<'a> Pair<'a> {
             })
             .collect();
         sort(&mut refined);
-        distinct(refined, FINALISTS).iter().map(|(_, s)| self.describe(s)).collect()
+        distinct(refined, FINALISTS)
+            .iter()
+            .map(|(_, s)| self.describe(s))
+            .collect()
     }
 
     fn starts(&self, sign: f64) -> Vec<Similarity> {
@@ -325,8 +348,10 @@ impl<'a> Pair<'a> {
         for _ in 0..COARSE_STEPS {
             let matches = self.matches(&best.1, &partners);
             let inverse = best.1.inverse();
-            let pairs: Vec<(Point, Point, f64)> =
-                matches.iter().map(|m| (inverse.apply(&m.moved), m.fixed, m.weight + 1e-3)).collect();
+            let pairs: Vec<(Point, Point, f64)> = matches
+                .iter()
+                .map(|m| (inverse.apply(&m.moved), m.fixed, m.weight + 1e-3))
+                .collect();
             let Some(next) = similarity(&pairs, sign, Some(best.1.scale)) else {
                 break;
             };
@@ -376,7 +401,10 @@ impl<'a> Pair<'a> {
         };
         let inverse = s.inverse();
         Partners {
-            forward: self.target.query.closest_of_all(&moved(s, self.domain), self.reach, &near.forward),
+            forward: self
+                .target
+                .query
+                .closest_of_all(&moved(s, self.domain), self.reach, &near.forward),
             // Lengths of the domain's frame, so that both directions use one metric.
             backward: self.domain.query.closest_of_all(
                 &moved(&inverse, self.target),
@@ -387,26 +415,35 @@ impl<'a> Pair<'a> {
     }
 
     fn matches(&self, s: &Similarity, partners: &Partners) -> Vec<Match> {
-        let forward = self.domain.samples.iter().zip(&partners.forward).map(|((p, n), found)| Match {
-            moved: s.apply(p),
-            fixed: found.point,
-            normal: self.target.query.face_normal(found),
-            weight: (s.rotation * n).dot(&found.normal).max(0.0),
-        });
-        let backward = self.target.samples.iter().zip(&partners.backward).map(|((p, n), found)| Match {
-            moved: s.apply(&found.point),
-            fixed: *p,
-            normal: s.rotation * self.domain.query.face_normal(found),
-            weight: (s.rotation * found.normal).dot(n).max(0.0),
-        });
+        let forward = self
+            .domain
+            .samples
+            .iter()
+            .zip(&partners.forward)
+            .map(|((p, n), found)| Match {
+                moved: s.apply(p),
+                fixed: found.point,
+                normal: self.target.query.face_normal(found),
+                weight: (s.rotation * n).dot(&found.normal).max(0.0),
+            });
+        let backward = self
+            .target
+            .samples
+            .iter()
+            .zip(&partners.backward)
+            .map(|((p, n), found)| Match {
+                moved: s.apply(&found.point),
+                fixed: *p,
+                normal: s.rotation * self.domain.query.face_normal(found),
+                weight: (s.rotation * found.normal).dot(n).max(0.0),
+            });
         forward.chain(backward).collect()
     }
 
     /// Root mean square over both directions, in lengths of the target's frame.
     fn residual(&self, s: &Similarity, partners: &Partners) -> f64 {
-        let mean = |found: &[OrientedPoint]| {
-            found.iter().map(|f| f.distance_squared).sum::<f64>() / found.len().max(1) as f64
-        };
+        let mean =
+            |found: &[OrientedPoint]| found.iter().map(|f| f.distance_squared).sum::<f64>() / found.len().max(1) as f64;
         (0.5 * (mean(&partners.forward) + mean(&partners.backward) * s.scale * s.scale)).sqrt()
     }
 
@@ -452,7 +489,11 @@ impl<'a> Pair<'a> {
     fn describe(&self, s: &Similarity) -> Alignment {
         let partners = self.partners(s, MANY, &Partners::default());
         let gaps = |points: &[(Point, Vector)], map: &Similarity, found: &[OrientedPoint]| {
-            let sum: f64 = points.iter().zip(found).map(|((p, _), f)| (map.apply(p) - f.point).norm_squared()).sum();
+            let sum: f64 = points
+                .iter()
+                .zip(found)
+                .map(|((p, _), f)| (map.apply(p) - f.point).norm_squared())
+                .sum();
             sum / found.len().max(1) as f64
         };
         let forward = gaps(&self.domain.samples, s, &partners.forward);
@@ -472,7 +513,15 @@ type Hessian = SMatrix<f64, 7, 7>;
 /// How the distance along `normal` changes as a point turns about the origin, moves and grows.
 fn derivative(p: &Point, normal: &Vector) -> Unknowns {
     let turn = p.coords.cross(normal);
-    Unknowns::from([turn.x, turn.y, turn.z, normal.x, normal.y, normal.z, normal.dot(&p.coords)])
+    Unknowns::from([
+        turn.x,
+        turn.y,
+        turn.z,
+        normal.x,
+        normal.y,
+        normal.z,
+        normal.dot(&p.coords),
+    ])
 }
 
 /// The step of a system damped by a part of its mean diagonal entry; `None` when it has none, as without partners.
@@ -507,7 +556,9 @@ fn sort(alignments: &mut [(f64, Similarity)]) {
 fn distinct(sorted: Vec<(f64, Similarity)>, count: usize) -> Vec<(f64, Similarity)> {
     let mut kept: Vec<(f64, Similarity)> = Vec::with_capacity(count);
     for (residual, s) in sorted {
-        let is_new = kept.iter().all(|(_, other)| angle_between(&s.rotation, &other.rotation) > APART);
+        let is_new = kept
+            .iter()
+            .all(|(_, other)| angle_between(&s.rotation, &other.rotation) > APART);
         if kept.len() < count && is_new {
             kept.push((residual, s));
         }
@@ -542,7 +593,9 @@ pub(super) fn spread_rotations(count: usize) -> Vec<Matrix3> {
         let (alpha, beta) = (2.0 * PI * s / 2f64.sqrt(), 2.0 * PI * s / PSI);
         let (r, rest) = (t.sqrt(), (1.0 - t).sqrt());
         let quaternion = Quaternion::new(rest * beta.cos(), r * alpha.sin(), r * alpha.cos(), rest * beta.sin());
-        UnitQuaternion::from_quaternion(quaternion).to_rotation_matrix().into_inner()
+        UnitQuaternion::from_quaternion(quaternion)
+            .to_rotation_matrix()
+            .into_inner()
     };
     (0..count).map(rotation).collect()
 }
@@ -582,7 +635,10 @@ fn principal_axes(covariance: &Matrix3) -> (Matrix3, Vector) {
 
 fn samples(surface: &SurfaceMesh, normals: &[Vector]) -> Vec<(Point, Vector)> {
     let candidates = Collocation::even(surface, 4 * MANY, SEED).points;
-    let positions: Vec<Point> = candidates.iter().map(|p| p.position(surface, surface.vertices())).collect();
+    let positions: Vec<Point> = candidates
+        .iter()
+        .map(|p| p.position(surface, surface.vertices()))
+        .collect();
     let normals: Vec<Point> = normals.iter().map(|n| Point::from(*n)).collect();
     let sample = |k: usize| {
         let normal = candidates[k].position(surface, &normals).coords;
@@ -594,7 +650,262 @@ fn samples(surface: &SurfaceMesh, normals: &[Vector]) -> Vec<(Point, Vector)> {
 /// Whether points lie on a line, to a thousandth of their extent.
 fn are_collinear(points: &[Point]) -> bool {
     let mean = points.iter().map(|p| p.coords).sum::<Vector>() / points.len() as f64;
-    let covariance: Matrix3 = points.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum();
+    let covariance: Matrix3 = points
+        .iter()
+        .map(|p| (p.coords - mean) * (p.coords - mean).transpose())
+        .sum();
     let (_, extents) = principal_axes(&covariance);
     extents[1] <= 1e-6 * extents[0]
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    use super::*;
+    use crate::geometry::test_models;
+    use crate::mesh::shapes;
+
+    /// A ball with bumps and two horns of different length: no symmetry.
+    fn horned(frequency: usize) -> SurfaceMesh {
+        let horn = |p: &Point, axis: Vector, height: f64| {
+            let cosine = p.coords.normalize().dot(&axis.normalize());
+            height * (8.0 * (cosine - 1.0)).exp()
+        };
+        shapes::deformed(&shapes::bumpy_sphere(frequency), |p| {
+            let longer = horn(p, Vector::new(1.0, 0.2, 0.3), 1.2) + horn(p, Vector::new(-0.2, 1.0, 0.5), 0.6);
+            Point::from(p.coords.component_mul(&Vector::new(1.1, 0.9, 0.8)) * (1.0 + longer))
+        })
+    }
+
+    fn body(surface: &SurfaceMesh) -> Body {
+        Body::new(surface, "domain").unwrap()
+    }
+
+    fn random_similarity(seed: u64) -> Similarity {
+        let mut random = StdRng::seed_from_u64(seed);
+        let mut vector = || Vector::from_fn(|_, _| random.random_range(-1.0..1.0));
+        Similarity {
+            scale: 10f64.powf(3.0 * vector().x),
+            rotation: Rotation3::new(vector() * PI).into_inner(),
+            translation: vector() * 10.0,
+        }
+    }
+
+    fn moved(surface: &SurfaceMesh, by: &Similarity) -> SurfaceMesh {
+        shapes::deformed(surface, |p| by.apply(p))
+    }
+
+    fn largest_difference(surface: &SurfaceMesh, a: &Similarity, b: &Similarity) -> f64 {
+        let gaps = surface.vertices().iter().map(|p| (a.apply(p) - b.apply(p)).norm());
+        gaps.fold(0.0, f64::max) / (b.scale * surface.diagonal())
+    }
+
+    #[test]
+    fn recovers_a_moved_turned_and_scaled_copy() {
+        let surface = horned(10);
+        for seed in 0..6 {
+            let (first, second) = (random_similarity(seed), random_similarity(100 + seed));
+            let (domain, target) = (moved(&surface, &first), moved(&surface, &second));
+            let found = align(&body(&domain), &body(&target));
+            let best = found.best[0];
+            let error = largest_difference(&domain, &best.similarity, &second.after(&first.inverse()));
+            assert!(error < 1e-8, "seed {seed}: {error:e}");
+            assert!(best.residual < 1e-8 && !found.is_ambiguous() && !found.looks_mirrored());
+        }
+    }
+
+    /// Sides are a ninth of the radius here, so that a chord is off a bump of a third of it by `h² / 8r` = 0.5 % of the
+    /// radius, which is a fifth of the diagonal.
+    #[test]
+    fn recovers_a_copy_of_other_connectivity_to_the_error_of_the_meshes() {
+        let (domain, target) = (horned(9), moved(&horned(13), &random_similarity(5)));
+        let found = align(&body(&domain), &body(&target));
+        let error = largest_difference(&domain, &found.best[0].similarity, &random_similarity(5));
+        assert!(error < 5e-3, "{error:e}");
+        assert!(!found.looks_mirrored());
+    }
+
+    #[test]
+    fn knows_a_mirror_image() {
+        let surface = horned(9);
+        let mirrored = shapes::deformed(&surface, |p| Point::new(-p.x, p.y, p.z)).reversed();
+        let found = align(&body(&surface), &body(&moved(&mirrored, &random_similarity(4))));
+        assert!(found.looks_mirrored() && found.mirrored.residual < 1e-8);
+        assert!(found.best.iter().all(|a| a.similarity.rotation.determinant() > 0.0));
+        assert!(found.mirrored.similarity.rotation.determinant() < 0.0);
+    }
+
+    #[test]
+    fn symmetric_solids_have_runners_up() {
+        let brick = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(p.x, 2.0 * p.y, 3.0 * p.z));
+        let found = align(&body(&brick), &body(&brick));
+        assert!(found.best.iter().filter(|a| a.residual < EXACT).count() == 4 && found.is_ambiguous());
+        let cube = shapes::cube(1.0, 4);
+        let turned = moved(&cube, &random_similarity(9));
+        let found = align(&body(&cube), &body(&turned));
+        assert!(found.best.len() == FINALISTS && found.is_ambiguous() && !found.looks_mirrored());
+        assert!(found.best[1].residual < EXACT);
+        let (fine, coarse) = (shapes::sphere(1.0, 3), shapes::sphere(2.0, 2));
+        let found = align(&body(&fine), &body(&coarse));
+        assert!(found.best[0].distance < 1e-2 && found.is_ambiguous());
+    }
+
+    #[test]
+    fn the_number_of_threads_does_not_matter() {
+        let (a, b) = (
+            body(&horned(7)),
+            body(&shapes::polycube(&[[0, 0, 0], [1, 0, 0], [1, 1, 0]], 4)),
+        );
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| align(&a, &b))
+        };
+        assert_eq!(with(1), with(4));
+    }
+
+    /// Both runs take the same steps up to rounding, which the nearest-partner rule does not enlarge.
+    #[test]
+    fn turns_moves_and_scales_with_the_solids() {
+        let (a, b) = (
+            horned(7),
+            shapes::polycube(&[[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [0, 0, 1]], 4),
+        );
+        let (first, second) = (random_similarity(1), random_similarity(2));
+        let plain = align(&body(&a), &body(&b)).best[0];
+        let other = align(&body(&moved(&a, &first)), &body(&moved(&b, &second))).best[0];
+        let expected = second.after(&plain.similarity);
+        let error = largest_difference(&a, &other.similarity.after(&first), &expected);
+        assert!(error < 1e-6, "{error:e}");
+        assert!((plain.residual - other.residual).abs() < 1e-9);
+    }
+
+    #[test]
+    fn flat_and_thin_solids_are_aligned_and_those_without_area_refused() {
+        let flat = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(p.x, 2.0 * p.y, 0.0));
+        let found = align(&body(&flat), &body(&horned(5)));
+        assert!(found.best[0].residual.is_finite());
+        let needle = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(p.x, 1e-4 * p.y, 1e-4 * p.z));
+        assert!(align(&body(&needle), &body(&needle)).best[0].residual < 1e-6);
+        let line = shapes::deformed(&shapes::cube(1.0, 2), |p| Point::new(p.x, 0.0, 0.0));
+        assert!(matches!(
+            Body::new(&line, "target"),
+            Err(AlignError::NoArea { side: "target" })
+        ));
+        assert!(matches!(
+            Body::new(&SurfaceMesh::default(), "domain"),
+            Err(AlignError::NoArea { .. })
+        ));
+        let bad = shapes::deformed(&shapes::cube(1.0, 2), |p| Point::new(p.x, f64::INFINITY, 0.0));
+        assert!(matches!(
+            Body::new(&bad, "domain"),
+            Err(AlignError::NonFinite { side: "domain" })
+        ));
+    }
+
+    #[test]
+    fn landmarks_decide_among_the_alignments_of_a_symmetric_solid() {
+        let brick = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(p.x, 2.0 * p.y, 3.0 * p.z));
+        let half_turn = Rotation3::new(Vector::z() * PI).into_inner();
+        let pairs: Vec<(Point, Point)> = brick.vertices()[..3].iter().map(|p| (*p, half_turn * p)).collect();
+        let found = align_by_landmarks(&body(&brick), &body(&brick), &pairs).unwrap();
+        assert!((found.best[0].similarity.rotation - half_turn).amax() < 1e-6);
+    }
+
+    #[test]
+    fn landmarks_that_leave_a_rotation_free_are_refused() {
+        let b = body(&shapes::sphere(1.0, 2));
+        let line: Vec<(Point, Point)> = (0..4)
+            .map(|k| (Point::new(f64::from(k), 0.0, 0.0), Point::new(0.0, f64::from(k), 0.0)))
+            .collect();
+        assert_eq!(
+            align_by_landmarks(&b, &b, &line[..2]),
+            Err(AlignError::FewLandmarks { count: 2 })
+        );
+        assert!(matches!(
+            align_by_landmarks(&b, &b, &line),
+            Err(AlignError::CollinearLandmarks { side: "domain" })
+        ));
+    }
+
+    #[test]
+    fn spread_rotations_reach_every_rotation() {
+        let spread = spread_rotations(SPREAD);
+        for seed in 0..200 {
+            let any = random_similarity(seed).rotation;
+            let nearest = spread
+                .iter()
+                .map(|r| angle_between(r, &any))
+                .fold(f64::INFINITY, f64::min);
+            assert!(nearest < 45f64.to_radians(), "{nearest}");
+        }
+    }
+
+    #[test]
+    fn heads_of_real_solids_meet() {
+        let (Some(cat), Some(horse)) = (test_models::load("pairs/cat.obj"), test_models::load("pairs/horse.obj"))
+        else {
+            return;
+        };
+        let names = [
+            ("surfaces/igea_15k.obj", "surfaces/max_planck_27k.obj"),
+            ("pairs/cat.obj", "pairs/horse.obj"),
+            ("pairs/horse.obj", "pairs/cat.obj"),
+            ("pairs/hand_plain.obj", "pairs/hand_vulcan.obj"),
+        ];
+        let _ = (cat, horse);
+        for (na, nb) in names {
+            let (a, b) = (test_models::load(na).unwrap(), test_models::load(nb).unwrap());
+            let clock = std::time::Instant::now();
+            let (x, y) = (body(&a), body(&b));
+            let prepared = clock.elapsed();
+            let found = align(&x, &y);
+            eprintln!("{na} {nb}: {:?} then {:?}", prepared, clock.elapsed() - prepared);
+            let show = |f: &Alignment| {
+                let clock = std::time::Instant::now();
+                let t = crate::boundary_map::pair::vertex_targets(&x, &y, &f.similarity);
+                let took = clock.elapsed();
+                let d: Vec<f64> = t.iter().flatten().map(|t| t.distance).collect();
+                let w: Vec<f64> = t.iter().flatten().map(|t| t.weight).collect();
+                let q = crate::statistics::quantiles(&d, [0.5, 0.9, 0.99, 1.0]);
+                let r = f.similarity.rotation;
+                eprintln!(
+                    "{:.4} {:.4} s {:.3} R {:.2?} share {:.3} d {:.4?} w {:.3?} {took:?}",
+                    f.residual,
+                    f.distance,
+                    f.similarity.scale,
+                    r.transpose().as_slice(),
+                    d.len() as f64 / t.len() as f64,
+                    q.unwrap(),
+                    crate::statistics::quantiles(&w, [0.01, 0.1, 0.5]).unwrap()
+                );
+            };
+            found.best.iter().for_each(show);
+            eprint!("mirrored ");
+            show(&found.mirrored);
+            if na.contains("hand") {
+                let l = crate::io::read_landmark_files(
+                    "/work/shared/models/pairs/hand_plain.pinned",
+                    "/work/shared/models/pairs/hand_vulcan.pinned",
+                    a.vertices().len(),
+                    b.vertices().len(),
+                )
+                .unwrap();
+                let p = l.positions(a.vertices(), b.vertices());
+                let clock = std::time::Instant::now();
+                let f = align_by_landmarks(&x, &y, &p).unwrap();
+                eprintln!("landmarks {:?}", clock.elapsed());
+                show(&f.best[0]);
+                show(&f.mirrored);
+                for a in found.best.iter().chain(&f.best) {
+                    eprintln!(
+                        "{:?}",
+                        p.iter()
+                            .map(|(u, v)| (a.similarity.apply(u) - v).norm() / b.diagonal())
+                            .collect::<Vec<_>>()
+                    );
+                }
+            }
+        }
+    }
 }

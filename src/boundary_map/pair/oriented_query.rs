@@ -39,7 +39,10 @@ impl OrientedQuery {
     pub fn new(surface: &SurfaceMesh, normals: &[Vector]) -> Option<Self> {
         let is_finite = |v: &u32| {
             let v = *v as usize;
-            surface.vertices()[v].iter().chain(normals[v].iter()).all(|c| c.is_finite())
+            surface.vertices()[v]
+                .iter()
+                .chain(normals[v].iter())
+                .all(|c| c.is_finite())
         };
         let is_sound = normals.len() == surface.vertices().len() && !surface.triangles().is_empty();
         if !is_sound || !surface.triangles().iter().flatten().all(is_finite) {
@@ -75,12 +78,7 @@ impl OrientedQuery {
     }
 
     /// [`Self::closest`] of every point with its normal, in parallel; `near` is empty, or holds one point for each.
-    pub fn closest_of_all(
-        &self,
-        points: &[(Point, Vector)],
-        reach: f64,
-        near: &[OrientedPoint],
-    ) -> Vec<OrientedPoint> {
+    pub fn closest_of_all(&self, points: &[(Point, Vector)], reach: f64, near: &[OrientedPoint]) -> Vec<OrientedPoint> {
         let answer = |(i, (p, n)): (usize, &(Point, Vector))| self.closest(p, n, reach, near.get(i));
         points.par_iter().enumerate().map(answer).collect()
     }
@@ -127,5 +125,43 @@ pub(super) fn unit_or_zero(v: &Vector) -> Vector {
         (v / largest).normalize()
     } else {
         Vector::zeros()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    use super::*;
+    use crate::mesh::shapes;
+
+    #[test]
+    fn finds_the_least_of_all_triangles_whatever_it_starts_from() {
+        let surface = shapes::bumpy_sphere(6);
+        let query = OrientedQuery::new(&surface, &vertex_normals(&surface)).unwrap();
+        let mut random = StdRng::seed_from_u64(3);
+        let mut vector = || Vector::from_fn(|_, _| random.random_range(-1.5..1.5));
+        for _ in 0..200 {
+            let (p, n) = (Point::from(vector()), vector().normalize());
+            let found = query.closest(&p, &n, 0.4, None);
+            let least = (0..surface.triangles().len() as u32)
+                .map(|slot| query.on_triangle(slot, &p, &n, 0.4).distance_squared)
+                .fold(f64::INFINITY, f64::min);
+            assert_eq!(found.distance_squared, least);
+            let elsewhere = query.closest(&Point::from(vector()), &n, 0.4, None);
+            assert_eq!(query.closest(&p, &n, 0.4, Some(&elsewhere)), found);
+            let place = found.place.position(&surface, surface.vertices());
+            assert!((place - found.point).norm() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn refuses_what_has_no_place_or_no_normal() {
+        let surface = shapes::sphere(1.0, 1);
+        let mut normals = vertex_normals(&surface);
+        assert!(OrientedQuery::new(&surface, &normals[1..]).is_none());
+        normals[4].x = f64::NAN;
+        assert!(OrientedQuery::new(&surface, &normals).is_none());
+        assert!(OrientedQuery::new(&SurfaceMesh::default(), &[]).is_none());
     }
 }

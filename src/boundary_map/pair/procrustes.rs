@@ -84,7 +84,9 @@ pub fn sphere_rotation(from: &[Vector], to: &[Vector], weights: &[f64]) -> Optio
     let rotation = closest_orthogonal(&covariance, 1.0)?;
     let mirrored = closest_orthogonal(&covariance, -1.0)?;
     let residual = |r: &Matrix3| {
-        let sum: f64 = (0..from.len()).map(|i| weights[i] * (r * from[i] - to[i]).norm_squared()).sum();
+        let sum: f64 = (0..from.len())
+            .map(|i| weights[i] * (r * from[i] - to[i]).norm_squared())
+            .sum();
         (sum / total).sqrt()
     };
     Some(SphereRotation {
@@ -138,4 +140,69 @@ fn closest_orthogonal(covariance: &Matrix3, sign: f64) -> Option<Matrix3> {
         u.column_mut(2).neg_mut();
     }
     Some(u * v_t)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    use super::*;
+
+    fn vectors(count: usize) -> Vec<Vector> {
+        let mut random = StdRng::seed_from_u64(11);
+        (0..count)
+            .map(|_| Vector::from_fn(|_, _| random.random_range(-1.0..1.0)).normalize())
+            .collect()
+    }
+
+    #[test]
+    fn a_turned_set_of_directions_is_turned_back_and_a_reflected_one_is_known() {
+        let from = vectors(7);
+        let turn = Rotation3::new(Vector::new(2.0, -1.0, 0.4)).into_inner();
+        let to: Vec<Vector> = from.iter().map(|v| turn * v).collect();
+        let weights = [1.0, 2.0, 0.5, 0.0, 1.0, 1.0, 3.0];
+        let found = sphere_rotation(&from, &to, &weights).unwrap();
+        assert!((found.rotation - turn).amax() < 1e-14 && found.residual < 1e-14);
+        assert!(found.mirrored_residual > 0.1);
+        let mirrored: Vec<Vector> = to.iter().map(|v| -v).collect();
+        let found = sphere_rotation(&from, &mirrored, &weights).unwrap();
+        assert!((found.rotation.determinant() - 1.0).abs() < 1e-14);
+        assert!(found.mirrored_residual < 1e-14 && found.residual > 0.1);
+    }
+
+    #[test]
+    fn three_directions_on_a_circle_get_a_rotation_not_a_reflection() {
+        let from = [Vector::x(), Vector::y(), -Vector::x()];
+        let to = [Vector::y(), Vector::x(), -Vector::y()];
+        let found = sphere_rotation(&from, &to, &[1.0; 3]).unwrap();
+        assert!((found.rotation.determinant() - 1.0).abs() < 1e-14 && found.residual < 1e-14);
+    }
+
+    #[test]
+    fn nothing_fits_nothing_nor_what_is_not_finite() {
+        assert!(sphere_rotation(&[], &[], &[]).is_none());
+        assert!(sphere_rotation(&vectors(2), &vectors(3), &[1.0; 2]).is_none());
+        assert!(sphere_rotation(&[Vector::repeat(f64::NAN)], &vectors(1), &[1.0]).is_none());
+        assert!(sphere_rotation(&vectors(2), &vectors(2), &[1.0, -1.0]).is_none());
+        let one = sphere_rotation(&[Vector::x()], &[Vector::z()], &[1.0]).unwrap();
+        assert!((one.rotation * Vector::x() - Vector::z()).norm() < 1e-14);
+    }
+
+    #[test]
+    fn similarities_are_recovered_inverted_and_chained() {
+        let a: Vec<Point> = vectors(5).into_iter().map(Point::from).collect();
+        let expected = Similarity {
+            scale: 2.5,
+            rotation: Rotation3::new(Vector::new(0.3, 3.0, -0.4)).into_inner(),
+            translation: Vector::new(1.0, -7.0, 3.0),
+        };
+        let pairs: Vec<(Point, Point, f64)> = a.iter().map(|p| (*p, expected.apply(p), 0.7)).collect();
+        let found = similarity(&pairs, 1.0, None).unwrap();
+        let round_trip = found.inverse().after(&expected);
+        for p in &a {
+            assert!((found.apply(p) - expected.apply(p)).norm() < 1e-13);
+            assert!((round_trip.apply(p) - p).norm() < 1e-14);
+        }
+    }
 }
