@@ -6,6 +6,7 @@ mod correspondence;
 mod course;
 mod distortion;
 pub mod examples;
+pub mod pair;
 
 pub use correspondence::{BoundaryMap, BoundaryMapError};
 pub use distortion::{DistortionQuantiles, SurfaceDistortion, TriangleDistortion, triangle_distortions};

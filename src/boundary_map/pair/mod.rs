@@ -1,0 +1,15 @@
+//! Pairs of solids of different connectivity: rough correspondences to start from.
+
+mod alignment;
+mod landmarks;
+mod oriented_query;
+mod procrustes;
+mod rotation;
+mod targets;
+
+pub use alignment::{AlignError, Alignment, Alignments, Body, align, align_by_landmarks};
+pub use landmarks::{LandmarkError, Landmarks};
+pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
+pub use procrustes::{Similarity, SphereRotation, sphere_rotation};
+pub use rotation::{RotationMatch, search_rotations};
+pub use targets::{VertexTarget, vertex_targets};

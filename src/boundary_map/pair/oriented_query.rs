@@ -1,0 +1,167 @@
+//! Closest points of a surface among those that face the same way.
+
+use rayon::prelude::*;
+
+use crate::geometry::{Aabb, Bvh, closest_point_on_triangle};
+use crate::mesh::{SurfaceMesh, SurfacePoint};
+use crate::{Point, Vector};
+
+/// Answers which point `y` of a surface is closest to a point `p` with a unit normal `n` in the metric
+/// `|p − y|² + β² |n − n(y)|²`, where `n(y)` is interpolated from normals at the vertices.
+///
+/// Unlike the closest point in space it does not jump to the far side of a thin limb.
+#[derive(Debug, Clone)]
+pub struct OrientedQuery {
+    bvh: Bvh,
+    /// Corners of the triangles in the order of the tree's leaves: the position in this order is a triangle's slot.
+    corners: Vec<[Point; 3]>,
+    /// Normals at these corners.
+    normals: Vec<[Vector; 3]>,
+}
+
+/// The point of a surface closest in position and normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OrientedPoint {
+    /// Where it is.
+    pub point: Point,
+    /// Its place on the surface.
+    pub place: SurfacePoint,
+    /// Interpolated unit normal there; zero where the surface has none.
+    pub normal: Vector,
+    /// Square of the distance in the metric of the query.
+    pub distance_squared: f64,
+    slot: u32,
+}
+
+impl OrientedQuery {
+    /// Prepares queries on a surface with these unit normals, one per vertex. `None` without triangles, when a corner or
+    /// a normal is not finite, or the counts differ.
+    pub fn new(surface: &SurfaceMesh, normals: &[Vector]) -> Option<Self> {
+        let is_finite = |v: &u32| {
+            let v = *v as usize;
+            surface.vertices()[v]
+                .iter()
+                .chain(normals[v].iter())
+                .all(|c| c.is_finite())
+        };
+        let is_sound = normals.len() == surface.vertices().len() && !surface.triangles().is_empty();
+        if !is_sound || !surface.triangles().iter().flatten().all(is_finite) {
+            return None;
+        }
+        let boxes: Vec<Aabb> = (0..surface.triangles().len())
+            .map(|t| Aabb::around(&surface.corners(t)))
+            .collect();
+        let bvh = Bvh::new(&boxes);
+        let corners = bvh.order().iter().map(|&t| surface.corners(t as usize)).collect();
+        let normals_at = |t: u32| surface.triangles()[t as usize].map(|v| normals[v as usize]);
+        let normals = bvh.order().iter().map(|&t| normals_at(t)).collect();
+        Some(Self { bvh, corners, normals })
+    }
+
+    /// The closest point; `reach` is the length `β` that a normal is worth. `near` is what an earlier query found: the
+    /// closer it still is, the faster the answer, which does not depend on it but for ties.
+    pub fn closest(&self, p: &Point, normal: &Vector, reach: f64, near: Option<&OrientedPoint>) -> OrientedPoint {
+        let mut best = self.on_triangle(near.map_or(0, |found| found.slot), p, normal, reach);
+        self.bvh.visit_nearest(p, best.distance_squared, |slots, _| {
+            for slot in slots {
+                let here = self.on_triangle(slot as u32, p, normal, reach);
+                let lower = || self.bvh.order()[slot] < self.bvh.order()[best.slot as usize];
+                if here.distance_squared < best.distance_squared
+                    || (here.distance_squared == best.distance_squared && lower())
+                {
+                    best = here;
+                }
+            }
+            best.distance_squared
+        });
+        best
+    }
+
+    /// [`Self::closest`] of every point with its normal, in parallel; `near` is empty, or holds one point for each.
+    pub fn closest_of_all(&self, points: &[(Point, Vector)], reach: f64, near: &[OrientedPoint]) -> Vec<OrientedPoint> {
+        let answer = |(i, (p, n)): (usize, &(Point, Vector))| self.closest(p, n, reach, near.get(i));
+        points.par_iter().enumerate().map(answer).collect()
+    }
+
+    /// Unit normal of the triangle that a point was found on; zero for a triangle without area.
+    pub fn face_normal(&self, found: &OrientedPoint) -> Vector {
+        let [a, b, c] = self.corners[found.slot as usize];
+        unit_or_zero(&(b - a).cross(&(c - a)))
+    }
+
+    fn on_triangle(&self, slot: u32, p: &Point, normal: &Vector, reach: f64) -> OrientedPoint {
+        let corners = &self.corners[slot as usize];
+        let closest = closest_point_on_triangle(p, corners);
+        let [u, v, w] = closest.barycentric;
+        let [a, b, c] = &self.normals[slot as usize];
+        let here = unit_or_zero(&(a * u + b * v + c * w));
+        OrientedPoint {
+            point: Point::from(corners[0].coords * u + corners[1].coords * v + corners[2].coords * w),
+            place: SurfacePoint {
+                triangle: self.bvh.order()[slot as usize],
+                barycentric: closest.barycentric,
+            },
+            normal: here,
+            distance_squared: closest.offset.norm_squared() + reach * reach * (normal - here).norm_squared(),
+            slot,
+        }
+    }
+}
+
+/// Unit normals at the vertices, triangles weighted by area; zero where those cancel, and at vertices without triangles.
+pub fn vertex_normals(surface: &SurfaceMesh) -> Vec<Vector> {
+    let mut normals = vec![Vector::zeros(); surface.vertices().len()];
+    for (t, corners) in surface.triangles().iter().enumerate() {
+        let area = surface.area_vector(t);
+        corners.iter().for_each(|&v| normals[v as usize] += area);
+    }
+    normals.iter().map(unit_or_zero).collect()
+}
+
+pub(super) fn unit_or_zero(v: &Vector) -> Vector {
+    // Scaled first: squares of very small lengths leave the range of f64.
+    let largest = v.amax();
+    if largest > 0.0 && largest.is_finite() {
+        (v / largest).normalize()
+    } else {
+        Vector::zeros()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    use super::*;
+    use crate::mesh::shapes;
+
+    #[test]
+    fn finds_the_least_of_all_triangles_whatever_it_starts_from() {
+        let surface = shapes::bumpy_sphere(6);
+        let query = OrientedQuery::new(&surface, &vertex_normals(&surface)).unwrap();
+        let mut random = StdRng::seed_from_u64(3);
+        let mut vector = || Vector::from_fn(|_, _| random.random_range(-1.5..1.5));
+        for _ in 0..200 {
+            let (p, n) = (Point::from(vector()), vector().normalize());
+            let found = query.closest(&p, &n, 0.4, None);
+            let least = (0..surface.triangles().len() as u32)
+                .map(|slot| query.on_triangle(slot, &p, &n, 0.4).distance_squared)
+                .fold(f64::INFINITY, f64::min);
+            assert_eq!(found.distance_squared, least);
+            let elsewhere = query.closest(&Point::from(vector()), &n, 0.4, None);
+            assert_eq!(query.closest(&p, &n, 0.4, Some(&elsewhere)), found);
+            let place = found.place.position(&surface, surface.vertices());
+            assert!((place - found.point).norm() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn refuses_what_has_no_place_or_no_normal() {
+        let surface = shapes::sphere(1.0, 1);
+        let mut normals = vertex_normals(&surface);
+        assert!(OrientedQuery::new(&surface, &normals[1..]).is_none());
+        normals[4].x = f64::NAN;
+        assert!(OrientedQuery::new(&surface, &normals).is_none());
+        assert!(OrientedQuery::new(&SurfaceMesh::default(), &[]).is_none());
+    }
+}
