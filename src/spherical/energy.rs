@@ -64,12 +64,29 @@ pub(crate) struct Energy<'a> {
     pub(crate) pulls: &'a [Pull],
 }
 
+/// A function of a drawing that Newton's method lowers: a sum over triangles that is infinite unless they are all
+/// positive, and springs.
+pub(crate) trait Objective: Sync {
+    /// The triangles of the sum.
+    fn triangles(&self) -> &[[u32; 3]];
+
+    /// The springs.
+    fn pulls(&self) -> &[Pull];
+
+    /// The value, springs included; infinite when a triangle is turned over or flat (decided exactly), or anything is not
+    /// finite.
+    fn value(&self, x: &[Vector]) -> f64;
+
+    /// Derivatives of every triangle's part in the tangent coordinates of `frames`; without the springs.
+    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<Element>;
+}
+
 /// First and second derivatives of one triangle's energy, two tangent coordinates per corner.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Element {
-    pub(super) gradient: [f64; 6],
+pub(crate) struct Element {
+    pub(crate) gradient: [f64; 6],
     /// Symmetric and positive semidefinite.
-    pub(super) hessian: SMatrix<f64, 6, 6>,
+    pub(crate) hessian: SMatrix<f64, 6, 6>,
 }
 
 impl RestShapes {
@@ -188,14 +205,16 @@ fn third_corner() -> Complex<f64> {
     Complex::new(0.5, 0.75f64.sqrt())
 }
 
-impl Energy<'_> {
-    /// The energy of a drawing; infinite when a triangle is turned over or flat (decided exactly), or anything is not
-    /// finite.
-    ///
-    /// # Panics
-    ///
-    /// When a triangle or pull names a vertex beyond `x`.
-    pub(crate) fn value(&self, x: &[Vector]) -> f64 {
+impl Objective for Energy<'_> {
+    fn triangles(&self) -> &[[u32; 3]] {
+        self.rest.triangles()
+    }
+
+    fn pulls(&self) -> &[Pull] {
+        self.pulls
+    }
+
+    fn value(&self, x: &[Vector]) -> f64 {
         let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
             let drawn = Drawn::new(shape, t.map(|v| x[v as usize]));
             drawn.map_or(f64::INFINITY, |drawn| shape.area * drawn.energy(self.weights))
@@ -208,8 +227,19 @@ impl Energy<'_> {
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
 
+    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<Element> {
+        let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
+            let (corners, frames) = (t.map(|v| x[v as usize]), t.map(|v| frames[v as usize]));
+            Drawn::new(shape, corners).map_or(Element::INFINITE, |drawn| drawn.element(self.weights, &frames))
+        };
+        let rest = self.rest;
+        rest.triangles.par_iter().zip(&rest.shapes).map(of_triangle).collect()
+    }
+}
+
+#[cfg(test)]
+impl Energy<'_> {
     /// The gradient per vertex: a tangent vector of the sphere. Not finite where a triangle is turned over.
-    #[cfg(test)]
     pub(crate) fn gradient(&self, x: &[Vector]) -> Vec<Vector> {
         let frames: Vec<[Vector; 2]> = x.iter().map(tangents).collect();
         let mut gradient = vec![Vector::zeros(); x.len()];
@@ -225,16 +255,6 @@ impl Energy<'_> {
             gradient[p.vertex as usize] += pull - x * x.dot(&pull);
         }
         gradient
-    }
-
-    /// Derivatives of every triangle in the tangent coordinates of `frames`; without the pulls.
-    pub(super) fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<Element> {
-        let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
-            let (corners, frames) = (t.map(|v| x[v as usize]), t.map(|v| frames[v as usize]));
-            Drawn::new(shape, corners).map_or(Element::INFINITE, |drawn| drawn.element(self.weights, &frames))
-        };
-        let rest = self.rest;
-        rest.triangles.par_iter().zip(&rest.shapes).map(of_triangle).collect()
     }
 }
 

@@ -21,7 +21,7 @@ const CROWDED: usize = 12;
 
 /// The collapses from a surface to a tetrahedron.
 #[derive(Debug, Clone)]
-pub(super) struct Hierarchy {
+pub(crate) struct Hierarchy {
     /// The triangles that are left: a tetrahedron.
     pub base: [[u32; 3]; 4],
     /// Number of vertices of the surface.
@@ -86,7 +86,7 @@ impl Hierarchy {
 
 /// Who is next to whom, while vertices are put back.
 #[derive(Debug, Clone)]
-pub(super) struct Neighbours {
+pub(crate) struct Neighbours {
     /// Empty for vertices that are not there.
     rings: Vec<Ring>,
 }

@@ -7,7 +7,7 @@ const MOST_SEARCHED: usize = 14;
 
 /// Six times the volume between the origin and a triangle: positive when it is seen counter-clockwise from outside.
 /// Differences come first, so that small triangles keep their sign.
-pub(super) fn det(a: &Vector, b: &Vector, c: &Vector) -> f64 {
+pub(crate) fn det(a: &Vector, b: &Vector, c: &Vector) -> f64 {
     a.dot(&(b - a).cross(&(c - a)))
 }
 

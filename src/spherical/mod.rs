@@ -6,6 +6,7 @@
 mod certificate;
 mod cholesky;
 mod cmcf;
+mod embedding;
 mod energy;
 mod hierarchy;
 mod kernel;
@@ -13,10 +14,18 @@ mod locate;
 mod moebius;
 mod newton;
 mod progressive;
+mod relax;
 mod spherical_map;
 
 pub use certificate::{Certificate, certify};
+pub use embedding::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
+pub(crate) use energy::{Element, Energy, Objective, Pull, RestShapes, Weights};
+pub(crate) use hierarchy::Hierarchy;
+pub(crate) use kernel::det;
 pub use locate::Locator;
+pub(crate) use newton::{Newton, NewtonError, NewtonOptions};
+pub(crate) use progressive::{Drawing, embed};
+pub(crate) use relax::{Relaxation, Rest, newton_step};
 pub use spherical_map::{SphericalError, SphericalMap, require_sphere};
 
 /// Surfaces on the sphere, for tests.

@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::cholesky::{Cholesky, OutOfMemory};
-use super::energy::{Element, Energy, is_positive, tangents};
+use super::energy::{Element, Objective, is_positive, tangents};
 use crate::Vector;
 
 /// When to stop.
@@ -159,11 +159,11 @@ impl Newton {
     /// In debug builds, when the energy has other triangles.
     pub(crate) fn minimise(
         &mut self,
-        energy: &Energy,
+        energy: &impl Objective,
         x: &mut [Vector],
         options: &NewtonOptions,
     ) -> Result<NewtonReport, NewtonError> {
-        debug_assert!(self.triangles == energy.rest.triangles());
+        debug_assert!(self.triangles == energy.triangles());
         let energy_before = self.start(energy, x)?;
         let mut report = NewtonReport {
             iterations: 0,
@@ -192,9 +192,9 @@ impl Newton {
     }
 
     /// The energy at the start, once everything fits.
-    fn start(&self, energy: &Energy, x: &mut [Vector]) -> Result<f64, NewtonError> {
+    fn start(&self, energy: &impl Objective, x: &mut [Vector]) -> Result<f64, NewtonError> {
         let named = self.triangles.iter().flatten().copied();
-        let vertices = named.chain(energy.pulls.iter().map(|pull| pull.vertex));
+        let vertices = named.chain(energy.pulls().iter().map(|pull| pull.vertex));
         if let Some(vertex) = vertices.filter(|&v| v as usize >= x.len()).max() {
             let directions = x.len();
             return Err(NewtonError::Count { vertex, directions });
@@ -212,7 +212,7 @@ impl Newton {
     }
 
     /// Fills the matrix, and returns the gradient.
-    fn assemble(&mut self, energy: &Energy, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<f64> {
+    fn assemble(&mut self, energy: &impl Objective, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<f64> {
         let mut gradient = vec![0.0; 2 * self.free.len()];
         self.values.fill(0.0);
         let elements = energy.elements(x, frames);
@@ -227,7 +227,7 @@ impl Newton {
             }
             add_blocks(&mut self.values, triangle, &self.place, blocks, element);
         }
-        for pull in energy.pulls {
+        for pull in energy.pulls() {
             let v = pull.vertex as usize;
             let place = self.place.get(v).map_or(FIXED, |&place| place);
             if place == FIXED {
@@ -248,7 +248,7 @@ impl Newton {
     /// A step that lowers the energy, if there is one.
     fn descend(
         &mut self,
-        energy: &Energy,
+        energy: &impl Objective,
         x: &[Vector],
         frames: &[[Vector; 2]],
         gradient: &[f64],
@@ -299,7 +299,7 @@ impl Newton {
     }
 
     /// The longest tried step along `tangent` with a sufficient fall of the energy.
-    fn search(&self, energy: &Energy, x: &[Vector], tangent: &[Vector], before: f64, slope: f64) -> Option<Step> {
+    fn search(&self, energy: &impl Objective, x: &[Vector], tangent: &[Vector], before: f64, slope: f64) -> Option<Step> {
         let to_flip = self.triangles.par_iter().map(|t| {
             let corners = t.map(|v| x[v as usize]);
             first_root(&determinant_along(&corners, &t.map(|v| tangent[v as usize])))

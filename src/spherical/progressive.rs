@@ -2,43 +2,39 @@
 //!
 //! Nothing ever folds: the tetrahedron at the bottom is drawn as a regular one, and a vertex is put where all its
 //! triangles are positive (Praun and Hoppe, *Spherical parametrization and remeshing*, 2003; Shen, Jiang, Zorin, Panozzo,
-//! *Progressive embedding*, 2019). Between levels vertices move towards the middle of their neighbours.
+//! *Progressive embedding*, 2019).
 
 use super::hierarchy::{Hierarchy, Neighbours};
 use super::kernel::{place_in_kernel, smallest_det};
-use crate::Vector;
-
-/// Rounds of relaxation after each level.
-const SWEEPS: usize = 3;
-/// A move may make the smallest triangle at a vertex smaller by this factor and no more.
-const SHRINK: f64 = 0.1;
+use crate::{Point, Vector};
 
 /// A drawing with part of the vertices.
-pub(super) struct Drawing {
+#[derive(Debug, Clone)]
+pub(crate) struct Drawing {
     pub neighbours: Neighbours,
     /// The unit vector of each vertex that is there.
     pub directions: Vec<Vector>,
-    /// How many are there.
-    pub present: usize,
+    /// The vertices that are there, in the order in which they came.
+    pub there: Vec<u32>,
 }
 
-/// Puts all vertices back. After each level `improve` may move them, keeping all triangles positive.
+/// Puts all vertices back, beginning with four at `base` (see [`Drawing::of_base`]). After each level `improve` may move
+/// them, keeping all triangles positive.
 ///
 /// `None` when rounding leaves no place for a vertex: its ring is smaller than coordinates tell apart.
-pub(super) fn embed(hierarchy: &Hierarchy, mut improve: impl FnMut(&mut Drawing)) -> Option<Drawing> {
-    let mut drawing = Drawing::of_base(hierarchy);
+pub(crate) fn embed(
+    hierarchy: &Hierarchy,
+    base: impl Fn(u32) -> Option<Vector>,
+    mut improve: impl FnMut(&mut Drawing),
+) -> Option<Drawing> {
+    let mut drawing = Drawing::of_base(hierarchy, base);
     improve(&mut drawing);
-    let mut there: Vec<u32> = drawing.neighbours.present();
     for level in hierarchy.refinements() {
         for insertion in level {
             let ring: Vec<Vector> = insertion.ring.iter().map(|&r| drawing.directions[r as usize]).collect();
             drawing.directions[insertion.vertex as usize] = place_in_kernel(&ring)?;
             drawing.neighbours.insert(&insertion);
-            there.push(insertion.vertex);
-        }
-        drawing.present = there.len();
-        for _ in 0..SWEEPS {
-            drawing.relax(&there);
+            drawing.there.push(insertion.vertex);
         }
         improve(&mut drawing);
     }
@@ -46,47 +42,65 @@ pub(super) fn embed(hierarchy: &Hierarchy, mut improve: impl FnMut(&mut Drawing)
 }
 
 impl Drawing {
-    fn of_base(hierarchy: &Hierarchy) -> Self {
+    /// The tetrahedron, at the places wanted where they make a proper one, or else a regular one turned towards them.
+    fn of_base(hierarchy: &Hierarchy, wanted: impl Fn(u32) -> Option<Vector>) -> Self {
         let mut directions = vec![Vector::zeros(); hierarchy.vertices()];
         let third = (1f64 / 3.0).sqrt();
         let corners = [[1.0, 1.0, 1.0], [-1.0, -1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0]];
         let [top, a, b] = hierarchy.base[0];
-        let c = hierarchy.base[1][2];
         // Counter-clockwise seen from outside, as `hierarchy.base[0]` is.
-        for (v, corner) in [top, a, b, c].into_iter().zip(corners) {
-            directions[v as usize] = third * Vector::from(corner);
+        let base = [top, a, b, hierarchy.base[1][2]];
+        let regular = corners.map(|corner| third * Vector::from(corner));
+        let wanted: Vec<Vector> = base.iter().filter_map(|&v| wanted(v)).collect();
+        for (v, corner) in base.into_iter().zip(turned_towards(regular, &wanted)) {
+            directions[v as usize] = corner;
         }
         Self {
             neighbours: Neighbours::of_base(hierarchy),
             directions,
-            present: 4,
+            there: base.to_vec(),
         }
     }
 
-    /// Moves each vertex towards the middle of its neighbours, as far as its triangles stay positive and do not shrink
-    /// much.
-    fn relax(&mut self, vertices: &[u32]) {
-        let mut ring: smallvec::SmallVec<[Vector; 16]> = smallvec::SmallVec::new();
-        for &v in vertices {
-            ring.clear();
-            ring.extend(self.neighbours.of(v).iter().map(|&r| self.directions[r as usize]));
-            let here = self.directions[v as usize];
-            let before = smallest_det(&here, &ring);
-            let middle: Vector = ring.iter().sum();
-            let length = middle.norm();
-            if length < 1e-3 * ring.len() as f64 {
-                continue;
-            }
-            let mut step = 1.0;
-            for _ in 0..4 {
-                let x = (here + step * (middle / length - here)).normalize();
-                if smallest_det(&x, &ring) > SHRINK * before {
-                    self.directions[v as usize] = x;
-                    break;
-                }
-                step *= 0.4;
-            }
-        }
+    /// Whether the triangles at a vertex are all positive with the vertex at `x`.
+    pub fn fits(&self, v: u32, x: &Vector) -> bool {
+        let ring: Vec<Vector> = self.ring(v).collect();
+        smallest_det(x, &ring) > 0.0
+    }
+
+    /// Where the neighbours of a vertex stand, counter-clockwise.
+    pub fn ring(&self, v: u32) -> impl Iterator<Item = Vector> {
+        self.neighbours.of(v).iter().map(|&r| self.directions[r as usize])
+    }
+
+    /// What areas of the surface that is drawn, with its vertices at `points`, are to be multiplied by to make 4π.
+    pub fn area_unit(&self, points: &[Point]) -> f64 {
+        let area = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| points[v as usize]);
+            0.5 * (b - a).cross(&(c - a)).norm()
+        };
+        let total: f64 = self.neighbours.triangles().iter().map(area).sum();
+        4.0 * std::f64::consts::PI / total.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// The corners themselves if there are no places wanted; the places if they make a tetrahedron of the same orientation
+/// that holds the origin; or the corners turned to be close to the places.
+fn turned_towards(corners: [Vector; 4], wanted: &[Vector]) -> [Vector; 4] {
+    let Ok(wanted) = <[Vector; 4]>::try_from(wanted) else {
+        return corners;
+    };
+    let covariance: crate::Matrix3 = wanted.iter().zip(&corners).map(|(w, c)| w * c.transpose()).sum();
+    let svd = covariance.svd(true, true);
+    let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
+        return corners;
+    };
+    let hand = (u * v).determinant().signum();
+    let rotation = u * crate::Matrix3::from_diagonal(&Vector::new(1.0, 1.0, hand)) * v;
+    if rotation.iter().all(|r| r.is_finite()) {
+        corners.map(|c| (rotation * c).normalize())
+    } else {
+        corners
     }
 }
 
@@ -104,53 +118,12 @@ mod tests {
             shapes::polycube(&[[0, 0, 0], [1, 0, 0], [1, 1, 0]], 6),
         ] {
             let hierarchy = Hierarchy::new(mesh.vertices(), mesh.triangles(), &[]).unwrap();
-            let drawing = embed(&hierarchy, |drawing| {
+            let drawing = embed(&hierarchy, |_| None, |drawing| {
                 let certificate = certify(&drawing.neighbours.triangles(), &drawing.directions);
                 assert!(certificate.is_bijective(), "{certificate:?}");
             });
             let certificate = certify(mesh.triangles(), &drawing.unwrap().directions);
             assert!(certificate.is_bijective() && (certificate.degree - 1.0).abs() < 1e-9);
-        }
-    }
-
-    #[test]
-    fn try_models() {
-        let folder = std::path::PathBuf::from(std::env::var("SOLIDMAP_MODELS").unwrap());
-        for name in [
-            "surfaces/goathead_2k8.obj",
-            "surfaces/armadillo_15k.obj",
-            "surfaces/igea_15k.obj",
-            "surfaces/bunny_50k.obj",
-            "surfaces/igea_134k.ply",
-            "pairs/hand_plain.obj",
-            "pairs/cat.obj",
-            "pairs/horse.obj",
-        ] {
-            let mesh = crate::io::read_surface(folder.join(name)).unwrap();
-            let t = std::time::Instant::now();
-            let hierarchy = Hierarchy::new(mesh.vertices(), mesh.triangles(), &[]).unwrap();
-            let t1 = t.elapsed().as_secs_f64();
-            let drawing = embed(&hierarchy, |_| {}).unwrap();
-            let t2 = t.elapsed().as_secs_f64();
-            let c = certify(mesh.triangles(), &drawing.directions);
-            let mut dets: Vec<f64> = mesh
-                .triangles()
-                .iter()
-                .map(|t| {
-                    let [a, b, c] = t.map(|v| drawing.directions[v as usize]);
-                    crate::spherical::kernel::det(&a, &b, &c)
-                })
-                .collect();
-            dets.sort_by(f64::total_cmp);
-            println!(
-                "{name} {} hierarchy {t1:.2} embed {:.2} levels {} {c:?} dets {:e} {:e} {:e}",
-                mesh.vertices().len(),
-                t2 - t1,
-                hierarchy.refinements().count(),
-                dets[0],
-                dets[dets.len() / 100],
-                dets[dets.len() / 2]
-            );
         }
     }
 }

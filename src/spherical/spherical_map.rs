@@ -76,6 +76,18 @@ pub enum SphericalError {
         /// Directions given.
         directions: usize,
     },
+    /// Vertices come closer together on the sphere than numbers tell apart.
+    #[error(
+        "the surface cannot be drawn on the sphere: its vertices come too close together to be told apart; use a coarser \
+         surface"
+    )]
+    TooFine,
+    /// The optimisation needs more memory than there is.
+    #[error("the optimisation of {vertices} vertices does not fit into memory; use a coarser surface")]
+    OutOfMemory {
+        /// Vertices of the surface.
+        vertices: usize,
+    },
     /// The drawing folds, or covers the sphere several times.
     #[error(
         "the drawing on the sphere is not one to one: {} of its triangles are flipped, and it covers the sphere {:.3} \
