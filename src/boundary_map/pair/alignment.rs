@@ -105,19 +105,22 @@ impl Alignments {
 
 /// Length that a normal is worth, as a fraction of the target's diagonal.
 pub(super) const REACH: f64 = 0.1;
-/// Points of a surface that look for partners: in the first stage, to choose by, and at last.
+/// Points of a surface that look for partners among those of the other one, while there are many alignments; then on its
+/// triangles, when few are left.
 const FEW: usize = 250;
-const MANY: usize = 1500;
+const MANY: usize = 1000;
+/// Points that partners are sought among in the first stages.
+const CANDIDATES: usize = 600;
 /// Starts kept by their residual as they are, and alignments kept after the first stage.
 const STARTS: usize = 24;
 const FINALISTS: usize = 6;
 const COARSE_STEPS: usize = 10;
-const FINE_STEPS: usize = 40;
+const FINE_STEPS: usize = 25;
 /// Alignments closer than this angle are one.
 const APART: f64 = 20.0 * PI / 180.0;
 /// Mean squares along two axes closer than this factor leave it open which is which.
 const ALIKE: f64 = 1.25;
-/// Starts added where axes are alike: every rotation is within about 35° of one of them.
+/// Starts added where axes are alike: every rotation is within about 50° of one of them.
 const SPREAD: usize = 72;
 const MIRRORED: f64 = 0.8;
 const AMBIGUOUS: f64 = 1.05;
@@ -158,11 +161,12 @@ impl Body {
         let normals = vertex_normals(&framed);
         let query = OrientedQuery::new(&framed, &normals).ok_or(AlignError::NoArea { side })?;
         let (axes, extents) = principal_axes(&(covariance / (radius * radius)));
+        let samples = samples(&framed, &normals);
         Ok(Self {
             to_frame,
             query,
-            samples: samples(&framed, &normals),
-            axes,
+            axes: towards_the_long_end(&axes, &samples),
+            samples,
             extents,
             diagonal: framed.diagonal(),
             vertices: framed.into_parts().0,
@@ -191,8 +195,8 @@ impl Body {
     }
 }
 
-/// Lays the domain over the target by shape alone. Every result is the same for any number of threads, and turns, moves
-/// and scales with the solids.
+/// Lays the domain over the target by shape alone. The result is the same for any number of threads; when the solids are
+/// turned, moved or scaled, so is it, to about a thousandth of the diagonal. Costs seconds, whatever the size.
 pub fn align(domain: &Body, target: &Body) -> Alignments {
     let pair = Pair::new(domain, target);
     let (mut best, mirrored) = rayon::join(|| pair.search(1.0), || pair.search(-1.0));
@@ -239,7 +243,7 @@ pub fn align_by_landmarks(
             .expect("the landmarks are finite and not all in one place")
     };
     let start = fitted(1.0);
-    let refined = pair.refine(&start, &framed);
+    let refined = pair.refine(&pair.refine(&start, &framed, Among::Samples), &framed, Among::Triangles);
     let misfit = |s: &Similarity| {
         framed
             .iter()
@@ -269,8 +273,26 @@ struct Pair<'a> {
 /// For each sample of the domain its partner on the target, and the other way round.
 #[derive(Clone, Default)]
 struct Partners {
-    forward: Vec<OrientedPoint>,
-    backward: Vec<OrientedPoint>,
+    forward: Vec<Partner>,
+    backward: Vec<Partner>,
+}
+
+#[derive(Clone, Copy)]
+struct Partner {
+    point: Point,
+    normal: Vector,
+    /// Normal of the tangent plane, which on a triangle is not that interpolated from its corners.
+    plane: Vector,
+    distance_squared: f64,
+    /// On the triangles, if it was sought there.
+    found: Option<OrientedPoint>,
+}
+
+/// Where partners are sought.
+#[derive(Clone, Copy)]
+enum Among {
+    Samples,
+    Triangles,
 }
 
 /// A point carried over from the domain and a point of the target that it should meet, with the normal that the distance
@@ -298,10 +320,8 @@ impl<'a> Pair<'a> {
             .starts(sign)
             .into_par_iter()
             .map(|start| {
-                (
-                    self.residual(&start, &self.partners(&start, FEW / 2, &Partners::default())),
-                    start,
-                )
+                let partners = self.partners(&start, FEW / 2, Among::Samples, &Partners::default());
+                (self.residual(&start, &partners), start)
             })
             .collect();
         sort(&mut starts);
@@ -312,18 +332,26 @@ impl<'a> Pair<'a> {
             .collect();
         sort(&mut improved);
         let finalists = distinct(improved, FINALISTS);
-        let mut refined: Vec<(f64, Similarity)> = finalists
+        // Only the best reflection is asked for.
+        let kept = if sign > 0.0 { FINALISTS } else { 2 };
+        let mut refined: Vec<(Alignment, Similarity)> = finalists[..kept.min(finalists.len())]
             .par_iter()
             .map(|(_, s)| {
-                let refined = self.refine(s, &[]);
-                (self.describe(&refined).residual, refined)
+                let refined = self.refine(&self.refine(s, &[], Among::Samples), &[], Among::Triangles);
+                (self.describe(&refined), refined)
             })
             .collect();
-        sort(&mut refined);
-        distinct(refined, FINALISTS)
-            .iter()
-            .map(|(_, s)| self.describe(s))
-            .collect()
+        refined.sort_by(|a, b| a.0.residual.total_cmp(&b.0.residual));
+        let mut best: Vec<(Alignment, Similarity)> = Vec::with_capacity(refined.len());
+        for (alignment, s) in refined {
+            if best
+                .iter()
+                .all(|(_, other)| angle_between(&s.rotation, &other.rotation) > APART)
+            {
+                best.push((alignment, s));
+            }
+        }
+        best.into_iter().map(|(alignment, _)| alignment).collect()
     }
 
     fn starts(&self, sign: f64) -> Vec<Similarity> {
@@ -343,7 +371,7 @@ impl<'a> Pair<'a> {
     /// A few steps with few points, by distances between points: it comes from far.
     fn improve_coarsely(&self, start: &Similarity) -> (f64, Similarity) {
         let sign = start.rotation.determinant().signum();
-        let mut partners = self.partners(start, FEW, &Partners::default());
+        let mut partners = self.partners(start, FEW, Among::Samples, &Partners::default());
         let mut best = (self.residual(start, &partners), *start);
         for _ in 0..COARSE_STEPS {
             let matches = self.matches(&best.1, &partners);
@@ -355,7 +383,7 @@ impl<'a> Pair<'a> {
             let Some(next) = similarity(&pairs, sign, Some(best.1.scale)) else {
                 break;
             };
-            partners = self.partners(&next, FEW, &partners);
+            partners = self.partners(&next, FEW, Among::Samples, &partners);
             let residual = self.residual(&next, &partners);
             if residual >= best.0 {
                 break;
@@ -366,9 +394,9 @@ impl<'a> Pair<'a> {
     }
 
     /// Damped Gauss-Newton steps on distances along normals (Levenberg-Marquardt), as long as the residual falls.
-    fn refine(&self, start: &Similarity, landmarks: &[(Point, Point, f64)]) -> Similarity {
+    fn refine(&self, start: &Similarity, landmarks: &[(Point, Point, f64)], among: Among) -> Similarity {
         let mut best = *start;
-        let mut partners = self.partners(&best, MANY, &Partners::default());
+        let mut partners = self.partners(&best, MANY, among, &Partners::default());
         let mut cost = self.cost(&best, &partners, landmarks);
         let mut damping = 1e-3;
         for _ in 0..FINE_STEPS {
@@ -376,7 +404,7 @@ impl<'a> Pair<'a> {
             let Some(next) = step(&best, &hessian, &gradient, damping) else {
                 break;
             };
-            let found = self.partners(&next, MANY, &partners);
+            let found = self.partners(&next, MANY, among, &partners);
             let next_cost = self.cost(&next, &found, landmarks);
             if next_cost < cost {
                 let gain = (cost - next_cost) / cost;
@@ -394,23 +422,13 @@ impl<'a> Pair<'a> {
         best
     }
 
-    fn partners(&self, s: &Similarity, count: usize, near: &Partners) -> Partners {
-        let moved = |map: &Similarity, body: &Body| -> Vec<(Point, Vector)> {
-            let points = body.samples.iter().take(count);
-            points.map(|(p, n)| (map.apply(p), map.rotation * n)).collect()
-        };
+    fn partners(&self, s: &Similarity, count: usize, among: Among, near: &Partners) -> Partners {
         let inverse = s.inverse();
+        // The way back in lengths of the domain's frame, so that both use one metric.
+        let back = self.reach / s.scale;
         Partners {
-            forward: self
-                .target
-                .query
-                .closest_of_all(&moved(s, self.domain), self.reach, &near.forward),
-            // Lengths of the domain's frame, so that both directions use one metric.
-            backward: self.domain.query.closest_of_all(
-                &moved(&inverse, self.target),
-                self.reach / s.scale,
-                &near.backward,
-            ),
+            forward: partners_on(self.target, self.domain, s, self.reach, (count, among), &near.forward),
+            backward: partners_on(self.domain, self.target, &inverse, back, (count, among), &near.backward),
         }
     }
 
@@ -423,7 +441,7 @@ impl<'a> Pair<'a> {
             .map(|((p, n), found)| Match {
                 moved: s.apply(p),
                 fixed: found.point,
-                normal: self.target.query.face_normal(found),
+                normal: found.plane,
                 weight: (s.rotation * n).dot(&found.normal).max(0.0),
             });
         let backward = self
@@ -434,7 +452,7 @@ impl<'a> Pair<'a> {
             .map(|((p, n), found)| Match {
                 moved: s.apply(&found.point),
                 fixed: *p,
-                normal: s.rotation * self.domain.query.face_normal(found),
+                normal: s.rotation * found.plane,
                 weight: (s.rotation * found.normal).dot(n).max(0.0),
             });
         forward.chain(backward).collect()
@@ -443,7 +461,7 @@ impl<'a> Pair<'a> {
     /// Root mean square over both directions, in lengths of the target's frame.
     fn residual(&self, s: &Similarity, partners: &Partners) -> f64 {
         let mean =
-            |found: &[OrientedPoint]| found.iter().map(|f| f.distance_squared).sum::<f64>() / found.len().max(1) as f64;
+            |found: &[Partner]| found.iter().map(|f| f.distance_squared).sum::<f64>() / found.len().max(1) as f64;
         (0.5 * (mean(&partners.forward) + mean(&partners.backward) * s.scale * s.scale)).sqrt()
     }
 
@@ -487,8 +505,8 @@ impl<'a> Pair<'a> {
 
     /// The similarity in coordinates of the two solids, and its residuals with all samples.
     fn describe(&self, s: &Similarity) -> Alignment {
-        let partners = self.partners(s, MANY, &Partners::default());
-        let gaps = |points: &[(Point, Vector)], map: &Similarity, found: &[OrientedPoint]| {
+        let partners = self.partners(s, MANY, Among::Triangles, &Partners::default());
+        let gaps = |points: &[(Point, Vector)], map: &Similarity, found: &[Partner]| {
             let sum: f64 = points
                 .iter()
                 .zip(found)
@@ -509,6 +527,53 @@ impl<'a> Pair<'a> {
 /// A rotation vector, a translation and the logarithm of a scale.
 type Unknowns = SVector<f64, 7>;
 type Hessian = SMatrix<f64, 7, 7>;
+
+/// For each of so many samples of `from`, carried over by `map`, its partner on `onto`.
+fn partners_on(
+    onto: &Body,
+    from: &Body,
+    map: &Similarity,
+    reach: f64,
+    (count, among): (usize, Among),
+    near: &[Partner],
+) -> Vec<Partner> {
+    let partner = |(i, (p, n)): (usize, &(Point, Vector))| {
+        let (p, n) = (map.apply(p), map.rotation * n);
+        match among {
+            Among::Samples => closest_sample(onto, &p, &n, reach),
+            Among::Triangles => {
+                let near = near.get(i).and_then(|partner| partner.found);
+                let found = onto.query.closest(&p, &n, reach, near.as_ref());
+                Partner {
+                    point: found.point,
+                    normal: found.normal,
+                    plane: onto.query.face_normal(&found),
+                    distance_squared: found.distance_squared,
+                    found: Some(found),
+                }
+            }
+        }
+    };
+    let samples = &from.samples[..count.min(from.samples.len())];
+    samples.par_iter().enumerate().with_min_len(64).map(partner).collect()
+}
+
+fn closest_sample(onto: &Body, p: &Point, n: &Vector, reach: f64) -> Partner {
+    let squared = |(q, m): &(Point, Vector)| (p - q).norm_squared() + reach * reach * (n - m).norm_squared();
+    let candidates = &onto.samples[..CANDIDATES.min(onto.samples.len())];
+    let start = (f64::INFINITY, &candidates[0]);
+    let (distance_squared, (point, normal)) = candidates.iter().fold(start, |best, sample| {
+        let here = squared(sample);
+        if here < best.0 { (here, sample) } else { best }
+    });
+    Partner {
+        point: *point,
+        normal: *normal,
+        plane: *normal,
+        distance_squared,
+        found: None,
+    }
+}
 
 /// How the distance along `normal` changes as a point turns about the origin, moves and grows.
 fn derivative(p: &Point, normal: &Vector) -> Unknowns {
@@ -631,6 +696,16 @@ fn principal_axes(covariance: &Matrix3) -> (Matrix3, Vector) {
     let [a, b] = [order[0], order[1]].map(|k| eigen.eigenvectors.column(k).into_owned());
     let axes = Matrix3::from_columns(&[a, b, a.cross(&b)]);
     (axes, Vector::from(order.map(|k| eigen.eigenvalues[k].max(0.0))))
+}
+
+/// The first two axes turned to the side on which the samples reach farther, so that axes turn with the solid.
+fn towards_the_long_end(axes: &Matrix3, samples: &[(Point, Vector)]) -> Matrix3 {
+    let [a, b] = [0, 1].map(|k| {
+        let axis = axes.column(k).into_owned();
+        let skewness: f64 = samples.iter().map(|(p, _)| axis.dot(&p.coords).powi(3)).sum();
+        if skewness < 0.0 { -axis } else { axis }
+    });
+    Matrix3::from_columns(&[a, b, a.cross(&b)])
 }
 
 fn samples(surface: &SurfaceMesh, normals: &[Vector]) -> Vec<(Point, Vector)> {
@@ -764,20 +839,18 @@ mod tests {
         assert_eq!(with(1), with(4));
     }
 
-    /// Both runs take the same steps up to rounding, which the nearest-partner rule does not enlarge.
+    /// Not to rounding, but far below the misfit of different solids, which is several hundredths of the diagonal.
     #[test]
     fn turns_moves_and_scales_with_the_solids() {
-        let (a, b) = (
-            horned(7),
-            shapes::polycube(&[[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [0, 0, 1]], 4),
-        );
+        let bent = |p: &Point| Point::new(p.x + 0.2 * p.y * p.y, 1.3 * p.y, p.z + 0.1 * p.x * p.x);
+        let (a, b) = (horned(7), shapes::deformed(&horned(8), bent));
         let (first, second) = (random_similarity(1), random_similarity(2));
         let plain = align(&body(&a), &body(&b)).best[0];
         let other = align(&body(&moved(&a, &first)), &body(&moved(&b, &second))).best[0];
         let expected = second.after(&plain.similarity);
         let error = largest_difference(&a, &other.similarity.after(&first), &expected);
-        assert!(error < 1e-6, "{error:e}");
-        assert!((plain.residual - other.residual).abs() < 1e-9);
+        assert!(error < 1e-3, "{error:e}");
+        assert!((plain.residual - other.residual).abs() < 1e-4);
     }
 
     #[test]
@@ -837,75 +910,22 @@ mod tests {
                 .iter()
                 .map(|r| angle_between(r, &any))
                 .fold(f64::INFINITY, f64::min);
-            assert!(nearest < 45f64.to_radians(), "{nearest}");
+            assert!(nearest < 50f64.to_radians(), "{nearest}");
         }
     }
 
+    /// The hands differ in the pose of their fingers by up to a tenth of the diagonal.
     #[test]
-    fn heads_of_real_solids_meet() {
-        let (Some(cat), Some(horse)) = (test_models::load("pairs/cat.obj"), test_models::load("pairs/horse.obj"))
-        else {
+    fn shape_alone_brings_the_landmarks_of_two_hands_together() {
+        let hands = ["pairs/hand_plain.obj", "pairs/hand_vulcan.obj"].map(test_models::load);
+        let [Some(plain), Some(vulcan)] = hands else {
             return;
         };
-        let names = [
-            ("surfaces/igea_15k.obj", "surfaces/max_planck_27k.obj"),
-            ("pairs/cat.obj", "pairs/horse.obj"),
-            ("pairs/horse.obj", "pairs/cat.obj"),
-            ("pairs/hand_plain.obj", "pairs/hand_vulcan.obj"),
-        ];
-        let _ = (cat, horse);
-        for (na, nb) in names {
-            let (a, b) = (test_models::load(na).unwrap(), test_models::load(nb).unwrap());
-            let clock = std::time::Instant::now();
-            let (x, y) = (body(&a), body(&b));
-            let prepared = clock.elapsed();
-            let found = align(&x, &y);
-            eprintln!("{na} {nb}: {:?} then {:?}", prepared, clock.elapsed() - prepared);
-            let show = |f: &Alignment| {
-                let clock = std::time::Instant::now();
-                let t = crate::boundary_map::pair::vertex_targets(&x, &y, &f.similarity);
-                let took = clock.elapsed();
-                let d: Vec<f64> = t.iter().flatten().map(|t| t.distance).collect();
-                let w: Vec<f64> = t.iter().flatten().map(|t| t.weight).collect();
-                let q = crate::statistics::quantiles(&d, [0.5, 0.9, 0.99, 1.0]);
-                let r = f.similarity.rotation;
-                eprintln!(
-                    "{:.4} {:.4} s {:.3} R {:.2?} share {:.3} d {:.4?} w {:.3?} {took:?}",
-                    f.residual,
-                    f.distance,
-                    f.similarity.scale,
-                    r.transpose().as_slice(),
-                    d.len() as f64 / t.len() as f64,
-                    q.unwrap(),
-                    crate::statistics::quantiles(&w, [0.01, 0.1, 0.5]).unwrap()
-                );
-            };
-            found.best.iter().for_each(show);
-            eprint!("mirrored ");
-            show(&found.mirrored);
-            if na.contains("hand") {
-                let l = crate::io::read_landmark_files(
-                    "/work/shared/models/pairs/hand_plain.pinned",
-                    "/work/shared/models/pairs/hand_vulcan.pinned",
-                    a.vertices().len(),
-                    b.vertices().len(),
-                )
-                .unwrap();
-                let p = l.positions(a.vertices(), b.vertices());
-                let clock = std::time::Instant::now();
-                let f = align_by_landmarks(&x, &y, &p).unwrap();
-                eprintln!("landmarks {:?}", clock.elapsed());
-                show(&f.best[0]);
-                show(&f.mirrored);
-                for a in found.best.iter().chain(&f.best) {
-                    eprintln!(
-                        "{:?}",
-                        p.iter()
-                            .map(|(u, v)| (a.similarity.apply(u) - v).norm() / b.diagonal())
-                            .collect::<Vec<_>>()
-                    );
-                }
-            }
+        let found = align(&body(&plain), &body(&vulcan));
+        assert!(!found.looks_mirrored() && !found.is_ambiguous());
+        for (a, b) in [(1191, 5864), (658, 5319), (205, 4772), (2751, 4053), (1512, 3166)] {
+            let gap = found.best[0].similarity.apply(&plain.vertices()[a]) - vulcan.vertices()[b];
+            assert!(gap.norm() < 0.15 * vulcan.diagonal(), "{a} {b} {}", gap.norm());
         }
     }
 }

@@ -63,12 +63,12 @@ const STARTS: usize = 4608;
 const SPACING: f64 = 0.2;
 /// Directions at which the drawings are compared: to choose, and at last.
 const FEW: usize = 700;
-const MANY: usize = 4000;
+const MANY: usize = 6000;
 const CANDIDATES: usize = 20;
 const FINALISTS: usize = 4;
 const APART: f64 = 15.0 * PI / 180.0;
 /// Rings from pole to pole.
-const RINGS: usize = 96;
+const RINGS: usize = 128;
 /// Angle at which the weight of the smoothing has fallen to zero.
 const SMOOTHING: f64 = 0.12;
 
