@@ -6,6 +6,7 @@ mod aabb;
 mod bvh;
 mod closest_point;
 mod predicates;
+mod procrustes;
 mod surface_query;
 #[cfg(test)]
 pub(crate) mod test_models;
@@ -15,6 +16,8 @@ pub use aabb::Aabb;
 pub use bvh::{Bvh, BvhNode};
 pub use closest_point::{Feature, TrianglePoint, closest_point_on_triangle};
 pub use predicates::{FlippedTets, flipped_tets, orientation};
+pub(crate) use procrustes::similarity;
+pub use procrustes::{Similarity, SphereRotation, sphere_rotation};
 pub(crate) use surface_query::morton_order;
 pub use surface_query::{ClosestPoint, QueryError, SurfaceQuery};
 pub use winding_number::{solid_angle, winding_number};

@@ -9,7 +9,7 @@ use super::progressive::embed;
 use super::relax::Relaxation;
 use super::{SphericalError, SphericalMap, certify, require_sphere};
 use crate::Vector;
-use crate::boundary_map::pair::sphere_rotation;
+use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
 
 /// What a map to the sphere keeps.
@@ -142,7 +142,9 @@ pub fn map_to_sphere(
         most_iterations: options.most_iterations,
         tolerance: options.tolerance,
     };
-    let descent = newton.minimise(&energy, &mut directions, &newton_options).map_err(failed)?;
+    let descent = newton
+        .minimise(&energy, &mut directions, &newton_options)
+        .map_err(failed)?;
     if options.energy == SphereEnergy::Conformal {
         centre(surface.triangles(), &vertex_areas(&surface), &mut directions);
     }
@@ -187,13 +189,17 @@ fn draw(
         pull: &|_| None,
         is_fixed: &|_| false,
     };
-    let drawing = embed(&hierarchy, |_| None, |drawing| {
-        progress(SpherePhase::Drawing {
-            vertices: drawing.there.len(),
-            of: points.len(),
-        });
-        relaxation.run(drawing, SWEEPS);
-    });
+    let drawing = embed(
+        &hierarchy,
+        |_| None,
+        |drawing| {
+            progress(SpherePhase::Drawing {
+                vertices: drawing.there.len(),
+                of: points.len(),
+            });
+            relaxation.run(drawing, SWEEPS);
+        },
+    );
     Ok(drawing.ok_or(SphericalError::TooFine)?.directions)
 }
 

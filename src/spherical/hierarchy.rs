@@ -36,7 +36,7 @@ pub(crate) struct Hierarchy {
 
 /// A vertex to put back.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Insertion<'a> {
+pub(crate) struct Insertion<'a> {
     pub vertex: u32,
     /// Its neighbours, counter-clockwise; the triangles that it replaces are a fan about the first.
     pub ring: &'a [u32],

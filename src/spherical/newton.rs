@@ -299,7 +299,14 @@ impl Newton {
     }
 
     /// The longest tried step along `tangent` with a sufficient fall of the energy.
-    fn search(&self, energy: &impl Objective, x: &[Vector], tangent: &[Vector], before: f64, slope: f64) -> Option<Step> {
+    fn search(
+        &self,
+        energy: &impl Objective,
+        x: &[Vector],
+        tangent: &[Vector],
+        before: f64,
+        slope: f64,
+    ) -> Option<Step> {
         let to_flip = self.triangles.par_iter().map(|t| {
             let corners = t.map(|v| x[v as usize]);
             first_root(&determinant_along(&corners, &t.map(|v| tangent[v as usize])))

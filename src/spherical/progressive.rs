@@ -6,6 +6,7 @@
 
 use super::hierarchy::{Hierarchy, Neighbours};
 use super::kernel::{place_in_kernel, smallest_det};
+use crate::geometry::sphere_rotation;
 use crate::{Point, Vector};
 
 /// A drawing with part of the vertices.
@@ -42,7 +43,7 @@ pub(crate) fn embed(
 }
 
 impl Drawing {
-    /// The tetrahedron, at the places wanted where they make a proper one, or else a regular one turned towards them.
+    /// The tetrahedron: a regular one, turned to be close to the places that are wanted of its corners.
     fn of_base(hierarchy: &Hierarchy, wanted: impl Fn(u32) -> Option<Vector>) -> Self {
         let mut directions = vec![Vector::zeros(); hierarchy.vertices()];
         let third = (1f64 / 3.0).sqrt();
@@ -51,7 +52,7 @@ impl Drawing {
         // Counter-clockwise seen from outside, as `hierarchy.base[0]` is.
         let base = [top, a, b, hierarchy.base[1][2]];
         let regular = corners.map(|corner| third * Vector::from(corner));
-        let wanted: Vec<Vector> = base.iter().filter_map(|&v| wanted(v)).collect();
+        let wanted = base.map(wanted);
         for (v, corner) in base.into_iter().zip(turned_towards(regular, &wanted)) {
             directions[v as usize] = corner;
         }
@@ -84,23 +85,13 @@ impl Drawing {
     }
 }
 
-/// The corners themselves if there are no places wanted; the places if they make a tetrahedron of the same orientation
-/// that holds the origin; or the corners turned to be close to the places.
-fn turned_towards(corners: [Vector; 4], wanted: &[Vector]) -> [Vector; 4] {
-    let Ok(wanted) = <[Vector; 4]>::try_from(wanted) else {
-        return corners;
-    };
-    let covariance: crate::Matrix3 = wanted.iter().zip(&corners).map(|(w, c)| w * c.transpose()).sum();
-    let svd = covariance.svd(true, true);
-    let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
-        return corners;
-    };
-    let hand = (u * v).determinant().signum();
-    let rotation = u * crate::Matrix3::from_diagonal(&Vector::new(1.0, 1.0, hand)) * v;
-    if rotation.iter().all(|r| r.is_finite()) {
-        corners.map(|c| (rotation * c).normalize())
-    } else {
-        corners
+/// The corners, turned to be close to the places that are wanted of them.
+fn turned_towards(corners: [Vector; 4], wanted: &[Option<Vector>; 4]) -> [Vector; 4] {
+    let pairs = corners.iter().zip(wanted).filter_map(|(c, w)| w.map(|w| (*c, w)));
+    let (from, to): (Vec<Vector>, Vec<Vector>) = pairs.unzip();
+    match sphere_rotation(&from, &to, &vec![1.0; from.len()]) {
+        Some(turn) => corners.map(|c| (turn.rotation * c).normalize()),
+        None => corners,
     }
 }
 
@@ -118,10 +109,14 @@ mod tests {
             shapes::polycube(&[[0, 0, 0], [1, 0, 0], [1, 1, 0]], 6),
         ] {
             let hierarchy = Hierarchy::new(mesh.vertices(), mesh.triangles(), &[]).unwrap();
-            let drawing = embed(&hierarchy, |_| None, |drawing| {
-                let certificate = certify(&drawing.neighbours.triangles(), &drawing.directions);
-                assert!(certificate.is_bijective(), "{certificate:?}");
-            });
+            let drawing = embed(
+                &hierarchy,
+                |_| None,
+                |drawing| {
+                    let certificate = certify(&drawing.neighbours.triangles(), &drawing.directions);
+                    assert!(certificate.is_bijective(), "{certificate:?}");
+                },
+            );
             let certificate = certify(mesh.triangles(), &drawing.unwrap().directions);
             assert!(certificate.is_bijective() && (certificate.degree - 1.0).abs() < 1e-9);
         }

@@ -188,5 +188,7 @@ pub(crate) fn newton_step(x: &Vector, gradient: &Vector, hessian: &crate::Matrix
     // Farther than a fraction of the sphere the model says nothing.
     let length = step.norm();
     let most = 0.5;
-    length.is_finite().then(|| if length > most { step * (most / length) } else { step })
+    length
+        .is_finite()
+        .then(|| if length > most { step * (most / length) } else { step })
 }

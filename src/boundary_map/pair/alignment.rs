@@ -13,7 +13,7 @@ use nalgebra::{Quaternion, Rotation3, SMatrix, SVector, SymmetricEigen, UnitQuat
 use rayon::prelude::*;
 
 use super::oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
-use super::procrustes::{Similarity, similarity};
+use crate::geometry::{Similarity, similarity};
 use crate::mesh::SurfaceMesh;
 use crate::sampling::{Collocation, thin};
 use crate::{Matrix3, Point, Vector};

@@ -108,7 +108,9 @@ impl<'a> Lifted<'a> {
     pub fn locate(&mut self, drawing: &Drawing) {
         self.unit = drawing.area_unit(self.domain);
         for &v in &drawing.there {
-            self.images[v as usize] = self.lift.image(&drawing.directions[v as usize], self.images[v as usize].triangle);
+            self.images[v as usize] = self
+                .lift
+                .image(&drawing.directions[v as usize], self.images[v as usize].triangle);
         }
     }
 
@@ -284,16 +286,27 @@ impl<'a> LiftedEnergy<'a> {
         let corners = |t: &[u32; 3]| t.map(|v| &lifted.domain[v as usize]);
         Self {
             lift: lifted.lift,
-            rest: shapes.triangles().iter().map(|t| Rest::of(corners(t), lifted.unit)).collect(),
+            rest: shapes
+                .triangles()
+                .iter()
+                .map(|t| Rest::of(corners(t), lifted.unit))
+                .collect(),
             shapes,
-            hints: lifted.images.iter().map(|image| AtomicU32::new(image.triangle)).collect(),
+            hints: lifted
+                .images
+                .iter()
+                .map(|image| AtomicU32::new(image.triangle))
+                .collect(),
         }
     }
 
     fn barrier(&self) -> Energy<'_> {
         Energy {
             rest: self.shapes,
-            weights: Weights { angle: BARRIER, area: 0.0 },
+            weights: Weights {
+                angle: BARRIER,
+                area: 0.0,
+            },
             pulls: &[],
         }
     }
@@ -301,7 +314,10 @@ impl<'a> LiftedEnergy<'a> {
     fn images(&self, x: &[Vector]) -> Vec<Image> {
         let of_vertex = |(x, hint): (&Vector, &AtomicU32)| {
             if *x == Vector::zeros() {
-                return Image { point: Point::origin(), triangle: 0 };
+                return Image {
+                    point: Point::origin(),
+                    triangle: 0,
+                };
             }
             let image = self.lift.image(x, hint.load(Relaxed));
             hint.store(image.triangle, Relaxed);
@@ -339,7 +355,11 @@ impl Objective for LiftedEnergy<'_> {
     fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<Element> {
         let images = self.images(x);
         let chain = |v: usize| {
-            let derivative = if x[v] == Vector::zeros() { Matrix3::zeros() } else { self.lift.derivative(&x[v], &images[v]) };
+            let derivative = if x[v] == Vector::zeros() {
+                Matrix3::zeros()
+            } else {
+                self.lift.derivative(&x[v], &images[v])
+            };
             frames[v].map(|tangent| derivative * tangent)
         };
         let chains: Vec<[Vector; 2]> = (0..x.len()).into_par_iter().map(chain).collect();
@@ -373,7 +393,11 @@ fn add_lifted(element: &mut Element, [y, a, b]: &[Point; 3], chains: &[[Vector; 
         element.gradient[i] += w * ((1.0 + 1.0 / c2) * gs[i] - 2.0 * s / c3 * gc[i]);
         for j in 0..6 {
             let (m, n) = (i / 2, j / 2);
-            let weight = if m == n { opposite(m, (m + 1) % 3) + opposite(m, (m + 2) % 3) } else { -opposite(m, n) };
+            let weight = if m == n {
+                opposite(m, (m + 1) % 3) + opposite(m, (m + 2) % 3)
+            } else {
+                -opposite(m, n)
+            };
             let metric = weight / rest.area * chains[m][i % 2].dot(&chains[n][j % 2]);
             let cross = gs[i] * gc[j] + gc[i] * gs[j];
             element.hessian[(i, j)] +=

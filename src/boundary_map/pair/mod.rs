@@ -2,14 +2,13 @@
 
 mod alignment;
 mod landmarks;
+mod lift;
 mod oriented_query;
-mod procrustes;
 mod rotation;
 mod targets;
 
 pub use alignment::{AlignError, Alignment, Alignments, Body, align, align_by_landmarks};
 pub use landmarks::{LandmarkError, Landmarks};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
-pub use procrustes::{Similarity, SphereRotation, sphere_rotation};
 pub use rotation::{RotationMatch, search_rotations};
 pub use targets::{VertexTarget, vertex_targets};

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::alignment::{angle_between, spread_rotations};
 use super::oriented_query::vertex_normals;
-use super::procrustes::Similarity;
+use crate::geometry::Similarity;
 use crate::geometry::solid_angle;
 use crate::sampling::bounding_sphere;
 use crate::spherical::SphericalMap;

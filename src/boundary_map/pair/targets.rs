@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::alignment::{Body, REACH};
-use super::procrustes::Similarity;
+use crate::geometry::Similarity;
 use crate::mesh::SurfacePoint;
 
 /// A place to pull a vertex to.

@@ -101,7 +101,7 @@ pub fn sphere_rotation(from: &[Vector], to: &[Vector], weights: &[f64]) -> Optio
 ///
 /// `None` without pairs of positive weight, when something is not finite, or when all `a` coincide and the scale is not
 /// given.
-pub(super) fn similarity(pairs: &[(Point, Point, f64)], sign: f64, scale: Option<f64>) -> Option<Similarity> {
+pub(crate) fn similarity(pairs: &[(Point, Point, f64)], sign: f64, scale: Option<f64>) -> Option<Similarity> {
     let total: f64 = pairs.iter().map(|pair| pair.2).sum();
     let mean = |of: fn(&(Point, Point, f64)) -> Point| {
         pairs.iter().map(|pair| pair.2 * of(pair).coords).sum::<Vector>() / total
