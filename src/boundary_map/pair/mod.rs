@@ -7,7 +7,7 @@ mod oriented_query;
 mod rotation;
 mod targets;
 
-pub use alignment::{AlignError, Alignment, Alignments, Body, align, align_by_landmarks};
+pub use alignment::{AlignError, Alignment, AlignmentStart, Alignments, Body, align, align_by_landmarks};
 pub use landmarks::{LandmarkError, Landmarks};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
 pub use rotation::{RotationMatch, search_rotations};
