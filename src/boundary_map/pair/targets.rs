@@ -14,11 +14,11 @@ pub struct VertexTarget {
     /// How much it is to be trusted: from 1 where the aligned surfaces meet down to 0 where they are far apart or face
     /// apart.
     pub weight: f64,
-    /// Distance to it from the aligned vertex, as a fraction of the target's diagonal.
+    /// Distance to it from the aligned vertex, as a fraction of the target's size (twice the largest distance from its centroid).
     pub distance: f64,
 }
 
-/// Distance at which the weight has fallen to 1/e, as a fraction of the target's diagonal.
+/// Distance at which the weight has fallen to 1/e, as a fraction of the target's size.
 const FAR: f64 = 0.1;
 /// Weights below this count for nothing.
 const LEAST_WEIGHT: f64 = 0.01;
@@ -28,10 +28,10 @@ const LEAST_WEIGHT: f64 = 0.01;
 /// without a normal. The correspondence is neither continuous nor one to one.
 pub fn vertex_targets(domain: &Body, target: &Body, alignment: &Similarity) -> Vec<Option<VertexTarget>> {
     let vertices = domain.vertices_in(target, alignment);
-    let diagonal = target.diagonal();
-    let found = target.query().closest_of_all(&vertices, REACH * diagonal, &[]);
+    let size = target.size();
+    let found = target.query().closest_of_all(&vertices, REACH * size, &[]);
     let target_of = |((p, n), found): (&(_, crate::Vector), &super::OrientedPoint)| {
-        let distance = nalgebra::distance(p, &found.point) / diagonal;
+        let distance = nalgebra::distance(p, &found.point) / size;
         let agreement = n.dot(&found.normal).max(0.0);
         let weight = agreement * (-(distance / FAR).powi(2)).exp();
         (weight > LEAST_WEIGHT).then_some(VertexTarget {
