@@ -7,6 +7,7 @@
 use super::hierarchy::{Hierarchy, Neighbours};
 use super::kernel::{place_in_kernel, smallest_det};
 use crate::geometry::sphere_rotation;
+use crate::mesh::SurfaceMesh;
 use crate::{Point, Vector};
 
 /// A drawing with part of the vertices.
@@ -79,6 +80,18 @@ impl Drawing {
             there: base.to_vec(),
             arrived: 0,
             levels: 0,
+        }
+    }
+
+    /// A whole surface at these unit vectors.
+    pub fn of(surface: &SurfaceMesh, directions: &[Vector]) -> Self {
+        let count = surface.vertices().len();
+        Self {
+            neighbours: Neighbours::of_surface(count, surface.triangles()),
+            directions: directions.to_vec(),
+            there: (0..count as u32).collect(),
+            arrived: 0,
+            levels: usize::MAX,
         }
     }
 

@@ -35,7 +35,7 @@ pub(crate) struct Pins {
 pub(crate) struct Sketch {
     pub drawing: Drawing,
     /// Which of the pins are reached.
-    pinned: Vec<bool>,
+    pub pinned: Vec<bool>,
     /// Mean symmetric Dirichlet energy of the map to the target, 1 of an isometry.
     pub energy: f64,
 }
@@ -66,6 +66,8 @@ const NEWTON_STEPS: usize = 5;
 const GAIN: f64 = 1e-3;
 /// Turns on the finest level.
 const MOST_TURNS: usize = 12;
+/// Rounds of dragging pins over a drawing that is whole.
+const MOST_DRAGS: usize = 40;
 /// Spring of a pin that is not reached, over that of a wanted place.
 const PIN: f64 = 30.0;
 
@@ -103,6 +105,15 @@ impl<'a> Embedding<'a> {
         self.refine(sketch, guide, schedule, enough, &|_, _| ())
     }
 
+    /// A drawing of all vertices that only its guide leads.
+    pub fn guided(&self, guide: &Guide, schedule: &Schedule) -> Option<Sketch> {
+        let led = Schedule {
+            until: usize::MAX,
+            ..*schedule
+        };
+        self.sketch(guide, &led, usize::MAX)
+    }
+
     /// The drawing with at least `enough` vertices. `progress` gets the number of vertices and the energy of each level.
     pub fn refine(
         &self,
@@ -132,7 +143,34 @@ impl<'a> Embedding<'a> {
         Some(sketch)
     }
 
-    /// The finest drawing, improved until there is little to gain. Returns the energy.
+    /// A drawing of all vertices that is not made here; pins are put where they belong as far as triangles allow.
+    pub fn sketch_of(&self, directions: &[Vector]) -> Sketch {
+        let mut sketch = Sketch {
+            drawing: Drawing::of(self.domain, directions),
+            pinned: vec![false; self.pins.pairs.len()],
+            energy: f64::INFINITY,
+        };
+        let nowhere = Guide {
+            wanted: vec![None; directions.len()],
+        };
+        let springs = Schedule { pull: 1.0, until: 0 };
+        for _ in 0..MOST_DRAGS {
+            if sketch.pinned.iter().all(|&is| is) {
+                break;
+            }
+            self.guide(&mut sketch.drawing, &mut sketch.pinned, &nowhere, &springs);
+        }
+        sketch
+    }
+
+    /// The energy of a drawing of all vertices.
+    pub fn energy_of(&self, drawing: &Drawing) -> f64 {
+        let mut lifted = Lifted::new(self.lift, self.domain);
+        lifted.locate(drawing);
+        lifted.energy(drawing)[0]
+    }
+
+    /// The finest drawing, improved until there is little to gain.
     pub fn finish(&self, sketch: &mut Sketch) {
         let mut lifted = Lifted::new(self.lift, self.domain);
         lifted.locate(&sketch.drawing);
