@@ -66,6 +66,9 @@ const NEWTON_STEPS: usize = 5;
 const GAIN: f64 = 1e-3;
 /// Turns on the finest level.
 const MOST_TURNS: usize = 12;
+/// Drawings of each guide that go on to the next size, and energy over the best at which they do not.
+const KEPT: usize = 3;
+const HOPELESS: f64 = 1.4;
 /// Rounds of dragging pins over a drawing that is whole.
 const MOST_DRAGS: usize = 40;
 /// Spring of a pin that is not reached, over that of a wanted place.
@@ -167,7 +170,8 @@ impl<'a> Embedding<'a> {
     pub fn energy_of(&self, drawing: &Drawing) -> f64 {
         let mut lifted = Lifted::new(self.lift, self.domain);
         lifted.locate(drawing);
-        lifted.energy(drawing)[0]
+        lifted.find_hidden(drawing);
+        lifted.energy(drawing)
     }
 
     /// The finest drawing, improved until there is little to gain.
@@ -230,20 +234,25 @@ impl<'a> Embedding<'a> {
         let shapes = RestShapes::new(&triangles, self.domain.vertices());
         let mut newton = Newton::new(&triangles, &fixed).ok();
         let mut before = f64::INFINITY;
-        for _ in 0..turns {
+        for turn in 0..turns {
+            if turn == 0 || lifted.hides() {
+                lifted.find_hidden(drawing);
+            }
             self.repair(drawing, lifted, &is_fixed);
-            let stepped = newton.as_mut().map(|newton| self.step(newton, drawing, lifted, &shapes));
+            let stepped = newton
+                .as_mut()
+                .map(|newton| self.step(newton, drawing, lifted, &shapes));
             if stepped.is_some_and(|result| result.is_err()) {
                 newton = None;
             }
             lifted.sweep(drawing, &there, &is_fixed);
-            let [energy, _] = lifted.energy(drawing);
+            let energy = lifted.energy(drawing);
             if energy > (1.0 - GAIN) * before {
                 break;
             }
             before = energy;
         }
-        lifted.energy(drawing)[0]
+        lifted.energy(drawing)
     }
 
     fn step(
@@ -276,42 +285,51 @@ impl<'a> Embedding<'a> {
     }
 }
 
-/// The best of all combinations of guides and schedules: all are drawn coarsely, the better ones less so.
+/// The best of all combinations of guides and schedules: all are drawn coarsely, the better ones of each guide less so.
 ///
-/// Returns the sketch, and which guide and schedule it had, with the energies of all guides' best.
+/// Returns the sketch, which guide and schedule it had, and the last energy of each guide's best.
 pub(crate) fn best_sketch(
     embedding: &Embedding,
     guides: &[Guide],
     schedules: &[Schedule],
     sizes: &[usize],
 ) -> Option<(Sketch, [usize; 2], Vec<f64>)> {
-    let mut rounds = sizes.iter();
-    let first = *rounds.next()?;
-    let choices: Vec<[usize; 2]> = (0..guides.len())
-        .flat_map(|g| (0..schedules.len()).map(move |s| [g, s]))
-        .collect();
-    let draw = |&[g, s]: &[usize; 2]| Some((embedding.sketch(&guides[g], &schedules[s], first)?, [g, s]));
-    let mut sketches: Vec<(Sketch, [usize; 2])> = choices.par_iter().filter_map(draw).collect();
-    sort(&mut sketches);
+    let all = (0..guides.len()).flat_map(|g| (0..schedules.len()).map(move |s| [g, s]));
+    let mut choices: Vec<(Option<Sketch>, [usize; 2])> = all.map(|choice| (None, choice)).collect();
     let mut energies = vec![f64::INFINITY; guides.len()];
-    for (sketch, [g, _]) in &sketches {
-        energies[*g] = energies[*g].min(sketch.energy);
-    }
-    for &size in rounds {
-        sketches.truncate(sketches.len().div_ceil(4).max(2));
-        let refine = |(sketch, [g, s]): (Sketch, [usize; 2])| {
-            let refined = embedding.refine(sketch, &guides[g], &schedules[s], size, &|_, _| ())?;
-            Some((refined, [g, s]))
+    for &size in sizes {
+        let draw = |(sketch, [g, s]): (Option<Sketch>, [usize; 2])| {
+            let (guide, schedule) = (&guides[g], &schedules[s]);
+            let drawn = match sketch {
+                Some(sketch) => embedding.refine(sketch, guide, schedule, size, &|_, _| ()),
+                None => embedding.sketch(guide, schedule, size),
+            };
+            drawn.map(|drawn| (Some(drawn), [g, s]))
         };
-        sketches = sketches.into_par_iter().filter_map(refine).collect();
-        sort(&mut sketches);
+        choices = choices.into_par_iter().filter_map(draw).collect();
+        choices.sort_by(|a, b| {
+            rating(&a.0)
+                .partial_cmp(&rating(&b.0))
+                .unwrap_or(std::cmp::Ordering::Equal)
+        });
+        let best = rating(&choices.first()?.0);
+        for (sketch, [g, _]) in choices.iter().rev() {
+            energies[*g] = rating(sketch).1;
+        }
+        let mut kept = vec![0; guides.len()];
+        choices.retain(|(sketch, [g, _])| {
+            let (missed, energy) = rating(sketch);
+            kept[*g] += 1;
+            kept[*g] <= KEPT && missed == best.0 && energy < HOPELESS * best.1
+        });
     }
-    let (sketch, choice) = sketches.into_iter().next()?;
-    Some((sketch, choice, energies))
+    let (sketch, choice) = choices.into_iter().next()?;
+    Some((sketch?, choice, energies))
 }
 
-/// The fewest missed pins first, then the least energy.
-fn sort(sketches: &mut [(Sketch, [usize; 2])]) {
-    let missed = |sketch: &Sketch| sketch.pinned.iter().filter(|&&is| !is).count();
-    sketches.sort_by(|(a, _), (b, _)| missed(a).cmp(&missed(b)).then(a.energy.total_cmp(&b.energy)));
+/// Missed pins, of which the fewest are best, and the energy.
+fn rating(sketch: &Option<Sketch>) -> (usize, f64) {
+    sketch.as_ref().map_or((usize::MAX, f64::INFINITY), |sketch| {
+        (sketch.pinned.iter().filter(|&&is| !is).count(), sketch.energy)
+    })
 }
