@@ -1,6 +1,6 @@
 //! Similarities that lay one solid over another of any connectivity.
 //!
-//! Principal axes of the surfaces give starts, which the iterated closest point method improves (Besl & McKay, *A method
+//! Principal axes of the surfaces and the coordinates as they are give starts, which the iterated closest point method improves (Besl & McKay, *A method
 //! for registration of 3-D shapes*, IEEE PAMI 14, 1992), at the end with distances to tangent planes (Chen & Medioni,
 //! *Object modelling by registration of multiple range images*, Image Vis. Comput. 10, 1992). Points of either surface
 //! look for partners on the other, so that a limb that only one of them has is not passed over; partners face the same
@@ -57,6 +57,8 @@ pub struct Body {
     query: OrientedQuery,
     /// Well-spread points with their normals, in the frame; every prefix is a coarser choice.
     samples: Vec<(Point, Vector)>,
+    /// What the query answers for the samples that partners are sought among: where other queries near them begin.
+    found: Vec<OrientedPoint>,
     /// Principal axes as columns, right-handed, the longest first.
     axes: Matrix3,
     /// Mean squares along them.
@@ -65,6 +67,23 @@ pub struct Body {
     diagonal: f64,
     vertices: Vec<Point>,
     normals: Vec<Vector>,
+}
+
+/// Where an alignment was found from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum AlignmentStart {
+    /// The solids as they lie, moved and scaled only.
+    AsGiven,
+    /// The domain turned so that coordinate axes meet coordinate axes.
+    CoordinateAxes,
+    /// Principal axes laid on principal axes.
+    PrincipalAxes,
+    /// One of the rotations spread evenly.
+    Spread,
+    /// Pairs of points.
+    Landmarks,
 }
 
 /// A similarity from the domain to the target, and how well it fits.
@@ -77,13 +96,15 @@ pub struct Alignment {
     pub residual: f64,
     /// The same of the distance alone.
     pub distance: f64,
+    /// Where it was found from.
+    pub start: AlignmentStart,
 }
 
 /// The best alignments of two solids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignments {
-    /// Proper ones, at least 20° apart, the least residual first; at least one, at most six. Those that come close to
-    /// the first say that it is ambiguous.
+    /// Proper ones, at least 20° apart, the least residual first; at least one, at most six. What the solids as they lie
+    /// lead to is among them. Those that come close to the first say that it is ambiguous.
     pub best: Vec<Alignment>,
     /// The best one with a reflection. Where its residual is much less than that of the best proper one, the target looks
     /// like the mirror image of the domain.
@@ -105,17 +126,23 @@ impl Alignments {
 
 /// Length that a normal is worth, as a fraction of the target's diagonal.
 pub(super) const REACH: f64 = 0.1;
-/// Points of a surface that look for partners among those of the other one, while there are many alignments; then on its
-/// triangles, when few are left.
-const FEW: usize = 250;
+/// Points of a surface that look for partners: to choose among the starts, to improve them, to refine what is left.
+const FEW: usize = 120;
+const SOME: usize = 250;
 const MANY: usize = 1000;
-/// Points that partners are sought among in the first stages.
+/// Points that look for partners on the triangles.
+const ON_TRIANGLES: usize = 400;
+/// Points that partners are sought among.
 const CANDIDATES: usize = 600;
 /// Starts kept by their residual as they are, and alignments kept after the first stage.
-const STARTS: usize = 24;
+const STARTS: usize = 20;
 const FINALISTS: usize = 6;
-const COARSE_STEPS: usize = 10;
-const FINE_STEPS: usize = 25;
+/// Starts of the mirrored search.
+const MIRRORED_STARTS: usize = 6;
+const COARSE_STEPS: usize = 8;
+const FINE_STEPS: usize = 12;
+/// Steps on triangles.
+const LAST_STEPS: usize = 6;
 /// Alignments closer than this angle are one.
 const APART: f64 = 20.0 * PI / 180.0;
 /// Mean squares along two axes closer than this factor leave it open which is which.
@@ -162,9 +189,12 @@ impl Body {
         let query = OrientedQuery::new(&framed, &normals).ok_or(AlignError::NoArea { side })?;
         let (axes, extents) = principal_axes(&(covariance / (radius * radius)));
         let samples = samples(&framed, &normals);
+        let reach = REACH * framed.diagonal();
+        let found = query.closest_of_all(&samples[..CANDIDATES.min(samples.len())], reach, &[]);
         Ok(Self {
             to_frame,
             query,
+            found,
             axes: towards_the_long_end(&axes, &samples),
             samples,
             extents,
@@ -199,8 +229,7 @@ impl Body {
 /// turned, moved or scaled, so is it, to about a thousandth of the diagonal. Costs seconds, whatever the size.
 pub fn align(domain: &Body, target: &Body) -> Alignments {
     let pair = Pair::new(domain, target);
-    let (mut best, mirrored) = rayon::join(|| pair.search(1.0), || pair.search(-1.0));
-    best.truncate(FINALISTS);
+    let (best, mirrored) = rayon::join(|| pair.search(1.0), || pair.search(-1.0));
     Alignments {
         best,
         mirrored: mirrored[0],
@@ -243,7 +272,7 @@ pub fn align_by_landmarks(
             .expect("the landmarks are finite and not all in one place")
     };
     let start = fitted(1.0);
-    let refined = pair.refine(&pair.refine(&start, &framed, Among::Samples), &framed, Among::Triangles);
+    let refined = pair.refine(&pair.refine(&start, &framed, Effort::SAMPLES), &framed, Effort::LANDMARKS);
     let misfit = |s: &Similarity| {
         framed
             .iter()
@@ -257,8 +286,8 @@ pub fn align_by_landmarks(
         start
     };
     Ok(Alignments {
-        best: vec![pair.describe(&kept)],
-        mirrored: pair.describe(&fitted(-1.0)),
+        best: vec![pair.describe(&kept, AlignmentStart::Landmarks)],
+        mirrored: pair.describe(&fitted(-1.0), AlignmentStart::Landmarks),
     })
 }
 
@@ -281,7 +310,7 @@ struct Partners {
 struct Partner {
     point: Point,
     normal: Vector,
-    /// Normal of the tangent plane, which on a triangle is not that interpolated from its corners.
+    /// Normal of the plane that the distance is measured from to first order.
     plane: Vector,
     distance_squared: f64,
     /// On the triangles, if it was sought there.
@@ -293,6 +322,40 @@ struct Partner {
 enum Among {
     Samples,
     Triangles,
+}
+
+/// How far an alignment is refined.
+#[derive(Clone, Copy)]
+struct Effort {
+    among: Among,
+    count: usize,
+    steps: usize,
+}
+
+impl Effort {
+    const SAMPLES: Self = Self {
+        among: Among::Samples,
+        count: MANY / 2,
+        steps: FINE_STEPS,
+    };
+    const TRIANGLES: Self = Self {
+        among: Among::Triangles,
+        count: ON_TRIANGLES,
+        steps: LAST_STEPS,
+    };
+    const LANDMARKS: Self = Self {
+        among: Among::Triangles,
+        count: MANY,
+        steps: FINE_STEPS,
+    };
+}
+
+/// A similarity with its residual and where it was found from.
+#[derive(Clone, Copy)]
+struct Candidate {
+    residual: f64,
+    similarity: Similarity,
+    start: AlignmentStart,
 }
 
 /// A point carried over from the domain and a point of the target that it should meet, with the normal that the distance
@@ -316,29 +379,27 @@ impl<'a> Pair<'a> {
 
     /// Distinct alignments with orthogonal parts of determinant `sign`, the best first.
     fn search(&self, sign: f64) -> Vec<Alignment> {
-        let mut starts: Vec<(f64, Similarity)> = self
-            .starts(sign)
-            .into_par_iter()
-            .map(|start| {
-                let partners = self.partners(&start, FEW / 2, Among::Samples, &Partners::default());
-                (self.residual(&start, &partners), start)
-            })
-            .collect();
-        sort(&mut starts);
-        starts.truncate(STARTS);
-        let mut improved: Vec<(f64, Similarity)> = starts
-            .par_iter()
-            .map(|(_, start)| self.improve_coarsely(start))
-            .collect();
-        sort(&mut improved);
-        let finalists = distinct(improved, FINALISTS);
         // Only the best reflection is asked for.
-        let kept = if sign > 0.0 { FINALISTS } else { 2 };
-        let mut refined: Vec<(Alignment, Similarity)> = finalists[..kept.min(finalists.len())]
+        let (most_starts, most) = if sign > 0.0 { (STARTS, FINALISTS) } else { (MIRRORED_STARTS, 2) };
+        let scored = |(start, similarity)| Candidate {
+            residual: self.residual(
+                &similarity,
+                &self.partners(&similarity, FEW, Among::Samples, &Partners::default()),
+            ),
+            similarity,
+            start,
+        };
+        let starts = self.starts(sign).into_par_iter().map(scored).collect();
+        let improved = distinct(starts, most_starts)
             .par_iter()
-            .map(|(_, s)| {
-                let refined = self.refine(&self.refine(s, &[], Among::Samples), &[], Among::Triangles);
-                (self.describe(&refined), refined)
+            .map(|start| self.improve_coarsely(start))
+            .collect();
+        let mut refined: Vec<(Alignment, Similarity)> = distinct(improved, most)
+            .par_iter()
+            .map(|Candidate { similarity, start, .. }| {
+                let refined = self.refine(similarity, &[], Effort::SAMPLES);
+                let refined = self.refine(&refined, &[], Effort::TRIANGLES);
+                (self.describe(&refined, *start), refined)
             })
             .collect();
         refined.sort_by(|a, b| a.0.residual.total_cmp(&b.0.residual));
@@ -354,63 +415,84 @@ impl<'a> Pair<'a> {
         best.into_iter().map(|(alignment, _)| alignment).collect()
     }
 
-    fn starts(&self, sign: f64) -> Vec<Similarity> {
+    fn starts(&self, sign: f64) -> Vec<(AlignmentStart, Similarity)> {
         let turned = |choice: &Matrix3| self.target.axes * choice * self.domain.axes.transpose();
-        let mut rotations: Vec<Matrix3> = axis_choices(sign).iter().map(turned).collect();
+        let choices = axis_choices(sign);
+        let as_given = |r: &Matrix3| {
+            if *r == Matrix3::identity() {
+                AlignmentStart::AsGiven
+            } else {
+                AlignmentStart::CoordinateAxes
+            }
+        };
+        let mut rotations: Vec<(AlignmentStart, Matrix3)> = choices.iter().map(|r| (as_given(r), *r)).collect();
+        rotations.extend(choices.iter().map(|r| (AlignmentStart::PrincipalAxes, turned(r))));
         if self.domain.has_axes_alike() || self.target.has_axes_alike() {
             // In the axes too, so that the result turns with the solids.
-            rotations.extend(spread_rotations(SPREAD).iter().map(|r| turned(&(sign * r))));
+            let spread = spread_rotations(SPREAD);
+            rotations.extend(spread.iter().map(|r| (AlignmentStart::Spread, turned(&(sign * r)))));
         }
-        let start = |rotation| Similarity {
-            rotation,
-            ..Similarity::identity()
+        let start = |(start, rotation)| {
+            let similarity = Similarity {
+                rotation,
+                ..Similarity::identity()
+            };
+            (start, similarity)
         };
         rotations.into_iter().map(start).collect()
     }
 
     /// A few steps with few points, by distances between points: it comes from far.
-    fn improve_coarsely(&self, start: &Similarity) -> (f64, Similarity) {
-        let sign = start.rotation.determinant().signum();
-        let mut partners = self.partners(start, FEW, Among::Samples, &Partners::default());
-        let mut best = (self.residual(start, &partners), *start);
+    fn improve_coarsely(&self, start: &Candidate) -> Candidate {
+        let sign = start.similarity.rotation.determinant().signum();
+        let mut partners = self.partners(&start.similarity, SOME, Among::Samples, &Partners::default());
+        let mut best = Candidate {
+            residual: self.residual(&start.similarity, &partners),
+            ..*start
+        };
         for _ in 0..COARSE_STEPS {
-            let matches = self.matches(&best.1, &partners);
-            let inverse = best.1.inverse();
+            let matches = self.matches(&best.similarity, &partners);
+            let inverse = best.similarity.inverse();
             let pairs: Vec<(Point, Point, f64)> = matches
                 .iter()
                 .map(|m| (inverse.apply(&m.moved), m.fixed, m.weight + 1e-3))
                 .collect();
-            let Some(next) = similarity(&pairs, sign, Some(best.1.scale)) else {
+            let Some(next) = similarity(&pairs, sign, Some(best.similarity.scale)) else {
                 break;
             };
-            partners = self.partners(&next, FEW, Among::Samples, &partners);
+            partners = self.partners(&next, SOME, Among::Samples, &partners);
             let residual = self.residual(&next, &partners);
-            if residual >= best.0 {
+            if residual >= best.residual {
                 break;
             }
-            best = (residual, next);
+            best = Candidate {
+                residual,
+                similarity: next,
+                ..best
+            };
         }
         best
     }
 
     /// Damped Gauss-Newton steps on distances along normals (Levenberg-Marquardt), as long as the residual falls.
-    fn refine(&self, start: &Similarity, landmarks: &[(Point, Point, f64)], among: Among) -> Similarity {
+    fn refine(&self, start: &Similarity, landmarks: &[(Point, Point, f64)], effort: Effort) -> Similarity {
+        let Effort { among, count, steps } = effort;
         let mut best = *start;
-        let mut partners = self.partners(&best, MANY, among, &Partners::default());
+        let mut partners = self.partners(&best, count, among, &Partners::default());
         let mut cost = self.cost(&best, &partners, landmarks);
         let mut damping = 1e-3;
-        for _ in 0..FINE_STEPS {
+        for _ in 0..steps {
             let (hessian, gradient) = self.normal_equations(&best, &partners, landmarks);
             let Some(next) = step(&best, &hessian, &gradient, damping) else {
                 break;
             };
-            let found = self.partners(&next, MANY, among, &partners);
+            let found = self.partners(&next, count, among, &partners);
             let next_cost = self.cost(&next, &found, landmarks);
             if next_cost < cost {
                 let gain = (cost - next_cost) / cost;
                 (best, partners, cost) = (next, found, next_cost);
                 damping = (damping * 0.1).max(1e-12);
-                if gain < 1e-6 {
+                if gain < 1e-4 {
                     break;
                 }
             } else if damping > 1.0 {
@@ -504,8 +586,8 @@ impl<'a> Pair<'a> {
     }
 
     /// The similarity in coordinates of the two solids, and its residuals with all samples.
-    fn describe(&self, s: &Similarity) -> Alignment {
-        let partners = self.partners(s, MANY, Among::Triangles, &Partners::default());
+    fn describe(&self, s: &Similarity, start: AlignmentStart) -> Alignment {
+        let partners = self.partners(s, MANY / 2, Among::Triangles, &Partners::default());
         let gaps = |points: &[(Point, Vector)], map: &Similarity, found: &[Partner]| {
             let sum: f64 = points
                 .iter()
@@ -520,6 +602,7 @@ impl<'a> Pair<'a> {
             similarity: self.target.to_frame.inverse().after(s).after(&self.domain.to_frame),
             residual: self.residual(s, &partners) / self.target.diagonal,
             distance: (0.5 * (forward + backward)).sqrt() / self.target.diagonal,
+            start,
         }
     }
 }
@@ -540,14 +623,25 @@ fn partners_on(
     let partner = |(i, (p, n)): (usize, &(Point, Vector))| {
         let (p, n) = (map.apply(p), map.rotation * n);
         match among {
-            Among::Samples => closest_sample(onto, &p, &n, reach),
+            Among::Samples => {
+                let (index, distance_squared) = closest_sample(onto, &p, &n, reach);
+                let (point, normal) = onto.samples[index];
+                Partner {
+                    point,
+                    normal,
+                    plane: normal,
+                    distance_squared,
+                    found: None,
+                }
+            }
             Among::Triangles => {
                 let near = near.get(i).and_then(|partner| partner.found);
+                let near = near.or_else(|| onto.found.get(closest_sample(onto, &p, &n, reach).0).copied());
                 let found = onto.query.closest(&p, &n, reach, near.as_ref());
                 Partner {
                     point: found.point,
                     normal: found.normal,
-                    plane: onto.query.face_normal(&found),
+                    plane: plane_of(onto, &p, &found),
                     distance_squared: found.distance_squared,
                     found: Some(found),
                 }
@@ -558,20 +652,24 @@ fn partners_on(
     samples.par_iter().enumerate().with_min_len(64).map(partner).collect()
 }
 
-fn closest_sample(onto: &Body, p: &Point, n: &Vector, reach: f64) -> Partner {
+/// Index of the closest of the first samples, and the square of its distance.
+fn closest_sample(onto: &Body, p: &Point, n: &Vector, reach: f64) -> (usize, f64) {
     let squared = |(q, m): &(Point, Vector)| (p - q).norm_squared() + reach * reach * (n - m).norm_squared();
-    let candidates = &onto.samples[..CANDIDATES.min(onto.samples.len())];
-    let start = (f64::INFINITY, &candidates[0]);
-    let (distance_squared, (point, normal)) = candidates.iter().fold(start, |best, sample| {
+    let candidates = onto.samples[..CANDIDATES.min(onto.samples.len())].iter().enumerate();
+    candidates.fold((0, f64::INFINITY), |best, (index, sample)| {
         let here = squared(sample);
-        if here < best.0 { (here, sample) } else { best }
-    });
-    Partner {
-        point: *point,
-        normal: *normal,
-        plane: *normal,
-        distance_squared,
-        found: None,
+        if here < best.1 { (index, here) } else { best }
+    })
+}
+
+/// The direction to the closest point, along which the distance changes. On an edge several triangles have that point, and
+/// rounding would choose among their normals; they count only where the direction is lost to rounding.
+fn plane_of(onto: &Body, p: &Point, found: &OrientedPoint) -> Vector {
+    let offset = p - found.point;
+    if offset.norm() > 1e-6 * onto.diagonal {
+        offset.normalize()
+    } else {
+        onto.query.face_normal(found)
     }
 }
 
@@ -612,23 +710,28 @@ fn orthogonal(r: &Matrix3) -> Matrix3 {
     0.5 * r * (Matrix3::from_diagonal_element(3.0) - r.transpose() * r)
 }
 
-fn sort(alignments: &mut [(f64, Similarity)]) {
+/// The best `count` of those that are not close to a better one, and what began with the solids as given.
+fn distinct(mut candidates: Vec<Candidate>, count: usize) -> Vec<Candidate> {
     // Stable, so that equals stay in the order of the starts.
-    alignments.sort_by(|a, b| a.0.total_cmp(&b.0));
-}
-
-/// The first `count` of those that are not close to an earlier one.
-fn distinct(sorted: Vec<(f64, Similarity)>, count: usize) -> Vec<(f64, Similarity)> {
-    let mut kept: Vec<(f64, Similarity)> = Vec::with_capacity(count);
-    for (residual, s) in sorted {
-        let is_new = kept
-            .iter()
-            .all(|(_, other)| angle_between(&s.rotation, &other.rotation) > APART);
-        if kept.len() < count && is_new {
-            kept.push((residual, s));
+    candidates.sort_by(|a, b| a.residual.total_cmp(&b.residual));
+    let mut kept: Vec<Candidate> = Vec::with_capacity(count);
+    for next in &candidates {
+        if kept.len() < count && !kept.iter().any(|other| is_same(other, next)) {
+            kept.push(*next);
         }
     }
+    let is_given = |c: &&Candidate| c.start == AlignmentStart::AsGiven;
+    if let Some(given) = candidates.iter().find(is_given)
+        && !kept.iter().any(|other| is_same(other, given))
+    {
+        kept.truncate(count - 1);
+        kept.push(*given);
+    }
     kept
+}
+
+fn is_same(a: &Candidate, b: &Candidate) -> bool {
+    angle_between(&a.similarity.rotation, &b.similarity.rotation) <= APART
 }
 
 /// Angle of the rotation from one orthogonal matrix to another of the same determinant.

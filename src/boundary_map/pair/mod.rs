@@ -17,7 +17,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-pub use alignment::{AlignError, Alignment, Alignments, Body, align, align_by_landmarks};
+pub use alignment::{AlignError, Alignment, AlignmentStart, Alignments, Body, align, align_by_landmarks};
 pub use embedding::Schedule;
 pub use landmarks::{LandmarkError, Landmarks};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
