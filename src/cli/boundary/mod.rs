@@ -2,6 +2,7 @@
 
 mod check;
 mod pictures;
+pub mod sphere;
 
 use super::Outcome;
 use super::args::BoundaryCommand;
@@ -11,5 +12,6 @@ use super::output::Output;
 pub fn run(command: &BoundaryCommand, output: &Output) -> anyhow::Result<Outcome> {
     match command {
         BoundaryCommand::Check(args) => check::run(args, output),
+        BoundaryCommand::Sphere(args) => sphere::run(args, output),
     }
 }
