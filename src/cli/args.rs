@@ -46,7 +46,7 @@ pub enum Command {
     Tet(TetArgs),
     /// Make the surface at a distance outside of a model
     Offset(OffsetArgs),
-    /// Look into maps of boundary surfaces
+    /// Make maps of boundary surfaces, and look into them
     #[command(subcommand)]
     Boundary(BoundaryCommand),
     /// Fit the harmonic map of a solid to a map of its boundary
@@ -122,6 +122,51 @@ pub enum BoundaryCommand {
     Pair(BoundaryPairArgs),
     /// Say whether a boundary map is one to one, how well it covers its target, and how far it distorts
     Check(BoundaryCheckArgs),
+    /// Map a closed surface of genus 0 to the unit sphere, one to one
+    Sphere(BoundarySphereArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct BoundarySphereArgs {
+    /// Boundary of the solid to map, or a tet mesh of it
+    pub model: PathBuf,
+    /// Mesh to write: MODEL's boundary with every vertex on the unit sphere (.obj, .ply, .off)
+    #[arg(short, long, value_name = "IMAGE")]
+    pub output: PathBuf,
+    /// What is kept
+    #[arg(long, value_enum, default_value_t = SphereEnergyKind::Balanced)]
+    pub energy: SphereEnergyKind,
+    /// Where the optimisation starts
+    #[arg(long, value_enum, default_value_t = SphereStartKind::Progressive)]
+    pub start: SphereStartKind,
+    /// Also write the boundary map, which says where every point goes, for `fit --boundary`
+    #[arg(long, value_name = "FILE")]
+    pub boundary: Option<PathBuf>,
+    /// Write a picture: model and sphere painted with one pattern, and coloured by distortion
+    #[arg(long, value_name = "FILE")]
+    pub png: Option<PathBuf>,
+    /// Write the model with directions and distortions, for ParaView (.vtu)
+    #[arg(long, value_name = "FILE")]
+    pub vtu: Option<PathBuf>,
+    /// Axis that points up in the picture
+    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
+    pub up: AxisKind,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SphereEnergyKind {
+    /// Angles, with areas in bounds
+    Balanced,
+    /// Angles alone: limbs shrink to specks
+    Conformal,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SphereStartKind {
+    /// A drawing that grows vertex by vertex and never folds
+    Progressive,
+    /// The conformalised mean curvature flow, where it neither folds nor shrinks limbs to specks
+    Flow,
 }
 
 #[derive(Debug, Args)]
@@ -207,12 +252,15 @@ pub struct FitArgs {
         long,
         value_name = "IMAGE",
         requires = "domain",
-        required_unless_present = "boundary"
+        required_unless_present_any = ["boundary", "target"]
     )]
     pub image: Option<PathBuf>,
     /// Boundary map that says where every point goes, not vertices alone
     #[arg(long, value_name = "FILE", conflicts_with = "image")]
     pub boundary: Option<PathBuf>,
+    /// `sphere`, or the boundary of a solid: the boundary map is made as `boundary sphere` and `boundary pair` make it
+    #[arg(long, value_name = "MODEL", requires = "domain", conflicts_with_all = ["image", "boundary"])]
+    pub target: Option<PathBuf>,
     /// Map file to write (safetensors)
     #[arg(short, long, value_name = "MAP")]
     pub output: PathBuf,

@@ -3,6 +3,7 @@
 mod check;
 pub mod pair;
 mod pictures;
+pub mod sphere;
 mod write;
 
 use super::Outcome;
@@ -14,5 +15,6 @@ pub fn run(command: &BoundaryCommand, output: &Output) -> anyhow::Result<Outcome
     match command {
         BoundaryCommand::Pair(args) => pair::run(args, output),
         BoundaryCommand::Check(args) => check::run(args, output),
+        BoundaryCommand::Sphere(args) => sphere::run(args, output),
     }
 }
