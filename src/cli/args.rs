@@ -124,11 +124,13 @@ pub enum BoundaryCommand {
 
 #[derive(Debug, Args)]
 pub struct BoundaryCheckArgs {
-    /// Boundary of the solid being mapped, or a tet mesh of it
+    /// Boundary of the solid being mapped, or a tet mesh of it; a boundary file needs none
+    #[arg(value_name = "DOMAIN")]
     pub domain: PathBuf,
-    /// DOMAIN's mesh with every vertex at its image
-    pub image: PathBuf,
-    /// Surface that the image is to cover [default: the sphere that the image lies on, if it does]
+    /// DOMAIN's mesh with every vertex at its image, or a boundary file
+    #[arg(value_name = "IMAGE|FILE")]
+    pub image: Option<PathBuf>,
+    /// Surface that the image is to cover [default: that of the boundary file, or the sphere that the image lies on]
     #[arg(long, value_name = "MODEL")]
     pub target: Option<PathBuf>,
     /// Distance that image and target may be apart, as a fraction of the target's diagonal
@@ -317,11 +319,20 @@ pub struct EnergyArgs {
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct CompareArgs {
-    /// Boundary of the solid to map, or a tet mesh of it
-    pub domain: PathBuf,
+    /// Boundary of the solid to map, or a tet mesh of it; with --boundary it may be left out
+    #[arg(required_unless_present = "boundary")]
+    pub domain: Option<PathBuf>,
     /// DOMAIN's mesh with every vertex at its image
-    #[arg(long, value_name = "IMAGE")]
-    pub image: PathBuf,
+    #[arg(
+        long,
+        value_name = "IMAGE",
+        requires = "domain",
+        required_unless_present = "boundary"
+    )]
+    pub image: Option<PathBuf>,
+    /// Boundary map that says where every point goes, not vertices alone
+    #[arg(long, value_name = "FILE", conflicts_with = "image")]
+    pub boundary: Option<PathBuf>,
     /// Methods to compare
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MapMethod::Mfs, MapMethod::Fem, MapMethod::Variational, MapMethod::MeanValue])]
     pub methods: Vec<MapMethod>,
