@@ -118,8 +118,59 @@ pub struct OffsetArgs {
 
 #[derive(Debug, Subcommand)]
 pub enum BoundaryCommand {
+    /// Map the boundary of a solid one to one to that of another
+    Pair(BoundaryPairArgs),
     /// Say whether a boundary map is one to one, how well it covers its target, and how far it distorts
     Check(BoundaryCheckArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct BoundaryPairArgs {
+    /// Boundary of the solid to map, or a tet mesh of it; of genus 0
+    pub domain: PathBuf,
+    /// Boundary of the solid to map to, or a tet mesh of it; of genus 0
+    pub target: PathBuf,
+    #[command(flatten)]
+    pub pair: PairArgs,
+    #[command(flatten)]
+    pub outputs: BoundaryOutputs,
+}
+
+/// How a pair is mapped.
+#[derive(Debug, Args)]
+pub struct PairArgs {
+    /// Vertices of DOMAIN that go to vertices of the target, counted from 0: a file of two columns, or two files of one
+    #[arg(long, num_args = 1..=2, value_name = "FILE")]
+    pub landmarks: Vec<PathBuf>,
+    /// `targets` lays the solids over each other; `conformal` maps both to the sphere and turns one
+    #[arg(long, value_enum, default_value_t = ViaKind::Targets)]
+    pub via: ViaKind,
+    /// Leave the map as it is first found: faster, and with more distortion
+    #[arg(long)]
+    pub no_improve: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ViaKind {
+    Targets,
+    Conformal,
+}
+
+/// What the commands that make boundary maps write.
+#[derive(Debug, Args)]
+pub struct BoundaryOutputs {
+    /// DOMAIN's mesh with every vertex at its image: .obj, .ply or .off
+    #[arg(short, long, value_name = "IMAGE")]
+    pub output: PathBuf,
+    /// Write the map at every point of the surface, for `fit --boundary`: .safetensors
+    #[arg(long, value_name = "FILE")]
+    pub boundary: Option<PathBuf>,
+    /// Write a picture: both surfaces painted with one pattern, and coloured by distortion
+    #[arg(long, value_name = "FILE")]
+    pub png: Option<PathBuf>,
+    /// Axis that points up in the picture
+    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
+    pub up: AxisKind,
 }
 
 #[derive(Debug, Args)]

@@ -23,8 +23,9 @@ pub(crate) use energy::{Element, Energy, Objective, Pull, RestShapes, Weights};
 pub(crate) use hierarchy::Hierarchy;
 pub(crate) use kernel::det;
 pub use locate::Locator;
+pub(crate) use moebius::Moebius;
 pub(crate) use newton::{Newton, NewtonError, NewtonOptions};
-pub(crate) use progressive::{Drawing, embed};
+pub(crate) use progressive::Drawing;
 pub(crate) use relax::{Relaxation, Rest, newton_step};
 pub use spherical_map::{SphericalError, SphericalMap, require_sphere};
 

@@ -1,0 +1,61 @@
+//! What the commands that make boundary maps write.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
+use solidmap::io::{self, BoundaryFile, BoundaryMetadata, Provenance};
+
+use super::pictures;
+use crate::cli::args::BoundaryOutputs;
+use crate::cli::input;
+use crate::cli::output::Output;
+
+impl BoundaryOutputs {
+    /// Refuses outputs that cannot be written, or that are inputs, before any work is done.
+    pub fn require_writable(&self, inputs: &[&Path]) -> anyhow::Result<()> {
+        let mut others = inputs.to_vec();
+        let named: [(Option<&PathBuf>, &[&str]); 3] = [
+            (Some(&self.output), &["obj", "ply", "off"]),
+            (self.boundary.as_ref(), &["safetensors"]),
+            (self.png.as_ref(), &["png"]),
+        ];
+        for (path, extensions) in named {
+            if let Some(path) = path {
+                input::require_writable(path, extensions, &others)?;
+                others.push(path);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Writes the image, and where asked for the map itself and its picture. `inputs` are files by their roles.
+pub fn outputs(
+    map: &BoundaryMap,
+    outputs: &BoundaryOutputs,
+    inputs: &[(&str, &Path)],
+    output: &Output,
+) -> anyhow::Result<()> {
+    if let Some(path) = &outputs.boundary {
+        let of = |(role, path): &(&str, &Path)| {
+            Provenance::of(role, path).with_context(|| format!("cannot read `{}`", path.display()))
+        };
+        let origins: Vec<Provenance> = inputs.iter().map(of).collect::<anyhow::Result<_>>()?;
+        let file = BoundaryFile {
+            boundary: map.clone(),
+            metadata: BoundaryMetadata::new(origins),
+        };
+        io::write_boundary(path, &file)?;
+    }
+    if let Some(path) = &outputs.png {
+        output.progress("drawing");
+        let checked = check(map, map.target_surface(), &BoundaryCheckOptions::default(), None)?;
+        let figure = pictures::boundary(map, &checked, outputs.up.into())?;
+        let bytes = figure.to_png()?;
+        io::atomic_write(path, |writer| writer.write_all(&bytes))?;
+    }
+    io::write_surface(&outputs.output, &map.target())?;
+    Ok(())
+}
