@@ -19,7 +19,7 @@ use solidmap::report::Axis;
 use super::args::{CompareArgs, MapMethod, Mesher};
 use super::input::BoundarySource;
 use super::output::Output;
-use super::{Outcome, input, interrupt};
+use super::{Outcome, interrupt};
 use job::{Cut, Figures, Job, Row, SAMPLES, SECTION_IMAGES, SequenceFigures, Task};
 use worker::Reference;
 
