@@ -21,7 +21,6 @@ const CELLS: usize = 16;
 const TRIANGLES: usize = 400_000;
 
 /// A surface to show, with what it is coloured by.
-#[derive(Clone)]
 struct Shown {
     name: &'static str,
     mesh: SurfaceMesh,
@@ -31,7 +30,6 @@ struct Shown {
 }
 
 /// Of the map, per triangle of a surface.
-#[derive(Clone)]
 struct Distortion {
     area: Vec<f64>,
     angle: Vec<f64>,
@@ -129,32 +127,41 @@ fn through_sphere(map: &BoundaryMap, back: BoundaryMap) -> [Shown; 2] {
     ]
 }
 
-/// The sphere, with the field as it comes from the domain, and how either surface is distorted on it.
+/// The sphere, with the field as it comes from the domain, and how areas of either surface are distorted on it.
 fn between(surfaces: [&SphericalMap; 2], pattern: Pattern, [front, back]: [&Camera; 2]) -> anyhow::Result<Vec<Panel>> {
-    let mut panels = vec![];
-    for (surface, name) in surfaces
-        .into_iter()
-        .zip(["Sphere, area of domain", "Sphere, area of target"])
-    {
+    let mut spheres = vec![];
+    let (mut values, mut weights) = (vec![], vec![]);
+    for surface in surfaces {
         let fine = refined(BoundaryMap::onto_sphere(surface.clone())?);
-        let shown = Shown {
+        let distortion = Distortion::of(fine.domain(), fine.image(), |ratio| ratio);
+        if let Some(distortion) = &distortion {
+            values.extend_from_slice(&distortion.area);
+            let areas = areas(fine.domain());
+            let total: f64 = areas.iter().sum();
+            weights.extend(areas.iter().map(|area| area / total));
+        }
+        spheres.push(Shown {
             name: "Sphere",
             mesh: fine.target(),
             places: fine.domain().vertices().to_vec(),
-            distortion: Distortion::of(fine.domain(), fine.image(), |ratio| ratio),
-        };
-        if panels.is_empty() {
-            panels.push(shown.painted(pattern, front, "")?);
-            panels.push(shown.painted(pattern, back, ", from behind")?);
-        }
-        if let Some([bar, _]) = bars(&Shown {
-            mesh: fine.domain().clone(),
-            ..shown.clone()
-        })? {
-            let panel = shown.measured(Kind::Area, &bar, front)?;
-            panels.extend(panel.map(|panel| panel.titled(name).with_bar(&bar)));
-        }
+            distortion,
+        });
     }
+    let mut panels = vec![
+        spheres[0].painted(pattern, front, "")?,
+        spheres[0].painted(pattern, back, ", from behind")?,
+    ];
+    // One scale for both, at the end of the row.
+    let bar = area_bar(&values, &weights)?;
+    for (sphere, title) in spheres
+        .iter()
+        .zip(["Sphere, area from domain", "Sphere, area from target"])
+    {
+        let panel = sphere.measured(Kind::Area, &bar, front)?;
+        panels.extend(panel.map(|panel| panel.titled(title)));
+    }
+    let last = panels.pop().map(|panel| panel.with_bar(&bar));
+    panels.extend(last);
     Ok(panels)
 }
 
@@ -182,16 +189,7 @@ fn bars(shown: &Shown) -> anyhow::Result<Option<[ColourBar; 2]>> {
     let Some(Distortion { area, angle }) = &shown.distortion else {
         return Ok(None);
     };
-    let areas: Vec<f64> = (0..shown.mesh.triangles().len())
-        .map(|t| shown.mesh.area_vector(t).norm())
-        .collect();
-    let most = bound(area.iter().map(|r| r.max(1.0 / r)), &areas);
-    let of_area = ColourBar::new(
-        "ratio of areas, 1 is the mean",
-        area.iter().copied(),
-        ValueRange::Fixed(1.0 / most, most),
-        Scale::Log,
-    )?;
+    let areas = areas(&shown.mesh);
     let most = bound(angle.iter().copied(), &areas);
     let of_angle = ColourBar::new(
         "σ₁/σ₂, 1 where angles are kept",
@@ -199,7 +197,23 @@ fn bars(shown: &Shown) -> anyhow::Result<Option<[ColourBar; 2]>> {
         ValueRange::Fixed(1.0, most),
         Scale::Log,
     )?;
-    Ok(Some([of_area, of_angle]))
+    Ok(Some([area_bar(area, &areas)?, of_angle]))
+}
+
+fn area_bar(ratios: &[f64], weights: &[f64]) -> anyhow::Result<ColourBar> {
+    let most = bound(ratios.iter().map(|r| r.max(1.0 / r)), weights);
+    Ok(ColourBar::new(
+        "ratio of areas, 1 is the mean",
+        ratios.iter().copied(),
+        ValueRange::Fixed(1.0 / most, most),
+        Scale::Log,
+    )?)
+}
+
+fn areas(mesh: &SurfaceMesh) -> Vec<f64> {
+    (0..mesh.triangles().len())
+        .map(|t| mesh.area_vector(t).norm())
+        .collect()
 }
 
 /// What 99 % of the area do not exceed, within what colours can tell apart.
