@@ -386,7 +386,8 @@ fn distortion_through_the_sphere_is_that_of_the_true_map() {
     let report = checked(&map, None);
     assert_eq!(report.by_sphere.as_ref().unwrap().cuts, MOST_CUTS);
     assert!((report.distortion.unwrap().length.max - 1.0).abs() < 1e-9, "{report}");
-    // From the cube onto the sphere, areas change by 3√3 from the middle of a face to a corner.
+    // From the cube onto the sphere, areas at distance r from the centre change by 1/r³, and by 0.52 in the mean: by 1.9
+    // in the middle of a face, if the triangles are small enough to see it.
     let map = BoundaryMap::onto_sphere(drawn_by_rays(shapes::cube(2.0, 1))).unwrap();
     let report = checked(&map, None);
     assert_eq!(report.verdict, Verdict::Bijective);
@@ -394,7 +395,7 @@ fn distortion_through_the_sphere_is_that_of_the_true_map() {
     let straight = BoundaryMap::new(map.domain().clone(), map.image().to_vec()).unwrap();
     let straight = checked(&straight, None).distortion.unwrap();
     assert!(
-        straight.area.max < 1.0 + 1e-12 && report.distortion.unwrap().area.max > 2.0,
+        straight.area.max < 1.0 + 1e-12 && report.distortion.unwrap().area.max > 1.8,
         "{report}"
     );
 }

@@ -232,9 +232,7 @@ impl<'a> Embedding<'a> {
         let mut before = f64::INFINITY;
         for _ in 0..turns {
             self.repair(drawing, lifted, &is_fixed);
-            let stepped = newton
-                .as_mut()
-                .map(|newton| self.step(newton, drawing, lifted, &shapes));
+            let stepped = newton.as_mut().map(|newton| self.step(newton, drawing, lifted, &shapes));
             if stepped.is_some_and(|result| result.is_err()) {
                 newton = None;
             }

@@ -28,8 +28,8 @@ use super::{BoundaryMap, BoundaryMapError, SurfaceDistortion};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
 use crate::spherical::{
-    Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SpherePhase, SphericalError, SphericalMap, certify,
-    map_to_sphere, require_sphere,
+    Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SpherePhase, SphericalError, SphericalMap, certify, map_to_sphere,
+    require_sphere,
 };
 use crate::{Point, Vector};
 use embedding::{Embedding, Guide, Pins, Sketch, best_sketch};
@@ -179,10 +179,7 @@ const SCHEDULES: [Schedule; 8] = [
     Schedule { pull: 10.0, until: 200 },
     Schedule { pull: 10.0, until: 800 },
     Schedule { pull: 100.0, until: 60 },
-    Schedule {
-        pull: 100.0,
-        until: 800,
-    },
+    Schedule { pull: 100.0, until: 800 },
 ];
 /// Vertices of the coarse drawings: of all, and of the better ones.
 const SKETCHES: [usize; 2] = [800, 1600];
@@ -320,9 +317,7 @@ impl Pair<'_> {
         }
         let turned = self.by_three_landmarks(&domain, &target).unwrap_or_else(|| {
             let rotation = self.rotation_of_landmarks(&domain, &target, &mut warnings);
-            let rotation = rotation
-                .or(matches.first().map(|found| found.rotation))
-                .unwrap_or_default();
+            let rotation = rotation.or(matches.first().map(|found| found.rotation)).unwrap_or_default();
             domain.directions().iter().map(|x| (rotation * x).normalize()).collect()
         });
         let align = self.elapsed();
@@ -408,8 +403,10 @@ impl Pair<'_> {
     fn hierarchy(&self) -> Result<Hierarchy, PairError> {
         let late: Vec<u32> = self.landmarks.pairs().iter().map(|pair| pair[0]).collect();
         let error = SphericalError::TooFine;
-        Hierarchy::new(self.domain.vertices(), self.domain.triangles(), &late)
-            .ok_or(PairError::Sphere { side: "domain", error })
+        Hierarchy::new(self.domain.vertices(), self.domain.triangles(), &late).ok_or(PairError::Sphere {
+            side: "domain",
+            error,
+        })
     }
 
     fn pins(&self, target: &SphericalMap) -> Pins {
@@ -478,8 +475,10 @@ impl Pair<'_> {
     fn report(&self, via: Via, target: SphericalMap, found: Found) -> Result<(BoundaryMap, PairReport), PairError> {
         (self.progress)(PairPhase::Measuring);
         let through = |directions: &[Vector]| -> Result<BoundaryMap, PairError> {
-            let domain = SphericalMap::new(self.domain.clone(), directions)
-                .map_err(|error| PairError::Sphere { side: "domain", error })?;
+            let domain = SphericalMap::new(self.domain.clone(), directions).map_err(|error| PairError::Sphere {
+                side: "domain",
+                error,
+            })?;
             Ok(BoundaryMap::through_sphere(domain, target.clone())?)
         };
         let before = distortion(&through(&found.before)?);

@@ -37,12 +37,7 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<Outcome> 
     let domain = input::read_surface(&args.domain)?;
     let (map, report) = map_to(&domain, [&args.domain, &args.target], &args.pair, output)?;
     output.progress("writing");
-    write::outputs(
-        &map,
-        &args.outputs,
-        &[("domain", &args.domain), ("target", &args.target)],
-        output,
-    )?;
+    write::outputs(&map, &args.outputs, &[("domain", &args.domain), ("target", &args.target)], output)?;
     let report = Report {
         domain: args.domain.clone(),
         target: args.target.clone(),
@@ -118,10 +113,7 @@ fn summary(report: &Report) -> String {
         _ => format!("conformal maps of both, {} rotations", pair.alignments.len()),
     };
     let mut rows = vec![
-        [
-            "map".into(),
-            "one to one: no triangle flipped on the sphere, degree 1, decided exactly".into(),
-        ],
+        ["map".into(), "one to one: no triangle flipped on the sphere, degree 1, decided exactly".into()],
         ["way".into(), way],
     ];
     if pair.landmarks > 0 {
@@ -140,10 +132,7 @@ fn summary(report: &Report) -> String {
     ]);
     rows.push(["image".into(), report.image.display().to_string()]);
     if let Some(file) = &report.boundary {
-        rows.push([
-            "boundary map".into(),
-            format!("{}, for `solidmap fit --boundary`", file.display()),
-        ]);
+        rows.push(["boundary map".into(), format!("{}, for `solidmap fit --boundary`", file.display())]);
     }
     format!(
         "{}\n\n{}",
