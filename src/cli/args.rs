@@ -130,27 +130,14 @@ pub enum BoundaryCommand {
 pub struct BoundarySphereArgs {
     /// Boundary of the solid to map, or a tet mesh of it
     pub model: PathBuf,
-    /// Mesh to write: MODEL's boundary with every vertex on the unit sphere (.obj, .ply, .off)
-    #[arg(short, long, value_name = "IMAGE")]
-    pub output: PathBuf,
     /// What is kept
     #[arg(long, value_enum, default_value_t = SphereEnergyKind::Balanced)]
     pub energy: SphereEnergyKind,
     /// Where the optimisation starts
     #[arg(long, value_enum, default_value_t = SphereStartKind::Progressive)]
     pub start: SphereStartKind,
-    /// Also write the boundary map, which says where every point goes, for `fit --boundary`
-    #[arg(long, value_name = "FILE")]
-    pub boundary: Option<PathBuf>,
-    /// Write a picture: model and sphere painted with one pattern, and coloured by distortion
-    #[arg(long, value_name = "FILE")]
-    pub png: Option<PathBuf>,
-    /// Write the model with directions and distortions, for ParaView (.vtu)
-    #[arg(long, value_name = "FILE")]
-    pub vtu: Option<PathBuf>,
-    /// Axis that points up in the picture
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub up: AxisKind,
+    #[command(flatten)]
+    pub outputs: BoundaryOutputs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -204,15 +191,18 @@ pub enum ViaKind {
 /// What the commands that make boundary maps write.
 #[derive(Debug, Args)]
 pub struct BoundaryOutputs {
-    /// DOMAIN's mesh with every vertex at its image: .obj, .ply or .off
+    /// Mesh to write: the boundary that is mapped, with every vertex at its image (.obj, .ply, .off)
     #[arg(short, long, value_name = "IMAGE")]
     pub output: PathBuf,
-    /// Write the map at every point of the surface, for `fit --boundary`: .safetensors
+    /// Also write the map itself, which says where every point goes, for `fit --boundary` (.safetensors)
     #[arg(long, value_name = "FILE")]
     pub boundary: Option<PathBuf>,
     /// Write a picture: both surfaces painted with one pattern, and coloured by distortion
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
+    /// Write the surface with images and distortions, for ParaView (.vtu)
+    #[arg(long, value_name = "FILE")]
+    pub vtu: Option<PathBuf>,
     /// Axis that points up in the picture
     #[arg(long, value_enum, default_value_t = AxisKind::Z)]
     pub up: AxisKind,
@@ -220,11 +210,13 @@ pub struct BoundaryOutputs {
 
 #[derive(Debug, Args)]
 pub struct BoundaryCheckArgs {
-    /// Boundary of the solid being mapped, or a tet mesh of it
+    /// Boundary of the solid being mapped, or a tet mesh of it; a boundary file needs none
+    #[arg(value_name = "DOMAIN")]
     pub domain: PathBuf,
-    /// DOMAIN's mesh with every vertex at its image
-    pub image: PathBuf,
-    /// Surface that the image is to cover [default: the sphere that the image lies on, if it does]
+    /// DOMAIN's mesh with every vertex at its image, or a boundary file
+    #[arg(value_name = "IMAGE|FILE")]
+    pub image: Option<PathBuf>,
+    /// Surface that the image is to cover [default: that of the boundary file, or the sphere that the image lies on]
     #[arg(long, value_name = "MODEL")]
     pub target: Option<PathBuf>,
     /// Distance that image and target may be apart, as a fraction of the target's diagonal
@@ -261,6 +253,8 @@ pub struct FitArgs {
     /// `sphere`, or the boundary of a solid: the boundary map is made as `boundary sphere` and `boundary pair` make it
     #[arg(long, value_name = "MODEL", requires = "domain", conflicts_with_all = ["image", "boundary"])]
     pub target: Option<PathBuf>,
+    #[command(flatten, next_help_heading = "Boundary map, with --target MODEL")]
+    pub pair: PairArgs,
     /// Map file to write (safetensors)
     #[arg(short, long, value_name = "MAP")]
     pub output: PathBuf,
@@ -416,11 +410,20 @@ pub struct EnergyArgs {
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct CompareArgs {
-    /// Boundary of the solid to map, or a tet mesh of it
-    pub domain: PathBuf,
+    /// Boundary of the solid to map, or a tet mesh of it; with --boundary it may be left out
+    #[arg(required_unless_present = "boundary")]
+    pub domain: Option<PathBuf>,
     /// DOMAIN's mesh with every vertex at its image
-    #[arg(long, value_name = "IMAGE")]
-    pub image: PathBuf,
+    #[arg(
+        long,
+        value_name = "IMAGE",
+        requires = "domain",
+        required_unless_present = "boundary"
+    )]
+    pub image: Option<PathBuf>,
+    /// Boundary map that says where every point goes, not vertices alone
+    #[arg(long, value_name = "FILE", conflicts_with = "image")]
+    pub boundary: Option<PathBuf>,
     /// Methods to compare
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MapMethod::Mfs, MapMethod::Fem, MapMethod::Variational, MapMethod::MeanValue])]
     pub methods: Vec<MapMethod>,

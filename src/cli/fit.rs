@@ -11,8 +11,8 @@ use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::solver::{DenseOptions, Method, SchwarzOptions, Stop};
 use solidmap::spherical::SphereOptions;
 
-use super::args::{FitArgs, MethodArgs, MethodKind, PlacementKind};
-use super::boundary::sphere;
+use super::args::{FitArgs, MethodArgs, MethodKind, PairArgs, PlacementKind};
+use super::boundary::{pair, sphere};
 use super::output::{Output, pairs, peak_rss_bytes};
 use super::{Outcome, input};
 
@@ -33,10 +33,22 @@ struct Report {
 
 /// Where the boundary map comes from.
 enum Source<'a> {
-    Image { domain: &'a Path, image: &'a Path },
-    Boundary { file: &'a Path, domain: Option<&'a Path> },
-    Sphere { domain: &'a Path },
-    Target { domain: &'a Path, target: &'a Path },
+    Image {
+        domain: &'a Path,
+        image: &'a Path,
+    },
+    Boundary {
+        file: &'a Path,
+        domain: Option<&'a Path>,
+    },
+    Sphere {
+        domain: &'a Path,
+    },
+    Target {
+        domain: &'a Path,
+        target: &'a Path,
+        pair: &'a PairArgs,
+    },
 }
 
 /// What `--target` calls the unit sphere.
@@ -50,7 +62,10 @@ impl<'a> Source<'a> {
             (_, None, Some(file), None) => Ok(Self::Boundary { file, domain }),
             (Some(domain), Some(image), None, None) => Ok(Self::Image { domain, image }),
             (Some(domain), None, None, Some(target)) if target == Path::new(SPHERE) => Ok(Self::Sphere { domain }),
-            (Some(domain), None, None, Some(target)) => Ok(Self::Target { domain, target }),
+            (Some(domain), None, None, Some(target)) => {
+                let pair = &args.pair;
+                Ok(Self::Target { domain, target, pair })
+            }
             _ => anyhow::bail!("name a DOMAIN with its --image or --target, or a --boundary"),
         }
     }
@@ -64,7 +79,7 @@ impl<'a> Source<'a> {
                 domain.into_iter().chain([("boundary", file)]).collect()
             }
             Self::Sphere { domain } => vec![("domain", domain)],
-            Self::Target { domain, target } => vec![("domain", domain), ("target", target)],
+            Self::Target { domain, target, .. } => vec![("domain", domain), ("target", target)],
         }
     }
 
@@ -79,7 +94,7 @@ impl<'a> Source<'a> {
             Self::Image { domain, image } => input::read_boundary_map(domain, image),
             Self::Boundary { file, domain } => input::read_boundary_file(file, domain),
             Self::Sphere { domain } => onto_sphere(domain, output),
-            Self::Target { domain, target } => pair_with(domain, target),
+            Self::Target { domain, target, pair } => onto_model(domain, target, pair, output),
         }
     }
 }
@@ -92,12 +107,15 @@ fn onto_sphere(domain: &Path, output: &Output) -> anyhow::Result<BoundaryMap> {
 }
 
 /// The map of a solid's boundary to another's.
-fn pair_with(domain: &Path, target: &Path) -> anyhow::Result<BoundaryMap> {
-    anyhow::bail!(
-        "cannot map `{}` to `{}`: only `--target {SPHERE}` is known; for another solid give its --image or --boundary",
-        domain.display(),
-        target.display()
-    )
+fn onto_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> anyhow::Result<BoundaryMap> {
+    let surface = input::read_surface(domain)?;
+    let (map, report) = pair::map_to(&surface, [domain, target], args, output)?;
+    output.note(format_args!(
+        "boundary map in {:.1} s: one to one; symmetric Dirichlet energy {:.2} at the median and {:.3e} at most, 4 of an \
+         isometry. See `solidmap boundary pair`",
+        report.seconds.total, report.after.symmetric_dirichlet.p50, report.after.symmetric_dirichlet.max
+    ));
+    Ok(map)
 }
 
 /// Fits a map and writes it.

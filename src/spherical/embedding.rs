@@ -1,12 +1,13 @@
 //! From a surface to its map to the sphere: the hierarchy, the drawing level by level, Newton's method, the certificate.
 
 use super::cmcf::{FlowOptions, flow};
-use super::energy::{Energy, Objective, RestShapes, Weights};
+use super::energy::{Energy, Objective, Weights};
 use super::hierarchy::Hierarchy;
 use super::moebius::centre;
 use super::newton::{Newton, NewtonError, NewtonOptions, Stop};
 use super::progressive::{Drawing, embed};
 use super::relax::Relaxation;
+use super::rest::RestShapes;
 use super::{SphericalError, SphericalMap, certify, require_sphere};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;

@@ -272,7 +272,11 @@ pub fn align_by_landmarks(
             .expect("the landmarks are finite and not all in one place")
     };
     let start = fitted(1.0);
-    let refined = pair.refine(&pair.refine(&start, &framed, Effort::SAMPLES), &framed, Effort::LANDMARKS);
+    let refined = pair.refine(
+        &pair.refine(&start, &framed, Effort::SAMPLES),
+        &framed,
+        Effort::LANDMARKS,
+    );
     let misfit = |s: &Similarity| {
         framed
             .iter()
@@ -380,7 +384,11 @@ impl<'a> Pair<'a> {
     /// Distinct alignments with orthogonal parts of determinant `sign`, the best first.
     fn search(&self, sign: f64) -> Vec<Alignment> {
         // Only the best reflection is asked for.
-        let (most_starts, most) = if sign > 0.0 { (STARTS, FINALISTS) } else { (MIRRORED_STARTS, 2) };
+        let (most_starts, most) = if sign > 0.0 {
+            (STARTS, FINALISTS)
+        } else {
+            (MIRRORED_STARTS, 2)
+        };
         let scored = |(start, similarity)| Candidate {
             residual: self.residual(
                 &similarity,

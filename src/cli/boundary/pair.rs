@@ -21,8 +21,9 @@ struct Report {
     domain: PathBuf,
     target: PathBuf,
     image: PathBuf,
-    boundary: Option<PathBuf>,
+    boundary_file: Option<PathBuf>,
     png: Option<PathBuf>,
+    vtu: Option<PathBuf>,
     #[serde(flatten)]
     pair: PairReport,
     peak_rss_bytes: u64,
@@ -47,8 +48,9 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<Outcome> 
         domain: args.domain.clone(),
         target: args.target.clone(),
         image: args.outputs.output.clone(),
-        boundary: args.outputs.boundary.clone(),
+        boundary_file: args.outputs.boundary.clone(),
         png: args.outputs.png.clone(),
+        vtu: args.outputs.vtu.clone(),
         pair: report,
         peak_rss_bytes: peak_rss_bytes(),
     };
@@ -139,7 +141,7 @@ fn summary(report: &Report) -> String {
         format!("{:.0} MiB at most", report.peak_rss_bytes as f64 / 1048576.0),
     ]);
     rows.push(["image".into(), report.image.display().to_string()]);
-    if let Some(file) = &report.boundary {
+    if let Some(file) = &report.boundary_file {
         rows.push([
             "boundary map".into(),
             format!("{}, for `solidmap fit --boundary`", file.display()),

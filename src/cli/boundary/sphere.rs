@@ -5,16 +5,14 @@ use std::time::Instant;
 
 use anyhow::Context;
 use serde::Serialize;
-use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
-use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion, TriangleDistortion, triangle_distortions};
-use solidmap::io::{self, BoundaryFile, BoundaryMetadata, Cells, Field, Provenance, VtkFields};
+use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::mesh::SurfaceMesh;
 use solidmap::spherical::{
     Certificate, SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, SphericalMap, certify,
     map_to_sphere,
 };
 
-use super::pictures;
+use super::write;
 use crate::cli::args::{BoundarySphereArgs, SphereEnergyKind, SphereStartKind};
 use crate::cli::output::{Output, pairs, peak_rss_bytes};
 use crate::cli::{Outcome, input};
@@ -40,7 +38,7 @@ struct Report {
 /// Maps, measures and writes.
 pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Outcome> {
     let start = Instant::now();
-    require_outputs(args)?;
+    args.outputs.require_writable(&[&args.model])?;
     output.progress("reading");
     let surface = input::read_surface(&args.model)?;
     let options = SphereOptions {
@@ -63,15 +61,15 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Outcome
     output.progress("measuring");
     let distortion = SurfaceDistortion::of(boundary.domain(), boundary.image());
     output.progress("writing");
-    write(args, &boundary, output)?;
+    write::outputs(&boundary, &args.outputs, &[("domain", &args.model)], output)?;
     let report = Report {
         model: args.model.clone(),
         vertices: boundary.domain().vertices().len(),
         faces: boundary.domain().triangles().len(),
-        image: args.output.clone(),
-        boundary_file: args.boundary.clone(),
-        png: args.png.clone(),
-        vtu: args.vtu.clone(),
+        image: args.outputs.output.clone(),
+        boundary_file: args.outputs.boundary.clone(),
+        png: args.outputs.png.clone(),
+        vtu: args.outputs.vtu.clone(),
         sphere,
         certificate,
         distortion,
@@ -100,74 +98,6 @@ pub fn map_with_progress(
 
 fn cannot_map(model: &Path) -> String {
     format!("cannot map `{}` to the sphere", model.display())
-}
-
-/// Refuses outputs that cannot be written before there is anything to write.
-fn require_outputs(args: &BoundarySphereArgs) -> anyhow::Result<()> {
-    let outputs: [(Option<&PathBuf>, &[&str]); 4] = [
-        (Some(&args.output), &["obj", "ply", "off"]),
-        (args.boundary.as_ref(), &[]),
-        (args.png.as_ref(), &["png"]),
-        (args.vtu.as_ref(), &["vtu"]),
-    ];
-    let mut named: Vec<&Path> = vec![&args.model];
-    for (path, extensions) in outputs {
-        let Some(path) = path else { continue };
-        input::require_writable(path, extensions, &named)?;
-        named.push(path);
-    }
-    Ok(())
-}
-
-fn write(args: &BoundarySphereArgs, boundary: &BoundaryMap, output: &Output) -> anyhow::Result<()> {
-    io::write_surface(&args.output, &boundary.target())?;
-    if let Some(path) = &args.boundary {
-        let model = &args.model;
-        let domain = Provenance::of("domain", model).with_context(|| format!("cannot read `{}`", model.display()))?;
-        let file = BoundaryFile {
-            boundary: boundary.clone(),
-            metadata: BoundaryMetadata::new(vec![domain]),
-        };
-        io::write_boundary(path, &file)?;
-    }
-    if let Some(path) = &args.vtu {
-        write_fields(path, boundary)?;
-    }
-    if let Some(path) = &args.png {
-        output.progress("drawing the picture");
-        let verdict = check(boundary, None, &BoundaryCheckOptions::default(), None)?;
-        let bytes = pictures::boundary(boundary, &verdict, args.up.into())?.to_png()?;
-        io::atomic_write(path, |writer| writer.write_all(&bytes))?;
-    }
-    Ok(())
-}
-
-/// The domain with the direction of each vertex and the distortion of each triangle.
-fn write_fields(path: &Path, boundary: &BoundaryMap) -> anyhow::Result<()> {
-    let domain = boundary.domain();
-    let distortions = triangle_distortions(domain, boundary.image()).unwrap_or_default();
-    let per_triangle = |name: &str, of: fn(&TriangleDistortion) -> f64| Field {
-        name: name.into(),
-        components: 1,
-        values: distortions.iter().map(|d| d.as_ref().map_or(f64::NAN, of)).collect(),
-    };
-    let fields = VtkFields {
-        point: vec![Field {
-            name: "direction".into(),
-            components: 3,
-            values: boundary.image().iter().flat_map(|p| p.iter().copied()).collect(),
-        }],
-        cell: vec![
-            per_triangle("area ratio", TriangleDistortion::area_ratio),
-            per_triangle("angle distortion", TriangleDistortion::angle),
-        ],
-    };
-    Ok(io::write_vtu(
-        path,
-        domain.vertices(),
-        Cells::Triangles(domain.triangles()),
-        &fields,
-    )?)
 }
 
 fn summary(report: &Report) -> String {

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
-use solidmap::io::{self, BoundaryFile, BoundaryMetadata, Provenance};
+use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
+use solidmap::io::{self, BoundaryFile, BoundaryMetadata, Cells, Field, Provenance, VtkFields};
 
 use super::pictures;
 use crate::cli::args::BoundaryOutputs;
@@ -16,10 +16,11 @@ impl BoundaryOutputs {
     /// Refuses outputs that cannot be written, or that are inputs, before any work is done.
     pub fn require_writable(&self, inputs: &[&Path]) -> anyhow::Result<()> {
         let mut others = inputs.to_vec();
-        let named: [(Option<&PathBuf>, &[&str]); 3] = [
+        let named: [(Option<&PathBuf>, &[&str]); 4] = [
             (Some(&self.output), &["obj", "ply", "off"]),
-            (self.boundary.as_ref(), &["safetensors"]),
+            (self.boundary.as_ref(), &[]),
             (self.png.as_ref(), &["png"]),
+            (self.vtu.as_ref(), &["vtu"]),
         ];
         for (path, extensions) in named {
             if let Some(path) = path {
@@ -49,6 +50,9 @@ pub fn outputs(
         };
         io::write_boundary(path, &file)?;
     }
+    if let Some(path) = &outputs.vtu {
+        write_fields(path, map)?;
+    }
     if let Some(path) = &outputs.png {
         output.progress("drawing");
         let checked = check(map, map.target_surface(), &BoundaryCheckOptions::default(), None)?;
@@ -58,4 +62,32 @@ pub fn outputs(
     }
     io::write_surface(&outputs.output, &map.target())?;
     Ok(())
+}
+
+/// The domain with the image of each vertex and the distortion of each triangle.
+fn write_fields(path: &Path, map: &BoundaryMap) -> anyhow::Result<()> {
+    let domain = map.domain();
+    let distortions = triangle_distortions(domain, map.image()).unwrap_or_default();
+    let per_triangle = |name: &str, of: fn(&TriangleDistortion) -> f64| Field {
+        name: name.into(),
+        components: 1,
+        values: distortions.iter().map(|d| d.as_ref().map_or(f64::NAN, of)).collect(),
+    };
+    let fields = VtkFields {
+        point: vec![Field {
+            name: "image".into(),
+            components: 3,
+            values: map.image().iter().flat_map(|p| p.iter().copied()).collect(),
+        }],
+        cell: vec![
+            per_triangle("area ratio", TriangleDistortion::area_ratio),
+            per_triangle("angle distortion", TriangleDistortion::angle),
+        ],
+    };
+    Ok(io::write_vtu(
+        path,
+        domain.vertices(),
+        Cells::Triangles(domain.triangles()),
+        &fields,
+    )?)
 }
