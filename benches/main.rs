@@ -3,6 +3,7 @@
 use criterion::{criterion_group, criterion_main};
 
 mod baseline;
+mod boundary;
 mod fit;
 mod geometry;
 mod inputs;
@@ -17,6 +18,7 @@ criterion_group!(
     kernel::fast,
     baseline::finite_elements,
     baseline::mean_values,
+    boundary::sphere,
     fit::whole,
     fit::factor,
     fit::solve,

@@ -177,3 +177,131 @@ fn the_bird_and_its_polycube_are_told_apart_from_their_mirror_images() {
         "{report}"
     );
 }
+
+#[test]
+fn a_model_is_mapped_to_the_sphere_in_every_form_asked_for() {
+    let place = Workplace::with_ball();
+    let line = "boundary sphere domain.obj -o image.ply --boundary way.safetensors --png map.png --vtu map.vtu";
+    let words = text(&place.ends_with(0, line).stdout);
+    for fragment in [
+        "one to one",
+        "degree 1.000000",
+        "before",
+        "angle, degrees",
+        "MiB",
+        "way.safetensors",
+    ] {
+        assert!(words.contains(fragment), "{fragment}: {words}");
+    }
+    let (domain, image) = (
+        shapes::bumpy_sphere(8),
+        io::read_surface(place.path("image.ply")).unwrap(),
+    );
+    assert_eq!(image.triangles(), domain.triangles());
+    assert!(image.vertices().iter().all(|p| (p.coords.norm() - 1.0).abs() < 1e-15));
+    let file = io::read_boundary(&place.path("way.safetensors")).unwrap();
+    assert_eq!(file.boundary.image(), image.vertices());
+    let input = &file.metadata.inputs[0];
+    assert_eq!((input.role.as_str(), input.file.as_str()), ("domain", "domain.obj"));
+    let vtu = std::fs::read(place.path("map.vtu")).unwrap();
+    for field in ["direction", "area ratio", "angle distortion"] {
+        assert!(
+            String::from_utf8_lossy(&vtu).contains(&format!("Name=\"{field}\"")),
+            "{field}"
+        );
+    }
+    assert!(std::fs::read(place.path("map.png")).unwrap().starts_with(b"\x89PNG"));
+    let report = json(&place.ends_with(0, "boundary check domain.obj image.ply --json"));
+    assert_eq!(report["verdict"], "bijective");
+}
+
+#[test]
+fn conformal_maps_keep_angles_better_and_may_start_from_the_flow() {
+    let place = Workplace::with_ball();
+    let report =
+        |options: &str| json(&place.ends_with(0, &format!("boundary sphere domain.obj -o i.obj --json {options}")));
+    let (balanced, conformal) = (report(""), report("--energy conformal --start flow"));
+    let angle = |report: &Value| report["distortion"]["angle"]["p90"].as_f64().unwrap();
+    let area = |report: &Value| report["distortion"]["area"]["p90"].as_f64().unwrap();
+    assert!(angle(&conformal) < angle(&balanced) && area(&conformal) > area(&balanced));
+    assert_eq!(
+        (&conformal["energy"], &conformal["start"]),
+        (&"conformal".into(), &"flow".into())
+    );
+    assert_eq!(
+        (&balanced["certificate"]["flipped"], &balanced["converged"]),
+        (&0.into(), &true.into())
+    );
+}
+
+#[test]
+fn a_fit_to_the_sphere_is_the_fit_to_its_boundary_file() {
+    let place = Workplace::with_ball();
+    place.ends_with(0, "boundary sphere domain.obj -o image.obj --boundary way.safetensors");
+    let direct = json(&place.run("fit domain.obj --target sphere -o direct.map --json"));
+    let by_file = json(&place.run("fit --boundary way.safetensors -o by_file.map --json"));
+    assert!(direct["boundary_error"]["p99"].as_f64().unwrap() < 5e-3, "{direct}");
+    assert_eq!(direct["boundary_error"], by_file["boundary_error"]);
+    assert_eq!(
+        (&direct["target"], &by_file["target"]),
+        (&"sphere".into(), &Value::Null)
+    );
+    let map = io::read_map(&place.path("direct.map")).unwrap();
+    let inputs: Vec<&str> = map.metadata.inputs.iter().map(|input| input.role.as_str()).collect();
+    assert_eq!(inputs, ["domain"]);
+    assert!(map.boundary.unwrap().domain_on_sphere().is_some());
+}
+
+#[test]
+fn what_does_not_go_to_the_sphere_ends_with_2_and_is_named() {
+    let place = Workplace::with_ball();
+    let sphere = shapes::sphere(1.0, 1);
+    place.surface("ring.obj", &shapes::torus(1.0, 0.3, 12, 6));
+    place.surface(
+        "two.obj",
+        &shapes::joined(&sphere, &shapes::deformed(&sphere, |p| p * 3.0)),
+    );
+    let open = SurfaceMesh::new(sphere.vertices().to_vec(), sphere.triangles()[1..].to_vec()).unwrap();
+    place.surface("open.obj", &open);
+    let thrice = [sphere.triangles(), &[[0, 1, 2], [0, 2, 1]]].concat();
+    place.surface(
+        "fins.obj",
+        &SurfaceMesh::new(sphere.vertices().to_vec(), thrice).unwrap(),
+    );
+    let good = std::fs::read_to_string(place.path("domain.obj")).unwrap();
+    let bad = good.replacen(good.lines().find(|l| l.starts_with("v ")).unwrap(), "v nan 0 0", 1);
+    std::fs::write(place.path("nan.obj"), bad).unwrap();
+    for (model, fragment) in [
+        ("ring.obj", "genus 1"),
+        ("two.obj", "2 components"),
+        ("open.obj", "3 edges have one triangle"),
+        ("fins.obj", "not a manifold"),
+        ("nan.obj", "vertex 0"),
+        ("missing.obj", "No such file"),
+    ] {
+        for line in [
+            format!("boundary sphere {model} -o image.obj --png image.png"),
+            format!("fit {model} --target sphere -o image.map"),
+        ] {
+            let words = text(&place.ends_with(2, &line).stderr);
+            assert!(
+                words.contains("error: ") && words.contains(model) && words.contains(fragment),
+                "{line}: {words}"
+            );
+        }
+    }
+    for (line, fragment) in [
+        ("boundary sphere domain.obj -o image.stl", ".obj or .ply or .off"),
+        ("boundary sphere domain.obj -o domain.obj", "overwritten"),
+        ("boundary sphere domain.obj -o image.obj --vtu image.obj", "overwritten"),
+        ("boundary sphere domain.obj -o image.obj --png map.jpg", ".png"),
+        (
+            "fit domain.obj --target sphere --image sphere.ply -o m.map",
+            "cannot be used with",
+        ),
+    ] {
+        let words = text(&place.ends_with(2, line).stderr);
+        assert!(words.contains(fragment), "{line}: {words}");
+    }
+    assert!(!place.path("image.obj").exists() && !place.path("image.png").exists());
+}

@@ -46,7 +46,7 @@ pub enum Command {
     Tet(TetArgs),
     /// Make the surface at a distance outside of a model
     Offset(OffsetArgs),
-    /// Look into maps of boundary surfaces
+    /// Make maps of boundary surfaces, and look into them
     #[command(subcommand)]
     Boundary(BoundaryCommand),
     /// Fit the harmonic map of a solid to a map of its boundary
@@ -118,17 +118,105 @@ pub struct OffsetArgs {
 
 #[derive(Debug, Subcommand)]
 pub enum BoundaryCommand {
+    /// Map the boundary of a solid one to one to that of another
+    Pair(BoundaryPairArgs),
     /// Say whether a boundary map is one to one, how well it covers its target, and how far it distorts
     Check(BoundaryCheckArgs),
+    /// Map a closed surface of genus 0 to the unit sphere, one to one
+    Sphere(BoundarySphereArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct BoundarySphereArgs {
+    /// Boundary of the solid to map, or a tet mesh of it
+    pub model: PathBuf,
+    /// What is kept
+    #[arg(long, value_enum, default_value_t = SphereEnergyKind::Balanced)]
+    pub energy: SphereEnergyKind,
+    /// Where the optimisation starts
+    #[arg(long, value_enum, default_value_t = SphereStartKind::Progressive)]
+    pub start: SphereStartKind,
+    #[command(flatten)]
+    pub outputs: BoundaryOutputs,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SphereEnergyKind {
+    /// Angles, with areas in bounds
+    Balanced,
+    /// Angles alone: limbs shrink to specks
+    Conformal,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SphereStartKind {
+    /// A drawing that grows vertex by vertex and never folds
+    Progressive,
+    /// The conformalised mean curvature flow, where it neither folds nor shrinks limbs to specks
+    Flow,
+}
+
+#[derive(Debug, Args)]
+pub struct BoundaryPairArgs {
+    /// Boundary of the solid to map, or a tet mesh of it; of genus 0
+    pub domain: PathBuf,
+    /// Boundary of the solid to map to, or a tet mesh of it; of genus 0
+    pub target: PathBuf,
+    #[command(flatten)]
+    pub pair: PairArgs,
+    #[command(flatten)]
+    pub outputs: BoundaryOutputs,
+}
+
+/// How a pair is mapped.
+#[derive(Debug, Args)]
+pub struct PairArgs {
+    /// Vertices of DOMAIN that go to vertices of the target, counted from 0: a file of two columns, or two files of one
+    #[arg(long, num_args = 1..=2, value_name = "FILE")]
+    pub landmarks: Vec<PathBuf>,
+    /// `targets` lays the solids over each other; `conformal` maps both to the sphere and turns one
+    #[arg(long, value_enum, default_value_t = ViaKind::Targets)]
+    pub via: ViaKind,
+    /// Leave the map as it is first found: faster, and with more distortion
+    #[arg(long)]
+    pub no_improve: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ViaKind {
+    Targets,
+    Conformal,
+}
+
+/// What the commands that make boundary maps write.
+#[derive(Debug, Args)]
+pub struct BoundaryOutputs {
+    /// Mesh to write: the boundary that is mapped, with every vertex at its image (.obj, .ply, .off)
+    #[arg(short, long, value_name = "IMAGE")]
+    pub output: PathBuf,
+    /// Also write the map itself, which says where every point goes, for `fit --boundary` (.safetensors)
+    #[arg(long, value_name = "FILE")]
+    pub boundary: Option<PathBuf>,
+    /// Write a picture: both surfaces painted with one pattern, and coloured by distortion
+    #[arg(long, value_name = "FILE")]
+    pub png: Option<PathBuf>,
+    /// Write the surface with images and distortions, for ParaView (.vtu)
+    #[arg(long, value_name = "FILE")]
+    pub vtu: Option<PathBuf>,
+    /// Axis that points up in the picture
+    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
+    pub up: AxisKind,
 }
 
 #[derive(Debug, Args)]
 pub struct BoundaryCheckArgs {
-    /// Boundary of the solid being mapped, or a tet mesh of it
+    /// Boundary of the solid being mapped, or a tet mesh of it; a boundary file needs none
+    #[arg(value_name = "DOMAIN")]
     pub domain: PathBuf,
-    /// DOMAIN's mesh with every vertex at its image
-    pub image: PathBuf,
-    /// Surface that the image is to cover [default: the sphere that the image lies on, if it does]
+    /// DOMAIN's mesh with every vertex at its image, or a boundary file
+    #[arg(value_name = "IMAGE|FILE")]
+    pub image: Option<PathBuf>,
+    /// Surface that the image is to cover [default: that of the boundary file, or the sphere that the image lies on]
     #[arg(long, value_name = "MODEL")]
     pub target: Option<PathBuf>,
     /// Distance that image and target may be apart, as a fraction of the target's diagonal
@@ -156,12 +244,17 @@ pub struct FitArgs {
         long,
         value_name = "IMAGE",
         requires = "domain",
-        required_unless_present = "boundary"
+        required_unless_present_any = ["boundary", "target"]
     )]
     pub image: Option<PathBuf>,
     /// Boundary map that says where every point goes, not vertices alone
     #[arg(long, value_name = "FILE", conflicts_with = "image")]
     pub boundary: Option<PathBuf>,
+    /// `sphere`, or the boundary of a solid: the boundary map is made as `boundary sphere` and `boundary pair` make it
+    #[arg(long, value_name = "MODEL", requires = "domain", conflicts_with_all = ["image", "boundary"])]
+    pub target: Option<PathBuf>,
+    #[command(flatten, next_help_heading = "Boundary map, with --target MODEL")]
+    pub pair: PairArgs,
     /// Map file to write (safetensors)
     #[arg(short, long, value_name = "MAP")]
     pub output: PathBuf,
@@ -317,11 +410,20 @@ pub struct EnergyArgs {
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct CompareArgs {
-    /// Boundary of the solid to map, or a tet mesh of it
-    pub domain: PathBuf,
+    /// Boundary of the solid to map, or a tet mesh of it; with --boundary it may be left out
+    #[arg(required_unless_present = "boundary")]
+    pub domain: Option<PathBuf>,
     /// DOMAIN's mesh with every vertex at its image
-    #[arg(long, value_name = "IMAGE")]
-    pub image: PathBuf,
+    #[arg(
+        long,
+        value_name = "IMAGE",
+        requires = "domain",
+        required_unless_present = "boundary"
+    )]
+    pub image: Option<PathBuf>,
+    /// Boundary map that says where every point goes, not vertices alone
+    #[arg(long, value_name = "FILE", conflicts_with = "image")]
+    pub boundary: Option<PathBuf>,
     /// Methods to compare
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MapMethod::Mfs, MapMethod::Fem, MapMethod::Variational, MapMethod::MeanValue])]
     pub methods: Vec<MapMethod>,

@@ -9,8 +9,10 @@ use solidmap::fit::{Fit, FitOptions, FitReport, Phase, Placement, RefinementEnd,
 use solidmap::io::{self, Cells, Field, MapFile, MapMetadata, Provenance, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::solver::{DenseOptions, Method, SchwarzOptions, Stop};
+use solidmap::spherical::SphereOptions;
 
-use super::args::{FitArgs, MethodArgs, MethodKind, PlacementKind};
+use super::args::{FitArgs, MethodArgs, MethodKind, PairArgs, PlacementKind};
+use super::boundary::{pair, sphere};
 use super::output::{Output, pairs, peak_rss_bytes};
 use super::{Outcome, input};
 
@@ -20,6 +22,7 @@ struct Report {
     domain: Option<PathBuf>,
     image: Option<PathBuf>,
     boundary_file: Option<PathBuf>,
+    target: Option<PathBuf>,
     map: PathBuf,
     #[serde(flatten)]
     fit: FitReport,
@@ -30,17 +33,40 @@ struct Report {
 
 /// Where the boundary map comes from.
 enum Source<'a> {
-    Image { domain: &'a Path, image: &'a Path },
-    Boundary { file: &'a Path, domain: Option<&'a Path> },
+    Image {
+        domain: &'a Path,
+        image: &'a Path,
+    },
+    Boundary {
+        file: &'a Path,
+        domain: Option<&'a Path>,
+    },
+    Sphere {
+        domain: &'a Path,
+    },
+    Target {
+        domain: &'a Path,
+        target: &'a Path,
+        pair: &'a PairArgs,
+    },
 }
+
+/// What `--target` calls the unit sphere.
+const SPHERE: &str = "sphere";
 
 impl<'a> Source<'a> {
     fn of(args: &'a FitArgs) -> anyhow::Result<Self> {
         let domain = args.domain.as_deref();
-        match (domain, args.image.as_deref(), args.boundary.as_deref()) {
-            (_, None, Some(file)) => Ok(Self::Boundary { file, domain }),
-            (Some(domain), Some(image), None) => Ok(Self::Image { domain, image }),
-            _ => anyhow::bail!("name a DOMAIN with its --image, or a --boundary"),
+        let target = args.target.as_deref();
+        match (domain, args.image.as_deref(), args.boundary.as_deref(), target) {
+            (_, None, Some(file), None) => Ok(Self::Boundary { file, domain }),
+            (Some(domain), Some(image), None, None) => Ok(Self::Image { domain, image }),
+            (Some(domain), None, None, Some(target)) if target == Path::new(SPHERE) => Ok(Self::Sphere { domain }),
+            (Some(domain), None, None, Some(target)) => {
+                let pair = &args.pair;
+                Ok(Self::Target { domain, target, pair })
+            }
+            _ => anyhow::bail!("name a DOMAIN with its --image or --target, or a --boundary"),
         }
     }
 
@@ -52,6 +78,8 @@ impl<'a> Source<'a> {
                 let domain = domain.map(|domain| ("domain", domain));
                 domain.into_iter().chain([("boundary", file)]).collect()
             }
+            Self::Sphere { domain } => vec![("domain", domain)],
+            Self::Target { domain, target, .. } => vec![("domain", domain), ("target", target)],
         }
     }
 
@@ -60,12 +88,34 @@ impl<'a> Source<'a> {
         self.files()[0].1
     }
 
-    fn read(&self) -> anyhow::Result<BoundaryMap> {
+    /// Reads the boundary map, or makes it.
+    fn boundary_map(&self, output: &Output) -> anyhow::Result<BoundaryMap> {
         match *self {
             Self::Image { domain, image } => input::read_boundary_map(domain, image),
             Self::Boundary { file, domain } => input::read_boundary_file(file, domain),
+            Self::Sphere { domain } => onto_sphere(domain, output),
+            Self::Target { domain, target, pair } => onto_model(domain, target, pair, output),
         }
     }
+}
+
+/// The map of a solid's boundary to the unit sphere.
+fn onto_sphere(domain: &Path, output: &Output) -> anyhow::Result<BoundaryMap> {
+    let surface = input::read_surface(domain)?;
+    let (map, _) = sphere::map_with_progress(&surface, domain, &SphereOptions::default(), output)?;
+    BoundaryMap::onto_sphere(map).with_context(|| format!("cannot map `{}` to the sphere", domain.display()))
+}
+
+/// The map of a solid's boundary to another's.
+fn onto_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> anyhow::Result<BoundaryMap> {
+    let surface = input::read_surface(domain)?;
+    let (map, report) = pair::map_to(&surface, [domain, target], args, output)?;
+    output.note(format_args!(
+        "boundary map in {:.1} s: one to one; symmetric Dirichlet energy {:.2} at the median and {:.3e} at most, 4 of an \
+         isometry. See `solidmap boundary pair`",
+        report.seconds.total, report.after.symmetric_dirichlet.p50, report.after.symmetric_dirichlet.max
+    ));
+    Ok(map)
 }
 
 /// Fits a map and writes it.
@@ -79,18 +129,10 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
     }
     output.progress("reading");
     let options = options(&args.method, args.tolerance)?;
-    let (boundary, inputs) = rayon::join(
-        || source.read(),
-        || {
-            source
-                .files()
-                .iter()
-                .map(|(role, path)| provenance(role, path))
-                .collect()
-        },
-    );
-    let inputs: anyhow::Result<Vec<Provenance>> = inputs;
-    let (boundary, inputs) = (boundary?, inputs?);
+    let boundary = source.boundary_map(output)?;
+    let files = source.files();
+    let inputs: anyhow::Result<Vec<Provenance>> = files.iter().map(|(role, path)| provenance(role, path)).collect();
+    let inputs = inputs?;
     let name = source.name();
     output.progress("looking for self-intersections");
     let intersections = self_intersections(&boundary, name);
@@ -116,6 +158,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
         domain: args.domain.clone(),
         image: args.image.clone(),
         boundary_file: args.boundary.clone(),
+        target: args.target.clone(),
         map: args.output.clone(),
         fit: fit.report,
         tolerance: args.tolerance,

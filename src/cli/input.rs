@@ -1,8 +1,9 @@
 //! Files as the commands want them.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use serde::{Deserialize, Serialize};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::check;
 use solidmap::io::{self, MapFile, Solid};
@@ -14,6 +15,45 @@ pub fn read_surface(path: &Path) -> anyhow::Result<SurfaceMesh> {
         Solid::Surface(surface) => surface,
         Solid::Tets(tets) => tets.boundary().surface,
     })
+}
+
+/// Where a boundary map comes from.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub enum BoundarySource {
+    /// Two meshes of one connectivity.
+    Image { domain: PathBuf, image: PathBuf },
+    /// A boundary file, and its domain if that is named.
+    File { file: PathBuf, domain: Option<PathBuf> },
+}
+
+impl BoundarySource {
+    pub fn read(&self) -> anyhow::Result<BoundaryMap> {
+        match self {
+            Self::Image { domain, image } => read_boundary_map(domain, image),
+            Self::File { file, domain } => read_boundary_file(file, domain.as_deref()),
+        }
+    }
+
+    /// The files that are read.
+    pub fn files(&self) -> Vec<&Path> {
+        match self {
+            Self::Image { domain, image } => vec![domain, image],
+            Self::File { file, domain } => domain.iter().chain([file]).map(PathBuf::as_path).collect(),
+        }
+    }
+
+    /// The domain, or the file that it comes in.
+    pub fn domain(&self) -> &Path {
+        self.files()[0]
+    }
+
+    /// The image, or the boundary file.
+    pub fn image(&self) -> &Path {
+        match self {
+            Self::Image { image, .. } => image,
+            Self::File { file, .. } => file,
+        }
+    }
 }
 
 /// The boundary map from one file to another of the same connectivity.

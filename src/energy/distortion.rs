@@ -7,7 +7,8 @@
 
 use rayon::prelude::*;
 
-use super::{CHUNK, EnergyError, Quadrature, distribution::WeightedValues, quadrature::sum, require_count};
+use super::{CHUNK, EnergyError, Quadrature, quadrature::sum, require_count};
+use crate::statistics::weighted_quantiles;
 use crate::{Matrix3, Point, map::VolumeMap, mesh::TetMesh};
 
 /// Values above this count as this much in [`DistortionReport::volmap`].
@@ -374,14 +375,15 @@ fn clamped(value: &Distortion) -> Distortion {
 fn determinants(samples: &[Sample]) -> Option<Determinants> {
     let finite = samples.iter().filter(|sample| sample.is_finite());
     let folded = finite.clone().filter(|sample| !sample.is_regular());
-    let sorted = WeightedValues::new(finite.map(|sample| (sample.determinant, sample.weight)));
+    let (values, weights): (Vec<f64>, Vec<f64>) = finite.map(|sample| (sample.determinant, sample.weight)).unzip();
+    let [min, p1, median, max] = weighted_quantiles(&values, &weights, [0.0, 0.01, 0.5, 1.0])?;
     Some(Determinants {
         negative: folded.clone().count(),
         negative_volume: sum(folded.map(|sample| sample.weight)),
-        min: sorted.quantile(0.0)?,
-        p1: sorted.quantile(0.01)?,
-        median: sorted.quantile(0.5)?,
-        max: sorted.quantile(1.0)?,
+        min,
+        p1,
+        median,
+        max,
     })
 }
 

@@ -1,3 +1,5 @@
+use crate::statistics::weighted_quantiles;
+
 /// Quantiles of a density over the volume of a solid.
 ///
 /// `median` is the smallest value such that half of the volume has it or less, `p99` that 99 percent have; points of
@@ -15,46 +17,15 @@ pub struct Distribution {
 }
 
 impl Distribution {
-    /// Quantiles of parallel values and weights. `None` when there are none. Costs a sort.
+    /// Quantiles of parallel values and weights, as [`weighted_quantiles`] has them. `None` when there are none. Costs a
+    /// sort.
+    ///
+    /// # Panics
+    ///
+    /// When the slices differ in length.
     pub fn weighted(values: &[f64], weights: &[f64]) -> Option<Self> {
-        let sorted = WeightedValues::new(values.iter().copied().zip(weights.iter().copied()));
-        Some(Self {
-            min: sorted.quantile(0.0)?,
-            median: sorted.quantile(0.5)?,
-            p99: sorted.quantile(0.99)?,
-            max: sorted.quantile(1.0)?,
-        })
-    }
-}
-
-/// Values in ascending order, each with its weight.
-pub(super) struct WeightedValues {
-    ascending: Vec<(f64, f64)>,
-    total: f64,
-}
-
-impl WeightedValues {
-    /// Sorts pairs of values and weights.
-    pub fn new(pairs: impl Iterator<Item = (f64, f64)>) -> Self {
-        let mut ascending: Vec<(f64, f64)> = pairs.collect();
-        ascending.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let total = ascending.iter().map(|(_, weight)| weight).sum();
-        Self { ascending, total }
-    }
-
-    /// The smallest value that, with all below it, has this share of the weight: 0 gives the smallest of all, 1 the
-    /// largest. `None` when there are no values.
-    pub fn quantile(&self, share: f64) -> Option<f64> {
-        let (last, _) = self.ascending.last()?;
-        if share >= 1.0 {
-            return Some(*last);
-        }
-        let mut below = 0.0;
-        let reached = self.ascending.iter().find(|(_, weight)| {
-            below += weight;
-            below >= share * self.total
-        });
-        reached.or(self.ascending.last()).map(|(value, _)| *value)
+        let [min, median, p99, max] = weighted_quantiles(values, weights, [0.0, 0.5, 0.99, 1.0])?;
+        Some(Self { min, median, p99, max })
     }
 }
 

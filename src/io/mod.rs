@@ -65,6 +65,12 @@ pub enum Solid {
     Tets(TetMesh),
 }
 
+/// Whether the extension is that of a mesh format.
+pub fn is_mesh(path: impl AsRef<Path>) -> bool {
+    let extension = extension(path.as_ref());
+    MESH_FORMATS.iter().any(|format| format.extension == extension)
+}
+
 /// Reads a surface (`.obj`, `.ply`, `.off`, `.stl`, `.mesh`, `.vtk`, `.vtu`). Several objects in one file become one
 /// mesh; unreferenced vertices stay.
 ///

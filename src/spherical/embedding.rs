@@ -1,16 +1,17 @@
 //! From a surface to its map to the sphere: the hierarchy, the drawing level by level, Newton's method, the certificate.
 
 use super::cmcf::{FlowOptions, flow};
-use super::energy::{Energy, RestShapes, Weights};
+use super::energy::{Energy, Objective, Weights};
 use super::hierarchy::Hierarchy;
 use super::moebius::centre;
 use super::newton::{Newton, NewtonError, NewtonOptions, Stop};
-use super::progressive::embed;
+use super::progressive::{Drawing, embed};
 use super::relax::Relaxation;
+use super::rest::RestShapes;
 use super::{SphericalError, SphericalMap, certify, require_sphere};
-use crate::Vector;
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
+use crate::{Point, Vector};
 
 /// What a map to the sphere keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -29,7 +30,8 @@ pub enum SphereEnergy {
 pub enum SphereStart {
     /// The drawing level by level, which never folds.
     Progressive,
-    /// The conformalised mean curvature flow, where it comes out one to one; the other where it does not.
+    /// The conformalised mean curvature flow, where it comes out one to one and without specks; the other where it does
+    /// not.
     Flow,
 }
 
@@ -80,7 +82,7 @@ pub enum SpherePhase {
 pub struct SphereReport {
     /// What was kept.
     pub energy: SphereEnergy,
-    /// Where the optimisation started; not what was asked for when the flow folded.
+    /// Where the optimisation started; not what was asked for where the flow is of no use.
     pub start: SphereStart,
     /// Energy per area before Newton's method: angles count 1 where they are kept, and areas with their weight.
     pub energy_before: f64,
@@ -94,6 +96,15 @@ pub struct SphereReport {
 
 /// Rounds of relaxation on each level.
 const SWEEPS: usize = 5;
+/// The flow shrinks long limbs to specks; where its energy is larger than this many times the other start's, the way back
+/// is too long.
+const MOST_START: f64 = 1e3;
+/// Newton's method also runs on the levels with these shares of the vertices: there limbs are carried as a whole, which
+/// moves of single vertices do not, at a small part of the cost.
+const COARSE_SHARES: [usize; 3] = [64, 16, 4];
+/// Iterations at most on such a level, and the fall of the energy that ends them.
+const COARSE_ITERATIONS: usize = 25;
+const COARSE_TOLERANCE: f64 = 1e-3;
 /// Weight of areas where they are to be kept in bounds: on bodies with limbs areas then shrink to a hundredth at most, and
 /// half of the triangles are stretched by less than 2.
 const AREA_WEIGHT: f64 = 0.1;
@@ -116,22 +127,23 @@ pub fn map_to_sphere(
 ) -> Result<(SphericalMap, SphereReport), SphericalError> {
     let surface = require_sphere(surface)?;
     let drawn = draw(&surface, options, progress)?;
+    let rest = RestShapes::new(surface.triangles(), surface.vertices());
+    let energy = Energy {
+        rest: &rest,
+        weights: final_weights(options.energy),
+        pulls: &[],
+    };
     let (mut directions, start) = match options.start {
         SphereStart::Progressive => (drawn, SphereStart::Progressive),
         SphereStart::Flow => {
             progress(SpherePhase::Flowing);
             let flowed = flow(surface.triangles(), surface.vertices(), &FlowOptions::default());
+            let most = MOST_START * energy.value(&drawn);
+            let flowed = flowed.filter(|x| energy.value(x) <= most);
             flowed.map_or((drawn, SphereStart::Progressive), |x| (x, SphereStart::Flow))
         }
     };
     progress(SpherePhase::Optimising);
-    let weights = final_weights(options.energy);
-    let rest = RestShapes::new(surface.triangles(), surface.vertices());
-    let energy = Energy {
-        rest: &rest,
-        weights,
-        pulls: &[],
-    };
     let failed = |error: NewtonError| match error {
         NewtonError::OutOfMemory { unknowns } => SphericalError::OutOfMemory { vertices: unknowns / 2 },
         // The drawing is one to one; only its energy can be too large for a number.
@@ -189,18 +201,40 @@ fn draw(
         pull: &|_| None,
         is_fixed: &|_| false,
     };
+    let mut shares = COARSE_SHARES.iter().peekable();
     let drawing = embed(
         &hierarchy,
         |_| None,
         |drawing| {
+            let there = drawing.there.len();
             progress(SpherePhase::Drawing {
-                vertices: drawing.there.len(),
+                vertices: there,
                 of: points.len(),
             });
             relaxation.run(drawing, SWEEPS);
+            if shares.next_if(|&&share| there >= points.len() / share).is_some() && there < points.len() {
+                optimise_coarse(drawing, points, relaxation.weights);
+            }
         },
     );
     Ok(drawing.ok_or(SphericalError::TooFine)?.directions)
+}
+
+/// Newton's method on a level of the drawing. What fails here is left to the finest level.
+fn optimise_coarse(drawing: &mut Drawing, points: &[Point], weights: Weights) {
+    let triangles = drawing.neighbours.triangles();
+    let rest = RestShapes::new(&triangles, points);
+    let energy = Energy {
+        rest: &rest,
+        weights,
+        pulls: &[],
+    };
+    let options = NewtonOptions {
+        most_iterations: COARSE_ITERATIONS,
+        tolerance: COARSE_TOLERANCE,
+    };
+    let _ =
+        Newton::new(&triangles, &[]).and_then(|mut newton| newton.minimise(&energy, &mut drawing.directions, &options));
 }
 
 /// A third of the area of the triangles at each vertex.
@@ -220,7 +254,7 @@ fn turn_to_surface(surface: &SurfaceMesh, directions: &mut Vec<Vector>) {
     let total: f64 = weights.iter().sum();
     let positions = surface.vertices().iter().zip(&weights);
     let centre: Vector = positions.map(|(p, w)| *w / total * p.coords).sum();
-    let outward = |p: &crate::Point| (p.coords - centre).try_normalize(0.0).unwrap_or_default();
+    let outward = |p: &Point| (p.coords - centre).try_normalize(0.0).unwrap_or_default();
     let outward: Vec<Vector> = surface.vertices().iter().map(outward).collect();
     let Some(turn) = sphere_rotation(directions, &outward, &weights) else {
         return;

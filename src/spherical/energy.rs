@@ -12,32 +12,12 @@
 //! `d = det(a, b, c) det D`: the ratio of areas, times the distance of the chord's plane from the centre. It is positive
 //! as long as the triangle is not turned over and spans less than a hemisphere.
 
-use nalgebra::{Complex, SMatrix};
+use nalgebra::SMatrix;
 use rayon::prelude::*;
 
+use super::rest::{Rest, RestShapes};
 use crate::geometry::orientation;
 use crate::{Point, Vector};
-
-/// Largest ratio of the two stretches between an equilateral triangle and a rest shape. Thinner ones are taken to be this
-/// thin, so that needles and flat triangles have a shape to aim at and do not spoil the condition of the system.
-pub(crate) const MOST_ASPECT: f64 = 100.0;
-
-/// Smallest area of a rest shape over the mean. Smaller ones are blown up.
-pub(crate) const LEAST_AREA: f64 = 1e-8;
-
-/// Shapes that the triangles of a drawing should have: those of a surface in space, scaled to the area 4π in total.
-#[derive(Debug, Clone)]
-pub(crate) struct RestShapes {
-    triangles: Vec<[u32; 3]>,
-    shapes: Vec<RestShape>,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct RestShape {
-    /// `inverse[i][k]`: how much edge `i` (from the first corner to the next, to the last) counts in column `k` of `z`.
-    inverse: [[f64; 2]; 2],
-    area: f64,
-}
 
 /// How much the parts of the energy count. Each part is 1 per unit of area where it is least, of 4π in total.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,119 +70,15 @@ pub(crate) struct Element {
 }
 
 impl RestShapes {
-    /// The shapes of these triangles between these points.
-    ///
-    /// Always finite: triangles thinner than [`MOST_ASPECT`] or smaller than [`LEAST_AREA`] are regularised, and those
-    /// with a corner that is missing or not finite become small equilateral ones.
-    pub(crate) fn new(triangles: &[[u32; 3]], positions: &[Point]) -> Self {
-        // Coordinates of any size: products of them must not leave the range of f64.
-        let size = positions.iter().map(|p| p.coords.amax()).filter(|c| c.is_finite());
-        let unit = size.fold(0.0, f64::max).max(f64::MIN_POSITIVE).recip().min(f64::MAX);
-        let mut stretches: Vec<Stretch> = triangles.par_iter().map(|t| Stretch::of(t, positions, unit)).collect();
-        let mean = stretches.iter().map(Stretch::area).sum::<f64>() / stretches.len().max(1) as f64;
-        // Without any area all triangles are alike.
-        let least = if mean > 0.0 { LEAST_AREA * mean } else { 1.0 };
-        stretches.par_iter_mut().for_each(|s| s.regularise(least));
-        let total: f64 = stretches.iter().map(Stretch::area).sum();
-        let scale = (4.0 * std::f64::consts::PI / total).sqrt();
-        Self {
-            triangles: triangles.to_vec(),
-            shapes: stretches.par_iter().map(|s| s.rest_shape(scale)).collect(),
-        }
-    }
-
-    /// The triangles, as given.
-    pub(crate) fn triangles(&self) -> &[[u32; 3]] {
-        &self.triangles
-    }
-
-    /// The rest area of each triangle; 4π in total.
-    pub(crate) fn areas(&self) -> impl Iterator<Item = f64> {
-        self.shapes.iter().map(|shape| shape.area)
-    }
-
     /// For each triangle the angle term `q / 2d`, which is 1 where angles are kept, and `d`. Both are infinite or NaN for
     /// triangles that are turned over.
     pub(crate) fn distortions(&self, x: &[Vector]) -> Vec<[f64; 2]> {
-        let distortion = |(t, shape): (&[u32; 3], &RestShape)| match Drawn::new(shape, t.map(|v| x[v as usize])) {
+        let distortion = |(t, shape): (&[u32; 3], &Rest)| match Drawn::new(shape, t.map(|v| x[v as usize])) {
             Some(drawn) => [drawn.q / (2.0 * drawn.d), drawn.d],
             None => [f64::INFINITY, f64::NAN],
         };
-        self.triangles.par_iter().zip(&self.shapes).map(distortion).collect()
+        self.triangles().par_iter().zip(self.shapes()).map(distortion).collect()
     }
-}
-
-/// The linear map `w ↦ αw + β conj(w)` of the complex plane from the equilateral triangle with corners 0, 1 and
-/// `exp(iπ/3)` onto a rest shape: its stretches are `|α| ± |β|`.
-#[derive(Debug, Clone, Copy)]
-struct Stretch {
-    alpha: Complex<f64>,
-    beta: Complex<f64>,
-}
-
-impl Stretch {
-    const NONE: Self = Self {
-        alpha: Complex::ZERO,
-        beta: Complex::ZERO,
-    };
-
-    fn of(triangle: &[u32; 3], positions: &[Point], unit: f64) -> Self {
-        let [Some(a), Some(b), Some(c)] = triangle.map(|v| positions.get(v as usize)) else {
-            return Self::NONE;
-        };
-        let [first, last] = [b, c].map(|p| p.coords * unit - a.coords * unit);
-        let base = first.norm();
-        let apex = if base > 0.0 {
-            Complex::new(first.dot(&last), first.cross(&last).norm()) / base
-        } else {
-            Complex::new(last.norm(), 0.0)
-        };
-        if !(base.is_finite() && apex.re.is_finite() && apex.im.is_finite()) {
-            return Self::NONE;
-        }
-        let alpha = (apex - base * third_corner().conj()) / (third_corner() - third_corner().conj());
-        Self {
-            alpha,
-            beta: base - alpha,
-        }
-    }
-
-    fn area(&self) -> f64 {
-        // A flat triangle may come out turned over by rounding.
-        3f64.sqrt() / 4.0 * (self.alpha.norm_sqr() - self.beta.norm_sqr()).max(0.0)
-    }
-
-    fn regularise(&mut self, least_area: f64) {
-        let (alpha, beta) = (self.alpha.norm(), self.beta.norm());
-        let longest = alpha + beta;
-        if longest == 0.0 {
-            self.alpha = Complex::ONE;
-        } else if alpha - beta < longest / MOST_ASPECT {
-            let phase = |c: Complex<f64>, norm: f64| if norm > 0.0 { c / norm } else { Complex::ONE };
-            self.alpha = phase(self.alpha, alpha) * (longest * 0.5 * (1.0 + MOST_ASPECT.recip()));
-            self.beta = phase(self.beta, beta) * (longest * 0.5 * (1.0 - MOST_ASPECT.recip()));
-        }
-        let area = self.area();
-        if area < least_area || longest == 0.0 {
-            let scale = least_area.sqrt() / area.sqrt();
-            self.alpha *= scale;
-            self.beta *= scale;
-        }
-    }
-
-    fn rest_shape(&self, scale: f64) -> RestShape {
-        let image = |w: Complex<f64>| (self.alpha * w + self.beta * w.conj()) * scale;
-        let [first, last] = [image(Complex::ONE), image(third_corner())];
-        let determinant = first.re * last.im - first.im * last.re;
-        RestShape {
-            inverse: [[last.im, -last.re], [-first.im, first.re]].map(|row| row.map(|entry| entry / determinant)),
-            area: 0.5 * determinant,
-        }
-    }
-}
-
-fn third_corner() -> Complex<f64> {
-    Complex::new(0.5, 0.75f64.sqrt())
 }
 
 impl Objective for Energy<'_> {
@@ -215,25 +91,34 @@ impl Objective for Energy<'_> {
     }
 
     fn value(&self, x: &[Vector]) -> f64 {
-        let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
+        let of_triangle = |(t, shape): (&[u32; 3], &Rest)| {
             let drawn = Drawn::new(shape, t.map(|v| x[v as usize]));
             drawn.map_or(f64::INFINITY, |drawn| shape.area * drawn.energy(self.weights))
         };
         let rest = self.rest;
         // Summed in order, so that the sum is the same for any number of threads.
-        let values: Vec<f64> = rest.triangles.par_iter().zip(&rest.shapes).map(of_triangle).collect();
+        let values: Vec<f64> = rest
+            .triangles()
+            .par_iter()
+            .zip(rest.shapes())
+            .map(of_triangle)
+            .collect();
         let pull = |p: &Pull| p.weight * (x[p.vertex as usize] - p.target).norm_squared();
         let sum = values.iter().sum::<f64>() + self.pulls.iter().map(pull).sum::<f64>();
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
 
     fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<Element> {
-        let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
+        let of_triangle = |(t, shape): (&[u32; 3], &Rest)| {
             let (corners, frames) = (t.map(|v| x[v as usize]), t.map(|v| frames[v as usize]));
             Drawn::new(shape, corners).map_or(Element::INFINITE, |drawn| drawn.element(self.weights, &frames))
         };
         let rest = self.rest;
-        rest.triangles.par_iter().zip(&rest.shapes).map(of_triangle).collect()
+        rest.triangles()
+            .par_iter()
+            .zip(rest.shapes())
+            .map(of_triangle)
+            .collect()
     }
 }
 
@@ -243,7 +128,7 @@ impl Energy<'_> {
     pub(crate) fn gradient(&self, x: &[Vector]) -> Vec<Vector> {
         let frames: Vec<[Vector; 2]> = x.iter().map(tangents).collect();
         let mut gradient = vec![Vector::zeros(); x.len()];
-        for (t, element) in self.rest.triangles.iter().zip(self.elements(x, &frames)) {
+        for (t, element) in self.rest.triangles().iter().zip(self.elements(x, &frames)) {
             for (c, &v) in t.iter().enumerate() {
                 let [u, w] = frames[v as usize];
                 gradient[v as usize] += u * element.gradient[2 * c] + w * element.gradient[2 * c + 1];
@@ -286,7 +171,9 @@ pub(super) fn is_positive([a, b, c]: &[Vector; 3]) -> bool {
 
 /// A triangle on the sphere that is not turned over.
 struct Drawn<'a> {
-    shape: &'a RestShape,
+    shape: &'a Rest,
+    /// `D`.
+    inverse: [[f64; 2]; 2],
     corners: [Vector; 3],
     z: [Vector; 2],
     /// `(b − a) × (c − a)`.
@@ -296,19 +183,21 @@ struct Drawn<'a> {
 }
 
 impl<'a> Drawn<'a> {
-    fn new(shape: &'a RestShape, corners: [Vector; 3]) -> Option<Self> {
+    fn new(shape: &'a Rest, corners: [Vector; 3]) -> Option<Self> {
         let [a, b, c] = corners;
         let (first, last) = (b - a, c - a);
-        let [[p, r], [s, t]] = shape.inverse;
+        let inverse = shape.inverse();
+        let [[p, r], [s, t]] = inverse;
         let z = [first * p + last * s, first * r + last * t];
         let normal = first.cross(&last);
         let drawn = Self {
             shape,
+            inverse,
             corners,
             z,
             normal,
             q: z[0].norm_squared() + z[1].norm_squared(),
-            d: a.dot(&normal) * shape.determinant(),
+            d: a.dot(&normal) * determinant(shape),
         };
         (drawn.d > 0.0 && drawn.q.is_finite() && is_positive(&corners)).then_some(drawn)
     }
@@ -317,17 +206,23 @@ impl<'a> Drawn<'a> {
         weights.angle * self.q / (2.0 * self.d) + weights.area * 0.5 * (self.d + self.d.recip())
     }
 
+    /// How much each corner counts in each column of `z`.
+    fn shares(&self) -> [[f64; 2]; 3] {
+        let [first, last] = self.inverse;
+        [[-first[0] - last[0], -first[1] - last[1]], first, last]
+    }
+
     fn element(&self, weights: Weights, frames: &[[Vector; 2]; 3]) -> Element {
         let (q, d, area) = (self.q, self.d, self.shape.area);
         let by_z = weights.angle / d;
         let by_d = 0.5 * (weights.area * (1.0 - 1.0 / (d * d)) - by_z * q / d);
         let by_d_twice = (by_z * q + weights.area / d) / (d * d);
-        let share = self.shape.shares();
+        let share = self.shares();
         let [a, b, c] = self.corners;
         // Half the gradient of q, and that of d up to its radial part: without the cancellation in b × c.
         let dq: [Vector; 3] = std::array::from_fn(|k| self.z[0] * share[k][0] + self.z[1] * share[k][1]);
         let dd = [a.cross(&(c - b)), b.cross(&(a - c)), c.cross(&(b - a))];
-        let dd = dd.map(|v| (v + self.normal) * self.shape.determinant());
+        let dd = dd.map(|v| (v + self.normal) * determinant(self.shape));
         let tangent = |g: &[Vector; 3]| -> [f64; 6] { std::array::from_fn(|i| g[i / 2].dot(&frames[i / 2][i % 2])) };
         let (gq, gd) = (tangent(&dq), tangent(&dd));
 
@@ -344,7 +239,7 @@ impl<'a> Drawn<'a> {
                     let third = self.corners[3 - m - n];
                     let sign = if m - n == 1 { -1.0 } else { 1.0 };
                     entry += by_z * metric * u.dot(&v);
-                    entry += by_d * self.shape.determinant() * sign * third.dot(&u.cross(&v));
+                    entry += by_d * determinant(self.shape) * sign * third.dot(&u.cross(&v));
                 } else if i == j {
                     // The sphere bends away from its tangent plane.
                     entry += by_z * metric - by_z * dq[m].dot(&self.corners[m]) - by_d * d;
@@ -360,16 +255,9 @@ impl<'a> Drawn<'a> {
     }
 }
 
-impl RestShape {
-    fn determinant(&self) -> f64 {
-        0.5 / self.area
-    }
-
-    /// How much each corner counts in each column of `z`.
-    fn shares(&self) -> [[f64; 2]; 3] {
-        let [first, last] = self.inverse;
-        [[-first[0] - last[0], -first[1] - last[1]], first, last]
-    }
+/// Of `D`.
+fn determinant(shape: &Rest) -> f64 {
+    0.5 / shape.area
 }
 
 impl Element {
@@ -450,7 +338,7 @@ mod tests {
         let x = directions(&mesh);
         for [angle, area] in WEIGHTS {
             let weights = Weights { angle, area };
-            for (t, shape) in rest.triangles.iter().zip(&rest.shapes) {
+            for (t, shape) in rest.triangles().iter().zip(rest.shapes()) {
                 let corners = t.map(|v| x[v as usize]);
                 let frames = corners.map(|x| tangents(&x));
                 let of = |p: &SMatrix<f64, 6, 1>| {
@@ -475,61 +363,6 @@ mod tests {
                 assert!(found.symmetric_eigenvalues().min() > -1e-12 * found.norm());
             }
         }
-    }
-
-    #[test]
-    fn rest_shapes_are_finite_whatever_the_triangles() {
-        let points = [
-            [0.0, 0.0, 0.0],
-            [1.0, 0.0, 0.0],
-            [0.0, 1.0, 0.0],
-            [0.5, 1e-9, 0.0],
-            [0.5, 0.0, 0.0],
-            [f64::NAN, 0.0, 0.0],
-            [1e-30, 1e-30, 0.0],
-            [0.0, f64::INFINITY, 0.0],
-        ];
-        let triangles = [
-            [0, 1, 2],
-            [0, 1, 3],
-            [0, 1, 4],
-            [0, 0, 0],
-            [0, 0, 1],
-            [0, 1, 5],
-            [0, 6, 4],
-            [1, 2, 7],
-            [0, 1, 99],
-        ];
-        for scale in [1.0, 1e-300, 1e200] {
-            let positions = points.map(|p| Point::from(p) * scale);
-            let rest = RestShapes::new(&triangles, &positions);
-            assert!((rest.areas().sum::<f64>() / (4.0 * std::f64::consts::PI) - 1.0).abs() < 1e-12);
-            for shape in &rest.shapes {
-                assert!(shape.area > 1e-10 && shape.inverse.iter().flatten().all(|entry| entry.is_finite()));
-            }
-        }
-        let none = RestShapes::new(&[[0, 0, 0], [0, 1, 2]], &[]);
-        assert!(
-            none.areas()
-                .all(|area| (area / (2.0 * std::f64::consts::PI) - 1.0).abs() < 1e-12)
-        );
-        assert_eq!(RestShapes::new(&[], &[]).areas().count(), 0);
-    }
-
-    #[test]
-    fn rest_shapes_within_bounds_are_kept() {
-        let positions = [[0.0, 0.0, 1.0], [3.0, 0.0, 1.0], [1.0, 0.2, 1.0], [0.0, -1.0, 1.0]].map(Point::from);
-        let rest = RestShapes::new(&[[0, 1, 2], [0, 3, 1]], &positions);
-        // Areas 0.3 and 1.5; drawn in its own plane a triangle has the identity as its Jacobian.
-        let areas: Vec<f64> = rest.areas().collect();
-        assert!((areas[1] / areas[0] - 5.0).abs() < 1e-12);
-        let scale = (areas[0] / 0.3).sqrt();
-        let [[p, r], [s, t]] = rest.shapes[0].inverse;
-        let (first, last) = (Vector::x() * 3.0 * scale, Vector::new(1.0, 0.2, 0.0) * scale);
-        let z = [first * p + last * s, first * r + last * t];
-        assert!(
-            z[0].dot(&z[1]).abs() < 1e-12 && (z[0].norm() - 1.0).abs() < 1e-12 && (z[1].norm() - 1.0).abs() < 1e-12
-        );
     }
 
     #[test]

@@ -99,16 +99,16 @@ impl Neighbours {
         }
     }
 
+    /// Of a closed oriented surface.
+    pub fn of_surface(vertices: usize, triangles: &[[u32; 3]]) -> Self {
+        Self {
+            rings: rings_of(vertices, triangles),
+        }
+    }
+
     /// The neighbours of a vertex, counter-clockwise; none while it is not there.
     pub fn of(&self, vertex: u32) -> &[u32] {
         &self.rings[vertex as usize]
-    }
-
-    /// The vertices that are there, ascending.
-    pub fn present(&self) -> Vec<u32> {
-        (0..self.rings.len() as u32)
-            .filter(|&v| !self.rings[v as usize].is_empty())
-            .collect()
     }
 
     /// The triangles, each once, ordered by their lowest vertex, which comes first.

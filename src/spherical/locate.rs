@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use super::SphericalMap;
 use super::spherical_map::unit;
 use crate::geometry::{Aabb, Bvh};
-use crate::mesh::SurfacePoint;
 use crate::mesh::topology::Topology;
+use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::{Point, Vector};
 
 /// Finds the point of a surface that a [`SphericalMap`] sends to a direction. Built once per map and asked often;
@@ -57,8 +57,12 @@ const WALK: usize = 16;
 impl Locator {
     /// Prepares the search in a map.
     pub fn new(map: &SphericalMap) -> Self {
-        let corners = |t: &[u32; 3]| t.map(|v| map.directions()[v as usize]);
-        let surface = map.surface();
+        Self::of_drawing(map.surface(), map.directions())
+    }
+
+    /// Prepares the search in a drawing of a closed surface whose triangles are all positive.
+    pub(crate) fn of_drawing(surface: &SurfaceMesh, directions: &[Vector]) -> Self {
+        let corners = |t: &[u32; 3]| t.map(|v| directions[v as usize]);
         let boxes: Vec<Aabb> = surface
             .triangles()
             .par_iter()

@@ -15,17 +15,20 @@ mod moebius;
 mod newton;
 mod progressive;
 mod relax;
+mod rest;
 mod spherical_map;
 
 pub use certificate::{Certificate, certify};
 pub use embedding::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
-pub(crate) use energy::{Element, Energy, Objective, Pull, RestShapes, Weights};
+pub(crate) use energy::{Element, Energy, Objective, Pull, Weights};
 pub(crate) use hierarchy::Hierarchy;
 pub(crate) use kernel::det;
 pub use locate::Locator;
+pub(crate) use moebius::Moebius;
 pub(crate) use newton::{Newton, NewtonError, NewtonOptions};
-pub(crate) use progressive::{Drawing, embed};
-pub(crate) use relax::{Relaxation, Rest, newton_step};
+pub(crate) use progressive::Drawing;
+pub(crate) use relax::{Relaxation, newton_step};
+pub(crate) use rest::{Rest, RestShapes};
 pub use spherical_map::{SphericalError, SphericalMap, require_sphere};
 
 /// Surfaces on the sphere, for tests.

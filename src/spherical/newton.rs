@@ -464,7 +464,8 @@ fn safe_step(&[c0, c1, c2, c3]: &[f64; 4]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::energy::{Pull, RestShapes, Weights};
+    use super::super::energy::{Energy, Pull, Weights};
+    use super::super::rest::RestShapes;
     use super::*;
     use crate::mesh::{SurfaceMesh, shapes};
     use crate::spherical::certify;

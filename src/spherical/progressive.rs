@@ -7,6 +7,7 @@
 use super::hierarchy::{Hierarchy, Neighbours};
 use super::kernel::{place_in_kernel, smallest_det};
 use crate::geometry::sphere_rotation;
+use crate::mesh::SurfaceMesh;
 use crate::{Point, Vector};
 
 /// A drawing with part of the vertices.
@@ -17,34 +18,51 @@ pub(crate) struct Drawing {
     pub directions: Vec<Vector>,
     /// The vertices that are there, in the order in which they came.
     pub there: Vec<u32>,
+    /// Those of the last level are `there[arrived..]`.
+    pub arrived: usize,
+    /// Levels put back.
+    levels: usize,
 }
 
-/// Puts all vertices back, beginning with four at `base` (see [`Drawing::of_base`]). After each level `improve` may move
+/// Puts all vertices back, beginning with four near `base` (see [`Drawing::of_base`]). After each level `improve` may move
 /// them, keeping all triangles positive.
 ///
 /// `None` when rounding leaves no place for a vertex: its ring is smaller than coordinates tell apart.
 pub(crate) fn embed(
     hierarchy: &Hierarchy,
     base: impl Fn(u32) -> Option<Vector>,
-    mut improve: impl FnMut(&mut Drawing),
+    improve: impl FnMut(&mut Drawing),
 ) -> Option<Drawing> {
     let mut drawing = Drawing::of_base(hierarchy, base);
-    improve(&mut drawing);
-    for level in hierarchy.refinements() {
-        for insertion in level {
-            let ring: Vec<Vector> = insertion.ring.iter().map(|&r| drawing.directions[r as usize]).collect();
-            drawing.directions[insertion.vertex as usize] = place_in_kernel(&ring)?;
-            drawing.neighbours.insert(&insertion);
-            drawing.there.push(insertion.vertex);
-        }
-        improve(&mut drawing);
-    }
+    drawing.refine(hierarchy, usize::MAX, improve)?;
     Some(drawing)
 }
 
 impl Drawing {
+    /// Puts vertices back, level by level, until there are at least `enough`; goes on where it stopped before. After each
+    /// level `improve` may move vertices, keeping all triangles positive.
+    ///
+    /// `None` when rounding leaves no place for a vertex.
+    pub fn refine(&mut self, hierarchy: &Hierarchy, enough: usize, mut improve: impl FnMut(&mut Self)) -> Option<()> {
+        for level in hierarchy.refinements().skip(self.levels) {
+            if self.there.len() >= enough {
+                break;
+            }
+            self.arrived = self.there.len();
+            for insertion in level {
+                let ring: Vec<Vector> = insertion.ring.iter().map(|&r| self.directions[r as usize]).collect();
+                self.directions[insertion.vertex as usize] = place_in_kernel(&ring)?;
+                self.neighbours.insert(&insertion);
+                self.there.push(insertion.vertex);
+            }
+            self.levels += 1;
+            improve(self);
+        }
+        Some(())
+    }
+
     /// The tetrahedron: a regular one, turned to be close to the places that are wanted of its corners.
-    fn of_base(hierarchy: &Hierarchy, wanted: impl Fn(u32) -> Option<Vector>) -> Self {
+    pub fn of_base(hierarchy: &Hierarchy, wanted: impl Fn(u32) -> Option<Vector>) -> Self {
         let mut directions = vec![Vector::zeros(); hierarchy.vertices()];
         let third = (1f64 / 3.0).sqrt();
         let corners = [[1.0, 1.0, 1.0], [-1.0, -1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0]];
@@ -60,6 +78,20 @@ impl Drawing {
             neighbours: Neighbours::of_base(hierarchy),
             directions,
             there: base.to_vec(),
+            arrived: 0,
+            levels: 0,
+        }
+    }
+
+    /// A whole surface at these unit vectors.
+    pub fn of(surface: &SurfaceMesh, directions: &[Vector]) -> Self {
+        let count = surface.vertices().len();
+        Self {
+            neighbours: Neighbours::of_surface(count, surface.triangles()),
+            directions: directions.to_vec(),
+            there: (0..count as u32).collect(),
+            arrived: 0,
+            levels: usize::MAX,
         }
     }
 

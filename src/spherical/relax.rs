@@ -9,57 +9,8 @@ use smallvec::SmallVec;
 use super::energy::{Weights, tangents};
 use super::kernel::det;
 use super::progressive::Drawing;
+use super::rest::Rest;
 use crate::{Point, Vector};
-
-/// What a triangle is on the surface.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Rest {
-    /// Cotangents of its angles.
-    pub cotangents: [f64; 3],
-    /// Area in units in which the surface has 4π, the sphere's.
-    pub area: f64,
-}
-
-/// Triangles thinner than this count as if they had this ratio of height and longest side: their own shape would only
-/// be a source of rounding.
-const THINNEST: f64 = 0.02;
-
-impl Rest {
-    /// Of a triangle in space; `unit` scales areas.
-    pub fn of([a, b, c]: [&Point; 3], unit: f64) -> Self {
-        let (ab, ac, bc) = (b - a, c - a, c - b);
-        let double_area = ab.cross(&ac).norm();
-        let squares = [bc.norm_squared(), ac.norm_squared(), ab.norm_squared()];
-        let longest = squares[0].max(squares[1]).max(squares[2]);
-        let floored = double_area.max(THINNEST * longest).max(1e-12 / unit);
-        let dots = [ab.dot(&ac), -ab.dot(&bc), ac.dot(&bc)];
-        let cotangents = if longest > 0.0 && double_area >= THINNEST * longest {
-            dots.map(|dot| dot / double_area)
-        } else {
-            thin(squares, longest)
-        };
-        Self {
-            cotangents,
-            area: 0.5 * floored * unit,
-        }
-    }
-}
-
-/// Cotangents of the triangle on the same longest side whose apex is lifted to the least height.
-fn thin(squares: [f64; 3], longest: f64) -> [f64; 3] {
-    if longest.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
-        return [(1f64 / 3.0).sqrt(); 3];
-    }
-    let apex = (0..3).fold(0, |best, k| if squares[k] > squares[best] { k } else { best });
-    let (left, right) = (squares[(apex + 1) % 3], squares[(apex + 2) % 3]);
-    // Foot of the apex on its side, in units of the side; the neighbour next in order is opposite of `left`.
-    let foot = (0.5 * (1.0 + (right - left) / longest)).clamp(0.0, 1.0);
-    let mut cotangents = [0.0; 3];
-    cotangents[(apex + 1) % 3] = foot / THINNEST;
-    cotangents[(apex + 2) % 3] = (1.0 - foot) / THINNEST;
-    cotangents[apex] = (THINNEST * THINNEST - foot * (1.0 - foot)) / THINNEST;
-    cotangents
-}
 
 /// What a drawing is relaxed to.
 pub(crate) struct Relaxation<'a> {

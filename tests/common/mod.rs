@@ -1,6 +1,8 @@
 //! What several test programs share.
 #![allow(dead_code)]
 
+pub mod stress;
+
 use std::path::PathBuf;
 
 use rand::{Rng, SeedableRng, rngs::StdRng};

@@ -40,7 +40,7 @@ pub struct Degree {
     pub value: i64,
     /// Share of the points inside that the image goes round this often; 1 for a map onto the target.
     pub agreement: f64,
-    /// Points inside that were asked; 0 on a sphere, where solid angles are summed.
+    /// Points inside that were asked; 0 on or by way of a sphere, where solid angles are summed.
     pub points: usize,
 }
 
@@ -63,7 +63,7 @@ pub(super) struct FoldedEdges {
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Facing {
+pub(super) enum Facing {
     Outward,
     Inward,
     Flat,
@@ -146,15 +146,16 @@ impl Covering {
                 }
             })
             .collect();
-        let those = |wanted: Facing| -> Vec<u32> {
-            let is_wanted = |t: &u32| facing[*t as usize] == wanted && !flat_in_domain[*t as usize];
-            (0..count as u32).filter(is_wanted).collect()
+        let with_area = |wanted: Facing| {
+            let mut found = those(wanted, &facing);
+            found.retain(|&t| !flat_in_domain[t as usize]);
+            found
         };
         Self {
             against,
             degree,
-            flipped: those(Facing::Inward),
-            degenerate: those(Facing::Flat),
+            flipped: with_area(Facing::Inward),
+            degenerate: with_area(Facing::Flat),
             flat_in_domain: flat_in_domain.iter().filter(|flat| **flat).count(),
         }
     }
@@ -204,6 +205,12 @@ impl FoldedEdges {
     }
 }
 
+/// The triangles that face like this.
+pub(super) fn those(wanted: Facing, facings: &[Facing]) -> Vec<u32> {
+    let is_wanted = |t: &u32| facings[*t as usize] == wanted;
+    (0..facings.len() as u32).filter(is_wanted).collect()
+}
+
 /// Whether the normals of two triangles differ by more than 150°.
 fn turns_back(normals: &[Vector], [a, b]: [usize; 2]) -> bool {
     const COSINE: f64 = -0.866_025_403_784_438_6;
@@ -218,7 +225,7 @@ pub(super) fn bounds_a_solid(mesh: &SurfaceMesh) -> bool {
 }
 
 /// Corners exactly on a line: on one in each of the three coordinate planes.
-fn is_flat(corners: &[Point; 3]) -> bool {
+pub(super) fn is_flat(corners: &[Point; 3]) -> bool {
     (0..3).all(|k| {
         let [a, b, c] = corners.map(|p| Coord {
             x: p[k],
@@ -255,7 +262,7 @@ fn fitted_sphere(mesh: &SurfaceMesh) -> Option<(Point, f64)> {
     (radius.is_finite() && radius > 0.0).then(|| (origin + centre * size, radius * size))
 }
 
-fn facings_on_sphere(image: &SurfaceMesh, directions: &[Vector]) -> Vec<Facing> {
+pub(super) fn facings_on_sphere(mesh: &SurfaceMesh, directions: &[Vector]) -> Vec<Facing> {
     let facing = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|v| Point::from(directions[v as usize]));
         match orientation(&Point::origin(), &a, &b, &c) {
@@ -264,12 +271,12 @@ fn facings_on_sphere(image: &SurfaceMesh, directions: &[Vector]) -> Vec<Facing> 
             _ => Facing::Flat,
         }
     };
-    image.triangles().par_iter().map(facing).collect()
+    mesh.triangles().par_iter().map(facing).collect()
 }
 
 /// A triangle faces inward when the target's normals do at the points closest to all four of its samples. Where a
 /// triangle spans a crease, some samples see one side and some the other; it faces both, or neither.
-fn facings_on_target(image: &SurfaceMesh, target: &SurfaceMesh, query: &SurfaceQuery) -> Vec<Facing> {
+pub(super) fn facings_on_target(image: &SurfaceMesh, target: &SurfaceMesh, query: &SurfaceQuery) -> Vec<Facing> {
     const SAMPLES: [[f64; 3]; 4] = {
         let (far, near) = (1.0 / 6.0, 2.0 / 3.0);
         [[1.0 / 3.0; 3], [near, far, far], [far, near, far], [far, far, near]]

@@ -1,6 +1,7 @@
 use std::fmt::{self, Display, Formatter};
 
-use super::{Against, BoundaryCheck, MapFinding, SurfaceDistance, Verdict};
+use super::findings::counted;
+use super::{Against, BoundaryCheck, BySphere, MapFinding, SurfaceDistance, Verdict};
 use crate::check::{SelfIntersections, Severity};
 
 /// Ids shown of each sort.
@@ -13,8 +14,17 @@ impl Display for BoundaryCheck {
         if let Some(coverage) = &self.coverage {
             self.write_coverage(f, [&coverage.image_to_target, &coverage.target_to_image])?;
         }
+        if let Some(by_sphere) = &self.by_sphere {
+            by_sphere.write_round_trip(f)?;
+        }
         if let Some(distortion) = &self.distortion {
             writeln!(f)?;
+            if let Some(BySphere { cuts: 1.., .. }) = &self.by_sphere {
+                writeln!(
+                    f,
+                    "  Measured over triangles of the domain cut into smaller ones, by their true images:"
+                )?;
+            }
             distortion
                 .to_string()
                 .lines()
@@ -22,6 +32,9 @@ impl Display for BoundaryCheck {
         }
         for finding in &self.findings {
             write!(f, "\n{finding}")?;
+        }
+        if let Some(by_sphere) = &self.by_sphere {
+            by_sphere.write_remarks(f)?;
         }
         if self
             .findings
@@ -35,18 +48,26 @@ impl Display for BoundaryCheck {
 }
 
 impl BoundaryCheck {
-    fn headline(&self) -> &'static str {
+    fn headline(&self) -> String {
+        let what = match self.against {
+            Against::Target => "target",
+            _ => "sphere",
+        };
         match self.verdict {
-            Verdict::Bijective if self.findings.is_empty() => "One to one with the sphere, decided exactly.",
-            Verdict::Bijective => "One to one with the sphere, decided exactly; but see below.",
-            Verdict::NoDefectFound => "One to one, as far as can be told: nothing speaks against it.",
-            Verdict::Doubtful => "Perhaps one to one, but there are doubts.",
-            Verdict::NotBijective => "NOT one to one.",
+            Verdict::Bijective if self.findings.is_empty() => format!("One to one with the {what}, decided exactly."),
+            Verdict::Bijective => format!("One to one with the {what}, decided exactly; but see below."),
+            Verdict::NoDefectFound => "One to one, as far as can be told: nothing speaks against it.".into(),
+            Verdict::Doubtful => "Perhaps one to one, but there are doubts.".into(),
+            Verdict::NotBijective => "NOT one to one.".into(),
         }
     }
 
     fn write_facts(&self, f: &mut Formatter) -> fmt::Result {
         let against = match self.against {
+            _ if self.by_sphere.is_some() => match self.against {
+                Against::Target => "the target, by way of the sphere".into(),
+                _ => "the unit sphere".into(),
+            },
             Against::Sphere {
                 centre: [x, y, z],
                 radius,
@@ -75,16 +96,18 @@ impl BoundaryCheck {
             0 => String::new(),
             count => format!(" (and {count} in the domain)"),
         };
+        let plain = if self.by_sphere.is_some() { ", plain image" } else { "" };
+        let (folded, crossing) = (format!("folded edges{plain}"), format!("self-intersections{plain}"));
         for (name, fact) in [
             ("triangles", self.faces.to_string()),
             ("held against", against),
             ("degree", degree),
             ("flipped triangles", self.flipped.to_string()),
             ("degenerate triangles", format!("{}{flat}", self.degenerate)),
-            ("folded edges", self.folded_edges.to_string()),
-            ("self-intersections", intersections),
+            (&folded, self.folded_edges.to_string()),
+            (&crossing, intersections),
         ] {
-            writeln!(f, "  {name:<22} {fact}")?;
+            writeln!(f, "  {name:<width$} {fact}", width = 22 + plain.len())?;
         }
         Ok(())
     }
@@ -99,6 +122,38 @@ impl BoundaryCheck {
         {
             let [rms, p99, max, error] = [d.rms, d.p99, d.max, d.max_error].map(small);
             writeln!(f, "  {name:<24}  {rms:>9}  {p99:>9}  {max:>9}  {error:>9}")?;
+        }
+        Ok(())
+    }
+}
+
+impl BySphere {
+    fn write_round_trip(&self, f: &mut Formatter) -> fmt::Result {
+        let trip = &self.round_trip;
+        let [rms, p99, max] = [trip.rms, trip.p99, trip.max].map(small);
+        let head = "round trip / diagonal";
+        writeln!(f, "\n  {head:<24}  {:>9}  {:>9}  {:>9}", "rms", "99 %", "max")?;
+        let name = "domain, target, domain";
+        writeln!(f, "  {name:<24}  {rms:>9}  {p99:>9}  {max:>9}")
+    }
+
+    fn write_remarks(&self, f: &mut Formatter) -> fmt::Result {
+        if self.flat_in_target > 0 {
+            let remark = format!(
+                "{} of the target have no area, so that several points of the domain go to the same point there.",
+                counted(self.flat_in_target, "triangle")
+            );
+            writeln!(f)?;
+            write_wrapped(f, "remark: ", &remark)?;
+        }
+        if self.plain_image_flipped > 0 {
+            let remark = format!(
+                "the plain image mesh, straight between the images of vertices, has {} that face against the target. The \
+                 map itself has none: use the boundary file.",
+                counted(self.plain_image_flipped, "triangle")
+            );
+            writeln!(f)?;
+            write_wrapped(f, "remark: ", &remark)?;
         }
         Ok(())
     }

@@ -291,7 +291,7 @@ fn listed(ids: &[u32]) -> Vec<u32> {
     ids.iter().take(LISTED).copied().collect()
 }
 
-fn counted(count: usize, noun: &str) -> String {
+pub(super) fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 

@@ -1,10 +1,12 @@
 //! Whether a boundary map is one to one, as far as can be told, and how well its image covers the target.
 //!
 //! The map is a drawing of the domain's triangles in space, of any genus, from any program. What can be said of it
-//! depends on what it is held against ([`Against`]). A drawing on a sphere is decided exactly ([`crate::spherical`]).
+//! depends on what it is held against ([`Against`]). A drawing on a sphere is decided exactly ([`crate::spherical`]), and
+//! so is a map by way of the sphere, which is examined as it is and not as the mesh of its vertices' images.
 //! One near a target surface has its triangles compared with the target's normals, its degree from winding numbers
 //! inside the target, and both Hausdorff distances bounded. By itself, an image shows folds, and where it overlaps.
 
+mod by_sphere;
 mod coverage;
 mod covering;
 mod display;
@@ -14,6 +16,7 @@ mod tests;
 
 use serde::Serialize;
 
+pub use by_sphere::{BySphere, RoundTrip};
 pub use coverage::{Coverage, SurfaceDistance};
 pub use covering::{Against, Degree};
 
@@ -69,14 +72,17 @@ pub struct BoundaryCheck {
     pub degenerate: usize,
     /// Triangles of the domain with corners exactly on a line; not held against the map.
     pub flat_in_domain: usize,
-    /// Edges across which the image turns back by more than 150°, and the domain does not.
+    /// Edges across which the image (by way of the sphere: the plain one) turns back by more than 150°, and the domain does
+    /// not.
     pub folded_edges: usize,
     /// Distances between image and target; `None` without a target.
     pub coverage: Option<Coverage>,
     /// How far the map is from an isometry; `None` when a surface has no area.
     pub distortion: Option<SurfaceDistortion>,
-    /// Pairs of image triangles that pass through each other.
+    /// Pairs of image triangles (by way of the sphere: of the plain image) that pass through each other.
     pub self_intersections: SelfIntersections,
+    /// What more is known of a map by way of the sphere; `None` for others.
+    pub by_sphere: Option<BySphere>,
     /// What is wrong, errors first.
     pub findings: Vec<MapFinding>,
 }
@@ -85,7 +91,7 @@ pub struct BoundaryCheck {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// A bijection with the sphere, decided exactly; perhaps one that mirrors.
+    /// A bijection with the sphere, or by way of it, decided exactly; perhaps one that mirrors.
     Bijective,
     /// Nothing speaks against it.
     NoDefectFound,
@@ -162,8 +168,8 @@ pub enum BoundaryCheckError {
 
 /// Examines a boundary map: whether it is one to one, and how far it distorts.
 ///
-/// `target` is the surface that the image is meant to cover; without it, the sphere that the image lies on to 1e-6 of
-/// its radius, if it does. An image that is farther than a tenth of the diagonal off its target is examined by itself.
+/// `target` is the surface that the image is meant to cover; without it, the map's own target, if it goes by way of the
+/// sphere, or the sphere that the image lies on to 1e-6 of its radius, if it does. An image that is farther than a tenth of the diagonal off its target is examined by itself.
 /// Surfaces are taken as [`mend`] turns them. `self_intersections` finds triangles that pass
 /// through each other, as CGAL does in builds with the `native` feature. Takes seconds per 100 000 triangles with a
 /// target, and a fraction of one without.
@@ -177,6 +183,9 @@ pub fn check(
     options: &BoundaryCheckOptions,
     self_intersections: Option<FindSelfIntersections>,
 ) -> Result<BoundaryCheck, BoundaryCheckError> {
+    if let Some(drawn) = map.domain_on_sphere() {
+        return by_sphere::check(map, drawn, target, options, self_intersections);
+    }
     let (domain, _) = mend(map.domain());
     SurfaceQuery::with_winding_sign(&domain).map_err(BoundaryCheckError::Domain)?;
     let image = domain
@@ -210,7 +219,10 @@ pub fn check(
         vertices: domain.vertices().len(),
         faces: domain.triangles().len(),
         against: covering.against,
-        verdict: verdict(&findings, covering.against),
+        verdict: match covering.against {
+            Against::Sphere { .. } => exact_verdict(&findings),
+            Against::Target | Against::Itself => verdict(&findings),
+        },
         degree: covering.degree,
         flipped: covering.flipped.len(),
         degenerate: covering.degenerate.len(),
@@ -219,6 +231,7 @@ pub fn check(
         coverage,
         distortion: SurfaceDistortion::of(&domain, image.vertices()),
         self_intersections,
+        by_sphere: None,
         findings,
     })
 }
@@ -226,14 +239,19 @@ pub fn check(
 /// Distance from the target, over its diagonal, beyond which an image is at another place or of another size.
 const ELSEWHERE: f64 = 0.1;
 
-fn verdict(findings: &[MapFinding], against: Against) -> Verdict {
-    let worst = findings.iter().map(|finding| finding.severity).min();
-    let exact = matches!(against, Against::Sphere { .. });
-    match worst {
+fn verdict(findings: &[MapFinding]) -> Verdict {
+    match findings.iter().map(|finding| finding.severity).min() {
         Some(Severity::Error) => Verdict::NotBijective,
-        _ if exact => Verdict::Bijective,
         Some(Severity::Warning) => Verdict::Doubtful,
         None => Verdict::NoDefectFound,
+    }
+}
+
+/// Of a map that has been decided: only errors speak against it.
+fn exact_verdict(findings: &[MapFinding]) -> Verdict {
+    match verdict(findings) {
+        Verdict::NotBijective => Verdict::NotBijective,
+        _ => Verdict::Bijective,
     }
 }
 

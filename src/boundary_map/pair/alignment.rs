@@ -1,11 +1,11 @@
 //! Similarities that lay one solid over another of any connectivity.
 //!
-//! Principal axes of the surfaces and the coordinates as they are give starts, which the iterated closest point method improves (Besl & McKay, *A method
-//! for registration of 3-D shapes*, IEEE PAMI 14, 1992), at the end with distances to tangent planes (Chen & Medioni,
-//! *Object modelling by registration of multiple range images*, Image Vis. Comput. 10, 1992). Points of either surface
-//! look for partners on the other, so that a limb that only one of them has is not passed over; partners face the same
-//! way as far as there are such. Where the principal axes are ambiguous, rotations spread evenly (Alexa, *Super-Fibonacci
-//! spirals*, CVPR 2022) are starts too.
+//! Principal axes of the surfaces and the coordinates as given are starts, which the iterated closest point method
+//! improves (Besl & McKay, *A method for registration of 3-D shapes*, IEEE PAMI 14, 1992), at the end with distances to
+//! tangent planes (Chen & Medioni, *Object modelling by registration of multiple range images*, Image Vis. Comput. 10,
+//! 1992). Points of either surface look for partners on the other, so that a limb that only one of them has is not passed
+//! over; partners face the same way as far as there are such. Where the principal axes are ambiguous, rotations spread
+//! evenly (Alexa, *Super-Fibonacci spirals*, CVPR 2022) are starts too.
 
 use std::f64::consts::PI;
 

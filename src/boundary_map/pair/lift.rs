@@ -5,6 +5,7 @@
 //! Hoppe, *Inter-surface mapping*, 2004; Smith and Schaefer, *Bijective parameterization with free boundaries*, 2015),
 //! over drawings whose triangles are all positive: bijections.
 
+use std::collections::HashMap;
 use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -21,12 +22,22 @@ use crate::{Matrix3, Point, Vector};
 /// alone would come up against where triangles between points of the target cut corners.
 const BARRIER: f64 = 1e-3;
 
+/// Parts of the target that are told apart when looking for limbs.
+const MOST_PARTS: usize = 20_000;
+/// A triangle hides something if it covers at least this many parts, and this many times the area of its straight image.
+const FEWEST_PARTS: usize = 4;
+const HIDING: f64 = 1.5;
+/// Areas count this many times as large at most.
+const MOST_HIDDEN: f64 = 100.0;
+
 /// The target, drawn on the sphere, as seen by drawings of domains.
 pub(crate) struct Lift<'a> {
     target: &'a SphericalMap,
     locator: &'a Locator,
     /// Lengths of the target are multiplied by this, so that its area is 4π.
     scale: f64,
+    /// Directions that stand for parts of the target, and the areas of these.
+    parts: Vec<(Vector, f64)>,
 }
 
 /// The image of a vertex.
@@ -45,24 +56,46 @@ pub(crate) struct Lifted<'a> {
     /// Areas of the domain's triangles are multiplied by this.
     unit: f64,
     images: Vec<Image>,
+    /// By how much the part of the target that a triangle covers is larger than the straight triangle between the images
+    /// of its corners, where that is a lot: a limb may stick out of it. Its image counts as that much larger, so that
+    /// vertices are drawn onto the limb. Triangles start with their lowest vertex.
+    hidden: HashMap<[u32; 3], f64>,
 }
 
 struct Corner {
     direction: Vector,
     image: Point,
     /// Of the triangle with the next corner.
+    triangle: Weighed,
+}
+
+/// A triangle of the domain against the target.
+#[derive(Debug, Clone, Copy)]
+struct Weighed {
+    /// Its shape, and its area.
     rest: Rest,
+    /// Its area over [`hidden`](Lifted::hidden): what its image is held against.
+    reduced: f64,
 }
 
 type Star = SmallVec<[Corner; 10]>;
 
 impl<'a> Lift<'a> {
     pub fn new(target: &'a SphericalMap, locator: &'a Locator) -> Self {
-        let area = target.surface().area();
+        let surface = target.surface();
+        let scale = (4.0 * std::f64::consts::PI / surface.area()).sqrt();
+        let count = surface.triangles().len();
+        let stride = count.div_ceil(MOST_PARTS);
+        let part = |t: usize| {
+            let middle = surface.triangles()[t].map(|v| target.directions()[v as usize]);
+            let area = surface.area_vector(t).norm() * scale * scale;
+            (middle.iter().sum::<Vector>().normalize(), stride as f64 * area)
+        };
         Self {
             target,
             locator,
-            scale: (4.0 * std::f64::consts::PI / area).sqrt(),
+            scale,
+            parts: (0..count).step_by(stride).map(part).collect(),
         }
     }
 
@@ -101,6 +134,54 @@ impl<'a> Lifted<'a> {
             domain: domain.vertices(),
             unit: 1.0,
             images: vec![nowhere; domain.vertices().len()],
+            hidden: HashMap::new(),
+        }
+    }
+
+    /// Finds the triangles that cover more of the target than shows between the images of their corners.
+    pub fn find_hidden(&mut self, drawing: &Drawing) {
+        self.hidden.clear();
+        let triangles = drawing.neighbours.triangles();
+        let mut number = vec![0; drawing.directions.len()];
+        for (i, &v) in drawing.there.iter().enumerate() {
+            number[v as usize] = i as u32;
+        }
+        let directions: Vec<Vector> = drawing.there.iter().map(|&v| drawing.directions[v as usize]).collect();
+        let points = directions.iter().map(|x| Point::from(*x)).collect();
+        let numbered = triangles.iter().map(|t| t.map(|v| number[v as usize])).collect();
+        let surface = SurfaceMesh::new(points, numbered).expect("every vertex of a drawing is there");
+        let locator = Locator::of_drawing(&surface, &directions);
+        let middles: Vec<Vector> = self.lift.parts.iter().map(|part| part.0).collect();
+        let mut covered = vec![(0, 0.0); triangles.len()];
+        for (place, (_, area)) in locator.locate_all(&middles).iter().zip(&self.lift.parts) {
+            let (count, sum) = &mut covered[place.triangle as usize];
+            *count += 1;
+            *sum += area;
+        }
+        for (t, (count, area)) in triangles.iter().zip(covered) {
+            let [y, a, b] = t.map(|v| self.images[v as usize].point);
+            let straight = 0.5 * (a - y).cross(&(b - y)).norm();
+            if count >= FEWEST_PARTS && area > HIDING * straight {
+                self.hidden.insert(*t, (area / straight).min(MOST_HIDDEN));
+            }
+        }
+    }
+
+    /// Whether any triangle hides something.
+    pub fn hides(&self) -> bool {
+        !self.hidden.is_empty()
+    }
+
+    fn weighed(&self, t: [u32; 3]) -> Weighed {
+        let rest = Rest::of(t.map(|v| &self.domain[v as usize]), self.unit);
+        let hidden = if self.hidden.is_empty() {
+            None
+        } else {
+            self.hidden.get(&lowest_first(t))
+        };
+        Weighed {
+            rest,
+            reduced: rest.area / hidden.unwrap_or(&1.0),
         }
     }
 
@@ -137,7 +218,7 @@ impl<'a> Lifted<'a> {
         let mut star = Star::new();
         for &v in &drawing.there {
             self.gather(drawing, v, &mut star);
-            let area: f64 = star.iter().map(|corner| corner.rest.area).sum();
+            let area: f64 = star.iter().map(|corner| corner.triangle.rest.area).sum();
             let value = self.value(&drawing.directions[v as usize], &self.images[v as usize].point, &star);
             if value.is_none_or(|value| value > limit * area) {
                 found.push(v);
@@ -154,29 +235,26 @@ impl<'a> Lifted<'a> {
         star.clear();
         star.extend(ring.iter().enumerate().map(|(i, &r)| {
             let next = ring[(i + 1) % ring.len()];
-            let corners = [v, r, next].map(|u| &self.domain[u as usize]);
             Corner {
                 direction: drawing.directions[r as usize],
                 image: self.images[r as usize].point,
-                rest: Rest::of(corners, self.unit),
+                triangle: self.weighed([v, r, next]),
             }
         }));
     }
 
-    /// Energy over all triangles per area, 1 of an isometry; the largest of a triangle.
-    pub fn energy(&self, drawing: &Drawing) -> [f64; 2] {
+    /// Energy over all triangles per area, 1 of an isometry.
+    pub fn energy(&self, drawing: &Drawing) -> f64 {
         let mut sum = [0.0; 2];
-        let mut most: f64 = 0.0;
         for t in drawing.neighbours.triangles() {
-            let rest = Rest::of(t.map(|v| &self.domain[v as usize]).into(), self.unit);
+            let triangle = self.weighed(t);
             let [y, a, b] = t.map(|v| self.images[v as usize].point);
-            let (s, c, _) = stretches(&y, &a, &b, &rest);
+            let (s, c, _) = stretches(&y, &a, &b, &triangle);
             let e = 0.25 * (s + s / (c * c));
-            sum[0] += rest.area;
-            sum[1] += rest.area * e;
-            most = most.max(e);
+            sum[0] += triangle.rest.area;
+            sum[1] += triangle.rest.area * e;
         }
-        [sum[1] / sum[0], most]
+        sum[1] / sum[0]
     }
 
     fn value(&self, x: &Vector, y: &Point, star: &Star) -> Option<f64> {
@@ -187,9 +265,10 @@ impl<'a> Lifted<'a> {
             if !(d > 0.0 && d.is_finite()) {
                 return None;
             }
-            let (s, c, _) = stretches(y, &a.image, &b.image, &a.rest);
-            let shape = chords(x, &a.direction, &b.direction, &a.rest) / (2.0 * d);
-            value += a.rest.area * (0.25 * (s + s / (c * c)) + BARRIER * shape);
+            let (s, c, _) = stretches(y, &a.image, &b.image, &a.triangle);
+            let rest = &a.triangle.rest;
+            let shape = chords(x, &a.direction, &b.direction, rest) / (2.0 * d);
+            value += rest.area * (0.25 * (s + s / (c * c)) + BARRIER * shape);
         }
         // Where two sheets of the target are folded flat, areas vanish and the energy is infinite.
         (!value.is_nan()).then_some(value)
@@ -202,23 +281,24 @@ impl<'a> Lifted<'a> {
         let (mut gradient, mut hessian) = (Vector::zeros(), Matrix3::zeros());
         for (i, a) in star.iter().enumerate() {
             let b = &star[(i + 1) % star.len()];
-            let [_, ca, cb] = a.rest.cotangents;
-            let (s, c, normal) = stretches(&y, &a.image, &b.image, &a.rest);
-            let ds = (ca * (y - b.image) + cb * (y - a.image)) / a.rest.area;
-            let dc = normal.cross(&(b.image - a.image)) / (2.0 * a.rest.area);
-            let w = 0.25 * a.rest.area;
+            let Weighed { rest, reduced } = a.triangle;
+            let [_, ca, cb] = rest.cotangents;
+            let (s, c, normal) = stretches(&y, &a.image, &b.image, &a.triangle);
+            let ds = (ca * (y - b.image) + cb * (y - a.image)) / reduced;
+            let dc = normal.cross(&(b.image - a.image)) / (2.0 * reduced);
+            let w = 0.25 * rest.area;
             let (c2, c3) = (c * c, c * c * c);
             slope += w * ((1.0 + 1.0 / c2) * ds - 2.0 * s / c3 * dc);
             let cross = ds * dc.transpose();
             bend += w
-                * (Matrix3::identity() * ((ca + cb) / a.rest.area * (1.0 + 1.0 / c2))
+                * (Matrix3::identity() * ((ca + cb) / reduced * (1.0 + 1.0 / c2))
                     - (cross + cross.transpose()) * (2.0 / c3)
                     + dc * dc.transpose() * (6.0 * s / (c2 * c2)));
             let d = det(x, &a.direction, &b.direction);
             let n = a.direction.cross(&(b.direction - a.direction));
-            let q = chords(x, &a.direction, &b.direction, &a.rest);
+            let q = chords(x, &a.direction, &b.direction, &rest);
             let dq = 2.0 * (ca * (x - b.direction) + cb * (x - a.direction));
-            let w = 0.5 * BARRIER * a.rest.area;
+            let w = 0.5 * BARRIER * rest.area;
             let cross = dq * n.transpose();
             gradient += w * (dq / d - q / (d * d) * n);
             hessian += w
@@ -257,13 +337,13 @@ impl<'a> Lifted<'a> {
 }
 
 /// Squared norm of the Jacobian, its determinant, and the unit normal of the triangle in space.
-fn stretches(y: &Point, a: &Point, b: &Point, rest: &Rest) -> (f64, f64, Vector) {
-    let [cy, ca, cb] = rest.cotangents;
+fn stretches(y: &Point, a: &Point, b: &Point, triangle: &Weighed) -> (f64, f64, Vector) {
+    let [cy, ca, cb] = triangle.rest.cotangents;
     let (ya, yb) = (a - y, b - y);
-    let s = (cy * (b - a).norm_squared() + ca * yb.norm_squared() + cb * ya.norm_squared()) / (2.0 * rest.area);
+    let s = (cy * (b - a).norm_squared() + ca * yb.norm_squared() + cb * ya.norm_squared()) / (2.0 * triangle.reduced);
     let cross = ya.cross(&yb);
     let area = cross.norm();
-    (s, area / (2.0 * rest.area), cross / area)
+    (s, area / (2.0 * triangle.reduced), cross / area)
 }
 
 /// Twice the Dirichlet energy of the map to the chords of a triangle on the sphere, times two.
@@ -275,7 +355,7 @@ fn chords(x: &Vector, a: &Vector, b: &Vector, rest: &Rest) -> f64 {
 /// The energy as a function of all directions at once, for Newton's method.
 pub(crate) struct LiftedEnergy<'a> {
     lift: &'a Lift<'a>,
-    rest: Vec<Rest>,
+    weighed: Vec<Weighed>,
     shapes: &'a RestShapes,
     /// Where vertices were found last; only the time of the next search depends on it.
     hints: Vec<AtomicU32>,
@@ -283,14 +363,9 @@ pub(crate) struct LiftedEnergy<'a> {
 
 impl<'a> LiftedEnergy<'a> {
     pub fn new(lifted: &Lifted<'a>, shapes: &'a RestShapes) -> Self {
-        let corners = |t: &[u32; 3]| t.map(|v| &lifted.domain[v as usize]);
         Self {
             lift: lifted.lift,
-            rest: shapes
-                .triangles()
-                .iter()
-                .map(|t| Rest::of(corners(t), lifted.unit))
-                .collect(),
+            weighed: shapes.triangles().iter().map(|t| lifted.weighed(*t)).collect(),
             shapes,
             hints: lifted
                 .images
@@ -342,12 +417,17 @@ impl Objective for LiftedEnergy<'_> {
             return f64::INFINITY;
         }
         let images = self.images(x);
-        let of_triangle = |(t, rest): (&[u32; 3], &Rest)| {
+        let of_triangle = |(t, triangle): (&[u32; 3], &Weighed)| {
             let [y, a, b] = t.map(|v| images[v as usize].point);
-            let (s, c, _) = stretches(&y, &a, &b, rest);
-            0.25 * rest.area * (s + s / (c * c))
+            let (s, c, _) = stretches(&y, &a, &b, triangle);
+            0.25 * triangle.rest.area * (s + s / (c * c))
         };
-        let values: Vec<f64> = self.triangles().par_iter().zip(&self.rest).map(of_triangle).collect();
+        let values: Vec<f64> = self
+            .triangles()
+            .par_iter()
+            .zip(&self.weighed)
+            .map(of_triangle)
+            .collect();
         let sum = values.iter().sum::<f64>() + barrier;
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
@@ -364,25 +444,26 @@ impl Objective for LiftedEnergy<'_> {
         };
         let chains: Vec<[Vector; 2]> = (0..x.len()).into_par_iter().map(chain).collect();
         let mut elements = self.barrier().elements(x, frames);
-        let parts = elements.par_iter_mut().zip(self.triangles()).zip(&self.rest);
-        parts.for_each(|((element, t), rest)| {
+        let parts = elements.par_iter_mut().zip(self.triangles()).zip(&self.weighed);
+        parts.for_each(|((element, t), triangle)| {
             let points = t.map(|v| images[v as usize].point);
-            add_lifted(element, &points, &t.map(|v| chains[v as usize]), rest);
+            add_lifted(element, &points, &t.map(|v| chains[v as usize]), triangle);
         });
         elements
     }
 }
 
-fn add_lifted(element: &mut Element, [y, a, b]: &[Point; 3], chains: &[[Vector; 2]; 3], rest: &Rest) {
+fn add_lifted(element: &mut Element, [y, a, b]: &[Point; 3], chains: &[[Vector; 2]; 3], triangle: &Weighed) {
+    let Weighed { rest, reduced } = triangle;
     let [cy, ca, cb] = rest.cotangents;
-    let (s, c, normal) = stretches(y, a, b, rest);
+    let (s, c, normal) = stretches(y, a, b, triangle);
     let ds = [
         ca * (y - b) + cb * (y - a),
         cb * (a - y) + cy * (a - b),
         cy * (b - a) + ca * (b - y),
     ];
-    let ds = ds.map(|v| v / rest.area);
-    let dc = [b - a, y - b, a - y].map(|v| normal.cross(&v) / (2.0 * rest.area));
+    let ds = ds.map(|v| v / *reduced);
+    let dc = [b - a, y - b, a - y].map(|v| normal.cross(&v) / (2.0 * reduced));
     let (c2, c3) = (c * c, c * c * c);
     let w = 0.25 * rest.area;
     let tangent = |g: &[Vector; 3]| -> [f64; 6] { std::array::from_fn(|i| g[i / 2].dot(&chains[i / 2][i % 2])) };
@@ -398,10 +479,20 @@ fn add_lifted(element: &mut Element, [y, a, b]: &[Point; 3], chains: &[[Vector; 
             } else {
                 -opposite(m, n)
             };
-            let metric = weight / rest.area * chains[m][i % 2].dot(&chains[n][j % 2]);
+            let metric = weight / reduced * chains[m][i % 2].dot(&chains[n][j % 2]);
             let cross = gs[i] * gc[j] + gc[i] * gs[j];
             element.hessian[(i, j)] +=
                 w * ((1.0 + 1.0 / c2) * metric - 2.0 / c3 * cross + 6.0 * s / (c2 * c2) * gc[i] * gc[j]);
         }
+    }
+}
+
+fn lowest_first([a, b, c]: [u32; 3]) -> [u32; 3] {
+    if a < b && a < c {
+        [a, b, c]
+    } else if b < c {
+        [b, c, a]
+    } else {
+        [c, a, b]
     }
 }

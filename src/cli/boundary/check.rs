@@ -1,6 +1,6 @@
 //! `solidmap boundary check`: is a boundary map one to one, and how far does it distort?
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
@@ -12,14 +12,16 @@ use solidmap::mesh::SurfaceMesh;
 
 use super::pictures;
 use crate::cli::args::BoundaryCheckArgs;
+use crate::cli::input::BoundarySource;
 use crate::cli::output::{Output, peak_rss_bytes};
 use crate::cli::{Outcome, input};
 
 /// What `boundary check --json` prints.
 #[derive(Serialize)]
 struct Report {
-    domain: PathBuf,
-    image: PathBuf,
+    domain: Option<PathBuf>,
+    image: Option<PathBuf>,
+    boundary_file: Option<PathBuf>,
     target: Option<PathBuf>,
     #[serde(flatten)]
     check: BoundaryCheck,
@@ -41,23 +43,24 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<Outcome>
         "--tolerance is {}, but must be a fraction of the target's diagonal, such as 0.01",
         args.tolerance
     );
+    let source = source(args)?;
     if let Some(png) = &args.png {
-        let inputs: Vec<&Path> = [Some(&args.domain), Some(&args.image), args.target.as_ref()]
-            .into_iter()
-            .flatten()
-            .map(PathBuf::as_path)
-            .collect();
+        let mut inputs = source.files();
+        inputs.extend(args.target.as_deref());
         input::require_writable(png, &["png"], &inputs)?;
     }
     output.progress("reading");
-    let subject = read(args)?;
+    let subject = Subject {
+        map: source.read()?,
+        target: args.target.as_deref().map(input::read_surface).transpose()?,
+    };
     output.progress("checking");
     let options = BoundaryCheckOptions {
         tolerance: args.tolerance,
         seed: args.seed,
         ..BoundaryCheckOptions::default()
     };
-    let check = examine(&subject, &options).with_context(|| format!("cannot check `{}`", args.image.display()))?;
+    let check = examine(&subject, &options).with_context(|| format!("cannot check `{}`", source.image().display()))?;
     if let Some(png) = &args.png {
         output.progress("drawing");
         let figure = pictures::boundary(&subject.map, &check, args.up.into())?;
@@ -65,16 +68,22 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<Outcome>
         io::atomic_write(png, |writer| writer.write_all(&bytes))?;
         output.note(format_args!("picture in {}", png.display()));
     }
+    let (domain, image, boundary_file) = match &source {
+        BoundarySource::Image { domain, image } => (Some(domain.clone()), Some(image.clone()), None),
+        BoundarySource::File { file, domain } => (domain.clone(), None, Some(file.clone())),
+    };
     let report = Report {
-        domain: args.domain.clone(),
-        image: args.image.clone(),
+        domain,
+        image,
+        boundary_file,
         target: args.target.clone(),
         check,
         seconds: start.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || {
-        format!("{} → {}\n{}", args.domain.display(), args.image.display(), report.check)
+        let files: Vec<String> = source.files().iter().map(|path| path.display().to_string()).collect();
+        format!("{}\n{}", files.join(" → "), report.check)
     })?;
     Ok(if report.check.findings.is_empty() {
         Outcome::Done
@@ -83,11 +92,23 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<Outcome>
     })
 }
 
-/// The map that IMAGE holds, and its target.
-fn read(args: &BoundaryCheckArgs) -> anyhow::Result<Subject> {
-    Ok(Subject {
-        map: input::read_boundary_map(&args.domain, &args.image)?,
-        target: args.target.as_deref().map(input::read_surface).transpose()?,
+/// Files that are no meshes are boundary files, which hold their domain.
+fn source(args: &BoundaryCheckArgs) -> anyhow::Result<BoundarySource> {
+    let (first, second) = (args.domain.clone(), args.image.clone());
+    Ok(match second {
+        Some(image) if io::is_mesh(&image) => BoundarySource::Image { domain: first, image },
+        Some(file) => BoundarySource::File {
+            file,
+            domain: Some(first),
+        },
+        None if io::is_mesh(&first) => anyhow::bail!(
+            "`{}` is a mesh, not a map of one: name its image after it, or a boundary file",
+            first.display()
+        ),
+        None => BoundarySource::File {
+            file: first,
+            domain: None,
+        },
     })
 }
 

@@ -1,7 +1,10 @@
 //! `solidmap boundary`: maps of boundary surfaces.
 
 mod check;
+pub mod pair;
 mod pictures;
+pub mod sphere;
+mod write;
 
 use super::Outcome;
 use super::args::BoundaryCommand;
@@ -10,6 +13,8 @@ use super::output::Output;
 /// Runs the subcommand.
 pub fn run(command: &BoundaryCommand, output: &Output) -> anyhow::Result<Outcome> {
     match command {
+        BoundaryCommand::Pair(args) => pair::run(args, output),
         BoundaryCommand::Check(args) => check::run(args, output),
+        BoundaryCommand::Sphere(args) => sphere::run(args, output),
     }
 }

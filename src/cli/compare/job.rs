@@ -10,11 +10,12 @@ use solidmap::compare::{Difference, MeshSpec, Method, Seconds};
 use solidmap::energy::{Determinants, Distortion, Distribution};
 use solidmap::fit::BoundaryError;
 
+use crate::cli::input::BoundarySource;
+
 /// A task, with all that it depends on.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Job {
-    pub domain: PathBuf,
-    pub image: PathBuf,
+    pub source: BoundarySource,
     pub task: Task,
     /// How the domain is meshed; `None` for the default.
     pub mesh: Option<MeshSpec>,

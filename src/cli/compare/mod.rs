@@ -17,8 +17,9 @@ use solidmap::mesh::SurfaceMesh;
 use solidmap::report::Axis;
 
 use super::args::{CompareArgs, MapMethod, Mesher};
+use super::input::BoundarySource;
 use super::output::Output;
-use super::{Outcome, input, interrupt};
+use super::{Outcome, interrupt};
 use job::{Cut, Figures, Job, Row, SAMPLES, SECTION_IMAGES, SequenceFigures, Task};
 use worker::Reference;
 
@@ -34,8 +35,10 @@ const ALPHAS: [f64; 4] = [0.8, 1.0, 1.25, 1.5];
 /// All that was found.
 #[derive(Serialize)]
 struct Comparison {
-    domain: PathBuf,
-    image: PathBuf,
+    domain: Option<PathBuf>,
+    image: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    boundary_file: Option<PathBuf>,
     reference: Option<Reference>,
     methods: Vec<Row>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -83,12 +86,13 @@ struct SequenceRow {
 pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow::Result<Outcome> {
     require_valid(args)?;
     output.progress("reading");
-    let boundary = match input::read_boundary_map(&args.domain, &args.image) {
+    let source = source(args)?;
+    let boundary = match source.read() {
         // Files that can be read, but no map between them: every row says so.
         Err(error) if error.is::<BoundaryMapError>() => return none_possible(args, &error, output),
         read => worker::outward(read?)?,
     };
-    require_solvable(boundary.domain(), &args.domain)?;
+    require_solvable(boundary.domain(), source.domain())?;
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{}`", folder.display()))?;
         // Before the work, not after it. This file has no name.
@@ -98,6 +102,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     interrupt::remove_folder(scratch.path());
     let runner = Runner {
         args,
+        source: &source,
         threads,
         output,
         domain: boundary.domain(),
@@ -123,6 +128,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     let comparison = Comparison {
         domain: args.domain.clone(),
         image: args.image.clone(),
+        boundary_file: args.boundary.clone(),
         equal_accuracy: runner.equal_accuracy(&methods),
         mesh_study: runner.mesh_study(reference.is_some()),
         sequence: runner.sequence(),
@@ -159,6 +165,14 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     } else {
         Outcome::CheckFailed
     })
+}
+
+fn source(args: &CompareArgs) -> anyhow::Result<BoundarySource> {
+    match (args.domain.clone(), args.image.clone(), args.boundary.clone()) {
+        (domain, None, Some(file)) => Ok(BoundarySource::File { file, domain }),
+        (Some(domain), Some(image), None) => Ok(BoundarySource::Image { domain, image }),
+        _ => anyhow::bail!("name a DOMAIN with its --image, or a --boundary"),
+    }
 }
 
 /// A table of rows that all have the same reason to be empty.
@@ -294,6 +308,7 @@ fn methods_of(args: &CompareArgs) -> impl Iterator<Item = Method> + use<> {
 /// Sends jobs out, one at a time: they take all cores.
 struct Runner<'a> {
     args: &'a CompareArgs,
+    source: &'a BoundarySource,
     threads: Option<u16>,
     output: &'a Output,
     domain: &'a SurfaceMesh,
@@ -310,8 +325,7 @@ impl Runner<'_> {
     fn job(&self, task: Task, name: &str) -> Job {
         let (args, measure) = (self.args, &self.args.measure);
         Job {
-            domain: args.domain.clone(),
-            image: args.image.clone(),
+            source: self.source.clone(),
             task,
             mesh: Some(self.mesh_spec()),
             given: args.tets.mesh.clone(),

@@ -37,7 +37,7 @@ pub fn run(args: &CompareWorkerArgs) -> anyhow::Result<Outcome> {
     end_with_parent();
     let text = std::fs::read_to_string(&args.job)?;
     let job: Job = serde_json::from_str(&text)?;
-    let boundary = outward(input::read_boundary_map(&job.domain, &job.image)?)?;
+    let boundary = outward(job.source.read()?)?;
     match &job.task {
         Task::Method(method) => leave(&job, &measured(&job, &boundary, *method)?)?,
         Task::Reference => leave(&job, &reference(&job, &boundary)?)?,

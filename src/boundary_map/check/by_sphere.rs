@@ -1,0 +1,238 @@
+//! Maps by way of the sphere: that they are one to one is known from the drawings, exactly. What is measured beyond that
+//! is the map itself, not the straight triangles over the images of vertices.
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::covering::{
+    Against, Covering, Degree, Facing, FoldedEdges, facings_on_sphere, facings_on_target, is_flat, those,
+};
+use super::findings::Evidence;
+use super::{
+    BoundaryCheck, BoundaryCheckError, BoundaryCheckOptions, Coverage, SurfaceDistance, exact_verdict,
+    look_for_self_intersections,
+};
+use crate::Point;
+use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
+use crate::check::{FindSelfIntersections, mend};
+use crate::geometry::SurfaceQuery;
+use crate::mesh::{SurfaceMesh, SurfacePoint};
+use crate::sampling::Collocation;
+use crate::spherical::{Certificate, Locator, SphericalMap, certify};
+use crate::statistics::Summary;
+
+/// What is known of a map by way of the sphere, beyond what can be said of any.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BySphere {
+    /// The domain on the sphere, and the target where it is a surface of its own. Without flipped triangles, and with
+    /// degree 1, each is a bijection, and so is the map.
+    pub drawings: Vec<Certificate>,
+    /// Triangles of the target with corners exactly on a line: a bijection of the triangles, but not of the points.
+    pub flat_in_target: usize,
+    /// From the domain to the target and back.
+    pub round_trip: RoundTrip,
+    /// How often the domain's triangles were cut into four before distortion was measured, for the images of the new
+    /// vertices lie on the target.
+    pub cuts: u32,
+    /// Triangles of the plain image, straight between the images of vertices, that face against the target. They are no
+    /// defect of the map, but of whoever takes the plain image for it.
+    pub plain_image_flipped: usize,
+}
+
+/// How far points come back from where they were, as fractions of the domain's diagonal: rounding errors.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RoundTrip {
+    /// Vertices, and points spread by area.
+    pub points: usize,
+    /// Root mean square.
+    pub rms: f64,
+    /// What 99 % do not exceed.
+    pub p99: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// Triangles that the domain is cut into at most, unless it has more.
+const MOST_TRIANGLES: usize = 2_000_000;
+pub(super) const MOST_CUTS: u32 = 2;
+
+/// As [`super::check`], of a map that knows its sphere.
+pub(super) fn check(
+    map: &BoundaryMap,
+    drawn: &SphericalMap,
+    target: Option<&SurfaceMesh>,
+    options: &BoundaryCheckOptions,
+    self_intersections: Option<FindSelfIntersections>,
+) -> Result<BoundaryCheck, BoundaryCheckError> {
+    let (domain, plain) = (map.domain(), map.target());
+    let (fine, cuts) = cut(map);
+    let given = target.map(|target| mend(target).0);
+    let queried = |mesh: &SurfaceMesh| SurfaceQuery::new(mesh).map_err(BoundaryCheckError::Target);
+
+    let mut plain_image_flipped = 0;
+    let mut coverage = None;
+    if let Some(own) = map.target_surface() {
+        let query = queried(own)?;
+        plain_image_flipped = those(Facing::Inward, &facings_on_target(&plain, own, &query)).len();
+        coverage = map.inverse().map(|back| of_own_target(&fine, &back, &query, options));
+    }
+    if let Some(given) = &given {
+        let covered = map.target_surface().cloned().unwrap_or_else(|| fine.target());
+        let covered_query = queried(&covered)?;
+        let pair = (given, &queried(given)?);
+        coverage = Some(Coverage::measure((&covered, &covered_query), pair, options));
+    }
+    let drawings: Vec<Certificate> = [Some(drawn), map.target_on_sphere()]
+        .into_iter()
+        .flatten()
+        .map(|drawn| certify(drawn.surface().triangles(), drawn.directions()))
+        .collect();
+    let flat = |mesh: &SurfaceMesh| {
+        let triangles = (0..mesh.triangles().len()).into_par_iter();
+        triangles.filter(|&t| is_flat(&mesh.corners(t))).count()
+    };
+    let folded = FoldedEdges::find(domain, &plain);
+    let covering = Covering {
+        against: match map.target_on_sphere() {
+            Some(_) => Against::Target,
+            None => Against::Sphere {
+                centre: [0.0; 3],
+                radius: 1.0,
+            },
+        },
+        degree: Some(Degree {
+            value: drawings.iter().map(|drawing| drawing.degree.round() as i64).product(),
+            agreement: 1.0,
+            points: 0,
+        }),
+        flipped: those(Facing::Inward, &facings_on_sphere(drawn.surface(), drawn.directions())),
+        degenerate: vec![],
+        flat_in_domain: flat(domain),
+    };
+    let (self_intersections, _) = look_for_self_intersections(&plain, self_intersections);
+    let findings = Evidence {
+        domain,
+        target: given.as_ref(),
+        covering: &covering,
+        folded: &folded,
+        coverage,
+        elsewhere: false,
+        crossing: &[],
+        tolerance: options.tolerance,
+    }
+    .findings();
+    Ok(BoundaryCheck {
+        vertices: domain.vertices().len(),
+        faces: domain.triangles().len(),
+        against: covering.against,
+        verdict: exact_verdict(&findings),
+        degree: covering.degree,
+        flipped: covering.flipped.len(),
+        degenerate: covering.degenerate.len(),
+        flat_in_domain: covering.flat_in_domain,
+        folded_edges: folded.edges.len(),
+        coverage,
+        distortion: SurfaceDistortion::of(fine.domain(), fine.image()),
+        self_intersections,
+        by_sphere: Some(BySphere {
+            drawings,
+            flat_in_target: map.target_surface().map_or(0, flat),
+            round_trip: RoundTrip::measure(map, drawn, options),
+            cuts,
+            plain_image_flipped,
+        }),
+        findings,
+    })
+}
+
+/// The map over a domain of smaller triangles, and how often these were cut.
+fn cut(map: &BoundaryMap) -> (BoundaryMap, u32) {
+    let (mut fine, mut cuts) = (map.clone(), 0);
+    while cuts < MOST_CUTS && 4 * fine.domain().triangles().len() <= MOST_TRIANGLES {
+        fine = fine.subdivided();
+        cuts += 1;
+    }
+    (fine, cuts)
+}
+
+/// Distances between the target and the points that the map makes of the domain's, and of those that it sends to points
+/// of the target. All are rounding errors.
+fn of_own_target(
+    fine: &BoundaryMap,
+    back: &BoundaryMap,
+    query: &SurfaceQuery,
+    options: &BoundaryCheckOptions,
+) -> Coverage {
+    let diagonal = fine.target_diagonal();
+    let there = back.inverse().expect("it goes to a surface");
+    let spread = Collocation::even(fine.domain(), options.samples, options.seed).points;
+    let off = |images: &[Point]| query.closest_points(images).iter().map(|c| c.distance).collect();
+    let image_to_target = SurfaceDistance::known(off(&fine.evaluate(&spread)), off(fine.image()), diagonal);
+
+    // On `back` the target is the domain.
+    let missed = |points: &[SurfacePoint]| -> Vec<f64> {
+        let sources = back.evaluate_on_target(points).unwrap_or_default();
+        distances(&back.positions(points), &there.evaluate(&sources))
+    };
+    let spread = Collocation::even(back.domain(), options.samples, options.seed).points;
+    let target_to_image = SurfaceDistance::known(missed(&spread), missed(&vertices_of(back.domain())), diagonal);
+    Coverage {
+        image_to_target,
+        target_to_image,
+    }
+}
+
+impl SurfaceDistance {
+    /// Of distances that are known to be rounding errors everywhere: over points spread by area, and of others.
+    fn known(spread: Vec<f64>, others: Vec<f64>, diagonal: f64) -> Self {
+        let even = Summary::of(&spread);
+        let largest = [&spread, &others].into_iter().flatten().copied().fold(0.0, f64::max);
+        Self {
+            rms: even.map_or(0.0, |s| s.rms) / diagonal,
+            p99: even.map_or(0.0, |s| s.p99) / diagonal,
+            max: largest / diagonal,
+            max_error: 0.0,
+        }
+    }
+}
+
+impl RoundTrip {
+    fn measure(map: &BoundaryMap, drawn: &SphericalMap, options: &BoundaryCheckOptions) -> Self {
+        let domain = map.domain();
+        let mut points = vertices_of(domain);
+        points.extend(Collocation::even(domain, options.samples, options.seed).points);
+        let returned = match (map.evaluate_on_target(&points), map.inverse()) {
+            (Some(on_target), Some(back)) => back.evaluate(&on_target),
+            _ => {
+                let directions = map.directions(&points).unwrap_or_default();
+                let surface = drawn.surface();
+                let found = Locator::new(drawn).locate_all(&directions);
+                found.iter().map(|p| p.position(surface, surface.vertices())).collect()
+            }
+        };
+        let errors = distances(&map.positions(&points), &returned);
+        let summary = Summary::of(&errors);
+        let part = |of: fn(&Summary) -> f64| summary.as_ref().map_or(0.0, of) / domain.diagonal();
+        Self {
+            points: points.len(),
+            rms: part(|s| s.rms),
+            p99: part(|s| s.p99),
+            max: part(|s| s.max),
+        }
+    }
+}
+
+/// Each vertex once, as a corner of a triangle.
+fn vertices_of(mesh: &SurfaceMesh) -> Vec<SurfacePoint> {
+    let mut places = vec![SurfacePoint::corner(0, 0); mesh.vertices().len()];
+    for (t, corners) in mesh.triangles().iter().enumerate() {
+        for (k, &v) in corners.iter().enumerate() {
+            places[v as usize] = SurfacePoint::corner(t as u32, k);
+        }
+    }
+    places
+}
+
+fn distances(a: &[Point], b: &[Point]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| (a - b).norm()).collect()
+}

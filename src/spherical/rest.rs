@@ -1,0 +1,212 @@
+//! The shapes that the triangles of a drawing should have: those of a surface in space, made fit to be divided by.
+
+use rayon::prelude::*;
+
+use crate::Point;
+
+/// What a triangle is on the surface: its cotangents and its area say all but where it lies.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rest {
+    /// Cotangents of its angles.
+    pub cotangents: [f64; 3],
+    /// Area in units in which the surface has 4π, the sphere's.
+    pub area: f64,
+}
+
+/// Shapes of all triangles of a surface, scaled to the area 4π in total.
+#[derive(Debug, Clone)]
+pub(crate) struct RestShapes {
+    triangles: Vec<[u32; 3]>,
+    shapes: Vec<Rest>,
+}
+
+/// Triangles thinner than this count as if they had this ratio of height and longest side: their own shape would only
+/// be a source of rounding, and needles spoil the condition of a system.
+pub(crate) const THINNEST: f64 = 0.02;
+
+/// Twice the least area, where the surface has 4π; smaller triangles are blown up.
+const LEAST_DOUBLE_AREA: f64 = 1e-12;
+
+impl Rest {
+    /// Of a triangle in space; `unit` scales areas.
+    pub fn of([a, b, c]: [&Point; 3], unit: f64) -> Self {
+        let (ab, ac, bc) = (b - a, c - a, c - b);
+        let double_area = ab.cross(&ac).norm();
+        let squares = [bc.norm_squared(), ac.norm_squared(), ab.norm_squared()];
+        let longest = squares[0].max(squares[1]).max(squares[2]);
+        let floored = double_area.max(THINNEST * longest).max(LEAST_DOUBLE_AREA / unit);
+        let dots = [ab.dot(&ac), -ab.dot(&bc), ac.dot(&bc)];
+        let cotangents = if longest > 0.0 && double_area >= THINNEST * longest {
+            dots.map(|dot| dot / double_area)
+        } else {
+            thin(squares, longest)
+        };
+        Self {
+            cotangents,
+            area: 0.5 * floored * unit,
+        }
+    }
+
+    /// The inverse of the matrix whose columns are the edges from the first corner, to the next and to the last, in the
+    /// triangle's plane with the first edge along the first axis: row `i` belongs to edge `i`.
+    pub fn inverse(&self) -> [[f64; 2]; 2] {
+        let [first, next, _] = self.cotangents;
+        let double_area = 2.0 * self.area;
+        // Both cotangents times the height make the first edge, and the height times the edge is twice the area.
+        let base = (double_area * (first + next)).sqrt();
+        let height = double_area / base;
+        [[base.recip(), -first * height / double_area], [0.0, height.recip()]]
+    }
+}
+
+/// Cotangents of the triangle on the same longest side whose apex is lifted to the least height.
+fn thin(squares: [f64; 3], longest: f64) -> [f64; 3] {
+    if longest.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
+        return [(1f64 / 3.0).sqrt(); 3];
+    }
+    let apex = (0..3).fold(0, |best, k| if squares[k] > squares[best] { k } else { best });
+    let (left, right) = (squares[(apex + 1) % 3], squares[(apex + 2) % 3]);
+    // Foot of the apex on its side, in units of the side; the neighbour next in order is opposite of `left`.
+    let foot = (0.5 * (1.0 + (right - left) / longest)).clamp(0.0, 1.0);
+    let mut cotangents = [0.0; 3];
+    cotangents[(apex + 1) % 3] = foot / THINNEST;
+    cotangents[(apex + 2) % 3] = (1.0 - foot) / THINNEST;
+    cotangents[apex] = (THINNEST * THINNEST - foot * (1.0 - foot)) / THINNEST;
+    cotangents
+}
+
+impl RestShapes {
+    /// The shapes of these triangles between these points.
+    ///
+    /// Always finite: triangles that are too thin or too small are regularised, and those with a corner that is missing or
+    /// not finite become small equilateral ones.
+    pub fn new(triangles: &[[u32; 3]], positions: &[Point]) -> Self {
+        // Coordinates of any size: products of them must not leave the range of f64.
+        let size = positions.iter().map(|p| p.coords.amax()).filter(|c| c.is_finite());
+        let scale = size.fold(0.0, f64::max).max(f64::MIN_POSITIVE).recip().min(f64::MAX);
+        let corners = |t: &[u32; 3]| {
+            let corners = t.map(|v| positions.get(v as usize).map(|p| p * scale));
+            let is_usable = |p: &Option<Point>| p.is_some_and(|p| p.iter().all(|c| c.is_finite()));
+            if corners.iter().all(is_usable) {
+                corners.map(Option::unwrap_or_default)
+            } else {
+                [Point::origin(); 3]
+            }
+        };
+        let area = |t: &[u32; 3]| {
+            let [a, b, c] = corners(t);
+            0.5 * (b - a).cross(&(c - a)).norm()
+        };
+        // In order, so that sums are the same for any number of threads.
+        let areas: Vec<f64> = triangles.par_iter().map(area).collect();
+        let unit = 4.0 * std::f64::consts::PI / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        // Without any area all triangles are alike.
+        let unit = unit.min(f64::MAX);
+        let mut shapes: Vec<Rest> = triangles
+            .par_iter()
+            .map(|t| Rest::of(corners(t).each_ref(), unit))
+            .collect();
+        let total: f64 = shapes.iter().map(|shape| shape.area).sum();
+        shapes
+            .iter_mut()
+            .for_each(|shape| shape.area *= 4.0 * std::f64::consts::PI / total);
+        Self {
+            triangles: triangles.to_vec(),
+            shapes,
+        }
+    }
+
+    /// The triangles, as given.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// What each triangle is.
+    pub fn shapes(&self) -> &[Rest] {
+        &self.shapes
+    }
+
+    /// The rest area of each triangle; 4π in total.
+    pub fn areas(&self) -> impl Iterator<Item = f64> {
+        self.shapes.iter().map(|shape| shape.area)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Vector;
+
+    #[test]
+    fn rest_shapes_are_finite_whatever_the_triangles() {
+        let points = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.5, 1e-9, 0.0],
+            [0.5, 0.0, 0.0],
+            [f64::NAN, 0.0, 0.0],
+            [1e-30, 1e-30, 0.0],
+            [0.0, f64::INFINITY, 0.0],
+        ];
+        let triangles = [
+            [0, 1, 2],
+            [0, 1, 3],
+            [0, 1, 4],
+            [0, 0, 0],
+            [0, 0, 1],
+            [0, 1, 5],
+            [0, 6, 4],
+            [1, 2, 7],
+            [0, 1, 99],
+        ];
+        for scale in [1.0, 1e-300, 1e200] {
+            let positions = points.map(|p| Point::from(p) * scale);
+            let rest = RestShapes::new(&triangles, &positions);
+            assert!((rest.areas().sum::<f64>() / (4.0 * std::f64::consts::PI) - 1.0).abs() < 1e-12);
+            for shape in rest.shapes() {
+                assert!(shape.area > 1e-13 && shape.inverse().iter().flatten().all(|entry| entry.is_finite()));
+            }
+        }
+        let none = RestShapes::new(&[[0, 0, 0], [0, 1, 2]], &[]);
+        assert!(
+            none.areas()
+                .all(|area| (area / (2.0 * std::f64::consts::PI) - 1.0).abs() < 1e-12)
+        );
+        assert_eq!(RestShapes::new(&[], &[]).areas().count(), 0);
+    }
+
+    #[test]
+    fn rest_shapes_within_bounds_are_kept() {
+        let positions = [[0.0, 0.0, 1.0], [3.0, 0.0, 1.0], [1.0, 0.2, 1.0], [0.0, -1.0, 1.0]].map(Point::from);
+        let rest = RestShapes::new(&[[0, 1, 2], [0, 3, 1]], &positions);
+        // Areas 0.3 and 1.5; drawn in its own plane a triangle has the identity as its Jacobian.
+        let areas: Vec<f64> = rest.areas().collect();
+        assert!((areas[1] / areas[0] - 5.0).abs() < 1e-12);
+        let scale = (areas[0] / 0.3).sqrt();
+        let [[p, r], [s, t]] = rest.shapes()[0].inverse();
+        let (first, last) = (Vector::x() * 3.0 * scale, Vector::new(1.0, 0.2, 0.0) * scale);
+        let z = [first * p + last * s, first * r + last * t];
+        assert!(
+            z[0].dot(&z[1]).abs() < 1e-12 && (z[0].norm() - 1.0).abs() < 1e-12 && (z[1].norm() - 1.0).abs() < 1e-12
+        );
+    }
+
+    /// Of any triangle with angles `α, β, γ`: `cot α cot β + cot β cot γ + cot γ cot α = 1`.
+    #[test]
+    fn thin_triangles_become_triangles_of_the_least_height_on_their_longest_side() {
+        let [a, b] = [Point::origin(), Point::new(2.0, 0.0, 0.0)];
+        for (foot, height) in [(0.3, 1e-3), (1.9, 1e-9), (1.0, 0.0), (0.0, 1e-3), (2.5, 1e-6)] {
+            let apex = Point::new(foot, height, 0.0);
+            let longest: f64 = f64::max(2.0, foot);
+            for corners in [[&a, &b, &apex], [&b, &apex, &a], [&apex, &a, &b]] {
+                let Rest {
+                    cotangents: [x, y, z],
+                    area,
+                } = Rest::of(corners, 1.0);
+                assert!((x * y + y * z + z * x - 1.0).abs() < 1e-10, "{x} {y} {z}");
+                assert!((area - 0.5 * THINNEST * longest * longest).abs() < 1e-5, "{area}");
+            }
+        }
+    }
+}
