@@ -57,7 +57,7 @@ fn surface(path: &Path) -> SurfaceMesh {
 const BALANCED: SphereOptions = SphereOptions {
     energy: SphereEnergy::Balanced,
     start: SphereStart::Progressive,
-    most_iterations: 30,
+    most_iterations: 20,
     tolerance: 1e-5,
 };
 
