@@ -8,9 +8,11 @@ use std::process::Output;
 
 use assert_cmd::Command;
 use serde_json::Value;
-use solidmap::Point;
-use solidmap::io;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::io::{self, BoundaryFile, BoundaryMetadata};
 use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::spherical::SphericalMap;
+use solidmap::{Point, Vector};
 
 struct Workplace {
     folder: tempfile::TempDir,
@@ -57,6 +59,29 @@ impl Workplace {
         place.surface("sphere.ply", &shapes::projected_to_sphere(&domain, 1.0));
         place
     }
+}
+
+/// Boundary files from a bumpy ball, `domain.obj`, through and onto the sphere, by rays from the centres.
+fn with_boundary_files() -> Workplace {
+    let place = Workplace::with_ball();
+    let by_rays = |mesh: SurfaceMesh| {
+        let directions: Vec<Vector> = mesh.vertices().iter().map(|p| p.coords).collect();
+        SphericalMap::new(mesh, &directions).unwrap()
+    };
+    // As the text file has it.
+    let domain = by_rays(io::read_surface(place.path("domain.obj")).unwrap());
+    let cube = by_rays(shapes::cube(2.0, 6));
+    for (name, map) in [
+        ("through.safetensors", BoundaryMap::through_sphere(domain.clone(), cube)),
+        ("onto.safetensors", BoundaryMap::onto_sphere(domain)),
+    ] {
+        let file = BoundaryFile {
+            boundary: map.unwrap(),
+            metadata: BoundaryMetadata::new(vec![]),
+        };
+        io::write_boundary(&place.path(name), &file).unwrap();
+    }
+    place
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -138,6 +163,54 @@ fn folds_and_mirror_images_end_with_1() {
 }
 
 #[test]
+fn boundary_files_are_decided_exactly_with_and_without_their_domain() {
+    let place = with_boundary_files();
+    let output = place.ends_with(0, "boundary check through.safetensors --png through.png");
+    let words = text(&output.stdout);
+    for fragment in [
+        "One to one with the target, decided exactly",
+        "domain, target, domain",
+        "true images",
+        "by way of the sphere",
+    ] {
+        assert!(words.contains(fragment), "{words}");
+    }
+    let png = std::fs::read(place.path("through.png")).unwrap();
+    assert!(png.starts_with(b"\x89PNG") && png.len() > 50_000);
+    let report = json(&place.ends_with(0, "boundary check domain.obj through.safetensors --json"));
+    assert_eq!(
+        (&report["verdict"], &report["domain"], &report["boundary_file"]),
+        (&"bijective".into(), &"domain.obj".into(), &"through.safetensors".into())
+    );
+    // Some roundings of coordinates of size 1 and of barycentric coordinates.
+    assert!(report["by_sphere"]["round_trip"]["max"].as_f64().unwrap() < 1e-13);
+    assert!(report["coverage"]["target_to_image"]["max"].as_f64().unwrap() < 1e-13);
+    let report = json(&place.ends_with(0, "boundary check onto.safetensors --json --png onto.png"));
+    assert_eq!(
+        (&report["verdict"], &report["against"]["surface"]),
+        (&"bijective".into(), &"sphere".into())
+    );
+    assert!(place.path("onto.png").exists());
+}
+
+#[test]
+fn methods_are_compared_by_a_boundary_file() {
+    let place = with_boundary_files();
+    let line = "compare --boundary through.safetensors --methods mfs,mean-value --no-reference --resolution 8 \
+                --tolerance 0.05 --json";
+    let rows = json(&place.run(line));
+    for row in rows.as_array().unwrap() {
+        assert!(row["boundary_error"]["rms"].as_f64().unwrap() < 0.05, "{row}");
+    }
+    assert_eq!(rows.as_array().unwrap().len(), 2, "{rows}");
+    let rows = json(&place.ends_with(
+        1,
+        "compare sphere.ply --boundary through.safetensors --methods mfs --json",
+    ));
+    assert!(rows[0]["error"].as_str().unwrap().contains("another domain"), "{rows}");
+}
+
+#[test]
 fn what_cannot_be_checked_ends_with_2_and_says_why() {
     let place = Workplace::with_ball();
     place.surface("other.obj", &shapes::sphere(1.0, 2));
@@ -153,6 +226,9 @@ fn what_cannot_be_checked_ends_with_2_and_says_why() {
             "domain.obj domain.obj --target nan.obj",
             vec!["target cannot be examined"],
         ),
+        ("domain.obj", vec!["is a mesh", "boundary file"]),
+        ("missing.safetensors", vec!["missing.safetensors"]),
+        ("domain.obj domain.txt", vec!["domain.txt"]),
         ("domain.obj sphere.ply --tolerance nan", vec!["--tolerance"]),
         ("domain.obj sphere.ply --png map.jpg", vec![".png"]),
         ("domain.obj sphere.ply --png sphere.ply", vec!["overwritten"]),

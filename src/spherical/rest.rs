@@ -127,6 +127,7 @@ impl RestShapes {
     }
 
     /// The rest area of each triangle; 4π in total.
+    #[cfg(test)]
     pub fn areas(&self) -> impl Iterator<Item = f64> {
         self.shapes.iter().map(|shape| shape.area)
     }

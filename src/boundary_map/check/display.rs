@@ -133,7 +133,10 @@ impl BySphere {
         let [rms, p99, max] = [trip.rms, trip.p99, trip.max].map(small);
         let head = "round trip / diagonal";
         writeln!(f, "\n  {head:<24}  {:>9}  {:>9}  {:>9}", "rms", "99 %", "max")?;
-        let name = "domain, target, domain";
+        let name = match self.drawings[..] {
+            [_] => "domain, sphere, domain",
+            _ => "domain, target, domain",
+        };
         writeln!(f, "  {name:<24}  {rms:>9}  {p99:>9}  {max:>9}")
     }
 
