@@ -1,0 +1,270 @@
+//! Maps between two solids of genus 0: one to one, there and back, true to landmarks, and the same however solids lie.
+
+mod common;
+
+use std::path::Path;
+
+use common::models_folder;
+use nalgebra::Rotation3;
+use rand::{Rng, SeedableRng, rngs::StdRng};
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::boundary_map::pair::{Landmarks, PairError, PairOptions, PairReport, Via, map_pair};
+use solidmap::io;
+use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
+use solidmap::spherical::{SphericalError, certify};
+use solidmap::{Point, Vector};
+
+fn pair(domain: &SurfaceMesh, target: &SurfaceMesh, options: &PairOptions) -> (BoundaryMap, PairReport) {
+    let (map, report) = map_pair(domain, target, options, &|_| ()).unwrap();
+    assert_one_to_one(&map, target);
+    (map, report)
+}
+
+/// Exactly positive triangles on both spheres, and there and back within 1e-9 of the diagonals at random points.
+fn assert_one_to_one(map: &BoundaryMap, target: &SurfaceMesh) {
+    for sphere in [map.domain_on_sphere().unwrap(), map.target_on_sphere().unwrap()] {
+        let certificate = certify(sphere.surface().triangles(), sphere.directions());
+        assert!(certificate.is_bijective(), "{certificate:?}");
+        assert!((certificate.degree - 1.0).abs() < 1e-9, "{certificate:?}");
+    }
+    let inverse = map.inverse().unwrap();
+    for (there, back, from) in [(map, &inverse, map.domain()), (&inverse, map, target)] {
+        let points = random_points(from, 5000);
+        let images = there.evaluate_on_target(&points).unwrap();
+        let returned = back.evaluate(&images);
+        let farthest = common::largest_distance(&there.positions(&points), &returned);
+        assert!(farthest < 1e-9 * from.diagonal(), "{farthest}");
+    }
+}
+
+fn random_points(surface: &SurfaceMesh, count: usize) -> Vec<SurfacePoint> {
+    let mut random = StdRng::seed_from_u64(5);
+    let mut point = || {
+        let (a, b): (f64, f64) = (random.random(), random.random());
+        let (a, b) = if a + b > 1.0 { (1.0 - a, 1.0 - b) } else { (a, b) };
+        SurfacePoint {
+            triangle: random.random_range(0..surface.triangles().len() as u32),
+            barycentric: [1.0 - a - b, a, b],
+        }
+    };
+    (0..count).map(|_| point()).collect()
+}
+
+fn moved(surface: &SurfaceMesh, turn: [f64; 3], scale: f64, shift: [f64; 3]) -> SurfaceMesh {
+    let rotation = Rotation3::from_euler_angles(turn[0], turn[1], turn[2]);
+    shapes::deformed(surface, |p| rotation * p * scale + Vector::from(shift))
+}
+
+/// A lumpy body without a symmetry.
+fn body(frequency: usize) -> SurfaceMesh {
+    let stretched = |p: &Point| Point::new(1.5 * p.x + 0.3 * p.y * p.y, p.y + 0.2 * p.x, 0.8 * p.z + 0.1 * p.x * p.x);
+    shapes::deformed(&shapes::bumpy_sphere(frequency), stretched)
+}
+
+/// Another such body, of other triangles.
+fn other_body() -> SurfaceMesh {
+    let stretched = |p: &Point| Point::new(1.3 * p.x + 0.2 * p.y * p.y, 1.1 * p.y + 0.1 * p.x, 0.9 * p.z - 0.1 * p.x);
+    shapes::deformed(&shapes::sphere(1.0, 4), stretched)
+}
+
+fn with_landmarks(pairs: Vec<[u32; 2]>, domain: &SurfaceMesh, target: &SurfaceMesh) -> PairOptions {
+    PairOptions {
+        landmarks: Landmarks::new(pairs, domain.vertices().len(), target.vertices().len()).unwrap(),
+        ..PairOptions::default()
+    }
+}
+
+#[test]
+fn a_body_goes_to_its_moved_copy_rigidly_from_any_start() {
+    let domain = body(10);
+    for (turn, scale, shift) in [
+        ([0.0, 0.0, 0.0], 1.0, [0.0, 0.0, 0.0]),
+        ([1.0, 2.0, 0.5], 3.0, [5.0, -2.0, 1.0]),
+        ([3.1, 0.1, -2.0], 0.01, [0.0, 1.0, 0.0]),
+    ] {
+        let target = moved(&domain, turn, scale, shift);
+        let (map, report) = pair(&domain, &target, &PairOptions::default());
+        let farthest = common::largest_distance(map.image(), target.vertices());
+        assert!(farthest < 1e-6 * target.diagonal(), "{turn:?}: {farthest}");
+        assert!((report.after.mean_symmetric_dirichlet - 4.0).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn another_mesh_of_the_same_body_is_found_again() {
+    // The exact map is the identity; the two meshes differ from each other by their edges squared.
+    let (domain, target) = (body(16), moved(&body(13), [0.4, -1.0, 2.0], 2.0, [1.0, 0.0, 0.0]));
+    let (map, report) = pair(&domain, &target, &PairOptions::default());
+    let expected = moved(&domain, [0.4, -1.0, 2.0], 2.0, [1.0, 0.0, 0.0]);
+    let farthest = common::largest_distance(map.image(), expected.vertices()) / target.diagonal();
+    assert!(farthest < 0.02, "{farthest}");
+    assert!(report.after.mean_symmetric_dirichlet < 4.1, "{:?}", report.after);
+    assert!(report.after.mean_symmetric_dirichlet < report.before.mean_symmetric_dirichlet);
+}
+
+#[test]
+fn landmarks_are_met_exactly_and_the_rest_follows() {
+    let (domain, target) = (body(12), other_body());
+    let ends = |surface: &SurfaceMesh| -> Vec<u32> {
+        let extreme = |axis: usize, sign: f64| {
+            let along = |v: &u32| sign * surface.vertices()[*v as usize][axis];
+            let all = 0..surface.vertices().len() as u32;
+            all.max_by(|a, b| along(a).total_cmp(&along(b))).unwrap()
+        };
+        [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0)].map(|(k, s)| extreme(k, s)).into()
+    };
+    let pairs: Vec<[u32; 2]> = ends(&domain).into_iter().zip(ends(&target)).map(|(v, w)| [v, w]).collect();
+    for via in [Via::Targets, Via::Conformal] {
+        let options = PairOptions {
+            via,
+            ..with_landmarks(pairs.clone(), &domain, &target)
+        };
+        let (map, report) = pair(&domain, &target, &options);
+        assert_eq!(report.landmarks, 5);
+        for &[v, w] in &pairs {
+            let miss = (map.image()[v as usize] - target.vertices()[w as usize]).norm();
+            assert!(miss <= 1e-9 * target.diagonal(), "{via:?} {v}: {miss}");
+        }
+    }
+}
+
+#[test]
+fn landmarks_that_turn_a_triangle_over_are_refused_by_number() {
+    let (domain, target) = (body(6), other_body());
+    let [a, b, c] = domain.triangles()[40];
+    let [d, e, f] = target.triangles()[500];
+    let options = with_landmarks(vec![[a, d], [b, f], [c, e]], &domain, &target);
+    match map_pair(&domain, &target, &options, &|_| ()) {
+        Err(error @ PairError::LandmarksMissed { landmarks: 3, .. }) => {
+            assert!(error.to_string().contains("cannot be met without turning triangles over"), "{error}");
+        }
+        other => panic!("{:?}", other.map(|(_, report)| report)),
+    }
+}
+
+#[test]
+fn a_mirror_image_is_flagged() {
+    let domain = body(8);
+    let mirrored = shapes::deformed(&domain, |p| Point::new(-p.x, p.y, p.z)).reversed();
+    let (_, report) = pair(&domain, &mirrored, &PairOptions::default());
+    assert!(report.warnings.iter().any(|warning| warning.contains("mirror")), "{:?}", report.warnings);
+    let (_, report) = pair(&domain, &moved(&domain, [1.0, 0.0, 0.0], 1.0, [0.0; 3]), &PairOptions::default());
+    assert!(!report.warnings.iter().any(|warning| warning.contains("mirror")), "{:?}", report.warnings);
+}
+
+#[test]
+fn the_map_is_the_same_for_any_number_of_threads() {
+    let (domain, target) = (body(9), other_body());
+    let image = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| pair(&domain, &target, &PairOptions::default()).0.image().to_vec())
+    };
+    assert_eq!(image(1), image(2));
+}
+
+#[test]
+fn the_image_moves_with_the_solids() {
+    let (domain, target) = (body(9), other_body());
+    let image = pair(&domain, &target, &PairOptions::default()).0.image().to_vec();
+    let (turn, scale, shift) = ([0.3, -0.9, 2.2], 7.0, [1.0, 2.0, 3.0]);
+    let turned = pair(
+        &moved(&domain, [2.0, 0.4, -1.0], 0.3, [4.0, 0.0, -1.0]),
+        &moved(&target, turn, scale, shift),
+        &PairOptions::default(),
+    );
+    let expected = moved(&domain.with_vertices(image).unwrap(), turn, scale, shift);
+    let distances = turned.0.image().iter().zip(expected.vertices()).map(|(p, q)| (p - q).norm());
+    let mean = distances.sum::<f64>() / image_count(&domain) / (scale * target.diagonal());
+    // Both descents end within their tolerance of the same minimum.
+    assert!(mean < 2e-3, "{mean}");
+}
+
+fn image_count(domain: &SurfaceMesh) -> f64 {
+    domain.vertices().len() as f64
+}
+
+#[test]
+fn improvement_lowers_distortion_and_can_be_left_out() {
+    let (domain, target) = (body(10), other_body());
+    for via in [Via::Targets, Via::Conformal] {
+        let options = |improve| PairOptions {
+            via,
+            improve,
+            ..PairOptions::default()
+        };
+        let (_, plain) = pair(&domain, &target, &options(false));
+        let (_, improved) = pair(&domain, &target, &options(true));
+        assert_eq!(plain.before, plain.after);
+        let [before, after] = [&improved.before, &improved.after].map(|d| d.mean_symmetric_dirichlet);
+        assert!(after < before, "{via:?}: {after} {before}");
+        if via == Via::Conformal {
+            assert!(plain.after.angle.p50 < improved.after.angle.p50, "conformal maps keep angles best");
+        }
+    }
+}
+
+#[test]
+fn solids_that_are_no_sphere_are_refused_with_their_side() {
+    let (ball, torus) = (body(4), shapes::torus(1.0, 0.4, 20, 10));
+    for (domain, target, at) in [(&torus, &ball, "domain"), (&ball, &torus, "target")] {
+        match map_pair(domain, target, &PairOptions::default(), &|_| ()) {
+            Err(PairError::Sphere { side, error }) => {
+                assert_eq!((side, error), (at, SphericalError::Genus { genus: 1 }));
+            }
+            other => panic!("{:?}", other.map(|(_, report)| report)),
+        }
+    }
+    let wrong = with_landmarks(vec![[0, 0], [1, 1]], &ball, &other_body());
+    let few = shapes::sphere(1.0, 0);
+    let beyond = PairOptions {
+        landmarks: Landmarks::new(vec![[0, 100]], 200, 200).unwrap(),
+        ..wrong
+    };
+    assert!(matches!(
+        map_pair(&few, &few, &beyond, &|_| ()),
+        Err(PairError::Landmarks(_))
+    ));
+}
+
+#[test]
+fn real_pairs_are_one_to_one() {
+    let Some(folder) = models_folder() else { return };
+    let read = |name: &str| io::read_surface(folder.join(Path::new(name))).unwrap();
+    for (domain, target, most) in [
+        ("pairs/cat.obj", "pairs/horse.obj", 6.0),
+        ("surfaces/igea_15k.obj", "surfaces/max_planck_27k.obj", 4.3),
+        ("surfaces/goathead_2k8.obj", "maps/bone_labelled.obj", f64::INFINITY),
+    ] {
+        let (_, report) = pair(&read(domain), &read(target), &PairOptions::default());
+        let median = report.after.symmetric_dirichlet.p50;
+        assert!(median < most, "{domain}: {median}");
+    }
+}
+
+#[test]
+fn fingers_go_to_fingers_by_five_landmarks() {
+    let Some(folder) = models_folder() else { return };
+    let path = |name: &str| folder.join("pairs").join(name);
+    let (domain, target) = (
+        io::read_surface(path("hand_plain.obj")).unwrap(),
+        io::read_surface(path("hand_vulcan.obj")).unwrap(),
+    );
+    let landmarks = io::read_landmark_files(
+        path("hand_plain.pinned"),
+        path("hand_vulcan.pinned"),
+        domain.vertices().len(),
+        target.vertices().len(),
+    )
+    .unwrap();
+    let options = PairOptions {
+        landmarks: landmarks.clone(),
+        ..PairOptions::default()
+    };
+    let (map, report) = pair(&domain, &target, &options);
+    for &[v, w] in landmarks.pairs() {
+        let miss = (map.image()[v as usize] - target.vertices()[w as usize]).norm();
+        assert!(miss <= 1e-9 * target.diagonal(), "{miss}");
+    }
+    // Fingers bend but keep their lengths: most of the skin is hardly stretched.
+    assert!(report.after.symmetric_dirichlet.p90 < 5.0, "{:?}", report.after);
+}
