@@ -69,6 +69,7 @@ pub(crate) struct Element {
     pub(crate) hessian: SMatrix<f64, 6, 6>,
 }
 
+#[cfg(test)]
 impl RestShapes {
     /// For each triangle the angle term `q / 2d`, which is 1 where angles are kept, and `d`. Both are infinite or NaN for
     /// triangles that are turned over.
