@@ -4,7 +4,7 @@ mod common;
 
 use std::path::Path;
 
-use common::models_folder;
+use common::models;
 use nalgebra::Rotation3;
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::BoundaryMap;
@@ -57,13 +57,25 @@ fn moved(surface: &SurfaceMesh, turn: [f64; 3], scale: f64, shift: [f64; 3]) -> 
 
 /// A lumpy body without a symmetry.
 fn body(frequency: usize) -> SurfaceMesh {
-    let stretched = |p: &Point| Point::new(1.5 * p.x + 0.3 * p.y * p.y, p.y + 0.2 * p.x, 0.8 * p.z + 0.1 * p.x * p.x);
+    let stretched = |p: &Point| {
+        Point::new(
+            1.5 * p.x + 0.3 * p.y * p.y,
+            p.y + 0.2 * p.x,
+            0.8 * p.z + 0.1 * p.x * p.x,
+        )
+    };
     shapes::deformed(&shapes::bumpy_sphere(frequency), stretched)
 }
 
 /// Another such body, of other triangles.
 fn other_body() -> SurfaceMesh {
-    let stretched = |p: &Point| Point::new(1.3 * p.x + 0.2 * p.y * p.y, 1.1 * p.y + 0.1 * p.x, 0.9 * p.z - 0.1 * p.x);
+    let stretched = |p: &Point| {
+        Point::new(
+            1.3 * p.x + 0.2 * p.y * p.y,
+            1.1 * p.y + 0.1 * p.x,
+            0.9 * p.z - 0.1 * p.x,
+        )
+    };
     shapes::deformed(&shapes::sphere(1.0, 4), stretched)
 }
 
@@ -111,9 +123,15 @@ fn landmarks_are_met_exactly_and_the_rest_follows() {
             let all = 0..surface.vertices().len() as u32;
             all.max_by(|a, b| along(a).total_cmp(&along(b))).unwrap()
         };
-        [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0)].map(|(k, s)| extreme(k, s)).into()
+        [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0)]
+            .map(|(k, s)| extreme(k, s))
+            .into()
     };
-    let pairs: Vec<[u32; 2]> = ends(&domain).into_iter().zip(ends(&target)).map(|(v, w)| [v, w]).collect();
+    let pairs: Vec<[u32; 2]> = ends(&domain)
+        .into_iter()
+        .zip(ends(&target))
+        .map(|(v, w)| [v, w])
+        .collect();
     for via in [Via::Targets, Via::Conformal] {
         let options = PairOptions {
             via,
@@ -136,7 +154,12 @@ fn landmarks_that_turn_a_triangle_over_are_refused_by_number() {
     let options = with_landmarks(vec![[a, d], [b, f], [c, e]], &domain, &target);
     match map_pair(&domain, &target, &options, &|_| ()) {
         Err(error @ PairError::LandmarksMissed { landmarks: 3, .. }) => {
-            assert!(error.to_string().contains("cannot be met without turning triangles over"), "{error}");
+            assert!(
+                error
+                    .to_string()
+                    .contains("cannot be met without turning triangles over"),
+                "{error}"
+            );
         }
         other => panic!("{:?}", other.map(|(_, report)| report)),
     }
@@ -147,9 +170,21 @@ fn a_mirror_image_is_flagged() {
     let domain = body(8);
     let mirrored = shapes::deformed(&domain, |p| Point::new(-p.x, p.y, p.z)).reversed();
     let (_, report) = pair(&domain, &mirrored, &PairOptions::default());
-    assert!(report.warnings.iter().any(|warning| warning.contains("mirror")), "{:?}", report.warnings);
-    let (_, report) = pair(&domain, &moved(&domain, [1.0, 0.0, 0.0], 1.0, [0.0; 3]), &PairOptions::default());
-    assert!(!report.warnings.iter().any(|warning| warning.contains("mirror")), "{:?}", report.warnings);
+    assert!(
+        report.warnings.iter().any(|warning| warning.contains("mirror")),
+        "{:?}",
+        report.warnings
+    );
+    let (_, report) = pair(
+        &domain,
+        &moved(&domain, [1.0, 0.0, 0.0], 1.0, [0.0; 3]),
+        &PairOptions::default(),
+    );
+    assert!(
+        !report.warnings.iter().any(|warning| warning.contains("mirror")),
+        "{:?}",
+        report.warnings
+    );
 }
 
 #[test]
@@ -173,7 +208,12 @@ fn the_image_moves_with_the_solids() {
         &PairOptions::default(),
     );
     let expected = moved(&domain.with_vertices(image).unwrap(), turn, scale, shift);
-    let distances = turned.0.image().iter().zip(expected.vertices()).map(|(p, q)| (p - q).norm());
+    let distances = turned
+        .0
+        .image()
+        .iter()
+        .zip(expected.vertices())
+        .map(|(p, q)| (p - q).norm());
     let mean = distances.sum::<f64>() / image_count(&domain) / (scale * target.diagonal());
     // Both descents end within their tolerance of the same minimum.
     assert!(mean < 2e-3, "{mean}");
@@ -198,7 +238,10 @@ fn improvement_lowers_distortion_and_can_be_left_out() {
         let [before, after] = [&improved.before, &improved.after].map(|d| d.mean_symmetric_dirichlet);
         assert!(after < before, "{via:?}: {after} {before}");
         if via == Via::Conformal {
-            assert!(plain.after.angle.p50 < improved.after.angle.p50, "conformal maps keep angles best");
+            assert!(
+                plain.after.angle.p50 < improved.after.angle.p50,
+                "conformal maps keep angles best"
+            );
         }
     }
 }
@@ -228,7 +271,7 @@ fn solids_that_are_no_sphere_are_refused_with_their_side() {
 
 #[test]
 fn real_pairs_are_one_to_one() {
-    let Some(folder) = models_folder() else { return };
+    let Some(folder) = models() else { return };
     let read = |name: &str| io::read_surface(folder.join(Path::new(name))).unwrap();
     for (domain, target, most) in [
         ("pairs/cat.obj", "pairs/horse.obj", 6.0),
@@ -243,7 +286,7 @@ fn real_pairs_are_one_to_one() {
 
 #[test]
 fn fingers_go_to_fingers_by_five_landmarks() {
-    let Some(folder) = models_folder() else { return };
+    let Some(folder) = models() else { return };
     let path = |name: &str| folder.join("pairs").join(name);
     let (domain, target) = (
         io::read_surface(path("hand_plain.obj")).unwrap(),

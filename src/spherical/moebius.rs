@@ -45,6 +45,7 @@ impl Moebius {
     }
 
     /// The transformation that undoes this one.
+    #[cfg(test)]
     pub(crate) fn inverse(&self) -> Self {
         Self {
             matrix: inverse(&self.matrix),
