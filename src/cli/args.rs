@@ -204,8 +204,8 @@ pub struct BoundaryOutputs {
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
     /// Axis that points up in the picture
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub up: AxisKind,
+    #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
+    pub up: UpKind,
 }
 
 #[derive(Debug, Args)]
@@ -226,8 +226,8 @@ pub struct BoundaryCheckArgs {
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
     /// Axis that points up in the picture
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub up: AxisKind,
+    #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
+    pub up: UpKind,
     /// Seed of the sample points
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -555,6 +555,34 @@ pub enum AxisKind {
     X,
     Y,
     Z,
+}
+
+/// The direction that points up in a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum UpKind {
+    X,
+    Y,
+    Z,
+    #[value(name = "-x")]
+    MinusX,
+    #[value(name = "-y")]
+    MinusY,
+    #[value(name = "-z")]
+    MinusZ,
+}
+
+impl UpKind {
+    /// The axis, and whether it points down.
+    pub fn axis(self) -> (Axis, bool) {
+        match self {
+            Self::X => (Axis::X, false),
+            Self::Y => (Axis::Y, false),
+            Self::Z => (Axis::Z, false),
+            Self::MinusX => (Axis::X, true),
+            Self::MinusY => (Axis::Y, true),
+            Self::MinusZ => (Axis::Z, true),
+        }
+    }
 }
 
 impl From<AxisKind> for Axis {

@@ -35,6 +35,8 @@ pub struct Camera {
     pub elevation: f64,
     /// The axis that points up.
     pub up: Axis,
+    /// Whether it points down instead: the picture is turned by half a turn.
+    pub upside_down: bool,
 }
 
 impl Default for Camera {
@@ -44,6 +46,7 @@ impl Default for Camera {
             azimuth: 32.0,
             elevation: 24.0,
             up: Axis::Z,
+            upside_down: false,
         }
     }
 }
@@ -56,6 +59,7 @@ impl Camera {
             Axis::Y => [Vector::x(), Vector::y(), Vector::z()],
             Axis::Z => [Vector::x(), Vector::z(), -Vector::y()],
         };
+        let [right, up] = if self.upside_down { [-right, -up] } else { [right, up] };
         let (sin, cos) = self.azimuth.to_radians().sin_cos();
         let (rise, reach) = self.elevation.to_radians().sin_cos();
         let level = front * cos + right * sin;
@@ -379,6 +383,7 @@ mod tests {
         azimuth: 0.0,
         elevation: 0.0,
         up: Axis::Z,
+        upside_down: false,
     };
 
     fn background_at(y: usize, height: usize) -> Rgb {
@@ -397,9 +402,18 @@ mod tests {
     fn every_camera_is_a_right_handed_frame() {
         for up in [Axis::X, Axis::Y, Axis::Z] {
             for (azimuth, elevation) in [(0.0, 0.0), (32.0, 24.0), (-100.0, 90.0)] {
-                let [right, upward, viewer] = Camera { azimuth, elevation, up }.frame();
-                assert!((right.cross(&upward) - viewer).norm() < 1e-15);
-                assert!((right.norm() - 1.0).abs() < 1e-15 && right[up.index()].abs() < 1e-15);
+                for upside_down in [false, true] {
+                    let camera = Camera {
+                        azimuth,
+                        elevation,
+                        up,
+                        upside_down,
+                    };
+                    let [right, upward, viewer] = camera.frame();
+                    assert!((right.cross(&upward) - viewer).norm() < 1e-15);
+                    assert!((right.norm() - 1.0).abs() < 1e-15 && right[up.index()].abs() < 1e-15);
+                    assert!(elevation == 90.0 || (upward[up.index()] < 0.0) == upside_down);
+                }
             }
         }
     }

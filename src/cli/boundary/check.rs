@@ -63,7 +63,7 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<Outcome>
     let check = examine(&subject, &options).with_context(|| format!("cannot check `{}`", source.image().display()))?;
     if let Some(png) = &args.png {
         output.progress("drawing");
-        let figure = pictures::boundary(&subject.map, &check, args.up.into())?;
+        let figure = pictures::boundary(&subject.map, &check, args.up)?;
         let bytes = figure.to_png()?;
         io::atomic_write(png, |writer| writer.write_all(&bytes))?;
         output.note(format_args!("picture in {}", png.display()));

@@ -5,11 +5,13 @@ use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortio
 use solidmap::check::mend;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::report::{
-    Axis, Camera, Checker, ColourBar, Figure, Panel, Pattern, Scale, SurfaceColour, SurfaceStyle, ValueRange,
+    Camera, Checker, ColourBar, Figure, Panel, Pattern, Scale, SurfaceColour, SurfaceStyle, ValueRange,
 };
 use solidmap::spherical::SphericalMap;
 use solidmap::statistics::weighted_quantiles;
 use solidmap::{Point, Vector};
+
+use crate::cli::args::UpKind;
 
 /// Width and height of a view.
 const PIXELS: [usize; 2] = [560, 520];
@@ -38,11 +40,13 @@ struct Distortion {
 /// The domain and its image side by side, from the front and from behind, painted with one chequered field, and with
 /// how far areas and angles are distorted. By way of the sphere the image is the target itself, with what the map brings
 /// to every point of it, and below is the sphere between them.
-pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: Axis) -> anyhow::Result<Figure> {
+pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow::Result<Figure> {
+    let (up, upside_down) = up.axis();
     let [front, back] = [30.0, 210.0].map(|azimuth| Camera {
         azimuth,
         elevation: 20.0,
         up,
+        upside_down,
     });
     let pair = match (map.domain_on_sphere(), map.inverse()) {
         (Some(_), Some(back)) => through_sphere(map, back),

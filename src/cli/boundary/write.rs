@@ -56,7 +56,7 @@ pub fn outputs(
     if let Some(path) = &outputs.png {
         output.progress("drawing");
         let checked = check(map, None, &BoundaryCheckOptions::default(), None)?;
-        let figure = pictures::boundary(map, &checked, outputs.up.into())?;
+        let figure = pictures::boundary(map, &checked, outputs.up)?;
         let bytes = figure.to_png()?;
         io::atomic_write(path, |writer| writer.write_all(&bytes))?;
     }
