@@ -280,7 +280,7 @@ fn a_model_is_mapped_to_the_sphere_in_every_form_asked_for() {
     let input = &file.metadata.inputs[0];
     assert_eq!((input.role.as_str(), input.file.as_str()), ("domain", "domain.obj"));
     let vtu = std::fs::read(place.path("map.vtu")).unwrap();
-    for field in ["direction", "area ratio", "angle distortion"] {
+    for field in ["image", "area ratio", "angle distortion"] {
         assert!(
             String::from_utf8_lossy(&vtu).contains(&format!("Name=\"{field}\"")),
             "{field}"

@@ -171,15 +171,23 @@ pub struct BoundaryPairArgs {
 /// How a pair is mapped.
 #[derive(Debug, Args)]
 pub struct PairArgs {
-    /// Vertices of DOMAIN that go to vertices of the target, counted from 0: a file of two columns, or two files of one
-    #[arg(long, num_args = 1..=2, value_name = "FILE")]
+    /// Vertices of DOMAIN that go to vertices of the target, counted from 0: a file of two columns. Given twice: a file
+    /// of one column for DOMAIN, and one for the target
+    #[arg(long, value_name = "FILE")]
     pub landmarks: Vec<PathBuf>,
     /// `targets` lays the solids over each other; `conformal` maps both to the sphere and turns one
     #[arg(long, value_enum, default_value_t = ViaKind::Targets)]
     pub via: ViaKind,
-    /// Leave the map as it is first found: faster, and with more distortion
+    /// Leave the map as it is first found: faster, as a rule with more distortion
     #[arg(long)]
     pub no_improve: bool,
+}
+
+impl PairArgs {
+    /// Nothing was asked for.
+    pub fn is_default(&self) -> bool {
+        self.landmarks.is_empty() && self.via == ViaKind::Targets && !self.no_improve
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -58,6 +58,11 @@ impl<'a> Source<'a> {
     fn of(args: &'a FitArgs) -> anyhow::Result<Self> {
         let domain = args.domain.as_deref();
         let target = args.target.as_deref();
+        let onto_model = target.is_some_and(|target| target != Path::new(SPHERE));
+        anyhow::ensure!(
+            onto_model || args.pair.is_default(),
+            "--landmarks, --via and --no-improve say how a solid is mapped to another: they need --target MODEL"
+        );
         match (domain, args.image.as_deref(), args.boundary.as_deref(), target) {
             (_, None, Some(file), None) => Ok(Self::Boundary { file, domain }),
             (Some(domain), Some(image), None, None) => Ok(Self::Image { domain, image }),
@@ -79,7 +84,13 @@ impl<'a> Source<'a> {
                 domain.into_iter().chain([("boundary", file)]).collect()
             }
             Self::Sphere { domain } => vec![("domain", domain)],
-            Self::Target { domain, target, .. } => vec![("domain", domain), ("target", target)],
+            Self::Target { domain, target, pair } => {
+                let landmarks = pair.landmarks.iter().map(|file| ("landmarks", file.as_path()));
+                [("domain", domain), ("target", target)]
+                    .into_iter()
+                    .chain(landmarks)
+                    .collect()
+            }
         }
     }
 

@@ -61,12 +61,15 @@ pub(crate) trait Objective: Sync {
     fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<Element>;
 }
 
+/// A second derivative by the two tangent coordinates of each corner.
+pub(crate) type Hessian = SMatrix<f64, 6, 6>;
+
 /// First and second derivatives of one triangle's energy, two tangent coordinates per corner.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Element {
     pub(crate) gradient: [f64; 6],
     /// Symmetric and positive semidefinite.
-    pub(crate) hessian: SMatrix<f64, 6, 6>,
+    pub(crate) hessian: Hessian,
 }
 
 #[cfg(test)]
@@ -269,7 +272,7 @@ impl Element {
 }
 
 /// The matrix without its negative eigenvalues; a matrix that is not finite, as it is.
-fn semidefinite(matrix: SMatrix<f64, 6, 6>) -> SMatrix<f64, 6, 6> {
+pub(crate) fn semidefinite(matrix: Hessian) -> Hessian {
     let size = matrix.trace().abs();
     if !size.is_finite() || nalgebra::Cholesky::new(matrix).is_some() {
         return matrix;

@@ -5,22 +5,30 @@ use crate::Vector;
 /// Rings of more neighbours are not searched for the best place: the search takes the fourth power of their number.
 const MOST_SEARCHED: usize = 14;
 
+/// Rounding errors of a determinant, over the product of the lengths of two sides: a few units in the last place.
+const NOISE: f64 = 1e-14;
+
 /// Six times the volume between the origin and a triangle: positive when it is seen counter-clockwise from outside.
 /// Differences come first, so that small triangles keep their sign.
 pub(crate) fn det(a: &Vector, b: &Vector, c: &Vector) -> f64 {
     a.dot(&(b - a).cross(&(c - a)))
 }
 
-/// The smallest determinant of the triangles between `x` and the sides of a ring; NaN when one of them is.
+/// The determinant, if it is positive beyond rounding errors.
+pub(crate) fn positive_det(a: &Vector, b: &Vector, c: &Vector) -> Option<f64> {
+    let (first, last) = (b - a, c - a);
+    let det = a.dot(&first.cross(&last));
+    (det > NOISE * first.norm() * last.norm() && det.is_finite()).then_some(det)
+}
+
+/// The smallest determinant of the triangles between `x` and the sides of a ring; −∞ when one is not positive for sure.
 pub(super) fn smallest_det(x: &Vector, ring: &[Vector]) -> f64 {
     let sides = ring.iter().zip(ring.iter().cycle().skip(1));
     let mut smallest = f64::INFINITY;
     for (a, b) in sides {
-        let det = det(x, a, b);
-        // `f64::min` would let a NaN pass.
-        if !det.is_finite() {
-            return f64::NAN;
-        }
+        let Some(det) = positive_det(x, a, b) else {
+            return f64::NEG_INFINITY;
+        };
         smallest = smallest.min(det);
     }
     smallest

@@ -20,9 +20,9 @@ mod spherical_map;
 
 pub use certificate::{Certificate, certify};
 pub use embedding::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
-pub(crate) use energy::{Element, Energy, Objective, Pull, Weights};
+pub(crate) use energy::{Element, Energy, Hessian, Objective, Pull, Weights, semidefinite};
 pub(crate) use hierarchy::Hierarchy;
-pub(crate) use kernel::det;
+pub(crate) use kernel::{det, positive_det};
 pub use locate::Locator;
 pub(crate) use moebius::Moebius;
 pub(crate) use newton::{Newton, NewtonError, NewtonOptions};

@@ -95,7 +95,7 @@ impl Drawing {
         }
     }
 
-    /// Whether the triangles at a vertex are all positive with the vertex at `x`.
+    /// Whether the triangles at a vertex are all positive, beyond rounding, with the vertex at `x`.
     pub fn fits(&self, v: u32, x: &Vector) -> bool {
         let ring: Vec<Vector> = self.ring(v).collect();
         smallest_det(x, &ring) > 0.0

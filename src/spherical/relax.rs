@@ -7,7 +7,7 @@
 use smallvec::SmallVec;
 
 use super::energy::{Weights, tangents};
-use super::kernel::det;
+use super::kernel::{det, positive_det};
 use super::progressive::Drawing;
 use super::rest::Rest;
 use crate::{Point, Vector};
@@ -64,12 +64,8 @@ fn energy_at(x: &Vector, star: &Star, weights: Weights) -> Option<f64> {
     let mut energy = 0.0;
     for (i, (a, rest)) in star.iter().enumerate() {
         let b = &star[(i + 1) % star.len()].0;
-        let d = det(x, a, b) / (2.0 * rest.area);
+        let d = positive_det(x, a, b)? / (2.0 * rest.area);
         let q = stretch(x, a, b, rest);
-        // Written so that NaN fails.
-        if !(d > 0.0 && d.is_finite()) {
-            return None;
-        }
         energy += rest.area * (weights.angle * q / (2.0 * d) + weights.area * 0.5 * (d + 1.0 / d));
     }
     Some(energy)
@@ -128,8 +124,11 @@ pub(crate) fn newton_step(x: &Vector, gradient: &Vector, hessian: &crate::Matrix
     let bend = (-x.dot(gradient)).max(0.0);
     let (hs, ht) = (hessian * s, hessian * t);
     let (a, b, c) = (s.dot(&hs) + bend, s.dot(&ht), t.dot(&ht) + bend);
-    let floor = 1e-9 * (a + c);
-    let (a, c) = (a + floor, c + floor);
+    // Shifted so that both eigenvalues are positive.
+    let (middle, radius) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
+    let floor = 1e-9 * middle.abs().max(radius);
+    let shift = floor + (radius - middle + 1e-3 * radius).max(0.0);
+    let (a, c) = (a + shift, c + shift);
     let determinant = a * c - b * b;
     if !(determinant > 0.0 && determinant.is_finite()) {
         return None;

@@ -194,6 +194,10 @@ pub fn require_sphere(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalErr
             first,
         });
     }
+    if surface.vertices().len() < 4 {
+        let found = "it has three vertices, and no inside".into();
+        return Err(SphericalError::NotManifold { found });
+    }
     Ok(mend(surface).0)
 }
 
@@ -258,6 +262,11 @@ mod tests {
         assert!(matches!(
             require_sphere(&loose),
             Err(SphericalError::Unreferenced { count: 1, first: 42 })
+        ));
+        let doubled = SurfaceMesh::new(sphere.vertices()[..3].to_vec(), vec![[0, 1, 2], [0, 2, 1]]).unwrap();
+        assert!(matches!(
+            require_sphere(&doubled),
+            Err(SphericalError::NotManifold { .. })
         ));
         let bad = shapes::deformed(
             &sphere,

@@ -28,7 +28,11 @@ pub struct Schedule {
 /// Vertices that must stand at given directions.
 pub(crate) struct Pins {
     pairs: Vec<(u32, Vector)>,
+    /// The pin of each vertex, [`NO_PIN`] for most.
+    of_vertex: Vec<u32>,
 }
+
+const NO_PIN: u32 = u32::MAX;
 
 /// A drawing and what is known of it.
 #[derive(Clone)]
@@ -75,12 +79,18 @@ const MOST_DRAGS: usize = 40;
 const PIN: f64 = 30.0;
 
 impl Pins {
-    pub fn new(pairs: Vec<(u32, Vector)>) -> Self {
-        Self { pairs }
+    /// Pins of vertices below `vertices`, no two of the same.
+    pub fn new(pairs: Vec<(u32, Vector)>, vertices: usize) -> Self {
+        let mut of_vertex = vec![NO_PIN; vertices];
+        for (i, pair) in pairs.iter().enumerate() {
+            of_vertex[pair.0 as usize] = i as u32;
+        }
+        Self { pairs, of_vertex }
     }
 
     fn of(&self, vertex: u32) -> Option<usize> {
-        self.pairs.iter().position(|pair| pair.0 == vertex)
+        let pin = self.of_vertex[vertex as usize];
+        (pin != NO_PIN).then_some(pin as usize)
     }
 }
 
@@ -157,6 +167,7 @@ impl<'a> Embedding<'a> {
             wanted: vec![None; directions.len()],
         };
         let springs = Schedule { pull: 1.0, until: 0 };
+        self.drag(&mut sketch.drawing, &mut sketch.pinned);
         for _ in 0..MOST_DRAGS {
             if sketch.pinned.iter().all(|&is| is) {
                 break;
@@ -223,6 +234,7 @@ impl<'a> Embedding<'a> {
         let is_fixed = |v: u32| self.pins.of(v).is_some_and(|i| pinned[i]);
         let there = drawing.there.clone();
         let arrived = &there[drawing.arrived..];
+        lifted.find_hidden(drawing);
         for _ in 0..NEW_SWEEPS {
             lifted.sweep(drawing, arrived, &is_fixed);
         }
@@ -233,11 +245,9 @@ impl<'a> Embedding<'a> {
         let triangles = drawing.neighbours.triangles();
         let shapes = RestShapes::new(&triangles, self.domain.vertices());
         let mut newton = Newton::new(&triangles, &fixed).ok();
-        let mut before = f64::INFINITY;
-        for turn in 0..turns {
-            if turn == 0 || lifted.hides() {
-                lifted.find_hidden(drawing);
-            }
+        for _ in 0..turns {
+            lifted.find_hidden(drawing);
+            let before = lifted.energy(drawing);
             self.repair(drawing, lifted, &is_fixed);
             let stepped = newton
                 .as_mut()
@@ -246,12 +256,11 @@ impl<'a> Embedding<'a> {
                 newton = None;
             }
             lifted.sweep(drawing, &there, &is_fixed);
-            let energy = lifted.energy(drawing);
-            if energy > (1.0 - GAIN) * before {
+            if lifted.energy(drawing) > (1.0 - GAIN) * before {
                 break;
             }
-            before = energy;
         }
+        lifted.find_hidden(drawing);
         lifted.energy(drawing)
     }
 
@@ -304,13 +313,17 @@ pub(crate) fn best_sketch(
                 Some(sketch) => embedding.refine(sketch, guide, schedule, size, &|_, _| ()),
                 None => embedding.sketch(guide, schedule, size),
             };
-            drawn.map(|drawn| (Some(drawn), [g, s]))
+            let mut drawn = drawn?;
+            // Small surfaces are whole before distortion has had a say.
+            if !drawn.energy.is_finite() {
+                embedding.finish(&mut drawn);
+            }
+            Some((Some(drawn), [g, s]))
         };
         choices = choices.into_par_iter().filter_map(draw).collect();
         choices.sort_by(|a, b| {
-            rating(&a.0)
-                .partial_cmp(&rating(&b.0))
-                .unwrap_or(std::cmp::Ordering::Equal)
+            let (a, b) = (rating(&a.0), rating(&b.0));
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
         });
         let best = rating(&choices.first()?.0);
         for (sketch, [g, _]) in choices.iter().rev() {
@@ -320,7 +333,7 @@ pub(crate) fn best_sketch(
         choices.retain(|(sketch, [g, _])| {
             let (missed, energy) = rating(sketch);
             kept[*g] += 1;
-            kept[*g] <= KEPT && missed == best.0 && energy < HOPELESS * best.1
+            kept[*g] <= KEPT && missed == best.0 && energy <= HOPELESS * best.1
         });
     }
     let (sketch, choice) = choices.into_iter().next()?;

@@ -14,7 +14,8 @@ use smallvec::SmallVec;
 
 use crate::mesh::SurfaceMesh;
 use crate::spherical::{
-    Drawing, Element, Energy, Locator, Objective, Pull, Rest, RestShapes, SphericalMap, Weights, det, newton_step,
+    Drawing, Element, Energy, Hessian, Locator, Objective, Pull, Rest, RestShapes, SphericalMap, Weights, det,
+    newton_step, positive_det, semidefinite,
 };
 use crate::{Matrix3, Point, Vector};
 
@@ -24,6 +25,8 @@ const BARRIER: f64 = 1e-3;
 
 /// Parts of the target that are told apart when looking for limbs.
 const MOST_PARTS: usize = 20_000;
+/// Parts looked up for each triangle of a drawing, at most.
+const PARTS_PER_TRIANGLE: usize = 4;
 /// A triangle hides something if it covers at least this many parts, and this many times the area of its straight image.
 const FEWEST_PARTS: usize = 4;
 const HIDING: f64 = 1.5;
@@ -151,12 +154,15 @@ impl<'a> Lifted<'a> {
         let numbered = triangles.iter().map(|t| t.map(|v| number[v as usize])).collect();
         let surface = SurfaceMesh::new(points, numbered).expect("every vertex of a drawing is there");
         let locator = Locator::of_drawing(&surface, &directions);
-        let middles: Vec<Vector> = self.lift.parts.iter().map(|part| part.0).collect();
+        // As many as are needed to tell: coarse drawings are many.
+        let stride = (self.lift.parts.len() / (PARTS_PER_TRIANGLE * triangles.len())).max(1);
+        let parts: Vec<(Vector, f64)> = self.lift.parts.iter().step_by(stride).copied().collect();
+        let middles: Vec<Vector> = parts.iter().map(|part| part.0).collect();
         let mut covered = vec![(0, 0.0); triangles.len()];
-        for (place, (_, area)) in locator.locate_all(&middles).iter().zip(&self.lift.parts) {
+        for (place, (_, area)) in locator.locate_all(&middles).iter().zip(&parts) {
             let (count, sum) = &mut covered[place.triangle as usize];
             *count += 1;
-            *sum += area;
+            *sum += stride as f64 * area;
         }
         for (t, (count, area)) in triangles.iter().zip(covered) {
             let [y, a, b] = t.map(|v| self.images[v as usize].point);
@@ -165,11 +171,6 @@ impl<'a> Lifted<'a> {
                 self.hidden.insert(*t, (area / straight).min(MOST_HIDDEN));
             }
         }
-    }
-
-    /// Whether any triangle hides something.
-    pub fn hides(&self) -> bool {
-        !self.hidden.is_empty()
     }
 
     fn weighed(&self, t: [u32; 3]) -> Weighed {
@@ -254,17 +255,15 @@ impl<'a> Lifted<'a> {
             sum[0] += triangle.rest.area;
             sum[1] += triangle.rest.area * e;
         }
-        sum[1] / sum[0]
+        let mean = sum[1] / sum[0];
+        if mean.is_nan() { f64::INFINITY } else { mean }
     }
 
     fn value(&self, x: &Vector, y: &Point, star: &Star) -> Option<f64> {
         let mut value = 0.0;
         for (i, a) in star.iter().enumerate() {
             let b = &star[(i + 1) % star.len()];
-            let d = det(x, &a.direction, &b.direction);
-            if !(d > 0.0 && d.is_finite()) {
-                return None;
-            }
+            let d = positive_det(x, &a.direction, &b.direction)?;
             let (s, c, _) = stretches(y, &a.image, &b.image, &a.triangle);
             let rest = &a.triangle.rest;
             let shape = chords(x, &a.direction, &b.direction, rest) / (2.0 * d);
@@ -346,7 +345,7 @@ fn stretches(y: &Point, a: &Point, b: &Point, triangle: &Weighed) -> (f64, f64, 
     (s, area / (2.0 * triangle.reduced), cross / area)
 }
 
-/// Twice the Dirichlet energy of the map to the chords of a triangle on the sphere, times two.
+/// Four times the Dirichlet energy of the map to the chords of a triangle on the sphere.
 fn chords(x: &Vector, a: &Vector, b: &Vector, rest: &Rest) -> f64 {
     let [cx, ca, cb] = rest.cotangents;
     cx * (b - a).norm_squared() + ca * (b - x).norm_squared() + cb * (a - x).norm_squared()
@@ -470,6 +469,7 @@ fn add_lifted(element: &mut Element, [y, a, b]: &[Point; 3], chains: &[[Vector; 
     let (gs, gc) = (tangent(&ds), tangent(&dc));
     // Cotangent of the angle opposite to two corners.
     let opposite = |m: usize, n: usize| rest.cotangents[3 - m - n];
+    let mut bend = Hessian::zeros();
     for i in 0..6 {
         element.gradient[i] += w * ((1.0 + 1.0 / c2) * gs[i] - 2.0 * s / c3 * gc[i]);
         for j in 0..6 {
@@ -481,10 +481,10 @@ fn add_lifted(element: &mut Element, [y, a, b]: &[Point; 3], chains: &[[Vector; 
             };
             let metric = weight / reduced * chains[m][i % 2].dot(&chains[n][j % 2]);
             let cross = gs[i] * gc[j] + gc[i] * gs[j];
-            element.hessian[(i, j)] +=
-                w * ((1.0 + 1.0 / c2) * metric - 2.0 / c3 * cross + 6.0 * s / (c2 * c2) * gc[i] * gc[j]);
+            bend[(i, j)] = w * ((1.0 + 1.0 / c2) * metric - 2.0 / c3 * cross + 6.0 * s / (c2 * c2) * gc[i] * gc[j]);
         }
     }
+    element.hessian += semidefinite(bend);
 }
 
 fn lowest_first([a, b, c]: [u32; 3]) -> [u32; 3] {

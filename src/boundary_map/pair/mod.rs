@@ -84,7 +84,7 @@ pub enum PairPhase {
         vertices: usize,
         /// Of how many.
         of: usize,
-        /// Mean symmetric Dirichlet energy, 1 of an isometry.
+        /// Mean symmetric Dirichlet energy, 4 of an isometry.
         energy: f64,
     },
     /// The map with all vertices is made to distort less.
@@ -102,10 +102,13 @@ pub struct PairReport {
     pub landmarks: usize,
     /// Coarse drawings that were tried.
     pub drawings: usize,
-    /// Least energy that each alignment came to, in the order of the alignments, or 1 − score of each rotation.
+    /// Least mean symmetric Dirichlet energy (4 of an isometry) that a coarse drawing by each alignment came to; of those
+    /// given up early, at that time. What triangles hide counts. Empty by way of conformal maps.
     pub alignments: Vec<f64>,
-    /// The one that was taken.
+    /// The alignment that was taken, or the rotation.
     pub alignment: usize,
+    /// Correlation of the areas under each rotation of the spheres, best first. Empty by way of targets.
+    pub rotations: Vec<f64>,
     /// How the drawing was led, on the way through targets.
     pub schedule: Option<Schedule>,
     /// Distortion of the map before it was made to distort less.
@@ -165,6 +168,11 @@ pub enum PairError {
         /// The first of them.
         first: [u32; 2],
     },
+    /// Every drawing that was tried had triangles of the target too flat to measure.
+    #[error(
+        "no drawing of the domain on the target's sphere has a finite distortion; look for flat triangles with `solidmap check`"
+    )]
+    NoDrawing,
     /// A surface is out of scale.
     #[error(transparent)]
     Boundary(#[from] BoundaryMapError),
@@ -186,6 +194,8 @@ const SCHEDULES: [Schedule; 8] = [
 ];
 /// Vertices of the coarse drawings: of all, and of the better ones.
 const SKETCHES: [usize; 2] = [1600, 4000];
+/// Symmetric Dirichlet energy of an isometry.
+const ISOMETRY: f64 = 4.0;
 /// Scores of rotations this close are told as ambiguous.
 const CLOSE: f64 = 0.05;
 
@@ -237,8 +247,11 @@ struct Pair<'a> {
 struct Found {
     before: Vec<Vector>,
     after: Vec<Vector>,
+    /// Whether the one before meets the landmarks too.
+    before_meets: bool,
     alignments: Vec<f64>,
     alignment: usize,
+    rotations: Vec<f64>,
     drawings: usize,
     schedule: Option<Schedule>,
     seconds: PairSeconds,
@@ -265,13 +278,17 @@ impl Pair<'_> {
             error: SphericalError::TooFine,
         };
         let (sketch, [guide, schedule], alignments) =
-            best_sketch(&embedding, &guides, &SCHEDULES, &SKETCHES).ok_or_else(too_fine)?;
+            best_sketch(&embedding, &guides, &SCHEDULES, &SKETCHES).ok_or(PairError::NoDrawing)?;
         let sketched = self.elapsed();
 
         let (guide, chosen, schedule) = (&guides[guide], guide, SCHEDULES[schedule]);
         let told = |vertices, energy| {
             let of = self.domain.vertices().len();
-            (self.progress)(PairPhase::Drawing { vertices, of, energy });
+            (self.progress)(PairPhase::Drawing {
+                vertices,
+                of,
+                energy: ISOMETRY * energy,
+            });
         };
         let plain = embedding.guided(guide, &schedule).ok_or_else(too_fine)?;
         let mut after = plain.clone();
@@ -285,9 +302,11 @@ impl Pair<'_> {
         self.require_landmarks(&embedding, &after)?;
         let improved = self.elapsed();
         let found = Found {
+            before_meets: embedding.missed(&plain).is_empty(),
             before: plain.drawing.directions,
             after: after.drawing.directions,
-            alignments,
+            alignments: alignments.iter().map(|energy| ISOMETRY * energy).collect(),
+            rotations: vec![],
             alignment: chosen,
             drawings,
             schedule: Some(schedule),
@@ -311,8 +330,8 @@ impl Pair<'_> {
         (self.progress)(PairPhase::Aligning);
         let mut warnings = Vec::new();
         let matches = search_rotations(&domain, &target, None);
-        let alignments: Vec<f64> = matches.iter().map(|found| 1.0 - found.score).collect();
-        if alignments.get(1).is_some_and(|second| *second < alignments[0] + CLOSE) && self.landmarks.pairs().len() < 2 {
+        let rotations: Vec<f64> = matches.iter().map(|found| found.score).collect();
+        if rotations.get(1).is_some_and(|second| *second > rotations[0] - CLOSE) && self.landmarks.pairs().len() < 2 {
             warnings.push(
                 "several rotations of the spheres fit nearly as well; name landmarks if the map goes to the wrong place"
                     .into(),
@@ -322,9 +341,20 @@ impl Pair<'_> {
             let rotation = self.rotation_of_landmarks(&domain, &target, &mut warnings);
             let rotation = rotation
                 .or(matches.first().map(|found| found.rotation))
-                .unwrap_or_default();
+                .unwrap_or_else(crate::Matrix3::identity);
             domain.directions().iter().map(|x| (rotation * x).normalize()).collect()
         });
+        // Rounding may fold the smallest triangles as they are turned; those of the other side may bear it.
+        let (turned, target) = if certify(self.domain.triangles(), &turned).is_bijective() {
+            (turned, target)
+        } else {
+            let back = sphere_rotation(&turned, domain.directions(), &vec![1.0; turned.len()]);
+            let back = back.map_or_else(crate::Matrix3::identity, |back| back.rotation);
+            let directions: Vec<Vector> = target.directions().iter().map(|x| back * x).collect();
+            let turned_target = SphericalMap::new(target.surface().clone(), &directions);
+            let error = |error| PairError::Sphere { side: "target", error };
+            (domain.directions().to_vec(), turned_target.map_err(error)?)
+        };
         let align = self.elapsed();
 
         (self.progress)(PairPhase::Improving);
@@ -333,7 +363,7 @@ impl Pair<'_> {
         let hierarchy = self.hierarchy()?;
         let embedding = Embedding::new(self.domain, &hierarchy, &lift, self.pins(&target));
         let mut after = embedding.sketch_of(&turned);
-        let before = after.drawing.directions.clone();
+        let (before, before_meets) = (after.drawing.directions.clone(), embedding.missed(&after).is_empty());
         if self.improve {
             embedding.finish(&mut after);
         }
@@ -345,7 +375,9 @@ impl Pair<'_> {
             alignment: 0,
             drawings: 1,
             schedule: None,
-            alignments,
+            before_meets,
+            alignments: vec![],
+            rotations,
             seconds: PairSeconds {
                 sphere,
                 align: align - sphere,
@@ -414,7 +446,10 @@ impl Pair<'_> {
 
     fn pins(&self, target: &SphericalMap) -> Pins {
         let pin = |&[v, w]: &[u32; 2]| (v, target.directions()[w as usize]);
-        Pins::new(self.landmarks.pairs().iter().map(pin).collect())
+        Pins::new(
+            self.landmarks.pairs().iter().map(pin).collect(),
+            self.domain.vertices().len(),
+        )
     }
 
     /// The domain's drawing under the conformal map of the sphere that meets the first three landmarks, unless straight
@@ -482,12 +517,14 @@ impl Pair<'_> {
                 .map_err(|error| PairError::Sphere { side: "domain", error })?;
             Ok(BoundaryMap::through_sphere(domain, target.clone())?)
         };
-        let before = distortion(&through(&found.before)?);
-        let map = through(&found.after)?;
-        let after = distortion(&map);
-        let (Some(before), Some(after)) = (before, after) else {
+        let (first, mut map) = (through(&found.before)?, through(&found.after)?);
+        let (Some(before), Some(mut after)) = (distortion(&first), distortion(&map)) else {
             return Err(AlignError::NoArea { side: "domain" }.into());
         };
+        // What is lowered is the distortion of straight triangles, which is not quite that of the map.
+        if found.before_meets && before.mean_symmetric_dirichlet < after.mean_symmetric_dirichlet {
+            (map, after) = (first, before);
+        }
         let mut seconds = found.seconds;
         seconds.total = self.elapsed();
         let report = PairReport {
@@ -496,6 +533,7 @@ impl Pair<'_> {
             drawings: found.drawings,
             alignments: found.alignments,
             alignment: found.alignment,
+            rotations: found.rotations,
             schedule: found.schedule,
             before,
             after,

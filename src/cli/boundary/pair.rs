@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use serde::Serialize;
+use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
 use solidmap::boundary_map::pair::{Landmarks, PairOptions, PairPhase, PairReport, Via, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::io;
@@ -38,12 +39,16 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<Outcome> 
     let domain = input::read_surface(&args.domain)?;
     let (map, report) = map_to(&domain, [&args.domain, &args.target], &args.pair, output)?;
     output.progress("writing");
-    write::outputs(
-        &map,
-        &args.outputs,
-        &[("domain", &args.domain), ("target", &args.target)],
-        output,
-    )?;
+    let mut read: Vec<(&str, &Path)> = vec![("domain", &args.domain), ("target", &args.target)];
+    read.extend(args.pair.landmarks.iter().map(|file| ("landmarks", file.as_path())));
+    write::outputs(&map, &args.outputs, &read, output)?;
+    let folded = plain_image_flipped(&map)?;
+    if folded > 0 {
+        output.note(format_args!(
+            "the plain image, straight between the images of vertices, has {folded} triangles that face against the \
+             target; the map has none: write it with --boundary"
+        ));
+    }
     let report = Report {
         domain: args.domain.clone(),
         target: args.target.clone(),
@@ -86,7 +91,8 @@ fn landmarks(files: &[PathBuf], domain: &SurfaceMesh, target: &SurfaceMesh) -> a
     Ok(match files {
         [] => Landmarks::default(),
         [both] => io::read_landmarks(both, vertices, of_target)?,
-        [first, second, ..] => io::read_landmark_files(first, second, vertices, of_target)?,
+        [first, second] => io::read_landmark_files(first, second, vertices, of_target)?,
+        more => anyhow::bail!("--landmarks is given {} times, but names one file or two", more.len()),
     })
 }
 
@@ -103,6 +109,12 @@ fn tell(phase: PairPhase, output: &Output) {
         PairPhase::Improving => "lowering the distortion".into(),
         PairPhase::Measuring => "measuring".into(),
     });
+}
+
+/// Triangles of the plain image that face against the target.
+fn plain_image_flipped(map: &BoundaryMap) -> anyhow::Result<usize> {
+    let checked = check(map, None, &BoundaryCheckOptions::default(), None)?;
+    Ok(checked.by_sphere.map_or(0, |found| found.plain_image_flipped))
 }
 
 fn summary(report: &Report) -> String {

@@ -18,7 +18,7 @@ impl BoundaryOutputs {
         let mut others = inputs.to_vec();
         let named: [(Option<&PathBuf>, &[&str]); 4] = [
             (Some(&self.output), &["obj", "ply", "off"]),
-            (self.boundary.as_ref(), &[]),
+            (self.boundary.as_ref(), &["safetensors"]),
             (self.png.as_ref(), &["png"]),
             (self.vtu.as_ref(), &["vtu"]),
         ];
