@@ -255,12 +255,7 @@ fn the_smallest_solids_are_mapped() {
         vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
     )
     .unwrap();
-    let solids = [
-        tetrahedron,
-        shapes::sphere(1.0, 0),
-        shapes::sphere(2.0, 1),
-        other_body(),
-    ];
+    let solids = [tetrahedron, shapes::sphere(1.0, 0), shapes::bumpy_sphere(4)];
     for domain in &solids {
         for target in &solids {
             for via in [Via::Targets, Via::Conformal] {
