@@ -252,6 +252,17 @@ fn the_bird_and_its_polycube_are_told_apart_from_their_mirror_images() {
         (&8658.into(), &1.into()),
         "{report}"
     );
+    let image = match io::read_solid(&polycube).unwrap() {
+        io::Solid::Surface(surface) => surface,
+        io::Solid::Tets(tets) => tets.boundary().surface,
+    };
+    place.surface(
+        "mirrored.ply",
+        &shapes::deformed(&image, |p| Point::new(-p.x, p.y, p.z)),
+    );
+    let line = format!("boundary check {} mirrored.ply --json", bird.display());
+    let report = json(&place.ends_with(1, &line));
+    assert_eq!(report["findings"][0]["kind"], "mirrored", "{report}");
 }
 
 #[test]
@@ -326,6 +337,122 @@ fn a_fit_to_the_sphere_is_the_fit_to_its_boundary_file() {
     let inputs: Vec<&str> = map.metadata.inputs.iter().map(|input| input.role.as_str()).collect();
     assert_eq!(inputs, ["domain"]);
     assert!(map.boundary.unwrap().domain_on_sphere().is_some());
+}
+
+/// `domain.obj` and another body, `target.obj`, that it can be laid over.
+fn with_two_bodies() -> Workplace {
+    let place = Workplace::with_ball();
+    let stretched = |p: &Point| Point::new(1.4 * p.x + 0.2 * p.y * p.y, 0.9 * p.y, 1.1 * p.z - 0.1 * p.x);
+    place.surface("target.obj", &shapes::deformed(&shapes::sphere(1.0, 3), stretched));
+    std::fs::write(place.path("pairs.txt"), "# domain target\n0 3\n100 200\n").unwrap();
+    std::fs::write(place.path("first.txt"), "0\n100\n").unwrap();
+    std::fs::write(place.path("second.txt"), "3\n200\n").unwrap();
+    place
+}
+
+#[test]
+fn a_pair_is_mapped_in_every_form_asked_for_and_landmarks_are_met() {
+    let place = with_two_bodies();
+    let line = "boundary pair domain.obj target.obj -o image.ply --boundary way.safetensors --png map.png --vtu map.vtu \
+                --landmarks pairs.txt";
+    let words = text(&place.ends_with(0, line).stdout);
+    for fragment in [
+        "one to one",
+        "coarse drawings",
+        "2, all met exactly",
+        "before",
+        "after",
+        "way.safetensors",
+    ] {
+        assert!(words.contains(fragment), "{fragment}: {words}");
+    }
+    let [domain, target, image] =
+        ["domain.obj", "target.obj", "image.ply"].map(|name| io::read_surface(place.path(name)).unwrap());
+    assert_eq!(image.triangles(), domain.triangles());
+    for (v, w) in [(0, 3), (100, 200)] {
+        assert!((image.vertices()[v] - target.vertices()[w]).norm() < 1e-9);
+    }
+    assert!(std::fs::read(place.path("map.png")).unwrap().starts_with(b"\x89PNG"));
+    assert!(place.path("map.vtu").exists());
+    let file = io::read_boundary(&place.path("way.safetensors")).unwrap();
+    let roles: Vec<&str> = file.metadata.inputs.iter().map(|input| input.role.as_str()).collect();
+    assert_eq!(roles, ["domain", "target", "landmarks"]);
+    let report = json(&place.ends_with(0, "boundary check way.safetensors --json"));
+    assert_eq!(report["verdict"], "bijective");
+    assert!(report["by_sphere"]["round_trip"]["max"].as_f64().unwrap() < 1e-9);
+
+    // The same landmarks in two files, and the other way to make a map.
+    let line = "boundary pair domain.obj target.obj -o two.ply --json --landmarks first.txt --landmarks second.txt";
+    let report = json(&place.ends_with(0, line));
+    assert_eq!((&report["via"], &report["landmarks"]), (&"targets".into(), &2.into()));
+    assert_eq!(
+        io::read_surface(place.path("two.ply")).unwrap().vertices(),
+        image.vertices()
+    );
+    let line = "boundary pair domain.obj target.obj -o conformal.ply --via conformal --no-improve --json";
+    let report = json(&place.ends_with(0, line));
+    assert_eq!(report["via"], "conformal");
+    assert_eq!(report["before"], report["after"]);
+    assert!(!report["rotations"].as_array().unwrap().is_empty());
+}
+
+#[test]
+fn a_fit_to_a_model_is_the_fit_to_the_boundary_file_of_the_pair() {
+    let place = with_two_bodies();
+    place.ends_with(
+        0,
+        "boundary pair domain.obj target.obj -o image.obj --boundary way.safetensors",
+    );
+    let direct = json(&place.run("fit domain.obj --target target.obj -o direct.map --json"));
+    let by_file = json(&place.run("fit --boundary way.safetensors -o by_file.map --json"));
+    assert!(direct["boundary_error"]["p99"].as_f64().unwrap() < 5e-3, "{direct}");
+    assert_eq!(direct["boundary_error"], by_file["boundary_error"]);
+    let map = io::read_map(&place.path("direct.map")).unwrap();
+    let roles: Vec<&str> = map.metadata.inputs.iter().map(|input| input.role.as_str()).collect();
+    assert_eq!(roles, ["domain", "target"]);
+    // Errors are held against the target's surface: to be small, the map must follow the curved target.
+    let checked = json(&place.ends_with(0, "boundary check way.safetensors --json"));
+    assert_eq!(checked["verdict"], "bijective");
+}
+
+#[test]
+fn pairs_that_cannot_be_mapped_end_with_2_and_name_the_side() {
+    let place = with_two_bodies();
+    place.surface("ring.obj", &shapes::torus(1.0, 0.3, 12, 6));
+    std::fs::write(place.path("far.txt"), "0 100000\n").unwrap();
+    std::fs::write(place.path("words.txt"), "nose nose\n").unwrap();
+    for (line, fragments) in [
+        ("pair domain.obj ring.obj", vec!["target", "genus 1"]),
+        ("pair ring.obj domain.obj", vec!["domain", "genus 1"]),
+        ("pair domain.obj missing.obj", vec!["missing.obj"]),
+        (
+            "pair domain.obj target.obj --landmarks missing.txt",
+            vec!["missing.txt"],
+        ),
+        (
+            "pair domain.obj target.obj --landmarks far.txt",
+            vec!["far.txt", "100000"],
+        ),
+        (
+            "pair domain.obj target.obj --landmarks words.txt",
+            vec!["words.txt", "line 1"],
+        ),
+        (
+            "pair domain.obj target.obj --landmarks first.txt --landmarks far.txt",
+            vec!["far.txt"],
+        ),
+    ] {
+        let words = text(&place.ends_with(2, &format!("boundary {line} -o image.obj")).stderr);
+        for fragment in fragments {
+            assert!(words.contains("error: ") && words.contains(fragment), "{line}: {words}");
+        }
+    }
+    for options in ["--landmarks pairs.txt", "--via conformal", "--no-improve"] {
+        let line = format!("fit domain.obj --target sphere {options} -o m.map");
+        let words = text(&place.ends_with(2, &line).stderr);
+        assert!(words.contains("--target MODEL"), "{line}: {words}");
+    }
+    assert!(!place.path("image.obj").exists());
 }
 
 #[test]

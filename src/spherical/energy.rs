@@ -150,7 +150,7 @@ impl Energy<'_> {
 /// Two unit vectors that with `x` make a right-handed frame.
 ///
 /// Duff et al., *Building an orthonormal basis, revisited*, Journal of Computer Graphics Techniques 6 (2017).
-pub(super) fn tangents(x: &Vector) -> [Vector; 2] {
+pub(crate) fn tangents(x: &Vector) -> [Vector; 2] {
     let sign = 1f64.copysign(x.z);
     let a = -1.0 / (sign + x.z);
     let b = x.x * x.y * a;

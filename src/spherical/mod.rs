@@ -20,6 +20,8 @@ mod spherical_map;
 
 pub use certificate::{Certificate, certify};
 pub use embedding::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
+#[cfg(test)]
+pub(crate) use energy::tangents;
 pub(crate) use energy::{Element, Energy, Hessian, Objective, Pull, Weights, semidefinite};
 pub(crate) use hierarchy::Hierarchy;
 pub(crate) use kernel::{det, positive_det};

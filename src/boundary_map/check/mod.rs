@@ -169,10 +169,10 @@ pub enum BoundaryCheckError {
 /// Examines a boundary map: whether it is one to one, and how far it distorts.
 ///
 /// `target` is the surface that the image is meant to cover; without it, the map's own target, if it goes by way of the
-/// sphere, or the sphere that the image lies on to 1e-6 of its radius, if it does. An image that is farther than a tenth of the diagonal off its target is examined by itself.
-/// Surfaces are taken as [`mend`] turns them. `self_intersections` finds triangles that pass
-/// through each other, as CGAL does in builds with the `native` feature. Takes seconds per 100 000 triangles with a
-/// target, and a fraction of one without.
+/// sphere, or the sphere that the image lies on to 1e-6 of its radius, if it does. An image that is farther than a tenth
+/// of the diagonal off its target is examined by itself. Surfaces are taken as [`mend`] turns them. `self_intersections`
+/// finds triangles that pass through each other, as CGAL does in builds with the `native` feature. Takes seconds per
+/// 100 000 triangles with a target, and a fraction of one without.
 ///
 /// # Errors
 ///

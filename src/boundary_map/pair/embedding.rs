@@ -245,8 +245,11 @@ impl<'a> Embedding<'a> {
         let triangles = drawing.neighbours.triangles();
         let shapes = RestShapes::new(&triangles, self.domain.vertices());
         let mut newton = Newton::new(&triangles, &fixed).ok();
-        for _ in 0..turns {
-            lifted.find_hidden(drawing);
+        for turn in 0..turns {
+            // Looked for again only where there was some to see: it takes as long as a step.
+            if turn > 0 && lifted.hides() {
+                lifted.find_hidden(drawing);
+            }
             let before = lifted.energy(drawing);
             self.repair(drawing, lifted, &is_fixed);
             let stepped = newton
@@ -260,7 +263,9 @@ impl<'a> Embedding<'a> {
                 break;
             }
         }
-        lifted.find_hidden(drawing);
+        if lifted.hides() {
+            lifted.find_hidden(drawing);
+        }
         lifted.energy(drawing)
     }
 

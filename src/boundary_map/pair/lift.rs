@@ -173,6 +173,11 @@ impl<'a> Lifted<'a> {
         }
     }
 
+    /// Whether any triangle hides something.
+    pub fn hides(&self) -> bool {
+        !self.hidden.is_empty()
+    }
+
     fn weighed(&self, t: [u32; 3]) -> Weighed {
         let rest = Rest::of(t.map(|v| &self.domain[v as usize]), self.unit);
         let hidden = if self.hidden.is_empty() {
@@ -494,5 +499,99 @@ fn lowest_first([a, b, c]: [u32; 3]) -> [u32; 3] {
         [b, c, a]
     } else {
         [c, a, b]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+    use crate::spherical::tangents;
+
+    fn by_rays(surface: &SurfaceMesh) -> SphericalMap {
+        let directions: Vec<Vector> = surface.vertices().iter().map(|p| p.coords).collect();
+        SphericalMap::new(surface.clone(), &directions).unwrap()
+    }
+
+    /// A ball with a horn that the triangles of a coarse drawing hide, and a coarse domain. Drawn by rays, no vertex of one
+    /// is where the other has an edge and the map a crease.
+    fn horned() -> (SphericalMap, SurfaceMesh) {
+        let turn = nalgebra::Rotation3::from_euler_angles(0.31, 0.47, 0.59);
+        let target = shapes::deformed(&shapes::sphere(1.0, 4), |p| {
+            p * (1.0 + 3.0 * (-30.0 * (p - Point::new(0.6, 0.0, 0.8)).norm_squared()).exp())
+        });
+        let domain = shapes::deformed(&shapes::sphere(1.0, 1), |p| {
+            turn * Point::new(p.x + 0.2 * p.y * p.z, 0.8 * p.y, 1.2 * p.z + 0.1 * p.x)
+        });
+        (by_rays(&target), domain)
+    }
+
+    #[test]
+    fn gradient_matches_central_differences_also_where_something_is_hidden() {
+        let (target, domain) = horned();
+        let locator = Locator::new(&target);
+        let lift = Lift::new(&target, &locator);
+        let drawing = Drawing::of(&domain, by_rays(&domain).directions());
+        let mut lifted = Lifted::new(&lift, &domain);
+        lifted.locate(&drawing);
+        for hides in [false, true] {
+            if hides {
+                lifted.find_hidden(&drawing);
+            }
+            assert_eq!(lifted.hides(), hides);
+            let triangles = drawing.neighbours.triangles();
+            let shapes = RestShapes::new(&triangles, domain.vertices());
+            let energy = LiftedEnergy::new(&lifted, &shapes);
+            let x = drawing.directions.clone();
+            let frames: Vec<[Vector; 2]> = x.iter().map(tangents).collect();
+            let mut gradient = vec![[0.0; 2]; x.len()];
+            for (t, element) in triangles.iter().zip(energy.elements(&x, &frames)) {
+                for i in 0..6 {
+                    gradient[t[i / 2] as usize][i % 2] += element.gradient[i];
+                }
+            }
+            let size = gradient.iter().flatten().fold(0.0f64, |m, g| m.max(g.abs()));
+            // Second order: truncation of some h², rounding of ε E / h.
+            let h = 1e-6;
+            for v in 0..x.len() {
+                for k in 0..2 {
+                    let at = |step: f64| {
+                        let mut moved = x.clone();
+                        moved[v] = (x[v] + step * frames[v][k]).normalize();
+                        energy.value(&moved)
+                    };
+                    let slope = (at(h) - at(-h)) / (2.0 * h);
+                    assert!(
+                        (slope - gradient[v][k]).abs() < 1e-6 * size,
+                        "{v} {k}: {slope} {:?}",
+                        gradient[v]
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn sweeps_never_raise_the_energy_and_turn_nothing() {
+        let (target, domain) = horned();
+        let locator = Locator::new(&target);
+        let lift = Lift::new(&target, &locator);
+        let mut drawing = Drawing::of(&domain, by_rays(&domain).directions());
+        let mut lifted = Lifted::new(&lift, &domain);
+        lifted.locate(&drawing);
+        lifted.find_hidden(&drawing);
+        let triangles = drawing.neighbours.triangles();
+        let shapes = RestShapes::new(&triangles, domain.vertices());
+        let there = drawing.there.clone();
+        let start = LiftedEnergy::new(&lifted, &shapes).value(&drawing.directions);
+        let mut last = start;
+        for _ in 0..10 {
+            let moved = lifted.sweep(&mut drawing, &there, &|v| v == 7);
+            let value = LiftedEnergy::new(&lifted, &shapes).value(&drawing.directions);
+            assert!(value <= last * (1.0 + 1e-14), "{value} {last} {moved}");
+            last = value;
+        }
+        assert!(last < 0.98 * start, "{start} {last}");
+        assert_eq!(drawing.directions[7], by_rays(&domain).directions()[7]);
     }
 }

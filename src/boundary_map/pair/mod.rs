@@ -156,8 +156,9 @@ pub enum PairError {
     Landmarks(#[from] LandmarkError),
     /// Landmarks are not reached by any bijection that was found.
     #[error(
-        "{} of {landmarks} landmarks cannot be met without turning triangles over, the first is pair {} (domain vertex {}, \
-         target vertex {}): do they go round in the same order on both solids? Leave it out, or correct it",
+        "{} of {landmarks} landmarks cannot be met without turning triangles over, the first is pair {}, counted from 0 \
+         (domain vertex {}, target vertex {}): do they go round in the same order on both solids? Leave it out, or \
+         correct it",
         missed.len(), missed[0], first[0], first[1]
     )]
     LandmarksMissed {
@@ -521,8 +522,9 @@ impl Pair<'_> {
         let (Some(before), Some(mut after)) = (distortion(&first), distortion(&map)) else {
             return Err(AlignError::NoArea { side: "domain" }.into());
         };
-        // What is lowered is the distortion of straight triangles, which is not quite that of the map.
-        if found.before_meets && before.mean_symmetric_dirichlet < after.mean_symmetric_dirichlet {
+        // What is lowered is the distortion of straight triangles, which is not quite that of the map. The mean would not
+        // tell: a few triangles across narrow limbs decide it.
+        if found.before_meets && before.symmetric_dirichlet.p90 < after.symmetric_dirichlet.p90 {
             (map, after) = (first, before);
         }
         let mut seconds = found.seconds;

@@ -129,7 +129,10 @@ fn summary(report: &Report) -> String {
             schedule.pull,
             schedule.until
         ),
-        _ => format!("conformal maps of both, {} rotations", pair.alignments.len()),
+        _ => format!(
+            "conformal maps of both; the best of {} rotations, by areas",
+            pair.rotations.len()
+        ),
     };
     let mut rows = vec![
         [
