@@ -25,6 +25,13 @@ pub struct Schedule {
     pub until: usize,
 }
 
+/// When to stop taking turns.
+struct Turns {
+    most: usize,
+    /// Fall of the energy in a turn, as a fraction, below which there is no other.
+    gain: f64,
+}
+
 /// Vertices that must stand at given directions.
 pub(crate) struct Pins {
     pairs: Vec<(u32, Vector)>,
@@ -64,12 +71,11 @@ const DISTORTED: f64 = 8.0;
 const MOST_REPAIRS: usize = 10;
 /// Newton's method and rounds of relaxation take turns: the one moves all together but no farther than the first triangle
 /// allows; the other frees such triangles.
-const TURNS: usize = 3;
 const NEWTON_STEPS: usize = 5;
-/// Fall of the energy in a turn, as a fraction, below which there is no other.
-const GAIN: f64 = 1e-3;
-/// Turns on the finest level.
-const MOST_TURNS: usize = 12;
+/// While drawings are chosen and refined, and at the end, where the minimum is to be met so well that it does not tell how
+/// the solids lay.
+const COARSE: Turns = Turns { most: 3, gain: 1e-3 };
+const LAST: Turns = Turns { most: 30, gain: 1e-5 };
 /// Drawings of each guide that go on to the next size, and energy over the best at which they do not.
 const KEPT: usize = 3;
 const HOPELESS: f64 = 1.4;
@@ -149,7 +155,7 @@ impl<'a> Embedding<'a> {
             }
             if !is_guided {
                 lifted.locate(drawing);
-                *energy = self.improve(drawing, &mut lifted, pinned, TURNS);
+                *energy = self.improve(drawing, &mut lifted, pinned, &COARSE);
                 progress(drawing.there.len(), *energy);
             }
         })?;
@@ -189,7 +195,7 @@ impl<'a> Embedding<'a> {
     pub fn finish(&self, sketch: &mut Sketch) {
         let mut lifted = Lifted::new(self.lift, self.domain);
         lifted.locate(&sketch.drawing);
-        sketch.energy = self.improve(&mut sketch.drawing, &mut lifted, &sketch.pinned, MOST_TURNS);
+        sketch.energy = self.improve(&mut sketch.drawing, &mut lifted, &sketch.pinned, &LAST);
     }
 
     /// Pins that are not reached, by their number.
@@ -230,7 +236,7 @@ impl<'a> Embedding<'a> {
     }
 
     /// Lowers the distortion of the map to the target; returns its energy.
-    fn improve(&self, drawing: &mut Drawing, lifted: &mut Lifted, pinned: &[bool], turns: usize) -> f64 {
+    fn improve(&self, drawing: &mut Drawing, lifted: &mut Lifted, pinned: &[bool], turns: &Turns) -> f64 {
         let is_fixed = |v: u32| self.pins.of(v).is_some_and(|i| pinned[i]);
         let there = drawing.there.clone();
         let arrived = &there[drawing.arrived..];
@@ -245,7 +251,7 @@ impl<'a> Embedding<'a> {
         let triangles = drawing.neighbours.triangles();
         let shapes = RestShapes::new(&triangles, self.domain.vertices());
         let mut newton = Newton::new(&triangles, &fixed).ok();
-        for turn in 0..turns {
+        for turn in 0..turns.most {
             // Looked for again only where there was some to see: it takes as long as a step.
             if turn > 0 && lifted.hides() {
                 lifted.find_hidden(drawing);
@@ -259,7 +265,7 @@ impl<'a> Embedding<'a> {
                 newton = None;
             }
             lifted.sweep(drawing, &there, &is_fixed);
-            if lifted.energy(drawing) > (1.0 - GAIN) * before {
+            if lifted.energy(drawing) > (1.0 - turns.gain) * before {
                 break;
             }
         }
