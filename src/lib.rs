@@ -56,6 +56,7 @@ pub mod mesh;
 #[cfg(feature = "native")]
 pub mod native;
 mod partition;
+pub mod remesh;
 pub mod report;
 pub mod sampling;
 pub mod solver;

@@ -778,3 +778,79 @@ fn demo_writes_maps_and_pictures() {
     }
     assert!(report["peak_rss_bytes"].as_u64().unwrap() < 1 << 30);
 }
+
+#[test]
+fn a_polycube_is_remeshed_in_every_format() {
+    let place = Workplace::new();
+    let cube = shapes::cube(2.0, 6);
+    place.surface("cube.obj", &cube);
+    place.surface("ball.obj", &shapes::projected_to_sphere(&cube, 1.0));
+    place.run("fit cube.obj --image ball.obj -o cube.map");
+    let words = |output: &Output| String::from_utf8_lossy(&output.stdout).into_owned();
+    let tets = place.must("remesh cube.map --cells 6 -o tets.mesh --domain-mesh grid.vtu");
+    for fragment in [
+        "1296 tetrahedra",
+        "0 now: counted exactly",
+        "scaled Jacobian",
+        "tets.mesh",
+    ] {
+        assert!(words(&tets).contains(fragment), "{fragment}: {}", words(&tets));
+    }
+    let [grid, mesh] = ["grid.vtu", "tets.mesh"].map(|name| io::read_tets(place.path(name)).unwrap());
+    assert_eq!((grid.tets(), mesh.tets().len()), (mesh.tets(), 1296));
+    assert!((grid.volume() - 8.0).abs() < 1e-12);
+    assert!((0..1296).all(|t| mesh.signed_volume(t) > 0.0));
+    assert!(
+        mesh.boundary()
+            .surface
+            .vertices()
+            .iter()
+            .all(|p| p.coords.norm() < 1.0 + 1e-12)
+    );
+
+    let hexes = json(&place.must("remesh cube.map --cell-size 0.334 --kind hex -o hexes.vtu --json"));
+    assert_eq!((&hexes["cells"], &hexes["flipped_cells"]), (&432.into(), &0.into()));
+    assert!(hexes["min_scaled_jacobian"].as_f64().unwrap() > 0.2, "{hexes}");
+    assert!(hexes["seconds"]["total"].as_f64().unwrap() > 0.0);
+    let vtu = std::fs::read(place.path("hexes.vtu")).unwrap();
+    for field in ["scaled_jacobian", "inverted", "domain", "on_boundary"] {
+        assert!(
+            String::from_utf8_lossy(&vtu).contains(&format!("Name=\"{field}\"")),
+            "{field}"
+        );
+    }
+    place.must("remesh cube.map --cells 2 --kind hex -o hexes.msh");
+    let msh = std::fs::read_to_string(place.path("hexes.msh")).unwrap();
+    assert!(msh.starts_with("$MeshFormat\n2.2") && msh.contains("cube.map") && msh.contains("\"boundary\""));
+}
+
+#[test]
+fn what_cannot_be_remeshed_is_named() {
+    let place = Workplace::with_fitted_ball();
+    place.fails(
+        "remesh ball.map -o m.vtu",
+        &["ball.map", "no polycube", "not axis-aligned"],
+    );
+    place.fails("remesh missing.map -o m.vtu", &["missing.map"]);
+    place.fails("remesh ball.map -o m.obj", &["m.obj", ".vtu"]);
+    place.fails("remesh ball.map -o m.vtu --domain-mesh m.vtu", &["m.vtu"]);
+    place.fails("remesh ball.map -o m.vtu --cells 0", &["--cells"]);
+    place.surface("cube.obj", &shapes::cube(2.0, 2));
+    place.must("fit cube.obj --image cube.obj -o cube.map");
+    place.fails("remesh cube.map -o m.vtu --cell-size -1", &["cell size of -1"]);
+    place.fails("remesh cube.map -o m.vtu --cell-size 0", &["cell size of 0"]);
+    place.fails(
+        "remesh cube.map -o m.vtu --cells 1000 --max-cells 100",
+        &["limit of 100"],
+    );
+    // Inside out: everything is inverted, written, and said.
+    place.surface(
+        "mirrored.obj",
+        &shapes::deformed(&shapes::cube(2.0, 2), |p| Point::new(-p.x, p.y, p.z)),
+    );
+    let fitted = place.run("fit cube.obj --image mirrored.obj -o mirrored.map");
+    assert_eq!(fitted.status.code(), Some(0), "{}", stderr(&fitted));
+    let output = place.run("remesh mirrored.map --cells 4 -o mirrored.vtu");
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("cells stay inverted") && place.path("mirrored.vtu").exists());
+}

@@ -55,6 +55,8 @@ pub enum Command {
     Eval(EvalArgs),
     /// Measure a map's harmonic and deformation energy and picture their distribution
     Energy(EnergyArgs),
+    /// Make a regular mesh of a polycube and carry it into the target, with no cell inverted
+    Remesh(RemeshArgs),
     /// Send one boundary map through every method and measure all alike
     Compare(CompareArgs),
     #[command(hide = true)]
@@ -413,6 +415,46 @@ pub struct EnergyArgs {
     pub png: Option<PathBuf>,
     #[command(flatten)]
     pub section: SectionArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(allow_negative_numbers = true)]
+pub struct RemeshArgs {
+    /// Map file, from a polycube: a solid whose faces are all across an axis
+    pub map: PathBuf,
+    /// Mesh of the target to write (.vtu, .vtk, .mesh, .msh); .vtu has qualities, the nodes' places in the domain, and tags
+    /// of cells that stay inverted
+    #[arg(short, long, value_name = "MESH")]
+    pub output: PathBuf,
+    /// Shape of the cells
+    #[arg(long, value_enum, default_value_t = CellShape::Tet)]
+    pub kind: CellShape,
+    /// Cells along the longest side of the domain; between neighbouring planes an even number of that size
+    #[arg(long, default_value_t = 32, value_name = "N", conflicts_with = "cell_size")]
+    pub cells: usize,
+    /// Size of the cells, in the units of the domain
+    #[arg(long, value_name = "LENGTH")]
+    pub cell_size: Option<f64>,
+    /// Leave the nodes where the map puts them, and cells inverted
+    #[arg(long)]
+    pub no_repair: bool,
+    /// Iterations to better the shapes when no cell is inverted
+    #[arg(long, default_value_t = 200, value_name = "N")]
+    pub polish: usize,
+    /// Limit on the number of cells
+    #[arg(long, default_value_t = 20_000_000, value_name = "N")]
+    pub max_cells: usize,
+    /// Also write the mesh in the domain, cell by cell and node by node the same
+    #[arg(long, value_name = "MESH")]
+    pub domain_mesh: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum CellShape {
+    /// Tetrahedra, none of which has all its corners on the boundary
+    Tet,
+    /// Hexahedra, with a layer of them under the boundary
+    Hex,
 }
 
 #[derive(Debug, Args)]

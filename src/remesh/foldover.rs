@@ -1,0 +1,343 @@
+//! The foldover-free energy of Garanzha, Kaporin, Kudryavtseva, Protais, Ray, Sokolov, *Foldover-free maps in 50 lines of
+//! code*, ACM Transactions on Graphics 40 (2021), and its gradient.
+//!
+//! Of a linear map with Jacobian `J` and determinant `d`, the energy is `|J|² / χ^(2/3) + λ (d² + 1) / χ`, where
+//! `χ = (d + √(ε² + d²)) / 2` is positive also for inverted cells, and goes to `d` or 0 as `ε` does. It is finite
+//! wherever cells are inverted, and grows there without bound as `ε` falls: lowering it in turns with `ε` turns them
+//! back.
+
+use rayon::prelude::*;
+
+use super::quality::{HEX_CORNERS, is_positive, lesser};
+use crate::{Matrix3, Point, Vector};
+
+/// Cells as linear maps of reference shapes: tetrahedra, or the corners of hexahedra.
+#[derive(Debug)]
+pub(super) struct Samples {
+    cells: Shapes,
+    /// Uses of each node: those of node `v` are `uses[starts[v]..starts[v + 1]]`, each a cell times its corners plus a
+    /// corner.
+    starts: Vec<u32>,
+    uses: Vec<u32>,
+}
+
+#[derive(Debug)]
+enum Shapes {
+    Tets {
+        corners: Vec<[u32; 4]>,
+        /// Inverse of the matrix of reference edges, scaled so that the mean determinant of all maps is 1.
+        rest: Vec<Matrix3>,
+        /// Shares of the energy, with sum 1.
+        weights: Vec<f64>,
+    },
+    /// Corners of cubes.
+    Hexes {
+        corners: Vec<[u32; 8]>,
+        /// Of a cube's side, inverted.
+        scale: f64,
+    },
+}
+
+/// Weight of the determinants against the shapes.
+const LAMBDA: f64 = 1.0;
+/// Cells that one task takes.
+const RUN: usize = 2048;
+
+/// The energy and what goes with it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Value {
+    pub energy: f64,
+    /// Least determinant, NaN if one is.
+    pub least: f64,
+    /// Determinants that are not positive.
+    pub inverted: usize,
+}
+
+impl Samples {
+    /// Tetrahedra against those between the nodes `reference`. `volume` is the sum of the signed volumes of the image.
+    pub fn of_tets(tets: &[[u32; 4]], reference: &[Point], volume: f64) -> Self {
+        let shapes: Vec<Matrix3> = tets
+            .par_iter()
+            .map(|t| edges(t.map(|v| reference[v as usize])))
+            .collect();
+        let volumes: Vec<f64> = shapes.iter().map(|e| e.determinant().abs() / 6.0).collect();
+        let total: f64 = volumes.iter().sum();
+        // Lengths of the reference are multiplied by this: then it has the volume of the image.
+        let scale = usable((volume.abs() / total).cbrt());
+        let inverse = |e: &Matrix3| e.try_inverse().unwrap_or_else(Matrix3::identity) / scale;
+        Self::new(
+            Shapes::Tets {
+                corners: tets.to_vec(),
+                rest: shapes.iter().map(inverse).collect(),
+                weights: volumes.iter().map(|v| v / total).collect(),
+            },
+            reference.len(),
+        )
+    }
+
+    /// Hexahedra against cubes, over `nodes` nodes.
+    pub fn of_hexes(hexes: &[[u32; 8]], nodes: usize, volume: f64) -> Self {
+        let side = usable((volume.abs() / hexes.len() as f64).cbrt());
+        Self::new(
+            Shapes::Hexes {
+                corners: hexes.to_vec(),
+                scale: side.recip(),
+            },
+            nodes,
+        )
+    }
+
+    fn new(cells: Shapes, nodes: usize) -> Self {
+        let flat = cells.flat();
+        let mut starts = vec![0u32; nodes + 1];
+        for v in flat {
+            starts[*v as usize + 1] += 1;
+        }
+        for v in 0..nodes {
+            starts[v + 1] += starts[v];
+        }
+        let mut next = starts.clone();
+        let mut uses = vec![0; flat.len()];
+        for (i, v) in flat.iter().enumerate() {
+            let slot = &mut next[*v as usize];
+            uses[*slot as usize] = i as u32;
+            *slot += 1;
+        }
+        Self { cells, starts, uses }
+    }
+
+    /// Determinants of all maps, 1 in the mean.
+    pub fn determinants(&self, x: &[Point]) -> Vec<f64> {
+        match &self.cells {
+            Shapes::Tets { corners, rest, .. } => corners
+                .par_iter()
+                .zip(rest)
+                .map(|(t, rest)| (edges(t.map(|v| x[v as usize])) * rest).determinant())
+                .collect(),
+            Shapes::Hexes { corners, scale } => corners
+                .par_iter()
+                .flat_map_iter(|h| {
+                    HEX_CORNERS.map(|c| edges(c.map(|k| x[h[k] as usize])).determinant() * scale.powi(3))
+                })
+                .collect(),
+        }
+    }
+
+    /// The energy, and its gradient by the nodes `free` into `gradient`. `parts` is scratch.
+    pub fn evaluate(
+        &self,
+        x: &[Point],
+        epsilon: f64,
+        free: &[u32],
+        parts: &mut Vec<Vector>,
+        gradient: &mut [Vector],
+    ) -> Value {
+        parts.resize(self.uses.len(), Vector::zeros());
+        let per_cell = self.cells.corners();
+        // Runs of one length, added in order: the same for any number of threads.
+        let values: Vec<Value> = parts
+            .par_chunks_mut(RUN * per_cell)
+            .enumerate()
+            .map(|(run, parts)| self.cells.evaluate(run * RUN, x, epsilon, parts))
+            .collect();
+        let parts: &[Vector] = parts;
+        let nodes = gradient.par_iter_mut().zip(free).with_min_len(512);
+        nodes.for_each(|(gradient, &v)| {
+            let range = self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
+            *gradient = self.uses[range].iter().map(|&i| parts[i as usize]).sum();
+        });
+        let mut sum = Value::NONE;
+        for value in values {
+            sum.energy += value.energy;
+            sum.inverted += value.inverted;
+            sum.meet(value.least);
+        }
+        sum
+    }
+}
+
+impl Shapes {
+    fn flat(&self) -> &[u32] {
+        match self {
+            Self::Tets { corners, .. } => corners.as_flattened(),
+            Self::Hexes { corners, .. } => corners.as_flattened(),
+        }
+    }
+
+    fn corners(&self) -> usize {
+        match self {
+            Self::Tets { .. } => 4,
+            Self::Hexes { .. } => 8,
+        }
+    }
+
+    /// Of cells from `first` on, as many as there are `parts` for: the derivatives by their corners.
+    fn evaluate(&self, first: usize, x: &[Point], epsilon: f64, parts: &mut [Vector]) -> Value {
+        let mut value = Value::NONE;
+        match self {
+            Self::Tets { corners, rest, weights } => {
+                for (i, part) in parts.chunks_exact_mut(4).enumerate() {
+                    let (t, rest) = (corners[first + i], &rest[first + i]);
+                    let jacobian = edges(t.map(|v| x[v as usize])) * rest;
+                    let by_jacobian = value.add(&jacobian, weights[first + i], epsilon);
+                    // J = E R, so that ∂/∂E = ∂/∂J Rᵀ.
+                    let by_edges = by_jacobian * rest.transpose();
+                    for k in 0..3 {
+                        part[k + 1] = by_edges.column(k).into_owned();
+                    }
+                    part[0] = -(part[1] + part[2] + part[3]);
+                }
+            }
+            Self::Hexes { corners, scale } => {
+                let weight = 1.0 / (8 * corners.len()) as f64;
+                for (i, part) in parts.chunks_exact_mut(8).enumerate() {
+                    let p = corners[first + i].map(|v| x[v as usize] * *scale);
+                    part.fill(Vector::zeros());
+                    for c in HEX_CORNERS {
+                        let by_edges = value.add(&edges(c.map(|k| p[k])), weight, epsilon) * *scale;
+                        for k in 0..3 {
+                            let by_edge = by_edges.column(k).into_owned();
+                            part[c[k + 1]] += by_edge;
+                            part[c[0]] -= by_edge;
+                        }
+                    }
+                }
+            }
+        }
+        value
+    }
+}
+
+impl Value {
+    const NONE: Self = Self {
+        energy: 0.0,
+        least: f64::INFINITY,
+        inverted: 0,
+    };
+
+    /// Adds a Jacobian; returns the derivative by it.
+    #[inline]
+    fn add(&mut self, jacobian: &Matrix3, weight: f64, epsilon: f64) -> Matrix3 {
+        let [a, b, c] = [0, 1, 2].map(|k| jacobian.column(k).into_owned());
+        let cofactors = Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)]);
+        let det = a.dot(&cofactors.column(0));
+        let root = (det * det + epsilon * epsilon).sqrt();
+        // The sum would cancel.
+        let chi = if det < 0.0 {
+            epsilon * epsilon / (2.0 * (root - det))
+        } else {
+            0.5 * (det + root)
+        };
+        let slope = chi / root;
+        let norm = jacobian.norm_squared();
+        let third = chi.cbrt();
+        let shape = 1.0 / (third * third);
+        let size = (det * det + 1.0) / chi;
+        let by_det = -2.0 / 3.0 * norm * shape * slope / chi + LAMBDA * (2.0 * det - size * slope) / chi;
+        self.energy += weight * (norm * shape + LAMBDA * size);
+        self.inverted += usize::from(!is_positive(det));
+        self.meet(det);
+        jacobian * (2.0 * weight * shape) + cofactors * (weight * by_det)
+    }
+
+    fn meet(&mut self, det: f64) {
+        self.least = lesser(self.least, det);
+    }
+}
+
+/// Edges from the first corner to the others.
+fn edges([a, b, c, d]: [Point; 4]) -> Matrix3 {
+    Matrix3::from_columns(&[b - a, c - a, d - a])
+}
+
+/// A length, or 1 if it is none.
+fn usable(length: f64) -> f64 {
+    if length > 0.0 && length.is_finite() {
+        length
+    } else {
+        1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tets() -> (Samples, Vec<Point>) {
+        let x: Vec<Point> = [
+            [0.0, 0.1, 0.0],
+            [1.0, 0.0, 0.2],
+            [0.1, 1.3, 0.0],
+            [0.2, 0.1, 0.9],
+            [0.4, 0.5, 1.1],
+        ]
+        .map(Point::from)
+        .into();
+        let mut reference = x.clone();
+        reference[0].x -= 0.1;
+        reference[4].z = -1.1;
+        (
+            Samples::of_tets(&[[0, 1, 2, 3], [1, 2, 3, 4], [0, 2, 1, 4]], &reference, 0.7),
+            x,
+        )
+    }
+
+    /// A cube with a corner pushed through it.
+    fn hex() -> (Samples, Vec<Point>) {
+        let corner = |k: usize| Point::new((k >> 1 & 1 ^ k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2) as f64);
+        let mut x: Vec<Point> = (0..8).map(corner).collect();
+        x[6] = Point::new(-0.2, 0.1, 0.3);
+        x[1].y += 0.1;
+        (Samples::of_hexes(&[[0, 1, 2, 3, 4, 5, 6, 7]], 8, 0.9), x)
+    }
+
+    #[test]
+    fn gradient_matches_central_differences_also_of_inverted_cells() {
+        for (samples, x) in [tets(), hex()] {
+            let free: Vec<u32> = (0..x.len() as u32).collect();
+            let mut gradient = vec![Vector::zeros(); x.len()];
+            for epsilon in [1.0, 0.1, 1e-2] {
+                let value = samples.evaluate(&x, epsilon, &free, &mut vec![], &mut gradient);
+                let dets = samples.determinants(&x);
+                assert_eq!(value.inverted, dets.iter().filter(|d| **d <= 0.0).count());
+                assert!(value.inverted > 0 && value.inverted < dets.len());
+                let least = dets.iter().copied().fold(f64::INFINITY, f64::min);
+                assert!((value.least - least).abs() < 1e-14);
+                let size = gradient.iter().map(|g| g.amax()).fold(0.0, f64::max);
+                let h = 1e-6;
+                for v in 0..x.len() {
+                    for k in 0..3 {
+                        let at = |step: f64| {
+                            let mut moved = x.clone();
+                            moved[v][k] += step;
+                            samples.evaluate(&moved, epsilon, &[], &mut vec![], &mut []).energy
+                        };
+                        let slope = (at(h) - at(-h)) / (2.0 * h);
+                        assert!((slope - gradient[v][k]).abs() < 1e-6 * size, "{epsilon} {v} {k}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_isometry_has_the_least_energy() {
+        let (_, x) = tets();
+        let samples = Samples::of_tets(&[[0, 1, 2, 3]], &x, 0.2);
+        let size = edges([x[0], x[1], x[2], x[3]]).determinant() / 6.0;
+        let scaled: Vec<Point> = x.iter().map(|p| p * (0.2 / size).cbrt()).collect();
+        let mut gradient = [Vector::zeros(); 4];
+        let value = samples.evaluate(&scaled, 1e-12, &[0, 1, 2, 3], &mut vec![], &mut gradient);
+        assert!((value.energy - 5.0).abs() < 1e-12 && (value.least - 1.0).abs() < 1e-12);
+        assert!(gradient.iter().all(|g| g.norm() < 1e-12));
+    }
+
+    #[test]
+    fn what_is_not_finite_is_counted() {
+        let (samples, mut x) = tets();
+        x[4].x = f64::NAN;
+        let value = samples.evaluate(&x, 0.1, &[], &mut vec![], &mut []);
+        assert!(value.energy.is_nan() && value.least.is_nan());
+        assert_eq!(value.inverted, 2);
+    }
+}

@@ -1,0 +1,292 @@
+//! Regular meshes of polycubes: tetrahedra without boundary tetrahedra, hexahedra with a padding layer.
+
+use std::collections::HashMap;
+
+use super::planes::{Polycube, boxes};
+use crate::{Point, Vector};
+
+/// Cells of one kind.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CellList {
+    /// Right-handed tetrahedra.
+    Tets(Vec<[u32; 4]>),
+    /// Hexahedra: four corners around the bottom, counter-clockwise seen from above, then the four over them.
+    Hexes(Vec<[u32; 8]>),
+}
+
+/// A mesh of a solid.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RegularMesh {
+    /// Nodes in the domain.
+    pub nodes: Vec<Point>,
+    /// Which nodes lie on the boundary.
+    pub on_boundary: Vec<bool>,
+    /// The cells.
+    pub cells: CellList,
+    /// Boundary triangles, facing outward; those of hexahedra are their quads, split.
+    pub boundary: Vec<[u32; 3]>,
+}
+
+/// What cells a regular mesh has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CellKind {
+    /// Six tetrahedra per box of the grid.
+    Tets,
+    /// One hexahedron per box, and one under each boundary quad.
+    Hexes,
+}
+
+impl CellList {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Tets(cells) => cells.len(),
+            Self::Hexes(cells) => cells.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// How far boundary nodes go inward for the padding, in cells. With a half, cells at edges that point inward would be flat.
+const DEPTH: f64 = 1.0 / 3.0;
+
+/// A grid through all planes of a polycube, with an even number of boxes between neighbouring planes.
+struct Grid {
+    coordinates: [Vec<f64>; 3],
+    /// Which boxes are inside.
+    inside: Vec<bool>,
+}
+
+/// The cells that a mesh of this size would have, before any is made; without the padding of hexahedra.
+pub fn cell_count(polycube: &Polycube, size: f64, kind: CellKind) -> f64 {
+    let counts = |k: usize| -> Vec<f64> {
+        polycube.planes()[k]
+            .windows(2)
+            .map(|w| divisions(w[1] - w[0], size))
+            .collect()
+    };
+    let [x, y, z] = [counts(0), counts(1), counts(2)];
+    let filled = boxes(polycube.counts()).filter(|at| polycube.contains(at.map(|i| i as isize)));
+    let cubes: f64 = filled.map(|[i, j, k]| x[i] * y[j] * z[k]).sum();
+    match kind {
+        CellKind::Tets => 6.0 * cubes,
+        CellKind::Hexes => cubes,
+    }
+}
+
+/// A regular mesh with boxes of about `size`.
+///
+/// Tetrahedra come from Kuhn's split, mirrored with the parity of the box: every tetrahedron has a node whose three
+/// indices are odd. Planes of the polycube have even ones, so that this node is inside, and no tetrahedron has all its
+/// nodes on the boundary.
+pub fn regular_mesh(polycube: &Polycube, size: f64, kind: CellKind) -> RegularMesh {
+    let grid = Grid::new(polycube, size);
+    match kind {
+        CellKind::Tets => grid.tets(),
+        CellKind::Hexes => grid.hexes(),
+    }
+}
+
+/// An even number of boxes of about `size` along a length.
+fn divisions(length: f64, size: f64) -> f64 {
+    // A little less, so that a size that divides the length does.
+    2.0 * (length / (2.0 * size) - 1e-9).ceil().max(1.0)
+}
+
+impl Grid {
+    fn new(polycube: &Polycube, size: f64) -> Self {
+        let mut coordinates: [Vec<f64>; 3] = Default::default();
+        // The box between planes that each box of the grid lies in.
+        let mut parents: [Vec<usize>; 3] = Default::default();
+        for k in 0..3 {
+            let planes = &polycube.planes()[k];
+            coordinates[k].push(planes[0]);
+            for (parent, w) in planes.windows(2).enumerate() {
+                let count = divisions(w[1] - w[0], size) as usize;
+                for i in 1..=count {
+                    let t = i as f64 / count as f64;
+                    coordinates[k].push(if i == count { w[1] } else { w[0] * (1.0 - t) + w[1] * t });
+                    parents[k].push(parent);
+                }
+            }
+        }
+        let counts = parents.each_ref().map(Vec::len);
+        let inside = boxes(counts)
+            .map(|at| polycube.contains(std::array::from_fn(|k| parents[k][at[k]] as isize)))
+            .collect();
+        Self { coordinates, inside }
+    }
+
+    fn counts(&self) -> [usize; 3] {
+        self.coordinates.each_ref().map(|c| c.len() - 1)
+    }
+
+    fn is_inside(&self, at: [isize; 3]) -> bool {
+        let counts = self.counts();
+        if (0..3).any(|k| at[k] < 0 || at[k] as usize >= counts[k]) {
+            return false;
+        }
+        let [i, j, k] = at.map(|i| i as usize);
+        self.inside[i + counts[0] * (j + counts[1] * k)]
+    }
+
+    fn filled(&self) -> impl Iterator<Item = [usize; 3]> {
+        boxes(self.counts()).filter(|at| self.is_inside(at.map(|i| i as isize)))
+    }
+
+    /// Numbers of the nodes that boxes inside have, by their place in the grid; the nodes; which are on the boundary.
+    fn nodes(&self) -> (Vec<u32>, Vec<[usize; 3]>, Vec<bool>) {
+        let counts = self.counts();
+        let size = counts.map(|n| n + 1);
+        let mut number = vec![u32::MAX; size.iter().product()];
+        let (mut places, mut on_boundary) = (vec![], vec![]);
+        for at in boxes(size) {
+            let inside = (0..8)
+                .filter(|m| self.is_inside(std::array::from_fn(|k| at[k] as isize - (m >> k & 1) as isize)))
+                .count();
+            if inside > 0 {
+                number[at[0] + size[0] * (at[1] + size[1] * at[2])] = places.len() as u32;
+                places.push(at);
+                on_boundary.push(inside < 8);
+            }
+        }
+        (number, places, on_boundary)
+    }
+
+    fn corner(&self, number: &[u32], at: [usize; 3], m: usize) -> u32 {
+        let size = self.counts().map(|n| n + 1);
+        let [i, j, k]: [usize; 3] = std::array::from_fn(|k| at[k] + (m >> k & 1));
+        number[i + size[0] * (j + size[1] * k)]
+    }
+
+    fn position(&self, at: [usize; 3]) -> Point {
+        Point::from(Vector::from_fn(|k, _| self.coordinates[k][at[k]]))
+    }
+
+    fn tets(&self) -> RegularMesh {
+        let (number, places, on_boundary) = self.nodes();
+        let mut tets = Vec::new();
+        let mut boundary = Vec::new();
+        for at in self.filled() {
+            // Paths from the corner whose indices are even to the one where they are odd.
+            let even = (0..3).fold(0, |m, k| m | (at[k] & 1) << k);
+            let corner = |m: usize| self.corner(&number, at, m ^ even);
+            for [a, b] in [[0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2]] {
+                let path = [0, 1 << a, 1 << a | 1 << b, 7].map(corner);
+                let is_cyclic = (a + 1) % 3 == b;
+                let is_mirrored = even.count_ones() % 2 == 1;
+                tets.push(if is_cyclic == is_mirrored {
+                    [path[0], path[2], path[1], path[3]]
+                } else {
+                    path
+                });
+            }
+            for [axis, side] in faces_of_box() {
+                let mut beyond = at.map(|i| i as isize);
+                beyond[axis] += 2 * side as isize - 1;
+                if self.is_inside(beyond) {
+                    continue;
+                }
+                // The diagonal of the split goes from the corner with even indices to the one with odd ones.
+                let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+                let quad = |i: usize, j: usize| {
+                    let m = side << axis | i << b | j << c;
+                    self.corner(&number, at, m)
+                };
+                let [eb, ec] = [even >> b & 1, even >> c & 1];
+                let (e, o) = (quad(eb, ec), quad(1 - eb, 1 - ec));
+                let (p, q) = (quad(1 - eb, ec), quad(eb, 1 - ec));
+                // (b, c) is counter-clockwise seen from the positive side, as long as neither or both are mirrored.
+                let outward = (side == 1) == (eb == ec);
+                if outward {
+                    boundary.extend([[e, p, o], [e, o, q]]);
+                } else {
+                    boundary.extend([[e, o, p], [e, q, o]]);
+                }
+            }
+        }
+        RegularMesh {
+            nodes: places.iter().map(|&at| self.position(at)).collect(),
+            on_boundary,
+            cells: CellList::Tets(tets),
+            boundary,
+        }
+    }
+
+    fn hexes(&self) -> RegularMesh {
+        let (number, places, on_grid_boundary) = self.nodes();
+        let mut nodes: Vec<Point> = places.iter().map(|&at| self.position(at)).collect();
+        // How far boundary nodes go inward from faces that look down and up each axis. Where both do, at saddles, neither.
+        let mut depths = vec![[[0.0; 2]; 3]; nodes.len()];
+        let mut hexes = Vec::new();
+        let mut quads = Vec::new();
+        for at in self.filled() {
+            // Around the bottom, then the top.
+            let corners = [0, 1, 3, 2, 4, 5, 7, 6].map(|m| self.corner(&number, at, m));
+            hexes.push(corners);
+            for [axis, side] in faces_of_box() {
+                let mut beyond = at.map(|i| i as isize);
+                beyond[axis] += 2 * side as isize - 1;
+                if self.is_inside(beyond) {
+                    continue;
+                }
+                let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+                let quad = |i: usize, j: usize| self.corner(&number, at, side << axis | i << b | j << c);
+                let around = [quad(0, 0), quad(1, 0), quad(1, 1), quad(0, 1)];
+                // Counter-clockwise from outside.
+                let around = if side == 1 {
+                    around
+                } else {
+                    [around[0], around[3], around[2], around[1]]
+                };
+                let depth = DEPTH * (self.coordinates[axis][at[axis] + 1] - self.coordinates[axis][at[axis]]);
+                // Of several boxes with faces across this axis, the thinnest decides how far.
+                for v in around {
+                    let towards = &mut depths[v as usize][axis][side];
+                    *towards = if *towards == 0.0 { depth } else { depth.min(*towards) };
+                }
+                quads.push(around);
+            }
+        }
+        // Boundary nodes of the grid move inward; new ones take their places.
+        let mut surface = HashMap::new();
+        let mut on_boundary = vec![false; nodes.len()];
+        for v in 0..places.len() {
+            if on_grid_boundary[v] {
+                surface.insert(v as u32, nodes.len() as u32);
+                let at = nodes[v];
+                nodes.push(at);
+                nodes[v] += Vector::from_fn(|k, _| match depths[v][k] {
+                    [down, 0.0] => down,
+                    [0.0, up] => -up,
+                    _ => 0.0,
+                });
+                on_boundary.push(true);
+            }
+        }
+        let mut boundary = Vec::new();
+        for below in quads {
+            let above = below.map(|v| surface[&v]);
+            hexes.push([
+                below[0], below[1], below[2], below[3], above[0], above[1], above[2], above[3],
+            ]);
+            boundary.extend([[above[0], above[1], above[2]], [above[0], above[2], above[3]]]);
+        }
+        RegularMesh {
+            nodes,
+            on_boundary,
+            cells: CellList::Hexes(hexes),
+            boundary,
+        }
+    }
+}
+
+/// Axis, and 0 for its lower side or 1 for the upper.
+fn faces_of_box() -> impl Iterator<Item = [usize; 2]> {
+    (0..3).flat_map(|axis| [[axis, 0], [axis, 1]])
+}

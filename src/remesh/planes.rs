@@ -1,0 +1,199 @@
+//! The planes that bound a solid of axis-aligned faces, and which of the boxes between them are inside.
+
+use crate::geometry::{QueryError, SurfaceQuery};
+use crate::mesh::SurfaceMesh;
+use crate::{Point, Vector};
+
+/// A solid made of boxes between axis-aligned planes, that need not be evenly spaced: a polycube.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Polycube {
+    /// Coordinates of the planes across each axis, ascending.
+    planes: [Vec<f64>; 3],
+    /// Which of the boxes between neighbouring planes belong to the solid, `x` fastest.
+    inside: Vec<bool>,
+}
+
+/// Why a surface is no polycube.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PolycubeError {
+    /// A face is not across an axis.
+    #[error(
+        "{count} triangles are not axis-aligned, the first is triangle {first}, {degrees:.2}° off: a regular mesh takes a \
+         polycube; give a mesh of the domain instead"
+    )]
+    NotAligned {
+        /// How many triangles.
+        count: usize,
+        /// The first of them.
+        first: usize,
+        /// Angle of its normal to the nearest axis.
+        degrees: f64,
+    },
+    /// The boxes do not fill what the surface encloses.
+    #[error(
+        "the boxes between the planes have {boxes:.3e} of volume, the surface encloses {surface:.3e}: is it closed?"
+    )]
+    Volume {
+        /// Volume of the boxes inside.
+        boxes: f64,
+        /// Volume that the surface encloses.
+        surface: f64,
+    },
+    /// Boxes touch in an edge or a corner only.
+    #[error("two boxes of the solid touch only along an edge or in a corner, at ({:.4}, {:.4}, {:.4})", at[0], at[1], at[2])]
+    Pinched {
+        /// Where.
+        at: [f64; 3],
+    },
+    /// The surface cannot be queried.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+}
+
+/// Largest sine of the angle between a face's normal and an axis.
+const ALIGNED: f64 = 1e-3;
+/// Planes closer than this times the diagonal are one.
+const SAME: f64 = 1e-6;
+/// Difference of volumes, as a fraction.
+const VOLUME: f64 = 1e-3;
+
+impl Polycube {
+    /// The planes of a closed surface whose triangles are all across an axis. Triangles without area are not asked.
+    ///
+    /// # Errors
+    ///
+    /// When a triangle is not axis-aligned, boxes touch only along edges, or the surface encloses another volume than the
+    /// boxes have.
+    pub fn of(surface: &SurfaceMesh) -> Result<Self, PolycubeError> {
+        let query = SurfaceQuery::with_winding_sign(surface)?;
+        let diagonal = surface.diagonal();
+        let mut coordinates: [Vec<(f64, f64)>; 3] = Default::default();
+        let (mut skew, mut first) = (0, None);
+        for t in 0..surface.triangles().len() {
+            let area = surface.area_vector(t);
+            let size = area.norm();
+            if size < 1e-12 * diagonal * diagonal {
+                continue;
+            }
+            let axis = area.iamax();
+            let mut across = area / size;
+            across[axis] = 0.0;
+            if across.norm() > ALIGNED {
+                skew += 1;
+                first.get_or_insert((t, across.norm().min(1.0).asin().to_degrees()));
+                continue;
+            }
+            let corners = surface.corners(t);
+            coordinates[axis].extend(corners.map(|p| (p[axis], size)));
+        }
+        if let Some((first, degrees)) = first {
+            return Err(PolycubeError::NotAligned {
+                count: skew,
+                first,
+                degrees,
+            });
+        }
+        let planes = coordinates.map(|found| merged(found, SAME * diagonal));
+        let counts = planes.each_ref().map(|p| p.len().saturating_sub(1));
+        let mut polycube = Self { planes, inside: vec![] };
+        let centres: Vec<Point> = boxes(counts).map(|at| polycube.centre(at)).collect();
+        polycube.inside = query.contains_all(&centres);
+        let filled: f64 = boxes(counts)
+            .filter(|&at| polycube.contains(at.map(|i| i as isize)))
+            .map(|at| polycube.sides(at).iter().product::<f64>())
+            .sum();
+        let enclosed = surface.volume();
+        if (filled - enclosed).abs() > VOLUME * enclosed.abs() || filled == 0.0 {
+            return Err(PolycubeError::Volume {
+                boxes: filled,
+                surface: enclosed,
+            });
+        }
+        polycube.require_manifold()?;
+        Ok(polycube)
+    }
+
+    /// Coordinates of the planes across each axis.
+    pub fn planes(&self) -> &[Vec<f64>; 3] {
+        &self.planes
+    }
+
+    /// Boxes along each axis.
+    pub fn counts(&self) -> [usize; 3] {
+        self.planes.each_ref().map(|p| p.len().saturating_sub(1))
+    }
+
+    /// Whether a box belongs to the solid; those beyond the planes do not.
+    pub fn contains(&self, at: [isize; 3]) -> bool {
+        let counts = self.counts();
+        if (0..3).any(|k| at[k] < 0 || at[k] as usize >= counts[k]) {
+            return false;
+        }
+        let [i, j, k] = at.map(|i| i as usize);
+        self.inside[i + counts[0] * (j + counts[1] * k)]
+    }
+
+    fn centre(&self, at: [usize; 3]) -> Point {
+        Point::from(Vector::from_fn(|k, _| {
+            0.5 * (self.planes[k][at[k]] + self.planes[k][at[k] + 1])
+        }))
+    }
+
+    fn sides(&self, at: [usize; 3]) -> [f64; 3] {
+        std::array::from_fn(|k| self.planes[k][at[k] + 1] - self.planes[k][at[k]])
+    }
+
+    /// Refuses solids that are no manifold where planes meet: around every inner edge the boxes inside are neighbours, and
+    /// around every corner both they and those outside hang together by faces.
+    fn require_manifold(&self) -> Result<(), PolycubeError> {
+        let counts = self.counts();
+        for at in boxes(counts.map(|n| n + 1)) {
+            let inside: [bool; 8] = std::array::from_fn(|m| {
+                self.contains(std::array::from_fn(|k| at[k] as isize - 1 + (m >> k & 1) as isize))
+            });
+            if !hangs_together(inside, true) || !hangs_together(inside, false) {
+                return Err(PolycubeError::Pinched {
+                    at: std::array::from_fn(|k| self.planes[k][at[k]]),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Indices of all boxes, `x` fastest.
+pub(super) fn boxes([x, y, z]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+    (0..z).flat_map(move |k| (0..y).flat_map(move |j| (0..x).map(move |i| [i, j, k])))
+}
+
+/// Whether those of the eight boxes around a corner that are `kind` are connected by faces.
+fn hangs_together(inside: [bool; 8], kind: bool) -> bool {
+    let members: Vec<usize> = (0..8).filter(|&m| inside[m] == kind).collect();
+    let Some(&start) = members.first() else { return true };
+    let mut reached = 1u8 << start;
+    for _ in 0..8 {
+        for &m in &members {
+            if (0..3).any(|k| reached >> (m ^ (1 << k)) & 1 == 1) {
+                reached |= 1 << m;
+            }
+        }
+    }
+    members.iter().all(|m| reached >> m & 1 == 1)
+}
+
+/// Weighted means of values that are closer to the next than `tolerance`.
+fn merged(mut values: Vec<(f64, f64)>, tolerance: f64) -> Vec<f64> {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    values
+        .chunk_by(|a, b| b.0 - a.0 <= tolerance)
+        .map(|group| {
+            // Not even rounded where all are the same.
+            if group[0].0 == group[group.len() - 1].0 {
+                return group[0].0;
+            }
+            let weight: f64 = group.iter().map(|g| g.1).sum();
+            group.iter().map(|g| g.0 * (g.1 / weight)).sum()
+        })
+        .collect()
+}

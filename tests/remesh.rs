@@ -1,0 +1,403 @@
+//! Regular meshes of polycubes: conforming, carried exactly, and with no cell inverted, counted independently.
+
+mod common;
+
+use std::collections::HashMap;
+
+use common::models;
+use rand::{Rng, SeedableRng, rngs::StdRng};
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::fit::{FitOptions, fit};
+use solidmap::io::{self, Solid};
+use solidmap::map::VolumeMap;
+use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::remesh::{
+    CellKind, CellList, CellSize, Polycube, PolycubeError, RegularMesh, RemeshError, RemeshOptions, Remeshed,
+    bad_cells, regular_mesh, remesh,
+};
+use solidmap::{Matrix3, Point, Vector};
+
+const KINDS: [CellKind; 2] = [CellKind::Tets, CellKind::Hexes];
+
+/// A map by a formula.
+struct Formula<F: Fn(&Point) -> Point + Sync>(F);
+
+impl<F: Fn(&Point) -> Point + Sync> VolumeMap for Formula<F> {
+    fn evaluate(&self, points: &[Point]) -> Vec<Point> {
+        points.iter().map(&self.0).collect()
+    }
+
+    fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
+        points.iter().map(|_| Matrix3::identity()).collect()
+    }
+}
+
+fn bent(p: &Point) -> Point {
+    Point::new(
+        p.x + 0.1 * p.y * p.y,
+        1.2 * p.y + 0.1 * (2.0 * p.z).sin(),
+        0.9 * p.z + 0.05 * p.x * p.y,
+    )
+}
+
+fn options(kind: CellKind, cells: usize) -> RemeshOptions {
+    RemeshOptions {
+        kind,
+        size: CellSize::Along(cells),
+        ..RemeshOptions::default()
+    }
+}
+
+fn run(boundary: &BoundaryMap, map: &dyn VolumeMap, options: &RemeshOptions) -> Remeshed {
+    remesh(boundary, map, options, &|_| ()).unwrap()
+}
+
+/// The surface of unit boxes at these places, between planes at `planes`, each quad cut into `cuts` by `cuts`.
+fn surface_of_boxes(boxes: &[[usize; 3]], planes: [&[f64]; 3], cuts: usize) -> SurfaceMesh {
+    let is_box = |at: [isize; 3]| boxes.iter().any(|b| (0..3).all(|k| b[k] as isize == at[k]));
+    let mut vertices: HashMap<[usize; 3], u32> = HashMap::new();
+    let mut points = Vec::new();
+    let mut triangles = Vec::new();
+    for b in boxes {
+        for axis in 0..3 {
+            for side in [0, 1] {
+                let mut beyond = b.map(|i| i as isize);
+                beyond[axis] += 2 * side as isize - 1;
+                if is_box(beyond) {
+                    continue;
+                }
+                let mut vertex = |i: usize, j: usize| {
+                    let mut at = b.map(|i| i * cuts);
+                    at[axis] += side * cuts;
+                    at[(axis + 1) % 3] += i;
+                    at[(axis + 2) % 3] += j;
+                    *vertices.entry(at).or_insert_with(|| {
+                        points.push(Point::from(Vector::from_fn(|k, _| {
+                            let (plane, cut) = (at[k] / cuts, at[k] % cuts);
+                            let next = planes[k].get(plane + 1).unwrap_or(&0.0);
+                            planes[k][plane] + (next - planes[k][plane]) * cut as f64 / cuts as f64
+                        })));
+                        points.len() as u32 - 1
+                    })
+                };
+                for i in 0..cuts {
+                    for j in 0..cuts {
+                        let [a, b, c, d] = [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
+                        triangles.extend(if side == 1 {
+                            [[a, b, c], [a, c, d]]
+                        } else {
+                            [[a, c, b], [a, d, c]]
+                        });
+                    }
+                }
+            }
+        }
+    }
+    SurfaceMesh::new(points, triangles).unwrap()
+}
+
+/// Three boxes around a corner, between planes that are on no lattice.
+fn stairs() -> SurfaceMesh {
+    let boxes = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]];
+    surface_of_boxes(&boxes, [&[0.0, 0.7, 0.75], &[-1.0, 0.1, 1.3], &[0.0, 0.31, 1.0]], 3)
+}
+
+/// Faces of all cells, as sorted corners with how often they occur; quads by their corners.
+fn faces(mesh: &RegularMesh) -> HashMap<Vec<u32>, u32> {
+    let mut count = HashMap::new();
+    let mut add = |cell: &[u32], face: &[usize]| {
+        let mut key: Vec<u32> = face.iter().map(|&k| cell[k]).collect();
+        key.sort_unstable();
+        *count.entry(key).or_default() += 1;
+    };
+    match &mesh.cells {
+        CellList::Tets(tets) => {
+            for t in tets {
+                [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+                    .iter()
+                    .for_each(|f| add(t, f));
+            }
+        }
+        CellList::Hexes(hexes) => {
+            const FACES: [[usize; 4]; 6] = [
+                [0, 1, 2, 3],
+                [4, 5, 6, 7],
+                [0, 1, 5, 4],
+                [1, 2, 6, 5],
+                [2, 3, 7, 6],
+                [3, 0, 4, 7],
+            ];
+            for h in hexes {
+                FACES.iter().for_each(|f| add(h, f));
+            }
+        }
+    }
+    count
+}
+
+#[test]
+fn meshes_conform_fill_the_solid_and_have_no_cell_on_the_boundary_alone() {
+    for surface in [shapes::cube(2.0, 2), stairs()] {
+        let polycube = Polycube::of(&surface).unwrap();
+        for kind in KINDS {
+            let mesh = regular_mesh(&polycube, 0.2, kind);
+            let faces = faces(&mesh);
+            assert!(faces.values().all(|&n| n <= 2));
+            let outer: Vec<&Vec<u32>> = faces.iter().filter(|(_, n)| **n == 1).map(|(f, _)| f).collect();
+            let on = |v: &u32| mesh.on_boundary[*v as usize];
+            assert!(outer.iter().all(|f| f.iter().all(on)));
+            let per_face = if kind == CellKind::Tets { 1 } else { 2 };
+            assert_eq!(outer.len() * per_face, mesh.boundary.len());
+            let boundary = SurfaceMesh::new(mesh.nodes.clone(), mesh.boundary.clone()).unwrap();
+            assert!(
+                (boundary.volume() - surface.volume()).abs() < 1e-12 * surface.volume(),
+                "outward, and all of it"
+            );
+            assert!((boundary.area() - surface.area()).abs() < 1e-12 * surface.area());
+            let bad = bad_cells(&mesh.cells, &mesh.nodes);
+            match &mesh.cells {
+                CellList::Tets(tets) => {
+                    assert_eq!(bad.cells, [] as [u32; 0]);
+                    assert!(tets.iter().all(|t| !t.iter().all(on)));
+                    // Boundary triangles are faces of tetrahedra, not other diagonals.
+                    for t in &mesh.boundary {
+                        let mut key = t.to_vec();
+                        key.sort_unstable();
+                        assert_eq!(faces.get(&key), Some(&1));
+                    }
+                }
+                CellList::Hexes(hexes) => {
+                    assert_eq!(bad.cells, [] as [u32; 0]);
+                    assert!(hexes.iter().all(|h| h.iter().filter(|v| on(v)).count() <= 4));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn planes_are_found_where_they_are() {
+    let polycube = Polycube::of(&stairs()).unwrap();
+    for (found, expected) in polycube
+        .planes()
+        .iter()
+        .zip([[0.0, 0.7, 0.75], [-1.0, 0.1, 1.3], [0.0, 0.31, 1.0]])
+    {
+        assert_eq!(found.len(), 3);
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-15));
+    }
+    assert!(polycube.contains([0, 0, 1]) && !polycube.contains([1, 1, 0]) && !polycube.contains([-1, 0, 0]));
+}
+
+#[test]
+fn what_is_no_polycube_is_refused() {
+    let skew = Polycube::of(&shapes::sphere(1.0, 1));
+    assert!(matches!(skew, Err(PolycubeError::NotAligned { .. })), "{skew:?}");
+    let cube = shapes::cube(1.0, 2);
+    let open = SurfaceMesh::new(cube.vertices().to_vec(), cube.triangles()[1..].to_vec()).unwrap();
+    assert!(matches!(Polycube::of(&open), Err(PolycubeError::Volume { .. })));
+    let steps: &[f64] = &[0.0, 1.0, 2.0];
+    for boxes in [[[0, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 1]]] {
+        let pinched = Polycube::of(&surface_of_boxes(&boxes, [steps; 3], 1));
+        assert!(matches!(pinched, Err(PolycubeError::Pinched { .. })), "{pinched:?}");
+    }
+    let boundary = BoundaryMap::new(cube.clone(), cube.vertices().to_vec()).unwrap();
+    let identity = Formula(|p: &Point| *p);
+    let refused = |options: RemeshOptions| remesh(&boundary, &identity, &options, &|_| ()).unwrap_err();
+    for length in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let size = CellSize::Length(length);
+        assert!(matches!(
+            refused(RemeshOptions {
+                size,
+                ..options(CellKind::Tets, 4)
+            }),
+            RemeshError::Size(_)
+        ));
+    }
+    let size = CellSize::Length(1e-9);
+    assert!(matches!(
+        refused(RemeshOptions {
+            size,
+            ..options(CellKind::Hexes, 4)
+        }),
+        RemeshError::TooMany { .. }
+    ));
+}
+
+#[test]
+fn nodes_are_exactly_where_a_smooth_map_puts_them() {
+    // The grid's boundary nodes are vertices of the domain, so that the boundary map has nothing to interpolate.
+    let domain = shapes::cube(2.0, 8);
+    let image = domain.vertices().iter().map(bent).collect();
+    let boundary = BoundaryMap::new(domain, image).unwrap();
+    for kind in KINDS {
+        let unmoved = RemeshOptions {
+            polish: 0,
+            ..options(kind, 8)
+        };
+        let result = run(&boundary, &Formula(bent), &unmoved);
+        assert_eq!(result.report.before.cells, [] as [u32; 0]);
+        for (node, found) in result.mesh.nodes.iter().zip(&result.images) {
+            assert!((bent(node) - found).norm() < 1e-14);
+        }
+        assert_eq!(result.report.largest_shift, 0.0);
+        let report = run(&boundary, &Formula(bent), &options(kind, 8)).report;
+        assert!((report.volume - report.target_volume).abs() < 1e-2 * report.target_volume);
+        assert!(report.target_to_mesh.max < 1e-14 && report.repair.polish_iterations > 0);
+    }
+}
+
+#[test]
+fn any_inner_nodes_are_untangled_and_the_boundary_stays() {
+    let domain = shapes::cube(2.0, 8);
+    let image: Vec<Point> = domain.vertices().iter().map(bent).collect();
+    let boundary = BoundaryMap::new(domain, image).unwrap();
+    let heap = Formula(|_: &Point| Point::new(0.1, 0.0, 0.2));
+    let scattered = Formula(|p: &Point| {
+        let seed = p
+            .iter()
+            .fold(0, |s, c| (s ^ c.to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let mut random = StdRng::seed_from_u64(seed);
+        Point::from(Vector::from_fn(|_, _| random.random_range(-0.8..0.8)))
+    });
+    for kind in KINDS {
+        for map in [&heap as &dyn VolumeMap, &scattered] {
+            let result = run(&boundary, map, &options(kind, 8));
+            let report = &result.report;
+            assert!(report.before.cells.len() > report.cells / 3, "{kind:?}");
+            assert_eq!(report.after.cells, [] as [u32; 0], "{kind:?}");
+            assert!(report.quality.unwrap().min_scaled_jacobian > 0.1);
+            let without = run(
+                &boundary,
+                map,
+                &RemeshOptions {
+                    repair: false,
+                    ..options(kind, 8)
+                },
+            );
+            assert_eq!(without.report.before, without.report.after);
+            for (v, &on) in result.mesh.on_boundary.iter().enumerate() {
+                if on {
+                    assert_eq!(result.images[v], without.images[v]);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_repaired_is_counted_and_made_no_worse() {
+    // Inside out: no inner node can help the cells at the boundary.
+    let domain = shapes::cube(2.0, 4);
+    let image = domain.vertices().iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
+    let boundary = BoundaryMap::new(domain, image).unwrap();
+    let nowhere = Formula(|_: &Point| Point::new(f64::NAN, 0.0, 0.0));
+    for kind in KINDS {
+        let mirrored = run(
+            &boundary,
+            &Formula(|p: &Point| Point::new(-p.x, p.y, p.z)),
+            &options(kind, 4),
+        )
+        .report;
+        assert_eq!(mirrored.before.cells.len(), mirrored.cells);
+        assert!(!mirrored.after.cells.is_empty() && mirrored.after.cells.len() <= mirrored.cells);
+        let lost = run(&boundary, &nowhere, &options(kind, 4)).report;
+        assert_eq!(
+            lost.after.cells.len(),
+            lost.cells,
+            "cells at nodes without a place are bad"
+        );
+    }
+}
+
+#[test]
+fn results_are_the_same_for_any_number_of_threads() {
+    let domain = shapes::cube(2.0, 8);
+    let image: Vec<Point> = domain.vertices().iter().map(bent).collect();
+    let boundary = BoundaryMap::new(domain, image).unwrap();
+    let heap = Formula(|_: &Point| Point::origin());
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| run(&boundary, &heap, &options(CellKind::Tets, 16)).images)
+    };
+    assert!(with(1) == with(2) && with(2) == with(3));
+}
+
+#[test]
+fn a_ring_of_boxes_becomes_a_round_ring() {
+    // Genus 1: eight of nine boxes in a square.
+    let boxes: Vec<[usize; 3]> = (0..9).filter(|i| *i != 4).map(|i| [i % 3, i / 3, 0]).collect();
+    let planes: &[f64] = &[-1.5, -0.5, 0.5, 1.5];
+    let domain = surface_of_boxes(&boxes, [planes, planes, &[-0.5, 0.5]], 6);
+    // Squares about the axis become circles; the section, a square too, becomes a disc.
+    let disc = |u: f64, v: f64| [u * (1.0 - 0.5 * v * v).sqrt(), v * (1.0 - 0.5 * u * u).sqrt()];
+    let round = |p: &Point| {
+        let square = p.x.abs().max(p.y.abs());
+        let angle = p.y.atan2(p.x);
+        let [u, v] = disc(2.0 * (square - 1.0), 2.0 * p.z);
+        let radius = 1.0 + 0.4 * u;
+        Point::new(radius * angle.cos(), radius * angle.sin(), 0.4 * v)
+    };
+    let image = domain.vertices().iter().map(round).collect();
+    let boundary = BoundaryMap::new(domain, image).unwrap();
+    let fit = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap();
+    for kind in KINDS {
+        let report = run(&boundary, &fit.map, &options(kind, 24)).report;
+        assert_eq!(report.after.cells, [] as [u32; 0], "{kind:?}: {report:?}");
+        let chords = report.volume / report.target_volume;
+        assert!((chords - 1.0).abs() < 0.05, "{chords}");
+        let exact = 2.0 * std::f64::consts::PI.powi(2) * 0.16;
+        assert!((report.volume / exact - 1.0).abs() < 0.05);
+    }
+}
+
+fn pair(domain: &str, image: &str) -> Option<BoundaryMap> {
+    let models = models()?.join("maps");
+    let [domain, image] = [domain, image].map(|name| match io::read_solid(models.join(name)).unwrap() {
+        Solid::Tets(tets) => tets,
+        Solid::Surface(_) => panic!("{name} is a surface"),
+    });
+    Some(BoundaryMap::between_tets(&domain, &image).unwrap())
+}
+
+#[test]
+fn max_planck_has_no_inverted_cell_with_its_boundary_fixed() {
+    let Some(boundary) = pair("max_planck_cube.mesh", "max_planck_object.mesh") else {
+        return;
+    };
+    let fit = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap();
+    for (kind, flips, least) in [(CellKind::Tets, 200, 0.005), (CellKind::Hexes, 100, 0.05)] {
+        let report = run(&boundary, &fit.map, &options(kind, 16)).report;
+        assert!(report.before.cells.len() > flips, "{report:?}");
+        assert_eq!(report.after.cells, [] as [u32; 0]);
+        assert!(report.quality.unwrap().min_scaled_jacobian > least, "{report:?}");
+        // Chords of a grid of 16 boxes: a percent of the volume, and the mesh nears the target as it is refined.
+        let finer = run(
+            &boundary,
+            &fit.map,
+            &RemeshOptions {
+                repair: false,
+                ..options(kind, 32)
+            },
+        )
+        .report;
+        assert!((report.volume / report.target_volume - 1.0).abs() < 0.03);
+        assert!(finer.target_to_mesh.mean < 0.6 * report.target_to_mesh.mean);
+        assert!((finer.volume - finer.target_volume).abs() < 0.6 * (report.volume - report.target_volume).abs());
+    }
+}
+
+#[test]
+fn the_bird_has_no_inverted_tetrahedron_with_its_boundary_fixed() {
+    let Some(boundary) = pair("bird_polycube.vtk", "bird_object.vtk") else {
+        return;
+    };
+    let fit = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap();
+    let options = RemeshOptions {
+        size: CellSize::Length(0.03),
+        ..options(CellKind::Tets, 1)
+    };
+    let report = run(&boundary, &fit.map, &options).report;
+    assert!(!report.before.cells.is_empty());
+    assert_eq!(report.after.cells, [] as [u32; 0], "{report:?}");
+}
