@@ -438,6 +438,9 @@ pub struct RemeshArgs {
     /// Leave the nodes where the map puts them, and cells inverted
     #[arg(long)]
     pub no_repair: bool,
+    /// Keep boundary nodes where the boundary map puts them, also where cells stay inverted for that
+    #[arg(long)]
+    pub fix_boundary: bool,
     /// Iterations to better the shapes when no cell is inverted
     #[arg(long, default_value_t = 200, value_name = "N")]
     pub polish: usize,

@@ -59,6 +59,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
         },
         size,
         repair: !args.no_repair,
+        slide: !args.fix_boundary,
         polish: args.polish,
         most_cells: args.max_cells,
     };
@@ -88,15 +89,9 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
     }
     let flipped = remeshed.report.after.cells.len();
     if flipped > 0 {
-        let blocked = remeshed.report.blocked;
         output.warn(format!(
-            "{flipped} cells stay inverted{}; in a .vtu they have `inverted` 1. Smaller cells may help, or a boundary map \
-             that distorts less there",
-            if blocked > 0 {
-                format!(", {blocked} of them because of the boundary alone")
-            } else {
-                String::new()
-            }
+            "{flipped} cells stay inverted; in a .vtu they have `inverted` 1. Smaller cells may help, or a boundary map that \
+             distorts less there"
         ));
     }
     let report = Report {
@@ -170,7 +165,10 @@ fn summary(report: &Report) -> String {
     let found = &report.remesh;
     let (cells, per_cell) = match found.kind {
         CellKind::Tets => ("tetrahedra", ""),
-        CellKind::Hexes => ("hexahedra", ", at corners and 125 points inside"),
+        CellKind::Hexes => (
+            "hexahedra",
+            " at their corners, and at 125 points of each in floating point",
+        ),
     };
     let seconds = found.seconds;
     let bad = |bad: &BadCells| {
@@ -191,7 +189,7 @@ fn summary(report: &Report) -> String {
         [
             "inverted".into(),
             format!(
-                "{} as mapped, {} now: counted exactly{per_cell}",
+                "{} as mapped, {} now, decided exactly{per_cell}",
                 bad(&found.before),
                 bad(&found.after)
             ),
@@ -227,15 +225,27 @@ fn summary(report: &Report) -> String {
         ]);
     }
     if found.repair.iterations + found.repair.polish_iterations > 0 {
+        let repair = &found.repair;
         rows.push([
             "repair".into(),
             format!(
-                "{} rounds, {} iterations, {} to polish; the boundary stayed, inner nodes moved by {} of the diagonal at most",
-                found.repair.rounds,
-                found.repair.iterations,
-                found.repair.polish_iterations,
+                "{} rounds, {} iterations, {} to polish; inner nodes moved by {} of the diagonal at most",
+                repair.rounds + repair.slide.rounds,
+                repair.iterations + repair.slide.iterations,
+                repair.polish_iterations,
                 significant(found.largest_shift, 2)
             ),
+        ]);
+        rows.push([
+            "boundary".into(),
+            match found.slid_nodes {
+                0 => "every node exactly where the boundary map puts it".into(),
+                slid => format!(
+                    "{slid} nodes slid along the target, by {} of a cell at most, {} of the diagonal; the others did not move",
+                    significant(found.largest_slide_in_cells, 2),
+                    significant(found.largest_slide, 2)
+                ),
+            },
         ]);
     }
     rows.push([

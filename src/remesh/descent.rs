@@ -24,9 +24,23 @@ const RUN: usize = 4096;
 pub(super) struct Descent<'a> {
     samples: &'a Samples,
     free: &'a [u32],
+    /// Free nodes that stay in planes, by their number among the free.
+    tethers: Vec<Tether>,
     parts: Vec<Vector>,
     /// Length that a first step moves a node at most.
     step: f64,
+}
+
+/// What holds a free node.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tether {
+    /// Its number among the free nodes.
+    pub free: usize,
+    /// It moves across this unit vector only.
+    pub normal: Vector,
+    /// It is pulled there, by the stiffness times the squared distance.
+    pub place: Point,
+    pub stiffness: f64,
 }
 
 /// When to stop.
@@ -50,9 +64,16 @@ impl<'a> Descent<'a> {
         Self {
             samples,
             free,
+            tethers: vec![],
             parts: vec![],
             step,
         }
+    }
+
+    /// Keeps some of the free nodes in planes, and near places.
+    pub fn tethered(mut self, tethers: Vec<Tether>) -> Self {
+        self.tethers = tethers;
+        self
     }
 
     /// Lowers the energy; returns its last value and the number of iterations.
@@ -121,9 +142,16 @@ impl<'a> Descent<'a> {
 
     fn state(&mut self, x: Vec<Point>, epsilon: f64) -> State {
         let mut gradient = vec![Vector::zeros(); self.free.len()];
-        let value = self
+        let mut value = self
             .samples
             .evaluate(&x, epsilon, self.free, &mut self.parts, &mut gradient);
+        for tether in &self.tethers {
+            let away = x[self.free[tether.free] as usize] - tether.place;
+            value.energy += tether.stiffness * away.norm_squared();
+            let slope = &mut gradient[tether.free];
+            *slope += 2.0 * tether.stiffness * away;
+            *slope -= tether.normal * tether.normal.dot(slope);
+        }
         State { x, gradient, value }
     }
 

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use super::RemeshError;
 use super::planes::{Polycube, boxes};
 use crate::{Point, Vector};
 
@@ -62,20 +63,31 @@ struct Grid {
     inside: Vec<bool>,
 }
 
-/// The cells that a mesh of this size would have, before any is made; without the padding of hexahedra.
-pub fn cell_count(polycube: &Polycube, size: f64, kind: CellKind) -> f64 {
-    let counts = |k: usize| -> Vec<f64> {
-        polycube.planes()[k]
-            .windows(2)
-            .map(|w| divisions(w[1] - w[0], size))
-            .collect()
+/// Places of a grid at most, inside and outside of the solid.
+const MOST_PLACES: f64 = 1e9;
+/// Cells at most, whatever the limit asked for: corners of cells are counted by 32 bits.
+const MOST_CELLS: f64 = (1u32 << 28) as f64;
+
+/// The cells that a mesh of this size would have, and the places of its grid, before any is made.
+fn counts(polycube: &Polycube, size: f64, kind: CellKind) -> [f64; 2] {
+    let along = polycube
+        .planes()
+        .each_ref()
+        .map(|planes| -> Vec<f64> { planes.windows(2).map(|w| divisions(w[1] - w[0], size)).collect() });
+    let cubes: f64 = polycube
+        .filled()
+        .map(|[i, j, k]| along[0][i] * along[1][j] * along[2][k])
+        .sum();
+    let quads = || {
+        polycube.outer_faces(|at, k| {
+            let [b, c] = [(k + 1) % 3, (k + 2) % 3];
+            along[b][at[b]] * along[c][at[c]]
+        })
     };
-    let [x, y, z] = [counts(0), counts(1), counts(2)];
-    let filled = boxes(polycube.counts()).filter(|at| polycube.contains(at.map(|i| i as isize)));
-    let cubes: f64 = filled.map(|[i, j, k]| x[i] * y[j] * z[k]).sum();
+    let places = along.iter().map(|counts| counts.iter().sum::<f64>() + 1.0).product();
     match kind {
-        CellKind::Tets => 6.0 * cubes,
-        CellKind::Hexes => cubes,
+        CellKind::Tets => [6.0 * cubes, places],
+        CellKind::Hexes => [cubes + quads(), places],
     }
 }
 
@@ -84,12 +96,34 @@ pub fn cell_count(polycube: &Polycube, size: f64, kind: CellKind) -> f64 {
 /// Tetrahedra come from Kuhn's split, mirrored with the parity of the box: every tetrahedron has a node whose three
 /// indices are odd. Planes of the polycube have even ones, so that this node is inside, and no tetrahedron has all its
 /// nodes on the boundary.
-pub fn regular_mesh(polycube: &Polycube, size: f64, kind: CellKind) -> RegularMesh {
+///
+/// # Errors
+///
+/// [`RemeshError::Size`] unless `size` is positive and finite, [`RemeshError::TooMany`] when there would be more cells than
+/// `most_cells` (2²⁸ in any case), or more than 10⁹ places in the grid over the polycube's box.
+pub fn regular_mesh(
+    polycube: &Polycube,
+    size: f64,
+    kind: CellKind,
+    most_cells: usize,
+) -> Result<RegularMesh, RemeshError> {
+    if !size.is_finite() || size <= 0.0 {
+        return Err(RemeshError::Size(size));
+    }
+    let [cells, places] = counts(polycube, size, kind);
+    for (what, count, limit) in [
+        ("cells", cells, MOST_CELLS.min(most_cells as f64)),
+        ("places in the grid", places, MOST_PLACES),
+    ] {
+        if count > limit {
+            return Err(RemeshError::TooMany { what, count, limit });
+        }
+    }
     let grid = Grid::new(polycube, size);
-    match kind {
+    Ok(match kind {
         CellKind::Tets => grid.tets(),
         CellKind::Hexes => grid.hexes(),
-    }
+    })
 }
 
 /// An even number of boxes of about `size` along a length.
@@ -221,7 +255,8 @@ impl Grid {
     fn hexes(&self) -> RegularMesh {
         let (number, places, on_grid_boundary) = self.nodes();
         let mut nodes: Vec<Point> = places.iter().map(|&at| self.position(at)).collect();
-        // How far boundary nodes go inward from faces that look down and up each axis. Where both do, at saddles, neither.
+        // How far boundary nodes go inward from faces that look down and up each axis. Where both do no place is right for
+        // all faces, and cells there are inverted in the domain itself; a map that flattens the corner mends them.
         let mut depths = vec![[[0.0; 2]; 3]; nodes.len()];
         let mut hexes = Vec::new();
         let mut quads = Vec::new();

@@ -11,6 +11,7 @@ mod grid;
 mod planes;
 mod quality;
 mod repair;
+mod slide;
 
 use std::time::Instant;
 
@@ -21,10 +22,11 @@ use crate::map::VolumeMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::statistics::quantiles;
 
-pub use grid::{CellKind, CellList, RegularMesh, cell_count, regular_mesh};
+pub use grid::{CellKind, CellList, RegularMesh, regular_mesh};
 pub use planes::{Polycube, PolycubeError};
 pub use quality::{BadCells, CellQuality, bad_cells, quality, scaled_jacobians};
 pub use repair::RepairReport;
+pub use slide::SlideReport;
 
 /// How large the boxes of the grid are.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,6 +46,8 @@ pub struct RemeshOptions {
     pub size: CellSize,
     /// Whether inner nodes are moved until no cell is inverted.
     pub repair: bool,
+    /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
+    pub slide: bool,
     /// Iterations of the polish of shapes after the repair.
     pub polish: usize,
     /// Cells at most; more are refused before any is made.
@@ -56,6 +60,7 @@ impl Default for RemeshOptions {
             kind: CellKind::Tets,
             size: CellSize::Along(32),
             repair: true,
+            slide: true,
             polish: 200,
             most_cells: 20_000_000,
         }
@@ -94,14 +99,14 @@ pub enum RemeshError {
     #[error("a cell size of {0} makes no mesh")]
     Size(f64),
     /// More cells than allowed.
-    #[error(
-        "cells of this size would be {cells:.0}, more than the limit of {limit}; choose larger ones, or raise the limit"
-    )]
+    #[error("cells of this size would be {count:.0} {what}, more than the limit of {limit:.0}; choose larger ones")]
     TooMany {
+        /// Cells, or places in the grid.
+        what: &'static str,
         /// How many there would be.
-        cells: f64,
+        count: f64,
         /// How many there may be.
-        limit: usize,
+        limit: f64,
     },
     /// A surface cannot be queried.
     #[error(transparent)]
@@ -141,12 +146,10 @@ pub struct RemeshReport {
     pub cells: usize,
     /// Nodes.
     pub nodes: usize,
-    /// Of them on the boundary, which the repair does not move.
+    /// Of them on the boundary.
     pub boundary_nodes: usize,
     /// Length of the boxes' sides asked for, in the domain.
     pub cell_size: f64,
-    /// Cells with all nodes on the boundary that it inverts: no repair with this boundary can help them.
-    pub blocked: usize,
     /// Bad cells as the maps leave them.
     pub before: BadCells,
     /// Bad cells of the result.
@@ -155,7 +158,7 @@ pub struct RemeshReport {
     pub domain_quality: Option<CellQuality>,
     /// Quality of the result.
     pub quality: Option<CellQuality>,
-    /// Determinants of the map of the cells' tetrahedra (or corners), over their mean: 0, 1, 10, 50, 90, 99, 100 %.
+    /// Determinants of the map of the cells' tetrahedra (or corners), over the size of their mean: 0, 1, 10, 50, 90, 99, 100 %.
     pub determinants: Option<[f64; 7]>,
     /// From vertices of the target to the boundary of the result.
     pub target_to_mesh: Distances,
@@ -169,6 +172,12 @@ pub struct RemeshReport {
     pub repair: RepairReport,
     /// Largest shift of an inner node by the repair, over the target's diagonal.
     pub largest_shift: f64,
+    /// Boundary nodes that slid along the target.
+    pub slid_nodes: usize,
+    /// Largest shift of a boundary node, over the target's diagonal.
+    pub largest_slide: f64,
+    /// The same, over the mean edge of the boundary's triangles as mapped.
+    pub largest_slide_in_cells: f64,
     /// Time.
     pub seconds: RemeshSeconds,
 }
@@ -186,7 +195,8 @@ pub struct Remeshed {
 
 /// A regular mesh of the polycube that `boundary` starts from, carried into its target.
 ///
-/// Takes, without the map's own sums, some 2 s per 100 000 cells on two cores, most of it for the polish.
+/// Takes, without the map's own sums, some 3 s per 100 000 tetrahedra and 15 s per 100 000 hexahedra on two cores, more if
+/// boundary nodes have to slide; most of it for the polish.
 ///
 /// # Errors
 ///
@@ -201,15 +211,8 @@ pub fn remesh(
     let start = Instant::now();
     progress(RemeshPhase::Meshing);
     let polycube = Polycube::of(boundary.domain())?;
-    let size = size_of(&polycube, options.size)?;
-    let cells = cell_count(&polycube, size, options.kind);
-    if cells > options.most_cells as f64 {
-        return Err(RemeshError::TooMany {
-            cells,
-            limit: options.most_cells,
-        });
-    }
-    let mesh = regular_mesh(&polycube, size, options.kind);
+    let size = size_of(&polycube, options.size);
+    let mesh = regular_mesh(&polycube, size, options.kind, options.most_cells)?;
     let meshed = start.elapsed().as_secs_f64();
 
     progress(RemeshPhase::Mapping {
@@ -218,15 +221,39 @@ pub fn remesh(
     let carried = carry(&mesh, boundary, map)?;
     let mapped = start.elapsed().as_secs_f64();
 
+    let target = match boundary.target_surface() {
+        Some(target) => target.clone(),
+        None => boundary.target(),
+    };
     let (mut images, mut repair) = (carried.clone(), RepairReport::default());
-    let samples = samples(&mesh, &carried);
+    let mut samples = samples(&mesh, &carried);
     if options.repair {
         let free: Vec<u32> = (0..mesh.nodes.len() as u32)
             .filter(|&v| !mesh.on_boundary[v as usize])
             .collect();
         let step = 0.1 * (boundary.target_volume().abs() / mesh.cells.len() as f64).cbrt();
         let told = |round, inverted| progress(RemeshPhase::Repairing { round, inverted });
-        repair = repair::repair(&samples, &mut images, &free, step, options.polish, &told);
+        let query;
+        let ground = if options.slide {
+            query = SurfaceQuery::with_winding_sign(&target)?;
+            Some(slide::Ground {
+                target: &target,
+                query: &query,
+                on_boundary: &mesh.on_boundary,
+                stiffness: slide::stiffness(mesh.cells.len(), mean_boundary_edge(&mesh, &carried)),
+            })
+        } else {
+            None
+        };
+        let repairing = repair::Repair {
+            cells: &mesh.cells,
+            free: &free,
+            step,
+            polish: options.polish,
+            ground: ground.as_ref(),
+            progress: &told,
+        };
+        repair = repairing.run(&mut samples, &mut images);
     }
     let repaired = start.elapsed().as_secs_f64();
 
@@ -238,16 +265,24 @@ pub fn remesh(
         (images, after) = (carried.clone(), before.clone());
     }
     let diagonal = boundary.target_diagonal();
-    let shifts = images.iter().zip(&carried).map(|(a, b)| (a - b).norm());
-    let [target_to_mesh, mesh_to_target] = distances(&mesh, &images, boundary)?;
-    let determinants = samples.determinants(&images);
+    let shifts = |of_boundary: bool| -> Vec<f64> {
+        let nodes = (0..images.len()).filter(|&v| mesh.on_boundary[v] == of_boundary);
+        nodes.map(|v| (images[v] - carried[v]).norm()).collect()
+    };
+    let slides = shifts(true);
+    let largest_slide = slides.iter().copied().fold(0.0, f64::max);
+    let edge = mean_boundary_edge(&mesh, &carried);
+    let largest_shift = shifts(false).into_iter().fold(0.0, f64::max) / diagonal;
+    let [target_to_mesh, mesh_to_target] = distances(&mesh, &images, &target, diagonal)?;
+    let mut determinants = samples.determinants(&images);
+    let mean = determinants.iter().sum::<f64>() / determinants.len() as f64;
+    determinants.iter_mut().for_each(|det| *det /= mean.abs());
     let mut report = RemeshReport {
         kind: options.kind,
         cells: mesh.cells.len(),
         nodes: mesh.nodes.len(),
         boundary_nodes: mesh.on_boundary.iter().filter(|is| **is).count(),
         cell_size: size,
-        blocked: blocked(&mesh, &after),
         before,
         after,
         domain_quality: quality(&mesh.cells, &mesh.nodes),
@@ -258,7 +293,10 @@ pub fn remesh(
         volume: boundary_of(&mesh, &images).volume(),
         target_volume: boundary.target_volume(),
         repair,
-        largest_shift: shifts.fold(0.0, f64::max) / diagonal,
+        largest_shift,
+        slid_nodes: slides.iter().filter(|s| **s > 0.0).count(),
+        largest_slide: largest_slide / diagonal,
+        largest_slide_in_cells: largest_slide / edge,
         seconds: RemeshSeconds::default(),
     };
     let total = start.elapsed().as_secs_f64();
@@ -272,20 +310,11 @@ pub fn remesh(
     Ok(Remeshed { mesh, images, report })
 }
 
-fn size_of(polycube: &Polycube, size: CellSize) -> Result<f64, RemeshError> {
-    let longest = polycube
-        .planes()
-        .iter()
-        .filter_map(|p| Some(p.last()? - p.first()?))
-        .fold(0.0, f64::max);
-    let length = match size {
-        CellSize::Along(count) => longest / count as f64,
+fn size_of(polycube: &Polycube, size: CellSize) -> f64 {
+    let spans = polycube.planes().iter().filter_map(|p| Some(p.last()? - p.first()?));
+    match size {
+        CellSize::Along(count) => spans.fold(0.0, f64::max) / count as f64,
         CellSize::Length(length) => length,
-    };
-    if length > 0.0 && length.is_finite() {
-        Ok(length)
-    } else {
-        Err(RemeshError::Size(length))
     }
 }
 
@@ -330,25 +359,23 @@ fn boundary_of(mesh: &RegularMesh, positions: &[Point]) -> SurfaceMesh {
     SurfaceMesh::new(positions.to_vec(), mesh.boundary.clone()).expect("boundary triangles name nodes")
 }
 
-/// Bad cells whose bad tetrahedra have all their nodes on the boundary.
-fn blocked(mesh: &RegularMesh, bad: &BadCells) -> usize {
-    let all_fixed = |corners: &[u32]| corners.iter().all(|&v| mesh.on_boundary[v as usize]);
-    let is_blocked = |&&cell: &&u32| match &mesh.cells {
-        CellList::Tets(tets) => all_fixed(&tets[cell as usize]),
-        CellList::Hexes(hexes) => all_fixed(&hexes[cell as usize]),
+/// Mean length of the sides of boundary triangles, without the diagonals that cut quads.
+fn mean_boundary_edge(mesh: &RegularMesh, images: &[Point]) -> f64 {
+    let shortest_two = |t: &[u32; 3]| {
+        let p = t.map(|v| images[v as usize]);
+        let mut sides = [(p[0] - p[1]).norm(), (p[1] - p[2]).norm(), (p[2] - p[0]).norm()];
+        sides.sort_by(f64::total_cmp);
+        sides[0] + sides[1]
     };
-    bad.cells.iter().filter(is_blocked).count()
+    mesh.boundary.iter().map(shortest_two).sum::<f64>() / (2 * mesh.boundary.len()) as f64
 }
 
-fn distances(mesh: &RegularMesh, images: &[Point], boundary: &BoundaryMap) -> Result<[Distances; 2], RemeshError> {
-    let plain;
-    let target = match boundary.target_surface() {
-        Some(target) => target,
-        None => {
-            plain = boundary.target();
-            &plain
-        }
-    };
+fn distances(
+    mesh: &RegularMesh,
+    images: &[Point],
+    target: &SurfaceMesh,
+    diagonal: f64,
+) -> Result<[Distances; 2], RemeshError> {
     let surface = boundary_of(mesh, images);
     let centres = surface.triangles().iter().map(|t| {
         let sum: crate::Vector = t.iter().map(|&v| images[v as usize].coords).sum();
@@ -360,7 +387,6 @@ fn distances(mesh: &RegularMesh, images: &[Point], boundary: &BoundaryMap) -> Re
         .filter(|(_, on)| **on)
         .map(|(p, _)| *p);
     let probes: Vec<Point> = nodes.chain(centres).collect();
-    let diagonal = boundary.target_diagonal();
     let of = |surface: &SurfaceMesh, points: &[Point]| -> Result<Distances, RemeshError> {
         let found = SurfaceQuery::with_winding_sign(surface)?.closest_points(points);
         let (mut max, mut sum) = (0.0f64, 0.0);
@@ -378,5 +404,13 @@ fn distances(mesh: &RegularMesh, images: &[Point], boundary: &BoundaryMap) -> Re
             mean: sum / found.len() as f64 / diagonal,
         })
     };
-    Ok([of(&surface, target.vertices())?, of(target, &probes)?])
+    let mut used = vec![false; target.vertices().len()];
+    target
+        .triangles()
+        .iter()
+        .flatten()
+        .for_each(|&v| used[v as usize] = true);
+    let corners = target.vertices().iter().zip(used).filter(|(_, used)| *used);
+    let corners: Vec<Point> = corners.map(|(p, _)| *p).collect();
+    Ok([of(&surface, &corners)?, of(target, &probes)?])
 }

@@ -30,15 +30,26 @@ pub enum PolycubeError {
         /// Angle of its normal to the nearest axis.
         degrees: f64,
     },
-    /// The boxes do not fill what the surface encloses.
+    /// The surface faces inward.
+    #[error("the surface of the polycube faces inward; turn its triangles around")]
+    Inward,
+    /// The boxes do not fill what the surface encloses, or have another surface.
     #[error(
-        "the boxes between the planes have {boxes:.3e} of volume, the surface encloses {surface:.3e}: is it closed?"
+        "the boxes between the planes have a volume of {:.4e} and a surface of {:.4e}, the polycube {:.4e} and {:.4e}: it \
+         is not closed, or has slits or parts that touch",
+        volumes[0], areas[0], volumes[1], areas[1]
     )]
-    Volume {
-        /// Volume of the boxes inside.
-        boxes: f64,
-        /// Volume that the surface encloses.
-        surface: f64,
+    Different {
+        /// Of the boxes, and that the surface encloses.
+        volumes: [f64; 2],
+        /// Of the boxes, and of the surface.
+        areas: [f64; 2],
+    },
+    /// Too many planes.
+    #[error("{} × {} × {} planes are too many for a polycube", planes[0], planes[1], planes[2])]
+    TooManyPlanes {
+        /// Planes across each axis.
+        planes: [usize; 3],
     },
     /// Boxes touch in an edge or a corner only.
     #[error("two boxes of the solid touch only along an edge or in a corner, at ({:.4}, {:.4}, {:.4})", at[0], at[1], at[2])]
@@ -51,20 +62,19 @@ pub enum PolycubeError {
     Query(#[from] QueryError),
 }
 
-/// Largest sine of the angle between a face's normal and an axis.
-const ALIGNED: f64 = 1e-3;
-/// Planes closer than this times the diagonal are one.
+/// Planes are as thick as this times the diagonal: faces may be that uneven, and closer planes are one.
 const SAME: f64 = 1e-6;
-/// Difference of volumes, as a fraction.
-const VOLUME: f64 = 1e-3;
+/// Difference of volumes and of areas, as a fraction.
+const DIFFERENCE: f64 = 1e-3;
+/// Boxes between planes, inside and outside.
+const MOST_BOXES: usize = 20_000_000;
 
 impl Polycube {
     /// The planes of a closed surface whose triangles are all across an axis. Triangles without area are not asked.
     ///
     /// # Errors
     ///
-    /// When a triangle is not axis-aligned, boxes touch only along edges, or the surface encloses another volume than the
-    /// boxes have.
+    /// When a triangle is not axis-aligned, boxes touch only along edges, or the boxes have another volume or surface.
     pub fn of(surface: &SurfaceMesh) -> Result<Self, PolycubeError> {
         let query = SurfaceQuery::with_winding_sign(surface)?;
         let diagonal = surface.diagonal();
@@ -77,14 +87,19 @@ impl Polycube {
                 continue;
             }
             let axis = area.iamax();
-            let mut across = area / size;
-            across[axis] = 0.0;
-            if across.norm() > ALIGNED {
+            let corners = surface.corners(t);
+            let heights = corners.map(|p| p[axis]);
+            let [low, high] = [
+                heights.iter().copied().fold(f64::INFINITY, f64::min),
+                heights.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            ];
+            if high - low > SAME * diagonal {
+                let mut across = area / size;
+                across[axis] = 0.0;
                 skew += 1;
                 first.get_or_insert((t, across.norm().min(1.0).asin().to_degrees()));
                 continue;
             }
-            let corners = surface.corners(t);
             coordinates[axis].extend(corners.map(|p| (p[axis], size)));
         }
         if let Some((first, degrees)) = first {
@@ -95,20 +110,42 @@ impl Polycube {
             });
         }
         let planes = coordinates.map(|found| merged(found, SAME * diagonal));
-        let counts = planes.each_ref().map(|p| p.len().saturating_sub(1));
         let mut polycube = Self { planes, inside: vec![] };
+        let counts = polycube.counts();
+        if counts
+            .iter()
+            .try_fold(1usize, |product, n| product.checked_mul(*n))
+            .is_none_or(|n| n > MOST_BOXES)
+        {
+            return Err(PolycubeError::TooManyPlanes {
+                planes: polycube.planes.each_ref().map(Vec::len),
+            });
+        }
+        let enclosed = surface.volume();
+        if enclosed < 0.0 {
+            return Err(PolycubeError::Inward);
+        }
         let centres: Vec<Point> = boxes(counts).map(|at| polycube.centre(at)).collect();
         polycube.inside = query.contains_all(&centres);
-        let filled: f64 = boxes(counts)
-            .filter(|&at| polycube.contains(at.map(|i| i as isize)))
-            .map(|at| polycube.sides(at).iter().product::<f64>())
-            .sum();
-        let enclosed = surface.volume();
-        if (filled - enclosed).abs() > VOLUME * enclosed.abs() || filled == 0.0 {
-            return Err(PolycubeError::Volume {
-                boxes: filled,
-                surface: enclosed,
-            });
+        let [volumes, areas] = [
+            [
+                polycube
+                    .filled()
+                    .map(|at| polycube.sides(at).iter().product::<f64>())
+                    .sum(),
+                enclosed,
+            ],
+            [
+                polycube.outer_faces(|at, k| {
+                    let s = polycube.sides(at);
+                    s[(k + 1) % 3] * s[(k + 2) % 3]
+                }),
+                surface.area(),
+            ],
+        ];
+        let is_close = |[a, b]: [f64; 2]| (a - b).abs() <= DIFFERENCE * b && a > 0.0;
+        if !is_close(volumes) || !is_close(areas) {
+            return Err(PolycubeError::Different { volumes, areas });
         }
         polycube.require_manifold()?;
         Ok(polycube)
@@ -132,6 +169,28 @@ impl Polycube {
         }
         let [i, j, k] = at.map(|i| i as usize);
         self.inside[i + counts[0] * (j + counts[1] * k)]
+    }
+
+    /// Boxes of the solid.
+    pub(super) fn filled(&self) -> impl Iterator<Item = [usize; 3]> {
+        boxes(self.counts()).filter(|at| self.contains(at.map(|i| i as isize)))
+    }
+
+    /// Sum over the faces of boxes of the solid that others are not behind, of a function of the box and the axis.
+    pub(super) fn outer_faces(&self, value: impl Fn([usize; 3], usize) -> f64) -> f64 {
+        let mut sum = 0.0;
+        for at in self.filled() {
+            for k in 0..3 {
+                for side in [-1, 1] {
+                    let mut beyond = at.map(|i| i as isize);
+                    beyond[k] += side;
+                    if !self.contains(beyond) {
+                        sum += value(at, k);
+                    }
+                }
+            }
+        }
+        sum
     }
 
     fn centre(&self, at: [usize; 3]) -> Point {

@@ -53,6 +53,13 @@ pub(super) const HEX_CORNERS: [[usize; 4]; 8] = [
     [6, 5, 7, 2],
     [7, 6, 4, 3],
 ];
+/// A node that is not there is nowhere.
+fn at(x: &[Point], v: u32) -> Point {
+    x.get(v as usize)
+        .copied()
+        .unwrap_or(Point::from(Vector::repeat(f64::NAN)))
+}
+
 /// Not for NaN either.
 pub(super) fn is_positive(det: f64) -> bool {
     det > 0.0
@@ -65,14 +72,8 @@ pub(super) fn lesser(a: f64, b: f64) -> f64 {
 
 /// Counts the cells that are not right-handed, decided exactly for the positions as given.
 pub fn bad_cells(cells: &CellList, x: &[Point]) -> BadCells {
-    let is_right_handed = |t: [u32; 4]| {
-        orientation(
-            &x[t[0] as usize],
-            &x[t[1] as usize],
-            &x[t[2] as usize],
-            &x[t[3] as usize],
-        ) == Some(Ordering::Greater)
-    };
+    let is_right_handed =
+        |t: [u32; 4]| orientation(&at(x, t[0]), &at(x, t[1]), &at(x, t[2]), &at(x, t[3])) == Some(Ordering::Greater);
     // 0 for good, 1 for inverted at a corner, 2 for inverted inside.
     let verdicts: Vec<u8> = match cells {
         CellList::Tets(tets) => tets.par_iter().map(|t| u8::from(!is_right_handed(*t))).collect(),
@@ -81,7 +82,7 @@ pub fn bad_cells(cells: &CellList, x: &[Point]) -> BadCells {
             .map(|h| {
                 if !HEX_CORNERS.iter().all(|c| is_right_handed(c.map(|k| h[k]))) {
                     1
-                } else if is_positive(least_inside(&h.map(|v| x[v as usize]))) {
+                } else if is_positive(least_inside(&h.map(|v| at(x, v)))) {
                     0
                 } else {
                     2
@@ -98,6 +99,17 @@ pub fn bad_cells(cells: &CellList, x: &[Point]) -> BadCells {
     }
 }
 
+/// Hexahedra with a determinant that is not positive at a lattice of points, ascending; none of tetrahedra.
+pub(super) fn inverted_inside(cells: &CellList, x: &[Point]) -> Vec<u32> {
+    match cells {
+        CellList::Tets(_) => vec![],
+        CellList::Hexes(hexes) => (0..hexes.len() as u32)
+            .into_par_iter()
+            .filter(|&h| !is_positive(least_inside(&hexes[h as usize].map(|v| at(x, v)))))
+            .collect(),
+    }
+}
+
 /// Least determinant of the trilinear map at a lattice of points; NaN when one is.
 fn least_inside(corners: &[Point; 8]) -> f64 {
     let mut least = f64::INFINITY;
@@ -105,7 +117,9 @@ fn least_inside(corners: &[Point; 8]) -> f64 {
     for i in 0..LATTICE {
         for j in 0..LATTICE {
             for k in 0..LATTICE {
-                let det = trilinear(corners, [at(i), at(j), at(k)]).determinant();
+                let slopes = trilinear_slopes([at(i), at(j), at(k)]);
+                let jacobian: Matrix3 = (0..8).map(|c| corners[c].coords * slopes[c].transpose()).sum();
+                let det = jacobian.determinant();
                 least = lesser(least, det);
             }
         }
@@ -113,12 +127,15 @@ fn least_inside(corners: &[Point; 8]) -> f64 {
     least
 }
 
-fn trilinear(p: &[Point; 8], [u, v, w]: [f64; 3]) -> Matrix3 {
-    let mix = |a: Vector, b: Vector, t: f64| a * (1.0 - t) + b * t;
-    let along_u = mix(mix(p[1] - p[0], p[2] - p[3], v), mix(p[5] - p[4], p[6] - p[7], v), w);
-    let along_v = mix(mix(p[3] - p[0], p[2] - p[1], u), mix(p[7] - p[4], p[6] - p[5], u), w);
-    let along_w = mix(mix(p[4] - p[0], p[5] - p[1], u), mix(p[7] - p[3], p[6] - p[2], u), v);
-    Matrix3::from_columns(&[along_u, along_v, along_w])
+/// Gradients of the trilinear functions of a cube's corners.
+pub(super) fn trilinear_slopes(at: [f64; 3]) -> [Vector; 8] {
+    std::array::from_fn(|k| {
+        // Around the bottom, then the top.
+        let upper = [matches!(k % 4, 1 | 2), k % 4 > 1, k > 3];
+        let value = |m: usize| if upper[m] { at[m] } else { 1.0 - at[m] };
+        let sign = |m: usize| if upper[m] { 1.0 } else { -1.0 };
+        Vector::from_fn(|m, _| sign(m) * value((m + 1) % 3) * value((m + 2) % 3))
+    })
 }
 
 /// Scaled Jacobian of every cell: of a tetrahedron √2 times its determinant over the largest product of the three edges
@@ -130,7 +147,7 @@ pub fn scaled_jacobians(cells: &CellList, x: &[Point]) -> Vec<f64> {
         CellList::Tets(tets) => tets
             .par_iter()
             .map(|t| {
-                let p = t.map(|v| x[v as usize]);
+                let p = t.map(|v| at(x, v));
                 let [a, b, c] = edges(p);
                 let det = a.dot(&b.cross(&c));
                 let length = |i: usize, j: usize| (p[i] - p[j]).norm();
@@ -144,7 +161,7 @@ pub fn scaled_jacobians(cells: &CellList, x: &[Point]) -> Vec<f64> {
             .par_iter()
             .map(|h| {
                 let corner = |c: &[usize; 4]| {
-                    let [a, b, c] = edges(c.map(|k| x[h[k] as usize])).map(|e| e.normalize());
+                    let [a, b, c] = edges(c.map(|k| at(x, h[k]))).map(|e| e.normalize());
                     a.dot(&b.cross(&c))
                 };
                 HEX_CORNERS.iter().map(corner).fold(f64::INFINITY, lesser)
@@ -153,9 +170,11 @@ pub fn scaled_jacobians(cells: &CellList, x: &[Point]) -> Vec<f64> {
     }
 }
 
-/// The quality of all cells; `None` without cells.
+/// The quality of all cells; `None` without cells. Cells whose quality is no number, because of edges without length, count
+/// with a scaled Jacobian of −1, and have no dihedral angles.
 pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
-    let scaled = scaled_jacobians(cells, x);
+    let known = |s: f64| if s.is_finite() { s } else { -1.0 };
+    let scaled: Vec<f64> = scaled_jacobians(cells, x).into_iter().map(known).collect();
     let [min, p01] = quantiles(&scaled, [0.0, 0.01])?;
     let angles = |flat: Vec<[f64; 2]>| {
         flat.into_iter()
@@ -167,7 +186,7 @@ pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
         CellList::Tets(tets) => {
             const FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
             let of_tet = |t: &[u32; 4]| {
-                let p = t.map(|v| x[v as usize]);
+                let p = t.map(|v| at(x, v));
                 let normals = FACES.map(|[a, b, c]| (p[b] - p[a]).cross(&(p[c] - p[a])));
                 range(
                     (0..4)
@@ -179,7 +198,7 @@ pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
         }
         CellList::Hexes(hexes) => {
             let of_hex = |h: &[u32; 8]| {
-                let p = h.map(|v| x[v as usize]);
+                let p = h.map(|v| at(x, v));
                 // At each end of each edge, with the normals of the two faces there.
                 let at_corner = |c: &[usize; 4]| {
                     let e = [1, 2, 3].map(|k| p[c[k]] - p[c[0]]);
@@ -197,7 +216,7 @@ pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
     Some(CellQuality {
         min_scaled_jacobian: min,
         p01_scaled_jacobian: p01,
-        mean_scaled_jacobian: scaled.iter().filter(|s| s.is_finite()).sum::<f64>() / scaled.len() as f64,
+        mean_scaled_jacobian: scaled.iter().sum::<f64>() / scaled.len() as f64,
         min_dihedral,
         max_dihedral,
     })

@@ -1,11 +1,13 @@
-//! Turns inverted cells back by moving inner nodes, the boundary fixed, and then polishes their shapes.
+//! Turns inverted cells back by moving inner nodes, the boundary fixed as long as that helps, and polishes their shapes.
 
 use super::descent::{Descent, Limits};
 use super::foldover::Samples;
-use super::quality::{is_positive, lesser};
+use super::grid::CellList;
+use super::quality::inverted_inside;
+use super::slide::{Ground, SlideReport, slide};
 use crate::Point;
 
-/// Least ε², and share of the least determinant that ε takes.
+/// ε² where no determinant is negative, and share of the least determinant that ε takes.
 const FLOOR: f64 = 1e-6;
 const SHARE: f64 = 0.2;
 /// Fall of ε from one round to the next, at least.
@@ -24,8 +26,11 @@ const POLISH_EPSILON: f64 = 1e-9;
 /// Fall of the energy over some iterations, as a fraction, below which shapes are as good as they get.
 const POLISH_GAIN: f64 = 1e-6;
 
+/// Times that hexahedra are looked into and mended.
+const MOST_LOOKS: usize = 10;
+
 /// What a repair did.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct RepairReport {
     /// Rounds of falling ε.
     pub rounds: usize,
@@ -33,57 +38,103 @@ pub struct RepairReport {
     pub iterations: usize,
     /// Iterations of the polish.
     pub polish_iterations: usize,
+    /// What slid on the target, where fixed boundary nodes left inverted cells.
+    pub slide: SlideReport,
 }
 
-/// Moves the nodes `free` until all samples have positive determinants, or as few are inverted as can be reached, and
-/// polishes them if there are none.
-pub(super) fn repair(
-    samples: &Samples,
-    x: &mut Vec<Point>,
-    free: &[u32],
-    step: f64,
-    polish: usize,
-    progress: &dyn Fn(usize, usize),
-) -> RepairReport {
-    let mut report = RepairReport::default();
-    if free.is_empty() {
-        return report;
+/// ε of the next round, by the least determinant so far.
+pub(super) fn next_epsilon(epsilon: f64, least: f64) -> f64 {
+    (FALL * epsilon).min((FLOOR + (SHARE * least).powi(2)).sqrt())
+}
+
+/// Turns cells back and polishes them.
+pub(super) struct Repair<'a> {
+    pub cells: &'a CellList,
+    /// Nodes inside.
+    pub free: &'a [u32],
+    /// Length that a first step moves a node at most.
+    pub step: f64,
+    /// Iterations of each polish.
+    pub polish: usize,
+    /// What boundary nodes may slide on.
+    pub ground: Option<&'a Ground<'a>>,
+    /// Gets rounds and inverted samples.
+    pub progress: &'a dyn Fn(usize, usize),
+}
+
+impl Repair<'_> {
+    /// Moves nodes until no cell is inverted, or as few are as can be reached, and polishes them if there are none.
+    pub fn run(&self, samples: &mut Samples, x: &mut Vec<Point>) -> RepairReport {
+        let mut report = RepairReport::default();
+        if self.free.is_empty() {
+            return report;
+        }
+        let mut left = self.untangle(samples, x, &mut report);
+        if let (1.., Some(ground)) = (left, self.ground) {
+            report.slide = slide(samples, x, self.step, ground);
+            left = samples.inverted(x).len();
+        }
+        if left > 0 {
+            return report;
+        }
+        self.polish(samples, x, &mut report);
+        for _ in 0..MOST_LOOKS {
+            let bad = inverted_inside(self.cells, x);
+            if bad.is_empty() {
+                break;
+            }
+            samples.look_inside(&bad);
+            self.untangle(samples, x, &mut report);
+            self.polish(samples, x, &mut report);
+        }
+        report
     }
-    let mut descent = Descent::new(samples, free, step);
-    let start = samples.determinants(x);
-    let mut least = start.iter().copied().fold(f64::INFINITY, lesser);
-    let mut inverted = start.iter().filter(|d| !is_positive(**d)).count();
-    let mut best = (inverted, x.clone());
-    let mut epsilon = 1.0;
-    let mut stalled = 0;
-    while inverted > 0 && stalled < STALLED && report.rounds < MOST_ROUNDS {
-        if report.rounds > 0 {
-            epsilon = (FALL * epsilon).min((FLOOR + (SHARE * least).powi(2)).sqrt());
+
+    /// Rounds of falling ε; returns the inverted samples that are left.
+    fn untangle(&self, samples: &Samples, x: &mut Vec<Point>, report: &mut RepairReport) -> usize {
+        let start = samples.evaluate(x, 1.0, &[], &mut vec![], &mut []);
+        let (mut least, mut inverted) = (start.least, start.inverted);
+        let mut descent = Descent::new(samples, self.free, self.step);
+        let mut best = (inverted, x.clone());
+        let (mut epsilon, mut stalled) = (1.0, 0);
+        for round in 0..MOST_ROUNDS {
+            if inverted == 0 || stalled == STALLED {
+                break;
+            }
+            if round > 0 {
+                epsilon = next_epsilon(epsilon, least);
+            }
+            let (value, iterations) = descent.run(x, epsilon, &ROUND);
+            report.rounds += 1;
+            report.iterations += iterations;
+            (least, inverted) = (value.least, value.inverted);
+            stalled += 1;
+            if inverted < best.0 {
+                best = (inverted, x.clone());
+                stalled = 0;
+            }
+            (self.progress)(report.rounds, inverted);
+            if !value.energy.is_finite() {
+                break;
+            }
         }
-        let (value, iterations) = descent.run(x, epsilon, &ROUND);
-        report.rounds += 1;
-        report.iterations += iterations;
-        (least, inverted) = (value.least, value.inverted);
-        stalled += 1;
-        if inverted < best.0 {
-            best = (inverted, x.clone());
-            stalled = 0;
-        }
-        progress(report.rounds, inverted);
-        if !value.energy.is_finite() {
-            break;
-        }
-    }
-    if best.0 < inverted || !x.iter().flat_map(|p| p.iter()).all(|c| c.is_finite()) {
         *x = best.1;
+        best.0
     }
-    if best.0 == 0 {
+
+    fn polish(&self, samples: &Samples, x: &mut Vec<Point>, report: &mut RepairReport) {
         let limits = Limits {
-            iterations: polish,
+            iterations: self.polish,
             gain: POLISH_GAIN,
             until_positive: false,
         };
-        report.polish_iterations = descent.run(x, POLISH_EPSILON, &limits).1;
+        let mut descent = Descent::new(samples, self.free, self.step);
+        let before = x.clone();
+        let (value, iterations) = descent.run(x, POLISH_EPSILON, &limits);
+        report.polish_iterations += iterations;
+        // Where cells are so small that they hardly count, one may have turned over for the good of others.
+        if value.inverted > 0 {
+            *x = before;
+        }
     }
-    report
 }

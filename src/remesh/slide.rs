@@ -1,0 +1,120 @@
+//! Where the boundary map folds quads, no inner node can help: a few boundary nodes slide along the target.
+
+use super::descent::{Descent, Limits, Tether};
+use super::foldover::Samples;
+use super::repair::next_epsilon;
+use crate::geometry::SurfaceQuery;
+use crate::mesh::SurfaceMesh;
+use crate::{Point, Vector};
+
+/// Rings of cells around bad ones whose boundary nodes slide at first, and at most.
+const FIRST_RINGS: usize = 2;
+const MOST_RINGS: usize = 6;
+/// Share of the boundary nodes that slide at most: to slide all of it would make another boundary map.
+const MOST_SLIDING: f64 = 0.1;
+/// Rounds without fewer inverted samples after which another ring slides.
+const STALLED: usize = 4;
+/// Iterations before nodes are put back on the target.
+const ROUND: Limits = Limits {
+    iterations: 40,
+    gain: 1e-5,
+    until_positive: true,
+};
+/// Stiffness of the springs that hold sliding nodes: a slide by a whole cell costs this many times the mean energy of a
+/// cell.
+const STIFFNESS: f64 = 100.0;
+
+/// What slid.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
+pub struct SlideReport {
+    /// Boundary nodes that were let go.
+    pub nodes: usize,
+    /// Rounds between the target and its tangent planes.
+    pub rounds: usize,
+    /// Iterations of descent in all rounds.
+    pub iterations: usize,
+}
+
+/// Stiffness of springs in a mesh of so many cells, with edges of this length at the boundary.
+pub(super) fn stiffness(cells: usize, edge: f64) -> f64 {
+    STIFFNESS / (cells as f64 * edge * edge)
+}
+
+/// The surface that nodes slide on.
+pub(super) struct Ground<'a> {
+    pub target: &'a SurfaceMesh,
+    pub query: &'a SurfaceQuery,
+    pub on_boundary: &'a [bool],
+    /// Of the springs that hold sliding nodes, in units of the whole energy.
+    pub stiffness: f64,
+}
+
+/// Lets boundary nodes near inverted samples slide on the target, until none is inverted or it does not help. Inner nodes
+/// move with them.
+pub(super) fn slide(samples: &Samples, x: &mut Vec<Point>, step: f64, ground: &Ground) -> SlideReport {
+    let mut report = SlideReport::default();
+    let start = x.clone();
+    let bad = samples.inverted(x);
+    let (mut best, mut stalled, mut rings) = ((bad.len(), x.clone()), 0, FIRST_RINGS);
+    let mut epsilon = 1.0;
+    let mut sliding = ground.near(samples, &bad, rings);
+    let most = MOST_SLIDING * ground.on_boundary.iter().filter(|is| **is).count() as f64;
+    let mut slid = 0;
+    while best.0 > 0 && rings <= MOST_RINGS && sliding.len() as f64 <= most {
+        slid = sliding.len();
+        let free: Vec<u32> = (0..x.len() as u32)
+            .filter(|&v| !ground.on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
+            .collect();
+        let mut descent = Descent::new(samples, &free, step).tethered(ground.tethers(x, &start, &free));
+        let (value, iterations) = descent.run(x, epsilon, &ROUND);
+        report.rounds += 1;
+        report.iterations += iterations;
+        ground.put_back(x, &sliding);
+        let inverted = samples.inverted(x).len();
+        epsilon = next_epsilon(epsilon, value.least);
+        stalled += 1;
+        if inverted < best.0 {
+            best = (inverted, x.clone());
+            stalled = 0;
+        }
+        if stalled == STALLED {
+            (stalled, rings, epsilon) = (0, rings + 1, 1.0);
+            *x = best.1.clone();
+            sliding = ground.near(samples, &samples.inverted(x), rings);
+        }
+    }
+    *x = best.1;
+    report.nodes = slid;
+    report
+}
+
+impl Ground<'_> {
+    /// Boundary nodes within `rings` rings of cells, ascending.
+    fn near(&self, samples: &Samples, cells: &[u32], rings: usize) -> Vec<u32> {
+        let mut nodes = samples.rings(cells, rings);
+        nodes.retain(|&v| self.on_boundary[v as usize]);
+        nodes
+    }
+
+    /// Tangent planes of the target at the boundary nodes among the free ones, and springs to where they started.
+    fn tethers(&self, x: &[Point], start: &[Point], free: &[u32]) -> Vec<Tether> {
+        let sliding = free.iter().enumerate().filter(|(_, v)| self.on_boundary[**v as usize]);
+        let tether = |(free, &v): (usize, &u32)| {
+            let found = self.query.closest_point(&x[v as usize]);
+            let area = self.target.area_vector(found.triangle);
+            Tether {
+                free,
+                normal: area.try_normalize(0.0).unwrap_or_else(Vector::zeros),
+                place: start[v as usize],
+                stiffness: self.stiffness,
+            }
+        };
+        sliding.map(tether).collect()
+    }
+
+    fn put_back(&self, x: &mut [Point], slid: &[u32]) {
+        for &v in slid {
+            x[v as usize] = self.query.closest_point(&x[v as usize]).point;
+        }
+    }
+}
