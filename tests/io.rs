@@ -10,10 +10,10 @@ use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::{
     Point,
     io::{
-        Cells, Field, IoError, Solid, VtkEncoding, VtkFields, read_points, read_solid, read_surface, read_tets,
-        write_cells, write_csv, write_npy, write_surface, write_tets, write_vtk, write_vtu,
+        Cells, Field, IoError, Solid, VtkEncoding, VtkFields, read_cells, read_points, read_solid, read_surface,
+        read_tets, write_cells, write_csv, write_npy, write_surface, write_tets, write_vtk, write_vtu,
     },
-    mesh::{SurfaceMesh, TetMesh},
+    mesh::{CellList, SurfaceMesh, TetMesh},
 };
 
 const SEED: u64 = 20;
@@ -101,6 +101,7 @@ fn tets_read_back_to_the_same_bits() {
     let fields = VtkFields {
         point: vec![field(3, 50), field(1, 50)],
         cell: vec![field(9, 80)],
+        ..VtkFields::default()
     };
     for encoding in [VtkEncoding::Text, VtkEncoding::Binary] {
         write_vtk(&path, mesh.vertices(), Cells::Tets(mesh.tets()), &fields, encoding).unwrap();
@@ -144,7 +145,7 @@ fn points_read_back_to_the_same_bits() {
 }
 
 #[test]
-fn hexahedra_are_written_but_not_read_as_a_solid() {
+fn hexahedra_are_cells_but_not_read_as_a_solid() {
     let folder = tempfile::tempdir().unwrap();
     let points: Vec<Point> = (0..8)
         .map(|k| Point::new((k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2) as f64))
@@ -162,6 +163,9 @@ fn hexahedra_are_written_but_not_read_as_a_solid() {
             assert!(error.to_string().contains("1 hexahedra"), "{error}");
         }
         assert_eq!(read_points(&path).unwrap(), points);
+        let read = read_cells(&path).unwrap();
+        assert_eq!(*read.cells(), CellList::Hexes(vec![[0, 1, 3, 2, 4, 5, 7, 6]]));
+        assert_eq!(read.nodes(), points);
     }
 }
 
@@ -319,6 +323,8 @@ fn unusable_models_are_refused_for_the_right_reason() {
         matches!(&hexes, IoError::Unsupported { found, .. } if found == "10600 hexahedra"),
         "{hexes}"
     );
+    let cells = read_cells(models.join("volumes/rockerarm_g1_hex.mesh")).unwrap();
+    assert!(cells.cells().len() == 10600 && cells.regions().len() == 10600);
     let empty = refused("bad/empty.obj");
     assert!(matches!(empty, IoError::NoGeometry { vertices: 0, .. }), "{empty}");
     let two_corners = refused("bad/not_enough_indices.obj");

@@ -420,10 +420,14 @@ pub struct EnergyArgs {
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct RemeshArgs {
-    /// Map file, from a polycube: a solid whose faces are all across an axis
+    /// Map file; its domain has to be a polycube, a solid whose faces are all across an axis, unless --mesh is given
     pub map: PathBuf,
-    /// Mesh of the target to write (.vtu, .vtk, .mesh, .msh); .vtu has qualities, the nodes' places in the domain, and tags
-    /// of cells that stay inverted
+    /// Carry this mesh of the domain (tetrahedra or hexahedra; .mesh, .vtk, .vtu) instead of a regular one; tetrahedra with
+    /// all corners on the boundary are split
+    #[arg(long, value_name = "MESH", conflicts_with_all = ["kind", "cells", "cell_size", "max_cells"])]
+    pub mesh: Option<PathBuf>,
+    /// Mesh of the target to write (.vtu, .vtk, .mesh, .msh); all have regions, .mesh and .msh also the boundary in parts,
+    /// .vtu and .vtk qualities, the nodes' places in the domain, and tags of cells that stay inverted
     #[arg(short, long, value_name = "MESH")]
     pub output: PathBuf,
     /// Shape of the cells

@@ -211,7 +211,10 @@ pub fn write_cells(
         .map(|c| c.volume)
         .collect();
     cell.push(scalar("volume_inside", volumes));
-    let fields = VtkFields { point: vec![], cell };
+    let fields = VtkFields {
+        cell,
+        ..VtkFields::default()
+    };
     match (quadrature.layout(), mesh) {
         (Layout::Tets { .. }, Some(mesh)) => {
             let tets: Vec<_> = cells.iter().map(|&c| mesh.tets()[c as usize]).collect();

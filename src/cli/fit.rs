@@ -443,7 +443,7 @@ fn write_boundary(path: &Path, boundary: &BoundaryMap, map: &HarmonicMap) -> any
                 values: errors.collect(),
             },
         ],
-        cell: vec![],
+        ..VtkFields::default()
     };
     Ok(io::write_vtu(
         path,

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::{IoError, Solid};
 use crate::{
     Point,
-    mesh::{MeshError, SurfaceMesh, TetMesh},
+    mesh::{CellList, CellMesh, MeshError, SurfaceMesh, TetMesh},
 };
 
 /// The vertices, faces and cells of a file in its own order; indices are 0-based and not yet checked.
@@ -14,7 +14,10 @@ pub(super) struct Contents {
     pub vertices: Vec<Point>,
     pub polygons: Polygons,
     pub tets: Vec<[i64; 4]>,
-    /// Three-dimensional cells other than linear tetrahedra: the first kind met, in the plural, and how many of it.
+    pub hexes: Vec<[i64; 8]>,
+    /// Labels of tetrahedra and of hexahedra, one for each, in formats that have them; empty in others.
+    pub labels: [Vec<i32>; 2],
+    /// Three-dimensional cells other than linear tetrahedra and hexahedra: the first kind met, in the plural, and how many of it.
     pub other_cells: Option<(String, usize)>,
     /// The number of the first vertex in the file, for messages.
     pub base: i64,
@@ -96,6 +99,51 @@ impl Contents {
         TetMesh::new(self.vertices, tets).map_err(|error| with_path(error, path))
     }
 
+    pub fn into_cells(self, path: &Path) -> Result<CellMesh, IoError> {
+        if let Some((kind, count)) = &self.other_cells {
+            return Err(IoError::Unsupported {
+                path: path.to_owned(),
+                found: format!("{count} {kind}"),
+                remedy: "give a mesh of tetrahedra or of hexahedra alone",
+            });
+        }
+        let cells = match (self.tets.len(), self.hexes.len()) {
+            (0, 0) if self.polygons.ends.is_empty() => return Err(self.no_geometry(path)),
+            (0, 0) => {
+                return Err(IoError::WrongKind {
+                    path: path.to_owned(),
+                    found: format!("{} faces and no cells", self.polygons.ends.len()),
+                    wanted: "a mesh of tetrahedra or hexahedra is needed here",
+                });
+            }
+            (_, 0) => {
+                let tets = self.tets.iter().enumerate();
+                let tets = tets.map(|(index, tet)| self.in_range(path, "tetrahedron", index, *tet));
+                CellList::Tets(tets.collect::<Result<_, _>>()?)
+            }
+            (0, _) => {
+                let hexes = self.hexes.iter().enumerate();
+                let hexes = hexes.map(|(index, hex)| self.in_range(path, "hexahedron", index, *hex));
+                CellList::Hexes(hexes.collect::<Result<_, _>>()?)
+            }
+            (tets, hexes) => {
+                return Err(IoError::Unsupported {
+                    path: path.to_owned(),
+                    found: format!("{tets} tetrahedra and {hexes} hexahedra"),
+                    remedy: "give a mesh of tetrahedra or of hexahedra alone",
+                });
+            }
+        };
+        let [of_tets, of_hexes] = self.labels;
+        let labels = if of_tets.is_empty() { of_hexes } else { of_tets };
+        let regions = if labels.len() == cells.len() {
+            labels
+        } else {
+            vec![0; cells.len()]
+        };
+        CellMesh::new(self.vertices, cells, regions).map_err(|error| with_path(error, path))
+    }
+
     pub fn into_solid(self, path: &Path) -> Result<Solid, IoError> {
         if self.tets.is_empty() {
             self.into_surface(path).map(Solid::Surface)
@@ -149,7 +197,9 @@ impl Contents {
     }
 
     fn refuse_other_cells(&self, path: &Path) -> Result<(), IoError> {
-        match &self.other_cells {
+        let hexes = Some(("hexahedra", self.hexes.len())).filter(|_| !self.hexes.is_empty());
+        let others = self.other_cells.as_ref().map(|(kind, count)| (kind.as_str(), *count));
+        match hexes.or(others) {
             Some((kind, count)) => Err(IoError::Unsupported {
                 path: path.to_owned(),
                 found: format!("{count} {kind}"),
@@ -183,6 +233,7 @@ fn with_path(error: MeshError, path: &Path) -> IoError {
             element: match element {
                 "vertex" => "vertices",
                 "triangle" => "triangles",
+                "hexahedron" => "hexahedra",
                 _ => "tetrahedra",
             },
             count,
@@ -199,6 +250,12 @@ fn with_path(error: MeshError, path: &Path) -> IoError {
             vertex: i64::from(vertex),
             vertices,
             base: 0,
+        },
+        MeshError::RegionCount { cells, regions } => IoError::ValueCount {
+            path,
+            name: "regions".into(),
+            expected: cells,
+            found: regions,
         },
     }
 }

@@ -3,14 +3,14 @@
 use std::io::{self, Write};
 
 use super::{
-    Cells, IoError,
+    CellGroup, Cells, IoError,
     contents::Contents,
     source::{Source, TEXT_NUMBER, Tokens, excerpt, parsed},
 };
 use crate::Point;
 
-/// Vertices, triangles, quadrilaterals and tetrahedra in file order; references (labels) and all other sections are
-/// passed over.
+/// Vertices, triangles, quadrilaterals, tetrahedra and hexahedra in file order, with the references (labels) of cells; all
+/// other sections are passed over.
 pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
     let mut tokens = source.tokens().without_comments();
     if tokens.word("the keyword MeshVersionFormatted")? != "MeshVersionFormatted" {
@@ -38,10 +38,12 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
                     tokens.float("the reference of a vertex")?;
                 }
             }
-            b"Triangles" => each(&mut tokens, "triangles", |t: [i64; 3]| contents.polygons.push(t))?,
-            b"Quadrilaterals" => each(&mut tokens, "quadrilaterals", |q: [i64; 4]| contents.polygons.push(q))?,
-            b"Tetrahedra" => each(&mut tokens, "tetrahedra", |t| contents.tets.push(t))?,
-            b"Hexahedra" => other_cells(&mut tokens, "hexahedra", &mut contents)?,
+            b"Triangles" => each(&mut tokens, "triangles", |t: [i64; 3], _| contents.polygons.push(t))?,
+            b"Quadrilaterals" => each(&mut tokens, "quadrilaterals", |q: [i64; 4], _| {
+                contents.polygons.push(q)
+            })?,
+            b"Tetrahedra" => labelled(&mut tokens, "tetrahedra", &mut contents.tets, &mut contents.labels[0])?,
+            b"Hexahedra" => labelled(&mut tokens, "hexahedra", &mut contents.hexes, &mut contents.labels[1])?,
             b"Prisms" => other_cells(&mut tokens, "prisms", &mut contents)?,
             b"Pyramids" => other_cells(&mut tokens, "pyramids", &mut contents)?,
             b"End" => break,
@@ -55,42 +57,58 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
     Ok(contents)
 }
 
-/// Writes vertices and cells with reference 0; coordinates read back to the same bits.
-pub(super) fn write(writer: &mut dyn Write, points: &[Point], cells: Cells) -> io::Result<()> {
-    writeln!(
-        writer,
-        "MeshVersionFormatted 2\nDimension 3\nVertices\n{}",
-        points.len()
-    )?;
+/// Writes vertices with reference 0, and cells with their labels as references; coordinates read back to the same bits.
+pub(super) fn write(writer: &mut dyn Write, points: &[Point], groups: &[CellGroup], comment: &str) -> io::Result<()> {
+    writeln!(writer, "MeshVersionFormatted 2\nDimension 3")?;
+    if !comment.is_empty() {
+        writeln!(writer, "# {}", comment.replace(char::is_control, " "))?;
+    }
+    writeln!(writer, "Vertices\n{}", points.len())?;
     for p in points {
         writeln!(writer, "{:?} {:?} {:?} 0", p.x, p.y, p.z)?;
     }
-    let section = match cells {
-        Cells::Triangles(_) => "Triangles",
-        Cells::Tets(_) => "Tetrahedra",
-        Cells::Hexes(_) => "Hexahedra",
-    };
-    writeln!(writer, "{section}\n{}", cells.count())?;
-    for cell in cells.iter() {
-        for &v in cell {
-            write!(writer, "{} ", u64::from(v) + 1)?;
+    for group in groups {
+        let section = match group.cells {
+            Cells::Triangles(_) => "Triangles",
+            Cells::Quads(_) => "Quadrilaterals",
+            Cells::Tets(_) => "Tetrahedra",
+            Cells::Hexes(_) => "Hexahedra",
+        };
+        writeln!(writer, "{section}\n{}", group.cells.count())?;
+        for (cell, label) in group.cells.iter().zip(group.labels) {
+            for &v in cell {
+                write!(writer, "{} ", u64::from(v) + 1)?;
+            }
+            writeln!(writer, "{label}")?;
         }
-        writeln!(writer, "0")?;
     }
     writeln!(writer, "End")
 }
 
 /// Reads a section of elements with `N` corners and a reference.
-fn each<const N: usize>(tokens: &mut Tokens, element: &str, mut add: impl FnMut([i64; N])) -> Result<(), IoError> {
+fn each<const N: usize>(tokens: &mut Tokens, element: &str, mut add: impl FnMut([i64; N], f64)) -> Result<(), IoError> {
     for _ in 0..tokens.count(element, (N + 1) * TEXT_NUMBER)? {
         let mut corners = [0; N];
         for corner in &mut corners {
             *corner = tokens.integer(element)?.saturating_sub(1);
         }
-        tokens.float(element)?;
-        add(corners);
+        let reference = tokens.float(element)?;
+        add(corners, reference);
     }
     Ok(())
+}
+
+/// Reads cells and their references.
+fn labelled<const N: usize>(
+    tokens: &mut Tokens,
+    element: &str,
+    cells: &mut Vec<[i64; N]>,
+    labels: &mut Vec<i32>,
+) -> Result<(), IoError> {
+    each(tokens, element, |corners, reference| {
+        cells.push(corners);
+        labels.push(reference as i32);
+    })
 }
 
 fn other_cells(tokens: &mut Tokens, kind: &str, contents: &mut Contents) -> Result<(), IoError> {
@@ -119,8 +137,9 @@ mod tests {
     use super::*;
     use crate::io::{
         Place, Solid,
-        testing::{place_of, solid, surface, tets},
+        testing::{cells, place_of, solid, surface, tets},
     };
+    use crate::mesh::CellList;
 
     const TETS: &str = "MeshVersionFormatted 2\n# a comment\nDimension\n3\nVertices\n5\n0 0 0 1\n1 0 0 1\n0 1 0 2\n\
                         0 0 1 0\nnan inf 1 0\nCorners 2\n1\n2\nNormals 1\n0 NaN inf\nTriangles\n1\n1 2 3 7\n\
@@ -150,9 +169,18 @@ mod tests {
 
     #[test]
     fn other_cells_are_refused_by_name() {
-        let text = TETS.replace("Tetrahedra 2\n1 2 3 4 0\n2 1 3 4 9", "Hexahedra\n1\n1 2 3 4 1 2 3 4 0");
-        let message = tets("mesh", text.as_bytes()).unwrap_err().to_string();
-        assert!(message.contains("1 hexahedra"), "{message}");
+        let text = TETS.replace("Tetrahedra 2\n1 2 3 4 0\n2 1 3 4 9", "Hexahedra\n1\n1 2 3 4 1 2 3 4 5");
+        for message in [
+            tets("mesh", text.as_bytes()).map(drop),
+            surface("mesh", text.as_bytes()).map(drop),
+        ] {
+            let message = message.unwrap_err().to_string();
+            assert!(message.contains("1 hexahedra"), "{message}");
+        }
+        let read = cells("mesh", text.as_bytes()).unwrap();
+        assert_eq!(*read.cells(), CellList::Hexes(vec![[0, 1, 2, 3, 0, 1, 2, 3]]));
+        assert_eq!(read.regions(), [5]);
+        assert_eq!(cells("mesh", TETS.as_bytes()).unwrap().regions(), [0, 9]);
         let text = TETS.replace("End", "Prisms 1\n1 2 3 1 2 3 0\nEnd");
         assert!(matches!(
             tets("mesh", text.as_bytes()),

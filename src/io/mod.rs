@@ -10,9 +10,10 @@
 //! | `.ply` | surface (text, binary; faces or strips) | surface (binary) |
 //! | `.off` | surface | surface |
 //! | `.stl` | surface (text, binary) | no: it would lose the order of vertices |
-//! | `.mesh` | surface, tetrahedra | triangles, tetrahedra, hexahedra |
-//! | `.vtk` | surface, tetrahedra (text, binary) | triangles, tetrahedra, hexahedra; fields |
-//! | `.vtu` | surface, tetrahedra (all encodings but LZ4 and LZMA) | triangles, tetrahedra, hexahedra; fields |
+//! | `.mesh` | surface, tetrahedra, hexahedra | triangles, quads, tetrahedra, hexahedra; labels |
+//! | `.msh` | no | the same, in Gmsh's format 2.2 |
+//! | `.vtk` | surface, tetrahedra, hexahedra (text, binary) | triangles, tetrahedra, hexahedra; fields |
+//! | `.vtu` | surface, tetrahedra, hexahedra (all encodings but LZ4 and LZMA) | triangles, tetrahedra, hexahedra; fields |
 //! | `.csv`, `.npy` | points | tables |
 //!
 //! Polygons become fans of triangles about their first corner, whatever their shape, so that two meshes with the same
@@ -45,17 +46,16 @@ use source::Source;
 pub use atomic::{abandon_writes, atomic_write};
 pub use boundary_file::{BoundaryFile, BoundaryMetadata, read_boundary, write_boundary};
 pub use error::{IoError, Place};
-pub use gmsh::write_msh;
 pub use landmarks::{LandmarkFileError, read_landmark_files, read_landmarks};
 pub use map_file::{MapFile, MapMetadata, read_map, write_map};
 pub use points::{write_csv, write_npy};
 pub use tensor_file::{Provenance, TensorFileError};
-pub use vtk::{Cells, Field, VtkEncoding, VtkFields, write_vtk};
+pub use vtk::{CellGroup, Cells, Field, VtkEncoding, VtkFields, write_vtk};
 pub use vtu::write_vtu;
 
 use crate::{
     Point,
-    mesh::{SurfaceMesh, TetMesh},
+    mesh::{CellMesh, SurfaceMesh, TetMesh},
 };
 
 /// What a mesh file may hold.
@@ -93,6 +93,18 @@ pub fn read_surface(path: impl AsRef<Path>) -> Result<SurfaceMesh, IoError> {
 pub fn read_tets(path: impl AsRef<Path>) -> Result<TetMesh, IoError> {
     let path = path.as_ref();
     read_mesh(path, "a tetrahedral mesh")?.into_tets(path)
+}
+
+/// Reads a mesh of tetrahedra or of hexahedra (`.mesh`, `.vtk`, `.vtu`), both hands as they are. Regions are the references
+/// of `.mesh` files, and 0 in others. What stands beside the cells is passed over.
+///
+/// # Errors
+///
+/// Any [`IoError`] but those of writing; [`IoError::WrongKind`] without cells, [`IoError::Unsupported`] with cells of
+/// several kinds or of others.
+pub fn read_cells(path: impl AsRef<Path>) -> Result<CellMesh, IoError> {
+    let path = path.as_ref();
+    read_mesh(path, "a mesh of tetrahedra or hexahedra")?.into_cells(path)
 }
 
 /// Reads a surface or a tetrahedral mesh, as the content has it: a file with tetrahedra is a tetrahedral mesh even
@@ -158,11 +170,48 @@ pub fn write_cells(path: impl AsRef<Path>, points: &[Point], cells: Cells) -> Re
     match extension(path).as_str() {
         "mesh" => {
             vtk::check(path, points, cells, &no_fields)?;
-            atomic_write(path, |writer| medit::write(writer, points, cells))
+            let group = CellGroup {
+                cells,
+                labels: &vec![0; cells.count()],
+                names: &[],
+            };
+            atomic_write(path, |writer| medit::write(writer, points, &[group], ""))
         }
         "vtk" => write_vtk(path, points, cells, &no_fields, VtkEncoding::Binary),
         "vtu" => write_vtu(path, points, cells, &no_fields),
         _ => Err(unknown_extension(path, "writing cells", CELL_EXTENSIONS)),
+    }
+}
+
+/// Writes groups of cells with their labels: as references in `.mesh`, as physical groups with names in Gmsh's `.msh` (format
+/// 2.2). `comment` may say where they come from; it is one line.
+///
+/// # Errors
+///
+/// [`IoError::UnknownExtension`], [`IoError::IndexOutOfRange`], [`IoError::ValueCount`] when cells and labels are not
+/// parallel, [`IoError::Write`].
+pub fn write_groups(
+    path: impl AsRef<Path>,
+    points: &[Point],
+    groups: &[CellGroup],
+    comment: &str,
+) -> Result<(), IoError> {
+    let path = path.as_ref();
+    for group in groups {
+        vtk::check(path, points, group.cells, &VtkFields::default())?;
+        if group.labels.len() != group.cells.count() {
+            return Err(IoError::ValueCount {
+                path: path.to_owned(),
+                name: "labels".into(),
+                expected: group.cells.count(),
+                found: group.labels.len(),
+            });
+        }
+    }
+    match extension(path).as_str() {
+        "mesh" => atomic_write(path, |writer| medit::write(writer, points, groups, comment)),
+        "msh" => atomic_write(path, |writer| gmsh::write(writer, points, groups, comment)),
+        _ => Err(unknown_extension(path, "writing cells with labels", ["mesh", "msh"])),
     }
 }
 
@@ -250,6 +299,10 @@ mod testing {
 
     pub fn tets(extension: &str, bytes: &[u8]) -> Result<TetMesh, IoError> {
         parse(extension, bytes)?.into_tets(&file(extension))
+    }
+
+    pub fn cells(extension: &str, bytes: &[u8]) -> Result<CellMesh, IoError> {
+        parse(extension, bytes)?.into_cells(&file(extension))
     }
 
     pub fn solid(extension: &str, bytes: &[u8]) -> Result<Solid, IoError> {
@@ -348,6 +401,7 @@ mod tests {
             let _ = testing::surface(extension, bytes);
             let _ = testing::tets(extension, bytes);
             let _ = testing::solid(extension, bytes);
+            let _ = testing::cells(extension, bytes);
         };
         if catch_unwind(AssertUnwindSafe(read)).is_err() {
             panic!(".{extension}: {}", bytes.escape_ascii());

@@ -13,17 +13,39 @@ use super::{
     contents::Contents,
     source::{ByteOrder, Scalar, Source, TEXT_NUMBER, Tokens, excerpt},
 };
-use crate::Point;
+use crate::{Point, mesh::CellList};
 
 /// Cells of one kind, by their 0-based corners.
 #[derive(Debug, Clone, Copy)]
 pub enum Cells<'a> {
     /// Triangles, counter-clockwise from outside.
     Triangles(&'a [[u32; 3]]),
+    /// Quadrilaterals, counter-clockwise from outside.
+    Quads(&'a [[u32; 4]]),
     /// Tetrahedra.
     Tets(&'a [[u32; 4]]),
     /// Hexahedra: four corners around the bottom, counter-clockwise seen from above, then the four over them.
     Hexes(&'a [[u32; 8]]),
+}
+
+impl<'a> From<&'a CellList> for Cells<'a> {
+    fn from(cells: &'a CellList) -> Self {
+        match cells {
+            CellList::Tets(cells) => Self::Tets(cells),
+            CellList::Hexes(cells) => Self::Hexes(cells),
+        }
+    }
+}
+
+/// Cells of one kind, with labels.
+#[derive(Debug, Clone, Copy)]
+pub struct CellGroup<'a> {
+    /// The cells.
+    pub cells: Cells<'a>,
+    /// A label for each cell.
+    pub labels: &'a [i32],
+    /// Names of labels, for formats that have them.
+    pub names: &'a [(i32, String)],
 }
 
 impl<'a> Cells<'a> {
@@ -40,7 +62,7 @@ impl<'a> Cells<'a> {
     fn corners(self) -> usize {
         match self {
             Self::Triangles(_) => 3,
-            Self::Tets(_) => 4,
+            Self::Quads(_) | Self::Tets(_) => 4,
             Self::Hexes(_) => 8,
         }
     }
@@ -49,7 +71,7 @@ impl<'a> Cells<'a> {
     pub(super) fn flat(self) -> &'a [u32] {
         match self {
             Self::Triangles(cells) => cells.as_flattened(),
-            Self::Tets(cells) => cells.as_flattened(),
+            Self::Quads(cells) | Self::Tets(cells) => cells.as_flattened(),
             Self::Hexes(cells) => cells.as_flattened(),
         }
     }
@@ -58,6 +80,7 @@ impl<'a> Cells<'a> {
     pub(super) fn vtk_type(self) -> u8 {
         match self {
             Self::Triangles(_) => TRIANGLE,
+            Self::Quads(_) => QUADRILATERAL,
             Self::Tets(_) => TETRAHEDRON,
             Self::Hexes(_) => HEXAHEDRON,
         }
@@ -66,6 +89,7 @@ impl<'a> Cells<'a> {
     fn name(self) -> &'static str {
         match self {
             Self::Triangles(_) => "triangle",
+            Self::Quads(_) => "quadrilateral",
             Self::Tets(_) => "tetrahedron",
             Self::Hexes(_) => "hexahedron",
         }
@@ -90,6 +114,8 @@ pub struct VtkFields {
     pub point: Vec<Field>,
     /// Fields with values in the cells.
     pub cell: Vec<Field>,
+    /// Where all of it comes from, in one line at the head of the file.
+    pub comment: String,
 }
 
 /// How numbers are written.
@@ -203,6 +229,7 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
 }
 
 const TRIANGLE: u8 = 5;
+const QUADRILATERAL: u8 = 9;
 const TETRAHEDRON: u8 = 10;
 const HEXAHEDRON: u8 = 12;
 
@@ -224,12 +251,12 @@ pub(super) fn sort_cells<'c>(
             (8, &[a, b, c, d]) => contents.polygons.push([a, b, d, c]),
             (9, &[a, b, c, d]) => contents.polygons.push([a, b, c, d]),
             (10, &[a, b, c, d]) => contents.tets.push([a, b, c, d]),
-            (5 | 8..=10, _) => {
+            (12, &[a, b, c, d, e, f, g, h]) => contents.hexes.push([a, b, c, d, e, f, g, h]),
+            (5 | 8..=10 | 12, _) => {
                 let found = format!("cell {index} has VTK type {kind} but {} corners", corners.len());
                 return Err(source.malformed_at(place, found));
             }
             (11, _) => contents.add_other_cells("voxels", 1),
-            (12, _) => contents.add_other_cells("hexahedra", 1),
             (13, _) => contents.add_other_cells("wedges", 1),
             (14, _) => contents.add_other_cells("pyramids", 1),
             (24, _) => contents.add_other_cells("quadratic tetrahedra", 1),
@@ -470,9 +497,19 @@ fn write(out: &mut LegacyWriter, points: &[Point], cells: Cells, fields: &VtkFie
         VtkEncoding::Text => "ASCII",
         VtkEncoding::Binary => "BINARY",
     };
+    // The format's title: one line of at most 256 characters.
+    let title: String = if fields.comment.is_empty() {
+        "solidmap"
+    } else {
+        &fields.comment
+    }
+    .chars()
+    .map(|c| if c.is_ascii_graphic() { c } else { ' ' })
+    .take(250)
+    .collect();
     writeln!(
         out.writer,
-        "# vtk DataFile Version 3.0\nsolidmap\n{encoding}\nDATASET UNSTRUCTURED_GRID"
+        "# vtk DataFile Version 3.0\n{title}\n{encoding}\nDATASET UNSTRUCTURED_GRID"
     )?;
     writeln!(out.writer, "POINTS {} double", points.len())?;
     out.floats(&coordinates, 3)?;
@@ -741,6 +778,7 @@ mod tests {
         let fields = VtkFields {
             point: vec![field("a b", 1, vec![1., 2., 3.])],
             cell: vec![field("v", 3, vec![0.5, 0., 1e-300])],
+            comment: "from\na file".into(),
         };
         write_vtk(
             &path,
@@ -750,7 +788,7 @@ mod tests {
             VtkEncoding::Text,
         )
         .unwrap();
-        let expected = "# vtk DataFile Version 3.0\nsolidmap\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 3 double\n\
+        let expected = "# vtk DataFile Version 3.0\nfrom a file\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 3 double\n\
                         0.0 0.0 0.0\n1.0 0.0 0.0\n0.0 0.1 0.0\nCELLS 1 4\n3 0 1 2 \nCELL_TYPES 1\n5 \nPOINT_DATA 3\n\
                         FIELD FieldData 1\na_b 1 3 double\n1.0\n2.0\n3.0\nCELL_DATA 1\nFIELD FieldData 1\nv 3 1 double\n\
                         0.5 0.0 1e-300\n";

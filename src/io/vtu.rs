@@ -468,9 +468,23 @@ fn scalar(name: &str) -> Option<Scalar> {
 
 fn write(writer: &mut dyn Write, points: &[Point], cells: Cells, fields: &VtkFields) -> io::Result<()> {
     let corners = cells.flat().len() / cells.count().max(1);
+    writeln!(writer, "<?xml version=\"1.0\"?>")?;
+    if !fields.comment.is_empty() {
+        // Two hyphens would end a comment.
+        let comment: String = fields
+            .comment
+            .chars()
+            .map(|c| if c.is_control() { ' ' } else { c })
+            .collect();
+        writeln!(
+            writer,
+            "<!-- {} -->",
+            comment.replace("--", "- -").trim_end_matches('-')
+        )?;
+    }
     writeln!(
         writer,
-        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
+        "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
          header_type=\"UInt64\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n<Points>",
         points.len(),
         cells.count()
@@ -774,15 +788,17 @@ mod tests {
                 components: 1,
                 values: vec![1., 2., 3.],
             }],
+            comment: "from <a> -- b --".into(),
             ..VtkFields::default()
         };
         write_vtu(&path, &[Point::origin(); 3], Cells::Triangles(&[[0, 1, 2]]), &fields).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         assert!(surface("vtu", &bytes).is_ok());
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(text.contains("Name=\"|f| &lt; &quot;1&quot; &amp; more\""));
         assert!(
-            String::from_utf8(bytes)
-                .unwrap()
-                .contains("Name=\"|f| &lt; &quot;1&quot; &amp; more\"")
+            text.contains("<!-- from <a> - - b -->") || text.contains("<!-- from <a> - - b -  -->"),
+            "{text}"
         );
     }
 

@@ -3,6 +3,7 @@
 //! Imports nothing else of this crate. Vertex order is identity: no function here renumbers vertices unless it
 //! returns the renumbering.
 
+mod cell_mesh;
 pub mod shapes;
 mod surface_mesh;
 mod surface_point;
@@ -10,6 +11,7 @@ mod tet_mesh;
 pub mod topology;
 mod weld;
 
+pub use cell_mesh::{CellList, CellMesh};
 pub use surface_mesh::{MeshError, SurfaceMesh};
 pub use surface_point::SurfacePoint;
 pub use tet_mesh::{BoundarySurface, TetMesh};

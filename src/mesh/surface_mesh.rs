@@ -7,7 +7,7 @@ pub enum MeshError {
     /// A face or tetrahedron refers to a vertex that is not there.
     #[error("{element} {index} refers to vertex {vertex}, but there are only {vertices} vertices (0-based)")]
     IndexOutOfRange {
-        /// `"triangle"` or `"tetrahedron"`.
+        /// `"triangle"`, `"tetrahedron"` or `"hexahedron"`.
         element: &'static str,
         /// Which element, 0-based.
         index: usize,
@@ -19,10 +19,18 @@ pub enum MeshError {
     /// More elements than 32-bit (signed, as TetGen counts) indices can name.
     #[error("{count} {element}s are more than the {limit} that 31-bit indices can name", limit = i32::MAX)]
     TooLarge {
-        /// `"vertex"`, `"triangle"` or `"tetrahedron"`.
+        /// `"vertex"`, `"triangle"`, `"tetrahedron"` or `"hexahedron"`.
         element: &'static str,
         /// How many there are.
         count: usize,
+    },
+    /// Cells and their regions are not parallel.
+    #[error("{regions} regions are given for {cells} cells; give the region of every cell")]
+    RegionCount {
+        /// How many cells there are.
+        cells: usize,
+        /// How many regions are given.
+        regions: usize,
     },
 }
 

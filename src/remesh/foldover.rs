@@ -44,6 +44,8 @@ enum Shapes {
 
 /// Weight of the determinants against the shapes.
 const LAMBDA: f64 = 1.0;
+/// Determinant of the edges of a reference over the cube of their norm, below which it is none; Kuhn's tetrahedra have 0.07.
+const SOUND: f64 = 1e-6;
 /// Cells that one task takes.
 const RUN: usize = 2048;
 
@@ -58,12 +60,19 @@ pub(super) struct Value {
 }
 
 impl Samples {
-    /// Tetrahedra against those between the nodes `reference`. `volume` is the sum of the signed volumes of the image.
+    /// Tetrahedra against those between the nodes `reference`, where these are sound, or against regular ones of the mean
+    /// volume. `volume` is the sum of the signed volumes of the image.
     pub fn of_tets(tets: &[[u32; 4]], reference: &[Point], volume: f64) -> Self {
-        let shapes: Vec<Matrix3> = tets
+        let mut shapes: Vec<Matrix3> = tets
             .par_iter()
             .map(|t| edges(t.map(|v| reference[v as usize])))
             .collect();
+        // Of a sliver, J would be more than any mesh can follow; of an inverted one, it would ask for inversion.
+        let sound = |e: &Matrix3| e.determinant() > SOUND * e.norm().powi(3);
+        let volumes = shapes.iter().filter(|e| sound(e)).map(|e| e.determinant() / 6.0);
+        let (sum, count) = volumes.fold((0.0, 0), |(sum, count), v| (sum + v, count + 1));
+        let regular = regular_edges() * usable((sum / f64::from(count.max(1))).cbrt());
+        shapes.iter_mut().filter(|e| !sound(e)).for_each(|e| *e = regular);
         let volumes: Vec<f64> = shapes.iter().map(|e| e.determinant().abs() / 6.0).collect();
         let total: f64 = volumes.iter().sum();
         // Lengths of the reference are multiplied by this: then it has the volume of the image.
@@ -299,6 +308,18 @@ impl Value {
 /// Edges from the first corner to the others.
 fn edges([a, b, c, d]: [Point; 4]) -> Matrix3 {
     Matrix3::from_columns(&[b - a, c - a, d - a])
+}
+
+/// Edges of a regular tetrahedron of volume 1.
+fn regular_edges() -> Matrix3 {
+    let side = (6.0 * std::f64::consts::SQRT_2).cbrt();
+    let third = 3.0f64.sqrt() / 6.0;
+    let columns = [
+        Vector::x(),
+        Vector::new(0.5, 3.0 * third, 0.0),
+        Vector::new(0.5, third, (2.0f64 / 3.0).sqrt()),
+    ];
+    Matrix3::from_columns(&columns) * side
 }
 
 fn sorted(mut numbers: Vec<u32>) -> Vec<u32> {

@@ -3,32 +3,32 @@
 use std::collections::HashMap;
 
 use super::RemeshError;
+use super::bounded_mesh::BoundedMesh;
 use super::planes::{Polycube, boxes};
+use crate::mesh::CellList;
 use crate::{Point, Vector};
 
-/// Cells of one kind.
-#[derive(Debug, Clone, PartialEq)]
-pub enum CellList {
-    /// Right-handed tetrahedra.
-    Tets(Vec<[u32; 4]>),
-    /// Hexahedra: four corners around the bottom, counter-clockwise seen from above, then the four over them.
-    Hexes(Vec<[u32; 8]>),
+/// How large the boxes of the grid are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum CellSize {
+    /// So many along the longest side of the domain.
+    Along(usize),
+    /// This length, in the units of the domain.
+    Length(f64),
 }
 
-/// A mesh of a solid.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RegularMesh {
-    /// Nodes in the domain.
-    pub nodes: Vec<Point>,
-    /// Which nodes lie on the boundary.
-    pub on_boundary: Vec<bool>,
-    /// The cells.
-    pub cells: CellList,
-    /// Boundary triangles, facing outward; those of hexahedra are their quads, split.
-    pub boundary: Vec<[u32; 3]>,
+impl CellSize {
+    /// The length, in the units of the polycube.
+    pub fn of(self, polycube: &Polycube) -> f64 {
+        let spans = polycube.planes().iter().filter_map(|p| Some(p.last()? - p.first()?));
+        match self {
+            Self::Along(count) => spans.fold(0.0, f64::max) / count as f64,
+            Self::Length(length) => length,
+        }
+    }
 }
 
-/// What cells a regular mesh has.
+/// What cells a mesh has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CellKind {
@@ -36,21 +36,6 @@ pub enum CellKind {
     Tets,
     /// One hexahedron per box, and one under each boundary quad.
     Hexes,
-}
-
-impl CellList {
-    /// How many there are.
-    pub fn len(&self) -> usize {
-        match self {
-            Self::Tets(cells) => cells.len(),
-            Self::Hexes(cells) => cells.len(),
-        }
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
 }
 
 /// How far boundary nodes go inward for the padding, in cells. With a half, cells at edges that point inward would be flat.
@@ -106,7 +91,7 @@ pub fn regular_mesh(
     size: f64,
     kind: CellKind,
     most_cells: usize,
-) -> Result<RegularMesh, RemeshError> {
+) -> Result<BoundedMesh, RemeshError> {
     if !size.is_finite() || size <= 0.0 {
         return Err(RemeshError::Size(size));
     }
@@ -202,7 +187,7 @@ impl Grid {
         Point::from(Vector::from_fn(|k, _| self.coordinates[k][at[k]]))
     }
 
-    fn tets(&self) -> RegularMesh {
+    fn tets(&self) -> BoundedMesh {
         let (number, places, on_boundary) = self.nodes();
         let mut tets = Vec::new();
         let mut boundary = Vec::new();
@@ -244,15 +229,12 @@ impl Grid {
                 }
             }
         }
-        RegularMesh {
-            nodes: places.iter().map(|&at| self.position(at)).collect(),
-            on_boundary,
-            cells: CellList::Tets(tets),
-            boundary,
-        }
+        let nodes = places.iter().map(|&at| self.position(at)).collect();
+        let regions = vec![1; tets.len()];
+        BoundedMesh::new(nodes, CellList::Tets(tets), regions, on_boundary, boundary)
     }
 
-    fn hexes(&self) -> RegularMesh {
+    fn hexes(&self) -> BoundedMesh {
         let (number, places, on_grid_boundary) = self.nodes();
         let mut nodes: Vec<Point> = places.iter().map(|&at| self.position(at)).collect();
         // How far boundary nodes go inward from faces that look down and up each axis. Where both do no place is right for
@@ -312,12 +294,8 @@ impl Grid {
             ]);
             boundary.extend([[above[0], above[1], above[2]], [above[0], above[2], above[3]]]);
         }
-        RegularMesh {
-            nodes,
-            on_boundary,
-            cells: CellList::Hexes(hexes),
-            boundary,
-        }
+        let regions = vec![1; hexes.len()];
+        BoundedMesh::new(nodes, CellList::Hexes(hexes), regions, on_boundary, boundary)
     }
 }
 

@@ -1,13 +1,16 @@
-//! Regular meshes of a solid from a polycube, carried by a map, with no cell inverted: section 5.3 of the paper, and what
-//! it leaves to do.
+//! Regular meshes of a solid from a polycube, or given meshes, carried by a map, with no cell inverted: section 5.3 of the
+//! paper, and what it leaves to do.
 //!
 //! Boundary nodes go where the boundary map sends them, inner ones where the volume map does. That inverts some cells:
 //! harmonic maps of solids need not be one-to-one, and cells are straight. Inner nodes are then moved until none is
 //! ([`Garanzha et al. 2021`](https://doi.org/10.1145/3450626.3459847)), and what is left is counted again from positions.
 
+mod bounded_mesh;
 mod descent;
 mod foldover;
+mod given;
 mod grid;
+mod obstacles;
 mod planes;
 mod quality;
 mod repair;
@@ -19,50 +22,51 @@ use crate::Point;
 use crate::boundary_map::BoundaryMap;
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
-use crate::mesh::{SurfaceMesh, SurfacePoint};
+use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
 use crate::statistics::quantiles;
 
-pub use grid::{CellKind, CellList, RegularMesh, regular_mesh};
+pub use bounded_mesh::BoundedMesh;
+pub use given::{GivenMesh, GivenMeshError, given_mesh};
+pub use grid::{CellKind, CellSize, regular_mesh};
+pub use obstacles::{Obstacle, Obstacles, obstacles};
 pub use planes::{Polycube, PolycubeError};
 pub use quality::{BadCells, CellQuality, bad_cells, quality, scaled_jacobians};
 pub use repair::RepairReport;
 pub use slide::SlideReport;
 
-/// How large the boxes of the grid are.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum CellSize {
-    /// So many along the longest side of the domain.
-    Along(usize),
-    /// This length, in the units of the domain.
-    Length(f64),
+/// What is carried.
+#[derive(Debug, Clone, PartialEq)]
+pub enum MeshSource {
+    /// A regular mesh of the domain, which has to be a polycube.
+    Regular {
+        /// What cells.
+        kind: CellKind,
+        /// How large; numbers of boxes between planes are rounded up to even ones.
+        size: CellSize,
+        /// Cells at most; more are refused before any is made.
+        most_cells: usize,
+    },
+    /// A mesh of the domain. Tetrahedra with all their nodes on the boundary are split.
+    Given(CellMesh),
 }
 
 /// What can be chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RemeshOptions {
-    /// What cells.
-    pub kind: CellKind,
-    /// How large; numbers of boxes between planes are rounded up to even ones.
-    pub size: CellSize,
     /// Whether inner nodes are moved until no cell is inverted.
     pub repair: bool,
     /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
     pub slide: bool,
     /// Iterations of the polish of shapes after the repair.
     pub polish: usize,
-    /// Cells at most; more are refused before any is made.
-    pub most_cells: usize,
 }
 
 impl Default for RemeshOptions {
     fn default() -> Self {
         Self {
-            kind: CellKind::Tets,
-            size: CellSize::Along(32),
             repair: true,
             slide: true,
             polish: 200,
-            most_cells: 20_000_000,
         }
     }
 }
@@ -70,7 +74,7 @@ impl Default for RemeshOptions {
 /// How far a remeshing is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RemeshPhase {
-    /// The grid is made.
+    /// The grid is made, or a given mesh examined.
     Meshing,
     /// Nodes are carried by the maps.
     Mapping {
@@ -95,6 +99,9 @@ pub enum RemeshError {
     /// The domain is no polycube.
     #[error("the domain is no polycube: {0}")]
     Polycube(#[from] PolycubeError),
+    /// A given mesh cannot be carried.
+    #[error("the given mesh cannot be used: {0}")]
+    Given(#[from] GivenMeshError),
     /// The size of cells is no size.
     #[error("a cell size of {0} makes no mesh")]
     Size(f64),
@@ -148,12 +155,20 @@ pub struct RemeshReport {
     pub nodes: usize,
     /// Of them on the boundary.
     pub boundary_nodes: usize,
-    /// Length of the boxes' sides asked for, in the domain.
-    pub cell_size: f64,
+    /// Length of the boxes' sides asked for, in the domain; none for a given mesh.
+    pub cell_size: Option<f64>,
+    /// Tetrahedra of a given mesh that had all their nodes on the boundary, and were split.
+    pub split_cells: usize,
+    /// Largest distance of a given mesh's boundary nodes from the domain's surface, over its diagonal.
+    pub off_surface: f64,
+    /// What stands in the way as long as the boundary stays as it is mapped.
+    pub obstacles: Obstacles,
     /// Bad cells as the maps leave them.
     pub before: BadCells,
     /// Bad cells of the result.
     pub after: BadCells,
+    /// What keeps each of them, with the boundary where it is now.
+    pub obstacles_after: Obstacles,
     /// Quality of the grid in the domain.
     pub domain_quality: Option<CellQuality>,
     /// Quality of the result.
@@ -186,33 +201,37 @@ pub struct RemeshReport {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Remeshed {
     /// The mesh in the domain.
-    pub mesh: RegularMesh,
+    pub mesh: BoundedMesh,
     /// Its nodes in the target.
     pub images: Vec<Point>,
     /// What is known of it.
     pub report: RemeshReport,
 }
 
-/// A regular mesh of the polycube that `boundary` starts from, carried into its target.
+/// A mesh of the solid that `boundary` starts from, carried into its target.
 ///
 /// Takes, without the map's own sums, some 3 s per 100 000 tetrahedra and 15 s per 100 000 hexahedra on two cores, more if
 /// boundary nodes have to slide; most of it for the polish.
 ///
 /// # Errors
 ///
-/// When the domain is no polycube, or there would be too many cells. Cells that stay inverted are no error: they are in
+/// When the domain is no polycube, there would be too many cells, or a given mesh is not one of the domain. Cells that stay inverted are no error: they are in
 /// the report.
 pub fn remesh(
     boundary: &BoundaryMap,
     map: &dyn VolumeMap,
+    source: MeshSource,
     options: &RemeshOptions,
     progress: &dyn Fn(RemeshPhase),
 ) -> Result<Remeshed, RemeshError> {
     let start = Instant::now();
     progress(RemeshPhase::Meshing);
-    let polycube = Polycube::of(boundary.domain())?;
-    let size = size_of(&polycube, options.size);
-    let mesh = regular_mesh(&polycube, size, options.kind, options.most_cells)?;
+    let Prepared {
+        mesh,
+        cell_size,
+        split_cells,
+        off_surface,
+    } = prepare(source, boundary.domain())?;
     let meshed = start.elapsed().as_secs_f64();
 
     progress(RemeshPhase::Mapping {
@@ -264,6 +283,8 @@ pub fn remesh(
     if after.cells.len() > before.cells.len() {
         (images, after) = (carried.clone(), before.clone());
     }
+    let obstacles_as_mapped = obstacles(&mesh, &carried);
+    let obstacles_after = obstacles(&mesh, &images);
     let diagonal = boundary.target_diagonal();
     let shifts = |of_boundary: bool| -> Vec<f64> {
         let nodes = (0..images.len()).filter(|&v| mesh.on_boundary[v] == of_boundary);
@@ -278,13 +299,20 @@ pub fn remesh(
     let mean = determinants.iter().sum::<f64>() / determinants.len() as f64;
     determinants.iter_mut().for_each(|det| *det /= mean.abs());
     let mut report = RemeshReport {
-        kind: options.kind,
+        kind: match mesh.cells {
+            CellList::Tets(_) => CellKind::Tets,
+            CellList::Hexes(_) => CellKind::Hexes,
+        },
         cells: mesh.cells.len(),
         nodes: mesh.nodes.len(),
         boundary_nodes: mesh.on_boundary.iter().filter(|is| **is).count(),
-        cell_size: size,
+        cell_size,
+        split_cells,
+        off_surface,
+        obstacles: obstacles_as_mapped,
         before,
         after,
+        obstacles_after,
         domain_quality: quality(&mesh.cells, &mesh.nodes),
         quality: quality(&mesh.cells, &images),
         determinants: quantiles(&determinants, [0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0]),
@@ -310,16 +338,40 @@ pub fn remesh(
     Ok(Remeshed { mesh, images, report })
 }
 
-fn size_of(polycube: &Polycube, size: CellSize) -> f64 {
-    let spans = polycube.planes().iter().filter_map(|p| Some(p.last()? - p.first()?));
-    match size {
-        CellSize::Along(count) => spans.fold(0.0, f64::max) / count as f64,
-        CellSize::Length(length) => length,
-    }
+/// A mesh to carry, and what is known of it.
+struct Prepared {
+    mesh: BoundedMesh,
+    cell_size: Option<f64>,
+    split_cells: usize,
+    off_surface: f64,
+}
+
+fn prepare(source: MeshSource, domain: &SurfaceMesh) -> Result<Prepared, RemeshError> {
+    Ok(match source {
+        MeshSource::Regular { kind, size, most_cells } => {
+            let polycube = Polycube::of(domain)?;
+            let size = size.of(&polycube);
+            Prepared {
+                mesh: regular_mesh(&polycube, size, kind, most_cells)?,
+                cell_size: Some(size),
+                split_cells: 0,
+                off_surface: 0.0,
+            }
+        }
+        MeshSource::Given(mesh) => {
+            let given = given_mesh(mesh, domain)?;
+            Prepared {
+                mesh: given.mesh,
+                cell_size: None,
+                split_cells: given.on_boundary_alone,
+                off_surface: given.off_surface,
+            }
+        }
+    })
 }
 
 /// Nodes where the maps send them: those on the boundary by the boundary map.
-fn carry(mesh: &RegularMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Result<Vec<Point>, RemeshError> {
+fn carry(mesh: &BoundedMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Result<Vec<Point>, RemeshError> {
     let select = |on: bool| -> Vec<Point> {
         let nodes = mesh.nodes.iter().zip(&mesh.on_boundary);
         nodes.filter(|(_, is)| **is == on).map(|(p, _)| *p).collect()
@@ -345,8 +397,8 @@ fn carry(mesh: &RegularMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Res
         .collect())
 }
 
-/// Tetrahedra against the domain's, corners of hexahedra against those of cubes.
-fn samples(mesh: &RegularMesh, images: &[Point]) -> foldover::Samples {
+/// Tetrahedra against the domain's where those are sound, corners of hexahedra against those of cubes.
+fn samples(mesh: &BoundedMesh, images: &[Point]) -> foldover::Samples {
     let volume = boundary_of(mesh, images).volume();
     match &mesh.cells {
         CellList::Tets(tets) => foldover::Samples::of_tets(tets, &mesh.nodes, volume),
@@ -355,12 +407,12 @@ fn samples(mesh: &RegularMesh, images: &[Point]) -> foldover::Samples {
 }
 
 /// The boundary of the mesh with its nodes at these places; inner nodes stay without triangles.
-fn boundary_of(mesh: &RegularMesh, positions: &[Point]) -> SurfaceMesh {
+fn boundary_of(mesh: &BoundedMesh, positions: &[Point]) -> SurfaceMesh {
     SurfaceMesh::new(positions.to_vec(), mesh.boundary.clone()).expect("boundary triangles name nodes")
 }
 
 /// Mean length of the sides of boundary triangles, without the diagonals that cut quads.
-fn mean_boundary_edge(mesh: &RegularMesh, images: &[Point]) -> f64 {
+fn mean_boundary_edge(mesh: &BoundedMesh, images: &[Point]) -> f64 {
     let shortest_two = |t: &[u32; 3]| {
         let p = t.map(|v| images[v as usize]);
         let mut sides = [(p[0] - p[1]).norm(), (p[1] - p[2]).norm(), (p[2] - p[0]).norm()];
@@ -371,7 +423,7 @@ fn mean_boundary_edge(mesh: &RegularMesh, images: &[Point]) -> f64 {
 }
 
 fn distances(
-    mesh: &RegularMesh,
+    mesh: &BoundedMesh,
     images: &[Point],
     target: &SurfaceMesh,
     diagonal: f64,

@@ -4,8 +4,8 @@ use std::cmp::Ordering;
 
 use rayon::prelude::*;
 
-use super::grid::CellList;
 use crate::geometry::orientation;
+use crate::mesh::CellList;
 use crate::statistics::quantiles;
 use crate::{Matrix3, Point, Vector};
 

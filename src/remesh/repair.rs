@@ -2,10 +2,10 @@
 
 use super::descent::{Descent, Limits};
 use super::foldover::Samples;
-use super::grid::CellList;
 use super::quality::inverted_inside;
 use super::slide::{Ground, SlideReport, slide};
 use crate::Point;
+use crate::mesh::CellList;
 
 /// ε² where no determinant is negative, and share of the least determinant that ε takes.
 const FLOOR: f64 = 1e-6;

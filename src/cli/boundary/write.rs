@@ -83,6 +83,7 @@ fn write_fields(path: &Path, map: &BoundaryMap) -> anyhow::Result<()> {
             per_triangle("area ratio", TriangleDistortion::area_ratio),
             per_triangle("angle distortion", TriangleDistortion::angle),
         ],
+        ..VtkFields::default()
     };
     Ok(io::write_vtu(
         path,

@@ -249,6 +249,7 @@ fn keep(
             scalar("harmonic_energy", jacobians.iter().map(harmonic::density).collect()),
             scalar("det_jacobian", jacobians.iter().map(Matrix3::determinant).collect()),
         ],
+        ..VtkFields::default()
     };
     let path = folder.join(format!("{name}.vtu"));
     Ok(io::write_vtu(path, mesh.vertices(), Cells::Tets(mesh.tets()), &fields)?)

@@ -1,0 +1,75 @@
+use super::surface_mesh::{MeshError, check_counts};
+use crate::Point;
+
+/// Cells of one kind.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CellList {
+    /// Tetrahedra; right-handed ones `[a, b, c, d]` have `det(b-a, c-a, d-a) > 0`.
+    Tets(Vec<[u32; 4]>),
+    /// Hexahedra: four corners around the bottom, counter-clockwise seen from above, then the four over them.
+    Hexes(Vec<[u32; 8]>),
+}
+
+impl CellList {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Tets(cells) => cells.len(),
+            Self::Hexes(cells) => cells.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// A solid cut into cells, in regions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CellMesh {
+    nodes: Vec<Point>,
+    cells: CellList,
+    regions: Vec<i32>,
+}
+
+impl CellMesh {
+    /// A mesh of these nodes and cells (0-based), with the number of the region that every cell belongs to.
+    ///
+    /// # Errors
+    ///
+    /// As [`super::SurfaceMesh::new`]; [`MeshError::RegionCount`] when there is not a region for each cell.
+    pub fn new(nodes: Vec<Point>, cells: CellList, regions: Vec<i32>) -> Result<Self, MeshError> {
+        match &cells {
+            CellList::Tets(tets) => check_counts(nodes.len(), "tetrahedron", tets)?,
+            CellList::Hexes(hexes) => check_counts(nodes.len(), "hexahedron", hexes)?,
+        }
+        if regions.len() != cells.len() {
+            return Err(MeshError::RegionCount {
+                cells: cells.len(),
+                regions: regions.len(),
+            });
+        }
+        Ok(Self { nodes, cells, regions })
+    }
+
+    /// Positions of the nodes.
+    pub fn nodes(&self) -> &[Point] {
+        &self.nodes
+    }
+
+    /// The cells.
+    pub fn cells(&self) -> &CellList {
+        &self.cells
+    }
+
+    /// The region of every cell.
+    pub fn regions(&self) -> &[i32] {
+        &self.regions
+    }
+
+    /// Nodes, cells and regions.
+    pub fn into_parts(self) -> (Vec<Point>, CellList, Vec<i32>) {
+        (self.nodes, self.cells, self.regions)
+    }
+}

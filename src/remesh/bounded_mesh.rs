@@ -1,0 +1,200 @@
+//! A mesh with its boundary: which nodes are on it, its faces, and the parts that they belong to.
+
+use std::collections::HashMap;
+
+use rayon::prelude::*;
+
+use crate::mesh::{CellList, CellMesh};
+use crate::{Point, Vector};
+
+/// A mesh of a solid with its boundary.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoundedMesh {
+    /// Nodes in the domain.
+    pub nodes: Vec<Point>,
+    /// Right-handed cells, where the mesh has no inverted ones.
+    pub cells: CellList,
+    /// The region of every cell.
+    pub regions: Vec<i32>,
+    /// Which nodes lie on the boundary.
+    pub on_boundary: Vec<bool>,
+    /// Boundary triangles, facing outward; those of hexahedra are their quads, split, two after each other.
+    pub boundary: Vec<[u32; 3]>,
+    /// The part of the boundary that every triangle belongs to, from 1.
+    pub parts: Vec<i32>,
+    /// Names of the parts, in order.
+    pub part_names: Vec<String>,
+}
+
+/// Faces of a right-handed cell, counter-clockwise from outside.
+const TET_FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+const HEX_FACES: [[usize; 4]; 6] = [
+    [0, 3, 2, 1],
+    [4, 5, 6, 7],
+    [0, 1, 5, 4],
+    [1, 2, 6, 5],
+    [2, 3, 7, 6],
+    [3, 0, 4, 7],
+];
+
+/// A face as a cell sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Face {
+    /// Its nodes, ascending; the last is `u32::MAX` of a triangle.
+    pub nodes: [u32; 4],
+    pub cell: u32,
+    /// Which face of the cell.
+    pub side: u8,
+    /// Whether the cell sees it run the one way or the other; two cells at a face see different ones.
+    pub turns: bool,
+}
+
+/// The faces of all cells, those between two cells beside each other.
+pub(super) fn faces(cells: &CellList) -> Vec<Face> {
+    let mut faces: Vec<Face> = match cells {
+        CellList::Tets(tets) => (0..tets.len() as u32)
+            .into_par_iter()
+            .flat_map_iter(|cell| {
+                (0..4u8).map(move |side| {
+                    let [a, b, c] = TET_FACES[side as usize].map(|k| tets[cell as usize][k]);
+                    let mut nodes = [a, b, c, u32::MAX];
+                    nodes.sort_unstable();
+                    let turns = [[a, b], [b, c], [c, a]].contains(&[nodes[0], nodes[1]]);
+                    Face {
+                        nodes,
+                        cell,
+                        side,
+                        turns,
+                    }
+                })
+            })
+            .collect(),
+        CellList::Hexes(hexes) => (0..hexes.len() as u32)
+            .into_par_iter()
+            .flat_map_iter(|cell| {
+                (0..6u8).map(move |side| {
+                    let around = HEX_FACES[side as usize].map(|k| hexes[cell as usize][k]);
+                    let mut nodes = around;
+                    nodes.sort_unstable();
+                    let first = around.iter().position(|v| *v == nodes[0]).unwrap_or(0);
+                    let turns = around[(first + 1) % 4] < around[(first + 3) % 4];
+                    Face {
+                        nodes,
+                        cell,
+                        side,
+                        turns,
+                    }
+                })
+            })
+            .collect(),
+    };
+    faces.par_sort_unstable();
+    faces
+}
+
+impl Face {
+    /// Its triangles, facing out of the cell.
+    pub fn triangles(&self, cells: &CellList) -> impl Iterator<Item = [u32; 3]> {
+        let (a, b) = match cells {
+            CellList::Tets(tets) => {
+                let tet = tets[self.cell as usize];
+                (TET_FACES[self.side as usize].map(|k| tet[k]), None)
+            }
+            CellList::Hexes(hexes) => {
+                let hex = hexes[self.cell as usize];
+                let [a, b, c, d] = HEX_FACES[self.side as usize].map(|k| hex[k]);
+                ([a, b, c], Some([a, c, d]))
+            }
+        };
+        std::iter::once(a).chain(b)
+    }
+}
+
+impl BoundedMesh {
+    /// A mesh with its outer faces as its boundary.
+    pub(super) fn of(mesh: CellMesh, outer: &[Face]) -> Self {
+        let (nodes, cells, regions) = mesh.into_parts();
+        let boundary: Vec<[u32; 3]> = outer.iter().flat_map(|face| face.triangles(&cells)).collect();
+        let mut on_boundary = vec![false; nodes.len()];
+        boundary.iter().flatten().for_each(|&v| on_boundary[v as usize] = true);
+        Self::new(nodes, cells, regions, on_boundary, boundary)
+    }
+
+    pub(super) fn new(
+        nodes: Vec<Point>,
+        cells: CellList,
+        regions: Vec<i32>,
+        on_boundary: Vec<bool>,
+        boundary: Vec<[u32; 3]>,
+    ) -> Self {
+        let (parts, part_names) = parts(&nodes, &boundary);
+        Self {
+            nodes,
+            cells,
+            regions,
+            on_boundary,
+            boundary,
+            parts,
+            part_names,
+        }
+    }
+
+    /// The boundary's quads, of a mesh of hexahedra.
+    pub fn quads(&self) -> Option<Vec<[u32; 4]>> {
+        matches!(self.cells, CellList::Hexes(_)).then(|| {
+            let pairs = self.boundary.as_chunks::<2>().0;
+            pairs.iter().map(|[[a, b, c], [_, _, d]]| [*a, *b, *c, *d]).collect()
+        })
+    }
+}
+
+/// Sides of a box, as normals.
+const SIDES: [&str; 6] = ["-x", "+x", "-y", "+y", "-z", "+z"];
+
+/// Parts of the boundary that hang together across edges and face the same way along an axis, or along none; each
+/// triangle's part, and their names.
+fn parts(nodes: &[Point], boundary: &[[u32; 3]]) -> (Vec<i32>, Vec<String>) {
+    // Within this of an axis counts as along it.
+    const ALIGNED: f64 = 1e-6;
+    let facing = |t: &[u32; 3]| -> Option<usize> {
+        let [a, b, c] = t.map(|v| nodes[v as usize]);
+        let normal: Vector = (b - a).cross(&(c - a)).normalize();
+        (0..6).find(|side| {
+            let along = normal[side / 2] * if side % 2 == 1 { 1.0 } else { -1.0 };
+            1.0 - along < 0.5 * ALIGNED * ALIGNED
+        })
+    };
+    let facing: Vec<Option<usize>> = boundary.par_iter().map(facing).collect();
+    let mut neighbours: HashMap<[u32; 2], Vec<u32>> = HashMap::new();
+    let edges = |t: &[u32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]].map(|[a, b]| [a.min(b), a.max(b)]);
+    for (index, t) in boundary.iter().enumerate() {
+        for edge in edges(t) {
+            neighbours.entry(edge).or_default().push(index as u32);
+        }
+    }
+    let (mut parts, mut names) = (vec![0; boundary.len()], vec![]);
+    for first in 0..boundary.len() {
+        if parts[first] != 0 {
+            continue;
+        }
+        let part = names.len() as i32 + 1;
+        names.push(match facing[first] {
+            Some(side) => format!("face {part} ({})", SIDES[side]),
+            None => format!("face {part}"),
+        });
+        parts[first] = part;
+        let mut open = vec![first];
+        while let Some(at) = open.pop() {
+            for edge in edges(&boundary[at]) {
+                for &next in &neighbours[&edge] {
+                    let next = next as usize;
+                    if parts[next] == 0 && facing[next] == facing[first] {
+                        parts[next] = part;
+                        open.push(next);
+                    }
+                }
+            }
+        }
+    }
+    (parts, names)
+}

@@ -1,0 +1,363 @@
+//! A mesh that is given instead of made: its boundary is found, and tetrahedra on the boundary alone are split.
+
+use std::collections::{HashMap, HashSet};
+
+use rayon::prelude::*;
+
+use super::bounded_mesh::{BoundedMesh, Face, faces};
+use crate::geometry::{QueryError, SurfaceQuery};
+use crate::mesh::{CellList, CellMesh, SurfaceMesh};
+use crate::{Point, Vector};
+
+/// Why a given mesh cannot be carried by a map.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GivenMeshError {
+    /// There is nothing to carry.
+    #[error("it has no cells")]
+    Empty,
+    /// A node is nowhere.
+    #[error("node {node} (0-based) is at {at}; every node needs finite coordinates")]
+    NotFinite {
+        /// Which, 0-based.
+        node: usize,
+        /// Its coordinates.
+        at: Point,
+    },
+    /// A cell has a corner twice.
+    #[error("cell {cell} (0-based) names node {node} twice; remove collapsed cells")]
+    Collapsed {
+        /// Which, 0-based.
+        cell: usize,
+        /// The node, 0-based.
+        node: u32,
+    },
+    /// Three cells or more meet at a face.
+    #[error("{count} cells meet at the face with nodes {nodes:?} (0-based); at most two may")]
+    NotConforming {
+        /// Cells there.
+        count: usize,
+        /// Its nodes, 0-based.
+        nodes: Vec<u32>,
+    },
+    /// Two cells lie on the same side of a face.
+    #[error("cells {cells:?} (0-based) lie on the same side of a face; turn all cells the same way")]
+    Hands {
+        /// Which, 0-based.
+        cells: [u32; 2],
+    },
+    /// The mesh is not one of the map's domain.
+    #[error(
+        "node {node} (0-based) of its boundary is {distance:.2e} of the diagonal away from the surface of the map's domain; \
+         give a mesh of the domain, in the same place and units"
+    )]
+    OtherPlace {
+        /// Which, 0-based.
+        node: usize,
+        /// How far, as a fraction of the domain's diagonal.
+        distance: f64,
+    },
+    /// The mesh fills another volume than the domain.
+    #[error("it has a volume of {mesh}, the map's domain {domain}; give a mesh that fills the domain")]
+    OtherVolume {
+        /// Of the mesh.
+        mesh: f64,
+        /// Of the domain.
+        domain: f64,
+    },
+    /// The domain cannot be queried.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+}
+
+/// A given mesh, ready to be carried.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GivenMesh {
+    /// The mesh. Its nodes are those given, and behind them those that splitting added.
+    pub mesh: BoundedMesh,
+    /// Tetrahedra that had all their nodes on the boundary.
+    pub on_boundary_alone: usize,
+    /// Largest distance of a boundary node from the domain's surface, as a fraction of its diagonal. Such nodes go where the
+    /// nearest point of the surface goes.
+    pub off_surface: f64,
+}
+
+/// Farthest that a boundary node may be from the domain's surface, as a fraction of the diagonal.
+const OFF_SURFACE: f64 = 0.01;
+/// Difference of volumes, as a fraction.
+const OTHER_VOLUME: f64 = 0.1;
+
+/// Finds the boundary of a mesh of `domain`, turns its cells right-handed, and splits tetrahedra with all nodes on the
+/// boundary: their orientation would be that of the boundary map for good. The split goes through an edge inside, or
+/// through a face where there is none.
+///
+/// # Errors
+///
+/// When cells do not make a conforming mesh, or not of this domain.
+pub fn given_mesh(mesh: CellMesh, domain: &SurfaceMesh) -> Result<GivenMesh, GivenMeshError> {
+    check_cells(&mesh)?;
+    let mesh = turned(mesh)?;
+    let faces = faces(mesh.cells());
+    check_faces(&faces)?;
+    let outer: Vec<Face> = faces
+        .chunk_by(|a, b| a.nodes == b.nodes)
+        .filter(|group| group.len() == 1)
+        .map(|group| group[0])
+        .collect();
+    let mut mesh = BoundedMesh::of(mesh, &outer);
+    let off_surface = check_place(&mesh, domain)?;
+    let on_boundary_alone = split(&mut mesh);
+    Ok(GivenMesh {
+        mesh,
+        on_boundary_alone,
+        off_surface,
+    })
+}
+
+fn check_cells(mesh: &CellMesh) -> Result<(), GivenMeshError> {
+    if mesh.cells().is_empty() {
+        return Err(GivenMeshError::Empty);
+    }
+    let is_finite = |p: &Point| p.iter().all(|x| x.is_finite());
+    if let Some(node) = mesh.nodes().iter().position(|p| !is_finite(p)) {
+        let at = mesh.nodes()[node];
+        return Err(GivenMeshError::NotFinite { node, at });
+    }
+    let twice = |corners: &[u32]| (1..corners.len()).find(|&k| corners[..k].contains(&corners[k]));
+    let collapsed = match mesh.cells() {
+        CellList::Tets(tets) => find_cell(tets, |c| twice(c)),
+        CellList::Hexes(hexes) => find_cell(hexes, |c| twice(c)),
+    };
+    match collapsed {
+        Some((cell, node)) => Err(GivenMeshError::Collapsed { cell, node }),
+        None => Ok(()),
+    }
+}
+
+fn find_cell<const N: usize>(cells: &[[u32; N]], corner: impl Fn(&[u32]) -> Option<usize>) -> Option<(usize, u32)> {
+    let found = |(index, cell): (usize, &[u32; N])| Some((index, cell[corner(cell)?]));
+    cells.iter().enumerate().find_map(found)
+}
+
+/// The mesh with right-handed cells. Where neighbours agree in hand, the hand of the whole decides, so that inverted cells
+/// stay what they are; where they do not, each cell's own sign decides.
+fn turned(mesh: CellMesh) -> Result<CellMesh, GivenMeshError> {
+    let agree = faces(mesh.cells())
+        .chunk_by(|a, b| a.nodes == b.nodes)
+        .all(|group| group.len() != 2 || group[0].turns != group[1].turns);
+    let (nodes, mut cells, regions) = mesh.into_parts();
+    let det = |[a, b, c, d]: [u32; 4]| {
+        let [a, b, c, d] = [a, b, c, d].map(|v| nodes[v as usize]);
+        (b - a).dot(&(c - a).cross(&(d - a)))
+    };
+    // Two opposite corners stand for a hexahedron.
+    let volume = |c: usize| match &cells {
+        CellList::Tets(tets) => det(tets[c]),
+        CellList::Hexes(hexes) => det([0, 1, 3, 4].map(|k| hexes[c][k])) + det([6, 5, 7, 2].map(|k| hexes[c][k])),
+    };
+    let volumes: Vec<f64> = (0..cells.len()).map(volume).collect();
+    let whole: f64 = volumes.iter().sum();
+    let is_left = |c: usize| if agree { whole < 0.0 } else { volumes[c] < 0.0 };
+    match &mut cells {
+        CellList::Tets(tets) => {
+            let left = tets.iter_mut().enumerate().filter(|(c, _)| is_left(*c));
+            left.for_each(|(_, t)| t.swap(2, 3));
+        }
+        CellList::Hexes(hexes) => {
+            let left = hexes.iter_mut().enumerate().filter(|(c, _)| is_left(*c));
+            left.for_each(|(_, h)| h.rotate_left(4));
+        }
+    }
+    Ok(CellMesh::new(nodes, cells, regions).expect("the same counts"))
+}
+
+fn check_faces(faces: &[Face]) -> Result<(), GivenMeshError> {
+    for group in faces.chunk_by(|a, b| a.nodes == b.nodes) {
+        match group {
+            [_] => {}
+            [a, b] if a.turns != b.turns => {}
+            [a, b] => {
+                return Err(GivenMeshError::Hands {
+                    cells: [a.cell, b.cell],
+                });
+            }
+            _ => {
+                return Err(GivenMeshError::NotConforming {
+                    count: group.len(),
+                    nodes: group[0].nodes.iter().copied().filter(|v| *v != u32::MAX).collect(),
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether the mesh fills the domain; returns how far its boundary nodes are from the surface.
+fn check_place(mesh: &BoundedMesh, domain: &SurfaceMesh) -> Result<f64, GivenMeshError> {
+    let query = SurfaceQuery::with_winding_sign(domain)?;
+    let diagonal = domain.diagonal();
+    let nodes: Vec<u32> = (0..mesh.nodes.len() as u32)
+        .filter(|&v| mesh.on_boundary[v as usize])
+        .collect();
+    let places: Vec<Point> = nodes.iter().map(|&v| mesh.nodes[v as usize]).collect();
+    let found = query.closest_points(&places);
+    let farthest = found
+        .iter()
+        .enumerate()
+        .max_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance));
+    let (node, distance) = farthest.map_or((0, 0.0), |(k, place)| (nodes[k] as usize, place.distance / diagonal));
+    if distance > OFF_SURFACE {
+        return Err(GivenMeshError::OtherPlace { node, distance });
+    }
+    let boundary = SurfaceMesh::new(mesh.nodes.clone(), mesh.boundary.clone()).expect("boundary triangles name nodes");
+    let [of_mesh, of_domain] = [boundary.volume(), domain.volume().abs()];
+    if (of_mesh - of_domain).abs() > OTHER_VOLUME * of_domain {
+        return Err(GivenMeshError::OtherVolume {
+            mesh: of_mesh,
+            domain: of_domain,
+        });
+    }
+    Ok(distance)
+}
+
+/// What a tetrahedron on the boundary alone is split through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+enum Cut {
+    Edge([u32; 2]),
+    Face([u32; 3]),
+    Cell([u32; 4]),
+}
+
+/// Splits tetrahedra with all their nodes on the boundary; returns how many there were. A new node is inside, so that no
+/// tetrahedron of the split has to be split again.
+fn split(mesh: &mut BoundedMesh) -> usize {
+    let CellList::Tets(tets) = &mut mesh.cells else {
+        return 0;
+    };
+    let alone = |t: &[u32; 4], on_boundary: &[bool]| t.iter().all(|v| on_boundary[*v as usize]);
+    let ascending = |mut t: [u32; 3]| {
+        t.sort_unstable();
+        t
+    };
+    let outer_faces: HashSet<[u32; 3]> = mesh.boundary.iter().map(|t| ascending(*t)).collect();
+    let outer_edges: HashSet<[u32; 2]> = outer_faces
+        .iter()
+        .flat_map(|&[a, b, c]| [[a, b], [b, c], [a, c]])
+        .collect();
+    let mut first_count = None;
+    loop {
+        let flat: Vec<usize> = (0..tets.len())
+            .into_par_iter()
+            .filter(|&t| alone(&tets[t], &mesh.on_boundary))
+            .collect();
+        first_count.get_or_insert(flat.len());
+        if flat.is_empty() {
+            break;
+        }
+        let mut cuts: Vec<Cut> = flat
+            .iter()
+            .map(|&t| cut(tets[t], &mesh.nodes, &outer_edges, &outer_faces))
+            .collect();
+        cuts.sort_unstable();
+        cuts.dedup();
+        let around = around(tets, &cuts, &mesh.on_boundary);
+        let mut touched = HashSet::new();
+        for (cut, cells) in cuts.iter().zip(around) {
+            // Of cuts through the same cell, the others wait for the next pass.
+            if cells.iter().any(|c| touched.contains(c)) {
+                continue;
+            }
+            touched.extend(cells.iter().copied());
+            let corners: &[u32] = match cut {
+                Cut::Edge(corners) => corners,
+                Cut::Face(corners) => corners,
+                Cut::Cell(corners) => corners,
+            };
+            let sum: Vector = corners.iter().map(|&v| mesh.nodes[v as usize].coords).sum();
+            let middle = mesh.nodes.len() as u32;
+            mesh.nodes.push(Point::from(sum / corners.len() as f64));
+            mesh.on_boundary.push(false);
+            for cell in cells {
+                let whole = tets[cell as usize];
+                // One tetrahedron for each corner of the cut, with the middle in its place.
+                let mut halves = corners
+                    .iter()
+                    .map(|gone| whole.map(|v| if v == *gone { middle } else { v }));
+                tets[cell as usize] = halves.next().expect("cuts have corners");
+                for half in halves {
+                    tets.push(half);
+                    mesh.regions.push(mesh.regions[cell as usize]);
+                }
+            }
+        }
+    }
+    first_count.unwrap_or(0)
+}
+
+/// The longest edge inside, else a face inside, else the cell itself.
+fn cut(t: [u32; 4], nodes: &[Point], outer_edges: &HashSet<[u32; 2]>, outer_faces: &HashSet<[u32; 3]>) -> Cut {
+    let mut t = t;
+    t.sort_unstable();
+    let [a, b, c, d] = t;
+    let inner = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]]
+        .into_iter()
+        .filter(|e| !outer_edges.contains(e));
+    let length = |e: &[u32; 2]| (nodes[e[0] as usize] - nodes[e[1] as usize]).norm();
+    if let Some(edge) = inner.max_by(|a, b| length(a).total_cmp(&length(b))) {
+        return Cut::Edge(edge);
+    }
+    let mut faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].into_iter();
+    faces.find(|f| !outer_faces.contains(f)).map_or(Cut::Cell(t), Cut::Face)
+}
+
+/// The cells around every cut, ascending.
+fn around(tets: &[[u32; 4]], cuts: &[Cut], on_boundary: &[bool]) -> Vec<Vec<u32>> {
+    let index: HashMap<Cut, usize> = cuts.iter().enumerate().map(|(i, cut)| (*cut, i)).collect();
+    let mut found = vec![vec![]; cuts.len()];
+    for (cell, t) in tets.iter().enumerate() {
+        if t.iter().filter(|v| on_boundary[**v as usize]).count() < 2 {
+            continue;
+        }
+        let mut t = *t;
+        t.sort_unstable();
+        let [a, b, c, d] = t;
+        let edges = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(Cut::Edge);
+        let faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(Cut::Face);
+        for cut in edges.into_iter().chain(faces).chain([Cut::Cell(t)]) {
+            if let Some(&i) = index.get(&cut) {
+                found[i].push(cell as u32);
+            }
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hands_are_turned_as_a_whole_or_one_by_one() {
+        let nodes: Vec<Point> = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0; 3]]
+            .map(Point::from)
+            .into();
+        let right = [[0, 1, 2, 3], [1, 2, 3, 4]];
+        let det = |t: &[u32; 4]| {
+            let p = t.map(|v| nodes[v as usize]);
+            (p[1] - p[0]).dot(&(p[2] - p[0]).cross(&(p[3] - p[0])))
+        };
+        for swaps in [[false, false], [true, true], [true, false], [false, true]] {
+            let mut tets = right;
+            tets.iter_mut().zip(swaps).for_each(|(t, swap)| {
+                if swap {
+                    t.swap(0, 1);
+                }
+            });
+            let mesh = CellMesh::new(nodes.clone(), CellList::Tets(tets.to_vec()), vec![0, 0]).unwrap();
+            let CellList::Tets(turned) = turned(mesh).unwrap().cells().clone() else {
+                panic!("tets")
+            };
+            assert!(turned.iter().all(|t| det(t) > 0.0), "{swaps:?}");
+        }
+    }
+}

@@ -1,0 +1,277 @@
+//! Why cells cannot be turned back while the boundary stays where it is.
+//!
+//! A tetrahedron at a corner is right-handed where its determinant is positive, and that is linear in each of its nodes.
+//! With no free node its sign is the boundary map's. With one, that node has to lie on one side of a plane: an inner node
+//! that several planes ask for what contradicts itself has no right place, whatever the others do.
+
+use std::cmp::Ordering;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::bounded_mesh::{BoundedMesh, faces};
+use super::quality::HEX_CORNERS;
+use crate::geometry::orientation;
+use crate::mesh::CellList;
+use crate::{Point, Vector};
+
+/// What keeps a cell from being right side out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Obstacle {
+    /// A corner with its neighbours is on the boundary: proved, exactly.
+    Boundary,
+    /// It has an inner node that has no right place: proved, up to rounding.
+    BlockedNode,
+    /// It stands on a boundary quad with a corner that faces against the others: not a proof, but where such cells are found.
+    FoldedQuad,
+    /// None of these.
+    Unknown,
+}
+
+/// What stands in the way of a mesh without inverted cells as long as the boundary stays.
+#[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Obstacles {
+    /// Cells with a corner on the boundary alone that is not right-handed.
+    pub boundary_cells: usize,
+    /// Inner nodes that have no right place.
+    pub blocked_nodes: usize,
+    /// Boundary quads with a corner that faces against their mean.
+    pub folded_quads: usize,
+    /// What is in the way of each cell; `Unknown` of most.
+    #[serde(skip)]
+    pub of_cells: Vec<Obstacle>,
+}
+
+/// Planes that meet closer than this to a contradiction, in units of their own neighbourhood, count as contradicting.
+const ROUNDING: f64 = 1e-11;
+
+/// Looks for obstacles with the mesh's nodes at `x`, of which those inside do not matter.
+pub fn obstacles(mesh: &BoundedMesh, x: &[Point]) -> Obstacles {
+    let cells = mesh.cells.len();
+    let mut found = Obstacles {
+        of_cells: vec![Obstacle::Unknown; cells],
+        ..Obstacles::default()
+    };
+    for quad in folded_quads(mesh, x) {
+        found.folded_quads += 1;
+        if let Some(cell) = quad {
+            found.of_cells[cell as usize] = Obstacle::FoldedQuad;
+        }
+    }
+    let corners = corners(mesh);
+    let mut planes = Vec::new();
+    let mut fixed = Vec::new();
+    for (cell, t) in corners {
+        match free_node(mesh, t) {
+            Free::None => fixed.push((cell, t)),
+            Free::One(node, face) => planes.push((node, face, cell)),
+            Free::More => {}
+        }
+    }
+    planes.par_sort_unstable();
+    let of_nodes: Vec<&[(u32, [u32; 3], u32)]> = planes.chunk_by(|a, b| a.0 == b.0).collect();
+    let blocked: Vec<&[(u32, [u32; 3], u32)]> = of_nodes
+        .into_par_iter()
+        .filter(|planes| has_no_place(planes.iter().map(|(_, face, _)| face.map(|v| x[v as usize]))))
+        .collect();
+    found.blocked_nodes = blocked.len();
+    for (_, _, cell) in blocked.into_iter().flatten() {
+        found.of_cells[*cell as usize] = Obstacle::BlockedNode;
+    }
+    let is_wrong = |t: &[u32; 4]| {
+        let [a, b, c, d] = t.map(|v| x[v as usize]);
+        orientation(&a, &b, &c, &d) != Some(Ordering::Greater)
+    };
+    let mut last = None;
+    for (cell, t) in fixed {
+        if is_wrong(&t) {
+            found.boundary_cells += usize::from(last != Some(cell));
+            last = Some(cell);
+            found.of_cells[cell as usize] = Obstacle::Boundary;
+        }
+    }
+    found
+}
+
+/// Cells and the tetrahedra at their corners.
+fn corners(mesh: &BoundedMesh) -> Vec<(u32, [u32; 4])> {
+    match &mesh.cells {
+        CellList::Tets(tets) => (0..).zip(tets.iter().copied()).collect(),
+        CellList::Hexes(hexes) => (0..)
+            .zip(hexes)
+            .flat_map(|(cell, h)| HEX_CORNERS.map(|c| (cell, c.map(|k| h[k]))))
+            .collect(),
+    }
+}
+
+/// Which nodes of a tetrahedron are inside.
+enum Free {
+    None,
+    /// One, and the face under it: the node is on its right side where the four are right-handed, face first.
+    One(u32, [u32; 3]),
+    More,
+}
+
+fn free_node(mesh: &BoundedMesh, t: [u32; 4]) -> Free {
+    // The faces of a right-handed tetrahedron, seen from the opposite node.
+    const OPPOSITE: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
+    let mut inside = (0..4).filter(|&k| !mesh.on_boundary[t[k] as usize]);
+    match (inside.next(), inside.next()) {
+        (None, _) => Free::None,
+        (Some(k), None) => Free::One(t[k], OPPOSITE[k].map(|i| t[i])),
+        _ => Free::More,
+    }
+}
+
+/// Whether no point is above all triangles: `det(b - a, c - a, p - a) > 0` for every triangle `(a, b, c)`. By Gordan's
+/// theorem that is so if and only if the planes have a convex combination that is zero.
+fn has_no_place(triangles: impl Iterator<Item = [Point; 3]> + Clone) -> bool {
+    let points: Vec<Point> = triangles.clone().flatten().collect();
+    if !points.iter().flat_map(|p| p.iter()).all(|x| x.is_finite()) {
+        return true;
+    }
+    let mean = points.iter().map(|p| p.coords).sum::<Vector>() / points.len().max(1) as f64;
+    let size = points.iter().map(|p| (p.coords - mean).norm()).fold(0.0, f64::max);
+    if size == 0.0 {
+        return true;
+    }
+    // Planes as (normal, offset), and one that says that the point is not at infinity.
+    let mut planes = vec![[0.0, 0.0, 0.0, 1.0]];
+    for [a, b, c] in triangles {
+        let [a, b, c] = [a, b, c].map(|p| (p.coords - mean) / size);
+        let Some(normal) = (b - a).cross(&(c - a)).try_normalize(0.0) else {
+            return true;
+        };
+        planes.push([normal.x, normal.y, normal.z, -normal.dot(&a)]);
+    }
+    least_combination(&planes) < ROUNDING
+}
+
+/// Distance from the origin of the convex hull, by non-negative least squares (Lawson & Hanson, *Solving Least Squares
+/// Problems*, 1974, chapter 23) for weights that sum to 1 and combine the vectors to 0.
+fn least_combination(vectors: &[[f64; 4]]) -> f64 {
+    let count = vectors.len();
+    let matrix = DMatrix::from_fn(5, count, |i, k| if i < 4 { vectors[k][i] } else { 1.0 });
+    let wanted = DVector::from_fn(5, |i, _| if i < 4 { 0.0 } else { 1.0 });
+    let mut weights = DVector::zeros(count);
+    let mut passive: Vec<usize> = Vec::new();
+    let mut residual = wanted.clone();
+    // Every pass lowers the residual; a basis is met once, and few are.
+    for _ in 0..10 * count {
+        let slopes = matrix.tr_mul(&residual);
+        let best = (0..count)
+            .filter(|k| !passive.contains(k))
+            .max_by(|a, b| slopes[*a].total_cmp(&slopes[*b]));
+        let Some(best) = best.filter(|&k| slopes[k] > 1e-14) else {
+            break;
+        };
+        passive.push(best);
+        while !passive.is_empty() {
+            let columns = matrix.select_columns(&passive);
+            let Ok(solution) = columns.svd(true, true).solve(&wanted, 1e-13) else {
+                return 0.0;
+            };
+            if solution.iter().all(|w| *w > 0.0) {
+                weights.fill(0.0);
+                passive.iter().zip(&solution).for_each(|(&k, w)| weights[k] = *w);
+                break;
+            }
+            // Back to where the first weight becomes zero.
+            let step = passive
+                .iter()
+                .zip(&solution)
+                .filter(|(_, w)| **w <= 0.0)
+                .map(|(&k, w)| weights[k] / (weights[k] - w))
+                .fold(1.0, f64::min);
+            for (&k, w) in passive.iter().zip(&solution) {
+                weights[k] += step * (w - weights[k]);
+            }
+            passive.retain(|&k| weights[k] > 1e-15);
+        }
+        let next = &wanted - &matrix * &weights;
+        if next.norm() >= residual.norm() {
+            break;
+        }
+        residual = next;
+    }
+    residual.norm()
+}
+
+/// Boundary quads with a corner normal against their mean, each by the hexahedron that it belongs to if it is known.
+fn folded_quads(mesh: &BoundedMesh, x: &[Point]) -> Vec<Option<u32>> {
+    let Some(quads) = mesh.quads() else {
+        return vec![];
+    };
+    let is_folded = |quad: &[u32; 4]| {
+        let p = quad.map(|v| x[v as usize]);
+        let mean = (p[2] - p[0]).cross(&(p[3] - p[1]));
+        let corner = |k: usize| (p[(k + 1) % 4] - p[k]).cross(&(p[(k + 3) % 4] - p[k]));
+        !(0..4).all(|k| corner(k).dot(&mean) > 0.0)
+    };
+    let folded: Vec<[u32; 4]> = quads.into_iter().filter(is_folded).collect();
+    if folded.is_empty() {
+        return vec![];
+    }
+    let faces = faces(&mesh.cells);
+    let owner = |mut quad: [u32; 4]| {
+        quad.sort_unstable();
+        let at = faces.binary_search_by(|face| face.nodes.cmp(&quad)).ok()?;
+        Some(faces[at].cell)
+    };
+    folded.into_iter().map(owner).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Triangles of a box seen from inside.
+    fn walls(low: f64, high: f64) -> Vec<[Point; 3]> {
+        let mut walls = Vec::new();
+        for axis in 0..3 {
+            for (at, flip) in [(low, false), (high, true)] {
+                let corner = |b: f64, c: f64| {
+                    let mut p = Point::origin();
+                    (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (at, b, c);
+                    p
+                };
+                let [a, b, c] = [corner(-2.0, -2.0), corner(2.0, -2.0), corner(0.0, 2.0)];
+                walls.push(if flip { [a, c, b] } else { [a, b, c] });
+            }
+        }
+        walls
+    }
+
+    #[test]
+    fn a_place_is_found_wherever_there_is_one() {
+        for (low, high, blocked) in [
+            (-1.0, 1.0, false),
+            (0.1, 0.1 + 1e-6, false),
+            (0.1, 0.1, true),
+            (0.5, -0.5, true),
+        ] {
+            assert_eq!(has_no_place(walls(low, high).into_iter()), blocked, "{low} {high}");
+        }
+        // Three walls of a prism that close as a fourth pushes its way in.
+        let open = walls(-1.0, 1.0);
+        let slanted = |offset: f64| {
+            let normal = Vector::new(1.0, 1.0, 1.0).normalize();
+            let (b, c) = (Vector::new(1.0, -1.0, 0.0), Vector::new(1.0, 1.0, -2.0));
+            let at = Point::from(normal * offset);
+            let det = b.cross(&c).dot(&normal);
+            if det > 0.0 {
+                [at, at + b, at + c]
+            } else {
+                [at, at + c, at + b]
+            }
+        };
+        let corner = 3.0f64.sqrt();
+        for (offset, blocked) in [(0.0, false), (corner - 1e-6, false), (corner + 1e-6, true)] {
+            let planes = open.iter().copied().chain([slanted(offset)]);
+            assert_eq!(has_no_place(planes), blocked, "{offset}");
+        }
+        let flat = [Point::origin(), Point::new(1.0, 0.0, 0.0), Point::new(2.0, 0.0, 0.0)];
+        assert!(has_no_place([flat].into_iter()));
+    }
+}
