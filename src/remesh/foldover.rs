@@ -45,7 +45,7 @@ enum Shapes {
 /// Weight of the determinants against the shapes.
 const LAMBDA: f64 = 1.0;
 /// Determinant of the edges of a reference over the cube of their norm, below which it is none; Kuhn's tetrahedra have 0.07.
-const SOUND: f64 = 1e-6;
+const SOUND: f64 = 5e-3;
 /// Cells that one task takes.
 const RUN: usize = 2048;
 
