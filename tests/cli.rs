@@ -813,7 +813,15 @@ fn a_polycube_is_remeshed_in_every_format() {
     assert!(hexes["min_scaled_jacobian"].as_f64().unwrap() > 0.2, "{hexes}");
     assert!(hexes["seconds"]["total"].as_f64().unwrap() > 0.0);
     let vtu = std::fs::read(place.path("hexes.vtu")).unwrap();
-    for field in ["scaled_jacobian", "inverted", "domain", "on_boundary"] {
+    for field in [
+        "scaled_jacobian",
+        "det_jacobian",
+        "region",
+        "inverted",
+        "obstacle",
+        "domain",
+        "on_boundary",
+    ] {
         assert!(
             String::from_utf8_lossy(&vtu).contains(&format!("Name=\"{field}\"")),
             "{field}"
@@ -821,7 +829,45 @@ fn a_polycube_is_remeshed_in_every_format() {
     }
     place.must("remesh cube.map --cells 2 --kind hex -o hexes.msh");
     let msh = std::fs::read_to_string(place.path("hexes.msh")).unwrap();
-    assert!(msh.starts_with("$MeshFormat\n2.2") && msh.contains("cube.map") && msh.contains("\"boundary\""));
+    assert!(msh.starts_with("$MeshFormat\n2.2") && msh.contains("cube.map") && msh.contains("\"face 1 ("));
+    let elements = msh.split("$Elements\n").nth(1).unwrap();
+    let of_kind = |kind: &str| elements.lines().filter(|l| l.split(' ').nth(1) == Some(kind)).count();
+    assert_eq!((of_kind("3"), of_kind("5")), (24, 32), "quads and hexahedra");
+
+    // A mesh of the domain, with regions, back to front.
+    let labelled = grid.tets().iter().enumerate().map(|(k, t)| (t.map(|v| v + 1), k % 3));
+    let [vertices, tets] = [
+        grid.vertices()
+            .iter()
+            .map(|p| format!("{:?} {:?} {:?} 0\n", p.x, p.y, p.z))
+            .collect::<String>(),
+        labelled
+            .map(|([a, b, c, d], region)| format!("{b} {a} {c} {d} {region}\n"))
+            .collect(),
+    ];
+    let text = format!(
+        "MeshVersionFormatted 2\nDimension 3\nVertices\n{}\n{vertices}Tetrahedra\n1296\n{tets}End\n",
+        grid.vertices().len()
+    );
+    std::fs::write(place.path("given.mesh"), text).unwrap();
+    let given = place.must("remesh cube.map --mesh given.mesh -o carried.mesh --png carried.png");
+    assert!(
+        words(&given).contains("0 now") && words(&given).contains("given"),
+        "{}",
+        words(&given)
+    );
+    let carried = io::read_cells(place.path("carried.mesh")).unwrap();
+    assert!(carried.regions().iter().enumerate().all(|(k, r)| *r == k as i32 % 3));
+    let text = std::fs::read_to_string(place.path("carried.mesh")).unwrap();
+    assert!(
+        text.contains("# solidmap") && text.contains("from given.mesh"),
+        "{text:.300}"
+    );
+    assert!(
+        std::fs::read(place.path("carried.png"))
+            .unwrap()
+            .starts_with(b"\x89PNG")
+    );
 }
 
 #[test]
@@ -835,6 +881,15 @@ fn what_cannot_be_remeshed_is_named() {
     place.fails("remesh ball.map -o m.obj", &["m.obj", ".vtu"]);
     place.fails("remesh ball.map -o m.vtu --domain-mesh m.vtu", &["m.vtu"]);
     place.fails("remesh ball.map -o m.vtu --cells 0", &["--cells"]);
+    place.fails(
+        "remesh ball.map -o m.vtu --mesh ball.obj --cells 4",
+        &["--mesh", "--cells"],
+    );
+    place.fails(
+        "remesh ball.map -o m.vtu --mesh ball.obj",
+        &["ball.obj", "tetrahedra or hexahedra is needed"],
+    );
+    place.fails("remesh ball.map -o ball.obj --mesh ball.obj", &["ball.obj"]);
     place.surface("cube.obj", &shapes::cube(2.0, 2));
     place.must("fit cube.obj --image cube.obj -o cube.map");
     place.fails("remesh cube.map -o m.vtu --cell-size -1", &["cell size of -1"]);

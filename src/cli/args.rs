@@ -454,6 +454,12 @@ pub struct RemeshArgs {
     /// Also write the mesh in the domain, cell by cell and node by node the same
     #[arg(long, value_name = "MESH")]
     pub domain_mesh: Option<PathBuf>,
+    /// Write a picture: the mesh cut open, as mapped and repaired, and the distribution of det J
+    #[arg(long, value_name = "FILE")]
+    pub png: Option<PathBuf>,
+    /// Axis that points up in the picture
+    #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
+    pub up: UpKind,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]

@@ -19,6 +19,15 @@ impl CellList {
         }
     }
 
+    /// The corners of each cell.
+    pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
+        let (flat, corners) = match self {
+            Self::Tets(cells) => (cells.as_flattened(), 4),
+            Self::Hexes(cells) => (cells.as_flattened(), 8),
+        };
+        flat.chunks_exact(corners)
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0

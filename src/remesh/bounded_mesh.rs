@@ -26,6 +26,17 @@ pub struct BoundedMesh {
     pub part_names: Vec<String>,
 }
 
+/// The faces between some cells of a mesh and everything else.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Skin {
+    /// Triangles, facing out of the cells.
+    pub triangles: Vec<[u32; 3]>,
+    /// The cell that each triangle belongs to.
+    pub cells: Vec<u32>,
+    /// For each triangle `[a, b, c]` whether `ab`, `bc` and `ca` are edges of cells, not diagonals of quads.
+    pub edges: Vec<[bool; 3]>,
+}
+
 /// Faces of a right-handed cell, counter-clockwise from outside.
 const TET_FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
 const HEX_FACES: [[usize; 4]; 6] = [
@@ -137,6 +148,26 @@ impl BoundedMesh {
             parts,
             part_names,
         }
+    }
+
+    /// The faces around the cells that are `kept`. Takes time for sorting the faces of all cells.
+    pub fn skin(&self, kept: impl Fn(u32) -> bool) -> Skin {
+        let mut faces = faces(&self.cells);
+        faces.retain(|face| kept(face.cell));
+        let outer = faces
+            .chunk_by(|a, b| a.nodes == b.nodes)
+            .filter(|group| group.len() == 1);
+        let mut skin = Skin::default();
+        for face in outer.map(|group| &group[0]) {
+            let halves: &[[bool; 3]] = match self.cells {
+                CellList::Tets(_) => &[[true; 3]],
+                CellList::Hexes(_) => &[[true, true, false], [false, true, true]],
+            };
+            skin.triangles.extend(face.triangles(&self.cells));
+            skin.cells.extend(halves.iter().map(|_| face.cell));
+            skin.edges.extend(halves);
+        }
+        skin
     }
 
     /// The boundary's quads, of a mesh of hexahedra.

@@ -25,7 +25,7 @@ use crate::map::VolumeMap;
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
 use crate::statistics::quantiles;
 
-pub use bounded_mesh::BoundedMesh;
+pub use bounded_mesh::{BoundedMesh, Skin};
 pub use given::{GivenMesh, GivenMeshError, given_mesh};
 pub use grid::{CellKind, CellSize, regular_mesh};
 pub use obstacles::{Obstacle, Obstacles, obstacles};
@@ -202,7 +202,9 @@ pub struct RemeshReport {
 pub struct Remeshed {
     /// The mesh in the domain.
     pub mesh: BoundedMesh,
-    /// Its nodes in the target.
+    /// Where the maps send its nodes.
+    pub carried: Vec<Point>,
+    /// Its nodes in the target: the same, but for what the repair moved.
     pub images: Vec<Point>,
     /// What is known of it.
     pub report: RemeshReport,
@@ -295,9 +297,7 @@ pub fn remesh(
     let edge = mean_boundary_edge(&mesh, &carried);
     let largest_shift = shifts(false).into_iter().fold(0.0, f64::max) / diagonal;
     let [target_to_mesh, mesh_to_target] = distances(&mesh, &images, &target, diagonal)?;
-    let mut determinants = samples.determinants(&images);
-    let mean = determinants.iter().sum::<f64>() / determinants.len() as f64;
-    determinants.iter_mut().for_each(|det| *det /= mean.abs());
+    let determinants = determinants(&mesh, &images);
     let mut report = RemeshReport {
         kind: match mesh.cells {
             CellList::Tets(_) => CellKind::Tets,
@@ -335,7 +335,21 @@ pub fn remesh(
         verify: total - repaired,
         total,
     };
-    Ok(Remeshed { mesh, images, report })
+    Ok(Remeshed {
+        mesh,
+        carried,
+        images,
+        report,
+    })
+}
+
+/// Determinants of the map of the cells, one per tetrahedron, and eight, at its corners, per hexahedron, which is compared
+/// with a cube. They are divided by their mean, so that 1 is a cell whose volume changes as the whole does.
+pub fn determinants(mesh: &BoundedMesh, images: &[Point]) -> Vec<f64> {
+    let mut determinants = samples(mesh, images).determinants(images);
+    let mean = determinants.iter().sum::<f64>() / determinants.len().max(1) as f64;
+    determinants.iter_mut().for_each(|det| *det /= mean.abs());
+    determinants
 }
 
 /// A mesh to carry, and what is known of it.

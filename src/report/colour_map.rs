@@ -152,7 +152,7 @@ fn ends(shown: &[f64], fractions: [f64; 2], label: &str) -> Result<(f64, f64), R
 }
 
 /// The range itself, or one of a tenth about it when it is too narrow to mean anything.
-fn widened((low, high): (f64, f64), scale: Scale) -> (f64, f64) {
+pub(super) fn widened((low, high): (f64, f64), scale: Scale) -> (f64, f64) {
     let size = low.abs().max(high.abs());
     if high - low > 1e-9 * size {
         return (low, high);

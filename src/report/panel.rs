@@ -83,13 +83,17 @@ impl Panel {
         [width, height]: [usize; 2],
     ) -> Result<Self, ReportError> {
         check_size(width, height)?;
-        Ok(Self {
-            canvas: render(surface, style, camera, [width, height])?,
+        Ok(Self::of_canvas(render(surface, style, camera, [width, height])?))
+    }
+
+    pub(super) fn of_canvas(canvas: Canvas) -> Self {
+        Self {
+            canvas,
             title: String::new(),
             captions: Vec::new(),
             axes: None,
             bar: None,
-        })
+        }
     }
 
     /// The same panel under this title.

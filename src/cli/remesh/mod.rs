@@ -1,0 +1,129 @@
+//! `solidmap remesh`: a regular mesh of a polycube, or a given mesh, carried into the target without inverted cells.
+
+mod pictures;
+mod summary;
+mod write;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+use serde::Serialize;
+use solidmap::io;
+use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, RemeshPhase, RemeshReport, remesh};
+
+use super::args::{CellShape, RemeshArgs};
+use super::output::{Output, peak_rss_bytes};
+use super::{Outcome, input};
+
+/// Extensions of meshes that can be written.
+const OUTPUTS: [&str; 4] = ["vtu", "vtk", "mesh", "msh"];
+
+/// What `remesh --json` prints.
+#[derive(Serialize)]
+struct Report {
+    map: PathBuf,
+    mesh: Option<PathBuf>,
+    output: PathBuf,
+    domain_mesh: Option<PathBuf>,
+    /// Bad cells of the result.
+    flipped_cells: usize,
+    /// Of the result.
+    min_scaled_jacobian: Option<f64>,
+    #[serde(flatten)]
+    remesh: RemeshReport,
+    peak_rss_bytes: u64,
+}
+
+/// Meshes, repairs, counts again and writes.
+pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
+    let meshes = std::iter::once(&args.output).chain(&args.domain_mesh);
+    let meshes = meshes.map(|path| (path.as_path(), &OUTPUTS[..]));
+    let written: Vec<(&Path, &[&str])> = meshes
+        .chain(args.png.iter().map(|path| (path.as_path(), &["png"][..])))
+        .collect();
+    for (i, (path, extensions)) in written.iter().enumerate() {
+        let others: Vec<&Path> = std::iter::once(&args.map)
+            .chain(&args.mesh)
+            .map(PathBuf::as_path)
+            .chain(written[..i].iter().map(|(path, _)| *path))
+            .collect();
+        input::require_writable(path, extensions, &others)?;
+    }
+    ensure!(args.cells > 0, "--cells is 0, but must be at least 1");
+    let options = RemeshOptions {
+        repair: !args.no_repair,
+        slide: !args.fix_boundary,
+        polish: args.polish,
+    };
+    output.progress("reading");
+    let source = source(args)?;
+    let (file, boundary) = input::read_fitted_map(&args.map)?;
+    let told = |phase| {
+        output.progress(match phase {
+            RemeshPhase::Meshing if args.mesh.is_some() => "examining the mesh".into(),
+            RemeshPhase::Meshing => "meshing the polycube".into(),
+            RemeshPhase::Mapping { nodes } => format!("mapping {nodes} nodes"),
+            RemeshPhase::Repairing { round, inverted } => {
+                format!("repairing: round {round}, {inverted} inverted")
+            }
+            RemeshPhase::Verifying => "counting and measuring".into(),
+        });
+    };
+    let remeshed = remesh(&boundary, &file.map, source, &options, &told).with_context(|| match &args.mesh {
+        Some(mesh) => format!("cannot carry `{}` by `{}`", mesh.display(), args.map.display()),
+        None => format!("cannot remesh by `{}`", args.map.display()),
+    })?;
+    output.progress("writing");
+    let origin = write::origin(args, &file.metadata)?;
+    write::mesh(&args.output, &remeshed, &remeshed.images, &origin)?;
+    if let Some(path) = &args.domain_mesh {
+        write::mesh(path, &remeshed, &remeshed.mesh.nodes, &origin)?;
+    }
+    if let Some(path) = &args.png {
+        let png = pictures::remeshed(&remeshed, args.up)?.to_png()?;
+        io::atomic_write(path, |writer| writer.write_all(&png))?;
+        output.note(format_args!("picture in {}", path.display()));
+    }
+    let flipped = remeshed.report.after.cells.len();
+    if flipped > 0 {
+        output.warn(format!(
+            "{flipped} cells stay inverted: {}. In a .vtu they have `inverted` 1. Smaller cells may help, or a boundary map \
+             that distorts less there",
+            summary::reasons(&remeshed.report)
+        ));
+    }
+    let report = Report {
+        map: args.map.clone(),
+        mesh: args.mesh.clone(),
+        output: args.output.clone(),
+        domain_mesh: args.domain_mesh.clone(),
+        flipped_cells: flipped,
+        min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),
+        remesh: remeshed.report,
+        peak_rss_bytes: peak_rss_bytes(),
+    };
+    output.result(&report, || summary::table(&report))?;
+    Ok(if flipped > 0 {
+        Outcome::CheckFailed
+    } else {
+        Outcome::Done
+    })
+}
+
+/// What is carried.
+fn source(args: &RemeshArgs) -> anyhow::Result<MeshSource> {
+    Ok(match &args.mesh {
+        Some(path) => MeshSource::Given(io::read_cells(path)?),
+        None => MeshSource::Regular {
+            kind: match args.kind {
+                CellShape::Tet => CellKind::Tets,
+                CellShape::Hex => CellKind::Hexes,
+            },
+            size: match args.cell_size {
+                Some(length) => CellSize::Length(length),
+                None => CellSize::Along(args.cells),
+            },
+            most_cells: args.max_cells,
+        },
+    })
+}

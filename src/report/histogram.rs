@@ -1,0 +1,225 @@
+//! How values are distributed: columns over a logarithmic axis, several fields over each other.
+
+use super::ReportError;
+use super::canvas::{Canvas, GREY_INK, INK, RULE, Rgb, WHITE};
+use super::colour_map::{Scale, widened};
+use super::number::typeset;
+use super::panel::{Panel, check_size};
+use super::text::{Anchor, TextStyle, Weight};
+use super::ticks::{linear_ticks, logarithmic_ticks};
+
+/// Columns along the axis.
+const COLUMNS: usize = 60;
+/// Decades shown at most, down from the largest value.
+const DECADES: f64 = 8.0;
+/// Of the fields, in order.
+const COLOURS: [Rgb; 3] = [[214, 96, 77], [67, 117, 180], [90, 160, 90]];
+const GRID: Rgb = [232, 234, 238];
+
+/// Shares of values in intervals of equal ratio.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Histogram {
+    label: String,
+    low: f64,
+    high: f64,
+    fields: Vec<Shares>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Shares {
+    name: String,
+    /// Fraction of the values in each column.
+    columns: Vec<f64>,
+    /// Values that are not positive, or no numbers.
+    outside: usize,
+}
+
+impl Histogram {
+    /// The distribution of fields with positive values, over a common logarithmic axis with this name. Values that are not
+    /// positive are counted beside it; those more than eight decades below the largest go to the first column.
+    ///
+    /// # Errors
+    ///
+    /// [`ReportError::NoFiniteValue`] when no value is positive.
+    pub fn logarithmic(label: impl Into<String>, fields: &[(&str, &[f64])]) -> Result<Self, ReportError> {
+        let label = label.into();
+        let positive = |x: &&f64| x.is_finite() && **x > 0.0;
+        let all = || fields.iter().flat_map(|(_, values)| values.iter()).filter(positive);
+        let (Some(least), Some(most)) = (all().copied().reduce(f64::min), all().copied().reduce(f64::max)) else {
+            return Err(ReportError::NoFiniteValue { label });
+        };
+        let (low, high) = widened((least.max(most / 10f64.powf(DECADES)), most), Scale::Log);
+        let shares = |(name, values): &(&str, &[f64])| {
+            let mut columns = vec![0.0; COLUMNS];
+            let mut outside = 0;
+            for value in values.iter() {
+                if !positive(&value) {
+                    outside += 1;
+                    continue;
+                }
+                let along = (value / low).ln() / (high / low).ln();
+                let column = ((along * COLUMNS as f64).max(0.0) as usize).min(COLUMNS - 1);
+                columns[column] += 1.0 / values.len() as f64;
+            }
+            Shares {
+                name: (*name).to_owned(),
+                columns,
+                outside,
+            }
+        };
+        Ok(Self {
+            fields: fields.iter().map(shares).collect(),
+            label,
+            low,
+            high,
+        })
+    }
+}
+
+impl Panel {
+    /// A histogram on `width × height` pixels, with its axes inside.
+    ///
+    /// # Errors
+    ///
+    /// [`ReportError::TooSmall`] and [`ReportError::TooLarge`].
+    pub fn of_histogram(histogram: &Histogram, [width, height]: [usize; 2]) -> Result<Self, ReportError> {
+        check_size(width, height)?;
+        let mut canvas = Canvas::new(width, height, WHITE);
+        let em = (height as f64 / 34.0).max(9.0);
+        let frame = [4.0 * em, 1.5 * em, width as f64 - 1.5 * em, height as f64 - 3.6 * em];
+        let highest = histogram
+            .fields
+            .iter()
+            .flat_map(|f| &f.columns)
+            .fold(0.0, |a: f64, b| a.max(*b));
+        let drawing = Drawing {
+            histogram,
+            em,
+            frame,
+            // Room for the legend.
+            top: if highest > 0.0 { 1.2 * highest } else { 1.0 },
+        };
+        drawing.draw(&mut canvas);
+        Ok(Self::of_canvas(canvas))
+    }
+}
+
+struct Drawing<'a> {
+    histogram: &'a Histogram,
+    em: f64,
+    /// Left, top, right, bottom.
+    frame: [f64; 4],
+    /// Share at the top of the frame.
+    top: f64,
+}
+
+impl Drawing<'_> {
+    fn draw(&self, canvas: &mut Canvas) {
+        self.draw_axes(canvas);
+        for (field, colour) in self.histogram.fields.iter().zip(COLOURS) {
+            self.draw_columns(canvas, field, colour);
+        }
+        self.draw_legend(canvas);
+    }
+
+    fn height_of(&self, share: f64) -> f64 {
+        let [_, top, _, bottom] = self.frame;
+        bottom - share / self.top * (bottom - top)
+    }
+
+    fn draw_axes(&self, canvas: &mut Canvas) {
+        let (em, text) = (self.em, style(self.em, INK));
+        let [left, top, right, bottom] = self.frame;
+        let up = linear_ticks(0.0, 100.0 * self.top, 5);
+        for (percent, label) in up.positions.iter().zip(&up.labels) {
+            let y = self.height_of(percent / 100.0);
+            canvas.stroke(&[[[left, y], [right, y]]], 1.0, GRID);
+            let place = [left - 0.4 * em, y + text.cap_height() / 2.0];
+            text.draw(canvas, &format!("{label} %"), place, Anchor::End);
+        }
+        let Histogram { low, high, .. } = *self.histogram;
+        let across = logarithmic_ticks(low, high, 8);
+        for (value, label) in across.positions.iter().zip(&across.labels) {
+            let x = left + (value / low).ln() / (high / low).ln() * (right - left);
+            canvas.stroke(&[[[x, bottom], [x, bottom + 0.35 * em]]], 1.0, RULE);
+            text.draw(canvas, label, [x, bottom + 1.45 * em], Anchor::Middle);
+        }
+        let name = match &across.factor {
+            Some(factor) => format!("{} ({factor})", self.histogram.label),
+            None => self.histogram.label.clone(),
+        };
+        let place = [(left + right) / 2.0, bottom + 3.0 * em];
+        text.draw(canvas, &name, place, Anchor::Middle);
+        let axes = [[[left, top], [left, bottom]], [[left, bottom], [right, bottom]]];
+        canvas.stroke(&axes, 1.0, RULE);
+    }
+
+    fn draw_columns(&self, canvas: &mut Canvas, field: &Shares, colour: Rgb) {
+        let [left, _, right, bottom] = self.frame;
+        let edge = |k: usize| left + k as f64 / COLUMNS as f64 * (right - left);
+        let mut outline = Vec::new();
+        let mut last = bottom;
+        for (k, share) in field.columns.iter().enumerate() {
+            let (from, to, y) = (edge(k), edge(k + 1), self.height_of(*share));
+            for column in from.round() as i64..to.round() as i64 {
+                (y.round() as i64..bottom.round() as i64).for_each(|row| canvas.blend(column, row, colour, 0.3));
+            }
+            outline.extend([[[from, last], [from, y]], [[from, y], [to, y]]]);
+            last = y;
+        }
+        outline.push([[right, last], [right, bottom]]);
+        canvas.stroke(&outline, 0.14 * self.em, colour);
+    }
+
+    fn draw_legend(&self, canvas: &mut Canvas) {
+        let (em, [_, top, right, _]) = (self.em, self.frame);
+        for (k, (field, colour)) in self.histogram.fields.iter().zip(COLOURS).enumerate() {
+            let y = top + (1.2 + 1.5 * k as f64) * em;
+            let below = match field.outside {
+                0 => "none ≤ 0".to_owned(),
+                count => format!("{} ≤ 0", typeset(count as f64, 6)),
+            };
+            let text = format!("{}: {below}", field.name);
+            let ink = style(em, if field.outside == 0 { GREY_INK } else { INK });
+            ink.draw(canvas, &text, [right - 0.5 * em, y], Anchor::End);
+            let x = right - 1.0 * em - ink.width(&text);
+            let middle = y - ink.cap_height() / 2.0;
+            canvas.stroke(&[[[x - 1.2 * em, middle], [x, middle]]], 0.5 * em, colour);
+        }
+    }
+}
+
+fn style(size: f64, colour: Rgb) -> TextStyle {
+    TextStyle {
+        size,
+        weight: Weight::Regular,
+        colour,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_counted_where_they_are() {
+        let values = [1.0, 1.0, 100.0, -1.0, f64::NAN, 1e-30];
+        let histogram = Histogram::logarithmic("det J", &[("a", &values), ("b", &[10.0])]).unwrap();
+        assert_eq!(histogram.fields[0].outside, 2);
+        let sum = |k: usize| histogram.fields[k].columns.iter().sum::<f64>();
+        assert!((sum(0) - 4.0 / 6.0).abs() < 1e-15 && (sum(1) - 1.0).abs() < 1e-15);
+        assert!((histogram.fields[0].columns[0] - 1.0 / 6.0).abs() < 1e-15, "far below");
+        assert!((histogram.fields[0].columns[COLUMNS - 1] - 1.0 / 6.0).abs() < 1e-15);
+        assert!(matches!(
+            Histogram::logarithmic("x", &[("a", &[-1.0, f64::NAN])]),
+            Err(ReportError::NoFiniteValue { .. })
+        ));
+        assert!(Histogram::logarithmic("x", &[("a", &[3.0; 5])]).is_ok(), "one value");
+        let panel = Panel::of_histogram(&histogram, [400, 300]).unwrap();
+        assert!(panel.canvas.pixels().iter().any(|p| *p != WHITE));
+        assert!(matches!(
+            Panel::of_histogram(&histogram, [4, 4]),
+            Err(ReportError::TooSmall { .. })
+        ));
+    }
+}
