@@ -591,6 +591,33 @@ fn what_blocks_a_repair_is_proved() {
 }
 
 #[test]
+fn padding_is_proved_impossible_where_faces_look_both_ways() {
+    // Four boxes in a chain around an edge and up: at their common corner faces look up and down the same axis.
+    let boxes = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]];
+    let planes: &[f64] = &[0.0, 1.0, 2.0];
+    let domain = surface_of_boxes(&boxes, [planes; 3], 2);
+    let boundary = BoundaryMap::new(domain.clone(), domain.vertices().to_vec()).unwrap();
+    let identity = Formula(|p: &Point| *p);
+    let fixed = RemeshOptions {
+        slide: false,
+        ..RemeshOptions::default()
+    };
+    let hexes = run_with(&boundary, &identity, grid(CellKind::Hexes, 8), &fixed).report;
+    assert_eq!(hexes.obstacles.blocked_nodes, 1);
+    assert!(!hexes.after.cells.is_empty() && hexes.after.cells.len() <= hexes.before.cells.len());
+    let why = &hexes.obstacles_after.of_cells;
+    assert!(
+        hexes
+            .after
+            .cells
+            .iter()
+            .any(|c| why[*c as usize] == Obstacle::BlockedNode)
+    );
+    let tets = run_with(&boundary, &identity, grid(CellKind::Tets, 8), &fixed).report;
+    assert_eq!((tets.before.cells.len(), tets.obstacles.blocked_nodes), (0, 0));
+}
+
+#[test]
 fn meshes_from_elsewhere_are_carried_without_an_inverted_cell() {
     let Some(models) = models() else { return };
     let twisted = |p: &Point, size: f64| {
