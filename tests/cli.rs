@@ -889,7 +889,10 @@ fn what_cannot_be_remeshed_is_named() {
         "remesh ball.map -o m.vtu --mesh ball.obj",
         &["ball.obj", "tetrahedra or hexahedra is needed"],
     );
-    place.fails("remesh ball.map -o ball.obj --mesh ball.obj", &["ball.obj"]);
+    place.fails(
+        "remesh ball.map -o given.mesh --mesh given.mesh",
+        &["given.mesh", "overwrit"],
+    );
     place.surface("cube.obj", &shapes::cube(2.0, 2));
     place.must("fit cube.obj --image cube.obj -o cube.map");
     place.fails("remesh cube.map -o m.vtu --cell-size -1", &["cell size of -1"]);

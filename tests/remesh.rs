@@ -126,7 +126,7 @@ fn faces(mesh: &BoundedMesh) -> HashMap<Vec<u32>, u32> {
         key.sort_unstable();
         *count.entry(key).or_default() += 1;
     };
-    match &mesh.cells {
+    match mesh.cells() {
         CellList::Tets(tets) => {
             for t in tets {
                 [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
@@ -160,23 +160,23 @@ fn meshes_conform_fill_the_solid_and_have_no_cell_on_the_boundary_alone() {
             let faces = faces(&mesh);
             assert!(faces.values().all(|&n| n <= 2));
             let outer: Vec<&Vec<u32>> = faces.iter().filter(|(_, n)| **n == 1).map(|(f, _)| f).collect();
-            let on = |v: &u32| mesh.on_boundary[*v as usize];
+            let on = |v: &u32| mesh.on_boundary()[*v as usize];
             assert!(outer.iter().all(|f| f.iter().all(on)));
             let per_face = if kind == CellKind::Tets { 1 } else { 2 };
-            assert_eq!(outer.len() * per_face, mesh.boundary.len());
-            let boundary = SurfaceMesh::new(mesh.nodes.clone(), mesh.boundary.clone()).unwrap();
+            assert_eq!(outer.len() * per_face, mesh.boundary().len());
+            let boundary = SurfaceMesh::new(mesh.nodes().to_vec(), mesh.boundary().to_vec()).unwrap();
             assert!(
                 (boundary.volume() - surface.volume()).abs() < 1e-12 * surface.volume(),
                 "outward, and all of it"
             );
             assert!((boundary.area() - surface.area()).abs() < 1e-12 * surface.area());
-            let bad = bad_cells(&mesh.cells, &mesh.nodes);
-            match &mesh.cells {
+            let bad = bad_cells(mesh.cells(), mesh.nodes());
+            match mesh.cells() {
                 CellList::Tets(tets) => {
                     assert_eq!(bad.cells, [] as [u32; 0]);
                     assert!(tets.iter().all(|t| !t.iter().all(on)));
                     // Boundary triangles are faces of tetrahedra, not other diagonals.
-                    for t in &mesh.boundary {
+                    for t in mesh.boundary() {
                         let mut key = t.to_vec();
                         key.sort_unstable();
                         assert_eq!(faces.get(&key), Some(&1));
@@ -265,7 +265,7 @@ fn nodes_are_exactly_where_a_smooth_map_puts_them() {
         };
         let result = run_with(&boundary, &Formula(bent), grid(kind, 8), &unmoved);
         assert_eq!(result.report.before.cells, [] as [u32; 0]);
-        for (node, found) in result.mesh.nodes.iter().zip(&result.images) {
+        for (node, found) in result.mesh.nodes().iter().zip(&result.images) {
             assert!((bent(node) - found).norm() < 1e-14);
         }
         assert_eq!(result.report.largest_shift, 0.0);
@@ -297,7 +297,7 @@ fn any_inner_nodes_are_untangled_and_the_boundary_stays() {
             assert!(report.quality.unwrap().min_scaled_jacobian > 0.1);
             let without = run_with(&boundary, map, grid(kind, 8), &UNREPAIRED);
             assert_eq!(without.report.before, without.report.after);
-            for (v, &on) in result.mesh.on_boundary.iter().enumerate() {
+            for (v, &on) in result.mesh.on_boundary().iter().enumerate() {
                 if on {
                     assert_eq!(result.images[v], without.images[v]);
                 }
@@ -339,7 +339,8 @@ fn results_are_the_same_for_any_number_of_threads() {
     let heap = Formula(|_: &Point| Point::origin());
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| KINDS.map(|kind| run(&boundary, &heap, grid(kind, 20)).images))
+        let given = || run(&boundary, &heap, MeshSource::Given(kuhn(8))).images;
+        pool.install(|| (KINDS.map(|kind| run(&boundary, &heap, grid(kind, 20)).images), given()))
     };
     assert!(with(1) == with(2) && with(2) == with(3));
 }
@@ -405,9 +406,9 @@ fn kuhn_alone(boxes: usize) -> usize {
 }
 
 fn is_alone(mesh: &BoundedMesh) -> usize {
-    match &mesh.cells {
+    match mesh.cells() {
         CellList::Tets(tets) => {
-            let alone = |t: &&[u32; 4]| t.iter().all(|v| mesh.on_boundary[*v as usize]);
+            let alone = |t: &&[u32; 4]| t.iter().all(|v| mesh.on_boundary()[*v as usize]);
             tets.iter().filter(alone).count()
         }
         CellList::Hexes(_) => panic!("hexahedra"),
@@ -416,7 +417,7 @@ fn is_alone(mesh: &BoundedMesh) -> usize {
 
 #[test]
 fn tetrahedra_on_the_boundary_alone_are_split_and_regions_stay() {
-    // One box has no edge or face inside that does not meet the boundary alone: edges, then faces, then cells are cut.
+    // A tetrahedron has no edge and no face inside, two at a face no edge; boxes have edges inside.
     let tet = CellMesh::new(
         vec![
             Point::origin(),
@@ -427,7 +428,26 @@ fn tetrahedra_on_the_boundary_alone_are_split_and_regions_stay() {
         CellList::Tets(vec![[0, 2, 1, 3]]),
         vec![7],
     );
-    for (mesh, alone) in [(tet.unwrap(), 1), (kuhn(1), 6), (kuhn(2), 24), (kuhn(4), kuhn_alone(4))] {
+    let points = [
+        [0.0; 3],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.3, 0.3, 1.0],
+        [0.3, 0.3, -1.0],
+    ]
+    .map(Point::from);
+    let two = CellMesh::new(
+        points.into(),
+        CellList::Tets(vec![[0, 1, 2, 3], [0, 1, 2, 4]]),
+        vec![7, -8],
+    );
+    for (mesh, alone) in [
+        (tet.unwrap(), 1),
+        (two.unwrap(), 2),
+        (kuhn(1), 6),
+        (kuhn(2), 24),
+        (kuhn(4), kuhn_alone(4)),
+    ] {
         let counted = |mesh: &CellMesh| {
             let CellList::Tets(tets) = mesh.cells() else {
                 panic!("tets")
@@ -439,32 +459,27 @@ fn tetrahedra_on_the_boundary_alone_are_split_and_regions_stay() {
             }
             volumes
         };
-        let (low, high) = mesh
-            .nodes()
-            .iter()
-            .fold((mesh.nodes()[0], mesh.nodes()[0]), |(l, h), p| (l.inf(p), h.sup(p)));
-        let first = given_mesh(mesh.clone(), &shapes::cube(2.0, 1));
-        let domain = if alone == 1 {
-            assert!(matches!(first, Err(GivenMeshError::OtherPlace { .. })), "{first:?}");
-            let CellList::Tets(tets) = mesh.cells() else {
-                panic!("tets")
-            };
-            let [a, b, c, d] = tets[0];
-            SurfaceMesh::new(mesh.nodes().to_vec(), vec![[a, b, c], [a, d, b], [b, d, c], [a, c, d]]).unwrap()
+        let cube = shapes::cube(2.0, 1);
+        let domain = if alone > 2 {
+            cube
         } else {
-            assert_eq!((high - low).norm(), 12.0f64.sqrt());
-            shapes::cube(2.0, 1)
+            let elsewhere = given_mesh(mesh.clone(), &cube);
+            assert!(
+                matches!(elsewhere, Err(GivenMeshError::OtherPlace { .. })),
+                "{elsewhere:?}"
+            );
+            surface_of(&mesh)
         };
         let given = given_mesh(mesh.clone(), &domain).unwrap();
         assert_eq!(given.on_boundary_alone, alone);
         let split = &given.mesh;
         assert_eq!(is_alone(split), 0);
-        assert_eq!(split.nodes[..mesh.nodes().len()], *mesh.nodes());
+        assert_eq!(split.nodes()[..mesh.nodes().len()], *mesh.nodes());
         let faces = faces(split);
         assert!(faces.values().all(|&n| n <= 2));
-        assert_eq!(faces.values().filter(|n| **n == 1).count(), split.boundary.len());
-        assert_eq!(bad_cells(&split.cells, &split.nodes).cells, [] as [u32; 0]);
-        let after = CellMesh::new(split.nodes.clone(), split.cells.clone(), split.regions.clone()).unwrap();
+        assert_eq!(faces.values().filter(|n| **n == 1).count(), split.boundary().len());
+        assert_eq!(bad_cells(split.cells(), split.nodes()).cells, [] as [u32; 0]);
+        let after = CellMesh::new(split.nodes().to_vec(), split.cells().clone(), split.regions().to_vec()).unwrap();
         let volumes = counted(&mesh).into_iter().zip(counted(&after));
         for ((region, volume), (after_region, after_volume)) in volumes {
             assert_eq!(region, after_region);
@@ -483,7 +498,7 @@ fn given_meshes_are_carried_and_untangled() {
     assert_eq!(result.report.after.cells, [] as [u32; 0], "{:?}", result.report);
     assert!(result.report.split_cells == kuhn_alone(4) && result.report.off_surface < 1e-15);
     // Named by where they face in the domain.
-    let mut names = result.mesh.part_names.clone();
+    let mut names = result.mesh.part_names().to_vec();
     names.iter_mut().for_each(|name| *name = name.split_off(7));
     names.sort_unstable();
     assert_eq!(names, ["(+x)", "(+y)", "(+z)", "(-x)", "(-y)", "(-z)"]);
@@ -498,7 +513,7 @@ fn given_meshes_are_carried_and_untangled() {
         .collect();
     let hexes = CellMesh::new(nodes, CellList::Hexes(hexes), (0..64).collect()).unwrap();
     let result = run(&boundary, &heap, MeshSource::Given(hexes));
-    assert_eq!(result.mesh.regions, (0..64).collect::<Vec<i32>>());
+    assert_eq!(result.mesh.regions(), (0..64).collect::<Vec<i32>>());
     assert_eq!(result.report.after.cells, [] as [u32; 0], "{:?}", result.report);
 }
 
@@ -527,10 +542,11 @@ fn meshes_that_cannot_be_carried_are_refused() {
         refused(nodes(), collapsed),
         GivenMeshError::Collapsed { cell: 9, .. }
     ));
+    // All of its faces inside then have three cells.
     let twice = [tets.clone(), vec![tets[20]]].concat();
     assert!(matches!(
         refused(nodes(), twice),
-        GivenMeshError::NotConforming { count: 3, .. } | GivenMeshError::Hands { .. }
+        GivenMeshError::NotConforming { count: 3, .. }
     ));
     let moved = nodes().iter().map(|p| p + Vector::repeat(0.1)).collect();
     assert!(matches!(
@@ -545,11 +561,35 @@ fn meshes_that_cannot_be_carried_are_refused() {
         .collect();
     let half = refused(nodes(), half);
     assert!(
-        matches!(
-            half,
-            GivenMeshError::OtherPlace { .. } | GivenMeshError::OtherVolume { .. }
-        ),
+        matches!(half, GivenMeshError::OtherPlace { distance, .. } if distance > 0.2),
         "{half:?}"
+    );
+    // Between four corners of the cube.
+    let corners = [[-1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]];
+    let part = refused(corners.map(Point::from).into(), vec![[0, 1, 2, 3]]);
+    assert!(
+        matches!(part, GivenMeshError::OtherVolume { mesh, .. } if (mesh - 8.0 / 3.0).abs() < 1e-12),
+        "{part:?}"
+    );
+    // Two hexahedra of which the second crosses two edges of their common face.
+    let nodes: Vec<Point> = (0..12)
+        .map(|n| Point::new((n % 2) as f64, (n / 2 % 2) as f64, (n / 4) as f64))
+        .collect();
+    let hexes =
+        |cells: [[u32; 8]; 2]| CellMesh::new(nodes.clone(), CellList::Hexes(cells.to_vec()), vec![0; 2]).unwrap();
+    let tower = shapes::deformed(&shapes::cube(1.0, 1), |p| {
+        Point::new(p.x + 0.5, p.y + 0.5, 2.0 * p.z + 1.0)
+    });
+    // The upper one is given upside down, and turned.
+    let straight = given_mesh(hexes([[0, 1, 3, 2, 4, 5, 7, 6], [8, 9, 11, 10, 4, 5, 7, 6]]), &tower).unwrap();
+    assert_eq!(
+        bad_cells(straight.mesh.cells(), straight.mesh.nodes()).cells,
+        [] as [u32; 0]
+    );
+    let crossed = given_mesh(hexes([[0, 1, 3, 2, 4, 5, 7, 6], [4, 7, 5, 6, 8, 11, 9, 10]]), &tower);
+    assert!(
+        matches!(crossed, Err(GivenMeshError::OtherQuad { cells: [0, 1] })),
+        "{crossed:?}"
     );
 }
 
@@ -565,8 +605,8 @@ fn what_blocks_a_repair_is_proved() {
     let domain = SurfaceMesh::new(nodes.clone(), vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
     let mesh = CellMesh::new(nodes.clone(), CellList::Tets(vec![[0, 1, 2, 3]]), vec![0]).unwrap();
     let given = given_mesh(mesh, &domain).unwrap().mesh;
-    assert_eq!(obstacles(&given, &given.nodes).blocked_nodes, 0);
-    let mirrored: Vec<Point> = given.nodes.iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
+    assert_eq!(obstacles(&given, given.nodes()).blocked_nodes, 0);
+    let mirrored: Vec<Point> = given.nodes().iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
     let found = obstacles(&given, &mirrored);
     assert_eq!((found.blocked_nodes, found.boundary_cells), (1, 0));
     assert_eq!(found.of_cells, [Obstacle::BlockedNode; 4]);
@@ -581,9 +621,9 @@ fn what_blocks_a_repair_is_proved() {
     let mesh = CellMesh::new(nodes, CellList::Hexes(hexes), vec![0; 8]).unwrap();
     let cube = shapes::deformed(&shapes::cube(2.0, 2), |p| p + Vector::repeat(1.0));
     let given = given_mesh(mesh, &cube).unwrap().mesh;
-    assert_eq!(obstacles(&given, &given.nodes).boundary_cells, 0);
+    assert_eq!(obstacles(&given, given.nodes()).boundary_cells, 0);
     // A corner of the cube pushed in beyond the plane of its neighbours.
-    let mut pushed = given.nodes.clone();
+    let mut pushed = given.nodes().to_vec();
     pushed[0] = Point::new(0.7, 0.7, 0.7);
     let found = obstacles(&given, &pushed);
     assert_eq!(found.of_cells[0], Obstacle::Boundary);
@@ -657,8 +697,11 @@ fn surface_of(mesh: &CellMesh) -> SurfaceMesh {
     match mesh.cells() {
         CellList::Tets(tets) => {
             for t in tets {
+                let [a, b, c, d] = t.map(|v| mesh.nodes()[v as usize]);
+                let is_left = (b - a).dot(&(c - a).cross(&(d - a))) < 0.0;
                 for f in [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]] {
-                    add(f.map(|k: usize| t[k]).to_vec());
+                    let [a, b, c] = f.map(|k: usize| t[k]);
+                    add(if is_left { vec![a, c, b] } else { vec![a, b, c] });
                 }
             }
         }
@@ -730,7 +773,7 @@ fn the_bird_has_no_bad_hexahedron_once_a_few_boundary_nodes_slide() {
     // Nodes slide on the target, and no others move.
     let query = SurfaceQuery::new(&boundary.target()).unwrap();
     let mut moved = 0;
-    for (v, &on) in free.mesh.on_boundary.iter().enumerate() {
+    for (v, &on) in free.mesh.on_boundary().iter().enumerate() {
         if on {
             moved += usize::from(free.images[v] != fixed.images[v]);
             assert!(query.closest_point(&free.images[v]).distance < 1e-12);

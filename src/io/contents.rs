@@ -16,7 +16,7 @@ pub(super) struct Contents {
     pub tets: Vec<[i64; 4]>,
     pub hexes: Vec<[i64; 8]>,
     /// Labels of tetrahedra and of hexahedra, one for each, in formats that have them; empty in others.
-    pub labels: [Vec<i32>; 2],
+    pub labels: [Vec<i64>; 2],
     /// Three-dimensional cells other than linear tetrahedra and hexahedra: the first kind met, in the plural, and how many of it.
     pub other_cells: Option<(String, usize)>,
     /// The number of the first vertex in the file, for messages.
@@ -137,7 +137,14 @@ impl Contents {
         let [of_tets, of_hexes] = self.labels;
         let labels = if of_tets.is_empty() { of_hexes } else { of_tets };
         let regions = if labels.len() == cells.len() {
-            labels
+            let region = |label: &i64| {
+                i32::try_from(*label).map_err(|_| IoError::Unsupported {
+                    path: path.to_owned(),
+                    found: "a cell whose reference is no integer of 32 bits".into(),
+                    remedy: "number the regions by smaller integers",
+                })
+            };
+            labels.iter().map(region).collect::<Result<_, _>>()?
         } else {
             vec![0; cells.len()]
         };

@@ -1,13 +1,12 @@
 //! Gmsh's mesh format 2.2 (`.msh`), in text: the version that all readers know.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
 use super::{CellGroup, Cells};
 use crate::Point;
 
-/// Writes groups of cells; their labels become physical groups. Labels that have no name in a group are named by their
-/// number.
+/// Writes groups of cells; their labels become physical groups. Labels without a name are named by their number.
 pub(super) fn write(writer: &mut dyn Write, points: &[Point], groups: &[CellGroup], comment: &str) -> io::Result<()> {
     let comment = comment.replace(|c: char| c.is_control() || c == '$', " ");
     writeln!(writer, "$MeshFormat\n2.2 0 8\n$EndMeshFormat")?;
@@ -15,7 +14,7 @@ pub(super) fn write(writer: &mut dyn Write, points: &[Point], groups: &[CellGrou
     let physical: Vec<(u8, i32, String)> = groups.iter().flat_map(names).collect();
     writeln!(writer, "$PhysicalNames\n{}", physical.len())?;
     for (dimension, tag, name) in physical {
-        writeln!(writer, "{dimension} {tag} \"{}\"", name.replace('"', "'"))?;
+        writeln!(writer, "{dimension} {tag} \"{}\"", name)?;
     }
     writeln!(writer, "$EndPhysicalNames\n$Nodes\n{}", points.len())?;
     for (i, p) in points.iter().enumerate() {
@@ -26,10 +25,7 @@ pub(super) fn write(writer: &mut dyn Write, points: &[Point], groups: &[CellGrou
     let mut number = 0;
     for group in groups {
         let kind = element(group.cells)[0];
-        let tags: HashMap<i32, i32> = labels(group)
-            .into_iter()
-            .map(|label| (label, tag(label, group)))
-            .collect();
+        let tags = tags(group);
         for (cell, label) in group.cells.iter().zip(group.labels) {
             number += 1;
             let tag = tags[label];
@@ -53,31 +49,30 @@ fn element(cells: Cells) -> [u8; 2] {
     }
 }
 
-/// Physical groups have positive numbers: other labels come after the largest.
-fn tag(label: i32, group: &CellGroup) -> i32 {
-    let largest = group.labels.iter().copied().max().unwrap_or(0).max(0);
-    if label > 0 {
-        label
-    } else {
-        largest.saturating_add(1).saturating_sub(label)
-    }
+/// The labels that occur, with their physical tags. Tags have to be positive: labels that are not get the least numbers that
+/// are free.
+fn tags(group: &CellGroup) -> BTreeMap<i32, i32> {
+    let labels: BTreeSet<i32> = group.labels.iter().copied().collect();
+    let mut free = (1..).filter(|tag| !labels.contains(tag));
+    let mut tag = |label: &i32| if *label > 0 { Some(*label) } else { free.next() };
+    labels.iter().filter_map(|label| Some((*label, tag(label)?))).collect()
 }
 
-/// The labels that occur, with dimension, tag and name.
+/// Dimension, tag and name of the groups.
 fn names(group: &CellGroup) -> Vec<(u8, i32, String)> {
     let [_, dimension] = element(group.cells);
-    let named = |label: i32| {
-        let name = group.names.iter().find(|(of, _)| *of == label);
-        name.map_or_else(|| format!("label {label}"), |(_, name)| name.clone())
+    let names: BTreeMap<i32, &str> = group
+        .names
+        .iter()
+        .map(|(label, name)| (*label, name.as_str()))
+        .collect();
+    let named = |(label, tag)| {
+        let name = names
+            .get(&label)
+            .map_or_else(|| format!("label {label}"), |name| (*name).to_owned());
+        (dimension, tag, name.replace(|c: char| c.is_control() || c == '"', " "))
     };
-    labels(group)
-        .into_iter()
-        .map(|label| (dimension, tag(label, group), named(label)))
-        .collect()
-}
-
-fn labels(group: &CellGroup) -> BTreeSet<i32> {
-    group.labels.iter().copied().collect()
+    tags(group).into_iter().map(named).collect()
 }
 
 #[cfg(test)]
@@ -114,12 +109,12 @@ mod tests {
                 "$EndComments",
                 "$PhysicalNames",
                 "3",
-                "2 3 \"label 0\"",
+                "2 1 \"label 0\"",
                 "2 2 \"side\"",
                 "3 4 \"label 4\"",
             ]
         );
         assert!(lines.contains(&"4 0.0 0.1 0.001"));
-        assert!(lines.contains(&"1 2 2 3 3 1 3 2") && lines.contains(&"5 4 2 4 4 1 2 3 4"));
+        assert!(lines.contains(&"1 2 2 1 1 1 3 2") && lines.contains(&"5 4 2 4 4 1 2 3 4"));
     }
 }

@@ -98,16 +98,20 @@ fn each<const N: usize>(tokens: &mut Tokens, element: &str, mut add: impl FnMut(
     Ok(())
 }
 
-/// Reads cells and their references.
+/// Reads cells and their references; `i64::MAX` stands for one that is no integer.
 fn labelled<const N: usize>(
     tokens: &mut Tokens,
     element: &str,
     cells: &mut Vec<[i64; N]>,
-    labels: &mut Vec<i32>,
+    labels: &mut Vec<i64>,
 ) -> Result<(), IoError> {
     each(tokens, element, |corners, reference| {
         cells.push(corners);
-        labels.push(reference as i32);
+        labels.push(if reference.fract() == 0.0 {
+            reference as i64
+        } else {
+            i64::MAX
+        });
     })
 }
 
@@ -181,6 +185,15 @@ mod tests {
         assert_eq!(*read.cells(), CellList::Hexes(vec![[0, 1, 2, 3, 0, 1, 2, 3]]));
         assert_eq!(read.regions(), [5]);
         assert_eq!(cells("mesh", TETS.as_bytes()).unwrap().regions(), [0, 9]);
+        for reference in ["4294967295", "7.5", "nan"] {
+            let text = TETS.replace("2 1 3 4 9", &format!("2 1 3 4 {reference}"));
+            assert!(tets("mesh", text.as_bytes()).is_ok());
+            let refused = cells("mesh", text.as_bytes());
+            assert!(
+                matches!(refused, Err(IoError::Unsupported { .. })),
+                "{reference}: {refused:?}"
+            );
+        }
         let text = TETS.replace("End", "Prisms 1\n1 2 3 1 2 3 0\nEnd");
         assert!(matches!(
             tets("mesh", text.as_bytes()),

@@ -12,8 +12,8 @@
 //! | `.stl` | surface (text, binary) | no: it would lose the order of vertices |
 //! | `.mesh` | surface, tetrahedra, hexahedra | triangles, quads, tetrahedra, hexahedra; labels |
 //! | `.msh` | no | the same, in Gmsh's format 2.2 |
-//! | `.vtk` | surface, tetrahedra, hexahedra (text, binary) | triangles, tetrahedra, hexahedra; fields |
-//! | `.vtu` | surface, tetrahedra, hexahedra (all encodings but LZ4 and LZMA) | triangles, tetrahedra, hexahedra; fields |
+//! | `.vtk` | surface, tetrahedra, hexahedra (text, binary) | triangles, quads, tetrahedra, hexahedra; fields |
+//! | `.vtu` | surface, tetrahedra, hexahedra (all encodings but LZ4 and LZMA) | the same |
 //! | `.csv`, `.npy` | points | tables |
 //!
 //! Polygons become fans of triangles about their first corner, whatever their shape, so that two meshes with the same
@@ -184,7 +184,7 @@ pub fn write_cells(path: impl AsRef<Path>, points: &[Point], cells: Cells) -> Re
 }
 
 /// Writes groups of cells with their labels: as references in `.mesh`, as physical groups with names in Gmsh's `.msh` (format
-/// 2.2). `comment` may say where they come from; it is one line.
+/// 2.2), where labels that are not positive get the least free numbers. `comment` may say where they come from; it is one line.
 ///
 /// # Errors
 ///

@@ -10,20 +10,13 @@ use crate::{Point, Vector};
 /// A mesh of a solid with its boundary.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoundedMesh {
-    /// Nodes in the domain.
-    pub nodes: Vec<Point>,
-    /// Right-handed cells, where the mesh has no inverted ones.
-    pub cells: CellList,
-    /// The region of every cell.
-    pub regions: Vec<i32>,
-    /// Which nodes lie on the boundary.
-    pub on_boundary: Vec<bool>,
-    /// Boundary triangles, facing outward; those of hexahedra are their quads, split, two after each other.
-    pub boundary: Vec<[u32; 3]>,
-    /// The part of the boundary that every triangle belongs to, from 1.
-    pub parts: Vec<i32>,
-    /// Names of the parts, in order.
-    pub part_names: Vec<String>,
+    pub(super) nodes: Vec<Point>,
+    pub(super) cells: CellList,
+    pub(super) regions: Vec<i32>,
+    pub(super) on_boundary: Vec<bool>,
+    pub(super) boundary: Vec<[u32; 3]>,
+    pub(super) parts: Vec<i32>,
+    pub(super) part_names: Vec<String>,
 }
 
 /// The faces between some cells of a mesh and everything else.
@@ -38,7 +31,7 @@ pub struct Skin {
 }
 
 /// Faces of a right-handed cell, counter-clockwise from outside.
-const TET_FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+pub(super) const TET_FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
 const HEX_FACES: [[usize; 4]; 6] = [
     [0, 3, 2, 1],
     [4, 5, 6, 7],
@@ -58,6 +51,8 @@ pub(super) struct Face {
     pub side: u8,
     /// Whether the cell sees it run the one way or the other; two cells at a face see different ones.
     pub turns: bool,
+    /// Of a quad, the node across from the least one: four nodes make three quads.
+    pub across: u32,
 }
 
 /// The faces of all cells, those between two cells beside each other.
@@ -76,6 +71,7 @@ pub(super) fn faces(cells: &CellList) -> Vec<Face> {
                         cell,
                         side,
                         turns,
+                        across: 0,
                     }
                 })
             })
@@ -88,12 +84,12 @@ pub(super) fn faces(cells: &CellList) -> Vec<Face> {
                     let mut nodes = around;
                     nodes.sort_unstable();
                     let first = around.iter().position(|v| *v == nodes[0]).unwrap_or(0);
-                    let turns = around[(first + 1) % 4] < around[(first + 3) % 4];
                     Face {
                         nodes,
                         cell,
                         side,
-                        turns,
+                        turns: around[(first + 1) % 4] < around[(first + 3) % 4],
+                        across: around[(first + 2) % 4],
                     }
                 })
             })
@@ -101,6 +97,12 @@ pub(super) fn faces(cells: &CellList) -> Vec<Face> {
     };
     faces.par_sort_unstable();
     faces
+}
+
+/// Of sorted faces, those that belong to one cell only.
+pub(super) fn outer(faces: &[Face]) -> impl Iterator<Item = &Face> {
+    let groups = faces.chunk_by(|a, b| a.nodes == b.nodes);
+    groups.filter(|group| group.len() == 1).map(|group| &group[0])
 }
 
 impl Face {
@@ -123,9 +125,9 @@ impl Face {
 
 impl BoundedMesh {
     /// A mesh with its outer faces as its boundary.
-    pub(super) fn of(mesh: CellMesh, outer: &[Face]) -> Self {
+    pub(super) fn of(mesh: CellMesh, faces: &[Face]) -> Self {
         let (nodes, cells, regions) = mesh.into_parts();
-        let boundary: Vec<[u32; 3]> = outer.iter().flat_map(|face| face.triangles(&cells)).collect();
+        let boundary: Vec<[u32; 3]> = outer(faces).flat_map(|face| face.triangles(&cells)).collect();
         let mut on_boundary = vec![false; nodes.len()];
         boundary.iter().flatten().for_each(|&v| on_boundary[v as usize] = true);
         Self::new(nodes, cells, regions, on_boundary, boundary)
@@ -148,6 +150,42 @@ impl BoundedMesh {
             parts,
             part_names,
         }
+    }
+
+    /// Nodes in the domain.
+    pub fn nodes(&self) -> &[Point] {
+        &self.nodes
+    }
+
+    /// The cells, right-handed where the mesh has no inverted ones.
+    pub fn cells(&self) -> &CellList {
+        &self.cells
+    }
+
+    /// The region of every cell.
+    pub fn regions(&self) -> &[i32] {
+        &self.regions
+    }
+
+    /// Which nodes lie on the boundary.
+    pub fn on_boundary(&self) -> &[bool] {
+        &self.on_boundary
+    }
+
+    /// Boundary triangles, facing outward; those of hexahedra are their quads, split, two after each other.
+    pub fn boundary(&self) -> &[[u32; 3]] {
+        &self.boundary
+    }
+
+    /// The part of the boundary that every triangle belongs to, from 1. Parts hang together across edges and face one way
+    /// along an axis, or along none.
+    pub fn parts(&self) -> &[i32] {
+        &self.parts
+    }
+
+    /// Names of the parts, in order.
+    pub fn part_names(&self) -> &[String] {
+        &self.part_names
     }
 
     /// The faces around the cells that are `kept`. Takes time for sorting the faces of all cells.
@@ -182,8 +220,7 @@ impl BoundedMesh {
 /// Sides of a box, as normals.
 const SIDES: [&str; 6] = ["-x", "+x", "-y", "+y", "-z", "+z"];
 
-/// Parts of the boundary that hang together across edges and face the same way along an axis, or along none; each
-/// triangle's part, and their names.
+/// Each boundary triangle's part, and the names of the parts.
 fn parts(nodes: &[Point], boundary: &[[u32; 3]]) -> (Vec<i32>, Vec<String>) {
     // Within this of an axis counts as along it.
     const ALIGNED: f64 = 1e-6;

@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 
 use rayon::prelude::*;
 
-use super::quality::{HEX_CORNERS, is_positive, lesser, trilinear_slopes};
+use super::quality::{HEX_CORNERS, is_positive, lesser, tet_scaled_jacobians, trilinear_slopes};
 use crate::{Matrix3, Point, Vector};
 
 /// Cells as linear maps of reference shapes: tetrahedra, or the corners of hexahedra.
@@ -44,8 +44,8 @@ enum Shapes {
 
 /// Weight of the determinants against the shapes.
 const LAMBDA: f64 = 1.0;
-/// Determinant of the edges of a reference over the cube of their norm, below which it is none; Kuhn's tetrahedra have 0.07.
-const SOUND: f64 = 5e-3;
+/// Scaled Jacobian of a reference, below which it is none: far below that of cells that are thin on purpose.
+const SLIVER: f64 = 2e-3;
 /// Cells that one task takes.
 const RUN: usize = 2048;
 
@@ -60,19 +60,22 @@ pub(super) struct Value {
 }
 
 impl Samples {
-    /// Tetrahedra against those between the nodes `reference`, where these are sound, or against regular ones of the mean
-    /// volume. `volume` is the sum of the signed volumes of the image.
+    /// Tetrahedra against those between the nodes `reference`, or, where these are slivers or inverted, against regular ones
+    /// of the mean volume. `volume` is the sum of the signed volumes of the image.
     pub fn of_tets(tets: &[[u32; 4]], reference: &[Point], volume: f64) -> Self {
         let mut shapes: Vec<Matrix3> = tets
             .par_iter()
             .map(|t| edges(t.map(|v| reference[v as usize])))
             .collect();
         // Of a sliver, J would be more than any mesh can follow; of an inverted one, it would ask for inversion.
-        let sound = |e: &Matrix3| e.determinant() > SOUND * e.norm().powi(3);
-        let volumes = shapes.iter().filter(|e| sound(e)).map(|e| e.determinant() / 6.0);
-        let (sum, count) = volumes.fold((0.0, 0), |(sum, count), v| (sum + v, count + 1));
-        let regular = regular_edges() * usable((sum / f64::from(count.max(1))).cbrt());
-        shapes.iter_mut().filter(|e| !sound(e)).for_each(|e| *e = regular);
+        let quality = tet_scaled_jacobians(tets, reference);
+        let sound = |t: usize| quality[t] > SLIVER;
+        let volumes = shapes.iter().enumerate().filter(|(t, _)| sound(*t));
+        let volumes: Vec<f64> = volumes.map(|(_, e)| e.determinant() / 6.0).collect();
+        let mean = volumes.iter().sum::<f64>() / volumes.len().max(1) as f64;
+        let regular = regular_edges() * usable(mean.cbrt());
+        let slivers = shapes.iter_mut().enumerate().filter(|(t, _)| !sound(*t));
+        slivers.for_each(|(_, e)| *e = regular);
         let volumes: Vec<f64> = shapes.iter().map(|e| e.determinant().abs() / 6.0).collect();
         let total: f64 = volumes.iter().sum();
         // Lengths of the reference are multiplied by this: then it has the volume of the image.

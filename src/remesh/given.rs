@@ -5,6 +5,7 @@ use std::collections::{HashMap, HashSet};
 use rayon::prelude::*;
 
 use super::bounded_mesh::{BoundedMesh, Face, faces};
+use super::grid::MOST_CELLS;
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::{CellList, CellMesh, SurfaceMesh};
 use crate::{Point, Vector};
@@ -40,11 +41,23 @@ pub enum GivenMeshError {
         /// Its nodes, 0-based.
         nodes: Vec<u32>,
     },
-    /// Two cells lie on the same side of a face.
-    #[error("cells {cells:?} (0-based) lie on the same side of a face; turn all cells the same way")]
+    /// Hexahedra meet at the same four nodes, but take them for different quads.
+    #[error("cells {cells:?} (0-based) connect the four nodes of their common face in different ways; mend the mesh")]
+    OtherQuad {
+        /// Which, 0-based.
+        cells: [u32; 2],
+    },
+    /// The cells cannot all be turned the same way.
+    #[error("cells {cells:?} (0-based) lie on the same side of their face, however cells are turned; mend the mesh")]
     Hands {
         /// Which, 0-based.
         cells: [u32; 2],
+    },
+    /// There are more cells than can be counted.
+    #[error("it has {cells} cells, more than the limit of {limit:.0}", limit = MOST_CELLS)]
+    TooMany {
+        /// How many, with those that splitting adds.
+        cells: usize,
     },
     /// The mesh is not one of the map's domain.
     #[error(
@@ -88,25 +101,28 @@ const OFF_SURFACE: f64 = 0.01;
 const OTHER_VOLUME: f64 = 0.1;
 
 /// Finds the boundary of a mesh of `domain`, turns its cells right-handed, and splits tetrahedra with all nodes on the
-/// boundary: their orientation would be that of the boundary map for good. The split goes through an edge inside, or
-/// through a face where there is none.
+/// boundary: their orientation would be that of the boundary map for good. The split goes through an edge inside, through a
+/// face where there is none, through the middle where there is no face inside either.
 ///
 /// # Errors
 ///
 /// When cells do not make a conforming mesh, or not of this domain.
 pub fn given_mesh(mesh: CellMesh, domain: &SurfaceMesh) -> Result<GivenMesh, GivenMeshError> {
     check_cells(&mesh)?;
-    let mesh = turned(mesh)?;
-    let faces = faces(mesh.cells());
-    check_faces(&faces)?;
-    let outer: Vec<Face> = faces
-        .chunk_by(|a, b| a.nodes == b.nodes)
-        .filter(|group| group.len() == 1)
-        .map(|group| group[0])
-        .collect();
-    let mut mesh = BoundedMesh::of(mesh, &outer);
+    let mut seen = faces(mesh.cells());
+    check_faces(&seen)?;
+    let (mesh, turned) = turned(mesh, &seen)?;
+    if turned {
+        seen = faces(mesh.cells());
+    }
+    let mut mesh = BoundedMesh::of(mesh, &seen);
     let off_surface = check_place(&mesh, domain)?;
     let on_boundary_alone = split(&mut mesh);
+    if mesh.cells.len() as f64 > MOST_CELLS {
+        return Err(GivenMeshError::TooMany {
+            cells: mesh.cells.len(),
+        });
+    }
     Ok(GivenMesh {
         mesh,
         on_boundary_alone,
@@ -117,6 +133,11 @@ pub fn given_mesh(mesh: CellMesh, domain: &SurfaceMesh) -> Result<GivenMesh, Giv
 fn check_cells(mesh: &CellMesh) -> Result<(), GivenMeshError> {
     if mesh.cells().is_empty() {
         return Err(GivenMeshError::Empty);
+    }
+    if mesh.cells().len() as f64 > MOST_CELLS {
+        return Err(GivenMeshError::TooMany {
+            cells: mesh.cells().len(),
+        });
     }
     let is_finite = |p: &Point| p.iter().all(|x| x.is_finite());
     if let Some(node) = mesh.nodes().iter().position(|p| !is_finite(p)) {
@@ -139,45 +160,14 @@ fn find_cell<const N: usize>(cells: &[[u32; N]], corner: impl Fn(&[u32]) -> Opti
     cells.iter().enumerate().find_map(found)
 }
 
-/// The mesh with right-handed cells. Where neighbours agree in hand, the hand of the whole decides, so that inverted cells
-/// stay what they are; where they do not, each cell's own sign decides.
-fn turned(mesh: CellMesh) -> Result<CellMesh, GivenMeshError> {
-    let agree = faces(mesh.cells())
-        .chunk_by(|a, b| a.nodes == b.nodes)
-        .all(|group| group.len() != 2 || group[0].turns != group[1].turns);
-    let (nodes, mut cells, regions) = mesh.into_parts();
-    let det = |[a, b, c, d]: [u32; 4]| {
-        let [a, b, c, d] = [a, b, c, d].map(|v| nodes[v as usize]);
-        (b - a).dot(&(c - a).cross(&(d - a)))
-    };
-    // Two opposite corners stand for a hexahedron.
-    let volume = |c: usize| match &cells {
-        CellList::Tets(tets) => det(tets[c]),
-        CellList::Hexes(hexes) => det([0, 1, 3, 4].map(|k| hexes[c][k])) + det([6, 5, 7, 2].map(|k| hexes[c][k])),
-    };
-    let volumes: Vec<f64> = (0..cells.len()).map(volume).collect();
-    let whole: f64 = volumes.iter().sum();
-    let is_left = |c: usize| if agree { whole < 0.0 } else { volumes[c] < 0.0 };
-    match &mut cells {
-        CellList::Tets(tets) => {
-            let left = tets.iter_mut().enumerate().filter(|(c, _)| is_left(*c));
-            left.for_each(|(_, t)| t.swap(2, 3));
-        }
-        CellList::Hexes(hexes) => {
-            let left = hexes.iter_mut().enumerate().filter(|(c, _)| is_left(*c));
-            left.for_each(|(_, h)| h.rotate_left(4));
-        }
-    }
-    Ok(CellMesh::new(nodes, cells, regions).expect("the same counts"))
-}
-
+/// At most two cells meet at a face, in the same way.
 fn check_faces(faces: &[Face]) -> Result<(), GivenMeshError> {
     for group in faces.chunk_by(|a, b| a.nodes == b.nodes) {
         match group {
             [_] => {}
-            [a, b] if a.turns != b.turns => {}
+            [a, b] if a.across == b.across => {}
             [a, b] => {
-                return Err(GivenMeshError::Hands {
+                return Err(GivenMeshError::OtherQuad {
                     cells: [a.cell, b.cell],
                 });
             }
@@ -190,6 +180,107 @@ fn check_faces(faces: &[Face]) -> Result<(), GivenMeshError> {
         }
     }
     Ok(())
+}
+
+/// The mesh with its cells turned right-handed: neighbours alike, and each part that hangs together by its volume, so that
+/// cells that are inverted stay what they are; and whether there was anything to turn.
+fn turned(mesh: CellMesh, faces: &[Face]) -> Result<(CellMesh, bool), GivenMeshError> {
+    let (nodes, mut cells, regions) = mesh.into_parts();
+    let det = |[a, b, c, d]: [u32; 4]| {
+        let [a, b, c, d] = [a, b, c, d].map(|v| nodes[v as usize]);
+        (b - a).dot(&(c - a).cross(&(d - a)))
+    };
+    // Two opposite corners stand for a hexahedron.
+    let volume = |c: u32| match &cells {
+        CellList::Tets(tets) => det(tets[c as usize]),
+        CellList::Hexes(hexes) => {
+            let at = |corner: [usize; 4]| det(corner.map(|k| hexes[c as usize][k]));
+            at([0, 1, 3, 4]) + at([6, 5, 7, 2])
+        }
+    };
+    let neighbours = neighbours(faces, cells.len());
+    let mut is_left: Vec<Option<bool>> = vec![None; cells.len()];
+    for first in 0..cells.len() as u32 {
+        if is_left[first as usize].is_some() {
+            continue;
+        }
+        is_left[first as usize] = Some(false);
+        let (mut part, mut next) = (vec![first], 0);
+        while let Some(&at) = part.get(next) {
+            next += 1;
+            let left = is_left[at as usize] == Some(true);
+            for &(other, alike) in neighbours.of(at) {
+                let wanted = left == alike;
+                match is_left[other as usize] {
+                    None => {
+                        is_left[other as usize] = Some(wanted);
+                        part.push(other);
+                    }
+                    Some(is) if is != wanted => return Err(GivenMeshError::Hands { cells: [at, other] }),
+                    Some(_) => {}
+                }
+            }
+        }
+        let signed = |&c: &u32| {
+            if is_left[c as usize] == Some(true) {
+                -volume(c)
+            } else {
+                volume(c)
+            }
+        };
+        if part.iter().map(signed).sum::<f64>() < 0.0 {
+            part.iter()
+                .for_each(|&c| is_left[c as usize] = is_left[c as usize].map(|is| !is));
+        }
+    }
+    let left: Vec<usize> = (0..cells.len()).filter(|c| is_left[*c] == Some(true)).collect();
+    match &mut cells {
+        CellList::Tets(tets) => left.iter().for_each(|&c| tets[c].swap(2, 3)),
+        CellList::Hexes(hexes) => left.iter().for_each(|&c| hexes[c].rotate_left(4)),
+    }
+    let mesh = CellMesh::new(nodes, cells, regions).expect("the same counts");
+    Ok((mesh, !left.is_empty()))
+}
+
+/// The cells across the faces of each cell.
+struct Neighbours {
+    starts: Vec<usize>,
+    /// A cell, and whether it has the same hand.
+    cells: Vec<(u32, bool)>,
+}
+
+impl Neighbours {
+    fn of(&self, cell: u32) -> &[(u32, bool)] {
+        &self.cells[self.starts[cell as usize]..self.starts[cell as usize + 1]]
+    }
+}
+
+fn neighbours(faces: &[Face], cells: usize) -> Neighbours {
+    let pairs = || {
+        faces
+            .chunk_by(|a, b| a.nodes == b.nodes)
+            .filter_map(|group| match group {
+                [a, b] => Some((a.cell, b.cell, a.turns != b.turns)),
+                _ => None,
+            })
+    };
+    let mut starts = vec![0; cells + 1];
+    for (a, b, _) in pairs() {
+        starts[a as usize + 1] += 1;
+        starts[b as usize + 1] += 1;
+    }
+    for c in 0..cells {
+        starts[c + 1] += starts[c];
+    }
+    let mut next = starts.clone();
+    let mut found = vec![(0, false); starts[cells]];
+    for (a, b, alike) in pairs() {
+        for (from, to) in [(a, b), (b, a)] {
+            found[next[from as usize]] = (to, alike);
+            next[from as usize] += 1;
+        }
+    }
+    Neighbours { starts, cells: found }
 }
 
 /// Whether the mesh fills the domain; returns how far its boundary nodes are from the surface.
@@ -228,6 +319,16 @@ enum Cut {
     Cell([u32; 4]),
 }
 
+impl Cut {
+    fn corners(&self) -> &[u32] {
+        match self {
+            Self::Edge(corners) => corners,
+            Self::Face(corners) => corners,
+            Self::Cell(corners) => corners,
+        }
+    }
+}
+
 /// Splits tetrahedra with all their nodes on the boundary; returns how many there were. A new node is inside, so that no
 /// tetrahedron of the split has to be split again.
 fn split(mesh: &mut BoundedMesh) -> usize {
@@ -260,7 +361,7 @@ fn split(mesh: &mut BoundedMesh) -> usize {
             .collect();
         cuts.sort_unstable();
         cuts.dedup();
-        let around = around(tets, &cuts, &mesh.on_boundary);
+        let around = around(tets, &cuts);
         let mut touched = HashSet::new();
         for (cut, cells) in cuts.iter().zip(around) {
             // Of cuts through the same cell, the others wait for the next pass.
@@ -268,11 +369,7 @@ fn split(mesh: &mut BoundedMesh) -> usize {
                 continue;
             }
             touched.extend(cells.iter().copied());
-            let corners: &[u32] = match cut {
-                Cut::Edge(corners) => corners,
-                Cut::Face(corners) => corners,
-                Cut::Cell(corners) => corners,
-            };
+            let corners = cut.corners();
             let sum: Vector = corners.iter().map(|&v| mesh.nodes[v as usize].coords).sum();
             let middle = mesh.nodes.len() as u32;
             mesh.nodes.push(Point::from(sum / corners.len() as f64));
@@ -311,24 +408,24 @@ fn cut(t: [u32; 4], nodes: &[Point], outer_edges: &HashSet<[u32; 2]>, outer_face
 }
 
 /// The cells around every cut, ascending.
-fn around(tets: &[[u32; 4]], cuts: &[Cut], on_boundary: &[bool]) -> Vec<Vec<u32>> {
+fn around(tets: &[[u32; 4]], cuts: &[Cut]) -> Vec<Vec<u32>> {
     let index: HashMap<Cut, usize> = cuts.iter().enumerate().map(|(i, cut)| (*cut, i)).collect();
-    let mut found = vec![vec![]; cuts.len()];
-    for (cell, t) in tets.iter().enumerate() {
-        if t.iter().filter(|v| on_boundary[**v as usize]).count() < 2 {
-            continue;
+    let near: HashSet<u32> = cuts.iter().flat_map(|cut| cut.corners().to_vec()).collect();
+    let of_cell = |(cell, t): (usize, &[u32; 4])| -> Vec<(usize, u32)> {
+        if t.iter().filter(|v| near.contains(v)).count() < 2 {
+            return vec![];
         }
         let mut t = *t;
         t.sort_unstable();
         let [a, b, c, d] = t;
         let edges = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(Cut::Edge);
         let faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(Cut::Face);
-        for cut in edges.into_iter().chain(faces).chain([Cut::Cell(t)]) {
-            if let Some(&i) = index.get(&cut) {
-                found[i].push(cell as u32);
-            }
-        }
-    }
+        let cuts = edges.into_iter().chain(faces).chain([Cut::Cell(t)]);
+        cuts.filter_map(|cut| Some((*index.get(&cut)?, cell as u32))).collect()
+    };
+    let pairs: Vec<(usize, u32)> = tets.par_iter().enumerate().flat_map_iter(of_cell).collect();
+    let mut found = vec![vec![]; cuts.len()];
+    pairs.into_iter().for_each(|(cut, cell)| found[cut].push(cell));
     found
 }
 
@@ -354,7 +451,8 @@ mod tests {
                 }
             });
             let mesh = CellMesh::new(nodes.clone(), CellList::Tets(tets.to_vec()), vec![0, 0]).unwrap();
-            let CellList::Tets(turned) = turned(mesh).unwrap().cells().clone() else {
+            let seen = faces(mesh.cells());
+            let CellList::Tets(turned) = turned(mesh, &seen).unwrap().0.cells().clone() else {
                 panic!("tets")
             };
             assert!(turned.iter().all(|t| det(t) > 0.0), "{swaps:?}");

@@ -51,7 +51,7 @@ struct Grid {
 /// Places of a grid at most, inside and outside of the solid.
 const MOST_PLACES: f64 = 1e9;
 /// Cells at most, whatever the limit asked for: corners of cells are counted by 32 bits.
-const MOST_CELLS: f64 = (1u32 << 28) as f64;
+pub(super) const MOST_CELLS: f64 = (1u32 << 28) as f64;
 
 /// The cells that a mesh of this size would have, and the places of its grid, before any is made.
 fn counts(polycube: &Polycube, size: f64, kind: CellKind) -> [f64; 2] {

@@ -30,7 +30,7 @@ pub use given::{GivenMesh, GivenMeshError, given_mesh};
 pub use grid::{CellKind, CellSize, regular_mesh};
 pub use obstacles::{Obstacle, Obstacles, obstacles};
 pub use planes::{Polycube, PolycubeError};
-pub use quality::{BadCells, CellQuality, bad_cells, quality, scaled_jacobians};
+pub use quality::{BadCells, CellQuality, bad_cells, determinants, quality, scaled_jacobians};
 pub use repair::RepairReport;
 pub use slide::SlideReport;
 
@@ -132,7 +132,7 @@ pub struct Distances {
 /// Wall-clock seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct RemeshSeconds {
-    /// The grid.
+    /// The grid, or the examination of a given mesh.
     pub mesh: f64,
     /// Carrying the nodes.
     pub map: f64,
@@ -173,7 +173,7 @@ pub struct RemeshReport {
     pub domain_quality: Option<CellQuality>,
     /// Quality of the result.
     pub quality: Option<CellQuality>,
-    /// Determinants of the map of the cells' tetrahedra (or corners), over the size of their mean: 0, 1, 10, 50, 90, 99, 100 %.
+    /// [`determinants`] of the map of the cells: 0, 1, 10, 50, 90, 99, 100 %.
     pub determinants: Option<[f64; 7]>,
     /// From vertices of the target to the boundary of the result.
     pub target_to_mesh: Distances,
@@ -297,7 +297,7 @@ pub fn remesh(
     let edge = mean_boundary_edge(&mesh, &carried);
     let largest_shift = shifts(false).into_iter().fold(0.0, f64::max) / diagonal;
     let [target_to_mesh, mesh_to_target] = distances(&mesh, &images, &target, diagonal)?;
-    let determinants = determinants(&mesh, &images);
+    let determinants = determinants(&mesh.cells, &mesh.nodes, &images);
     let mut report = RemeshReport {
         kind: match mesh.cells {
             CellList::Tets(_) => CellKind::Tets,
@@ -341,15 +341,6 @@ pub fn remesh(
         images,
         report,
     })
-}
-
-/// Determinants of the map of the cells, one per tetrahedron, and eight, at its corners, per hexahedron, which is compared
-/// with a cube. They are divided by their mean, so that 1 is a cell whose volume changes as the whole does.
-pub fn determinants(mesh: &BoundedMesh, images: &[Point]) -> Vec<f64> {
-    let mut determinants = samples(mesh, images).determinants(images);
-    let mean = determinants.iter().sum::<f64>() / determinants.len().max(1) as f64;
-    determinants.iter_mut().for_each(|det| *det /= mean.abs());
-    determinants
 }
 
 /// A mesh to carry, and what is known of it.

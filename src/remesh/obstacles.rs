@@ -10,18 +10,19 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::bounded_mesh::{BoundedMesh, faces};
-use super::quality::HEX_CORNERS;
+use super::quality::{HEX_CORNERS, at};
 use crate::geometry::orientation;
 use crate::mesh::CellList;
 use crate::{Point, Vector};
 
-/// What keeps a cell from being right side out.
+/// What keeps cells from being right side out, while the boundary stays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Obstacle {
     /// A corner with its neighbours is on the boundary: proved, exactly.
     Boundary,
-    /// It has an inner node that has no right place: proved, up to rounding.
+    /// It has an inner node that has no right place, so that a cell there has to be inverted, this one or another: proved, up
+    /// to rounding.
     BlockedNode,
     /// It stands on a boundary quad with a corner that faces against the others: not a proof, but where such cells are found.
     FoldedQuad,
@@ -45,8 +46,11 @@ pub struct Obstacles {
 
 /// Planes that meet closer than this to a contradiction, in units of their own neighbourhood, count as contradicting.
 const ROUNDING: f64 = 1e-11;
+/// Sine of the angle at a corner, below which a triangle's plane is not known well enough to prove anything.
+const THIN: f64 = 1e-4;
 
-/// Looks for obstacles with the mesh's nodes at `x`, of which those inside do not matter.
+/// Looks for obstacles with the mesh's nodes at `x`, of which those inside do not matter. Nodes without a place in `x` are
+/// nowhere, and prove nothing.
 pub fn obstacles(mesh: &BoundedMesh, x: &[Point]) -> Obstacles {
     let cells = mesh.cells.len();
     let mut found = Obstacles {
@@ -73,14 +77,14 @@ pub fn obstacles(mesh: &BoundedMesh, x: &[Point]) -> Obstacles {
     let of_nodes: Vec<&[(u32, [u32; 3], u32)]> = planes.chunk_by(|a, b| a.0 == b.0).collect();
     let blocked: Vec<&[(u32, [u32; 3], u32)]> = of_nodes
         .into_par_iter()
-        .filter(|planes| has_no_place(planes.iter().map(|(_, face, _)| face.map(|v| x[v as usize]))))
+        .filter(|planes| has_no_place(planes.iter().map(|(_, face, _)| face.map(|v| at(x, v)))))
         .collect();
     found.blocked_nodes = blocked.len();
     for (_, _, cell) in blocked.into_iter().flatten() {
         found.of_cells[*cell as usize] = Obstacle::BlockedNode;
     }
     let is_wrong = |t: &[u32; 4]| {
-        let [a, b, c, d] = t.map(|v| x[v as usize]);
+        let [a, b, c, d] = t.map(|v| at(x, v));
         orientation(&a, &b, &c, &d) != Some(Ordering::Greater)
     };
     let mut last = None;
@@ -128,27 +132,29 @@ fn free_node(mesh: &BoundedMesh, t: [u32; 4]) -> Free {
 /// theorem that is so if and only if the planes have a convex combination that is zero.
 fn has_no_place(triangles: impl Iterator<Item = [Point; 3]> + Clone) -> bool {
     let points: Vec<Point> = triangles.clone().flatten().collect();
-    if !points.iter().flat_map(|p| p.iter()).all(|x| x.is_finite()) {
-        return true;
-    }
     let mean = points.iter().map(|p| p.coords).sum::<Vector>() / points.len().max(1) as f64;
     let size = points.iter().map(|p| (p.coords - mean).norm()).fold(0.0, f64::max);
-    if size == 0.0 {
-        return true;
+    // Also for NaN.
+    if !(size > 0.0 && size.is_finite()) {
+        return false;
     }
     // Planes as (normal, offset), and one that says that the point is not at infinity.
     let mut planes = vec![[0.0, 0.0, 0.0, 1.0]];
     for [a, b, c] in triangles {
-        let [a, b, c] = [a, b, c].map(|p| (p.coords - mean) / size);
-        let Some(normal) = (b - a).cross(&(c - a)).try_normalize(0.0) else {
-            return true;
-        };
-        planes.push([normal.x, normal.y, normal.z, -normal.dot(&a)]);
+        let edges = [b - a, c - a].map(|edge| edge.normalize());
+        let normal = edges[0].cross(&edges[1]);
+        let sine = normal.norm();
+        if sine.is_nan() || sine < THIN {
+            continue;
+        }
+        let normal = normal.normalize();
+        let offset = normal.dot(&((a.coords - mean) / size));
+        planes.push([normal.x, normal.y, normal.z, -offset]);
     }
     least_combination(&planes) < ROUNDING
 }
 
-/// Distance from the origin of the convex hull, by non-negative least squares (Lawson & Hanson, *Solving Least Squares
+/// Zero when the origin is in the convex hull, otherwise `d / √(1 + d²)` of its distance `d`, by non-negative least squares (Lawson & Hanson, *Solving Least Squares
 /// Problems*, 1974, chapter 23) for weights that sum to 1 and combine the vectors to 0.
 fn least_combination(vectors: &[[f64; 4]]) -> f64 {
     let count = vectors.len();
@@ -170,7 +176,7 @@ fn least_combination(vectors: &[[f64; 4]]) -> f64 {
         while !passive.is_empty() {
             let columns = matrix.select_columns(&passive);
             let Ok(solution) = columns.svd(true, true).solve(&wanted, 1e-13) else {
-                return 0.0;
+                return f64::INFINITY;
             };
             if solution.iter().all(|w| *w > 0.0) {
                 weights.fill(0.0);
@@ -204,7 +210,7 @@ fn folded_quads(mesh: &BoundedMesh, x: &[Point]) -> Vec<Option<u32>> {
         return vec![];
     };
     let is_folded = |quad: &[u32; 4]| {
-        let p = quad.map(|v| x[v as usize]);
+        let p = quad.map(|v| at(x, v));
         let mean = (p[2] - p[0]).cross(&(p[3] - p[1]));
         let corner = |k: usize| (p[(k + 1) % 4] - p[k]).cross(&(p[(k + 3) % 4] - p[k]));
         !(0..4).all(|k| corner(k).dot(&mean) > 0.0)
@@ -272,6 +278,12 @@ mod tests {
             assert_eq!(has_no_place(planes), blocked, "{offset}");
         }
         let flat = [Point::origin(), Point::new(1.0, 0.0, 0.0), Point::new(2.0, 0.0, 0.0)];
-        assert!(has_no_place([flat].into_iter()));
+        assert!(!has_no_place([flat].into_iter()), "proves nothing");
+        let lost = [
+            Point::origin(),
+            Point::new(1.0, f64::NAN, 0.0),
+            Point::new(0.0, 1.0, 0.0),
+        ];
+        assert!(!has_no_place([lost].into_iter()));
     }
 }

@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 
 use rayon::prelude::*;
 
+use super::bounded_mesh::TET_FACES;
 use crate::geometry::orientation;
 use crate::mesh::CellList;
 use crate::statistics::quantiles;
@@ -54,7 +55,7 @@ pub(super) const HEX_CORNERS: [[usize; 4]; 8] = [
     [7, 6, 4, 3],
 ];
 /// A node that is not there is nowhere.
-fn at(x: &[Point], v: u32) -> Point {
+pub(super) fn at(x: &[Point], v: u32) -> Point {
     x.get(v as usize)
         .copied()
         .unwrap_or(Point::from(Vector::repeat(f64::NAN)))
@@ -144,19 +145,7 @@ pub(super) fn trilinear_slopes(at: [f64; 3]) -> [Vector; 8] {
 pub fn scaled_jacobians(cells: &CellList, x: &[Point]) -> Vec<f64> {
     let edges = |[a, b, c, d]: [Point; 4]| [b - a, c - a, d - a];
     match cells {
-        CellList::Tets(tets) => tets
-            .par_iter()
-            .map(|t| {
-                let p = t.map(|v| at(x, v));
-                let [a, b, c] = edges(p);
-                let det = a.dot(&b.cross(&c));
-                let length = |i: usize, j: usize| (p[i] - p[j]).norm();
-                let largest = (0..4)
-                    .map(|i| (0..4).filter(|&j| j != i).map(|j| length(i, j)).product::<f64>())
-                    .fold(0.0, f64::max);
-                std::f64::consts::SQRT_2 * det / largest
-            })
-            .collect(),
+        CellList::Tets(tets) => tet_scaled_jacobians(tets, x),
         CellList::Hexes(hexes) => hexes
             .par_iter()
             .map(|h| {
@@ -167,6 +156,54 @@ pub fn scaled_jacobians(cells: &CellList, x: &[Point]) -> Vec<f64> {
                 HEX_CORNERS.iter().map(corner).fold(f64::INFINITY, lesser)
             })
             .collect(),
+    }
+}
+
+/// As [`scaled_jacobians`].
+pub(super) fn tet_scaled_jacobians(tets: &[[u32; 4]], x: &[Point]) -> Vec<f64> {
+    let of_tet = |t: &[u32; 4]| {
+        let p = t.map(|v| at(x, v));
+        let length = |i: usize, j: usize| (p[i] - p[j]).norm();
+        let largest = (0..4)
+            .map(|i| (0..4).filter(|&j| j != i).map(|j| length(i, j)).product::<f64>())
+            .fold(0.0, f64::max);
+        std::f64::consts::SQRT_2 * determinant(x, *t) / largest
+    };
+    tets.par_iter().map(of_tet).collect()
+}
+
+/// Six times the volume.
+fn determinant(x: &[Point], t: [u32; 4]) -> f64 {
+    let p = t.map(|v| at(x, v));
+    (p[1] - p[0]).dot(&(p[2] - p[0]).cross(&(p[3] - p[0])))
+}
+
+/// Determinants of the map of the cells that takes nodes from `from` to `to`: one per tetrahedron; of a hexahedron, eight at
+/// its corners, which are compared with cubes of one size. They are over the change of the whole volume, so that 1 is a cell
+/// whose volume changes as that of all does. A tetrahedron that is flat in `from` has an infinite one, or none.
+pub fn determinants(cells: &CellList, from: &[Point], to: &[Point]) -> Vec<f64> {
+    let corners = |x: &[Point]| -> Vec<f64> {
+        match cells {
+            CellList::Tets(tets) => tets.par_iter().map(|t| determinant(x, *t)).collect(),
+            CellList::Hexes(hexes) => hexes
+                .par_iter()
+                .flat_map_iter(|h| HEX_CORNERS.map(|c| determinant(x, c.map(|k| h[k]))))
+                .collect(),
+        }
+    };
+    let images = corners(to);
+    let sum = |volumes: &[f64]| volumes.iter().sum::<f64>().abs();
+    match cells {
+        CellList::Tets(_) => {
+            let shapes = corners(from);
+            let change = sum(&images) / sum(&shapes);
+            let pairs = images.iter().zip(&shapes);
+            pairs.map(|(image, shape)| image / shape / change).collect()
+        }
+        CellList::Hexes(_) => {
+            let mean = sum(&images) / images.len().max(1) as f64;
+            images.iter().map(|image| image / mean).collect()
+        }
     }
 }
 
@@ -184,10 +221,9 @@ pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
     };
     let [min_dihedral, max_dihedral] = match cells {
         CellList::Tets(tets) => {
-            const FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
             let of_tet = |t: &[u32; 4]| {
                 let p = t.map(|v| at(x, v));
-                let normals = FACES.map(|[a, b, c]| (p[b] - p[a]).cross(&(p[c] - p[a])));
+                let normals = TET_FACES.map(|[a, b, c]| (p[b] - p[a]).cross(&(p[c] - p[a])));
                 range(
                     (0..4)
                         .flat_map(|i| (0..i).map(move |j| [i, j]))

@@ -30,7 +30,7 @@ struct Shares {
     name: String,
     /// Fraction of the values in each column.
     columns: Vec<f64>,
-    /// Values that are not positive, or no numbers.
+    /// Values that are not positive.
     outside: usize,
 }
 
@@ -40,13 +40,13 @@ impl Histogram {
     ///
     /// # Errors
     ///
-    /// [`ReportError::NoFiniteValue`] when no value is positive.
+    /// [`ReportError::NoPositiveValue`] when no value is positive.
     pub fn logarithmic(label: impl Into<String>, fields: &[(&str, &[f64])]) -> Result<Self, ReportError> {
         let label = label.into();
         let positive = |x: &&f64| x.is_finite() && **x > 0.0;
         let all = || fields.iter().flat_map(|(_, values)| values.iter()).filter(positive);
         let (Some(least), Some(most)) = (all().copied().reduce(f64::min), all().copied().reduce(f64::max)) else {
-            return Err(ReportError::NoFiniteValue { label });
+            return Err(ReportError::NoPositiveValue { label });
         };
         let (low, high) = widened((least.max(most / 10f64.powf(DECADES)), most), Scale::Log);
         let shares = |(name, values): &(&str, &[f64])| {
@@ -116,7 +116,7 @@ struct Drawing<'a> {
 impl Drawing<'_> {
     fn draw(&self, canvas: &mut Canvas) {
         self.draw_axes(canvas);
-        for (field, colour) in self.histogram.fields.iter().zip(COLOURS) {
+        for (field, colour) in self.histogram.fields.iter().zip(COLOURS.into_iter().cycle()) {
             self.draw_columns(canvas, field, colour);
         }
         self.draw_legend(canvas);
@@ -173,11 +173,17 @@ impl Drawing<'_> {
 
     fn draw_legend(&self, canvas: &mut Canvas) {
         let (em, [_, top, right, _]) = (self.em, self.frame);
-        for (k, (field, colour)) in self.histogram.fields.iter().zip(COLOURS).enumerate() {
+        for (k, (field, colour)) in self
+            .histogram
+            .fields
+            .iter()
+            .zip(COLOURS.into_iter().cycle())
+            .enumerate()
+        {
             let y = top + (1.2 + 1.5 * k as f64) * em;
             let below = match field.outside {
-                0 => "none ≤ 0".to_owned(),
-                count => format!("{} ≤ 0", typeset(count as f64, 6)),
+                0 => "all positive".to_owned(),
+                count => format!("{} not positive", typeset(count as f64, 6)),
             };
             let text = format!("{}: {below}", field.name);
             let ink = style(em, if field.outside == 0 { GREY_INK } else { INK });
@@ -212,7 +218,7 @@ mod tests {
         assert!((histogram.fields[0].columns[COLUMNS - 1] - 1.0 / 6.0).abs() < 1e-15);
         assert!(matches!(
             Histogram::logarithmic("x", &[("a", &[-1.0, f64::NAN])]),
-            Err(ReportError::NoFiniteValue { .. })
+            Err(ReportError::NoPositiveValue { .. })
         ));
         assert!(Histogram::logarithmic("x", &[("a", &[3.0; 5])]).is_ok(), "one value");
         let panel = Panel::of_histogram(&histogram, [400, 300]).unwrap();

@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::io;
-use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, RemeshPhase, RemeshReport, remesh};
+use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, RemeshPhase, RemeshReport, Remeshed, remesh};
+
+use summary::Reasons;
 
 use super::args::{CellShape, RemeshArgs};
 use super::output::{Output, peak_rss_bytes};
@@ -27,6 +29,8 @@ struct Report {
     domain_mesh: Option<PathBuf>,
     /// Bad cells of the result.
     flipped_cells: usize,
+    /// Why they are, and how many for each reason.
+    reasons: Reasons,
     /// Of the result.
     min_scaled_jacobian: Option<f64>,
     #[serde(flatten)]
@@ -77,37 +81,48 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
     let origin = write::origin(args, &file.metadata)?;
     write::mesh(&args.output, &remeshed, &remeshed.images, &origin)?;
     if let Some(path) = &args.domain_mesh {
-        write::mesh(path, &remeshed, &remeshed.mesh.nodes, &origin)?;
-    }
-    if let Some(path) = &args.png {
-        let png = pictures::remeshed(&remeshed, args.up)?.to_png()?;
-        io::atomic_write(path, |writer| writer.write_all(&png))?;
-        output.note(format_args!("picture in {}", path.display()));
+        write::mesh(path, &remeshed, remeshed.mesh.nodes(), &origin)?;
     }
     let flipped = remeshed.report.after.cells.len();
+    let reasons = Reasons::of(&remeshed.report);
     if flipped > 0 {
         output.warn(format!(
             "{flipped} cells stay inverted: {}. In a .vtu they have `inverted` 1. Smaller cells may help, or a boundary map \
              that distorts less there",
-            summary::reasons(&remeshed.report)
+            reasons.words()
         ));
     }
+    let picture = args.png.as_ref().and_then(|_| picture(&remeshed, args, output));
     let report = Report {
         map: args.map.clone(),
         mesh: args.mesh.clone(),
         output: args.output.clone(),
         domain_mesh: args.domain_mesh.clone(),
         flipped_cells: flipped,
+        reasons,
         min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),
         remesh: remeshed.report,
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || summary::table(&report))?;
+    if let (Some(path), Some(png)) = (&args.png, picture) {
+        io::atomic_write(path, |writer| writer.write_all(&png))?;
+        output.note(format_args!("picture in {}", path.display()));
+    }
     Ok(if flipped > 0 {
         Outcome::CheckFailed
     } else {
         Outcome::Done
     })
+}
+
+/// A mesh with nodes that are nowhere has no picture; that is no reason to withhold the rest.
+fn picture(remeshed: &Remeshed, args: &RemeshArgs, output: &Output) -> Option<Vec<u8>> {
+    let repaired = if args.no_repair { "Not repaired" } else { "Repaired" };
+    let drawn = pictures::remeshed(remeshed, repaired, args.up).and_then(|figure| Ok(figure.to_png()?));
+    drawn
+        .inspect_err(|error| output.warn(format_args!("no picture: {error}")))
+        .ok()
 }
 
 /// What is carried.

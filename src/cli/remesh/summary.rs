@@ -1,33 +1,53 @@
 //! A remeshing in words.
 
+use serde::Serialize;
 use solidmap::remesh::{BadCells, CellKind, CellQuality, Obstacle, Obstacles, RemeshReport};
 use solidmap::report::significant;
 
 use super::Report;
 use crate::cli::output::pairs;
 
-/// What keeps the cells that stay inverted, in words.
-pub fn reasons(report: &RemeshReport) -> String {
-    let of_cells = &report.obstacles_after.of_cells;
-    let count = |obstacle| {
-        let cells = report.after.cells.iter();
-        cells.filter(|c| of_cells[**c as usize] == obstacle).count()
-    };
-    let known = [
-        (Obstacle::Boundary, "have a corner on the boundary alone (proved)"),
-        (
-            Obstacle::BlockedNode,
-            "have an inner node for which no place is right (proved)",
-        ),
-        (Obstacle::FoldedQuad, "stand on a folded boundary quad"),
-        (Obstacle::Unknown, "for no reason known"),
-    ];
-    let known = known.map(|(obstacle, words)| (count(obstacle), words));
-    let known = known.into_iter().filter(|(count, _)| *count > 0);
-    known
-        .map(|(count, words)| format!("{count} {words}"))
-        .collect::<Vec<_>>()
-        .join(", ")
+/// Cells that stay inverted, by what keeps them.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Reasons {
+    boundary: usize,
+    blocked_node: usize,
+    folded_quad: usize,
+    unknown: usize,
+}
+
+impl Reasons {
+    pub fn of(report: &RemeshReport) -> Self {
+        let mut reasons = Self::default();
+        for &cell in &report.after.cells {
+            match report.obstacles_after.of_cells[cell as usize] {
+                Obstacle::Boundary => reasons.boundary += 1,
+                Obstacle::BlockedNode => reasons.blocked_node += 1,
+                Obstacle::FoldedQuad => reasons.folded_quad += 1,
+                Obstacle::Unknown => reasons.unknown += 1,
+            }
+        }
+        reasons
+    }
+
+    /// In words.
+    pub fn words(&self) -> String {
+        let known = [
+            (
+                self.boundary,
+                "with a corner on the boundary alone that is turned over there (proved)",
+            ),
+            (
+                self.blocked_node,
+                "at an inner node for which no place is right while the boundary stays (proved)",
+            ),
+            (self.folded_quad, "on a folded boundary quad"),
+            (self.unknown, "for no reason known"),
+        ];
+        let known = known.into_iter().filter(|(count, _)| *count > 0);
+        let known: Vec<String> = known.map(|(count, words)| format!("{count} {words}")).collect();
+        known.join(", ")
+    }
 }
 
 /// What stands in the way, in words; empty when nothing does.
@@ -81,13 +101,17 @@ pub fn table(report: &Report) -> String {
         ],
     ];
     if report.mesh.is_some() {
+        let off = significant(found.off_surface, 2);
+        let split = match found.kind {
+            CellKind::Tets => format!(
+                "{} tetrahedra with all nodes on the boundary split; ",
+                found.split_cells
+            ),
+            CellKind::Hexes => String::new(),
+        };
         rows.push([
             "given".into(),
-            format!(
-                "{} tetrahedra with all nodes on the boundary split; boundary within {} of the domain's diagonal",
-                found.split_cells,
-                significant(found.off_surface, 2)
-            ),
+            format!("{split}boundary within {off} of the domain's diagonal"),
         ]);
     }
     let in_the_way = obstacles(&found.obstacles);
@@ -114,7 +138,7 @@ pub fn table(report: &Report) -> String {
         rows.push([
             "det J".into(),
             format!(
-                "over its mean: {} to {}, 10 % {}, 50 % {}, 90 % {}",
+                "over that of the whole: {} to {}, 10 % {}, 50 % {}, 90 % {}",
                 significant(least, 3),
                 significant(most, 3),
                 significant(low, 3),
