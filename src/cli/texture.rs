@@ -345,6 +345,9 @@ fn warn_of(
             low[0], high[0], low[1], high[1]
         ));
     }
+    if uv_box.is_some_and(|[low, high]| low == high) {
+        output.warn("all texture coordinates are the same, so that the surface has one colour: unwrap the model first");
+    }
     let extends_colours = texture.extended() == Extended::Colours;
     if extends_colours && seams.rms_colour_jump > VISIBLE {
         output.warn(format!(

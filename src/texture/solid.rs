@@ -162,8 +162,8 @@ impl SolidTexture {
     }
 
     /// Colours of points, as amounts of light; NaN outside of the solid and for points that are not finite. Points within
-    /// rounding of the surface count as inside. Near the surface colours are the picture's and within 0 to 1; deeper they are
-    /// to within what the harmonic part errs by on the surface.
+    /// rounding of the surface count as inside. On the surface they are those of [`Skin::colour`]. By the maximum principle
+    /// they leave the range of the picture's by no more than the harmonic part does on the surface, and deeper by much less.
     pub fn sample(&self, points: &[Point]) -> Vec<LinearRgb> {
         let inside = self.inside(points);
         let at: Vec<Point> = inside.iter().map(|&k| points[k as usize]).collect();

@@ -30,25 +30,50 @@ pub fn figure(texture: &SolidTexture, args: &TextureOutputArgs, output: &Output)
             Err(error) => return Err(error.into()),
         }
     }
+    let whole = skin_of(texture);
+    let cut = largest_cut(texture, up, args.position);
     let camera = Camera {
-        azimuth: 32.0,
+        azimuth: cut.as_ref().map_or(FRONT, |cut| cut.azimuth),
         elevation: 22.0,
         up,
         upside_down: false,
     };
-    let whole = skin_of(texture);
     let mut views = vec![view(&whole, &camera)?.titled("Surface")];
-    // The axis across the view, as seen by the camera at an azimuth of less than half a right angle.
-    let (front, towards) = match up {
-        Axis::X => (Axis::Z, -1.0),
-        Axis::Y => (Axis::Z, 1.0),
-        Axis::Z => (Axis::Y, -1.0),
-    };
-    if let Ok(section) = section(texture, front, up, args.position, 2 * SECTION) {
-        let cut = joined(whole.behind(section.plane(), towards), cap(texture, &section, towards));
-        views.push(view(&cut, &camera)?.titled(format!("Cut open across {front}")));
+    if let Some(Cut { section, towards, .. }) = cut {
+        let axis = section.plane().axis;
+        let open = joined(whole.behind(section.plane(), towards), cap(texture, &section, towards));
+        views.push(view(&open, &camera)?.titled(format!("Cut open across {axis}")));
     }
     Ok(Figure::grid(vec![views, panels]))
+}
+
+/// Where the solid is cut open, and from where that is seen.
+struct Cut {
+    section: Section,
+    /// The sign of the direction along the axis in which the viewer is.
+    towards: f64,
+    azimuth: f64,
+}
+
+/// Turns of the camera to the right, in degrees, that look at the front and at the right more than at the other.
+const FRONT: f64 = 32.0;
+const RIGHT: f64 = 58.0;
+
+/// The larger one of the upright sections that the camera sees: from the front or from the right.
+fn largest_cut(texture: &SolidTexture, up: Axis, position: f64) -> Option<Cut> {
+    let sides = match up {
+        Axis::X => [(Axis::Z, -1.0, FRONT), (Axis::Y, 1.0, RIGHT)],
+        Axis::Y => [(Axis::Z, 1.0, FRONT), (Axis::X, 1.0, RIGHT)],
+        Axis::Z => [(Axis::Y, -1.0, FRONT), (Axis::X, 1.0, RIGHT)],
+    };
+    let cuts = sides.into_iter().filter_map(|(axis, towards, azimuth)| {
+        Some(Cut {
+            section: section(texture, axis, up, position, 2 * SECTION).ok()?,
+            towards,
+            azimuth,
+        })
+    });
+    cuts.max_by(|a, b| a.section.area().total_cmp(&b.section.area()))
 }
 
 fn section(texture: &SolidTexture, axis: Axis, up: Axis, position: f64, pixels: usize) -> Result<Section, ReportError> {
