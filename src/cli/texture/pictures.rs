@@ -13,7 +13,7 @@ const SECTION: usize = 480;
 const VIEW: [usize; 2] = [520, 480];
 
 /// Triangles that the surface is cut into for the views, so that they show the picture and not the triangles.
-const TRIANGLES: usize = 600_000;
+const TRIANGLES: usize = 400_000;
 
 /// The surface, the solid cut open, and sections across the three axes.
 pub fn figure(texture: &SolidTexture, args: &TextureOutputArgs, output: &Output) -> anyhow::Result<Figure> {
