@@ -256,7 +256,7 @@ fn with_advice(error: anyhow::Error) -> anyhow::Error {
 
 fn options(args: &TextureArgs) -> TextureOptions {
     let extension = &args.extension;
-    let default = FitOptions::adaptive();
+    let default = TextureOptions::default().fit;
     TextureOptions {
         extended: if extension.uv {
             Extended::Coordinates
