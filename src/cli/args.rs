@@ -470,7 +470,7 @@ pub struct TextureArgs {
     /// Picture on the surface (.png, .jpg). Without one, the colours of the model's vertices
     #[arg(long, value_name = "PICTURE")]
     pub image: Option<PathBuf>,
-    /// Instead of a picture, a checker of N squares along each side of it
+    /// Instead of a picture, a checker of N squares along each side of it (16 where N is left out)
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image")]
     pub checker: Option<usize>,
     /// What is beyond the edges of the picture
@@ -536,8 +536,9 @@ pub struct TextureOutputArgs {
 }
 
 const TEXTURE_HELP: &str = "\
-Colours are extended as amounts of light: inside they are the averages that light of them would have. On the surface the
+Colours are extended as amounts of light: inside they are the averages that light of them would have. On the surface the \
 texture is the picture, exactly; a layer as thick as the sources are apart carries what is too fine for them.
+
 Exit code 1 when --tolerance is missed, or when the texture misses the picture on the surface.";
 
 /// What is beyond the edges of a picture.
