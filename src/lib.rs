@@ -62,6 +62,7 @@ pub mod sampling;
 pub mod solver;
 pub mod spherical;
 pub mod statistics;
+pub mod texture;
 
 /// A point in space, in model units.
 pub type Point = nalgebra::Point3<f64>;

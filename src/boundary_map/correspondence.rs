@@ -7,6 +7,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::course::{Course, Drawn};
+use super::function::Function;
 use crate::mesh::{SurfaceMesh, SurfacePoint, TetMesh};
 use crate::spherical::SphericalMap;
 use crate::{Point, Vector};
@@ -22,8 +23,9 @@ use crate::{Point, Vector};
 pub struct BoundaryMap {
     domain: SurfaceMesh,
     image: Vec<Point>,
-    /// `None` for straight ways.
+    /// `None` for straight ways, and for those of a function.
     course: Option<Course>,
+    function: Option<Function>,
 }
 
 /// Why a domain and an image do not make a boundary map.
@@ -123,6 +125,44 @@ impl BoundaryMap {
             domain,
             image,
             course: None,
+            function: None,
+        })
+    }
+
+    /// The map that sends each point of `domain` where `function` takes it: for data that vary within triangles, such as
+    /// the colours of a texture (section 5.4 of the paper). The function has finite values; at an edge, what it says of
+    /// the two triangles may differ. Errors are measured in the diagonal of the box from `low` to `high`, which stands for
+    /// the target's. Files keep the images of the vertices only.
+    ///
+    /// # Errors
+    ///
+    /// When the image of a vertex is not finite, the box has no extent, or the domain or the box is out of scale.
+    pub fn by_function(
+        domain: SurfaceMesh,
+        (low, high): (Point, Point),
+        function: impl Fn(&SurfacePoint) -> Point + Send + Sync + 'static,
+    ) -> Result<Self, BoundaryMapError> {
+        let function = Function::new(function, (low, high));
+        let image = function.images_of_vertices(&domain);
+        if let Some(vertex) = image.iter().position(|p| p.iter().any(|c| !c.is_finite())) {
+            return Err(BoundaryMapError::NonFinite {
+                vertex,
+                position: image[vertex].coords.into(),
+            });
+        }
+        let diagonal = (high - low).norm();
+        if diagonal.is_nan() {
+            return Err(BoundaryMapError::OutOfScale {
+                solid: "target",
+                diagonal,
+            });
+        }
+        require_extent(&domain, &[low, high], diagonal)?;
+        Ok(Self {
+            domain,
+            image,
+            course: None,
+            function: Some(function),
         })
     }
 
@@ -171,6 +211,7 @@ impl BoundaryMap {
             domain,
             image,
             course: Some(course),
+            function: None,
         })
     }
 
@@ -209,7 +250,8 @@ impl BoundaryMap {
         }
         require_same_elements("triangle", self.domain.triangles(), domain.triangles())
             .map_err(|e| other(e.to_string()))?;
-        if self.course.is_some() && self.domain.triangles() != domain.triangles() {
+        let is_straight = self.course.is_none() && self.function.is_none();
+        if !is_straight && self.domain.triangles() != domain.triangles() {
             return Err(other("triangles are turned; let them face outward".into()));
         }
         Ok(Self { domain, ..self.clone() })
@@ -289,8 +331,16 @@ impl BoundaryMap {
         self.course.as_ref().map_or(0, |course| course.subdivisions)
     }
 
+    /// Whether a function says where points go, so that the images need not bound a solid.
+    pub(crate) fn is_by_function(&self) -> bool {
+        self.function.is_some()
+    }
+
     /// Lowest and highest corner of the target's bounding box.
     pub fn target_box(&self) -> (Point, Point) {
+        if let Some(function) = &self.function {
+            return function.target_box();
+        }
         let corner = Point::new(1.0, 1.0, 1.0);
         match (&self.course, self.target_surface()) {
             (_, Some(surface)) => surface.bounding_box().unwrap_or_default(),
@@ -344,7 +394,16 @@ impl BoundaryMap {
             image.truncate(old);
             image.extend(images_of_vertices(course, &domain, old));
         }
-        Self { domain, image, course }
+        let function = self.function.as_ref().map(Function::subdivided);
+        if let Some(function) = &function {
+            image = function.images_of_vertices(&domain);
+        }
+        Self {
+            domain,
+            image,
+            course,
+            function,
+        }
     }
 
     /// Positions of surface points in the domain.
@@ -357,6 +416,9 @@ impl BoundaryMap {
 
     /// Images of surface points. By way of the sphere each costs some microseconds, in parallel.
     pub fn evaluate(&self, points: &[SurfacePoint]) -> Vec<Point> {
+        if let Some(function) = &self.function {
+            return points.par_iter().with_min_len(256).map(|p| function.image(p)).collect();
+        }
         match &self.course {
             None => points.iter().map(|p| p.position(&self.domain, &self.image)).collect(),
             Some(course) => points.par_iter().with_min_len(256).map(|p| course.image(p)).collect(),

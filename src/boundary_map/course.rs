@@ -48,7 +48,7 @@ impl Drawn {
 
 impl Course {
     pub fn direction(&self, point: &SurfacePoint) -> Vector {
-        let point = self.undivided(point);
+        let point = undivided(point, self.subdivisions);
         let [l, m, n] = point.barycentric;
         let zeros = [m, n, l].map(|c| c == 0.0);
         // A vertex has the direction that it was given, bit for bit, so that it meets a vertex of the target exactly.
@@ -77,23 +77,23 @@ impl Course {
             _ => Point::from(self.direction(point)),
         }
     }
+}
 
-    /// The same point over the triangles that the domain was drawn with.
-    fn undivided(&self, point: &SurfacePoint) -> SurfacePoint {
-        (0..self.subdivisions).fold(*point, |child, _| {
-            let [l, m, n] = child.barycentric;
-            let part = child.triangle as usize % 4;
-            let barycentric = if part == 3 {
-                [l + n, m + l, n + m].map(|c| 0.5 * c)
-            } else {
-                let mut halves = [l, m, n].map(|c| 0.5 * c);
-                halves[part] += 0.5 * (l + m + n);
-                halves
-            };
-            SurfacePoint {
-                triangle: child.triangle / 4,
-                barycentric,
-            }
-        })
-    }
+/// The same point over the triangles that there were before so many subdivisions.
+pub(super) fn undivided(point: &SurfacePoint, subdivisions: u32) -> SurfacePoint {
+    (0..subdivisions).fold(*point, |child, _| {
+        let [l, m, n] = child.barycentric;
+        let part = child.triangle as usize % 4;
+        let barycentric = if part == 3 {
+            [l + n, m + l, n + m].map(|c| 0.5 * c)
+        } else {
+            let mut halves = [l, m, n].map(|c| 0.5 * c);
+            halves[part] += 0.5 * (l + m + n);
+            halves
+        };
+        SurfacePoint {
+            triangle: child.triangle / 4,
+            barycentric,
+        }
+    })
 }

@@ -6,6 +6,7 @@ mod correspondence;
 mod course;
 mod distortion;
 pub mod examples;
+mod function;
 pub mod pair;
 
 pub use correspondence::{BoundaryMap, BoundaryMapError};

@@ -192,20 +192,23 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
 
 /// Fits with the phases shown.
 pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &Output) -> anyhow::Result<Fit> {
-    Ok(fit(boundary, options, &|phase| {
-        output.progress(match phase {
-            Phase::Checking => "checking".into(),
-            Phase::Sampling => "placing sources".into(),
-            Phase::Decomposing { rows, columns } => format!("decomposing a {rows} × {columns} matrix"),
-            Phase::Factoring { done, of } => return output.progress_of("factoring local problems", done, of),
-            Phase::Solving => "solving".into(),
-            Phase::Iterating { iteration, residual } => format!("iteration {iteration}: residual {residual:.1e}"),
-            Phase::Measuring => "measuring the boundary error".into(),
-            Phase::Refining { round, error, sources } => {
-                format!("refinement {round}: error {error:.1e}, {sources} sources")
-            }
-        });
-    })?)
+    Ok(fit(boundary, options, &|phase| show(phase, output))?)
+}
+
+/// Shows the phase of a fit.
+pub fn show(phase: Phase, output: &Output) {
+    output.progress(match phase {
+        Phase::Checking => "checking".into(),
+        Phase::Sampling => "placing sources".into(),
+        Phase::Decomposing { rows, columns } => format!("decomposing a {rows} × {columns} matrix"),
+        Phase::Factoring { done, of } => return output.progress_of("factoring local problems", done, of),
+        Phase::Solving => "solving".into(),
+        Phase::Iterating { iteration, residual } => format!("iteration {iteration}: residual {residual:.1e}"),
+        Phase::Measuring => "measuring the boundary error".into(),
+        Phase::Refining { round, error, sources } => {
+            format!("refinement {round}: error {error:.1e}, {sources} sources")
+        }
+    });
 }
 
 /// The lines of the summary that say how good a fit is.

@@ -452,6 +452,9 @@ fn checked(domain: &SurfaceMesh) -> Result<(SurfaceMesh, Vec<String>), FitError>
 
 /// What is odd about a target, though it can be mapped to.
 fn remarks_of(fit: &Fit) -> Vec<String> {
+    if fit.boundary.is_by_function() {
+        return Vec::new();
+    }
     let volume = fit.boundary.target_volume();
     let remark = if volume.abs() < FLAT * fit.boundary.target_diagonal().powi(3) {
         "the target encloses no volume, so it is no solid; the map flattens the domain"

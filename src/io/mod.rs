@@ -14,6 +14,7 @@
 //! | `.msh` | no | the same, in Gmsh's format 2.2 |
 //! | `.vtk` | surface, tetrahedra, hexahedra (text, binary) | triangles, quads, tetrahedra, hexahedra; fields |
 //! | `.vtu` | surface, tetrahedra, hexahedra (all encodings but LZ4 and LZMA) | the same |
+//! | `.vti` | no | bytes on a grid, compressed |
 //! | `.csv`, `.npy` | points | tables |
 //!
 //! Polygons become fans of triangles about their first corner, whatever their shape, so that two meshes with the same
@@ -30,11 +31,15 @@ mod map_file;
 mod medit;
 mod obj;
 mod off;
+mod picture;
 mod ply;
 mod points;
 mod source;
 mod stl;
 mod tensor_file;
+mod texture_file;
+mod textured_obj;
+mod vti;
 mod vtk;
 mod vtu;
 
@@ -48,8 +53,13 @@ pub use boundary_file::{BoundaryFile, BoundaryMetadata, read_boundary, write_bou
 pub use error::{IoError, Place};
 pub use landmarks::{LandmarkFileError, read_landmark_files, read_landmarks};
 pub use map_file::{MapFile, MapMetadata, read_map, write_map};
+pub use picture::{PictureError, read_picture};
+pub use ply::write_coloured_ply;
 pub use points::{write_csv, write_npy};
 pub use tensor_file::{Provenance, TensorFileError};
+pub use texture_file::{TextureFile, TextureMetadata, read_texture, write_texture};
+pub use textured_obj::{TexturedSurface, read_textured_surface};
+pub use vti::{ImageGrid, write_vti};
 pub use vtk::{CellGroup, Cells, Field, VtkEncoding, VtkFields, write_vtk};
 pub use vtu::write_vtu;
 

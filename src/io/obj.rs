@@ -19,7 +19,28 @@ use crate::{Point, mesh::SurfaceMesh};
 /// All objects and groups as one mesh, vertices and faces in file order. Normals, texture coordinates, colours,
 /// weights, materials, lines, points and free-form curves are passed over.
 pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
-    let statements = Statements::of(source.bytes);
+    contents(source, &Statements::of(source.bytes, Part::Shape))
+}
+
+/// The faces over the texture coordinates, which take the place of the vertices; their third coordinate is 0. `None` when
+/// no face has any.
+pub(super) fn parse_uv(source: &Source) -> Result<Option<Contents>, IoError> {
+    let statements = Statements::of(source.bytes, Part::Texture);
+    let is_textured = statements
+        .text
+        .lines()
+        .any(|line| line.starts_with("f ") && line != UNTEXTURED);
+    if !is_textured {
+        return Ok(None);
+    }
+    if let Some(line) = statements.text.lines().position(|line| line == UNTEXTURED) {
+        let found = "a face without texture coordinates for all its corners, among others that have them";
+        return Err(source.malformed(statements.offsets[line], found));
+    }
+    contents(source, &statements).map(Some)
+}
+
+fn contents(source: &Source, statements: &Statements) -> Result<Contents, IoError> {
     let heading = statements.face_of_all_vertices();
     let mut reader = Lines {
         rest: statements.text.as_bytes(),
@@ -68,7 +89,34 @@ pub(super) fn write(writer: &mut dyn Write, mesh: &SurfaceMesh) -> io::Result<()
     Ok(())
 }
 
-/// The `v` and `f` statements of a file, one a line, without comments, colours and texture or normal indices.
+/// What is read of a file.
+#[derive(Clone, Copy, PartialEq)]
+enum Part {
+    /// Vertices, and the faces over them.
+    Shape,
+    /// Texture coordinates, and the faces over them.
+    Texture,
+}
+
+/// Stands for a face without texture coordinates where they are read.
+const UNTEXTURED: &str = "f -";
+
+/// All statements of a file and where they begin.
+pub(super) fn statements(bytes: &[u8]) -> impl Iterator<Item = (Cow<'_, [u8]>, usize)> {
+    let mut offset = 0;
+    std::iter::from_fn(move || {
+        if offset >= bytes.len() {
+            return None;
+        }
+        let (statement, length) = logical_line(&bytes[offset..]);
+        let at = offset;
+        offset += length;
+        Some((statement, at))
+    })
+}
+
+/// The `v` and `f` statements of a file, one a line, without comments, colours and texture or normal indices; or the `vt`
+/// and `f` statements in their form, without those of vertices and normals.
 #[derive(Default)]
 struct Statements {
     text: String,
@@ -78,15 +126,12 @@ struct Statements {
 }
 
 impl Statements {
-    fn of(bytes: &[u8]) -> Self {
-        let mut statements = Self::default();
-        let mut offset = 0;
-        while offset < bytes.len() {
-            let (statement, length) = logical_line(&bytes[offset..]);
-            statements.add(&statement, offset);
-            offset += length;
+    fn of(bytes: &[u8], part: Part) -> Self {
+        let mut collected = Self::default();
+        for (statement, offset) in statements(bytes) {
+            collected.add(&statement, offset, part);
         }
-        statements
+        collected
     }
 
     /// A face statement that names the vertices in order; none without vertices.
@@ -100,19 +145,32 @@ impl Statements {
         face
     }
 
-    fn add(&mut self, statement: &[u8], offset: usize) {
+    fn add(&mut self, statement: &[u8], offset: usize, part: Part) {
         let code = statement.split(|&b| b == b'#').next().unwrap_or_default();
         let mut words = code.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
-        match words.next() {
-            Some(b"v") => {
+        match (words.next(), part) {
+            (Some(b"v"), Part::Shape) => {
                 self.text.push('v');
                 words.take(3).for_each(|word| self.add_word(word));
                 self.vertices += 1;
             }
-            Some(b"f") => {
+            (Some(b"vt"), Part::Texture) => {
+                self.text.push('v');
+                let [u, v] = [words.next(), words.next()].map(|word| word.unwrap_or(b"0"));
+                [u, v, b"0"].into_iter().for_each(|word| self.add_word(word));
+                self.vertices += 1;
+            }
+            (Some(b"f"), Part::Shape) => {
                 self.text.push('f');
                 words.for_each(|word| self.add_word(vertex_part(word)));
             }
+            (Some(b"f"), Part::Texture) => match words.map(texture_part).collect::<Option<Vec<_>>>() {
+                Some(parts) => {
+                    self.text.push('f');
+                    parts.into_iter().for_each(|word| self.add_word(word));
+                }
+                None => self.text.push_str(UNTEXTURED),
+            },
             _ => return,
         }
         self.text.push('\n');
@@ -128,6 +186,9 @@ impl Statements {
         let offset = self.offsets.get(line).copied().unwrap_or(source.bytes.len());
         let (statement, _) = logical_line(&source.bytes[offset..]);
         let wanted = match error {
+            tobj::LoadError::PositionParseError if statement.trim_ascii().starts_with(b"vt") => {
+                "texture coordinates need numbers".to_owned()
+            }
             tobj::LoadError::PositionParseError => "a vertex needs three numbers".to_owned(),
             tobj::LoadError::FaceParseError => "a face needs whole numbers".to_owned(),
             other => other.to_string(),
@@ -176,6 +237,11 @@ fn vertex_part(corner: &[u8]) -> &[u8] {
         Some(end) if end > 0 => &corner[..end],
         _ => corner,
     }
+}
+
+/// The texture coordinates of a corner `v/vt` or `v/vt/vn`.
+fn texture_part(corner: &[u8]) -> Option<&[u8]> {
+    corner.split(|&b| b == b'/').nth(1).filter(|part| !part.is_empty())
 }
 
 /// The first line of `bytes`, joined with those that a backslash at its end continues it by, and the length of all

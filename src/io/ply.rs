@@ -4,9 +4,10 @@
 //! and its errors name no place.
 
 use std::io::{self, Write};
+use std::path::Path;
 
 use super::{
-    IoError, Place,
+    IoError, Place, atomic_write,
     contents::Contents,
     source::{ByteOrder, Scalar, Source, TEXT_NUMBER, Tokens, excerpt},
 };
@@ -39,7 +40,55 @@ pub(super) fn write(writer: &mut dyn Write, mesh: &SurfaceMesh) -> io::Result<()
     for coordinate in mesh.vertices().iter().flat_map(|p| p.iter()) {
         writer.write_all(&coordinate.to_le_bytes())?;
     }
-    for triangle in mesh.triangles() {
+    write_triangles(writer, mesh.triangles())
+}
+
+/// Writes points, each with red, green, blue and opacity, and triangles over them if there are any, as binary little-endian
+/// PLY (`.ply`) with coordinates in double precision.
+///
+/// # Errors
+///
+/// [`IoError::ValueCount`] unless there is one colour per point, [`IoError::Write`].
+pub fn write_coloured_ply(
+    path: impl AsRef<Path>,
+    points: &[Point],
+    rgba: &[[u8; 4]],
+    triangles: &[[u32; 3]],
+) -> Result<(), IoError> {
+    if rgba.len() != points.len() {
+        return Err(IoError::ValueCount {
+            path: path.as_ref().to_owned(),
+            name: "colour".into(),
+            expected: points.len(),
+            found: rgba.len(),
+        });
+    }
+    atomic_write(path, |writer| {
+        let colours = ["red", "green", "blue", "alpha"].map(|name| format!("property uchar {name}\n"));
+        write!(
+            writer,
+            "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty \
+             double z\n{}",
+            points.len(),
+            colours.concat()
+        )?;
+        if !triangles.is_empty() {
+            let count = triangles.len();
+            write!(writer, "element face {count}\nproperty list uchar int vertex_indices\n")?;
+        }
+        writeln!(writer, "end_header")?;
+        for (point, rgba) in points.iter().zip(rgba) {
+            for coordinate in point.iter() {
+                writer.write_all(&coordinate.to_le_bytes())?;
+            }
+            writer.write_all(rgba)?;
+        }
+        write_triangles(writer, triangles)
+    })
+}
+
+fn write_triangles(writer: &mut dyn Write, triangles: &[[u32; 3]]) -> io::Result<()> {
+    for triangle in triangles {
         writer.write_all(&[3])?;
         for corner in triangle {
             writer.write_all(&corner.to_le_bytes())?;

@@ -111,6 +111,13 @@ pub(super) static BOUNDARY: Kind = Kind {
     purpose: "it holds a boundary map, for `solidmap fit --boundary`",
 };
 
+pub(super) static TEXTURE: Kind = Kind {
+    name: "texture file",
+    key: "solidmap_texture",
+    version: (1, 0),
+    purpose: "it holds a solid texture, for `solidmap texture`",
+};
+
 /// A table with three columns.
 pub(super) struct Tensor {
     name: &'static str,
@@ -139,6 +146,15 @@ impl Tensor {
             dtype: Dtype::U32,
             rows: triangles.len(),
             data: triangles.iter().flatten().flat_map(|v| v.to_le_bytes()).collect(),
+        }
+    }
+
+    pub fn bytes(name: &'static str, rows: &[[u8; 3]]) -> Self {
+        Self {
+            name,
+            dtype: Dtype::U8,
+            rows: rows.len(),
+            data: rows.as_flattened().to_vec(),
         }
     }
 }
@@ -191,7 +207,7 @@ impl<'a> Reader<'a> {
         let empty = HashMap::new();
         let entries = header.metadata().as_ref().unwrap_or(&empty);
         let Some(text) = entries.get(kind.key) else {
-            let other = [&MAP, &BOUNDARY]
+            let other = [&MAP, &BOUNDARY, &TEXTURE]
                 .into_iter()
                 .find(|other| entries.contains_key(other.key));
             let cause = other.map_or("it has no metadata of solidmap", |other| other.purpose);
@@ -242,6 +258,11 @@ impl<'a> Reader<'a> {
         let (words, _) = data.as_chunks::<4>();
         let (triangles, _) = words.as_chunks::<3>();
         Ok(triangles.iter().map(|t| t.map(u32::from_le_bytes)).collect())
+    }
+
+    pub fn bytes(&self, tensor: &'static str) -> Result<Vec<[u8; 3]>, TensorFileError> {
+        let (rows, _) = self.data(tensor, Dtype::U8)?.as_chunks::<3>();
+        Ok(rows.to_vec())
     }
 
     fn data(&self, tensor: &'static str, dtype: Dtype) -> Result<&[u8], TensorFileError> {

@@ -1,5 +1,5 @@
 use super::ReportError;
-use super::canvas::{Canvas, INK, WHITE, mixed};
+use super::canvas::{Canvas, INK, Rgb, WHITE, mixed};
 use super::colour_map::ColourBar;
 use super::number::typeset;
 use super::section::Section;
@@ -39,11 +39,22 @@ impl Panel {
     ///
     /// [`ReportError::ValueCount`].
     pub fn of_section(section: &Section, values: &[f64], bar: &ColourBar) -> Result<Self, ReportError> {
-        check_count("section point", section.points().len(), values.len())?;
+        let colours: Vec<Rgb> = values.iter().map(|&value| bar.colour(value)).collect();
+        Self::of_painted_section(section, &colours)
+    }
+
+    /// A section in these colours, one for each of [`Section::points`], with coordinates along its edges and a caption that
+    /// names the plane.
+    ///
+    /// # Errors
+    ///
+    /// [`ReportError::ValueCount`].
+    pub fn of_painted_section(section: &Section, colours: &[Rgb]) -> Result<Self, ReportError> {
+        check_count("section point", section.points().len(), colours.len())?;
         let [width, height] = section.size();
         let mut canvas = Canvas::new(width, height, WHITE);
-        for (([x, y], coverage), value) in section.covered_pixels().zip(values) {
-            canvas.set(x, y, mixed(WHITE, bar.colour(*value), coverage));
+        for (([x, y], coverage), colour) in section.covered_pixels().zip(colours) {
+            canvas.set(x, y, mixed(WHITE, *colour, coverage));
         }
         let outline: Vec<_> = section
             .outline()

@@ -172,6 +172,11 @@ impl Section {
         self.size
     }
 
+    /// Side of a pixel, in model units.
+    pub fn pixel(&self) -> f64 {
+        self.pixel
+    }
+
     /// The coordinates at the left and right (0) or lower and upper (1) edge of the picture.
     pub(super) fn extent(&self, direction: usize) -> (f64, f64) {
         let low = self.corner[direction];

@@ -100,6 +100,8 @@ pub enum SurfaceColour {
     PerVertex(Vec<f64>, ColourBar),
     /// A value of each triangle.
     PerTriangle(Vec<f64>, ColourBar),
+    /// A colour at each corner of each triangle, mixed between them as light.
+    PerCorner(Vec<[Rgb; 3]>),
     /// A pattern in space, evaluated between the vertices.
     Checker(Checker),
 }
@@ -139,6 +141,8 @@ enum Paint<'a> {
     Plain(Rgb),
     Bar(&'a ColourBar),
     Pattern(&'a Pattern),
+    /// Places are colours, as light.
+    Light,
 }
 
 /// What is common to all faces.
@@ -175,6 +179,7 @@ fn check_style(surface: &SurfaceMesh, style: &SurfaceStyle) -> Result<(), Report
         SurfaceColour::Uniform(_) => {}
         SurfaceColour::PerVertex(values, _) => check_count("vertex", surface.vertices().len(), values.len())?,
         SurfaceColour::PerTriangle(values, _) => check_count("triangle", surface.triangles().len(), values.len())?,
+        SurfaceColour::PerCorner(colours) => check_count("triangle", surface.triangles().len(), colours.len())?,
         SurfaceColour::Checker(checker) => check_count("vertex", surface.vertices().len(), checker.places.len())?,
     }
     match &style.edges {
@@ -196,6 +201,9 @@ fn scene<'a>(surface: &SurfaceMesh, style: &'a SurfaceStyle, camera: &Camera, si
                 SurfaceColour::Uniform(_) => [Point::origin(); 3],
                 SurfaceColour::PerVertex(values, _) => triangle.map(|v| Point::new(values[v as usize], 0.0, 0.0)),
                 SurfaceColour::PerTriangle(values, _) => [Point::new(values[t], 0.0, 0.0); 3],
+                SurfaceColour::PerCorner(colours) => {
+                    colours[t].map(|rgb| Point::from(rgb.map(|c| f64::from(to_linear(c)))))
+                }
                 SurfaceColour::Checker(checker) => triangle.map(|v| checker.places[v as usize]),
             },
             edges: match &style.edges {
@@ -208,6 +216,7 @@ fn scene<'a>(surface: &SurfaceMesh, style: &'a SurfaceStyle, camera: &Camera, si
     let paint = match &style.colour {
         SurfaceColour::Uniform(colour) => Paint::Plain(*colour),
         SurfaceColour::PerVertex(_, bar) | SurfaceColour::PerTriangle(_, bar) => Paint::Bar(bar),
+        SurfaceColour::PerCorner(_) => Paint::Light,
         SurfaceColour::Checker(checker) => Paint::Pattern(&checker.pattern),
     };
     let edge_width = (size[0].max(size[1]) as f64 / 700.0).max(0.9);
@@ -364,6 +373,7 @@ fn shaded(scene: &Scene, face: &Face, weights: [f64; 3], faces_viewer: bool, on_
         Paint::Plain(colour) => (normal, *colour),
         Paint::Bar(bar) => (normal, bar.colour(place.x)),
         Paint::Pattern(pattern) => (normal, pattern.colour(&place.into())),
+        Paint::Light => (normal, [0, 1, 2].map(|k| to_srgb(place[k] as f32))),
     };
     let (diffuse, gloss) = lighting(&normal, !matches!(scene.paint, Paint::Plain(_)));
     let opacity = if on_edge { scene.edge_opacity } else { 0.0 };

@@ -1,0 +1,159 @@
+//! Solid textures in files: safetensors, so that other programs read them too.
+//!
+//! | tensor | type, shape | meaning |
+//! |---|---|---|
+//! | `sources`, `coefficients`, `affine` | f64 | the harmonic part, as in map files |
+//! | `vertices`, `triangles` | f64 n × 3, u32 m × 3 | the surface |
+//! | `u`, `v` | f64, m × 3 | texture coordinates of each triangle's corners, with a picture |
+//! | `picture` | u8, pixels × 3 | its pixels in sRGB, row by row from the top |
+//! | `colours` | f64, n × 3 | or else the colour of each vertex, as amounts of light |
+//!
+//! The metadata say what was extended, the size of the picture and what is beyond its edges, with the report of the fit.
+
+use std::path::Path;
+
+use super::Provenance;
+use super::TensorFileError;
+use super::tensor_file::{Reader, TEXTURE, Tensor, read_bytes};
+use crate::fit::FitReport;
+use crate::map::HarmonicMap;
+use crate::mesh::SurfaceMesh;
+use crate::solver::Coefficients;
+use crate::texture::{Extended, Paint, Picture, Skin, SolidTexture, Wrap};
+
+/// A solid texture as stored.
+#[derive(Debug, Clone)]
+pub struct TextureFile {
+    /// The texture.
+    pub texture: SolidTexture,
+    /// What else the file says.
+    pub metadata: TextureMetadata,
+}
+
+/// What a texture file says about its texture.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct TextureMetadata {
+    /// `major.minor` of the format.
+    pub format_version: String,
+    /// Program and version that wrote the file.
+    pub generator: String,
+    /// Report of the fit of the harmonic part, without the times it took.
+    pub fit: FitReport,
+    /// The files the texture was made from.
+    #[serde(default)]
+    pub inputs: Vec<Provenance>,
+}
+
+impl TextureMetadata {
+    /// Metadata of a texture that this program has just made.
+    pub fn new(fit: FitReport, inputs: Vec<Provenance>) -> Self {
+        Self {
+            format_version: TEXTURE.format_version(),
+            generator: concat!("solidmap ", env!("CARGO_PKG_VERSION")).into(),
+            fit: FitReport { seconds: None, ..fit },
+            inputs,
+        }
+    }
+}
+
+#[derive(serde::Serialize, serde::Deserialize)]
+struct Header {
+    #[serde(flatten)]
+    metadata: TextureMetadata,
+    extended: Extended,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    picture: Option<PictureHeader>,
+}
+
+#[derive(Clone, Copy, serde::Serialize, serde::Deserialize)]
+struct PictureHeader {
+    width: usize,
+    height: usize,
+    wrap: Wrap,
+}
+
+/// Writes a texture file. The same texture gives the same bytes.
+///
+/// # Errors
+///
+/// When the file cannot be written.
+pub fn write_texture(path: &Path, file: &TextureFile) -> Result<(), TensorFileError> {
+    let texture = &file.texture;
+    let (surface, coefficients) = (texture.skin().surface(), texture.map().coefficients());
+    let mut tensors = vec![
+        Tensor::points("sources", texture.map().sources()),
+        Tensor::rows("coefficients", coefficients.sources.iter()),
+        Tensor::rows("affine", coefficients.affine.iter()),
+        Tensor::points("vertices", surface.vertices()),
+        Tensor::triangles("triangles", surface.triangles()),
+    ];
+    let mut header = Header {
+        metadata: file.metadata.clone(),
+        extended: texture.extended(),
+        picture: None,
+    };
+    match texture.skin().paint() {
+        Paint::Picture { uv, picture, wrap } => {
+            for (name, k) in [("u", 0), ("v", 1)] {
+                let along: Vec<[f64; 3]> = uv.iter().map(|corners| corners.map(|uv| uv[k])).collect();
+                tensors.push(Tensor::rows(name, along.iter()));
+            }
+            tensors.push(Tensor::bytes("picture", picture.pixels()));
+            header.picture = Some(PictureHeader {
+                width: picture.width(),
+                height: picture.height(),
+                wrap: *wrap,
+            });
+        }
+        Paint::Vertices(colours) => tensors.push(Tensor::rows("colours", colours.iter())),
+    }
+    TEXTURE.write(path, &header, &tensors)
+}
+
+/// Reads a texture file.
+///
+/// # Errors
+///
+/// When it cannot be read, holds no texture or not a whole one, or is of a newer major version.
+pub fn read_texture(path: &Path) -> Result<TextureFile, TensorFileError> {
+    let content = read_bytes(path)?;
+    let reader = Reader::new(&TEXTURE, path, &content)?;
+    let header: Header = reader.metadata()?;
+    let map = read_map(&reader)?.with_error(header.metadata.fit.residual_rms);
+    let skin = read_skin(&reader, header.picture)?;
+    let texture = SolidTexture::from_parts(skin, header.extended, map, header.metadata.fit.clone())
+        .map_err(|error| reader.problem("sources", format!("cannot be used: {error}")))?;
+    Ok(TextureFile {
+        texture,
+        metadata: header.metadata,
+    })
+}
+
+fn read_map(reader: &Reader) -> Result<HarmonicMap, TensorFileError> {
+    let rows = reader.rows("coefficients")?;
+    let count = rows.len();
+    let affine = <[[f64; 3]; 4]>::try_from(reader.rows("affine")?)
+        .map_err(|rows| reader.problem("affine", format!("has {} rows instead of 4", rows.len())))?;
+    let coefficients = Coefficients { sources: rows, affine };
+    HarmonicMap::new(reader.points("sources")?, coefficients)
+        .ok_or_else(|| reader.problem("coefficients", format!("has {count} rows, which is not one per source")))
+}
+
+fn read_skin(reader: &Reader, picture: Option<PictureHeader>) -> Result<Skin, TensorFileError> {
+    let surface = SurfaceMesh::new(reader.points("vertices")?, reader.triangles("triangles")?)
+        .map_err(|error| reader.problem("triangles", format!("do not fit the vertices: {error}")))?;
+    let Some(PictureHeader { width, height, wrap }) = picture else {
+        let colours = reader.rows("colours")?;
+        return Skin::of_vertices(&surface, colours)
+            .map_err(|error| reader.problem("colours", format!("cannot be used: {error}")));
+    };
+    let (u, v) = (reader.rows("u")?, reader.rows("v")?);
+    if u.len() != v.len() {
+        return Err(reader.problem("v", format!("has {} rows, and `u` {}", v.len(), u.len())));
+    }
+    let corners = u.iter().zip(&v).map(|(u, v)| std::array::from_fn(|k| [u[k], v[k]]));
+    let picture = Picture::new(width, height, reader.bytes("picture")?)
+        .map_err(|error| reader.problem("picture", format!("cannot be used: {error}")))?;
+    Skin::of_picture(&surface, corners.collect(), picture, wrap)
+        .map_err(|error| reader.problem("u", format!("cannot be used: {error}")))
+}

@@ -1,0 +1,104 @@
+use crate::boundary_map::BoundaryMapError;
+use crate::fit::FitError;
+use crate::geometry::QueryError;
+
+/// Why there is no solid texture.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TextureError {
+    /// A picture without pixels, or with another number of them than its size says.
+    #[error(
+        "a picture of {width} × {height} pixels was given {pixels} pixels; it needs at least one, and as many as that"
+    )]
+    PictureSize {
+        /// Pixels from left to right.
+        width: usize,
+        /// Pixels from top to bottom.
+        height: usize,
+        /// Pixels given.
+        pixels: usize,
+    },
+    /// A checker of no squares, or of more than pixels.
+    #[error("a checker has from 1 to 1024 squares along a side, not {squares}")]
+    CheckerSquares {
+        /// Squares asked for.
+        squares: usize,
+    },
+    /// Three texture coordinates are needed for each triangle.
+    #[error("the surface has {triangles} triangles, but {found} of them have texture coordinates")]
+    UvCount {
+        /// Triangles of the surface.
+        triangles: usize,
+        /// Triples of coordinates.
+        found: usize,
+    },
+    /// A texture coordinate is NaN or infinite.
+    #[error("triangle {triangle} (0-based) has a texture coordinate that is not finite; lay the picture out again")]
+    UvNotFinite {
+        /// The first such triangle.
+        triangle: usize,
+    },
+    /// One colour is needed for each vertex.
+    #[error("the surface has {vertices} vertices, but {found} colours were given")]
+    ColourCount {
+        /// Vertices of the surface.
+        vertices: usize,
+        /// Colours given.
+        found: usize,
+    },
+    /// A colour is NaN or infinite.
+    #[error("the colour of vertex {vertex} (0-based) is not finite")]
+    ColourNotFinite {
+        /// The first such vertex.
+        vertex: usize,
+    },
+    /// Texture coordinates were to be extended, but there are none.
+    #[error(
+        "the surface has colours at its vertices and no texture coordinates that could be extended; extend the colours"
+    )]
+    NoUv,
+    /// Texture coordinates that jump have no smooth extension.
+    #[error(
+        "the texture coordinates jump at {seams} of {edges} edges, by up to {jump:.3}; between the two sides of a seam the \
+         whole picture would be squeezed in. Extend the colours, which need not jump, or allow it"
+    )]
+    Seams {
+        /// Edges at which they jump.
+        seams: usize,
+        /// All edges.
+        edges: usize,
+        /// The largest jump.
+        jump: f64,
+    },
+    /// Fewer voxels than one.
+    #[error("a volume needs at least one voxel along its longest side")]
+    NoVoxels,
+    /// The volume would not fit into memory.
+    #[error(
+        "a volume of {} × {} × {} voxels needs about {need:.1} GiB, and {allowed:.1} GiB are allowed; ask for fewer voxels",
+        size[0], size[1], size[2]
+    )]
+    TooLarge {
+        /// Voxels along x, y and z.
+        size: [usize; 3],
+        /// Memory that it takes, in GiB.
+        need: f64,
+        /// Memory that it may take, in GiB.
+        allowed: f64,
+    },
+    /// A stored texture does not hold together.
+    #[error("the texture does not hold together: {problem}")]
+    Inconsistent {
+        /// What contradicts what.
+        problem: String,
+    },
+    /// The surface cannot be asked for closest points.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+    /// The boundary values cannot be used.
+    #[error(transparent)]
+    BoundaryMap(#[from] BoundaryMapError),
+    /// No harmonic function was found.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+}

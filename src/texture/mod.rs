@@ -1,0 +1,31 @@
+//! Solid texture: the picture on a surface carried into the solid (section 5.4 and figure 11 of Li et al., *Harmonic
+//! volumetric mapping for solid modeling applications*, 2007).
+//!
+//! Colours, or texture coordinates, take the place of the target's positions in the boundary values, and the method of
+//! fundamental solutions extends them harmonically. Its sources resolve what is as coarse as they are. What they leave of
+//! a finer picture is added in a thin layer under the surface, so that the solid texture is the picture there:
+//!
+//! `c(x) = H(x) + w(d/h) · (picture(p) − H(p))`
+//!
+//! with `H` the harmonic function, `p` the point of the surface closest to `x` at the distance `d`, and `h` the spacing of the
+//! sources at `p`: their distance, since they stand that far off. `w` falls from 1 to 0 as Wendland's function
+//! `(1 − s)⁴ (4s + 1)` (*Piecewise polynomial, positive definite and compactly supported radial functions of minimal
+//! degree*, Adv. Comput. Math. 4, 1995), about as fast as the extension of the finest wave that sources at `h` do not
+//! resolve, `exp(−πd/h)`. Deeper than `h` the texture is harmonic.
+//!
+//! Where the solid is thinner than two spacings, the closest point jumps inside the layer, and the texture with it, by no more
+//! than `w` times twice the residual.
+
+mod colour;
+mod error;
+mod picture;
+mod skin;
+mod solid;
+mod volume;
+
+pub use colour::{LinearRgb, decoded, from_srgb, to_srgb};
+pub use error::TextureError;
+pub use picture::{Picture, Wrap};
+pub use skin::{Paint, SeamReport, Skin};
+pub use solid::{Extended, Residual, SolidTexture, TextureOptions};
+pub use volume::{Volume, VolumeGrid};

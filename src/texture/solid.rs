@@ -1,0 +1,354 @@
+//! The solid texture: fitted, and sampled anywhere.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::TextureError;
+use super::colour::LinearRgb;
+use super::skin::{Paint, Skin, as_point};
+use crate::boundary_map::BoundaryMap;
+use crate::fit::{FitOptions, FitReport, Phase, Solver, fit};
+use crate::geometry::{ClosestPoint, SurfaceQuery};
+use crate::map::{HarmonicMap, VolumeMap};
+use crate::mesh::{SurfaceMesh, SurfacePoint};
+use crate::sampling;
+use crate::solver::SchwarzOptions;
+use crate::statistics::Summary;
+use crate::{Point, Vector};
+
+/// What is extended into the solid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Extended {
+    /// Colours, as amounts of light: they mix towards the middle.
+    #[default]
+    Colours,
+    /// Texture coordinates, as the paper has it; the picture is looked up after, and keeps its contrast to the middle.
+    /// Coordinates have no business in a solid unless they are continuous on its surface.
+    Coordinates,
+}
+
+/// Settings of [`SolidTexture::fit`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct TextureOptions {
+    /// What is extended.
+    pub extended: Extended,
+    /// Whether coordinates are extended although they jump at seams.
+    pub across_seams: bool,
+    /// Sources at least: triangles are cut into four until the surface has as many vertices.
+    pub least_sources: usize,
+    /// How the harmonic function is fitted. A tolerance is a fraction of the diagonal of the cube of colours (√3), or of the
+    /// box of the texture coordinates.
+    pub fit: FitOptions,
+}
+
+/// Iterations end when one leaves more than this part of the residual. Most of that is detail finer than the sources, beside
+/// which what is still to be gained deep inside weighs little: at the usual 0.85, colours there are off by twice as much.
+const PLATEAU: f64 = 0.9998;
+
+impl Default for TextureOptions {
+    /// Colours, by one source per vertex or 2000, without refinement.
+    fn default() -> Self {
+        Self {
+            extended: Extended::Colours,
+            across_seams: false,
+            least_sources: 2000,
+            fit: FitOptions {
+                refine: false,
+                solver: Solver::Schwarz(SchwarzOptions {
+                    plateau: PLATEAU,
+                    finest_plateau: PLATEAU,
+                    ..SchwarzOptions::default()
+                }),
+                ..FitOptions::adaptive()
+            },
+        }
+    }
+}
+
+/// How far colours are from the picture at points of the surface that no fit has seen: the largest difference in red,
+/// green or blue, as an amount of light (1 from black to white).
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Residual {
+    /// Root mean square over the area.
+    pub rms: f64,
+    /// 99 % of the area is below.
+    pub p99: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// A colour at every point of a solid, which on its surface is that of the picture there.
+#[derive(Debug, Clone)]
+pub struct SolidTexture {
+    skin: Arc<Skin>,
+    extended: Extended,
+    map: HarmonicMap,
+    report: FitReport,
+    surface: SurfaceQuery,
+    sources: SurfaceQuery,
+    /// The layer is nowhere thicker.
+    thickest: f64,
+}
+
+/// Distance from the surface, over the diagonal, at which a point counts as being on it.
+const ON_SURFACE: f64 = 1e-9;
+/// Times that triangles are cut into four at most.
+const MOST_SUBDIVISIONS: usize = 8;
+
+impl SolidTexture {
+    /// Extends what colours a surface into the solid that it bounds.
+    ///
+    /// # Errors
+    ///
+    /// When the surface does not bound a solid, and as [`fit`]; [`TextureError::NoUv`] and [`TextureError::Seams`] when
+    /// texture coordinates are to be extended and cannot be.
+    pub fn fit(skin: Skin, options: &TextureOptions, progress: &dyn Fn(Phase)) -> Result<Self, TextureError> {
+        let skin = Arc::new(skin);
+        let mut boundary = boundary_values(&skin, options)?;
+        for _ in 0..MOST_SUBDIVISIONS {
+            if boundary.domain().vertices().len() >= options.least_sources {
+                break;
+            }
+            boundary = boundary.subdivided();
+        }
+        let fit = fit(&boundary, &options.fit, progress)?;
+        Self::from_parts(skin, options.extended, fit.map, fit.report)
+    }
+
+    /// The texture with this harmonic part, as it was stored.
+    ///
+    /// # Errors
+    ///
+    /// [`TextureError::NoUv`], [`TextureError::Inconsistent`] when there is no source, [`TextureError::Query`].
+    pub fn from_parts(
+        skin: impl Into<Arc<Skin>>,
+        extended: Extended,
+        map: HarmonicMap,
+        report: FitReport,
+    ) -> Result<Self, TextureError> {
+        let skin = skin.into();
+        if extended == Extended::Coordinates && skin.uv_box().is_none() {
+            return Err(TextureError::NoUv);
+        }
+        if map.sources().is_empty() {
+            return Err(TextureError::Inconsistent {
+                problem: "it has no sources".into(),
+            });
+        }
+        let surface = SurfaceQuery::with_winding_sign(skin.surface())?;
+        let sources = points_query(map.sources())?;
+        let thickest = thickest_layer(skin.surface(), &sources);
+        Ok(Self {
+            skin,
+            extended,
+            map,
+            report,
+            surface,
+            sources,
+            thickest,
+        })
+    }
+
+    /// The surface and what colours it.
+    pub fn skin(&self) -> &Skin {
+        &self.skin
+    }
+
+    /// What was extended.
+    pub fn extended(&self) -> Extended {
+        self.extended
+    }
+
+    /// The harmonic part: light of red, green and blue, or texture coordinates and 0.
+    pub fn map(&self) -> &HarmonicMap {
+        &self.map
+    }
+
+    /// How the harmonic part was fitted.
+    pub fn report(&self) -> &FitReport {
+        &self.report
+    }
+
+    /// Colours of points, as amounts of light; NaN outside of the solid and for points that are not finite. Points within
+    /// rounding of the surface count as inside. On the surface they are those of [`Skin::colour`]. By the maximum principle
+    /// they leave the range of the picture's by no more than the harmonic part does on the surface, and deeper by much less.
+    pub fn sample(&self, points: &[Point]) -> Vec<LinearRgb> {
+        let inside = self.inside(points);
+        let at: Vec<Point> = inside.iter().map(|&k| points[k as usize]).collect();
+        let mut colours = vec![[f64::NAN; 3]; points.len()];
+        for (k, colour) in inside.iter().zip(self.sample_inside(&at)) {
+            colours[*k as usize] = colour;
+        }
+        colours
+    }
+
+    /// As [`Self::sample`], from the harmonic part alone, wherever the points are: the picture as far as the sources
+    /// resolve it.
+    pub fn harmonic(&self, points: &[Point]) -> Vec<LinearRgb> {
+        let values = self.map.evaluate(points);
+        values.par_iter().map(|value| self.shown(value)).collect()
+    }
+
+    /// How thick the layer is under each point of the surface: the spacing of the sources there.
+    pub fn layer(&self, surface_points: &[Point]) -> Vec<f64> {
+        let nearest = self.sources.closest_points(surface_points);
+        nearest.iter().map(|source| source.distance).collect()
+    }
+
+    /// How far the harmonic part alone is from the picture, at `count` points of the surface that are spread evenly.
+    ///
+    /// The sum of both parts is off by rounding only; see [`Self::surface_residual`].
+    pub fn harmonic_residual(&self, count: usize, seed: u64) -> Option<Residual> {
+        self.residual(count, seed, |points| self.harmonic(points))
+    }
+
+    /// How far the texture is from the picture, at `count` points of the surface that are spread evenly. At the seams of an
+    /// atlas that does not match there, the colour of either side may come out.
+    pub fn surface_residual(&self, count: usize, seed: u64) -> Option<Residual> {
+        self.residual(count, seed, |points| self.sample(points))
+    }
+
+    fn residual(&self, count: usize, seed: u64, colours: impl Fn(&[Point]) -> Vec<LinearRgb>) -> Option<Residual> {
+        let surface = self.skin.surface();
+        let places = sampling::held_out(surface, count, 0, seed);
+        let positions: Vec<Point> = places.iter().map(|p| p.position(surface, surface.vertices())).collect();
+        let found = colours(&positions);
+        let difference = |(place, found): (&SurfacePoint, &LinearRgb)| {
+            let picture = self.skin.colour(place);
+            (0..3).map(|k| (picture[k] - found[k]).abs()).fold(0.0, f64::max)
+        };
+        let differences: Vec<f64> = places.iter().zip(&found).map(difference).collect();
+        let summary = Summary::of(&differences[..count.min(differences.len())])?;
+        Some(Residual {
+            rms: summary.rms,
+            p99: summary.p99,
+            max: differences.iter().copied().fold(0.0, f64::max),
+        })
+    }
+
+    /// Indices of the points in the solid or on its surface.
+    fn inside(&self, points: &[Point]) -> Vec<u32> {
+        let bounds = self.surface.bounds();
+        let slack = ON_SURFACE * self.skin.surface().diagonal();
+        let slack_vector = Vector::repeat(slack);
+        let (low, high) = (bounds.low - slack_vector, bounds.high + slack_vector);
+        let near = |p: &Point| (0..3).all(|k| low[k] <= p[k] && p[k] <= high[k]);
+        let candidates: Vec<u32> = (0..points.len() as u32)
+            .filter(|&k| near(&points[k as usize]))
+            .collect();
+        let at = |indices: &[u32]| indices.iter().map(|&k| points[k as usize]).collect::<Vec<_>>();
+        let contained = self.surface.contains_all(&at(&candidates));
+        let (mut inside, mut others) = (Vec::new(), Vec::new());
+        for (&k, contained) in candidates.iter().zip(contained) {
+            if contained { inside.push(k) } else { others.push(k) }
+        }
+        let is_off: Vec<(Point, f64)> = at(&others).into_iter().map(|p| (p, slack)).collect();
+        let off = self.surface.are_outside(&is_off);
+        inside.extend(others.iter().zip(off).filter(|(_, off)| !off).map(|(&k, _)| k));
+        inside
+    }
+
+    /// Colours of points that are in the solid or on its surface.
+    pub(super) fn sample_inside(&self, points: &[Point]) -> Vec<LinearRgb> {
+        let layer = self.in_layer(points);
+        let feet = layer.iter().map(|(_, foot, _)| foot.point);
+        let everywhere: Vec<Point> = points.iter().copied().chain(feet).collect();
+        let mut values = self.map.evaluate(&everywhere);
+        let harmonic_at_feet = values.split_off(points.len());
+        for ((k, foot, weight), harmonic) in layer.iter().zip(harmonic_at_feet) {
+            let place = SurfacePoint {
+                triangle: foot.triangle as u32,
+                barycentric: foot.barycentric,
+            };
+            values[*k as usize] += (boundary_value(&self.skin, self.extended, &place) - harmonic) * *weight;
+        }
+        values.par_iter().map(|value| self.shown(value)).collect()
+    }
+
+    /// The points in the layer, the closest point of the surface, and the weight of what the harmonic part leaves there.
+    fn in_layer(&self, points: &[Point]) -> Vec<(u32, ClosestPoint, f64)> {
+        let closest = self.surface.closest_points(points);
+        let near = closest
+            .iter()
+            .enumerate()
+            .filter(|(_, foot)| foot.distance < self.thickest);
+        let near: Vec<(u32, ClosestPoint)> = near.map(|(k, foot)| (k as u32, *foot)).collect();
+        let feet: Vec<Point> = near.iter().map(|(_, foot)| foot.point).collect();
+        let thickness = self.layer(&feet);
+        near.into_iter()
+            .zip(thickness)
+            .map(|((k, foot), thickness)| (k, foot, wendland(foot.distance / thickness)))
+            .filter(|&(_, _, weight)| weight > 0.0)
+            .collect()
+    }
+
+    /// The colour of an extended value.
+    fn shown(&self, value: &Point) -> LinearRgb {
+        match (self.extended, self.skin.paint()) {
+            (Extended::Coordinates, Paint::Picture { picture, wrap, .. }) => picture.light([value.x, value.y], *wrap),
+            _ => value.coords.into(),
+        }
+    }
+}
+
+/// The boundary map into the space of what is extended.
+fn boundary_values(skin: &Arc<Skin>, options: &TextureOptions) -> Result<BoundaryMap, TextureError> {
+    let extended = options.extended;
+    let target = match extended {
+        Extended::Colours => (Point::origin(), Point::new(1.0, 1.0, 1.0)),
+        Extended::Coordinates => {
+            let [low, high] = skin.uv_box().ok_or(TextureError::NoUv)?;
+            let seams = skin.seams();
+            if seams.seams > 0 && !options.across_seams {
+                return Err(TextureError::Seams {
+                    seams: seams.seams,
+                    edges: seams.edges,
+                    jump: seams.largest_uv_jump,
+                });
+            }
+            (Point::new(low[0], low[1], 0.0), Point::new(high[0], high[1], 0.0))
+        }
+    };
+    let values = skin.clone();
+    let function = move |place: &SurfacePoint| boundary_value(&values, extended, place);
+    Ok(BoundaryMap::by_function(skin.surface().clone(), target, function)?)
+}
+
+fn boundary_value(skin: &Skin, extended: Extended, place: &SurfacePoint) -> Point {
+    match (extended, skin.uv(place)) {
+        (Extended::Coordinates, Some([u, v])) => Point::new(u, v, 0.0),
+        _ => as_point(skin.colour(place)),
+    }
+}
+
+/// Answers which point is closest: triangles may be as small as a point.
+fn points_query(points: &[Point]) -> Result<SurfaceQuery, TextureError> {
+    let triangles = (0..points.len() as u32).map(|k| [k; 3]).collect();
+    let mesh = SurfaceMesh::new(points.to_vec(), triangles).map_err(|error| TextureError::Inconsistent {
+        problem: error.to_string(),
+    })?;
+    Ok(SurfaceQuery::with_winding_sign(&mesh)?)
+}
+
+/// The layer is as thick as the nearest source is far, which changes no faster than the place; no point of a triangle is
+/// farther from a corner than its longest side.
+fn thickest_layer(surface: &SurfaceMesh, sources: &SurfaceQuery) -> f64 {
+    let at_vertices = sources.closest_points(surface.vertices());
+    let sides = (0..surface.triangles().len()).flat_map(|t| {
+        let [a, b, c] = surface.corners(t);
+        [(a - b).norm(), (b - c).norm(), (c - a).norm()]
+    });
+    let farthest = at_vertices.iter().map(|source| source.distance).fold(0.0, f64::max);
+    farthest + sides.fold(0.0, f64::max)
+}
+
+/// From 1 at 0 to 0 at 1, twice continuously differentiable.
+fn wendland(s: f64) -> f64 {
+    if s < 1.0 {
+        (1.0 - s).powi(4) * (4.0 * s + 1.0)
+    } else {
+        0.0
+    }
+}

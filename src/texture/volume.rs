@@ -1,0 +1,121 @@
+//! The texture as a volume of voxels.
+
+use super::colour::to_srgb;
+use super::{SolidTexture, TextureError};
+use crate::Point;
+use crate::fit::available_memory;
+use crate::mesh::SurfaceMesh;
+
+/// Cubic voxels over the bounding box of a solid. The texture is sampled at their centres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VolumeGrid {
+    /// Centre of the first voxel, the one of lowest coordinates.
+    pub origin: Point,
+    /// Side of a voxel.
+    pub spacing: f64,
+    /// Voxels along x, y and z.
+    pub size: [usize; 3],
+}
+
+/// The colours of all voxels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Volume {
+    /// Where the voxels are.
+    pub grid: VolumeGrid,
+    /// Red, green and blue in 8-bit sRGB, and 255 in the solid or 0, with black, outside. Voxels along x follow each other,
+    /// then rows along y, then layers along z.
+    pub rgba: Vec<[u8; 4]>,
+    /// Voxels in the solid.
+    pub inside: usize,
+}
+
+/// Memory that a voxel takes at the peak: its colour, and its part of a compressed copy.
+const BYTES_PER_VOXEL: f64 = 8.0;
+/// Points sampled at a time, and the memory that each takes.
+const POINTS_AT_ONCE: usize = 1 << 19;
+const BYTES_PER_POINT: f64 = 600.0;
+/// Part of the available memory that is taken.
+const MOST: f64 = 0.9;
+const GIB: f64 = 1024.0 * 1024.0 * 1024.0;
+
+impl VolumeGrid {
+    /// `resolution` voxels along the longest side of the solid's box, and as many of the same size as cover the others.
+    ///
+    /// # Errors
+    ///
+    /// [`TextureError::NoVoxels`], and [`TextureError::TooLarge`] when they need more memory than is available.
+    pub fn of(surface: &SurfaceMesh, resolution: usize) -> Result<Self, TextureError> {
+        let (low, high) = surface.bounding_box().unwrap_or_default();
+        let sides = high - low;
+        let longest = sides.max();
+        if resolution == 0 || !(longest > 0.0 && longest.is_finite()) {
+            return Err(TextureError::NoVoxels);
+        }
+        let spacing = longest / resolution as f64;
+        // A side that is a whole number of voxels may come out longer by rounding.
+        let size = [0, 1, 2].map(|k| ((sides[k] / spacing - 1e-9).ceil() as usize).clamp(1, resolution));
+        let grid = Self {
+            origin: low
+                + sides.zip_map(&size.map(|n| n as f64).into(), |side, n: f64| {
+                    0.5 * (side - (n - 1.0) * spacing)
+                }),
+            spacing,
+            size,
+        };
+        grid.require_room()?;
+        Ok(grid)
+    }
+
+    /// How many voxels there are.
+    pub fn voxels(&self) -> usize {
+        self.size.iter().product()
+    }
+
+    /// The centre of a voxel.
+    pub fn centre(&self, voxel: usize) -> Point {
+        let [width, height, _] = self.size;
+        let steps = [voxel % width, voxel / width % height, voxel / width / height];
+        Point::from([0, 1, 2].map(|k| self.origin[k] + steps[k] as f64 * self.spacing))
+    }
+
+    fn require_room(&self) -> Result<(), TextureError> {
+        let voxels: f64 = self.size.iter().map(|&n| n as f64).product();
+        let need = voxels * BYTES_PER_VOXEL + voxels.min(POINTS_AT_ONCE as f64) * BYTES_PER_POINT;
+        // Even where the system does not say what is available, no more than can be counted.
+        let allowed = available_memory().map_or(isize::MAX as f64, |bytes| MOST * bytes as f64);
+        if need <= allowed {
+            return Ok(());
+        }
+        Err(TextureError::TooLarge {
+            size: self.size,
+            need: need / GIB,
+            allowed: allowed / GIB,
+        })
+    }
+}
+
+impl SolidTexture {
+    /// The texture at the centres of all voxels. `progress` is told how many of them are done.
+    pub fn volume(&self, grid: &VolumeGrid, progress: &dyn Fn(usize)) -> Volume {
+        let voxels = grid.voxels();
+        let mut rgba = Vec::with_capacity(voxels);
+        for first in (0..voxels).step_by(POINTS_AT_ONCE) {
+            let centres: Vec<Point> = (first..voxels.min(first + POINTS_AT_ONCE))
+                .map(|k| grid.centre(k))
+                .collect();
+            rgba.extend(self.sample(&centres).into_iter().map(|light| {
+                if light[0].is_nan() {
+                    return [0; 4];
+                }
+                let [r, g, b] = to_srgb(light);
+                [r, g, b, 255]
+            }));
+            progress(rgba.len());
+        }
+        Volume {
+            grid: *grid,
+            inside: rgba.iter().filter(|voxel| voxel[3] > 0).count(),
+            rgba,
+        }
+    }
+}
