@@ -49,6 +49,7 @@ pub mod compare;
 pub mod energy;
 pub mod fit;
 pub mod geometry;
+pub mod inverse;
 pub mod io;
 pub mod kernel;
 pub mod map;

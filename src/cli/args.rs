@@ -388,6 +388,17 @@ pub struct EvalArgs {
     /// Also write the Jacobian, columns j00 to j22 (j01 is the derivative of the first coordinate along y)
     #[arg(long)]
     pub jacobian: bool,
+    /// POINTS are in the target: find the points of the domain that go there. Tables get columns as without, the preimage
+    /// in x, y, z (nan where there is none) and the given point in fx, fy, fz, and: status (0 ok, 1 folded, 2 outside of
+    /// the target, 3 not found, 4 not finite) and round_trip, the distance of the preimage's image from the given point
+    /// over the target's diagonal; .npy has x, y, z, status, round_trip. Meshes get their vertices at the preimages; .vtu
+    /// and .vtk have status and round_trip as fields. The exit code is 1 if a point of the target has no preimage or
+    /// several
+    #[arg(long)]
+    pub inverse: bool,
+    /// With --inverse: distance from the given point, over the target's diagonal, at which a preimage is found
+    #[arg(long, value_name = "FRACTION", default_value_t = 1e-10, requires = "inverse")]
+    pub tolerance: f64,
 }
 
 #[derive(Debug, Args)]

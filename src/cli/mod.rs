@@ -10,6 +10,7 @@ mod eval;
 mod fit;
 mod input;
 mod interrupt;
+mod inverse;
 #[cfg(feature = "native")]
 mod native;
 mod output;
