@@ -63,6 +63,7 @@ pub mod sampling;
 pub mod solver;
 pub mod spherical;
 pub mod statistics;
+pub mod transfer;
 
 /// A point in space, in model units.
 pub type Point = nalgebra::Point3<f64>;

@@ -24,6 +24,9 @@ use crate::mesh::SurfacePoint;
 use newton::{Effort, Limits, Root};
 use seeds::Seeds;
 
+pub(crate) use seeds::barycentric;
+pub use seeds::lattice_mesh;
+
 /// How preimages are searched.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InverseOptions {

@@ -8,9 +8,9 @@
 
 use std::collections::HashMap;
 
-use crate::geometry::{Aabb, Bvh, SurfaceQuery};
+use crate::geometry::{Aabb, Bvh, QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
-use crate::mesh::SurfaceMesh;
+use crate::mesh::{SurfaceMesh, TetMesh};
 use crate::{Point, Vector};
 
 /// The mapped mesh.
@@ -260,6 +260,19 @@ pub(crate) fn barycentric(corners: &[Point; 4], y: &Point) -> Option<[f64; 4]> {
         volume(&replaced) / whole
     });
     weights.iter().all(|w: &f64| w.is_finite()).then_some(weights)
+}
+
+/// A mesh of the domain of about so many nodes inside: the cells of a lattice that have a corner inside, each cut into six
+/// tetrahedra, its outer corners moved to the closest point of the boundary. It follows the boundary to less than a cell, and
+/// tetrahedra there may be flat or turned over; parts thinner than a cell may be missing.
+///
+/// # Errors
+///
+/// As [`SurfaceQuery::new`].
+pub fn lattice_mesh(domain: &SurfaceMesh, nodes: usize) -> Result<TetMesh, QueryError> {
+    let query = SurfaceQuery::new(domain)?;
+    let (nodes, tets) = Lattice::over(domain, &query, nodes).tetrahedra(&query);
+    Ok(TetMesh::new(nodes, tets).expect("tetrahedra name nodes"))
 }
 
 /// A lattice over the domain's box, and which of its points are inside.

@@ -153,6 +153,15 @@ pub(super) fn check(path: &Path, points: &[Point], cells: Cells, fields: &VtkFie
 
 /// The points and cells of an unstructured grid or of polygonal data, in file order. Fields are passed over.
 pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
+    read(source, false)
+}
+
+/// As [`parse`], with the fields.
+pub(super) fn parse_with_fields(source: &Source) -> Result<Contents, IoError> {
+    read(source, true)
+}
+
+fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
     let mut reader = LegacyReader::new(source)?;
     let mut contents = Contents::default();
     let mut cells: Option<CellLists> = None;
@@ -163,7 +172,7 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
         match word {
             b"DATASET" => grid = reader.dataset_is_grid()?,
             b"METADATA" => reader.skip_metadata(),
-            b"FIELD" => reader.skip_fields()?,
+            b"FIELD" => drop(reader.field_arrays()?),
             b"POINTS" => contents.vertices = reader.points()?,
             b"CELLS" if grid => cells = Some(reader.cell_lists("cells")?),
             b"CELL_TYPES" if grid => {
@@ -179,6 +188,10 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
                 strips.iter().for_each(|s| contents.polygons.push_strip(s));
             }
             b"VERTICES" | b"LINES" if !grid => drop(reader.cell_lists("vertices and lines")?),
+            b"POINT_DATA" | b"CELL_DATA" if with_fields => {
+                reader.all_fields(word == b"POINT_DATA", &mut contents)?;
+                break;
+            }
             b"POINT_DATA" | b"CELL_DATA" => break,
             _ => {
                 let found = excerpt(word);
@@ -215,6 +228,7 @@ pub(super) fn sort_cells<'c>(
     cells: impl Iterator<Item = (i64, &'c [i64])>,
 ) -> Result<(), IoError> {
     for (index, (kind, corners)) in cells.enumerate() {
+        contents.cells += 1;
         match (kind, corners) {
             (1..=4 | 21, _) => {}
             (5, &[a, b, c]) => contents.polygons.push([a, b, c]),
@@ -223,7 +237,10 @@ pub(super) fn sort_cells<'c>(
             // A pixel goes row by row, not around.
             (8, &[a, b, c, d]) => contents.polygons.push([a, b, d, c]),
             (9, &[a, b, c, d]) => contents.polygons.push([a, b, c, d]),
-            (10, &[a, b, c, d]) => contents.tets.push([a, b, c, d]),
+            (10, &[a, b, c, d]) => {
+                contents.tets.push([a, b, c, d]);
+                contents.cell_of_tet.push(contents.cells - 1);
+            }
             (5 | 8..=10, _) => {
                 let found = format!("cell {index} has VTK type {kind} but {} corners", corners.len());
                 return Err(source.malformed_at(place, found));
@@ -314,7 +331,78 @@ impl<'a> LegacyReader<'a> {
         while !self.tokens.rest().is_empty() && !self.tokens.line().is_empty() {}
     }
 
-    fn skip_fields(&mut self) -> Result<(), IoError> {
+    /// The fields over points and cells up to the end of the file, first those over points or cells as `at_points` says.
+    fn all_fields(&mut self, mut at_points: bool, contents: &mut Contents) -> Result<(), IoError> {
+        let mut count = self.tokens.count("values of a field", 0)?;
+        while let Some(word) = self.tokens.next() {
+            let fields = match word {
+                b"POINT_DATA" | b"CELL_DATA" => {
+                    at_points = word == b"POINT_DATA";
+                    count = self.tokens.count("values of a field", 0)?;
+                    continue;
+                }
+                b"METADATA" => {
+                    self.skip_metadata();
+                    continue;
+                }
+                b"FIELD" => self.field_arrays()?,
+                b"SCALARS" => vec![self.scalars(count)?],
+                b"VECTORS" | b"NORMALS" => vec![self.attribute(3, count)?],
+                b"TENSORS" => vec![self.attribute(9, count)?],
+                _ => {
+                    let found = format!("a field of the kind `{}`", excerpt(word));
+                    return Err(self.source.unsupported(found, "save it as SCALARS, VECTORS or FIELD"));
+                }
+            };
+            if at_points {
+                contents.point_fields.extend(fields);
+            } else {
+                contents.cell_fields.extend(fields);
+            }
+        }
+        Ok(())
+    }
+
+    fn attribute(&mut self, components: usize, count: usize) -> Result<Field, IoError> {
+        let name = self.tokens.word("a field")?;
+        let scalar = self.scalar()?;
+        let values = self.floats(
+            scalar,
+            (components as u64).saturating_mul(count as u64),
+            "values of a field",
+        )?;
+        Ok(Field {
+            name,
+            components,
+            values,
+        })
+    }
+
+    /// Scalars name their colours before their values.
+    fn scalars(&mut self, count: usize) -> Result<Field, IoError> {
+        let name = self.tokens.word("a field")?;
+        let scalar = self.scalar()?;
+        let mut components = 1;
+        if self.tokens.peek().is_some_and(|word| word != b"LOOKUP_TABLE") {
+            components = self.tokens.count("components", 0)?;
+        }
+        for _ in 0..2 {
+            self.tokens.word("LOOKUP_TABLE")?;
+        }
+        let values = self.floats(
+            scalar,
+            (components as u64).saturating_mul(count as u64),
+            "values of a field",
+        )?;
+        Ok(Field {
+            name,
+            components,
+            values,
+        })
+    }
+
+    fn field_arrays(&mut self) -> Result<Vec<Field>, IoError> {
+        let mut fields = Vec::new();
         self.tokens.word("a field")?;
         for _ in 0..self.tokens.count("field arrays", 4 * TEXT_NUMBER)? {
             let mut name = self.tokens.word("a field")?;
@@ -326,9 +414,14 @@ impl<'a> LegacyReader<'a> {
             let tuples = self.tokens.count("tuples", 0)?;
             let scalar = self.scalar()?;
             let count = (components as u64).saturating_mul(tuples as u64);
-            self.floats(scalar, count, "values of a field")?;
+            let values = self.floats(scalar, count, "values of a field")?;
+            fields.push(Field {
+                name,
+                components,
+                values,
+            });
         }
-        Ok(())
+        Ok(fields)
     }
 
     fn points(&mut self) -> Result<Vec<Point>, IoError> {
