@@ -147,7 +147,7 @@ fn what_cannot_be_done_is_refused() {
         ),
         ("transfer map.safetensors field.csv -o out.vtu", "points without a mesh"),
         ("transfer map.safetensors words.csv -o out.csv", "in the column `a`"),
-        ("transfer map.safetensors -o out.csv", "--distance"),
+        ("transfer map.safetensors -o out.csv", "<FIELD>"),
         ("transfer map.safetensors field.csv -o out.stl", "name it"),
     ] {
         let said = place.ends_with(2, line).stderr;

@@ -372,8 +372,12 @@ fn draw(
     let sampler = Sampler::new(carrier)?;
     let values_at = |points: &[Point]| -> anyhow::Result<Vec<f64>> {
         Ok(match args.distance && field.name == DISTANCE {
-            // Exact, where the carrier has it at its points only.
-            true => depths(boundary.domain(), points)?,
+            // Exact, where the carrier has it at its points only. What comes from beyond the boundary lies on it, but for
+            // the boundary error.
+            true => depths(boundary.domain(), points)?
+                .into_iter()
+                .map(|d| d.max(0.0))
+                .collect(),
             false => sampler.sample(points).0.swap_remove(which).values,
         })
     };

@@ -352,3 +352,37 @@ impl Lattice {
         (nodes, tets)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+
+    #[test]
+    fn eight_parts_fill_their_tetrahedron_and_keep_its_hand() {
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [0.2, 0.9, 0.1], [0.1, 0.3, 1.2]].map(Point::from);
+        let middles = EDGES.map(|[a, b]| nalgebra::center(&corners[a], &corners[b]));
+        let all: Vec<Point> = corners.into_iter().chain(middles).collect();
+        let whole = volume(&corners);
+        for part in EIGHTHS {
+            assert!((volume(&part.map(|k| all[k])) - whole / 8.0).abs() < 1e-15);
+        }
+    }
+
+    /// The lattice follows the boundary to a fraction of a cell: the volume errs by less than a cell's width of surface.
+    #[test]
+    fn the_lattice_fills_a_solid_with_tetrahedra_of_one_hand() {
+        for domain in [
+            shapes::cube(1.0, 4),
+            shapes::sphere(1.0, 3),
+            shapes::torus(1.0, 0.4, 40, 20),
+        ] {
+            let mesh = lattice_mesh(&domain, 4000).unwrap();
+            let size = (domain.volume() / 4000.0).cbrt();
+            let error = (mesh.volume() - domain.volume()).abs();
+            assert!(error < 0.25 * size * domain.area(), "{error}");
+            let turned = (0..mesh.tets().len()).filter(|&t| mesh.signed_volume(t) < 0.0).count();
+            assert!(turned * 20 < mesh.tets().len(), "{turned}");
+        }
+    }
+}
