@@ -118,6 +118,52 @@ fn meshes_keep_their_fields_and_are_resampled() {
     assert_eq!(at.point[2].values, [0.0, 0.0, 2.0]);
 }
 
+/// A box on a lattice: its values are linear, and so are those resampled.
+#[test]
+fn structured_points_are_a_mesh() {
+    let place = Workplace::new();
+    let mut text = "# vtk DataFile Version 3.0\ngrid\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 5\n\
+                    ORIGIN -0.3 -0.2 -0.4\nSPACING 0.2 0.2 0.2\nPOINT_DATA 60\nSCALARS sum double 1\n\
+                    LOOKUP_TABLE default\n"
+        .to_owned();
+    let at = |i: usize| [i % 4, i / 4 % 3, i / 12].map(|k| 0.2 * k as f64);
+    for i in 0..60 {
+        let [x, y, z] = at(i);
+        text += &format!("{}\n", (x - 0.3) + 2.0 * (y - 0.2) + 3.0 * (z - 0.4));
+    }
+    text += "CELL_DATA 24\nSCALARS cell int\nLOOKUP_TABLE default\n";
+    (0..24).for_each(|c| text += &format!("{c} "));
+    std::fs::write(place.path("grid.vtk"), &text).unwrap();
+    let read = io::read_fields(place.path("grid.vtk")).unwrap();
+    let mesh = solidmap::mesh::TetMesh::new(read.points.clone(), read.tets.clone()).unwrap();
+    assert_eq!(
+        (read.points.len(), read.tets.len(), read.cell[0].values.len()),
+        (60, 144, 144)
+    );
+    assert!((0..144).all(|t| (mesh.signed_volume(t) - 0.008 / 6.0).abs() < 1e-12));
+    assert_eq!(read.cell[0].values[6..12], [1.0; 6]);
+    // Sides that the boundary's triangles show once each: two for every outer square of a cell.
+    assert_eq!(
+        mesh.boundary().surface.triangles().len(),
+        2 * 2 * (3 * 2 + 3 * 4 + 2 * 4)
+    );
+
+    std::fs::write(place.path("at.csv"), "x,y,z\n0.1,0.05,0.1\n").unwrap();
+    place.ends_with(0, "transfer map.safetensors grid.vtk --at at.csv -o at_out.csv");
+    let at = io::read_fields(place.path("at_out.csv")).unwrap();
+    // The map is affine but for its fit.
+    let expected = 0.05 + 2.0 * (0.05 - 0.005) + 3.0 * 0.2;
+    assert!(
+        (at.point[0].values[0] - expected).abs() < 1e-2,
+        "{}",
+        at.point[0].values[0]
+    );
+
+    let large = text.replace("DIMENSIONS 4 3 5", "DIMENSIONS 4000 3000 5000");
+    std::fs::write(place.path("large.vtk"), large).unwrap();
+    assert!(io::read_fields(place.path("large.vtk")).is_err());
+}
+
 #[test]
 fn the_distance_field_needs_no_file() {
     let place = Workplace::new();

@@ -471,7 +471,7 @@ pub struct TransferArgs {
     /// Map file
     pub map: PathBuf,
     /// Fields on the domain: .csv with columns x, y, z and others (three such as vx, vy, vz are a vector), or .vtu or .vtk
-    /// with point or cell data on tetrahedra, or point data on triangles. Without it a mesh of the domain is made, for
+    /// with point or cell data on tetrahedra, or point data on triangles, or .vtk with structured points. Without it a mesh of the domain is made, for
     /// --distance
     #[arg(required_unless_present = "distance")]
     pub field: Option<PathBuf>,

@@ -139,8 +139,8 @@ impl Search {
     fn take(&mut self, image: Point, jacobian: Option<Matrix3>, limits: &Limits) {
         let difference = image - self.y;
         let residual = difference.norm();
-        // Also when it is NaN.
-        if !(residual < (1.0 - ARMIJO * self.part) * self.residual) {
+        let enough = (1.0 - ARMIJO * self.part) * self.residual;
+        if residual >= enough || residual.is_nan() {
             self.retreat(limits);
             return;
         }

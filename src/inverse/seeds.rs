@@ -202,7 +202,8 @@ impl MappedMesh {
         let det = tet.map(|v| orientation * self.det[v as usize]);
         let most = det.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let [before, after] = [&self.nodes, &self.images].map(|points| volume(&corners(points, tet)));
-        det.iter().any(|&d| !(d > VANISHING * most)) || orientation * before * after < 0.0
+        let is_small = |&d: &f64| d <= VANISHING * most || d.is_nan();
+        det.iter().any(is_small) || orientation * before * after < 0.0
     }
 
     /// Cuts the tetrahedra where the map may fold.

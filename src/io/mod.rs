@@ -134,7 +134,7 @@ pub fn read_points(path: impl AsRef<Path>) -> Result<Vec<Point>, IoError> {
 
 /// Reads points with fields: the columns beside `x`, `y` and `z` of a CSV table (three in a row whose names differ in a
 /// last x, y and z alone are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, triangles
-/// or points. Of triangles the cell data are passed over. All other formats have no fields, and give their vertices.
+/// or points, and of structured points in a `.vtk` file, whose cells become six tetrahedra each. Of triangles the cell data are passed over. All other formats have no fields, and give their vertices.
 ///
 /// # Errors
 ///

@@ -156,7 +156,7 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
     read(source, false)
 }
 
-/// As [`parse`], with the fields.
+/// As [`parse`], with the fields; also structured points, whose cells become six tetrahedra each.
 pub(super) fn parse_with_fields(source: &Source) -> Result<Contents, IoError> {
     read(source, true)
 }
@@ -170,6 +170,10 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
     let mut grid = true;
     while let Some(word) = reader.tokens.next() {
         match word {
+            b"DATASET" if with_fields && reader.tokens.peek() == Some(b"STRUCTURED_POINTS") => {
+                reader.structured_points(&mut contents)?;
+                grid = false;
+            }
             b"DATASET" => grid = reader.dataset_is_grid()?,
             b"METADATA" => reader.skip_metadata(),
             b"FIELD" => drop(reader.field_arrays()?),
@@ -214,6 +218,9 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
     sort_cells(source, end_of_types, &mut contents, types.into_iter().zip(cells.iter()))?;
     Ok(contents)
 }
+
+/// Structured points become tetrahedra, which take two hundred bytes a point.
+const MAX_STRUCTURED: usize = 1 << 24;
 
 const TRIANGLE: u8 = 5;
 const TETRAHEDRON: u8 = 10;
@@ -323,6 +330,64 @@ impl<'a> LegacyReader<'a> {
                 "save it as an unstructured grid or as polygonal data",
             )),
         }
+    }
+
+    /// Points on a lattice, the first coordinate running fastest, and the tetrahedra of its cells.
+    fn structured_points(&mut self, contents: &mut Contents) -> Result<(), IoError> {
+        self.tokens.next();
+        let (mut counts, mut origin, mut spacing) = ([0; 3], Point::origin(), Point::new(1.0, 1.0, 1.0));
+        while let Some(word) = self.tokens.peek() {
+            match word {
+                b"DIMENSIONS" | b"ORIGIN" | b"SPACING" | b"ASPECT_RATIO" => drop(self.tokens.next()),
+                _ => break,
+            }
+            match word {
+                b"DIMENSIONS" => {
+                    for count in &mut counts {
+                        *count = self.tokens.count("points along an axis", 0)?;
+                    }
+                }
+                b"ORIGIN" => origin = self.tokens.point()?,
+                _ => spacing = self.tokens.point()?,
+            }
+        }
+        let total = counts.iter().try_fold(1u64, |total, &n| total.checked_mul(n as u64));
+        let available = self.tokens.rest().len();
+        let total = total.unwrap_or(u64::MAX);
+        let total = self
+            .source
+            .checked_count(total, "values of structured points", 1, available)?;
+        if total > MAX_STRUCTURED {
+            let found = format!("{total} structured points");
+            return Err(self
+                .source
+                .unsupported(found, "take every second point along each axis"));
+        }
+        let [nx, ny, nz] = counts;
+        let at = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)];
+        let place = |i: usize| {
+            Point::from(std::array::from_fn::<f64, 3, _>(|k| {
+                origin[k] + at(i)[k] as f64 * spacing[k]
+            }))
+        };
+        contents.vertices = (0..total).map(place).collect();
+        let is_first = |i: &usize| at(*i)[0] + 1 < nx && at(*i)[1] + 1 < ny && at(*i)[2] + 1 < nz;
+        for first in (0..total).filter(is_first) {
+            let [x, y, z] = [1, nx, nx * ny];
+            // Kuhn's split: every order of the axes from one corner to the opposite one, all of one hand.
+            for [a, b, c] in [[x, y, z], [y, z, x], [z, x, y]] {
+                let end = first + a + b + c;
+                for tet in [
+                    [first, first + a, first + a + b, end],
+                    [first, first + a + c, first + a, end],
+                ] {
+                    contents.tets.push(tet.map(|v| v as i64));
+                    contents.cell_of_tet.push(contents.cells);
+                }
+            }
+            contents.cells += 1;
+        }
+        Ok(())
     }
 
     /// Skips lines to the next blank one.
