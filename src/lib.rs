@@ -49,6 +49,7 @@ pub mod compare;
 pub mod energy;
 pub mod fit;
 pub mod geometry;
+pub mod inverse;
 pub mod io;
 pub mod kernel;
 pub mod map;
@@ -63,6 +64,7 @@ pub mod solver;
 pub mod spherical;
 pub mod statistics;
 pub mod texture;
+pub mod transfer;
 
 /// A point in space, in model units.
 pub type Point = nalgebra::Point3<f64>;

@@ -311,6 +311,16 @@ impl BoundaryMap {
             .expect("counts were compared when the map was made")
     }
 
+    /// The target as the boundary of a solid, oriented outward: a reflecting map has turned it inside out.
+    pub fn outward_target(&self) -> SurfaceMesh {
+        let target = self.target_surface().cloned().unwrap_or_else(|| self.target());
+        if target.volume() < 0.0 {
+            target.reversed()
+        } else {
+            target
+        }
+    }
+
     /// The surface that points are carried onto, where it has triangles of its own.
     pub fn target_surface(&self) -> Option<&SurfaceMesh> {
         self.target_on_sphere().map(SphericalMap::surface)

@@ -55,6 +55,8 @@ pub enum Command {
     Eval(EvalArgs),
     /// Measure a map's harmonic and deformation energy and picture their distribution
     Energy(EnergyArgs),
+    /// Carry fields from a map's domain to its target: scalars, vectors, labels, the distance field
+    Transfer(TransferArgs),
     /// Make a regular mesh of a polycube and carry it into the target, with no cell inverted
     Remesh(RemeshArgs),
     /// Carry the picture on a surface into the solid: a volume, sections, colours of points
@@ -390,6 +392,17 @@ pub struct EvalArgs {
     /// Also write the Jacobian, columns j00 to j22 (j01 is the derivative of the first coordinate along y)
     #[arg(long)]
     pub jacobian: bool,
+    /// POINTS are in the target: find the points of the domain that go there. Tables get columns as without, the preimage
+    /// in x, y, z (nan where there is none) and the given point in fx, fy, fz, and: status (0 ok, 1 folded, 2 outside of
+    /// the target, 3 not found, 4 not finite) and round_trip, the distance of the preimage's image from the given point
+    /// over the target's diagonal; .npy has x, y, z, status, round_trip. Meshes get their vertices at the preimages; .vtu
+    /// and .vtk have status and round_trip as fields. The exit code is 1 if a point of the target has no preimage or
+    /// several
+    #[arg(long)]
+    pub inverse: bool,
+    /// With --inverse: distance from the given point, over the target's diagonal, at which a preimage is found
+    #[arg(long, value_name = "FRACTION", default_value_t = 1e-10, requires = "inverse")]
+    pub tolerance: f64,
 }
 
 #[derive(Debug, Args)]
@@ -462,6 +475,43 @@ pub struct RemeshArgs {
     /// Axis that points up in the picture
     #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
     pub up: UpKind,
+}
+
+#[derive(Debug, Args)]
+#[command(allow_negative_numbers = true)]
+pub struct TransferArgs {
+    /// Map file
+    pub map: PathBuf,
+    /// Fields on the domain: .csv with columns x, y, z and others (three such as vx, vy, vz are a vector), or .vtu or .vtk
+    /// with point or cell data on tetrahedra, or point data on triangles, or .vtk with structured points. Without it a mesh of the domain is made, for
+    /// --distance
+    #[arg(required_unless_present = "distance")]
+    pub field: Option<PathBuf>,
+    /// Fields on the target to write: .csv, or .vtu or .vtk for a mesh
+    #[arg(short, long, value_name = "OUT")]
+    pub output: PathBuf,
+    /// Points of the target at which the fields are wanted (.csv, .npy, or a mesh, which stands for its vertices), instead
+    /// of the images of FIELD's points. Linear in tetrahedra, else the nearest point's value; nan where nothing in the
+    /// domain goes
+    #[arg(long, value_name = "POINTS")]
+    pub at: Option<PathBuf>,
+    /// Field whose values are labels: never averaged, the nearest node's; may be given several times
+    #[arg(long, value_name = "NAME")]
+    pub label: Vec<String>,
+    /// Carry fields of three components as they are, instead of pushing vectors forward by the map's Jacobian
+    #[arg(long)]
+    pub plain_vectors: bool,
+    /// Add the distance from the domain's boundary as the field `distance`
+    #[arg(long)]
+    pub distance: bool,
+    /// Cells along the longest side of the domain of the grid on which volumes are checked
+    #[arg(long, default_value_t = 48, value_name = "N")]
+    pub resolution: usize,
+    /// Write a picture: the first scalar field, or `distance`, on cross-sections of domain and target
+    #[arg(long, value_name = "FILE")]
+    pub png: Option<PathBuf>,
+    #[command(flatten)]
+    pub section: SectionArgs,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]

@@ -50,7 +50,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
     }
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
-    let target = input::outward_target(&boundary);
+    let target = boundary.outward_target();
     let options = EnergyOptions {
         normalize: !args.no_normalize,
         lame: Lame {

@@ -12,7 +12,7 @@ use solidmap::{Matrix3, Point};
 
 use super::args::EvalArgs;
 use super::output::{Output, pairs};
-use super::{Outcome, input};
+use super::{Outcome, input, inverse};
 
 /// Extensions that results are written to.
 const OUTPUTS: [&str; 8] = ["csv", "npy", "obj", "ply", "off", "mesh", "vtk", "vtu"];
@@ -35,32 +35,14 @@ struct Report {
 /// Maps points and writes their images.
 pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
     input::require_writable(&args.output, &OUTPUTS, &[&args.map, &args.points])?;
+    require_matching_output(args)?;
+    if args.inverse {
+        return inverse::run(args, output);
+    }
     output.progress("reading");
     let file = io::read_map(&args.map)?;
     let writes_mesh = !is_table(&args.output);
-    if writes_mesh && is_table(&args.points) {
-        bail!(
-            "`{}` holds points without a mesh; write them to .csv or .npy instead of `{}`",
-            args.points.display(),
-            args.output.display()
-        );
-    }
-    if writes_mesh && args.jacobian {
-        bail!(
-            "Jacobians go into .csv or .npy; `{}` would lose them",
-            args.output.display()
-        );
-    }
-    let solid = if is_table(&args.points) {
-        None
-    } else {
-        Some(io::read_solid(&args.points)?)
-    };
-    let points = match &solid {
-        None => io::read_points(&args.points)?,
-        Some(Solid::Surface(surface)) => surface.vertices().to_vec(),
-        Some(Solid::Tets(tets)) => tets.vertices().to_vec(),
-    };
+    let (solid, points) = read_points(&args.points)?;
 
     output.progress(format!("mapping {} points", points.len()));
     let start = std::time::Instant::now();
@@ -107,6 +89,38 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+/// Refuses an output that cannot hold what is to be written.
+fn require_matching_output(args: &EvalArgs) -> anyhow::Result<()> {
+    let writes_mesh = !is_table(&args.output);
+    if writes_mesh && is_table(&args.points) {
+        bail!(
+            "`{}` holds points without a mesh; write them to .csv or .npy instead of `{}`",
+            args.points.display(),
+            args.output.display()
+        );
+    }
+    if writes_mesh && args.jacobian {
+        bail!(
+            "Jacobians go into .csv or .npy; `{}` would lose them",
+            args.output.display()
+        );
+    }
+    Ok(())
+}
+
+/// The points of a table, or the vertices of a mesh with the mesh.
+pub fn read_points(path: &Path) -> anyhow::Result<(Option<Solid>, Vec<Point>)> {
+    if is_table(path) {
+        return Ok((None, io::read_points(path)?));
+    }
+    let solid = io::read_solid(path)?;
+    let points = match &solid {
+        Solid::Surface(surface) => surface.vertices().to_vec(),
+        Solid::Tets(tets) => tets.vertices().to_vec(),
+    };
+    Ok((Some(solid), points))
+}
+
 fn rows(report: &Report) -> Vec<[String; 2]> {
     let mut rows = vec![
         ["points".into(), format!("{} in {:.3} s", report.points, report.seconds)],
@@ -135,7 +149,8 @@ fn outside(boundary: &BoundaryMap, points: &[Point]) -> anyhow::Result<usize> {
     Ok(distances.into_iter().filter(|&d| d > margin).count())
 }
 
-fn is_table(path: &Path) -> bool {
+/// Whether the file holds points without a mesh.
+pub fn is_table(path: &Path) -> bool {
     path.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("csv") || e.eq_ignore_ascii_case("npy"))
 }

@@ -116,13 +116,3 @@ pub fn require_writable(path: &Path, extensions: &[&str], others: &[&Path]) -> a
     );
     Ok(())
 }
-
-/// The target as the boundary of a solid: a reflecting map has turned it inside out.
-pub fn outward_target(boundary: &BoundaryMap) -> SurfaceMesh {
-    let target = boundary.target_surface().cloned().unwrap_or_else(|| boundary.target());
-    if target.volume() < 0.0 {
-        target.reversed()
-    } else {
-        target
-    }
-}

@@ -10,12 +10,14 @@ mod eval;
 mod fit;
 mod input;
 mod interrupt;
+mod inverse;
 #[cfg(feature = "native")]
 mod native;
 mod output;
 mod pictures;
 mod remesh;
 mod texture;
+mod transfer;
 
 use std::process::ExitCode;
 
@@ -69,6 +71,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Fit(args) => fit::run(args, &output),
         Command::Eval(args) => eval::run(args, &output),
         Command::Energy(args) => energy::run(args, &output),
+        Command::Transfer(args) => transfer::run(args, &output),
         Command::Remesh(args) => remesh::run(args, &output),
         Command::Texture(args) => texture::run(args, &output),
         Command::Compare(args) => compare::run(args, cli.threads, &output),

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{IoError, Solid};
+use super::{Field, FieldFile, IoError, Solid};
 use crate::{
     Point,
     mesh::{CellList, CellMesh, MeshError, SurfaceMesh, TetMesh},
@@ -21,6 +21,13 @@ pub(super) struct Contents {
     pub other_cells: Option<(String, usize)>,
     /// The number of the first vertex in the file, for messages.
     pub base: i64,
+    /// Of each tetrahedron its number among all cells of the file, where cells have fields.
+    pub cell_of_tet: Vec<usize>,
+    /// Cells of any kind so far.
+    pub cells: usize,
+    /// Fields over the vertices and over all cells of the file, where they were asked for.
+    pub point_fields: Vec<Field>,
+    pub cell_fields: Vec<Field>,
 }
 
 /// Faces with any number of corners.
@@ -157,6 +164,54 @@ impl Contents {
         } else {
             self.into_tets(path).map(Solid::Tets)
         }
+    }
+
+    /// Points with their fields, and the tetrahedra or triangles between them if there are any. Fields over cells are kept
+    /// for tetrahedra.
+    pub fn into_fields(mut self, path: &Path) -> Result<FieldFile, IoError> {
+        let point = std::mem::take(&mut self.point_fields);
+        let cell = std::mem::take(&mut self.cell_fields);
+        let cell_of_tet = std::mem::take(&mut self.cell_of_tet);
+        let (vertices, cells) = (self.vertices.len(), self.cells);
+        for (field, count) in point
+            .iter()
+            .map(|f| (f, vertices))
+            .chain(cell.iter().map(|f| (f, cells)))
+        {
+            if field.values.len() != count * field.components {
+                return Err(IoError::ValueCount {
+                    path: path.to_owned(),
+                    name: field.name.clone(),
+                    expected: count * field.components,
+                    found: field.values.len(),
+                });
+            }
+        }
+        self.refuse_other_cells(path)?;
+        if self.tets.is_empty() {
+            let triangles = self.triangles(path)?;
+            return Ok(FieldFile {
+                points: self.vertices,
+                triangles,
+                point,
+                ..FieldFile::default()
+            });
+        }
+        let of_tets = |field: Field| Field {
+            values: cell_of_tet
+                .iter()
+                .flat_map(|&c| field.values[c * field.components..][..field.components].to_vec())
+                .collect(),
+            ..field
+        };
+        let mesh = self.into_tets(path)?;
+        Ok(FieldFile {
+            points: mesh.vertices().to_vec(),
+            tets: mesh.tets().to_vec(),
+            point,
+            cell: cell.into_iter().map(of_tets).collect(),
+            ..FieldFile::default()
+        })
     }
 
     /// Cuts each polygon into the fan of triangles about its first corner.

@@ -77,6 +77,21 @@ pub enum Solid {
     Tets(TetMesh),
 }
 
+/// Points with fields, and what joins them.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FieldFile {
+    /// The points, or the vertices of the mesh.
+    pub points: Vec<Point>,
+    /// Tetrahedra between them.
+    pub tets: Vec<[u32; 4]>,
+    /// Triangles between them, in a file without tetrahedra.
+    pub triangles: Vec<[u32; 3]>,
+    /// Fields over the points.
+    pub point: Vec<Field>,
+    /// Fields over the tetrahedra.
+    pub cell: Vec<Field>,
+}
+
 /// Whether the extension is that of a mesh format.
 pub fn is_mesh(path: impl AsRef<Path>) -> bool {
     let extension = extension(path.as_ref());
@@ -137,6 +152,23 @@ pub fn read_solid(path: impl AsRef<Path>) -> Result<Solid, IoError> {
 pub fn read_points(path: impl AsRef<Path>) -> Result<Vec<Point>, IoError> {
     let formats = MESH_FORMATS.iter().chain(&POINT_FORMATS);
     read(path.as_ref(), "points", formats).map(|contents| contents.vertices)
+}
+
+/// Reads points with fields: the columns beside `x`, `y` and `z` of a CSV table (three in a row whose names differ in a
+/// last x, y and z alone are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, triangles
+/// or points, and of structured points in a `.vtk` file, whose cells become six tetrahedra each. Of triangles the cell data are passed over. All other formats have no fields, and give their vertices.
+///
+/// # Errors
+///
+/// Any [`IoError`] but those of writing; [`IoError::ValueCount`] when a field has not a value for each point or cell.
+pub fn read_fields(path: impl AsRef<Path>) -> Result<FieldFile, IoError> {
+    let path = path.as_ref();
+    let has_fields = |other: &&Format| FIELD_FORMATS.iter().any(|format| format.extension == other.extension);
+    let others = MESH_FORMATS
+        .iter()
+        .chain(&POINT_FORMATS)
+        .filter(move |other| !has_fields(other));
+    read(path, "fields", FIELD_FORMATS.iter().chain(others))?.into_fields(path)
 }
 
 /// Writes a surface (`.obj`, `.ply`, `.off`, `.mesh`, `.vtk`, `.vtu`). Coordinates read back to the same bits.
@@ -253,6 +285,13 @@ static MESH_FORMATS: [Format; 7] = [
 static POINT_FORMATS: [Format; 2] = [
     format("csv", "CSV", points::parse_csv),
     format("npy", "NPY", points::parse_npy),
+];
+
+/// The formats that hold fields; the first of an extension counts.
+static FIELD_FORMATS: [Format; 3] = [
+    format("csv", "CSV", points::parse_csv_with_fields),
+    format("vtk", "VTK", vtk::parse_with_fields),
+    format("vtu", "VTU", vtu::parse_with_fields),
 ];
 
 /// The formats that hold any kind of cell.

@@ -8,7 +8,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::{
-    IoError, Place, atomic_write,
+    Field, IoError, Place, atomic_write,
     contents::Contents,
     source::{ByteOrder, Scalar, Source, excerpt, parsed},
 };
@@ -111,6 +111,71 @@ pub(super) fn parse_csv(source: &Source) -> Result<Contents, IoError> {
         contents.vertices.push(point);
     }
     Ok(contents)
+}
+
+/// As [`parse_csv`], with the other columns as fields: three in a row whose names differ in a last x, y and z alone are a
+/// vector.
+pub(super) fn parse_csv_with_fields(source: &Source) -> Result<Contents, IoError> {
+    let mut contents = parse_csv(source)?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(source.bytes);
+    let header = reader.byte_headers().map_err(|error| csv_error(source, &error))?;
+    let names: Vec<String> = header
+        .iter()
+        .map(|name| String::from_utf8_lossy(name).into_owned())
+        .collect();
+    // As the points are found: the first column of each name.
+    let is_coordinate = |k: usize| {
+        let is_named = |wanted: &str| names[k].eq_ignore_ascii_case(wanted);
+        let is_first = !names[..k].iter().any(|name| name.eq_ignore_ascii_case(&names[k]));
+        ["x", "y", "z"].into_iter().any(is_named) && is_first
+    };
+    let columns: Vec<usize> = (0..names.len()).filter(|&k| !is_coordinate(k)).collect();
+    let mut values = vec![Vec::with_capacity(contents.vertices.len()); columns.len()];
+    let mut record = csv::ByteRecord::new();
+    while reader
+        .read_byte_record(&mut record)
+        .map_err(|error| csv_error(source, &error))?
+    {
+        for (values, &column) in values.iter_mut().zip(&columns) {
+            let field = record.get(column).unwrap_or_default();
+            values.push(parsed(field).ok_or_else(|| {
+                let line = record.position().map_or(0, |p| p.line() as usize);
+                let (found, name) = (excerpt(field), &names[column]);
+                let found = format!("found `{found}` in the column `{name}` where a number was expected");
+                source.malformed_at(Place::Line(line), found)
+            })?);
+        }
+    }
+    let mut k = 0;
+    while k < columns.len() {
+        let three: Vec<&str> = columns[k..]
+            .iter()
+            .take(3)
+            .map(|&column| names[column].as_str())
+            .collect();
+        let (name, components) = match vector_name(&three) {
+            Some(name) => (name, 3),
+            None => (names[columns[k]].clone(), 1),
+        };
+        let parts = &values[k..k + components];
+        let rows = (0..contents.vertices.len()).flat_map(|row| parts.iter().map(move |part| part[row]));
+        contents.point_fields.push(Field {
+            name,
+            components,
+            values: rows.collect(),
+        });
+        k += components;
+    }
+    Ok(contents)
+}
+
+/// What names such as `vx, vy, vz` or `v_x, v_y, v_z` have in common.
+fn vector_name(names: &[&str]) -> Option<String> {
+    let &[x, y, z] = names else { return None };
+    let stem = x.strip_suffix(['x', 'X'])?;
+    let is_alike = y.strip_suffix(['y', 'Y']) == Some(stem) && z.strip_suffix(['z', 'Z']) == Some(stem);
+    let name = stem.trim_end_matches(['_', '.', ' ', ':']);
+    (is_alike && !name.is_empty()).then(|| name.to_owned())
 }
 
 const MAGIC: &[u8] = b"\x93NUMPY";

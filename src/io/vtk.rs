@@ -179,6 +179,15 @@ pub(super) fn check(path: &Path, points: &[Point], cells: Cells, fields: &VtkFie
 
 /// The points and cells of an unstructured grid or of polygonal data, in file order. Fields are passed over.
 pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
+    read(source, false)
+}
+
+/// As [`parse`], with the fields; also structured points, whose cells become six tetrahedra each.
+pub(super) fn parse_with_fields(source: &Source) -> Result<Contents, IoError> {
+    read(source, true)
+}
+
+fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
     let mut reader = LegacyReader::new(source)?;
     let mut contents = Contents::default();
     let mut cells: Option<CellLists> = None;
@@ -187,9 +196,13 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
     let mut grid = true;
     while let Some(word) = reader.tokens.next() {
         match word {
+            b"DATASET" if with_fields && reader.tokens.peek() == Some(b"STRUCTURED_POINTS") => {
+                reader.structured_points(&mut contents)?;
+                grid = false;
+            }
             b"DATASET" => grid = reader.dataset_is_grid()?,
             b"METADATA" => reader.skip_metadata(),
-            b"FIELD" => reader.skip_fields()?,
+            b"FIELD" => drop(reader.field_arrays()?),
             b"POINTS" => contents.vertices = reader.points()?,
             b"CELLS" if grid => cells = Some(reader.cell_lists("cells")?),
             b"CELL_TYPES" if grid => {
@@ -205,6 +218,10 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
                 strips.iter().for_each(|s| contents.polygons.push_strip(s));
             }
             b"VERTICES" | b"LINES" if !grid => drop(reader.cell_lists("vertices and lines")?),
+            b"POINT_DATA" | b"CELL_DATA" if with_fields => {
+                reader.all_fields(word == b"POINT_DATA", &mut contents)?;
+                break;
+            }
             b"POINT_DATA" | b"CELL_DATA" => break,
             _ => {
                 let found = excerpt(word);
@@ -228,6 +245,9 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
     Ok(contents)
 }
 
+/// Structured points become tetrahedra, which take two hundred bytes a point.
+const MAX_STRUCTURED: usize = 1 << 24;
+
 const TRIANGLE: u8 = 5;
 const QUADRILATERAL: u8 = 9;
 const TETRAHEDRON: u8 = 10;
@@ -242,6 +262,7 @@ pub(super) fn sort_cells<'c>(
     cells: impl Iterator<Item = (i64, &'c [i64])>,
 ) -> Result<(), IoError> {
     for (index, (kind, corners)) in cells.enumerate() {
+        contents.cells += 1;
         match (kind, corners) {
             (1..=4 | 21, _) => {}
             (5, &[a, b, c]) => contents.polygons.push([a, b, c]),
@@ -250,7 +271,10 @@ pub(super) fn sort_cells<'c>(
             // A pixel goes row by row, not around.
             (8, &[a, b, c, d]) => contents.polygons.push([a, b, d, c]),
             (9, &[a, b, c, d]) => contents.polygons.push([a, b, c, d]),
-            (10, &[a, b, c, d]) => contents.tets.push([a, b, c, d]),
+            (10, &[a, b, c, d]) => {
+                contents.tets.push([a, b, c, d]);
+                contents.cell_of_tet.push(contents.cells - 1);
+            }
             (12, &[a, b, c, d, e, f, g, h]) => contents.hexes.push([a, b, c, d, e, f, g, h]),
             (5 | 8..=10 | 12, _) => {
                 let found = format!("cell {index} has VTK type {kind} but {} corners", corners.len());
@@ -335,13 +359,142 @@ impl<'a> LegacyReader<'a> {
         }
     }
 
+    /// Points on a lattice, the first coordinate running fastest, and the tetrahedra of its cells.
+    fn structured_points(&mut self, contents: &mut Contents) -> Result<(), IoError> {
+        self.tokens.next();
+        let (mut counts, mut origin, mut spacing) = ([0; 3], Point::origin(), Point::new(1.0, 1.0, 1.0));
+        while let Some(word) = self.tokens.peek() {
+            match word {
+                b"DIMENSIONS" | b"ORIGIN" | b"SPACING" | b"ASPECT_RATIO" => drop(self.tokens.next()),
+                _ => break,
+            }
+            match word {
+                b"DIMENSIONS" => {
+                    for count in &mut counts {
+                        *count = self.tokens.count("points along an axis", 0)?;
+                    }
+                }
+                b"ORIGIN" => origin = self.tokens.point()?,
+                _ => spacing = self.tokens.point()?,
+            }
+        }
+        let total = counts.iter().try_fold(1u64, |total, &n| total.checked_mul(n as u64));
+        let available = self.tokens.rest().len();
+        let total = total.unwrap_or(u64::MAX);
+        let total = self
+            .source
+            .checked_count(total, "values of structured points", 1, available)?;
+        if total > MAX_STRUCTURED {
+            let found = format!("{total} structured points");
+            return Err(self
+                .source
+                .unsupported(found, "take every second point along each axis"));
+        }
+        let [nx, ny, nz] = counts;
+        let at = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)];
+        let place = |i: usize| {
+            Point::from(std::array::from_fn::<f64, 3, _>(|k| {
+                origin[k] + at(i)[k] as f64 * spacing[k]
+            }))
+        };
+        contents.vertices = (0..total).map(place).collect();
+        let is_first = |i: &usize| at(*i)[0] + 1 < nx && at(*i)[1] + 1 < ny && at(*i)[2] + 1 < nz;
+        for first in (0..total).filter(is_first) {
+            let [x, y, z] = [1, nx, nx * ny];
+            // Kuhn's split: every order of the axes from one corner to the opposite one, all of one hand.
+            for [a, b, c] in [[x, y, z], [y, z, x], [z, x, y]] {
+                let end = first + a + b + c;
+                for tet in [
+                    [first, first + a, first + a + b, end],
+                    [first, first + a + c, first + a, end],
+                ] {
+                    contents.tets.push(tet.map(|v| v as i64));
+                    contents.cell_of_tet.push(contents.cells);
+                }
+            }
+            contents.cells += 1;
+        }
+        Ok(())
+    }
+
     /// Skips lines to the next blank one.
     fn skip_metadata(&mut self) {
         self.tokens.line();
         while !self.tokens.rest().is_empty() && !self.tokens.line().is_empty() {}
     }
 
-    fn skip_fields(&mut self) -> Result<(), IoError> {
+    /// The fields over points and cells up to the end of the file, first those over points or cells as `at_points` says.
+    fn all_fields(&mut self, mut at_points: bool, contents: &mut Contents) -> Result<(), IoError> {
+        let mut count = self.tokens.count("values of a field", 0)?;
+        while let Some(word) = self.tokens.next() {
+            let fields = match word {
+                b"POINT_DATA" | b"CELL_DATA" => {
+                    at_points = word == b"POINT_DATA";
+                    count = self.tokens.count("values of a field", 0)?;
+                    continue;
+                }
+                b"METADATA" => {
+                    self.skip_metadata();
+                    continue;
+                }
+                b"FIELD" => self.field_arrays()?,
+                b"SCALARS" => vec![self.scalars(count)?],
+                b"VECTORS" | b"NORMALS" => vec![self.attribute(3, count)?],
+                b"TENSORS" => vec![self.attribute(9, count)?],
+                _ => {
+                    let found = format!("a field of the kind `{}`", excerpt(word));
+                    return Err(self.source.unsupported(found, "save it as SCALARS, VECTORS or FIELD"));
+                }
+            };
+            if at_points {
+                contents.point_fields.extend(fields);
+            } else {
+                contents.cell_fields.extend(fields);
+            }
+        }
+        Ok(())
+    }
+
+    fn attribute(&mut self, components: usize, count: usize) -> Result<Field, IoError> {
+        let name = self.tokens.word("a field")?;
+        let scalar = self.scalar()?;
+        let values = self.floats(
+            scalar,
+            (components as u64).saturating_mul(count as u64),
+            "values of a field",
+        )?;
+        Ok(Field {
+            name,
+            components,
+            values,
+        })
+    }
+
+    /// Scalars name their colours before their values.
+    fn scalars(&mut self, count: usize) -> Result<Field, IoError> {
+        let name = self.tokens.word("a field")?;
+        let scalar = self.scalar()?;
+        let mut components = 1;
+        if self.tokens.peek().is_some_and(|word| word != b"LOOKUP_TABLE") {
+            components = self.tokens.count("components", 0)?;
+        }
+        for _ in 0..2 {
+            self.tokens.word("LOOKUP_TABLE")?;
+        }
+        let values = self.floats(
+            scalar,
+            (components as u64).saturating_mul(count as u64),
+            "values of a field",
+        )?;
+        Ok(Field {
+            name,
+            components,
+            values,
+        })
+    }
+
+    fn field_arrays(&mut self) -> Result<Vec<Field>, IoError> {
+        let mut fields = Vec::new();
         self.tokens.word("a field")?;
         for _ in 0..self.tokens.count("field arrays", 4 * TEXT_NUMBER)? {
             let mut name = self.tokens.word("a field")?;
@@ -353,9 +506,14 @@ impl<'a> LegacyReader<'a> {
             let tuples = self.tokens.count("tuples", 0)?;
             let scalar = self.scalar()?;
             let count = (components as u64).saturating_mul(tuples as u64);
-            self.floats(scalar, count, "values of a field")?;
+            let values = self.floats(scalar, count, "values of a field")?;
+            fields.push(Field {
+                name,
+                components,
+                values,
+            });
         }
-        Ok(())
+        Ok(fields)
     }
 
     fn points(&mut self) -> Result<Vec<Point>, IoError> {

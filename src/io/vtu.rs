@@ -39,6 +39,15 @@ pub fn write_vtu(path: impl AsRef<Path>, points: &[Point], cells: Cells, fields:
 
 /// The points and cells of all pieces, one after the other, in file order. Fields are passed over.
 pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
+    read(source, false)
+}
+
+/// As [`parse`], with the fields that all pieces have.
+pub(super) fn parse_with_fields(source: &Source) -> Result<Contents, IoError> {
+    read(source, true)
+}
+
+fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
     let document = Document::parse(source)?;
     let mut contents = Contents::default();
     for piece in &document.pieces {
@@ -72,6 +81,10 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
         let place = document.place(type_array);
         sort_cells(source, place, &mut contents, types.into_iter().zip(lists))?;
     }
+    if with_fields {
+        contents.point_fields = document.fields(|piece| &piece.point_data)?;
+        contents.cell_fields = document.fields(|piece| &piece.cell_data)?;
+    }
     Ok(contents)
 }
 
@@ -81,11 +94,14 @@ struct Piece<'a> {
     cell_count: u64,
     points: Option<Array<'a>>,
     cells: Vec<Array<'a>>,
+    point_data: Vec<Array<'a>>,
+    cell_data: Vec<Array<'a>>,
 }
 
 struct Array<'a> {
     name: Cow<'a, str>,
     scalar: Scalar,
+    components: usize,
     encoding: Encoding,
     /// What stands between the tags, up to elements that VTK adds after the numbers.
     text: Range<usize>,
@@ -128,7 +144,7 @@ impl<'a> Document<'a> {
         let shift = if xml.starts_with('\u{feff}') { 3 } else { 0 };
         let mut reader = Reader::from_str(&xml[shift..]);
         let (mut rooted, mut ended) = (false, false);
-        // The element whose arrays are wanted: `Points` or `Cells`.
+        // The element whose arrays are wanted.
         let mut section = String::new();
         loop {
             let at = shift + reader.buffer_position() as usize;
@@ -162,8 +178,10 @@ impl<'a> Document<'a> {
                     cell_count: tag.count("NumberOfCells")?,
                     points: None,
                     cells: vec![],
+                    point_data: vec![],
+                    cell_data: vec![],
                 }),
-                name @ ("Points" | "Cells") if !empty => section = name.to_owned(),
+                name @ ("Points" | "Cells" | "PointData" | "CellData") if !empty => section = name.to_owned(),
                 "DataArray" if !section.is_empty() => {
                     let start = shift + reader.buffer_position() as usize;
                     let mut end = start;
@@ -172,11 +190,16 @@ impl<'a> Document<'a> {
                         let span = span.map_err(|error| xml_error(source, start, &error))?;
                         end = shift + span.end as usize;
                     }
-                    let array = tag.array(start..end)?;
-                    match document.pieces.last_mut() {
-                        Some(piece) if section == "Points" => piece.points = Some(array),
-                        Some(piece) => piece.cells.push(array),
-                        None => {}
+                    let array = tag.array(start..end);
+                    let Some(piece) = document.pieces.last_mut() else {
+                        continue;
+                    };
+                    match section.as_str() {
+                        "Points" => piece.points = Some(array?),
+                        "Cells" => piece.cells.push(array?),
+                        // Of fields those of numbers count; others, such as texts, are passed over.
+                        "PointData" => piece.point_data.extend(array.ok()),
+                        _ => piece.cell_data.extend(array.ok()),
                     }
                 }
                 "AppendedData" => {
@@ -223,6 +246,30 @@ impl<'a> Document<'a> {
             }
         };
         Ok(())
+    }
+
+    /// The fields that every piece has, one piece after the other.
+    fn fields<'d>(&'d self, data: impl Fn(&'d Piece<'a>) -> &'d Vec<Array<'a>>) -> Result<Vec<Field>, IoError> {
+        let mut fields = Vec::new();
+        for first in self.pieces.first().map(&data).into_iter().flatten() {
+            let is_same = |array: &&Array| array.name == first.name && array.components == first.components;
+            let arrays: Option<Vec<&Array>> = self
+                .pieces
+                .iter()
+                .map(|piece| data(piece).iter().find(is_same))
+                .collect();
+            let mut values = Vec::new();
+            let Some(arrays) = arrays else { continue };
+            for array in arrays {
+                values.extend(self.floats(array)?);
+            }
+            fields.push(Field {
+                name: first.name.to_string(),
+                components: first.components,
+                values,
+            });
+        }
+        Ok(fields)
     }
 
     fn floats(&self, array: &Array) -> Result<Vec<f64>, IoError> {
@@ -427,8 +474,10 @@ impl<'a> Tag<'a> {
         let format = self.required("format")?;
         let inner = &self.source.bytes[text.clone()];
         let length = inner.iter().position(|&b| b == b'<').unwrap_or(inner.len());
+        let components = self.attribute("NumberOfComponents")?;
         Ok(Array {
             name: self.attribute("Name")?.unwrap_or_default(),
+            components: components.and_then(|n| n.trim().parse().ok()).unwrap_or(1),
             scalar: scalar(&kind).ok_or_else(|| self.refused("type", &kind))?,
             encoding: match format.as_ref() {
                 "ascii" => Encoding::Text,

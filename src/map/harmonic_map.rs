@@ -86,19 +86,27 @@ impl VolumeMap for HarmonicMap {
     }
 
     fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
+        self.evaluate_with_jacobian(points).1
+    }
+
+    fn evaluate_with_jacobian(&self, points: &[Point]) -> (Vec<Point>, Vec<Matrix3>) {
         let a = &self.coefficients.affine;
         let linear = Matrix3::from_fn(|i, k| a[k + 1][i]);
         // A gradient has about a digit less than the potential.
         let sums = self
             .sums(points, 0.1 * self.accuracy)
             .potential_and_gradient(self.weights(), 3);
-        let (_, gradients) = sums.expect("one weight per source");
-        gradients
-            .as_chunks::<9>()
-            .0
-            .par_iter()
-            .map(|gradient| Matrix3::from_row_slice(gradient) + linear)
-            .collect()
+        let (sums, gradients) = sums.expect("one weight per source");
+        let images = sums.as_chunks::<3>().0.par_iter().zip(points);
+        let gradients = gradients.as_chunks::<9>().0.par_iter();
+        (
+            images
+                .map(|(&sum, x)| Point::from(self.affine(x) + Vector::from(sum)))
+                .collect(),
+            gradients
+                .map(|gradient| Matrix3::from_row_slice(gradient) + linear)
+                .collect(),
+        )
     }
 }
 

@@ -1,0 +1,210 @@
+//! `solidmap eval --inverse`
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde::Serialize;
+use solidmap::inverse::{InverseMap, InverseOptions, InverseReport, Preimage, PreimageStatus};
+use solidmap::io::{self, Cells, Field, Solid, VtkEncoding, VtkFields};
+use solidmap::map::VolumeMap;
+use solidmap::{Matrix3, Point};
+
+use super::args::EvalArgs;
+use super::eval::{is_table, read_points};
+use super::output::{Output, pairs};
+use super::{Outcome, input};
+
+/// What `eval --inverse --json` prints.
+#[derive(Serialize)]
+struct Report {
+    map: PathBuf,
+    output: PathBuf,
+    #[serde(flatten)]
+    inverse: InverseReport,
+}
+
+/// Finds the points that a map carries to the given ones, and writes them.
+pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
+    output.progress("reading");
+    let (file, boundary) = input::read_fitted_map(&args.map)?;
+    let (solid, points) = read_points(&args.points)?;
+
+    output.progress(format!("searching the preimages of {} points", points.len()));
+    let options = InverseOptions {
+        tolerance: args.tolerance,
+        ..InverseOptions::default()
+    };
+    // Sums that err by no more than Newton's method is to leave.
+    let map = file.map.clone().with_error(0.0);
+    let inverse = InverseMap::new(&map, &boundary, &options)
+        .with_context(|| format!("cannot invert `{}`", args.map.display()))?;
+    let (preimages, report) = inverse.preimages(&points);
+
+    output.progress(format!("writing {}", args.output.display()));
+    match &solid {
+        Some(solid) if !is_table(&args.output) => write_mesh(&args.output, solid, &preimages)?,
+        _ => {
+            let places: Vec<Point> = preimages.iter().map(place).collect();
+            let jacobians = args.jacobian.then(|| map.jacobian(&places));
+            write_table(&args.output, &points, &preimages, jacobians.as_deref())?;
+        }
+    }
+    warn(output, &report);
+    let complete = report.folded + report.not_converged == 0;
+    let report = Report {
+        map: args.map.clone(),
+        output: args.output.clone(),
+        inverse: report,
+    };
+    output.result(&report, || pairs(rows(&report)))?;
+    Ok(if complete { Outcome::Done } else { Outcome::CheckFailed })
+}
+
+/// Says what has no preimage, or too many.
+pub fn warn(output: &Output, report: &InverseReport) {
+    let say = |count: usize, what: &str| {
+        if count > 0 {
+            output.warn(format!("{count} of {} points {what}", report.points));
+        }
+    };
+    say(report.not_finite, "have NaN or infinite coordinates");
+    say(
+        report.outside,
+        "lie outside of the target, and nothing in the domain goes there",
+    );
+    say(
+        report.not_converged,
+        "lie in the target, but no preimage was found in the domain",
+    );
+    say(
+        report.folded,
+        "lie where the map folds: they have several preimages, or one where the map is turned inside out",
+    );
+}
+
+fn rows(report: &Report) -> Vec<[String; 2]> {
+    let found = &report.inverse;
+    let mut rows = vec![
+        [
+            "points".into(),
+            format!(
+                "{} in {:.3} s ({:.3} s for the seed mesh, {} rounds)",
+                found.points, found.seconds, found.seed_seconds, found.iterations
+            ),
+        ],
+        ["ok".into(), found.ok.to_string()],
+        [
+            "folded".into(),
+            format!("{} ({} with several preimages)", found.folded, found.several),
+        ],
+        ["outside".into(), found.outside.to_string()],
+        ["not found".into(), found.not_converged.to_string()],
+    ];
+    if found.not_finite > 0 {
+        rows.push(["not finite".into(), found.not_finite.to_string()]);
+    }
+    rows.push([
+        "beyond boundary".into(),
+        format!(
+            "{} preimages, by {:.1e} of the domain's diagonal at most (boundary error {:.1e})",
+            found.beyond_boundary, found.farthest_beyond, found.boundary_error
+        ),
+    ]);
+    rows.push([
+        "round trip".into(),
+        format!(
+            "{:.1e} max, {:.1e} rms of the target's diagonal",
+            found.round_trip_max, found.round_trip_rms
+        ),
+    ]);
+    rows.push(["written".into(), report.output.display().to_string()]);
+    rows
+}
+
+/// The number that a status has in files.
+pub fn code(status: PreimageStatus) -> f64 {
+    match status {
+        PreimageStatus::Ok => 0.0,
+        PreimageStatus::Folded => 1.0,
+        PreimageStatus::Outside => 2.0,
+        PreimageStatus::NotConverged => 3.0,
+        PreimageStatus::NotFinite => 4.0,
+    }
+}
+
+/// The preimage, NaN where there is none.
+pub fn place(preimage: &Preimage) -> Point {
+    match preimage.status {
+        PreimageStatus::Ok | PreimageStatus::Folded => preimage.point,
+        _ => Point::from([f64::NAN; 3]),
+    }
+}
+
+/// CSV: the columns of `eval`, with status and error. NPY has no names: preimage, status, error.
+fn write_table(
+    path: &Path,
+    points: &[Point],
+    preimages: &[Preimage],
+    jacobians: Option<&[Matrix3]>,
+) -> anyhow::Result<()> {
+    let csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+    let mut names = vec!["x", "y", "z"];
+    if csv {
+        names.extend(["fx", "fy", "fz"]);
+    }
+    names.extend(["status", "round_trip"]);
+    if jacobians.is_some() {
+        names.extend(["j00", "j01", "j02", "j10", "j11", "j12", "j20", "j21", "j22"]);
+    }
+    let mut values = Vec::with_capacity(points.len() * names.len());
+    for (p, (point, preimage)) in points.iter().zip(preimages).enumerate() {
+        values.extend_from_slice(place(preimage).coords.as_slice());
+        if csv {
+            values.extend_from_slice(point.coords.as_slice());
+        }
+        values.extend([code(preimage.status), preimage.round_trip]);
+        if let Some(all) = jacobians {
+            // Matrices are stored by columns.
+            values.extend_from_slice(all[p].transpose().as_slice());
+        }
+    }
+    if csv {
+        io::write_csv(path, &names, &values)?;
+    } else {
+        io::write_npy(path, names.len(), &values)?;
+    }
+    Ok(())
+}
+
+/// The mesh with its vertices at their preimages; those without one at a point whose image is near.
+fn write_mesh(path: &Path, solid: &Solid, preimages: &[Preimage]) -> anyhow::Result<()> {
+    let places: Vec<Point> = preimages.iter().map(|preimage| preimage.point).collect();
+    let cells = match solid {
+        Solid::Surface(surface) => Cells::Triangles(surface.triangles()),
+        Solid::Tets(tets) => Cells::Tets(tets.tets()),
+    };
+    let scalar = |name: &str, value: fn(&Preimage) -> f64| Field {
+        name: name.into(),
+        components: 1,
+        values: preimages.iter().map(value).collect(),
+    };
+    let fields = VtkFields {
+        point: vec![
+            scalar("status", |preimage| code(preimage.status)),
+            scalar("round_trip", |preimage| preimage.round_trip),
+        ],
+        cell: vec![],
+    };
+    match path.extension().map(|e| e.to_string_lossy().to_lowercase()).as_deref() {
+        Some("vtu") => io::write_vtu(path, &places, cells, &fields)?,
+        Some("vtk") => io::write_vtk(path, &places, cells, &fields, VtkEncoding::Binary)?,
+        _ => match solid {
+            Solid::Surface(surface) => {
+                let moved = surface.with_vertices(places);
+                io::write_surface(path, &moved.context("another number of preimages than points")?)?;
+            }
+            Solid::Tets(_) => io::write_cells(path, &places, cells)?,
+        },
+    }
+    Ok(())
+}

@@ -1,0 +1,473 @@
+//! The inverse of a map of a solid: which point of the domain goes to a given point of the target.
+//!
+//! Newton's method with the map's Jacobian (see [`VolumeMap`]), all points together. A mesh of the domain and its image
+//! say where to start: a point that several mapped tetrahedra hold has several starts, so that folds larger than a cell of
+//! that mesh are seen. Over its preimages the signs of `det J` add up to how often the boundary's image winds about a
+//! point (the degree of the map); where they do not, and near folds, more starts are tried.
+//!
+//! A map meets its boundary data up to an error. Between the image of the domain's boundary and the target's there is a
+//! gap as wide as this error, and the points of the target in it come from outside of the domain by as little.
+
+mod newton;
+mod seeds;
+
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use crate::Point;
+use crate::boundary_map::BoundaryMap;
+use crate::geometry::{QueryError, SurfaceQuery};
+use crate::map::VolumeMap;
+use crate::mesh::SurfacePoint;
+
+use newton::{Effort, Limits, Root};
+use seeds::Seeds;
+
+pub(crate) use seeds::barycentric;
+pub use seeds::lattice_mesh;
+
+/// How preimages are searched.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InverseOptions {
+    /// Distance between `f(x)` and `y` at which `x` counts as the preimage, as a fraction of the target's diagonal.
+    pub tolerance: f64,
+    /// Nodes of the mesh that the search starts from: folds smaller than its cells go unseen.
+    pub seed_nodes: usize,
+    /// Limit on the steps of Newton's method, from every start.
+    pub iterations: usize,
+}
+
+impl Default for InverseOptions {
+    /// 1e-10, 30 000 nodes, 60 steps.
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-10,
+            seed_nodes: 30_000,
+            iterations: 60,
+        }
+    }
+}
+
+/// What was found for a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum PreimageStatus {
+    /// One preimage, where the map keeps its hand.
+    Ok,
+    /// Several preimages in the domain, or one where the map is turned inside out against the most of the domain. Of
+    /// several the one is returned where the map keeps its hand, and of these the one with the largest `|det J|`.
+    Folded,
+    /// Not in the target, and nothing in the domain goes there.
+    Outside,
+    /// In the target, but no preimage was found in the domain.
+    NotConverged,
+    /// A coordinate is NaN or infinite.
+    NotFinite,
+}
+
+/// A preimage, or what there is instead of one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Preimage {
+    /// What was found.
+    pub status: PreimageStatus,
+    /// The preimage. [`PreimageStatus::Outside`] and [`PreimageStatus::NotConverged`]: a point of the domain whose image
+    /// is near; [`PreimageStatus::NotFinite`]: NaN.
+    pub point: Point,
+    /// `|f(x) − y|` over the target's diagonal at the preimage; infinite without one.
+    pub round_trip: f64,
+    /// How many different preimages were found in the domain.
+    pub preimages: usize,
+    /// The preimage lies outside of the domain: the point is in the gap between the target's boundary and the image of
+    /// the domain's, no farther from the latter than twice the boundary error there and its root mean square.
+    pub beyond_boundary: bool,
+}
+
+/// What a search of many preimages came to.
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct InverseReport {
+    /// Points asked for.
+    pub points: usize,
+    /// One preimage.
+    pub ok: usize,
+    /// Several preimages, or one that is turned.
+    pub folded: usize,
+    /// Of these, those with several.
+    pub several: usize,
+    /// Not in the target.
+    pub outside: usize,
+    /// In the target, no preimage found.
+    pub not_converged: usize,
+    /// Points with NaN or infinite coordinates.
+    pub not_finite: usize,
+    /// Preimages outside of the domain, of points in the gap that the boundary error leaves.
+    pub beyond_boundary: usize,
+    /// Largest distance of these from the domain, as a fraction of the domain's diagonal.
+    pub farthest_beyond: f64,
+    /// Largest error of the map at the domain's vertices, as a fraction of the target's diagonal.
+    pub boundary_error: f64,
+    /// Largest `|f(x) − y|` of all that are ok, as a fraction of the target's diagonal.
+    pub round_trip_max: f64,
+    /// Root mean square of the same.
+    pub round_trip_rms: f64,
+    /// Rounds of Newton's method until the last point was done.
+    pub iterations: usize,
+    /// Points at which the map was evaluated, the nodes of the seed mesh too.
+    pub evaluations: usize,
+    /// Nodes of the seed mesh.
+    pub seed_nodes: usize,
+    /// Seconds, those for the seed mesh included.
+    pub seconds: f64,
+    /// Seconds for the seed mesh.
+    pub seed_seconds: f64,
+}
+
+/// Why there is no inverse.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum InverseError {
+    /// The domain cannot be asked for its inside.
+    #[error("the domain cannot be searched: {0}")]
+    Domain(#[source] QueryError),
+    /// The target cannot be asked for its inside.
+    #[error("the target cannot be searched: {0}")]
+    Target(#[source] QueryError),
+    /// A setting is out of range.
+    #[error("{option} is {value}, but must be {range}")]
+    Option {
+        /// The field of [`InverseOptions`].
+        option: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is allowed.
+        range: &'static str,
+    },
+    /// No node of the domain has a finite image.
+    #[error("the map has no finite value anywhere in the domain")]
+    NoValues,
+}
+
+/// The inverse of a map, made once and asked for many points.
+pub struct InverseMap<'a> {
+    map: &'a dyn VolumeMap,
+    boundary: &'a BoundaryMap,
+    domain: SurfaceQuery,
+    target: SurfaceQuery,
+    seeds: Seeds,
+    /// How far the map misses its boundary data at the domain's vertices, in units of the target.
+    gap_rms: f64,
+    gap_max: f64,
+    seed_seconds: f64,
+    options: InverseOptions,
+    domain_diagonal: f64,
+    target_diagonal: f64,
+}
+
+/// Points searched together: enough to share all costs, few enough to keep what a search remembers small.
+const BATCH: usize = 1 << 17;
+/// Starts of a point inside of mapped tetrahedra, and of one that none of them holds or led home.
+const MOST_HOLDING: usize = 8;
+const MOST_NEAREST: usize = 6;
+/// `det J` over its mean, below which a fold may be near enough for more preimages.
+const NEAR_FOLD: f64 = 0.1;
+/// Preimages closer than this part of the domain's diagonal are one.
+const SAME: f64 = 1e-6;
+/// Distance from the domain, over its diagonal, that is none: residuals leave as much.
+const ON_BOUNDARY: f64 = 1e-9;
+/// Longest step over the domain's diagonal.
+const LONGEST_STEP: f64 = 0.1;
+
+impl<'a> InverseMap<'a> {
+    /// Maps the seed mesh. `boundary` is the boundary map that the map was fitted to.
+    ///
+    /// A map that sums approximately, such as [`crate::map::HarmonicMap`] over many sources, is to be as accurate as the
+    /// tolerance asks.
+    ///
+    /// # Errors
+    ///
+    /// [`InverseError`]: surfaces without triangles or with NaN among their corners, options out of range, a map
+    /// without values.
+    pub fn new(
+        map: &'a dyn VolumeMap,
+        boundary: &'a BoundaryMap,
+        options: &InverseOptions,
+    ) -> Result<Self, InverseError> {
+        let start = Instant::now();
+        require_positive("tolerance", options.tolerance)?;
+        require_positive("seed_nodes", options.seed_nodes as f64)?;
+        require_positive("iterations", options.iterations as f64)?;
+        let domain = SurfaceQuery::new(boundary.domain()).map_err(InverseError::Domain)?;
+        // A target may overlap itself where its boundary map folds.
+        let target = SurfaceQuery::with_winding_sign(&boundary.outward_target()).map_err(InverseError::Target)?;
+        let seeds = Seeds::new(map, boundary.domain(), &domain, options.seed_nodes);
+        if seeds.is_empty() {
+            return Err(InverseError::NoValues);
+        }
+        let gaps = gaps_at_vertices(map, boundary);
+        Ok(Self {
+            map,
+            boundary,
+            domain_diagonal: domain.bounds().extent().norm(),
+            target_diagonal: target.bounds().extent().norm(),
+            domain,
+            target,
+            seeds,
+            gap_rms: root_mean_square(&gaps),
+            gap_max: gaps.into_iter().fold(0.0, f64::max),
+            seed_seconds: start.elapsed().as_secs_f64(),
+            options: options.clone(),
+        })
+    }
+
+    /// Preimages of the points, in order, and a report. The same for any number of threads, if the map is.
+    pub fn preimages(&self, points: &[Point]) -> (Vec<Preimage>, InverseReport) {
+        let start = Instant::now();
+        let mut found = Vec::with_capacity(points.len());
+        let mut report = InverseReport {
+            points: points.len(),
+            seed_nodes: self.seeds.node_count(),
+            evaluations: self.seeds.node_count(),
+            seed_seconds: self.seed_seconds,
+            ..InverseReport::default()
+        };
+        for batch in points.chunks(BATCH) {
+            let (preimages, effort) = self.batch(batch);
+            report.iterations = report.iterations.max(effort.iterations);
+            report.evaluations += effort.evaluations;
+            found.extend(preimages);
+        }
+        self.summarise(&found, &mut report);
+        report.seconds = self.seed_seconds + start.elapsed().as_secs_f64();
+        (found, report)
+    }
+
+    /// First from the mapped tetrahedra that hold the points, then, where the preimages found do not add up to the
+    /// degree of the map, from the nodes that go nearest to them.
+    fn batch(&self, points: &[Point]) -> (Vec<Preimage>, Effort) {
+        let starts: Vec<Vec<Point>> = points
+            .par_iter()
+            .map(|y| {
+                if is_finite(y) {
+                    self.seeds.holding(y, MOST_HOLDING)
+                } else {
+                    vec![]
+                }
+            })
+            .collect();
+        let (mut found, mut effort) = self.search(points, &starts);
+        let in_target = self.target.contains_all(points);
+
+        let doubtful = self.doubtful(points, &found, &in_target);
+        let starts: Vec<Vec<Point>> = doubtful
+            .par_iter()
+            .map(|&i| self.seeds.nearest(&points[i], MOST_NEAREST))
+            .collect();
+        let ys: Vec<Point> = doubtful.iter().map(|&i| points[i]).collect();
+        let (more, further) = self.search(&ys, &starts);
+        effort.add(further);
+        for (i, more) in doubtful.into_iter().zip(more) {
+            more.into_iter().for_each(|new| self.add(&mut found[i], new));
+        }
+        let preimages = (0..points.len())
+            .into_par_iter()
+            .map(|i| self.verdict(&points[i], &found[i], in_target[i]))
+            .collect();
+        (preimages, effort)
+    }
+
+    /// Points whose preimages do not add up, to one in the target and to none outside, or that are near a fold. Of those
+    /// outside without any preimage only the ones that the boundary error could have put there.
+    fn doubtful(&self, points: &[Point], found: &[Vec<Found>], in_target: &[bool]) -> Vec<usize> {
+        let degree = |found: &[Found]| found.iter().map(|f| self.oriented(f).signum()).sum::<f64>();
+        let is_near_fold = |f: &Found| self.oriented(f) < NEAR_FOLD * self.seeds.mean_det;
+        let adds_up =
+            |i: usize| degree(&found[i]) == if in_target[i] { 1.0 } else { 0.0 } && !found[i].iter().any(is_near_fold);
+        let outer: Vec<usize> = (0..points.len())
+            .filter(|&i| is_finite(&points[i]) && found[i].is_empty() && !in_target[i])
+            .collect();
+        let distances = self
+            .target
+            .closest_points(&outer.iter().map(|&i| points[i]).collect::<Vec<_>>());
+        let near = outer
+            .iter()
+            .zip(distances)
+            .filter(|(_, closest)| closest.distance <= self.gap_max);
+        let near = near.map(|(&i, _)| i);
+        let others = (0..points.len()).filter(|&i| is_finite(&points[i]) && !adds_up(i));
+        let mut doubtful: Vec<usize> = near.chain(others).collect();
+        doubtful.sort_unstable();
+        doubtful
+    }
+
+    /// The different preimages in the domain that Newton's method finds from the starts of each point.
+    fn search(&self, points: &[Point], starts: &[Vec<Point>]) -> (Vec<Vec<Found>>, Effort) {
+        let pairs: Vec<(Point, Point)> = points
+            .iter()
+            .zip(starts)
+            .flat_map(|(y, seeds)| seeds.iter().map(|seed| (*y, *seed)))
+            .collect();
+        let limits = Limits {
+            tolerance: self.options.tolerance * self.target_diagonal,
+            first_step: 2.0 * self.seeds.spacing,
+            longest_step: LONGEST_STEP * self.domain_diagonal,
+            iterations: self.options.iterations,
+        };
+        let (roots, mut effort) = newton::solve(self.map, &pairs, &limits);
+        let (beyond, evaluations) = self.beyond(&pairs, &roots);
+        effort.evaluations += evaluations;
+        let mut all = roots.iter().zip(beyond);
+        let different = |seeds: &Vec<Point>| {
+            let mut found = Vec::new();
+            for (root, beyond) in all.by_ref().take(seeds.len()) {
+                if let Some(beyond) = beyond {
+                    self.add(&mut found, Found { root: *root, beyond });
+                }
+            }
+            found
+        };
+        (starts.iter().map(different).collect(), effort)
+    }
+
+    /// How far each root lies outside of the domain: 0 inside, `None` where it is no preimage: not converged, or outside
+    /// and not in the gap. Also how many points this took to evaluate.
+    fn beyond(&self, pairs: &[(Point, Point)], roots: &[Root]) -> (Vec<Option<f64>>, usize) {
+        let converged: Vec<usize> = (0..roots.len()).filter(|&i| roots[i].converged).collect();
+        let places: Vec<Point> = converged.iter().map(|&i| roots[i].x).collect();
+        let inside = self.domain.contains_all(&places);
+        let mut beyond = vec![None; roots.len()];
+        let mut outer = Vec::new();
+        for (&i, inside) in converged.iter().zip(inside) {
+            if inside {
+                beyond[i] = Some(0.0);
+            } else {
+                outer.push(i);
+            }
+        }
+        let places: Vec<Point> = outer.iter().map(|&i| roots[i].x).collect();
+        let closest = self.domain.closest_points(&places);
+        let images = self
+            .map
+            .evaluate(&closest.iter().map(|closest| closest.point).collect::<Vec<_>>());
+        let on_boundary = closest.iter().map(|closest| SurfacePoint {
+            triangle: closest.triangle as u32,
+            barycentric: closest.barycentric,
+        });
+        let wanted = self.boundary.evaluate(&on_boundary.collect::<Vec<_>>());
+        for (k, &i) in outer.iter().enumerate() {
+            let gap = (wanted[k] - images[k]).norm();
+            if closest[k].distance <= ON_BOUNDARY * self.domain_diagonal {
+                beyond[i] = Some(0.0);
+            } else if (pairs[i].0 - images[k]).norm() <= 2.0 * gap + self.gap_rms {
+                beyond[i] = Some(closest[k].distance);
+            }
+        }
+        (beyond, outer.len())
+    }
+
+    /// Adds a preimage that is not there yet.
+    fn add(&self, found: &mut Vec<Found>, new: Found) {
+        let is_new = |known: &Found| (known.root.x - new.root.x).norm() > SAME * self.domain_diagonal;
+        if found.iter().all(is_new) {
+            found.push(new);
+        }
+    }
+
+    /// `det J` as seen from most of the domain.
+    fn oriented(&self, found: &Found) -> f64 {
+        self.seeds.orientation * found.root.det
+    }
+
+    fn verdict(&self, y: &Point, found: &[Found], in_target: bool) -> Preimage {
+        let best = found
+            .iter()
+            .max_by(|a, b| self.oriented(a).total_cmp(&self.oriented(b)));
+        let Some(best) = best else {
+            let (status, point) = match (is_finite(y), in_target) {
+                (false, _) => (PreimageStatus::NotFinite, Point::from([f64::NAN; 3])),
+                (true, true) => (PreimageStatus::NotConverged, self.seeds.nearest_node(y)),
+                (true, false) => (PreimageStatus::Outside, self.seeds.nearest_node(y)),
+            };
+            return Preimage {
+                status,
+                point,
+                round_trip: f64::INFINITY,
+                preimages: 0,
+                beyond_boundary: false,
+            };
+        };
+        let one_to_one = found.len() == 1 && self.oriented(best) > 0.0;
+        Preimage {
+            status: if one_to_one {
+                PreimageStatus::Ok
+            } else {
+                PreimageStatus::Folded
+            },
+            point: best.root.x,
+            round_trip: best.root.residual / self.target_diagonal,
+            preimages: found.len(),
+            beyond_boundary: best.beyond > 0.0,
+        }
+    }
+
+    fn summarise(&self, found: &[Preimage], report: &mut InverseReport) {
+        let count = |status| found.iter().filter(|p| p.status == status).count();
+        report.ok = count(PreimageStatus::Ok);
+        report.folded = count(PreimageStatus::Folded);
+        report.outside = count(PreimageStatus::Outside);
+        report.not_converged = count(PreimageStatus::NotConverged);
+        report.not_finite = count(PreimageStatus::NotFinite);
+        report.several = found.iter().filter(|p| p.preimages > 1).count();
+        let beyond: Vec<Point> = found.iter().filter(|p| p.beyond_boundary).map(|p| p.point).collect();
+        report.beyond_boundary = beyond.len();
+        let farthest = self
+            .domain
+            .closest_points(&beyond)
+            .iter()
+            .map(|c| c.distance)
+            .fold(0.0, f64::max);
+        report.farthest_beyond = farthest / self.domain_diagonal;
+        let errors = found
+            .iter()
+            .filter(|p| p.status == PreimageStatus::Ok)
+            .map(|p| p.round_trip);
+        let errors: Vec<f64> = errors.collect();
+        report.round_trip_rms = root_mean_square(&errors);
+        report.round_trip_max = errors.into_iter().fold(0.0, f64::max);
+        report.boundary_error = self.gap_max / self.target_diagonal;
+    }
+}
+
+/// A root in the domain, or outside of it in the gap.
+struct Found {
+    root: Root,
+    beyond: f64,
+}
+
+/// How far the map misses its boundary data at the domain's vertices.
+fn gaps_at_vertices(map: &dyn VolumeMap, boundary: &BoundaryMap) -> Vec<f64> {
+    let images = map.evaluate(boundary.domain().vertices());
+    let gaps = images
+        .iter()
+        .zip(boundary.image())
+        .map(|(found, wanted)| (found - wanted).norm());
+    gaps.filter(|gap| gap.is_finite()).collect()
+}
+
+fn root_mean_square(values: &[f64]) -> f64 {
+    let squares: f64 = values.iter().map(|value| value * value).sum();
+    (squares / values.len().max(1) as f64).sqrt()
+}
+
+fn is_finite(p: &Point) -> bool {
+    p.iter().all(|c| c.is_finite())
+}
+
+fn require_positive(option: &'static str, value: f64) -> Result<(), InverseError> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(InverseError::Option {
+        option,
+        value,
+        range: "greater than 0",
+    })
+}

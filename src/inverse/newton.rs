@@ -1,0 +1,206 @@
+//! Newton's method for many points together.
+//!
+//! `x ← x − J⁻¹ (f(x) − y)`, the step no longer than a trust length, halved until the residual falls (Armijo's rule:
+//! Nocedal & Wright, *Numerical Optimization*, 2006, chapters 3 and 11). The points of a round are evaluated in one
+//! call, which costs far less than one by one; those that are done drop out.
+
+use rayon::prelude::*;
+
+use crate::map::VolumeMap;
+use crate::{Matrix3, Point, Vector};
+
+/// How long to go on, in model units.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limits {
+    /// Residual that is small enough, in units of the target.
+    pub tolerance: f64,
+    /// Longest first step, in units of the domain; it may double with every step that succeeds.
+    pub first_step: f64,
+    /// Longest step at all.
+    pub longest_step: f64,
+    pub iterations: usize,
+}
+
+/// Where the search for a point ended.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Root {
+    /// The place with the smallest residual that was met.
+    pub x: Point,
+    /// `|f(x) − y|`; infinite when no finite value was met.
+    pub residual: f64,
+    /// `det J`, at `x` or at most a last small step away from it.
+    pub det: f64,
+    pub converged: bool,
+}
+
+/// What a batch took.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Effort {
+    /// Rounds of the batch.
+    pub iterations: usize,
+    /// Points at which the map was evaluated.
+    pub evaluations: usize,
+}
+
+impl Effort {
+    /// Together with what was done after it.
+    pub fn add(&mut self, next: Self) {
+        self.iterations += next.iterations;
+        self.evaluations += next.evaluations;
+    }
+}
+
+/// A decrease of the residual that counts, as a part of what the step promises.
+const ARMIJO: f64 = 1e-4;
+/// Residual, over the one that will do, below which the last Jacobian serves on: it costs as much again as the value.
+const NEAR: f64 = 1e5;
+/// A step shorter than this part of the first is none.
+const SHORTEST: f64 = 1e-9;
+/// Determinant over the cube of the norm below which a Jacobian counts as singular, and the damping it then gets.
+const SINGULAR: f64 = 1e-12;
+const DAMPING: f64 = 1e-3;
+
+struct Search {
+    y: Point,
+    x: Point,
+    residual: f64,
+    jacobian: Matrix3,
+    /// The next step to try, which part of the whole step it is, and the longest that may follow it.
+    step: Vector,
+    part: f64,
+    trust: f64,
+    state: State,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum State {
+    Running,
+    /// The Jacobian is near enough: only values are needed.
+    Near,
+    Converged,
+    Stuck,
+}
+
+/// Searches a preimage of each `y` from its seed, pairs `(y, seed)`.
+pub(super) fn solve(map: &dyn VolumeMap, starts: &[(Point, Point)], limits: &Limits) -> (Vec<Root>, Effort) {
+    let mut searches: Vec<Search> = starts.iter().map(|&(y, seed)| Search::new(y, seed, limits)).collect();
+    let mut effort = Effort::default();
+    while effort.iterations < limits.iterations {
+        let (running, near) = split_by_need(&mut searches);
+        if running.is_empty() && near.is_empty() {
+            break;
+        }
+        effort.iterations += 1;
+        effort.evaluations += running.len() + near.len();
+        // Not even an empty list: a map may spend time on its preparations.
+        if !running.is_empty() {
+            let (images, jacobians) = map.evaluate_with_jacobian(&trials(&running));
+            let found = running.into_par_iter().zip(images).zip(jacobians);
+            found.for_each(|((search, image), jacobian)| search.take(image, Some(jacobian), limits));
+        }
+        if !near.is_empty() {
+            let images = map.evaluate(&trials(&near));
+            let found = near.into_par_iter().zip(images);
+            found.for_each(|(search, image)| search.take(image, None, limits));
+        }
+    }
+    (searches.iter().map(Search::root).collect(), effort)
+}
+
+/// The searches that need a Jacobian, and those that need a value only.
+fn split_by_need(searches: &mut [Search]) -> (Vec<&mut Search>, Vec<&mut Search>) {
+    let open = searches.iter_mut().filter(|search| !search.is_done());
+    open.partition(|search| search.state == State::Running)
+}
+
+fn trials(searches: &[&mut Search]) -> Vec<Point> {
+    searches.iter().map(|search| search.x + search.step).collect()
+}
+
+impl Search {
+    fn new(y: Point, seed: Point, limits: &Limits) -> Self {
+        Self {
+            y,
+            x: seed,
+            residual: f64::INFINITY,
+            jacobian: Matrix3::zeros(),
+            step: Vector::zeros(),
+            part: 0.0,
+            trust: limits.first_step,
+            state: State::Running,
+        }
+    }
+
+    fn is_done(&self) -> bool {
+        matches!(self.state, State::Converged | State::Stuck)
+    }
+
+    /// Goes on with what the map gives at the place tried.
+    fn take(&mut self, image: Point, jacobian: Option<Matrix3>, limits: &Limits) {
+        let difference = image - self.y;
+        let residual = difference.norm();
+        let enough = (1.0 - ARMIJO * self.part) * self.residual;
+        if residual >= enough || residual.is_nan() {
+            self.retreat(limits);
+            return;
+        }
+        let gain = residual / self.residual;
+        self.x += self.step;
+        self.residual = residual;
+        self.jacobian = jacobian.unwrap_or(self.jacobian);
+        if residual <= limits.tolerance {
+            self.state = State::Converged;
+            return;
+        }
+        // An old Jacobian that gains little is worth its renewal.
+        let near = residual <= NEAR * limits.tolerance && (jacobian.is_some() || gain < 0.05);
+        self.state = if near { State::Near } else { State::Running };
+        self.advance(&difference, limits);
+    }
+
+    fn advance(&mut self, difference: &Vector, limits: &Limits) {
+        let step = newton_step(&self.jacobian, difference);
+        let length = step.norm();
+        if !length.is_finite() {
+            self.state = State::Stuck;
+            return;
+        }
+        self.part = (self.trust / length).min(1.0);
+        self.step = step * self.part;
+        self.trust = (2.0 * self.trust).min(limits.longest_step);
+    }
+
+    fn retreat(&mut self, limits: &Limits) {
+        self.step *= 0.5;
+        self.part *= 0.5;
+        self.trust = self.step.norm();
+        self.state = if self.trust > SHORTEST * limits.first_step {
+            State::Running
+        } else {
+            State::Stuck
+        };
+    }
+
+    fn root(&self) -> Root {
+        Root {
+            x: self.x,
+            residual: self.residual,
+            det: self.jacobian.determinant(),
+            converged: self.state == State::Converged,
+        }
+    }
+}
+
+/// `−J⁻¹ r`, damped where `J` is singular.
+fn newton_step(jacobian: &Matrix3, difference: &Vector) -> Vector {
+    let norm = jacobian.norm();
+    if jacobian.determinant().abs() > SINGULAR * norm.powi(3)
+        && let Some(inverse) = jacobian.try_inverse()
+    {
+        return -(inverse * difference);
+    }
+    let damped = jacobian.transpose() * jacobian + Matrix3::identity() * (DAMPING * norm).powi(2);
+    damped.try_inverse().map_or(Vector::repeat(f64::NAN), |inverse| {
+        -(inverse * jacobian.transpose() * difference)
+    })
+}

@@ -1,0 +1,389 @@
+//! Where Newton starts: a mesh of the domain that needs no mesher, and its image.
+//!
+//! A lattice is laid over the domain. Every cell with a corner inside is cut into six tetrahedra by Kuhn's split, its
+//! outer corners moved to the closest point of the boundary. Where the Jacobian's determinant changes its sign or nearly
+//! vanishes, tetrahedra are cut into eight, twice. The domain's vertices are added as single nodes, so that parts too thin
+//! for the lattice have some. All nodes are mapped, and a tree over the mapped tetrahedra finds those
+//! that hold a point.
+
+use std::collections::HashMap;
+
+use crate::geometry::{Aabb, Bvh, QueryError, SurfaceQuery};
+use crate::map::VolumeMap;
+use crate::mesh::{SurfaceMesh, TetMesh};
+use crate::{Point, Vector};
+
+/// The mapped mesh.
+pub(super) struct Seeds {
+    mesh: MappedMesh,
+    by_tet: Bvh,
+    by_node: Bvh,
+    /// Node of each item of `by_node`.
+    node_of_item: Vec<u32>,
+    /// Length of a cell's edge.
+    pub spacing: f64,
+    /// 1 when the map keeps the hand of most of the volume, -1 when it turns it.
+    pub orientation: f64,
+    /// Volume of the image over that of the mesh, positive.
+    pub mean_det: f64,
+}
+
+/// Tetrahedra over nodes with their images; not all nodes have tetrahedra.
+struct MappedMesh {
+    nodes: Vec<Point>,
+    images: Vec<Point>,
+    det: Vec<f64>,
+    tets: Vec<[u32; 4]>,
+}
+
+/// Points of the lattice over the box of a thin domain: a coarser one is taken before there are more.
+const MAX_LATTICE: f64 = 4e6;
+/// Vertices of the domain that become nodes; of more, every so many.
+const MAX_BOUNDARY_NODES: usize = 40_000;
+/// How often a tetrahedron is cut into eight where the map may fold, and how many there may be in all.
+const REFINEMENTS: usize = 2;
+const MAX_TETS: usize = 2_000_000;
+/// Part of the largest `det J` at a tetrahedron's corners, below which the least says that it may vanish between them.
+const VANISHING: f64 = 0.1;
+/// How far outside of a mapped tetrahedron, in barycentric coordinates, a point still counts as held: no point may fall
+/// through the faces.
+const SLACK: f64 = 1e-9;
+
+/// Kuhn's split: the six ways along the axes from one corner of a cell to the opposite one, all of one hand.
+const KUHN: [[usize; 4]; 6] = [
+    [0b000, 0b001, 0b011, 0b111],
+    [0b000, 0b011, 0b010, 0b111],
+    [0b000, 0b010, 0b110, 0b111],
+    [0b000, 0b110, 0b100, 0b111],
+    [0b000, 0b100, 0b101, 0b111],
+    [0b000, 0b101, 0b001, 0b111],
+];
+/// The edges of a tetrahedron, and its eight parts over its corners (0 to 3) and the midpoints of these (4 to 9).
+const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+const EIGHTHS: [[usize; 4]; 8] = [
+    [0, 4, 5, 6],
+    [4, 1, 7, 8],
+    [5, 7, 2, 9],
+    [6, 8, 9, 3],
+    [4, 5, 6, 8],
+    [4, 7, 5, 8],
+    [5, 6, 8, 9],
+    [5, 8, 7, 9],
+];
+
+impl Seeds {
+    /// A mesh of about so many `nodes` inside of the domain, mapped, and finer where the map may fold.
+    pub fn new(map: &dyn VolumeMap, domain: &SurfaceMesh, query: &SurfaceQuery, nodes: usize) -> Self {
+        let lattice = Lattice::over(domain, query, nodes);
+        let (mut nodes, tets) = lattice.tetrahedra(query);
+        let stride = domain.vertices().len().div_ceil(MAX_BOUNDARY_NODES).max(1);
+        nodes.extend(domain.vertices().iter().step_by(stride));
+        let mut mesh = MappedMesh::new(map, nodes, tets);
+        let mean_det = mesh.mean_det();
+        let orientation = if mean_det < 0.0 { -1.0 } else { 1.0 };
+        for _ in 0..REFINEMENTS {
+            mesh.refine(map, orientation);
+        }
+
+        let boxes: Vec<Aabb> = mesh
+            .tets
+            .iter()
+            .map(|tet| Aabb::around(&corners(&mesh.images, tet)))
+            .collect();
+        let node_of_item: Vec<u32> = (0..mesh.nodes.len() as u32)
+            .filter(|&v| is_finite(&mesh.images[v as usize]))
+            .collect();
+        let points: Vec<Aabb> = node_of_item
+            .iter()
+            .map(|&v| Aabb::around(&[mesh.images[v as usize]]))
+            .collect();
+        Self {
+            by_tet: Bvh::new(&boxes),
+            by_node: Bvh::new(&points),
+            node_of_item,
+            spacing: lattice.size,
+            orientation,
+            mean_det: mean_det.abs(),
+            mesh,
+        }
+    }
+
+    /// How many nodes were mapped.
+    pub fn node_count(&self) -> usize {
+        self.mesh.nodes.len()
+    }
+
+    /// Whether no node has a finite image.
+    pub fn is_empty(&self) -> bool {
+        self.node_of_item.is_empty()
+    }
+
+    /// Where `y` comes from if the map were linear over each tetrahedron: a point for every mapped tetrahedron that holds
+    /// it, at most `most`.
+    pub fn holding(&self, y: &Point, most: usize) -> Vec<Point> {
+        let mut found = Vec::new();
+        let (all, mut at) = (self.by_tet.nodes(), 0);
+        while at < all.len() && found.len() < most {
+            let node = &all[at];
+            if !node.bounds.contains(y) {
+                at += node.size();
+                continue;
+            }
+            if node.is_leaf() {
+                let items = &self.by_tet.order()[node.items()];
+                found.extend(items.iter().filter_map(|&t| self.preimage_in(t, y)));
+            }
+            at += 1;
+        }
+        found.truncate(most);
+        found
+    }
+
+    /// The nodes whose images are nearest to `y`, nearest first.
+    pub fn nearest(&self, y: &Point, most: usize) -> Vec<Point> {
+        let mut best: Vec<(f64, u32)> = Vec::with_capacity(most + 1);
+        self.by_node.visit_nearest(y, f64::INFINITY, |items, limit| {
+            for &item in &self.by_node.order()[items] {
+                let node = self.node_of_item[item as usize];
+                let candidate = ((self.mesh.images[node as usize] - y).norm_squared(), node);
+                let place = best.partition_point(|known| known < &candidate);
+                if place < most {
+                    best.insert(place, candidate);
+                    best.truncate(most);
+                }
+            }
+            if best.len() == most { best[most - 1].0 } else { limit }
+        });
+        best.iter().map(|&(_, node)| self.mesh.nodes[node as usize]).collect()
+    }
+
+    /// The node whose image is nearest to `y`.
+    pub fn nearest_node(&self, y: &Point) -> Point {
+        self.nearest(y, 1).first().copied().unwrap_or(self.mesh.nodes[0])
+    }
+
+    fn preimage_in(&self, tet: u32, y: &Point) -> Option<Point> {
+        let tet = &self.mesh.tets[tet as usize];
+        let weights = barycentric(&corners(&self.mesh.images, tet), y)?;
+        let places = corners(&self.mesh.nodes, tet);
+        let place: Vector = weights.iter().zip(places).map(|(&w, place)| place.coords * w).sum();
+        weights.iter().all(|&w| w >= -SLACK).then(|| Point::from(place))
+    }
+}
+
+impl MappedMesh {
+    /// Maps the nodes; tetrahedra with a corner that has no finite image are left out.
+    fn new(map: &dyn VolumeMap, nodes: Vec<Point>, mut tets: Vec<[u32; 4]>) -> Self {
+        let (images, jacobians) = map.evaluate_with_jacobian(&nodes);
+        tets.retain(|tet| corners(&images, tet).iter().all(is_finite));
+        Self {
+            det: jacobians.iter().map(|jacobian| jacobian.determinant()).collect(),
+            nodes,
+            images,
+            tets,
+        }
+    }
+
+    /// Volume of the image over that of the mesh: negative when the map turns most of it inside out.
+    fn mean_det(&self) -> f64 {
+        let volumes = |tet: &[u32; 4]| [&self.nodes, &self.images].map(|points| volume(&corners(points, tet)));
+        let sums = self
+            .tets
+            .iter()
+            .map(volumes)
+            .fold([0.0; 2], |[all, mapped], [before, after]| {
+                [all + before.abs(), mapped + before.signum() * after]
+            });
+        if sums[0] > 0.0 { sums[1] / sums[0] } else { 1.0 }
+    }
+
+    /// Whether the map is turned, or may be, somewhere in the tetrahedron.
+    fn may_fold(&self, tet: &[u32; 4], orientation: f64) -> bool {
+        let det = tet.map(|v| orientation * self.det[v as usize]);
+        let most = det.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let [before, after] = [&self.nodes, &self.images].map(|points| volume(&corners(points, tet)));
+        let is_small = |&d: &f64| d <= VANISHING * most || d.is_nan();
+        det.iter().any(is_small) || orientation * before * after < 0.0
+    }
+
+    /// Cuts the tetrahedra where the map may fold.
+    fn refine(&mut self, map: &dyn VolumeMap, orientation: f64) {
+        let tets = std::mem::take(&mut self.tets);
+        let (doubtful, mut kept): (Vec<_>, Vec<_>) = tets.into_iter().partition(|tet| self.may_fold(tet, orientation));
+        if kept.len() + EIGHTHS.len() * doubtful.len() > MAX_TETS {
+            kept.extend(doubtful);
+            self.tets = kept;
+            return;
+        }
+        let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
+        let mut nodes = Vec::new();
+        let mut parts = Vec::with_capacity(EIGHTHS.len() * doubtful.len());
+        for tet in doubtful {
+            let middle = EDGES.map(|edge| {
+                let [a, b] = edge.map(|k| tet[k]);
+                *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                    nodes.push(nalgebra::center(&self.nodes[a as usize], &self.nodes[b as usize]));
+                    (self.nodes.len() + nodes.len() - 1) as u32
+                })
+            });
+            let all: Vec<u32> = tet.into_iter().chain(middle).collect();
+            parts.extend(EIGHTHS.map(|part| part.map(|k| all[k])));
+        }
+        let (images, jacobians) = map.evaluate_with_jacobian(&nodes);
+        self.nodes.extend(nodes);
+        self.images.extend(images);
+        self.det.extend(jacobians.iter().map(|jacobian| jacobian.determinant()));
+        parts.retain(|tet| corners(&self.images, tet).iter().all(is_finite));
+        kept.extend(parts);
+        self.tets = kept;
+    }
+}
+
+fn corners(points: &[Point], tet: &[u32; 4]) -> [Point; 4] {
+    tet.map(|v| points[v as usize])
+}
+
+fn is_finite(p: &Point) -> bool {
+    p.iter().all(|c| c.is_finite())
+}
+
+/// Six times the signed volume.
+fn volume([a, b, c, d]: &[Point; 4]) -> f64 {
+    (b - a).dot(&(c - a).cross(&(d - a)))
+}
+
+/// Barycentric coordinates of `y` in a tetrahedron of either hand; `None` in one without volume.
+pub(crate) fn barycentric(corners: &[Point; 4], y: &Point) -> Option<[f64; 4]> {
+    let whole = volume(corners);
+    let weights = std::array::from_fn(|k| {
+        let mut replaced = *corners;
+        replaced[k] = *y;
+        volume(&replaced) / whole
+    });
+    weights.iter().all(|w: &f64| w.is_finite()).then_some(weights)
+}
+
+/// A mesh of the domain of about so many nodes inside: the cells of a lattice that have a corner inside, each cut into six
+/// tetrahedra, its outer corners moved to the closest point of the boundary. It follows the boundary to less than a cell, and
+/// tetrahedra there may be flat or turned over; parts thinner than a cell may be missing.
+///
+/// # Errors
+///
+/// As [`SurfaceQuery::new`].
+pub fn lattice_mesh(domain: &SurfaceMesh, nodes: usize) -> Result<TetMesh, QueryError> {
+    let query = SurfaceQuery::new(domain)?;
+    let (nodes, tets) = Lattice::over(domain, &query, nodes).tetrahedra(&query);
+    Ok(TetMesh::new(nodes, tets).expect("tetrahedra name nodes"))
+}
+
+/// A lattice over the domain's box, and which of its points are inside.
+struct Lattice {
+    origin: Point,
+    size: f64,
+    counts: [usize; 3],
+    inside: Vec<bool>,
+}
+
+impl Lattice {
+    fn over(domain: &SurfaceMesh, query: &SurfaceQuery, nodes: usize) -> Self {
+        let bounds = query.bounds();
+        let extent = bounds.extent();
+        let longest = extent.max();
+        let wanted = (domain.volume().abs() / nodes.max(1) as f64).cbrt();
+        // A surface that encloses nothing gets a lattice too.
+        let mut size = wanted.clamp(longest / 512.0, longest);
+        // Two more than the box takes, and the box in the middle: no plane of the lattice lies in a face of the box.
+        let count = |length: f64, size: f64| (length / size).ceil() + 2.0;
+        while extent.iter().map(|&e| count(e, size)).product::<f64>() > MAX_LATTICE {
+            size *= 1.1;
+        }
+        let counts: [usize; 3] = std::array::from_fn(|k| count(extent[k], size) as usize);
+        let span = Vector::from_fn(|k, _| (counts[k] - 1) as f64 * size);
+        let origin = bounds.low - 0.5 * (span - extent);
+        let mut lattice = Self {
+            origin,
+            size,
+            counts,
+            inside: vec![],
+        };
+        let points: Vec<Point> = (0..counts.iter().product()).map(|i| lattice.point(i)).collect();
+        lattice.inside = query.contains_all(&points);
+        lattice
+    }
+
+    fn point(&self, index: usize) -> Point {
+        let [nx, ny, _] = self.counts;
+        let at = [index % nx, index / nx % ny, index / (nx * ny)];
+        self.origin + Vector::from_fn(|k, _| at[k] as f64) * self.size
+    }
+
+    /// Nodes and tetrahedra of all cells with a corner inside.
+    fn tetrahedra(&self, query: &SurfaceQuery) -> (Vec<Point>, Vec<[u32; 4]>) {
+        let [nx, ny, nz] = self.counts;
+        let mut number: HashMap<usize, u32> = HashMap::new();
+        let (mut places, mut tets) = (Vec::new(), Vec::new());
+        let cells = (0..nz - 1).flat_map(|k| (0..ny - 1).flat_map(move |j| (0..nx - 1).map(move |i| [i, j, k])));
+        for [i, j, k] in cells {
+            let corners: [usize; 8] =
+                std::array::from_fn(|c| (i + (c & 1)) + nx * ((j + (c >> 1 & 1)) + ny * (k + (c >> 2))));
+            if !corners.iter().any(|&c| self.inside[c]) {
+                continue;
+            }
+            let corners = corners.map(|c| {
+                *number.entry(c).or_insert_with(|| {
+                    places.push(c);
+                    places.len() as u32 - 1
+                })
+            });
+            tets.extend(KUHN.map(|tet| tet.map(|c| corners[c])));
+        }
+        let outer: Vec<Point> = places
+            .iter()
+            .filter(|&&c| !self.inside[c])
+            .map(|&c| self.point(c))
+            .collect();
+        let mut closest = query.closest_points(&outer).into_iter().map(|closest| closest.point);
+        let nodes = places
+            .iter()
+            .map(|&c| match self.inside[c] {
+                true => self.point(c),
+                false => closest.next().unwrap_or_else(|| self.point(c)),
+            })
+            .collect();
+        (nodes, tets)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+
+    #[test]
+    fn eight_parts_fill_their_tetrahedron_and_keep_its_hand() {
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [0.2, 0.9, 0.1], [0.1, 0.3, 1.2]].map(Point::from);
+        let middles = EDGES.map(|[a, b]| nalgebra::center(&corners[a], &corners[b]));
+        let all: Vec<Point> = corners.into_iter().chain(middles).collect();
+        let whole = volume(&corners);
+        for part in EIGHTHS {
+            assert!((volume(&part.map(|k| all[k])) - whole / 8.0).abs() < 1e-15);
+        }
+    }
+
+    /// The lattice follows the boundary to a fraction of a cell: the volume errs by less than a cell's width of surface.
+    #[test]
+    fn the_lattice_fills_a_solid_with_tetrahedra_of_one_hand() {
+        for domain in [
+            shapes::cube(1.0, 4),
+            shapes::sphere(1.0, 3),
+            shapes::torus(1.0, 0.4, 40, 20),
+        ] {
+            let mesh = lattice_mesh(&domain, 4000).unwrap();
+            let size = (domain.volume() / 4000.0).cbrt();
+            let error = (mesh.volume() - domain.volume()).abs();
+            assert!(error < 0.25 * size * domain.area(), "{error}");
+            let turned = (0..mesh.tets().len()).filter(|&t| mesh.signed_volume(t) < 0.0).count();
+            assert!(turned * 20 < mesh.tets().len(), "{turned}");
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! `solidmap transfer` from outside.
+#![cfg(feature = "cli")]
+
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use solidmap::Point;
+use solidmap::inverse::lattice_mesh;
+use solidmap::io::{self, Cells, Field, VtkEncoding, VtkFields};
+use solidmap::mesh::shapes;
+
+struct Workplace {
+    folder: tempfile::TempDir,
+}
+
+fn image(p: &Point) -> Point {
+    Point::new(2.0 * p.x, p.y + 0.1 * p.x, 0.5 * p.z)
+}
+
+impl Workplace {
+    /// With `map.safetensors`, an affine map of a ball.
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Self { folder };
+        let domain = shapes::sphere(1.0, 3);
+        io::write_surface(place.path("domain.ply"), &domain).unwrap();
+        io::write_surface(place.path("target.ply"), &shapes::deformed(&domain, image)).unwrap();
+        place.ends_with(
+            0,
+            "fit domain.ply --image target.ply --tolerance 0.01 -o map.safetensors",
+        );
+        place
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn ends_with(&self, code: i32, line: &str) -> Output {
+        let mut command = Command::cargo_bin("solidmap").unwrap();
+        command.current_dir(self.folder.path()).args(line.split_whitespace());
+        let output = command.timeout(std::time::Duration::from_secs(120)).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
+        output
+    }
+
+    fn report(&self, line: &str) -> Value {
+        serde_json::from_slice(&self.ends_with(0, line).stdout).unwrap()
+    }
+}
+
+#[test]
+fn columns_of_a_table_go_along_and_vectors_are_pushed_forward() {
+    let place = Workplace::new();
+    let rows = "x,y,z,heat,vx,vy,vz\n0.1,0.2,0.3,7,1,0,0\n-0.4,0,0.2,8,0,0,1\n";
+    std::fs::write(place.path("field.csv"), rows).unwrap();
+    let report = place.report("transfer map.safetensors field.csv -o out.csv --json");
+    assert!(report["volume"]["relative_error"].as_f64().unwrap().abs() < 1e-3);
+    let out = io::read_fields(place.path("out.csv")).unwrap();
+    assert_eq!(out.point[0].values, [7.0, 8.0]);
+    assert_eq!((out.point[1].name.as_str(), out.point[1].components), ("v", 3));
+    let expected = [2.0, 0.1, 0.0, 0.0, 0.0, 0.5];
+    let close = |a: &f64, b: &f64| (a - b).abs() < 1e-3;
+    assert!(out.point[1].values.iter().zip(&expected).all(|(a, b)| close(a, b)));
+    assert!((out.points[0] - image(&Point::new(0.1, 0.2, 0.3))).norm() < 1e-3);
+
+    place.ends_with(0, "transfer map.safetensors field.csv --plain-vectors -o plain.csv");
+    let plain = io::read_fields(place.path("plain.csv")).unwrap();
+    assert_eq!(plain.point[1].values, [1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+}
+
+#[test]
+fn meshes_keep_their_fields_and_are_resampled() {
+    let place = Workplace::new();
+    let mesh = lattice_mesh(&shapes::sphere(1.0, 3), 1500).unwrap();
+    let scalar = |name: &str, values| Field {
+        name: name.into(),
+        components: 1,
+        values,
+    };
+    let fields = VtkFields {
+        point: vec![scalar("height", mesh.vertices().iter().map(|p| p.z).collect())],
+        cell: vec![scalar("part", (0..mesh.tets().len()).map(|t| (t % 3) as f64).collect())],
+    };
+    let cells = Cells::Tets(mesh.tets());
+    io::write_vtu(place.path("field.vtu"), mesh.vertices(), cells, &fields).unwrap();
+    for encoding in [VtkEncoding::Text, VtkEncoding::Binary] {
+        io::write_vtk(place.path("field.vtk"), mesh.vertices(), cells, &fields, encoding).unwrap();
+        assert_eq!(
+            io::read_fields(place.path("field.vtk")).unwrap(),
+            io::read_fields(place.path("field.vtu")).unwrap()
+        );
+    }
+    let report = place.report("transfer map.safetensors field.vtu --label part -o out.vtu --png out.png --json");
+    let shares = report["fields"][1]["labels"].as_array().unwrap().clone();
+    let total: f64 = shares.iter().map(|share| share["after"].as_f64().unwrap()).sum();
+    assert!(shares.len() == 3 && (total - 1.0).abs() < 1e-9);
+    let out = io::read_fields(place.path("out.vtu")).unwrap();
+    assert_eq!(
+        (out.tets.as_slice(), &out.point, &out.cell),
+        (mesh.tets(), &fields.point, &fields.cell)
+    );
+    assert!(std::fs::read(place.path("out.png")).unwrap().starts_with(b"\x89PNG"));
+
+    std::fs::write(place.path("at.csv"), "x,y,z\n0.2,0.1,0.2\n1,0,-0.1\n5,5,5\n").unwrap();
+    place.ends_with(
+        0,
+        "transfer map.safetensors field.vtu --label part --at at.csv -o at_out.csv",
+    );
+    let at = io::read_fields(place.path("at_out.csv")).unwrap();
+    let names: Vec<&str> = at.point.iter().map(|field| field.name.as_str()).collect();
+    assert_eq!(names, ["height", "part", "status"]);
+    assert!((at.point[0].values[0] - 0.4).abs() < 1e-3 && (at.point[0].values[1] + 0.2).abs() < 1e-3);
+    assert!(at.point[0].values[2].is_nan());
+    assert_eq!(at.point[2].values, [0.0, 0.0, 2.0]);
+}
+
+/// A box on a lattice: its values are linear, and so are those resampled.
+#[test]
+fn structured_points_are_a_mesh() {
+    let place = Workplace::new();
+    let mut text = "# vtk DataFile Version 3.0\ngrid\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 5\n\
+                    ORIGIN -0.3 -0.2 -0.4\nSPACING 0.2 0.2 0.2\nPOINT_DATA 60\nSCALARS sum double 1\n\
+                    LOOKUP_TABLE default\n"
+        .to_owned();
+    let at = |i: usize| [i % 4, i / 4 % 3, i / 12].map(|k| 0.2 * k as f64);
+    for i in 0..60 {
+        let [x, y, z] = at(i);
+        text += &format!("{}\n", (x - 0.3) + 2.0 * (y - 0.2) + 3.0 * (z - 0.4));
+    }
+    text += "CELL_DATA 24\nSCALARS cell int\nLOOKUP_TABLE default\n";
+    (0..24).for_each(|c| text += &format!("{c} "));
+    std::fs::write(place.path("grid.vtk"), &text).unwrap();
+    let read = io::read_fields(place.path("grid.vtk")).unwrap();
+    let mesh = solidmap::mesh::TetMesh::new(read.points.clone(), read.tets.clone()).unwrap();
+    assert_eq!(
+        (read.points.len(), read.tets.len(), read.cell[0].values.len()),
+        (60, 144, 144)
+    );
+    assert!((0..144).all(|t| (mesh.signed_volume(t) - 0.008 / 6.0).abs() < 1e-12));
+    assert_eq!(read.cell[0].values[6..12], [1.0; 6]);
+    // Sides that the boundary's triangles show once each: two for every outer square of a cell.
+    assert_eq!(
+        mesh.boundary().surface.triangles().len(),
+        2 * 2 * (3 * 2 + 3 * 4 + 2 * 4)
+    );
+
+    std::fs::write(place.path("at.csv"), "x,y,z\n0.1,0.05,0.1\n").unwrap();
+    place.ends_with(0, "transfer map.safetensors grid.vtk --at at.csv -o at_out.csv");
+    let at = io::read_fields(place.path("at_out.csv")).unwrap();
+    // The map is affine but for its fit.
+    let expected = 0.05 + 2.0 * (0.05 - 0.005) + 3.0 * 0.2;
+    assert!(
+        (at.point[0].values[0] - expected).abs() < 1e-2,
+        "{}",
+        at.point[0].values[0]
+    );
+
+    let large = text.replace("DIMENSIONS 4 3 5", "DIMENSIONS 4000 3000 5000");
+    std::fs::write(place.path("large.vtk"), large).unwrap();
+    assert!(io::read_fields(place.path("large.vtk")).is_err());
+}
+
+#[test]
+fn the_distance_field_needs_no_file() {
+    let place = Workplace::new();
+    let report = place.report("transfer map.safetensors --distance -o out.vtu --json");
+    let median = report["fields"][0]["distribution"]["before"]["quantiles"][2]
+        .as_f64()
+        .unwrap();
+    // Half of the ball is within 1 - 2^(-1/3) of its surface.
+    assert!((median - 0.2063).abs() < 0.02, "{median}");
+    let out = io::read_fields(place.path("out.vtu")).unwrap();
+    assert_eq!(out.point[0].name, "distance");
+    let most = out.point[0].values.iter().copied().fold(0.0, f64::max);
+    assert!(most > 0.9 && most < 1.0, "{most}");
+}
+
+#[test]
+fn what_cannot_be_done_is_refused() {
+    let place = Workplace::new();
+    std::fs::write(place.path("bare.csv"), "x,y,z\n0,0,0\n").unwrap();
+    std::fs::write(place.path("field.csv"), "x,y,z,a\n0,0,0,1\n").unwrap();
+    std::fs::write(place.path("words.csv"), "x,y,z,a\n0,0,0,red\n").unwrap();
+    for (line, message) in [
+        ("transfer map.safetensors bare.csv -o out.csv", "has no fields"),
+        (
+            "transfer map.safetensors field.csv --label b -o out.csv",
+            "its fields are a",
+        ),
+        ("transfer map.safetensors field.csv -o out.vtu", "points without a mesh"),
+        ("transfer map.safetensors words.csv -o out.csv", "in the column `a`"),
+        ("transfer map.safetensors -o out.csv", "<FIELD>"),
+        ("transfer map.safetensors field.csv -o out.stl", "name it"),
+    ] {
+        let said = place.ends_with(2, line).stderr;
+        let said = String::from_utf8_lossy(&said);
+        assert!(said.contains(message), "{line}: {said}");
+    }
+}

@@ -1,0 +1,228 @@
+//! Transfer of fields: exact where it can be, and never a value that was not there.
+
+mod common;
+
+use common::boundary_map;
+use solidmap::energy::{Resolution, clipped_grid};
+use solidmap::inverse::{InverseMap, InverseOptions, lattice_mesh};
+use solidmap::map::VolumeMap;
+use solidmap::mesh::{SurfaceMesh, TetMesh, shapes};
+use solidmap::transfer::{
+    Carrier, Carry, Sampler, TransferError, TransferField, carry, distribution_check, label_shares, resample,
+    volume_check,
+};
+use solidmap::{Matrix3, Point, Vector};
+
+/// `A x + b`.
+struct Affine(Matrix3, Vector);
+
+impl VolumeMap for Affine {
+    fn evaluate(&self, points: &[Point]) -> Vec<Point> {
+        points.iter().map(|p| Point::from(self.0 * p.coords + self.1)).collect()
+    }
+
+    fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
+        vec![self.0; points.len()]
+    }
+}
+
+fn stretch() -> Affine {
+    let matrix = Matrix3::new(2.0, 0.3, 0.0, -0.1, 1.0, 0.4, 0.2, 0.0, 0.8);
+    Affine(matrix, Vector::new(1.0, -2.0, 0.5))
+}
+
+fn rotation() -> Affine {
+    Affine(
+        *nalgebra::Rotation3::from_euler_angles(0.3, -1.1, 2.0).matrix(),
+        Vector::zeros(),
+    )
+}
+
+fn field(name: &str, components: usize, carry: Carry, values: Vec<f64>) -> TransferField {
+    TransferField {
+        name: name.into(),
+        components,
+        values,
+        carry,
+    }
+}
+
+fn linear(p: &Point) -> f64 {
+    3.0 * p.x - 2.0 * p.y + 0.5 * p.z + 1.0
+}
+
+/// Whole numbers by octant of the ball.
+fn octant(p: &Point) -> f64 {
+    (0..3).map(|k| if p[k] > 0.0 { f64::from(1 << k) } else { 0.0 }).sum()
+}
+
+fn ball() -> SurfaceMesh {
+    shapes::sphere(1.0, 3)
+}
+
+/// A tet mesh of the ball with fields of all kinds.
+fn carrier() -> Carrier {
+    let mesh: TetMesh = lattice_mesh(&ball(), 2000).unwrap();
+    let points = mesh.vertices().to_vec();
+    let over_points = |f: &dyn Fn(&Point) -> f64| points.iter().map(f).collect::<Vec<f64>>();
+    let swirl = points.iter().flat_map(|p| [-p.y, p.x, 0.5]).collect();
+    let sizes = (0..mesh.tets().len()).map(|t| t as f64).collect();
+    Carrier {
+        point_fields: vec![
+            field("linear", 1, Carry::Values, over_points(&linear)),
+            field("swirl", 3, Carry::Vector, swirl),
+            field("octant", 1, Carry::Label, over_points(&octant)),
+        ],
+        cell_fields: vec![field("number", 1, Carry::Label, sizes)],
+        tets: mesh.tets().to_vec(),
+        points,
+    }
+}
+
+#[test]
+fn carrying_keeps_values_and_connectivity_and_moves_points_exactly() {
+    let (map, given) = (stretch(), carrier());
+    let carried = carry(&map, &given).unwrap();
+    assert_eq!(carried.points, map.evaluate(&given.points));
+    assert_eq!(carried.tets, given.tets);
+    assert_eq!(carried.point_fields[0], given.point_fields[0]);
+    assert_eq!(carried.cell_fields, given.cell_fields);
+    for (before, after) in given.point_fields[1]
+        .values
+        .chunks(3)
+        .zip(carried.point_fields[1].values.chunks(3))
+    {
+        let pushed = map.0 * Vector::from_column_slice(before);
+        assert!((pushed - Vector::from_column_slice(after)).amax() < 1e-15 * 8.0);
+    }
+}
+
+#[test]
+fn the_identity_changes_nothing() {
+    let given = carrier();
+    assert_eq!(
+        carry(&Affine(Matrix3::identity(), Vector::zeros()), &given).unwrap(),
+        given
+    );
+}
+
+#[test]
+fn a_rotation_keeps_the_lengths_of_vectors() {
+    let given = carrier();
+    let carried = carry(&rotation(), &given).unwrap();
+    let lengths = |carrier: &Carrier| -> Vec<f64> {
+        let vectors = carrier.point_fields[1].values.chunks(3);
+        vectors.map(|v| Vector::from_column_slice(v).norm()).collect()
+    };
+    let pairs = lengths(&given).into_iter().zip(lengths(&carried));
+    assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-14));
+    assert_ne!(given.point_fields[1], carried.point_fields[1]);
+}
+
+/// Interpolation of a linear field is exact, and the inverse errs by 1e-10 of a diagonal of 5, times a slope of 4.
+#[test]
+fn resampling_a_linear_field_through_an_affine_map_is_exact() {
+    let (map, given, domain) = (stretch(), carrier(), ball());
+    let boundary = boundary_map(&domain, |p| Point::from(map.0 * p.coords + map.1));
+    let inverse = InverseMap::new(&map, &boundary, &InverseOptions::default()).unwrap();
+    let places: Vec<Point> = common::interior_points(&domain, 500, 7)
+        .iter()
+        .map(|p| p * 0.85)
+        .collect();
+    let mut at = map.evaluate(&places);
+    at.push(Point::new(100.0, 0.0, 0.0));
+    let found = resample(&map, &inverse, &given, &at).unwrap();
+    let names: Vec<&str> = found.fields.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(names, ["linear", "swirl", "octant", "number"]);
+    for (i, place) in places.iter().enumerate() {
+        assert!((found.fields[0].values[i] - linear(place)).abs() < 2e-9);
+        let swirl = map.0 * Vector::new(-place.y, place.x, 0.5);
+        assert!((swirl - Vector::from_column_slice(&found.fields[1].values[3 * i..][..3])).amax() < 1e-8);
+        let label = found.fields[2].values[i];
+        assert!(label.fract() == 0.0 && (0.0..8.0).contains(&label));
+        assert_eq!(found.fields[3].values[i].fract(), 0.0);
+    }
+    assert!(found.fields.iter().all(|field| field.values.last().unwrap().is_nan()));
+    assert_eq!(
+        (found.inverse.ok, found.inverse.outside, found.beyond_carrier),
+        (500, 1, 0)
+    );
+}
+
+#[test]
+fn without_tetrahedra_the_nearest_point_has_the_say() {
+    let points = vec![
+        Point::new(0.0, 0.0, 0.0),
+        Point::new(1.0, 0.0, 0.0),
+        Point::new(f64::NAN, 0.5, 0.0),
+    ];
+    let carrier = Carrier {
+        points,
+        point_fields: vec![field("a", 1, Carry::Values, vec![5.0, 7.0, 9.0])],
+        ..Carrier::default()
+    };
+    let asked = [0.1, 0.6, -4.0, f64::NAN].map(|x| Point::new(x, 0.0, 0.0));
+    let (fields, beyond) = Sampler::new(&carrier).unwrap().sample(&asked);
+    assert_eq!(fields[0].values[..3], [5.0, 7.0, 5.0]);
+    assert!(fields[0].values[3].is_nan());
+    assert_eq!(beyond, 0);
+}
+
+#[test]
+fn volumes_and_shares_of_labels_add_up() {
+    let (map, domain) = (stretch(), ball());
+    let quadrature = clipped_grid(&domain, Resolution::CellsAlongLongestSide(16)).unwrap();
+    let target = domain.volume() * map.0.determinant();
+    let (check, after) = volume_check(&map, &quadrature, target);
+    assert!(check.relative_error.abs() < 1e-12 && (check.carried - target).abs() < 1e-10);
+    assert_eq!(check.folded_share, 0.0);
+    let labels: Vec<f64> = quadrature.points().iter().map(octant).collect();
+    let shares = label_shares(&labels, quadrature.weights(), &after);
+    assert_eq!(
+        shares.iter().map(|s| s.label).collect::<Vec<_>>(),
+        (0..8).map(f64::from).collect::<Vec<_>>()
+    );
+    assert!((shares.iter().map(|s| s.before).sum::<f64>() - 1.0).abs() < 1e-12);
+    assert!((shares.iter().map(|s| s.after).sum::<f64>() - 1.0).abs() < 1e-12);
+    // An affine map keeps shares of volume, and octants are equal.
+    assert!(
+        shares
+            .iter()
+            .all(|s| (s.before - s.after).abs() < 1e-12 && (s.before - 0.125).abs() < 2e-3)
+    );
+}
+
+#[test]
+fn distributions_shift_with_the_volume() {
+    let values = [3.0, 1.0, 2.0, f64::NAN];
+    let same = distribution_check(&values, &[1.0; 4], &[2.0; 4]).unwrap();
+    assert!(same.largest_shift < 1e-15 && same.before == same.after && same.before.mean == 2.0);
+    // Of the image 1/10 has the value 1, of the domain 1/3.
+    let moved = distribution_check(&values, &[1.0; 4], &[4.5, 1.0, 4.5, 1.0]).unwrap();
+    assert!((moved.largest_shift - (1.0 / 3.0 - 0.1)).abs() < 1e-12);
+    assert!((moved.after.mean - 2.35).abs() < 1e-12);
+    assert!(distribution_check(&[f64::NAN], &[1.0], &[1.0]).is_none());
+}
+
+#[test]
+fn fields_that_do_not_fit_are_refused() {
+    let mut wrong = carrier();
+    wrong.point_fields[0].values.pop();
+    assert!(matches!(
+        carry(&stretch(), &wrong),
+        Err(TransferError::ValueCount { .. })
+    ));
+    let mut wrong = carrier();
+    wrong.point_fields[0].carry = Carry::Vector;
+    assert!(matches!(
+        carry(&stretch(), &wrong),
+        Err(TransferError::NotAVector { components: 1, .. })
+    ));
+    let mut wrong = carrier();
+    wrong.tets[3][1] = 1_000_000;
+    assert!(matches!(
+        Sampler::new(&wrong).err(),
+        Some(TransferError::IndexOutOfRange { tet: 3, .. })
+    ));
+    assert_eq!(Sampler::new(&Carrier::default()).err(), Some(TransferError::Empty));
+}
