@@ -1,7 +1,8 @@
 //! Small holes closed with triangles over the vertices of their rims.
 //!
-//! Among all triangulations of a rim the one of least area, by dynamic programming: Barequet & Sharir, *Filling gaps in the
-//! boundary of a polyhedron*, Computer Aided Geometric Design 12 (1995). No vertex is added, so that meshes over the
+//! Among all triangulations of a rim the one of least area, and where areas agree of shortest sides, by dynamic
+//! programming: Barequet & Sharir, *Filling gaps in the boundary of a polyhedron*, Computer Aided Geometric Design 12
+//! (1995). No vertex is added, so that meshes over the
 //! same vertices take the same triangles.
 
 use std::collections::HashSet;
@@ -13,6 +14,8 @@ use crate::mesh::topology::Topology;
 
 /// Part of the surface's area that the triangles over all holes may have. What is larger was not a slit but a part that is missing.
 const MOST_AREA: f64 = 0.01;
+/// What the square of a triangle's longest side weighs against its area: enough that triangles in a plane are not flat.
+const LONG: f64 = 0.01;
 
 /// A hole that was closed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -92,7 +95,7 @@ pub fn close_holes(mesh: &SurfaceMesh, most_edges: usize) -> Result<(SurfaceMesh
         if rim.len() < 3 || sides().any(|[a, b]| !open.contains(&[a.min(b), a.max(b)])) {
             return Err(HoleError::NoHole { vertex });
         }
-        let patch = least_area(mesh, &rim, &taken).ok_or(HoleError::NoHole { vertex })?;
+        let patch = cheapest(mesh, &rim, &taken).ok_or(HoleError::NoHole { vertex })?;
         for &[a, b, c] in &patch {
             taken.extend([[a, b], [b, c], [c, a]].map(|[p, q]| [p.min(q), p.max(q)]));
         }
@@ -112,19 +115,27 @@ pub fn close_holes(mesh: &SurfaceMesh, most_edges: usize) -> Result<(SurfaceMesh
     Ok((closed, holes))
 }
 
-/// The triangles of least area over a rim, none of whose inner edges is taken; `None` where there are none.
-fn least_area(mesh: &SurfaceMesh, rim: &[u32], taken: &HashSet<[u32; 2]>) -> Option<Vec<[u32; 3]>> {
+/// The triangles of least cost over a rim, none of whose inner edges is taken; `None` where there are none.
+fn cheapest(mesh: &SurfaceMesh, rim: &[u32], taken: &HashSet<[u32; 2]>) -> Option<Vec<[u32; 3]>> {
     let n = rim.len();
     let is_free = |i: usize, j: usize| {
         let (a, b) = (rim[i].min(rim[j]), rim[i].max(rim[j]));
         j == i + 1 || (i == 0 && j == n - 1) || (a != b && !taken.contains(&[a, b]))
     };
-    // Least area over the part of the rim from `i` to `j`, and the vertex that it is split at.
+    let cost = |triangle: [u32; 3]| {
+        let [a, b, c] = triangle.map(|v| mesh.vertices()[v as usize]);
+        let longest = [a - b, b - c, c - a]
+            .map(|side| side.norm_squared())
+            .into_iter()
+            .fold(0.0, f64::max);
+        area(mesh, triangle) + LONG * longest
+    };
+    // Least cost of the part of the rim from `i` to `j`, and the vertex that it is split at.
     let mut least = vec![(0.0, 0); n * n];
     for gap in 2..n {
         for i in 0..n - gap {
             let j = i + gap;
-            let split = |k: usize| least[i * n + k].0 + least[k * n + j].0 + area(mesh, [rim[i], rim[k], rim[j]]);
+            let split = |k: usize| least[i * n + k].0 + least[k * n + j].0 + cost([rim[i], rim[k], rim[j]]);
             let best = (i + 1..j).map(|k| (split(k), k)).min_by(|a, b| a.0.total_cmp(&b.0));
             least[i * n + j] = best.filter(|_| is_free(i, j)).unwrap_or((f64::INFINITY, 0));
         }

@@ -15,6 +15,7 @@ mod native;
 mod output;
 mod pictures;
 mod remesh;
+mod sequence;
 
 use std::process::ExitCode;
 
@@ -69,6 +70,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Eval(args) => eval::run(args, &output),
         Command::Energy(args) => energy::run(args, &output),
         Command::Remesh(args) => remesh::run(args, &output),
+        Command::Sequence(args) => sequence::run(args, &output),
         Command::Compare(args) => compare::run(args, cli.threads, &output),
         Command::CompareWorker(args) => compare::worker::run(args),
     };
