@@ -547,8 +547,8 @@ impl<'a> Run<'a> {
             .reduce(f64::max)
         {
             self.output.warn(format!(
-                "99 % of the boundary is met only to {worst:.1e} of the frame's diagonal, and the tolerance is {tolerance:.1e}, in \
-                 frames {}; the energies of these are less certain. Raise --tolerance, or see where the frames jump or fold",
+                "99 % of the boundary is met only to {worst:.1e} of the frame's diagonal, and the tolerance is {tolerance:.1e}, in {}; \
+                 energies there are less certain. Raise --tolerance, or see where the frames jump or fold",
                 listed(missed.iter().map(|row| row.frame))
             ));
         }
@@ -599,7 +599,7 @@ impl<'a> Run<'a> {
             .collect();
         if !mirrored.is_empty() {
             self.output.warn(format!(
-                "frames {} are mirror images of the reference, or turned inside out; strain does not see that",
+                "mirror images of the reference, or turned inside out, which strain does not see: {}",
                 listed(mirrored.into_iter())
             ));
         }
@@ -610,8 +610,8 @@ impl<'a> Run<'a> {
             .collect();
         if !other.is_empty() && !self.args.own_volume {
             self.output.warn(format!(
-                "frames {} have a volume far from the reference's, and most of their energy is change of size; if they are in \
-                 another unit, use --own-volume",
+                "a volume far from the reference's, so that most of the energy is change of size: {}; if the unit is another, use \
+                 --own-volume",
                 listed(other.into_iter())
             ));
         }
@@ -625,7 +625,7 @@ fn listed(frames: impl ExactSizeIterator<Item = usize>) -> String {
     if count > LISTED {
         text.push(format!("and {} more", count - LISTED));
     }
-    text.join(", ")
+    format!("{} {}", if count == 1 { "frame" } else { "frames" }, text.join(", "))
 }
 
 fn file_name(path: &Path) -> String {
