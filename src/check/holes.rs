@@ -85,7 +85,7 @@ pub fn close_holes(mesh: &SurfaceMesh, most_edges: usize) -> Result<(SurfaceMesh
     let mut triangles = mesh.triangles().to_vec();
     let mut holes = Vec::new();
     let mut taken = edges.clone();
-    for rim in topology.boundary_loops() {
+    for rim in topology.boundary_loops().into_iter().flat_map(simple) {
         let vertex = rim.first().copied().unwrap_or_default();
         if rim.len() > most_edges {
             let (edges, most) = (rim.len(), most_edges);
@@ -113,6 +113,20 @@ pub fn close_holes(mesh: &SurfaceMesh, most_edges: usize) -> Result<(SurfaceMesh
     }
     let closed = SurfaceMesh::new(mesh.vertices().to_vec(), triangles).expect("the rims are of the mesh's vertices");
     Ok((closed, holes))
+}
+
+/// A rim as loops that meet no vertex twice: holes that touch in a vertex are walked as one.
+fn simple(rim: Vec<u32>) -> Vec<Vec<u32>> {
+    let mut loops = Vec::new();
+    let mut walked: Vec<u32> = Vec::new();
+    for vertex in rim {
+        if let Some(before) = walked.iter().position(|&v| v == vertex) {
+            loops.push(walked.split_off(before));
+        }
+        walked.push(vertex);
+    }
+    loops.push(walked);
+    loops
 }
 
 /// The triangles of least cost over a rim, none of whose inner edges is taken; `None` where there are none.
@@ -181,6 +195,10 @@ mod tests {
         assert!(check(&closed, None).is_solvable());
         assert!((closed.volume() - sphere.volume()).abs() < 1e-14);
         assert_eq!(closed.vertices(), sphere.vertices());
+        // The first two triangles touch in a vertex.
+        let (closed, holes) = close_holes(&without(&sphere, &[0, 1]), 16).unwrap();
+        assert_eq!(holes.len(), 2);
+        assert!(check(&closed, None).is_solvable());
     }
 
     #[test]

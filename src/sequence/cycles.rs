@@ -69,13 +69,13 @@ impl fmt::Display for NoCycles {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::TooFew { found, needed } => {
-                write!(f, "none: {found} frames are too few to tell, {needed} are needed")
+                write!(f, "{found} frames are too few to tell, {needed} are needed")
             }
-            Self::Constant => write!(f, "none: all frames have the same energy"),
+            Self::Constant => write!(f, "all frames have the same energy"),
             Self::NoRepetition { strongest: Some(r) } => {
-                write!(f, "none: the curve does not repeat (correlation {r:.2} at best)")
+                write!(f, "the curve does not repeat (correlation {r:.2} at best)")
             }
-            Self::NoRepetition { strongest: None } => write!(f, "none: the curve does not repeat"),
+            Self::NoRepetition { strongest: None } => write!(f, "the curve does not repeat"),
         }
     }
 }

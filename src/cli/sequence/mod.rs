@@ -133,6 +133,7 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
         setup: start.elapsed().as_secs_f64(),
         ..Seconds::default()
     };
+    series::clear(&args.output)?;
     let mut run = Run::new(args, sequence, output)?;
     let per_block = run.sequence.frames_per_block();
     for first in (0..args.frames.len()).step_by(per_block) {
@@ -485,7 +486,7 @@ impl<'a> Run<'a> {
                     .noted(describe(cycles))
                     .with_spans(whole.map(|span| span.map(|frame| frame / fps)).collect())
             }
-            Err(none) => chart.noted(format!("cycles: {none}")),
+            Err(none) => chart.noted(format!("no cycles: {none}")),
         };
         let skipped = self.rows.iter().filter(|row| row.skipped.is_some()).count();
         if skipped > 0 {
@@ -693,10 +694,10 @@ fn summary(report: &Report, series: Option<&Series>) -> String {
         ],
         [
             "cycles".into(),
-            report
-                .cycles
-                .as_ref()
-                .map_or_else(|| report.no_cycles.clone().unwrap_or_default(), describe),
+            report.cycles.as_ref().map_or_else(
+                || format!("none: {}", report.no_cycles.as_deref().unwrap_or_default()),
+                describe,
+            ),
         ],
         [
             "boundary error".into(),

@@ -17,21 +17,14 @@ const SURFACE: &str = "surface";
 /// What else is written.
 const FILES: [&str; 5] = ["energy.csv", "energy.png", "sections.png", "cells.pvd", "surface.pvd"];
 
-/// Makes the folder, and removes what an earlier run has left in it: the pictures, the table, and the frames of the series.
+/// Makes the folder, and refuses inputs that would be overwritten there.
 pub fn make_folder<'p>(folder: &Path, inputs: impl Iterator<Item = &'p PathBuf>) -> anyhow::Result<()> {
     let shown = folder.display();
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{shown}`"))?;
     // Before the work, not after it. This file has no name.
     tempfile::tempfile_in(folder).with_context(|| format!("cannot write to the folder `{shown}`"))?;
-    let mut old: Vec<PathBuf> = FILES.iter().map(|name| folder.join(name)).collect();
-    for series in [CELLS, SURFACE] {
-        // A folder that is not there has nothing in it.
-        for entry in std::fs::read_dir(folder.join(series)).into_iter().flatten().flatten() {
-            old.extend(is_frame(&entry.file_name().to_string_lossy()).then(|| entry.path()));
-        }
-    }
     let whole = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    let taken: Vec<PathBuf> = old.iter().map(|path| whole(path)).collect();
+    let taken: Vec<PathBuf> = earlier(folder).iter().map(|path| whole(path)).collect();
     for input in inputs {
         ensure!(
             !taken.contains(&whole(input)),
@@ -39,7 +32,12 @@ pub fn make_folder<'p>(folder: &Path, inputs: impl Iterator<Item = &'p PathBuf>)
             input.display()
         );
     }
-    for path in old {
+    Ok(())
+}
+
+/// Removes what an earlier run has left: the pictures, the table, and the frames of the series.
+pub fn clear(folder: &Path) -> anyhow::Result<()> {
+    for path in earlier(folder) {
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                 return Err(error).with_context(|| format!("cannot replace `{}`", path.display()));
@@ -48,6 +46,18 @@ pub fn make_folder<'p>(folder: &Path, inputs: impl Iterator<Item = &'p PathBuf>)
         }
     }
     Ok(())
+}
+
+/// Files of a run that may be there.
+fn earlier(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = FILES.iter().map(|name| folder.join(name)).collect();
+    for series in [CELLS, SURFACE] {
+        // A folder that is not there has nothing in it.
+        for entry in std::fs::read_dir(folder.join(series)).into_iter().flatten().flatten() {
+            files.extend(is_frame(&entry.file_name().to_string_lossy()).then(|| entry.path()));
+        }
+    }
+    files
 }
 
 fn frame_name(frame: usize) -> String {
