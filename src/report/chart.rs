@@ -125,14 +125,21 @@ impl<'a> Drawing<'a> {
         let widest = up.labels.iter().map(|label| text.width(label)).fold(0.0, f64::max);
         let left = widest + (TICK + 2.8) * em;
         let right = width - 1.5 * em;
-        let most = ((right - left) / (5.0 * em)).clamp(2.0, 16.0) as usize;
+        let most = ((right - left) / (5.0 * em)).clamp(2.0, 16.0);
+        // Frames have no halves.
+        let is_whole = chart.points.iter().all(|p| p[0].fract() == 0.0);
+        let most = if is_whole {
+            most.min((across[1] - across[0]).ceil())
+        } else {
+            most
+        };
         Self {
             chart,
             em,
             frame: [left, above, right, below],
             across,
             top,
-            ticks: [linear_ticks(across[0], across[1], most), up],
+            ticks: [linear_ticks(across[0], across[1], most as usize), up],
             width,
             notes,
         }

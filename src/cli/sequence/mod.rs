@@ -480,8 +480,8 @@ impl<'a> Run<'a> {
                 let spans = (-1..)
                     .map(|k| [begins(k), begins(k + 1)])
                     .take_while(|span| span[0] < last);
-                // Broken cycles at the ends are not numbered.
-                let whole = spans.filter(|span| span[0] >= -0.5 && span[1] <= last + 0.5);
+                // Broken cycles at the ends are not numbered. The last frame lasts until the next would begin.
+                let whole = spans.filter(|span| span[0] >= -0.5 && span[1] <= last + 1.5);
                 chart
                     .noted(describe(cycles))
                     .with_spans(whole.map(|span| span.map(|frame| frame / fps)).collect())
