@@ -60,6 +60,7 @@ mod partition;
 pub mod remesh;
 pub mod report;
 pub mod sampling;
+pub mod sequence;
 pub mod solver;
 pub mod spherical;
 pub mod statistics;

@@ -2,11 +2,13 @@
 //!
 //! A surface can be solved on when it bounds a solid: closed, every edge between two triangles, orientable, with finite
 //! coordinates and a volume. Everything else is reported and borne. [`check`] examines, [`mend`] turns triangles so that
-//! solids face outward and cavities inward; neither moves, adds or removes anything.
+//! solids face outward and cavities inward; neither moves, adds or removes anything. [`close_holes`] adds triangles over
+//! small holes.
 
 mod anatomy;
 mod display;
 mod examine;
+mod holes;
 mod mend;
 
 use serde::Serialize;
@@ -15,6 +17,7 @@ use serde::Serialize;
 mod tests;
 
 pub use examine::check;
+pub use holes::{ClosedHole, HoleError, close_holes};
 pub use mend::{Mending, MendingKind, mend};
 
 use crate::mesh::SurfaceMesh;

@@ -230,7 +230,7 @@ pub fn write_cells(
 }
 
 /// Corners and hexahedra of boxes, corners shared.
-fn boxes(grid: &solidmap::energy::Grid, cells: &[u32]) -> (Vec<Point>, Vec<[u32; 8]>) {
+pub fn boxes(grid: &solidmap::energy::Grid, cells: &[u32]) -> (Vec<Point>, Vec<[u32; 8]>) {
     let mut index = std::collections::HashMap::new();
     let mut points = Vec::new();
     // VTK's order of a hexahedron's corners.

@@ -192,23 +192,26 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
 
 /// Fits with the phases shown.
 pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &Output) -> anyhow::Result<Fit> {
-    Ok(fit(boundary, options, &|phase| show(phase, output))?)
+    Ok(fit(boundary, options, &|phase| show(phase, "", output))?)
 }
 
-/// Shows the phase of a fit.
-pub fn show(phase: Phase, output: &Output) {
-    output.progress(match phase {
+/// Shows a phase of a fit, after a word on what is fitted.
+pub fn show(phase: Phase, what: &str, output: &Output) {
+    let step = match phase {
         Phase::Checking => "checking".into(),
         Phase::Sampling => "placing sources".into(),
         Phase::Decomposing { rows, columns } => format!("decomposing a {rows} × {columns} matrix"),
-        Phase::Factoring { done, of } => return output.progress_of("factoring local problems", done, of),
+        Phase::Factoring { done, of } => {
+            return output.progress_of(format!("{what}factoring local problems"), done, of);
+        }
         Phase::Solving => "solving".into(),
         Phase::Iterating { iteration, residual } => format!("iteration {iteration}: residual {residual:.1e}"),
         Phase::Measuring => "measuring the boundary error".into(),
         Phase::Refining { round, error, sources } => {
             format!("refinement {round}: error {error:.1e}, {sources} sources")
         }
-    });
+    };
+    output.progress(format!("{what}{step}"));
 }
 
 /// The lines of the summary that say how good a fit is.
@@ -328,7 +331,8 @@ fn advice(fit: &FitReport) -> &'static str {
     }
 }
 
-fn options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> {
+/// What the options of the method ask for.
+pub fn options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> {
     let placement = args.placement.unwrap_or(match (args.offset, args.radius) {
         (Some(_), _) => PlacementKind::Offset,
         (None, Some(_)) => PlacementKind::Sphere,

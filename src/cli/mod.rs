@@ -18,6 +18,7 @@ mod pictures;
 mod remesh;
 mod texture;
 mod transfer;
+mod sequence;
 
 use std::process::ExitCode;
 
@@ -74,6 +75,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Transfer(args) => transfer::run(args, &output),
         Command::Remesh(args) => remesh::run(args, &output),
         Command::Texture(args) => texture::run(args, &output),
+        Command::Sequence(args) => sequence::run(args, &output),
         Command::Compare(args) => compare::run(args, cli.threads, &output),
         Command::CompareWorker(args) => compare::worker::run(args),
     };

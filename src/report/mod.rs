@@ -23,6 +23,7 @@
 //! must accompany copies of the font, and so of the binary).
 
 mod canvas;
+mod chart;
 mod checker;
 mod colour_bar;
 mod colour_map;
@@ -40,6 +41,7 @@ mod text;
 mod ticks;
 
 pub use canvas::Rgb;
+pub use chart::Chart;
 pub use checker::{Checker, Pattern};
 pub use colour_map::{ColourBar, Scale, ValueRange, rainbow};
 pub use figure::Figure;

@@ -1,0 +1,183 @@
+//! What ParaView plays: the reference's cells and the frames' surfaces, coloured by energy, frame by frame.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+use solidmap::Point;
+use solidmap::energy::Layout;
+use solidmap::io::{self, Cells, Field, VtkFields};
+use solidmap::mesh::SurfaceMesh;
+use solidmap::sequence::{MeasuredFrame, Sequence};
+
+use crate::cli::energy::boxes;
+
+/// Folders of the two series, and names of their collections.
+const CELLS: &str = "cells";
+const SURFACE: &str = "surface";
+/// What else is written.
+const FILES: [&str; 5] = ["energy.csv", "energy.png", "sections.png", "cells.pvd", "surface.pvd"];
+
+/// Makes the folder, and refuses inputs that would be overwritten there.
+pub fn make_folder<'p>(folder: &Path, inputs: impl Iterator<Item = &'p PathBuf>) -> anyhow::Result<()> {
+    let shown = folder.display();
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{shown}`"))?;
+    // Before the work, not after it. This file has no name.
+    tempfile::tempfile_in(folder).with_context(|| format!("cannot write to the folder `{shown}`"))?;
+    let whole = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let taken: Vec<PathBuf> = earlier(folder).iter().map(|path| whole(path)).collect();
+    for input in inputs {
+        ensure!(
+            !taken.contains(&whole(input)),
+            "`{}` would be overwritten: give another folder with --output",
+            input.display()
+        );
+    }
+    Ok(())
+}
+
+/// Removes what an earlier run has left: the pictures, the table, and the frames of the series.
+pub fn clear(folder: &Path) -> anyhow::Result<()> {
+    for path in earlier(folder) {
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("cannot replace `{}`", path.display()));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Files of a run that may be there.
+fn earlier(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = FILES.iter().map(|name| folder.join(name)).collect();
+    for series in [CELLS, SURFACE] {
+        // A folder that is not there has nothing in it.
+        for entry in std::fs::read_dir(folder.join(series)).into_iter().flatten().flatten() {
+            files.extend(is_frame(&entry.file_name().to_string_lossy()).then(|| entry.path()));
+        }
+    }
+    files
+}
+
+fn frame_name(frame: usize) -> String {
+    format!("frame_{frame:05}.vtu")
+}
+
+fn is_frame(name: &str) -> bool {
+    let number = name.strip_prefix("frame_").and_then(|rest| rest.strip_suffix(".vtu"));
+    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit()))
+}
+
+/// Both series, as far as they are written.
+pub struct Series {
+    folder: PathBuf,
+    /// The middle of each triangle of the reference.
+    middles: Vec<Point>,
+    /// Times and names of the frames.
+    steps: Vec<(f64, String)>,
+    bytes: [u64; 2],
+}
+
+impl Series {
+    pub fn new(folder: &Path, domain: &SurfaceMesh) -> anyhow::Result<Self> {
+        for series in [CELLS, SURFACE] {
+            let path = folder.join(series);
+            std::fs::create_dir_all(&path).with_context(|| format!("cannot make the folder `{}`", path.display()))?;
+        }
+        let middle = |t: usize| {
+            let [a, b, c] = domain.corners(t);
+            a + ((b - a) + (c - a)) / 3.0
+        };
+        Ok(Self {
+            folder: folder.to_owned(),
+            middles: (0..domain.triangles().len()).map(middle).collect(),
+            steps: Vec::new(),
+            bytes: [0; 2],
+        })
+    }
+
+    /// Where surface densities are wanted: a point for each triangle.
+    pub fn middles(&self) -> &[Point] {
+        &self.middles
+    }
+
+    /// Writes both files of a frame; `surface` has the densities at [`Self::middles`].
+    pub fn add(
+        &mut self,
+        (frame, time): (usize, f64),
+        measured: &MeasuredFrame,
+        image: &[Point],
+        surface: Vec<f64>,
+        sequence: &Sequence,
+    ) -> anyhow::Result<()> {
+        let name = frame_name(frame);
+        let paths = [CELLS, SURFACE].map(|series| self.folder.join(series).join(&name));
+        write_cells(&paths[0], measured, sequence)?;
+        let domain = sequence.domain();
+        let fields = VtkFields {
+            point: vec![Field {
+                name: "reference".into(),
+                components: 3,
+                values: domain.vertices().iter().flat_map(|p| [p.x, p.y, p.z]).collect(),
+            }],
+            cell: vec![scalar("deformation_energy", surface)],
+        };
+        io::write_vtu(&paths[1], image, Cells::Triangles(domain.triangles()), &fields)?;
+        for (bytes, path) in self.bytes.iter_mut().zip(&paths) {
+            *bytes += std::fs::metadata(path).map_or(0, |file| file.len());
+        }
+        self.steps.push((time, name));
+        Ok(())
+    }
+
+    /// Writes the collections.
+    pub fn finish(&self) -> anyhow::Result<()> {
+        for series in [CELLS, SURFACE] {
+            let steps: Vec<(f64, String)> = self
+                .steps
+                .iter()
+                .map(|(time, name)| (*time, format!("{series}/{name}")))
+                .collect();
+            io::write_pvd(self.folder.join(format!("{series}.pvd")), &steps)?;
+        }
+        Ok(())
+    }
+
+    /// The files and their sizes.
+    pub fn describe(&self) -> String {
+        let count = self.steps.len().max(1) as f64;
+        let [cells, surface] = self.bytes.map(|bytes| bytes as f64 / count / 1_048_576.0);
+        format!("cells.pvd ({cells:.2} MiB a frame) and surface.pvd ({surface:.2} MiB a frame), for ParaView")
+    }
+}
+
+/// Mean densities over the cells of the reference, which stay where they are.
+fn write_cells(path: &Path, measured: &MeasuredFrame, sequence: &Sequence) -> anyhow::Result<()> {
+    let quadrature = sequence.quadrature();
+    let Layout::Grid(grid) = quadrature.layout() else {
+        anyhow::bail!("the reference is integrated over no grid")
+    };
+    let densities = &measured.densities;
+    let cells = quadrature.cell_means(&densities.deformation);
+    let means = |values: &[f64]| quadrature.cell_means(values).iter().map(|cell| cell.mean).collect();
+    let fields = VtkFields {
+        point: Vec::new(),
+        cell: vec![
+            scalar("deformation_energy", means(&densities.deformation)),
+            scalar("harmonic_energy", means(&densities.harmonic)),
+            scalar("det_jacobian", means(&densities.det_jacobian)),
+            scalar("volume_inside", cells.iter().map(|cell| cell.volume).collect()),
+        ],
+    };
+    let (points, hexes) = boxes(&grid, &cells.iter().map(|cell| cell.cell).collect::<Vec<_>>());
+    Ok(io::write_vtu(path, &points, Cells::Hexes(&hexes), &fields)?)
+}
+
+fn scalar(name: &str, values: Vec<f64>) -> Field {
+    Field {
+        name: name.into(),
+        components: 1,
+        values,
+    }
+}

@@ -1,0 +1,337 @@
+//! A curve over numbered frames or time.
+
+use super::canvas::{Canvas, GREY_INK, INK, RULE, Rgb, WHITE};
+use super::panel::check_size;
+use super::text::{Anchor, TextStyle, Weight};
+use super::ticks::{Ticks, linear_ticks};
+use super::{ReportError, png};
+
+/// The paper draws its energies as red circles.
+const CURVE: Rgb = [196, 30, 30];
+const MARK: Rgb = [205, 214, 228];
+const GRID: Rgb = [232, 234, 238];
+/// More points than this have no circles.
+const MOST_CIRCLES: usize = 150;
+/// Lengths in ems.
+const TICK: f64 = 0.35;
+const CIRCLE: f64 = 0.32;
+
+/// A line chart from zero up, with circles at its points.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chart {
+    title: String,
+    notes: Vec<String>,
+    axes: [String; 2],
+    points: Vec<[f64; 2]>,
+    spans: Vec<[f64; 2]>,
+    missing: Vec<f64>,
+}
+
+impl Chart {
+    /// A chart of these points, whose first coordinates ascend, with the names of its axes. Points that are not finite
+    /// leave a gap.
+    pub fn new(points: Vec<[f64; 2]>, [across, up]: [&str; 2]) -> Self {
+        Self {
+            title: String::new(),
+            notes: Vec::new(),
+            axes: [across.to_owned(), up.to_owned()],
+            points,
+            spans: Vec::new(),
+            missing: Vec::new(),
+        }
+    }
+
+    /// The same chart under this title.
+    pub fn titled(mut self, title: impl Into<String>) -> Self {
+        self.title = title.into();
+        self
+    }
+
+    /// The same chart with one more line under the title.
+    pub fn noted(mut self, note: impl Into<String>) -> Self {
+        self.notes.push(note.into());
+        self
+    }
+
+    /// The same chart with these intervals marked and numbered from 1.
+    pub fn with_spans(mut self, spans: Vec<[f64; 2]>) -> Self {
+        self.spans = spans;
+        self
+    }
+
+    /// The same chart with crosses on its axis, where there are no values.
+    pub fn with_missing(mut self, places: Vec<f64>) -> Self {
+        self.missing = places;
+        self
+    }
+
+    /// The chart as the bytes of a PNG file (8-bit sRGB) of this size in pixels, texts included.
+    ///
+    /// # Errors
+    ///
+    /// [`ReportError::NoFiniteValue`], [`ReportError::TooSmall`], [`ReportError::TooLarge`], [`ReportError::Encode`].
+    pub fn to_png(&self, [width, height]: [usize; 2]) -> Result<Vec<u8>, ReportError> {
+        check_size(width, height)?;
+        let finite = self.points.iter().filter(|p| p.iter().all(|c| c.is_finite()));
+        let highest = finite.map(|p| p[1]).reduce(f64::max);
+        let label = || self.axes[1].clone();
+        let highest = highest.ok_or_else(|| ReportError::NoFiniteValue { label: label() })?;
+        let places = || {
+            self.points
+                .iter()
+                .map(|p| p[0])
+                .chain(self.missing.iter().copied())
+                .filter(|x| x.is_finite())
+        };
+        let (low, high) = (
+            places().fold(f64::INFINITY, f64::min),
+            places().fold(f64::NEG_INFINITY, f64::max),
+        );
+        let margin = if high > low { 0.02 * (high - low) } else { 0.5 };
+        let top = if highest > 0.0 { 1.1 * highest } else { 1.0 };
+        let mut canvas = Canvas::new(width, height, WHITE);
+        Drawing::new(self, [width, height], [low - margin, high + margin], top).draw(&mut canvas);
+        png::encode(&canvas)
+    }
+}
+
+/// A chart with the place of its frame.
+struct Drawing<'a> {
+    chart: &'a Chart,
+    em: f64,
+    /// Left, top, right and bottom edge of the frame in pixels.
+    frame: [f64; 4],
+    across: [f64; 2],
+    top: f64,
+    ticks: [Ticks; 2],
+    /// Width of the picture.
+    width: f64,
+    notes: Vec<String>,
+}
+
+impl<'a> Drawing<'a> {
+    fn new(chart: &'a Chart, [width, height]: [usize; 2], across: [f64; 2], top: f64) -> Self {
+        let (width, height) = (width as f64, height as f64);
+        let em = (width.min(1.6 * height) / 52.0).max(9.0);
+        let text = style(em, INK);
+        let notes: Vec<String> = chart
+            .notes
+            .iter()
+            .flat_map(|note| text.wrapped(note, width - 2.0 * em))
+            .collect();
+        let above = (2.6 + 1.4 * notes.len() as f64 + if chart.spans.is_empty() { 0.4 } else { 1.6 }) * em;
+        let below = height - 4.2 * em;
+        let up = linear_ticks(0.0, top, ((below - above) / (3.0 * em)).clamp(2.0, 8.0) as usize);
+        let widest = up.labels.iter().map(|label| text.width(label)).fold(0.0, f64::max);
+        let left = widest + (TICK + 2.8) * em;
+        let right = width - 1.5 * em;
+        let most = ((right - left) / (5.0 * em)).clamp(2.0, 16.0);
+        // Frames have no halves.
+        let is_whole = chart.points.iter().all(|p| p[0].fract() == 0.0);
+        let most = if is_whole {
+            most.min((across[1] - across[0]).ceil())
+        } else {
+            most
+        };
+        Self {
+            chart,
+            em,
+            frame: [left, above, right, below],
+            across,
+            top,
+            ticks: [linear_ticks(across[0], across[1], most as usize), up],
+            width,
+            notes,
+        }
+    }
+
+    fn place(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [left, top, right, bottom] = self.frame;
+        let [low, high] = self.across;
+        [
+            left + (x - low) / (high - low) * (right - left),
+            bottom - y / self.top * (bottom - top),
+        ]
+    }
+
+    fn draw(&self, canvas: &mut Canvas) {
+        self.draw_spans(canvas);
+        self.draw_axes(canvas);
+        self.draw_curve(canvas);
+        let title = TextStyle {
+            size: 1.25 * self.em,
+            weight: Weight::Bold,
+            colour: INK,
+        };
+        title.draw(
+            canvas,
+            &self.chart.title,
+            [self.width / 2.0, 1.9 * self.em],
+            Anchor::Middle,
+        );
+        for (k, note) in self.notes.iter().enumerate() {
+            let baseline = (3.5 + 1.4 * k as f64) * self.em;
+            style(self.em, GREY_INK).draw(canvas, note, [self.width / 2.0, baseline], Anchor::Middle);
+        }
+    }
+
+    /// Where cycles begin and end, and their numbers above where there is room.
+    fn draw_spans(&self, canvas: &mut Canvas) {
+        let [left, top, right, bottom] = self.frame;
+        let text = style(0.9 * self.em, GREY_INK);
+        for (k, span) in self.chart.spans.iter().enumerate() {
+            let [from, to] = span.map(|x| self.place([x, 0.0])[0]);
+            let [begin, end] = [from, to].map(|x| x.clamp(left, right));
+            if k % 2 == 0 {
+                let tint: Rgb = [244, 247, 251];
+                let columns = begin.round() as i64..end.round() as i64;
+                for row in top.round() as i64..bottom.round() as i64 {
+                    columns.clone().for_each(|column| canvas.blend(column, row, tint, 1.0));
+                }
+            }
+            for x in [from, to].into_iter().filter(|x| (left..=right).contains(x)) {
+                canvas.stroke(&[[[x, top], [x, bottom]]], 1.5, MARK);
+            }
+            let name = (k + 1).to_string();
+            if end - begin > 1.5 * text.width(&name) {
+                text.draw(
+                    canvas,
+                    &name,
+                    [(begin + end) / 2.0, top - 0.5 * self.em],
+                    Anchor::Middle,
+                );
+            }
+        }
+    }
+
+    fn draw_axes(&self, canvas: &mut Canvas) {
+        let (em, text) = (self.em, style(self.em, INK));
+        let [left, top, right, bottom] = self.frame;
+        let [across, up] = &self.ticks;
+        for (value, label) in up.positions.iter().zip(&up.labels) {
+            let y = self.place([0.0, *value])[1];
+            if *value > 0.0 {
+                canvas.stroke(&[[[left, y], [right, y]]], 1.0, GRID);
+            }
+            canvas.stroke(&[[[left - TICK * em, y], [left, y]]], 1.0, RULE);
+            text.draw(
+                canvas,
+                label,
+                [left - (TICK + 0.25) * em, y + text.cap_height() / 2.0],
+                Anchor::End,
+            );
+        }
+        for (value, label) in across.positions.iter().zip(&across.labels) {
+            let x = self.place([*value, 0.0])[0];
+            canvas.stroke(&[[[x, bottom], [x, bottom + TICK * em]]], 1.0, RULE);
+            text.draw(canvas, label, [x, bottom + (TICK + 1.1) * em], Anchor::Middle);
+        }
+        canvas.stroke(
+            &[[[left, top], [left, bottom]], [[left, bottom], [right, bottom]]],
+            1.0,
+            RULE,
+        );
+        let name = |k: usize| match &self.ticks[k].factor {
+            Some(factor) => format!("{} ({factor})", self.chart.axes[k]),
+            None => self.chart.axes[k].clone(),
+        };
+        text.draw(
+            canvas,
+            &name(0),
+            [(left + right) / 2.0, bottom + (TICK + 2.9) * em],
+            Anchor::Middle,
+        );
+        text.draw_upward(canvas, &name(1), [1.4 * em, (top + bottom) / 2.0], Anchor::Middle);
+    }
+
+    fn draw_curve(&self, canvas: &mut Canvas) {
+        let is_there = |p: &[f64; 2]| p.iter().all(|c| c.is_finite());
+        for run in self.chart.points.chunk_by(|a, b| is_there(a) && is_there(b)) {
+            let places: Vec<[f64; 2]> = run.iter().filter(|p| is_there(p)).map(|&p| self.place(p)).collect();
+            let segments: Vec<[[f64; 2]; 2]> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
+            if !segments.is_empty() {
+                canvas.stroke(&segments, 0.12 * self.em, CURVE);
+            }
+            if self.chart.points.len() <= MOST_CIRCLES || segments.is_empty() {
+                for &place in &places {
+                    // A stroke of no length is a disc.
+                    canvas.stroke(&[[place, place]], 2.0 * CIRCLE * self.em, CURVE);
+                    canvas.stroke(&[[place, place]], 1.2 * CIRCLE * self.em, WHITE);
+                }
+            }
+        }
+        let arm = 0.3 * self.em;
+        for &x in self.chart.missing.iter().filter(|x| x.is_finite()) {
+            let [x, y] = self.place([x, 0.0]);
+            let y = y - 1.6 * arm;
+            let cross = [
+                [[x - arm, y - arm], [x + arm, y + arm]],
+                [[x - arm, y + arm], [x + arm, y - arm]],
+            ];
+            canvas.stroke(&cross, 0.12 * self.em, GREY_INK);
+        }
+    }
+}
+
+fn style(size: f64, colour: Rgb) -> TextStyle {
+    TextStyle {
+        size,
+        weight: Weight::Regular,
+        colour,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::png::decode;
+    use super::*;
+
+    fn drawn(points: Vec<[f64; 2]>) -> Canvas {
+        decode(&Chart::new(points, ["frame", "energy"]).to_png([640, 400]).unwrap())
+    }
+
+    /// Pixels in the colour of the curve: lowest and highest column and row.
+    fn reddest(canvas: &Canvas) -> [usize; 4] {
+        let mut found = [usize::MAX, 0, usize::MAX, 0];
+        for (x, y) in (0..canvas.height()).flat_map(|y| (0..canvas.width()).map(move |x| (x, y))) {
+            let [r, g, _] = canvas.get(x, y);
+            if r > 150 && g < 90 {
+                found = [found[0].min(x), found[1].max(x), found[2].min(y), found[3].max(y)];
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn the_curve_spans_the_frame_and_higher_is_higher() {
+        let canvas = drawn(vec![[0.0, 0.0], [1.0, 1.0], [2.0, 0.2]]);
+        let [left, right, top, bottom] = reddest(&canvas);
+        assert!(
+            left < 120 && right > 580 && top < 110 && bottom > 320,
+            "{left} {right} {top} {bottom}"
+        );
+        let low = drawn(vec![[0.0, 1.0], [1.0, 1.0]]);
+        let [_, _, top, bottom] = reddest(&low);
+        assert!(bottom - top < 20);
+    }
+
+    #[test]
+    fn a_gap_stays_empty_and_nothing_is_no_chart() {
+        let canvas = drawn(vec![[0.0, 1.0], [1.0, 1.0], [2.0, f64::NAN], [3.0, 1.0], [4.0, 1.0]]);
+        let [left, right, top, bottom] = reddest(&canvas);
+        let middle = (left + right) / 2;
+        assert!((top..=bottom).all(|y| canvas.get(middle, y)[1] > 90));
+        for none in [vec![], vec![[0.0, f64::NAN]]] {
+            let chart = Chart::new(none, ["frame", "energy"]);
+            assert!(matches!(
+                chart.to_png([640, 400]),
+                Err(ReportError::NoFiniteValue { .. })
+            ));
+        }
+        let lone = Chart::new(vec![[3.0, 0.0]], ["frame", "energy"])
+            .with_spans(vec![[0.0, 9.0]])
+            .with_missing(vec![1.0]);
+        assert!(lone.to_png([640, 400]).is_ok());
+        assert!(matches!(lone.to_png([4, 4]), Err(ReportError::TooSmall { .. })));
+    }
+}

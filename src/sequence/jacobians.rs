@@ -1,0 +1,99 @@
+//! Jacobians of several maps at the same points.
+
+use std::ops::Range;
+
+use crate::kernel::Sums;
+use crate::map::{HarmonicMap, VolumeMap};
+use crate::{Matrix3, Point};
+
+/// Accuracy of the sums, relative to the potential; gradients have a digit less. Energies of fits that meet their
+/// boundary to 1e-5 and worse are not known that well.
+const ACCURACY: f64 = 1e-7;
+/// Bytes that the sums and Jacobians of frames may take at a time.
+const MOST_BYTES: usize = 256 << 20;
+/// For each point and frame: potential and gradient, the Jacobian, and densities.
+const BYTES: usize = 200;
+
+/// How many frames to ask for at once, at so many points.
+pub(super) fn frames_at_a_time(points: usize) -> usize {
+    (MOST_BYTES / (BYTES * points.max(1))).max(1)
+}
+
+/// A list of Jacobians for each map. Maps over the sources of the first that has any share every kernel value.
+pub(super) fn jacobians(maps: &[&HarmonicMap], points: &[Point]) -> Vec<Vec<Matrix3>> {
+    let sources = maps
+        .iter()
+        .map(|map| map.sources())
+        .find(|sources| !sources.is_empty())
+        .unwrap_or_default();
+    let shares = |map: &HarmonicMap| !sources.is_empty() && map.sources() == sources;
+    let sharing: Vec<&HarmonicMap> = maps.iter().copied().filter(|map| shares(map)).collect();
+    let mut shared = gradients(&sharing, sources, points).into_iter();
+    let jacobians = maps.iter().map(|map| match shares(map) {
+        true => shared.next().unwrap_or_default(),
+        false => map.jacobian(points),
+    });
+    jacobians.collect()
+}
+
+fn gradients(maps: &[&HarmonicMap], sources: &[Point], points: &[Point]) -> Vec<Vec<Matrix3>> {
+    if maps.is_empty() {
+        return Vec::new();
+    }
+    let weights = (0..sources.len()).flat_map(|s| maps.iter().flat_map(move |map| map.coefficients().sources[s]));
+    let weights: Vec<f64> = weights.collect();
+    let columns = 3 * maps.len();
+    let sums = Sums::new(sources, points, ACCURACY).expect("fewer points than 2³²");
+    let (_, gradients) = sums
+        .potential_and_gradient(&weights, columns)
+        .expect("a weight for each source and column");
+    let of_map = |(k, map): (usize, &&HarmonicMap)| {
+        let affine = &map.coefficients().affine;
+        let linear = Matrix3::from_fn(|i, axis| affine[axis + 1][i]);
+        let own: Range<usize> = 9 * k..9 * (k + 1);
+        let rows = gradients.chunks_exact(3 * columns);
+        rows.map(|row| Matrix3::from_row_slice(&row[own.clone()]) + linear)
+            .collect()
+    };
+    maps.iter().enumerate().map(of_map).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solver::Coefficients;
+
+    /// A map with sources on a sphere of radius 3, its weights drawn by `seed`.
+    fn map(sources: usize, seed: usize) -> HarmonicMap {
+        let place = |s: usize| {
+            let (z, turn) = (2.0 * (s as f64 + 0.5) / sources as f64 - 1.0, 2.4 * s as f64);
+            let r = f64::sqrt(1.0 - z * z);
+            Point::new(3.0 * r * turn.cos(), 3.0 * r * turn.sin(), 3.0 * z)
+        };
+        let weight = |s: usize| [0, 1, 2].map(|i| ((seed + 1) * (3 * s + i + 1)) as f64).map(f64::sin);
+        let coefficients = Coefficients {
+            sources: (0..sources).map(weight).collect(),
+            affine: [[0.0; 3], [1.0, 0.1, 0.0], [0.0, 1.0, 0.2], [seed as f64, 0.0, 1.0]],
+        };
+        HarmonicMap::new((0..sources).map(place).collect(), coefficients).unwrap()
+    }
+
+    #[test]
+    fn maps_have_the_same_jacobians_together_as_alone() {
+        let points: Vec<Point> = (0..400)
+            .map(|k| Point::new((0.3 * k as f64).sin(), (0.7 * k as f64).cos(), 0.2))
+            .collect();
+        let maps = [map(60, 0), map(0, 1), map(60, 2), map(41, 3)];
+        let together = jacobians(&maps.iter().collect::<Vec<_>>(), &points);
+        for (map, together) in maps.iter().zip(together) {
+            let alone = map.jacobian(&points);
+            let apart = alone
+                .iter()
+                .zip(&together)
+                .map(|(a, b)| (a - b).norm())
+                .fold(0.0, f64::max);
+            assert!(together.len() == points.len() && apart < 1e-12, "{apart}");
+        }
+        assert!(jacobians(&[], &points).is_empty());
+    }
+}

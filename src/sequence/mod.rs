@@ -1,0 +1,407 @@
+//! Sequences of deformed solids: section 5.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling
+//! applications* (2007).
+//!
+//! The surface of every frame has the vertices of a reference's, and the boundary map takes each vertex to its like. The
+//! system depends on the reference alone (section 4.6): it is factored once, and frames are solved for in blocks that
+//! share every kernel value. The deformation energy of the maps (section 4.3.2) says how far each frame is from the
+//! reference, and its density where.
+//!
+//! # What the energy is measured in
+//!
+//! Energies are means of the density over the reference's volume, so that they do not depend on the unit of length, which
+//! must be the same for all. The paper scales both solids to unit volume. Here that is a choice
+//! ([`SequenceOptions::own_volume`]): a frame that swells and shrinks would have no energy then. Green's strain does not
+//! see rigid motions, so that nothing needs to be taken off a frame that has moved.
+
+mod cycles;
+mod jacobians;
+
+pub use cycles::{Cycles, NoCycles, cycles};
+
+use crate::boundary_map::{BoundaryMap, BoundaryMapError};
+use crate::check::{ClosedHole, HoleError, close_holes};
+use crate::energy::{
+    Densities, Distribution, EnergyError, EnergyOptions, EnergyReport, Lame, Quadrature, QuadratureError, Resolution,
+    clipped_grid, deformation, energies_of_jacobians,
+};
+use crate::fit::{
+    BoundaryError, DomainFactor, Fit, FitError, FitOptions, Phase, RefinementEnd, Workload, available_memory,
+};
+use crate::map::HarmonicMap;
+use crate::mesh::SurfaceMesh;
+use crate::solver::Coefficients;
+use crate::{Matrix3, Point, Vector};
+use jacobians::{frames_at_a_time, jacobians};
+
+/// Frames in a block unless told otherwise: more share little more.
+const FRAMES: usize = 32;
+/// Part of the memory that blocks may fill, where it is not given.
+const MOST_MEMORY: f64 = 0.9;
+/// Rounds of new sources for one block, each for the frame that is worst.
+const MOST_ROUNDS: usize = 8;
+/// An affine function that is as near to the data as this part of the tolerance is a solution: solvers end there too.
+const AFFINE: f64 = 0.01;
+/// A volume below this part of the diagonal's cube is none but for rounding.
+const FLAT: f64 = 1e-12;
+
+/// How sequences are measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SequenceOptions {
+    /// How maps are fitted.
+    pub fit: FitOptions,
+    /// The grid that energies are integrated on, the same for all frames.
+    pub resolution: Resolution,
+    /// Material of the deformation energy.
+    pub lame: Lame,
+    /// Scale each frame to the reference's volume first, so that change of size has no energy.
+    pub own_volume: bool,
+    /// Close holes of up to so many edges in the reference, and in all frames alike; `None` to leave it as it is.
+    pub close_holes: Option<usize>,
+    /// Frames that are solved for at once; `None` for 32, or as many as there is memory for.
+    pub frames_per_block: Option<usize>,
+}
+
+impl Default for SequenceOptions {
+    fn default() -> Self {
+        Self {
+            fit: FitOptions::default(),
+            resolution: Resolution::CellsAlongLongestSide(48),
+            lame: Lame::default(),
+            own_volume: false,
+            close_holes: None,
+            frames_per_block: None,
+        }
+    }
+}
+
+/// Why a sequence, or one of its frames, cannot be measured.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SequenceError {
+    /// Holes that were to be closed stay open.
+    #[error("cannot close the reference: {0}")]
+    Hole(#[from] HoleError),
+    /// The reference has no inside to integrate over.
+    #[error("cannot integrate over the reference: {0}")]
+    Quadrature(#[from] QuadratureError),
+    /// The frame has other vertices or faces than the reference, or positions that cannot be used.
+    #[error(transparent)]
+    Frame(#[from] BoundaryMapError),
+    /// The frame is no solid.
+    #[error("it encloses no volume ({volume:e} at a diagonal of {diagonal:e}), so it is no solid")]
+    Collapsed {
+        /// Its volume.
+        volume: f64,
+        /// Diagonal of its bounding box.
+        diagonal: f64,
+    },
+    /// There is no map, of the reference or of the frame.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+    /// The map has no energy.
+    #[error(transparent)]
+    Energy(#[from] EnergyError),
+}
+
+/// What was measured of a frame.
+#[derive(Debug, Clone)]
+pub struct MeasuredFrame {
+    /// Mean of the deformation energy's density over the reference.
+    pub deformation: f64,
+    /// Mean of the harmonic energy's density over the reference: 3 for a rigid motion.
+    pub harmonic: f64,
+    /// How the deformation energy is spread.
+    pub deformation_density: Distribution,
+    /// Volume of the frame; negative when it is a mirror image.
+    pub volume: f64,
+    /// Share of the reference's volume where the map is folded.
+    pub inverted_fraction: f64,
+    /// How well the map meets the frame's surface.
+    pub boundary_error: BoundaryError,
+    /// Densities at the points of [`Sequence::quadrature`].
+    pub densities: Densities,
+    /// The map from the reference to the frame.
+    pub map: HarmonicMap,
+    /// What Jacobians are multiplied by before energies are taken.
+    stretch: f64,
+}
+
+/// A reference made ready: holes closed, the system factored, the grid cut.
+pub struct Sequence {
+    reference: SurfaceMesh,
+    domain: SurfaceMesh,
+    holes: Vec<ClosedHole>,
+    factor: DomainFactor,
+    quadrature: Quadrature,
+    options: SequenceOptions,
+    refinement_end: Option<RefinementEnd>,
+}
+
+impl Sequence {
+    /// Prepares a reference, the closed surface of a solid.
+    ///
+    /// # Errors
+    ///
+    /// When holes stay open, the surface bounds no solid, an option is out of range, or there is too little memory.
+    pub fn new(
+        reference: &SurfaceMesh,
+        options: &SequenceOptions,
+        progress: &dyn Fn(Phase),
+    ) -> Result<Self, SequenceError> {
+        let (domain, holes) = match options.close_holes {
+            Some(most_edges) => close_holes(reference, most_edges)?,
+            None => (reference.clone(), Vec::new()),
+        };
+        let factor = DomainFactor::new(&domain, &options.fit, progress)?;
+        let (outward, _) = crate::check::mend(&domain);
+        Ok(Self {
+            reference: reference.clone(),
+            quadrature: clipped_grid(&outward, options.resolution)?,
+            domain: outward,
+            holes,
+            factor,
+            options: options.clone(),
+            refinement_end: None,
+        })
+    }
+
+    /// The reference with its holes closed and its triangles turned outward.
+    pub fn domain(&self) -> &SurfaceMesh {
+        &self.domain
+    }
+
+    /// The holes that were closed.
+    pub fn holes(&self) -> &[ClosedHole] {
+        &self.holes
+    }
+
+    /// Where densities are measured.
+    pub fn quadrature(&self) -> &Quadrature {
+        &self.quadrature
+    }
+
+    /// Why no more sources are added where frames miss the tolerance, once one has in vain asked for them.
+    pub fn refinement_end(&self) -> Option<RefinementEnd> {
+        self.refinement_end
+    }
+
+    /// How many frames to measure at once: as many as asked for, as far as there is memory for their solution.
+    pub fn frames_per_block(&self) -> usize {
+        let available = || available_memory().map(|bytes| (MOST_MEMORY * bytes as f64) as u64);
+        let allowed = self.options.fit.memory.or_else(available).unwrap_or(u64::MAX);
+        let mut work = Workload::of(&self.domain, &self.options.fit);
+        work.maps = self.options.frames_per_block.unwrap_or(FRAMES).max(1);
+        while work.maps > 1 && work.bytes() > allowed {
+            work.maps /= 2;
+        }
+        work.maps
+    }
+
+    /// The boundary map from the reference to a frame.
+    ///
+    /// # Errors
+    ///
+    /// When the frame has not the reference's vertices and triangles, positions that are not finite, no extent or no volume.
+    pub fn frame(&self, surface: &SurfaceMesh) -> Result<BoundaryMap, SequenceError> {
+        let image = BoundaryMap::between(self.reference.clone(), surface)?.image().to_vec();
+        let boundary = BoundaryMap::new(self.domain.clone(), image)?;
+        let (volume, diagonal) = (boundary.target_volume(), boundary.target_diagonal());
+        if volume.abs() < FLAT * diagonal.powi(3) {
+            return Err(SequenceError::Collapsed { volume, diagonal });
+        }
+        Ok(boundary)
+    }
+
+    /// Fits and measures frames, all at once. Sources are added where one misses the tolerance, and serve all frames that
+    /// come later. One that cannot be solved or measured does not stop the others.
+    ///
+    /// Memory grows with the number of frames: see [`Self::frames_per_block`].
+    pub fn measure(
+        &mut self,
+        frames: &[BoundaryMap],
+        progress: &dyn Fn(Phase),
+    ) -> Vec<Result<MeasuredFrame, SequenceError>> {
+        let solved = self.solve(frames, progress);
+        progress(Phase::Measuring);
+        let mut measured = Vec::with_capacity(frames.len());
+        let at_a_time = frames_at_a_time(self.quadrature.points().len());
+        let mut solved = solved.into_iter().zip(frames).peekable();
+        while solved.peek().is_some() {
+            let part: Vec<_> = solved.by_ref().take(at_a_time).collect();
+            let maps: Vec<&HarmonicMap> = part.iter().filter_map(|(map, _)| Some(&map.as_ref().ok()?.0)).collect();
+            let mut jacobians = jacobians(&maps, self.quadrature.points()).into_iter();
+            for (solved, frame) in part {
+                measured.push(solved.and_then(|(map, error)| {
+                    let jacobians = jacobians.next().unwrap_or_default();
+                    self.measured(map, error, frame.target_volume(), &jacobians)
+                }));
+            }
+        }
+        measured
+    }
+
+    /// Densities of the deformation energy at other points of the reference: a list for each frame.
+    pub fn densities_at(&self, frames: &[&MeasuredFrame], points: &[Point]) -> Vec<Vec<f64>> {
+        let mut densities = Vec::with_capacity(frames.len());
+        for part in frames.chunks(frames_at_a_time(points.len())) {
+            let maps: Vec<&HarmonicMap> = part.iter().map(|frame| &frame.map).collect();
+            let density = |frame: &MeasuredFrame, jacobian: &Matrix3| {
+                deformation::density(&(jacobian * frame.stretch), &self.options.lame)
+            };
+            let lists = jacobians(&maps, points).into_iter().zip(part);
+            densities.extend(lists.map(|(list, frame)| list.iter().map(|j| density(frame, j)).collect::<Vec<_>>()));
+        }
+        densities
+    }
+
+    /// The smallest difference of energies that is more than rounding: that of strains of a millionth.
+    pub fn resolution_of_energy(&self) -> f64 {
+        let Lame { lambda, mu } = self.options.lame;
+        1e-12 * (lambda.abs() + mu.abs())
+    }
+
+    /// The maps, and how well they meet the frames.
+    fn solve(
+        &mut self,
+        frames: &[BoundaryMap],
+        progress: &dyn Fn(Phase),
+    ) -> Vec<Result<(HarmonicMap, BoundaryError), SequenceError>> {
+        let tolerance = AFFINE * self.options.fit.tolerance;
+        let affine: Vec<_> = frames.iter().map(|frame| affine_map(frame, tolerance)).collect();
+        let others = frames.iter().zip(&affine).filter(|(_, affine)| affine.is_none());
+        let others: Vec<BoundaryMap> = others.map(|(frame, _)| frame.clone()).collect();
+        let mut fits = self.solve_block(&others, progress).into_iter();
+        let of_others = |fit: Option<Result<Fit, FitError>>| {
+            let fit = fit.expect("one fit for each frame that is not affine")?;
+            Ok((fit.map, fit.report.boundary_error))
+        };
+        affine
+            .into_iter()
+            .map(|affine| affine.map_or_else(|| of_others(fits.next()), Ok))
+            .collect()
+    }
+
+    /// Fits of frames, in smaller blocks where all together fail.
+    fn solve_block(&mut self, frames: &[BoundaryMap], progress: &dyn Fn(Phase)) -> Vec<Result<Fit, FitError>> {
+        match self.factor.solve_block(frames, progress) {
+            Ok(fits) => self.refined(frames, fits, progress).into_iter().map(Ok).collect(),
+            Err(error) if frames.len() < 2 => vec![Err(error)],
+            Err(_) => {
+                let (first, second) = frames.split_at(frames.len() / 2);
+                let mut fits = self.solve_block(first, progress);
+                fits.extend(self.solve_block(second, progress));
+                fits
+            }
+        }
+    }
+
+    /// The fits, with sources added for the frame that is worst until all meet the tolerance, or one has asked in vain.
+    fn refined(&mut self, frames: &[BoundaryMap], mut fits: Vec<Fit>, progress: &dyn Fn(Phase)) -> Vec<Fit> {
+        let p99 = |fit: &Fit| fit.report.boundary_error.p99;
+        let tolerance = self.options.fit.tolerance;
+        for _ in 0..MOST_ROUNDS {
+            let worst = (0..fits.len()).max_by(|&a, &b| p99(&fits[a]).total_cmp(&p99(&fits[b])));
+            let Some(worst) = worst.filter(|&k| p99(&fits[k]) > tolerance) else {
+                break;
+            };
+            if self.refinement_end.is_some() {
+                break;
+            }
+            let Ok(best) = self.factor.solve_refined(&frames[worst], progress) else {
+                break;
+            };
+            if p99(&best) > tolerance {
+                self.refinement_end = best.report.refinement_end;
+            }
+            if let Ok(again) = self.factor.solve_block(frames, progress) {
+                // A solution with more sources is as a rule the better one, but not for every frame.
+                for (fit, again) in fits.iter_mut().zip(again) {
+                    if p99(&again) < p99(fit) {
+                        *fit = again;
+                    }
+                }
+            }
+            if p99(&best) < p99(&fits[worst]) {
+                fits[worst] = best;
+            }
+        }
+        fits
+    }
+
+    fn measured(
+        &self,
+        map: HarmonicMap,
+        boundary_error: BoundaryError,
+        volume: f64,
+        jacobians: &[Matrix3],
+    ) -> Result<MeasuredFrame, SequenceError> {
+        let own = self.quadrature.volume();
+        let options = EnergyOptions {
+            normalize: self.options.own_volume,
+            lame: self.options.lame,
+        };
+        let report = energies_of_jacobians(jacobians, &self.quadrature, own, volume, &options)?;
+        let (stretch, per_volume) = if self.options.own_volume {
+            ((own / volume.abs()).cbrt(), 1.0)
+        } else {
+            (1.0, 1.0 / own)
+        };
+        let EnergyReport {
+            harmonic,
+            deformation,
+            deformation_density,
+            inverted_fraction,
+            densities,
+            ..
+        } = report;
+        Ok(MeasuredFrame {
+            deformation: deformation * per_volume,
+            harmonic: harmonic * per_volume,
+            deformation_density,
+            volume,
+            inverted_fraction,
+            boundary_error,
+            densities,
+            map,
+            stretch,
+        })
+    }
+}
+
+/// The affine map of least squares, where it takes every vertex to its image but for this part of the target's diagonal.
+/// It is harmonic, so that its error inside is no larger.
+fn affine_map(frame: &BoundaryMap, tolerance: f64) -> Option<(HarmonicMap, BoundaryError)> {
+    let (from, to) = (frame.domain().vertices(), frame.image());
+    let count = from.len().max(1) as f64;
+    let middle = |points: &[Point]| points.iter().map(|p| p.coords).sum::<Vector>() / count;
+    let (middle_from, middle_to) = (middle(from), middle(to));
+    let (mut normal, mut right) = (Matrix3::zeros(), Matrix3::zeros());
+    for (p, q) in from.iter().zip(to) {
+        let p = p.coords - middle_from;
+        normal += p * p.transpose();
+        right += p * (q.coords - middle_to).transpose();
+    }
+    let linear = normal.cholesky()?.solve(&right).transpose();
+    let misfit = |(p, q): (&Point, &Point)| (linear * (p.coords - middle_from) + middle_to - q.coords).norm();
+    let misfits: Vec<f64> = from
+        .iter()
+        .zip(to)
+        .map(misfit)
+        .map(|d| d / frame.target_diagonal())
+        .collect();
+    let max = misfits.iter().copied().fold(0.0, f64::max);
+    if !(max <= tolerance && linear.iter().all(|a| a.is_finite())) {
+        return None;
+    }
+    let constant = middle_to - linear * middle_from;
+    let column = |k: usize| [linear[(0, k)], linear[(1, k)], linear[(2, k)]];
+    let coefficients = Coefficients {
+        sources: Vec::new(),
+        affine: [constant.into(), column(0), column(1), column(2)],
+    };
+    let rms = (misfits.iter().map(|d| d * d).sum::<f64>() / count).sqrt();
+    Some((
+        HarmonicMap::new(Vec::new(), coefficients)?,
+        BoundaryError { rms, p99: max, max },
+    ))
+}

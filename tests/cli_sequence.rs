@@ -1,0 +1,256 @@
+//! `solidmap sequence` from outside: frames in, a chart, a table and series out, and what cannot be used by name.
+#![cfg(feature = "cli")]
+
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use solidmap::Point;
+use solidmap::io;
+use solidmap::mesh::{SurfaceMesh, shapes};
+
+struct Workplace {
+    folder: tempfile::TempDir,
+    ball: SurfaceMesh,
+}
+
+impl Workplace {
+    /// A ball, `ref.obj`.
+    fn new() -> Self {
+        let place = Self {
+            folder: tempfile::tempdir().unwrap(),
+            ball: shapes::sphere(1.0, 2),
+        };
+        place.surface("ref.obj", &place.ball);
+        place
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn surface(&self, name: &str, mesh: &SurfaceMesh) {
+        io::write_surface(self.path(name), mesh).unwrap();
+    }
+
+    fn frame(&self, name: &str, f: impl Fn(&Point) -> Point) {
+        self.surface(name, &shapes::deformed(&self.ball, f));
+    }
+
+    /// Frames `bend00.ply` on, of a bend that comes and goes.
+    fn bends(&self, count: usize, cycles: f64) -> String {
+        let mut names = String::new();
+        for k in 0..count {
+            let a = 0.1 * (1.0 - (std::f64::consts::TAU * cycles * k as f64 / count as f64).cos());
+            let name = format!("bend{k:02}.ply");
+            self.frame(&name, |p| {
+                Point::new(p.x + a * (p.x * p.x - p.z * p.z), p.y, p.z - 2.0 * a * p.x * p.z)
+            });
+            names += &format!("{name} ");
+        }
+        names
+    }
+
+    /// Runs in the folder; words are separated by blanks.
+    fn ends_with(&self, code: i32, line: &str) -> Output {
+        let mut command = Command::cargo_bin("solidmap").unwrap();
+        command.current_dir(self.folder.path()).args(line.split_whitespace());
+        let output = command.timeout(std::time::Duration::from_secs(120)).output().unwrap();
+        let said = format!("{line}: {}{}", text(&output.stdout), text(&output.stderr));
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        output
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn json(output: &Output) -> Value {
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// The mesh without its first triangle and that one's first neighbour: a hole of four edges.
+fn with_hole(mesh: &SurfaceMesh) -> SurfaceMesh {
+    let triangles = mesh.triangles();
+    let shared = |t: usize| triangles[t].iter().filter(|v| triangles[0].contains(v)).count();
+    let neighbour = (1..triangles.len()).find(|&t| shared(t) == 2).unwrap();
+    let kept = (1..triangles.len()).filter(|&t| t != neighbour).map(|t| triangles[t]);
+    SurfaceMesh::new(mesh.vertices().to_vec(), kept.collect()).unwrap()
+}
+
+#[test]
+fn a_sequence_gives_its_energies_cycles_chart_table_and_series() {
+    let place = Workplace::new();
+    let names = place.bends(24, 3.0);
+    let line =
+        format!("sequence ref.obj {names} -o out --resolution 12 --fps 25 --show 4,1 --frames-per-block 7 --json");
+    let report = json(&place.ends_with(0, &line));
+    assert_eq!(report["skipped"], 0);
+    assert_eq!(report["frames"].as_array().unwrap().len(), 24);
+    assert_eq!(report["cycles"]["count"].as_f64().unwrap().round(), 3.0);
+    let energy = |k: usize| report["frames"][k]["deformation_energy"].as_f64().unwrap();
+    assert!(energy(0) < 1e-20 && energy(4) > 10.0 * energy(1));
+    assert_eq!(report["frames"][5]["time"].as_f64().unwrap(), 0.2);
+
+    let table = std::fs::read_to_string(place.path("out/energy.csv")).unwrap();
+    let rows: Vec<&str> = table.lines().collect();
+    assert!(rows[0].starts_with("frame,time,file,deformation_energy,") && rows.len() == 25);
+    let fields: Vec<&str> = rows[5].split(',').collect();
+    assert_eq!((fields[0], fields[2]), ("4", "bend04.ply"));
+    assert_eq!(fields[3].parse::<f64>().unwrap(), energy(4));
+    for picture in ["energy.png", "sections.png"] {
+        assert!(
+            std::fs::read(place.path("out").join(picture))
+                .unwrap()
+                .starts_with(b"\x89PNG")
+        );
+    }
+    let collection = std::fs::read_to_string(place.path("out/surface.pvd")).unwrap();
+    assert_eq!(collection.matches("<DataSet").count(), 24);
+    assert!(collection.contains("timestep=\"0.04\" part=\"0\" file=\"surface/frame_00001.vtu\""));
+    let frame = io::read_surface(place.path("out/surface/frame_00004.vtu")).unwrap();
+    assert_eq!(
+        frame.vertices(),
+        io::read_surface(place.path("bend04.ply")).unwrap().vertices()
+    );
+    assert!(place.path("out/cells/frame_00023.vtu").is_file());
+
+    // A shorter sequence leaves nothing of the longer one.
+    place.ends_with(0, "sequence ref.obj bend03.ply -o out --resolution 8");
+    assert!(!place.path("out/cells/frame_00023.vtu").exists() && place.path("out/cells/frame_00000.vtu").is_file());
+    place.ends_with(0, "sequence ref.obj bend03.ply -o bare --resolution 8 --no-vtu");
+    assert!(!place.path("bare/cells").exists() && !place.path("bare/cells.pvd").exists());
+}
+
+#[test]
+fn frames_that_cannot_be_used_are_named_and_skipped() {
+    let place = Workplace::new();
+    place.frame("good.obj", |p| Point::new(p.x + 0.1 * p.z * p.z, p.y, p.z));
+    place.surface("fewer.obj", &shapes::sphere(1.0, 1));
+    place.surface("turned.ply", &{
+        let mut triangles = place.ball.triangles().to_vec();
+        triangles.rotate_left(1);
+        SurfaceMesh::new(place.ball.vertices().to_vec(), triangles).unwrap()
+    });
+    place.frame("nan.ply", |p| Point::new((p.x - 0.99).sqrt(), p.y, p.z));
+    place.frame("flat.ply", |p| Point::new(p.x, p.y, 0.5));
+    std::fs::write(place.path("broken.ply"), "ply\nformat ascii 1.0\nelement vertex 3\n").unwrap();
+    let line = "sequence ref.obj good.obj fewer.obj turned.ply nan.ply flat.ply broken.ply none.obj good.obj -o out \
+                --resolution 8 --json";
+    let output = place.ends_with(1, line);
+    let (report, said) = (json(&output), text(&output.stderr));
+    assert_eq!(report["skipped"], 6);
+    assert_eq!(report["tolerance_met"], true);
+    let reasons = [
+        "42",
+        "triangle 0 joins",
+        "not finite",
+        "no volume",
+        "broken.ply",
+        "none.obj",
+    ];
+    let names = [
+        "fewer.obj",
+        "turned.ply",
+        "nan.ply",
+        "flat.ply",
+        "broken.ply",
+        "none.obj",
+    ];
+    for (k, (name, reason)) in names.iter().zip(reasons).enumerate() {
+        let row = &report["frames"][k + 1];
+        assert_eq!(row["file"], *name);
+        assert!(row["skipped"].as_str().unwrap().contains(reason), "{row}");
+        assert!(
+            said.contains(&format!("frame {} is skipped: ", k + 1)) && said.contains(name),
+            "{said}"
+        );
+    }
+    // The same frame has the same energy, whatever was skipped between.
+    let energy = |k: usize| report["frames"][k]["deformation_energy"].as_f64().unwrap();
+    assert!((energy(0) / energy(7) - 1.0).abs() < 1e-9);
+    assert_eq!(
+        std::fs::read_to_string(place.path("out/surface.pvd"))
+            .unwrap()
+            .matches("<DataSet")
+            .count(),
+        2
+    );
+    let table = std::fs::read_to_string(place.path("out/energy.csv")).unwrap();
+    assert_eq!(table.lines().count(), 9);
+
+    let none = place.ends_with(2, "sequence ref.obj fewer.obj none.obj -o out");
+    assert!(text(&none.stderr).contains("none of the 2 frames can be used"));
+}
+
+#[test]
+fn a_slit_is_closed_when_asked_for() {
+    let place = Workplace::new();
+    place.surface("open.obj", &with_hole(&place.ball));
+    let moved = shapes::deformed(&place.ball, |p| Point::new(p.x + 3.0, -p.y, -p.z));
+    place.surface("moved.obj", &with_hole(&moved));
+    let refused = place.ends_with(2, "sequence open.obj moved.obj -o out");
+    assert!(text(&refused.stderr).contains("--mend closes small holes"));
+    let large = place.ends_with(2, "sequence open.obj moved.obj -o out --mend=3");
+    assert!(text(&large.stderr).contains("holes of up to 3 edges are closed"));
+    let report = json(&place.ends_with(0, "sequence open.obj moved.obj -o out --mend --json"));
+    assert_eq!(report["closed_holes"].as_array().unwrap().len(), 1);
+    assert_eq!(report["faces"], place.ball.triangles().len());
+    assert!(report["frames"][0]["deformation_energy"].as_f64().unwrap() < 1e-13);
+}
+
+#[test]
+fn order_units_and_mirror_images_are_remarked_on() {
+    let place = Workplace::new();
+    for name in ["f1.obj", "f2.obj", "f10.obj"] {
+        place.frame(name, |p| Point::new(p.x, 1.1 * p.y, p.z));
+    }
+    let sorted = place.ends_with(
+        0,
+        "sequence ref.obj f1.obj f10.obj f2.obj -o out --no-vtu --resolution 8",
+    );
+    assert!(text(&sorted.stderr).contains("`f10.obj` comes before `f2.obj`"));
+    let meant = place.ends_with(
+        0,
+        "sequence ref.obj f2.obj f10.obj f1.obj -o out --no-vtu --resolution 8",
+    );
+    assert!(!text(&meant.stderr).contains("comes before"));
+    place.frame("large.obj", |p| Point::from(1000.0 * p.coords));
+    place.frame("mirror.obj", |p| Point::new(-p.x, p.y, p.z));
+    let odd = place.ends_with(
+        0,
+        "sequence ref.obj large.obj mirror.obj -o out --no-vtu --resolution 8",
+    );
+    let said = text(&odd.stderr);
+    assert!(said.contains("--own-volume") && said.contains("mirror image"), "{said}");
+}
+
+#[test]
+fn bad_requests_are_refused_before_any_work() {
+    let place = Workplace::new();
+    place.frame("f.obj", |p| *p);
+    std::fs::create_dir_all(place.path("out/surface")).unwrap();
+    place.frame("out/surface/frame_00000.vtu", |p| *p);
+    for (line, said) in [
+        ("sequence ref.obj f.obj -o out --show 1", "counted from 0"),
+        ("sequence ref.obj f.obj -o out --fps 0", "--fps is 0"),
+        (
+            "sequence ref.obj f.obj -o out --frames-per-block 0",
+            "--frames-per-block is 0",
+        ),
+        ("sequence ref.obj f.obj -o ref.obj", "cannot make the folder"),
+        (
+            "sequence ref.obj out/surface/frame_00000.vtu -o out",
+            "would be overwritten",
+        ),
+        ("sequence none.obj f.obj -o out2", "none.obj"),
+        ("sequence ref.obj f.obj -o out --tolerance -1", "tolerance"),
+        ("sequence ref.obj -o out", "FRAME"),
+    ] {
+        let output = place.ends_with(2, line);
+        assert!(text(&output.stderr).contains(said), "{line}: {}", text(&output.stderr));
+    }
+    assert!(place.path("out/surface/frame_00000.vtu").is_file());
+}

@@ -1,0 +1,335 @@
+//! Sequences: energies that are known, cycles that are known, and blocks that change nothing.
+
+mod common;
+
+use std::f64::consts::TAU;
+
+use common::models;
+use rand::{Rng, SeedableRng, rngs::StdRng};
+use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
+use solidmap::energy::{Lame, Resolution, deformation};
+use solidmap::fit::FitOptions;
+use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::sequence::{MeasuredFrame, Sequence, SequenceError, SequenceOptions, cycles};
+use solidmap::{Matrix3, Point, Vector};
+
+fn options() -> SequenceOptions {
+    SequenceOptions {
+        resolution: Resolution::CellsAlongLongestSide(14),
+        ..SequenceOptions::default()
+    }
+}
+
+fn prepared(reference: &SurfaceMesh, options: &SequenceOptions) -> Sequence {
+    Sequence::new(reference, options, &|_| {}).unwrap()
+}
+
+fn frames(sequence: &Sequence, reference: &SurfaceMesh, images: &[Vec<Point>]) -> Vec<BoundaryMap> {
+    let frame = |image: &Vec<Point>| {
+        sequence
+            .frame(&reference.with_vertices(image.clone()).unwrap())
+            .unwrap()
+    };
+    images.iter().map(frame).collect()
+}
+
+fn measured(reference: &SurfaceMesh, options: &SequenceOptions, images: &[Vec<Point>]) -> Vec<MeasuredFrame> {
+    let mut sequence = prepared(reference, options);
+    let frames = frames(&sequence, reference, images);
+    sequence
+        .measure(&frames, &|_| {})
+        .into_iter()
+        .map(Result::unwrap)
+        .collect()
+}
+
+fn images(reference: &SurfaceMesh, f: impl Fn(&Point) -> Point) -> Vec<Point> {
+    reference.vertices().iter().map(f).collect()
+}
+
+/// A bend about the y axis that is harmonic: its two coordinates are `x + a (x² − z²)` and `z − 2 a x z`.
+fn bent(a: f64) -> impl Fn(&Point) -> Point {
+    move |p| Point::new(p.x + a * (p.x * p.x - p.z * p.z), p.y, p.z - 2.0 * a * p.x * p.z)
+}
+
+fn jacobian_of_bend(a: f64, p: &Point) -> Matrix3 {
+    Matrix3::new(
+        1.0 + 2.0 * a * p.x,
+        0.0,
+        -2.0 * a * p.z,
+        0.0,
+        1.0,
+        0.0,
+        -2.0 * a * p.z,
+        0.0,
+        1.0 - 2.0 * a * p.x,
+    )
+}
+
+/// The mesh without its first triangle and that one's first neighbour: a hole of four edges.
+fn with_hole(mesh: &SurfaceMesh) -> SurfaceMesh {
+    let triangles = mesh.triangles();
+    let shared = |t: usize| triangles[t].iter().filter(|v| triangles[0].contains(v)).count();
+    let neighbour = (1..triangles.len()).find(|&t| shared(t) == 2).unwrap();
+    let kept = (1..triangles.len()).filter(|&t| t != neighbour).map(|t| triangles[t]);
+    SurfaceMesh::new(mesh.vertices().to_vec(), kept.collect()).unwrap()
+}
+
+#[test]
+fn rigid_frames_have_no_energy_also_among_others() {
+    let reference = shapes::torus(1.0, 0.4, 30, 14);
+    let moved = |turn: f64| {
+        let rotation = nalgebra::Rotation3::new(Vector::new(turn, -0.4 * turn, 1.0));
+        images(&reference, |p| rotation * p + Vector::new(30.0 * turn, 2.0, -1.0))
+    };
+    let images = [
+        moved(0.3),
+        images(&reference, bent(0.15)),
+        moved(2.0),
+        reference.vertices().to_vec(),
+    ];
+    let found = measured(&reference, &options(), &images);
+    for k in [0, 2, 3] {
+        // Strains err by some ulp of positions of size 60 over a solid of size 1, and the energy is their square.
+        assert!(found[k].deformation < 1e-24, "{k}: {:e}", found[k].deformation);
+        assert!((found[k].harmonic - 3.0).abs() < 1e-11);
+        assert!(found[k].boundary_error.max < 1e-13 && found[k].inverted_fraction == 0.0);
+    }
+    assert!(found[1].deformation > 1e-3);
+}
+
+#[test]
+fn an_affine_stretch_has_the_energy_of_its_matrix() {
+    let reference = shapes::sphere(2.0, 3);
+    let matrix = Matrix3::new(1.2, 0.5, -0.3, 0.1, 0.8, 0.2, -0.4, 0.3, 1.1);
+    let image = images(&reference, |p| {
+        Point::from(matrix * p.coords) + Vector::new(1.0, 2.0, 3.0)
+    });
+    let lame = Lame { lambda: 0.7, mu: 0.2 };
+    let plain = SequenceOptions { lame, ..options() };
+    let expected = deformation::density(&matrix, &lame);
+    let found = &measured(&reference, &plain, std::slice::from_ref(&image))[0];
+    assert!((found.deformation / expected - 1.0).abs() < 1e-12);
+
+    let own_volume = SequenceOptions {
+        own_volume: true,
+        ..plain
+    };
+    let expected = deformation::density(&(matrix / matrix.determinant().cbrt()), &lame);
+    let found = &measured(&reference, &own_volume, &[image])[0];
+    assert!((found.deformation / expected - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn a_frame_that_breathes_has_energy_but_for_its_own_volume() {
+    let reference = shapes::sphere(1.0, 2);
+    let image = [images(&reference, |p| Point::from(1.1 * p.coords))];
+    let expected = deformation::density(&Matrix3::from_diagonal_element(1.1), &Lame::default());
+    assert!((measured(&reference, &options(), &image)[0].deformation / expected - 1.0).abs() < 1e-12);
+    let own_volume = SequenceOptions {
+        own_volume: true,
+        ..options()
+    };
+    assert!(measured(&reference, &own_volume, &image)[0].deformation < 1e-26);
+}
+
+/// The boundary map is linear over triangles of size 0.15, so that it departs from the polynomial by `a h² / 4` and its
+/// derivatives, which are of size `2a`, by a few percent near the surface. Energies are quadratic in them.
+#[test]
+fn a_harmonic_bend_has_the_energy_of_its_formula() {
+    let reference = shapes::sphere(1.0, 3);
+    let mut sequence = prepared(&reference, &options());
+    let a = 0.2;
+    let frame = frames(&sequence, &reference, &[images(&reference, bent(a))]);
+    let found = sequence.measure(&frame, &|_| {}).remove(0).unwrap();
+    let rule = sequence.quadrature();
+    let density = |p: &Point| deformation::density(&jacobian_of_bend(a, p), &Lame::default());
+    let densities: Vec<f64> = rule.points().iter().map(density).collect();
+    let expected = rule.integrate(&densities) / rule.volume();
+    assert!(
+        (found.deformation / expected - 1.0).abs() < 0.02,
+        "{} {expected}",
+        found.deformation
+    );
+    let inside = [Point::new(0.3, -0.2, 0.4), Point::origin()];
+    for (found, p) in sequence.densities_at(&[&found], &inside)[0].iter().zip(&inside) {
+        assert!((found - density(p)).abs() < 0.01 * expected);
+    }
+}
+
+#[test]
+fn frames_in_blocks_are_measured_as_frames_alone() {
+    let reference = shapes::sphere(1.0, 3);
+    let twisted = |t: f64| {
+        images(&reference, |p| {
+            let (sine, cosine) = (t * p.z).sin_cos();
+            Point::new(
+                cosine * p.x - sine * p.y,
+                sine * p.x + cosine * p.y,
+                p.z + 0.2 * t * p.x * p.x,
+            )
+        })
+    };
+    let images: Vec<Vec<Point>> = [0.3, 0.0, 0.8, 0.1, 1.2].map(twisted).into();
+    let mut sequence = prepared(&reference, &options());
+    let all = frames(&sequence, &reference, &images);
+    let together: Vec<MeasuredFrame> = sequence
+        .measure(&all, &|_| {})
+        .into_iter()
+        .map(Result::unwrap)
+        .collect();
+    let most = together.iter().map(|frame| frame.deformation).fold(0.0, f64::max);
+    for (frame, together) in all.iter().zip(&together) {
+        let alone = sequence
+            .measure(std::slice::from_ref(frame), &|_| {})
+            .remove(0)
+            .unwrap();
+        // Solvers end at a fiftieth of the tolerance of 1e-3; strains are then alike to some 1e-4.
+        assert!((alone.deformation - together.deformation).abs() < 1e-3 * most);
+        assert!((alone.harmonic - together.harmonic).abs() < 1e-3);
+        assert_eq!(alone.volume, together.volume);
+    }
+    assert!(sequence.measure(&[], &|_| {}).is_empty());
+
+    // By a dense decomposition, blocks are products with more columns, and nothing else.
+    let dense = SequenceOptions {
+        fit: FitOptions::dense(),
+        ..options()
+    };
+    let together = measured(&reference, &dense, &images);
+    for (image, together) in images.iter().zip(together) {
+        let alone = &measured(&reference, &dense, std::slice::from_ref(image))[0];
+        assert!(
+            (alone.deformation / together.deformation.max(1e-20) - 1.0).abs() < 1e-6 || together.deformation < 1e-20
+        );
+    }
+}
+
+/// A ball that bends to one side and back four times, harder and harder, its amplitude disturbed by a twentieth.
+#[test]
+fn a_ball_that_bends_four_times_has_four_cycles() {
+    let reference = shapes::sphere(1.0, 2);
+    let mut random = StdRng::seed_from_u64(3);
+    let mut amplitudes = |count: f64, drift: f64, noise: f64| -> Vec<f64> {
+        let at = |k: usize| k as f64 / 40.0;
+        (0..40)
+            .map(|k| {
+                0.15 * (1.0 - (TAU * count * at(k)).cos()) + drift * at(k) + noise * random.random_range(-1.0..1.0)
+            })
+            .collect()
+    };
+    let mut sequence = prepared(&reference, &options());
+    let mut energies = |amplitudes: &[f64]| -> Vec<f64> {
+        let images: Vec<Vec<Point>> = amplitudes.iter().map(|&a| images(&reference, bent(a))).collect();
+        let frames = frames(&sequence, &reference, &images);
+        let blocks = frames.chunks(16).flat_map(|block| sequence.measure(block, &|_| {}));
+        blocks.map(|frame| frame.unwrap().deformation).collect()
+    };
+    for (drift, noise) in [(0.0, 0.0), (0.1, 0.015)] {
+        let found = cycles(&energies(&amplitudes(4.0, drift, noise)), 1e-12).unwrap();
+        assert_eq!(found.whole(), 4, "{found:?}");
+        assert!((found.period - 10.0).abs() < 0.5 && found.strength > 0.8, "{found:?}");
+    }
+    let still = energies(&[0.2; 12]);
+    assert!(cycles(&still, 1e-12).is_err());
+    let rising: Vec<f64> = (0..40).map(|k| 0.3 * k as f64 / 40.0).collect();
+    assert!(cycles(&energies(&rising), 1e-12).is_err());
+}
+
+#[test]
+fn frames_that_are_none_are_refused_by_name() {
+    let reference = shapes::sphere(1.0, 2);
+    let sequence = prepared(&reference, &options());
+    let other = shapes::sphere(1.0, 1);
+    assert!(matches!(
+        sequence.frame(&other),
+        Err(SequenceError::Frame(BoundaryMapError::VertexCount {
+            domain: 162,
+            image: 42
+        }))
+    ));
+    let mut triangles = reference.triangles().to_vec();
+    triangles.swap(0, 1);
+    let swapped = SurfaceMesh::new(reference.vertices().to_vec(), triangles).unwrap();
+    assert!(matches!(
+        sequence.frame(&swapped),
+        Err(SequenceError::Frame(BoundaryMapError::Connectivity { .. }))
+    ));
+    let with = |f: fn(&Point) -> Point| reference.with_vertices(images(&reference, f)).unwrap();
+    assert!(matches!(
+        sequence.frame(&with(|p| Point::new(p.x.ln(), p.y, p.z))),
+        Err(SequenceError::Frame(BoundaryMapError::NonFinite { .. }))
+    ));
+    assert!(matches!(
+        sequence.frame(&with(|p| Point::new(p.x, p.y, 0.0))),
+        Err(SequenceError::Collapsed { .. })
+    ));
+    assert!(matches!(
+        sequence.frame(&with(|_| Point::origin())),
+        Err(SequenceError::Frame(BoundaryMapError::NoExtent { .. }))
+    ));
+    let open = SurfaceMesh::new(reference.vertices().to_vec(), reference.triangles()[1..].to_vec()).unwrap();
+    assert!(matches!(
+        Sequence::new(&open, &options(), &|_| {}),
+        Err(SequenceError::Fit(_))
+    ));
+}
+
+#[test]
+fn a_reference_with_a_slit_is_closed_in_all_frames_alike() {
+    let whole = shapes::sphere(1.0, 3);
+    let open = with_hole(&whole);
+    let closing = SequenceOptions {
+        close_holes: Some(8),
+        ..options()
+    };
+    let image = images(&whole, bent(0.2));
+    let closed = &measured(&open, &closing, std::slice::from_ref(&image))[0];
+    let expected = &measured(&whole, &options(), &[image])[0];
+    assert!((closed.deformation / expected.deformation - 1.0).abs() < 0.02);
+    assert!((closed.volume / expected.volume - 1.0).abs() < 1e-3);
+    assert!(matches!(
+        Sequence::new(
+            &open,
+            &SequenceOptions {
+                close_holes: Some(3),
+                ..options()
+            },
+            &|_| {}
+        ),
+        Err(SequenceError::Hole(_))
+    ));
+}
+
+#[test]
+fn poses_of_the_horse_are_measured_after_its_slit_is_closed() {
+    let Some(models) = models() else { return };
+    let folder = models.join("sequences/horse_poses");
+    let reference = solidmap::io::read_surface(folder.join("horse_ref.obj")).unwrap();
+    let coarse = SequenceOptions {
+        close_holes: Some(64),
+        fit: FitOptions {
+            tolerance: 3e-3,
+            held_out: 5000,
+            ..FitOptions::default()
+        },
+        ..options()
+    };
+    let mut sequence = prepared(&reference, &coarse);
+    let mut edges: Vec<usize> = sequence.holes().iter().map(|hole| hole.rim.len()).collect();
+    edges.sort_unstable();
+    assert_eq!(edges, [3, 16]);
+    let read = |name: &str| {
+        sequence
+            .frame(&solidmap::io::read_surface(folder.join(name)).unwrap())
+            .unwrap()
+    };
+    let frames = [read("horse_ref.obj"), read("horse-10.obj")];
+    let found: Vec<MeasuredFrame> = sequence
+        .measure(&frames, &|_| {})
+        .into_iter()
+        .map(Result::unwrap)
+        .collect();
+    assert!(found[0].deformation < 1e-24);
+    assert!((1e-3..4e-3).contains(&found[1].deformation), "{}", found[1].deformation);
+}
