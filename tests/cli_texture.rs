@@ -174,7 +174,7 @@ fn volume_points_picture_and_texture_file_agree() {
         "x,y,z\n0.025,0.025,0.025\n-0.475,0.325,0.125\n0.825,-0.025,0.075\n3,0,0\n",
     );
     let report = place.report(
-        "ball.obj --image waves.png -o ball.vti --resolution 40 --picture ball.png --map ball.safetensors \
+        "ball.obj --image waves.png -o ball.vti --resolution 40 --png ball.png --map ball.safetensors \
          --at points.csv --colours colours.csv --json",
     );
     assert!(report["surface_error"]["max"].as_f64().unwrap() < 1e-9);
@@ -261,7 +261,7 @@ fn coloured_vertices_need_no_picture() {
 #[test]
 fn refusals_name_the_file_and_the_way_out() {
     let place = Workplace::new();
-    place.refuses("ball.obj --checker", &["nothing would be written", "--picture"]);
+    place.refuses("ball.obj --checker", &["nothing would be written", "--png"]);
     place.refuses("ball.obj --checker -o ball.txt", &["ball.txt", ".vti"]);
     place.refuses("ball.obj -o x.vti", &["ball.obj", "--image", "--checker"]);
     place.refuses("ball.obj --image none.png -o x.vti", &["none.png"]);

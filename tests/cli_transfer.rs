@@ -84,6 +84,7 @@ fn meshes_keep_their_fields_and_are_resampled() {
     let fields = VtkFields {
         point: vec![scalar("height", mesh.vertices().iter().map(|p| p.z).collect())],
         cell: vec![scalar("part", (0..mesh.tets().len()).map(|t| (t % 3) as f64).collect())],
+        ..VtkFields::default()
     };
     let cells = Cells::Tets(mesh.tets());
     io::write_vtu(place.path("field.vtu"), mesh.vertices(), cells, &fields).unwrap();

@@ -59,10 +59,10 @@ pub enum Command {
     Transfer(TransferArgs),
     /// Make a regular mesh of a polycube and carry it into the target, with no cell inverted
     Remesh(RemeshArgs),
-    /// Carry the picture on a surface into the solid: a volume, sections, colours of points
-    Texture(TextureArgs),
     /// Measure how far each frame of a sequence is deformed, where, and in how many cycles
     Sequence(SequenceArgs),
+    /// Carry the picture on a surface into the solid: a volume, sections, colours of points
+    Texture(TextureArgs),
     /// Send one boundary map through every method and measure all alike
     Compare(CompareArgs),
     #[command(hide = true)]
@@ -579,7 +579,7 @@ pub struct TextureOutputArgs {
     pub resolution: usize,
     /// Picture of the model cut open, and of sections across x, y and z (.png)
     #[arg(long, value_name = "PNG")]
-    pub picture: Option<PathBuf>,
+    pub png: Option<PathBuf>,
     /// Place of the sections, from 0 to 1 along each axis through the model's box
     #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
     pub position: f64,

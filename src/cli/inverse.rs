@@ -194,6 +194,7 @@ fn write_mesh(path: &Path, solid: &Solid, preimages: &[Preimage]) -> anyhow::Res
             scalar("round_trip", |preimage| preimage.round_trip),
         ],
         cell: vec![],
+        ..VtkFields::default()
     };
     match path.extension().map(|e| e.to_string_lossy().to_lowercase()).as_deref() {
         Some("vtu") => io::write_vtu(path, &places, cells, &fields)?,

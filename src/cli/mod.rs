@@ -16,9 +16,9 @@ mod native;
 mod output;
 mod pictures;
 mod remesh;
+mod sequence;
 mod texture;
 mod transfer;
-mod sequence;
 
 use std::process::ExitCode;
 

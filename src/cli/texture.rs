@@ -126,7 +126,7 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<Outcome> {
     };
     seconds.points = lap(start);
     let start = Instant::now();
-    if let Some(path) = &written.picture {
+    if let Some(path) = &written.png {
         output.progress("drawing");
         let png = pictures::figure(&texture, written, output)?.to_png()?;
         io::atomic_write(path, |writer| writer.write_all(&png))?;
@@ -152,7 +152,7 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<Outcome> {
         tolerance_met,
         volume,
         points,
-        picture: written.picture.clone(),
+        picture: written.png.clone(),
         map: written.map.clone(),
         seconds,
         peak_rss_bytes: peak_rss_bytes(),
@@ -169,7 +169,7 @@ fn lap(start: Instant) -> f64 {
 fn require_valid(args: &TextureArgs) -> anyhow::Result<()> {
     let TextureOutputArgs {
         output,
-        picture,
+        png: picture,
         map,
         at,
         colours,
@@ -188,7 +188,7 @@ fn require_valid(args: &TextureArgs) -> anyhow::Result<()> {
     ];
     ensure!(
         outputs.iter().any(|(path, _)| path.is_some()),
-        "nothing would be written: name a volume (-o), a --picture, a texture file (--map) or points (--at, --colours)"
+        "nothing would be written: name a volume (-o), a --png, a texture file (--map) or points (--at, --colours)"
     );
     let mut files: Vec<&Path> = [Some(&args.model), args.image.as_ref(), at.as_ref()]
         .into_iter()
@@ -223,7 +223,7 @@ fn texture(args: &TextureArgs, output: &Output) -> anyhow::Result<SolidTexture> 
         io::read_texture(&args.model)?
     } else {
         let skin = skin(args)?;
-        let texture = SolidTexture::fit(skin, &options(args), &|phase| show(phase, output))
+        let texture = SolidTexture::fit(skin, &options(args), &|phase| show(phase, "", output))
             .map_err(|error| with_advice(error.into()))
             .with_context(|| format!("cannot texture `{shown}`"))?;
         let fit = texture.report().clone();
@@ -469,6 +469,7 @@ fn write_cells(
             values: colours.iter().flat_map(codes).collect(),
         }],
         cell: vec![],
+        ..VtkFields::default()
     };
     Ok(io::write_vtu(path, positions, cells, &fields)?)
 }

@@ -284,6 +284,7 @@ fn write(path: &Path, carried: &Carried) -> anyhow::Result<()> {
     let fields = VtkFields {
         point,
         cell: carried.carrier.cell_fields.iter().map(field).collect(),
+        ..VtkFields::default()
     };
     let cells = match carried.carrier.tets.is_empty() {
         true => Cells::Triangles(&carried.triangles),

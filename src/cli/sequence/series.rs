@@ -122,6 +122,7 @@ impl Series {
                 values: domain.vertices().iter().flat_map(|p| [p.x, p.y, p.z]).collect(),
             }],
             cell: vec![scalar("deformation_energy", surface)],
+            ..VtkFields::default()
         };
         io::write_vtu(&paths[1], image, Cells::Triangles(domain.triangles()), &fields)?;
         for (bytes, path) in self.bytes.iter_mut().zip(&paths) {
@@ -169,6 +170,7 @@ fn write_cells(path: &Path, measured: &MeasuredFrame, sequence: &Sequence) -> an
             scalar("det_jacobian", means(&densities.det_jacobian)),
             scalar("volume_inside", cells.iter().map(|cell| cell.volume).collect()),
         ],
+        ..VtkFields::default()
     };
     let (points, hexes) = boxes(&grid, &cells.iter().map(|cell| cell.cell).collect::<Vec<_>>());
     Ok(io::write_vtu(path, &points, Cells::Hexes(&hexes), &fields)?)
