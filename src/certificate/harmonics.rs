@@ -163,10 +163,7 @@ mod tests {
             let (mut legendre, mut before) = (1.0, 0.0);
             for n in 1..=ORDER {
                 let k = n as f64;
-                (legendre, before) = (
-                    ((2.0 * k - 1.0) * cosine * legendre - (k - 1.0) * before) / k,
-                    legendre,
-                );
+                (legendre, before) = (((2.0 * k - 1.0) * cosine * legendre - (k - 1.0) * before) / k, legendre);
                 let sum: f64 = terms_of(n).map(|k| a[k] * b[k]).sum();
                 assert!((sum - lengths.powi(n as i32) * legendre).abs() < 1e-13, "degree {n}");
             }

@@ -318,10 +318,11 @@ impl Certificate {
         let (mut index, mut points) = (HashMap::new(), Vec::new());
         let hexahedra = self.leaves.iter().map(|leaf| {
             CORNERS.map(|corner| {
-                let key: [u32; 3] =
-                    std::array::from_fn(|k| (leaf.steps[k] + corner[k]) << (MOST_LEVELS - leaf.level));
+                let key: [u32; 3] = std::array::from_fn(|k| (leaf.steps[k] + corner[k]) << (MOST_LEVELS - leaf.level));
                 *index.entry(key).or_insert_with(|| {
-                    points.push(Point::from(std::array::from_fn(|k| self.low[k] + f64::from(key[k]) * unit)));
+                    points.push(Point::from(std::array::from_fn(|k| {
+                        self.low[k] + f64::from(key[k]) * unit
+                    })));
                     (points.len() - 1) as u32
                 })
             })
@@ -366,7 +367,13 @@ fn cube_around(domain: &SurfaceMesh) -> Result<(Point, f64), CertificateError> {
     if !(volume > 0.0 && volume.is_finite()) {
         return Err(no_volume);
     }
-    let used = || domain.triangles().iter().flatten().map(|&v| domain.vertices()[v as usize]);
+    let used = || {
+        domain
+            .triangles()
+            .iter()
+            .flatten()
+            .map(|&v| domain.vertices()[v as usize])
+    };
     let low = used().reduce(|a, b| a.inf(&b)).ok_or_else(|| no_volume.clone())?;
     let high = used().reduce(|a, b| a.sup(&b)).ok_or_else(|| no_volume.clone())?;
     let side = (high - low).max();
@@ -391,7 +398,7 @@ fn descend(
     for level in 1..=levels {
         let cells = std::mem::take(&mut found.cells);
         let undecided = cells.iter().map(|cell| cell.volume).sum::<f64>() / volume;
-        if cells.is_empty() || (undecided <= options.undecided && level > 1) {
+        if cells.is_empty() || undecided <= options.undecided {
             found.cells = cells;
             break;
         }
@@ -465,7 +472,7 @@ fn look_into_undecided(map: &HarmonicMap, orientation: f64, leaves: &mut [Leaf])
 fn summary(leaves: &[Leaf], volume: f64, ending: Ending) -> CertificateReport {
     let with = |verdict| leaves.iter().filter(move |leaf| leaf.verdict == verdict);
     let share = |verdict| {
-        let found = with(verdict).map(|leaf| leaf.volume).sum::<f64>();
+        let found = total(&mut with(verdict));
         Share {
             cells: with(verdict).count(),
             volume: found,
@@ -474,20 +481,25 @@ fn summary(leaves: &[Leaf], volume: f64, ending: Ending) -> CertificateReport {
     };
     let least = |value: fn(&Leaf) -> f64| with(Verdict::Positive).map(value).reduce(f64::min);
     let finest = leaves.iter().max_by_key(|leaf| leaf.level);
-    let negative = with(Verdict::Undecided).filter(|leaf| leaf.det_centre < 0.0);
+    let mut negative = with(Verdict::Undecided).filter(|leaf| leaf.det_centre < 0.0);
     CertificateReport {
         volume,
         positive: share(Verdict::Positive),
         folded: share(Verdict::Folded),
         undecided: share(Verdict::Undecided),
-        undecided_negative: negative.map(|leaf| leaf.volume).sum::<f64>() / volume,
+        undecided_negative: total(&mut negative) / volume,
         det_bound: least(|leaf| leaf.det_bound),
         sigma_min: least(|leaf| leaf.sigma_min),
         finest_cell: finest.map_or(0.0, |leaf| leaf.size),
         levels: finest.map_or(0, |leaf| leaf.level),
         ending,
-        volume_error: leaves.iter().map(|leaf| leaf.volume).sum::<f64>() / volume - 1.0,
+        volume_error: total(&mut leaves.iter()) / volume - 1.0,
     }
+}
+
+/// Volume of cells in the domain.
+fn total<'a>(leaves: &mut dyn Iterator<Item = &'a Leaf>) -> f64 {
+    leaves.fold(0.0, |sum, leaf| sum + leaf.volume)
 }
 
 /// Place of a cell's lowest corner along Morton's curve through the cells of the deepest level.

@@ -2,6 +2,7 @@
 
 mod args;
 mod boundary;
+mod certify;
 mod check;
 mod compare;
 mod demo;
@@ -69,6 +70,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Eval(args) => eval::run(args, &output),
         Command::Energy(args) => energy::run(args, &output),
         Command::Remesh(args) => remesh::run(args, &output),
+        Command::Certify(args) => certify::run(args, &output),
         Command::Compare(args) => compare::run(args, cli.threads, &output),
         Command::CompareWorker(args) => compare::worker::run(args),
     };
