@@ -15,8 +15,9 @@
 //! If no cell is folded or undecided, and the boundary map has degree one, then every point of the target that
 //! is farther from its boundary than the largest boundary error of the map has exactly one preimage: the map and its
 //! boundary map are homotopic without meeting the point, so that the signs of its preimages add up to one. Nearer to the
-//! boundary this says nothing, and neither does it where cells stay undecided: a point outside of their images has
-//! one preimage still, if nothing is folded. The boundary error itself is measured by samples, not here.
+//! boundary this says nothing. Where cells stay undecided, and nothing is folded, it holds for points outside of their
+//! images. The boundary error itself is measured by samples, not here. If a connected domain has positive and
+//! folded cells, the map is not one to one: one that is has the same orientation everywhere.
 //!
 //! # References
 //!
@@ -144,6 +145,9 @@ pub struct CertificateReport {
     pub det_bound: Option<f64>,
     /// Least lower bound of the smallest singular value over the positive cells; `None` without any.
     pub sigma_min: Option<f64>,
+    /// The smallest singular value is at least this over 99 % of the domain's volume, where it keeps the orientation;
+    /// `None` where less is proved.
+    pub sigma_min_99: Option<f64>,
     /// Side of the smallest cell.
     pub finest_cell: f64,
     /// How often the box was halved for it.
@@ -490,11 +494,24 @@ fn summary(leaves: &[Leaf], volume: f64, ending: Ending) -> CertificateReport {
         undecided_negative: total(&mut negative) / volume,
         det_bound: least(|leaf| leaf.det_bound),
         sigma_min: least(|leaf| leaf.sigma_min),
+        sigma_min_99: bound_over(0.99 * volume, with(Verdict::Positive)),
         finest_cell: finest.map_or(0.0, |leaf| leaf.size),
         levels: finest.map_or(0, |leaf| leaf.level),
         ending,
         volume_error: total(&mut leaves.iter()) / volume - 1.0,
     }
+}
+
+/// The largest bound of singular values that holds over this volume.
+fn bound_over<'a>(volume: f64, leaves: impl Iterator<Item = &'a Leaf>) -> Option<f64> {
+    let mut leaves: Vec<&Leaf> = leaves.collect();
+    leaves.sort_by(|a, b| b.sigma_min.total_cmp(&a.sigma_min));
+    let mut covered = 0.0;
+    let reaches = |leaf: &&&Leaf| {
+        covered += leaf.volume;
+        covered >= volume
+    };
+    leaves.iter().find(reaches).map(|leaf| leaf.sigma_min)
 }
 
 /// Volume of cells in the domain.

@@ -133,7 +133,8 @@ fn panels(certificate: &Certificate, domain: &SurfaceMesh, args: &CertifyArgs) -
     let mut panels = vec![
         Panel::of_section(&section, &verdicts, &colours)?
             .titled("what is proved")
-            .captioned("blue: locally one to one, red: folded, grey: undecided"),
+            .captioned("blue: locally one to one")
+            .captioned("red: folded, grey: undecided"),
     ];
     let bounds: Vec<f64> = leaves
         .iter()
@@ -160,7 +161,7 @@ fn summary(report: &Report) -> String {
         ]
     };
     let mut rows = vec![
-        row("one to one", &found.positive),
+        row("locally one to one", &found.positive),
         row("folded", &found.folded),
         row("undecided", &found.undecided),
     ];
@@ -173,13 +174,9 @@ fn summary(report: &Report) -> String {
             ),
         ]);
     }
-    if let (Some(sigma), Some(det)) = (found.sigma_min, found.det_bound) {
-        let text = format!(
-            "singular values at least {}, |det J| at least {}, where one to one",
-            significant(sigma, 3),
-            significant(det, 3)
-        );
-        rows.push(["proved".into(), text]);
+    if let Some(sigma) = found.sigma_min_99 {
+        let text = format!("{:>10} or more over 99 % of the volume", significant(sigma, 3));
+        rows.push(["singular values".into(), text]);
     }
     rows.push([
         "cells".into(),
@@ -198,7 +195,7 @@ fn summary(report: &Report) -> String {
     rows.push([
         "volume".into(),
         format!(
-            "{}, of which the cells miss {:.0e}",
+            "{}; that of all cells differs by {:.0e} of it",
             significant(found.volume, 6),
             found.volume_error.abs()
         ),
@@ -209,13 +206,14 @@ fn summary(report: &Report) -> String {
 
 /// What follows, in words.
 fn conclusion(found: &CertificateReport) -> &'static str {
-    match (found.folded.cells, found.undecided.cells) {
-        (0, 0) => {
+    match [found.positive, found.folded, found.undecided].map(|share| share.cells) {
+        [_, 0, 0] => {
             "The map is locally one to one everywhere. If its boundary map has degree one (`solidmap boundary check`), every \
              point of\nthe target deeper than the boundary error has exactly one preimage."
         }
-        (0, _) => "No fold is proved, and none is excluded where it is undecided.",
-        _ => "The map folds: some points of the target have several preimages.",
+        [_, 0, _] => "No fold is proved, and none is excluded where it is undecided.",
+        [0, _, _] => "The map turns the solid inside out wherever it is decided.",
+        _ => "The map folds: it is not one to one.",
     }
 }
 
