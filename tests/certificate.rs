@@ -32,9 +32,9 @@ fn certified(map: &HarmonicMap, domain: &SurfaceMesh, orientation: f64, finest: 
 }
 
 /// A source above the cube pulls its top through itself: at the middle of the top face `∂f_z/∂z` is
-/// `1 − 0.8 / (4π 0.25²) < 0`, while the far half is nearly the identity.
+/// `1 − 2 / (4π 0.25²) < 0`, while the far half is nearly the identity.
 fn folding() -> HarmonicMap {
-    map(&[(Point::new(0.0, 0.0, 0.75), [0.0, 0.0, -0.8])], IDENTITY)
+    map(&[(Point::new(0.0, 0.0, 0.75), [0.0, 0.0, -2.0])], IDENTITY)
 }
 
 /// Random points of a cell, and its corners.
@@ -147,7 +147,7 @@ fn the_undecided_volume_falls_with_the_size_of_the_cells() {
         .map(|finest| certified(&map, &domain, 1.0, finest).report.undecided.fraction)
         .into();
     for pair in undecided.windows(2) {
-        assert!(pair[1] < 0.62 * pair[0], "{undecided:?}");
+        assert!(pair[1] < 0.6 * pair[0], "{undecided:?}");
     }
     assert!(undecided[3] < 0.02, "{undecided:?}");
 }
@@ -245,7 +245,7 @@ fn a_source_inside_stays_undecided() {
     let map = map(&[(source, [0.1, 0.0, 0.0])], IDENTITY);
     let certificate = certified(&map, &shapes::cube(1.0, 1), 1.0, 64);
     assert_eq!(certificate.leaf_at(&source).unwrap().verdict, Verdict::Undecided);
-    assert!(assert_sound(&map, &certificate, 1.0, 12) > 1000);
+    assert!(assert_sound(&map, &certificate, 1.0, 12) > 300);
 }
 
 #[test]

@@ -342,3 +342,115 @@ fn add_products(points: &[Lanes; 3], weights: &[Lanes; 3], sums: &mut [[Lanes; 3
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    use super::*;
+    use crate::Matrix3;
+    use crate::map::VolumeMap;
+    use crate::mesh::shapes;
+    use crate::solver::Coefficients;
+
+    /// A map of the cube of side 1 about the origin, with sources from near its boundary to far away.
+    fn random_map(sources: usize, rng: &mut StdRng) -> HarmonicMap {
+        let mut positions = Vec::new();
+        while positions.len() < sources {
+            let p = Point::from(Vector::from_fn(|_, _| rng.random_range(-1.5..1.5)));
+            if p.coords.amax() > 0.55 {
+                positions.push(p);
+            }
+        }
+        let weights = (0..sources)
+            .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+            .collect();
+        let affine = std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
+        let coefficients = Coefficients {
+            sources: weights,
+            affine,
+        };
+        HarmonicMap::new(positions, coefficients).unwrap()
+    }
+
+    /// The Jacobian of an expansion, by central differences of the harmonics: they err by `h²` times third derivatives.
+    fn jacobian(expansion: &[f64], x: &Vector) -> Matrix3 {
+        let step = 1e-4;
+        let values = |p: Vector| {
+            let mut out = [[0.0; LANES]; TERMS];
+            harmonics(&[[p.x; LANES], [p.y; LANES], [p.z; LANES]], &mut out);
+            Vector::from_fn(|i, _| (0..TERMS).map(|t| expansion[i * TERMS + t] * out[t][0]).sum())
+        };
+        let column = |axis| (values(x + Vector::ith(axis, step)) - values(x - Vector::ith(axis, step))) / (2.0 * step);
+        Matrix3::from_columns(&[column(0), column(1), column(2)])
+    }
+
+    fn largest_error(map: &HarmonicMap, descent: &Descent, cell: &Cell, rng: &mut StdRng) -> f64 {
+        let (centre, radius) = descent.ball(&cell.place);
+        // Only what is in the expansion is compared.
+        let kept: Vec<usize> = (0..map.sources().len())
+            .filter(|&s| !cell.sources.contains(&(s as u32)))
+            .collect();
+        let coefficients = Coefficients {
+            sources: kept.iter().map(|&s| map.coefficients().sources[s]).collect(),
+            affine: map.coefficients().affine,
+        };
+        let absorbed = HarmonicMap::new(kept.iter().map(|&s| map.sources()[s]).collect(), coefficients).unwrap();
+        let mut directions: Vec<Vector> = (0..200)
+            .map(|_| Vector::from_fn(|_, _| rng.random_range(-1.0..1.0)).normalize())
+            .collect();
+        directions.extend(kept.iter().map(|&s| (map.sources()[s] - centre).normalize()));
+        let points: Vec<Point> = directions.iter().map(|x| centre + x * radius).collect();
+        let errors = directions.iter().zip(absorbed.jacobian(&points)).map(|(x, exact)| {
+            let found = jacobian(&cell.expansion, x) / radius;
+            (exact - found).singular_values().max()
+        });
+        errors.fold(0.0, f64::max)
+    }
+
+    /// Down four levels, with many sources of random signs: the bound is of absolute values, and so too large by what
+    /// cancels. With one source it is the least possible where that was just absorbed.
+    #[test]
+    fn remainders_bound_what_expansions_leave_out() {
+        let mut rng = StdRng::seed_from_u64(9);
+        let domain = shapes::cube(1.0, 1);
+        let (low, side) = (Point::new(-0.5, -0.5, -0.5), 1.0);
+        for (sources, factor) in [(1, 1.5), (60, 60.0)] {
+            let map = random_map(sources, &mut rng);
+            let descent = Descent::new(&map, Clipper::new(&domain, &low, side), low, side);
+            let mut cells = vec![descent.root(&map)];
+            let mut closest = f64::INFINITY;
+            for _ in 0..4 {
+                for cell in cells.iter().step_by(cells.len().div_ceil(20)) {
+                    let error = largest_error(&map, &descent, cell, &mut rng);
+                    // Central differences err by 1e-8 of third derivatives, the sums of the map by 1e-9.
+                    assert!(
+                        error <= cell.remainder + 3e-7 * cell.magnitude,
+                        "{error:e} > {:e}",
+                        cell.remainder
+                    );
+                    if cell.remainder > 0.0 {
+                        closest = closest.min(cell.remainder / error);
+                    }
+                }
+                cells = cells
+                    .iter()
+                    .flat_map(|cell| {
+                        let translated: Vec<_> = descent
+                            .translations
+                            .iter()
+                            .map(|t| translated(t, &cell.expansion))
+                            .collect();
+                        let children = translated.into_iter().enumerate().map(|(octant, expansion)| {
+                            let inherited = [cell.remainder, cell.magnitude];
+                            let place = cell.place.child(octant);
+                            descent.absorbed(place, Filling::whole(), expansion, &cell.sources, inherited)
+                        });
+                        children.collect::<Vec<_>>()
+                    })
+                    .collect();
+            }
+            assert!(closest < factor, "the bound is at least {closest} times too large");
+        }
+    }
+}
