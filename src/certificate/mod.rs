@@ -515,7 +515,7 @@ fn bound_over<'a>(volume: f64, leaves: impl Iterator<Item = &'a Leaf>) -> Option
 }
 
 /// Volume of cells in the domain.
-fn total<'a>(leaves: &mut dyn Iterator<Item = &'a Leaf>) -> f64 {
+fn total(leaves: &mut dyn Iterator<Item = &Leaf>) -> f64 {
     leaves.fold(0.0, |sum, leaf| sum + leaf.volume)
 }
 

@@ -415,7 +415,7 @@ mod tests {
         let mut rng = StdRng::seed_from_u64(9);
         let domain = shapes::cube(1.0, 1);
         let (low, side) = (Point::new(-0.5, -0.5, -0.5), 1.0);
-        for (sources, factor) in [(1, 1.5), (60, 60.0)] {
+        for (sources, factor) in [(1, 1.5), (60, 8.0)] {
             let map = random_map(sources, &mut rng);
             let descent = Descent::new(&map, Clipper::new(&domain, &low, side), low, side);
             let mut cells = vec![descent.root(&map)];
