@@ -17,16 +17,15 @@ struct Workplace {
 }
 
 impl Workplace {
-    /// A ball that is stretched, `good.map`, and a cube that is made round and so folds at its edges, `folded.map`.
+    /// A cube that is made round, `good.map`, and one whose halves are pushed through each other, `folded.map`.
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let place = Self { folder };
-        let ball = shapes::sphere(1.0, 2);
         let cube = shapes::cube(1.0, 8);
-        let stretched = shapes::deformed(&ball, |p| Point::new(2.0 * p.x, p.y, p.z + 0.2 * p.x * p.y));
         let round = shapes::deformed(&cube, |p| Point::from(p.coords.normalize()));
-        for (name, domain, image) in [("good", ball, stretched), ("folded", cube, round)] {
-            io::write_surface(place.path("domain.obj"), &domain).unwrap();
+        let pushed = shapes::deformed(&cube, |p| Point::new(4.0 * p.x.powi(3) - 0.2 * p.x, p.y, p.z));
+        for (name, domain, image) in [("good", &cube, round), ("folded", &cube, pushed)] {
+            io::write_surface(place.path("domain.obj"), domain).unwrap();
             io::write_surface(place.path("image.obj"), &image).unwrap();
             place.ends_with(
                 0,
@@ -58,26 +57,25 @@ fn text(bytes: &[u8]) -> String {
 #[test]
 fn proofs_are_told_in_words_numbers_cells_and_pictures() {
     let place = Workplace::new();
-    let said = text(&place.ends_with(0, "certify good.map --finest 256").stdout);
+    let said = text(&place.ends_with(0, "certify good.map").stdout);
     for fragment in [
-        "locally one to one",
         "folded",
         "undecided",
         "singular values",
         "99 %",
-        "No fold is proved",
+        "locally one to one everywhere",
     ] {
-        assert!(
-            said.contains(fragment) || said.contains("one to one everywhere"),
-            "{said}"
-        );
+        assert!(said.contains(fragment), "{said}");
     }
+    // A quarter of the cube's side leaves cells of its boundary undecided.
+    let said = text(&place.ends_with(0, "certify good.map --finest 4").stdout);
+    assert!(said.contains("No fold is proved, and none is excluded"), "{said}");
 
     let line = "certify folded.map --finest 128 --json -o cells.vtu --picture section.png --axis x --position 0.3";
     let report: Value = serde_json::from_slice(&place.ends_with(1, line).stdout).unwrap();
     let share = |name: &str| report[name]["fraction"].as_f64().unwrap();
     assert!(
-        share("folded") > 0.0 && share("positive") > 0.9 && share("undecided") < 0.05,
+        share("folded") > 0.02 && share("positive") > 0.5 && share("undecided") < 0.1,
         "{report}"
     );
     let sum = share("folded") + share("positive") + share("undecided");

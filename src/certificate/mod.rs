@@ -9,8 +9,9 @@
 //!
 //! In a cell that is [`Verdict::Positive`] every point has a neighbourhood that the map carries one to one, with the
 //! orientation of the target; in one that is [`Verdict::Folded`] every point has one that is carried inside out. The
-//! bounds are those of real numbers. Rounding of the sums is allowed for by `(N + 2¹⁴) ulp / 2` of the sum of
-//! the absolute terms, for `N` sources: more roundings than any term goes through. Nothing is proved by samples.
+//! bounds are those of real numbers. Rounding of the sums is allowed for by `(N + 2¹⁴) 2⁻⁵³` of the sum of
+//! the absolute terms, for `N` sources: that is meant to be more than the roundings on a term's way, and is no
+//! interval arithmetic. Nothing is proved by samples.
 //!
 //! If no cell is folded or undecided, and the boundary map has degree one, then every point of the target that
 //! is farther from its boundary than the largest boundary error of the map has exactly one preimage: the map and its
