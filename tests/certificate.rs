@@ -152,23 +152,25 @@ fn the_undecided_volume_falls_with_the_size_of_the_cells() {
     assert!(undecided[3] < 0.02, "{undecided:?}");
 }
 
-/// A cube sent to a ball: a fit with folds beside the edges, thousands of sources near the boundary.
+/// Fits with thousands of sources near the boundary: a cube made round, the same reflected, and one whose halves are
+/// pushed through each other.
 #[test]
 fn certified_cells_of_fitted_maps_agree_with_dense_sampling() {
     let cube = shapes::cube(1.0, 10);
-    let to_ball = common::boundary_map(&cube, |p| Point::from(p.coords.normalize()));
+    let round = common::boundary_map(&cube, |p| Point::from(p.coords.normalize()));
     let mirrored = common::boundary_map(&cube, |p| {
         let q = p.coords.normalize();
         Point::new(-q.x, q.y, 0.7 * q.z)
     });
-    for boundary in [to_ball, mirrored] {
+    let pushed = common::boundary_map(&cube, |p| Point::new(4.0 * p.x.powi(3) - 0.2 * p.x, p.y, p.z));
+    for (boundary, folded) in [(round, 0.0..0.02), (mirrored, 0.0..0.02), (pushed, 0.02..0.5)] {
         let fit = common::fitted(&boundary, &FitOptions::default());
         let orientation = boundary.target_volume().signum();
         let certificate = certified(&fit.map, &cube, boundary.target_volume(), 128);
         let report = certificate.report;
-        assert!(report.positive.fraction > 0.9, "{report:?}");
+        assert!(folded.contains(&report.folded.fraction), "{report:?}");
         assert!(report.undecided.fraction < 0.05, "{report:?}");
-        assert!(assert_sound(&fit.map, &certificate, orientation, 2) > 5000);
+        assert!(assert_sound(&fit.map, &certificate, orientation, 20) > 500);
     }
 }
 
