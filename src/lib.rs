@@ -44,6 +44,7 @@
 
 pub mod baseline;
 pub mod boundary_map;
+pub mod certificate;
 pub mod check;
 pub mod compare;
 pub mod energy;

@@ -55,6 +55,8 @@ pub enum Command {
     Eval(EvalArgs),
     /// Measure a map's harmonic and deformation energy and picture their distribution
     Energy(EnergyArgs),
+    /// Prove where a map is locally one to one, and where it folds
+    Certify(CertifyArgs),
     /// Carry fields from a map's domain to its target: scalars, vectors, labels, the distance field
     Transfer(TransferArgs),
     /// Make a regular mesh of a polycube and carry it into the target, with no cell inverted
@@ -512,6 +514,34 @@ pub struct TransferArgs {
     /// Write a picture: the first scalar field, or `distance`, on cross-sections of domain and target
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
+    #[command(flatten)]
+    pub section: SectionArgs,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "Every cell of an octree is proved to keep the orientation, proved to be turned inside out, or undecided. The exit \
+                  code is 1 when a fold is proved, and 0 when none is, also while a part is undecided."
+)]
+pub struct CertifyArgs {
+    /// Map file
+    pub map: PathBuf,
+    /// Write all cells with what is proved in them, for ParaView (.vtu)
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Write a picture of a cross-section, coloured by what is proved (.png)
+    #[arg(long, value_name = "FILE")]
+    pub png: Option<PathBuf>,
+    /// Cells along the longest side of the domain where they are smallest; rounded up to a power of two
+    #[arg(long, default_value_t = 4096, value_name = "N")]
+    pub finest: usize,
+    /// Limit on the number of cells: 2 KB each while they are being divided
+    #[arg(long, default_value_t = 1_000_000, value_name = "N")]
+    pub max_cells: usize,
+    /// End when no larger share of the volume is undecided
+    #[arg(long, default_value_t = 0.0, value_name = "FRACTION")]
+    pub undecided: f64,
     #[command(flatten)]
     pub section: SectionArgs,
 }

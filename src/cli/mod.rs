@@ -2,6 +2,7 @@
 
 mod args;
 mod boundary;
+mod certify;
 mod check;
 mod compare;
 mod demo;
@@ -76,6 +77,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Remesh(args) => remesh::run(args, &output),
         Command::Texture(args) => texture::run(args, &output),
         Command::Sequence(args) => sequence::run(args, &output),
+        Command::Certify(args) => certify::run(args, &output),
         Command::Compare(args) => compare::run(args, cli.threads, &output),
         Command::CompareWorker(args) => compare::worker::run(args),
     };

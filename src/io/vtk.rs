@@ -858,7 +858,7 @@ mod tests {
                 ..
             })
         ));
-        assert!(matches!(read("10\n1\n", "12\n1\n"), Err(IoError::Unsupported { .. })));
+        assert!(matches!(read("10\n1\n", "13\n1\n"), Err(IoError::Unsupported { .. })));
         assert!(matches!(read("10\n1\n", "9\n1\n").map(drop), Ok(())));
         assert!(matches!(
             read("10\n10\n1\n", "10\n5\n1\n"),

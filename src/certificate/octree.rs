@@ -1,0 +1,456 @@
+//! The descent: cells from the whole box down, and in each the expansion of the map.
+//!
+//! A source at distance `d` from the centre of a cell with circumradius `r` is absorbed into the cell's expansion once
+//! `q = r / d` is small. Of its gradient the expansion to degree `p` leaves out at most
+//!
+//! ```text
+//! |w| / (4π d²) Σ_{n > p} n qⁿ⁻¹ = |w| / (4π d²) q^p (p + 1 − p q) / (1 − q)²
+//! ```
+//!
+//! anywhere in the ball around the cell. The balls of its parts lie in that ball, polynomials are expanded about other
+//! centres exactly, and so the bound holds for them too: what is absorbed once is never looked at again. Sources that
+//! are not absorbed go down to the parts of the cell; for its own examination a cell expands them as well, as far as
+//! they converge.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use rayon::prelude::*;
+
+use super::bounds::{Examined, Regular, examine, size_at_centre};
+use super::harmonics::{LANES, Lanes, ORDER, TERMS, harmonics, translation};
+use super::volume::{Clipper, Filling};
+use crate::map::HarmonicMap;
+use crate::{Point, Vector};
+
+/// Largest `q` of sources that are absorbed for good.
+const ABSORBED: f64 = 0.3;
+/// Largest `q` of sources that a cell expands to be examined. Beyond, the remainder is far too large.
+const EXPANDED: f64 = 0.75;
+/// Cells of a task at most, divided together so that translations are matrix products.
+const MOST_CELLS_OF_A_TASK: usize = 16;
+/// Tasks of a level at least, if it has as many cells.
+const TASKS: usize = 64;
+/// Half the distance between two roundings at 1.
+const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
+/// Roundings of a term on its way into a coefficient, beside those of the sum over sources: some hundred in the
+/// recurrences of the harmonics, and 3 `TERMS` in each of up to 20 translations, each relative to a bound of all terms.
+const ROUNDINGS_OF_A_TERM: f64 = 16_384.0;
+
+/// The place of a cell: `steps` cells of its level from the lowest corner of the box.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Place {
+    pub(super) level: u8,
+    pub(super) steps: [u32; 3],
+}
+
+impl Place {
+    fn child(&self, octant: usize) -> Self {
+        Self {
+            level: self.level + 1,
+            steps: std::array::from_fn(|k| 2 * self.steps[k] + (octant >> k & 1) as u32),
+        }
+    }
+}
+
+/// A cell that may be divided.
+pub(super) struct Cell {
+    place: Place,
+    /// Volume inside the domain, in cubes of the box's side.
+    pub(super) volume: f64,
+    triangles: Vec<u32>,
+    /// Coefficients of the three coordinates, in units of the circumradius.
+    expansion: Vec<f64>,
+    /// Sources that are not in the expansion.
+    sources: Vec<u32>,
+    /// What the expansion leaves out of the Jacobian: its largest spectral norm.
+    remainder: f64,
+    /// Sum of the sizes of all terms of the Jacobian: what roundings are relative to.
+    magnitude: f64,
+}
+
+/// A cell that is not divided.
+pub(super) struct Ended {
+    pub(super) place: Place,
+    pub(super) volume: f64,
+    /// The determinant at the centre and lower bounds, if its sign is certain.
+    pub(super) found: Option<(f64, Regular)>,
+}
+
+/// The parts of cells: those that ended, and those that may be divided further.
+#[derive(Default)]
+pub(super) struct Parts {
+    pub(super) ended: Vec<Ended>,
+    pub(super) cells: Vec<Cell>,
+}
+
+impl Parts {
+    pub(super) fn of(cell: Cell) -> Self {
+        Self {
+            ended: Vec::new(),
+            cells: vec![cell],
+        }
+    }
+
+    /// None goes on.
+    pub(super) fn end(&mut self) {
+        self.ended.extend(self.cells.drain(..).map(Ended::from));
+        self.cells.shrink_to_fit();
+    }
+
+    pub(super) fn append(&mut self, mut other: Self) {
+        self.ended.append(&mut other.ended);
+        self.cells.append(&mut other.cells);
+    }
+}
+
+impl From<Cell> for Ended {
+    /// Undecided.
+    fn from(cell: Cell) -> Self {
+        Self {
+            place: cell.place,
+            volume: cell.volume,
+            found: None,
+        }
+    }
+}
+
+/// What all cells share.
+pub(super) struct Descent<'a> {
+    low: Point,
+    side: f64,
+    clipper: Clipper,
+    positions: &'a [Point],
+    /// Coefficients over 4π, and their lengths.
+    weights: Vec<[f64; 4]>,
+    translations: Vec<Vec<f64>>,
+    rounding: f64,
+}
+
+impl<'a> Descent<'a> {
+    /// In the cube with this lowest corner and side.
+    pub(super) fn new(map: &'a HarmonicMap, clipper: Clipper, low: Point, side: f64) -> Self {
+        let weight = |w: &[f64; 3]| {
+            let [x, y, z] = w.map(|w| w / (4.0 * std::f64::consts::PI));
+            [x, y, z, Vector::new(x, y, z).norm()]
+        };
+        // In units of the parent's circumradius a child's centre is a quarter of the side away along each axis.
+        let quarter = 0.5 / 3f64.sqrt();
+        let translations = (0..8).into_par_iter().map(|octant: usize| {
+            let offset = Vector::from_fn(|k, _| if octant >> k & 1 == 1 { quarter } else { -quarter });
+            translation(&offset, 0.5)
+        });
+        Self {
+            low,
+            side,
+            clipper,
+            positions: map.sources(),
+            weights: map.coefficients().sources.iter().map(weight).collect(),
+            translations: translations.collect(),
+            rounding: UNIT_ROUNDOFF * (map.sources().len() as f64 + ROUNDINGS_OF_A_TERM),
+        }
+    }
+
+    /// The whole box, with the affine part of the map.
+    pub(super) fn root(&self, map: &HarmonicMap) -> Cell {
+        let place = Place {
+            level: 0,
+            steps: [0; 3],
+        };
+        let (_, radius) = self.ball(&place);
+        let mut expansion = vec![0.0; 3 * TERMS];
+        for (coordinate, terms) in expansion.chunks_mut(TERMS).enumerate() {
+            // The harmonics of degree 1 are z, x, y.
+            for (term, axis) in [2, 0, 1].into_iter().enumerate() {
+                terms[term] = map.coefficients().affine[axis + 1][coordinate] * radius;
+            }
+        }
+        let all: Vec<u32> = (0..self.positions.len() as u32).collect();
+        let magnitude = size_at_centre(&expansion) / radius;
+        let filling = self.filling(&place, &self.clipper.triangles());
+        self.absorbed(place, filling, expansion, &all, [0.0, magnitude])
+    }
+
+    /// Lowest corner and side of a cell.
+    pub(super) fn cube(&self, place: &Place) -> (Point, f64) {
+        let side = self.side / 2f64.powi(place.level.into());
+        (self.low + Vector::from(place.steps.map(f64::from)) * side, side)
+    }
+
+    fn ball(&self, place: &Place) -> (Point, f64) {
+        let (low, side) = self.cube(place);
+        (low + Vector::repeat(0.5 * side), 0.5 * 3f64.sqrt() * side)
+    }
+
+    /// The parts that reach into the domain of cells of one level, in order. None goes on if they are the `last`.
+    pub(super) fn divide(&self, cells: &[Cell], last: bool) -> Parts {
+        // Few cells have many sources each: then one is enough for a task. Tasks do not depend on the threads.
+        let task = (cells.len() / TASKS).clamp(1, MOST_CELLS_OF_A_TASK);
+        let tasks: Vec<Parts> = cells
+            .par_chunks(task)
+            .map(|cells| self.divide_some(cells, last))
+            .collect();
+        let mut parts = Parts::default();
+        tasks.into_iter().for_each(|task| parts.append(task));
+        parts
+    }
+
+    fn divide_some(&self, cells: &[Cell], last: bool) -> Parts {
+        let expansions: Vec<f64> = cells.iter().flat_map(|cell| &cell.expansion).copied().collect();
+        let translated: Vec<Vec<f64>> = self.translations.iter().map(|t| translated(t, &expansions)).collect();
+        let mut parts = Parts::default();
+        for (i, parent) in cells.iter().enumerate() {
+            for (octant, translated) in translated.iter().enumerate() {
+                let place = parent.place.child(octant);
+                let filling = self.filling(&place, &parent.triangles);
+                if filling.fraction == 0.0 {
+                    continue;
+                }
+                let expansion = translated[3 * TERMS * i..][..3 * TERMS].to_vec();
+                let inherited = [parent.remainder, parent.magnitude];
+                let cell = self.absorbed(place, filling, expansion, &parent.sources, inherited);
+                match self.examined(&cell) {
+                    Some(Examined { det, regular }) if regular.is_some() || last => parts.ended.push(Ended {
+                        found: regular.map(|regular| (det, regular)),
+                        ..cell.into()
+                    }),
+                    None if last => parts.ended.push(cell.into()),
+                    _ => parts.cells.push(cell),
+                }
+            }
+        }
+        parts
+    }
+
+    /// What a cell has of the domain, by the triangles of its parent; without any it is inside as a whole.
+    fn filling(&self, place: &Place, triangles: &[u32]) -> Filling {
+        let side = 0.5f64.powi(place.level.into());
+        let low = Point::from(Vector::from(place.steps.map(f64::from)) * side);
+        if triangles.is_empty() {
+            return Filling::whole();
+        }
+        self.clipper.filling(&low, side, triangles)
+    }
+
+    /// A cell with this expansion after it has absorbed all of these sources that are far enough. Remainder and magnitude
+    /// are those of what is in the expansion already.
+    fn absorbed(
+        &self,
+        place: Place,
+        filling: Filling,
+        mut expansion: Vec<f64>,
+        sources: &[u32],
+        [remainder, magnitude]: [f64; 2],
+    ) -> Cell {
+        let (centre, radius) = self.ball(&place);
+        let nearest = radius / ABSORBED;
+        let is_far = |s: &&u32| (self.positions[**s as usize] - centre).norm_squared() >= nearest * nearest;
+        let (far, near): (Vec<u32>, Vec<u32>) = sources.iter().partition(is_far);
+        let [further, larger] = self.sizes(&far, &centre, radius);
+        self.expand(&far, &centre, radius, &mut expansion);
+        Cell {
+            place,
+            volume: filling.fraction * 0.125f64.powi(place.level.into()),
+            triangles: filling.triangles,
+            expansion,
+            sources: near,
+            remainder: remainder + further,
+            magnitude: magnitude + larger,
+        }
+    }
+
+    /// What a cell proves, if anything can be told at its size.
+    fn examined(&self, cell: &Cell) -> Option<Examined> {
+        let (centre, radius) = self.ball(&cell.place);
+        let nearest = radius / EXPANDED;
+        let is_near = |&s: &u32| (self.positions[s as usize] - centre).norm_squared() < nearest * nearest;
+        if cell.sources.iter().any(is_near) {
+            return None;
+        }
+        let [remainder, magnitude] = self.sizes(&cell.sources, &centre, radius);
+        let remainder = cell.remainder + remainder + self.rounding * (cell.magnitude + magnitude);
+        let mut expansion = cell.expansion.clone();
+        self.expand(&cell.sources, &centre, radius, &mut expansion);
+        // Back from units of the circumradius.
+        Some(examine(&expansion, remainder * radius).scaled(1.0 / radius))
+    }
+
+    /// Bounds of what the expansion of sources leaves out of the Jacobian, and of the sum of its terms' sizes.
+    fn sizes(&self, sources: &[u32], centre: &Point, radius: f64) -> [f64; 2] {
+        let p = ORDER as f64;
+        let (mut remainder, mut magnitude) = (0.0, 0.0);
+        for &s in sources {
+            let squared = (self.positions[s as usize] - centre).norm_squared();
+            let q = radius / squared.sqrt();
+            let all = self.weights[s as usize][3] / (squared * (1.0 - q) * (1.0 - q));
+            magnitude += all;
+            remainder += all * q.powi(ORDER as i32) * (p + 1.0 - p * q);
+        }
+        [remainder, magnitude]
+    }
+
+    /// Adds sources to an expansion.
+    fn expand(&self, sources: &[u32], centre: &Point, radius: f64, expansion: &mut [f64]) {
+        if sources.is_empty() {
+            return;
+        }
+        let mut sums = Box::new([[[0.0; LANES]; 3]; TERMS]);
+        for sources in sources.chunks(LANES) {
+            let mut inverted = [[0.0; LANES]; 3];
+            let mut weights = [[0.0; LANES]; 3];
+            for (lane, &s) in sources.iter().enumerate() {
+                let away = (self.positions[s as usize] - centre) / radius;
+                let squared = away.norm_squared();
+                let scale = 1.0 / (radius * squared.sqrt());
+                for k in 0..3 {
+                    inverted[k][lane] = away[k] / squared;
+                    weights[k][lane] = self.weights[s as usize][k] * scale;
+                }
+            }
+            add_products(&inverted, &weights, &mut sums);
+        }
+        for (coordinate, terms) in expansion.chunks_mut(TERMS).enumerate() {
+            for (term, sums) in terms.iter_mut().zip(sums.iter()) {
+                *term += sums[coordinate].iter().sum::<f64>();
+            }
+        }
+    }
+}
+
+/// Expansions about the centre of a child.
+fn translated(translation: &[f64], expansions: &[f64]) -> Vec<f64> {
+    let columns = expansions.len() / TERMS;
+    let mut children = vec![0.0; expansions.len()];
+    matmul(
+        MatMut::from_column_major_slice_mut(&mut children, TERMS, columns),
+        Accum::Replace,
+        MatRef::from_column_major_slice(translation, TERMS, TERMS),
+        MatRef::from_column_major_slice(expansions, TERMS, columns),
+        1.0,
+        Par::Seq,
+    );
+    children
+}
+
+fn add_products(points: &[Lanes; 3], weights: &[Lanes; 3], sums: &mut [[Lanes; 3]; TERMS]) {
+    let mut values = [[0.0; LANES]; TERMS];
+    harmonics(points, &mut values);
+    for (value, sums) in values.iter().zip(sums) {
+        for (weight, sum) in weights.iter().zip(sums) {
+            for l in 0..LANES {
+                sum[l] += weight[l] * value[l];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    use super::*;
+    use crate::Matrix3;
+    use crate::map::VolumeMap;
+    use crate::mesh::shapes;
+    use crate::solver::Coefficients;
+
+    /// A map of the cube of side 1 about the origin, with sources from near its boundary to far away.
+    fn random_map(sources: usize, rng: &mut StdRng) -> HarmonicMap {
+        let mut positions = Vec::new();
+        while positions.len() < sources {
+            let p = Point::from(Vector::from_fn(|_, _| rng.random_range(-1.5..1.5)));
+            if p.coords.amax() > 0.55 {
+                positions.push(p);
+            }
+        }
+        let weights = (0..sources)
+            .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+            .collect();
+        let affine = std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
+        let coefficients = Coefficients {
+            sources: weights,
+            affine,
+        };
+        HarmonicMap::new(positions, coefficients).unwrap()
+    }
+
+    /// The Jacobian of an expansion, by central differences of the harmonics: they err by `h²` times third derivatives.
+    fn jacobian(expansion: &[f64], x: &Vector) -> Matrix3 {
+        let step = 1e-4;
+        let values = |p: Vector| {
+            let mut out = [[0.0; LANES]; TERMS];
+            harmonics(&[[p.x; LANES], [p.y; LANES], [p.z; LANES]], &mut out);
+            Vector::from_fn(|i, _| (0..TERMS).map(|t| expansion[i * TERMS + t] * out[t][0]).sum())
+        };
+        let column = |axis| (values(x + Vector::ith(axis, step)) - values(x - Vector::ith(axis, step))) / (2.0 * step);
+        Matrix3::from_columns(&[column(0), column(1), column(2)])
+    }
+
+    fn largest_error(map: &HarmonicMap, descent: &Descent, cell: &Cell, rng: &mut StdRng) -> f64 {
+        let (centre, radius) = descent.ball(&cell.place);
+        // Only what is in the expansion is compared.
+        let kept: Vec<usize> = (0..map.sources().len())
+            .filter(|&s| !cell.sources.contains(&(s as u32)))
+            .collect();
+        let coefficients = Coefficients {
+            sources: kept.iter().map(|&s| map.coefficients().sources[s]).collect(),
+            affine: map.coefficients().affine,
+        };
+        let absorbed = HarmonicMap::new(kept.iter().map(|&s| map.sources()[s]).collect(), coefficients).unwrap();
+        let mut directions: Vec<Vector> = (0..200)
+            .map(|_| Vector::from_fn(|_, _| rng.random_range(-1.0..1.0)).normalize())
+            .collect();
+        directions.extend(kept.iter().map(|&s| (map.sources()[s] - centre).normalize()));
+        let points: Vec<Point> = directions.iter().map(|x| centre + x * radius).collect();
+        let errors = directions.iter().zip(absorbed.jacobian(&points)).map(|(x, exact)| {
+            let found = jacobian(&cell.expansion, x) / radius;
+            (exact - found).singular_values().max()
+        });
+        errors.fold(0.0, f64::max)
+    }
+
+    /// Down four levels, with many sources of random signs: the bound is of absolute values, and so too large by what
+    /// cancels. With one source it is the least possible where that was just absorbed.
+    #[test]
+    fn remainders_bound_what_expansions_leave_out() {
+        let mut rng = StdRng::seed_from_u64(9);
+        let domain = shapes::cube(1.0, 1);
+        let (low, side) = (Point::new(-0.5, -0.5, -0.5), 1.0);
+        for (sources, factor) in [(1, 1.5), (60, 8.0)] {
+            let map = random_map(sources, &mut rng);
+            let descent = Descent::new(&map, Clipper::new(&domain, &low, side), low, side);
+            let mut cells = vec![descent.root(&map)];
+            let mut closest = f64::INFINITY;
+            for _ in 0..4 {
+                for cell in cells.iter().step_by(cells.len().div_ceil(20)) {
+                    let error = largest_error(&map, &descent, cell, &mut rng);
+                    // Central differences err by 1e-8 of third derivatives, the sums of the map by 1e-9.
+                    assert!(
+                        error <= cell.remainder + 3e-7 * cell.magnitude,
+                        "{error:e} > {:e}",
+                        cell.remainder
+                    );
+                    if cell.remainder > 0.0 {
+                        closest = closest.min(cell.remainder / error);
+                    }
+                }
+                cells = cells
+                    .iter()
+                    .flat_map(|cell| {
+                        let translated: Vec<_> = descent
+                            .translations
+                            .iter()
+                            .map(|t| translated(t, &cell.expansion))
+                            .collect();
+                        let children = translated.into_iter().enumerate().map(|(octant, expansion)| {
+                            let inherited = [cell.remainder, cell.magnitude];
+                            let place = cell.place.child(octant);
+                            descent.absorbed(place, Filling::whole(), expansion, &cell.sources, inherited)
+                        });
+                        children.collect::<Vec<_>>()
+                    })
+                    .collect();
+            }
+            assert!(closest < factor, "the bound is at least {closest} times too large");
+        }
+    }
+}

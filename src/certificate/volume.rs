@@ -1,0 +1,134 @@
+//! Which part of a cell the solid fills, exactly but for rounding.
+//!
+//! A point lies in the solid when more upward than downward triangles are above it. So the volume of a cell inside is
+//! the signed sum, over the triangles above its square, of the prisms that they cut from it. Cells are divided from
+//! the whole box down, and a cell asks only the triangles over its parent's square.
+
+use smallvec::SmallVec;
+
+use crate::Point;
+use crate::mesh::SurfaceMesh;
+
+/// A convex planar polygon: a triangle cut by six planes has at most nine corners.
+type Polygon = SmallVec<[Point; 9]>;
+
+/// Parts of a cell below this fraction of it are taken for rounding.
+const NEGLIGIBLE: f64 = 1e-12;
+
+/// The boundary of a solid, in units in which the cube around it has side 1.
+pub(super) struct Clipper {
+    corners: Vec<[Point; 3]>,
+}
+
+/// How much of a cell is inside, and which triangles tell it.
+#[derive(Default)]
+pub(super) struct Filling {
+    /// Volume inside, as a fraction of the cell.
+    pub(super) fraction: f64,
+    /// Triangles above or in the cell; none when it is inside as a whole.
+    pub(super) triangles: Vec<u32>,
+}
+
+impl Clipper {
+    /// Triangles that stand upright bound no volume from above and are left out.
+    pub(super) fn new(surface: &SurfaceMesh, low: &Point, side: f64) -> Self {
+        let scaled = |p: Point| Point::from((p - low) / side);
+        let corners = (0..surface.triangles().len()).map(|t| surface.corners(t).map(scaled));
+        Self {
+            corners: corners.filter(|[a, b, c]| projected_area(a, b, c) != 0.0).collect(),
+        }
+    }
+
+    pub(super) fn triangles(&self) -> Vec<u32> {
+        (0..self.corners.len() as u32).collect()
+    }
+
+    /// The filling of a cube, by the triangles of a cube that contains it.
+    pub(super) fn filling(&self, low: &Point, side: f64, candidates: &[u32]) -> Filling {
+        let (mut volume, mut triangles) = (0.0, Vec::new());
+        for &t in candidates {
+            let corners = &self.corners[t as usize];
+            let over = |axis: usize, [a, b, c]: &[Point; 3]| {
+                let (least, most) = (a[axis].min(b[axis]).min(c[axis]), a[axis].max(b[axis]).max(c[axis]));
+                (least < low[axis] + side && most > low[axis]).then_some(low[axis] <= least && most <= low[axis] + side)
+            };
+            let (Some(whole_x), Some(whole_y)) = (over(0, corners), over(1, corners)) else {
+                continue;
+            };
+            if corners.iter().all(|p| p.z <= low.z) {
+                continue;
+            }
+            let mut polygon = Polygon::from_slice(corners);
+            for (axis, whole) in [(0, whole_x), (1, whole_y)] {
+                if !whole {
+                    polygon = split(&split(&polygon, axis, low[axis]).1, axis, low[axis] + side).0;
+                }
+            }
+            if polygon.len() < 3 {
+                continue;
+            }
+            triangles.push(t);
+            let (_, above_floor) = split(&polygon, 2, low.z);
+            let (within, above) = split(&above_floor, 2, low.z + side);
+            volume += fan(&within)
+                .map(|[a, b, c]| projected_area(&a, &b, &c) * ((a.z + b.z + c.z) / 3.0 - low.z))
+                .sum::<f64>();
+            volume += fan(&above).map(|[a, b, c]| projected_area(&a, &b, &c)).sum::<f64>() * side;
+        }
+        let fraction = volume / (side * side * side);
+        match fraction {
+            _ if fraction < NEGLIGIBLE => Filling::default(),
+            _ if (fraction - 1.0).abs() < NEGLIGIBLE => Filling::whole(),
+            _ => Filling { fraction, triangles },
+        }
+    }
+}
+
+impl Filling {
+    /// Of a cell that is inside as a whole.
+    pub(super) fn whole() -> Self {
+        Self {
+            fraction: 1.0,
+            triangles: Vec::new(),
+        }
+    }
+}
+
+/// The parts of a convex polygon below and above a plane across an axis; a part within the plane is below.
+fn split(polygon: &Polygon, axis: usize, at: f64) -> (Polygon, Polygon) {
+    if polygon.iter().all(|p| p[axis] <= at) {
+        return (polygon.clone(), Polygon::new());
+    }
+    if polygon.iter().all(|p| p[axis] >= at) {
+        return (Polygon::new(), polygon.clone());
+    }
+    let (mut below, mut above) = (Polygon::new(), Polygon::new());
+    for (n, p) in polygon.iter().enumerate() {
+        let q = &polygon[(n + 1) % polygon.len()];
+        if p[axis] <= at {
+            below.push(*p);
+        }
+        if p[axis] >= at {
+            above.push(*p);
+        }
+        // From the lower end, so that neighbours cut their common edge in the same point, bit for bit.
+        let (low, high) = if p[axis] < q[axis] { (p, q) } else { (q, p) };
+        if low[axis] < at && at < high[axis] {
+            let mut cut = low + (high - low) * ((at - low[axis]) / (high[axis] - low[axis]));
+            cut[axis] = at;
+            below.push(cut);
+            above.push(cut);
+        }
+    }
+    (below, above)
+}
+
+/// The triangles of a convex polygon about its first corner.
+fn fan(polygon: &Polygon) -> impl Iterator<Item = [Point; 3]> {
+    polygon.windows(2).skip(1).map(|edge| [polygon[0], edge[0], edge[1]])
+}
+
+/// Area of the projection along z, positive where the triangle looks up.
+fn projected_area(a: &Point, b: &Point, c: &Point) -> f64 {
+    ((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) / 2.0
+}

@@ -1,0 +1,307 @@
+//! What `certificate` proves, held against dense sampling.
+
+mod common;
+
+use rand::{Rng, SeedableRng, rngs::StdRng};
+use solidmap::certificate::{Certificate, CertificateError, CertificateOptions, Ending, Leaf, Verdict, certify};
+use solidmap::fit::FitOptions;
+use solidmap::map::{HarmonicMap, VolumeMap};
+use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::solver::Coefficients;
+use solidmap::{Matrix3, Point, Vector};
+
+const IDENTITY: [[f64; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+fn map(sources: &[(Point, [f64; 3])], affine: [[f64; 3]; 4]) -> HarmonicMap {
+    let coefficients = Coefficients {
+        sources: sources.iter().map(|s| s.1).collect(),
+        affine,
+    };
+    HarmonicMap::new(sources.iter().map(|s| s.0).collect(), coefficients).unwrap()
+}
+
+fn options(finest: usize) -> CertificateOptions {
+    CertificateOptions {
+        finest,
+        ..Default::default()
+    }
+}
+
+fn certified(map: &HarmonicMap, domain: &SurfaceMesh, orientation: f64, finest: usize) -> Certificate {
+    certify(map, domain, orientation, &options(finest), &|_| {}).unwrap()
+}
+
+/// A source above the cube pulls its top through itself: at the middle of the top face `∂f_z/∂z` is
+/// `1 − 2 / (4π 0.25²) < 0`, while the far half is nearly the identity.
+fn folding() -> HarmonicMap {
+    map(&[(Point::new(0.0, 0.0, 0.75), [0.0, 0.0, -2.0])], IDENTITY)
+}
+
+/// Random points of a cell, and its corners.
+fn samples(leaf: &Leaf, count: usize, random: &mut StdRng) -> Vec<Point> {
+    let corners = (0..8).map(|n| Vector::from_fn(|k, _| f64::from(n >> k & 1)));
+    let inner: Vec<Vector> = (0..count)
+        .map(|_| Vector::from_fn(|_, _| random.random_range(0.0..1.0)))
+        .collect();
+    corners.chain(inner).map(|step| leaf.low + step * leaf.size).collect()
+}
+
+/// Signs and both bounds hold at samples of every decided cell; returns how many cells were asked.
+fn assert_sound(map: &HarmonicMap, certificate: &Certificate, orientation: f64, count: usize) -> usize {
+    let mut random = StdRng::seed_from_u64(11);
+    let decided: Vec<&Leaf> = certificate
+        .leaves()
+        .iter()
+        .filter(|leaf| leaf.verdict != Verdict::Undecided)
+        .collect();
+    let points: Vec<Point> = decided
+        .iter()
+        .flat_map(|leaf| samples(leaf, count, &mut random))
+        .collect();
+    let jacobians = map.jacobian(&points);
+    for (leaf, jacobians) in decided.iter().zip(jacobians.chunks(count + 8)) {
+        let sign = if leaf.verdict == Verdict::Positive {
+            orientation
+        } else {
+            -orientation
+        };
+        for jacobian in jacobians {
+            assert!(
+                sign * jacobian.determinant() >= leaf.det_bound && leaf.det_bound > 0.0,
+                "{leaf:?}"
+            );
+            assert!(
+                jacobian.singular_values().min() >= leaf.sigma_min && leaf.sigma_min > 0.0,
+                "{leaf:?}"
+            );
+        }
+    }
+    decided.len()
+}
+
+#[test]
+fn affine_maps_are_decided_at_once_by_their_own_singular_values() {
+    let affine = [[0.3, 0.0, -1.0], [2.0, 0.1, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 3.0]];
+    let linear = Matrix3::from_fn(|i, k| affine[k + 1][i]);
+    let domain = shapes::sphere(1.3, 2);
+    for (orientation, expected) in [(1.0, Verdict::Positive), (-1.0, Verdict::Folded)] {
+        let certificate = certified(&map(&[], affine), &domain, orientation, 64);
+        let report = certificate.report;
+        assert_eq!((certificate.leaves().len(), report.ending), (8, Ending::AllDecided));
+        for leaf in certificate.leaves() {
+            assert_eq!(leaf.verdict, expected);
+            // Norms of 3 × 3 matrices are over-estimated by up to 4 %.
+            let least = linear.singular_values().min();
+            assert!(leaf.sigma_min <= least && leaf.sigma_min > 0.96 * least);
+            assert!((leaf.det_bound / linear.determinant().abs() - 1.0).abs() < 1e-9);
+        }
+        assert!(report.volume_error.abs() < 1e-12);
+    }
+}
+
+#[test]
+fn a_reflecting_map_of_a_reflected_target_is_not_folded() {
+    let mut affine = IDENTITY;
+    affine[1][0] = -1.0;
+    let certificate = certified(&map(&[], affine), &shapes::cube(1.0, 1), -1.0, 8);
+    assert_eq!(certificate.report.positive.cells, 8);
+    assert!(
+        certificate
+            .leaves()
+            .iter()
+            .all(|leaf| (leaf.det_centre - 1.0).abs() < 1e-12)
+    );
+}
+
+#[test]
+fn a_fold_is_proved_where_samples_find_it_and_nowhere_else() {
+    let (map, domain) = (folding(), shapes::cube(1.0, 1));
+    let certificate = certified(&map, &domain, 1.0, 64);
+    let report = certificate.report;
+    assert!(report.folded.cells > 100 && report.positive.cells > 100);
+    assert!(assert_sound(&map, &certificate, 1.0, 12) > 1000);
+
+    let points = common::interior_points(&domain, 20_000, 5);
+    let mut folded = 0;
+    for (point, jacobian) in points.iter().zip(map.jacobian(&points)) {
+        let det = jacobian.determinant();
+        folded += usize::from(det < 0.0);
+        match certificate.leaf_at(point).unwrap().verdict {
+            Verdict::Positive => assert!(det > 0.0),
+            Verdict::Folded => assert!(det < 0.0),
+            Verdict::Undecided => {}
+        }
+    }
+    // Four standard deviations of a share of 20,000 samples.
+    let sampled = folded as f64 / points.len() as f64;
+    let tolerance = 4.0 * (sampled / points.len() as f64).sqrt();
+    assert!(report.folded.fraction < sampled + tolerance);
+    assert!(report.folded.fraction + report.undecided.fraction > sampled - tolerance);
+}
+
+/// Cells that meet the surface `det J = 0` stay undecided, and the volume of a layer of cells halves with their size.
+#[test]
+fn the_undecided_volume_falls_with_the_size_of_the_cells() {
+    let (map, domain) = (folding(), shapes::sphere(0.6, 3));
+    let undecided: Vec<f64> = [16, 32, 64, 128]
+        .map(|finest| certified(&map, &domain, 1.0, finest).report.undecided.fraction)
+        .into();
+    for pair in undecided.windows(2) {
+        assert!(pair[1] < 0.6 * pair[0], "{undecided:?}");
+    }
+    assert!(undecided[3] < 0.02, "{undecided:?}");
+}
+
+/// Fits with thousands of sources near the boundary: a cube made round, the same reflected, and one whose halves are
+/// pushed through each other.
+#[test]
+fn certified_cells_of_fitted_maps_agree_with_dense_sampling() {
+    let cube = shapes::cube(1.0, 10);
+    let round = common::boundary_map(&cube, |p| Point::from(p.coords.normalize()));
+    let mirrored = common::boundary_map(&cube, |p| {
+        let q = p.coords.normalize();
+        Point::new(-q.x, q.y, 0.7 * q.z)
+    });
+    let pushed = common::boundary_map(&cube, |p| Point::new(4.0 * p.x.powi(3) - 0.2 * p.x, p.y, p.z));
+    for (boundary, folded) in [(round, 0.0..0.02), (mirrored, 0.0..0.02), (pushed, 0.02..0.5)] {
+        let fit = common::fitted(&boundary, &FitOptions::default());
+        let orientation = boundary.target_volume().signum();
+        let certificate = certified(&fit.map, &cube, boundary.target_volume(), 128);
+        let report = certificate.report;
+        assert!(folded.contains(&report.folded.fraction), "{report:?}");
+        assert!(report.undecided.fraction < 0.05, "{report:?}");
+        assert!(assert_sound(&fit.map, &certificate, orientation, 20) > 500);
+    }
+}
+
+#[test]
+fn cells_fill_the_domain_whatever_its_shape() {
+    for (name, domain) in common::solids(0) {
+        let far = Point::from(domain.bounding_box().unwrap().1.coords * 1.5);
+        let map = map(&[(far, [0.4, -0.3, 0.2])], IDENTITY);
+        let certificate = certified(&map, &domain, 1.0, 64);
+        let report = certificate.report;
+        assert!(report.volume_error.abs() < 1e-10, "{name}: {report:?}");
+        for point in common::interior_points(&domain, 200, 3) {
+            let leaf = certificate
+                .leaf_at(&point)
+                .unwrap_or_else(|| panic!("{name}: no cell at {point}"));
+            assert!((point - leaf.centre()).amax() <= 0.5 * leaf.size * (1.0 + 1e-12));
+        }
+        assert_eq!(certificate.leaf_at(&(far + Vector::repeat(1.0))), None);
+    }
+}
+
+#[test]
+fn hexahedra_are_the_leaves() {
+    let certificate = certified(&folding(), &shapes::cube(1.0, 1), 1.0, 16);
+    let (points, hexahedra) = certificate.hexahedra();
+    assert_eq!(hexahedra.len(), certificate.leaves().len());
+    for (hexahedron, leaf) in hexahedra.iter().zip(certificate.leaves()) {
+        let corner = |n: usize| points[hexahedron[n] as usize];
+        assert!((corner(0) - leaf.low).norm() < 1e-12);
+        assert!((corner(6) - leaf.low - Vector::repeat(leaf.size)).norm() < 1e-12);
+    }
+}
+
+#[test]
+fn does_not_depend_on_the_number_of_threads() {
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| certified(&folding(), &shapes::sphere(0.6, 3), 1.0, 32))
+    };
+    let (one, three) = (with(1), with(3));
+    assert_eq!(one.report, three.report);
+    assert_eq!(one.leaves().len(), three.leaves().len());
+    for (a, b) in one.leaves().iter().zip(three.leaves()) {
+        assert_eq!(
+            (a.low, a.verdict, a.sigma_min.to_bits()),
+            (b.low, b.verdict, b.sigma_min.to_bits())
+        );
+    }
+}
+
+#[test]
+fn limits_end_the_work_and_are_named() {
+    let domain = shapes::cube(1.0, 1);
+    let with = |options| certify(&folding(), &domain, 1.0, &options, &|_| {}).unwrap();
+    let few = with(CertificateOptions {
+        max_cells: 2000,
+        ..Default::default()
+    });
+    assert_eq!(few.report.ending, Ending::CellLimit);
+    assert!(few.leaves().len() <= 2000);
+    let enough = with(CertificateOptions {
+        undecided: 0.1,
+        ..Default::default()
+    });
+    assert_eq!(enough.report.ending, Ending::EnoughDecided);
+    assert!(enough.report.undecided.fraction <= 0.1);
+    assert_eq!(with(options(16)).report.ending, Ending::Finest);
+}
+
+/// A source in the domain is never covered by a decided cell.
+#[test]
+fn a_source_inside_stays_undecided() {
+    let source = Point::new(0.1, 0.05, -0.02);
+    let map = map(&[(source, [0.1, 0.0, 0.0])], IDENTITY);
+    let certificate = certified(&map, &shapes::cube(1.0, 1), 1.0, 64);
+    assert_eq!(certificate.leaf_at(&source).unwrap().verdict, Verdict::Undecided);
+    assert!(assert_sound(&map, &certificate, 1.0, 12) > 300);
+}
+
+#[test]
+fn what_cannot_be_certified_is_refused_by_name() {
+    let cube = shapes::cube(1.0, 1);
+    let good = folding();
+    let with = |map: &HarmonicMap, domain: &SurfaceMesh, volume, options| {
+        certify(map, domain, volume, &options, &|_| {}).unwrap_err()
+    };
+    let default = CertificateOptions::default();
+    for volume in [0.0, f64::NAN, f64::INFINITY] {
+        let error = with(&good, &cube, volume, default);
+        assert!(matches!(error, CertificateError::NoOrientation { .. }));
+    }
+    let bad = map(&[(Point::new(0.0, f64::NAN, 1.0), [0.0; 3])], IDENTITY);
+    assert_eq!(
+        with(&bad, &cube, 1.0, default),
+        CertificateError::NonFiniteSource { source_index: 0 }
+    );
+    let mut affine = IDENTITY;
+    affine[2][1] = f64::INFINITY;
+    assert_eq!(
+        with(&map(&[], affine), &cube, 1.0, default),
+        CertificateError::NonFiniteAffine
+    );
+    assert!(matches!(
+        with(&good, &cube.reversed(), 1.0, default),
+        CertificateError::NoVolume { .. }
+    ));
+    let opened = SurfaceMesh::new(cube.vertices().to_vec(), cube.triangles()[2..].to_vec()).unwrap();
+    let error = with(&good, &opened, 1.0, default);
+    assert!(
+        matches!(error, CertificateError::Open { .. } | CertificateError::NoVolume { .. }),
+        "{error}"
+    );
+    let empty = SurfaceMesh::new(vec![], vec![]).unwrap();
+    assert!(matches!(
+        with(&good, &empty, 1.0, default),
+        CertificateError::NoVolume { .. }
+    ));
+    for options in [
+        CertificateOptions { finest: 1, ..default },
+        CertificateOptions {
+            max_cells: 0,
+            ..default
+        },
+        CertificateOptions {
+            undecided: f64::NAN,
+            ..default
+        },
+    ] {
+        assert!(matches!(
+            with(&good, &cube, 1.0, options),
+            CertificateError::Option { .. }
+        ));
+    }
+}
