@@ -110,7 +110,10 @@ fn write(path: &Path, certificate: &Certificate) -> anyhow::Result<()> {
         path,
         &points,
         Cells::Hexes(&hexahedra),
-        &VtkFields { point: vec![], cell },
+        &VtkFields {
+            cell,
+            ..VtkFields::default()
+        },
     )?;
     Ok(())
 }
