@@ -2,6 +2,7 @@
 
 use criterion::{criterion_group, criterion_main};
 
+mod applications;
 mod baseline;
 mod boundary;
 mod fit;
@@ -27,6 +28,9 @@ criterion_group!(
     fit::energy,
     geometry::build,
     geometry::query,
-    geometry::prepare
+    geometry::prepare,
+    applications::regular_meshes,
+    applications::preimages,
+    applications::certificates
 );
 criterion_main!(benches);

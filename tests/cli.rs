@@ -777,6 +777,15 @@ fn demo_writes_maps_and_pictures() {
         }
     }
     assert!(report["peak_rss_bytes"].as_u64().unwrap() < 1 << 30);
+    let remesh = &report["pairs"][0]["remesh"];
+    assert_eq!(
+        (&remesh["after"]["inverted"], &remesh["after"]["inverted_inside"]),
+        (&0.into(), &0.into())
+    );
+    assert!(remesh["cells"].as_u64().unwrap() > 1000 && report["pairs"][1]["remesh"].is_null());
+    for file in ["hexahedra.vtu", "hexahedra.png"] {
+        assert!(place.path("shown/animal").join(file).exists(), "{file}");
+    }
 }
 
 #[test]

@@ -11,6 +11,7 @@ use solidmap::fit::{FitOptions, FitReport};
 use solidmap::io::{self, MapFile, MapMetadata};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, TetMesh};
+use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, RemeshReport, remesh};
 use solidmap::report::{Align, Axis, Camera, Edges, Figure, Panel, Plane, SurfaceStyle, Table};
 
 use super::Outcome;
@@ -22,6 +23,8 @@ use super::pictures::{Pictured, depths};
 
 /// Cells of the integration grid along the longest side.
 const RESOLUTION: usize = 40;
+/// Hexahedra along the longest side of a polycube.
+const HEXES: usize = 32;
 /// Pixels along the longer side of a section.
 const SECTION_PIXELS: usize = 560;
 /// Width and height of a view.
@@ -37,6 +40,7 @@ struct Pair {
     section: Axis,
     /// Axis that the cut-open meshes are cut across.
     cut: Axis,
+    is_polycube: bool,
 }
 
 fn pairs() -> [Pair; 2] {
@@ -53,6 +57,7 @@ fn pairs() -> [Pair; 2] {
             },
             section: Axis::Y,
             cut: Axis::Y,
+            is_polycube: true,
         },
         Pair {
             name: "knot",
@@ -66,6 +71,7 @@ fn pairs() -> [Pair; 2] {
             },
             section: Axis::Z,
             cut: Axis::Z,
+            is_polycube: false,
         },
     ]
 }
@@ -87,6 +93,8 @@ struct PairReport {
     /// The carried tet mesh; absent without the C++ bridge.
     tets: Option<usize>,
     flipped_tets: Option<usize>,
+    /// The hexahedra that the domain is meshed with, where it is a polycube.
+    remesh: Option<RemeshReport>,
 }
 
 /// Maps the built-in pairs, measures, pictures and writes everything.
@@ -152,6 +160,12 @@ fn show(pair: &Pair, folder: &Path, output: &Output) -> anyhow::Result<PairRepor
     }
     save(&folder.join("map.png"), &Figure::grid(views).titled(pair.title))?;
 
+    let remesh = if pair.is_polycube {
+        Some(hexahedra(pair, &fit.map, folder, output)?)
+    } else {
+        None
+    };
+
     let metadata = MapMetadata::new(fit.report.clone(), vec![]);
     let file = MapFile {
         map: fit.map,
@@ -166,7 +180,25 @@ fn show(pair: &Pair, folder: &Path, output: &Output) -> anyhow::Result<PairRepor
         energy,
         tets: carried.as_ref().map(|c| c.before.tets().len()),
         flipped_tets: carried.as_ref().map(|c| super::eval::flipped_tets(&c.before, &c.after)),
+        remesh,
     })
+}
+
+/// A regular mesh of the polycube, carried and repaired.
+fn hexahedra(pair: &Pair, map: &HarmonicMap, folder: &Path, output: &Output) -> anyhow::Result<RemeshReport> {
+    let source = MeshSource::Regular {
+        kind: CellKind::Hexes,
+        size: CellSize::Along(HEXES),
+        most_cells: 1_000_000,
+    };
+    let told = |phase| super::remesh::show(phase, output);
+    let meshed = remesh(&pair.boundary, map, source, &RemeshOptions::default(), &told)?;
+    let origin = concat!("solidmap ", env!("CARGO_PKG_VERSION"), ": mesh of `solidmap demo`");
+    super::remesh::write_mesh(&folder.join("hexahedra.vtu"), &meshed, &meshed.images, origin)?;
+    let up = super::args::UpKind::Z;
+    let figure = super::remesh::picture_of(&meshed, "Repaired", up)?;
+    save(&folder.join("hexahedra.png"), &figure.titled(pair.title))?;
+    Ok(meshed.report)
 }
 
 /// A tet mesh of the domain, and the same mesh with its vertices mapped.
@@ -261,6 +293,9 @@ fn summary(report: &Report) -> String {
         ("deformation", "energy", Align::Right),
         ("tets", "", Align::Right),
         ("flipped", "", Align::Right),
+        ("hexes", "", Align::Right),
+        ("inverted", "mapped", Align::Right),
+        ("", "now", Align::Right),
         ("fit", "s", Align::Right),
     ]);
     let or_dash = |n: Option<usize>| n.map_or("-".into(), |n| n.to_string());
@@ -276,6 +311,9 @@ fn summary(report: &Report) -> String {
             format!("{:.4}", pair.energy.deformation),
             or_dash(pair.tets),
             or_dash(pair.flipped_tets),
+            or_dash(pair.remesh.as_ref().map(|r| r.cells)),
+            or_dash(pair.remesh.as_ref().map(|r| r.before.cells.len())),
+            or_dash(pair.remesh.as_ref().map(|r| r.after.cells.len())),
             pair.fit.seconds.map_or(String::new(), |s| format!("{:.2}", s.total)),
         ]);
     }

@@ -4,6 +4,9 @@ mod pictures;
 mod summary;
 mod write;
 
+pub use pictures::remeshed as picture_of;
+pub use write::mesh as write_mesh;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
@@ -62,17 +65,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
     output.progress("reading");
     let source = source(args)?;
     let (file, boundary) = input::read_fitted_map(&args.map)?;
-    let told = |phase| {
-        output.progress(match phase {
-            RemeshPhase::Meshing if args.mesh.is_some() => "examining the mesh".into(),
-            RemeshPhase::Meshing => "meshing the polycube".into(),
-            RemeshPhase::Mapping { nodes } => format!("mapping {nodes} nodes"),
-            RemeshPhase::Repairing { round, inverted } => {
-                format!("repairing: round {round}, {inverted} inverted")
-            }
-            RemeshPhase::Verifying => "counting and measuring".into(),
-        });
-    };
+    let told = |phase| show(phase, output);
     let remeshed = remesh(&boundary, &file.map, source, &options, &told).with_context(|| match &args.mesh {
         Some(mesh) => format!("cannot carry `{}` by `{}`", mesh.display(), args.map.display()),
         None => format!("cannot remesh by `{}`", args.map.display()),
@@ -114,6 +107,18 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
     } else {
         Outcome::Done
     })
+}
+
+/// Shows how far a remeshing is.
+pub fn show(phase: RemeshPhase, output: &Output) {
+    output.progress(match phase {
+        RemeshPhase::Meshing => "meshing the domain".into(),
+        RemeshPhase::Mapping { nodes } => format!("mapping {nodes} nodes"),
+        RemeshPhase::Repairing { round, inverted } => {
+            format!("repairing: round {round}, {inverted} inverted")
+        }
+        RemeshPhase::Verifying => "counting and measuring".into(),
+    });
 }
 
 /// A mesh with nodes that are nowhere has no picture; that is no reason to withhold the rest.
