@@ -305,3 +305,36 @@ fn what_cannot_be_certified_is_refused_by_name() {
         ));
     }
 }
+
+/// A needle that fills a trillionth of the first cells it is in is not passed over.
+#[test]
+fn thin_parts_are_examined() {
+    let needle = shapes::deformed(&shapes::cube(1.0, 1), |p| {
+        Point::new(0.8 + 0.5 * p.x, 1e-7 * p.y + 0.123, 1e-7 * p.z - 0.217)
+    });
+    let domain = shapes::joined(&shapes::cube(1.0, 2), &needle);
+    // A source inside of the needle, where nothing can be proved.
+    let inside = Point::new(0.9, 0.123, -0.217);
+    let certificate = certified(&map(&[(inside, [1e-6, 0.0, 0.0])], IDENTITY), &domain, 1.0, 256);
+    let leaf = certificate.leaf_at(&inside).expect("the needle is in a cell");
+    assert_eq!(leaf.verdict, Verdict::Undecided, "{:?}", certificate.report);
+    // A domain that is nothing but a needle.
+    let report = certified(&map(&[], IDENTITY), &needle, 1.0, 256).report;
+    assert_eq!(report.ending, Ending::AllDecided, "{report:?}");
+}
+
+/// Far from the origin, cells and sources keep their places to each other.
+#[test]
+fn certificates_do_not_depend_on_where_the_solid_is() {
+    let counts = |offset: f64| {
+        let shift = Vector::repeat(offset);
+        let domain = shapes::deformed(&shapes::cube(1.0, 2), |p| p + shift);
+        let sources = [
+            (Point::new(0.75, 0.25, 0.0) + shift, [0.5, 0.25, 0.0]),
+            (Point::new(-0.75, 0.5, 0.25) + shift, [-0.25, 0.5, 0.125]),
+        ];
+        let report = certified(&map(&sources, IDENTITY), &domain, 1.0, 64).report;
+        [report.positive.cells, report.folded.cells, report.undecided.cells]
+    };
+    assert_eq!(counts(0.0), counts(1e7));
+}

@@ -110,7 +110,7 @@ fn what_cannot_run_is_refused_before_any_work() {
         ("certify good.map --png good.vtu", "name it .png"),
         ("certify good.map -o nowhere/cells.vtu", "there is no folder"),
         ("certify good.map --finest 1", "from 2 to 1048576"),
-        ("certify good.map --max-cells 0", "at least 1"),
+        ("certify good.map --max-cells 7", "at least 8"),
         ("certify good.map --undecided 1", "less than 1"),
         ("certify good.map --position 2", "--position"),
         ("certify domain.obj", "domain.obj"),

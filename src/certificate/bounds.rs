@@ -9,8 +9,9 @@ use crate::{Matrix3, Vector};
 
 /// Half the side of a cube with circumradius 1.
 const HALF_SIDE: f64 = 0.577_350_269_189_625_8;
-/// Matrices worse conditioned than this are not inverted: rounding of their inverse would have to be looked at.
-const WORST_CONDITION: f64 = 1e9;
+/// Coefficients beyond this, and Jacobians below its reciprocal, prove nothing: their products might leave the range of
+/// numbers.
+const LARGEST: f64 = 1e80;
 /// Rounding of the few dozen operations on 3 × 3 matrices that a test takes, relative to the largest of their terms.
 const ROUNDING: f64 = 1e-13;
 
@@ -51,6 +52,10 @@ pub(super) struct Regular {
 pub(super) fn examine(expansion: &[f64], remainder: f64) -> Examined {
     let centre = at_centre(expansion);
     let det = centre.determinant();
+    let within = |x: f64| x.is_finite() && x.abs() < LARGEST;
+    if !within(remainder) || !expansion.iter().all(|x| within(*x)) || centre.norm() < 1.0 / LARGEST {
+        return Examined { det, regular: None };
+    }
     let slopes = slopes(expansion);
     let grams: [Matrix3; ORDER] = std::array::from_fn(|i| gram(expansion, i + 1));
     let regular = by_inverse(&centre, &slopes, &grams, remainder)
@@ -89,13 +94,13 @@ fn gram(expansion: &[f64], degree: usize) -> Matrix3 {
 }
 
 /// `J₀⁻¹ J(x) = I + X` with a symmetric part of `I + X` that is positive definite over the ball: then `J` is regular,
-/// with `σ_min(J) ≥ σ_min(J₀) (1 − s)` and `|det J| ≥ |det J₀| (1 − s)³` (Ostrowski and Taussky) for `s ≥ ‖sym X‖`.
+/// with `σ_min(J) ≥ σ_min(J₀) (1 − s)` and `|det J| ≥ |det J₀| (1 − s)³` (Ostrowski and Taussky) for `s ≥ ‖sym X‖`. The
+/// inverse is the adjugate over the determinant, so that both are off by rounding of `‖J₀‖³ / |det J₀|`, which may be the
+/// square of the condition.
 fn by_inverse(centre: &Matrix3, slopes: &[Matrix3; 3], grams: &[Matrix3; ORDER], remainder: f64) -> Option<Regular> {
     let inverse = centre.try_inverse()?;
     let norm = spectral_norm(&inverse);
-    let condition = norm * spectral_norm(centre);
-    (condition < WORST_CONDITION).then_some(())?;
-    let mut bound = norm * remainder + condition * ROUNDING;
+    let mut bound = norm * remainder + ROUNDING * spectral_norm(centre).powi(3) / centre.determinant().abs();
     for degree in 3..=ORDER {
         bound += degree as f64 * root_of_largest(&(inverse * grams[degree - 1] * inverse.transpose()));
     }
@@ -107,7 +112,8 @@ fn by_inverse(centre: &Matrix3, slopes: &[Matrix3; 3], grams: &[Matrix3; ORDER],
     // The norm of a linear function is convex and even: over the cube it is largest at one of these corners.
     let corners = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]];
     let linear = corners.map(|[y, z]| spectral_norm(&(scaled[0] + scaled[1] * y + scaled[2] * z)));
-    let rest = 1.0 - bound - linear.into_iter().fold(0.0, f64::max);
+    let [a, b, c, d] = linear;
+    let rest = 1.0 - bound - (a.max(b)).max(c.max(d));
     (rest > 0.0).then(|| Regular {
         sigma_min: rest / norm,
         det: centre.determinant().abs() * rest.powi(3),
@@ -178,4 +184,118 @@ fn root_of_largest(gram: &Matrix3) -> f64 {
         power = power * power;
     }
     (trace * power.trace().powf(1.0 / 16.0)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    use super::*;
+
+    fn affine(j: &Matrix3) -> Vec<f64> {
+        let mut expansion = vec![0.0; 3 * TERMS];
+        for (i, k) in (0..9).map(|n| (n / 3, n % 3)) {
+            expansion[i * TERMS + [1, 2, 0][k]] = j[(i, k)];
+        }
+        expansion
+    }
+
+    /// With entries in multiples of 2⁻⁴⁰ the determinant is an integer of 2⁻¹²⁰.
+    fn exact_determinant(j: &Matrix3) -> f64 {
+        let m = |i: usize, k: usize| (j[(i, k)] * 2f64.powi(40)) as i128;
+        let minor = |a: usize, b: usize| m(1, a) * m(2, b) - m(1, b) * m(2, a);
+        let det = m(0, 0) * minor(1, 2) - m(0, 1) * minor(0, 2) + m(0, 2) * minor(0, 1);
+        det as f64 * 2f64.powi(-120)
+    }
+
+    #[test]
+    fn nearly_singular_jacobians_are_not_given_a_wrong_sign_or_bound() {
+        let mut random = StdRng::seed_from_u64(5);
+        let mut rotation = || {
+            nalgebra::Rotation3::from_euler_angles(
+                random.random_range(-3.0..3.0),
+                random.random_range(-1.5..1.5),
+                random.random_range(-3.0..3.0),
+            )
+        };
+        for (exponent, some) in [
+            (-2, true),
+            (-5, true),
+            (-6, false),
+            (-7, false),
+            (-8, false),
+            (-9, false),
+        ] {
+            let small = 10f64.powi(exponent);
+            let mut proved = 0;
+            for _ in 0..2000 {
+                let j =
+                    rotation().matrix() * Matrix3::from_diagonal(&Vector::new(1.0, small, small)) * rotation().matrix();
+                let j = j.map(|x| (x * 2f64.powi(40)).round() * 2f64.powi(-40));
+                let exact = exact_determinant(&j);
+                let found = examine(&affine(&j), 0.0);
+                if let Some(regular) = found.regular {
+                    proved += 1;
+                    assert_eq!(found.det.signum(), exact.signum(), "{j}");
+                    assert!(regular.det <= exact.abs() * (1.0 + 1e-12), "{} {exact:e}", regular.det);
+                }
+            }
+            assert_eq!(proved > 0, some, "10^{exponent}: {proved}");
+        }
+    }
+
+    #[test]
+    fn numbers_out_of_range_prove_nothing() {
+        for size in [1e103, 1e155, 1e300, 1e-108, 1e-300, 0.0, f64::INFINITY, f64::NAN] {
+            assert_eq!(
+                examine(&affine(&(Matrix3::identity() * size)), 0.0).regular,
+                None,
+                "{size:e}"
+            );
+        }
+        assert_eq!(examine(&affine(&Matrix3::identity()), f64::NAN).regular, None);
+        assert!(examine(&affine(&Matrix3::identity()), 0.0).regular.is_some());
+    }
+
+    /// Random polynomials of all degrees: bounds hold at every sample in the cell.
+    #[test]
+    fn bounds_hold_at_samples() {
+        use super::super::harmonics::{LANES, harmonics};
+        let mut random = StdRng::seed_from_u64(6);
+        let mut proved = [0; 2];
+        for _ in 0..400 {
+            let mut expansion =
+                affine(&(Matrix3::identity() + Matrix3::from_fn(|_, _| random.random_range(-0.6..0.6))));
+            let spread = random.random_range(0.0..0.12);
+            for rows in expansion.chunks_mut(TERMS) {
+                for degree in 2..=ORDER {
+                    let decay = spread / (degree * degree) as f64;
+                    rows[terms_of(degree)]
+                        .iter_mut()
+                        .for_each(|a| *a = decay * random.random_range(-1.0..1.0));
+                }
+            }
+            let Some(regular) = examine(&expansion, 0.0).regular else {
+                proved[0] += 1;
+                continue;
+            };
+            proved[1] += 1;
+            let value = |x: &Vector| -> Vector {
+                let mut terms = [[0.0; LANES]; TERMS];
+                harmonics(&[0, 1, 2].map(|k| [x[k]; LANES]), &mut terms);
+                let sum = |row: &[f64]| row.iter().zip(&terms).map(|(a, t)| a * t[0]).sum();
+                Vector::from_fn(|i, _| sum(&expansion[i * TERMS..][..TERMS]))
+            };
+            for corner in 0..27 {
+                let x = Vector::from_fn(|k, _| HALF_SIDE * ((corner / 3usize.pow(k as u32) % 3) as f64 - 1.0));
+                let h = 1e-5;
+                let columns =
+                    [0, 1, 2].map(|k| (value(&(x + Vector::ith(k, h))) - value(&(x - Vector::ith(k, h)))) / (2.0 * h));
+                let j = Matrix3::from_columns(&columns);
+                assert!(j.determinant().abs() >= regular.det - 1e-8);
+                assert!(j.singular_values().min() >= regular.sigma_min - 1e-8);
+            }
+        }
+        assert!(proved[0] > 20 && proved[1] > 20, "{proved:?}");
+    }
 }

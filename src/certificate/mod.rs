@@ -355,8 +355,8 @@ fn require_options(options: &CertificateOptions) -> Result<(), CertificateError>
     if options.finest < 2 || options.finest > 1 << MOST_LEVELS {
         return refuse("the number of finest cells", options.finest as f64, "from 2 to 1048576");
     }
-    if options.max_cells == 0 {
-        return refuse("the limit on cells", 0.0, "at least 1");
+    if options.max_cells < 8 {
+        return refuse("the limit on cells", options.max_cells as f64, "at least 8");
     }
     if !(0.0..1.0).contains(&options.undecided) {
         return refuse("the undecided share", options.undecided, "from 0 to less than 1");

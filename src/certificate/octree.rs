@@ -35,6 +35,8 @@ const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
 /// Roundings of a term on its way into a coefficient, beside those of the sum over sources: some hundred in the
 /// recurrences of the harmonics, and 3 `TERMS` in each of up to 20 translations, each relative to a bound of all terms.
 const ROUNDINGS_OF_A_TERM: f64 = 16_384.0;
+/// Units of last place that source and centre may be off, times the growth of a gradient's error.
+const SHIFTS: f64 = 16.0;
 
 /// The place of a cell: `steps` cells of its level from the lowest corner of the box.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -115,20 +117,21 @@ impl From<Cell> for Ended {
 }
 
 /// What all cells share.
-pub(super) struct Descent<'a> {
+pub(super) struct Descent {
     low: Point,
     side: f64,
     clipper: Clipper,
-    positions: &'a [Point],
+    /// Of the sources, from the lowest corner: cells far from the origin are no worse than others.
+    positions: Vec<Vector>,
     /// Coefficients over 4π, and their lengths.
     weights: Vec<[f64; 4]>,
     translations: Vec<Vec<f64>>,
     rounding: f64,
 }
 
-impl<'a> Descent<'a> {
+impl Descent {
     /// In the cube with this lowest corner and side.
-    pub(super) fn new(map: &'a HarmonicMap, clipper: Clipper, low: Point, side: f64) -> Self {
+    pub(super) fn new(map: &HarmonicMap, clipper: Clipper, low: Point, side: f64) -> Self {
         let weight = |w: &[f64; 3]| {
             let [x, y, z] = w.map(|w| w / (4.0 * std::f64::consts::PI));
             [x, y, z, Vector::new(x, y, z).norm()]
@@ -143,7 +146,7 @@ impl<'a> Descent<'a> {
             low,
             side,
             clipper,
-            positions: map.sources(),
+            positions: map.sources().iter().map(|p| p - low).collect(),
             weights: map.coefficients().sources.iter().map(weight).collect(),
             translations: translations.collect(),
             rounding: UNIT_ROUNDOFF * (map.sources().len() as f64 + ROUNDINGS_OF_A_TERM),
@@ -176,9 +179,11 @@ impl<'a> Descent<'a> {
         (self.low + Vector::from(place.steps.map(f64::from)) * side, side)
     }
 
-    fn ball(&self, place: &Place) -> (Point, f64) {
-        let (low, side) = self.cube(place);
-        (low + Vector::repeat(0.5 * side), 0.5 * 3f64.sqrt() * side)
+    /// Centre, from the lowest corner of the box, and circumradius.
+    fn ball(&self, place: &Place) -> (Vector, f64) {
+        let side = self.side / 2f64.powi(place.level.into());
+        let centre = place.steps.map(|step| (f64::from(step) + 0.5) * side);
+        (Vector::from(centre), 0.5 * 3f64.sqrt() * side)
     }
 
     /// The parts that reach into the domain of cells of one level, in order. None goes on if they are the `last`.
@@ -202,7 +207,7 @@ impl<'a> Descent<'a> {
             for (octant, translated) in translated.iter().enumerate() {
                 let place = parent.place.child(octant);
                 let filling = self.filling(&place, &parent.triangles);
-                if filling.fraction == 0.0 {
+                if filling.is_empty() {
                     continue;
                 }
                 let expansion = translated[3 * TERMS * i..][..3 * TERMS].to_vec();
@@ -275,21 +280,25 @@ impl<'a> Descent<'a> {
     }
 
     /// Bounds of what the expansion of sources leaves out of the Jacobian, and of the sum of its terms' sizes.
-    fn sizes(&self, sources: &[u32], centre: &Point, radius: f64) -> [f64; 2] {
+    fn sizes(&self, sources: &[u32], centre: &Vector, radius: f64) -> [f64; 2] {
         let p = ORDER as f64;
         let (mut remainder, mut magnitude) = (0.0, 0.0);
         for &s in sources {
-            let squared = (self.positions[s as usize] - centre).norm_squared();
-            let q = radius / squared.sqrt();
+            let position = &self.positions[s as usize];
+            let squared = (position - centre).norm_squared();
+            let distance = squared.sqrt();
+            let q = radius / distance;
             let all = self.weights[s as usize][3] / (squared * (1.0 - q) * (1.0 - q));
-            magnitude += all;
+            // Rounded, places are off by some units of their size, and a gradient by four times that over the distance.
+            let shifted = SHIFTS * (position.norm() + self.side) / distance;
+            magnitude += all * (1.0 + shifted * UNIT_ROUNDOFF / self.rounding);
             remainder += all * q.powi(ORDER as i32) * (p + 1.0 - p * q);
         }
         [remainder, magnitude]
     }
 
     /// Adds sources to an expansion.
-    fn expand(&self, sources: &[u32], centre: &Point, radius: f64, expansion: &mut [f64]) {
+    fn expand(&self, sources: &[u32], centre: &Vector, radius: f64, expansion: &mut [f64]) {
         if sources.is_empty() {
             return;
         }
@@ -387,6 +396,7 @@ mod tests {
 
     fn largest_error(map: &HarmonicMap, descent: &Descent, cell: &Cell, rng: &mut StdRng) -> f64 {
         let (centre, radius) = descent.ball(&cell.place);
+        let centre = descent.low + centre;
         // Only what is in the expansion is compared.
         let kept: Vec<usize> = (0..map.sources().len())
             .filter(|&s| !cell.sources.contains(&(s as u32)))

@@ -12,8 +12,10 @@ use crate::mesh::SurfaceMesh;
 /// A convex planar polygon: a triangle cut by six planes has at most nine corners.
 type Polygon = SmallVec<[Point; 9]>;
 
-/// Parts of a cell below this fraction of it are taken for rounding.
+/// Cells whose volume inside is this close to their own, as a fraction, are inside as a whole.
 const NEGLIGIBLE: f64 = 1e-12;
+/// Lengths below this, in units of the whole cube, are taken for rounding.
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// The boundary of a solid, in units in which the cube around it has side 1.
 pub(super) struct Clipper {
@@ -25,7 +27,7 @@ pub(super) struct Clipper {
 pub(super) struct Filling {
     /// Volume inside, as a fraction of the cell.
     pub(super) fraction: f64,
-    /// Triangles above or in the cell; none when it is inside as a whole.
+    /// Triangles above or in the cell; none when it is inside or outside as a whole.
     pub(super) triangles: Vec<u32>,
 }
 
@@ -46,6 +48,8 @@ impl Clipper {
     /// The filling of a cube, by the triangles of a cube that contains it.
     pub(super) fn filling(&self, low: &Point, side: f64, candidates: &[u32]) -> Filling {
         let (mut volume, mut triangles) = (0.0, Vec::new());
+        // Of all parts with either sign, and whether the surface passes through the cell.
+        let (mut absolute, mut is_crossed) = (0.0, false);
         for &t in candidates {
             let corners = &self.corners[t as usize];
             let over = |axis: usize, [a, b, c]: &[Point; 3]| {
@@ -70,14 +74,23 @@ impl Clipper {
             triangles.push(t);
             let (_, above_floor) = split(&polygon, 2, low.z);
             let (within, above) = split(&above_floor, 2, low.z + side);
-            volume += fan(&within)
-                .map(|[a, b, c]| projected_area(&a, &b, &c) * ((a.z + b.z + c.z) / 3.0 - low.z))
-                .sum::<f64>();
-            volume += fan(&above).map(|[a, b, c]| projected_area(&a, &b, &c)).sum::<f64>() * side;
+            is_crossed |= reaches_into(&within, low, side);
+            let under = |[a, b, c]: [Point; 3]| projected_area(&a, &b, &c) * ((a.z + b.z + c.z) / 3.0 - low.z);
+            let part = fan(&within).map(under).sum::<f64>()
+                + fan(&above).map(|[a, b, c]| projected_area(&a, &b, &c)).sum::<f64>() * side;
+            volume += part;
+            absolute += part.abs();
         }
-        let fraction = volume / (side * side * side);
+        let cell = side * side * side;
+        let fraction = volume / cell;
+        // A sliver as thick as rounding of a side, and rounding of the sum.
+        let rounding = ROUNDING * (1.0 / side + absolute / cell);
         match fraction {
-            _ if fraction < NEGLIGIBLE => Filling::default(),
+            _ if !is_crossed && fraction < rounding => Filling::default(),
+            _ if fraction < rounding => Filling {
+                fraction: fraction.max(0.0),
+                triangles,
+            },
             _ if (fraction - 1.0).abs() < NEGLIGIBLE => Filling::whole(),
             _ => Filling { fraction, triangles },
         }
@@ -85,6 +98,11 @@ impl Clipper {
 }
 
 impl Filling {
+    /// Whether the solid does not reach into the cell. What is inside of it may have a volume that rounds to 0.
+    pub(super) fn is_empty(&self) -> bool {
+        self.fraction == 0.0 && self.triangles.is_empty()
+    }
+
     /// Of a cell that is inside as a whole.
     pub(super) fn whole() -> Self {
         Self {
@@ -92,6 +110,20 @@ impl Filling {
             triangles: Vec::new(),
         }
     }
+}
+
+/// Whether a part of the surface is inside of a cell, and not only on its faces.
+fn reaches_into(polygon: &Polygon, low: &Point, side: f64) -> bool {
+    let ends = |axis: usize| {
+        let along = polygon.iter().map(|p| p[axis] - low[axis]);
+        along.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)))
+    };
+    let is_wide = |axis: usize| {
+        let (least, most) = ends(axis);
+        most - least > ROUNDING
+    };
+    let (lowest, highest) = ends(2);
+    is_wide(0) && is_wide(1) && highest > ROUNDING && lowest < side - ROUNDING
 }
 
 /// The parts of a convex polygon below and above a plane across an axis; a part within the plane is below.

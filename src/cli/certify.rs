@@ -7,7 +7,6 @@ use anyhow::Context;
 use serde::Serialize;
 use solidmap::certificate::{Certificate, CertificateOptions, CertificateReport, Ending, Share, Verdict, certify};
 use solidmap::io::{self, Cells, Field, VtkFields};
-use solidmap::mesh::SurfaceMesh;
 use solidmap::report::{ColourBar, Figure, Panel, Plane, Scale, Section, ValueRange, significant};
 
 use super::args::CertifyArgs;
@@ -47,6 +46,12 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<Outcome> {
     };
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
+    let plane: Plane = args.section.plane(boundary.domain());
+    let section = args.png.as_ref().map(|_| {
+        let up = args.section.up.into();
+        Section::with_up(boundary.domain(), plane, up, SECTION_PIXELS)
+    });
+    let section = section.transpose()?;
     let clock = Instant::now();
     let certificate = certify(
         &file.map,
@@ -65,9 +70,9 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<Outcome> {
         output.progress("writing");
         write(path, &certificate)?;
     }
-    if let Some(path) = &args.png {
+    if let (Some(path), Some(section)) = (&args.png, &section) {
         output.progress("drawing");
-        let png = Figure::row(panels(&certificate, boundary.domain(), args)?).to_png()?;
+        let png = Figure::row(panels(&certificate, section)?).to_png()?;
         io::atomic_write(path, |writer| writer.write_all(&png))?;
     }
     let found = certificate.report;
@@ -119,9 +124,7 @@ fn write(path: &Path, certificate: &Certificate) -> anyhow::Result<()> {
 }
 
 /// The verdict, and how far from singular the map is where it is regular.
-fn panels(certificate: &Certificate, domain: &SurfaceMesh, args: &CertifyArgs) -> anyhow::Result<Vec<Panel>> {
-    let plane: Plane = args.section.plane(domain);
-    let section = Section::with_up(domain, plane, args.section.up.into(), SECTION_PIXELS)?;
+fn panels(certificate: &Certificate, section: &Section) -> anyhow::Result<Vec<Panel>> {
     let leaves: Vec<_> = section.points().iter().map(|p| certificate.leaf_at(p)).collect();
     let verdicts: Vec<f64> = leaves
         .iter()
@@ -134,7 +137,7 @@ fn panels(certificate: &Certificate, domain: &SurfaceMesh, args: &CertifyArgs) -
         .collect();
     let colours = ColourBar::new("verdict", [0.0, 1.0], ValueRange::Full, Scale::Linear)?;
     let mut panels = vec![
-        Panel::of_section(&section, &verdicts, &colours)?
+        Panel::of_section(section, &verdicts, &colours)?
             .titled("what is proved")
             .captioned("blue: locally one to one")
             .captioned("red: folded, grey: undecided"),
@@ -147,7 +150,7 @@ fn panels(certificate: &Certificate, domain: &SurfaceMesh, args: &CertifyArgs) -
     if bounds.iter().any(|bound| bound.is_finite()) {
         let range = ValueRange::Quantiles(0.01, 1.0);
         let bar = ColourBar::new("lower bound", bounds.iter().copied(), range, Scale::Log)?;
-        let panel = Panel::of_section(&section, &bounds, &bar)?
+        let panel = Panel::of_section(section, &bounds, &bar)?
             .titled("least singular value of J, proved")
             .with_bar(&bar);
         panels.push(panel);
