@@ -595,10 +595,7 @@ fn rows(report: &Report) -> Vec<[String; 2]> {
     }
     if report.inverse.is_some() {
         rows.push(["without value".into(), report.without_value.to_string()]);
-        rows.push([
-            "points beyond FIELD".into(),
-            format!("{}, with the values of its boundary", report.beyond_carrier),
-        ]);
+        rows.push(["points beyond FIELD".into(), report.beyond_carrier.to_string()]);
     }
     for field in &report.fields {
         let lost = if field.written { "" } else { ", not written" };

@@ -245,7 +245,7 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
     Ok(contents)
 }
 
-/// Structured points become tetrahedra, which take about a kilobyte a point by the time they are searched.
+/// Structured points become tetrahedra, which take up to two kilobytes a point by the time they are searched.
 const MAX_STRUCTURED: usize = 1 << 22;
 
 const TRIANGLE: u8 = 5;
@@ -388,8 +388,8 @@ impl<'a> LegacyReader<'a> {
             let found = format!("{total} structured points");
             return Err(self.source.unsupported(
                 found,
-                "at most 4194304 are read, since six tetrahedra a cell make a kilobyte a point; take every second \
-                 point along each axis",
+                "at most 4194304 are read, since six tetrahedra a cell take up to two kilobytes a point; take every \
+                 second point along each axis",
             ));
         }
         let [nx, ny, nz] = counts;
