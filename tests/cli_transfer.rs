@@ -67,9 +67,90 @@ fn columns_of_a_table_go_along_and_vectors_are_pushed_forward() {
     assert!(out.point[1].values.iter().zip(&expected).all(|(a, b)| close(a, b)));
     assert!((out.points[0] - image(&Point::new(0.1, 0.2, 0.3))).norm() < 1e-3);
 
-    place.ends_with(0, "transfer map.safetensors field.csv --plain-vectors -o plain.csv");
+    for option in ["--plain-vectors", "--plain-vectors=heat,v"] {
+        place.ends_with(0, &format!("transfer map.safetensors {option} field.csv -o plain.csv"));
+        let plain = io::read_fields(place.path("plain.csv")).unwrap();
+        assert_eq!(plain.point[1].values, [1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    }
+    place.ends_with(
+        0,
+        "transfer map.safetensors field.csv --plain-vectors=heat -o other.csv",
+    );
+    assert_eq!(
+        std::fs::read(place.path("other.csv")).unwrap(),
+        std::fs::read(place.path("out.csv")).unwrap()
+    );
+    std::fs::write(place.path("normals.csv"), rows.replace('v', "Normals_")).unwrap();
+    place.ends_with(0, "transfer map.safetensors normals.csv -o plain.csv");
     let plain = io::read_fields(place.path("plain.csv")).unwrap();
     assert_eq!(plain.point[1].values, [1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+
+    // A picture asks for an exact inverse, and that leaves the values alone.
+    place.ends_with(0, "transfer map.safetensors field.csv --png out.png -o drawn.csv");
+    assert_eq!(
+        std::fs::read(place.path("drawn.csv")).unwrap(),
+        std::fs::read(place.path("out.csv")).unwrap()
+    );
+}
+
+#[test]
+fn vectors_are_pushed_forward_where_they_are_asked_for() {
+    let place = Workplace::new();
+    let rows = "x,y,z,vx,vy,vz\n0,0,0.5,1,0,0\n0,0,-0.5,0,0,1\n3,0,0,0,1,0\n";
+    std::fs::write(place.path("field.csv"), rows).unwrap();
+    std::fs::write(place.path("at.csv"), "x,y,z\n0,0,0.2\n9,0,0\n0,0,-0.3\n").unwrap();
+    let report = place.report("transfer map.safetensors field.csv --at at.csv -o out.csv --json");
+    assert_eq!(
+        (&report["without_value"], &report["outside"]),
+        (&Value::from(1), &Value::Null)
+    );
+    let out = io::read_fields(place.path("out.csv")).unwrap();
+    let expected = [[2.0, 0.1, 0.0], [f64::NAN; 3], [0.0, 0.0, 0.5]].concat();
+    let close = |a: &f64, b: &f64| (a - b).abs() < 1e-3 || a.is_nan() && b.is_nan();
+    assert!(out.point[0].values.iter().zip(&expected).all(|(a, b)| close(a, b)));
+    assert_eq!(out.point[1].values, [0.0, 2.0, 0.0]);
+
+    // Carried, the point outside of the domain is counted.
+    let output = place.ends_with(0, "transfer map.safetensors field.csv -o out.csv --json");
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["outside"], 1);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("1 points of FIELD lie outside the domain"), "{said}");
+}
+
+/// The field fills an eighth of the ball: what lies beyond it has no share.
+#[test]
+fn shares_are_of_the_volume_that_the_field_covers() {
+    let place = Workplace::new();
+    let mesh = lattice_mesh(&shapes::sphere(0.5, 3), 1500).unwrap();
+    let scalar = |name: &str, values| Field {
+        name: name.into(),
+        components: 1,
+        values,
+    };
+    let outer = mesh
+        .vertices()
+        .iter()
+        .map(|p| if p.coords.norm() > 0.45 { 7.0 } else { 1.0 });
+    let fields = VtkFields {
+        point: vec![scalar("layer", outer.collect())],
+        cell: vec![scalar("part", vec![1.0; mesh.tets().len()])],
+        ..VtkFields::default()
+    };
+    let cells = Cells::Tets(mesh.tets());
+    io::write_vtu(place.path("field.vtu"), mesh.vertices(), cells, &fields).unwrap();
+    let line = "transfer map.safetensors field.vtu --label layer -o out.csv --json";
+    let output = place.ends_with(0, line);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let beyond = report["volume_beyond_field"].as_f64().unwrap();
+    assert!((beyond - 0.875).abs() < 0.01, "{beyond}");
+    // The outer layer would have more than 0.9 with all that lies beyond.
+    let share = report["fields"][0]["labels"][1]["before"].as_f64().unwrap();
+    assert!(share < 0.6, "{share}");
+    // A table holds no cell data.
+    let written = [0, 1].map(|k| report["fields"][k]["written"].as_bool().unwrap());
+    assert_eq!(written, [true, false]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("cell data are not written: part"));
 }
 
 #[test]
@@ -163,6 +244,14 @@ fn structured_points_are_a_mesh() {
     let large = text.replace("DIMENSIONS 4 3 5", "DIMENSIONS 4000 3000 5000");
     std::fs::write(place.path("large.vtk"), large).unwrap();
     assert!(io::read_fields(place.path("large.vtk")).is_err());
+    // Long enough to hold the values.
+    let large = text.replace("DIMENSIONS 4 3 5", "DIMENSIONS 2049 2048 1") + &" ".repeat(4_200_000);
+    std::fs::write(place.path("large.vtk"), large).unwrap();
+    let message = io::read_fields(place.path("large.vtk")).unwrap_err().to_string();
+    assert!(
+        message.contains("4196352 structured points") && message.contains("at most 4194304"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -178,6 +267,18 @@ fn the_distance_field_needs_no_file() {
     assert_eq!(out.point[0].name, "distance");
     let most = out.point[0].values.iter().copied().fold(0.0, f64::max);
     assert!(most > 0.9 && most < 1.0, "{most}");
+
+    // 0 at the boundary, and not what the nearest node inside has.
+    let target = io::read_surface(place.path("target.ply")).unwrap();
+    place.ends_with(0, "transfer map.safetensors --distance --at target.ply -o at.csv");
+    let at = io::read_fields(place.path("at.csv")).unwrap();
+    assert_eq!(at.points.len(), target.vertices().len());
+    // NaN where the boundary error puts the image of the boundary inside of the target.
+    let found: Vec<f64> = at.point[0].values.iter().copied().filter(|d| !d.is_nan()).collect();
+    assert!(
+        found.len() > 100 && found.iter().all(|&d| (0.0..0.01).contains(&d)),
+        "{found:?}"
+    );
 }
 
 #[test]
@@ -186,6 +287,12 @@ fn what_cannot_be_done_is_refused() {
     std::fs::write(place.path("bare.csv"), "x,y,z\n0,0,0\n").unwrap();
     std::fs::write(place.path("field.csv"), "x,y,z,a\n0,0,0,1\n").unwrap();
     std::fs::write(place.path("words.csv"), "x,y,z,a\n0,0,0,red\n").unwrap();
+    std::fs::write(place.path("empty.csv"), "x,y,z,a\n").unwrap();
+    std::fs::write(place.path("vectors.csv"), "x,y,z,vx,vy,vz\n0,0,0,1,0,0\n").unwrap();
+    std::fs::write(place.path("names.csv"), "x,y,z,status,distance\n0,0,0,1,2\n").unwrap();
+    std::fs::write(place.path("twice.csv"), "x,y,z,a,a\n0,0,0,1,2\n").unwrap();
+    std::fs::write(place.path("columns.csv"), "x,y,z,vx,vy,vz,v_x\n0,0,0,1,0,0,4\n").unwrap();
+    std::fs::write(place.path("out.csv"), "as it was").unwrap();
     for (line, message) in [
         ("transfer map.safetensors bare.csv -o out.csv", "has no fields"),
         (
@@ -196,9 +303,37 @@ fn what_cannot_be_done_is_refused() {
         ("transfer map.safetensors words.csv -o out.csv", "in the column `a`"),
         ("transfer map.safetensors -o out.csv", "<FIELD>"),
         ("transfer map.safetensors field.csv -o out.stl", "name it"),
+        (
+            "transfer map.safetensors field.csv --resolution 0 -o out.csv",
+            "a grid cannot have",
+        ),
+        (
+            "transfer map.safetensors empty.csv -o out.csv",
+            "no point with finite coordinates",
+        ),
+        (
+            "transfer map.safetensors vectors.csv --png out.png -o out.csv",
+            "leave out --png",
+        ),
+        (
+            "transfer map.safetensors vectors.csv --plain-vectors=w -o out.csv",
+            "no field `w`",
+        ),
+        (
+            "transfer map.safetensors names.csv --at bare.csv -o out.csv",
+            "the name `status`",
+        ),
+        (
+            "transfer map.safetensors names.csv --distance -o out.csv",
+            "the name `distance`",
+        ),
+        ("transfer map.safetensors twice.csv -o out.csv", "the name `a`"),
+        ("transfer map.safetensors columns.csv -o out.csv", "the name `v_x`"),
     ] {
         let said = place.ends_with(2, line).stderr;
         let said = String::from_utf8_lossy(&said);
         assert!(said.contains(message), "{line}: {said}");
+        let kept = std::fs::read_to_string(place.path("out.csv")).unwrap();
+        assert_eq!(kept, "as it was", "{line}");
     }
 }

@@ -165,7 +165,80 @@ fn without_tetrahedra_the_nearest_point_has_the_say() {
     let (fields, beyond) = Sampler::new(&carrier).unwrap().sample(&asked);
     assert_eq!(fields[0].values[..3], [5.0, 7.0, 5.0]);
     assert!(fields[0].values[3].is_nan());
-    assert_eq!(beyond, 0);
+    assert_eq!(beyond, [false; 4]);
+}
+
+/// The unit cube of 27 cells, each cut into six tetrahedra, with a linear field and labels.
+fn cube() -> (TetMesh, Carrier) {
+    let at = |i: u32| [i % 4, i / 4 % 4, i / 16];
+    let points: Vec<Point> = (0..64)
+        .map(|i| Point::from(at(i).map(|k| f64::from(k) / 3.0)))
+        .collect();
+    let mut tets = vec![];
+    for first in (0..64).filter(|&i| at(i).iter().all(|&k| k < 3)) {
+        for [a, b, c] in [[1, 4, 16], [4, 16, 1], [16, 1, 4]] {
+            let end = first + 21;
+            tets.push([first, first + a, first + a + b, end]);
+            tets.push([first, first + a + c, first + a, end]);
+        }
+    }
+    let carrier = Carrier {
+        point_fields: vec![field("linear", 1, Carry::Values, points.iter().map(linear).collect())],
+        cell_fields: vec![field(
+            "number",
+            1,
+            Carry::Label,
+            (0..tets.len()).map(|t| t as f64).collect(),
+        )],
+        tets: tets.clone(),
+        points: points.clone(),
+    };
+    (TetMesh::new(points, tets).unwrap(), carrier)
+}
+
+#[test]
+fn a_little_outside_the_field_is_that_of_the_closest_boundary_point() {
+    let (_, carrier) = cube();
+    let sampler = Sampler::new(&carrier).unwrap();
+    let sides = [
+        Point::new(1.0, 0.21, 0.67),
+        Point::new(0.4, 0.9, 0.0),
+        Point::new(0.12, 1.0, 1.0),
+    ];
+    let outward = [Vector::x(), -Vector::z(), Vector::new(0.0, 1.0, 2.0)];
+    for (far, is_beyond) in [(0.0, false), (1e-13, false), (1e-7, false), (1e-3, true), (5.0, true)] {
+        let asked: Vec<Point> = sides.iter().zip(&outward).map(|(p, n)| p + n * far).collect();
+        let (fields, beyond) = sampler.sample(&asked);
+        assert_eq!(beyond, [is_beyond; 3], "{far}");
+        for (side, value) in sides.iter().zip(&fields[0].values) {
+            assert!((value - linear(side)).abs() < 1e-12, "{far}: {value}");
+        }
+    }
+    // Fields over tetrahedra are those of the tetrahedron behind the side.
+    let inside = sampler.sample(&[Point::new(0.99, 0.21, 0.67)]).0;
+    let outside = sampler.sample(&[Point::new(1.01, 0.21, 0.67)]).0;
+    assert_eq!(inside[1].values, outside[1].values);
+}
+
+/// As inside: the inverse errs by 1e-10 of a diagonal of 3, times a slope of 4.
+#[test]
+fn resampling_a_linear_field_is_exact_on_the_boundary_too() {
+    let (map, (mesh, given)) = (stretch(), cube());
+    let domain = mesh.boundary().surface;
+    let boundary = boundary_map(&domain, |p| Point::from(map.0 * p.coords + map.1));
+    let inverse = InverseMap::new(&map, &boundary, &InverseOptions::default()).unwrap();
+    let weights = [[1.0, 0.0, 0.0], [0.3, 0.7, 0.0], [0.2, 0.5, 0.3]];
+    let places: Vec<Point> = (0..domain.triangles().len())
+        .flat_map(|t| {
+            let corners = domain.corners(t);
+            weights.map(|w| Point::from((0..3).map(|k| corners[k].coords * w[k]).sum::<Vector>()))
+        })
+        .collect();
+    let found = resample(&map, &inverse, &given, &map.evaluate(&places)).unwrap();
+    assert_eq!(found.beyond_carrier, 0);
+    for (place, value) in places.iter().zip(&found.fields[0].values) {
+        assert!((value - linear(place)).abs() < 2e-9, "{place}: {value}");
+    }
 }
 
 #[test]
@@ -192,6 +265,32 @@ fn volumes_and_shares_of_labels_add_up() {
     );
 }
 
+/// One point of the quadrature at a source must not spoil the others.
+#[test]
+fn jacobians_that_are_not_finite_are_counted_apart() {
+    struct Spoilt(Affine);
+    impl VolumeMap for Spoilt {
+        fn evaluate(&self, points: &[Point]) -> Vec<Point> {
+            self.0.evaluate(points)
+        }
+
+        fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
+            let mut all = self.0.jacobian(points);
+            all[5] *= f64::NAN;
+            all[7] *= f64::INFINITY;
+            all
+        }
+    }
+    let domain = ball();
+    let quadrature = clipped_grid(&domain, Resolution::CellsAlongLongestSide(16)).unwrap();
+    let (check, after) = volume_check(&Spoilt(stretch()), &quadrature, domain.volume());
+    let lost: f64 = [5, 7].map(|i| quadrature.weights()[i]).iter().sum();
+    let expected = (domain.volume() - lost) * stretch().0.determinant();
+    assert_eq!((check.not_finite, check.folded_share), (2, 0.0));
+    assert!((check.carried - expected).abs() < 1e-10);
+    assert_eq!((after[5], after[7]), (0.0, 0.0));
+}
+
 #[test]
 fn distributions_shift_with_the_volume() {
     let values = [3.0, 1.0, 2.0, f64::NAN];
@@ -206,6 +305,12 @@ fn distributions_shift_with_the_volume() {
 
 #[test]
 fn fields_that_do_not_fit_are_refused() {
+    let mut wrong = carrier();
+    wrong.point_fields[0].components = usize::MAX;
+    assert!(matches!(
+        carry(&stretch(), &wrong),
+        Err(TransferError::ValueCount { .. })
+    ));
     let mut wrong = carrier();
     wrong.point_fields[0].values.pop();
     assert!(matches!(

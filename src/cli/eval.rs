@@ -137,7 +137,7 @@ fn is_finite(p: &Point) -> bool {
 }
 
 /// Points farther outside than the boundary error could put a boundary point.
-fn outside(boundary: &BoundaryMap, points: &[Point]) -> anyhow::Result<usize> {
+pub fn outside(boundary: &BoundaryMap, points: &[Point]) -> anyhow::Result<usize> {
     let domain = boundary.domain();
     let query = SurfaceQuery::new(domain)?;
     let finite: Vec<Point> = points.iter().copied().filter(is_finite).collect();

@@ -17,7 +17,7 @@ use solidmap::transfer::{
 };
 
 use super::args::TransferArgs;
-use super::eval::{is_table, read_points};
+use super::eval::{is_table, outside, read_points};
 use super::output::{Output, pairs};
 use super::pictures::depths;
 use super::{Outcome, input, inverse};
@@ -35,11 +35,15 @@ struct Report {
     written_points: usize,
     /// Points without a finite image or without a preimage.
     without_value: usize,
+    /// Points of FIELD outside the domain, where the formula still has a value but it means nothing. Not with `--at`.
+    outside: Option<usize>,
     fields: Vec<FieldReport>,
     volume: VolumeCheck,
+    /// Share of the domain's volume beyond FIELD's tetrahedra, which shares and distributions leave out.
+    volume_beyond_field: f64,
     /// Of `--at`.
     inverse: Option<InverseReport>,
-    /// Of `--at`: preimages outside of FIELD's tetrahedra, which got the values of the nearest node.
+    /// Of `--at`: preimages beyond FIELD's tetrahedra, which got what is at the closest point of their boundary.
     beyond_carrier: usize,
     seconds: f64,
 }
@@ -52,6 +56,8 @@ struct FieldReport {
     over: &'static str,
     /// `values`, `vector` or `label`.
     carry: &'static str,
+    /// Whether the output has it: a table holds no cell data.
+    written: bool,
     /// Of fields of one component that are no labels.
     distribution: Option<DistributionCheck>,
     labels: Option<Vec<LabelShare>>,
@@ -61,6 +67,9 @@ struct FieldReport {
 const MESH_NODES: usize = 60_000;
 const SECTION_PIXELS: usize = 480;
 const DISTANCE: &str = "distance";
+const STATUS: &str = "status";
+/// Fields of three components that are no vectors of the material, in small letters.
+const NO_VECTORS: [&str; 7] = ["rgb", "color", "colors", "colour", "colours", "normal", "normals"];
 
 /// What is read: the carrier, and triangles between its points where it has no tetrahedra.
 struct Given {
@@ -92,42 +101,53 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
     }
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
-    // Sums that err by no more than an inverse is to leave.
-    let map = if args.at.is_some() || args.png.is_some() {
-        file.map.clone().with_error(0.0)
-    } else {
-        file.map.clone()
-    };
     let given = read(args, &boundary)?;
     require_matching_output(args, &given)?;
+    require_distinct_names(args, &given.carrier)?;
+    let drawn = args
+        .png
+        .is_some()
+        .then(|| drawn_field(args, &given.carrier))
+        .transpose()?;
+    let Given { carrier, triangles } = given;
 
-    output.progress(format!("carrying {} points", given.carrier.points.len()));
+    output.progress(format!("carrying {} points", carrier.points.len()));
     let start = std::time::Instant::now();
-    let inverse = if args.at.is_some() || args.png.is_some() {
-        let inverse = InverseMap::new(&map, &boundary, &InverseOptions::default());
-        Some(inverse.with_context(|| format!("cannot invert `{}`", args.map.display()))?)
-    } else {
-        None
-    };
+    // Sums that err by no more than an inverse is to leave.
+    let exact = (args.at.is_some() || args.png.is_some()).then(|| file.map.clone().with_error(0.0));
+    let inverse = exact
+        .as_ref()
+        .map(|map| InverseMap::new(map, &boundary, &InverseOptions::default()))
+        .transpose()
+        .with_context(|| format!("cannot invert `{}`", args.map.display()))?;
     let carried = match (&args.at, &inverse) {
-        (Some(at), Some(inverse)) => carried_at(at, &map, inverse, &given.carrier)?,
+        (Some(at), Some(inverse)) => carried_at(at, args, &file.map, inverse, &boundary, &carrier)?,
         _ => Carried {
-            carrier: carry(&map, &given.carrier)?,
-            triangles: given.triangles.clone(),
+            carrier: carry(&file.map, &carrier)?,
+            triangles,
             preimages: None,
             inverse: None,
             beyond_carrier: 0,
         },
     };
     let seconds = start.elapsed().as_secs_f64();
+    let outside = (args.field.is_some() && args.at.is_none())
+        .then(|| outside(&boundary, &carrier.points))
+        .transpose()?;
 
+    output.progress("checking volumes");
+    let checks = check(args, &file.map, &boundary, &carrier)?;
+    let png = match (drawn, &inverse) {
+        (Some(which), Some(inverse)) => {
+            output.progress("drawing");
+            Some(draw(which, args, &boundary, inverse, &carrier)?)
+        }
+        _ => None,
+    };
     output.progress("writing");
     write(&args.output, &carried)?;
-    output.progress("checking volumes");
-    let (volume, fields) = check(&map, &boundary, &given.carrier, args.resolution)?;
-    if let (Some(png), Some(inverse)) = (&args.png, &inverse) {
-        output.progress("drawing");
-        draw(png, args, &boundary, inverse, &given.carrier)?;
+    if let (Some(path), Some(png)) = (&args.png, png) {
+        io::atomic_write(path, |writer| writer.write_all(&png))?;
     }
     let without_value = match &carried.preimages {
         Some(preimages) => preimages.iter().filter(|p| !inverse::place(p).x.is_finite()).count(),
@@ -144,21 +164,52 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
         )),
         None => {}
     }
+    warn(output, args, outside.unwrap_or(0), &checks);
     let report = Report {
         map: args.map.clone(),
         output: args.output.clone(),
-        points: given.carrier.points.len(),
-        tets: given.carrier.tets.len(),
+        points: carrier.points.len(),
+        tets: carrier.tets.len(),
         written_points: carried.carrier.points.len(),
         without_value,
-        fields,
-        volume,
+        outside,
+        fields: checks.fields,
+        volume: checks.volume,
+        volume_beyond_field: checks.volume_beyond_field,
         inverse: carried.inverse,
         beyond_carrier: carried.beyond_carrier,
         seconds,
     };
     output.result(&report, || pairs(rows(&report)))?;
     Ok(if complete { Outcome::Done } else { Outcome::CheckFailed })
+}
+
+/// Says what was carried without meaning, or not at all.
+fn warn(output: &Output, args: &TransferArgs, outside: usize, checks: &Checks) {
+    if outside > 0 {
+        output.warn(format!(
+            "{outside} points of FIELD lie outside the domain; the formula has values there, but they are no map"
+        ));
+    }
+    let lost: Vec<&str> = checks
+        .fields
+        .iter()
+        .filter(|field| !field.written)
+        .map(|field| field.name.as_str())
+        .collect();
+    if !lost.is_empty() {
+        output.warn(format!(
+            "cell data are not written: {}; `{}` holds points only, write a .vtu or .vtk",
+            lost.join(", "),
+            args.output.display()
+        ));
+    }
+    if checks.volume.not_finite > 0 {
+        output.warn(format!(
+            "the map has no finite Jacobian at {} points of the grid; the volumes leave them out",
+            checks.volume.not_finite
+        ));
+    }
 }
 
 /// The fields to carry.
@@ -174,10 +225,15 @@ fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<Given> {
             }
         }
     };
+    let is_plain = |name: &String| {
+        let asked = args.plain_vectors.as_ref();
+        asked.is_some_and(|names| names.is_empty() || names.contains(name))
+            || NO_VECTORS.contains(&name.to_lowercase().as_str())
+    };
     let named = |field: Field| TransferField {
         carry: match field.components {
             _ if args.label.contains(&field.name) => Carry::Label,
-            3 if !args.plain_vectors => Carry::Vector,
+            3 if !is_plain(&field.name) => Carry::Vector,
             _ => Carry::Values,
         },
         name: field.name,
@@ -190,10 +246,9 @@ fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<Given> {
         point_fields: file.point.into_iter().map(named).collect(),
         cell_fields: file.cell.into_iter().map(named).collect(),
     };
-    let shown = args.field.as_deref().unwrap_or(&args.map).display();
+    let shown = shown(args);
     if args.distance {
         let values = depths(boundary.domain(), &carrier.points)?;
-        carrier.point_fields.retain(|field| field.name != DISTANCE);
         carrier.point_fields.push(TransferField {
             name: DISTANCE.into(),
             components: 1,
@@ -207,10 +262,10 @@ fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<Given> {
         "`{shown}` has no fields; give a .csv with columns beside x, y and z, or a .vtu or .vtk with point or cell data, \
          or ask for --distance"
     );
-    for label in &args.label {
+    for name in args.label.iter().chain(args.plain_vectors.iter().flatten()) {
         ensure!(
-            names.contains(&label.as_str()),
-            "`{shown}` has no field `{label}`; its fields are {}",
+            names.contains(&name.as_str()),
+            "`{shown}` has no field `{name}`; its fields are {}",
             names.join(", ")
         );
     }
@@ -219,6 +274,11 @@ fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<Given> {
         carrier,
         triangles: file.triangles,
     })
+}
+
+/// The file that the fields come from.
+fn shown(args: &TransferArgs) -> std::path::Display<'_> {
+    args.field.as_deref().unwrap_or(&args.map).display()
 }
 
 /// Refuses a mesh format where there is no mesh.
@@ -236,10 +296,78 @@ fn require_matching_output(args: &TransferArgs, given: &Given) -> anyhow::Result
     Ok(())
 }
 
+/// Refuses fields that would have one name.
+fn require_distinct_names(args: &TransferArgs, carrier: &Carrier) -> anyhow::Result<()> {
+    let status = args.at.iter().map(|_| STATUS.to_owned());
+    let names = all_fields(carrier).map(|(_, field)| field.name.clone());
+    let mut all = vec![names.chain(status.clone()).collect::<Vec<_>>()];
+    if is_table(&args.output) {
+        let of_fields = all_fields(carrier).flat_map(|(_, field)| columns(&field.name, field.components));
+        all.push(
+            ["x", "y", "z"]
+                .map(String::from)
+                .into_iter()
+                .chain(of_fields)
+                .chain(status)
+                .collect(),
+        );
+    }
+    for mut names in all {
+        names.sort_unstable();
+        if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+            bail!(
+                "the name `{}` would stand for two fields (point and cell data, `{DISTANCE}` of --distance, `{STATUS}` of \
+                 --at and the columns of a table share their names); rename one in `{}`",
+                pair[0],
+                shown(args)
+            );
+        }
+    }
+    Ok(())
+}
+
+/// The field for the picture, counted as by [`all_fields`].
+fn drawn_field(args: &TransferArgs, carrier: &Carrier) -> anyhow::Result<usize> {
+    let scalars = || {
+        let all = all_fields(carrier).enumerate();
+        all.filter(|(_, (_, field))| field.components == 1)
+    };
+    let shown = scalars().find(|(_, (_, field))| is_distance(args, field));
+    let (which, _) = shown
+        .or_else(|| scalars().next())
+        .context("there is no field of one component to draw; leave out --png")?;
+    Ok(which)
+}
+
+/// Whether the field is the one made here.
+fn is_distance(args: &TransferArgs, field: &TransferField) -> bool {
+    args.distance && field.name == DISTANCE
+}
+
+/// The distance from the boundary of the domain, exact where a carrier has it at its points only. What comes from beyond
+/// the boundary lies on it, but for the boundary error.
+fn distances(boundary: &BoundaryMap, points: &[Point]) -> anyhow::Result<Vec<f64>> {
+    let depths = depths(boundary.domain(), points)?;
+    // Not `f64::max`, which makes a number of NaN.
+    Ok(depths.into_iter().map(|d| if d < 0.0 { 0.0 } else { d }).collect())
+}
+
 /// The fields at given points of the target.
-fn carried_at(at: &Path, map: &dyn VolumeMap, inverse: &InverseMap, carrier: &Carrier) -> anyhow::Result<Carried> {
+fn carried_at(
+    at: &Path,
+    args: &TransferArgs,
+    map: &dyn VolumeMap,
+    inverse: &InverseMap,
+    boundary: &BoundaryMap,
+    carrier: &Carrier,
+) -> anyhow::Result<Carried> {
     let (solid, points) = read_points(at)?;
-    let found = resample(map, inverse, carrier, &points)?;
+    let found = resample(map, inverse, carrier, &points);
+    let mut found = found.with_context(|| format!("cannot carry `{}`", shown(args)))?;
+    if let Some(field) = found.fields.iter_mut().find(|field| is_distance(args, field)) {
+        let places: Vec<Point> = found.preimages.iter().map(inverse::place).collect();
+        field.values = distances(boundary, &places)?;
+    }
     let (tets, triangles) = match solid {
         Some(Solid::Tets(mesh)) => (mesh.tets().to_vec(), vec![]),
         Some(Solid::Surface(mesh)) => (vec![], mesh.triangles().to_vec()),
@@ -255,7 +383,8 @@ fn carried_at(at: &Path, map: &dyn VolumeMap, inverse: &InverseMap, carrier: &Ca
         triangles,
         preimages: Some(found.preimages),
         inverse: Some(found.inverse),
-        beyond_carrier: found.beyond_carrier,
+        // The mesh made for --distance is no field.
+        beyond_carrier: args.field.as_ref().map_or(0, |_| found.beyond_carrier),
     })
 }
 
@@ -269,7 +398,7 @@ fn write(path: &Path, carried: &Carried) -> anyhow::Result<()> {
     let mut point: Vec<Field> = carried.carrier.point_fields.iter().map(field).collect();
     if let Some(preimages) = &carried.preimages {
         point.push(Field {
-            name: "status".into(),
+            name: STATUS.into(),
             components: 1,
             values: preimages
                 .iter()
@@ -298,16 +427,19 @@ fn write(path: &Path, carried: &Carried) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Columns x, y, z, and those of each field: `name`, `name_x` to `name_z`, or `name_0` onward.
+/// The columns of a field in a table: `name`, `name_x` to `name_z`, or `name_0` onward.
+fn columns(name: &str, components: usize) -> Vec<String> {
+    match components {
+        1 => vec![name.to_owned()],
+        3 => ["x", "y", "z"].map(|axis| format!("{name}_{axis}")).to_vec(),
+        n => (0..n).map(|k| format!("{name}_{k}")).collect(),
+    }
+}
+
+/// Columns x, y, z, and those of each field.
 fn write_table(path: &Path, points: &[Point], fields: &[Field]) -> anyhow::Result<()> {
     let mut names: Vec<String> = ["x", "y", "z"].map(String::from).to_vec();
-    for field in fields {
-        match field.components {
-            1 => names.push(field.name.clone()),
-            3 => names.extend(["x", "y", "z"].map(|axis| format!("{}_{axis}", field.name))),
-            n => names.extend((0..n).map(|k| format!("{}_{k}", field.name))),
-        }
-    }
+    names.extend(fields.iter().flat_map(|field| columns(&field.name, field.components)));
     let mut values = Vec::with_capacity(points.len() * names.len());
     for (row, point) in points.iter().enumerate() {
         values.extend_from_slice(point.coords.as_slice());
@@ -320,15 +452,33 @@ fn write_table(path: &Path, points: &[Point], fields: &[Field]) -> anyhow::Resul
 }
 
 /// What the map does to volumes, and to the distribution of each field.
+struct Checks {
+    volume: VolumeCheck,
+    volume_beyond_field: f64,
+    fields: Vec<FieldReport>,
+}
+
 fn check(
+    args: &TransferArgs,
     map: &dyn VolumeMap,
     boundary: &BoundaryMap,
     carrier: &Carrier,
-    resolution: usize,
-) -> anyhow::Result<(VolumeCheck, Vec<FieldReport>)> {
-    let quadrature = clipped_grid(boundary.domain(), Resolution::CellsAlongLongestSide(resolution))?;
+) -> anyhow::Result<Checks> {
+    let quadrature = clipped_grid(boundary.domain(), Resolution::CellsAlongLongestSide(args.resolution))?;
     let (volume, after) = volume_check(map, &quadrature, boundary.target_volume());
-    let (fields, _) = Sampler::new(carrier)?.sample(quadrature.points());
+    let sampler = Sampler::new(carrier).with_context(|| format!("cannot carry `{}`", shown(args)))?;
+    let (mut fields, beyond) = sampler.sample(quadrature.points());
+    for field in &mut fields {
+        if is_distance(args, field) {
+            field.values = distances(boundary, quadrature.points())?;
+            continue;
+        }
+        let rows = field.values.chunks_mut(field.components.max(1)).zip(&beyond);
+        rows.filter(|(_, beyond)| **beyond)
+            .for_each(|(row, _)| row.fill(f64::NAN));
+    }
+    let beyond: Vec<f64> = beyond.iter().map(|&beyond| f64::from(u8::from(beyond))).collect();
+    let has_field = args.field.is_some();
     let before = quadrature.weights();
     let reports = all_fields(carrier).zip(&fields).map(|((over, _), field)| FieldReport {
         name: field.name.clone(),
@@ -339,13 +489,22 @@ fn check(
             Carry::Vector => "vector",
             Carry::Label => "label",
         },
+        written: over == "point" || args.at.is_some() || !is_table(&args.output),
         distribution: (field.components == 1 && field.carry != Carry::Label)
             .then(|| distribution_check(&field.values, before, &after))
             .flatten(),
         labels: (field.components == 1 && field.carry == Carry::Label)
             .then(|| label_shares(&field.values, before, &after)),
     });
-    Ok((volume, reports.collect()))
+    Ok(Checks {
+        volume,
+        volume_beyond_field: if has_field {
+            quadrature.integrate(&beyond) / quadrature.volume()
+        } else {
+            0.0
+        },
+        fields: reports.collect(),
+    })
 }
 
 fn all_fields(carrier: &Carrier) -> impl Iterator<Item = (&'static str, &TransferField)> {
@@ -353,32 +512,19 @@ fn all_fields(carrier: &Carrier) -> impl Iterator<Item = (&'static str, &Transfe
     over_points.chain(carrier.cell_fields.iter().map(|field| ("cell", field)))
 }
 
-/// Cross-sections of domain and target in the colours of one bar.
+/// Cross-sections of domain and target in the colours of one bar, as a PNG.
 fn draw(
-    path: &Path,
+    which: usize,
     args: &TransferArgs,
     boundary: &BoundaryMap,
     inverse: &InverseMap,
     carrier: &Carrier,
-) -> anyhow::Result<()> {
-    let scalars = || {
-        all_fields(carrier)
-            .enumerate()
-            .filter(|(_, (_, field))| field.components == 1)
-    };
-    let shown = scalars().find(|(_, (_, field))| args.distance && field.name == DISTANCE);
-    let (which, (_, field)) = shown
-        .or_else(|| scalars().next())
-        .context("there is no field of one component to draw; leave out --png")?;
+) -> anyhow::Result<Vec<u8>> {
+    let (_, field) = all_fields(carrier).nth(which).context("there is no such field")?;
     let sampler = Sampler::new(carrier)?;
     let values_at = |points: &[Point]| -> anyhow::Result<Vec<f64>> {
-        Ok(match args.distance && field.name == DISTANCE {
-            // Exact, where the carrier has it at its points only. What comes from beyond the boundary lies on it, but for
-            // the boundary error.
-            true => depths(boundary.domain(), points)?
-                .into_iter()
-                .map(|d| d.max(0.0))
-                .collect(),
+        Ok(match is_distance(args, field) {
+            true => distances(boundary, points)?,
             false => sampler.sample(points).0.swap_remove(which).values,
         })
     };
@@ -410,9 +556,7 @@ fn draw(
     let target = Panel::of_section(&of_target, &after, &bar)?
         .titled("target")
         .with_bar(&bar);
-    let png = Figure::row(vec![domain, target]).to_png()?;
-    io::atomic_write(path, |writer| writer.write_all(&png))?;
-    Ok(())
+    Ok(Figure::row(vec![domain, target]).to_png()?)
 }
 
 fn is_finite(p: &Point) -> bool {
@@ -442,12 +586,20 @@ fn rows(report: &Report) -> Vec<[String; 2]> {
             ),
         ],
     ];
+    if report.volume_beyond_field > 0.0 {
+        let share = 100.0 * report.volume_beyond_field;
+        rows.push([
+            "beyond FIELD".into(),
+            format!("{share:.2} % of the domain's volume, left out below"),
+        ]);
+    }
     if report.inverse.is_some() {
         rows.push(["without value".into(), report.without_value.to_string()]);
-        rows.push(["beyond FIELD's mesh".into(), report.beyond_carrier.to_string()]);
+        rows.push(["points beyond FIELD".into(), report.beyond_carrier.to_string()]);
     }
     for field in &report.fields {
-        let name = format!("`{}` ({} {})", field.name, field.over, field.carry);
+        let lost = if field.written { "" } else { ", not written" };
+        let name = format!("`{}` ({} {}{lost})", field.name, field.over, field.carry);
         if let Some(check) = &field.distribution {
             rows.push([
                 name,

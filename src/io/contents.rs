@@ -38,6 +38,9 @@ pub(super) struct Polygons {
     ends: Vec<usize>,
 }
 
+/// More numbers in a value are a mistake in a file's header.
+const MAX_COMPONENTS: usize = 4096;
+
 impl Polygons {
     pub fn push(&mut self, corners: impl IntoIterator<Item = i64>) {
         self.corners.extend(corners);
@@ -173,6 +176,13 @@ impl Contents {
         let cell = std::mem::take(&mut self.cell_fields);
         let cell_of_tet = std::mem::take(&mut self.cell_of_tet);
         let (vertices, cells) = (self.vertices.len(), self.cells);
+        if let Some(field) = point.iter().chain(&cell).find(|f| f.components > MAX_COMPONENTS) {
+            return Err(IoError::Unsupported {
+                path: path.to_owned(),
+                found: format!("the field `{}` of {} components", field.name, field.components),
+                remedy: "leave it out, or cut it into fields of at most 4096 components",
+            });
+        }
         for (field, count) in point
             .iter()
             .map(|f| (f, vertices))
@@ -200,14 +210,15 @@ impl Contents {
         let of_tets = |field: Field| Field {
             values: cell_of_tet
                 .iter()
-                .flat_map(|&c| field.values[c * field.components..][..field.components].to_vec())
+                .flat_map(|&c| &field.values[c * field.components..][..field.components])
+                .copied()
                 .collect(),
             ..field
         };
-        let mesh = self.into_tets(path)?;
+        let (points, tets) = self.into_tets(path)?.into_parts();
         Ok(FieldFile {
-            points: mesh.vertices().to_vec(),
-            tets: mesh.tets().to_vec(),
+            points,
+            tets,
             point,
             cell: cell.into_iter().map(of_tets).collect(),
             ..FieldFile::default()
@@ -334,6 +345,24 @@ mod tests {
         };
         let message = with_path(error, Path::new("a.ply")).to_string();
         let expected = "`a.ply` holds 3000000000 vertices, more than the 2147483647 that 31-bit indices can name";
+        assert_eq!(message, expected);
+    }
+
+    /// Twice 2⁶³ is 0 in 64 bits: as many values as there are.
+    #[test]
+    fn absurdly_many_components_are_refused() {
+        let contents = Contents {
+            vertices: vec![Point::origin(); 2],
+            point_fields: vec![Field {
+                name: "a".into(),
+                components: 1 << 63,
+                values: vec![],
+            }],
+            ..Contents::default()
+        };
+        let message = contents.into_fields(Path::new("a.vtu")).unwrap_err().to_string();
+        let expected = "`a.vtu` holds the field `a` of 9223372036854775808 components, which is not supported: leave it \
+                        out, or cut it into fields of at most 4096 components";
         assert_eq!(message, expected);
     }
 

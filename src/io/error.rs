@@ -138,8 +138,8 @@ pub enum IoError {
         /// How many there are.
         count: usize,
     },
-    /// Values to be written do not fit the mesh or the columns they belong to.
-    #[error("cannot write `{path}`: `{name}` has {found} values, but {expected} are needed")]
+    /// Values do not fit the mesh or the columns they belong to.
+    #[error("`{path}`: `{name}` has {found} values, but {expected} are needed")]
     ValueCount {
         /// The file.
         path: PathBuf,

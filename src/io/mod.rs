@@ -158,11 +158,14 @@ pub fn read_points(path: impl AsRef<Path>) -> Result<Vec<Point>, IoError> {
 
 /// Reads points with fields: the columns beside `x`, `y` and `z` of a CSV table (three in a row whose names differ in a
 /// last x, y and z alone are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, triangles
-/// or points, and of structured points in a `.vtk` file, whose cells become six tetrahedra each. Of triangles the cell data are passed over. All other formats have no fields, and give their vertices.
+/// or points, and of at most 2²² structured points in a `.vtk` file, whose cells become six tetrahedra each. Of
+/// triangles the cell data are passed over. All other formats have no fields, and give their vertices; labels of cells
+/// in a `.mesh` are none.
 ///
 /// # Errors
 ///
-/// Any [`IoError`] but those of writing; [`IoError::ValueCount`] when a field has not a value for each point or cell.
+/// Any [`IoError`] but those of writing; [`IoError::ValueCount`] when a field has not a value for each point or cell,
+/// [`IoError::Unsupported`] also for a field of more than 4096 components.
 pub fn read_fields(path: impl AsRef<Path>) -> Result<FieldFile, IoError> {
     let path = path.as_ref();
     let has_fields = |other: &&Format| FIELD_FORMATS.iter().any(|format| format.extension == other.extension);

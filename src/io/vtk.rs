@@ -164,7 +164,7 @@ pub(super) fn check(path: &Path, points: &[Point], cells: Cells, fields: &VtkFie
     let point_fields = fields.point.iter().map(|field| (field, points.len()));
     let cell_fields = fields.cell.iter().map(|field| (field, cells.count()));
     for (field, count) in point_fields.chain(cell_fields) {
-        let expected = count * field.components;
+        let expected = count.saturating_mul(field.components);
         if field.values.len() != expected {
             return Err(IoError::ValueCount {
                 path: path.to_owned(),
@@ -245,8 +245,8 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
     Ok(contents)
 }
 
-/// Structured points become tetrahedra, which take two hundred bytes a point.
-const MAX_STRUCTURED: usize = 1 << 24;
+/// Structured points become tetrahedra, which take up to two kilobytes a point by the time they are searched.
+const MAX_STRUCTURED: usize = 1 << 22;
 
 const TRIANGLE: u8 = 5;
 const QUADRILATERAL: u8 = 9;
@@ -386,9 +386,11 @@ impl<'a> LegacyReader<'a> {
             .checked_count(total, "values of structured points", 1, available)?;
         if total > MAX_STRUCTURED {
             let found = format!("{total} structured points");
-            return Err(self
-                .source
-                .unsupported(found, "take every second point along each axis"));
+            return Err(self.source.unsupported(
+                found,
+                "at most 4194304 are read, since six tetrahedra a cell take up to two kilobytes a point; take every \
+                 second point along each axis",
+            ));
         }
         let [nx, ny, nz] = counts;
         let at = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)];
@@ -398,6 +400,9 @@ impl<'a> LegacyReader<'a> {
             }))
         };
         contents.vertices = (0..total).map(place).collect();
+        let cells = counts.iter().map(|n| n.saturating_sub(1)).product::<usize>();
+        contents.tets.reserve_exact(6 * cells);
+        contents.cell_of_tet.reserve_exact(6 * cells);
         let is_first = |i: &usize| at(*i)[0] + 1 < nx && at(*i)[1] + 1 < ny && at(*i)[2] + 1 < nz;
         for first in (0..total).filter(is_first) {
             let [x, y, z] = [1, nx, nx * ny];

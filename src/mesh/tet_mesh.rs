@@ -68,6 +68,11 @@ impl TetMesh {
         (0..self.tets.len()).map(|t| self.signed_volume(t)).sum()
     }
 
+    /// The vertices and the tetrahedra.
+    pub(crate) fn into_parts(self) -> (Vec<Point>, Vec<[u32; 4]>) {
+        (self.vertices, self.tets)
+    }
+
     /// Lowest and highest corner of the axis-aligned box of all vertices; `None` without vertices.
     pub fn bounding_box(&self) -> Option<(Point, Point)> {
         bounding_box(self.vertices.iter())

@@ -19,6 +19,8 @@ pub struct VolumeCheck {
     pub relative_error: f64,
     /// Share of the domain's volume where the map is turned against the most of it.
     pub folded_share: f64,
+    /// Points of the quadrature without a finite Jacobian, which the volume carried and the folded share leave out.
+    pub not_finite: usize,
 }
 
 /// How much of the solids has a label.
@@ -53,15 +55,20 @@ pub struct DistributionCheck {
     pub largest_shift: f64,
 }
 
-/// Integrates `det J` over the domain. Also gives the weights of the quadrature's points after the map, `w |det J|`.
+/// Integrates `det J` over the domain. Also gives the weights of the quadrature's points after the map, `w |det J|`; 0
+/// where the Jacobian is not finite.
 pub fn volume_check(map: &dyn VolumeMap, quadrature: &Quadrature, target_volume: f64) -> (VolumeCheck, Vec<f64>) {
     let det: Vec<f64> = map
         .jacobian(quadrature.points())
         .iter()
         .map(|j| j.determinant())
         .collect();
-    let whole = quadrature.integrate(&det);
-    let turned = det.iter().map(|&d| if d * whole > 0.0 { 0.0 } else { 1.0 });
+    let not_finite = det.iter().filter(|d| !d.is_finite()).count();
+    let or_zero = |d: f64| if d.is_finite() { d } else { 0.0 };
+    let whole = quadrature.integrate(&det.iter().map(|&d| or_zero(d)).collect::<Vec<_>>());
+    let turned = det
+        .iter()
+        .map(|&d| if d.is_finite() && d * whole <= 0.0 { 1.0 } else { 0.0 });
     let (domain, target) = (quadrature.volume(), target_volume.abs());
     let check = VolumeCheck {
         domain,
@@ -69,8 +76,13 @@ pub fn volume_check(map: &dyn VolumeMap, quadrature: &Quadrature, target_volume:
         carried: whole.abs(),
         relative_error: whole.abs() / target - 1.0,
         folded_share: quadrature.integrate(&turned.collect::<Vec<_>>()) / domain,
+        not_finite,
     };
-    let weights = quadrature.weights().iter().zip(&det).map(|(w, d)| w * d.abs());
+    let weights = quadrature
+        .weights()
+        .iter()
+        .zip(&det)
+        .map(|(w, &d)| w * or_zero(d).abs());
     (check, weights.collect())
 }
 

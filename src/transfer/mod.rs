@@ -24,7 +24,7 @@ pub enum Carry {
     Values,
     /// Three components that are pushed forward, `J v`: velocities, fibres, directions that move with the material.
     Vector,
-    /// As they are, and those of the nearest node between nodes: never averaged.
+    /// As they are, and between nodes those of the corner that has the largest weight: never averaged.
     Label,
 }
 
@@ -104,7 +104,8 @@ pub struct Resampled {
     pub preimages: Vec<Preimage>,
     /// What the inverse map has to say.
     pub inverse: InverseReport,
-    /// Preimages that no tetrahedron of the carrier holds, which got the values of the nearest node; 0 without tetrahedra.
+    /// Preimages beyond the carrier's tetrahedra, which got what is at the closest point of their boundary; 0 without
+    /// tetrahedra.
     pub beyond_carrier: usize,
 }
 
@@ -133,7 +134,7 @@ impl Carrier {
             .iter()
             .map(|field| (field, "tetrahedra", self.tets.len()));
         over_points.chain(over_tets).try_for_each(|(field, element, count)| {
-            let (expected, found) = (count * field.components, field.values.len());
+            let (expected, found) = (count.saturating_mul(field.components), field.values.len());
             if found != expected {
                 let name = field.name.clone();
                 return Err(TransferError::ValueCount {
@@ -208,7 +209,7 @@ pub fn resample(
     let sampler = Sampler::new(carrier)?;
     let (preimages, report) = inverse.preimages(points);
     let places: Vec<Point> = preimages.iter().map(place).collect();
-    let (mut fields, beyond_carrier) = sampler.sample(&places);
+    let (mut fields, beyond) = sampler.sample(&places);
     if fields.iter().any(|field| field.carry == Carry::Vector) {
         let jacobians = map.jacobian(&places);
         for field in fields.iter_mut().filter(|field| field.carry == Carry::Vector) {
@@ -219,7 +220,7 @@ pub fn resample(
         fields,
         preimages,
         inverse: report,
-        beyond_carrier,
+        beyond_carrier: beyond.iter().filter(|&&beyond| beyond).count(),
     })
 }
 

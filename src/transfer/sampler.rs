@@ -3,20 +3,27 @@
 use rayon::prelude::*;
 
 use super::{Carrier, Carry, TransferError, TransferField};
-use crate::Point;
-use crate::geometry::{Aabb, Bvh};
+use crate::geometry::{Aabb, Bvh, closest_point_on_triangle};
 use crate::inverse::barycentric;
+use crate::{Point, Vector};
 
-/// The fields of a carrier at any points: linear in tetrahedra, and the nearest point's value where there are none. Labels are
-/// the value of the nearest corner, or that of the tetrahedron for fields over tetrahedra.
+/// The fields of a carrier at any points: linear in tetrahedra, and beyond them as at the closest point of their
+/// boundary. A carrier without tetrahedra has the values of the nearest point. Labels are those of the corner that has
+/// the largest weight, or that of the tetrahedron for fields over tetrahedra.
 pub struct Sampler<'a> {
     carrier: &'a Carrier,
     by_tet: Bvh,
     tet_of_item: Vec<u32>,
-    by_point: Bvh,
-    point_of_item: Vec<u32>,
-    /// A tetrahedron of each point, for fields over tetrahedra where no tetrahedron holds a point.
-    tet_of_point: Vec<u32>,
+    by_rim: Bvh,
+    rim: Vec<Rim>,
+    /// Points no farther from the rim are not beyond it, as a square.
+    margin_squared: f64,
+}
+
+/// A triangle that bounds the tetrahedra, with its tetrahedron; or a point, three times, where there are none.
+struct Rim {
+    corners: [u32; 3],
+    tet: u32,
 }
 
 /// Where a value comes from: carrier points with their weights, and a tetrahedron.
@@ -25,81 +32,75 @@ struct Place {
     points: [u32; 4],
     weights: [f64; 4],
     tet: u32,
-    held: bool,
+    beyond: bool,
 }
 
 const NONE: u32 = u32::MAX;
 /// Barycentric coordinates that count as inside: no point may fall between tetrahedra.
 const SLACK: f64 = 1e-9;
+/// What preimages of boundary points err by, as a fraction of the carrier's diagonal, and some more.
+const MARGIN: f64 = 1e-6;
 
 impl<'a> Sampler<'a> {
-    /// Sorts the carrier's tetrahedra and points into trees.
+    /// Sorts the carrier's tetrahedra, and the triangles that bound them, into trees.
     ///
     /// # Errors
     ///
     /// As [`Carrier::check`], and [`TransferError::Empty`].
     pub fn new(carrier: &'a Carrier) -> Result<Self, TransferError> {
         carrier.check()?;
-        let is_finite = |p: &Point| p.iter().all(|c| c.is_finite());
-        // Points in no tetrahedron carry nothing when there are tetrahedra.
-        let mut tet_of_point = vec![NONE; carrier.points.len()];
-        for (t, tet) in carrier.tets.iter().enumerate() {
-            tet.iter().for_each(|&v| tet_of_point[v as usize] = t as u32);
-        }
-        let carries = |v: &u32| carrier.tets.is_empty() || tet_of_point[*v as usize] != NONE;
-        let point_of_item: Vec<u32> = (0..carrier.points.len() as u32)
-            .filter(|v| is_finite(&carrier.points[*v as usize]) && carries(v))
+        let is_finite = |v: &u32| carrier.points[*v as usize].iter().all(|c| c.is_finite());
+        let tet_of_item: Vec<u32> = (0..carrier.tets.len() as u32)
+            .filter(|&t| carrier.tets[t as usize].iter().all(is_finite))
             .collect();
-        if point_of_item.is_empty() {
+        let rim = if tet_of_item.is_empty() {
+            let all = (0..carrier.points.len() as u32).filter(is_finite);
+            all.map(|v| Rim {
+                corners: [v; 3],
+                tet: NONE,
+            })
+            .collect()
+        } else {
+            outer_triangles(&carrier.tets, &tet_of_item)
+        };
+        if rim.is_empty() {
             return Err(TransferError::Empty);
         }
-        let corners = |t: u32| carrier.tets[t as usize].map(|v| carrier.points[v as usize]);
-        let tet_of_item: Vec<u32> = (0..carrier.tets.len() as u32)
-            .filter(|&t| corners(t).iter().all(is_finite))
-            .collect();
-        let boxes: Vec<Aabb> = tet_of_item.iter().map(|&t| Aabb::around(&corners(t))).collect();
-        let points: Vec<Aabb> = point_of_item
-            .iter()
-            .map(|&v| Aabb::around(&[carrier.points[v as usize]]))
-            .collect();
+        let point = |v: u32| carrier.points[v as usize];
+        let around_tet = |&t: &u32| with_slack(Aabb::around(&carrier.tets[t as usize].map(point)));
+        let boxes: Vec<Aabb> = tet_of_item.iter().map(around_tet).collect();
+        let of_rim: Vec<Aabb> = rim.iter().map(|r| Aabb::around(&r.corners.map(point))).collect();
+        let by_rim = Bvh::new(&of_rim);
+        let diagonal = by_rim.nodes()[0].bounds.extent().norm();
         Ok(Self {
             carrier,
             by_tet: Bvh::new(&boxes),
             tet_of_item,
-            by_point: Bvh::new(&points),
-            point_of_item,
-            tet_of_point,
+            by_rim,
+            rim,
+            margin_squared: (MARGIN * diagonal).powi(2),
         })
     }
 
-    /// The fields over points, then those over tetrahedra, at these points; NaN at points that are not finite. Also how many
-    /// points lie in no tetrahedron, if there are tetrahedra.
-    pub fn sample(&self, points: &[Point]) -> (Vec<TransferField>, usize) {
+    /// The fields over points, then those over tetrahedra, at these points; NaN at points that are not finite. Also which
+    /// points lie beyond the tetrahedra, by more than a millionth of the carrier's diagonal; none without tetrahedra.
+    pub fn sample(&self, points: &[Point]) -> (Vec<TransferField>, Vec<bool>) {
         let places: Vec<Option<Place>> = points.par_iter().map(|p| self.place(p)).collect();
-        let beyond = places.iter().flatten().filter(|place| !place.held).count();
+        let beyond = places.iter().map(|place| place.is_some_and(|place| place.beyond));
         let over_points = self
             .carrier
             .point_fields
             .iter()
             .map(|field| over_points(field, &places));
         let over_tets = self.carrier.cell_fields.iter().map(|field| over_tets(field, &places));
-        (over_points.chain(over_tets).collect(), beyond)
+        (over_points.chain(over_tets).collect(), beyond.collect())
     }
 
     fn place(&self, p: &Point) -> Option<Place> {
         if !p.iter().all(|c| c.is_finite()) {
             return None;
         }
-        if let Some(place) = self.holding(p) {
-            return Some(place);
-        }
-        let nearest = self.nearest(p);
-        Some(Place {
-            points: [nearest; 4],
-            weights: [1.0, 0.0, 0.0, 0.0],
-            tet: self.tet_of_point[nearest as usize],
-            held: self.tet_of_item.is_empty(),
-        })
+        Some(self.holding(p).unwrap_or_else(|| self.nearest(p)))
     }
 
     /// The tetrahedron that holds a point; of several, the lowest.
@@ -122,12 +123,11 @@ impl<'a> Sampler<'a> {
                 let weights = barycentric(&points.map(|v| self.carrier.points[v as usize]), p);
                 let inside = weights.filter(|weights| weights.iter().all(|&w| w >= -SLACK));
                 if let Some(weights) = inside.filter(|_| best.is_none_or(|best| tet < best.tet)) {
-                    let held = true;
                     best = Some(Place {
                         points,
                         weights,
                         tet,
-                        held,
+                        beyond: false,
                     });
                 }
             }
@@ -135,20 +135,60 @@ impl<'a> Sampler<'a> {
         best
     }
 
-    fn nearest(&self, p: &Point) -> u32 {
-        let mut best = (f64::INFINITY, NONE);
-        self.by_point.visit_nearest(p, f64::INFINITY, |items, _| {
-            for &item in &self.by_point.order()[items] {
-                let point = self.point_of_item[item as usize];
-                let candidate = ((self.carrier.points[point as usize] - p).norm_squared(), point);
-                if candidate < best {
-                    best = candidate;
+    /// The closest point of the rim; of several, that of the lowest triangle.
+    fn nearest(&self, p: &Point) -> Place {
+        // Squares beyond the largest number leave the first.
+        let mut best = (f64::INFINITY, 0, [1.0, 0.0, 0.0]);
+        self.by_rim.visit_nearest(p, f64::INFINITY, |items, _| {
+            for &item in &self.by_rim.order()[items] {
+                let corners = self.rim[item as usize].corners.map(|v| self.carrier.points[v as usize]);
+                let closest = closest_point_on_triangle(p, &corners);
+                let distance = closest.offset.norm_squared();
+                if (distance, item) < (best.0, best.1) {
+                    best = (distance, item, closest.barycentric);
                 }
             }
             best.0
         });
-        // Squares beyond the largest number leave none.
-        if best.1 == NONE { self.point_of_item[0] } else { best.1 }
+        let (distance, item, [a, b, c]) = best;
+        let Rim { corners, tet } = self.rim[item as usize];
+        Place {
+            points: [corners[0], corners[1], corners[2], corners[0]],
+            weights: [a, b, c, 0.0],
+            tet,
+            beyond: !self.tet_of_item.is_empty() && distance > self.margin_squared,
+        }
+    }
+}
+
+/// The triangles that belong to one of these tetrahedra only, in their order.
+fn outer_triangles(tets: &[[u32; 4]], chosen: &[u32]) -> Vec<Rim> {
+    let faces = |&t: &u32| {
+        let [a, b, c, d] = tets[t as usize];
+        [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(|mut corners| {
+            corners.sort_unstable();
+            (corners, t)
+        })
+    };
+    let mut all: Vec<([u32; 3], u32)> = chosen.iter().flat_map(faces).collect();
+    all.par_sort_unstable();
+    let single = all.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() == 1);
+    let mut rim: Vec<Rim> = single
+        .map(|same| Rim {
+            corners: same[0].0,
+            tet: same[0].1,
+        })
+        .collect();
+    rim.sort_by_key(|triangle| triangle.tet);
+    rim
+}
+
+/// The box of all points whose barycentric coordinates count as inside.
+fn with_slack(bounds: Aabb) -> Aabb {
+    let slack = Vector::repeat(4.0 * SLACK * bounds.extent().max());
+    Aabb {
+        low: bounds.low - slack,
+        high: bounds.high + slack,
     }
 }
 
