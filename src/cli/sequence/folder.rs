@@ -55,7 +55,7 @@ impl ResultFolder {
         for path in &written {
             let is_foreign_frame = path.extension().is_some_and(|kind| kind == "vtu") && !earlier.contains(path);
             ensure!(
-                !path.is_dir() && !(is_foreign_frame && path.exists()),
+                !(path.is_dir() || is_foreign_frame && path.exists()),
                 "`{}` is there already, and not by an earlier run: move it, or give another folder with --output",
                 path.display()
             );
