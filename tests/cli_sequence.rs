@@ -1,7 +1,7 @@
 //! `solidmap sequence` from outside: frames in, a chart, a table and series out, and what cannot be used by name.
 #![cfg(feature = "cli")]
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use assert_cmd::Command;
@@ -69,6 +69,17 @@ fn text(bytes: &[u8]) -> String {
 
 fn json(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// All files in the folder and those in it, in order, with what they hold.
+fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    paths.sort();
+    let inner = |path: PathBuf| match path.is_dir() {
+        true => contents(&path),
+        false => vec![(path.clone(), std::fs::read(&path).unwrap())],
+    };
+    paths.into_iter().flat_map(inner).collect()
 }
 
 /// The mesh without its first triangle and that one's first neighbour: a hole of four edges.
@@ -246,11 +257,108 @@ fn bad_requests_are_refused_before_any_work() {
             "would be overwritten",
         ),
         ("sequence none.obj f.obj -o out2", "none.obj"),
-        ("sequence ref.obj f.obj -o out --tolerance -1", "tolerance"),
+        ("sequence ref.obj f.obj -o out2 --tolerance -1", "tolerance"),
+        (
+            "sequence ref.obj f.obj -o out2 --mend=1001",
+            "--mend is 1001, but must be at most 1000",
+        ),
+        ("sequence ref.obj f.obj -o out", "not by an earlier run"),
         ("sequence ref.obj -o out", "FRAME"),
     ] {
         let output = place.ends_with(2, line);
         assert!(text(&output.stderr).contains(said), "{line}: {}", text(&output.stderr));
     }
     assert!(place.path("out/surface/frame_00000.vtu").is_file());
+}
+
+#[test]
+fn results_stay_until_new_ones_are_complete_and_other_files_for_ever() {
+    let place = Workplace::new();
+    place.frame("good.obj", |p| Point::new(p.x + 0.1 * p.z * p.z, p.y, p.z));
+    place.surface("fewer.obj", &shapes::sphere(1.0, 1));
+    place.ends_with(0, "sequence ref.obj good.obj -o out --resolution 8");
+    let others = ["out/surface/frame_00001.vtu", "out/cells/frame_0007.vtu"].map(|name| place.path(name));
+    others
+        .iter()
+        .for_each(|path| std::fs::write(path, "another program's").unwrap());
+    let before = contents(&place.path("out"));
+    assert_eq!(before.len(), 5 + 2 + 2);
+
+    place.ends_with(2, "sequence ref.obj fewer.obj -o out");
+    place.ends_with(2, "sequence fewer.obj good.obj -o out");
+    let refused = place.ends_with(2, "sequence ref.obj good.obj good.obj -o out --resolution 8");
+    let said = text(&refused.stderr);
+    assert!(
+        said.contains("frame_00001.vtu") && said.contains("not by an earlier run"),
+        "{said}"
+    );
+    assert!(contents(&place.path("out")) == before);
+
+    place.ends_with(1, "sequence ref.obj good.obj fewer.obj -o out --resolution 8 --no-vtu");
+    let names: Vec<PathBuf> = contents(&place.path("out")).into_iter().map(|(path, _)| path).collect();
+    assert_eq!(names.len(), 3 + 2, "{names:?}");
+    assert!(
+        others
+            .iter()
+            .all(|path| std::fs::read(path).unwrap() == b"another program's")
+    );
+    assert_eq!(
+        std::fs::read_to_string(place.path("out/energy.csv"))
+            .unwrap()
+            .lines()
+            .count(),
+        3
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_leaves_the_results_of_an_earlier_run() {
+    use std::process::{Command, Stdio};
+
+    let place = Workplace::new();
+    place.ends_with(0, "sequence ref.obj ref.obj -o out --resolution 8");
+    let before = contents(&place.path("out"));
+    place.surface("fine.ply", &shapes::sphere(1.0, 6));
+    let mut program = Command::new(assert_cmd::cargo::cargo_bin!("solidmap"))
+        .current_dir(place.folder.path())
+        .args("sequence fine.ply fine.ply fine.ply -o out".split_whitespace())
+        .stderr(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let is_hidden = |entry: std::io::Result<std::fs::DirEntry>| {
+        let name = entry.unwrap().file_name();
+        name.to_string_lossy().starts_with(".sequence-")
+    };
+    while !std::fs::read_dir(place.path("out")).unwrap().any(is_hidden) {
+        assert!(
+            program.try_wait().unwrap().is_none(),
+            "it ended before it was interrupted"
+        );
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(50));
+    let kill = Command::new("kill").args(["-INT", &program.id().to_string()]).status();
+    assert!(kill.unwrap().success());
+    assert_eq!(program.wait().unwrap().code(), Some(130));
+    assert!(contents(&place.path("out")) == before);
+    assert!(!std::fs::read_dir(place.path("out")).unwrap().any(is_hidden));
+}
+
+#[test]
+fn the_largest_cross_section_is_pictured_unless_an_axis_is_named() {
+    let place = Workplace::new();
+    let thin = |p: &Point| Point::new(0.2 * p.x, p.y, p.z);
+    place.frame("thin.obj", thin);
+    place.frame("bent.obj", |p| thin(p) + 0.1 * p.z * p.z * solidmap::Vector::y());
+    let picture = |options: &str| {
+        place.ends_with(
+            0,
+            &format!("sequence thin.obj bent.obj -o out --resolution 8 --no-vtu {options}"),
+        );
+        std::fs::read(place.path("out/sections.png")).unwrap()
+    };
+    let own = picture("");
+    assert!(own == picture("--axis x") && own != picture("--axis z"));
 }

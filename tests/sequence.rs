@@ -8,7 +8,7 @@ use common::models;
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::energy::{Lame, Resolution, deformation};
-use solidmap::fit::FitOptions;
+use solidmap::fit::{FitOptions, Workload};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::sequence::{MeasuredFrame, Sequence, SequenceError, SequenceOptions, cycles};
 use solidmap::{Matrix3, Point, Vector};
@@ -332,4 +332,22 @@ fn poses_of_the_horse_are_measured_after_its_slit_is_closed() {
         .collect();
     assert!(found[0].deformation < 1e-24);
     assert!((1e-3..4e-3).contains(&found[1].deformation), "{}", found[1].deformation);
+}
+
+#[test]
+fn blocks_leave_room_for_the_densities_of_their_frames() {
+    let reference = shapes::sphere(1.0, 2);
+    let points = prepared(&reference, &options()).quadrature().points().len() as u64;
+    let mut work = Workload::of(&reference, &FitOptions::default());
+    work.maps = 32;
+    // Three numbers for each point and frame: room for 20 frames' is room for 16, halving from 32.
+    let with_memory = |memory: u64| {
+        let fit = FitOptions {
+            memory: Some(memory),
+            ..FitOptions::default()
+        };
+        prepared(&reference, &SequenceOptions { fit, ..options() }).frames_per_block()
+    };
+    assert_eq!(with_memory(work.bytes() + 32 * 24 * points), 32);
+    assert_eq!(with_memory(work.bytes() + 20 * 24 * points), 16);
 }

@@ -17,6 +17,9 @@ const MOST_AREA: f64 = 0.01;
 /// What the square of a triangle's longest side weighs against its area: enough that triangles in a plane are not flat.
 const LONG: f64 = 0.01;
 
+/// The most edges that a rim may have: its triangulation takes 16 bytes times their square and time with their cube.
+pub const MOST_RIM_EDGES: usize = 1000;
+
 /// A hole that was closed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ClosedHole {
@@ -32,6 +35,12 @@ pub struct ClosedHole {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum HoleError {
+    /// More edges are allowed than can be triangulated.
+    #[error("holes of up to {asked} edges are to be closed, and {MOST_RIM_EDGES} is the most")]
+    LimitTooHigh {
+        /// Edges that are allowed.
+        asked: usize,
+    },
     /// A rim of too many edges.
     #[error(
         "a hole of {edges} edges begins at vertex {vertex}, and holes of up to {most} edges are closed; mend it in a mesh \
@@ -68,13 +77,16 @@ pub enum HoleError {
 /// The surface with all its holes closed by triangles over the vertices of their rims, appended in the orientation of what
 /// is around; and the holes, if there were any.
 ///
-/// Holes of up to `most_edges` edges and a hundredth of the area in all are closed; the cost grows with the cube of the
-/// edges. Vertices stay as they are, also those that are not finite.
+/// Holes of up to `most_edges` edges ([`MOST_RIM_EDGES`] at most) and a hundredth of the area in all are closed; the cost
+/// grows with the cube of the edges. Vertices stay as they are, also those that are not finite.
 ///
 /// # Errors
 ///
 /// [`HoleError`] for the first hole that stays open; nothing is closed then.
 pub fn close_holes(mesh: &SurfaceMesh, most_edges: usize) -> Result<(SurfaceMesh, Vec<ClosedHole>), HoleError> {
+    if most_edges > MOST_RIM_EDGES {
+        return Err(HoleError::LimitTooHigh { asked: most_edges });
+    }
     let topology = Topology::new(mesh);
     let edges: HashSet<[u32; 2]> = topology.edges().iter().map(|&[a, b]| [a.min(b), a.max(b)]).collect();
     let open: HashSet<[u32; 2]> = topology
@@ -237,10 +249,27 @@ mod tests {
         assert!(matches!(close_holes(&bowl, edges), Err(HoleError::TooLarge { .. })));
         let (same, holes) = close_holes(&sphere, 8).unwrap();
         assert!(holes.is_empty() && same == sphere);
-        // Two tetrahedra without a face each, that share a vertex of their rims.
         let empty = SurfaceMesh::default();
         assert!(close_holes(&empty, 8).unwrap().1.is_empty());
         let lone = SurfaceMesh::new(vec![crate::Point::new(f64::NAN, 0.0, 0.0); 3], vec![[0, 1, 2]]).unwrap();
         let _ = close_holes(&lone, 8);
+        let asked = MOST_RIM_EDGES + 1;
+        assert_eq!(close_holes(&sphere, asked), Err(HoleError::LimitTooHigh { asked }));
+        assert!(close_holes(&sphere, MOST_RIM_EDGES).is_ok());
+    }
+
+    #[test]
+    fn rims_that_touch_in_a_vertex_are_two_holes() {
+        // Two regular tetrahedra with a common tip, each without a face there: two faces are missing, six are left.
+        let p = crate::Point::new;
+        let tip = p(0.0, 0.0, 0.0);
+        let [a, b, c] = [p(1.0, 1.0, 0.0), p(1.0, 0.0, 1.0), p(0.0, 1.0, 1.0)];
+        let [d, e, f] = [a, b, c].map(|corner| p(-corner.x, -corner.y, -corner.z));
+        let faces = vec![[0, 3, 2], [0, 1, 3], [1, 2, 3], [0, 5, 6], [0, 6, 4], [4, 6, 5]];
+        let mesh = SurfaceMesh::new(vec![tip, a, b, c, d, e, f], faces).unwrap();
+        let Err(HoleError::TooLarge { share }) = close_holes(&mesh, 8) else {
+            panic!("both holes could be closed, but are no small ones")
+        };
+        assert!((share - 2.0 / 6.0).abs() < 1e-12, "{share}");
     }
 }

@@ -17,7 +17,7 @@ use serde::Serialize;
 mod tests;
 
 pub use examine::check;
-pub use holes::{ClosedHole, HoleError, close_holes};
+pub use holes::{ClosedHole, HoleError, MOST_RIM_EDGES, close_holes};
 pub use mend::{Mending, MendingKind, mend};
 
 use crate::mesh::SurfaceMesh;

@@ -660,7 +660,8 @@ pub struct SequenceArgs {
     /// REF's mesh with its vertices where they are in each frame, in the order of time
     #[arg(required = true, value_name = "FRAME")]
     pub frames: Vec<PathBuf>,
-    /// Folder for the chart, the table, pictures, and series for ParaView
+    /// Folder for the chart, the table, pictures, and series for ParaView. Those of an earlier run are replaced when all new
+    /// ones are complete; files in `cells` and `surface` that it has not made are never touched
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
     /// Boundary error to reach over 99 % of the area, as a fraction of each frame's diagonal. Sources are added where it is
@@ -676,7 +677,7 @@ pub struct SequenceArgs {
     /// Scale each frame to REF's volume first, as the paper does: change of size has no energy then
     #[arg(long)]
     pub own_volume: bool,
-    /// Close holes and slits of REF of up to so many edges, by triangles over their rims, in all frames alike
+    /// Close holes and slits of REF of up to so many edges (1000 at most), by triangles over their rims, in all frames alike
     #[arg(long, value_name = "EDGES", num_args = 0..=1, default_missing_value = "64", require_equals = true)]
     pub mend: Option<usize>,
     /// Frames in a second, for the times in the chart, the table and ParaView [default: times count frames]
@@ -829,9 +830,9 @@ impl From<MapMethod> for solidmap::compare::Method {
 /// Where pictures cut the domain.
 #[derive(Debug, Args)]
 pub struct SectionArgs {
-    /// Axis that the cross-section is perpendicular to
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub axis: AxisKind,
+    /// Axis that the cross-section is perpendicular to [default: z; for `sequence` that of the largest cross-section]
+    #[arg(long, value_enum)]
+    pub axis: Option<AxisKind>,
     /// Axis that points up in pictures
     #[arg(long, value_enum, default_value_t = AxisKind::Z)]
     pub up: AxisKind,

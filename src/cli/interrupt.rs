@@ -20,6 +20,13 @@ pub fn remove_folder(folder: &Path) {
     *scratch() = Some(folder.to_owned());
 }
 
+/// Does what must not be left half done: an interrupt waits for its end. Within it nothing may be written by
+/// [`io::atomic_write`], which an interrupt stops.
+pub fn hold_off<T>(work: impl FnOnce() -> T) -> T {
+    let _held = scratch();
+    work()
+}
+
 /// From now on an interrupt removes what is half written and ends the program. One that is ignored, as under `nohup`,
 /// stays so.
 pub fn end_cleanly(output: &Output) {

@@ -23,7 +23,11 @@ impl SectionArgs {
 
     /// The plane through a domain.
     pub fn plane(&self, domain: &SurfaceMesh) -> Plane {
-        let axis = Axis::from(self.axis);
+        self.plane_across(self.axis.map_or(Axis::Z, Axis::from), domain)
+    }
+
+    /// The plane through a domain across this axis.
+    pub fn plane_across(&self, axis: Axis, domain: &SurfaceMesh) -> Plane {
         let (low, high) = domain.bounding_box().unwrap_or_default();
         let (low, high) = (low[axis.index()], high[axis.index()]);
         let position = low + self.position * (high - low);

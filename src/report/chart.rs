@@ -1,7 +1,7 @@
 //! A curve over numbered frames or time.
 
 use super::canvas::{Canvas, GREY_INK, INK, RULE, Rgb, WHITE};
-use super::panel::check_size;
+use super::panel::{LEAST_SIDE, check_size};
 use super::text::{Anchor, TextStyle, Weight};
 use super::ticks::{Ticks, linear_ticks};
 use super::{ReportError, png};
@@ -69,7 +69,8 @@ impl Chart {
     ///
     /// # Errors
     ///
-    /// [`ReportError::NoFiniteValue`], [`ReportError::TooSmall`], [`ReportError::TooLarge`], [`ReportError::Encode`].
+    /// [`ReportError::NoFiniteValue`], [`ReportError::TooSmall`] when the texts leave no room for the curve,
+    /// [`ReportError::TooLarge`], [`ReportError::Encode`].
     pub fn to_png(&self, [width, height]: [usize; 2]) -> Result<Vec<u8>, ReportError> {
         check_size(width, height)?;
         let finite = self.points.iter().filter(|p| p.iter().all(|c| c.is_finite()));
@@ -90,7 +91,12 @@ impl Chart {
         let margin = if high > low { 0.02 * (high - low) } else { 0.5 };
         let top = if highest > 0.0 { 1.1 * highest } else { 1.0 };
         let mut canvas = Canvas::new(width, height, WHITE);
-        Drawing::new(self, [width, height], [low - margin, high + margin], top).draw(&mut canvas);
+        let drawing = Drawing::new(self, [width, height], [low - margin, high + margin], top);
+        let [left, above, right, below] = drawing.frame;
+        if right - left < LEAST_SIDE as f64 || below - above < LEAST_SIDE as f64 {
+            return Err(ReportError::TooSmall { least: LEAST_SIDE });
+        }
+        drawing.draw(&mut canvas);
         png::encode(&canvas)
     }
 }
@@ -333,5 +339,17 @@ mod tests {
             .with_missing(vec![1.0]);
         assert!(lone.to_png([640, 400]).is_ok());
         assert!(matches!(lone.to_png([4, 4]), Err(ReportError::TooSmall { .. })));
+    }
+
+    #[test]
+    fn a_picture_without_room_between_its_texts_is_refused() {
+        let chart = Chart::new(vec![[0.0, 1.0], [9.0, 2.0]], ["frame", "energy"])
+            .noted("a note that takes lines")
+            .with_spans(vec![[0.0, 3.0], [3.0, 6.0]]);
+        for size in [[16, 16], [40, 40], [40, 400], [400, 40]] {
+            let drawn = chart.to_png(size);
+            assert!(matches!(drawn, Err(ReportError::TooSmall { .. })), "{size:?}");
+        }
+        assert!(chart.to_png([200, 200]).is_ok());
     }
 }

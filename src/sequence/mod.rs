@@ -37,6 +37,8 @@ use jacobians::{frames_at_a_time, jacobians};
 const FRAMES: usize = 32;
 /// Part of the memory that blocks may fill, where it is not given.
 const MOST_MEMORY: f64 = 0.9;
+/// Bytes of the densities that a frame keeps for each point of the quadrature.
+const BYTES_PER_POINT: u64 = 24;
 /// Rounds of new sources for one block, each for the frame that is worst.
 const MOST_ROUNDS: usize = 8;
 /// An affine function that is as near to the data as this part of the tolerance is a solution: solvers end there too.
@@ -185,13 +187,16 @@ impl Sequence {
         self.refinement_end
     }
 
-    /// How many frames to measure at once: as many as asked for, as far as there is memory for their solution.
+    /// How many frames to measure at once: as many as asked for, as far as there is memory for their solution
+    /// and their densities.
     pub fn frames_per_block(&self) -> usize {
         let available = || available_memory().map(|bytes| (MOST_MEMORY * bytes as f64) as u64);
         let allowed = self.options.fit.memory.or_else(available).unwrap_or(u64::MAX);
         let mut work = Workload::of(&self.domain, &self.options.fit);
         work.maps = self.options.frames_per_block.unwrap_or(FRAMES).max(1);
-        while work.maps > 1 && work.bytes() > allowed {
+        let densities = BYTES_PER_POINT.saturating_mul(self.quadrature.points().len() as u64);
+        let bytes = |work: &Workload| work.bytes().saturating_add(densities.saturating_mul(work.maps as u64));
+        while work.maps > 1 && bytes(&work) > allowed {
             work.maps /= 2;
         }
         work.maps

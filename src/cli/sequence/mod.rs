@@ -1,5 +1,6 @@
 //! `solidmap sequence`: the deformation energy of frames, one factorisation for all.
 
+mod folder;
 mod series;
 
 use std::cmp::Ordering;
@@ -10,17 +11,19 @@ use std::time::Instant;
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::check::ClosedHole;
+use solidmap::check::{ClosedHole, MOST_RIM_EDGES};
 use solidmap::energy::{Distribution, Lame, Resolution};
 use solidmap::fit::BoundaryError;
 use solidmap::io;
+use solidmap::mesh::SurfaceMesh;
 use solidmap::report::{Axis, Chart, ColourBar, Figure, Panel, Scale, Section, ValueRange, significant};
 use solidmap::sequence::{Cycles, MeasuredFrame, NoCycles, Sequence, SequenceError, SequenceOptions, cycles};
 
-use super::args::SequenceArgs;
+use super::args::{SectionArgs, SequenceArgs};
 use super::output::{Output, pairs, peak_rss_bytes};
 use super::{Outcome, fit, input};
 
+use folder::ResultFolder;
 use series::Series;
 
 /// Pixels along the longer side of a section.
@@ -108,7 +111,8 @@ impl Found {
 pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
     let start = Instant::now();
     require_valid(args)?;
-    series::make_folder(&args.output, std::iter::once(&args.reference).chain(&args.frames))?;
+    let inputs = std::iter::once(&args.reference).chain(&args.frames);
+    let results = ResultFolder::new(&args.output, inputs, if args.no_vtu { 0 } else { args.frames.len() })?;
     if let Some([before, after]) = misordered(&args.frames) {
         output.warn(format!(
             "frames are taken in the order given, and `{}` comes before `{}`; a shell sorts numbers by their digits: give them \
@@ -133,8 +137,7 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
         setup: start.elapsed().as_secs_f64(),
         ..Seconds::default()
     };
-    series::clear(&args.output)?;
-    let mut run = Run::new(args, sequence, output)?;
+    let mut run = Run::new(args, results.scratch(), sequence, output)?;
     let per_block = run.sequence.frames_per_block();
     for first in (0..args.frames.len()).step_by(per_block) {
         run.block(first..args.frames.len().min(first + per_block), &mut seconds)?;
@@ -154,6 +157,7 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
     if let Some(series) = &run.series {
         series.finish()?;
     }
+    results.publish()?;
     seconds.drawing += drawing.elapsed().as_secs_f64();
     seconds.total = start.elapsed().as_secs_f64();
     run.finish(cycles, per_block, seconds)
@@ -175,6 +179,11 @@ fn require_valid(args: &SequenceArgs) -> anyhow::Result<()> {
     ensure!(
         args.frames_per_block != Some(0),
         "--frames-per-block is 0, but must be at least 1"
+    );
+    ensure!(
+        args.mend.is_none_or(|edges| edges <= MOST_RIM_EDGES),
+        "--mend is {}, but must be at most {MOST_RIM_EDGES}",
+        args.mend.unwrap_or_default()
     );
     let most = args.frames.len();
     let beyond = args.show.iter().find(|&&frame| frame >= most);
@@ -251,9 +260,27 @@ fn by_numbers(a: &Path, b: &Path) -> Ordering {
     a.len().cmp(&b.len())
 }
 
+/// The cross-section that was asked for; of those across each axis the largest, where no axis was named.
+fn section(asked: &SectionArgs, domain: &SurfaceMesh) -> anyhow::Result<Section> {
+    let up = Axis::from(asked.up);
+    let across = |axis| Section::with_up(domain, asked.plane_across(axis, domain), up, SECTION_PIXELS);
+    if let Some(axis) = asked.axis {
+        return Ok(across(Axis::from(axis))?);
+    }
+    // Of several alike the last is taken.
+    let sections = [Axis::X, Axis::Y].map(across).into_iter().flatten();
+    let last = across(Axis::Z);
+    let largest = sections
+        .chain(last.iter().cloned())
+        .max_by(|a, b| a.area().total_cmp(&b.area()));
+    Ok(largest.map_or(last, Ok)?)
+}
+
 /// What is gathered while the blocks go by: rows, and densities on the section for the frames that are shown.
 struct Run<'a> {
     args: &'a SequenceArgs,
+    /// Where files are written.
+    folder: PathBuf,
     output: &'a Output,
     sequence: Sequence,
     section: Section,
@@ -269,14 +296,14 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn new(args: &'a SequenceArgs, sequence: Sequence, output: &'a Output) -> anyhow::Result<Self> {
-        let plane = args.section.plane(sequence.domain());
-        let section = Section::with_up(sequence.domain(), plane, Axis::from(args.section.up), SECTION_PIXELS)?;
+    fn new(args: &'a SequenceArgs, folder: &Path, sequence: Sequence, output: &'a Output) -> anyhow::Result<Self> {
+        let section = section(&args.section, sequence.domain())?;
         let series = (!args.no_vtu)
-            .then(|| Series::new(&args.output, sequence.domain()))
+            .then(|| Series::new(folder, sequence.domain()))
             .transpose()?;
         Ok(Self {
             args,
+            folder: folder.to_owned(),
             output,
             sum: vec![0.0; section.points().len()],
             section,
@@ -449,7 +476,7 @@ impl<'a> Run<'a> {
             table.write_record(record)?;
         }
         let bytes = table.into_inner().context("cannot make the table of frames")?;
-        Ok(io::atomic_write(self.args.output.join("energy.csv"), |writer| {
+        Ok(io::atomic_write(self.folder.join("energy.csv"), |writer| {
             writer.write_all(&bytes)
         })?)
     }
@@ -493,7 +520,7 @@ impl<'a> Run<'a> {
             chart = chart.noted(format!("{skipped} frames could not be used (×)"));
         }
         let png = chart.to_png(CHART)?;
-        Ok(io::atomic_write(self.args.output.join("energy.png"), |writer| {
+        Ok(io::atomic_write(self.folder.join("energy.png"), |writer| {
             writer.write_all(&png)
         })?)
     }
@@ -501,26 +528,27 @@ impl<'a> Run<'a> {
     /// The mean over all frames, the frames asked for and that of most energy, on the reference's section, with one bar.
     fn write_sections(&self) -> anyhow::Result<()> {
         let mean: Vec<f64> = self.sum.iter().map(|sum| sum / self.measured.max(1) as f64).collect();
-        let title = |frame: usize, what: &str| format!("frame {frame}{what}: {}", file_name(&self.args.frames[frame]));
-        let mut pictures = vec![(format!("mean of {} frames", self.measured), &mean)];
+        // A line of its own for the name of a file: panels are narrow.
+        let file = |frame: usize| file_name(&self.args.frames[frame]);
+        let mut pictures = vec![(format!("mean of {} frames", self.measured), None, &mean)];
         for (frame, densities) in &self.shown {
-            pictures.push((title(*frame, ""), densities));
+            pictures.push((format!("frame {frame}"), Some(file(*frame)), densities));
         }
         if let Some((frame, _, densities)) = &self.most
             && !self.args.show.contains(frame)
         {
-            pictures.push((title(*frame, ", most energy"), densities));
+            pictures.push((format!("most energy: frame {frame}"), Some(file(*frame)), densities));
         }
-        let all = pictures.iter().flat_map(|(_, densities)| densities.iter().copied());
+        let all = pictures.iter().flat_map(|(_, _, densities)| densities.iter().copied());
         // A few points at creases have densities far above all others; the bar says that it clamps. Nothing is blue.
         let most = ColourBar::new(DENSITY, all.clone(), ValueRange::Quantiles(0.0, 0.99), Scale::Linear)?
             .range()
             .1;
         let range = ValueRange::Fixed(0.0, most.max(self.sequence.resolution_of_energy()));
         let bar = ColourBar::new(DENSITY, all, range, Scale::Linear)?;
-        let panels = pictures.iter().map(|(title, densities)| {
-            let panel = Panel::of_section(&self.section, densities, &bar)?;
-            anyhow::Ok(panel.titled(title.clone()))
+        let panels = pictures.iter().map(|(title, file, densities)| {
+            let panel = Panel::of_section(&self.section, densities, &bar)?.titled(title);
+            anyhow::Ok(file.iter().fold(panel, Panel::captioned))
         });
         let panels: Vec<Panel> = panels.collect::<Result<_, _>>()?;
         let rows: Vec<Vec<Panel>> = panels.chunks(3).map(<[Panel]>::to_vec).collect();
@@ -528,7 +556,7 @@ impl<'a> Run<'a> {
             .titled(format!("Where {} is deformed", file_name(&self.args.reference)))
             .with_bar(&bar)
             .to_png()?;
-        Ok(io::atomic_write(self.args.output.join("sections.png"), |writer| {
+        Ok(io::atomic_write(self.folder.join("sections.png"), |writer| {
             writer.write_all(&png)
         })?)
     }

@@ -2,72 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, ensure};
+use anyhow::Context;
 use solidmap::Point;
 use solidmap::energy::Layout;
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::mesh::SurfaceMesh;
 use solidmap::sequence::{MeasuredFrame, Sequence};
 
+use super::folder::{CELLS, SURFACE, collection_name, frame_name};
 use crate::cli::energy::boxes;
-
-/// Folders of the two series, and names of their collections.
-const CELLS: &str = "cells";
-const SURFACE: &str = "surface";
-/// What else is written.
-const FILES: [&str; 5] = ["energy.csv", "energy.png", "sections.png", "cells.pvd", "surface.pvd"];
-
-/// Makes the folder, and refuses inputs that would be overwritten there.
-pub fn make_folder<'p>(folder: &Path, inputs: impl Iterator<Item = &'p PathBuf>) -> anyhow::Result<()> {
-    let shown = folder.display();
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{shown}`"))?;
-    // Before the work, not after it. This file has no name.
-    tempfile::tempfile_in(folder).with_context(|| format!("cannot write to the folder `{shown}`"))?;
-    let whole = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    let taken: Vec<PathBuf> = earlier(folder).iter().map(|path| whole(path)).collect();
-    for input in inputs {
-        ensure!(
-            !taken.contains(&whole(input)),
-            "`{}` would be overwritten: give another folder with --output",
-            input.display()
-        );
-    }
-    Ok(())
-}
-
-/// Removes what an earlier run has left: the pictures, the table, and the frames of the series.
-pub fn clear(folder: &Path) -> anyhow::Result<()> {
-    for path in earlier(folder) {
-        match std::fs::remove_file(&path) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                return Err(error).with_context(|| format!("cannot replace `{}`", path.display()));
-            }
-            _ => {}
-        }
-    }
-    Ok(())
-}
-
-/// Files of a run that may be there.
-fn earlier(folder: &Path) -> Vec<PathBuf> {
-    let mut files: Vec<PathBuf> = FILES.iter().map(|name| folder.join(name)).collect();
-    for series in [CELLS, SURFACE] {
-        // A folder that is not there has nothing in it.
-        for entry in std::fs::read_dir(folder.join(series)).into_iter().flatten().flatten() {
-            files.extend(is_frame(&entry.file_name().to_string_lossy()).then(|| entry.path()));
-        }
-    }
-    files
-}
-
-fn frame_name(frame: usize) -> String {
-    format!("frame_{frame:05}.vtu")
-}
-
-fn is_frame(name: &str) -> bool {
-    let number = name.strip_prefix("frame_").and_then(|rest| rest.strip_suffix(".vtu"));
-    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit()))
-}
 
 /// Both series, as far as they are written.
 pub struct Series {
@@ -140,7 +83,7 @@ impl Series {
                 .iter()
                 .map(|(time, name)| (*time, format!("{series}/{name}")))
                 .collect();
-            io::write_pvd(self.folder.join(format!("{series}.pvd")), &steps)?;
+            io::write_pvd(self.folder.join(collection_name(series)), &steps)?;
         }
         Ok(())
     }
