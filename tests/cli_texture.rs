@@ -211,7 +211,52 @@ fn volume_points_picture_and_texture_file_agree() {
     place.ends_with(0, "ball.safetensors --at points.csv --colours again.csv");
     let again = std::fs::read_to_string(place.path("again.csv")).unwrap();
     assert_eq!(again, table);
-    place.refuses("ball.safetensors --checker -o x.vti", &["is a texture already"]);
+    for option in [
+        "--checker",
+        "--wrap clamp",
+        "--sources 3000",
+        "--max-sources 3000",
+        "--tolerance 0.1",
+    ] {
+        let name = option.split(' ').next().unwrap();
+        place.refuses(
+            &format!("ball.safetensors {option} -o x.vti"),
+            &["is a texture already", name],
+        );
+    }
+}
+
+/// Triangles across the seam reach beyond the picture; what is there is in the file.
+#[test]
+fn a_stored_texture_keeps_what_is_beyond_its_picture() {
+    let place = Workplace::new();
+    for line in [
+        "ball.obj --checker 8 --wrap clamp --map clamped.safetensors",
+        "clamped.safetensors --at ball.obj --colours x.csv",
+    ] {
+        let said = String::from_utf8(place.ends_with(0, line).stderr).unwrap();
+        assert!(said.contains("goes on with the colours of its edges"), "{said}");
+    }
+}
+
+#[test]
+fn outputs_are_refused_before_the_fit() {
+    let place = Workplace::new();
+    place.write("points.csv", "x,y,z\n0,0,0\n");
+    let tets = "# vtk DataFile Version 3.0\ntet\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n0 0 0 1 0 0 0 1 0 0 0 1\n\
+         CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\n";
+    place.write("tet.vtk", tets);
+    let refused = [
+        ("--at none.csv --colours x.csv", "none.csv"),
+        ("--at points.csv --colours x.vtu", "points without a mesh"),
+        ("--at tet.vtk --colours x.ply", "holds tetrahedra"),
+        ("-o x.vti --resolution 0", "at least one voxel"),
+        ("-o x.vti --resolution 100000000", "GiB"),
+    ];
+    for (line, word) in refused {
+        place.refuses(&format!("ball.obj --checker --map x.safetensors {line}"), &[word]);
+        assert!(!place.path("x.safetensors").exists(), "{line}");
+    }
 }
 
 #[test]
@@ -256,6 +301,11 @@ fn coloured_vertices_need_no_picture() {
     for voxel in image.bytes.chunks(4).filter(|voxel| voxel[3] > 0) {
         assert!(voxel[1].abs_diff(128) <= 1 && voxel[2].abs_diff(64) <= 1, "{voxel:?}");
     }
+    place.write("bytes.obj", &text.replace(" 0.5 0.25", " 128 64"));
+    place.refuses(
+        "bytes.obj -o x.vti",
+        &["bytes.obj", "vertex 0", "128 64", "divide", "255"],
+    );
 }
 
 #[test]
@@ -276,6 +326,10 @@ fn refusals_name_the_file_and_the_way_out() {
     place.refuses("ball.obj --checker --resolution 0 -o x.vti", &["at least one voxel"]);
     place.refuses("ball.obj --checker --uv -o x.vti", &["jump", "--across-seams"]);
     place.refuses("ball.obj --checker 0 -o x.vti", &["squares"]);
+    place.refuses(
+        "ball.obj --checker --sources 200000 -o x.vti",
+        &["200000", "--max-sources", "100000"],
+    );
     let plain = place.path("plain.obj");
     solidmap::io::write_surface(&plain, &shapes::cube(1.0, 2)).unwrap();
     place.refuses(
@@ -295,6 +349,13 @@ fn a_missed_tolerance_is_a_failed_check() {
     let place = Workplace::new();
     let line = "ball.obj --checker 16 --tolerance 1e-4 --max-sources 3000 -o x.vti --resolution 8";
     let output = place.ends_with(1, line);
-    assert!(String::from_utf8_lossy(&output.stderr).contains("--max-sources"));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        said.contains("--max-sources") && said.contains("of the colour cube"),
+        "{said}"
+    );
     assert!(place.path("x.vti").exists());
+    let output = place.ends_with(1, &format!("{line} --uv --across-seams"));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("of the box of texture coordinates"), "{said}");
 }

@@ -9,6 +9,7 @@ use solidmap::Point;
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::fit::{FitError, FitOptions};
 use solidmap::io::{self, TensorFileError, TextureFile, TextureMetadata};
+use solidmap::map::HarmonicMap;
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::sampling::held_out;
 use solidmap::texture::{
@@ -71,9 +72,10 @@ fn solid(skin: Skin) -> SolidTexture {
 fn largest_difference(a: &[LinearRgb], b: &[LinearRgb]) -> f64 {
     assert_eq!(a.len(), b.len());
     let pairs = a.as_flattened().iter().zip(b.as_flattened());
-    pairs
-        .map(|(x, y)| (x - y).abs())
-        .fold(0.0, |most, d| if d <= most { most } else { d })
+    pairs.map(|(x, y)| (x - y).abs()).fold(0.0, |most, d| {
+        assert!(d.is_finite(), "{d}");
+        d.max(most)
+    })
 }
 
 fn colours_of(skin: &Skin, points: &[SurfacePoint]) -> (Vec<Point>, Vec<LinearRgb>) {
@@ -93,6 +95,70 @@ fn the_texture_is_the_picture_on_the_surface() {
         let texture = solid(with_picture(&ball(), picture));
         let (positions, picture) = colours_of(texture.skin(), &held_out(&ball(), 5000, 0, SEED));
         assert!(largest_difference(&texture.sample(&positions), &picture) < 1e-10);
+    }
+}
+
+/// Coordinates near 1e8 are rounded to 1e-8, and so are places in triangles whose colours change by 0.5 over a length of 1.
+#[test]
+fn far_from_the_origin_the_surface_has_its_colours() {
+    let near = ball();
+    let colours = near.vertices().iter().map(|p| [0.5 + 0.5 * p.x, 0.5, 0.5 - 0.4 * p.z]);
+    let colours: Vec<LinearRgb> = colours.collect();
+    let moved = near.vertices().iter().map(|p| Point::new(p.x + 1e8, p.y, p.z));
+    let far = SurfaceMesh::new(moved.collect(), near.triangles().to_vec()).unwrap();
+    let texture = solid(Skin::of_vertices(&far, colours).unwrap());
+    let (positions, painted) = colours_of(texture.skin(), &held_out(texture.skin().surface(), 5000, 0, SEED));
+    assert!(largest_difference(&texture.sample(&positions), &painted) < 1e-6);
+    let residual = texture.surface_residual(5000, SEED).unwrap();
+    assert!(residual.max < 1e-6, "{residual:?}");
+}
+
+#[test]
+fn points_without_colour_miss_the_picture() {
+    let texture = solid(with_picture(&ball(), waves()));
+    let mut coefficients = texture.map().coefficients().clone();
+    coefficients.affine[0][1] = f64::NAN;
+    let map = HarmonicMap::new(texture.map().sources().to_vec(), coefficients).unwrap();
+    let without = SolidTexture::from_parts(texture.skin().clone(), Extended::Colours, map, texture.report().clone());
+    let without = without.unwrap();
+    for residual in [
+        without.surface_residual(500, SEED),
+        without.harmonic_residual(500, SEED),
+    ] {
+        let residual = residual.unwrap();
+        assert_eq!([residual.rms, residual.p99, residual.max], [f64::INFINITY; 3]);
+    }
+}
+
+/// Refused before the first triangle is cut: at a thousand million sources that would take all memory.
+#[test]
+fn sources_beyond_their_limit_or_memory_are_refused() {
+    let refused = |least_sources: usize, max_sources: usize, memory: Option<u64>| {
+        let options = TextureOptions {
+            least_sources,
+            fit: FitOptions {
+                max_sources,
+                memory,
+                ..TextureOptions::default().fit
+            },
+            ..TextureOptions::default()
+        };
+        SolidTexture::fit(with_picture(&ball(), waves()), &options, &|_| {}).unwrap_err()
+    };
+    let error = refused(3001, 3000, None);
+    assert!(
+        matches!(
+            error,
+            TextureError::SourceLimit {
+                least: 3001,
+                most: 3000
+            }
+        ),
+        "{error}"
+    );
+    for sources in [1_000_000_000, usize::MAX] {
+        let error = refused(sources, usize::MAX, Some(1 << 32));
+        assert!(matches!(error, TextureError::TooManySources { .. }), "{error}");
     }
 }
 
@@ -286,7 +352,7 @@ fn the_number_of_threads_does_not_matter() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let texture = solid(with_picture(&shapes::geodesic_sphere(1.0, 8), waves()));
-            texture.sample(&interior_points(&ball(), 500, SEED))
+            texture.sample(&interior_points(texture.skin().surface(), 500, SEED))
         })
     };
     // Up to the rounding of the dense coarsest level.

@@ -567,9 +567,9 @@ pub struct TextureArgs {
     /// Instead of a picture, a checker of N squares along each side of it (16 where N is left out)
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image")]
     pub checker: Option<usize>,
-    /// What is beyond the edges of the picture
-    #[arg(long, value_enum, default_value_t = WrapKind::Repeat)]
-    pub wrap: WrapKind,
+    /// What is beyond the edges of the picture [default: repeat]
+    #[arg(long, value_enum)]
+    pub wrap: Option<WrapKind>,
     #[command(flatten)]
     pub extension: TextureExtensionArgs,
     #[command(flatten)]
@@ -587,16 +587,17 @@ pub struct TextureExtensionArgs {
     /// With --uv, extend coordinates that jump at seams all the same
     #[arg(long, requires = "uv")]
     pub across_seams: bool,
-    /// Sources at least; triangles are cut into four until there are as many vertices
-    #[arg(long, default_value_t = 2000, value_name = "N")]
-    pub sources: usize,
+    /// Sources at least, no more than --max-sources; triangles are cut into four until there are as many vertices [default:
+    /// 2000, or --max-sources where that is less]
+    #[arg(long, value_name = "N")]
+    pub sources: Option<usize>,
     /// Add sources until the harmonic part alone meets 99 % of the surface to this, a fraction of the diagonal of the colour
-    /// cube
+    /// cube, or with --uv of the box of the texture coordinates
     #[arg(long, value_name = "FRACTION")]
     pub tolerance: Option<f64>,
-    /// Sources at most
-    #[arg(long, default_value_t = 100_000, value_name = "N")]
-    pub max_sources: usize,
+    /// Sources at most [default: 100000]
+    #[arg(long, value_name = "N")]
+    pub max_sources: Option<usize>,
 }
 
 /// What a texture is written to.

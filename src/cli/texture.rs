@@ -14,8 +14,8 @@ use solidmap::io::{
 };
 use solidmap::report::significant;
 use solidmap::texture::{
-    Extended, LinearRgb, Picture, Residual, SeamReport, Skin, SolidTexture, TextureOptions, VolumeGrid, Wrap, decoded,
-    to_srgb,
+    Extended, LinearRgb, Paint, Picture, Residual, SeamReport, Skin, SolidTexture, TextureOptions, VolumeGrid, Wrap,
+    decoded, to_srgb,
 };
 
 use super::args::{TextureArgs, TextureOutputArgs, WrapKind};
@@ -85,14 +85,14 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<Outcome> {
     require_valid(args)?;
     output.progress("reading");
     let start = Instant::now();
-    let texture = texture(args, output)?;
-    let mut seconds = Seconds {
-        texture: lap(start),
-        ..Seconds::default()
-    };
-    // Before the work that it could be refused after.
+    let model = Model::read(args)?;
+    // Before the work that they could be refused after.
     let written = &args.written;
-    let surface = texture.skin().surface();
+    let to_colour = match (&written.at, &written.colours) {
+        (Some(points), Some(path)) => Some(ToColour::read(points, path)?),
+        _ => None,
+    };
+    let surface = model.skin().surface();
     let grid = written
         .output
         .as_ref()
@@ -100,6 +100,11 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<Outcome> {
     let grid = grid
         .transpose()
         .with_context(|| format!("cannot sample `{}`", args.model.display()))?;
+    let texture = texture(model, args, output)?;
+    let mut seconds = Seconds {
+        texture: lap(start),
+        ..Seconds::default()
+    };
 
     output.progress("measuring");
     let start = Instant::now();
@@ -111,7 +116,7 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<Outcome> {
     ];
     let layer = layer(&texture);
     seconds.measure = lap(start);
-    warn_of(&texture, &seams, uv_box, args, output);
+    warn_of(&texture, &seams, uv_box, output);
 
     let start = Instant::now();
     let volume = match (&written.output, grid) {
@@ -120,10 +125,9 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<Outcome> {
     };
     seconds.volume = lap(start);
     let start = Instant::now();
-    let points = match (&written.at, &written.colours) {
-        (Some(points), Some(path)) => Some(write_points(points, path, &texture, output)?),
-        _ => None,
-    };
+    let points = to_colour
+        .map(|points| write_points(&points, &texture, output))
+        .transpose()?;
     seconds.points = lap(start);
     let start = Instant::now();
     if let Some(path) = &written.png {
@@ -201,47 +205,96 @@ fn require_valid(args: &TextureArgs) -> anyhow::Result<()> {
             files.push(path);
         }
     }
+    let extension = &args.extension;
     if is_texture_file(&args.model) {
-        let is_default = args.image.is_none() && args.checker.is_none() && args.extension.tolerance.is_none();
+        let given = [
+            ("--image", args.image.is_some()),
+            ("--checker", args.checker.is_some()),
+            ("--wrap", args.wrap.is_some()),
+            ("--uv", extension.uv),
+            ("--sources", extension.sources.is_some()),
+            ("--tolerance", extension.tolerance.is_some()),
+            ("--max-sources", extension.max_sources.is_some()),
+        ];
+        let given: Vec<&str> = given.iter().filter(|option| option.1).map(|option| option.0).collect();
         ensure!(
-            is_default && !args.extension.uv,
-            "`{}` is a texture already: leave out --image, --checker, --uv and --tolerance",
-            args.model.display()
+            given.is_empty(),
+            "`{}` is a texture already, which no longer depends on {}: leave out what it was made with, or make it again",
+            args.model.display(),
+            given.join(", ")
+        );
+    }
+    let most = max_sources(args);
+    if let Some(least) = extension.sources.filter(|&least| least > most) {
+        bail!(
+            "--sources asks for at least {least} sources, and --max-sources allows {most}: raise it to {least} or more"
         );
     }
     Ok(())
+}
+
+/// Sources at least, and at most, unless said otherwise.
+const LEAST_SOURCES: usize = 2000;
+const MOST_SOURCES: usize = 100_000;
+
+fn max_sources(args: &TextureArgs) -> usize {
+    args.extension.max_sources.unwrap_or(MOST_SOURCES)
 }
 
 fn is_texture_file(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("safetensors"))
 }
 
-/// Reads a texture, or makes one and writes it if asked to.
-fn texture(args: &TextureArgs, output: &Output) -> anyhow::Result<SolidTexture> {
-    let shown = args.model.display();
-    let file = if is_texture_file(&args.model) {
-        io::read_texture(&args.model)?
-    } else {
-        let skin = skin(args)?;
-        let texture = SolidTexture::fit(skin, &options(args), &|phase| show(phase, "", output))
-            .map_err(|error| with_advice(error.into()))
-            .with_context(|| format!("cannot texture `{shown}`"))?;
-        let fit = texture.report().clone();
-        fit.warnings.iter().for_each(|warning| output.warn(warning));
-        let inputs = [("model", Some(&args.model)), ("image", args.image.as_ref())];
-        let inputs = inputs.into_iter().filter_map(|(role, path)| Some((role, path?)));
-        let inputs: anyhow::Result<Vec<Provenance>> = inputs
-            .map(|(role, path)| Provenance::of(role, path).with_context(|| format!("cannot read `{}`", path.display())))
-            .collect();
-        TextureFile {
-            texture,
-            metadata: TextureMetadata::new(fit, inputs?),
+/// What the colours come from.
+enum Model {
+    Textured(Box<TextureFile>),
+    Painted(Skin),
+}
+
+impl Model {
+    fn read(args: &TextureArgs) -> anyhow::Result<Self> {
+        Ok(if is_texture_file(&args.model) {
+            Self::Textured(Box::new(io::read_texture(&args.model)?))
+        } else {
+            Self::Painted(skin(args)?)
+        })
+    }
+
+    fn skin(&self) -> &Skin {
+        match self {
+            Self::Textured(file) => file.texture.skin(),
+            Self::Painted(skin) => skin,
         }
+    }
+}
+
+/// The texture that was read, or one that is made, and written if asked to.
+fn texture(model: Model, args: &TextureArgs, output: &Output) -> anyhow::Result<SolidTexture> {
+    let file = match model {
+        Model::Textured(file) => *file,
+        Model::Painted(skin) => fitted(skin, args, output)?,
     };
     if let Some(path) = &args.written.map {
         io::write_texture(path, &file)?;
     }
     Ok(file.texture)
+}
+
+fn fitted(skin: Skin, args: &TextureArgs, output: &Output) -> anyhow::Result<TextureFile> {
+    let texture = SolidTexture::fit(skin, &options(args), &|phase| show(phase, "", output))
+        .map_err(|error| with_advice(error.into()))
+        .with_context(|| format!("cannot texture `{}`", args.model.display()))?;
+    let fit = texture.report().clone();
+    fit.warnings.iter().for_each(|warning| output.warn(warning));
+    let inputs = [("model", Some(&args.model)), ("image", args.image.as_ref())];
+    let inputs = inputs.into_iter().filter_map(|(role, path)| Some((role, path?)));
+    let inputs: anyhow::Result<Vec<Provenance>> = inputs
+        .map(|(role, path)| Provenance::of(role, path).with_context(|| format!("cannot read `{}`", path.display())))
+        .collect();
+    Ok(TextureFile {
+        texture,
+        metadata: TextureMetadata::new(fit, inputs?),
+    })
 }
 
 /// The error, with the option that gets around it.
@@ -250,6 +303,7 @@ fn with_advice(error: anyhow::Error) -> anyhow::Error {
         Some(solidmap::texture::TextureError::Seams { .. }) => {
             anyhow::anyhow!("{error} (leave out --uv, or add --across-seams)")
         }
+        Some(solidmap::texture::TextureError::TooManySources { .. }) => anyhow::anyhow!("{error} (--sources)"),
         _ => error,
     }
 }
@@ -264,11 +318,11 @@ fn options(args: &TextureArgs) -> TextureOptions {
             Extended::Colours
         },
         across_seams: extension.across_seams,
-        least_sources: extension.sources,
+        least_sources: extension.sources.unwrap_or(LEAST_SOURCES.min(max_sources(args))),
         fit: FitOptions {
             refine: extension.tolerance.is_some(),
             tolerance: extension.tolerance.unwrap_or(default.tolerance),
-            max_sources: extension.max_sources,
+            max_sources: max_sources(args),
             ..default
         },
     }
@@ -287,8 +341,8 @@ fn skin(args: &TextureArgs) -> anyhow::Result<Skin> {
         },
     };
     let wrap = match args.wrap {
-        WrapKind::Repeat => Wrap::Repeat,
-        WrapKind::Clamp => Wrap::Clamp,
+        None | Some(WrapKind::Repeat) => Wrap::Repeat,
+        Some(WrapKind::Clamp) => Wrap::Clamp,
     };
     let picture = match (&args.image, args.checker) {
         (Some(path), _) => Some(io::read_picture(path)?),
@@ -301,7 +355,10 @@ fn skin(args: &TextureArgs) -> anyhow::Result<Skin> {
             "`{shown}` has no texture coordinates, so that no picture can be laid on it: unwrap it and save it as OBJ with \
              them (`vt`)"
         ),
-        (None, _, Some(colours)) => Skin::of_vertices(&surface, colours.into_iter().map(decoded).collect()),
+        (None, _, Some(colours)) => {
+            require_codes(&colours).with_context(|| format!("cannot texture `{shown}`"))?;
+            Skin::of_vertices(&surface, colours.into_iter().map(decoded).collect())
+        }
         (None, Some(_), None) => bail!(
             "`{shown}` has texture coordinates but no colours of its own: name a picture with --image, or take a --checker"
         ),
@@ -311,6 +368,23 @@ fn skin(args: &TextureArgs) -> anyhow::Result<Skin> {
         ),
     };
     skin.with_context(|| format!("cannot texture `{shown}`"))
+}
+
+/// Colours of vertices may be beyond 0 and 1 by this, as rounding leaves them.
+const CODE_SLACK: f64 = 1e-3;
+
+/// Refuses colours that [`decoded`] would cut off.
+fn require_codes(colours: &[[f64; 3]]) -> anyhow::Result<()> {
+    let allowed = -CODE_SLACK..=1.0 + CODE_SLACK;
+    let beyond = |colour: &[f64; 3]| !colour.iter().all(|code| allowed.contains(code));
+    if let Some(vertex) = colours.iter().position(beyond) {
+        let [r, g, b] = colours[vertex];
+        bail!(
+            "the colour of vertex {vertex} (0-based) is {r} {g} {b}, but red, green and blue go from 0 to 1; divide colours \
+             that go to 255 by 255"
+        );
+    }
+    Ok(())
 }
 
 /// Thickness over the diagonal at the surface's vertices: the median and the largest.
@@ -326,18 +400,12 @@ fn layer(texture: &SolidTexture) -> [f64; 2] {
 /// Jumps of light below this are not worth a remark: three codes of 255 in the middle of the range.
 const VISIBLE: f64 = 0.02;
 
-fn warn_of(
-    texture: &SolidTexture,
-    seams: &SeamReport,
-    uv_box: Option<[[f64; 2]; 2]>,
-    args: &TextureArgs,
-    output: &Output,
-) {
+fn warn_of(texture: &SolidTexture, seams: &SeamReport, uv_box: Option<[[f64; 2]; 2]>, output: &Output) {
     let beyond = |[low, high]: [[f64; 2]; 2]| low.iter().any(|&x| x < 0.0) || high.iter().any(|&x| x > 1.0);
     if let Some([low, high]) = uv_box.filter(|&uv_box| beyond(uv_box)) {
-        let what = match args.wrap {
-            WrapKind::Repeat => "repeats",
-            WrapKind::Clamp => "goes on with the colours of its edges",
+        let what = match texture.skin().paint() {
+            Paint::Picture { wrap: Wrap::Clamp, .. } => "goes on with the colours of its edges",
+            _ => "repeats",
         };
         output.warn(format!(
             "texture coordinates reach beyond the picture, u from {:.3} to {:.3} and v from {:.3} to {:.3}: it {what} there \
@@ -389,33 +457,62 @@ fn write_volume(
     })
 }
 
-/// Colours the points of a file, or the vertices of a mesh.
-fn write_points(points: &Path, path: &Path, texture: &SolidTexture, output: &Output) -> anyhow::Result<PointsReport> {
-    output.progress(format!("colouring {}", points.display()));
-    let solid = if io::is_mesh(points) {
-        Some(io::read_solid(points)?)
-    } else {
-        None
-    };
-    let positions = match &solid {
-        None => io::read_points(points)?,
-        Some(Solid::Surface(surface)) => surface.vertices().to_vec(),
-        Some(Solid::Tets(tets)) => tets.vertices().to_vec(),
-    };
-    let colours = texture.sample(&positions);
-    let outside = colours.iter().filter(|colour| colour[0].is_nan()).count();
-    match extension(path).as_str() {
-        "ply" => {
-            let triangles = match &solid {
-                Some(Solid::Surface(surface)) => surface.triangles(),
-                Some(Solid::Tets(_)) => bail!("`{}` holds tetrahedra; write their colours to .vtu", points.display()),
-                None => &[],
-            };
-            let rgba: Vec<[u8; 4]> = colours.iter().map(with_opacity).collect();
-            io::write_coloured_ply(path, &positions, &rgba, triangles)?;
+/// The points of a file, or the vertices of a mesh, and where their colours go.
+struct ToColour<'a> {
+    points: &'a Path,
+    path: &'a Path,
+    solid: Option<Solid>,
+    positions: Vec<Point>,
+}
+
+impl<'a> ToColour<'a> {
+    /// Refuses a file of colours that cannot hold them.
+    fn read(points: &'a Path, path: &'a Path) -> anyhow::Result<Self> {
+        let solid = io::is_mesh(points).then(|| io::read_solid(points)).transpose()?;
+        let shown = points.display();
+        let positions = match (&solid, extension(path).as_str()) {
+            (None, "vtu") => {
+                bail!("`{shown}` holds points without a mesh; write their colours to .csv, .npy or .ply")
+            }
+            (Some(Solid::Tets(_)), "ply") => bail!("`{shown}` holds tetrahedra; write their colours to .vtu"),
+            (None, _) => io::read_points(points)?,
+            (Some(Solid::Surface(surface)), _) => surface.vertices().to_vec(),
+            (Some(Solid::Tets(tets)), _) => tets.vertices().to_vec(),
+        };
+        Ok(Self {
+            points,
+            path,
+            solid,
+            positions,
+        })
+    }
+
+    fn cells(&self) -> Cells<'_> {
+        match &self.solid {
+            None => Cells::Triangles(&[]),
+            Some(Solid::Surface(surface)) => Cells::Triangles(surface.triangles()),
+            Some(Solid::Tets(tets)) => Cells::Tets(tets.tets()),
         }
-        "vtu" => write_cells(path, points, solid.as_ref(), &positions, &colours)?,
-        extension => write_table(path, extension == "csv", &positions, &colours)?,
+    }
+}
+
+fn write_points(to_colour: &ToColour, texture: &SolidTexture, output: &Output) -> anyhow::Result<PointsReport> {
+    let ToColour {
+        points,
+        path,
+        positions,
+        ..
+    } = to_colour;
+    output.progress(format!("colouring {}", points.display()));
+    let colours = texture.sample(positions);
+    let outside = colours.iter().filter(|colour| colour[0].is_nan()).count();
+    match (extension(path).as_str(), to_colour.cells()) {
+        ("ply", Cells::Triangles(triangles)) => {
+            let rgba: Vec<[u8; 4]> = colours.iter().map(with_opacity).collect();
+            io::write_coloured_ply(path, positions, &rgba, triangles)?;
+        }
+        ("vtu", cells) => write_cells(path, cells, positions, &colours)?,
+        (extension, _) => write_table(path, extension == "csv", positions, &colours)?,
     }
     if outside > 0 {
         output.warn(format!(
@@ -424,7 +521,7 @@ fn write_points(points: &Path, path: &Path, texture: &SolidTexture, output: &Out
         ));
     }
     Ok(PointsReport {
-        file: path.to_owned(),
+        file: path.to_path_buf(),
         points: positions.len(),
         outside,
     })
@@ -447,21 +544,7 @@ fn codes(light: &LinearRgb) -> [f64; 3] {
     to_srgb(*light).map(|code| f64::from(code) / 255.0)
 }
 
-fn write_cells(
-    path: &Path,
-    points: &Path,
-    solid: Option<&Solid>,
-    positions: &[Point],
-    colours: &[LinearRgb],
-) -> anyhow::Result<()> {
-    let cells = match solid {
-        Some(Solid::Surface(surface)) => Cells::Triangles(surface.triangles()),
-        Some(Solid::Tets(tets)) => Cells::Tets(tets.tets()),
-        None => bail!(
-            "`{}` holds points without a mesh; write their colours to .csv, .npy or .ply",
-            points.display()
-        ),
-    };
+fn write_cells(path: &Path, cells: Cells, positions: &[Point], colours: &[LinearRgb]) -> anyhow::Result<()> {
     let fields = VtkFields {
         point: vec![Field {
             name: "rgb".into(),
@@ -577,15 +660,19 @@ fn rows(report: &Report) -> Vec<[String; 2]> {
 fn outcome(report: &Report, output: &Output) -> anyhow::Result<Outcome> {
     let misses = report
         .surface_error
-        .is_none_or(|error| error.p99.is_nan() || error.p99 > SAME_COLOUR);
+        .is_none_or(|error| !error.max.is_finite() || error.p99 > SAME_COLOUR);
     if misses {
         output
             .warn("the texture misses the picture on the surface; see `solidmap check` for what may be wrong with it");
     }
     let missed_tolerance = report.tolerance.filter(|_| report.tolerance_met == Some(false));
     if let Some(tolerance) = missed_tolerance {
+        let space = match report.extended {
+            Extended::Colours => "the colour cube",
+            Extended::Coordinates => "the box of texture coordinates",
+        };
         output.warn(format!(
-            "the harmonic part alone meets 99 % of the surface only to {:.1e} of the colour cube's diagonal, and the tolerance \
+            "the harmonic part alone meets 99 % of the surface only to {:.1e} of the diagonal of {space}, and the tolerance \
              is {tolerance:.1e}; the texture was written all the same. Raise --max-sources, or leave the rest to the layer",
             report.fit.boundary_error.p99
         ));

@@ -70,6 +70,24 @@ pub enum TextureError {
         /// The largest jump.
         jump: f64,
     },
+    /// More sources were asked for than are allowed.
+    #[error("{least} sources at least were asked for, but {most} at most; ask for fewer, or allow more")]
+    SourceLimit {
+        /// Sources at least.
+        least: usize,
+        /// Sources at most.
+        most: usize,
+    },
+    /// Triangles would have to be cut into more than there is room for.
+    #[error("{sources} sources or more need about {need:.1} GiB, and {allowed:.1} GiB are allowed; ask for fewer")]
+    TooManySources {
+        /// Sources at least.
+        sources: usize,
+        /// Memory that they need, in GiB.
+        need: f64,
+        /// Memory that they may take, in GiB.
+        allowed: f64,
+    },
     /// Fewer voxels than one.
     #[error("a volume needs at least one voxel along its longest side")]
     NoVoxels,

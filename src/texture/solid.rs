@@ -7,14 +7,14 @@ use rayon::prelude::*;
 use super::TextureError;
 use super::colour::LinearRgb;
 use super::skin::{Paint, Skin, as_point};
+use super::volume::{GIB, allowed_memory};
 use crate::boundary_map::BoundaryMap;
-use crate::fit::{FitOptions, FitReport, Phase, Solver, fit};
+use crate::fit::{FitOptions, FitReport, Phase, Solver, Workload, fit};
 use crate::geometry::{ClosestPoint, SurfaceQuery};
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling;
 use crate::solver::SchwarzOptions;
-use crate::statistics::Summary;
 use crate::{Point, Vector};
 
 /// What is extended into the solid.
@@ -36,7 +36,8 @@ pub struct TextureOptions {
     pub extended: Extended,
     /// Whether coordinates are extended although they jump at seams.
     pub across_seams: bool,
-    /// Sources at least: triangles are cut into four until the surface has as many vertices.
+    /// Sources at least: triangles are cut into four until the surface has as many vertices. No more than
+    /// [`FitOptions::max_sources`].
     pub least_sources: usize,
     /// How the harmonic function is fitted. A tolerance is a fraction of the diagonal of the cube of colours (√3), or of the
     /// box of the texture coordinates.
@@ -68,12 +69,12 @@ impl Default for TextureOptions {
 }
 
 /// How far colours are from the picture at points of the surface that no fit has seen: the largest difference in red,
-/// green or blue, as an amount of light (1 from black to white).
+/// green or blue, as an amount of light (1 from black to white). A point without colour is infinitely far off.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Residual {
     /// Root mean square over the area.
     pub rms: f64,
-    /// 99 % of the area is below.
+    /// 99 % of the area is not above.
     pub p99: f64,
     /// The largest.
     pub max: f64,
@@ -94,8 +95,8 @@ pub struct SolidTexture {
 
 /// Distance from the surface, over the diagonal, at which a point counts as being on it.
 const ON_SURFACE: f64 = 1e-9;
-/// Times that triangles are cut into four at most.
-const MOST_SUBDIVISIONS: usize = 8;
+/// The same over the largest coordinate: a point of a triangle is rounded in each of a few products and sums.
+const ROUNDED: f64 = 16.0 * f64::EPSILON;
 
 impl SolidTexture {
     /// Extends what colours a surface into the solid that it bounds.
@@ -103,14 +104,13 @@ impl SolidTexture {
     /// # Errors
     ///
     /// When the surface does not bound a solid, and as [`fit`]; [`TextureError::NoUv`] and [`TextureError::Seams`] when
-    /// texture coordinates are to be extended and cannot be.
+    /// texture coordinates are to be extended and cannot be; [`TextureError::SourceLimit`] and
+    /// [`TextureError::TooManySources`], before anything is cut.
     pub fn fit(skin: Skin, options: &TextureOptions, progress: &dyn Fn(Phase)) -> Result<Self, TextureError> {
         let skin = Arc::new(skin);
+        let subdivisions = subdivisions(skin.surface(), options)?;
         let mut boundary = boundary_values(&skin, options)?;
-        for _ in 0..MOST_SUBDIVISIONS {
-            if boundary.domain().vertices().len() >= options.least_sources {
-                break;
-            }
+        for _ in 0..subdivisions {
             boundary = boundary.subdivided();
         }
         let fit = fit(&boundary, &options.fit, progress)?;
@@ -217,21 +217,27 @@ impl SolidTexture {
         let found = colours(&positions);
         let difference = |(place, found): (&SurfacePoint, &LinearRgb)| {
             let picture = self.skin.colour(place);
-            (0..3).map(|k| (picture[k] - found[k]).abs()).fold(0.0, f64::max)
+            let off = (0..3).map(|k| (picture[k] - found[k]).abs());
+            off.fold(0.0, |most: f64, d| if d.is_nan() { f64::INFINITY } else { most.max(d) })
         };
-        let differences: Vec<f64> = places.iter().zip(&found).map(difference).collect();
-        let summary = Summary::of(&differences[..count.min(differences.len())])?;
+        let mut differences: Vec<f64> = places.iter().zip(&found).map(difference).collect();
+        let max = differences.iter().copied().fold(0.0, f64::max);
+        differences.truncate(count);
+        differences.sort_by(f64::total_cmp);
+        let last = differences.len().checked_sub(1)?;
+        let squares: f64 = differences.iter().map(|d| d * d).sum();
         Some(Residual {
-            rms: summary.rms,
-            p99: summary.p99,
-            max: differences.iter().copied().fold(0.0, f64::max),
+            rms: (squares / differences.len() as f64).sqrt(),
+            p99: differences[(0.99 * last as f64).ceil() as usize],
+            max,
         })
     }
 
     /// Indices of the points in the solid or on its surface.
     fn inside(&self, points: &[Point]) -> Vec<u32> {
         let bounds = self.surface.bounds();
-        let slack = ON_SURFACE * self.skin.surface().diagonal();
+        let farthest = bounds.low.coords.amax().max(bounds.high.coords.amax());
+        let slack = (ON_SURFACE * self.skin.surface().diagonal()).max(ROUNDED * farthest);
         let slack_vector = Vector::repeat(slack);
         let (low, high) = (bounds.low - slack_vector, bounds.high + slack_vector);
         let near = |p: &Point| (0..3).all(|k| low[k] <= p[k] && p[k] <= high[k]);
@@ -291,6 +297,40 @@ impl SolidTexture {
             _ => value.coords.into(),
         }
     }
+}
+
+/// How often triangles are cut into four until there are vertices enough for the sources.
+fn subdivisions(surface: &SurfaceMesh, options: &TextureOptions) -> Result<usize, TextureError> {
+    let (least, most) = (options.least_sources, options.fit.max_sources);
+    if least > most {
+        return Err(TextureError::SourceLimit { least, most });
+    }
+    // Each edge of a closed surface has two triangles.
+    let (mut vertices, mut triangles, mut times) = (surface.vertices().len(), surface.triangles().len(), 0);
+    let countable = u32::MAX as usize;
+    while triangles > 0 && vertices < least.min(countable) {
+        (vertices, triangles) = (vertices + (3 * triangles).div_ceil(2), 4 * triangles);
+        times += 1;
+    }
+    let sources = ((options.fit.source_ratio * vertices as f64) as usize).min(most);
+    let work = Workload {
+        vertices,
+        sources,
+        collocation: (options.fit.collocation_ratio / options.fit.source_ratio * sources as f64) as usize,
+        maps: 1,
+        refinements: 0,
+        solver: options.fit.solver,
+    };
+    let need = work.bytes() as f64;
+    let allowed = options.fit.memory.map_or_else(allowed_memory, |bytes| bytes as f64);
+    if times > 0 && (need > allowed || vertices >= countable) {
+        return Err(TextureError::TooManySources {
+            sources: least,
+            need: need / GIB,
+            allowed: allowed / GIB,
+        });
+    }
+    Ok(times)
 }
 
 /// The boundary map into the space of what is extended.

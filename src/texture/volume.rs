@@ -36,7 +36,12 @@ const POINTS_AT_ONCE: usize = 1 << 19;
 const BYTES_PER_POINT: f64 = 600.0;
 /// Part of the available memory that is taken.
 const MOST: f64 = 0.9;
-const GIB: f64 = 1024.0 * 1024.0 * 1024.0;
+pub(super) const GIB: f64 = 1024.0 * 1024.0 * 1024.0;
+
+/// Bytes that may be taken: even where the system does not say what is available, no more than can be counted.
+pub(super) fn allowed_memory() -> f64 {
+    available_memory().map_or(isize::MAX as f64, |bytes| MOST * bytes as f64)
+}
 
 impl VolumeGrid {
     /// `resolution` voxels along the longest side of the solid's box, and as many of the same size as cover the others.
@@ -81,8 +86,7 @@ impl VolumeGrid {
     fn require_room(&self) -> Result<(), TextureError> {
         let voxels: f64 = self.size.iter().map(|&n| n as f64).product();
         let need = voxels * BYTES_PER_VOXEL + voxels.min(POINTS_AT_ONCE as f64) * BYTES_PER_POINT;
-        // Even where the system does not say what is available, no more than can be counted.
-        let allowed = available_memory().map_or(isize::MAX as f64, |bytes| MOST * bytes as f64);
+        let allowed = allowed_memory();
         if need <= allowed {
             return Ok(());
         }
