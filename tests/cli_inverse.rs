@@ -17,10 +17,16 @@ struct Workplace {
 impl Workplace {
     /// With `map.safetensors`, from a ball to a longer one.
     fn new() -> Self {
+        Self::bent(0.2)
+    }
+
+    /// The longer ball bent by as much. The map is close to `y + bend (x² + (1 − r²) / 3)`, which folds where
+    /// `y > 1.5 / bend`.
+    fn bent(bend: f64) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let place = Self { folder };
         let domain = shapes::sphere(1.0, 3);
-        let target = shapes::deformed(&domain, |p| Point::new(2.0 * p.x, p.y + 0.2 * p.x * p.x, p.z));
+        let target = shapes::deformed(&domain, |p| Point::new(2.0 * p.x, p.y + bend * p.x * p.x, p.z));
         io::write_surface(place.path("domain.ply"), &domain).unwrap();
         io::write_surface(place.path("target.ply"), &target).unwrap();
         place.ends_with(
@@ -121,6 +127,36 @@ fn a_mesh_comes_back_with_its_status() {
     assert!(String::from_utf8_lossy(&text).contains("Name=\"status\""));
 }
 
+/// With a bend of 4, `(0, 0.8, 0)` and `(0, -0.05, 0)` go to the same place.
+#[test]
+fn folds_are_counted_and_fail() {
+    let place = Workplace::bent(4.0);
+    std::fs::write(place.path("points.csv"), "x,y,z\n0,1.28,0\n0,0.5,0\n").unwrap();
+    let report = place.report(1, "eval map.safetensors points.csv --inverse -o back.csv --json");
+    assert_eq!(
+        (report["folded"].as_u64(), report["several"].as_u64()),
+        (Some(1), Some(1))
+    );
+    let (_, rows) = table(&place.path("back.csv"));
+    assert_eq!(rows.iter().map(|row| row[6]).collect::<Vec<_>>(), [1.0, 0.0]);
+    assert!((rows[0][1] + 0.05).abs() < 0.05, "{:?}", rows[0]);
+}
+
+#[test]
+fn vertices_without_a_preimage_go_only_where_a_status_says_so() {
+    let place = Workplace::new();
+    io::write_surface(place.path("wide.obj"), &shapes::cube(3.0, 2)).unwrap();
+    for name in ["back.ply", "back.obj", "back.off"] {
+        let output = place.ends_with(2, &format!("eval map.safetensors wide.obj --inverse -o {name}"));
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(said.contains("have no preimage") && said.contains(".vtu"), "{said}");
+        assert!(!place.path(name).exists());
+    }
+    place.ends_with(0, "eval map.safetensors wide.obj --inverse -o back.vtu");
+    let back = io::read_surface(place.path("back.vtu")).unwrap();
+    assert!(back.vertices().iter().all(|p| p.coords.norm() < 1.01));
+}
+
 #[test]
 fn what_cannot_be_done_is_refused_before_the_work() {
     let place = Workplace::new();
@@ -133,6 +169,10 @@ fn what_cannot_be_done_is_refused_before_the_work() {
         (
             "eval map.safetensors points.csv --inverse --tolerance 0 -o back.csv",
             "tolerance is 0",
+        ),
+        (
+            "eval map.safetensors points.csv --inverse --tolerance 0.01 -o back.csv",
+            "at most 1e-3",
         ),
         (
             "eval map.safetensors points.csv --tolerance 1e-9 -o back.csv",

@@ -122,6 +122,7 @@ fn inverse_of_forward_is_the_identity_for_a_fitted_map() {
         distance < 4.0 * report.boundary_error * boundary.target_diagonal(),
         "{distance}"
     );
+    assert!(report.beyond_boundary > 0 && report.farthest_beyond > 0.0);
     assert!(report.farthest_beyond < 2.0 * report.boundary_error);
 }
 
@@ -190,6 +191,96 @@ fn a_preimage_where_the_map_is_turned_is_folded() {
     assert!(found[1].point.x < 0.0);
 }
 
+/// Inside of the unit cube, and shifted there in a smaller cube only: as a fold that the search did not see.
+const TORN: Formula = Formula {
+    value: |p| match p.coords.amax() < 0.4 {
+        true => p + Vector::new(2.0, 0.0, 0.0),
+        false => *p,
+    },
+    jacobian: |_| Matrix3::identity(),
+};
+
+#[test]
+fn one_preimage_far_outside_of_the_target_cannot_be_the_only_one() {
+    let domain = shapes::cube(1.0, 6);
+    let points = [Point::new(2.3, 0.01, 0.02), Point::new(0.46, 0.01, 0.02)];
+    let (found, report) = of_formula(&TORN, &domain, &points);
+    assert_eq!(statuses(&found), [PreimageStatus::Folded, PreimageStatus::Ok]);
+    assert_eq!((found[0].preimages, report.several, report.folded), (1, 0, 1));
+    assert!((found[0].point - Point::new(0.3, 0.01, 0.02)).norm() < 1e-9);
+}
+
+/// Next to x = 0.01 a residual of 1.7e-5 leaves preimages open by up to 1e-3.
+#[test]
+fn what_the_tolerance_leaves_open_is_no_fold() {
+    let domain = shapes::deformed(&shapes::cube(0.99, 6), |p| p + Vector::new(0.505, 0.0, 0.0));
+    let mut points = interior_points(&domain, 200, 7);
+    points.extend([0.0101, 0.011, 0.012, 0.015, 0.02, 0.03].map(|x| Point::new(x, 0.1, -0.2)));
+    let options = InverseOptions {
+        tolerance: 1e-5,
+        ..InverseOptions::default()
+    };
+    let boundary = boundary_map(&domain, FOLDED.value);
+    let inverse = InverseMap::new(&FOLDED, &boundary, &options).unwrap();
+    let (_, report) = inverse.preimages(&FOLDED.evaluate(&points));
+    assert_eq!((report.folded, report.ok), (0, 206));
+}
+
+/// From -0.02 on, y goes to ±0.03, and the negative one is in the gap that boundary data off by 0.01 leave.
+#[test]
+fn a_preimage_in_the_domain_counts_before_those_in_the_gap() {
+    let domain = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(1.02 * p.x + 0.49, p.y, p.z));
+    let boundary = boundary_map(&domain, |p| (FOLDED.value)(p) - Vector::new(0.01, 0.0, 0.0));
+    let (found, _) = preimages(&FOLDED, &boundary, &[Point::new(0.0009, 0.25, 0.0)]);
+    assert_eq!((found[0].status, found[0].preimages), (PreimageStatus::Ok, 1));
+    assert!(!found[0].beyond_boundary && (found[0].point.x - 0.03).abs() < 1e-7);
+}
+
+#[test]
+fn a_search_that_is_cut_short_has_not_converged() {
+    let domain = shapes::cube(1.0, 6);
+    let points: Vec<Point> = interior_points(&domain, 100, 8).iter().map(|p| p * 0.8).collect();
+    let options = InverseOptions {
+        iterations: 1,
+        ..InverseOptions::default()
+    };
+    let boundary = boundary_map(&domain, TWISTED.value);
+    let inverse = InverseMap::new(&TWISTED, &boundary, &options).unwrap();
+    let (found, report) = inverse.preimages(&TWISTED.evaluate(&points));
+    assert_eq!((report.not_converged, report.ok), (100, 0));
+    assert!(
+        found
+            .iter()
+            .all(|p| p.status == PreimageStatus::NotConverged && p.preimages == 0)
+    );
+    // A node of the seed mesh, whose cells are 1/31 wide.
+    assert!(largest_distance(&places(&found), &points) < 0.1);
+}
+
+/// Coordinates of 1e7 have a spacing of 1.9e-9: a tolerance of 1.7e-10 cannot be met but by chance.
+#[test]
+fn tolerances_below_rounding_are_those_of_rounding() {
+    const FAR: Formula = Formula {
+        value: |p| p + Vector::repeat(1e7),
+        jacobian: |_| Matrix3::identity(),
+    };
+    let domain = shapes::cube(1.0, 6);
+    let points = interior_points(&domain, 300, 9);
+    let (found, report) = of_formula(&FAR, &domain, &FAR.evaluate(&points));
+    assert_eq!(report.ok, 300);
+    assert!(largest_distance(&places(&found), &points) < 4e-8);
+
+    let options = InverseOptions {
+        tolerance: 1e-18,
+        ..InverseOptions::default()
+    };
+    let boundary = boundary_map(&domain, AFFINE.value);
+    let inverse = InverseMap::new(&AFFINE, &boundary, &options).unwrap();
+    let (found, report) = inverse.preimages(&AFFINE.evaluate(&points));
+    assert_eq!(report.ok, 300);
+    assert!(largest_distance(&places(&found), &points) < 1e-13);
+}
+
 #[test]
 fn thin_parts_that_the_lattice_misses_are_found() {
     let plate = shapes::deformed(&shapes::cube(1.0, 12), |p| Point::new(p.x, p.y, 0.004 * p.z));
@@ -220,7 +311,7 @@ fn the_number_of_threads_changes_nothing() {
 #[test]
 fn settings_out_of_range_and_maps_without_values_are_refused() {
     let boundary = boundary_map(&shapes::cube(1.0, 2), AFFINE.value);
-    for tolerance in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+    for tolerance in [0.0, -1.0, 2e-3, f64::NAN, f64::INFINITY] {
         let options = InverseOptions {
             tolerance,
             ..InverseOptions::default()

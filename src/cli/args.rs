@@ -400,11 +400,13 @@ pub struct EvalArgs {
     /// in x, y, z (nan where there is none) and the given point in fx, fy, fz, and: status (0 ok, 1 folded, 2 outside of
     /// the target, 3 not found, 4 not finite) and round_trip, the distance of the preimage's image from the given point
     /// over the target's diagonal; .npy has x, y, z, status, round_trip. Meshes get their vertices at the preimages; .vtu
-    /// and .vtk have status and round_trip as fields. The exit code is 1 if a point of the target has no preimage or
+    /// and .vtk have status and round_trip as fields, and vertices without a preimage at a point of the domain whose image
+    /// is near, which other formats refuse. The exit code is 1 if a point of the target has no preimage or
     /// several
     #[arg(long)]
     pub inverse: bool,
-    /// With --inverse: distance from the given point, over the target's diagonal, at which a preimage is found
+    /// With --inverse: distance from the given point, over the target's diagonal, at which a preimage is found; at most
+    /// 1e-3, and less than 1e-10 is not reached
     #[arg(long, value_name = "FRACTION", default_value_t = 1e-10, requires = "inverse")]
     pub tolerance: f64,
 }

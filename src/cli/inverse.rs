@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use serde::Serialize;
 use solidmap::inverse::{InverseMap, InverseOptions, InverseReport, Preimage, PreimageStatus};
 use solidmap::io::{self, Cells, Field, Solid, VtkEncoding, VtkFields};
@@ -39,6 +39,9 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
     let inverse = InverseMap::new(&map, &boundary, &options)
         .with_context(|| format!("cannot invert `{}`", args.map.display()))?;
     let (preimages, report) = inverse.preimages(&points);
+    if solid.is_some() && !is_table(&args.output) {
+        require_status_if_incomplete(args, &preimages)?;
+    }
 
     output.progress(format!("writing {}", args.output.display()));
     match &solid {
@@ -60,6 +63,30 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
     Ok(if complete { Outcome::Done } else { Outcome::CheckFailed })
 }
 
+/// Refuses meshes that cannot say which of their vertices have no preimage.
+fn require_status_if_incomplete(args: &EvalArgs, preimages: &[Preimage]) -> anyhow::Result<()> {
+    let missing = preimages
+        .iter()
+        .filter(|preimage| !place(preimage).x.is_finite())
+        .count();
+    let extension = args
+        .output
+        .extension()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_lowercase();
+    if missing > 0 && !["vtu", "vtk"].contains(&extension.as_str()) {
+        bail!(
+            "{missing} of {} vertices of `{}` have no preimage, and `{}` cannot say which; write a .vtu, whose field \
+             `status` names them",
+            preimages.len(),
+            args.points.display(),
+            args.output.display()
+        );
+    }
+    Ok(())
+}
+
 /// Says what has no preimage, or too many.
 pub fn warn(output: &Output, report: &InverseReport) {
     let say = |count: usize, what: &str| {
@@ -78,7 +105,8 @@ pub fn warn(output: &Output, report: &InverseReport) {
     );
     say(
         report.folded,
-        "lie where the map folds: they have several preimages, or one where the map is turned inside out",
+        "lie where the map folds: they have several preimages, or one where the map is turned inside out, or one where \
+         there must be more",
     );
 }
 
@@ -176,7 +204,8 @@ fn write_table(
     Ok(())
 }
 
-/// The mesh with its vertices at their preimages; those without one at a point whose image is near.
+/// The mesh with its vertices at their preimages; those without one at the node of the seed mesh whose image is nearest,
+/// with a status that says so.
 fn write_mesh(path: &Path, solid: &Solid, preimages: &[Preimage]) -> anyhow::Result<()> {
     let places: Vec<Point> = preimages.iter().map(|preimage| preimage.point).collect();
     let cells = match solid {

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use crate::Point;
 use crate::boundary_map::BoundaryMap;
-use crate::geometry::{QueryError, SurfaceQuery};
+use crate::geometry::{ClosestPoint, QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
 use crate::mesh::SurfacePoint;
 
@@ -30,7 +30,9 @@ pub use seeds::lattice_mesh;
 /// How preimages are searched.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InverseOptions {
-    /// Distance between `f(x)` and `y` at which `x` counts as the preimage, as a fraction of the target's diagonal.
+    /// Distance between `f(x)` and `y` at which `x` counts as the preimage, as a fraction of the target's diagonal, at most
+    /// 1e-3. What rounding of the target's coordinates leaves counts too, and sums over many sources do not reach less
+    /// than 1e-10.
     pub tolerance: f64,
     /// Nodes of the mesh that the search starts from: folds smaller than its cells go unseen.
     pub seed_nodes: usize,
@@ -52,10 +54,12 @@ impl Default for InverseOptions {
 /// What was found for a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PreimageStatus {
-    /// One preimage, where the map keeps its hand.
+    /// One preimage, where the map keeps its hand, of a point of the target or of the gap at its boundary.
     Ok,
-    /// Several preimages in the domain, or one where the map is turned inside out against the most of the domain. Of
-    /// several the one is returned where the map keeps its hand, and of these the one with the largest `|det J|`.
+    /// Several preimages in the domain, or one where the map is turned inside out against the most of the domain, or one
+    /// where there must be another: farther outside of the target than the boundary error allows, or where the target
+    /// overlaps itself. Of several the one is returned where the map keeps its hand, and of these the one with the largest
+    /// `|det J|`.
     Folded,
     /// Not in the target, and nothing in the domain goes there.
     Outside,
@@ -75,7 +79,7 @@ pub struct Preimage {
     pub point: Point,
     /// `|f(x) − y|` over the target's diagonal at the preimage; infinite without one.
     pub round_trip: f64,
-    /// How many different preimages were found in the domain.
+    /// How many different preimages were found in the domain; where there is none, in the gap.
     pub preimages: usize,
     /// The preimage lies outside of the domain: the point is in the gap between the target's boundary and the image of
     /// the domain's, no farther from the latter than twice the boundary error there and its root mean square.
@@ -89,7 +93,7 @@ pub struct InverseReport {
     pub points: usize,
     /// One preimage.
     pub ok: usize,
-    /// Several preimages, or one that is turned.
+    /// Several preimages, or one that is turned or cannot be the only one.
     pub folded: usize,
     /// Of these, those with several.
     pub several: usize,
@@ -141,6 +145,14 @@ pub enum InverseError {
         /// What is allowed.
         range: &'static str,
     },
+    /// A surface is a point, or too large or small for squares of its size.
+    #[error("the diagonal of the {surface}'s box is {diagonal}, but must be positive and finite; scale the model")]
+    Extent {
+        /// `"domain"` or `"target"`.
+        surface: &'static str,
+        /// What was found.
+        diagonal: f64,
+    },
     /// No node of the domain has a finite image.
     #[error("the map has no finite value anywhere in the domain")]
     NoValues,
@@ -160,6 +172,8 @@ pub struct InverseMap<'a> {
     options: InverseOptions,
     domain_diagonal: f64,
     target_diagonal: f64,
+    /// Residual of a preimage, in units of the target.
+    tolerance: f64,
 }
 
 /// Points searched together: enough to share all costs, few enough to keep what a search remembers small.
@@ -169,8 +183,18 @@ const MOST_HOLDING: usize = 8;
 const MOST_NEAREST: usize = 6;
 /// `det J` over its mean, below which a fold may be near enough for more preimages.
 const NEAR_FOLD: f64 = 0.1;
-/// Preimages closer than this part of the domain's diagonal are one.
+/// Residual over the target's diagonal below which the last Jacobian serves on, and at most how many tolerances that is:
+/// it costs as much again as the value.
+const NEAR: f64 = 1e-5;
+const NEAR_TOLERANCES: f64 = 1e5;
+/// Largest tolerance: with more a preimage says little.
+const MAX_TOLERANCE: f64 = 1e-3;
+/// Residual that rounding leaves, over the target's largest coordinate.
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
+/// Preimages closer than this part of the domain's diagonal are one, and so are those closer than so many times what
+/// their residuals leave open.
 const SAME: f64 = 1e-6;
+const SAME_BLURS: f64 = 4.0;
 /// Distance from the domain, over its diagonal, that is none: residuals leave as much.
 const ON_BOUNDARY: f64 = 1e-9;
 /// Longest step over the domain's diagonal.
@@ -184,20 +208,27 @@ impl<'a> InverseMap<'a> {
     ///
     /// # Errors
     ///
-    /// [`InverseError`]: surfaces without triangles or with NaN among their corners, options out of range, a map
-    /// without values.
+    /// [`InverseError`]: surfaces without triangles, without extent or with NaN among their corners, options out of
+    /// range, a map without values.
     pub fn new(
         map: &'a dyn VolumeMap,
         boundary: &'a BoundaryMap,
         options: &InverseOptions,
     ) -> Result<Self, InverseError> {
         let start = Instant::now();
-        require_positive("tolerance", options.tolerance)?;
-        require_positive("seed_nodes", options.seed_nodes as f64)?;
-        require_positive("iterations", options.iterations as f64)?;
+        require_up_to(
+            "tolerance",
+            options.tolerance,
+            MAX_TOLERANCE,
+            "greater than 0 and at most 1e-3",
+        )?;
+        require_up_to("seed_nodes", options.seed_nodes as f64, f64::MAX, "greater than 0")?;
+        require_up_to("iterations", options.iterations as f64, f64::MAX, "greater than 0")?;
         let domain = SurfaceQuery::new(boundary.domain()).map_err(InverseError::Domain)?;
         // A target may overlap itself where its boundary map folds.
         let target = SurfaceQuery::with_winding_sign(&boundary.outward_target()).map_err(InverseError::Target)?;
+        let domain_diagonal = finite_diagonal("domain", &domain)?;
+        let target_diagonal = finite_diagonal("target", &target)?;
         let seeds = Seeds::new(map, boundary.domain(), &domain, options.seed_nodes);
         if seeds.is_empty() {
             return Err(InverseError::NoValues);
@@ -206,8 +237,9 @@ impl<'a> InverseMap<'a> {
         Ok(Self {
             map,
             boundary,
-            domain_diagonal: domain.bounds().extent().norm(),
-            target_diagonal: target.bounds().extent().norm(),
+            domain_diagonal,
+            target_diagonal,
+            tolerance: (options.tolerance * target_diagonal).max(ROUNDING * largest_coordinate(&target)),
             domain,
             target,
             seeds,
@@ -254,9 +286,9 @@ impl<'a> InverseMap<'a> {
             })
             .collect();
         let (mut found, mut effort) = self.search(points, &starts);
-        let in_target = self.target.contains_all(points);
+        let windings = self.windings(points);
 
-        let doubtful = self.doubtful(points, &found, &in_target);
+        let doubtful = self.doubtful(points, &found, &windings);
         let starts: Vec<Vec<Point>> = doubtful
             .par_iter()
             .map(|&i| self.seeds.nearest(&points[i], MOST_NEAREST))
@@ -266,23 +298,33 @@ impl<'a> InverseMap<'a> {
         effort.add(further);
         for (i, more) in doubtful.into_iter().zip(more) {
             more.into_iter().for_each(|new| self.add(&mut found[i], new));
+            prefer_inner(&mut found[i]);
         }
+        let incomplete = self.incomplete(points, &found, &windings);
         let preimages = (0..points.len())
             .into_par_iter()
-            .map(|i| self.verdict(&points[i], &found[i], in_target[i]))
+            .map(|i| self.verdict(&points[i], &found[i], windings[i] != 0.0, incomplete[i]))
             .collect();
         (preimages, effort)
     }
 
-    /// Points whose preimages do not add up, to one in the target and to none outside, or that are near a fold. Of those
+    /// How often the target's surface winds about each point: 1 inside and 0 outside, where it does not overlap itself.
+    fn windings(&self, points: &[Point]) -> Vec<f64> {
+        let bounds = self.target.bounds();
+        let winding = |y: &Point| match bounds.contains(y) {
+            true => self.target.winding_number(y).round(),
+            false => 0.0,
+        };
+        points.par_iter().map(winding).collect()
+    }
+
+    /// Points whose preimages do not add up to how often the target winds about them, or that are near a fold. Of those
     /// outside without any preimage only the ones that the boundary error could have put there.
-    fn doubtful(&self, points: &[Point], found: &[Vec<Found>], in_target: &[bool]) -> Vec<usize> {
-        let degree = |found: &[Found]| found.iter().map(|f| self.oriented(f).signum()).sum::<f64>();
-        let is_near_fold = |f: &Found| self.oriented(f) < NEAR_FOLD * self.seeds.mean_det;
-        let adds_up =
-            |i: usize| degree(&found[i]) == if in_target[i] { 1.0 } else { 0.0 } && !found[i].iter().any(is_near_fold);
+    fn doubtful(&self, points: &[Point], found: &[Vec<Found>], windings: &[f64]) -> Vec<usize> {
+        let is_near_fold = |f: &Found| self.is_near_fold(self.oriented(&f.root));
+        let adds_up = |i: usize| self.degree(&found[i]) == windings[i] && !found[i].iter().any(is_near_fold);
         let outer: Vec<usize> = (0..points.len())
-            .filter(|&i| is_finite(&points[i]) && found[i].is_empty() && !in_target[i])
+            .filter(|&i| is_finite(&points[i]) && found[i].is_empty() && windings[i] == 0.0)
             .collect();
         let distances = self
             .target
@@ -306,12 +348,14 @@ impl<'a> InverseMap<'a> {
             .flat_map(|(y, seeds)| seeds.iter().map(|seed| (*y, *seed)))
             .collect();
         let limits = Limits {
-            tolerance: self.options.tolerance * self.target_diagonal,
+            tolerance: self.tolerance,
+            near: (NEAR_TOLERANCES * self.tolerance).min(NEAR * self.target_diagonal),
             first_step: 2.0 * self.seeds.spacing,
             longest_step: LONGEST_STEP * self.domain_diagonal,
             iterations: self.options.iterations,
         };
-        let (roots, mut effort) = newton::solve(self.map, &pairs, &limits);
+        let (mut roots, mut effort) = newton::solve(self.map, &pairs, &limits);
+        effort.evaluations += self.refresh(&mut roots);
         let (beyond, evaluations) = self.beyond(&pairs, &roots);
         effort.evaluations += evaluations;
         let mut all = roots.iter().zip(beyond);
@@ -322,9 +366,28 @@ impl<'a> InverseMap<'a> {
                     self.add(&mut found, Found { root: *root, beyond });
                 }
             }
+            prefer_inner(&mut found);
             found
         };
         (starts.iter().map(different).collect(), effort)
+    }
+
+    /// Takes the Jacobian at the roots near folds, where a small step may change its sign. How many points this took to
+    /// evaluate.
+    fn refresh(&self, roots: &mut [Root]) -> usize {
+        let is_stale =
+            |root: &&mut Root| root.converged && !root.is_fresh && self.is_near_fold(self.oriented(root).abs());
+        let stale: Vec<&mut Root> = roots.iter_mut().filter(is_stale).collect();
+        if stale.is_empty() {
+            return 0;
+        }
+        let jacobians = self.map.jacobian(&stale.iter().map(|root| root.x).collect::<Vec<_>>());
+        let count = stale.len();
+        for (root, jacobian) in stale.into_iter().zip(jacobians) {
+            root.jacobian = jacobian;
+            root.is_fresh = true;
+        }
+        count
     }
 
     /// How far each root lies outside of the domain: 0 inside, `None` where it is no preimage: not converged, or outside
@@ -343,7 +406,20 @@ impl<'a> InverseMap<'a> {
             }
         }
         let places: Vec<Point> = outer.iter().map(|&i| roots[i].x).collect();
-        let closest = self.domain.closest_points(&places);
+        let gaps = self.gaps_next_to(&places);
+        for (gap, &i) in gaps.iter().zip(&outer) {
+            if gap.distance <= ON_BOUNDARY * self.domain_diagonal {
+                beyond[i] = Some(0.0);
+            } else if (pairs[i].0 - gap.image).norm() <= gap.width + self.tolerance {
+                beyond[i] = Some(gap.distance);
+            }
+        }
+        (beyond, outer.len())
+    }
+
+    /// The gap at the points of the domain's boundary that are closest to the places.
+    fn gaps_next_to(&self, places: &[Point]) -> Vec<Gap> {
+        let closest = self.domain.closest_points(places);
         let images = self
             .map
             .evaluate(&closest.iter().map(|closest| closest.point).collect::<Vec<_>>());
@@ -352,34 +428,65 @@ impl<'a> InverseMap<'a> {
             barycentric: closest.barycentric,
         });
         let wanted = self.boundary.evaluate(&on_boundary.collect::<Vec<_>>());
-        for (k, &i) in outer.iter().enumerate() {
-            let gap = (wanted[k] - images[k]).norm();
-            if closest[k].distance <= ON_BOUNDARY * self.domain_diagonal {
-                beyond[i] = Some(0.0);
-            } else if (pairs[i].0 - images[k]).norm() <= 2.0 * gap + self.gap_rms {
-                beyond[i] = Some(closest[k].distance);
-            }
+        let gap = |((closest, image), wanted): ((&ClosestPoint, Point), Point)| Gap {
+            distance: closest.distance,
+            image,
+            width: 2.0 * (wanted - image).norm() + self.gap_rms,
+        };
+        closest.iter().zip(images).zip(wanted).map(gap).collect()
+    }
+
+    /// Whether a point must have more preimages than the one found, in the domain and not turned: the target's boundary
+    /// winds about it another number of times, and it is farther from it than the gap there is wide.
+    fn incomplete(&self, points: &[Point], found: &[Vec<Found>], windings: &[f64]) -> Vec<bool> {
+        let is_alone = |i: usize| matches!(&found[i][..], [only] if only.beyond == 0.0);
+        let suspects: Vec<usize> = (0..points.len())
+            .filter(|&i| is_alone(i) && self.degree(&found[i]) != windings[i])
+            .collect();
+        let gaps = self.gaps_next_to(&suspects.iter().map(|&i| found[i][0].root.x).collect::<Vec<_>>());
+        let surface = self
+            .target
+            .closest_points(&suspects.iter().map(|&i| points[i]).collect::<Vec<_>>());
+        let slack = self.tolerance.max(ON_BOUNDARY * self.target_diagonal);
+        let mut incomplete = vec![false; points.len()];
+        for ((&i, gap), surface) in suspects.iter().zip(gaps).zip(surface) {
+            incomplete[i] = surface.distance > gap.width + slack;
         }
-        (beyond, outer.len())
+        incomplete
     }
 
     /// Adds a preimage that is not there yet.
     fn add(&self, found: &mut Vec<Found>, new: Found) {
-        let is_new = |known: &Found| (known.root.x - new.root.x).norm() > SAME * self.domain_diagonal;
+        // What the seed mesh can tell apart is different, however large the blur at a fold.
+        let reach = |root: &Root| (SAME_BLURS * root.blur()).min(self.seeds.spacing);
+        let is_new = |known: &Found| {
+            let same = (SAME * self.domain_diagonal)
+                .max(reach(&known.root))
+                .max(reach(&new.root));
+            (known.root.x - new.root.x).norm() > same
+        };
         if found.iter().all(is_new) {
             found.push(new);
         }
     }
 
     /// `det J` as seen from most of the domain.
-    fn oriented(&self, found: &Found) -> f64 {
-        self.seeds.orientation * found.root.det
+    fn oriented(&self, root: &Root) -> f64 {
+        self.seeds.orientation * root.jacobian.determinant()
     }
 
-    fn verdict(&self, y: &Point, found: &[Found], in_target: bool) -> Preimage {
+    fn is_near_fold(&self, det: f64) -> bool {
+        det < NEAR_FOLD * self.seeds.mean_det
+    }
+
+    fn degree(&self, found: &[Found]) -> f64 {
+        found.iter().map(|f| self.oriented(&f.root).signum()).sum()
+    }
+
+    fn verdict(&self, y: &Point, found: &[Found], in_target: bool, incomplete: bool) -> Preimage {
         let best = found
             .iter()
-            .max_by(|a, b| self.oriented(a).total_cmp(&self.oriented(b)));
+            .max_by(|a, b| self.oriented(&a.root).total_cmp(&self.oriented(&b.root)));
         let Some(best) = best else {
             let (status, point) = match (is_finite(y), in_target) {
                 (false, _) => (PreimageStatus::NotFinite, Point::from([f64::NAN; 3])),
@@ -394,7 +501,7 @@ impl<'a> InverseMap<'a> {
                 beyond_boundary: false,
             };
         };
-        let one_to_one = found.len() == 1 && self.oriented(best) > 0.0;
+        let one_to_one = found.len() == 1 && !incomplete && self.oriented(&best.root) > 0.0;
         Preimage {
             status: if one_to_one {
                 PreimageStatus::Ok
@@ -442,6 +549,37 @@ struct Found {
     beyond: f64,
 }
 
+/// What the boundary error leaves open next to a place.
+struct Gap {
+    /// Of the place from the domain's boundary.
+    distance: f64,
+    /// Of the closest point of the domain's boundary.
+    image: Point,
+    /// Twice the boundary error there and its root mean square, in units of the target.
+    width: f64,
+}
+
+/// Points in the gap with a preimage in the domain need none outside.
+fn prefer_inner(found: &mut Vec<Found>) {
+    if found.iter().any(|f| f.beyond == 0.0) {
+        found.retain(|f| f.beyond == 0.0);
+    }
+}
+
+/// The diagonal of the surface's box.
+fn finite_diagonal(surface: &'static str, query: &SurfaceQuery) -> Result<f64, InverseError> {
+    let diagonal = query.bounds().extent().norm();
+    if diagonal > 0.0 && diagonal.is_finite() {
+        return Ok(diagonal);
+    }
+    Err(InverseError::Extent { surface, diagonal })
+}
+
+fn largest_coordinate(query: &SurfaceQuery) -> f64 {
+    let bounds = query.bounds();
+    bounds.low.coords.amax().max(bounds.high.coords.amax())
+}
+
 /// How far the map misses its boundary data at the domain's vertices.
 fn gaps_at_vertices(map: &dyn VolumeMap, boundary: &BoundaryMap) -> Vec<f64> {
     let images = map.evaluate(boundary.domain().vertices());
@@ -461,13 +599,9 @@ fn is_finite(p: &Point) -> bool {
     p.iter().all(|c| c.is_finite())
 }
 
-fn require_positive(option: &'static str, value: f64) -> Result<(), InverseError> {
-    if value > 0.0 && value.is_finite() {
+fn require_up_to(option: &'static str, value: f64, most: f64, range: &'static str) -> Result<(), InverseError> {
+    if value > 0.0 && value <= most {
         return Ok(());
     }
-    Err(InverseError::Option {
-        option,
-        value,
-        range: "greater than 0",
-    })
+    Err(InverseError::Option { option, value, range })
 }

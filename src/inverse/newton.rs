@@ -14,6 +14,8 @@ use crate::{Matrix3, Point, Vector};
 pub(super) struct Limits {
     /// Residual that is small enough, in units of the target.
     pub tolerance: f64,
+    /// Residual below which the last Jacobian serves on, in units of the target.
+    pub near: f64,
     /// Longest first step, in units of the domain; it may double with every step that succeeds.
     pub first_step: f64,
     /// Longest step at all.
@@ -28,9 +30,18 @@ pub(super) struct Root {
     pub x: Point,
     /// `|f(x) − y|`; infinite when no finite value was met.
     pub residual: f64,
-    /// `det J`, at `x` or at most a last small step away from it.
-    pub det: f64,
+    /// At `x`, or not fresh: a last small step away from it.
+    pub jacobian: Matrix3,
+    pub is_fresh: bool,
     pub converged: bool,
+}
+
+impl Root {
+    /// How far the preimage may be from `x`, where the map is linear over as much.
+    pub fn blur(&self) -> f64 {
+        let inverse = self.jacobian.try_inverse();
+        self.residual * inverse.map_or(f64::INFINITY, |inverse| inverse.norm())
+    }
 }
 
 /// What a batch took.
@@ -52,8 +63,6 @@ impl Effort {
 
 /// A decrease of the residual that counts, as a part of what the step promises.
 const ARMIJO: f64 = 1e-4;
-/// Residual, over the one that will do, below which the last Jacobian serves on: it costs as much again as the value.
-const NEAR: f64 = 1e5;
 /// A step shorter than this part of the first is none.
 const SHORTEST: f64 = 1e-9;
 /// Determinant over the cube of the norm below which a Jacobian counts as singular, and the damping it then gets.
@@ -65,6 +74,7 @@ struct Search {
     x: Point,
     residual: f64,
     jacobian: Matrix3,
+    is_fresh: bool,
     /// The next step to try, which part of the whole step it is, and the longest that may follow it.
     step: Vector,
     part: f64,
@@ -124,6 +134,7 @@ impl Search {
             x: seed,
             residual: f64::INFINITY,
             jacobian: Matrix3::zeros(),
+            is_fresh: false,
             step: Vector::zeros(),
             part: 0.0,
             trust: limits.first_step,
@@ -148,12 +159,13 @@ impl Search {
         self.x += self.step;
         self.residual = residual;
         self.jacobian = jacobian.unwrap_or(self.jacobian);
+        self.is_fresh = jacobian.is_some();
         if residual <= limits.tolerance {
             self.state = State::Converged;
             return;
         }
         // An old Jacobian that gains little is worth its renewal.
-        let near = residual <= NEAR * limits.tolerance && (jacobian.is_some() || gain < 0.05);
+        let near = residual <= limits.near && (jacobian.is_some() || gain < 0.05);
         self.state = if near { State::Near } else { State::Running };
         self.advance(&difference, limits);
     }
@@ -185,7 +197,8 @@ impl Search {
         Root {
             x: self.x,
             residual: self.residual,
-            det: self.jacobian.determinant(),
+            jacobian: self.jacobian,
+            is_fresh: self.is_fresh,
             converged: self.state == State::Converged,
         }
     }
@@ -203,4 +216,45 @@ fn newton_step(jacobian: &Matrix3, difference: &Vector) -> Vector {
     damped.try_inverse().map_or(Vector::repeat(f64::NAN), |inverse| {
         -(inverse * jacobian.transpose() * difference)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `x²` along the first axis.
+    struct Square;
+
+    impl VolumeMap for Square {
+        fn evaluate(&self, points: &[Point]) -> Vec<Point> {
+            points.iter().map(|p| Point::new(p.x * p.x, p.y, p.z)).collect()
+        }
+
+        fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
+            let at = |p: &Point| Matrix3::from_diagonal(&Vector::new(2.0 * p.x, 1.0, 1.0));
+            points.iter().map(at).collect()
+        }
+    }
+
+    /// From 0.5 to 0.3 with a residual of 1e-9, where the old Jacobian may serve, and of 1e-3, where it may not.
+    #[test]
+    fn jacobians_said_to_be_fresh_are_those_at_the_root() {
+        let start = [(Point::new(0.09, 0.0, 0.0), Point::new(0.5, 0.0, 0.0))];
+        for (tolerance, near, fresh) in [(1e-9, 1e-2, false), (1e-3, 1e-5, true)] {
+            let limits = Limits {
+                tolerance,
+                near,
+                first_step: 1.0,
+                longest_step: 1.0,
+                iterations: 60,
+            };
+            let root = solve(&Square, &start, &limits).0[0];
+            let error = (root.jacobian[(0, 0)] - 2.0 * root.x.x).abs();
+            assert!(
+                root.converged && root.is_fresh == fresh && (error == 0.0) == fresh,
+                "{error}"
+            );
+            assert!((root.x.x - 0.3).abs() <= 1.01 * root.blur());
+        }
+    }
 }

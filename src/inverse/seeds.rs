@@ -8,10 +8,12 @@
 
 use std::collections::HashMap;
 
-use crate::geometry::{Aabb, Bvh, QueryError, SurfaceQuery};
+use crate::geometry::{Aabb, Bvh, SurfaceQuery};
 use crate::map::VolumeMap;
 use crate::mesh::{SurfaceMesh, TetMesh};
 use crate::{Point, Vector};
+
+use super::{InverseError, finite_diagonal};
 
 /// The mapped mesh.
 pub(super) struct Seeds {
@@ -45,6 +47,8 @@ const REFINEMENTS: usize = 2;
 const MAX_TETS: usize = 2_000_000;
 /// Part of the largest `det J` at a tetrahedron's corners, below which the least says that it may vanish between them.
 const VANISHING: f64 = 0.1;
+/// Volume of a mapped tetrahedron over the product of three of its edges that is none but rounding.
+const FLAT: f64 = 1e-14;
 /// How far outside of a mapped tetrahedron, in barycentric coordinates, a point still counts as held: no point may fall
 /// through the faces.
 const SLACK: f64 = 1e-9;
@@ -84,6 +88,9 @@ impl Seeds {
         for _ in 0..REFINEMENTS {
             mesh.refine(map, orientation);
         }
+        // Those without volume hold nothing, and where a map collapses they would all have to be asked.
+        let images = &mesh.images;
+        mesh.tets.retain(|tet| !is_flat(&corners(images, tet)));
 
         let boxes: Vec<Aabb> = mesh
             .tets
@@ -252,6 +259,11 @@ fn volume([a, b, c, d]: &[Point; 4]) -> f64 {
     (b - a).dot(&(c - a).cross(&(d - a)))
 }
 
+fn is_flat([a, b, c, d]: &[Point; 4]) -> bool {
+    let edges = (b - a).norm() * (c - a).norm() * (d - a).norm();
+    volume(&[*a, *b, *c, *d]).abs() <= FLAT * edges
+}
+
 /// Barycentric coordinates of `y` in a tetrahedron of either hand; `None` in one without volume.
 pub(crate) fn barycentric(corners: &[Point; 4], y: &Point) -> Option<[f64; 4]> {
     let whole = volume(corners);
@@ -269,9 +281,11 @@ pub(crate) fn barycentric(corners: &[Point; 4], y: &Point) -> Option<[f64; 4]> {
 ///
 /// # Errors
 ///
-/// As [`SurfaceQuery::new`].
-pub fn lattice_mesh(domain: &SurfaceMesh, nodes: usize) -> Result<TetMesh, QueryError> {
-    let query = SurfaceQuery::new(domain)?;
+/// [`InverseError::Domain`] as [`SurfaceQuery::new`]; [`InverseError::Extent`] when all vertices coincide or are too far
+/// apart.
+pub fn lattice_mesh(domain: &SurfaceMesh, nodes: usize) -> Result<TetMesh, InverseError> {
+    let query = SurfaceQuery::new(domain).map_err(InverseError::Domain)?;
+    finite_diagonal("domain", &query)?;
     let (nodes, tets) = Lattice::over(domain, &query, nodes).tetrahedra(&query);
     Ok(TetMesh::new(nodes, tets).expect("tetrahedra name nodes"))
 }
@@ -285,13 +299,14 @@ struct Lattice {
 }
 
 impl Lattice {
+    /// The box of the domain is to have a finite diagonal, not 0.
     fn over(domain: &SurfaceMesh, query: &SurfaceQuery, nodes: usize) -> Self {
         let bounds = query.bounds();
         let extent = bounds.extent();
         let longest = extent.max();
         let wanted = (domain.volume().abs() / nodes.max(1) as f64).cbrt();
-        // A surface that encloses nothing gets a lattice too.
-        let mut size = wanted.clamp(longest / 512.0, longest);
+        // A surface that encloses nothing gets a lattice too, and one whose volume overflows the coarsest.
+        let mut size = wanted.min(longest).max(longest / 512.0);
         // Two more than the box takes, and the box in the middle: no plane of the lattice lies in a face of the box.
         let count = |length: f64, size: f64| (length / size).ceil() + 2.0;
         while extent.iter().map(|&e| count(e, size)).product::<f64>() > MAX_LATTICE {
@@ -357,7 +372,45 @@ impl Lattice {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Matrix3;
     use crate::mesh::shapes;
+
+    /// Everything goes into a plane.
+    struct Flattening;
+
+    impl VolumeMap for Flattening {
+        fn evaluate(&self, points: &[Point]) -> Vec<Point> {
+            points.iter().map(|p| Point::new(p.x, p.y, 0.3 * p.x + 0.1)).collect()
+        }
+
+        fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
+            vec![Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.3, 0.0, 0.0); points.len()]
+        }
+    }
+
+    #[test]
+    fn tetrahedra_that_are_mapped_flat_are_left_out() {
+        let domain = shapes::cube(1.0, 2);
+        let query = SurfaceQuery::new(&domain).unwrap();
+        let seeds = Seeds::new(&Flattening, &domain, &query, 200);
+        assert!(seeds.mesh.tets.is_empty());
+        let y = Point::new(0.1, 0.2, 0.13);
+        assert!(seeds.holding(&y, 8).is_empty() && seeds.nearest(&y, 6).len() == 6);
+    }
+
+    #[test]
+    fn domains_without_a_finite_extent_are_refused() {
+        for size in [0.0, 1e-200, 1e200, 1e308] {
+            let domain = shapes::deformed(&shapes::cube(1.0, 2), |p| p * size);
+            let error = lattice_mesh(&domain, 100).unwrap_err();
+            assert!(
+                matches!(error, InverseError::Extent { surface: "domain", .. }),
+                "{size}"
+            );
+        }
+        // The volume is infinite, the diagonal is not.
+        assert!(lattice_mesh(&shapes::deformed(&shapes::cube(1.0, 2), |p| p * 1e110), 100).is_ok());
+    }
 
     #[test]
     fn eight_parts_fill_their_tetrahedron_and_keep_its_hand() {
