@@ -221,7 +221,7 @@ mod tests {
         for (exponent, some) in [
             (-2, true),
             (-5, true),
-            (-6, false),
+            (-6, true),
             (-7, false),
             (-8, false),
             (-9, false),
