@@ -1,5 +1,6 @@
 //! `solidmap remesh`: a regular mesh of a polycube, or a given mesh, carried into the target without inverted cells.
 
+mod crossings;
 mod pictures;
 mod summary;
 mod write;
@@ -14,6 +15,7 @@ use serde::Serialize;
 use solidmap::io;
 use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, RemeshPhase, RemeshReport, Remeshed, remesh};
 
+use crossings::Crossings;
 use summary::Reasons;
 
 use super::args::{CellShape, RemeshArgs};
@@ -36,6 +38,8 @@ struct Report {
     reasons: Reasons,
     /// Of the result.
     min_scaled_jacobian: Option<f64>,
+    /// Where the boundary passes through itself.
+    crossings: Crossings,
     #[serde(flatten)]
     remesh: RemeshReport,
     peak_rss_bytes: u64,
@@ -85,6 +89,10 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
             reasons.words()
         ));
     }
+    let crossings = Crossings::of(&remeshed);
+    if let Some(warning) = crossings.warning() {
+        output.warn(warning);
+    }
     let picture = args.png.as_ref().and_then(|_| picture(&remeshed, args, output));
     let report = Report {
         map: args.map.clone(),
@@ -94,6 +102,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
         flipped_cells: flipped,
         reasons,
         min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),
+        crossings,
         remesh: remeshed.report,
         peak_rss_bytes: peak_rss_bytes(),
     };
@@ -102,7 +111,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
         io::atomic_write(path, |writer| writer.write_all(&png))?;
         output.note(format_args!("picture in {}", path.display()));
     }
-    Ok(if flipped > 0 {
+    Ok(if flipped > 0 || report.crossings.found() {
         Outcome::CheckFailed
     } else {
         Outcome::Done
