@@ -362,3 +362,71 @@ fn the_largest_cross_section_is_pictured_unless_an_axis_is_named() {
     let own = picture("");
     assert!(own == picture("--axis x") && own != picture("--axis z"));
 }
+
+#[test]
+fn material_moves_with_every_frame() {
+    let place = Workplace::new();
+    // Linear on the facets too, so that the map inside is known.
+    let frame = |k: usize, p: &Point| {
+        let a = 0.1 * k as f64;
+        let image = Point::new(p.x + a * p.y, (1.0 + a) * p.y, p.z - a * p.x + a);
+        (image, [1.0, 0.0, -a])
+    };
+    let mut names = String::new();
+    for k in 0..6 {
+        place.frame(&format!("shear{k}.ply"), |p| frame(k, p).0);
+        names += &format!("shear{k}.ply ");
+    }
+    let nodes = [[0.0, 0.0, 0.0], [0.5, 0.0, 0.1], [0.0, 0.6, 0.0], [0.1, 0.0, 0.4]].map(Point::from);
+    let field = |name: &str, components, values| io::Field {
+        name: String::from(name),
+        components,
+        values,
+    };
+    let fields = io::VtkFields {
+        point: vec![
+            field("heat", 1, vec![1.0, 2.0, 3.0, 4.0]),
+            field("fibre", 3, [1.0, 0.0, 0.0].repeat(4)),
+        ],
+        cell: vec![field("part", 1, vec![7.0])],
+        ..io::VtkFields::default()
+    };
+    let write = |name: &str, cells| io::write_vtu(place.path(name), &nodes, cells, &fields).unwrap();
+    write("material.vtu", io::Cells::Tets(&[[0, 1, 2, 3]]));
+    let line = format!("sequence ref.obj {names} -o out --material material.vtu --no-vtu --json");
+    let report = json(&place.ends_with(0, &line));
+    assert_eq!(report["material"], "material.vtu");
+    assert!(!place.path("out/cells.pvd").exists() && !place.path("out/surface").exists());
+    let collection = std::fs::read_to_string(place.path("out/material.pvd")).unwrap();
+    for k in 0..6 {
+        let name = format!("material/frame_{k:05}.vtu");
+        assert!(collection.contains(&format!("file=\"{name}\"")), "{collection}");
+        let carried = io::read_fields(place.path("out").join(name)).unwrap();
+        assert_eq!(carried.tets, [[0, 1, 2, 3]]);
+        let values = |name: &str| {
+            let all = carried.point.iter().chain(&carried.cell);
+            all.clone().find(|field| field.name == name).unwrap().values.clone()
+        };
+        assert_eq!((values("heat"), values("part")), (vec![1.0, 2.0, 3.0, 4.0], vec![7.0]));
+        let fibres = values("fibre");
+        for (v, p) in nodes.iter().enumerate() {
+            let (image, fibre) = frame(k, p);
+            assert!((carried.points[v] - image).norm() < 1e-9, "{k} {v}");
+            assert!((0..3).all(|i| (fibres[3 * v + i] - fibre[i]).abs() < 1e-9), "{k} {v}");
+        }
+    }
+    std::fs::write(place.path("points.csv"), "x,y,z,heat\n0,0,0,1\n").unwrap();
+    let refused = place.ends_with(2, "sequence ref.obj shear0.ply -o out --material points.csv");
+    assert!(text(&refused.stderr).contains("`points.csv` has no triangles and no tetrahedra"));
+    let own = place.ends_with(
+        2,
+        "sequence ref.obj shear0.ply -o out --material out/material/frame_00000.vtu",
+    );
+    assert!(text(&own.stderr).contains("would be overwritten"));
+    place.ends_with(
+        0,
+        "sequence ref.obj shear0.ply shear1.ply -o out --material material.vtu",
+    );
+    let frames = std::fs::read_dir(place.path("out/material")).unwrap().count();
+    assert_eq!(frames, 2, "an earlier run's are removed");
+}

@@ -664,7 +664,7 @@ pub struct SequenceArgs {
     #[arg(required = true, value_name = "FRAME")]
     pub frames: Vec<PathBuf>,
     /// Folder for the chart, the table, pictures, and series for ParaView. Those of an earlier run are replaced when all new
-    /// ones are complete; files in `cells` and `surface` that it has not made are never touched
+    /// ones are complete; files in `cells`, `surface` and `material` that it has not made are never touched
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
     /// Boundary error to reach over 99 % of the area, as a fraction of each frame's diagonal. Sources are added where it is
@@ -683,6 +683,10 @@ pub struct SequenceArgs {
     /// Close holes and slits of REF of up to so many edges (1000 at most), by triangles over their rims, in all frames alike
     #[arg(long, value_name = "EDGES", num_args = 0..=1, default_missing_value = "64", require_equals = true)]
     pub mend: Option<usize>,
+    /// Mesh with fields in REF (`.vtu`, `.vtk`), carried by the map of every frame to `material.pvd`: vectors turn and stretch
+    /// with the solid, everything else keeps its values. See `solidmap transfer`
+    #[arg(long, value_name = "FIELD")]
+    pub material: Option<PathBuf>,
     /// Frames in a second, for the times in the chart, the table and ParaView [default: times count frames]
     #[arg(long, default_value_t = 1.0, hide_default_value = true, value_name = "N")]
     pub fps: f64,
@@ -692,7 +696,7 @@ pub struct SequenceArgs {
     /// Frames to picture on the cross-section, counted from 0, beside the mean and the one of most energy
     #[arg(long, value_name = "FRAME", value_delimiter = ',')]
     pub show: Vec<usize>,
-    /// Leave out the series for ParaView
+    /// Leave out the series of energies for ParaView
     #[arg(long)]
     pub no_vtu: bool,
     #[command(flatten)]
