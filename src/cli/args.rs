@@ -69,6 +69,8 @@ pub enum Command {
     Compare(CompareArgs),
     #[command(hide = true)]
     CompareWorker(CompareWorkerArgs),
+    #[command(hide = true)]
+    NativeWorker,
 }
 
 #[derive(Debug, Args)]
