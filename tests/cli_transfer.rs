@@ -225,6 +225,40 @@ fn structured_points_are_a_mesh() {
 }
 
 #[test]
+fn image_data_are_carried_as_a_mesh() {
+    let place = with_map();
+    let grid = io::ImageGrid {
+        origin: Point::new(-0.3, -0.2, -0.4),
+        spacing: 0.2,
+        size: [4, 3, 5],
+    };
+    let bytes: Vec<u8> = (0..60).collect();
+    io::write_vti(place.path("grid.vti"), &grid, "label", 1, &bytes).unwrap();
+    place.ends_with(0, "transfer map.safetensors grid.vti --label label -o out.vtu");
+    let carried = io::read_fields(place.path("out.vtu")).unwrap();
+    assert_eq!((carried.points.len(), carried.tets.len()), (60, 144));
+    assert!(
+        carried.point[0]
+            .values
+            .iter()
+            .zip(&bytes)
+            .all(|(x, b)| *x == f64::from(*b))
+    );
+    for (i, p) in carried.points.iter().enumerate() {
+        let [x, y, z] = [i % 4, i / 4 % 3, i / 12].map(|k| 0.2 * k as f64);
+        let expected = image(&Point::new(x - 0.3, y - 0.2, z - 0.4));
+        // The map is affine but for its fit.
+        assert!((p - expected).norm() < 1e-2, "{p} against {expected}");
+    }
+    let whole = std::fs::read(place.path("grid.vti")).unwrap();
+    std::fs::write(place.path("cut.vti"), &whole[..whole.len() / 2]).unwrap();
+    let output = place.ends_with(2, "transfer map.safetensors cut.vti -o cut.vtu");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("cut.vti") && said.contains("ends early"), "{said}");
+    assert!(!place.path("cut.vtu").exists());
+}
+
+#[test]
 fn the_distance_field_needs_no_file() {
     let place = with_map();
     let report = place.report(0, "transfer map.safetensors --distance -o out.vtu --json");
