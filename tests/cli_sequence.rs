@@ -1,33 +1,39 @@
 //! `solidmap sequence` from outside: frames in, a chart, a table and series out, and what cannot be used by name.
 #![cfg(feature = "cli")]
 
-use std::path::{Path, PathBuf};
-use std::process::Output;
+mod common;
 
-use assert_cmd::Command;
-use serde_json::Value;
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
+
+use common::program::{self, json, text};
+use common::{bent, with_hole};
 use solidmap::Point;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
 
 struct Workplace {
-    folder: tempfile::TempDir,
+    place: program::Workplace,
     ball: SurfaceMesh,
+}
+
+impl Deref for Workplace {
+    type Target = program::Workplace;
+
+    fn deref(&self) -> &program::Workplace {
+        &self.place
+    }
 }
 
 impl Workplace {
     /// A ball, `ref.obj`.
     fn new() -> Self {
         let place = Self {
-            folder: tempfile::tempdir().unwrap(),
+            place: program::Workplace::new(),
             ball: shapes::sphere(1.0, 2),
         };
         place.surface("ref.obj", &place.ball);
         place
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
     }
 
     fn surface(&self, name: &str, mesh: &SurfaceMesh) {
@@ -44,31 +50,11 @@ impl Workplace {
         for k in 0..count {
             let a = 0.1 * (1.0 - (std::f64::consts::TAU * cycles * k as f64 / count as f64).cos());
             let name = format!("bend{k:02}.ply");
-            self.frame(&name, |p| {
-                Point::new(p.x + a * (p.x * p.x - p.z * p.z), p.y, p.z - 2.0 * a * p.x * p.z)
-            });
+            self.frame(&name, bent(a));
             names += &format!("{name} ");
         }
         names
     }
-
-    /// Runs in the folder; words are separated by blanks.
-    fn ends_with(&self, code: i32, line: &str) -> Output {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        let output = command.timeout(std::time::Duration::from_secs(120)).output().unwrap();
-        let said = format!("{line}: {}{}", text(&output.stdout), text(&output.stderr));
-        assert_eq!(output.status.code(), Some(code), "{said}");
-        output
-    }
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn json(output: &Output) -> Value {
-    serde_json::from_slice(&output.stdout).unwrap()
 }
 
 /// All files in the folder and those in it, in order, with what they hold.
@@ -80,15 +66,6 @@ fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
         false => vec![(path.clone(), std::fs::read(&path).unwrap())],
     };
     paths.into_iter().flat_map(inner).collect()
-}
-
-/// The mesh without its first triangle and that one's first neighbour: a hole of four edges.
-fn with_hole(mesh: &SurfaceMesh) -> SurfaceMesh {
-    let triangles = mesh.triangles();
-    let shared = |t: usize| triangles[t].iter().filter(|v| triangles[0].contains(v)).count();
-    let neighbour = (1..triangles.len()).find(|&t| shared(t) == 2).unwrap();
-    let kept = (1..triangles.len()).filter(|&t| t != neighbour).map(|t| triangles[t]);
-    SurfaceMesh::new(mesh.vertices().to_vec(), kept.collect()).unwrap()
 }
 
 #[test]

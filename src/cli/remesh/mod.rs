@@ -84,9 +84,14 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
     let reasons = Reasons::of(&remeshed.report);
     if flipped > 0 {
         output.warn(format!(
-            "{flipped} cells stay inverted: {}. In a .vtu they have `inverted` 1. Smaller cells may help, or a boundary map \
-             that distorts less there",
-            reasons.words()
+            "{flipped} cells stay inverted: {}. In {}, {}. Smaller cells may help, or a boundary map that distorts less there",
+            reasons.words(),
+            args.output.display(),
+            match write::extension(&args.output).as_str() {
+                "msh" => "groups called \"inverted\" hold them",
+                "mesh" => "they have references that its head explains",
+                _ => "`inverted` is 1 there",
+            }
         ));
     }
     let crossings = Crossings::of(&remeshed);

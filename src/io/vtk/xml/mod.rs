@@ -1,0 +1,19 @@
+//! VTK's formats in XML, which ParaView reads and writes: unstructured grids (`.vtu`) and image data (`.vti`).
+//!
+//! Reading: numbers as text, base64 or appended (raw or base64), plain or compressed by zlib. Writing: base64 in
+//! place, which every reader of the format takes and which is valid XML.
+
+mod arrays;
+mod document;
+mod read_grid;
+mod read_image;
+#[cfg(test)]
+mod test_files;
+mod write_grid;
+mod write_image;
+
+pub use write_grid::write_vtu;
+pub use write_image::{ImageGrid, write_vti};
+
+pub(in crate::io) use read_grid::{parse as parse_vtu, parse_with_fields as parse_vtu_with_fields};
+pub(in crate::io) use read_image::parse_with_fields as parse_vti_with_fields;

@@ -1,0 +1,254 @@
+//! Unstructured grids, read.
+
+use super::{
+    super::cells::{CellLists, list_ends, sort_cells},
+    document::{DataSet, Document},
+};
+use crate::{
+    Point,
+    io::{IoError, contents::Contents, source::Source},
+};
+
+/// The points and cells of all pieces, one after the other, in file order. Fields are passed over.
+pub(in crate::io) fn parse(source: &Source) -> Result<Contents, IoError> {
+    read(source, false)
+}
+
+/// As [`parse`], with the fields that all pieces have.
+pub(in crate::io) fn parse_with_fields(source: &Source) -> Result<Contents, IoError> {
+    read(source, true)
+}
+
+fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
+    let document = Document::parse(source, DataSet::UnstructuredGrid)?;
+    let mut contents = Contents::default();
+    for piece in &document.pieces {
+        let first = contents.vertices.len() as i64;
+        let within = |kind: &str| source.truncated(format!("a piece without {kind}"));
+        let points = piece.points.as_ref().ok_or_else(|| within("Points"))?;
+        let cell_array = |name: &str| {
+            let named = piece.cells.iter().find(|array| array.name == name);
+            named.ok_or_else(|| within(name))
+        };
+
+        let coordinates = document.floats(points)?;
+        document.expect_length(points, coordinates.len() as u64, piece.point_count.checked_mul(3))?;
+        let triples = coordinates.chunks_exact(3);
+        contents.vertices.extend(triples.map(|p| Point::new(p[0], p[1], p[2])));
+
+        let offset_array = cell_array("offsets")?;
+        let offsets = document.integers(offset_array)?;
+        document.expect_length(offset_array, offsets.len() as u64, Some(piece.cell_count))?;
+        let type_array = cell_array("types")?;
+        let types = document.integers(type_array)?;
+        document.expect_length(type_array, types.len() as u64, Some(piece.cell_count))?;
+        let mut corners = document.integers(cell_array("connectivity")?)?;
+        corners.iter_mut().for_each(|v| *v = v.saturating_add(first));
+        let Some(ends) = list_ends(offsets, corners.len()) else {
+            let place = document.place(offset_array);
+            return Err(source.malformed_at(place, "the offsets do not ascend within the connectivity"));
+        };
+        let lists = CellLists { corners, ends };
+        let place = document.place(type_array);
+        sort_cells(source, place, &mut contents, types.into_iter().zip(lists.iter()))?;
+    }
+    if with_fields {
+        contents.point_fields = document.fields(|piece| &piece.point_data)?;
+        contents.cell_fields = document.fields(|piece| &piece.cell_data)?;
+    }
+    Ok(contents)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::test_files::Builder, *};
+    use crate::io::{
+        Cells, Field, Place, Solid, VtkFields,
+        testing::{place_of, solid, surface, tets},
+        write_vtu,
+    };
+
+    /// Two pieces: a tetrahedron with a triangle, and a tetrahedron of the other hand.
+    fn file(mut builder: Builder) -> Vec<u8> {
+        let mut xml = String::from("<UnstructuredGrid>\n<FieldData>\n");
+        xml += &builder.array("type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\"", &[0.5]);
+        let float = "type=\"Float32\" Name=\"Points\" NumberOfComponents=\"3\"";
+        let double = float.replace("32", "64");
+        let points = [0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1.];
+        let odd = [0., 0., f64::NAN, 1., 0., f64::INFINITY, 0., 1., 0., 0., 0., -1.5];
+        for (kind, points, connectivity, offsets, types) in [
+            (
+                float,
+                points,
+                &[0., 1., 2., 3., 0., 1., 2.][..],
+                &[4., 7.][..],
+                &[10., 5.][..],
+            ),
+            (&double, odd, &[1., 0., 2., 3.], &[4.], &[10.]),
+        ] {
+            xml += &format!(
+                "</FieldData>\n<Piece NumberOfPoints='4' NumberOfCells='{}'>\n<PointData>\n",
+                types.len()
+            );
+            xml += &builder.array("type=\"Float64\" Name=\"connectivity\"", &[1., 2., 3., 4.]);
+            xml += &format!(
+                "</PointData>\n<Points>\n{}</Points>\n<Cells>\n",
+                builder.array(kind, &points)
+            );
+            xml += &builder.array("type=\"UInt8\" Name=\"types\"", types);
+            xml += &builder.array("type=\"Int32\" Name=\"offsets\"", offsets);
+            xml += &builder.array("type=\"Int64\" Name=\"connectivity\"", connectivity);
+            xml += "</Cells>\n</Piece>\n<FieldData>\n";
+        }
+        xml += "</FieldData>\n</UnstructuredGrid>\n";
+        builder.file("UnstructuredGrid", &xml)
+    }
+
+    /// Every way of storing numbers, each as a file of the same grid.
+    fn all_files() -> Vec<(String, Vec<u8>)> {
+        Builder::all().map(|(name, builder)| (name, file(builder))).collect()
+    }
+
+    #[test]
+    fn every_encoding_byte_order_and_compression_reads_the_same() {
+        for (name, bytes) in all_files() {
+            let mesh = tets("vtu", &bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(mesh.tets(), [[0, 1, 2, 3], [5, 4, 6, 7]], "{name}");
+            assert_eq!(mesh.vertices()[3], Point::new(0., 0., 1.), "{name}");
+            assert!(
+                mesh.vertices()[4].z.is_nan() && mesh.vertices()[5].z == f64::INFINITY,
+                "{name}"
+            );
+            assert_eq!(mesh.vertices()[7].z, -1.5, "{name}");
+            assert!(matches!(solid("vtu", &bytes), Ok(Solid::Tets(_))));
+        }
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_passed_over() {
+        for (name, bytes) in all_files() {
+            let marked = [b"\xef\xbb\xbf", bytes.as_slice()].concat();
+            assert_eq!(tets("vtu", &marked).unwrap().tets().len(), 2, "{name}");
+        }
+    }
+
+    #[test]
+    fn lengths_and_data_may_be_encoded_together() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let points = [[0., 0., 0.], [1., 0., 0.], [0., 0.1, 0.]].map(Point::from);
+        write_vtu(&path, &points, Cells::Triangles(&[[2, 1, 0]]), &VtkFields::default()).unwrap();
+        let mesh = surface("vtu", &std::fs::read(&path).unwrap()).unwrap();
+        assert_eq!((mesh.vertices(), mesh.triangles()), (&points[..], &[[2, 1, 0]][..]));
+    }
+
+    #[test]
+    fn names_of_fields_are_escaped() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let fields = VtkFields {
+            point: vec![Field {
+                name: "|f| < \"1\" & more".into(),
+                components: 1,
+                values: vec![1., 2., 3.],
+            }],
+            comment: "from <a>--b---c-".into(),
+            ..VtkFields::default()
+        };
+        write_vtu(&path, &[Point::origin(); 3], Cells::Triangles(&[[0, 1, 2]]), &fields).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert!(surface("vtu", &bytes).is_ok());
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(text.contains("Name=\"|f| &lt; &quot;1&quot; &amp; more\""));
+        assert!(text.contains("<!-- from <a>- -b- - -c- -->"), "{text}");
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let files = all_files();
+        let text = String::from_utf8(files[0].1.clone()).unwrap();
+        let read = |from: &str, to: &str| {
+            assert!(text.contains(from), "{from}");
+            tets("vtu", text.replacen(from, to, 1).as_bytes())
+        };
+        assert!(read("LittleEndian", "LittleEndian").is_ok());
+        assert_eq!(
+            place_of(tets("vtu", text.replace("VTKFile", "File").as_bytes())),
+            Place::Line(1)
+        );
+        assert_eq!(place_of(read("NumberOfPoints='4'", "")), Place::Line(8));
+        assert_eq!(
+            place_of(read("NumberOfPoints='4'", "NumberOfPoints='four'")),
+            Place::Line(8)
+        );
+        let before = text.split("</UnstructuredGrid>").next().unwrap();
+        let line = Place::Line(before.split('\n').count());
+        assert_eq!(place_of(read("</UnstructuredGrid>", "</Grid>")), line);
+        assert!(matches!(
+            read("NumberOfPoints='4'", "NumberOfPoints='5'"),
+            Err(IoError::Malformed { .. })
+        ));
+        assert!(matches!(
+            read("NumberOfCells='2'", "NumberOfCells='999999999999'"),
+            Err(IoError::Malformed { .. })
+        ));
+        assert!(matches!(read("Float32", "Float31"), Err(IoError::Malformed { .. })));
+        assert!(matches!(
+            read("0 1 2 3 0 1 2", "0 1 2 three 0 1 2"),
+            Err(IoError::Malformed { .. })
+        ));
+        assert!(matches!(read(">4 7 <", ">4 8 <"), Err(IoError::Malformed { .. })));
+        assert!(matches!(
+            read("0 1 2 3 0 1 2", "0 1 2 9 0 1 2"),
+            Err(IoError::IndexOutOfRange { vertex: 9, .. })
+        ));
+        assert!(matches!(read(">10 5 <", ">14 5 <"), Err(IoError::Unsupported { .. })));
+        assert!(matches!(
+            read("type=\"UnstructuredGrid\"", "type=\"ImageData\""),
+            Err(IoError::Unsupported { .. })
+        ));
+        assert!(matches!(
+            read("version=\"1.0\" byte", "compressor=\"vtkLZ4DataCompressor\" byte"),
+            Err(IoError::Unsupported { .. })
+        ));
+        assert!(matches!(
+            tets("vtu", &files[0].1[..text.len() - 15]),
+            Err(IoError::Truncated { .. })
+        ));
+        assert!(matches!(tets("vtu", b"hello"), Err(IoError::Malformed { .. })));
+
+        let inline = &files[13].1;
+        let spoiled = String::from_utf8(inline.clone()).unwrap().replacen("\n  ", "\n  !", 3);
+        assert!(matches!(
+            tets("vtu", spoiled.as_bytes()),
+            Err(IoError::Malformed { .. })
+        ));
+        let (name, raw) = &files[24];
+        assert_eq!(name, "AppendedRaw Little false None");
+        assert!(matches!(
+            tets("vtu", &raw[..raw.len() - 70]),
+            Err(IoError::Truncated { .. })
+        ));
+    }
+
+    #[test]
+    fn a_cut_or_spoiled_file_is_an_error_or_read_never_a_panic() {
+        use rand::{Rng, SeedableRng, rngs::StdRng};
+
+        const CLOSING_TAGS: usize = 30;
+        let mut random = StdRng::seed_from_u64(7);
+        for (_, bytes) in all_files().into_iter().step_by(5) {
+            for end in (0..bytes.len() - CLOSING_TAGS).step_by(7) {
+                assert!(solid("vtu", &bytes[..end]).is_err(), "{end}");
+            }
+            for _ in 0..200 {
+                let mut spoiled = bytes.clone();
+                for _ in 0..random.random_range(1..4) {
+                    let at = random.random_range(0..spoiled.len());
+                    spoiled[at] ^= 1 << random.random_range(0..8);
+                }
+                let _ = solid("vtu", &spoiled);
+            }
+        }
+    }
+}
