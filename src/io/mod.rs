@@ -23,8 +23,10 @@
 mod atomic;
 mod boundary_file;
 mod boundary_tensors;
+mod cells;
 mod contents;
 mod error;
+mod fields;
 mod gmsh;
 mod landmarks;
 mod map_file;
@@ -40,9 +42,7 @@ mod stl;
 mod tensor_file;
 mod texture_file;
 mod textured_obj;
-mod vti;
 mod vtk;
-mod vtu;
 
 use std::{fs, path::Path};
 
@@ -51,7 +51,9 @@ use source::Source;
 
 pub use atomic::{abandon_writes, atomic_write};
 pub use boundary_file::{BoundaryFile, BoundaryMetadata, read_boundary, write_boundary};
+pub use cells::{CellGroup, Cells};
 pub use error::{IoError, Place};
+pub use fields::{Field, VtkFields};
 pub use landmarks::{LandmarkFileError, read_landmark_files, read_landmarks};
 pub use map_file::{MapFile, MapMetadata, read_map, write_map};
 pub use picture::{PictureError, read_picture};
@@ -61,9 +63,7 @@ pub use pvd::write_pvd;
 pub use tensor_file::{Provenance, TensorFileError};
 pub use texture_file::{TextureFile, TextureMetadata, read_texture, write_texture};
 pub use textured_obj::{TexturedSurface, read_textured_surface};
-pub use vti::{ImageGrid, write_vti};
-pub use vtk::{CellGroup, Cells, Field, VtkEncoding, VtkFields, write_vtk};
-pub use vtu::write_vtu;
+pub use vtk::{ImageGrid, VtkEncoding, write_vti, write_vtk, write_vtu};
 
 use crate::{
     Point,
@@ -216,7 +216,7 @@ pub fn write_cells(path: impl AsRef<Path>, points: &[Point], cells: Cells) -> Re
     let no_fields = VtkFields::default();
     match extension(path).as_str() {
         "mesh" => {
-            vtk::check(path, points, cells, &no_fields)?;
+            fields::check(path, points, cells, &no_fields)?;
             let group = CellGroup {
                 cells,
                 labels: &vec![0; cells.count()],
@@ -245,7 +245,7 @@ pub fn write_groups(
 ) -> Result<(), IoError> {
     let path = path.as_ref();
     for group in groups {
-        vtk::check(path, points, group.cells, &VtkFields::default())?;
+        fields::check(path, points, group.cells, &VtkFields::default())?;
         if group.labels.len() != group.cells.count() {
             return Err(IoError::ValueCount {
                 path: path.to_owned(),
@@ -283,8 +283,8 @@ static MESH_FORMATS: [Format; 7] = [
     format("off", "OFF", off::parse),
     format("stl", "STL", stl::parse),
     format("mesh", "Medit mesh", medit::parse),
-    format("vtk", "VTK", vtk::parse),
-    format("vtu", "VTU", vtu::parse),
+    format("vtk", "VTK", vtk::parse_legacy),
+    format("vtu", "VTU", vtk::parse_vtu),
 ];
 
 static POINT_FORMATS: [Format; 2] = [
@@ -295,8 +295,8 @@ static POINT_FORMATS: [Format; 2] = [
 /// The formats that hold fields; the first of an extension counts.
 static FIELD_FORMATS: [Format; 3] = [
     format("csv", "CSV", points::parse_csv_with_fields),
-    format("vtk", "VTK", vtk::parse_with_fields),
-    format("vtu", "VTU", vtu::parse_with_fields),
+    format("vtk", "VTK", vtk::parse_legacy_with_fields),
+    format("vtu", "VTU", vtk::parse_vtu_with_fields),
 ];
 
 /// The formats that hold any kind of cell.

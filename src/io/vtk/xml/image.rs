@@ -12,8 +12,10 @@ use flate2::{Compression, write::ZlibEncoder};
 use quick_xml::escape::escape;
 use rayon::prelude::*;
 
-use super::{IoError, atomic_write};
-use crate::Point;
+use crate::{
+    Point,
+    io::{IoError, atomic_write},
+};
 
 /// A regular grid of points.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,0 +1,160 @@
+//! The header of legacy files, and numbers and fields in text and binary.
+
+use crate::io::{
+    Field, IoError,
+    source::{ByteOrder, Scalar, Source, TEXT_NUMBER, Tokens, excerpt},
+};
+
+/// A legacy file on the way from its header to its end.
+pub(super) struct LegacyReader<'a> {
+    pub source: &'a Source<'a>,
+    pub tokens: Tokens<'a>,
+    pub binary: bool,
+}
+
+impl<'a> LegacyReader<'a> {
+    /// Reads the version, the title and the encoding.
+    pub fn new(source: &'a Source<'a>) -> Result<Self, IoError> {
+        let mut tokens = source.tokens();
+        let first = tokens.line();
+        if !first.starts_with(b"# vtk DataFile Version") {
+            let found = excerpt(first);
+            return Err(tokens.malformed(format!("found `{found}` where `# vtk DataFile Version` was expected")));
+        }
+        tokens.line();
+        if tokens.rest().is_empty() {
+            return Err(source.truncated("the header"));
+        }
+        let binary = match tokens.line().trim_ascii() {
+            b"ASCII" => false,
+            b"BINARY" => true,
+            other => {
+                let found = excerpt(other);
+                return Err(tokens.malformed(format!("found `{found}` where ASCII or BINARY was expected")));
+            }
+        };
+        Ok(Self { source, tokens, binary })
+    }
+
+    /// Skips lines to the next blank one.
+    pub fn skip_metadata(&mut self) {
+        self.tokens.line();
+        while !self.tokens.rest().is_empty() && !self.tokens.line().is_empty() {}
+    }
+
+    /// An attribute of this many components.
+    pub fn attribute(&mut self, components: usize, count: usize) -> Result<Field, IoError> {
+        let name = self.tokens.word("a field")?;
+        let scalar = self.scalar()?;
+        self.field(name, scalar, components, count)
+    }
+
+    /// Scalars name their colours before their values.
+    pub fn scalars(&mut self, count: usize) -> Result<Field, IoError> {
+        let name = self.tokens.word("a field")?;
+        let scalar = self.scalar()?;
+        let mut components = 1;
+        if self.tokens.peek().is_some_and(|word| word != b"LOOKUP_TABLE") {
+            components = self.tokens.count("components", 0)?;
+        }
+        for _ in 0..2 {
+            self.tokens.word("LOOKUP_TABLE")?;
+        }
+        self.field(name, scalar, components, count)
+    }
+
+    /// Arrays with counts of their own.
+    pub fn field_arrays(&mut self) -> Result<Vec<Field>, IoError> {
+        let mut fields = Vec::new();
+        self.tokens.word("a field")?;
+        for _ in 0..self.tokens.count("field arrays", 4 * TEXT_NUMBER)? {
+            let mut name = self.tokens.word("a field")?;
+            while name == "METADATA" {
+                self.skip_metadata();
+                name = self.tokens.word("a field")?;
+            }
+            let components = self.tokens.count("components", 0)?;
+            let tuples = self.tokens.count("tuples", 0)?;
+            let scalar = self.scalar()?;
+            fields.push(self.field(name, scalar, components, tuples)?);
+        }
+        Ok(fields)
+    }
+
+    fn field(&mut self, name: String, scalar: Scalar, components: usize, count: usize) -> Result<Field, IoError> {
+        let count = (components as u64).saturating_mul(count as u64);
+        let values = self.floats(scalar, count, "values of a field")?;
+        Ok(Field {
+            name,
+            components,
+            values,
+        })
+    }
+
+    /// A type of number by its name.
+    pub fn scalar(&mut self) -> Result<Scalar, IoError> {
+        let name = self.tokens.word("a data type")?;
+        match name.to_ascii_lowercase().as_str() {
+            "char" | "signed_char" | "vtktypeint8" => Ok(Scalar::I8),
+            "unsigned_char" | "vtktypeuint8" => Ok(Scalar::U8),
+            "short" | "vtktypeint16" => Ok(Scalar::I16),
+            "unsigned_short" | "vtktypeuint16" => Ok(Scalar::U16),
+            "int" | "vtktypeint32" => Ok(Scalar::I32),
+            "unsigned_int" | "vtktypeuint32" => Ok(Scalar::U32),
+            "long" | "vtktypeint64" => Ok(Scalar::I64),
+            // VTK writes its ids as 32-bit integers to legacy files, however wide they are in memory.
+            "vtkidtype" => Ok(Scalar::I32),
+            "unsigned_long" | "vtktypeuint64" => Ok(Scalar::U64),
+            "float" => Ok(Scalar::F32),
+            "double" => Ok(Scalar::F64),
+            _ => {
+                let found = excerpt(name.as_bytes());
+                Err(self
+                    .tokens
+                    .malformed(format!("found `{found}` where a data type was expected")))
+            }
+        }
+    }
+
+    pub fn floats(&mut self, scalar: Scalar, count: u64, element: &str) -> Result<Vec<f64>, IoError> {
+        self.values(
+            scalar,
+            count,
+            element,
+            |b| scalar.float(b, ByteOrder::Big),
+            |t| t.float(element),
+        )
+    }
+
+    pub fn integers(&mut self, scalar: Scalar, count: u64, element: &str) -> Result<Vec<i64>, IoError> {
+        self.values(
+            scalar,
+            count,
+            element,
+            |b| scalar.integer(b, ByteOrder::Big),
+            |t| t.integer(element),
+        )
+    }
+
+    fn values<T>(
+        &mut self,
+        scalar: Scalar,
+        count: u64,
+        element: &str,
+        from_bytes: impl Fn(&[u8]) -> T,
+        from_text: impl Fn(&mut Tokens<'a>) -> Result<T, IoError>,
+    ) -> Result<Vec<T>, IoError> {
+        if self.binary {
+            // The data begin after the line of the keyword, even when there are none.
+            self.tokens.line();
+            let available = self.tokens.rest().len();
+            let count = self.source.checked_count(count, element, scalar.size(), available)?;
+            let bytes = self.tokens.take(count * scalar.size(), element)?;
+            Ok(bytes.chunks_exact(scalar.size()).map(from_bytes).collect())
+        } else {
+            let available = self.tokens.rest().len() + 1;
+            let count = self.source.checked_count(count, element, TEXT_NUMBER, available)?;
+            (0..count).map(|_| from_text(&mut self.tokens)).collect()
+        }
+    }
+}

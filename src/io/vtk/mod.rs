@@ -1,0 +1,14 @@
+//! VTK's formats: the legacy one and those in XML.
+//!
+//! Own code: `vtkio` allocates by unchecked counts of the file, and its errors name neither file nor place.
+
+mod cells;
+mod lattice;
+mod legacy;
+mod xml;
+
+pub use legacy::{VtkEncoding, write_vtk};
+pub use xml::{ImageGrid, write_vti, write_vtu};
+
+pub(super) use legacy::{parse as parse_legacy, parse_with_fields as parse_legacy_with_fields};
+pub(super) use xml::{parse_vtu, parse_vtu_with_fields};

@@ -1,0 +1,188 @@
+//! Numbers of arrays: decoded, decompressed and counted.
+
+use std::{borrow::Cow, io::Read};
+
+use base64::{Engine, engine::general_purpose::STANDARD};
+use flate2::read::ZlibDecoder;
+
+use super::document::{Array, Document, Encoding, Piece};
+use crate::io::{
+    Field, IoError, Place,
+    source::{ByteOrder, Scalar, Tokens, excerpt},
+};
+
+impl<'a> Document<'a> {
+    /// The fields that every piece has, one piece after the other.
+    pub fn fields<'d>(&'d self, data: impl Fn(&'d Piece<'a>) -> &'d Vec<Array<'a>>) -> Result<Vec<Field>, IoError> {
+        let mut fields = Vec::new();
+        for first in self.pieces.first().map(&data).into_iter().flatten() {
+            let is_same = |array: &&Array| array.name == first.name && array.components == first.components;
+            let arrays: Option<Vec<&Array>> = self
+                .pieces
+                .iter()
+                .map(|piece| data(piece).iter().find(is_same))
+                .collect();
+            let mut values = Vec::new();
+            let Some(arrays) = arrays else { continue };
+            for array in arrays {
+                values.extend(self.floats(array)?);
+            }
+            fields.push(Field {
+                name: first.name.to_string(),
+                components: first.components,
+                values,
+            });
+        }
+        Ok(fields)
+    }
+
+    pub fn floats(&self, array: &Array) -> Result<Vec<f64>, IoError> {
+        self.values(array, Scalar::float, |tokens| tokens.float("a DataArray"))
+    }
+
+    pub fn integers(&self, array: &Array) -> Result<Vec<i64>, IoError> {
+        self.values(array, Scalar::integer, |tokens| tokens.integer("a DataArray"))
+    }
+
+    fn values<T>(
+        &self,
+        array: &Array,
+        from_bytes: impl Fn(Scalar, &[u8], ByteOrder) -> T,
+        from_text: impl Fn(&mut Tokens<'a>) -> Result<T, IoError>,
+    ) -> Result<Vec<T>, IoError> {
+        if let Encoding::Text = array.encoding {
+            let mut tokens = self.source.tokens_in(array.text.clone());
+            let mut values = Vec::new();
+            while tokens.peek().is_some() {
+                values.push(from_text(&mut tokens)?);
+            }
+            return Ok(values);
+        }
+        let bytes = self.decoded(array)?;
+        let values = bytes.chunks_exact(array.scalar.size());
+        Ok(values.map(|b| from_bytes(array.scalar, b, self.order)).collect())
+    }
+
+    /// The bytes of an array, decoded and decompressed.
+    fn decoded(&self, array: &Array) -> Result<Cow<'a, [u8]>, IoError> {
+        let invalid = |found: String| self.source.malformed_at(self.place(array), found);
+        let cut_off = || {
+            self.source
+                .truncated(format!("the array `{}`", excerpt(array.name.as_bytes())))
+        };
+        let stored = match array.encoding {
+            Encoding::Appended(offset) => {
+                let (data, base64) = self
+                    .appended
+                    .ok_or_else(|| self.source.truncated("the appended data"))?;
+                let data = data.get(offset..).ok_or_else(cut_off)?;
+                if base64 {
+                    let next = self.offsets.iter().filter(|&&next| next > offset).min();
+                    let length = next.map_or(data.len(), |next| data.len().min(next - offset));
+                    Cow::Owned(decode_base64(&data[..length]).map_err(invalid)?)
+                } else {
+                    Cow::Borrowed(data)
+                }
+            }
+            _ => Cow::Owned(decode_base64(&self.source.bytes[array.text.clone()]).map_err(invalid)?),
+        };
+        // An empty array may lack even its length.
+        if stored.is_empty() {
+            return Ok(stored);
+        }
+        if self.compressed {
+            return Ok(Cow::Owned(
+                self.decompressed(&stored).ok_or_else(cut_off)?.map_err(invalid)?,
+            ));
+        }
+        let start = self.header.size();
+        let length = self.length(&stored, 0).ok_or_else(cut_off)?;
+        let range = start..start.checked_add(length).ok_or_else(cut_off)?;
+        match stored {
+            Cow::Borrowed(bytes) => bytes.get(range).map(Cow::Borrowed),
+            Cow::Owned(mut bytes) => (range.end <= bytes.len()).then(|| {
+                bytes.truncate(range.end);
+                bytes.drain(..start);
+                Cow::Owned(bytes)
+            }),
+        }
+        .ok_or_else(cut_off)
+    }
+
+    /// Lengths (number of blocks, size of a block, size of the last or 0, compressed size of each) and then the blocks.
+    /// `None` when they end early.
+    fn decompressed(&self, stored: &[u8]) -> Option<Result<Vec<u8>, String>> {
+        let blocks = self.length(stored, 0)?;
+        let (full, last) = (self.length(stored, 1)?, self.length(stored, 2)?);
+        let mut rest = stored.get(blocks.checked_add(3)?.checked_mul(self.header.size())?..)?;
+        let mut bytes = Vec::new();
+        for block in 0..blocks {
+            let (compressed, tail) = rest.split_at_checked(self.length(stored, 3 + block)?)?;
+            rest = tail;
+            let expected = if block + 1 == blocks && last > 0 { last } else { full };
+            let before = bytes.len();
+            let mut decoder = ZlibDecoder::new(compressed).take(expected as u64 + 1);
+            if let Err(error) = decoder.read_to_end(&mut bytes) {
+                return Some(Err(format!("a compressed block cannot be read: {error}")));
+            }
+            if bytes.len() - before != expected {
+                return Some(Err(format!(
+                    "a compressed block does not hold the {expected} bytes announced"
+                )));
+            }
+        }
+        Some(Ok(bytes))
+    }
+
+    /// The `k`-th number of the header of binary data.
+    fn length(&self, stored: &[u8], k: usize) -> Option<usize> {
+        let size = self.header.size();
+        let bytes = stored.get(k.checked_mul(size)?..)?.get(..size)?;
+        usize::try_from(self.header.integer(bytes, self.order)).ok()
+    }
+
+    pub fn expect_length(&self, array: &Array, found: u64, expected: Option<u64>) -> Result<(), IoError> {
+        if expected == Some(found) {
+            return Ok(());
+        }
+        let wanted = expected.map_or_else(|| "too many".to_owned(), |n| n.to_string());
+        let found = format!("the array holds {found} values, but its piece needs {wanted}");
+        Err(self.source.malformed_at(self.place(array), found))
+    }
+
+    pub fn place(&self, array: &Array) -> Place {
+        Place::Byte(array.text.start)
+    }
+}
+
+/// Decodes base64 up to the first `<` or the end. Lengths and data may be encoded apart, so that padding stands in
+/// the middle.
+fn decode_base64(text: &[u8]) -> Result<Vec<u8>, String> {
+    let text = text.split(|&b| b == b'<').next().unwrap_or_default();
+    let text: Vec<u8> = text.iter().copied().filter(|b| !b.is_ascii_whitespace()).collect();
+    let mut bytes = Vec::with_capacity(text.len() / 4 * 3);
+    let mut rest = text.as_slice();
+    while !rest.is_empty() {
+        let padding = rest.iter().position(|&b| b == b'=').unwrap_or(rest.len());
+        let length = padding.max(1).next_multiple_of(4).min(rest.len());
+        let (part, tail) = rest.split_at(length);
+        STANDARD
+            .decode_vec(part, &mut bytes)
+            .map_err(|error| format!("base64: {error}"))?;
+        rest = tail;
+    }
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn padding_without_digits_is_refused() {
+        assert_eq!(decode_base64(b" AAEC Aw== BA== <").unwrap(), [0, 1, 2, 3, 4]);
+        assert!(decode_base64(b"====").is_err());
+        assert!(decode_base64(b"AAEC=").is_err());
+        assert!(decode_base64(b"AAE").is_err());
+    }
+}

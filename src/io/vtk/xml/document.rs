@@ -1,0 +1,279 @@
+//! The structure of a file: pieces, arrays and where their numbers stand.
+
+use std::{borrow::Cow, ops::Range};
+
+use quick_xml::{
+    Reader,
+    errors::IllFormedError,
+    events::{BytesStart, Event},
+};
+
+use crate::io::{
+    IoError, Place,
+    source::{ByteOrder, Scalar, Source, excerpt},
+};
+
+/// A part of the grid with points of its own.
+pub(super) struct Piece<'a> {
+    pub point_count: u64,
+    pub cell_count: u64,
+    pub points: Option<Array<'a>>,
+    pub cells: Vec<Array<'a>>,
+    pub point_data: Vec<Array<'a>>,
+    pub cell_data: Vec<Array<'a>>,
+}
+
+pub(super) struct Array<'a> {
+    pub name: Cow<'a, str>,
+    pub scalar: Scalar,
+    pub components: usize,
+    pub encoding: Encoding,
+    /// What stands between the tags, up to elements that VTK adds after the numbers.
+    pub text: Range<usize>,
+}
+
+pub(super) enum Encoding {
+    Text,
+    Base64,
+    /// At this offset in the appended data.
+    Appended(usize),
+}
+
+/// The structure of a file, before any numbers are decoded.
+pub(super) struct Document<'a> {
+    pub source: &'a Source<'a>,
+    pub order: ByteOrder,
+    /// The type of the lengths before each block of binary data.
+    pub header: Scalar,
+    pub compressed: bool,
+    pub pieces: Vec<Piece<'a>>,
+    /// Appended data after the `_`, and whether they are in base64.
+    pub appended: Option<(&'a [u8], bool)>,
+    /// Where in the appended data any array begins.
+    pub offsets: Vec<usize>,
+}
+
+impl<'a> Document<'a> {
+    pub fn parse(source: &'a Source<'a>) -> Result<Self, IoError> {
+        let (xml, appended) = split_appended(source)?;
+        let mut document = Self {
+            source,
+            order: ByteOrder::Little,
+            header: Scalar::U32,
+            compressed: false,
+            pieces: vec![],
+            appended: None,
+            offsets: vec![],
+        };
+        // The reader would leave out a byte order mark, but not count it.
+        let shift = if xml.starts_with('\u{feff}') { 3 } else { 0 };
+        let mut reader = Reader::from_str(&xml[shift..]);
+        let (mut rooted, mut ended) = (false, false);
+        // The element whose arrays are wanted.
+        let mut section = String::new();
+        loop {
+            let at = shift + reader.buffer_position() as usize;
+            let event = reader.read_event();
+            let event = event.map_err(|error| xml_error(source, shift + reader.error_position() as usize, &error))?;
+            let (tag, empty) = match event {
+                Event::Start(tag) => (tag, false),
+                Event::Empty(tag) => (tag, true),
+                Event::End(tag) => {
+                    ended |= tag.name().as_ref() == "VTKFile";
+                    if tag.name().as_ref() == section {
+                        section.clear();
+                    }
+                    continue;
+                }
+                Event::Eof => break,
+                _ => continue,
+            };
+            let tag = Tag { source, tag, at };
+            let offset = tag.attribute("offset")?;
+            document
+                .offsets
+                .extend(offset.and_then(|offset| offset.trim().parse::<usize>().ok()));
+            match tag.tag.name().as_ref() {
+                "VTKFile" => {
+                    document.read_root(&tag)?;
+                    rooted = true;
+                }
+                "Piece" => document.pieces.push(Piece {
+                    point_count: tag.count("NumberOfPoints")?,
+                    cell_count: tag.count("NumberOfCells")?,
+                    points: None,
+                    cells: vec![],
+                    point_data: vec![],
+                    cell_data: vec![],
+                }),
+                name @ ("Points" | "Cells" | "PointData" | "CellData") if !empty => section = name.to_owned(),
+                "DataArray" if !section.is_empty() => {
+                    let start = shift + reader.buffer_position() as usize;
+                    let mut end = start;
+                    if !empty {
+                        let span = reader.read_to_end(tag.tag.name());
+                        let span = span.map_err(|error| xml_error(source, start, &error))?;
+                        end = shift + span.end as usize;
+                    }
+                    let array = tag.array(start..end);
+                    let Some(piece) = document.pieces.last_mut() else {
+                        continue;
+                    };
+                    match section.as_str() {
+                        "Points" => piece.points = Some(array?),
+                        "Cells" => piece.cells.push(array?),
+                        // Of fields those of numbers count; others, such as texts, are passed over.
+                        "PointData" => piece.point_data.extend(array.ok()),
+                        _ => piece.cell_data.extend(array.ok()),
+                    }
+                }
+                "AppendedData" => {
+                    let base64 = tag.attribute("encoding")?.is_some_and(|encoding| encoding == "base64");
+                    document.appended = appended.map(|data| (data, base64));
+                    ended = true;
+                    break;
+                }
+                _ => {}
+            }
+        }
+        if !rooted {
+            return Err(source.malformed(0, "there is no element `VTKFile`"));
+        }
+        if !ended || document.pieces.is_empty() {
+            return Err(source.truncated("the XML structure"));
+        }
+        Ok(document)
+    }
+
+    fn read_root(&mut self, tag: &Tag<'a>) -> Result<(), IoError> {
+        let attribute = |name: &str| tag.attribute(name).map(Option::unwrap_or_default);
+        let kind = attribute("type")?;
+        if kind != "UnstructuredGrid" {
+            let found = format!("a VTK data set of type `{}`", excerpt(kind.as_bytes()));
+            return Err(self.source.unsupported(found, "save it as an unstructured grid"));
+        }
+        self.order = match attribute("byte_order")?.as_ref() {
+            "BigEndian" => ByteOrder::Big,
+            _ => ByteOrder::Little,
+        };
+        self.header = match attribute("header_type")?.as_ref() {
+            "UInt64" => Scalar::U64,
+            _ => Scalar::U32,
+        };
+        self.compressed = match attribute("compressor")?.as_ref() {
+            "" => false,
+            "vtkZLibDataCompressor" => true,
+            other => {
+                let found = format!("data compressed by `{}`", excerpt(other.as_bytes()));
+                return Err(self
+                    .source
+                    .unsupported(found, "save it with ZLib or without compression"));
+            }
+        };
+        Ok(())
+    }
+}
+
+/// The XML up to and including the tag `AppendedData`, and what follows its `_`.
+fn split_appended<'a>(source: &Source<'a>) -> Result<(&'a str, Option<&'a [u8]>), IoError> {
+    const TAG: &[u8] = b"<AppendedData";
+    let bytes = source.bytes;
+    let (xml, appended) = match bytes.windows(TAG.len()).position(|window| window == TAG) {
+        None => (bytes, None),
+        Some(start) => {
+            let find = |from: usize, wanted: u8| {
+                let found = bytes[from..].iter().position(|&b| b == wanted).map(|k| from + k + 1);
+                found.ok_or_else(|| source.truncated("the appended data"))
+            };
+            let tag_end = find(start, b'>')?;
+            (&bytes[..tag_end], Some(&bytes[find(tag_end, b'_')?..]))
+        }
+    };
+    match std::str::from_utf8(xml) {
+        Ok(xml) => Ok((xml, appended)),
+        Err(error) => Err(source.malformed_at(Place::Byte(error.valid_up_to()), "the XML is not UTF-8 text")),
+    }
+}
+
+/// What is not closed at the end of the file was cut off.
+fn xml_error(source: &Source, position: usize, error: &quick_xml::Error) -> IoError {
+    match error {
+        quick_xml::Error::Syntax(_) | quick_xml::Error::IllFormed(IllFormedError::MissingEndTag(_)) => {
+            source.truncated("the XML structure")
+        }
+        _ => source.malformed(position, error.to_string()),
+    }
+}
+
+/// A start tag at the byte `at`.
+struct Tag<'a> {
+    source: &'a Source<'a>,
+    tag: BytesStart<'a>,
+    at: usize,
+}
+
+impl<'a> Tag<'a> {
+    fn attribute(&self, name: &str) -> Result<Option<Cow<'a, str>>, IoError> {
+        let found = self.tag.try_get_attribute(name);
+        let found = found.map_err(|error| self.source.malformed(self.at, error.to_string()))?;
+        Ok(found.map(|attribute| Cow::Owned(attribute.value.into_owned())))
+    }
+
+    fn required(&self, name: &str) -> Result<Cow<'a, str>, IoError> {
+        self.attribute(name)?.ok_or_else(|| {
+            let tag = excerpt(self.tag.name().as_ref().as_bytes());
+            self.source
+                .malformed(self.at, format!("the element `{tag}` lacks the attribute `{name}`"))
+        })
+    }
+
+    fn count(&self, name: &str) -> Result<u64, IoError> {
+        let value = self.required(name)?;
+        value.trim().parse().map_err(|_| self.refused(name, &value))
+    }
+
+    fn array(&self, text: Range<usize>) -> Result<Array<'a>, IoError> {
+        let kind = self.required("type")?;
+        let format = self.required("format")?;
+        let inner = &self.source.bytes[text.clone()];
+        let length = inner.iter().position(|&b| b == b'<').unwrap_or(inner.len());
+        let components = self.attribute("NumberOfComponents")?;
+        Ok(Array {
+            name: self.attribute("Name")?.unwrap_or_default(),
+            components: components.and_then(|n| n.trim().parse().ok()).unwrap_or(1),
+            scalar: scalar(&kind).ok_or_else(|| self.refused("type", &kind))?,
+            encoding: match format.as_ref() {
+                "ascii" => Encoding::Text,
+                "binary" => Encoding::Base64,
+                "appended" => {
+                    let offset = self.required("offset")?;
+                    Encoding::Appended(offset.trim().parse().map_err(|_| self.refused("offset", &offset))?)
+                }
+                _ => return Err(self.refused("format", &format)),
+            },
+            text: text.start..text.start + length,
+        })
+    }
+
+    fn refused(&self, name: &str, value: &str) -> IoError {
+        let value = excerpt(value.as_bytes());
+        self.source
+            .malformed(self.at, format!("the attribute {name}=\"{value}\" has no meaning"))
+    }
+}
+
+fn scalar(name: &str) -> Option<Scalar> {
+    Some(match name {
+        "Int8" => Scalar::I8,
+        "UInt8" => Scalar::U8,
+        "Int16" => Scalar::I16,
+        "UInt16" => Scalar::U16,
+        "Int32" => Scalar::I32,
+        "UInt32" => Scalar::U32,
+        "Int64" => Scalar::I64,
+        "UInt64" => Scalar::U64,
+        "Float32" => Scalar::F32,
+        "Float64" => Scalar::F64,
+        _ => return None,
+    })
+}

@@ -1,0 +1,399 @@
+//! Unstructured grids, read.
+
+use super::{
+    super::cells::{CellLists, list_ends, sort_cells},
+    document::Document,
+};
+use crate::{
+    Point,
+    io::{IoError, contents::Contents, source::Source},
+};
+
+/// The points and cells of all pieces, one after the other, in file order. Fields are passed over.
+pub(in crate::io) fn parse(source: &Source) -> Result<Contents, IoError> {
+    read(source, false)
+}
+
+/// As [`parse`], with the fields that all pieces have.
+pub(in crate::io) fn parse_with_fields(source: &Source) -> Result<Contents, IoError> {
+    read(source, true)
+}
+
+fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
+    let document = Document::parse(source)?;
+    let mut contents = Contents::default();
+    for piece in &document.pieces {
+        let first = contents.vertices.len() as i64;
+        let within = |kind: &str| source.truncated(format!("a piece without {kind}"));
+        let points = piece.points.as_ref().ok_or_else(|| within("Points"))?;
+        let cell_array = |name: &str| {
+            let named = piece.cells.iter().find(|array| array.name == name);
+            named.ok_or_else(|| within(name))
+        };
+
+        let coordinates = document.floats(points)?;
+        document.expect_length(points, coordinates.len() as u64, piece.point_count.checked_mul(3))?;
+        let triples = coordinates.chunks_exact(3);
+        contents.vertices.extend(triples.map(|p| Point::new(p[0], p[1], p[2])));
+
+        let offset_array = cell_array("offsets")?;
+        let offsets = document.integers(offset_array)?;
+        document.expect_length(offset_array, offsets.len() as u64, Some(piece.cell_count))?;
+        let type_array = cell_array("types")?;
+        let types = document.integers(type_array)?;
+        document.expect_length(type_array, types.len() as u64, Some(piece.cell_count))?;
+        let mut corners = document.integers(cell_array("connectivity")?)?;
+        corners.iter_mut().for_each(|v| *v = v.saturating_add(first));
+        let Some(ends) = list_ends(offsets, corners.len()) else {
+            let place = document.place(offset_array);
+            return Err(source.malformed_at(place, "the offsets do not ascend within the connectivity"));
+        };
+        let lists = CellLists { corners, ends };
+        let place = document.place(type_array);
+        sort_cells(source, place, &mut contents, types.into_iter().zip(lists.iter()))?;
+    }
+    if with_fields {
+        contents.point_fields = document.fields(|piece| &piece.point_data)?;
+        contents.cell_fields = document.fields(|piece| &piece.cell_data)?;
+    }
+    Ok(contents)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use base64::{Engine, engine::general_purpose::STANDARD};
+    use flate2::{Compression, write::ZlibEncoder};
+
+    use super::*;
+    use crate::io::{
+        Cells, Field, Place, Solid, VtkFields,
+        source::ByteOrder,
+        testing::{place_of, solid, surface, tets},
+        write_vtu,
+    };
+
+    /// How a test file stores its arrays.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    enum Storage {
+        Text,
+        Inline,
+        AppendedRaw,
+        AppendedBase64,
+    }
+
+    /// Writes the arrays of a file in any of the ways that VTK has.
+    struct Builder {
+        storage: Storage,
+        order: ByteOrder,
+        wide_header: bool,
+        /// Bytes in a compressed block.
+        block: Option<usize>,
+        appended: Vec<u8>,
+    }
+
+    impl Builder {
+        fn turned(&self, mut bytes: Vec<u8>) -> Vec<u8> {
+            if self.order == ByteOrder::Big {
+                bytes.reverse();
+            }
+            bytes
+        }
+
+        fn lengths(&self, lengths: &[usize]) -> Vec<u8> {
+            let bytes = |&n: &usize| match self.wide_header {
+                true => self.turned((n as u64).to_le_bytes().to_vec()),
+                false => self.turned((n as u32).to_le_bytes().to_vec()),
+            };
+            lengths.iter().flat_map(bytes).collect()
+        }
+
+        fn array(&mut self, attributes: &str, values: &[f64]) -> String {
+            let bytes: Vec<u8> = values
+                .iter()
+                .flat_map(|&x| {
+                    self.turned(match attributes {
+                        a if a.contains("Float64") => x.to_le_bytes().to_vec(),
+                        a if a.contains("Float32") => (x as f32).to_le_bytes().to_vec(),
+                        a if a.contains("Int64") => (x as i64).to_le_bytes().to_vec(),
+                        a if a.contains("Int32") => (x as i32).to_le_bytes().to_vec(),
+                        _ => vec![x as u8],
+                    })
+                })
+                .collect();
+            let (head, data) = match self.block {
+                None => (self.lengths(&[bytes.len()]), bytes),
+                Some(size) => {
+                    let zip = |block: &[u8]| {
+                        let mut encoder = ZlibEncoder::new(vec![], Compression::default());
+                        encoder.write_all(block).unwrap();
+                        encoder.finish().unwrap()
+                    };
+                    let blocks: Vec<_> = bytes.chunks(size).map(zip).collect();
+                    let mut lengths = vec![blocks.len(), size, bytes.len() % size];
+                    lengths.extend(blocks.iter().map(Vec::len));
+                    (self.lengths(&lengths), blocks.concat())
+                }
+            };
+            let base64 = || STANDARD.encode(&head) + &STANDARD.encode(&data);
+            let (format, offset) = match self.storage {
+                Storage::Text => ("ascii", None),
+                Storage::Inline => ("binary", None),
+                _ => ("appended", Some(self.appended.len())),
+            };
+            let text = match self.storage {
+                Storage::Text => values.iter().map(|x| format!("{x} ")).collect(),
+                Storage::Inline => format!("\n  {}\n", base64()),
+                _ => String::new(),
+            };
+            match self.storage {
+                Storage::AppendedRaw => self.appended.extend([head, data].concat()),
+                Storage::AppendedBase64 => self.appended.extend(base64().as_bytes()),
+                _ => {}
+            }
+            let offset = offset.map_or(String::new(), |offset| format!(" offset=\"{offset}\""));
+            match text.as_str() {
+                "" => format!("<DataArray {attributes} format=\"{format}\"{offset}/>\n"),
+                // VTK adds the norms of an array after its numbers.
+                text => format!("<DataArray {attributes} format=\"{format}\">{text}<InformationKey/></DataArray>\n"),
+            }
+        }
+
+        /// Two pieces: a tetrahedron with a triangle, and a tetrahedron of the other hand.
+        fn file(mut self) -> Vec<u8> {
+            let order = if self.order == ByteOrder::Big {
+                "BigEndian"
+            } else {
+                "LittleEndian"
+            };
+            let header = if self.wide_header {
+                " header_type=\"UInt64\""
+            } else {
+                ""
+            };
+            let zlib = if self.block.is_some() {
+                " compressor=\"vtkZLibDataCompressor\""
+            } else {
+                ""
+            };
+            let mut xml = format!(
+                "<?xml version=\"1.0\"?>\n<!-- <Points> -->\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" \
+                 byte_order=\"{order}\"{header}{zlib}>\n<UnstructuredGrid>\n<FieldData>\n"
+            );
+            xml += &self.array("type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\"", &[0.5]);
+            let float = "type=\"Float32\" Name=\"Points\" NumberOfComponents=\"3\"";
+            let double = float.replace("32", "64");
+            let points = [0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1.];
+            let odd = [0., 0., f64::NAN, 1., 0., f64::INFINITY, 0., 1., 0., 0., 0., -1.5];
+            for (kind, points, connectivity, offsets, types) in [
+                (
+                    float,
+                    points,
+                    &[0., 1., 2., 3., 0., 1., 2.][..],
+                    &[4., 7.][..],
+                    &[10., 5.][..],
+                ),
+                (&double, odd, &[1., 0., 2., 3.], &[4.], &[10.]),
+            ] {
+                xml += &format!(
+                    "</FieldData>\n<Piece NumberOfPoints='4' NumberOfCells='{}'>\n<PointData>\n",
+                    types.len()
+                );
+                xml += &self.array("type=\"Float64\" Name=\"connectivity\"", &[1., 2., 3., 4.]);
+                xml += &format!(
+                    "</PointData>\n<Points>\n{}</Points>\n<Cells>\n",
+                    self.array(kind, &points)
+                );
+                xml += &self.array("type=\"UInt8\" Name=\"types\"", types);
+                xml += &self.array("type=\"Int32\" Name=\"offsets\"", offsets);
+                xml += &self.array("type=\"Int64\" Name=\"connectivity\"", connectivity);
+                xml += "</Cells>\n</Piece>\n<FieldData>\n";
+            }
+            xml += "</FieldData>\n</UnstructuredGrid>\n";
+            let mut bytes = xml.into_bytes();
+            if matches!(self.storage, Storage::AppendedRaw | Storage::AppendedBase64) {
+                let encoding = if self.storage == Storage::AppendedRaw {
+                    "raw"
+                } else {
+                    "base64"
+                };
+                bytes.extend(format!("<AppendedData encoding=\"{encoding}\">\n   _").bytes());
+                bytes.extend(self.appended);
+                bytes.extend(b"\n</AppendedData>\n");
+            }
+            bytes.extend(b"</VTKFile>\n");
+            bytes
+        }
+    }
+
+    /// Every way of storing numbers, each as a file of the same grid.
+    fn all_files() -> Vec<(String, Vec<u8>)> {
+        let mut files = Vec::new();
+        for storage in [
+            Storage::Text,
+            Storage::Inline,
+            Storage::AppendedRaw,
+            Storage::AppendedBase64,
+        ] {
+            for order in [ByteOrder::Little, ByteOrder::Big] {
+                for wide_header in [false, true] {
+                    for block in [None, Some(1 << 15), Some(10)] {
+                        let builder = Builder {
+                            storage,
+                            order,
+                            wide_header,
+                            block,
+                            appended: vec![],
+                        };
+                        files.push((format!("{storage:?} {order:?} {wide_header} {block:?}"), builder.file()));
+                    }
+                }
+            }
+        }
+        files
+    }
+
+    #[test]
+    fn every_encoding_byte_order_and_compression_reads_the_same() {
+        for (name, bytes) in all_files() {
+            let mesh = tets("vtu", &bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(mesh.tets(), [[0, 1, 2, 3], [5, 4, 6, 7]], "{name}");
+            assert_eq!(mesh.vertices()[3], Point::new(0., 0., 1.), "{name}");
+            assert!(
+                mesh.vertices()[4].z.is_nan() && mesh.vertices()[5].z == f64::INFINITY,
+                "{name}"
+            );
+            assert_eq!(mesh.vertices()[7].z, -1.5, "{name}");
+            assert!(matches!(solid("vtu", &bytes), Ok(Solid::Tets(_))));
+        }
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_passed_over() {
+        for (name, bytes) in all_files() {
+            let marked = [b"\xef\xbb\xbf", bytes.as_slice()].concat();
+            assert_eq!(tets("vtu", &marked).unwrap().tets().len(), 2, "{name}");
+        }
+    }
+
+    #[test]
+    fn lengths_and_data_may_be_encoded_together() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let points = [[0., 0., 0.], [1., 0., 0.], [0., 0.1, 0.]].map(Point::from);
+        write_vtu(&path, &points, Cells::Triangles(&[[2, 1, 0]]), &VtkFields::default()).unwrap();
+        let mesh = surface("vtu", &std::fs::read(&path).unwrap()).unwrap();
+        assert_eq!((mesh.vertices(), mesh.triangles()), (&points[..], &[[2, 1, 0]][..]));
+    }
+
+    #[test]
+    fn names_of_fields_are_escaped() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        let fields = VtkFields {
+            point: vec![Field {
+                name: "|f| < \"1\" & more".into(),
+                components: 1,
+                values: vec![1., 2., 3.],
+            }],
+            comment: "from <a>--b---c-".into(),
+            ..VtkFields::default()
+        };
+        write_vtu(&path, &[Point::origin(); 3], Cells::Triangles(&[[0, 1, 2]]), &fields).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert!(surface("vtu", &bytes).is_ok());
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(text.contains("Name=\"|f| &lt; &quot;1&quot; &amp; more\""));
+        assert!(text.contains("<!-- from <a>- -b- - -c- -->"), "{text}");
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let files = all_files();
+        let text = String::from_utf8(files[0].1.clone()).unwrap();
+        let read = |from: &str, to: &str| {
+            assert!(text.contains(from), "{from}");
+            tets("vtu", text.replacen(from, to, 1).as_bytes())
+        };
+        assert!(read("LittleEndian", "LittleEndian").is_ok());
+        assert_eq!(
+            place_of(tets("vtu", text.replace("VTKFile", "File").as_bytes())),
+            Place::Line(1)
+        );
+        assert_eq!(place_of(read("NumberOfPoints='4'", "")), Place::Line(8));
+        assert_eq!(
+            place_of(read("NumberOfPoints='4'", "NumberOfPoints='four'")),
+            Place::Line(8)
+        );
+        let before = text.split("</UnstructuredGrid>").next().unwrap();
+        let line = Place::Line(before.split('\n').count());
+        assert_eq!(place_of(read("</UnstructuredGrid>", "</Grid>")), line);
+        assert!(matches!(
+            read("NumberOfPoints='4'", "NumberOfPoints='5'"),
+            Err(IoError::Malformed { .. })
+        ));
+        assert!(matches!(
+            read("NumberOfCells='2'", "NumberOfCells='999999999999'"),
+            Err(IoError::Malformed { .. })
+        ));
+        assert!(matches!(read("Float32", "Float31"), Err(IoError::Malformed { .. })));
+        assert!(matches!(
+            read("0 1 2 3 0 1 2", "0 1 2 three 0 1 2"),
+            Err(IoError::Malformed { .. })
+        ));
+        assert!(matches!(read(">4 7 <", ">4 8 <"), Err(IoError::Malformed { .. })));
+        assert!(matches!(
+            read("0 1 2 3 0 1 2", "0 1 2 9 0 1 2"),
+            Err(IoError::IndexOutOfRange { vertex: 9, .. })
+        ));
+        assert!(matches!(read(">10 5 <", ">14 5 <"), Err(IoError::Unsupported { .. })));
+        assert!(matches!(
+            read("type=\"UnstructuredGrid\"", "type=\"ImageData\""),
+            Err(IoError::Unsupported { .. })
+        ));
+        assert!(matches!(
+            read("version=\"1.0\" byte", "compressor=\"vtkLZ4DataCompressor\" byte"),
+            Err(IoError::Unsupported { .. })
+        ));
+        assert!(matches!(
+            tets("vtu", &files[0].1[..text.len() - 15]),
+            Err(IoError::Truncated { .. })
+        ));
+        assert!(matches!(tets("vtu", b"hello"), Err(IoError::Malformed { .. })));
+
+        let inline = &files[13].1;
+        let spoiled = String::from_utf8(inline.clone()).unwrap().replacen("\n  ", "\n  !", 3);
+        assert!(matches!(
+            tets("vtu", spoiled.as_bytes()),
+            Err(IoError::Malformed { .. })
+        ));
+        let (name, raw) = &files[24];
+        assert_eq!(name, "AppendedRaw Little false None");
+        assert!(matches!(
+            tets("vtu", &raw[..raw.len() - 70]),
+            Err(IoError::Truncated { .. })
+        ));
+    }
+
+    #[test]
+    fn a_cut_or_spoiled_file_is_an_error_or_read_never_a_panic() {
+        use rand::{Rng, SeedableRng, rngs::StdRng};
+
+        const CLOSING_TAGS: usize = 30;
+        let mut random = StdRng::seed_from_u64(7);
+        for (_, bytes) in all_files().into_iter().step_by(5) {
+            for end in (0..bytes.len() - CLOSING_TAGS).step_by(7) {
+                assert!(solid("vtu", &bytes[..end]).is_err(), "{end}");
+            }
+            for _ in 0..200 {
+                let mut spoiled = bytes.clone();
+                for _ in 0..random.random_range(1..4) {
+                    let at = random.random_range(0..spoiled.len());
+                    spoiled[at] ^= 1 << random.random_range(0..8);
+                }
+                let _ = solid("vtu", &spoiled);
+            }
+        }
+    }
+}
