@@ -79,7 +79,11 @@ fn messages(format: Format, path: &Path) -> Vec<String> {
         Format::Texture => vec![said(io::read_texture(path))],
         Format::Picture => vec![said(io::read_picture(path))],
         Format::Obj => vec![said(io::read_solid(path)), said(io::read_textured_surface(path))],
-        _ => vec![said(io::read_solid(path)), said(io::read_cells(path)), said(io::read_fields(path))],
+        _ => vec![
+            said(io::read_solid(path)),
+            said(io::read_cells(path)),
+            said(io::read_fields(path)),
+        ],
     };
     all.into_iter().flatten().collect()
 }
@@ -108,7 +112,11 @@ impl Trial {
             panic!("{format:?} panics: {}", shown())
         };
         let taken = PEAK.get() - before;
-        assert!(taken < MOST_MEMORY as isize, "{format:?} takes {taken} bytes: {}", shown());
+        assert!(
+            taken < MOST_MEMORY as isize,
+            "{format:?} takes {taken} bytes: {}",
+            shown()
+        );
         let seconds = start.elapsed();
         assert!(seconds < LONGEST, "{format:?} takes {seconds:?}: {}", shown());
         for message in &messages {
@@ -233,7 +241,9 @@ fn absurd_numbers_in_text_are_read_or_refused() {
 fn numbers_in(bytes: &[u8]) -> Vec<(usize, usize)> {
     let is_digit = |k: usize| bytes.get(k).is_some_and(|b| b.is_ascii_digit());
     let begins = (0..bytes.len()).filter(|&k| is_digit(k) && (k == 0 || !is_digit(k - 1)));
-    begins.map(|k| (k, (k..).find(|&k| !is_digit(k)).unwrap_or(k))).collect()
+    begins
+        .map(|k| (k, (k..).find(|&k| !is_digit(k)).unwrap_or(k)))
+        .collect()
 }
 
 #[test]
@@ -304,10 +314,22 @@ fn odd_bytes_and_line_ends_are_read_or_refused() {
         ] {
             trial.read_like(&file, &odd);
         }
-        for nothing in [&b""[..], b"\n", b" \t\r\n", b"\0", &[0; 1000], &[0xff; 1000], b"\xef\xbb\xbf"] {
+        for nothing in [
+            &b""[..],
+            b"\n",
+            b" \t\r\n",
+            b"\0",
+            &[0; 1000],
+            &[0xff; 1000],
+            b"\xef\xbb\xbf",
+        ] {
             let messages = trial.read_like(&file, nothing);
             let is_allowed = file.format == Format::Obj && messages.len() == 1;
-            assert!(!messages.is_empty() || is_allowed, "{:?} of nothing: {messages:?}", file.format);
+            assert!(
+                !messages.is_empty() || is_allowed,
+                "{:?} of nothing: {messages:?}",
+                file.format
+            );
         }
     }
 }
@@ -334,7 +356,11 @@ mod surfaces {
         let start = Instant::now();
         let report = check(surface, None);
         let _ = report.to_string();
-        eprintln!("{name}: {} triangles checked in {:?}", surface.triangles().len(), start.elapsed());
+        eprintln!(
+            "{name}: {} triangles checked in {:?}",
+            surface.triangles().len(),
+            start.elapsed()
+        );
         let start = Instant::now();
         let (mended, _) = mend(surface);
         eprintln!("{name}: mended in {:?}", start.elapsed());
@@ -361,7 +387,13 @@ mod surfaces {
     #[test]
     fn a_million_loose_triangles() {
         let count = 1_000_000;
-        let corner = |k: u32| [f64::from(k % 1000), f64::from(k / 1000 % 1000), f64::from(k / 1_000_000)];
+        let corner = |k: u32| {
+            [
+                f64::from(k % 1000),
+                f64::from(k / 1000 % 1000),
+                f64::from(k / 1_000_000),
+            ]
+        };
         let corners = (0..count).flat_map(|k| {
             let [x, y, z] = corner(k);
             [[x, y, z], [x + 0.5, y, z], [x, y + 0.5, z]]
@@ -372,22 +404,32 @@ mod surfaces {
 
     #[test]
     fn many_tiny_solids() {
-        let place = |k: u32| ([f64::from(k % 100), f64::from(k / 100 % 100), f64::from(k / 10_000)], 0.5);
+        let place = |k: u32| {
+            (
+                [f64::from(k % 100), f64::from(k / 100 % 100), f64::from(k / 10_000)],
+                0.5,
+            )
+        };
         examined("solids apart", &tetrahedra(1_000_000, place));
     }
 
     #[test]
     fn solids_all_in_one_place() {
-        examined("solids in one place", &tetrahedra(3_000, |_| ([0.0; 3], 1.0)));
+        examined("solids in one place", &tetrahedra(100_000, |_| ([0.0; 3], 1.0)));
     }
 
     #[test]
     fn needles_side_by_side() {
         // Each goes along the diagonal of nearly the same box.
-        let count = 3_000u32;
+        let count = 100_000u32;
         let corners = (0..count).flat_map(|k| {
             let x = f64::from(k) * 1e-6;
-            [[x, 0.0, 0.0], [x + 5e-7, 0.0, 0.0], [x, 1e-7, 1e-7], [x + 1.0, 1.0, 1.0]]
+            [
+                [x, 0.0, 0.0],
+                [x + 5e-7, 0.0, 0.0],
+                [x, 1e-7, 1e-7],
+                [x + 1.0, 1.0, 1.0],
+            ]
         });
         let faces = |k: u32| [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]].map(|t| t.map(|v: u32| 4 * k + v));
         examined("needles", &surface(corners, (0..count).flat_map(faces).collect()));
@@ -406,14 +448,14 @@ mod surfaces {
 
     #[test]
     fn tetrahedra_within_tetrahedra() {
-        let count = 3_000;
-        let place = |k: u32| ([f64::from(k) * 1e-5; 3], 1.0 - 4.0 * f64::from(k) * 1e-5);
+        let count = 100_000;
+        let place = |k: u32| ([f64::from(k) * 1e-6; 3], 1.0 - 4.0 * f64::from(k) * 1e-6);
         examined("nested tetrahedra", &tetrahedra(count, place));
     }
 
     #[test]
     fn a_book_of_many_pages() {
-        let pages = 100_000u32;
+        let pages = 1_000_000u32;
         let vertex = |k: u32| [f64::from(k).cos(), f64::from(k).sin(), 0.5];
         let vertices = [[0.0; 3], [0.0, 0.0, 1.0]].into_iter().chain((0..pages).map(vertex));
         examined("book", &surface(vertices, (0..pages).map(|k| [0, 1, k + 2]).collect()));
@@ -421,9 +463,15 @@ mod surfaces {
 
     #[test]
     fn a_long_strip() {
-        let count = 100_000u32;
+        let count = 1_000_000u32;
         let vertices = (0..count).map(|k| [f64::from(k / 2), f64::from(k % 2), 0.0]);
-        let triangle = |k: u32| if k % 2 == 0 { [k, k + 1, k + 2] } else { [k + 1, k, k + 2] };
+        let triangle = |k: u32| {
+            if k % 2 == 0 {
+                [k, k + 1, k + 2]
+            } else {
+                [k + 1, k, k + 2]
+            }
+        };
         examined("strip", &surface(vertices, (0..count - 2).map(triangle).collect()));
     }
 

@@ -109,7 +109,13 @@ fn meshes(add: &mut Add) {
         add("tets", format, &|path| write_tets(path, &tets).unwrap());
     }
     let corners: Vec<Point> = (0..8)
-        .map(|k| Point::new(f64::from((k & 1) ^ (k >> 1 & 1)), f64::from(k >> 1 & 1), f64::from(k >> 2)))
+        .map(|k| {
+            Point::new(
+                f64::from((k & 1) ^ (k >> 1 & 1)),
+                f64::from(k >> 1 & 1),
+                f64::from(k >> 2),
+            )
+        })
         .collect();
     for format in [Medit, Vtk, Vtu] {
         let cells = Cells::Hexes(&[[0, 1, 2, 3, 4, 5, 6, 7]]);
@@ -164,9 +170,10 @@ fn other_meshes(add: &mut Add) {
           element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n\
           7 0 2 1 3 -1 0 2\n",
     );
-    let mut big = b"ply\nformat binary_big_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+    let mut big =
+        b"ply\nformat binary_big_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
         property uchar red\nelement face 1\nproperty list uchar int vertex_index\nproperty short flags\nend_header\n"
-        .to_vec();
+            .to_vec();
     for vertex in [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] {
         big.extend(vertex.iter().flat_map(|x| x.to_be_bytes()));
         big.push(200);
@@ -218,18 +225,30 @@ fn fields(add: &mut Add) {
         let write = |path: &Path| write_vtk(path, surface.vertices(), cells, &fields, encoding).unwrap();
         add(name, Format::Vtk, &write);
     }
-    add("fields", Format::Vtu, &|path| write_vtu(path, surface.vertices(), cells, &fields).unwrap());
-    add("text", Format::Vtu, &|path| std::fs::write(path, vtu("ascii", "", &text_arrays())).unwrap());
+    add("fields", Format::Vtu, &|path| {
+        write_vtu(path, surface.vertices(), cells, &fields).unwrap()
+    });
+    add("text", Format::Vtu, &|path| {
+        std::fs::write(path, vtu("ascii", "", &text_arrays())).unwrap()
+    });
     let compressed = || vtu("binary", "compressor=\"vtkZLibDataCompressor\"", &compressed_arrays());
     add("zlib", Format::Vtu, &|path| std::fs::write(path, compressed()).unwrap());
-    add("appended", Format::Vtu, &|path| std::fs::write(path, appended()).unwrap());
+    add("appended", Format::Vtu, &|path| {
+        std::fs::write(path, appended()).unwrap()
+    });
 }
 
 const POINTS: [f64; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
 fn text_arrays() -> [String; 5] {
     let numbers = |values: &[f64]| values.iter().map(|x| format!("{x} ")).collect();
-    [numbers(&POINTS), "0 1 2 3".into(), "4".into(), "10".into(), "1 2 3 4".into()]
+    [
+        numbers(&POINTS),
+        "0 1 2 3".into(),
+        "4".into(),
+        "10".into(),
+        "1 2 3 4".into(),
+    ]
 }
 
 /// The same numbers, each array in one block.
@@ -283,9 +302,15 @@ fn appended() -> Vec<u8> {
     let mut xml = vtu("appended", "", &std::array::from_fn(|_| String::new()));
     // The arrays stand in another order in the XML.
     for k in [4, 0, 1, 2, 3] {
-        xml = xml.replacen("format=\"appended\">", &format!("format=\"appended\" offset=\"{}\">", offsets[k]), 1);
+        xml = xml.replacen(
+            "format=\"appended\">",
+            &format!("format=\"appended\" offset=\"{}\">", offsets[k]),
+            1,
+        );
     }
-    let mut bytes = xml.replace("</VTKFile>\n", "<AppendedData encoding=\"raw\">\n_").into_bytes();
+    let mut bytes = xml
+        .replace("</VTKFile>\n", "<AppendedData encoding=\"raw\">\n_")
+        .into_bytes();
     bytes.extend(data);
     bytes.extend(b"\n</AppendedData>\n</VTKFile>\n");
     bytes
@@ -293,13 +318,23 @@ fn appended() -> Vec<u8> {
 
 fn tables(add: &mut Add) {
     let values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.5];
-    add("points", Format::Csv, &|path| write_csv(path, &["x", "y", "z"], &values).unwrap());
+    add("points", Format::Csv, &|path| {
+        write_csv(path, &["x", "y", "z"], &values).unwrap()
+    });
     add("fields", Format::Csv, &|path| {
-        std::fs::write(path, "t,x,y,z,v_x,v_y,v_z,\"a, b\"\n1,2,3,4,5,6,7,8\n-1,nan,inf,1e300,1e-300,.5,0,-0\n").unwrap();
+        std::fs::write(
+            path,
+            "t,x,y,z,v_x,v_y,v_z,\"a, b\"\n1,2,3,4,5,6,7,8\n-1,nan,inf,1e300,1e-300,.5,0,-0\n",
+        )
+        .unwrap();
     });
     add("points", Format::Npy, &|path| write_npy(path, 3, &values).unwrap());
-    add("pairs", Format::Landmarks, &|path| std::fs::write(path, "# pairs\n1 12\n2,3\n7;19 # nose\n\n0\t4\n").unwrap());
-    add("vertices", Format::Landmarks, &|path| std::fs::write(path, "3\n0\n12\n").unwrap());
+    add("pairs", Format::Landmarks, &|path| {
+        std::fs::write(path, "# pairs\n1 12\n2,3\n7;19 # nose\n\n0\t4\n").unwrap()
+    });
+    add("vertices", Format::Landmarks, &|path| {
+        std::fs::write(path, "3\n0\n12\n").unwrap()
+    });
 }
 
 fn tensor_files(add: &mut Add) {
@@ -310,7 +345,10 @@ fn tensor_files(add: &mut Add) {
         held_out: 10,
         ..FitOptions::default()
     };
-    let image = ball.vertices().iter().map(|p| Point::new(2.0 * p.x, p.y, p.z + 0.2 * p.x));
+    let image = ball
+        .vertices()
+        .iter()
+        .map(|p| Point::new(2.0 * p.x, p.y, p.z + 0.2 * p.x));
     let straight = BoundaryMap::new(ball.clone(), image.collect()).unwrap();
     let fitted = fit(&straight, &options, &|_| {}).unwrap();
     let by_rays = |surface: SurfaceMesh| {
@@ -323,7 +361,15 @@ fn tensor_files(add: &mut Add) {
             let metadata = MapMetadata::new(fitted.report.clone(), vec![]);
             let boundary = Some(boundary.clone());
             let map = fitted.map.clone();
-            write_map(path, &MapFile { map, boundary, metadata }).unwrap();
+            write_map(
+                path,
+                &MapFile {
+                    map,
+                    boundary,
+                    metadata,
+                },
+            )
+            .unwrap();
         });
         add(name, Format::Boundary, &|path| {
             let metadata = BoundaryMetadata::new(vec![]);
@@ -331,7 +377,11 @@ fn tensor_files(add: &mut Add) {
             write_boundary(path, &BoundaryFile { boundary, metadata }).unwrap();
         });
     }
-    let colours = ball.vertices().iter().map(|p| [p.x.abs(), p.y.abs(), p.z.abs()]).collect();
+    let colours = ball
+        .vertices()
+        .iter()
+        .map(|p| [p.x.abs(), p.y.abs(), p.z.abs()])
+        .collect();
     let uv = vec![[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]; ball.triangles().len()];
     let picture = Picture::checker(2).unwrap();
     for (name, skin) in [
@@ -355,6 +405,8 @@ fn pictures(add: &mut Add) {
     let pixels: Vec<u8> = (0..48).map(|k| (5 * k) as u8).collect();
     let picture = image::RgbImage::from_raw(4, 4, pixels).unwrap();
     for (name, format) in [("png", image::ImageFormat::Png), ("jpeg", image::ImageFormat::Jpeg)] {
-        add(name, Format::Picture, &|path| picture.save_with_format(path, format).unwrap());
+        add(name, Format::Picture, &|path| {
+            picture.save_with_format(path, format).unwrap()
+        });
     }
 }
