@@ -1,7 +1,5 @@
 //! What a surface consists of, and which way each part should face. Shared by the examination and the mending.
 
-use std::sync::OnceLock;
-
 use rayon::prelude::*;
 
 use crate::Point;
@@ -170,39 +168,49 @@ fn nest(mesh: &SurfaceMesh, flip: &[bool], components: &Components, shells: &mut
     // Each shell has one witness at least.
     let mut work = 0;
     for (own, &shell) in sound.iter().enumerate() {
-        let around = witnesses(mesh, &triangles[shell], 1)
-            .first()
-            .map(|p| others_around(own, p));
-        let each = around
-            .iter()
-            .flatten()
-            .map(|&other| work_of(triangles[sound[other]].len()));
-        work += each.sum::<usize>();
+        let first = witnesses(mesh, &triangles[shell], 1);
+        let around = first.iter().flat_map(|p| others_around(own, p));
+        work += around
+            .map(|other| work_of(triangles[sound[other]].len()))
+            .sum::<usize>();
         if work > MOST_WORK {
             return None;
         }
     }
     let most = (MOST_WORK / work.max(1)).clamp(1, WITNESSES);
-    let queries = vec![OnceLock::new(); sound.len()];
-    let winding_number = |other: usize, p: &Point| {
-        let part = || part_of(mesh, flip, &triangles[sound[other]]);
-        let query: &Option<SurfaceQuery> = queries[other].get_or_init(|| SurfaceQuery::with_winding_sign(&part()).ok());
-        query.as_ref().map_or(0.0, |query| query.winding_number(p).abs())
+    let witnesses: Vec<Vec<Point>> = sound.iter().map(|&s| witnesses(mesh, &triangles[s], most)).collect();
+    let around: Vec<Vec<Vec<usize>>> = witnesses
+        .par_iter()
+        .enumerate()
+        .map(|(own, witnesses)| witnesses.iter().map(|p| others_around(own, p)).collect())
+        .collect();
+    let mut is_asked = vec![false; sound.len()];
+    around
+        .iter()
+        .flatten()
+        .flatten()
+        .for_each(|&other| is_asked[other] = true);
+    let query = |(&is_asked, &shell): (&bool, &usize)| {
+        let part = || part_of(mesh, flip, &triangles[shell]);
+        is_asked
+            .then(|| SurfaceQuery::with_winding_sign(&part()).ok())
+            .flatten()
     };
-    let votes = |(own, &shell): (usize, &usize)| {
-        let witnesses = witnesses(mesh, &triangles[shell], most);
-        let mut votes: Vec<(usize, f64)> = Vec::new();
-        for p in &witnesses {
-            votes.extend(
-                others_around(own, p)
-                    .into_iter()
-                    .map(|other| (other, winding_number(other, p))),
-            );
-        }
+    let queries: Vec<Option<SurfaceQuery>> = is_asked.par_iter().zip(&sound).map(query).collect();
+    let winding_number = |other: usize, p: &Point| {
+        let query = queries[other].as_ref();
+        query.map_or(0.0, |query| query.winding_number(p).abs())
+    };
+    let votes = |(witnesses, around): (&Vec<Point>, &Vec<Vec<usize>>)| {
+        let asked = witnesses.iter().zip(around);
+        let mut votes: Vec<(usize, f64)> = asked
+            .flat_map(|(p, around)| around.iter().map(move |&other| (other, p)))
+            .map(|(other, p)| (other, winding_number(other, p)))
+            .collect();
         votes.sort_by_key(|vote| vote.0);
         Verdicts::of(&votes, witnesses.len())
     };
-    let verdicts: Vec<Verdicts> = sound.par_iter().enumerate().map(votes).collect();
+    let verdicts: Vec<Verdicts> = witnesses.par_iter().zip(&around).map(votes).collect();
     let mut overlaps = Vec::new();
     for (&shell, verdicts) in sound.iter().zip(&verdicts) {
         shells[shell].depth = verdicts.enclosing.len();

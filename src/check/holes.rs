@@ -135,7 +135,9 @@ fn simple(rim: Vec<u32>) -> Vec<Vec<u32>> {
     for vertex in rim {
         if let Some(&before) = place.get(&vertex) {
             let around = walked.split_off(before);
-            around.iter().for_each(|v| drop(place.remove(v)));
+            for v in &around {
+                place.remove(v);
+            }
             loops.push(around);
         }
         place.insert(vertex, walked.len());

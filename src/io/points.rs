@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::{
     Field, IoError, Place, atomic_write,
     contents::Contents,
-    source::{ByteOrder, Scalar, Source, excerpt, parsed},
+    source::{ByteOrder, Scalar, Source, excerpt, parsed, printable},
 };
 use crate::Point;
 
@@ -289,7 +289,7 @@ fn csv_error(source: &Source, error: &csv::Error) -> IoError {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
             format!("found {len} columns where the header has {expected_len}")
         }
-        _ => error.to_string(),
+        _ => printable(error),
     };
     source.malformed_at(Place::Line(line), found)
 }
