@@ -17,7 +17,7 @@ use small_files::{Format, SmallFile, small_files};
 use solidmap::io;
 
 const SEED: u64 = 7;
-/// What a read may take, and a check.
+/// What a read may take, and a check, on a machine that does nothing else.
 const LONGEST: Duration = Duration::from_secs(10);
 /// What reading a file may hold at a time, in bytes, and for each byte of the file.
 const MOST_MEMORY: usize = 64 << 20;
@@ -63,6 +63,14 @@ unsafe impl GlobalAlloc for Counting {
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
+
+/// [`LONGEST`], and longer where others compute.
+fn longest() -> Duration {
+    let load = std::fs::read_to_string("/proc/loadavg").ok();
+    let load: Option<f64> = load.and_then(|text| text.split(' ').next()?.parse().ok());
+    let cores = std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64);
+    LONGEST.mul_f64((load.unwrap_or(0.0) / cores).max(1.0))
+}
 
 /// Reads a file as all that it could be; the messages of what went wrong.
 fn messages(format: Format, path: &Path) -> Vec<String> {
@@ -119,7 +127,7 @@ impl Trial {
             shown()
         );
         let seconds = start.elapsed();
-        assert!(seconds < LONGEST, "{format:?} takes {seconds:?}: {}", shown());
+        assert!(seconds < longest(), "{format:?} takes {seconds:?}: {}", shown());
         for message in &messages {
             assert!(message.contains("spoiled."), "no file is named: {message}");
             // What a terminal would obey is shown, not sent.
@@ -612,7 +620,7 @@ mod surfaces {
         let in_time = |what: &str, start: Instant| {
             let taken = start.elapsed();
             eprintln!("{} triangles: {what} in {taken:.1?}", surface.triangles().len());
-            assert!(taken < LONGEST, "{what} takes {taken:?}");
+            assert!(taken < longest(), "{what} takes {taken:?}");
         };
         let start = Instant::now();
         let report = check(surface, None);
@@ -827,7 +835,7 @@ mod program {
             .current_dir(folder)
             .env("RUST_BACKTRACE", "1")
             .args(words)
-            .timeout(LONGEST);
+            .timeout(longest());
         let start = Instant::now();
         let output = command.output().unwrap();
         let errors = String::from_utf8_lossy(&output.stderr).into_owned();
