@@ -20,7 +20,7 @@ const SEED: u64 = 7;
 /// What a read may take, and a check, on a machine that does nothing else.
 const LONGEST: Duration = Duration::from_secs(10);
 /// What reading a file may hold at a time, in bytes, and for each byte of the file.
-const MOST_MEMORY: usize = 64 << 20;
+const MOST_MEMORY: usize = 192 << 20;
 const MOST_EXPANSION: usize = 400;
 
 /// Counts what each thread holds.
@@ -88,6 +88,7 @@ fn messages(format: Format, path: &Path) -> Vec<String> {
         Format::Texture => vec![said(io::read_texture(path))],
         Format::Picture => vec![said(io::read_picture(path))],
         Format::Obj => vec![said(io::read_solid(path)), said(io::read_textured_surface(path))],
+        Format::Vti => vec![said(io::read_points(path)), said(io::read_fields(path))],
         _ => vec![
             said(io::read_solid(path)),
             said(io::read_cells(path)),
@@ -154,7 +155,7 @@ fn small_files_are_read() {
         let messages = trial.read_like(&file, &file.bytes);
         let count = match file.format {
             // As pairs or as single numbers, not both; two or one of solid, cells and fields.
-            Format::Landmarks => 1,
+            Format::Landmarks | Format::Vti => 1,
             format if format.is_mesh() && format != Format::Obj => 2,
             _ => 0,
         };
@@ -397,6 +398,10 @@ fn seeds_for_the_fuzzer() {
     ];
     write("doctor", "tetrahedron".into(), &[&[8], &tetrahedron[..]].concat());
     write("fit", "tetrahedron".into(), &[tetrahedron, tetrahedron].concat());
+    for kind in 70..77u8 {
+        write("doctor", format!("solid_{kind}"), &[8, kind, 1, 130]);
+        write("fit", format!("solid_{kind}"), &[kind, 1, 130, kind, 2, 140]);
+    }
 }
 
 /// Few bytes that ask for much.
@@ -462,7 +467,7 @@ mod bombs {
         let (start, end) = [">", "</DataArray>"]
             .map(|end| text[begin + 9..].find(end).unwrap() + begin + 9)
             .into();
-        let points = 3 << 20;
+        let points = 6 << 20;
         let bomb = [&text[..=start], &deflated(&vec![0; 24 * points]), &text[end..]].concat();
         let bomb = bomb.replace("NumberOfPoints=\"4\"", &format!("NumberOfPoints=\"{points}\""));
         refused(Format::Vtu, bomb.as_bytes(), "unpacks to more than");
@@ -531,6 +536,12 @@ mod bombs {
         ]
         .concat();
         refused(Format::Vtk, &twice, "spoiled.vtk");
+        let image = file("image", Format::Vti);
+        let empty = replaced(&image, "NumberOfComponents=\"1\"", "NumberOfComponents=\"0\"");
+        let many = String::from_utf8(empty)
+            .unwrap()
+            .replace("0 1 0 1 0 1", "0 100 0 100 0 100");
+        refused(Format::Vti, many.as_bytes(), "spoiled.vti");
     }
 
     /// What would take time with the square of its length.

@@ -921,3 +921,32 @@ fn what_cannot_be_remeshed_is_named() {
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(stderr(&output).contains("cells stay inverted") && place.path("mirrored.vtu").exists());
 }
+
+#[test]
+fn a_boundary_that_passes_through_itself_is_told_though_no_cell_is_inverted() {
+    let place = Workplace::new();
+    let bar = shapes::polycube(&[0, 1, 2, 3, 4, 5].map(|k| [k, 0, 0]), 3);
+    // More than one turn about an axis: the ends lie in one another, and every cell keeps its side.
+    let wound = shapes::deformed(&bar, |p| {
+        let (angle, radius) = (400f64.to_radians() * p.x / 6.0, 2.0 + p.y);
+        Point::new(radius * angle.sin(), radius * angle.cos(), p.z + 0.03 * p.x)
+    });
+    place.surface("bar.obj", &bar);
+    place.surface("wound.obj", &wound);
+    place.surface("straight.obj", &bar);
+    for (image, crossing) in [("straight", false), ("wound", true)] {
+        place.run(&format!("fit bar.obj --image {image}.obj -o {image}.map"));
+        let output = place.run(&format!("remesh {image}.map --cells 18 -o {image}.vtu --json"));
+        let report = json(&output);
+        assert_eq!(report["flipped_cells"], 0, "{report}");
+        let crossings = &report["crossings"];
+        if cfg!(feature = "native") {
+            assert_eq!(crossings["result"].as_u64().map(|n| n > 0), Some(crossing), "{report}");
+            assert_eq!(output.status.code(), Some(i32::from(crossing)), "{}", stderr(&output));
+            assert_eq!(stderr(&output).contains("passes through itself"), crossing);
+        } else {
+            assert_eq!(crossings["status"], "not_counted", "{report}");
+            assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        }
+    }
+}

@@ -1,57 +1,24 @@
 //! `solidmap eval --inverse` from outside.
 #![cfg(feature = "cli")]
 
-use std::path::{Path, PathBuf};
-use std::process::Output;
+mod common;
 
-use assert_cmd::Command;
-use serde_json::Value;
+use std::path::Path;
+
+use common::program::{Workplace, with_fitted_ball};
 use solidmap::Point;
 use solidmap::io;
 use solidmap::mesh::shapes;
 
-struct Workplace {
-    folder: tempfile::TempDir,
+/// With `map.safetensors`, from a ball to a longer one.
+fn with_map() -> Workplace {
+    with_bent_ball(0.2)
 }
 
-impl Workplace {
-    /// With `map.safetensors`, from a ball to a longer one.
-    fn new() -> Self {
-        Self::bent(0.2)
-    }
-
-    /// The longer ball bent by as much. The map is close to `y + bend (x² + (1 − r²) / 3)`, which folds where
-    /// `y > 1.5 / bend`.
-    fn bent(bend: f64) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let place = Self { folder };
-        let domain = shapes::sphere(1.0, 3);
-        let target = shapes::deformed(&domain, |p| Point::new(2.0 * p.x, p.y + bend * p.x * p.x, p.z));
-        io::write_surface(place.path("domain.ply"), &domain).unwrap();
-        io::write_surface(place.path("target.ply"), &target).unwrap();
-        place.ends_with(
-            0,
-            "fit domain.ply --image target.ply --tolerance 0.01 -o map.safetensors",
-        );
-        place
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn ends_with(&self, code: i32, line: &str) -> Output {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        let output = command.timeout(std::time::Duration::from_secs(120)).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
-        output
-    }
-
-    fn report(&self, code: i32, line: &str) -> Value {
-        serde_json::from_slice(&self.ends_with(code, line).stdout).unwrap()
-    }
+/// The longer ball bent by as much. The map is close to `y + bend (x² + (1 − r²) / 3)`, which folds where
+/// `y > 1.5 / bend`.
+fn with_bent_ball(bend: f64) -> Workplace {
+    with_fitted_ball(|p| Point::new(2.0 * p.x, p.y + bend * p.x * p.x, p.z))
 }
 
 /// The rows of a CSV file, and its header.
@@ -65,7 +32,7 @@ fn table(path: &Path) -> (String, Vec<Vec<f64>>) {
 
 #[test]
 fn eval_there_and_back_gives_the_points_again() {
-    let place = Workplace::new();
+    let place = with_map();
     let points = [[0.0, 0.0, 0.0], [0.3, -0.4, 0.5], [-0.7, 0.2, 0.1], [0.1, 0.9, 0.0]];
     io::write_csv(place.path("points.csv"), &["x", "y", "z"], points.as_flattened()).unwrap();
     place.ends_with(0, "eval map.safetensors points.csv -o images.csv");
@@ -95,7 +62,7 @@ fn eval_there_and_back_gives_the_points_again() {
 
 #[test]
 fn points_outside_are_counted_and_points_that_are_none_are_named() {
-    let place = Workplace::new();
+    let place = with_map();
     std::fs::write(place.path("points.csv"), "x,y,z\n0.1,0.1,0\nnan,0,0\n9,9,9\n").unwrap();
     let output = place.ends_with(0, "eval map.safetensors points.csv --inverse -o back.csv");
     let said = String::from_utf8_lossy(&output.stderr);
@@ -111,7 +78,7 @@ fn points_outside_are_counted_and_points_that_are_none_are_named() {
 
 #[test]
 fn a_mesh_comes_back_with_its_status() {
-    let place = Workplace::new();
+    let place = with_map();
     let inner = shapes::deformed(&shapes::cube(0.8, 2), |p| Point::new(1.3 * p.x, p.y, p.z));
     io::write_surface(place.path("inner.obj"), &inner).unwrap();
     for name in ["back.vtu", "back.vtk", "back.ply"] {
@@ -130,7 +97,7 @@ fn a_mesh_comes_back_with_its_status() {
 /// With a bend of 4, `(0, 0.8, 0)` and `(0, -0.05, 0)` go to the same place.
 #[test]
 fn folds_are_counted_and_fail() {
-    let place = Workplace::bent(4.0);
+    let place = with_bent_ball(4.0);
     std::fs::write(place.path("points.csv"), "x,y,z\n0,1.28,0\n0,0.5,0\n").unwrap();
     let report = place.report(1, "eval map.safetensors points.csv --inverse -o back.csv --json");
     assert_eq!(
@@ -144,7 +111,7 @@ fn folds_are_counted_and_fail() {
 
 #[test]
 fn vertices_without_a_preimage_go_only_where_a_status_says_so() {
-    let place = Workplace::new();
+    let place = with_map();
     io::write_surface(place.path("wide.obj"), &shapes::cube(3.0, 2)).unwrap();
     for name in ["back.ply", "back.obj", "back.off"] {
         let output = place.ends_with(2, &format!("eval map.safetensors wide.obj --inverse -o {name}"));
@@ -159,7 +126,7 @@ fn vertices_without_a_preimage_go_only_where_a_status_says_so() {
 
 #[test]
 fn what_cannot_be_done_is_refused_before_the_work() {
-    let place = Workplace::new();
+    let place = with_map();
     std::fs::write(place.path("points.csv"), "x,y,z\n0,0,0\n").unwrap();
     for (line, message) in [
         (

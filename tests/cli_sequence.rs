@@ -1,33 +1,39 @@
 //! `solidmap sequence` from outside: frames in, a chart, a table and series out, and what cannot be used by name.
 #![cfg(feature = "cli")]
 
-use std::path::{Path, PathBuf};
-use std::process::Output;
+mod common;
 
-use assert_cmd::Command;
-use serde_json::Value;
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
+
+use common::program::{self, json, text};
+use common::{bent, with_hole};
 use solidmap::Point;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
 
 struct Workplace {
-    folder: tempfile::TempDir,
+    place: program::Workplace,
     ball: SurfaceMesh,
+}
+
+impl Deref for Workplace {
+    type Target = program::Workplace;
+
+    fn deref(&self) -> &program::Workplace {
+        &self.place
+    }
 }
 
 impl Workplace {
     /// A ball, `ref.obj`.
     fn new() -> Self {
         let place = Self {
-            folder: tempfile::tempdir().unwrap(),
+            place: program::Workplace::new(),
             ball: shapes::sphere(1.0, 2),
         };
         place.surface("ref.obj", &place.ball);
         place
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
     }
 
     fn surface(&self, name: &str, mesh: &SurfaceMesh) {
@@ -44,31 +50,11 @@ impl Workplace {
         for k in 0..count {
             let a = 0.1 * (1.0 - (std::f64::consts::TAU * cycles * k as f64 / count as f64).cos());
             let name = format!("bend{k:02}.ply");
-            self.frame(&name, |p| {
-                Point::new(p.x + a * (p.x * p.x - p.z * p.z), p.y, p.z - 2.0 * a * p.x * p.z)
-            });
+            self.frame(&name, bent(a));
             names += &format!("{name} ");
         }
         names
     }
-
-    /// Runs in the folder; words are separated by blanks.
-    fn ends_with(&self, code: i32, line: &str) -> Output {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        let output = command.timeout(std::time::Duration::from_secs(120)).output().unwrap();
-        let said = format!("{line}: {}{}", text(&output.stdout), text(&output.stderr));
-        assert_eq!(output.status.code(), Some(code), "{said}");
-        output
-    }
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn json(output: &Output) -> Value {
-    serde_json::from_slice(&output.stdout).unwrap()
 }
 
 /// All files in the folder and those in it, in order, with what they hold.
@@ -80,15 +66,6 @@ fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
         false => vec![(path.clone(), std::fs::read(&path).unwrap())],
     };
     paths.into_iter().flat_map(inner).collect()
-}
-
-/// The mesh without its first triangle and that one's first neighbour: a hole of four edges.
-fn with_hole(mesh: &SurfaceMesh) -> SurfaceMesh {
-    let triangles = mesh.triangles();
-    let shared = |t: usize| triangles[t].iter().filter(|v| triangles[0].contains(v)).count();
-    let neighbour = (1..triangles.len()).find(|&t| shared(t) == 2).unwrap();
-    let kept = (1..triangles.len()).filter(|&t| t != neighbour).map(|t| triangles[t]);
-    SurfaceMesh::new(mesh.vertices().to_vec(), kept.collect()).unwrap()
 }
 
 #[test]
@@ -361,4 +338,72 @@ fn the_largest_cross_section_is_pictured_unless_an_axis_is_named() {
     };
     let own = picture("");
     assert!(own == picture("--axis x") && own != picture("--axis z"));
+}
+
+#[test]
+fn material_moves_with_every_frame() {
+    let place = Workplace::new();
+    // Linear on the facets too, so that the map inside is known.
+    let frame = |k: usize, p: &Point| {
+        let a = 0.1 * k as f64;
+        let image = Point::new(p.x + a * p.y, (1.0 + a) * p.y, p.z - a * p.x + a);
+        (image, [1.0, 0.0, -a])
+    };
+    let mut names = String::new();
+    for k in 0..6 {
+        place.frame(&format!("shear{k}.ply"), |p| frame(k, p).0);
+        names += &format!("shear{k}.ply ");
+    }
+    let nodes = [[0.0, 0.0, 0.0], [0.5, 0.0, 0.1], [0.0, 0.6, 0.0], [0.1, 0.0, 0.4]].map(Point::from);
+    let field = |name: &str, components, values| io::Field {
+        name: String::from(name),
+        components,
+        values,
+    };
+    let fields = io::VtkFields {
+        point: vec![
+            field("heat", 1, vec![1.0, 2.0, 3.0, 4.0]),
+            field("fibre", 3, [1.0, 0.0, 0.0].repeat(4)),
+        ],
+        cell: vec![field("part", 1, vec![7.0])],
+        ..io::VtkFields::default()
+    };
+    let write = |name: &str, cells| io::write_vtu(place.path(name), &nodes, cells, &fields).unwrap();
+    write("material.vtu", io::Cells::Tets(&[[0, 1, 2, 3]]));
+    let line = format!("sequence ref.obj {names} -o out --material material.vtu --no-vtu --json");
+    let report = json(&place.ends_with(0, &line));
+    assert_eq!(report["material"], "material.vtu");
+    assert!(!place.path("out/cells.pvd").exists() && !place.path("out/surface").exists());
+    let collection = std::fs::read_to_string(place.path("out/material.pvd")).unwrap();
+    for k in 0..6 {
+        let name = format!("material/frame_{k:05}.vtu");
+        assert!(collection.contains(&format!("file=\"{name}\"")), "{collection}");
+        let carried = io::read_fields(place.path("out").join(name)).unwrap();
+        assert_eq!(carried.tets, [[0, 1, 2, 3]]);
+        let values = |name: &str| {
+            let all = carried.point.iter().chain(&carried.cell);
+            all.clone().find(|field| field.name == name).unwrap().values.clone()
+        };
+        assert_eq!((values("heat"), values("part")), (vec![1.0, 2.0, 3.0, 4.0], vec![7.0]));
+        let fibres = values("fibre");
+        for (v, p) in nodes.iter().enumerate() {
+            let (image, fibre) = frame(k, p);
+            assert!((carried.points[v] - image).norm() < 1e-9, "{k} {v}");
+            assert!((0..3).all(|i| (fibres[3 * v + i] - fibre[i]).abs() < 1e-9), "{k} {v}");
+        }
+    }
+    std::fs::write(place.path("points.csv"), "x,y,z,heat\n0,0,0,1\n").unwrap();
+    let refused = place.ends_with(2, "sequence ref.obj shear0.ply -o out --material points.csv");
+    assert!(text(&refused.stderr).contains("`points.csv` has no triangles and no tetrahedra"));
+    let own = place.ends_with(
+        2,
+        "sequence ref.obj shear0.ply -o out --material out/material/frame_00000.vtu",
+    );
+    assert!(text(&own.stderr).contains("would be overwritten"));
+    place.ends_with(
+        0,
+        "sequence ref.obj shear0.ply shear1.ply -o out --material material.vtu",
+    );
+    let frames = std::fs::read_dir(place.path("out/material")).unwrap().count();
+    assert_eq!(frames, 2, "an earlier run's are removed");
 }

@@ -301,6 +301,10 @@ fn coloured_vertices_need_no_picture() {
     for voxel in image.bytes.chunks(4).filter(|voxel| voxel[3] > 0) {
         assert!(voxel[1].abs_diff(128) <= 1 && voxel[2].abs_diff(64) <= 1, "{voxel:?}");
     }
+    place.refuses(
+        "painted.obj --wrap clamp -o x.vti",
+        &["--wrap", "painted.obj", "vertices"],
+    );
     place.write("bytes.obj", &text.replace(" 0.5 0.25", " 128 64"));
     place.refuses(
         "bytes.obj -o x.vti",

@@ -1,63 +1,30 @@
 //! `solidmap transfer` from outside.
 #![cfg(feature = "cli")]
 
-use std::path::PathBuf;
-use std::process::Output;
+mod common;
 
-use assert_cmd::Command;
+use common::program::{Workplace, json, with_fitted_ball};
 use serde_json::Value;
 use solidmap::Point;
 use solidmap::inverse::lattice_mesh;
 use solidmap::io::{self, Cells, Field, VtkEncoding, VtkFields};
 use solidmap::mesh::shapes;
 
-struct Workplace {
-    folder: tempfile::TempDir,
-}
-
 fn image(p: &Point) -> Point {
     Point::new(2.0 * p.x, p.y + 0.1 * p.x, 0.5 * p.z)
 }
 
-impl Workplace {
-    /// With `map.safetensors`, an affine map of a ball.
-    fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let place = Self { folder };
-        let domain = shapes::sphere(1.0, 3);
-        io::write_surface(place.path("domain.ply"), &domain).unwrap();
-        io::write_surface(place.path("target.ply"), &shapes::deformed(&domain, image)).unwrap();
-        place.ends_with(
-            0,
-            "fit domain.ply --image target.ply --tolerance 0.01 -o map.safetensors",
-        );
-        place
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn ends_with(&self, code: i32, line: &str) -> Output {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        let output = command.timeout(std::time::Duration::from_secs(120)).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
-        output
-    }
-
-    fn report(&self, line: &str) -> Value {
-        serde_json::from_slice(&self.ends_with(0, line).stdout).unwrap()
-    }
+/// With `map.safetensors`, an affine map of a ball.
+fn with_map() -> Workplace {
+    with_fitted_ball(image)
 }
 
 #[test]
 fn columns_of_a_table_go_along_and_vectors_are_pushed_forward() {
-    let place = Workplace::new();
+    let place = with_map();
     let rows = "x,y,z,heat,vx,vy,vz\n0.1,0.2,0.3,7,1,0,0\n-0.4,0,0.2,8,0,0,1\n";
     std::fs::write(place.path("field.csv"), rows).unwrap();
-    let report = place.report("transfer map.safetensors field.csv -o out.csv --json");
+    let report = place.report(0, "transfer map.safetensors field.csv -o out.csv --json");
     assert!(report["volume"]["relative_error"].as_f64().unwrap().abs() < 1e-3);
     let out = io::read_fields(place.path("out.csv")).unwrap();
     assert_eq!(out.point[0].values, [7.0, 8.0]);
@@ -95,11 +62,11 @@ fn columns_of_a_table_go_along_and_vectors_are_pushed_forward() {
 
 #[test]
 fn vectors_are_pushed_forward_where_they_are_asked_for() {
-    let place = Workplace::new();
+    let place = with_map();
     let rows = "x,y,z,vx,vy,vz\n0,0,0.5,1,0,0\n0,0,-0.5,0,0,1\n3,0,0,0,1,0\n";
     std::fs::write(place.path("field.csv"), rows).unwrap();
     std::fs::write(place.path("at.csv"), "x,y,z\n0,0,0.2\n9,0,0\n0,0,-0.3\n").unwrap();
-    let report = place.report("transfer map.safetensors field.csv --at at.csv -o out.csv --json");
+    let report = place.report(0, "transfer map.safetensors field.csv --at at.csv -o out.csv --json");
     assert_eq!(
         (&report["without_value"], &report["outside"]),
         (&Value::from(1), &Value::Null)
@@ -112,7 +79,7 @@ fn vectors_are_pushed_forward_where_they_are_asked_for() {
 
     // Carried, the point outside of the domain is counted.
     let output = place.ends_with(0, "transfer map.safetensors field.csv -o out.csv --json");
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = json(&output);
     assert_eq!(report["outside"], 1);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("1 points of FIELD lie outside the domain"), "{said}");
@@ -121,7 +88,7 @@ fn vectors_are_pushed_forward_where_they_are_asked_for() {
 /// The field fills an eighth of the ball: what lies beyond it has no share.
 #[test]
 fn shares_are_of_the_volume_that_the_field_covers() {
-    let place = Workplace::new();
+    let place = with_map();
     let mesh = lattice_mesh(&shapes::sphere(0.5, 3), 1500).unwrap();
     let scalar = |name: &str, values| Field {
         name: name.into(),
@@ -141,7 +108,7 @@ fn shares_are_of_the_volume_that_the_field_covers() {
     io::write_vtu(place.path("field.vtu"), mesh.vertices(), cells, &fields).unwrap();
     let line = "transfer map.safetensors field.vtu --label layer -o out.csv --json";
     let output = place.ends_with(0, line);
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = json(&output);
     let beyond = report["volume_beyond_field"].as_f64().unwrap();
     assert!((beyond - 0.875).abs() < 0.01, "{beyond}");
     // The outer layer would have more than 0.9 with all that lies beyond.
@@ -155,7 +122,7 @@ fn shares_are_of_the_volume_that_the_field_covers() {
 
 #[test]
 fn meshes_keep_their_fields_and_are_resampled() {
-    let place = Workplace::new();
+    let place = with_map();
     let mesh = lattice_mesh(&shapes::sphere(1.0, 3), 1500).unwrap();
     let scalar = |name: &str, values| Field {
         name: name.into(),
@@ -176,7 +143,10 @@ fn meshes_keep_their_fields_and_are_resampled() {
             io::read_fields(place.path("field.vtu")).unwrap()
         );
     }
-    let report = place.report("transfer map.safetensors field.vtu --label part -o out.vtu --png out.png --json");
+    let report = place.report(
+        0,
+        "transfer map.safetensors field.vtu --label part -o out.vtu --png out.png --json",
+    );
     let shares = report["fields"][1]["labels"].as_array().unwrap().clone();
     let total: f64 = shares.iter().map(|share| share["after"].as_f64().unwrap()).sum();
     assert!(shares.len() == 3 && (total - 1.0).abs() < 1e-9);
@@ -203,7 +173,7 @@ fn meshes_keep_their_fields_and_are_resampled() {
 /// A box on a lattice: its values are linear, and so are those resampled.
 #[test]
 fn structured_points_are_a_mesh() {
-    let place = Workplace::new();
+    let place = with_map();
     let mut text = "# vtk DataFile Version 3.0\ngrid\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 4 3 5\n\
                     ORIGIN -0.3 -0.2 -0.4\nSPACING 0.2 0.2 0.2\nPOINT_DATA 60\nSCALARS sum double 1\n\
                     LOOKUP_TABLE default\n"
@@ -255,9 +225,43 @@ fn structured_points_are_a_mesh() {
 }
 
 #[test]
+fn image_data_are_carried_as_a_mesh() {
+    let place = with_map();
+    let grid = io::ImageGrid {
+        origin: Point::new(-0.3, -0.2, -0.4),
+        spacing: 0.2,
+        size: [4, 3, 5],
+    };
+    let bytes: Vec<u8> = (0..60).collect();
+    io::write_vti(place.path("grid.vti"), &grid, "label", 1, &bytes).unwrap();
+    place.ends_with(0, "transfer map.safetensors grid.vti --label label -o out.vtu");
+    let carried = io::read_fields(place.path("out.vtu")).unwrap();
+    assert_eq!((carried.points.len(), carried.tets.len()), (60, 144));
+    assert!(
+        carried.point[0]
+            .values
+            .iter()
+            .zip(&bytes)
+            .all(|(x, b)| *x == f64::from(*b))
+    );
+    for (i, p) in carried.points.iter().enumerate() {
+        let [x, y, z] = [i % 4, i / 4 % 3, i / 12].map(|k| 0.2 * k as f64);
+        let expected = image(&Point::new(x - 0.3, y - 0.2, z - 0.4));
+        // The map is affine but for its fit.
+        assert!((p - expected).norm() < 1e-2, "{p} against {expected}");
+    }
+    let whole = std::fs::read(place.path("grid.vti")).unwrap();
+    std::fs::write(place.path("cut.vti"), &whole[..whole.len() / 2]).unwrap();
+    let output = place.ends_with(2, "transfer map.safetensors cut.vti -o cut.vtu");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("cut.vti") && said.contains("ends early"), "{said}");
+    assert!(!place.path("cut.vtu").exists());
+}
+
+#[test]
 fn the_distance_field_needs_no_file() {
-    let place = Workplace::new();
-    let report = place.report("transfer map.safetensors --distance -o out.vtu --json");
+    let place = with_map();
+    let report = place.report(0, "transfer map.safetensors --distance -o out.vtu --json");
     let median = report["fields"][0]["distribution"]["before"]["quantiles"][2]
         .as_f64()
         .unwrap();
@@ -283,7 +287,7 @@ fn the_distance_field_needs_no_file() {
 
 #[test]
 fn what_cannot_be_done_is_refused() {
-    let place = Workplace::new();
+    let place = with_map();
     std::fs::write(place.path("bare.csv"), "x,y,z\n0,0,0\n").unwrap();
     std::fs::write(place.path("field.csv"), "x,y,z,a\n0,0,0,1\n").unwrap();
     std::fs::write(place.path("words.csv"), "x,y,z,a\n0,0,0,red\n").unwrap();

@@ -4,7 +4,7 @@ mod common;
 
 use std::f64::consts::TAU;
 
-use common::models;
+use common::{bent, models, with_hole};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::energy::{Lame, Resolution, deformation};
@@ -47,11 +47,6 @@ fn images(reference: &SurfaceMesh, f: impl Fn(&Point) -> Point) -> Vec<Point> {
     reference.vertices().iter().map(f).collect()
 }
 
-/// A bend about the y axis that is harmonic: its two coordinates are `x + a (x² − z²)` and `z − 2 a x z`.
-fn bent(a: f64) -> impl Fn(&Point) -> Point {
-    move |p| Point::new(p.x + a * (p.x * p.x - p.z * p.z), p.y, p.z - 2.0 * a * p.x * p.z)
-}
-
 fn jacobian_of_bend(a: f64, p: &Point) -> Matrix3 {
     Matrix3::new(
         1.0 + 2.0 * a * p.x,
@@ -64,15 +59,6 @@ fn jacobian_of_bend(a: f64, p: &Point) -> Matrix3 {
         0.0,
         1.0 - 2.0 * a * p.x,
     )
-}
-
-/// The mesh without its first triangle and that one's first neighbour: a hole of four edges.
-fn with_hole(mesh: &SurfaceMesh) -> SurfaceMesh {
-    let triangles = mesh.triangles();
-    let shared = |t: usize| triangles[t].iter().filter(|v| triangles[0].contains(v)).count();
-    let neighbour = (1..triangles.len()).find(|&t| shared(t) == 2).unwrap();
-    let kept = (1..triangles.len()).filter(|&t| t != neighbour).map(|t| triangles[t]);
-    SurfaceMesh::new(mesh.vertices().to_vec(), kept.collect()).unwrap()
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use solidmap::Point;
 use solidmap::check::{check, close_holes, mend};
 use solidmap::io;
-use solidmap::mesh::SurfaceMesh;
+use solidmap::mesh::{SurfaceMesh, shapes};
 
 /// Hands `read` the path of a file that holds `bytes`. Each process has one file of its own in the temporary folder, which is
 /// best in memory.
@@ -49,7 +49,11 @@ pub fn examine(surface: &SurfaceMesh, most_edges: usize) {
     assert!(!report.to_string().is_empty());
     let (mended, _) = mend(surface);
     let again = check(&mended, None);
-    assert_eq!(report.is_solvable(), again.is_solvable(), "mending makes no difference to what is solvable");
+    assert_eq!(
+        report.is_solvable(),
+        again.is_solvable(),
+        "mending makes no difference to what is solvable"
+    );
     assert!(mend(&mended).1.is_empty(), "what is mended needs no mending");
     if let Ok((closed, holes)) = close_holes(surface, most_edges) {
         assert_eq!(holes.is_empty(), closed.triangles().len() == surface.triangles().len());
@@ -76,24 +80,49 @@ const ODD: [f64; 16] = [
     -1e-8,
 ];
 
-/// A surface of at most 64 vertices out of bytes: their number, a byte for each coordinate, three for each triangle.
+/// A surface out of bytes. If the first is below 64: their number of vertices less one, a byte for each coordinate, three for
+/// each triangle. Else a closed solid, and pairs of bytes of which each gives another value to a coordinate.
 pub fn surface(bytes: &[u8]) -> Option<SurfaceMesh> {
-    let (&count, rest) = bytes.split_first()?;
-    let count = 1 + usize::from(count % 64);
+    let (&kind, rest) = bytes.split_first()?;
+    if kind >= 64 {
+        return Some(changed(&solid(kind), rest));
+    }
+    let count = 1 + usize::from(kind);
     let (coordinates, corners) = rest.split_at_checked(3 * count)?;
-    let number = |&byte: &u8| match byte {
-        0xf0.. => ODD[usize::from(byte & 0xf)],
-        _ => f64::from(byte) / 8.0 - 15.0,
-    };
-    let vertices = coordinates
-        .as_chunks::<3>()
-        .0
-        .iter()
-        .map(|p| Point::from(p.each_ref().map(number)))
-        .collect();
+    let vertices = coordinates.as_chunks::<3>().0.iter();
+    let vertices = vertices.map(|p| Point::from(p.map(number))).collect();
     let triangles = corners.as_chunks::<3>().0.iter();
     let triangles = triangles.map(|t| t.map(|v| u32::from(v) % count as u32)).collect();
     SurfaceMesh::new(vertices, triangles).ok()
+}
+
+fn number(byte: u8) -> f64 {
+    match byte {
+        0xf0.. => ODD[usize::from(byte & 0xf)],
+        _ => f64::from(byte) / 8.0 - 15.0,
+    }
+}
+
+fn solid(kind: u8) -> SurfaceMesh {
+    match kind % 7 {
+        0 => shapes::geodesic_sphere(1.0, 1),
+        1 => shapes::cube(2.0, 1),
+        2 => shapes::torus(2.0, 0.5, 5, 4),
+        3 => shapes::spherical_shell(1.0, 0.5, 0),
+        4 => shapes::joined(&shapes::cube(2.0, 1), &shapes::cube(1.0, 1)),
+        5 => shapes::double_torus(1),
+        _ => shapes::polycube(&[[0, 0, 0], [1, 0, 0], [1, 1, 0]], 1),
+    }
+}
+
+fn changed(surface: &SurfaceMesh, changes: &[u8]) -> SurfaceMesh {
+    let mut vertices = surface.vertices().to_vec();
+    let count = 3 * vertices.len();
+    for &[place, value] in changes.as_chunks::<2>().0 {
+        let place = usize::from(place) % count;
+        vertices[place / 3][place % 3] = number(value);
+    }
+    SurfaceMesh::new(vertices, surface.triangles().to_vec()).expect("the same triangles")
 }
 
 /// A safetensors file: what stands before the first line feed is its header, if that begins with a brace. So the fuzzer

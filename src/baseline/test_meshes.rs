@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::f64::consts::PI;
 
 use crate::Point;
-use crate::mesh::TetMesh;
+use crate::mesh::{KUHN, TetMesh};
 
 /// The unit cube, six tetrahedra to each of `n³` cells (Kuhn's subdivision).
 pub fn cube(n: usize) -> TetMesh {
@@ -71,20 +71,6 @@ fn grid([nx, ny, nz]: [usize; 3], around: bool, place: impl Fn(Point) -> Point) 
 
 /// The corners of six right-handed tetrahedra to each cell of a grid.
 fn kuhn([nx, ny, nz]: [usize; 3]) -> impl Iterator<Item = [[usize; 3]; 4]> {
-    let orders = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
     let cells = (0..nx).flat_map(move |i| (0..ny).flat_map(move |j| (0..nz).map(move |k| [i, j, k])));
-    cells.flat_map(move |cell| {
-        (0..orders.len()).map(move |number| {
-            let mut at = cell;
-            let mut tet = [cell; 4];
-            for (corner, &axis) in orders[number].iter().enumerate() {
-                at[axis] += 1;
-                tet[corner + 1] = at;
-            }
-            if number >= 3 {
-                tet.swap(2, 3);
-            }
-            tet
-        })
-    })
+    cells.flat_map(|cell| KUHN.map(|tet| tet.map(|corner| [0, 1, 2].map(|k| cell[k] + (corner >> k & 1)))))
 }

@@ -38,7 +38,7 @@ use volume::Clipper;
 
 use crate::Point;
 use crate::map::{HarmonicMap, VolumeMap};
-use crate::mesh::SurfaceMesh;
+use crate::mesh::{HEXAHEDRON, SurfaceMesh};
 
 /// How far a certificate goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -309,21 +309,12 @@ impl Certificate {
 
     /// The leaves as hexahedra in VTK's order of corners; equal corners are one point.
     pub fn hexahedra(&self) -> (Vec<Point>, Vec<[u32; 8]>) {
-        const CORNERS: [[u32; 3]; 8] = [
-            [0, 0, 0],
-            [1, 0, 0],
-            [1, 1, 0],
-            [0, 1, 0],
-            [0, 0, 1],
-            [1, 0, 1],
-            [1, 1, 1],
-            [0, 1, 1],
-        ];
         let unit = self.side / 2f64.powi(MOST_LEVELS.into());
         let (mut index, mut points) = (HashMap::new(), Vec::new());
         let hexahedra = self.leaves.iter().map(|leaf| {
-            CORNERS.map(|corner| {
-                let key: [u32; 3] = std::array::from_fn(|k| (leaf.steps[k] + corner[k]) << (MOST_LEVELS - leaf.level));
+            HEXAHEDRON.map(|corner| {
+                let key: [u32; 3] =
+                    std::array::from_fn(|k| (leaf.steps[k] + u32::from(corner[k])) << (MOST_LEVELS - leaf.level));
                 *index.entry(key).or_insert_with(|| {
                     points.push(Point::from(std::array::from_fn(|k| {
                         self.low[k] + f64::from(key[k]) * unit

@@ -4,13 +4,9 @@
 //! the signed sum, over the triangles above its square, of the prisms that they cut from it. Cells are divided from
 //! the whole box down, and a cell asks only the triangles over its parent's square.
 
-use smallvec::SmallVec;
-
 use crate::Point;
+use crate::geometry::clip::{Polygon, between, fan, projected_area, split};
 use crate::mesh::SurfaceMesh;
-
-/// A convex planar polygon: a triangle cut by six planes has at most nine corners.
-type Polygon = SmallVec<[Point; 9]>;
 
 /// Cells whose volume inside is this close to their own, as a fraction, are inside as a whole.
 const NEGLIGIBLE: f64 = 1e-12;
@@ -65,15 +61,15 @@ impl Clipper {
             let mut polygon = Polygon::from_slice(corners);
             for (axis, whole) in [(0, whole_x), (1, whole_y)] {
                 if !whole {
-                    polygon = split(&split(&polygon, axis, low[axis]).1, axis, low[axis] + side).0;
+                    polygon = between(polygon, axis, low[axis], low[axis] + side);
                 }
             }
             if polygon.len() < 3 {
                 continue;
             }
             triangles.push(t);
-            let (_, above_floor) = split(&polygon, 2, low.z);
-            let (within, above) = split(&above_floor, 2, low.z + side);
+            let (_, above_floor) = split(polygon, 2, low.z);
+            let (within, above) = split(above_floor, 2, low.z + side);
             is_crossed |= reaches_into(&within, low, side);
             let under = |[a, b, c]: [Point; 3]| projected_area(&a, &b, &c) * ((a.z + b.z + c.z) / 3.0 - low.z);
             let part = fan(&within).map(under).sum::<f64>()
@@ -124,43 +120,4 @@ fn reaches_into(polygon: &Polygon, low: &Point, side: f64) -> bool {
     };
     let (lowest, highest) = ends(2);
     is_wide(0) && is_wide(1) && highest > ROUNDING && lowest < side - ROUNDING
-}
-
-/// The parts of a convex polygon below and above a plane across an axis; a part within the plane is below.
-fn split(polygon: &Polygon, axis: usize, at: f64) -> (Polygon, Polygon) {
-    if polygon.iter().all(|p| p[axis] <= at) {
-        return (polygon.clone(), Polygon::new());
-    }
-    if polygon.iter().all(|p| p[axis] >= at) {
-        return (Polygon::new(), polygon.clone());
-    }
-    let (mut below, mut above) = (Polygon::new(), Polygon::new());
-    for (n, p) in polygon.iter().enumerate() {
-        let q = &polygon[(n + 1) % polygon.len()];
-        if p[axis] <= at {
-            below.push(*p);
-        }
-        if p[axis] >= at {
-            above.push(*p);
-        }
-        // From the lower end, so that neighbours cut their common edge in the same point, bit for bit.
-        let (low, high) = if p[axis] < q[axis] { (p, q) } else { (q, p) };
-        if low[axis] < at && at < high[axis] {
-            let mut cut = low + (high - low) * ((at - low[axis]) / (high[axis] - low[axis]));
-            cut[axis] = at;
-            below.push(cut);
-            above.push(cut);
-        }
-    }
-    (below, above)
-}
-
-/// The triangles of a convex polygon about its first corner.
-fn fan(polygon: &Polygon) -> impl Iterator<Item = [Point; 3]> {
-    polygon.windows(2).skip(1).map(|edge| [polygon[0], edge[0], edge[1]])
-}
-
-/// Area of the projection along z, positive where the triangle looks up.
-fn projected_area(a: &Point, b: &Point, c: &Point) -> f64 {
-    ((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) / 2.0
 }

@@ -59,7 +59,7 @@ pub enum Command {
     Certify(CertifyArgs),
     /// Carry fields from a map's domain to its target: scalars, vectors, labels, the distance field
     Transfer(TransferArgs),
-    /// Make a regular mesh of a polycube and carry it into the target, with no cell inverted
+    /// Carry a regular mesh of a polycube, or a given mesh, into the target, with no cell inverted
     Remesh(RemeshArgs),
     /// Measure how far each frame of a sequence is deformed, where, and in how many cycles
     Sequence(SequenceArgs),
@@ -69,6 +69,8 @@ pub enum Command {
     Compare(CompareArgs),
     #[command(hide = true)]
     CompareWorker(CompareWorkerArgs),
+    #[command(hide = true)]
+    NativeWorker,
 }
 
 #[derive(Debug, Args)]
@@ -447,8 +449,8 @@ pub struct RemeshArgs {
     /// all corners on the boundary are split
     #[arg(long, value_name = "MESH", conflicts_with_all = ["kind", "cells", "cell_size", "max_cells"])]
     pub mesh: Option<PathBuf>,
-    /// Mesh of the target to write (.vtu, .vtk, .mesh, .msh); all have regions, .mesh and .msh also the boundary in parts,
-    /// .vtu and .vtk qualities, the nodes' places in the domain, and tags of cells that stay inverted
+    /// Mesh of the target to write (.vtu, .vtk, .mesh, .msh); all have regions and tags of cells that stay inverted, .mesh
+    /// and .msh also the boundary in parts, .vtu and .vtk qualities and the nodes' places in the domain
     #[arg(short, long, value_name = "MESH")]
     pub output: PathBuf,
     /// Shape of the cells
@@ -489,8 +491,8 @@ pub struct TransferArgs {
     /// Map file
     pub map: PathBuf,
     /// Fields on the domain: .csv with columns x, y, z and others (three such as vx, vy, vz are a vector), or .vtu or .vtk
-    /// with point or cell data on tetrahedra, or point data on triangles, or .vtk with structured points. Without it a mesh
-    /// of the domain is made, for --distance
+    /// with point or cell data on tetrahedra, or point data on triangles, or a grid: .vti with image data, .vtk with
+    /// structured points. Without it a mesh of the domain is made, for --distance
     #[arg(required_unless_present = "distance")]
     pub field: Option<PathBuf>,
     /// Fields on the target to write: .csv (without cell data), or .vtu or .vtk for a mesh
@@ -569,7 +571,7 @@ pub struct TextureArgs {
     /// Instead of a picture, a checker of N squares along each side of it (16 where N is left out)
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image")]
     pub checker: Option<usize>,
-    /// What is beyond the edges of the picture [default: repeat]
+    /// What is beyond the edges of the picture or the checker [default: repeat]
     #[arg(long, value_enum)]
     pub wrap: Option<WrapKind>,
     #[command(flatten)]
@@ -664,7 +666,7 @@ pub struct SequenceArgs {
     #[arg(required = true, value_name = "FRAME")]
     pub frames: Vec<PathBuf>,
     /// Folder for the chart, the table, pictures, and series for ParaView. Those of an earlier run are replaced when all new
-    /// ones are complete; files in `cells` and `surface` that it has not made are never touched
+    /// ones are complete; files in `cells`, `surface` and `material` that it has not made are never touched
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
     /// Boundary error to reach over 99 % of the area, as a fraction of each frame's diagonal. Sources are added where it is
@@ -683,6 +685,10 @@ pub struct SequenceArgs {
     /// Close holes and slits of REF of up to so many edges (1000 at most), by triangles over their rims, in all frames alike
     #[arg(long, value_name = "EDGES", num_args = 0..=1, default_missing_value = "64", require_equals = true)]
     pub mend: Option<usize>,
+    /// Mesh with fields in REF (`.vtu`, `.vtk`), carried by the map of every frame to `material.pvd`: vectors turn and stretch
+    /// with the solid, everything else keeps its values. See `solidmap transfer`
+    #[arg(long, value_name = "FIELD")]
+    pub material: Option<PathBuf>,
     /// Frames in a second, for the times in the chart, the table and ParaView [default: times count frames]
     #[arg(long, default_value_t = 1.0, hide_default_value = true, value_name = "N")]
     pub fps: f64,
@@ -692,7 +698,7 @@ pub struct SequenceArgs {
     /// Frames to picture on the cross-section, counted from 0, beside the mean and the one of most energy
     #[arg(long, value_name = "FRAME", value_delimiter = ',')]
     pub show: Vec<usize>,
-    /// Leave out the series for ParaView
+    /// Leave out the series of energies for ParaView
     #[arg(long)]
     pub no_vtu: bool,
     #[command(flatten)]

@@ -9,7 +9,7 @@ use solidmap::energy::{
     EnergyOptions, EnergyReport, Lame, Layout, Quadrature, Resolution, clipped_grid, energies, tet_quadrature,
 };
 use solidmap::io::{self, Cells, Field, VtkFields};
-use solidmap::mesh::{SurfaceMesh, TetMesh};
+use solidmap::mesh::{HEXAHEDRON, SurfaceMesh, TetMesh};
 use solidmap::report::{Figure, significant};
 
 use super::args::EnergyArgs;
@@ -233,21 +233,10 @@ pub fn write_cells(
 pub fn boxes(grid: &solidmap::energy::Grid, cells: &[u32]) -> (Vec<Point>, Vec<[u32; 8]>) {
     let mut index = std::collections::HashMap::new();
     let mut points = Vec::new();
-    // VTK's order of a hexahedron's corners.
-    let corners = [
-        [0, 0, 0],
-        [1, 0, 0],
-        [1, 1, 0],
-        [0, 1, 0],
-        [0, 0, 1],
-        [1, 0, 1],
-        [1, 1, 1],
-        [0, 1, 1],
-    ];
     let hexes = cells.iter().map(|&cell| {
         let steps = grid.steps(cell);
-        corners.map(|corner| {
-            let key: [usize; 3] = std::array::from_fn(|k| steps[k] + corner[k]);
+        HEXAHEDRON.map(|corner| {
+            let key: [usize; 3] = std::array::from_fn(|k| steps[k] + usize::from(corner[k]));
             *index.entry(key).or_insert_with(|| {
                 let along = |k: usize| grid.origin[k] + key[k] as f64 * grid.cell_size;
                 points.push(Point::new(along(0), along(1), along(2)));

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use serde::Serialize;
-use solidmap::boundary_map::BoundaryMap;
 use solidmap::geometry::SurfaceQuery;
 use solidmap::io::{self, Solid};
 use solidmap::map::VolumeMap;
+use solidmap::mesh::SurfaceMesh;
 use solidmap::{Matrix3, Point};
 
 use super::args::EvalArgs;
@@ -68,7 +68,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
     let outside = file
         .boundary
         .as_ref()
-        .map(|boundary| outside(boundary, &points))
+        .map(|boundary| outside(boundary.domain(), &points))
         .transpose()?;
     if outside.is_some_and(|count| count > 0) {
         output.warn(format!(
@@ -137,8 +137,7 @@ fn is_finite(p: &Point) -> bool {
 }
 
 /// Points farther outside than the boundary error could put a boundary point.
-pub fn outside(boundary: &BoundaryMap, points: &[Point]) -> anyhow::Result<usize> {
-    let domain = boundary.domain();
+pub fn outside(domain: &SurfaceMesh, points: &[Point]) -> anyhow::Result<usize> {
     let query = SurfaceQuery::new(domain)?;
     let finite: Vec<Point> = points.iter().copied().filter(is_finite).collect();
     let margin = 1e-6 * domain.diagonal();

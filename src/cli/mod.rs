@@ -56,7 +56,14 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
             .build_global()?;
         faer::set_global_parallelism(faer::Par::rayon(threads.into()));
     }
+    #[cfg(feature = "native")]
+    if let Command::NativeWorker = cli.command {
+        native::serve()?;
+        return Ok(Outcome::Done);
+    }
     let output = Output::new(cli.json);
+    #[cfg(feature = "native")]
+    native::isolate(cli)?;
     interrupt::end_cleanly(&output);
     let outcome = match &cli.command {
         Command::Demo(args) => demo::run(args, &output),
@@ -80,6 +87,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Certify(args) => certify::run(args, &output),
         Command::Compare(args) => compare::run(args, cli.threads, &output),
         Command::CompareWorker(args) => compare::worker::run(args),
+        Command::NativeWorker => anyhow::bail!("this solidmap was built without CGAL and TetGen"),
     };
     output.finish();
     outcome

@@ -1,4 +1,4 @@
-//! `solidmap tet` and `solidmap offset`: what CGAL and TetGen do.
+//! `solidmap tet` and `solidmap offset`: what CGAL and TetGen do, and the process that they do it in.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -6,12 +6,32 @@ use std::time::Instant;
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::io;
-use solidmap::native::{self, Mesh3Options, OffsetOptions, TetOptions};
+use solidmap::native::{self, Isolation, Mesh3Options, OffsetOptions, TetOptions};
 use solidmap::report::significant;
 
-use super::args::{Mesher, OffsetArgs, TetArgs};
+use super::args::{Cli, Command, Mesher, OffsetArgs, TetArgs};
 use super::output::{Output, pairs};
 use super::{Outcome, input};
+
+/// From now on CGAL and TetGen run in a process of their own. The processes of `compare` are that already.
+pub fn isolate(cli: &Cli) -> anyhow::Result<()> {
+    if matches!(cli.command, Command::CompareWorker(_)) {
+        return Ok(());
+    }
+    let program = std::env::current_exe().context("cannot find the program itself, to run CGAL and TetGen in it")?;
+    let threads = cli.threads.map(|n| ["--threads".to_owned(), n.to_string()]);
+    native::isolate(Some(Isolation {
+        program,
+        arguments: threads.into_iter().flatten().chain(["native-worker".into()]).collect(),
+        time_limit: None,
+    }));
+    Ok(())
+}
+
+/// The other side of [`isolate`].
+pub fn serve() -> anyhow::Result<()> {
+    native::serve_calls().context("`native-worker` is for solidmap itself: it serves the process that starts it")
+}
 
 /// What `tet --json` prints.
 #[derive(Serialize)]

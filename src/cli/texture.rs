@@ -355,6 +355,10 @@ fn skin(args: &TextureArgs) -> anyhow::Result<Skin> {
             "`{shown}` has no texture coordinates, so that no picture can be laid on it: unwrap it and save it as OBJ with \
              them (`vt`)"
         ),
+        (None, _, Some(_)) if args.wrap.is_some() => bail!(
+            "--wrap says what is beyond the edges of a picture, but `{shown}` is coloured by its vertices: leave it out, or \
+             name a picture with --image"
+        ),
         (None, _, Some(colours)) => {
             require_codes(&colours).with_context(|| format!("cannot texture `{shown}`"))?;
             Skin::of_vertices(&surface, colours.into_iter().map(decoded).collect())

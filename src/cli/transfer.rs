@@ -72,15 +72,91 @@ const STATUS: &str = "status";
 const NO_VECTORS: [&str; 7] = ["rgb", "color", "colors", "colour", "colours", "normal", "normals"];
 
 /// What is read: the carrier, and triangles between its points where it has no tetrahedra.
-struct Given {
-    carrier: Carrier,
-    triangles: Vec<[u32; 3]>,
+pub struct Given {
+    pub carrier: Carrier,
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Given {
+    /// Fields that are carried as their names say, but for those named here.
+    fn of(file: FieldFile, labels: &[String], plain_vectors: Option<&[String]>) -> Self {
+        let is_plain = |name: &String| {
+            plain_vectors.is_some_and(|names| names.is_empty() || names.contains(name))
+                || NO_VECTORS.contains(&name.to_lowercase().as_str())
+        };
+        let named = |field: Field| TransferField {
+            carry: match field.components {
+                _ if labels.contains(&field.name) => Carry::Label,
+                3 if !is_plain(&field.name) => Carry::Vector,
+                _ => Carry::Values,
+            },
+            name: field.name,
+            components: field.components,
+            values: field.values,
+        };
+        Self {
+            carrier: Carrier {
+                points: file.points,
+                tets: file.tets,
+                point_fields: file.point.into_iter().map(named).collect(),
+                cell_fields: file.cell.into_iter().map(named).collect(),
+            },
+            triangles: file.triangles,
+        }
+    }
+
+    /// Fields on a mesh.
+    pub fn read_mesh(path: &Path) -> anyhow::Result<Self> {
+        let given = Self::of(io::read_fields(path)?, &[], None);
+        let (carrier, shown) = (&given.carrier, path.display());
+        ensure!(
+            !(carrier.tets.is_empty() && given.triangles.is_empty()),
+            "`{shown}` has no triangles and no tetrahedra between its points; give a .vtu or .vtk that has"
+        );
+        carrier.check().with_context(|| format!("cannot carry `{shown}`"))?;
+        Ok(given)
+    }
+
+    /// The same moved by a map.
+    pub fn carried(&self, map: &dyn VolumeMap) -> anyhow::Result<Self> {
+        Ok(Self {
+            carrier: carry(map, &self.carrier)?,
+            triangles: self.triangles.clone(),
+        })
+    }
+
+    /// Writes the mesh with its fields and these at the points.
+    pub fn write_mesh(&self, path: &Path, more: Vec<Field>) -> anyhow::Result<()> {
+        let fields = VtkFields {
+            point: fields_of(&self.carrier.point_fields).chain(more).collect(),
+            cell: fields_of(&self.carrier.cell_fields).collect(),
+            ..VtkFields::default()
+        };
+        let cells = match self.carrier.tets.is_empty() {
+            true => Cells::Triangles(&self.triangles),
+            false => Cells::Tets(&self.carrier.tets),
+        };
+        let points = &self.carrier.points;
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("vtk")) {
+            io::write_vtk(path, points, cells, &fields, VtkEncoding::Binary)?;
+        } else {
+            io::write_vtu(path, points, cells, &fields)?;
+        }
+        Ok(())
+    }
+}
+
+fn fields_of(fields: &[TransferField]) -> impl Iterator<Item = Field> {
+    fields.iter().map(|field| Field {
+        name: field.name.clone(),
+        components: field.components,
+        values: field.values.clone(),
+    })
 }
 
 /// Values at points of the target, and what joins the points.
 struct Carried {
-    carrier: Carrier,
-    triangles: Vec<[u32; 3]>,
+    on: Given,
     preimages: Option<Vec<Preimage>>,
     inverse: Option<InverseReport>,
     beyond_carrier: usize,
@@ -109,7 +185,7 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
         .is_some()
         .then(|| drawn_field(args, &given.carrier))
         .transpose()?;
-    let Given { carrier, triangles } = given;
+    let carrier = &given.carrier;
 
     output.progress(format!("carrying {} points", carrier.points.len()));
     let start = std::time::Instant::now();
@@ -121,10 +197,9 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
         .transpose()
         .with_context(|| format!("cannot invert `{}`", args.map.display()))?;
     let carried = match (&args.at, &inverse) {
-        (Some(at), Some(inverse)) => carried_at(at, args, &file.map, inverse, &boundary, &carrier)?,
+        (Some(at), Some(inverse)) => carried_at(at, args, &file.map, inverse, &boundary, carrier)?,
         _ => Carried {
-            carrier: carry(&file.map, &carrier)?,
-            triangles,
+            on: given.carried(&file.map)?,
             preimages: None,
             inverse: None,
             beyond_carrier: 0,
@@ -132,15 +207,15 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
     };
     let seconds = start.elapsed().as_secs_f64();
     let outside = (args.field.is_some() && args.at.is_none())
-        .then(|| outside(&boundary, &carrier.points))
+        .then(|| outside(boundary.domain(), &carrier.points))
         .transpose()?;
 
     output.progress("checking volumes");
-    let checks = check(args, &file.map, &boundary, &carrier)?;
+    let checks = check(args, &file.map, &boundary, carrier)?;
     let png = match (drawn, &inverse) {
         (Some(which), Some(inverse)) => {
             output.progress("drawing");
-            Some(draw(which, args, &boundary, inverse, &carrier)?)
+            Some(draw(which, args, &boundary, inverse, carrier)?)
         }
         _ => None,
     };
@@ -151,7 +226,7 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
     }
     let without_value = match &carried.preimages {
         Some(preimages) => preimages.iter().filter(|p| !inverse::place(p).x.is_finite()).count(),
-        None => carried.carrier.points.iter().filter(|p| !is_finite(p)).count(),
+        None => carried.on.carrier.points.iter().filter(|p| !is_finite(p)).count(),
     };
     let mut complete = true;
     match &carried.inverse {
@@ -170,7 +245,7 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
         output: args.output.clone(),
         points: carrier.points.len(),
         tets: carrier.tets.len(),
-        written_points: carried.carrier.points.len(),
+        written_points: carried.on.carrier.points.len(),
         without_value,
         outside,
         fields: checks.fields,
@@ -225,27 +300,8 @@ fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<Given> {
             }
         }
     };
-    let is_plain = |name: &String| {
-        let asked = args.plain_vectors.as_ref();
-        asked.is_some_and(|names| names.is_empty() || names.contains(name))
-            || NO_VECTORS.contains(&name.to_lowercase().as_str())
-    };
-    let named = |field: Field| TransferField {
-        carry: match field.components {
-            _ if args.label.contains(&field.name) => Carry::Label,
-            3 if !is_plain(&field.name) => Carry::Vector,
-            _ => Carry::Values,
-        },
-        name: field.name,
-        components: field.components,
-        values: field.values,
-    };
-    let mut carrier = Carrier {
-        points: file.points,
-        tets: file.tets,
-        point_fields: file.point.into_iter().map(named).collect(),
-        cell_fields: file.cell.into_iter().map(named).collect(),
-    };
+    let mut given = Given::of(file, &args.label, args.plain_vectors.as_deref());
+    let carrier = &mut given.carrier;
     let shown = shown(args);
     if args.distance {
         let values = depths(boundary.domain(), &carrier.points)?;
@@ -256,7 +312,7 @@ fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<Given> {
             carry: Carry::Values,
         });
     }
-    let names: Vec<&str> = all_fields(&carrier).map(|(_, field)| field.name.as_str()).collect();
+    let names: Vec<&str> = all_fields(carrier).map(|(_, field)| field.name.as_str()).collect();
     ensure!(
         !names.is_empty(),
         "`{shown}` has no fields; give a .csv with columns beside x, y and z, or a .vtu or .vtk with point or cell data, \
@@ -270,10 +326,7 @@ fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<Given> {
         );
     }
     carrier.check().with_context(|| format!("cannot carry `{shown}`"))?;
-    Ok(Given {
-        carrier,
-        triangles: file.triangles,
-    })
+    Ok(given)
 }
 
 /// The file that the fields come from.
@@ -374,13 +427,15 @@ fn carried_at(
         None => (vec![], vec![]),
     };
     Ok(Carried {
-        carrier: Carrier {
-            points,
-            tets,
-            point_fields: found.fields,
-            cell_fields: vec![],
+        on: Given {
+            carrier: Carrier {
+                points,
+                tets,
+                point_fields: found.fields,
+                cell_fields: vec![],
+            },
+            triangles,
         },
-        triangles,
         preimages: Some(found.preimages),
         inverse: Some(found.inverse),
         // The mesh made for --distance is no field.
@@ -390,41 +445,20 @@ fn carried_at(
 
 /// A table of points, or a mesh with fields.
 fn write(path: &Path, carried: &Carried) -> anyhow::Result<()> {
-    let field = |field: &TransferField| Field {
-        name: field.name.clone(),
-        components: field.components,
-        values: field.values.clone(),
-    };
-    let mut point: Vec<Field> = carried.carrier.point_fields.iter().map(field).collect();
-    if let Some(preimages) = &carried.preimages {
-        point.push(Field {
-            name: STATUS.into(),
-            components: 1,
-            values: preimages
-                .iter()
-                .map(|preimage| inverse::code(preimage.status))
-                .collect(),
-        });
-    }
-    let points = &carried.carrier.points;
+    let status = carried.preimages.as_ref().map(|preimages| Field {
+        name: STATUS.into(),
+        components: 1,
+        values: preimages
+            .iter()
+            .map(|preimage| inverse::code(preimage.status))
+            .collect(),
+    });
+    let carrier = &carried.on.carrier;
     if is_table(path) {
-        return write_table(path, points, &point);
+        let fields: Vec<Field> = fields_of(&carrier.point_fields).chain(status).collect();
+        return write_table(path, &carrier.points, &fields);
     }
-    let fields = VtkFields {
-        point,
-        cell: carried.carrier.cell_fields.iter().map(field).collect(),
-        ..VtkFields::default()
-    };
-    let cells = match carried.carrier.tets.is_empty() {
-        true => Cells::Triangles(&carried.triangles),
-        false => Cells::Tets(&carried.carrier.tets),
-    };
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("vtk")) {
-        io::write_vtk(path, points, cells, &fields, VtkEncoding::Binary)?;
-    } else {
-        io::write_vtu(path, points, cells, &fields)?;
-    }
-    Ok(())
+    carried.on.write_mesh(path, status.into_iter().collect())
 }
 
 /// The columns of a field in a table: `name`, `name_x` to `name_z`, or `name_0` onward.

@@ -19,13 +19,16 @@
 //! or falls in two, the cell is divided and each piece gets its own point.
 
 use rayon::prelude::*;
-use smallvec::SmallVec;
 
 use super::{
     quadrature::{Grid, Layout, Quadrature, QuadratureError, sum},
     tet_quadrature::first_non_finite,
 };
-use crate::{Point, Vector, mesh::SurfaceMesh};
+use crate::{
+    Point, Vector,
+    geometry::clip::{Polygon, between, fan, projected_area, split},
+    mesh::SurfaceMesh,
+};
 
 /// How fine a grid is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -94,11 +97,7 @@ const MAX_DIVISIONS: u32 = 5;
 const MAX_CELLS: u64 = 1 << 26;
 const MAX_CELLS_ALONG_AXIS: u64 = 1 << 16;
 
-/// A convex planar polygon in grid units (the grid's origin at 0, cells of size 1). A triangle cut by the four sides
-/// of a column has at most seven corners.
-type Polygon = SmallVec<[Point; 8]>;
-
-/// The part of a triangle in a column.
+/// The part of a triangle in a column, in grid units (the grid's origin at 0, cells of size 1).
 struct Piece {
     triangle: u32,
     polygon: Polygon,
@@ -453,16 +452,6 @@ impl std::ops::AddAssign for Shadow {
     }
 }
 
-/// The triangles of a convex polygon about its first corner.
-fn fan(polygon: &[Point]) -> impl Iterator<Item = [Point; 3]> {
-    polygon.windows(2).skip(1).map(|edge| [polygon[0], edge[0], edge[1]])
-}
-
-/// Area of the projection along z, positive where the triangle looks up.
-fn projected_area(a: &Point, b: &Point, c: &Point) -> f64 {
-    ((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) / 2.0
-}
-
 /// First and last of `count` unit steps along an axis that the points reach over.
 fn steps_covered(points: &[Point], axis: usize, count: usize) -> (usize, usize) {
     let step = |x: f64| (x.max(0.0) as usize).min(count - 1);
@@ -470,39 +459,6 @@ fn steps_covered(points: &[Point], axis: usize, count: usize) -> (usize, usize) 
         .iter()
         .map(|p| step(p[axis]))
         .fold((count - 1, 0), |(low, high), s| (low.min(s), high.max(s)))
-}
-
-fn between(polygon: Polygon, axis: usize, low: f64, high: f64) -> Polygon {
-    split(split(polygon, axis, low).1, axis, high).0
-}
-
-/// The parts of a polygon below and above a plane across an axis.
-fn split(polygon: Polygon, axis: usize, at: f64) -> (Polygon, Polygon) {
-    if polygon.iter().all(|p| p[axis] <= at) {
-        return (polygon, Polygon::new());
-    }
-    if polygon.iter().all(|p| p[axis] >= at) {
-        return (Polygon::new(), polygon);
-    }
-    let (mut below, mut above) = (Polygon::new(), Polygon::new());
-    for (n, p) in polygon.iter().enumerate() {
-        let q = &polygon[(n + 1) % polygon.len()];
-        if p[axis] <= at {
-            below.push(*p);
-        }
-        if p[axis] >= at {
-            above.push(*p);
-        }
-        // From the lower end, so that neighbours cut their common edge in the same point, bit for bit.
-        let (low, high) = if p[axis] < q[axis] { (p, q) } else { (q, p) };
-        if low[axis] < at && at < high[axis] {
-            let mut cut = low + (high - low) * ((at - low[axis]) / (high[axis] - low[axis]));
-            cut[axis] = at;
-            below.push(cut);
-            above.push(cut);
-        }
-    }
-    (below, above)
 }
 
 /// Whether the projection of a triangle along z covers a point. On an edge exactly one of the two neighbours does.

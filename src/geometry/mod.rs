@@ -4,6 +4,7 @@
 
 mod aabb;
 mod bvh;
+pub(crate) mod clip;
 mod closest_point;
 mod predicates;
 mod procrustes;

@@ -10,7 +10,7 @@ use std::collections::HashMap;
 
 use crate::geometry::{Aabb, Bvh, SurfaceQuery};
 use crate::map::VolumeMap;
-use crate::mesh::{SurfaceMesh, TetMesh};
+use crate::mesh::{KUHN, SurfaceMesh, TetMesh};
 use crate::{Point, Vector};
 
 use super::{InverseError, finite_diagonal};
@@ -53,15 +53,6 @@ const FLAT: f64 = 1e-14;
 /// through the faces.
 const SLACK: f64 = 1e-9;
 
-/// Kuhn's split: the six ways along the axes from one corner of a cell to the opposite one, all of one hand.
-const KUHN: [[usize; 4]; 6] = [
-    [0b000, 0b001, 0b011, 0b111],
-    [0b000, 0b011, 0b010, 0b111],
-    [0b000, 0b010, 0b110, 0b111],
-    [0b000, 0b110, 0b100, 0b111],
-    [0b000, 0b100, 0b101, 0b111],
-    [0b000, 0b101, 0b001, 0b111],
-];
 /// The edges of a tetrahedron, and its eight parts over its corners (0 to 3) and the midpoints of these (4 to 9).
 const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 const EIGHTHS: [[usize; 4]; 8] = [

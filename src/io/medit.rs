@@ -60,8 +60,8 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
 /// Writes vertices with reference 0, and cells with their labels as references; coordinates read back to the same bits.
 pub(super) fn write(writer: &mut dyn Write, points: &[Point], groups: &[CellGroup], comment: &str) -> io::Result<()> {
     writeln!(writer, "MeshVersionFormatted 2\nDimension 3")?;
-    if !comment.is_empty() {
-        writeln!(writer, "# {}", comment.replace(char::is_control, " "))?;
+    for line in comment.lines() {
+        writeln!(writer, "# {}", line.replace(char::is_control, " "))?;
     }
     writeln!(writer, "Vertices\n{}", points.len())?;
     for p in points {

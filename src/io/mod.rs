@@ -14,7 +14,7 @@
 //! | `.msh` | no | the same, in Gmsh's format 2.2 |
 //! | `.vtk` | surface, tetrahedra, hexahedra (text, binary) | triangles, quads, tetrahedra, hexahedra; fields |
 //! | `.vtu` | surface, tetrahedra, hexahedra (all encodings but LZ4 and LZMA) | the same |
-//! | `.vti` | no | bytes on a grid, compressed |
+//! | `.vti` | fields on a grid (encodings as `.vtu`) | bytes on a grid, compressed |
 //! | `.csv`, `.npy` | points | tables |
 //!
 //! Polygons become fans of triangles about their first corner, whatever their shape, so that two meshes with the same
@@ -158,9 +158,9 @@ pub fn read_points(path: impl AsRef<Path>) -> Result<Vec<Point>, IoError> {
 
 /// Reads points with fields: the columns beside `x`, `y` and `z` of a CSV table (three in a row whose names differ in a
 /// last x, y and z alone are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, triangles
-/// or points, and of at most 2²² structured points in a `.vtk` file, whose cells become six tetrahedra each. Of
-/// triangles the cell data are passed over. All other formats have no fields, and give their vertices; labels of cells
-/// in a `.mesh` are none.
+/// or points, and of at most 2²² structured points in a `.vtk` or `.vti` file, whose cells become six tetrahedra each. Of
+/// triangles and of flat grids the cell data are passed over. All other formats have no fields, and give their vertices;
+/// labels of cells in a `.mesh` are none.
 ///
 /// # Errors
 ///
@@ -231,7 +231,8 @@ pub fn write_cells(path: impl AsRef<Path>, points: &[Point], cells: Cells) -> Re
 }
 
 /// Writes groups of cells with their labels: as references in `.mesh`, as physical groups with names in Gmsh's `.msh` (format
-/// 2.2), where labels that are not positive get the least free numbers. `comment` may say where they come from; it is one line.
+/// 2.2), where labels that are not positive get the least free numbers. `comment` may say where they come from,
+/// in lines of `.mesh`, in one line of `.msh`.
 ///
 /// # Errors
 ///
@@ -293,10 +294,11 @@ static POINT_FORMATS: [Format; 2] = [
 ];
 
 /// The formats that hold fields; the first of an extension counts.
-static FIELD_FORMATS: [Format; 3] = [
+static FIELD_FORMATS: [Format; 4] = [
     format("csv", "CSV", points::parse_csv_with_fields),
     format("vtk", "VTK", vtk::parse_legacy_with_fields),
     format("vtu", "VTU", vtk::parse_vtu_with_fields),
+    format("vti", "VTI", vtk::parse_vti_with_fields),
 ];
 
 /// The formats that hold any kind of cell.

@@ -10,6 +10,18 @@ pub enum CellList {
     Hexes(Vec<[u32; 8]>),
 }
 
+/// Steps along x, y and z from the first corner of an upright hexahedron to each, in the order of [`CellList::Hexes`].
+pub const HEXAHEDRON: [[u8; 3]; 8] = [
+    [0, 0, 0],
+    [1, 0, 0],
+    [1, 1, 0],
+    [0, 1, 0],
+    [0, 0, 1],
+    [1, 0, 1],
+    [1, 1, 1],
+    [0, 1, 1],
+];
+
 impl CellList {
     /// How many there are.
     pub fn len(&self) -> usize {

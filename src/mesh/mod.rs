@@ -4,6 +4,7 @@
 //! returns the renumbering.
 
 mod cell_mesh;
+mod kuhn;
 pub mod shapes;
 mod surface_mesh;
 mod surface_point;
@@ -11,7 +12,8 @@ mod tet_mesh;
 pub mod topology;
 mod weld;
 
-pub use cell_mesh::{CellList, CellMesh};
+pub use cell_mesh::{CellList, CellMesh, HEXAHEDRON};
+pub(crate) use kuhn::KUHN;
 pub use surface_mesh::{MeshError, SurfaceMesh};
 pub use surface_point::SurfacePoint;
 pub use tet_mesh::{BoundarySurface, TetMesh};

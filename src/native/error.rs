@@ -1,4 +1,5 @@
-use super::bridge::ffi;
+use std::path::PathBuf;
+
 use crate::mesh::MeshError;
 
 /// What makes a surface unfit for an operation, with the first place where it does (0-based).
@@ -196,6 +197,34 @@ pub enum NativeError {
         "meshing was stopped because {0}; ask for a coarser mesh, raise the limit, or remove parts that nearly touch"
     )]
     Stopped(String),
+    /// The process that CGAL and TetGen run in has ended; see [`isolate`](super::isolate).
+    #[error(
+        "{operation} crashed in its own process: {how}{said}; remesh the surface, or remove parts that nearly touch"
+    )]
+    Crashed {
+        /// What was being done.
+        operation: &'static str,
+        /// The signal's name, or the exit code.
+        how: String,
+        /// The last words of the process in brackets, or nothing.
+        said: String,
+    },
+    /// A call took longer than [`Isolation::time_limit`](super::Isolation).
+    #[error("{operation} was not done within the time limit of {seconds} s; ask for a coarser mesh, or for more time")]
+    TimeLimit {
+        /// What was being done.
+        operation: &'static str,
+        /// The limit.
+        seconds: f64,
+    },
+    /// There is no process for CGAL and TetGen.
+    #[error("`{}` could not be started for CGAL and TetGen: {reason}", program.display())]
+    NoWorker {
+        /// The program.
+        program: PathBuf,
+        /// Words of the system.
+        reason: String,
+    },
     /// The bridge was handed something that it does not know.
     #[error("the C++ side failed: {0}")]
     Unknown(String),
@@ -204,19 +233,38 @@ pub enum NativeError {
     Mesh(#[from] MeshError),
 }
 
-/// The codes are those of `cpp/native/core.h`.
-pub(super) fn check(outcome: ffi::Outcome) -> Result<(), NativeError> {
-    let ffi::Outcome { code, message } = outcome;
-    Err(match code {
-        0 => return Ok(()),
-        1 => NativeError::OutOfMemory,
-        2 | 10 => NativeError::Internal { code },
-        3 => NativeError::NearIntersection,
-        4 => NativeError::SmallFeature,
-        5 => NativeError::CloseFacets,
-        101 => NativeError::Cgal(message),
-        104 => NativeError::Stopped(message),
-        102 => NativeError::SelfTestFailed(message),
-        _ => NativeError::Unknown(message),
-    })
+impl NativeError {
+    /// Whether there is nobody left to ask again.
+    pub(super) fn is_end_of_worker(&self) -> bool {
+        matches!(
+            self,
+            Self::Crashed { .. } | Self::TimeLimit { .. } | Self::NoWorker { .. }
+        )
+    }
+}
+
+/// What the C++ side throws for the bridge itself.
+pub(super) const CODE_UNKNOWN: i32 = 103;
+
+/// How a call ended that did not succeed, with a code of `cpp/native/core.h`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Failed {
+    pub code: i32,
+    pub message: String,
+}
+
+impl From<Failed> for NativeError {
+    fn from(Failed { code, message }: Failed) -> Self {
+        match code {
+            1 => Self::OutOfMemory,
+            2 | 10 => Self::Internal { code },
+            3 => Self::NearIntersection,
+            4 => Self::SmallFeature,
+            5 => Self::CloseFacets,
+            101 => Self::Cgal(message),
+            104 => Self::Stopped(message),
+            102 => Self::SelfTestFailed(message),
+            _ => Self::Unknown(message),
+        }
+    }
 }

@@ -1,8 +1,8 @@
 //! What a surface must be before C++ may see it. CGAL's preconditions are compiled out and TetGen's are assertions
 //! that end the process, so everything either relies on is checked here.
 
-use super::bridge::ffi;
-use super::error::{InputDefect, NativeError, check};
+use super::calls::{self, Mesh};
+use super::error::{InputDefect, NativeError};
 use crate::Point;
 use crate::geometry::{Aabb, solid_angle};
 use crate::mesh::topology::{NONE, Topology};
@@ -28,7 +28,7 @@ pub(super) fn points(xyz: &[f64]) -> Vec<Point> {
 }
 
 /// A surface that C++ returned.
-pub(super) fn surface(mesh: &ffi::Mesh) -> Result<SurfaceMesh, NativeError> {
+pub(super) fn surface(mesh: &Mesh) -> Result<SurfaceMesh, NativeError> {
     let (corners, _) = mesh.corners.as_chunks::<3>();
     Ok(SurfaceMesh::new(points(&mesh.xyz), corners.to_vec())?)
 }
@@ -121,13 +121,7 @@ pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<
 
 /// Pairs of triangles that meet in more than a common corner or side, and a triangle twice when it has no area.
 pub(super) fn meeting_triangles(surface: &SurfaceMesh) -> Result<Vec<[u32; 2]>, NativeError> {
-    let mut pairs = Vec::new();
-    let triangles = surface.triangles().as_flattened();
-    check(ffi::intersecting_pairs(
-        &flat(surface.vertices()),
-        triangles,
-        &mut pairs,
-    ))?;
+    let pairs = calls::intersections(&flat(surface.vertices()), surface.triangles().as_flattened())?;
     Ok(pairs.as_chunks::<2>().0.to_vec())
 }
 

@@ -6,24 +6,30 @@
 //! are read by the even-odd rule: a shell inside a shell is a cavity, a shell inside a cavity is a body again,
 //! whatever way their triangles turn.
 //!
+//! Calls stay in this process until [`isolate`] sends them to a worker, whose end is an error and not that of the program.
+//! The command line does so.
+//!
 //! All results are the same from run to run and for any number of threads.
 //!
 //! - Si, *TetGen, a Delaunay-based quality tetrahedral mesh generator*, ACM Trans. Math. Softw. 41 (2015): AGPL.
 //! - *The CGAL User and Reference Manual*, release 5.5: GPL for the packages used here.
 
 mod bridge;
+mod calls;
 mod distance;
 mod error;
 mod input;
 mod intersections;
 mod offset;
 mod tetrahedra;
+mod worker;
 
 pub use distance::SignedDistanceField;
 pub use error::{InputDefect, NativeError};
 pub use intersections::self_intersections;
 pub use offset::{OffsetOptions, OffsetSurface, offset_surface};
 pub use tetrahedra::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_mesh3};
+pub use worker::{Isolation, isolate, serve_calls};
 
 /// Checks that an error of TetGen would arrive as an error here, by making it fail harmlessly.
 ///
@@ -35,5 +41,5 @@ pub use tetrahedra::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_me
 ///
 /// [`NativeError::SelfTestFailed`] when TetGen must not be called in this process.
 pub fn self_test() -> Result<(), NativeError> {
-    error::check(bridge::ffi::check_tetgen())
+    calls::self_test()
 }

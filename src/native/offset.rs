@@ -1,6 +1,6 @@
-use super::bridge::ffi;
+use super::calls;
 use super::distance::SignedDistanceField;
-use super::error::{NativeError, check};
+use super::error::NativeError;
 use super::input::{check_closed, check_numbers, flat, meeting_triangles, solid, surface as surface_of};
 use super::tetrahedra::{check_count, check_option};
 use crate::Point;
@@ -115,6 +115,7 @@ pub fn offset_surface(
                 .and_then(|mesh| job.accept(mesh, alpha, retries, false));
             match made {
                 Ok(result) => return Ok(result),
+                Err(error) if error.is_end_of_worker() => return Err(error),
                 Err(error) => failure = Some(error),
             }
         }
@@ -165,35 +166,26 @@ impl<'a> Job<'a> {
     }
 
     fn wrap(&self, alpha: f64) -> Result<SurfaceMesh, NativeError> {
-        let mut out = ffi::Mesh::default();
         let triangles = self.model.triangles().as_flattened();
-        check(ffi::wrap_surface(
-            &flat(self.model.vertices()),
-            triangles,
-            alpha,
-            self.distance,
-            &mut out,
-        ))?;
-        surface_of(&out)
+        let options = [alpha, self.distance];
+        surface_of(&calls::wrap(&flat(self.model.vertices()), triangles, &options)?)
     }
 
     fn projected(&self, wrap: &SurfaceMesh, alpha: f64) -> Result<SurfaceMesh, NativeError> {
         let mut mesh = wrap.clone();
         for _ in 0..self.options.rounds {
-            let mut out = ffi::Mesh::default();
-            let triangles = mesh.triangles().as_flattened();
-            check(ffi::remesh_surface(&flat(mesh.vertices()), triangles, alpha, &mut out))?;
-            let (vertices, triangles) = surface_of(&out)?.into_parts();
-            mesh = SurfaceMesh::new(self.on_level(vertices), triangles)?;
+            let remeshed = calls::remesh(&flat(mesh.vertices()), mesh.triangles().as_flattened(), alpha)?;
+            let (vertices, triangles) = surface_of(&remeshed)?.into_parts();
+            mesh = SurfaceMesh::new(self.on_level(vertices)?, triangles)?;
         }
         Ok(mesh)
     }
 
     /// Points moved along the gradient of the distance until it is the one asked for.
-    fn on_level(&self, mut points: Vec<Point>) -> Vec<Point> {
+    fn on_level(&self, mut points: Vec<Point>) -> Result<Vec<Point>, NativeError> {
         for _ in 0..PROJECTION_STEPS {
             let mut error = 0.0f64;
-            let closest_points = self.field.closest_points(&points);
+            let closest_points = self.field.try_closest_points(&points)?;
             for (p, closest) in points.iter_mut().zip(closest_points) {
                 let away = *p - closest;
                 let length = away.norm();
@@ -206,7 +198,7 @@ impl<'a> Job<'a> {
                 break;
             }
         }
-        points
+        Ok(points)
     }
 
     /// The surface with its measures, or why it cannot be used.
@@ -232,10 +224,10 @@ impl<'a> Job<'a> {
         if crossings > 0 {
             return Err(failed(format!("{crossings} pairs of triangles intersect")));
         }
-        let at_vertices = self.field.distance(mesh.vertices());
+        let at_vertices = self.field.try_distance(mesh.vertices())?;
         let centroid = |t: usize| Point::from(mesh.corners(t).iter().map(|p| p.coords).sum::<crate::Vector>() / 3.0);
         let centroids: Vec<Point> = (0..mesh.triangles().len()).map(centroid).collect();
-        let at_centroids = self.field.distance(&centroids);
+        let at_centroids = self.field.try_distance(&centroids)?;
         let min_distance = at_vertices
             .iter()
             .chain(&at_centroids)

@@ -3,8 +3,8 @@ use std::time::Duration;
 
 use rayon::prelude::*;
 
-use super::bridge::ffi;
-use super::error::{NativeError, check};
+use super::calls;
+use super::error::NativeError;
 use super::input::{Solid, check_manifold, check_solid, flat, points, sorted};
 use crate::Point;
 use crate::mesh::topology::{DisjointSets, Topology};
@@ -79,15 +79,12 @@ pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<Tet
     let solid = check_solid(surface, &topology)?;
     check_tet_options(options, &solid)?;
 
-    let mut out = ffi::Mesh::default();
-    check(ffi::tetgen_mesh(
-        &flat(surface.vertices()),
-        surface.triangles().as_flattened(),
+    let asked = [
         options.radius_edge_ratio.unwrap_or(0.0),
         options.min_dihedral,
         options.max_volume.unwrap_or(0.0),
-        &mut out,
-    ))?;
+    ];
+    let out = calls::tetgen(&flat(surface.vertices()), surface.triangles().as_flattened(), &asked)?;
     let tets = out.corners.as_chunks::<4>().0;
     if tets.is_empty() {
         return Err(NativeError::EmptyResult);
@@ -123,22 +120,23 @@ pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Re
 
     // CGAL works with squares and absolute bounds: at 1e-20 it crashes. A power of two scales without rounding.
     let unit = surface.diagonal().log2().round().exp2();
-    let sizes = ffi::RefinementSizes {
-        edge_size: cell_size / unit,
-        facet_size: cell_size / unit,
-        // Refinement is proved to end up to 30 degrees and from a ratio of 2.
-        facet_angle: 25.0,
-        facet_distance: facet_distance / unit,
-        cell_size: cell_size / unit,
-        cell_radius_edge_ratio: 2.0,
-        feature_angle: options.feature_angle,
-        seconds: options.time_limit.as_secs_f64(),
-    };
-    let mut out = ffi::Mesh::default();
+    let (edge_size, facet_size) = (cell_size / unit, cell_size / unit);
+    // Refinement is proved to end up to 30 degrees and from a ratio of 2.
+    let (facet_angle, cell_radius_edge_ratio) = (25.0, 2.0);
+    let sizes = [
+        edge_size,
+        facet_size,
+        facet_angle,
+        facet_distance / unit,
+        cell_size / unit,
+        cell_radius_edge_ratio,
+        options.feature_angle,
+        options.time_limit.as_secs_f64(),
+    ];
     let triangles = surface.triangles().as_flattened();
     let mut xyz = flat(surface.vertices());
     xyz.iter_mut().for_each(|coordinate| *coordinate /= unit);
-    check(ffi::mesh3_mesh(&xyz, triangles, &sizes, &mut out))?;
+    let mut out = calls::mesh3(&xyz, triangles, &sizes)?;
     out.xyz.iter_mut().for_each(|coordinate| *coordinate *= unit);
     let tets = out.corners.as_chunks::<4>().0;
     if tets.is_empty() {
@@ -335,18 +333,9 @@ mod tests {
     use crate::mesh::shapes;
 
     /// TetGen without any check before it.
-    fn unchecked(surface: &SurfaceMesh, ratio: f64) -> Result<ffi::Mesh, NativeError> {
-        let mut out = ffi::Mesh::default();
-        let triangles = surface.triangles().as_flattened();
-        check(ffi::tetgen_mesh(
-            &flat(surface.vertices()),
-            triangles,
-            ratio,
-            0.0,
-            0.0,
-            &mut out,
-        ))?;
-        Ok(out)
+    fn unchecked(surface: &SurfaceMesh, ratio: f64) -> Result<calls::Mesh, NativeError> {
+        let options = [ratio, 0.0, 0.0];
+        calls::tetgen(&flat(surface.vertices()), surface.triangles().as_flattened(), &options)
     }
 
     /// Each of these ends the process in an unprepared libtet.

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use super::RemeshError;
 use super::bounded_mesh::BoundedMesh;
 use super::planes::{Polycube, boxes};
-use crate::mesh::CellList;
+use crate::mesh::{CellList, KUHN};
 use crate::{Point, Vector};
 
 /// How large the boxes of the grid are.
@@ -195,14 +195,11 @@ impl Grid {
             // Paths from the corner whose indices are even to the one where they are odd.
             let even = (0..3).fold(0, |m, k| m | (at[k] & 1) << k);
             let corner = |m: usize| self.corner(&number, at, m ^ even);
-            for [a, b] in [[0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2]] {
-                let path = [0, 1 << a, 1 << a | 1 << b, 7].map(corner);
-                let is_cyclic = (a + 1) % 3 == b;
-                let is_mirrored = even.count_ones() % 2 == 1;
-                tets.push(if is_cyclic == is_mirrored {
-                    [path[0], path[2], path[1], path[3]]
-                } else {
-                    path
+            let is_mirrored = even.count_ones() % 2 == 1;
+            for path in KUHN.map(|path| path.map(corner)) {
+                tets.push(match is_mirrored {
+                    true => [path[0], path[2], path[1], path[3]],
+                    false => path,
                 });
             }
             for [axis, side] in faces_of_box() {

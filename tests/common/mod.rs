@@ -1,6 +1,8 @@
 //! What several test programs share.
 #![allow(dead_code)]
 
+#[cfg(feature = "cli")]
+pub mod program;
 pub mod stress;
 
 use std::path::PathBuf;
@@ -27,6 +29,20 @@ pub fn solids(level: u32) -> Vec<(&'static str, SurfaceMesh)> {
 /// The boundary map of a formula.
 pub fn boundary_map(domain: &SurfaceMesh, f: impl Fn(&Point) -> Point) -> BoundaryMap {
     BoundaryMap::new(domain.clone(), domain.vertices().iter().map(f).collect()).unwrap()
+}
+
+/// A bend about the y axis that is harmonic: its two coordinates are `x + a (x² − z²)` and `z − 2 a x z`.
+pub fn bent(a: f64) -> impl Fn(&Point) -> Point {
+    move |p| Point::new(p.x + a * (p.x * p.x - p.z * p.z), p.y, p.z - 2.0 * a * p.x * p.z)
+}
+
+/// The mesh without its first triangle and that one's first neighbour: a hole of four edges.
+pub fn with_hole(mesh: &SurfaceMesh) -> SurfaceMesh {
+    let triangles = mesh.triangles();
+    let shared = |t: usize| triangles[t].iter().filter(|v| triangles[0].contains(v)).count();
+    let neighbour = (1..triangles.len()).find(|&t| shared(t) == 2).unwrap();
+    let kept = (1..triangles.len()).filter(|&t| t != neighbour).map(|t| triangles[t]);
+    SurfaceMesh::new(mesh.vertices().to_vec(), kept.collect()).unwrap()
 }
 
 /// A fit that must succeed, without progress.

@@ -6,9 +6,9 @@ use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{FitOptions, fit};
 use solidmap::io::{
-    BoundaryFile, BoundaryMetadata, Cells, Field, MapFile, MapMetadata, TextureFile, TextureMetadata, VtkEncoding,
-    VtkFields, write_boundary, write_cells, write_csv, write_map, write_npy, write_surface, write_tets, write_texture,
-    write_vtk, write_vtu,
+    BoundaryFile, BoundaryMetadata, Cells, Field, ImageGrid, MapFile, MapMetadata, TextureFile, TextureMetadata,
+    VtkEncoding, VtkFields, write_boundary, write_cells, write_csv, write_map, write_npy, write_surface, write_tets,
+    write_texture, write_vti, write_vtk, write_vtu,
 };
 use solidmap::mesh::{SurfaceMesh, TetMesh, shapes};
 use solidmap::spherical::SphericalMap;
@@ -35,6 +35,7 @@ pub enum Format {
     Medit,
     Vtk,
     Vtu,
+    Vti,
     Csv,
     Npy,
     Landmarks,
@@ -55,6 +56,7 @@ impl Format {
             Self::Medit => "mesh",
             Self::Vtk => "vtk",
             Self::Vtu => "vtu",
+            Self::Vti => "vti",
             Self::Csv => "csv",
             Self::Npy => "npy",
             Self::Landmarks => "txt",
@@ -233,6 +235,15 @@ fn fields(add: &mut Add) {
     });
     let compressed = || vtu("binary", "compressor=\"vtkZLibDataCompressor\"", &compressed_arrays());
     add("zlib", Format::Vtu, &|path| std::fs::write(path, compressed()).unwrap());
+    let grid = ImageGrid {
+        origin: Point::origin(),
+        spacing: 0.5,
+        size: [2; 3],
+    };
+    let bytes: Vec<u8> = (0..8).collect();
+    add("image", Format::Vti, &|path| {
+        write_vti(path, &grid, "k", 1, &bytes).unwrap()
+    });
     add("appended", Format::Vtu, &|path| {
         std::fs::write(path, appended()).unwrap()
     });

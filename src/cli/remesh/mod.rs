@@ -1,5 +1,6 @@
 //! `solidmap remesh`: a regular mesh of a polycube, or a given mesh, carried into the target without inverted cells.
 
+mod crossings;
 mod pictures;
 mod summary;
 mod write;
@@ -14,6 +15,7 @@ use serde::Serialize;
 use solidmap::io;
 use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, RemeshPhase, RemeshReport, Remeshed, remesh};
 
+use crossings::Crossings;
 use summary::Reasons;
 
 use super::args::{CellShape, RemeshArgs};
@@ -36,6 +38,8 @@ struct Report {
     reasons: Reasons,
     /// Of the result.
     min_scaled_jacobian: Option<f64>,
+    /// Where the boundary passes through itself.
+    crossings: Crossings,
     #[serde(flatten)]
     remesh: RemeshReport,
     peak_rss_bytes: u64,
@@ -80,10 +84,19 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
     let reasons = Reasons::of(&remeshed.report);
     if flipped > 0 {
         output.warn(format!(
-            "{flipped} cells stay inverted: {}. In a .vtu they have `inverted` 1. Smaller cells may help, or a boundary map \
-             that distorts less there",
-            reasons.words()
+            "{flipped} cells stay inverted: {}. In {}, {}. Smaller cells may help, or a boundary map that distorts less there",
+            reasons.words(),
+            args.output.display(),
+            match write::extension(&args.output).as_str() {
+                "msh" => "groups called \"inverted\" hold them",
+                "mesh" => "they have references that its head explains",
+                _ => "`inverted` is 1 there",
+            }
         ));
+    }
+    let crossings = Crossings::of(&remeshed);
+    if let Some(warning) = crossings.warning() {
+        output.warn(warning);
     }
     let picture = args.png.as_ref().and_then(|_| picture(&remeshed, args, output));
     let report = Report {
@@ -94,6 +107,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
         flipped_cells: flipped,
         reasons,
         min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),
+        crossings,
         remesh: remeshed.report,
         peak_rss_bytes: peak_rss_bytes(),
     };
@@ -102,7 +116,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
         io::atomic_write(path, |writer| writer.write_all(&png))?;
         output.note(format_args!("picture in {}", path.display()));
     }
-    Ok(if flipped > 0 {
+    Ok(if flipped > 0 || report.crossings.found() {
         Outcome::CheckFailed
     } else {
         Outcome::Done

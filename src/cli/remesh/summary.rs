@@ -171,6 +171,7 @@ pub fn table(report: &Report) -> String {
             },
         ]);
     }
+    rows.push(["crossings".into(), report.crossings.words()]);
     rows.push([
         "target".into(),
         format!(

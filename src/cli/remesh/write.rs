@@ -1,5 +1,6 @@
 //! The mesh in files: with labels, or with fields.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use anyhow::Context;
@@ -27,12 +28,17 @@ pub fn origin(args: &RemeshArgs, map: &MapMetadata) -> anyhow::Result<String> {
     Ok(origin)
 }
 
+/// The extension in lower case; empty when there is none.
+pub fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
+}
+
 /// The mesh with its nodes at `positions`.
 pub fn mesh(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str) -> anyhow::Result<()> {
     let mesh = &remeshed.mesh;
     let cells = Cells::from(mesh.cells());
-    let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-    if matches!(extension.as_deref(), Some("mesh" | "msh")) {
+    let extension = extension(path);
+    if matches!(extension.as_str(), "mesh" | "msh") {
         let (quads, names) = (mesh.quads(), names(mesh.part_names()));
         let (faces, of_faces): (Cells, Vec<i32>) = match &quads {
             // Two triangles stand for each quad.
@@ -44,24 +50,28 @@ pub fn mesh(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str)
             labels: &of_faces,
             names: &names,
         };
+        let (labels, inverted) = labels(remeshed);
         let solid = CellGroup {
             cells,
-            labels: mesh.regions(),
-            names: &[],
+            labels: &labels,
+            names: &inverted,
         };
-        return Ok(io::write_groups(path, positions, &[faces, solid], origin)?);
+        let explained = inverted
+            .iter()
+            .map(|(label, name)| format!("\ncells of reference {label}: {name}"));
+        let comment = match extension.as_str() {
+            "mesh" => origin.to_owned() + &explained.collect::<String>(),
+            // Gmsh has names for them.
+            _ => origin.to_owned(),
+        };
+        return Ok(io::write_groups(path, positions, &[faces, solid], &comment)?);
     }
     let report = &remeshed.report;
     let mut inverted = vec![0.0; cells.count()];
     let mut obstacle = vec![0.0; cells.count()];
     for &cell in &report.after.cells {
         inverted[cell as usize] = 1.0;
-        obstacle[cell as usize] = match report.obstacles_after.of_cells[cell as usize] {
-            Obstacle::Unknown => 0.0,
-            Obstacle::Boundary => 1.0,
-            Obstacle::BlockedNode => 2.0,
-            Obstacle::FoldedQuad => 3.0,
-        };
+        obstacle[cell as usize] = f64::from(number_and_words(report.obstacles_after.of_cells[cell as usize]).0);
     }
     let field = |name: &str, components, values| Field {
         name: name.into(),
@@ -88,12 +98,51 @@ pub fn mesh(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str)
         ],
         comment: origin.to_owned(),
     };
-    if extension.as_deref() == Some("vtk") {
+    if extension == "vtk" {
         io::write_vtk(path, positions, cells, &fields, io::VtkEncoding::Binary)?;
     } else {
         io::write_vtu(path, positions, cells, &fields)?;
     }
     Ok(())
+}
+
+/// The region of each cell, where those that stay inverted have labels of their own, one for each region and obstacle, and
+/// the names of these. They are the least numbers that neither a region nor a part of the boundary has.
+fn labels(remeshed: &Remeshed) -> (Vec<i32>, Vec<(i32, String)>) {
+    let (mesh, report) = (&remeshed.mesh, &remeshed.report);
+    let regions: BTreeSet<i32> = mesh.regions().iter().copied().collect();
+    let parts: BTreeSet<i32> = mesh.parts().iter().copied().collect();
+    let mut groups: BTreeMap<(i32, u8), (&str, Vec<usize>)> = BTreeMap::new();
+    for cell in report.after.cells.iter().map(|&cell| cell as usize) {
+        let (number, words) = number_and_words(report.obstacles_after.of_cells[cell]);
+        let (_, cells) = groups.entry((mesh.regions()[cell], number)).or_insert((words, vec![]));
+        cells.push(cell);
+    }
+    let mut labels = mesh.regions().to_vec();
+    let mut names = Vec::new();
+    let free = (1..).filter(|label| !regions.contains(label) && !parts.contains(label));
+    for (((region, number), (words, cells)), label) in groups.into_iter().zip(free) {
+        let mut name = String::from("inverted");
+        if number > 0 {
+            name += &format!(", obstacle {number} ({words})");
+        }
+        if regions.len() > 1 {
+            name += &format!(", of region {region}");
+        }
+        cells.into_iter().for_each(|cell| labels[cell] = label);
+        names.push((label, name));
+    }
+    (labels, names)
+}
+
+/// How files tell of an obstacle.
+fn number_and_words(obstacle: Obstacle) -> (u8, &'static str) {
+    match obstacle {
+        Obstacle::Unknown => (0, "unknown"),
+        Obstacle::Boundary => (1, "corner on the boundary alone"),
+        Obstacle::BlockedNode => (2, "node without a right place"),
+        Obstacle::FoldedQuad => (3, "folded boundary quad"),
+    }
 }
 
 /// Names with their numbers, from 1.

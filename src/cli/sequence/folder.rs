@@ -7,9 +7,11 @@ use anyhow::{Context, ensure};
 
 use crate::cli::interrupt;
 
-/// Folders of the two series, and names of their collections.
+/// Folders of the series, and names of their collections.
 pub const CELLS: &str = "cells";
 pub const SURFACE: &str = "surface";
+pub const MATERIAL: &str = "material";
+pub const SERIES: [&str; 3] = [CELLS, SURFACE, MATERIAL];
 /// What is written beside the series and their collections.
 const FILES: [&str; 3] = ["energy.csv", "energy.png", "sections.png"];
 
@@ -34,15 +36,17 @@ pub struct ResultFolder {
 
 impl ResultFolder {
     /// Makes the folder. Refuses inputs that would be overwritten there, and frames of a series that would take the place
-    /// of files that no earlier run has made; `frames` is 0 when no series is written.
-    pub fn new<'p>(folder: &Path, inputs: impl Iterator<Item = &'p PathBuf>, frames: usize) -> anyhow::Result<Self> {
+    /// of files that no earlier run has made; `written_series` are those that will be written.
+    pub fn new<'p>(
+        folder: &Path,
+        inputs: impl Iterator<Item = &'p PathBuf>,
+        written_series: &[&str],
+        frames: usize,
+    ) -> anyhow::Result<Self> {
         let shown = folder.display();
         fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{shown}`"))?;
-        let earlier: Vec<PathBuf> = [CELLS, SURFACE]
-            .into_iter()
-            .flat_map(|series| earlier(folder, series))
-            .collect();
-        let written = written(folder, frames);
+        let earlier: Vec<PathBuf> = SERIES.into_iter().flat_map(|series| earlier(folder, series)).collect();
+        let written = written(folder, written_series, frames);
         let whole = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
         let taken: Vec<PathBuf> = earlier.iter().chain(&written).map(|path| whole(path)).collect();
         for input in inputs {
@@ -61,8 +65,8 @@ impl ResultFolder {
             );
         }
         // Before the work, not after it.
-        for inner in [CELLS, SURFACE].map(|series| folder.join(series)) {
-            if frames > 0 && inner.exists() {
+        for inner in written_series.iter().map(|series| folder.join(series)) {
+            if inner.exists() {
                 tempfile::tempfile_in(&inner)
                     .with_context(|| format!("cannot write to the folder `{}`", inner.display()))?;
             }
@@ -86,14 +90,14 @@ impl ResultFolder {
     pub fn publish(self) -> anyhow::Result<()> {
         interrupt::hold_off(|| {
             let mut moved = Vec::new();
-            for series in [CELLS, SURFACE] {
+            for series in SERIES {
                 // Without a series there is no folder.
                 for entry in fs::read_dir(self.scratch().join(series)).into_iter().flatten() {
                     let name = Path::new(series).join(entry?.file_name());
                     moved.push(self.put(&name)?);
                 }
             }
-            let collections = [CELLS, SURFACE].map(collection_name);
+            let collections = SERIES.map(collection_name);
             for name in FILES.into_iter().chain(collections.iter().map(String::as_str)) {
                 if self.scratch().join(name).exists() {
                     moved.push(self.put(Path::new(name))?);
@@ -122,13 +126,11 @@ impl ResultFolder {
 }
 
 /// All files that a run of so many frames may write.
-fn written(folder: &Path, frames: usize) -> Vec<PathBuf> {
+fn written(folder: &Path, written_series: &[&str], frames: usize) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = FILES.iter().map(|name| folder.join(name)).collect();
-    if frames > 0 {
-        for series in [CELLS, SURFACE] {
-            files.push(folder.join(collection_name(series)));
-            files.extend((0..frames).map(|frame| folder.join(series).join(frame_name(frame))));
-        }
+    for series in written_series {
+        files.push(folder.join(collection_name(series)));
+        files.extend((0..frames).map(|frame| folder.join(series).join(frame_name(frame))));
     }
     files
 }

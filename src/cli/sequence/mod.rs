@@ -20,11 +20,13 @@ use solidmap::report::{Axis, Chart, ColourBar, Figure, Panel, Scale, Section, Va
 use solidmap::sequence::{Cycles, MeasuredFrame, NoCycles, Sequence, SequenceError, SequenceOptions, cycles};
 
 use super::args::{SectionArgs, SequenceArgs};
+use super::eval::outside;
 use super::output::{Output, pairs, peak_rss_bytes};
+use super::transfer::Given;
 use super::{Outcome, fit, input};
 
-use folder::ResultFolder;
-use series::Series;
+use folder::{CELLS, MATERIAL, ResultFolder, SURFACE};
+use series::{Material, Series};
 
 /// Pixels along the longer side of a section.
 const SECTION_PIXELS: usize = 480;
@@ -42,6 +44,7 @@ const DENSITY: &str = "deformation energy density";
 struct Report {
     reference: PathBuf,
     output: PathBuf,
+    material: Option<PathBuf>,
     vertices: usize,
     faces: usize,
     closed_holes: Vec<ClosedHole>,
@@ -111,8 +114,12 @@ impl Found {
 pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
     let start = Instant::now();
     require_valid(args)?;
-    let inputs = std::iter::once(&args.reference).chain(&args.frames);
-    let results = ResultFolder::new(&args.output, inputs, if args.no_vtu { 0 } else { args.frames.len() })?;
+    let inputs = std::iter::once(&args.reference)
+        .chain(&args.frames)
+        .chain(&args.material);
+    let energies = if args.no_vtu { &[][..] } else { &[CELLS, SURFACE] };
+    let material = if args.material.is_some() { &[MATERIAL][..] } else { &[] };
+    let results = ResultFolder::new(&args.output, inputs, &[energies, material].concat(), args.frames.len())?;
     if let Some([before, after]) = misordered(&args.frames) {
         output.warn(format!(
             "frames are taken in the order given, and `{}` comes before `{}`; a shell sorts numbers by their digits: give them \
@@ -126,6 +133,11 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
     let options = options(args)?;
     let sequence = Sequence::new(&reference, &options, &|phase| fit::show(phase, "", output));
     let sequence = sequence.map_err(|error| advised(error, args))?;
+    let material = args
+        .material
+        .as_deref()
+        .map(|path| read_material(path, &sequence, output));
+    let material = material.transpose()?;
     for hole in sequence.holes() {
         output.note(format_args!(
             "closed a hole of {} edges at vertex {} by triangles over its rim, in the reference and in all frames",
@@ -137,7 +149,7 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
         setup: start.elapsed().as_secs_f64(),
         ..Seconds::default()
     };
-    let mut run = Run::new(args, results.scratch(), sequence, output)?;
+    let mut run = Run::new(args, results.scratch(), sequence, material, output)?;
     let per_block = run.sequence.frames_per_block();
     for first in (0..args.frames.len()).step_by(per_block) {
         run.block(first..args.frames.len().min(first + per_block), &mut seconds)?;
@@ -157,10 +169,28 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
     if let Some(series) = &run.series {
         series.finish()?;
     }
+    if let Some(material) = &run.material {
+        material.finish()?;
+    }
     results.publish()?;
     seconds.drawing += drawing.elapsed().as_secs_f64();
     seconds.total = start.elapsed().as_secs_f64();
     run.finish(cycles, per_block, seconds)
+}
+
+/// The mesh that moves along.
+fn read_material(path: &Path, sequence: &Sequence, output: &Output) -> anyhow::Result<Given> {
+    let given = Given::read_mesh(path)?;
+    let points = &given.carrier.points;
+    let beyond = outside(sequence.domain(), points)?;
+    if beyond > 0 {
+        output.warn(format!(
+            "{beyond} of the {} points of `{}` lie outside the reference; the formula has values there, but they are no map",
+            points.len(),
+            path.display()
+        ));
+    }
+    Ok(given)
 }
 
 fn require_valid(args: &SequenceArgs) -> anyhow::Result<()> {
@@ -293,14 +323,22 @@ struct Run<'a> {
     /// The same of the frame of most energy.
     most: Option<(usize, f64, Vec<f64>)>,
     series: Option<Series>,
+    material: Option<Material>,
 }
 
 impl<'a> Run<'a> {
-    fn new(args: &'a SequenceArgs, folder: &Path, sequence: Sequence, output: &'a Output) -> anyhow::Result<Self> {
+    fn new(
+        args: &'a SequenceArgs,
+        folder: &Path,
+        sequence: Sequence,
+        material: Option<Given>,
+        output: &'a Output,
+    ) -> anyhow::Result<Self> {
         let section = section(&args.section, sequence.domain())?;
         let series = (!args.no_vtu)
             .then(|| Series::new(folder, sequence.domain()))
             .transpose()?;
+        let material = material.map(|given| Material::new(folder, given)).transpose()?;
         Ok(Self {
             args,
             folder: folder.to_owned(),
@@ -313,6 +351,7 @@ impl<'a> Run<'a> {
             shown: Vec::new(),
             most: None,
             series,
+            material,
         })
     }
 
@@ -391,11 +430,17 @@ impl<'a> Run<'a> {
     }
 
     fn add_to_series(&mut self, frames: &[(usize, &BoundaryMap, MeasuredFrame)]) -> anyhow::Result<()> {
+        let fps = self.args.fps;
+        if let Some(material) = &mut self.material {
+            for (frame, _, measured) in frames {
+                material.add((*frame, *frame as f64 / fps), &measured.map)?;
+            }
+        }
         let Some(series) = &mut self.series else { return Ok(()) };
         let measured: Vec<&MeasuredFrame> = frames.iter().map(|(_, _, measured)| measured).collect();
         let surfaces = self.sequence.densities_at(&measured, series.middles());
         for ((frame, map, measured), surface) in frames.iter().zip(surfaces) {
-            let time = *frame as f64 / self.args.fps;
+            let time = *frame as f64 / fps;
             series.add((*frame, time), measured, map.image(), surface, &self.sequence)?;
         }
         Ok(())
@@ -597,6 +642,7 @@ impl<'a> Run<'a> {
             volume: self.sequence.quadrature().volume(),
             points: self.sequence.quadrature().points().len(),
             frames_per_block: per_block,
+            material: self.args.material.clone(),
             own_volume: self.args.own_volume,
             frames: self.rows,
             skipped,
@@ -761,6 +807,12 @@ fn summary(report: &Report, series: Option<&Series>) -> String {
     ];
     if let Some(series) = series {
         rows.push([String::new(), series.describe()]);
+    }
+    if let Some(material) = &report.material {
+        rows.push([
+            String::new(),
+            format!("material.pvd: `{}` in every frame", material.display()),
+        ]);
     }
     pairs(rows)
 }

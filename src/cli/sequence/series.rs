@@ -1,4 +1,5 @@
-//! What ParaView plays: the reference's cells and the frames' surfaces, coloured by energy, frame by frame.
+//! What ParaView plays, frame by frame: the reference's cells and the frames' surfaces, coloured by energy, and a mesh with
+//! fields that moves along.
 
 use std::path::{Path, PathBuf};
 
@@ -6,13 +7,15 @@ use anyhow::Context;
 use solidmap::Point;
 use solidmap::energy::Layout;
 use solidmap::io::{self, Cells, Field, VtkFields};
+use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::sequence::{MeasuredFrame, Sequence};
 
-use super::folder::{CELLS, SURFACE, collection_name, frame_name};
+use super::folder::{CELLS, MATERIAL, SURFACE, collection_name, frame_name};
 use crate::cli::energy::boxes;
+use crate::cli::transfer::Given;
 
-/// Both series, as far as they are written.
+/// The series of energies, as far as they are written.
 pub struct Series {
     folder: PathBuf,
     /// The middle of each triangle of the reference.
@@ -77,15 +80,9 @@ impl Series {
 
     /// Writes the collections.
     pub fn finish(&self) -> anyhow::Result<()> {
-        for series in [CELLS, SURFACE] {
-            let steps: Vec<(f64, String)> = self
-                .steps
-                .iter()
-                .map(|(time, name)| (*time, format!("{series}/{name}")))
-                .collect();
-            io::write_pvd(self.folder.join(collection_name(series)), &steps)?;
-        }
-        Ok(())
+        [CELLS, SURFACE]
+            .iter()
+            .try_for_each(|series| write_collection(&self.folder, series, &self.steps))
     }
 
     /// The files and their sizes.
@@ -94,6 +91,53 @@ impl Series {
         let [cells, surface] = self.bytes.map(|bytes| bytes as f64 / count / 1_048_576.0);
         format!("cells.pvd ({cells:.2} MiB a frame) and surface.pvd ({surface:.2} MiB a frame), for ParaView")
     }
+}
+
+/// A mesh with fields, carried by the map of every frame.
+pub struct Material {
+    folder: PathBuf,
+    given: Given,
+    steps: Vec<(f64, String)>,
+}
+
+impl Material {
+    pub fn new(folder: &Path, given: Given) -> anyhow::Result<Self> {
+        let path = folder.join(MATERIAL);
+        std::fs::create_dir_all(&path).with_context(|| format!("cannot make the folder `{}`", path.display()))?;
+        Ok(Self {
+            folder: folder.to_owned(),
+            given,
+            steps: Vec::new(),
+        })
+    }
+
+    /// Writes the mesh as it is in a frame; vectors are turned and stretched with the solid.
+    pub fn add(&mut self, (frame, time): (usize, f64), map: &dyn VolumeMap) -> anyhow::Result<()> {
+        let name = frame_name(frame);
+        let reference = Field {
+            name: "reference".into(),
+            components: 3,
+            values: self.given.carrier.points.iter().flat_map(|p| [p.x, p.y, p.z]).collect(),
+        };
+        self.given
+            .carried(map)?
+            .write_mesh(&self.folder.join(MATERIAL).join(&name), vec![reference])?;
+        self.steps.push((time, name));
+        Ok(())
+    }
+
+    /// Writes the collection.
+    pub fn finish(&self) -> anyhow::Result<()> {
+        write_collection(&self.folder, MATERIAL, &self.steps)
+    }
+}
+
+fn write_collection(folder: &Path, series: &str, steps: &[(f64, String)]) -> anyhow::Result<()> {
+    let steps: Vec<(f64, String)> = steps
+        .iter()
+        .map(|(time, name)| (*time, format!("{series}/{name}")))
+        .collect();
+    Ok(io::write_pvd(folder.join(collection_name(series)), &steps)?)
 }
 
 /// Mean densities over the cells of the reference, which stay where they are.

@@ -1,8 +1,9 @@
 //! Points on a lattice, whose cells become six tetrahedra each.
 
 use crate::{
-    Point,
+    Point, Vector,
     io::{IoError, contents::Contents, source::Source},
+    mesh::KUHN,
 };
 
 /// Structured points become tetrahedra, which take up to two kilobytes a point by the time they are searched.
@@ -12,50 +13,60 @@ const MAX_STRUCTURED: usize = 1 << 22;
 pub(super) struct Lattice {
     /// How many there are along each axis.
     pub counts: [usize; 3],
+    /// The indices of the first one.
+    pub first: [i64; 3],
+    /// The point whose indices are 0.
     pub origin: Point,
     /// From each to the next along each axis.
-    pub spacing: Point,
+    pub steps: [Vector; 3],
 }
 
 impl Lattice {
-    /// Adds the points, and the tetrahedra of the cells.
-    pub fn fill(&self, source: &Source, contents: &mut Contents) -> Result<(), IoError> {
-        let [nx, ny, nz] = self.counts;
-        let total = nx.saturating_mul(ny).saturating_mul(nz);
-        if total > MAX_STRUCTURED {
-            let found = format!("{total} structured points");
-            return Err(source.unsupported(
-                found,
-                "at most 4194304 are read, since six tetrahedra a cell take up to two kilobytes a point; take every \
-                 second point along each axis",
-            ));
+    /// How many points there are, and how many cells as VTK counts them: a lattice that is flat has flat ones.
+    pub fn sizes(&self) -> [usize; 2] {
+        let product = |counts: [usize; 3]| counts.into_iter().fold(1, usize::saturating_mul);
+        let points = product(self.counts);
+        let cells = product(self.counts.map(|n| n.saturating_sub(1).max(1)));
+        [points, if points > 0 { cells } else { 0 }]
+    }
+
+    /// Refuses more points than become tetrahedra.
+    pub fn require_few(&self, source: &Source) -> Result<(), IoError> {
+        let [points, _] = self.sizes();
+        if points <= MAX_STRUCTURED {
+            return Ok(());
         }
+        Err(source.unsupported(
+            format!("{points} structured points"),
+            "at most 4194304 are read, since six tetrahedra a cell take up to two kilobytes a point; take every \
+             second point along each axis",
+        ))
+    }
+
+    /// Adds the points, and the tetrahedra of the cells that are not flat.
+    pub fn fill(&self, contents: &mut Contents) {
+        let [nx, ny, nz] = self.counts;
+        let [total, cells] = self.sizes();
         let at = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)];
         let place = |i: usize| {
-            Point::from(std::array::from_fn::<f64, 3, _>(|k| {
-                self.origin[k] + at(i)[k] as f64 * self.spacing[k]
-            }))
+            let steps = self.steps.iter().zip(self.first).zip(at(i));
+            let steps = steps.map(|((step, first), k)| step * (first + k as i64) as f64);
+            self.origin + steps.sum::<Vector>()
         };
         contents.vertices = (0..total).map(place).collect();
-        let cells = self.counts.iter().map(|n| n.saturating_sub(1)).product::<usize>();
+        contents.cells = cells;
+        if self.counts.iter().any(|&n| n < 2) {
+            return;
+        }
         contents.tets.reserve_exact(6 * cells);
         contents.cell_of_tet.reserve_exact(6 * cells);
         let is_first = |i: &usize| at(*i)[0] + 1 < nx && at(*i)[1] + 1 < ny && at(*i)[2] + 1 < nz;
-        for first in (0..total).filter(is_first) {
-            let [x, y, z] = [1, nx, nx * ny];
-            // Kuhn's split: every order of the axes from one corner to the opposite one, all of one hand.
-            for [a, b, c] in [[x, y, z], [y, z, x], [z, x, y]] {
-                let end = first + a + b + c;
-                for tet in [
-                    [first, first + a, first + a + b, end],
-                    [first, first + a + c, first + a, end],
-                ] {
-                    contents.tets.push(tet.map(|v| v as i64));
-                    contents.cell_of_tet.push(contents.cells);
-                }
+        for (cell, first) in (0..total).filter(is_first).enumerate() {
+            let corner = |m: usize| (first + (m & 1) + (m >> 1 & 1) * nx + (m >> 2) * nx * ny) as i64;
+            for tet in KUHN {
+                contents.tets.push(tet.map(corner));
+                contents.cell_of_tet.push(cell);
             }
-            contents.cells += 1;
         }
-        Ok(())
     }
 }

@@ -8,7 +8,7 @@ use super::{
     arrays::LegacyReader,
 };
 use crate::{
-    Point,
+    Point, Vector,
     io::{
         IoError, Place,
         contents::Contents,
@@ -127,10 +127,13 @@ impl LegacyReader<'_> {
             .checked_count(total, "values of structured points", 1, available)?;
         let lattice = Lattice {
             counts,
+            first: [0; 3],
             origin,
-            spacing,
+            steps: [0, 1, 2].map(|k| Vector::ith(k, spacing[k])),
         };
-        lattice.fill(self.source, contents)
+        lattice.require_few(self.source)?;
+        lattice.fill(contents);
+        Ok(())
     }
 
     /// The fields over points and cells up to the end of the file, first those over points or cells as `at_points` says.

@@ -1,6 +1,6 @@
 //! The structure of a file: pieces, arrays and where their numbers stand.
 
-use std::{borrow::Cow, cell::Cell, ops::Range};
+use std::{borrow::Cow, cell::Cell, ops::Range, str::FromStr};
 
 use quick_xml::{
     Reader,
@@ -13,10 +13,32 @@ use crate::io::{
     source::{ByteOrder, Scalar, Source, excerpt, printable},
 };
 
-/// A part of the grid with points of its own.
+/// What a file may hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum DataSet {
+    UnstructuredGrid,
+    ImageData,
+}
+
+/// Where the points of image data stand.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Image {
+    /// First and last index along each axis, over all pieces.
+    pub whole: [i32; 6],
+    /// The point whose indices are 0.
+    pub origin: [f64; 3],
+    pub spacing: [f64; 3],
+    /// Unit vectors along the axes, in columns; row by row.
+    pub direction: [f64; 9],
+}
+
+/// A part of the data set with points of its own.
 pub(super) struct Piece<'a> {
+    /// How many points and cells there are, in grids.
     pub point_count: u64,
     pub cell_count: u64,
+    /// First and last index along each axis, in image data.
+    pub extent: [i32; 6],
     pub points: Option<Array<'a>>,
     pub cells: Vec<Array<'a>>,
     pub point_data: Vec<Array<'a>>,
@@ -46,6 +68,7 @@ pub(super) struct Document<'a> {
     /// The type of the lengths before each block of binary data.
     pub header: Scalar,
     pub compressed: bool,
+    pub image: Option<Image>,
     pub pieces: Vec<Piece<'a>>,
     /// Appended data after the `_`, and whether they are in base64.
     pub appended: Option<(&'a [u8], bool)>,
@@ -55,18 +78,21 @@ pub(super) struct Document<'a> {
     room: Cell<usize>,
 }
 
-/// What is unpacked of a file, in bytes: so much, and so many times the file. Meshes are compressed to a twentieth at best.
-const LEAST_ROOM: usize = 16 << 20;
+/// What is unpacked of a file, in bytes: so much, which is enough for three bytes at every point of an image, and so many
+/// times the file. Meshes are compressed to a twentieth at best.
+const LEAST_ROOM: usize = 128 << 20;
 const MOST_EXPANSION: usize = 200;
 
 impl<'a> Document<'a> {
-    pub fn parse(source: &'a Source<'a>) -> Result<Self, IoError> {
+    /// The structure of a file that has to hold such a data set.
+    pub fn parse(source: &'a Source<'a>, data_set: DataSet) -> Result<Self, IoError> {
         let (xml, appended) = split_appended(source)?;
         let mut document = Self {
             source,
             order: ByteOrder::Little,
             header: Scalar::U32,
             compressed: false,
+            image: None,
             pieces: vec![],
             appended: None,
             offsets: vec![],
@@ -102,17 +128,11 @@ impl<'a> Document<'a> {
                 .extend(offset.and_then(|offset| offset.trim().parse::<usize>().ok()));
             match tag.tag.name().as_ref() {
                 "VTKFile" => {
-                    document.read_root(&tag)?;
+                    document.read_root(&tag, data_set)?;
                     rooted = true;
                 }
-                "Piece" => document.pieces.push(Piece {
-                    point_count: tag.count("NumberOfPoints")?,
-                    cell_count: tag.count("NumberOfCells")?,
-                    points: None,
-                    cells: vec![],
-                    point_data: vec![],
-                    cell_data: vec![],
-                }),
+                "ImageData" => document.image = Some(tag.image()?),
+                "Piece" => document.pieces.push(tag.piece(data_set)?),
                 name @ ("Points" | "Cells" | "PointData" | "CellData") if !empty => section = name.to_owned(),
                 "DataArray" if !section.is_empty() => {
                     let start = shift + reader.buffer_position() as usize;
@@ -165,12 +185,16 @@ impl<'a> Document<'a> {
         Ok(())
     }
 
-    fn read_root(&mut self, tag: &Tag<'a>) -> Result<(), IoError> {
+    fn read_root(&mut self, tag: &Tag<'a>, data_set: DataSet) -> Result<(), IoError> {
         let attribute = |name: &str| tag.attribute(name).map(Option::unwrap_or_default);
         let kind = attribute("type")?;
-        if kind != "UnstructuredGrid" {
+        let (wanted, remedy) = match data_set {
+            DataSet::UnstructuredGrid => ("UnstructuredGrid", "save it as an unstructured grid"),
+            DataSet::ImageData => ("ImageData", "save it as image data"),
+        };
+        if kind != wanted {
             let found = format!("a VTK data set of type `{}`", excerpt(kind.as_bytes()));
-            return Err(self.source.unsupported(found, "save it as an unstructured grid"));
+            return Err(self.source.unsupported(found, remedy));
         }
         self.order = match attribute("byte_order")?.as_ref() {
             "BigEndian" => ByteOrder::Big,
@@ -265,6 +289,52 @@ impl<'a> Tag<'a> {
         value.trim().parse().map_err(|_| self.refused(name, &value))
     }
 
+    /// Numbers separated by white space.
+    fn numbers<T: FromStr, const N: usize>(&self, name: &str) -> Result<Option<[T; N]>, IoError> {
+        let Some(value) = self.attribute(name)? else {
+            return Ok(None);
+        };
+        let numbers: Option<Vec<T>> = value.split_ascii_whitespace().map(|n| n.parse().ok()).collect();
+        let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
+        numbers.ok_or_else(|| self.refused(name, &value)).map(Some)
+    }
+
+    fn extent(&self, name: &str) -> Result<[i32; 6], IoError> {
+        self.required(name)?;
+        Ok(self.numbers(name)?.unwrap_or_default())
+    }
+
+    fn image(&self) -> Result<Image, IoError> {
+        Ok(Image {
+            whole: self.extent("WholeExtent")?,
+            origin: self.numbers("Origin")?.unwrap_or_default(),
+            spacing: self.numbers("Spacing")?.unwrap_or([1.0; 3]),
+            direction: self
+                .numbers("Direction")?
+                .unwrap_or([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+        })
+    }
+
+    fn piece(&self, data_set: DataSet) -> Result<Piece<'a>, IoError> {
+        let mut piece = Piece {
+            point_count: 0,
+            cell_count: 0,
+            extent: [0; 6],
+            points: None,
+            cells: vec![],
+            point_data: vec![],
+            cell_data: vec![],
+        };
+        match data_set {
+            DataSet::UnstructuredGrid => {
+                piece.point_count = self.count("NumberOfPoints")?;
+                piece.cell_count = self.count("NumberOfCells")?;
+            }
+            DataSet::ImageData => piece.extent = self.extent("Extent")?,
+        }
+        Ok(piece)
+    }
+
     fn array(&self, text: Range<usize>) -> Result<Array<'a>, IoError> {
         let kind = self.required("type")?;
         let format = self.required("format")?;
@@ -273,7 +343,11 @@ impl<'a> Tag<'a> {
         let components = self.attribute("NumberOfComponents")?;
         Ok(Array {
             name: self.attribute("Name")?.unwrap_or_default(),
-            components: components.and_then(|n| n.trim().parse().ok()).unwrap_or(1),
+            // None at all would let a count of points be whatever it says.
+            components: components
+                .and_then(|n| n.trim().parse().ok())
+                .filter(|&n| n > 0)
+                .unwrap_or(1),
             scalar: scalar(&kind).ok_or_else(|| self.refused("type", &kind))?,
             encoding: match format.as_ref() {
                 "ascii" => Encoding::Text,

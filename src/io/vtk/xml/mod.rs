@@ -5,11 +5,15 @@
 
 mod arrays;
 mod document;
-mod image;
-mod read;
-mod write;
+mod read_grid;
+mod read_image;
+#[cfg(test)]
+mod test_files;
+mod write_grid;
+mod write_image;
 
-pub use image::{ImageGrid, write_vti};
-pub use write::write_vtu;
+pub use write_grid::write_vtu;
+pub use write_image::{ImageGrid, write_vti};
 
-pub(in crate::io) use read::{parse as parse_vtu, parse_with_fields as parse_vtu_with_fields};
+pub(in crate::io) use read_grid::{parse as parse_vtu, parse_with_fields as parse_vtu_with_fields};
+pub(in crate::io) use read_image::parse_with_fields as parse_vti_with_fields;

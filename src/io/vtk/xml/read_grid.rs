@@ -2,7 +2,7 @@
 
 use super::{
     super::cells::{CellLists, list_ends, sort_cells},
-    document::Document,
+    document::{DataSet, Document},
 };
 use crate::{
     Point,
@@ -20,7 +20,7 @@ pub(in crate::io) fn parse_with_fields(source: &Source) -> Result<Contents, IoEr
 }
 
 fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
-    let document = Document::parse(source)?;
+    let document = Document::parse(source, DataSet::UnstructuredGrid)?;
     let mut contents = Contents::default();
     for piece in &document.pieces {
         let first = contents.vertices.len() as i64;
@@ -61,197 +61,52 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
 
 #[cfg(test)]
 mod tests {
-    use std::io::Write;
-
-    use base64::{Engine, engine::general_purpose::STANDARD};
-    use flate2::{Compression, write::ZlibEncoder};
-
-    use super::*;
+    use super::{super::test_files::Builder, *};
     use crate::io::{
         Cells, Field, Place, Solid, VtkFields,
-        source::ByteOrder,
         testing::{place_of, solid, surface, tets},
         write_vtu,
     };
 
-    /// How a test file stores its arrays.
-    #[derive(Debug, Clone, Copy, PartialEq)]
-    enum Storage {
-        Text,
-        Inline,
-        AppendedRaw,
-        AppendedBase64,
-    }
-
-    /// Writes the arrays of a file in any of the ways that VTK has.
-    struct Builder {
-        storage: Storage,
-        order: ByteOrder,
-        wide_header: bool,
-        /// Bytes in a compressed block.
-        block: Option<usize>,
-        appended: Vec<u8>,
-    }
-
-    impl Builder {
-        fn turned(&self, mut bytes: Vec<u8>) -> Vec<u8> {
-            if self.order == ByteOrder::Big {
-                bytes.reverse();
-            }
-            bytes
-        }
-
-        fn lengths(&self, lengths: &[usize]) -> Vec<u8> {
-            let bytes = |&n: &usize| match self.wide_header {
-                true => self.turned((n as u64).to_le_bytes().to_vec()),
-                false => self.turned((n as u32).to_le_bytes().to_vec()),
-            };
-            lengths.iter().flat_map(bytes).collect()
-        }
-
-        fn array(&mut self, attributes: &str, values: &[f64]) -> String {
-            let bytes: Vec<u8> = values
-                .iter()
-                .flat_map(|&x| {
-                    self.turned(match attributes {
-                        a if a.contains("Float64") => x.to_le_bytes().to_vec(),
-                        a if a.contains("Float32") => (x as f32).to_le_bytes().to_vec(),
-                        a if a.contains("Int64") => (x as i64).to_le_bytes().to_vec(),
-                        a if a.contains("Int32") => (x as i32).to_le_bytes().to_vec(),
-                        _ => vec![x as u8],
-                    })
-                })
-                .collect();
-            let (head, data) = match self.block {
-                None => (self.lengths(&[bytes.len()]), bytes),
-                Some(size) => {
-                    let zip = |block: &[u8]| {
-                        let mut encoder = ZlibEncoder::new(vec![], Compression::default());
-                        encoder.write_all(block).unwrap();
-                        encoder.finish().unwrap()
-                    };
-                    let blocks: Vec<_> = bytes.chunks(size).map(zip).collect();
-                    let mut lengths = vec![blocks.len(), size, bytes.len() % size];
-                    lengths.extend(blocks.iter().map(Vec::len));
-                    (self.lengths(&lengths), blocks.concat())
-                }
-            };
-            let base64 = || STANDARD.encode(&head) + &STANDARD.encode(&data);
-            let (format, offset) = match self.storage {
-                Storage::Text => ("ascii", None),
-                Storage::Inline => ("binary", None),
-                _ => ("appended", Some(self.appended.len())),
-            };
-            let text = match self.storage {
-                Storage::Text => values.iter().map(|x| format!("{x} ")).collect(),
-                Storage::Inline => format!("\n  {}\n", base64()),
-                _ => String::new(),
-            };
-            match self.storage {
-                Storage::AppendedRaw => self.appended.extend([head, data].concat()),
-                Storage::AppendedBase64 => self.appended.extend(base64().as_bytes()),
-                _ => {}
-            }
-            let offset = offset.map_or(String::new(), |offset| format!(" offset=\"{offset}\""));
-            match text.as_str() {
-                "" => format!("<DataArray {attributes} format=\"{format}\"{offset}/>\n"),
-                // VTK adds the norms of an array after its numbers.
-                text => format!("<DataArray {attributes} format=\"{format}\">{text}<InformationKey/></DataArray>\n"),
-            }
-        }
-
-        /// Two pieces: a tetrahedron with a triangle, and a tetrahedron of the other hand.
-        fn file(mut self) -> Vec<u8> {
-            let order = if self.order == ByteOrder::Big {
-                "BigEndian"
-            } else {
-                "LittleEndian"
-            };
-            let header = if self.wide_header {
-                " header_type=\"UInt64\""
-            } else {
-                ""
-            };
-            let zlib = if self.block.is_some() {
-                " compressor=\"vtkZLibDataCompressor\""
-            } else {
-                ""
-            };
-            let mut xml = format!(
-                "<?xml version=\"1.0\"?>\n<!-- <Points> -->\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" \
-                 byte_order=\"{order}\"{header}{zlib}>\n<UnstructuredGrid>\n<FieldData>\n"
+    /// Two pieces: a tetrahedron with a triangle, and a tetrahedron of the other hand.
+    fn file(mut builder: Builder) -> Vec<u8> {
+        let mut xml = String::from("<UnstructuredGrid>\n<FieldData>\n");
+        xml += &builder.array("type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\"", &[0.5]);
+        let float = "type=\"Float32\" Name=\"Points\" NumberOfComponents=\"3\"";
+        let double = float.replace("32", "64");
+        let points = [0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1.];
+        let odd = [0., 0., f64::NAN, 1., 0., f64::INFINITY, 0., 1., 0., 0., 0., -1.5];
+        for (kind, points, connectivity, offsets, types) in [
+            (
+                float,
+                points,
+                &[0., 1., 2., 3., 0., 1., 2.][..],
+                &[4., 7.][..],
+                &[10., 5.][..],
+            ),
+            (&double, odd, &[1., 0., 2., 3.], &[4.], &[10.]),
+        ] {
+            xml += &format!(
+                "</FieldData>\n<Piece NumberOfPoints='4' NumberOfCells='{}'>\n<PointData>\n",
+                types.len()
             );
-            xml += &self.array("type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\"", &[0.5]);
-            let float = "type=\"Float32\" Name=\"Points\" NumberOfComponents=\"3\"";
-            let double = float.replace("32", "64");
-            let points = [0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1.];
-            let odd = [0., 0., f64::NAN, 1., 0., f64::INFINITY, 0., 1., 0., 0., 0., -1.5];
-            for (kind, points, connectivity, offsets, types) in [
-                (
-                    float,
-                    points,
-                    &[0., 1., 2., 3., 0., 1., 2.][..],
-                    &[4., 7.][..],
-                    &[10., 5.][..],
-                ),
-                (&double, odd, &[1., 0., 2., 3.], &[4.], &[10.]),
-            ] {
-                xml += &format!(
-                    "</FieldData>\n<Piece NumberOfPoints='4' NumberOfCells='{}'>\n<PointData>\n",
-                    types.len()
-                );
-                xml += &self.array("type=\"Float64\" Name=\"connectivity\"", &[1., 2., 3., 4.]);
-                xml += &format!(
-                    "</PointData>\n<Points>\n{}</Points>\n<Cells>\n",
-                    self.array(kind, &points)
-                );
-                xml += &self.array("type=\"UInt8\" Name=\"types\"", types);
-                xml += &self.array("type=\"Int32\" Name=\"offsets\"", offsets);
-                xml += &self.array("type=\"Int64\" Name=\"connectivity\"", connectivity);
-                xml += "</Cells>\n</Piece>\n<FieldData>\n";
-            }
-            xml += "</FieldData>\n</UnstructuredGrid>\n";
-            let mut bytes = xml.into_bytes();
-            if matches!(self.storage, Storage::AppendedRaw | Storage::AppendedBase64) {
-                let encoding = if self.storage == Storage::AppendedRaw {
-                    "raw"
-                } else {
-                    "base64"
-                };
-                bytes.extend(format!("<AppendedData encoding=\"{encoding}\">\n   _").bytes());
-                bytes.extend(self.appended);
-                bytes.extend(b"\n</AppendedData>\n");
-            }
-            bytes.extend(b"</VTKFile>\n");
-            bytes
+            xml += &builder.array("type=\"Float64\" Name=\"connectivity\"", &[1., 2., 3., 4.]);
+            xml += &format!(
+                "</PointData>\n<Points>\n{}</Points>\n<Cells>\n",
+                builder.array(kind, &points)
+            );
+            xml += &builder.array("type=\"UInt8\" Name=\"types\"", types);
+            xml += &builder.array("type=\"Int32\" Name=\"offsets\"", offsets);
+            xml += &builder.array("type=\"Int64\" Name=\"connectivity\"", connectivity);
+            xml += "</Cells>\n</Piece>\n<FieldData>\n";
         }
+        xml += "</FieldData>\n</UnstructuredGrid>\n";
+        builder.file("UnstructuredGrid", &xml)
     }
 
     /// Every way of storing numbers, each as a file of the same grid.
     fn all_files() -> Vec<(String, Vec<u8>)> {
-        let mut files = Vec::new();
-        for storage in [
-            Storage::Text,
-            Storage::Inline,
-            Storage::AppendedRaw,
-            Storage::AppendedBase64,
-        ] {
-            for order in [ByteOrder::Little, ByteOrder::Big] {
-                for wide_header in [false, true] {
-                    for block in [None, Some(1 << 15), Some(10)] {
-                        let builder = Builder {
-                            storage,
-                            order,
-                            wide_header,
-                            block,
-                            appended: vec![],
-                        };
-                        files.push((format!("{storage:?} {order:?} {wide_header} {block:?}"), builder.file()));
-                    }
-                }
-            }
-        }
-        files
+        Builder::all().map(|(name, builder)| (name, file(builder))).collect()
     }
 
     #[test]
