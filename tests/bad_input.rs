@@ -775,7 +775,7 @@ mod surfaces {
         let count = 1_000_000u32;
         let vertices = (0..count).map(|k| [f64::from(k / 2), f64::from(k % 2), 0.0]);
         let triangle = |k: u32| {
-            if k % 2 == 0 {
+            if k.is_multiple_of(2) {
                 [k, k + 1, k + 2]
             } else {
                 [k + 1, k, k + 2]
