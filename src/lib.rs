@@ -54,6 +54,7 @@ pub mod inverse;
 pub mod io;
 pub mod kernel;
 pub mod map;
+pub mod memory;
 pub mod mesh;
 #[cfg(feature = "native")]
 pub mod native;

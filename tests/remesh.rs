@@ -66,6 +66,7 @@ const UNREPAIRED: RemeshOptions = RemeshOptions {
     repair: false,
     slide: true,
     polish: 0,
+    memory: None,
 };
 
 /// The surface of unit boxes at these places, between planes at `planes`, each quad cut into `cuts` by `cuts`.

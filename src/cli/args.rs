@@ -28,6 +28,9 @@ pub struct Cli {
     /// Number of threads [default: all cores]
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
+    /// End with exit code 2 when it takes longer; nothing is left half-written
+    #[arg(long, global = true, value_name = "SECONDS", value_parser = seconds)]
+    pub time_limit: Option<f64>,
 }
 
 const EXIT_CODES: &str = "\
@@ -365,6 +368,11 @@ pub enum MethodKind {
 }
 
 /// A number of bytes with an optional unit: KB, MB, GB, TB are powers of 1000; K, KiB and so on of 1024.
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds: &f64| (1e-3..=1e9).contains(seconds));
+    seconds.ok_or_else(|| format!("`{text}` is no positive number of seconds"))
+}
+
 fn bytes(text: &str) -> Result<u64, String> {
     let wanted = || format!("`{text}` is no size; write it as 4GiB, 500MB or a number of bytes");
     let end = text.trim().find(|c: char| c.is_ascii_alphabetic() || c == ' ');
@@ -474,6 +482,10 @@ pub struct RemeshArgs {
     /// Limit on the number of cells
     #[arg(long, default_value_t = 20_000_000, value_name = "N")]
     pub max_cells: usize,
+    /// Limit on the memory, such as 500MB, 4GiB or a number of bytes: a mesh that needs more by an estimate is refused
+    /// before it is made [default: 9/10 of the available memory]
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    pub memory: Option<u64>,
     /// Also write the mesh in the domain, cell by cell and node by node the same
     #[arg(long, value_name = "MESH")]
     pub domain_mesh: Option<PathBuf>,
@@ -797,7 +809,7 @@ pub struct CompareMeasure {
 #[command(next_help_heading = "Budget of each map")]
 pub struct CompareBudget {
     /// Seconds, with measuring
-    #[arg(long, default_value_t = 600.0, value_name = "SECONDS")]
+    #[arg(long, default_value_t = 600.0, value_name = "SECONDS", value_parser = seconds)]
     pub time_limit: f64,
     /// Tetrahedra, by an estimate
     #[arg(long, default_value_t = 5_000_000, value_name = "N")]

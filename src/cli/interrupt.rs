@@ -1,13 +1,18 @@
-//! Ctrl-C, and the other signals that ask a program to end.
+//! Ctrl-C, the other signals that ask a program to end, and the end of its time.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use indicatif::ProgressBar;
 
 use super::output::{self, Output};
 use solidmap::io;
 
 /// What a shell shows for a program that was interrupted.
 const INTERRUPTED: i32 = 130;
+/// Could not run, as far as it was asked to.
+const OUT_OF_TIME: i32 = 2;
 
 static SCRATCH: Mutex<Option<PathBuf>> = Mutex::new(None);
 
@@ -32,13 +37,26 @@ pub fn hold_off<T>(work: impl FnOnce() -> T) -> T {
 pub fn end_cleanly(output: &Output) {
     let line = output.line();
     // Without a handler the system ends the program; no more than a temporary file is left.
-    let _ = ctrlc::try_set_handler(move || {
-        io::abandon_writes();
-        if let Some(folder) = scratch().take() {
-            let _ = std::fs::remove_dir_all(folder);
-        }
-        line.finish_and_clear();
-        output::say(format_args!("interrupted"));
-        std::process::exit(INTERRUPTED);
+    let _ = ctrlc::try_set_handler(move || end(&line, "interrupted", INTERRUPTED));
+}
+
+/// Ends the program so many seconds from now, as an interrupt does.
+pub fn end_after(seconds: f64, output: &Output) {
+    let line = output.line();
+    std::thread::spawn(move || {
+        std::thread::sleep(Duration::from_secs_f64(seconds));
+        let said = format!("error: not done within the time limit of {seconds} s (--time-limit)");
+        end(&line, &said, OUT_OF_TIME);
     });
+}
+
+/// The worker of CGAL and TetGen sees the end of this process, and ends too.
+fn end(line: &ProgressBar, said: &str, code: i32) {
+    io::abandon_writes();
+    if let Some(folder) = scratch().take() {
+        let _ = std::fs::remove_dir_all(folder);
+    }
+    line.finish_and_clear();
+    output::say(format_args!("{said}"));
+    std::process::exit(code);
 }

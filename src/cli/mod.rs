@@ -65,6 +65,10 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
     #[cfg(feature = "native")]
     native::isolate(cli)?;
     interrupt::end_cleanly(&output);
+    // There the limit is each map's.
+    if let (Some(limit), false) = (cli.time_limit, matches!(cli.command, Command::Compare(_))) {
+        interrupt::end_after(limit, &output);
+    }
     let outcome = match &cli.command {
         Command::Demo(args) => demo::run(args, &output),
         Command::Check(args) => check::run(args, &output),

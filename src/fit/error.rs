@@ -1,7 +1,7 @@
-use super::estimate::readable;
 use crate::boundary_map::BoundaryMapError;
 use crate::check::CheckReport;
 use crate::geometry::QueryError;
+use crate::memory::readable;
 use crate::solver::SolveError;
 
 /// Why no map came out.

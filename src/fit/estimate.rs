@@ -6,6 +6,7 @@
 
 use super::options::Size;
 use super::{FitError, FitOptions, Solver};
+use crate::memory;
 use crate::mesh::SurfaceMesh;
 use crate::solver::{Method, SchwarzOptions};
 
@@ -22,6 +23,9 @@ pub struct Workload {
     pub maps: usize,
     /// Rounds of refinement, each with a level of its own.
     pub refinements: usize,
+    /// Numbers in the local problems of the Schwarz solver; `None` before points are placed, when they are estimated for
+    /// sources at even distances. Gradual changes of the spacing make them up to twice as many.
+    pub local_numbers: Option<u64>,
     /// How the system is solved.
     pub solver: Solver,
 }
@@ -40,6 +44,7 @@ impl Workload {
             collocation: size.collocation,
             maps: 1,
             refinements: 0,
+            local_numbers: None,
             solver: options.solver,
         }
     }
@@ -60,7 +65,11 @@ impl Workload {
                 Solver::Schwarz(options) => {
                     let rounds = self.refinements as f64;
                     let per_row = PER_ROW + PER_ROW_AND_ROUND * rounds;
-                    per_row * rows + per_source(&options) * sources + coarsest(sources)
+                    let local = match self.local_numbers {
+                        Some(numbers) => 8.0 * numbers as f64,
+                        None => 8.0 * even_patch(&options) * sources,
+                    };
+                    per_row * rows + PER_SOURCE * sources + local + coarsest(sources)
                 }
                 Solver::Dense(options) => {
                     let (tall, square) = (8.0 * rows * sources, 8.0 * sources * sources);
@@ -77,9 +86,11 @@ impl Workload {
         let ratio = self.collocation as f64 / self.sources.max(1) as f64;
         let fits = |sources: usize| {
             let collocation = (ratio * sources as f64) as usize;
+            let local = |numbers: u64| (numbers as f64 * sources as f64 / self.sources.max(1) as f64) as u64;
             let fewer = Self {
                 sources,
                 collocation,
+                local_numbers: self.local_numbers.map(local),
                 ..*self
             };
             fewer.bytes() <= allowed
@@ -100,17 +111,9 @@ impl Workload {
     }
 }
 
-/// Memory that a process may still take, in bytes, by Linux's own estimate; `None` where the system does not say.
-pub fn available_memory() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    let kib: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
-    Some(kib * 1024)
-}
-
 /// The options with a budget, if any can be told.
 pub(super) fn with_budget(options: &FitOptions) -> FitOptions {
-    let most = || available_memory().map(|bytes| (MOST * bytes as f64) as u64);
+    let most = || memory::available().map(|bytes| (MOST * bytes as f64) as u64);
     FitOptions {
         memory: options.memory.or_else(most),
         ..options.clone()
@@ -133,16 +136,6 @@ pub(super) fn require_room(work: &Workload, options: &FitOptions) -> Result<(), 
     })
 }
 
-/// A number of bytes, to read.
-pub(super) fn readable(bytes: u64) -> String {
-    let mib = bytes as f64 / f64::from(1 << 20);
-    if mib < 1000.0 {
-        format!("{mib:.0} MiB")
-    } else {
-        format!("{:.1} GiB", mib / 1024.0)
-    }
-}
-
 /// Part of the available memory that a fit may take unless told otherwise.
 const MOST: f64 = 0.9;
 
@@ -162,10 +155,12 @@ const PER_ROW_AND_ROUND: f64 = 100.0;
 /// Bytes for each row and source and each further boundary map: ten vectors of three numbers.
 const PER_POINT_AND_MAP: f64 = 240.0;
 
-/// A source's column of its patch's inverse, and its part in trees and vectors.
-fn per_source(options: &SchwarzOptions) -> f64 {
-    let patch = ((options.core as f64).sqrt() + 2.0 * options.overlap).powi(2);
-    8.0 * patch + 800.0
+/// Bytes for each source in trees and vectors.
+const PER_SOURCE: f64 = 800.0;
+
+/// Sources of a patch at even distances: so long is a source's column of its patch's inverse.
+fn even_patch(options: &SchwarzOptions) -> f64 {
+    ((options.core as f64).sqrt() + 2.0 * options.overlap).powi(2)
 }
 
 /// The coarsest level, which is dense, with six rows per source, and a copy while it is decomposed. There are usually some
@@ -223,6 +218,7 @@ mod tests {
                 collocation,
                 maps: 1,
                 refinements,
+                local_numbers: None,
                 solver,
             };
             let ratio = work.bytes() as f64 / (measured * 1e6);
@@ -238,6 +234,7 @@ mod tests {
             collocation: 3_000_000,
             maps: 1,
             refinements: 0,
+            local_numbers: None,
             solver: Solver::Schwarz(SchwarzOptions::default()),
         };
         let options = FitOptions {

@@ -19,7 +19,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 pub use error::FitError;
-pub use estimate::{Workload, available_memory};
+pub use estimate::Workload;
 pub use options::{FitOptions, Placement, Solver};
 pub use report::{BoundaryError, Fit, FitReport, Phase, RefinementEnd, Seconds};
 
@@ -27,9 +27,10 @@ use crate::Point;
 use crate::boundary_map::BoundaryMap;
 use crate::check;
 use crate::map::{HarmonicMap, VolumeMap};
+use crate::memory::readable;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
-use crate::solver::{Coefficients, Values};
-use estimate::{readable, require_room, with_budget};
+use crate::solver::{Coefficients, SchwarzFactor, Values};
+use estimate::{require_room, with_budget};
 use frame::Frame;
 use held_out::HeldOut;
 use options::require_valid;
@@ -65,6 +66,8 @@ pub struct DomainFactor {
     options: FitOptions,
     frame: Frame,
     system: System,
+    /// Numbers in its local problems.
+    local_numbers: Option<u64>,
     held_out: HeldOut,
     refinements: usize,
     warnings: Vec<String>,
@@ -88,6 +91,8 @@ impl DomainFactor {
         let frame = Frame::of(&domain);
         let placed = System::place(&domain, &frame, options, &mut warnings)?;
         let held_out = HeldOut::new(&domain, &frame, options.held_out, options.seed);
+        let work = placed.work(domain.vertices().len());
+        require_room(&work, options)?;
         let sampled = start.elapsed().as_secs_f64();
         let system = placed.factor(&frame, progress)?;
         let seconds = Seconds {
@@ -100,6 +105,7 @@ impl DomainFactor {
             options: options.clone(),
             frame,
             system,
+            local_numbers: work.local_numbers,
             held_out,
             refinements: 0,
             warnings,
@@ -199,6 +205,13 @@ impl DomainFactor {
         work.sources += finer.level.sources.len();
         work.collocation += finer.points.len();
         work.refinements = self.refinements;
+        work.local_numbers = match self.options.solver {
+            Solver::Schwarz(options) => {
+                let added = SchwarzFactor::kept_numbers(std::slice::from_ref(&finer.level), &options);
+                self.local_numbers.map(|kept| kept + added)
+            }
+            Solver::Dense(_) => None,
+        };
         if let Some((end, limit)) = self.exceeded(&work) {
             self.warnings.push(format!(
                 "refinement ended before the tolerance was met: it calls for {} sources, {limit}",
@@ -206,6 +219,7 @@ impl DomainFactor {
             ));
             return Ok(Some(end));
         }
+        self.local_numbers = work.local_numbers;
         self.system.refine(&self.domain, &self.frame, finer, progress)?;
         self.held_out.forget_sources();
         self.seconds.factor += start.elapsed().as_secs_f64() - sampled;
@@ -219,6 +233,7 @@ impl DomainFactor {
             collocation: self.system.collocation.len(),
             maps,
             refinements: self.refinements,
+            local_numbers: self.local_numbers,
             solver: self.options.solver,
         }
     }
@@ -366,6 +381,7 @@ impl DomainFactor {
             rank: dense.map(|(rank, _)| rank),
             condition: dense.map(|(_, condition)| condition).filter(|c| c.is_finite()),
             boundary_error,
+            memory_estimate: self.work(1).bytes(),
             c_error: residual.sum_of_squares,
             residual_rms: residual.rms,
             seconds: Some(Seconds {

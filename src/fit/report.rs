@@ -73,6 +73,9 @@ pub struct FitReport {
     pub c_error: f64,
     /// Root mean square misfit at the collocation points, as a fraction of the target's diagonal.
     pub residual_rms: f64,
+    /// Bytes that the whole run takes at its peak, by the estimate that `FitOptions::memory` is held against.
+    #[serde(default)]
+    pub memory_estimate: u64,
     /// Wall time; `None` in a map file, so that the same fit gives the same bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<Seconds>,

@@ -7,7 +7,7 @@ use super::levels::levels;
 use super::options::{Size, Solver};
 use super::placement::{place_collocation, place_sources};
 use super::refinement::Finer;
-use super::{FitError, FitOptions, Phase, Placement};
+use super::{FitError, FitOptions, Phase, Placement, Workload};
 use crate::Point;
 use crate::geometry::SurfaceQuery;
 use crate::kernel::Sums;
@@ -236,6 +236,28 @@ enum Layout {
 }
 
 impl Placed {
+    /// What factoring will take for these points, of a domain with so many vertices.
+    pub fn work(&self, vertices: usize) -> Workload {
+        let (sources, local_numbers, solver) = match &self.layout {
+            Layout::Levels(levels, options) => {
+                let local = levels.get(1..).unwrap_or_default();
+                let kept = SchwarzFactor::kept_numbers(local, options);
+                let sources = levels.iter().map(|level| level.sources.len()).sum();
+                (sources, Some(kept), Solver::Schwarz(*options))
+            }
+            Layout::Dense(sources, options) => (sources.len(), None, Solver::Dense(*options)),
+        };
+        Workload {
+            vertices,
+            sources,
+            collocation: self.points.len(),
+            maps: 1,
+            refinements: 0,
+            local_numbers,
+            solver,
+        }
+    }
+
     pub fn factor(self, frame: &Frame, progress: &dyn Fn(Phase)) -> Result<System, FitError> {
         let (sources, solver) = match self.layout {
             Layout::Levels(levels, options) => {

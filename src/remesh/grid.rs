@@ -76,6 +76,27 @@ fn counts(polycube: &Polycube, size: f64, kind: CellKind) -> [f64; 2] {
     }
 }
 
+/// The cells that [`regular_mesh`] makes, before any is made.
+///
+/// # Errors
+///
+/// Those of [`regular_mesh`].
+pub fn cell_count(polycube: &Polycube, size: f64, kind: CellKind, most_cells: usize) -> Result<usize, RemeshError> {
+    if !size.is_finite() || size <= 0.0 {
+        return Err(RemeshError::Size(size));
+    }
+    let [cells, places] = counts(polycube, size, kind);
+    for (what, count, limit) in [
+        ("cells", cells, MOST_CELLS.min(most_cells as f64)),
+        ("places in the grid", places, MOST_PLACES),
+    ] {
+        if count > limit {
+            return Err(RemeshError::TooMany { what, count, limit });
+        }
+    }
+    Ok(cells as usize)
+}
+
 /// A regular mesh with boxes of about `size`.
 ///
 /// Tetrahedra come from Kuhn's split, mirrored with the parity of the box: every tetrahedron has a node whose three
@@ -92,18 +113,7 @@ pub fn regular_mesh(
     kind: CellKind,
     most_cells: usize,
 ) -> Result<BoundedMesh, RemeshError> {
-    if !size.is_finite() || size <= 0.0 {
-        return Err(RemeshError::Size(size));
-    }
-    let [cells, places] = counts(polycube, size, kind);
-    for (what, count, limit) in [
-        ("cells", cells, MOST_CELLS.min(most_cells as f64)),
-        ("places in the grid", places, MOST_PLACES),
-    ] {
-        if count > limit {
-            return Err(RemeshError::TooMany { what, count, limit });
-        }
-    }
+    cell_count(polycube, size, kind, most_cells)?;
     let grid = Grid::new(polycube, size);
     Ok(match kind {
         CellKind::Tets => grid.tets(),

@@ -24,10 +24,9 @@ use crate::energy::{
     Densities, Distribution, EnergyError, EnergyOptions, EnergyReport, Lame, Quadrature, QuadratureError, Resolution,
     clipped_grid, deformation, energies_of_jacobians,
 };
-use crate::fit::{
-    BoundaryError, DomainFactor, Fit, FitError, FitOptions, Phase, RefinementEnd, Workload, available_memory,
-};
+use crate::fit::{BoundaryError, DomainFactor, Fit, FitError, FitOptions, Phase, RefinementEnd, Workload};
 use crate::map::HarmonicMap;
+use crate::memory;
 use crate::mesh::SurfaceMesh;
 use crate::solver::Coefficients;
 use crate::{Matrix3, Point, Vector};
@@ -190,7 +189,7 @@ impl Sequence {
     /// How many frames to measure at once: as many as asked for, as far as there is memory for their solution
     /// and their densities.
     pub fn frames_per_block(&self) -> usize {
-        let available = || available_memory().map(|bytes| (MOST_MEMORY * bytes as f64) as u64);
+        let available = || memory::available().map(|bytes| (MOST_MEMORY * bytes as f64) as u64);
         let allowed = self.options.fit.memory.or_else(available).unwrap_or(u64::MAX);
         let mut work = Workload::of(&self.domain, &self.options.fit);
         work.maps = self.options.frames_per_block.unwrap_or(FRAMES).max(1);

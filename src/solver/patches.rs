@@ -72,6 +72,20 @@ impl Patches {
         }
     }
 
+    /// How many numbers [`Self::new`] keeps, found without making them: the larger overlaps are where spacings change, the
+    /// more.
+    pub fn kept_numbers(level: &Level, core: usize, overlap: f64) -> u64 {
+        let radii: Vec<f64> = level.spacing.iter().map(|h| overlap * h).collect();
+        let partition = Partition::new(&level.sources, &radii, core);
+        let cores: Vec<&[u32]> = partition.parts().collect();
+        let kept = |core: &&[u32]| {
+            let bounds = Bounds::around(core.iter().map(|&s| level.sources[s as usize]));
+            let sources = partition.reaching(&level.sources, &radii, &bounds);
+            (core.len() * sources.len()) as u64
+        };
+        cores.par_iter().map(kept).sum()
+    }
+
     /// Coefficients that lower a residual given at the level's rows: one row per source. Every patch sees its own rows only.
     pub fn solve(&self, residual: &Values) -> Values {
         self.on_cores(residual.columns(), |patch| patch.project(self, residual))

@@ -72,6 +72,8 @@ impl Default for SchwarzOptions {
 
 /// Relative accuracy of the residual that is reported, times what the residual is of the data.
 const FINAL_ACCURACY: f64 = 0.02;
+/// No sums need be better than this: data without a residual, as of affine maps, would ask for any accuracy, and pay for it.
+const BEST_ACCURACY: f64 = 1e-12;
 /// Later groups correct what the first leaves, and can be summed so much less accurately.
 const LATER_GROUPS: f64 = 10.0;
 /// Part of the residual by which the one carried along may have drifted before it is computed afresh.
@@ -194,6 +196,12 @@ impl SchwarzFactor {
         Ok(factor)
     }
 
+    /// How many numbers the local problems of these levels keep, the dense coarsest left out; before any is made.
+    pub fn kept_numbers(levels: &[Level], options: &SchwarzOptions) -> u64 {
+        let kept = |level| Patches::kept_numbers(level, options.core, options.overlap);
+        levels.iter().map(kept).sum()
+    }
+
     /// Adds collocation points and a finer level, whose rows may be old points and new. Warm starts carry over: the
     /// coefficients of the levels before keep their place.
     ///
@@ -290,7 +298,8 @@ impl SchwarzFactor {
                 if drift <= DRIFT * latest || refreshed || stop == Stop::Iterations {
                     break stop;
                 }
-                let accuracy = (FINAL_ACCURACY * latest / history[0]).min(self.options.first_accuracy);
+                let accuracy = FINAL_ACCURACY * latest / history[0];
+                let accuracy = accuracy.clamp(BEST_ACCURACY, self.options.first_accuracy.max(BEST_ACCURACY));
                 search.restart(self.residual(data, &search.solution, accuracy)?);
                 refreshed = true;
                 trace = vec![rms(&search.squares())];

@@ -319,6 +319,7 @@ fn subdivisions(surface: &SurfaceMesh, options: &TextureOptions) -> Result<usize
         collocation: (options.fit.collocation_ratio / options.fit.source_ratio * sources as f64) as usize,
         maps: 1,
         refinements: 0,
+        local_numbers: None,
         solver: options.fit.solver,
     };
     let need = work.bytes() as f64;

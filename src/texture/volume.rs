@@ -3,7 +3,7 @@
 use super::colour::to_srgb;
 use super::{SolidTexture, TextureError};
 use crate::Point;
-use crate::fit::available_memory;
+use crate::memory;
 use crate::mesh::SurfaceMesh;
 
 /// Cubic voxels over the bounding box of a solid. The texture is sampled at their centres.
@@ -40,7 +40,7 @@ pub(super) const GIB: f64 = 1024.0 * 1024.0 * 1024.0;
 
 /// Bytes that may be taken: even where the system does not say what is available, no more than can be counted.
 pub(super) fn allowed_memory() -> f64 {
-    available_memory().map_or(isize::MAX as f64, |bytes| MOST * bytes as f64)
+    memory::available().map_or(isize::MAX as f64, |bytes| MOST * bytes as f64)
 }
 
 impl VolumeGrid {

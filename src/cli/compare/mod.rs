@@ -217,12 +217,6 @@ fn clear(folder: &Path) -> anyhow::Result<()> {
 }
 
 fn require_valid(args: &CompareArgs) -> anyhow::Result<()> {
-    let budget = &args.budget;
-    ensure!(
-        budget.time_limit > 0.0 && budget.time_limit.is_finite(),
-        "--time-limit is {}, but must be a positive number of seconds",
-        budget.time_limit
-    );
     let measure = &args.measure;
     measure.section.require_valid()?;
     ensure!(

@@ -1,6 +1,7 @@
 //! A remeshing in words.
 
 use serde::Serialize;
+use solidmap::memory::readable;
 use solidmap::remesh::{BadCells, CellKind, CellQuality, Obstacle, Obstacles, RemeshReport};
 use solidmap::report::significant;
 
@@ -193,7 +194,11 @@ pub fn table(report: &Report) -> String {
     ]);
     rows.push([
         "memory".into(),
-        format!("{:.0} MiB at most", report.peak_rss_bytes as f64 / 1_048_576.0),
+        format!(
+            "{:.0} MiB at most, {} by the estimate beforehand",
+            report.peak_rss_bytes as f64 / 1_048_576.0,
+            readable(found.memory_estimate)
+        ),
     ]);
     rows.push(["written".into(), report.output.display().to_string()]);
     pairs(rows)
