@@ -1,6 +1,6 @@
 //! What a surface consists of, and which way each part should face. Shared by the examination and the mending.
 
-use std::cell::OnceCell;
+use rayon::prelude::*;
 
 use crate::Point;
 use crate::geometry::{Aabb, Bvh, SurfaceQuery};
@@ -17,6 +17,9 @@ pub(super) struct Anatomy<'a> {
     pub shells: Vec<Shell>,
     /// Pairs of shells that are partly inside each other, as far as the vertices looked at tell.
     pub overlaps: Vec<[usize; 2]>,
+    /// So many sound shells are within each other's boxes that nobody can say which enclose which. None of them is called
+    /// sound then.
+    pub crowd: Option<usize>,
 }
 
 /// A component, as what it may bound.
@@ -32,8 +35,11 @@ pub(super) struct Shell {
     pub inside: Option<usize>,
 }
 
-/// Vertices of a shell by which its place among the others is judged.
+/// The most vertices of a shell by which its place among the others is judged.
 const WITNESSES: usize = 32;
+
+/// Winding numbers about vertices that are calculated in all, of small shells: a second's work.
+const MOST_WORK: usize = 4_000_000;
 
 /// Volume below this fraction of `area^(3/2)` is rounding.
 const NO_VOLUME: f64 = 1e-12;
@@ -60,7 +66,14 @@ impl<'a> Anatomy<'a> {
         let orientation = topology.orientation();
         let components = topology.components();
         let mut shells = measured_shells(mesh, &topology, &orientation, &components);
-        let overlaps = nest(mesh, &orientation.flip, &components, &mut shells);
+        let nesting = nest(mesh, &orientation.flip, &components, &mut shells);
+        let crowd = nesting
+            .is_none()
+            .then(|| shells.iter().filter(|shell| shell.is_sound).count());
+        if crowd.is_some() {
+            shells.iter_mut().for_each(|shell| shell.is_sound = false);
+        }
+        let overlaps = nesting.unwrap_or_default();
         Self {
             mesh,
             topology,
@@ -68,6 +81,7 @@ impl<'a> Anatomy<'a> {
             components,
             shells,
             overlaps,
+            crowd,
         }
     }
 
@@ -135,57 +149,117 @@ fn boxes(mesh: &SurfaceMesh, components: &Components) -> Vec<Aabb> {
     boxes
 }
 
-/// Finds which sound shells enclose which, and returns those that do so in part.
-fn nest(mesh: &SurfaceMesh, flip: &[bool], components: &Components, shells: &mut [Shell]) -> Vec<[usize; 2]> {
+/// Finds which sound shells enclose which, and returns those that do so in part; `None` when too many are within each
+/// other's boxes.
+fn nest(mesh: &SurfaceMesh, flip: &[bool], components: &Components, shells: &mut [Shell]) -> Option<Vec<[usize; 2]>> {
     let sound: Vec<usize> = (0..shells.len()).filter(|&s| shells[s].is_sound).collect();
     if sound.len() < 2 {
-        return Vec::new();
+        return Some(Vec::new());
     }
     let all_boxes = boxes(mesh, components);
     let sound_boxes: Vec<Aabb> = sound.iter().map(|&s| all_boxes[s]).collect();
     let tree = Bvh::new(&sound_boxes);
     let triangles = triangles_by_component(components);
-    let queries = vec![OnceCell::new(); sound.len()];
-    let winding_number = |other: usize, p: &Point| {
-        let part = || part_of(mesh, flip, &triangles[sound[other]]);
-        let query = queries[other].get_or_init(|| SurfaceQuery::with_winding_sign(&part()).ok());
-        query.as_ref().map_or(0.0, |query| query.winding_number(p).abs())
+    let others_around = |own: usize, p: &Point| {
+        let mut others = items_around(&tree, &sound_boxes, p);
+        others.retain(|&other| other != own);
+        others
     };
-    let mut overlaps = Vec::new();
-    let mut enclosing: Vec<Vec<usize>> = vec![Vec::new(); shells.len()];
+    // Each shell has one witness at least.
+    let mut work = 0;
     for (own, &shell) in sound.iter().enumerate() {
-        let witnesses = witnesses(mesh, &triangles[shell]);
-        let mut votes: Vec<(usize, f64)> = Vec::new();
-        for p in &witnesses {
-            let others = items_around(&tree, &sound_boxes, p)
-                .into_iter()
-                .filter(|&other| other != own);
-            votes.extend(others.map(|other| (other, winding_number(other, p))));
+        let first = witnesses(mesh, &triangles[shell], 1);
+        let around = first.iter().flat_map(|p| others_around(own, p));
+        work += around
+            .map(|other| work_of(triangles[sound[other]].len()))
+            .sum::<usize>();
+        if work > MOST_WORK {
+            return None;
         }
+    }
+    let most = (MOST_WORK / work.max(1)).clamp(1, WITNESSES);
+    let witnesses: Vec<Vec<Point>> = sound.iter().map(|&s| witnesses(mesh, &triangles[s], most)).collect();
+    let around: Vec<Vec<Vec<usize>>> = witnesses
+        .par_iter()
+        .enumerate()
+        .map(|(own, witnesses)| witnesses.iter().map(|p| others_around(own, p)).collect())
+        .collect();
+    let mut is_asked = vec![false; sound.len()];
+    around
+        .iter()
+        .flatten()
+        .flatten()
+        .for_each(|&other| is_asked[other] = true);
+    let query = |(&is_asked, &shell): (&bool, &usize)| {
+        let part = || part_of(mesh, flip, &triangles[shell]);
+        is_asked
+            .then(|| SurfaceQuery::with_winding_sign(&part()).ok())
+            .flatten()
+    };
+    let queries: Vec<Option<SurfaceQuery>> = is_asked.par_iter().zip(&sound).map(query).collect();
+    let winding_number = |other: usize, p: &Point| {
+        let query = queries[other].as_ref();
+        query.map_or(0.0, |query| query.winding_number(p).abs())
+    };
+    let votes = |(witnesses, around): (&Vec<Point>, &Vec<Vec<usize>>)| {
+        let asked = witnesses.iter().zip(around);
+        let mut votes: Vec<(usize, f64)> = asked
+            .flat_map(|(p, around)| around.iter().map(move |&other| (other, p)))
+            .map(|(other, p)| (other, winding_number(other, p)))
+            .collect();
         votes.sort_by_key(|vote| vote.0);
-        for votes in votes.chunk_by(|a, b| a.0 == b.0) {
-            let other = sound[votes[0].0];
-            // Where they touch, the winding number is about a half and says nothing.
-            let within = votes.iter().filter(|vote| vote.1 > 0.75).count();
-            let beyond_box = witnesses.len() - votes.len();
-            let without = votes.iter().filter(|vote| vote.1 < 0.25).count() + beyond_box;
-            if within > 0 && without == 0 {
-                enclosing[shell].push(other);
-            } else if within > 0 {
-                overlaps.push([shell.min(other), shell.max(other)]);
-            }
-        }
+        Verdicts::of(&votes, witnesses.len())
+    };
+    let verdicts: Vec<Verdicts> = witnesses.par_iter().zip(&around).map(votes).collect();
+    let mut overlaps = Vec::new();
+    for (&shell, verdicts) in sound.iter().zip(&verdicts) {
+        shells[shell].depth = verdicts.enclosing.len();
+        overlaps.extend(
+            verdicts
+                .overlapping
+                .iter()
+                .map(|&other| sound[other])
+                .map(|other| [shell.min(other), shell.max(other)]),
+        );
     }
-    for (shell, enclosing) in enclosing.iter().enumerate() {
-        shells[shell].depth = enclosing.len();
-    }
-    for (shell, enclosing) in enclosing.iter().enumerate() {
-        let innermost = enclosing.iter().copied().max_by_key(|&other| shells[other].depth);
-        shells[shell].inside = innermost;
+    for (&shell, verdicts) in sound.iter().zip(&verdicts) {
+        let enclosing = verdicts.enclosing.iter().map(|&other| sound[other]);
+        shells[shell].inside = enclosing.max_by_key(|&other| shells[other].depth);
     }
     overlaps.sort_unstable();
     overlaps.dedup();
-    overlaps
+    Some(overlaps)
+}
+
+/// What the witnesses of a shell say of others.
+#[derive(Default)]
+struct Verdicts {
+    enclosing: Vec<usize>,
+    overlapping: Vec<usize>,
+}
+
+impl Verdicts {
+    /// From the winding numbers of others, sorted by these. Those in whose boxes a witness is not have no vote of it.
+    fn of(votes: &[(usize, f64)], witnesses: usize) -> Self {
+        let mut verdicts = Self::default();
+        for votes in votes.chunk_by(|a, b| a.0 == b.0) {
+            // Where they touch, the winding number is about a half and says nothing.
+            let within = votes.iter().filter(|vote| vote.1 > 0.75).count();
+            let beyond_box = witnesses - votes.len();
+            let without = votes.iter().filter(|vote| vote.1 < 0.25).count() + beyond_box;
+            if within > 0 && without == 0 {
+                verdicts.enclosing.push(votes[0].0);
+            } else if within > 0 {
+                verdicts.overlapping.push(votes[0].0);
+            }
+        }
+        verdicts
+    }
+}
+
+/// What a winding number of so many triangles costs, in those of a few.
+fn work_of(triangles: usize) -> usize {
+    1 + (triangles / 32).min(64)
 }
 
 fn triangles_by_component(components: &Components) -> Vec<Vec<u32>> {
@@ -198,9 +272,9 @@ fn triangles_by_component(components: &Components) -> Vec<Vec<u32>> {
     triangles
 }
 
-/// Vertices of these triangles, evenly through the list.
-fn witnesses(mesh: &SurfaceMesh, triangles: &[u32]) -> Vec<Point> {
-    let step = triangles.len().div_ceil(WITNESSES).max(1);
+/// At most so many vertices of these triangles, evenly through the list.
+fn witnesses(mesh: &SurfaceMesh, triangles: &[u32], most: usize) -> Vec<Point> {
+    let step = triangles.len().div_ceil(most).max(1);
     let corner = |&t: &u32| mesh.corners(t as usize)[0];
     triangles.iter().step_by(step).map(corner).collect()
 }

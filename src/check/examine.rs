@@ -28,6 +28,7 @@ pub fn check(mesh: &SurfaceMesh, self_intersections: Option<FindSelfIntersection
         open_edges(&anatomy),
         non_manifold_edges(&anatomy),
         non_orientable(&anatomy),
+        crowded_components(&anatomy),
         zero_volume(&anatomy),
         inconsistent_orientation(&anatomy),
         inward(&anatomy),
@@ -254,6 +255,19 @@ fn non_orientable(anatomy: &Anatomy) -> Option<Finding> {
             .says(message)
             .advises("no solid has such a boundary: cut the part open and close it untwisted"),
     )
+}
+
+fn crowded_components(anatomy: &Anatomy) -> Option<Finding> {
+    let count = anatomy.crowd?;
+    let message = format!(
+        "{count} closed components lie so much within each other's boxes that it was not found out which of them enclose \
+         which"
+    );
+    let finding = finding(FindingKind::CrowdedComponents, Severity::Error, count);
+    Some(finding.says(message).advises(
+        "delete components that are there several times over, unite those that overlap (Blender: Boolean > Union; MeshLab: \
+         Mesh Boolean), or solve on a part of them",
+    ))
 }
 
 fn zero_volume(anatomy: &Anatomy) -> Option<Finding> {

@@ -5,7 +5,7 @@
 //! (1995). No vertex is added, so that meshes over the
 //! same vertices take the same triangles.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use serde::Serialize;
 
@@ -131,10 +131,16 @@ pub fn close_holes(mesh: &SurfaceMesh, most_edges: usize) -> Result<(SurfaceMesh
 fn simple(rim: Vec<u32>) -> Vec<Vec<u32>> {
     let mut loops = Vec::new();
     let mut walked: Vec<u32> = Vec::new();
+    let mut place = HashMap::new();
     for vertex in rim {
-        if let Some(before) = walked.iter().position(|&v| v == vertex) {
-            loops.push(walked.split_off(before));
+        if let Some(&before) = place.get(&vertex) {
+            let around = walked.split_off(before);
+            for v in &around {
+                place.remove(v);
+            }
+            loops.push(around);
         }
+        place.insert(vertex, walked.len());
         walked.push(vertex);
     }
     loops.push(walked);

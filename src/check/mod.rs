@@ -90,7 +90,8 @@ pub enum ComponentKind {
     Solid,
     /// A cavity in the component that it is inside of.
     Cavity,
-    /// Nothing: it is open, not manifold, not orientable or not finite.
+    /// Nothing: it is open, not manifold, not orientable or not finite; or one of a crowd
+    /// ([`FindingKind::CrowdedComponents`]).
     NotAShell,
 }
 
@@ -156,6 +157,8 @@ pub enum FindingKind {
     NonManifoldEdges,
     /// Components that have one side only.
     NonOrientable,
+    /// Closed components, so many of them within each other's boxes that it was not found out which enclose which.
+    CrowdedComponents,
     /// Closed components that enclose nothing.
     ZeroVolume,
     /// Edges whose two triangles disagree.

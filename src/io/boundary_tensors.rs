@@ -43,6 +43,9 @@ struct Headers {
     boundary: BoundaryHeader,
 }
 
+/// Triangles that more than three subdivisions may make.
+const MOST_SUBDIVIDED: u64 = 1 << 20;
+
 /// Part of the target's diagonal by which stored images may differ from the map's.
 const AGREEMENT: f64 = 1e-9;
 
@@ -125,7 +128,8 @@ pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
     .map_err(|e| reader.problem(DOMAIN.vertices, format!("is unusable: {e}")))?;
     require_agreement(reader, &map, &image)?;
     let count = map.domain().triangles().len() as u64;
-    let is_too_fine = subdivisions > 15 || count << (2 * subdivisions) > i32::MAX as u64;
+    // A few bytes must not ask for gigabytes.
+    let is_too_fine = subdivisions > 15 || (subdivisions > 3 && count << (2 * subdivisions) > MOST_SUBDIVIDED);
     if is_too_fine {
         let problem = format!("has {count} rows, too many to be cut into four {subdivisions} times");
         return Err(reader.problem(DOMAIN.triangles, problem));

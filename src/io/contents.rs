@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Field, FieldFile, IoError, Solid};
+use super::{Field, FieldFile, IoError, Solid, source::excerpt};
 use crate::{
     Point,
     mesh::{CellList, CellMesh, MeshError, SurfaceMesh, TetMesh},
@@ -179,7 +179,11 @@ impl Contents {
         if let Some(field) = point.iter().chain(&cell).find(|f| f.components > MAX_COMPONENTS) {
             return Err(IoError::Unsupported {
                 path: path.to_owned(),
-                found: format!("the field `{}` of {} components", field.name, field.components),
+                found: format!(
+                    "the field `{}` of {} components",
+                    excerpt(field.name.as_bytes()),
+                    field.components
+                ),
                 remedy: "leave it out, or cut it into fields of at most 4096 components",
             });
         }
@@ -191,7 +195,7 @@ impl Contents {
             if field.values.len() != count * field.components {
                 return Err(IoError::ValueCount {
                     path: path.to_owned(),
-                    name: field.name.clone(),
+                    name: excerpt(field.name.as_bytes()),
                     expected: count * field.components,
                     found: field.values.len(),
                 });

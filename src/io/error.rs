@@ -69,6 +69,21 @@ pub enum IoError {
         /// Bytes after the count.
         available: usize,
     },
+    /// Compressed data, or data that many parts of the file share, which are far more than the file.
+    #[error(
+        "`{path}` ({format}) unpacks to more than {limit} bytes, which no sound file of {size} bytes does; if it is one, \
+         save it without compression"
+    )]
+    Expands {
+        /// The file.
+        path: PathBuf,
+        /// The format it was read as.
+        format: &'static str,
+        /// Bytes of the file.
+        size: usize,
+        /// Bytes that it may unpack to.
+        limit: usize,
+    },
     /// A face with one or two corners, or none, cannot be cut into triangles.
     #[error("face {face} (0-based) of `{path}` has {corners} corners, and a face needs at least 3; remove it")]
     FewCorners {

@@ -3,7 +3,10 @@
 use std::io::{BufReader, Cursor};
 use std::path::{Path, PathBuf};
 
+use image::{DynamicImage, ImageDecoder};
+
 use super::IoError;
+use super::source::printable;
 use crate::texture::{Picture, TextureError};
 
 /// Why a picture cannot be read.
@@ -34,6 +37,9 @@ pub enum PictureError {
 /// Memory that decoding may take, in bytes: pictures of 16384 × 16384 pixels pass.
 const MOST_BYTES: u64 = 2 << 30;
 
+/// Pixels that a byte of a picture can stand for at most: eight of one bit, deflated.
+const MOST_PIXELS: u64 = 8 * 1032;
+
 /// Reads a PNG or JPEG picture, whatever its extension. Colours count as sRGB; finer ones than 8 bits are rounded, grey ones
 /// become red, green and blue, and transparency is passed over.
 ///
@@ -45,7 +51,7 @@ pub fn read_picture(path: impl AsRef<Path>) -> Result<Picture, PictureError> {
     let bytes = super::tensor_file::read_bytes(path)?;
     let unreadable = |cause: String| PictureError::Unreadable {
         path: path.to_owned(),
-        cause,
+        cause: printable(cause),
     };
     let reader = image::ImageReader::new(BufReader::new(Cursor::new(&bytes)));
     let mut reader = reader.with_guessed_format().map_err(|e| unreadable(e.to_string()))?;
@@ -55,7 +61,22 @@ pub fn read_picture(path: impl AsRef<Path>) -> Result<Picture, PictureError> {
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(MOST_BYTES);
     reader.limits(limits);
-    let decoded = reader.decode().map_err(|e| unreadable(e.to_string()))?.into_rgb8();
+    let decoder = reader.into_decoder().map_err(|e| unreadable(e.to_string()))?;
+    let (width, height) = decoder.dimensions();
+    let length = bytes.len() as u64;
+    if u64::from(width) * u64::from(height) > length.saturating_mul(MOST_PIXELS) {
+        return Err(unreadable(format!(
+            "it is said to have {width} × {height} pixels, which its {length} bytes cannot hold"
+        )));
+    }
+    if decoder.total_bytes() > MOST_BYTES {
+        return Err(unreadable(format!(
+            "its {width} × {height} pixels take more than {MOST_BYTES} bytes"
+        )));
+    }
+    let decoded = DynamicImage::from_decoder(decoder)
+        .map_err(|e| unreadable(e.to_string()))?
+        .into_rgb8();
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     let pixels = decoded.as_raw().as_chunks::<3>().0.to_vec();
     Picture::new(width, height, pixels).map_err(|cause| PictureError::Unusable {

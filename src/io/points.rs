@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::{
     Field, IoError, Place, atomic_write,
     contents::Contents,
-    source::{ByteOrder, Scalar, Source, excerpt, parsed},
+    source::{ByteOrder, Scalar, Source, excerpt, parsed, printable},
 };
 use crate::Point;
 
@@ -126,8 +126,8 @@ pub(super) fn parse_csv_with_fields(source: &Source) -> Result<Contents, IoError
     // As the points are found: the first column of each name.
     let is_coordinate = |k: usize| {
         let is_named = |wanted: &str| names[k].eq_ignore_ascii_case(wanted);
-        let is_first = !names[..k].iter().any(|name| name.eq_ignore_ascii_case(&names[k]));
-        ["x", "y", "z"].into_iter().any(is_named) && is_first
+        let is_first = || !names[..k].iter().any(|name| name.eq_ignore_ascii_case(&names[k]));
+        ["x", "y", "z"].into_iter().any(is_named) && is_first()
     };
     let columns: Vec<usize> = (0..names.len()).filter(|&k| !is_coordinate(k)).collect();
     let mut values = vec![Vec::with_capacity(contents.vertices.len()); columns.len()];
@@ -140,7 +140,7 @@ pub(super) fn parse_csv_with_fields(source: &Source) -> Result<Contents, IoError
             let field = record.get(column).unwrap_or_default();
             values.push(parsed(field).ok_or_else(|| {
                 let line = record.position().map_or(0, |p| p.line() as usize);
-                let (found, name) = (excerpt(field), &names[column]);
+                let (found, name) = (excerpt(field), excerpt(names[column].as_bytes()));
                 let found = format!("found `{found}` in the column `{name}` where a number was expected");
                 source.malformed_at(Place::Line(line), found)
             })?);
@@ -289,7 +289,7 @@ fn csv_error(source: &Source, error: &csv::Error) -> IoError {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
             format!("found {len} columns where the header has {expected_len}")
         }
-        _ => error.to_string(),
+        _ => printable(error),
     };
     source.malformed_at(Place::Line(line), found)
 }

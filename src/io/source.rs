@@ -208,6 +208,25 @@ pub(super) fn excerpt(bytes: &[u8]) -> String {
     shown
 }
 
+/// What a library says of a file, which may quote it: cut short, and without characters that a terminal would obey.
+pub(super) fn printable(message: impl ToString) -> String {
+    const LONGEST: usize = 300;
+    let message = message.to_string();
+    let escaped = |c: char| {
+        if c.is_control() {
+            c.escape_debug().collect()
+        } else {
+            c.to_string()
+        }
+    };
+    let shown: String = message.chars().take(LONGEST).map(escaped).collect();
+    if message.chars().count() > LONGEST {
+        shown + "…"
+    } else {
+        shown
+    }
+}
+
 /// A type of number in a binary file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Scalar {

@@ -7,6 +7,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use super::source::printable;
 use super::{IoError, atomic_write};
 use crate::Point;
 
@@ -181,7 +182,7 @@ impl Kind {
         TensorFileError::Foreign {
             path: path.to_owned(),
             kind: self.name,
-            cause: cause.to_string(),
+            cause: printable(cause.to_string()),
         }
     }
 }
@@ -220,7 +221,7 @@ impl<'a> Reader<'a> {
             Some(major) if major > kind.version.0 => Err(TensorFileError::Newer {
                 path: path.into(),
                 kind: kind.name,
-                found: found.into(),
+                found: printable(found),
                 supported: kind.version.0,
             }),
             Some(_) => Ok(Self {

@@ -175,12 +175,11 @@ impl<'a> Topology<'a> {
     ///
     /// Each is a closed loop where the surface is edge-manifold; elsewhere it may be a path that ends.
     pub fn boundary_loops(&self) -> Vec<Vec<u32>> {
-        let rim = Rim::new(self);
-        let mut walked = vec![false; rim.edges.len()];
+        let mut rim = Rim::new(self);
         let mut loops = Vec::new();
         for start in 0..rim.edges.len() {
-            if !walked[start] {
-                loops.push(rim.walk(start, &mut walked));
+            if !rim.walked[start] {
+                loops.push(rim.walk(start));
             }
         }
         loops
@@ -441,6 +440,10 @@ struct Rim {
     nodes: Vec<[u32; 2]>,
     /// `(fan, edge)`, sorted.
     incidences: Vec<(u32, u32)>,
+    walked: Vec<bool>,
+    /// Where the edges that may not be walked yet begin, of the fan that begins at this place of `incidences`: without it
+    /// a fan of many open edges (the pages of a book) would be looked through once for each.
+    next: Vec<u32>,
 }
 
 impl Rim {
@@ -459,23 +462,25 @@ impl Rim {
         let mut incidences: Vec<(u32, u32)> = ends.flat_map(|(e, n)| n.map(|fan| (fan, e as u32))).collect();
         incidences.sort_unstable();
         Self {
+            walked: vec![false; edges.len()],
+            next: (0..incidences.len() as u32).collect(),
             edges,
             nodes,
             incidences,
         }
     }
 
-    fn walk(&self, start: usize, walked: &mut [bool]) -> Vec<u32> {
+    fn walk(&mut self, start: usize) -> Vec<u32> {
         let [first, mut node] = self.nodes[start];
         let [from, mut vertex] = self.edges[start];
         let mut vertices = vec![from];
-        walked[start] = true;
+        self.walked[start] = true;
         while node != first {
             vertices.push(vertex);
-            let Some(edge) = self.unwalked_edge_at(node, walked) else {
+            let Some(edge) = self.unwalked_edge_at(node) else {
                 break;
             };
-            walked[edge] = true;
+            self.walked[edge] = true;
             let end = usize::from(self.nodes[edge][0] == node);
             node = self.nodes[edge][end];
             vertex = self.edges[edge][end];
@@ -483,10 +488,19 @@ impl Rim {
         vertices
     }
 
-    fn unwalked_edge_at(&self, node: u32, walked: &[bool]) -> Option<usize> {
+    fn unwalked_edge_at(&mut self, node: u32) -> Option<usize> {
         let begin = self.incidences.partition_point(|&(fan, _)| fan < node);
-        let here = self.incidences[begin..].iter().take_while(|&&(fan, _)| fan == node);
-        here.map(|&(_, edge)| edge as usize).find(|&edge| !walked[edge])
+        let next = self.next.get_mut(begin)?;
+        loop {
+            let &(fan, edge) = self.incidences.get(*next as usize)?;
+            if fan != node {
+                return None;
+            }
+            if !self.walked[edge as usize] {
+                return Some(edge as usize);
+            }
+            *next += 1;
+        }
     }
 }
 

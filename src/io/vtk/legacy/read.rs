@@ -32,9 +32,15 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
     let mut cells: Option<CellLists> = None;
     let mut types: Option<Vec<i64>> = None;
     let mut end_of_types = Place::Byte(0);
-    let mut grid = true;
+    let (mut grid, mut datasets) = (true, 0);
     while let Some(word) = reader.tokens.next() {
+        datasets += usize::from(word == b"DATASET");
         match word {
+            b"DATASET" if datasets > 1 => {
+                return Err(reader
+                    .tokens
+                    .malformed("found a second DATASET; give it a file of its own"));
+            }
             b"DATASET" if with_fields && reader.tokens.peek() == Some(b"STRUCTURED_POINTS") => {
                 reader.structured_points(&mut contents)?;
                 grid = false;

@@ -1,6 +1,6 @@
 //! Numbers of arrays: decoded, decompressed and counted.
 
-use std::{borrow::Cow, io::Read};
+use std::{borrow::Cow, collections::HashMap, io::Read};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use flate2::read::ZlibDecoder;
@@ -11,16 +11,24 @@ use crate::io::{
     source::{ByteOrder, Scalar, Tokens, excerpt},
 };
 
+/// How many bytes a byte of deflated data stands for at most: a match of 258 bytes takes two bits.
+const MOST_DEFLATION: usize = 1032;
+
 impl<'a> Document<'a> {
     /// The fields that every piece has, one piece after the other.
     pub fn fields<'d>(&'d self, data: impl Fn(&'d Piece<'a>) -> &'d Vec<Array<'a>>) -> Result<Vec<Field>, IoError> {
         let mut fields = Vec::new();
+        let key = |array: &'d Array<'a>| (&*array.name, array.components);
+        // The first array of a name counts.
+        let of_pieces: Vec<HashMap<_, _>> = self
+            .pieces
+            .iter()
+            .map(|piece| data(piece).iter().rev().map(|array| (key(array), array)).collect())
+            .collect();
         for first in self.pieces.first().map(&data).into_iter().flatten() {
-            let is_same = |array: &&Array| array.name == first.name && array.components == first.components;
-            let arrays: Option<Vec<&Array>> = self
-                .pieces
+            let arrays: Option<Vec<&Array>> = of_pieces
                 .iter()
-                .map(|piece| data(piece).iter().find(is_same))
+                .map(|arrays| arrays.get(&key(first)).copied())
                 .collect();
             let mut values = Vec::new();
             let Some(arrays) = arrays else { continue };
@@ -59,6 +67,7 @@ impl<'a> Document<'a> {
             return Ok(values);
         }
         let bytes = self.decoded(array)?;
+        self.take_room(bytes.len() / array.scalar.size() * size_of::<T>())?;
         let values = bytes.chunks_exact(array.scalar.size());
         Ok(values.map(|b| from_bytes(array.scalar, b, self.order)).collect())
     }
@@ -77,8 +86,10 @@ impl<'a> Document<'a> {
                     .ok_or_else(|| self.source.truncated("the appended data"))?;
                 let data = data.get(offset..).ok_or_else(cut_off)?;
                 if base64 {
-                    let next = self.offsets.iter().filter(|&&next| next > offset).min();
+                    let next = self.offsets.partition_point(|&next| next <= offset);
+                    let next = self.offsets.get(next);
                     let length = next.map_or(data.len(), |next| data.len().min(next - offset));
+                    self.take_room(length)?;
                     Cow::Owned(decode_base64(&data[..length]).map_err(invalid)?)
                 } else {
                     Cow::Borrowed(data)
@@ -91,9 +102,7 @@ impl<'a> Document<'a> {
             return Ok(stored);
         }
         if self.compressed {
-            return Ok(Cow::Owned(
-                self.decompressed(&stored).ok_or_else(cut_off)?.map_err(invalid)?,
-            ));
+            return Ok(Cow::Owned(self.decompressed(&stored, cut_off, invalid)?));
         }
         let start = self.header.size();
         let length = self.length(&stored, 0).ok_or_else(cut_off)?;
@@ -110,28 +119,40 @@ impl<'a> Document<'a> {
     }
 
     /// Lengths (number of blocks, size of a block, size of the last or 0, compressed size of each) and then the blocks.
-    /// `None` when they end early.
-    fn decompressed(&self, stored: &[u8]) -> Option<Result<Vec<u8>, String>> {
-        let blocks = self.length(stored, 0)?;
-        let (full, last) = (self.length(stored, 1)?, self.length(stored, 2)?);
-        let mut rest = stored.get(blocks.checked_add(3)?.checked_mul(self.header.size())?..)?;
+    fn decompressed(
+        &self,
+        stored: &[u8],
+        cut_off: impl Fn() -> IoError,
+        invalid: impl Fn(String) -> IoError,
+    ) -> Result<Vec<u8>, IoError> {
+        let length = |k: usize| self.length(stored, k).ok_or_else(&cut_off);
+        let (blocks, full, last) = (length(0)?, length(1)?, length(2)?);
+        let begin = blocks.checked_add(3).and_then(|n| n.checked_mul(self.header.size()));
+        let mut rest = begin.and_then(|begin| stored.get(begin..)).ok_or_else(&cut_off)?;
         let mut bytes = Vec::new();
         for block in 0..blocks {
-            let (compressed, tail) = rest.split_at_checked(self.length(stored, 3 + block)?)?;
+            let (compressed, tail) = rest.split_at_checked(length(3 + block)?).ok_or_else(&cut_off)?;
             rest = tail;
             let expected = if block + 1 == blocks && last > 0 { last } else { full };
+            let other = || {
+                invalid(format!(
+                    "a compressed block does not hold the {expected} bytes announced"
+                ))
+            };
+            if expected > compressed.len().saturating_mul(MOST_DEFLATION) {
+                return Err(other());
+            }
+            self.take_room(expected)?;
             let before = bytes.len();
             let mut decoder = ZlibDecoder::new(compressed).take(expected as u64 + 1);
-            if let Err(error) = decoder.read_to_end(&mut bytes) {
-                return Some(Err(format!("a compressed block cannot be read: {error}")));
-            }
+            decoder
+                .read_to_end(&mut bytes)
+                .map_err(|error| invalid(format!("a compressed block cannot be read: {error}")))?;
             if bytes.len() - before != expected {
-                return Some(Err(format!(
-                    "a compressed block does not hold the {expected} bytes announced"
-                )));
+                return Err(other());
             }
         }
-        Some(Ok(bytes))
+        Ok(bytes)
     }
 
     /// The `k`-th number of the header of binary data.

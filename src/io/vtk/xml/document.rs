@@ -1,6 +1,6 @@
 //! The structure of a file: pieces, arrays and where their numbers stand.
 
-use std::{borrow::Cow, ops::Range, str::FromStr};
+use std::{borrow::Cow, cell::Cell, ops::Range, str::FromStr};
 
 use quick_xml::{
     Reader,
@@ -10,7 +10,7 @@ use quick_xml::{
 
 use crate::io::{
     IoError, Place,
-    source::{ByteOrder, Scalar, Source, excerpt},
+    source::{ByteOrder, Scalar, Source, excerpt, printable},
 };
 
 /// What a file may hold.
@@ -72,9 +72,16 @@ pub(super) struct Document<'a> {
     pub pieces: Vec<Piece<'a>>,
     /// Appended data after the `_`, and whether they are in base64.
     pub appended: Option<(&'a [u8], bool)>,
-    /// Where in the appended data any array begins.
+    /// Where in the appended data any array begins, in ascending order.
     pub offsets: Vec<usize>,
+    /// Bytes that may still be unpacked.
+    room: Cell<usize>,
 }
+
+/// What is unpacked of a file, in bytes: so much, which is enough for three bytes at every point of an image, and so many
+/// times the file. Meshes are compressed to a twentieth at best.
+const LEAST_ROOM: usize = 128 << 20;
+const MOST_EXPANSION: usize = 200;
 
 impl<'a> Document<'a> {
     /// The structure of a file that has to hold such a data set.
@@ -89,6 +96,7 @@ impl<'a> Document<'a> {
             pieces: vec![],
             appended: None,
             offsets: vec![],
+            room: Cell::new(room_of(source)),
         };
         // The reader would leave out a byte order mark, but not count it.
         let shift = if xml.starts_with('\u{feff}') { 3 } else { 0 };
@@ -161,7 +169,20 @@ impl<'a> Document<'a> {
         if !ended || document.pieces.is_empty() {
             return Err(source.truncated("the XML structure"));
         }
+        document.offsets.sort_unstable();
         Ok(document)
+    }
+
+    /// Counts bytes that are about to be unpacked.
+    pub fn take_room(&self, bytes: usize) -> Result<(), IoError> {
+        let room = self.room.get().checked_sub(bytes).ok_or_else(|| IoError::Expands {
+            path: self.source.path.to_owned(),
+            format: self.source.format,
+            size: self.source.bytes.len(),
+            limit: room_of(self.source),
+        })?;
+        self.room.set(room);
+        Ok(())
     }
 
     fn read_root(&mut self, tag: &Tag<'a>, data_set: DataSet) -> Result<(), IoError> {
@@ -197,6 +218,14 @@ impl<'a> Document<'a> {
     }
 }
 
+fn room_of(source: &Source) -> usize {
+    source
+        .bytes
+        .len()
+        .saturating_mul(MOST_EXPANSION)
+        .saturating_add(LEAST_ROOM)
+}
+
 /// The XML up to and including the tag `AppendedData`, and what follows its `_`.
 fn split_appended<'a>(source: &Source<'a>) -> Result<(&'a str, Option<&'a [u8]>), IoError> {
     const TAG: &[u8] = b"<AppendedData";
@@ -224,7 +253,7 @@ fn xml_error(source: &Source, position: usize, error: &quick_xml::Error) -> IoEr
         quick_xml::Error::Syntax(_) | quick_xml::Error::IllFormed(IllFormedError::MissingEndTag(_)) => {
             source.truncated("the XML structure")
         }
-        _ => source.malformed(position, error.to_string()),
+        _ => source.malformed(position, printable(error)),
     }
 }
 
@@ -237,9 +266,14 @@ struct Tag<'a> {
 
 impl<'a> Tag<'a> {
     fn attribute(&self, name: &str) -> Result<Option<Cow<'a, str>>, IoError> {
-        let found = self.tag.try_get_attribute(name);
-        let found = found.map_err(|error| self.source.malformed(self.at, error.to_string()))?;
-        Ok(found.map(|attribute| Cow::Owned(attribute.value.into_owned())))
+        // Looking for attributes that stand twice takes time with the square of their number.
+        for attribute in self.tag.attributes().with_checks(false) {
+            let attribute = attribute.map_err(|error| self.source.malformed(self.at, printable(error)))?;
+            if attribute.key.as_ref() == name {
+                return Ok(Some(Cow::Owned(attribute.value.into_owned())));
+            }
+        }
+        Ok(None)
     }
 
     fn required(&self, name: &str) -> Result<Cow<'a, str>, IoError> {
@@ -309,7 +343,11 @@ impl<'a> Tag<'a> {
         let components = self.attribute("NumberOfComponents")?;
         Ok(Array {
             name: self.attribute("Name")?.unwrap_or_default(),
-            components: components.and_then(|n| n.trim().parse().ok()).unwrap_or(1),
+            // None at all would let a count of points be whatever it says.
+            components: components
+                .and_then(|n| n.trim().parse().ok())
+                .filter(|&n| n > 0)
+                .unwrap_or(1),
             scalar: scalar(&kind).ok_or_else(|| self.refused("type", &kind))?,
             encoding: match format.as_ref() {
                 "ascii" => Encoding::Text,

@@ -1,0 +1,7 @@
+#![no_main]
+
+use solidmap_fuzz::{named, tensor_file, with_file};
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| with_file("texture", &tensor_file(bytes), |path| {
+    named(path, solidmap::io::read_texture(path));
+}));
