@@ -7,11 +7,14 @@
 //! and all before. All levels' sources are unknowns of the same system and stay in the map. Nothing dense grows with
 //! the number of sources: patches are of one size, and there are levels enough to keep the coarsest small.
 
+use std::ops::ControlFlow;
+
 use super::krylov::Minimisation;
 use super::patches::Patches;
 use super::{CollocationSystem, DenseFactor, DenseOptions, Mixing, SolveError, Values};
 use crate::Point;
 use crate::kernel::Sums;
+use crate::progress::Answer;
 
 /// Sources of one spacing, and the equations that they are fitted to.
 #[derive(Debug, Clone, Default)]
@@ -159,14 +162,14 @@ impl SchwarzFactor {
     ///
     /// # Errors
     ///
-    /// When the coarsest level has fewer rows than unknowns, or a matrix entry is not finite.
-    pub fn new(
+    /// When the coarsest level has fewer rows than unknowns, a matrix entry is not finite, or `progress` ends it.
+    pub fn new<A: Answer>(
         collocation: Vec<Point>,
         weights: Vec<f64>,
         levels: &[Level],
         affine: bool,
         options: &SchwarzOptions,
-        progress: &dyn Fn(usize, usize),
+        progress: &dyn Fn(usize, usize) -> A,
     ) -> Result<Self, SolveError> {
         let mut factor = Self {
             collocation,
@@ -183,7 +186,7 @@ impl SchwarzFactor {
         })?;
         factor.levels.push(factor.dense_level(coarsest)?);
         for level in &levels[1..] {
-            let patches = factor.patches(level, progress);
+            let patches = factor.patches(level, progress)?;
             factor.levels.push(patches);
         }
         let coarse = levels.len().saturating_sub(1).max(1);
@@ -200,17 +203,24 @@ impl SchwarzFactor {
     /// # Errors
     ///
     /// As [`Self::new`].
-    pub fn refine(
+    pub fn refine<A: Answer>(
         &mut self,
         collocation: &[Point],
         weights: &[f64],
         level: &Level,
-        progress: &dyn Fn(usize, usize),
+        progress: &dyn Fn(usize, usize) -> A,
     ) -> Result<(), SolveError> {
+        let rows = self.collocation.len();
         self.collocation.extend_from_slice(collocation);
         self.weights.extend_from_slice(weights);
-        let patches = self.patches(level, progress);
-        self.levels.push(patches);
+        match self.patches(level, progress) {
+            Ok(patches) => self.levels.push(patches),
+            Err(error) => {
+                self.collocation.truncate(rows);
+                self.weights.truncate(rows);
+                return Err(error);
+            }
+        }
         for group in &mut self.groups {
             group.to_collocation = sums(&group.sources, &self.collocation, &self.options)?;
         }
@@ -243,14 +253,18 @@ impl SchwarzFactor {
     ///
     /// # Errors
     ///
-    /// [`SolveError::DataLength`].
-    pub fn solve(
+    /// [`SolveError::DataLength`], and [`SolveError::Cancelled`] when `progress` ends it.
+    pub fn solve<A: Answer>(
         &self,
         data: &Values,
         start: Option<&Values>,
         goal: f64,
-        progress: &dyn Fn(usize, f64),
+        progress: &dyn Fn(usize, f64) -> A,
     ) -> Result<Solution, SolveError> {
+        let progress = &|iterations, residual| match progress(iterations, residual).flow() {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(SolveError::Cancelled),
+        };
         if data.rows() != self.collocation.len() {
             return Err(SolveError::DataLength {
                 data: data.rows(),
@@ -299,7 +313,7 @@ impl SchwarzFactor {
                 }
             }
             if next == 0 {
-                progress(history.len() - 1, latest);
+                progress(history.len() - 1, latest)?;
             }
             let group = &self.groups[next];
             let is_first = trace.len() == 1 && history.len() == 1 && start.is_none();
@@ -341,13 +355,13 @@ impl SchwarzFactor {
         search: &mut Minimisation<'_>,
         rms: &dyn Fn(&[f64]) -> f64,
         history: &mut Vec<f64>,
-        progress: &dyn Fn(usize, f64),
+        progress: &dyn Fn(usize, f64) -> Result<(), SolveError>,
     ) -> Result<(), SolveError> {
         let sources: Vec<Point> = self.groups.iter().flat_map(|group| group.sources.clone()).collect();
         let transposed = sums(&self.collocation, &sources, &self.options)?.with_accuracy(self.options.later_accuracy);
         for _ in 0..self.options.most_iterations {
             let before = history[history.len() - 1];
-            progress(history.len() - 1, before);
+            progress(history.len() - 1, before)?;
             let gradient = self.gradient(&transposed, &search.residual)?;
             for group in &self.groups {
                 if let Some(step) = self.gradient_correction(group, &gradient) {
@@ -460,15 +474,19 @@ impl SchwarzFactor {
         })
     }
 
-    fn patches(&self, level: &Level, progress: &dyn Fn(usize, usize)) -> FactoredLevel {
+    fn patches<A: Answer>(
+        &self,
+        level: &Level,
+        progress: &dyn Fn(usize, usize) -> A,
+    ) -> Result<FactoredLevel, SolveError> {
         let points = self.points(&level.rows);
         let SchwarzOptions { core, overlap, .. } = self.options;
-        FactoredLevel {
+        Ok(FactoredLevel {
             sources: level.sources.len(),
             rows: level.rows.clone(),
             weights: level.weights.clone(),
-            solver: LocalSolver::Patches(Patches::new(level, points, core, overlap, progress)),
-        }
+            solver: LocalSolver::Patches(Patches::new(level, points, core, overlap, progress)?),
+        })
     }
 
     fn points(&self, rows: &[u32]) -> Vec<Point> {
