@@ -33,7 +33,7 @@ std::vector<Point> bent(solidmap::Span<const Point> vertices, double angle) {
   std::vector<Point> images;
   for (const Point& p : vertices) {
     const double along = angle * (p[0] - 3) / 6, radius = 6 / angle - p[1];
-    images.push_back({radius * std::sin(along), 6 / angle - radius * std::cos(along), p[2]});
+    images.push_back({3 + radius * std::sin(along), 6 / angle - radius * std::cos(along), p[2]});
   }
   return images;
 }

@@ -111,6 +111,12 @@ Span<const Row> rows(rust::Slice<const T> flat) {
   return {reinterpret_cast<const Row*>(flat.data()), flat.size() / std::tuple_size_v<Row>};
 }
 
+/// What outlives the object that it was asked of.
+template <class T>
+std::vector<T> kept(Span<const T> view) {
+  return std::vector<T>(view.begin(), view.end());
+}
+
 /// A path as the system has it; on Windows in UTF-8.
 class PathBytes {
  public:

@@ -53,7 +53,8 @@ Surface BoundaryMap::target() const {
   return guarded([&] { return make_surface(Access::of(*this).target()); });
 }
 
-Span<const Point> BoundaryMap::images() const { return rows<Point>(Access::of(*this).images()); }
+Span<const Point> BoundaryMap::images() const& { return rows<Point>(Access::of(*this).images()); }
+std::vector<Point> BoundaryMap::images() && { return kept(static_cast<const BoundaryMap&>(*this).images()); }
 
 double BoundaryMap::target_volume() const {
   return guarded([&] { return Access::of(*this).target_volume(); });

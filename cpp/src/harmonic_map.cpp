@@ -76,9 +76,12 @@ std::string HarmonicMap::metadata() const {
   return guarded([&] { return std::string(Access::of(*this).metadata()); });
 }
 
-Span<const Point> HarmonicMap::sources() const { return rows<Point>(Access::of(*this).sources()); }
-Span<const Point> HarmonicMap::coefficients() const { return rows<Point>(Access::of(*this).coefficients()); }
-Span<const Point> HarmonicMap::affine() const { return rows<Point>(Access::of(*this).affine()); }
+Span<const Point> HarmonicMap::sources() const& { return rows<Point>(Access::of(*this).sources()); }
+Span<const Point> HarmonicMap::coefficients() const& { return rows<Point>(Access::of(*this).coefficients()); }
+Span<const Point> HarmonicMap::affine() const& { return rows<Point>(Access::of(*this).affine()); }
+std::vector<Point> HarmonicMap::sources() && { return kept(static_cast<const HarmonicMap&>(*this).sources()); }
+std::vector<Point> HarmonicMap::coefficients() && { return kept(static_cast<const HarmonicMap&>(*this).coefficients()); }
+std::vector<Point> HarmonicMap::affine() && { return kept(static_cast<const HarmonicMap&>(*this).affine()); }
 
 Inverse::Inverse(const HarmonicMap& map, const InverseOptions& options)
     : impl_(guarded([&] {

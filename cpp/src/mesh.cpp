@@ -19,8 +19,10 @@ void Surface::save(const std::filesystem::path& path) const {
   guarded([&] { Access::of(*this).save(PathBytes(path)); });
 }
 
-Span<const Point> Surface::vertices() const { return rows<Point>(Access::of(*this).vertices()); }
-Span<const Triangle> Surface::triangles() const { return rows<Triangle>(Access::of(*this).triangles()); }
+Span<const Point> Surface::vertices() const& { return rows<Point>(Access::of(*this).vertices()); }
+Span<const Triangle> Surface::triangles() const& { return rows<Triangle>(Access::of(*this).triangles()); }
+std::vector<Point> Surface::vertices() && { return kept(static_cast<const Surface&>(*this).vertices()); }
+std::vector<Triangle> Surface::triangles() && { return kept(static_cast<const Surface&>(*this).triangles()); }
 double Surface::area() const { return Access::of(*this).area(); }
 double Surface::volume() const { return Access::of(*this).volume(); }
 
@@ -144,22 +146,26 @@ void CellMesh::save(const std::filesystem::path& path) const {
 
 CellKind CellMesh::kind() const { return Access::of(*this).are_hexes() ? CellKind::hexes : CellKind::tets; }
 std::size_t CellMesh::size() const { return Access::of(*this).regions().size(); }
-Span<const Point> CellMesh::nodes() const { return rows<Point>(Access::of(*this).nodes()); }
+Span<const Point> CellMesh::nodes() const& { return rows<Point>(Access::of(*this).nodes()); }
 
-Span<const Tet> CellMesh::tets() const {
+Span<const Tet> CellMesh::tets() const& {
   const ffi::Cells& cells = Access::of(*this);
   return cells.are_hexes() ? Span<const Tet>() : rows<Tet>(cells.corners());
 }
 
-Span<const Hex> CellMesh::hexes() const {
+Span<const Hex> CellMesh::hexes() const& {
   const ffi::Cells& cells = Access::of(*this);
   return cells.are_hexes() ? rows<Hex>(cells.corners()) : Span<const Hex>();
 }
 
-Span<const std::int32_t> CellMesh::regions() const {
+Span<const std::int32_t> CellMesh::regions() const& {
   const auto regions = Access::of(*this).regions();
   return {regions.data(), regions.size()};
 }
+std::vector<Point> CellMesh::nodes() && { return kept(static_cast<const CellMesh&>(*this).nodes()); }
+std::vector<Tet> CellMesh::tets() && { return kept(static_cast<const CellMesh&>(*this).tets()); }
+std::vector<Hex> CellMesh::hexes() && { return kept(static_cast<const CellMesh&>(*this).hexes()); }
+std::vector<std::int32_t> CellMesh::regions() && { return kept(static_cast<const CellMesh&>(*this).regions()); }
 
 CellMesh CellMesh::with_nodes(Span<const Point> nodes) const {
   return guarded([&] { return make_cells(Access::of(*this).with_nodes(flat(nodes))); });

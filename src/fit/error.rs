@@ -73,7 +73,7 @@ pub enum FitError {
     #[error("cannot solve for the coefficients: {0}")]
     Solve(#[source] SolveError),
     /// The progress callback asked for an end.
-    #[error("cancelled")]
+    #[error("cancelled by the progress callback")]
     Cancelled,
 }
 

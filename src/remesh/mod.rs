@@ -121,7 +121,7 @@ pub enum RemeshError {
     #[error(transparent)]
     Query(#[from] QueryError),
     /// The progress callback asked for an end.
-    #[error("cancelled")]
+    #[error("cancelled by the progress callback")]
     Cancelled,
 }
 

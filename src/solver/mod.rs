@@ -84,7 +84,7 @@ pub enum SolveError {
         row: u32,
     },
     /// The progress callback asked for an end.
-    #[error("cancelled")]
+    #[error("cancelled by the progress callback")]
     Cancelled,
     /// A sum over the sources could not be formed.
     #[error(transparent)]

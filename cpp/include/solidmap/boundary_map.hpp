@@ -80,8 +80,9 @@ class BoundaryMap {
   Surface domain() const;
   /// The surface that it goes to, outward: the target's own triangles, where it has any, or the domain's over the images.
   Surface target() const;
-  /// The image of each vertex; a view, valid as long as this object or a copy lives.
-  Span<const Point> images() const;
+  /// The image of each vertex; a view, valid as long as this object or a copy lives; of a temporary, a copy.
+  Span<const Point> images() const&;
+  std::vector<Point> images() &&;
   /// Volume of the target, negative when the map turns the solid inside out, and diagonal of its bounding box.
   double target_volume() const;
   double target_diagonal() const;

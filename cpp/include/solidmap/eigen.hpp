@@ -44,11 +44,11 @@ inline Span<Point> view(PointRows& rows) {
 }
 void view(PointRows&&) = delete;
 
-/// Points as a matrix, without a copy; it views what `points` views.
+/// Points as a matrix, without a copy; it views what `points` views. Of a temporary vector, a copy.
 inline Eigen::Map<const PointRows> matrix(Span<const Point> points) {
   return {points.empty() ? nullptr : points[0].data(), static_cast<Eigen::Index>(points.size()), 3};
 }
-void matrix(std::vector<Point>&&) = delete;
+inline PointRows matrix(std::vector<Point>&& points) { return matrix(Span<const Point>(points)); }
 
 /// A Jacobian as a matrix, `J(i, k) = ∂f_i/∂x_k`, without a copy.
 inline Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> matrix(const Matrix3& jacobian) {

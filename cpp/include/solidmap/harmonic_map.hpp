@@ -85,10 +85,13 @@ class HarmonicMap {
   std::string metadata() const;
 
   /// Positions `Q` of the sources, their coefficients `w`, and four rows for the functions 1, x, y, z. Views, valid as long
-  /// as this object or a copy lives.
-  Span<const Point> sources() const;
-  Span<const Point> coefficients() const;
-  Span<const Point> affine() const;
+  /// as this object or a copy lives; of a temporary, copies.
+  Span<const Point> sources() const&;
+  Span<const Point> coefficients() const&;
+  Span<const Point> affine() const&;
+  std::vector<Point> sources() &&;
+  std::vector<Point> coefficients() &&;
+  std::vector<Point> affine() &&;
 
  private:
   friend struct detail::Access;

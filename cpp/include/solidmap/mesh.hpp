@@ -94,9 +94,11 @@ class Surface {
   /// whole or not at all. Throws Error (io, unsupported).
   void save(const std::filesystem::path& path) const;
 
-  /// Views, valid as long as this object or a copy of it lives.
-  Span<const Point> vertices() const;
-  Span<const Triangle> triangles() const;
+  /// Views, valid as long as this object or a copy of it lives; of a temporary, copies.
+  Span<const Point> vertices() const&;
+  Span<const Triangle> triangles() const&;
+  std::vector<Point> vertices() &&;
+  std::vector<Triangle> triangles() &&;
 
   double area() const;
   /// Enclosed volume: positive when closed and outward. Cavities, oriented into the cavity, count negatively.
@@ -171,11 +173,16 @@ class CellMesh {
   CellKind kind() const;
   /// Number of cells.
   std::size_t size() const;
-  /// Views, valid as long as this object or a copy of it lives. tets() is empty for hexahedra, hexes() for tetrahedra.
-  Span<const Point> nodes() const;
-  Span<const Tet> tets() const;
-  Span<const Hex> hexes() const;
-  Span<const std::int32_t> regions() const;
+  /// Views, valid as long as this object or a copy of it lives; of a temporary, copies. tets() is empty for hexahedra,
+  /// hexes() for tetrahedra.
+  Span<const Point> nodes() const&;
+  Span<const Tet> tets() const&;
+  Span<const Hex> hexes() const&;
+  Span<const std::int32_t> regions() const&;
+  std::vector<Point> nodes() &&;
+  std::vector<Tet> tets() &&;
+  std::vector<Hex> hexes() &&;
+  std::vector<std::int32_t> regions() &&;
 
   /// The same cells over other places of the nodes, as a map carries them.
   /// Throws Error (invalid_input) when their count differs.

@@ -180,7 +180,7 @@ pub enum PairError {
     #[error(transparent)]
     Boundary(#[from] BoundaryMapError),
     /// The progress callback asked for an end.
-    #[error("cancelled")]
+    #[error("cancelled by the progress callback")]
     Cancelled,
 }
 

@@ -1,0 +1,67 @@
+#!/bin/sh
+# The C++ side under the sanitizers and valgrind:
+#
+#   scripts/test-cpp-memory.sh            without CGAL and TetGen: address and undefined, thread, valgrind
+#   scripts/test-cpp-memory.sh native     with them: address and undefined, also in cpp/native (15 minutes and 6 GB)
+#
+# Rust needs none of it: the static library is the ordinary one, and the C++ in it is replaced by C++ built with checks,
+# which the linker meets first.
+set -eu
+cd "$(dirname "$0")/.."
+root=$(pwd)
+export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$root/target}"
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+features=cpp
+libraries="-lpthread -ldl -lm"
+[ "${1:-}" != native ] || {
+    features=cpp,native
+    libraries="-ltet -lmpfr -lgmp $libraries"
+}
+
+echo "== static library ($features)"
+cargo rustc --locked --release --lib --crate-type staticlib --no-default-features --features "$features" \
+    --message-format json >"$work/messages"
+# Where the bridge's generated header is; the last build script of the crate is the one of these features.
+generated=$(grep '"build-script-executed"' "$work/messages" | grep '"package_id":"path+file:' |
+    sed 's/.*"out_dir":"\([^"]*\)".*/\1/' | tail -n 1)/cxxbridge
+archive=$CARGO_TARGET_DIR/release/libsolidmap.a
+cp "$archive" "$work/libsolidmap.a"
+
+# objects FOLDER FLAGS...: the C++ side with these checks.
+objects() {
+    folder=$work/$1
+    shift
+    mkdir -p "$folder"
+    set -- -std=c++17 -O1 -g -fno-omit-frame-pointer "$@" -Icpp/include -Icpp/src -I"$generated/include" -I"$generated/crate"
+    for source in cpp/src/*.cpp cpp/tests/unit/*.cpp "$generated"/sources/solidmap/src/ffi/bridge.rs.cc; do
+        c++ "$@" -DEXPECTED_NATIVE="$(echo "$features" | grep -c native)" -DEXPECTED_VERSION="\"$version\"" \
+            -c "$source" -o "$folder/$(basename "$source").o"
+    done
+    [ "$features" = cpp ] || for source in distance mesh3 remesh self_intersections tetgen wrap; do
+        # Without -g: the templates' names alone would fill gigabytes.
+        c++ "$@" -g0 -frounding-math -DTETLIBRARY -I/usr/include/eigen3 -c "cpp/native/$source.cpp" -o "$folder/$source.o"
+    done
+}
+version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
+
+echo "== address and undefined behaviour"
+objects address -fsanitize=address,undefined -fno-sanitize-recover=all
+# shellcheck disable=SC2086 # the libraries are words
+c++ -fsanitize=address,undefined "$work"/address/*.o "$work/libsolidmap.a" $libraries -o "$work/address/tests"
+"$work/address/tests"
+
+[ "$features" = cpp ] || exit 0
+
+echo "== threads"
+objects thread -fsanitize=thread
+# shellcheck disable=SC2086
+c++ -fsanitize=thread "$work"/thread/*.o "$work/libsolidmap.a" $libraries -o "$work/thread/tests"
+TSAN_OPTIONS=halt_on_error=1 "$work/thread/tests" --test-case="*threads*,*another thread*,*callback*"
+
+echo "== valgrind"
+# shellcheck disable=SC2086
+c++ -std=c++17 -O1 -g -Icpp/include cpp/examples/eigen_matrices.cpp -I/usr/include/eigen3 "$work/libsolidmap.a" $libraries \
+    -o "$work/example"
+(cd "$work" && RAYON_NUM_THREADS=2 valgrind --error-exitcode=1 --leak-check=full \
+    --show-leak-kinds=definite,indirect --errors-for-leak-kinds=definite,indirect ./example)
