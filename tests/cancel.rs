@@ -3,12 +3,12 @@
 use std::cell::{Cell, RefCell};
 use std::ops::ControlFlow;
 
+use solidmap::Vector;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{PairError, PairOptions, map_pair};
 use solidmap::fit::{DomainFactor, FitError, FitOptions, Phase, fit};
 use solidmap::mesh::shapes;
 use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshError, RemeshOptions, remesh};
-use solidmap::Vector;
 
 /// A cube that becomes a ball: two rounds of refinement.
 fn rounded_cube() -> BoundaryMap {
@@ -32,7 +32,11 @@ fn a_fit_ends_at_every_call_of_its_callback() {
     let boundary = rounded_cube();
     let calls = Cell::new(0);
     let whole = fit(&boundary, &FitOptions::default(), &|_| calls.set(calls.get() + 1)).unwrap();
-    assert!(whole.report.refinements > 0 && calls.get() > 10, "{} calls", calls.get());
+    assert!(
+        whole.report.refinements > 0 && calls.get() > 10,
+        "{} calls",
+        calls.get()
+    );
     for last in 0..calls.get() {
         let count = Cell::new(0);
         let ended = fit(&boundary, &FitOptions::default(), &|_| after(last, &count));
@@ -67,7 +71,10 @@ fn a_remeshing_ends_in_its_repair_and_polish() {
         most_cells: 100_000,
     };
     let (options, calls) = (RemeshOptions::default(), Cell::new(0));
-    remesh(&boundary, &map, source.clone(), &options, &|_| calls.set(calls.get() + 1)).unwrap();
+    remesh(&boundary, &map, source.clone(), &options, &|_| {
+        calls.set(calls.get() + 1)
+    })
+    .unwrap();
     assert!(calls.get() > 30, "{} calls", calls.get());
     for last in [0, 1, 2, 5, calls.get() / 2, calls.get() - 2] {
         let count = Cell::new(0);

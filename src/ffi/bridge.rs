@@ -296,12 +296,7 @@ pub(super) mod ffi {
         fn save(self: &Map, path: &[u8]) -> Result<()>;
         fn evaluate(self: &Map, points: &[f64], images: &mut [f64]) -> Result<()>;
         fn jacobian(self: &Map, points: &[f64], jacobians: &mut [f64]) -> Result<()>;
-        fn evaluate_with_jacobian(
-            self: &Map,
-            points: &[f64],
-            images: &mut [f64],
-            jacobians: &mut [f64],
-        ) -> Result<()>;
+        fn evaluate_with_jacobian(self: &Map, points: &[f64], images: &mut [f64], jacobians: &mut [f64]) -> Result<()>;
         fn boundary(self: &Map) -> Result<Box<Boundary>>;
         fn report(self: &Map) -> Result<FitReport>;
         fn metadata(self: &Map) -> Result<String>;
@@ -329,20 +324,8 @@ pub(super) mod ffi {
     }
 
     extern "Rust" {
-        fn energies_on_grid(
-            map: &Map,
-            cells: usize,
-            normalize: bool,
-            lambda: f64,
-            mu: f64,
-        ) -> Result<EnergyReport>;
-        fn energies_in_tets(
-            map: &Map,
-            tets: &Cells,
-            normalize: bool,
-            lambda: f64,
-            mu: f64,
-        ) -> Result<EnergyReport>;
+        fn energies_on_grid(map: &Map, cells: usize, normalize: bool, lambda: f64, mu: f64) -> Result<EnergyReport>;
+        fn energies_in_tets(map: &Map, tets: &Cells, normalize: bool, lambda: f64, mu: f64) -> Result<EnergyReport>;
         fn distortion_on_grid(map: &Map, cells: usize) -> Result<DistortionReport>;
         fn distortion_in_tets(map: &Map, tets: &Cells) -> Result<DistortionReport>;
     }

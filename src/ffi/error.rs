@@ -237,7 +237,10 @@ mod tests {
     fn a_panic_is_an_error_that_names_its_place() {
         let error = guarded::<()>(|| panic!("{} of {}", 3, 2)).unwrap_err();
         assert_eq!(error.category, Category::Internal);
-        assert!(error.message.contains("3 of 2") && error.message.contains("src/ffi/error.rs:"), "{error}");
+        assert!(
+            error.message.contains("3 of 2") && error.message.contains("src/ffi/error.rs:"),
+            "{error}"
+        );
         // Also one of another thread.
         let error = guarded::<()>(|| {
             rayon::join(|| panic!("elsewhere"), || ());

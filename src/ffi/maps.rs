@@ -8,6 +8,7 @@ use super::bridge::ffi::Watcher;
 use super::error::{Category, Error, guarded};
 use super::meshes::{Surface, boxed, name_of, whole, whole_points};
 use super::{flat, path};
+use crate::Matrix3;
 use crate::boundary_map::pair::{Landmarks, PairOptions, PairPhase, Via, map_pair};
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::fit::{self, DomainFactor, Fit, FitOptions, FitReport, Phase, Placement, Solver};
@@ -17,7 +18,6 @@ use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::solver::{DenseOptions, Method, SchwarzOptions};
 use crate::spherical::{SphereEnergy, SphereOptions, map_to_sphere};
-use crate::Matrix3;
 
 pub struct Boundary(pub BoundaryMap);
 
@@ -59,7 +59,12 @@ const _: () = {
 };
 
 pub fn boundary_new(domain: &Surface, images: &[f64]) -> Result<Box<Boundary>, Error> {
-    guarded(|| boxed_boundary(BoundaryMap::new(domain.0.clone(), whole_points("images", images)?.to_vec())?))
+    guarded(|| {
+        boxed_boundary(BoundaryMap::new(
+            domain.0.clone(),
+            whole_points("images", images)?.to_vec(),
+        )?)
+    })
 }
 
 pub fn boundary_between(domain: &Surface, image: &Surface) -> Result<Box<Boundary>, Error> {
@@ -402,7 +407,9 @@ impl Factor {
     pub fn first(&self) -> Result<Box<Map>, Error> {
         guarded(|| match &self.first {
             Some(fit) => Ok(Box::new(Map::of(fit.clone()))),
-            None => Err(Error::invalid("the factor was made without a boundary map, so that it has no first map")),
+            None => Err(Error::invalid(
+                "the factor was made without a boundary map, so that it has no first map",
+            )),
         })
     }
 
@@ -570,9 +577,11 @@ fn told(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
         Phase::Decomposing { rows, columns } => ("decomposing", f64::NAN, format!("{rows} x {columns}")),
         Phase::Factoring { done, of } => ("factoring", share(done, of), format!("{done} of {of}")),
         Phase::Solving => ("solving", f64::NAN, String::new()),
-        Phase::Iterating { iteration, residual } => {
-            ("iterating", f64::NAN, format!("iteration {iteration}, residual {residual:.2e}"))
-        }
+        Phase::Iterating { iteration, residual } => (
+            "iterating",
+            f64::NAN,
+            format!("iteration {iteration}, residual {residual:.2e}"),
+        ),
         Phase::Measuring => ("measuring", f64::NAN, String::new()),
         Phase::Refining { round, error, sources } => (
             "refining",
@@ -593,4 +602,3 @@ pub fn answer(watcher: &Watcher, step: &str, fraction: f64, detail: &str) -> Con
 fn share(done: usize, of: usize) -> f64 {
     done as f64 / of.max(1) as f64
 }
-

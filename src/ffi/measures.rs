@@ -53,7 +53,9 @@ fn energies_over(
     mu: f64,
 ) -> Result<ffi::EnergyReport, Error> {
     if !(lambda.is_finite() && mu.is_finite()) {
-        return Err(Error::invalid(format!("lambda and mu are {lambda} and {mu}, but must be finite")));
+        return Err(Error::invalid(format!(
+            "lambda and mu are {lambda} and {mu}, but must be finite"
+        )));
     }
     let options = EnergyOptions {
         normalize,

@@ -18,7 +18,10 @@ const MOST_DIVISIONS: usize = 1024;
 pub fn surface_new(vertices: &[f64], triangles: &[u32]) -> Result<Box<Surface>, Error> {
     guarded(|| {
         let triangles = whole::<_, 3>("triangle corners", triangles)?;
-        boxed(SurfaceMesh::new(whole_points("vertices", vertices)?.to_vec(), triangles.to_vec())?)
+        boxed(SurfaceMesh::new(
+            whole_points("vertices", vertices)?.to_vec(),
+            triangles.to_vec(),
+        )?)
     })
 }
 
@@ -30,7 +33,9 @@ pub fn surface_sphere(radius: f64, levels: u32) -> Result<Box<Surface>, Error> {
     guarded(|| {
         require_length("radius", radius)?;
         if levels > 9 {
-            return Err(Error::invalid(format!("levels is {levels}, but must be at most 9 (2.6 million vertices)")));
+            return Err(Error::invalid(format!(
+                "levels is {levels}, but must be at most 9 (2.6 million vertices)"
+            )));
         }
         boxed(shapes::sphere(radius, levels))
     })
@@ -48,7 +53,10 @@ pub fn surface_polycube(cubes: &[i32], divisions: usize) -> Result<Box<Surface>,
     guarded(|| {
         let cubes = whole::<_, 3>("positions of cubes", cubes)?;
         require_divisions("divisions", divisions, 1)?;
-        let far = cubes.as_flattened().iter().any(|c| c.unsigned_abs() as usize > MOST_DIVISIONS);
+        let far = cubes
+            .as_flattened()
+            .iter()
+            .any(|c| c.unsigned_abs() as usize > MOST_DIVISIONS);
         if cubes.is_empty() || far {
             return Err(Error::invalid(format!(
                 "a polycube needs cubes, at positions of at most {MOST_DIVISIONS}"
@@ -274,7 +282,9 @@ fn require_length(name: &str, value: f64) -> Result<(), Error> {
     if value > 0.0 && value.is_finite() {
         return Ok(());
     }
-    Err(Error::invalid(format!("{name} is {value}, but must be positive and finite")))
+    Err(Error::invalid(format!(
+        "{name} is {value}, but must be positive and finite"
+    )))
 }
 
 fn require_divisions(name: &str, value: usize, least: usize) -> Result<(), Error> {
@@ -328,5 +338,6 @@ fn told(report: &CheckReport) -> ffi::CheckReport {
 /// The name that the JSON reports have for a value.
 pub fn name_of(value: &impl serde::Serialize) -> String {
     let name = serde_json::to_value(value).ok();
-    name.and_then(|name| name.as_str().map(str::to_owned)).unwrap_or_default()
+    name.and_then(|name| name.as_str().map(str::to_owned))
+        .unwrap_or_default()
 }

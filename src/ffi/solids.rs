@@ -17,7 +17,9 @@ pub struct Remeshed(remesh::Remeshed);
 pub fn needs_native(what: &str) -> Error {
     Error::new(
         Category::Unsupported,
-        format!("{what} needs CGAL and TetGen, and this solidmap was built without them; build it with SOLIDMAP_NATIVE=ON"),
+        format!(
+            "{what} needs CGAL and TetGen, and this solidmap was built without them; build it with SOLIDMAP_NATIVE=ON"
+        ),
     )
 }
 
@@ -110,7 +112,9 @@ pub fn remesh_regular(
 ) -> Result<Box<Remeshed>, Error> {
     guarded(|| {
         if along == 0 && length == 0.0 {
-            return Err(Error::invalid("give the number of cells along the longest side, or their length"));
+            return Err(Error::invalid(
+                "give the number of cells along the longest side, or their length",
+            ));
         }
         let source = MeshSource::Regular {
             kind: if hexes { CellKind::Hexes } else { CellKind::Tets },

@@ -201,12 +201,7 @@ impl DomainFactor {
     }
 
     /// Adds sources where a fit errs too much, or says why there are no more.
-    fn refine(
-        &mut self,
-        grading: &mut Grading,
-        fit: &Fit,
-        progress: Tell,
-    ) -> Result<Option<RefinementEnd>, FitError> {
+    fn refine(&mut self, grading: &mut Grading, fit: &Fit, progress: Tell) -> Result<Option<RefinementEnd>, FitError> {
         let start = Instant::now();
         self.refinements += 1;
         go_on(progress(Phase::Refining {
@@ -287,11 +282,7 @@ impl DomainFactor {
     /// # Errors
     ///
     /// [`FitError::OtherDomain`] when the boundary map is not one of the domain that was factored.
-    pub fn solve<A: Answer>(
-        &self,
-        boundary: &BoundaryMap,
-        progress: &dyn Fn(Phase) -> A,
-    ) -> Result<Fit, FitError> {
+    pub fn solve<A: Answer>(&self, boundary: &BoundaryMap, progress: &dyn Fn(Phase) -> A) -> Result<Fit, FitError> {
         Ok(self.solve_from(boundary, None, &|phase| progress(phase).flow())?.0)
     }
 

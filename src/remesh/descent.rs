@@ -85,7 +85,10 @@ impl<'a> Descent<'a> {
         let mut state = self.state(std::mem::take(x), epsilon);
         let mut memory: VecDeque<(Vec<Vector>, Vec<Vector>, f64)> = VecDeque::with_capacity(MEMORY);
         let (mut iterations, mut energies) = (0, VecDeque::with_capacity(WINDOW));
-        while self.watch.goes_on() && iterations < limits.iterations && !(limits.until_positive && state.value.least > 0.0) {
+        while self.watch.goes_on()
+            && iterations < limits.iterations
+            && !(limits.until_positive && state.value.least > 0.0)
+        {
             let mut direction = newton_like(&state.gradient, &memory);
             let mut slope = dot(&direction, &state.gradient);
             let descends = slope < 0.0;

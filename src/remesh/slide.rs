@@ -52,7 +52,13 @@ pub(super) struct Ground<'a> {
 
 /// Lets boundary nodes near inverted samples slide on the target, until none is inverted or it does not help. Inner nodes
 /// move with them.
-pub(super) fn slide(samples: &Samples, x: &mut Vec<Point>, step: f64, ground: &Ground, watch: &Watch<(usize, usize)>) -> SlideReport {
+pub(super) fn slide(
+    samples: &Samples,
+    x: &mut Vec<Point>,
+    step: f64,
+    ground: &Ground,
+    watch: &Watch<(usize, usize)>,
+) -> SlideReport {
     let mut report = SlideReport::default();
     let start = x.clone();
     let bad = samples.inverted(x);

@@ -356,7 +356,9 @@ mod tests {
         let solution = Patches::new(&level, points, 30, 2.0, &|_, _| {}).unwrap().solve(&data);
         assert!(solution.as_slice().iter().all(|v| v.is_finite()));
         level.owner.fill(Level::NO_OWNER);
-        let nothing = Patches::new(&level, data_points(&level), 30, 2.0, &|_, _| {}).unwrap().solve(&data);
+        let nothing = Patches::new(&level, data_points(&level), 30, 2.0, &|_, _| {})
+            .unwrap()
+            .solve(&data);
         assert!(nothing.as_slice().iter().all(|v| *v == 0.0));
     }
 
