@@ -36,7 +36,7 @@ objects() {
     set -- -std=c++17 -O1 -g -fno-omit-frame-pointer "$@" -Icpp/include -Icpp/src -I"$generated/include" -I"$generated/crate"
     for source in cpp/src/*.cpp cpp/tests/unit/*.cpp "$generated"/sources/solidmap/src/ffi/bridge.rs.cc; do
         c++ "$@" -DEXPECTED_NATIVE="$(echo "$features" | grep -c native)" -DEXPECTED_VERSION="\"$version\"" \
-            -c "$source" -o "$folder/$(basename "$source").o"
+            -c "$source" -o "$folder/$(echo "${source#"$generated"}" | tr / _).o"
     done
     [ "$features" = cpp ] || for source in distance mesh3 remesh self_intersections tetgen wrap; do
         # Without -g: the templates' names alone would fill gigabytes.
@@ -55,9 +55,15 @@ c++ -fsanitize=address,undefined "$work"/address/*.o "$work/libsolidmap.a" $libr
 
 echo "== threads"
 objects thread -fsanitize=thread
+# The sanitizer sees calls of memcpy and free in Rust, but not what synchronises them: everything of Rust goes into a shared
+# library without checks, whose calls can be ignored.
 # shellcheck disable=SC2086
-c++ -fsanitize=thread "$work"/thread/*.o "$work/libsolidmap.a" $libraries -o "$work/thread/tests"
-TSAN_OPTIONS=halt_on_error=1 "$work/thread/tests" --test-case="*threads*,*another thread*,*callback*"
+c++ -shared -Wl,-z,now -Wl,--whole-archive "$work/libsolidmap.a" -Wl,--no-whole-archive $libraries \
+    -o "$work/thread/libunchecked.so"
+c++ -fsanitize=thread -rdynamic "$work"/thread/*.o -L"$work/thread" -lunchecked -Wl,-rpath,"$work/thread" \
+    -o "$work/thread/tests"
+TSAN_OPTIONS="ignore_noninstrumented_modules=1 halt_on_error=1" timeout -k 5 300 "$work/thread/tests" \
+    --test-case="*threads*,*another thread*,*callback*"
 
 echo "== valgrind"
 # shellcheck disable=SC2086

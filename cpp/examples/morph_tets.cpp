@@ -38,11 +38,19 @@ void morph(const solidmap::BoundaryMap& boundary, const solidmap::CellMesh& tets
   std::printf("fitted: %zu vertices, %zu sources, boundary error rms %.1e, max %.1e of the target's size, %.2f s\n",
               report.vertices, report.sources, report.boundary_error.rms, report.boundary_error.max, report.seconds);
 
-  const solidmap::CellMesh morphed = tets.with_nodes(map.evaluate(tets.nodes()));
+  solidmap::CellMesh morphed = tets.with_nodes(map.evaluate(tets.nodes()));
   const solidmap::CellQuality before = tets.quality(), after = morphed.quality();
   std::printf("carried: %zu cells with %zu nodes; inverted %zu before, %zu after; mean scaled Jacobian %.2f, %.2f\n",
               tets.size(), tets.nodes().size(), before.inverted, after.inverted, before.mean_scaled_jacobian,
               after.mean_scaled_jacobian);
+  if (after.inverted > 0) {
+    // Slivers turn over where a map is not linear. This carries the mesh again, and moves inner nodes.
+    const solidmap::Remeshed repaired = solidmap::remesh(map, tets);
+    std::printf("repaired: inverted %zu, mean scaled Jacobian %.2f, nodes moved by at most %.1e of the target's size\n",
+                repaired.report.quality.inverted, repaired.report.quality.mean_scaled_jacobian,
+                repaired.report.largest_shift);
+    morphed = repaired.mesh;
+  }
   morphed.save(output);
   std::printf("written: %s\n", output);
 }

@@ -1,4 +1,4 @@
-// How long a fit goes on after it was asked to end, at times spread over all of it.  bench_cancel [LEVELS] [TRIALS]
+// How long a fit goes on after it was asked to end, at times spread over all of it.  bench_cancel [DIVISIONS] [TRIALS]
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -20,6 +20,7 @@ double since(Clock::time_point start) { return std::chrono::duration<double>(Clo
 }  // namespace
 
 int main(int argc, char** argv) {
+  std::setvbuf(stdout, nullptr, _IOLBF, 0);
   const unsigned divisions = argc > 1 ? static_cast<unsigned>(std::atoi(argv[1])) : 130;
   const int trials = argc > 2 ? std::atoi(argv[2]) : 12;
   const solidmap::Surface cube = solidmap::shapes::cube(2.0, divisions);
