@@ -312,9 +312,7 @@ impl SchwarzFactor {
                     break stop;
                 }
             }
-            if next == 0 {
-                progress(history.len() - 1, latest)?;
-            }
+            progress(history.len() - 1, latest)?;
             let group = &self.groups[next];
             let is_first = trace.len() == 1 && history.len() == 1 && start.is_none();
             let accuracy = if is_first {
