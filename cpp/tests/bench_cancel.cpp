@@ -1,4 +1,4 @@
-// How long a fit goes on after it was asked to end, at times spread over all of it.  bench_cancel [DIVISIONS] [TRIALS]
+// How long a fit goes on after it was asked to end, at times spread over all of it.  bench_cancel [AROUND] [TRIALS]
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -21,15 +21,14 @@ double since(Clock::time_point start) { return std::chrono::duration<double>(Clo
 
 int main(int argc, char** argv) {
   std::setvbuf(stdout, nullptr, _IOLBF, 0);
-  const unsigned divisions = argc > 1 ? static_cast<unsigned>(std::atoi(argv[1])) : 130;
+  const std::size_t around = argc > 1 ? std::strtoul(argv[1], nullptr, 10) : 400;
   const int trials = argc > 2 ? std::atoi(argv[2]) : 12;
-  const solidmap::Surface cube = solidmap::shapes::cube(2.0, divisions);
+  const solidmap::Surface torus = solidmap::shapes::torus(1.0, 0.4, around, 5 * around / 8);
   std::vector<solidmap::Point> images;
-  for (const solidmap::Point& p : cube.vertices()) {
-    const double length = std::hypot(p[0], p[1], p[2]);
-    images.push_back({p[0] / length, p[1] / length, p[2] / length});
+  for (const solidmap::Point& p : torus.vertices()) {
+    images.push_back({p[0], p[1] + 0.3 * std::sin(4 * p[0]), p[2] * (1.2 + std::cos(3 * p[1]))});
   }
-  const solidmap::BoundaryMap boundary(cube, images);
+  const solidmap::BoundaryMap boundary(torus, images);
   auto start = Clock::now();
   solidmap::fit(boundary);
   const double whole = since(start);
@@ -61,6 +60,6 @@ int main(int argc, char** argv) {
   }
   if (waits.empty()) return 1;
   std::sort(waits.begin(), waits.end());
-  std::printf("%zu vertices: median %.3f s, longest %.3f s\n", cube.vertices().size(), waits[waits.size() / 2],
+  std::printf("%zu vertices: median %.3f s, longest %.3f s\n", torus.vertices().size(), waits[waits.size() / 2],
               waits.back());
 }

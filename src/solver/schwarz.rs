@@ -249,7 +249,8 @@ impl SchwarzFactor {
 
     /// The coefficients for boundary values `data`, a row per collocation point and any number of columns, which share
     /// every kernel value. Starts at `start` if given (its rows may be fewer by those of the latest level), ends when the
-    /// root mean square of the residual is below `goal` in every column or falls no further.
+    /// root mean square of the residual is below `goal` in every column or falls no further. `progress` is called with the
+    /// iterations made and the residual, several times in each iteration.
     ///
     /// # Errors
     ///
@@ -304,6 +305,7 @@ impl SchwarzFactor {
                 if drift <= DRIFT * latest || refreshed || stop == Stop::Iterations {
                     break stop;
                 }
+                progress(history.len() - 1, latest)?;
                 let accuracy = (FINAL_ACCURACY * latest / history[0]).min(self.options.first_accuracy);
                 search.restart(self.residual(data, &search.solution, accuracy)?);
                 refreshed = true;
@@ -321,6 +323,7 @@ impl SchwarzFactor {
                 self.options.later_accuracy
             };
             let step = self.correction(group, &search.residual, accuracy)?;
+            progress(history.len() - 1, latest)?;
             let image = self.image(group, &step, accuracy)?;
             search.advance(step, image);
             trace.push(rms(&search.squares()));
