@@ -1,13 +1,63 @@
-//! Builds the C++ behind `src/native` when the feature `native` is on.
+//! Builds the C++ behind `src/native` when the feature `native` is on, and the C++ package's when `cpp` is.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
+    // Before what it calls: static archives are searched in this order.
+    #[cfg(feature = "cpp")]
+    cpp::build();
     #[cfg(feature = "native")]
     native::build();
 }
 
+/// Lints link nothing, and would otherwise build minutes of C++ a second time in a folder of their own.
+#[cfg(any(feature = "native", feature = "cpp"))]
+fn is_lint() -> bool {
+    println!("cargo::rerun-if-env-changed=RUSTC_WORKSPACE_WRAPPER");
+    std::env::var("RUSTC_WORKSPACE_WRAPPER").is_ok_and(|wrapper| wrapper.contains("clippy"))
+}
+
+#[cfg(any(feature = "native", feature = "cpp"))]
+fn watch(folder: &str) {
+    for entry in std::fs::read_dir(folder)
+        .unwrap_or_else(|error| panic!("{folder} is part of the source tree: {error}"))
+        .flatten()
+    {
+        println!("cargo::rerun-if-changed={}", entry.path().display());
+    }
+}
+
+#[cfg(feature = "cpp")]
+mod cpp {
+    const SOURCES: &str = "cpp/src";
+    const HEADERS: &str = "cpp/include";
+
+    /// Compiles the package's C++ with the bridge, so that a static library of the crate holds all of it.
+    pub fn build() {
+        if super::is_lint() {
+            return;
+        }
+        super::watch(SOURCES);
+        super::watch("cpp/include/solidmap");
+        println!("cargo::rerun-if-changed=src/ffi/bridge.rs");
+        let mut sources: Vec<_> = std::fs::read_dir(SOURCES)
+            .expect("cpp/src is part of the source tree")
+            .flatten()
+            .map(|entry| entry.path())
+            .filter(|path| path.extension().is_some_and(|extension| extension == "cpp"))
+            .collect();
+        sources.sort();
+        cxx_build::bridge("src/ffi/bridge.rs")
+            .files(sources)
+            .include(HEADERS)
+            .include(SOURCES)
+            .std("c++17")
+            .compile("solidmap_cpp");
+    }
+}
+
 #[cfg(feature = "native")]
 mod native {
+    use std::path::{Path, PathBuf};
     use std::process::Command;
 
     const SOURCES: &str = "cpp/native";
@@ -15,24 +65,19 @@ mod native {
         libtet1.5-dev libeigen3-dev`, or build without it: `cargo build --no-default-features --features cli`";
 
     pub fn build() {
-        println!("cargo::rerun-if-env-changed=RUSTC_WORKSPACE_WRAPPER");
-        // Lints link nothing, and would otherwise build minutes of templates a second time in a folder of their own.
-        if std::env::var("RUSTC_WORKSPACE_WRAPPER").is_ok_and(|wrapper| wrapper.contains("clippy")) {
+        if super::is_lint() {
             return;
         }
-        for entry in std::fs::read_dir(SOURCES)
-            .expect("cpp/native is part of the source tree")
-            .flatten()
-        {
-            println!("cargo::rerun-if-changed={}", entry.path().display());
-        }
+        super::watch(SOURCES);
         println!("cargo::rerun-if-changed=src/native/bridge.rs");
 
         if Command::new("cmake").arg("--version").output().is_err() {
             fail("cmake is missing");
         }
         // CGAL unoptimised is a hundred times slower, so its library is a release build in every cargo profile.
-        let library = std::panic::catch_unwind(|| cmake::Config::new(SOURCES).profile("Release").build())
+        let mut config = cmake::Config::new(SOURCES);
+        config.profile("Release").out_dir(folder());
+        let library = std::panic::catch_unwind(move || config.build())
             .unwrap_or_else(|_| fail("the C++ of the feature `native` did not build (see above)"));
 
         // Before the library that it calls: static archives are searched in this order.
@@ -46,6 +91,26 @@ mod native {
         for shared in ["tet", "mpfr", "gmp", "stdc++"] {
             println!("cargo::rustc-link-lib=dylib={shared}");
         }
+    }
+
+    /// One folder for all sets of features: cargo has one for each, and would have the templates built for each.
+    fn folder() -> PathBuf {
+        let own = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets it"));
+        // target/release/build/solidmap-0123456789abcdef/out
+        let mut above = own.ancestors().skip(2);
+        let (build, profile) = (above.next(), above.next());
+        match (build.and_then(Path::file_name), profile) {
+            (Some(name), Some(profile)) if name == "build" => profile.join(format!("solidmap-native-{:016x}", place())),
+            _ => own,
+        }
+    }
+
+    /// Tells checkouts that share a target folder apart.
+    fn place() -> u64 {
+        let folder = std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets it");
+        folder.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        })
     }
 
     fn fail(what: &str) -> ! {

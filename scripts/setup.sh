@@ -3,7 +3,7 @@
 set -eu
 
 missing=""
-for package in cmake g++ libcgal-dev libtet1.5-dev libeigen3-dev; do
+for package in cmake g++ libcgal-dev libtet1.5-dev libeigen3-dev doctest-dev; do
     dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q '^install ok installed$' || missing="$missing $package"
 done
 if [ -n "$missing" ]; then

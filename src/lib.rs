@@ -38,7 +38,7 @@
 //! # Features
 //!
 //! `native` (default) calls CGAL (GPL) and TetGen (AGPL) through C++; without it the crate is pure Rust under MIT or
-//! Apache-2.0, and what needs them says so. `cli` (default) is the program.
+//! Apache-2.0, and what needs them says so. `cli` (default) is the program. `cpp` is for the C++ package (`docs/cpp.md`).
 
 #![deny(missing_docs, rustdoc::broken_intra_doc_links)]
 
@@ -48,6 +48,8 @@ pub mod certificate;
 pub mod check;
 pub mod compare;
 pub mod energy;
+#[cfg(feature = "cpp")]
+mod ffi;
 pub mod fit;
 pub mod geometry;
 pub mod inverse;
@@ -59,6 +61,7 @@ pub mod mesh;
 #[cfg(feature = "native")]
 pub mod native;
 mod partition;
+pub mod progress;
 pub mod remesh;
 pub mod report;
 pub mod sampling;
@@ -68,6 +71,13 @@ pub mod spherical;
 pub mod statistics;
 pub mod texture;
 pub mod transfer;
+
+/// What this build may be passed on under: with the feature `native` it holds code of CGAL and TetGen.
+pub const LICENCE: &str = if cfg!(feature = "native") {
+    "built with CGAL (GPL-3.0-or-later) and TetGen (AGPL-3.0-or-later): this binary may be passed on under AGPL-3.0"
+} else {
+    "built without CGAL and TetGen: MIT OR Apache-2.0"
+};
 
 /// A point in space, in model units.
 pub type Point = nalgebra::Point3<f64>;

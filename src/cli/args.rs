@@ -5,15 +5,9 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use solidmap::report::Axis;
 
-const LICENCE: &str = if cfg!(feature = "native") {
-    "built with CGAL (GPL-3.0-or-later) and TetGen (AGPL-3.0-or-later): this binary may be passed on under AGPL-3.0"
-} else {
-    "built without CGAL and TetGen: MIT OR Apache-2.0"
-};
-
 fn version() -> &'static str {
     static VERSION: std::sync::OnceLock<String> = std::sync::OnceLock::new();
-    VERSION.get_or_init(|| format!("{}\n{LICENCE}", env!("CARGO_PKG_VERSION")))
+    VERSION.get_or_init(|| format!("{}\n{}", env!("CARGO_PKG_VERSION"), solidmap::LICENCE))
 }
 
 /// Harmonic volumetric maps between solids, by the method of fundamental solutions.

@@ -71,7 +71,19 @@ pub enum FitError {
     BoundaryMap(#[from] BoundaryMapError),
     /// The system has no usable solution.
     #[error("cannot solve for the coefficients: {0}")]
-    Solve(#[from] SolveError),
+    Solve(#[source] SolveError),
+    /// The progress callback asked for an end.
+    #[error("cancelled by the progress callback")]
+    Cancelled,
+}
+
+impl From<SolveError> for FitError {
+    fn from(error: SolveError) -> Self {
+        match error {
+            SolveError::Cancelled => Self::Cancelled,
+            error => Self::Solve(error),
+        }
+    }
 }
 
 fn describe_fitting(sources: usize) -> String {

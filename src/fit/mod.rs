@@ -14,6 +14,7 @@ mod refinement;
 mod report;
 mod system;
 
+use std::ops::ControlFlow;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -29,6 +30,7 @@ use crate::check;
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::memory::readable;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
+use crate::progress::Answer;
 use crate::solver::{Coefficients, SchwarzFactor, Values};
 use estimate::{require_room, with_budget};
 use frame::Frame;
@@ -45,10 +47,24 @@ use system::{Solved, System};
 /// # Errors
 ///
 /// When the domain does not bound a solid, a setting is out of range, the fit needs more memory than allowed, or the
-/// system cannot be solved.
-pub fn fit(boundary: &BoundaryMap, options: &FitOptions, progress: &dyn Fn(Phase)) -> Result<Fit, FitError> {
+/// system cannot be solved; [`FitError::Cancelled`] when `progress` says so ([`Answer`]).
+pub fn fit<A: Answer>(
+    boundary: &BoundaryMap,
+    options: &FitOptions,
+    progress: &dyn Fn(Phase) -> A,
+) -> Result<Fit, FitError> {
     let mut factor = DomainFactor::new(boundary.domain(), options, progress)?;
     factor.solve_refined(boundary, progress)
+}
+
+/// Tells how far a fit is; whether to go on.
+type Tell<'a> = &'a dyn Fn(Phase) -> ControlFlow<()>;
+
+fn go_on(answer: ControlFlow<()>) -> Result<(), FitError> {
+    match answer {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(FitError::Cancelled),
+    }
 }
 
 /// Residuals below this part of the tolerance need no more iterations.
@@ -80,16 +96,25 @@ impl DomainFactor {
     /// # Errors
     ///
     /// As [`fit`].
-    pub fn new(domain: &SurfaceMesh, options: &FitOptions, progress: &dyn Fn(Phase)) -> Result<Self, FitError> {
+    pub fn new<A: Answer>(
+        domain: &SurfaceMesh,
+        options: &FitOptions,
+        progress: &dyn Fn(Phase) -> A,
+    ) -> Result<Self, FitError> {
+        Self::make(domain, options, &|phase| progress(phase).flow())
+    }
+
+    fn make(domain: &SurfaceMesh, options: &FitOptions, progress: Tell) -> Result<Self, FitError> {
         let start = Instant::now();
-        progress(Phase::Checking);
+        go_on(progress(Phase::Checking))?;
         require_valid(options)?;
         let options = &with_budget(options);
         require_room(&Workload::of(domain, options), options)?;
         let (domain, mut warnings) = checked(domain)?;
-        progress(Phase::Sampling);
+        go_on(progress(Phase::Sampling))?;
         let frame = Frame::of(&domain);
         let placed = System::place(&domain, &frame, options, &mut warnings)?;
+        go_on(progress(Phase::Sampling))?;
         let held_out = HeldOut::new(&domain, &frame, options.held_out, options.seed);
         let work = placed.work(domain.vertices().len());
         require_room(&work, options)?;
@@ -121,7 +146,15 @@ impl DomainFactor {
     /// # Errors
     ///
     /// As [`Self::solve`].
-    pub fn solve_refined(&mut self, boundary: &BoundaryMap, progress: &dyn Fn(Phase)) -> Result<Fit, FitError> {
+    pub fn solve_refined<A: Answer>(
+        &mut self,
+        boundary: &BoundaryMap,
+        progress: &dyn Fn(Phase) -> A,
+    ) -> Result<Fit, FitError> {
+        self.solve_until_met(boundary, &|phase| progress(phase).flow())
+    }
+
+    fn solve_until_met(&mut self, boundary: &BoundaryMap, progress: Tell) -> Result<Fit, FitError> {
         let (mut best, mut solved) = self.solve_from(boundary, None, progress)?;
         let tolerance = self.options.tolerance;
         let is_met = |fit: &Fit| fit.report.boundary_error.p99 <= tolerance;
@@ -174,19 +207,14 @@ impl DomainFactor {
     }
 
     /// Adds sources where a fit errs too much, or says why there are no more.
-    fn refine(
-        &mut self,
-        grading: &mut Grading,
-        fit: &Fit,
-        progress: &dyn Fn(Phase),
-    ) -> Result<Option<RefinementEnd>, FitError> {
+    fn refine(&mut self, grading: &mut Grading, fit: &Fit, progress: Tell) -> Result<Option<RefinementEnd>, FitError> {
         let start = Instant::now();
         self.refinements += 1;
-        progress(Phase::Refining {
+        go_on(progress(Phase::Refining {
             round: self.refinements,
             error: fit.report.boundary_error.p99,
             sources: self.system.sources.len(),
-        });
+        }))?;
         let diagonal = fit.boundary.target_diagonal();
         let finer = grading.refine(
             &self.domain,
@@ -257,7 +285,7 @@ impl DomainFactor {
         &self,
         boundary: &BoundaryMap,
         from: Option<&Values>,
-        progress: &dyn Fn(Phase),
+        progress: Tell,
     ) -> Result<(Fit, Solved), FitError> {
         let (mut fits, solved) = self.solve_columns(std::slice::from_ref(boundary), from, progress)?;
         Ok((fits.remove(0), solved))
@@ -269,8 +297,8 @@ impl DomainFactor {
     /// # Errors
     ///
     /// [`FitError::OtherDomain`] when the boundary map is not one of the domain that was factored.
-    pub fn solve(&self, boundary: &BoundaryMap, progress: &dyn Fn(Phase)) -> Result<Fit, FitError> {
-        Ok(self.solve_from(boundary, None, progress)?.0)
+    pub fn solve<A: Answer>(&self, boundary: &BoundaryMap, progress: &dyn Fn(Phase) -> A) -> Result<Fit, FitError> {
+        Ok(self.solve_from(boundary, None, &|phase| progress(phase).flow())?.0)
     }
 
     /// The maps for several boundary maps of this domain at once, such as the frames of a sequence. They share every
@@ -283,11 +311,16 @@ impl DomainFactor {
     /// # Errors
     ///
     /// As [`Self::solve`], and [`FitError::TooLarge`] when that is more than allowed.
-    pub fn solve_block(&self, boundaries: &[BoundaryMap], progress: &dyn Fn(Phase)) -> Result<Vec<Fit>, FitError> {
+    pub fn solve_block<A: Answer>(
+        &self,
+        boundaries: &[BoundaryMap],
+        progress: &dyn Fn(Phase) -> A,
+    ) -> Result<Vec<Fit>, FitError> {
         if boundaries.is_empty() {
             return Ok(Vec::new());
         }
         require_room(&self.work(boundaries.len()), &self.options)?;
+        let progress = &|phase| progress(phase).flow();
         Ok(self.solve_columns(boundaries, None, progress)?.0)
     }
 
@@ -295,7 +328,7 @@ impl DomainFactor {
         &self,
         boundaries: &[BoundaryMap],
         from: Option<&Values>,
-        progress: &dyn Fn(Phase),
+        progress: Tell,
     ) -> Result<(Vec<Fit>, Solved), FitError> {
         let start = Instant::now();
         let goals = boundaries.iter().map(|boundary| self.goal_of(boundary));
@@ -306,7 +339,7 @@ impl DomainFactor {
         let solved = self.system.solve(&self.frame, &data, from, goal, progress)?;
         let coefficients = solved.coefficients_of_data();
         let seconds = start.elapsed().as_secs_f64() / goals.len() as f64;
-        progress(Phase::Measuring);
+        go_on(progress(Phase::Measuring))?;
         let start = Instant::now();
         let residuals = (0..goals.len()).into_par_iter();
         let residuals: Vec<Residual> = residuals.map(|k| Residual::of(&solved.residual, 3 * k)).collect();

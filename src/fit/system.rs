@@ -7,7 +7,7 @@ use super::levels::levels;
 use super::options::{Size, Solver};
 use super::placement::{place_collocation, place_sources};
 use super::refinement::Finer;
-use super::{FitError, FitOptions, Phase, Placement, Workload};
+use super::{FitError, FitOptions, Phase, Placement, Tell, Workload, go_on};
 use crate::Point;
 use crate::geometry::SurfaceQuery;
 use crate::kernel::Sums;
@@ -107,11 +107,11 @@ impl System {
         data: &Values,
         start: Option<&Values>,
         goal: f64,
-        progress: &dyn Fn(Phase),
+        progress: Tell,
     ) -> Result<Solved, FitError> {
         match &self.solver {
             Factor::Dense(dense, _, points) => {
-                progress(Phase::Solving);
+                go_on(progress(Phase::Solving))?;
                 let coefficients = dense.solve_columns(data)?;
                 let values = values(&self.sums(frame, points, 0.0)?, &coefficients, points)?;
                 Ok(Solved {
@@ -158,7 +158,7 @@ impl System {
         domain: &SurfaceMesh,
         frame: &Frame,
         finer: Finer,
-        progress: &dyn Fn(Phase),
+        progress: Tell,
     ) -> Result<(), FitError> {
         let Factor::Schwarz(schwarz) = &mut self.solver else {
             return Ok(());
@@ -258,7 +258,7 @@ impl Placed {
         }
     }
 
-    pub fn factor(self, frame: &Frame, progress: &dyn Fn(Phase)) -> Result<System, FitError> {
+    pub fn factor(self, frame: &Frame, progress: Tell) -> Result<System, FitError> {
         let (sources, solver) = match self.layout {
             Layout::Levels(levels, options) => {
                 let report = |done, of| progress(Phase::Factoring { done, of });
@@ -274,10 +274,10 @@ impl Placed {
                     sources: &sources,
                     affine: self.affine,
                 };
-                progress(Phase::Decomposing {
+                go_on(progress(Phase::Decomposing {
                     rows: self.points.len(),
                     columns: system.unknowns(),
-                });
+                }))?;
                 let factor = DenseFactor::new(&system, &options)?;
                 (sources, Factor::Dense(Box::new(factor), options.method, self.points))
             }

@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use rayon::prelude::*;
 
 use super::foldover::{Samples, Value};
+use crate::progress::Watch;
 use crate::{Point, Vector};
 
 /// Steps that are remembered.
@@ -29,6 +30,8 @@ pub(super) struct Descent<'a> {
     parts: Vec<Vector>,
     /// Length that a first step moves a node at most.
     step: f64,
+    /// Asked in every iteration whether to go on.
+    watch: &'a Watch<'a, (usize, usize)>,
 }
 
 /// What holds a free node.
@@ -60,13 +63,14 @@ struct State {
 }
 
 impl<'a> Descent<'a> {
-    pub fn new(samples: &'a Samples, free: &'a [u32], step: f64) -> Self {
+    pub fn new(samples: &'a Samples, free: &'a [u32], step: f64, watch: &'a Watch<'a, (usize, usize)>) -> Self {
         Self {
             samples,
             free,
             tethers: vec![],
             parts: vec![],
             step,
+            watch,
         }
     }
 
@@ -81,7 +85,10 @@ impl<'a> Descent<'a> {
         let mut state = self.state(std::mem::take(x), epsilon);
         let mut memory: VecDeque<(Vec<Vector>, Vec<Vector>, f64)> = VecDeque::with_capacity(MEMORY);
         let (mut iterations, mut energies) = (0, VecDeque::with_capacity(WINDOW));
-        while iterations < limits.iterations && !(limits.until_positive && state.value.least > 0.0) {
+        while self.watch.goes_on()
+            && iterations < limits.iterations
+            && !(limits.until_positive && state.value.least > 0.0)
+        {
             let mut direction = newton_like(&state.gradient, &memory);
             let mut slope = dot(&direction, &state.gradient);
             let descends = slope < 0.0;

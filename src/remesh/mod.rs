@@ -16,6 +16,7 @@ mod quality;
 mod repair;
 mod slide;
 
+use std::ops::ControlFlow;
 use std::time::Instant;
 
 use crate::Point;
@@ -24,6 +25,7 @@ use crate::geometry::{QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
 use crate::memory::readable;
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
+use crate::progress::{Answer, Watch};
 use crate::statistics::quantiles;
 
 pub use bounded_mesh::{BoundedMesh, Skin};
@@ -136,6 +138,9 @@ pub enum RemeshError {
     /// A surface cannot be queried.
     #[error(transparent)]
     Query(#[from] QueryError),
+    /// The progress callback asked for an end.
+    #[error("cancelled by the progress callback")]
+    Cancelled,
 }
 
 /// Distances between surfaces, as fractions of the target's diagonal.
@@ -237,17 +242,22 @@ pub struct Remeshed {
 ///
 /// # Errors
 ///
-/// When the domain is no polycube, there would be too many cells, or a given mesh is not one of the domain. Cells that stay inverted are no error: they are in
-/// the report.
-pub fn remesh(
+/// When the domain is no polycube, there would be too many cells, or a given mesh is not one of the domain;
+/// [`RemeshError::Cancelled`] when `progress` says so ([`Answer`]). Cells that stay inverted are no error: they are in the
+/// report.
+pub fn remesh<A: Answer>(
     boundary: &BoundaryMap,
     map: &dyn VolumeMap,
     source: MeshSource,
     options: &RemeshOptions,
-    progress: &dyn Fn(RemeshPhase),
+    progress: &dyn Fn(RemeshPhase) -> A,
 ) -> Result<Remeshed, RemeshError> {
     let start = Instant::now();
-    progress(RemeshPhase::Meshing);
+    let tell = |phase| match progress(phase).flow() {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(RemeshError::Cancelled),
+    };
+    tell(RemeshPhase::Meshing)?;
     let Prepared {
         mesh,
         cell_size,
@@ -256,9 +266,9 @@ pub fn remesh(
     } = prepare(source, boundary, options)?;
     let meshed = start.elapsed().as_secs_f64();
 
-    progress(RemeshPhase::Mapping {
+    tell(RemeshPhase::Mapping {
         nodes: mesh.nodes.len(),
-    });
+    })?;
     let carried = carry(&mesh, boundary, map)?;
     let mapped = start.elapsed().as_secs_f64();
 
@@ -273,7 +283,8 @@ pub fn remesh(
             .filter(|&v| !mesh.on_boundary[v as usize])
             .collect();
         let step = 0.1 * (boundary.target_volume().abs() / mesh.cells.len() as f64).cbrt();
-        let told = |round, inverted| progress(RemeshPhase::Repairing { round, inverted });
+        let told = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).flow();
+        let watch = Watch::new((0, 0), &told);
         let query;
         let ground = if options.slide {
             query = SurfaceQuery::with_winding_sign(&target)?;
@@ -292,13 +303,16 @@ pub fn remesh(
             step,
             polish: options.polish,
             ground: ground.as_ref(),
-            progress: &told,
+            watch: &watch,
         };
         repair = repairing.run(&mut samples, &mut images);
+        if !watch.goes_on() {
+            return Err(RemeshError::Cancelled);
+        }
     }
     let repaired = start.elapsed().as_secs_f64();
 
-    progress(RemeshPhase::Verifying);
+    tell(RemeshPhase::Verifying)?;
     let before = bad_cells(&mesh.cells, &carried);
     let mut after = bad_cells(&mesh.cells, &images);
     // What is counted decides, not what the repair believes of itself.

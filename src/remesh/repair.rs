@@ -6,6 +6,7 @@ use super::quality::inverted_inside;
 use super::slide::{Ground, SlideReport, slide};
 use crate::Point;
 use crate::mesh::CellList;
+use crate::progress::Watch;
 
 /// ε² where no determinant is negative, and share of the least determinant that ε takes.
 const FLOOR: f64 = 1e-6;
@@ -58,8 +59,8 @@ pub(super) struct Repair<'a> {
     pub polish: usize,
     /// What boundary nodes may slide on.
     pub ground: Option<&'a Ground<'a>>,
-    /// Gets rounds and inverted samples.
-    pub progress: &'a dyn Fn(usize, usize),
+    /// Gets rounds and inverted samples, and is asked in every iteration.
+    pub watch: &'a Watch<'a, (usize, usize)>,
 }
 
 impl Repair<'_> {
@@ -71,7 +72,7 @@ impl Repair<'_> {
         }
         let mut left = self.untangle(samples, x, &mut report);
         if let (1.., Some(ground)) = (left, self.ground) {
-            report.slide = slide(samples, x, self.step, ground);
+            report.slide = slide(samples, x, self.step, ground, self.watch);
             left = samples.inverted(x).len();
         }
         if left > 0 {
@@ -79,6 +80,9 @@ impl Repair<'_> {
         }
         self.polish(samples, x, &mut report);
         for _ in 0..MOST_LOOKS {
+            if !self.watch.goes_on() {
+                break;
+            }
             let bad = inverted_inside(self.cells, x);
             if bad.is_empty() {
                 break;
@@ -94,7 +98,7 @@ impl Repair<'_> {
     fn untangle(&self, samples: &Samples, x: &mut Vec<Point>, report: &mut RepairReport) -> usize {
         let start = samples.evaluate(x, 1.0, &[], &mut vec![], &mut []);
         let (mut least, mut inverted) = (start.least, start.inverted);
-        let mut descent = Descent::new(samples, self.free, self.step);
+        let mut descent = Descent::new(samples, self.free, self.step, self.watch);
         let mut best = (inverted, x.clone());
         let (mut epsilon, mut stalled) = (1.0, 0);
         for round in 0..MOST_ROUNDS {
@@ -113,8 +117,8 @@ impl Repair<'_> {
                 best = (inverted, x.clone());
                 stalled = 0;
             }
-            (self.progress)(report.rounds, inverted);
-            if !value.energy.is_finite() {
+            self.watch.tell((report.rounds, inverted));
+            if !value.energy.is_finite() || !self.watch.goes_on() {
                 break;
             }
         }
@@ -128,7 +132,7 @@ impl Repair<'_> {
             gain: POLISH_GAIN,
             until_positive: false,
         };
-        let mut descent = Descent::new(samples, self.free, self.step);
+        let mut descent = Descent::new(samples, self.free, self.step, self.watch);
         let before = x.clone();
         let (value, iterations) = descent.run(x, POLISH_EPSILON, &limits);
         report.polish_iterations += iterations;

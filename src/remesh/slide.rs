@@ -5,6 +5,7 @@ use super::foldover::Samples;
 use super::repair::next_epsilon;
 use crate::geometry::SurfaceQuery;
 use crate::mesh::SurfaceMesh;
+use crate::progress::Watch;
 use crate::{Point, Vector};
 
 /// Rings of cells around bad ones whose boundary nodes slide at first, and at most.
@@ -51,7 +52,13 @@ pub(super) struct Ground<'a> {
 
 /// Lets boundary nodes near inverted samples slide on the target, until none is inverted or it does not help. Inner nodes
 /// move with them.
-pub(super) fn slide(samples: &Samples, x: &mut Vec<Point>, step: f64, ground: &Ground) -> SlideReport {
+pub(super) fn slide(
+    samples: &Samples,
+    x: &mut Vec<Point>,
+    step: f64,
+    ground: &Ground,
+    watch: &Watch<(usize, usize)>,
+) -> SlideReport {
     let mut report = SlideReport::default();
     let start = x.clone();
     let bad = samples.inverted(x);
@@ -60,12 +67,12 @@ pub(super) fn slide(samples: &Samples, x: &mut Vec<Point>, step: f64, ground: &G
     let mut sliding = ground.near(samples, &bad, rings);
     let most = MOST_SLIDING * ground.on_boundary.iter().filter(|is| **is).count() as f64;
     let mut slid = 0;
-    while best.0 > 0 && rings <= MOST_RINGS && sliding.len() as f64 <= most {
+    while watch.goes_on() && best.0 > 0 && rings <= MOST_RINGS && sliding.len() as f64 <= most {
         slid = sliding.len();
         let free: Vec<u32> = (0..x.len() as u32)
             .filter(|&v| !ground.on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
             .collect();
-        let mut descent = Descent::new(samples, &free, step).tethered(ground.tethers(x, &start, &free));
+        let mut descent = Descent::new(samples, &free, step, watch).tethered(ground.tethers(x, &start, &free));
         let (value, iterations) = descent.run(x, epsilon, &ROUND);
         report.rounds += 1;
         report.iterations += iterations;

@@ -83,6 +83,9 @@ pub enum SolveError {
         /// The first such point.
         row: u32,
     },
+    /// The progress callback asked for an end.
+    #[error("cancelled by the progress callback")]
+    Cancelled,
     /// A sum over the sources could not be formed.
     #[error(transparent)]
     Sum(#[from] crate::kernel::KernelError),

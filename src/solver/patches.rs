@@ -10,11 +10,12 @@ use faer::linalg::triangular_solve;
 use faer::{Accum, Mat, MatRef, Par};
 use rayon::prelude::*;
 
-use super::Values;
 use super::schwarz::Level;
+use super::{SolveError, Values};
 use crate::Point;
 use crate::kernel::direct;
 use crate::partition::{Bounds, Partition};
+use crate::progress::Answer;
 
 /// Added to the unit diagonal of a local normal matrix; raised a hundredfold until it is positive definite.
 const RIDGE: f64 = 1e-13;
@@ -45,14 +46,22 @@ impl Patches {
     /// `overlap` spacings around it.
     ///
     /// Costs about `rows · sources²` flops per patch; keeps `8 · core · sources` bytes of each.
-    pub fn new(level: &Level, points: Vec<Point>, core: usize, overlap: f64, progress: &dyn Fn(usize, usize)) -> Self {
+    pub fn new<A: Answer>(
+        level: &Level,
+        points: Vec<Point>,
+        core: usize,
+        overlap: f64,
+        progress: &dyn Fn(usize, usize) -> A,
+    ) -> Result<Self, SolveError> {
         let radii: Vec<f64> = level.spacing.iter().map(|h| overlap * h).collect();
         let partition = Partition::new(&level.sources, &radii, core);
         let rows_of = rows_of_sources(level);
         let cores: Vec<&[u32]> = partition.parts().collect();
         let mut patches = Vec::with_capacity(cores.len());
         for chunk in cores.chunks(PATCHES_PER_REPORT) {
-            progress(patches.len(), cores.len());
+            if progress(patches.len(), cores.len()).flow().is_break() {
+                return Err(SolveError::Cancelled);
+            }
             let make = |core: &&[u32]| {
                 let bounds = Bounds::around(core.iter().map(|&s| level.sources[s as usize]));
                 let mut sources = partition.reaching(&level.sources, &radii, &bounds);
@@ -64,12 +73,12 @@ impl Patches {
             };
             patches.par_extend(chunk.par_iter().map(make));
         }
-        Self {
+        Ok(Self {
             patches,
             sources: level.sources.clone(),
             points,
             weights: level.weights.clone(),
-        }
+        })
     }
 
     /// How many numbers [`Self::new`] keeps, found without making them: the larger overlaps are where spacings change, the
@@ -316,7 +325,7 @@ mod tests {
     #[test]
     fn one_patch_that_holds_everything_is_dense_least_squares() {
         let (level, points) = level();
-        let patches = Patches::new(&level, points.clone(), level.sources.len(), 3.0, &|_, _| {});
+        let patches = Patches::new(&level, points.clone(), level.sources.len(), 3.0, &|_, _| {}).unwrap();
         assert_eq!(patches.patches.len(), 1);
         let system = CollocationSystem {
             collocation: &points,
@@ -339,7 +348,7 @@ mod tests {
     #[test]
     fn cores_share_out_the_sources_and_patches_overlap() {
         let (level, points) = level();
-        let patches = Patches::new(&level, points, 20, 2.0, &|_, _| {});
+        let patches = Patches::new(&level, points, 20, 2.0, &|_, _| {}).unwrap();
         let mut cores: Vec<u32> = Vec::new();
         for patch in &patches.patches {
             assert!(patch.core <= 20 && patch.sources.len() > patch.core);
@@ -358,10 +367,12 @@ mod tests {
         level.sources[5] = level.sources[6];
         level.owner[27..30].fill(Level::NO_OWNER);
         let data = data(&points, 3);
-        let solution = Patches::new(&level, points, 30, 2.0, &|_, _| {}).solve(&data);
+        let solution = Patches::new(&level, points, 30, 2.0, &|_, _| {}).unwrap().solve(&data);
         assert!(solution.as_slice().iter().all(|v| v.is_finite()));
         level.owner.fill(Level::NO_OWNER);
-        let nothing = Patches::new(&level, data_points(&level), 30, 2.0, &|_, _| {}).solve(&data);
+        let nothing = Patches::new(&level, data_points(&level), 30, 2.0, &|_, _| {})
+            .unwrap()
+            .solve(&data);
         assert!(nothing.as_slice().iter().all(|v| *v == 0.0));
     }
 

@@ -7,11 +7,14 @@
 //! and all before. All levels' sources are unknowns of the same system and stay in the map. Nothing dense grows with
 //! the number of sources: patches are of one size, and there are levels enough to keep the coarsest small.
 
+use std::ops::ControlFlow;
+
 use super::krylov::Minimisation;
 use super::patches::Patches;
 use super::{CollocationSystem, DenseFactor, DenseOptions, Mixing, SolveError, Values};
 use crate::Point;
 use crate::kernel::Sums;
+use crate::progress::Answer;
 
 /// Sources of one spacing, and the equations that they are fitted to.
 #[derive(Debug, Clone, Default)]
@@ -161,14 +164,14 @@ impl SchwarzFactor {
     ///
     /// # Errors
     ///
-    /// When the coarsest level has fewer rows than unknowns, or a matrix entry is not finite.
-    pub fn new(
+    /// When the coarsest level has fewer rows than unknowns, a matrix entry is not finite, or `progress` ends it.
+    pub fn new<A: Answer>(
         collocation: Vec<Point>,
         weights: Vec<f64>,
         levels: &[Level],
         affine: bool,
         options: &SchwarzOptions,
-        progress: &dyn Fn(usize, usize),
+        progress: &dyn Fn(usize, usize) -> A,
     ) -> Result<Self, SolveError> {
         let mut factor = Self {
             collocation,
@@ -185,7 +188,7 @@ impl SchwarzFactor {
         })?;
         factor.levels.push(factor.dense_level(coarsest)?);
         for level in &levels[1..] {
-            let patches = factor.patches(level, progress);
+            let patches = factor.patches(level, progress)?;
             factor.levels.push(patches);
         }
         let coarse = levels.len().saturating_sub(1).max(1);
@@ -208,17 +211,24 @@ impl SchwarzFactor {
     /// # Errors
     ///
     /// As [`Self::new`].
-    pub fn refine(
+    pub fn refine<A: Answer>(
         &mut self,
         collocation: &[Point],
         weights: &[f64],
         level: &Level,
-        progress: &dyn Fn(usize, usize),
+        progress: &dyn Fn(usize, usize) -> A,
     ) -> Result<(), SolveError> {
+        let rows = self.collocation.len();
         self.collocation.extend_from_slice(collocation);
         self.weights.extend_from_slice(weights);
-        let patches = self.patches(level, progress);
-        self.levels.push(patches);
+        match self.patches(level, progress) {
+            Ok(patches) => self.levels.push(patches),
+            Err(error) => {
+                self.collocation.truncate(rows);
+                self.weights.truncate(rows);
+                return Err(error);
+            }
+        }
         for group in &mut self.groups {
             group.to_collocation = sums(&group.sources, &self.collocation, &self.options)?;
         }
@@ -247,18 +257,23 @@ impl SchwarzFactor {
 
     /// The coefficients for boundary values `data`, a row per collocation point and any number of columns, which share
     /// every kernel value. Starts at `start` if given (its rows may be fewer by those of the latest level), ends when the
-    /// root mean square of the residual is below `goal` in every column or falls no further.
+    /// root mean square of the residual is below `goal` in every column or falls no further. `progress` is called with the
+    /// iterations made and the residual, several times in each iteration.
     ///
     /// # Errors
     ///
-    /// [`SolveError::DataLength`].
-    pub fn solve(
+    /// [`SolveError::DataLength`], and [`SolveError::Cancelled`] when `progress` ends it.
+    pub fn solve<A: Answer>(
         &self,
         data: &Values,
         start: Option<&Values>,
         goal: f64,
-        progress: &dyn Fn(usize, f64),
+        progress: &dyn Fn(usize, f64) -> A,
     ) -> Result<Solution, SolveError> {
+        let progress = &|iterations, residual| match progress(iterations, residual).flow() {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(SolveError::Cancelled),
+        };
         if data.rows() != self.collocation.len() {
             return Err(SolveError::DataLength {
                 data: data.rows(),
@@ -298,6 +313,7 @@ impl SchwarzFactor {
                 if drift <= DRIFT * latest || refreshed || stop == Stop::Iterations {
                     break stop;
                 }
+                progress(history.len() - 1, latest)?;
                 let accuracy = FINAL_ACCURACY * latest / history[0];
                 let accuracy = accuracy.clamp(BEST_ACCURACY, self.options.first_accuracy.max(BEST_ACCURACY));
                 search.restart(self.residual(data, &search.solution, accuracy)?);
@@ -307,9 +323,7 @@ impl SchwarzFactor {
                     break stop;
                 }
             }
-            if next == 0 {
-                progress(history.len() - 1, latest);
-            }
+            progress(history.len() - 1, latest)?;
             let group = &self.groups[next];
             let is_first = trace.len() == 1 && history.len() == 1 && start.is_none();
             let accuracy = if is_first {
@@ -318,6 +332,7 @@ impl SchwarzFactor {
                 self.options.later_accuracy
             };
             let step = self.correction(group, &search.residual, accuracy)?;
+            progress(history.len() - 1, latest)?;
             let image = self.image(group, &step, accuracy)?;
             search.advance(step, image);
             trace.push(rms(&search.squares()));
@@ -350,13 +365,13 @@ impl SchwarzFactor {
         search: &mut Minimisation<'_>,
         rms: &dyn Fn(&[f64]) -> f64,
         history: &mut Vec<f64>,
-        progress: &dyn Fn(usize, f64),
+        progress: &dyn Fn(usize, f64) -> Result<(), SolveError>,
     ) -> Result<(), SolveError> {
         let sources: Vec<Point> = self.groups.iter().flat_map(|group| group.sources.clone()).collect();
         let transposed = sums(&self.collocation, &sources, &self.options)?.with_accuracy(self.options.later_accuracy);
         for _ in 0..self.options.most_iterations {
             let before = history[history.len() - 1];
-            progress(history.len() - 1, before);
+            progress(history.len() - 1, before)?;
             let gradient = self.gradient(&transposed, &search.residual)?;
             for group in &self.groups {
                 if let Some(step) = self.gradient_correction(group, &gradient) {
@@ -469,15 +484,19 @@ impl SchwarzFactor {
         })
     }
 
-    fn patches(&self, level: &Level, progress: &dyn Fn(usize, usize)) -> FactoredLevel {
+    fn patches<A: Answer>(
+        &self,
+        level: &Level,
+        progress: &dyn Fn(usize, usize) -> A,
+    ) -> Result<FactoredLevel, SolveError> {
         let points = self.points(&level.rows);
         let SchwarzOptions { core, overlap, .. } = self.options;
-        FactoredLevel {
+        Ok(FactoredLevel {
             sources: level.sources.len(),
             rows: level.rows.clone(),
             weights: level.weights.clone(),
-            solver: LocalSolver::Patches(Patches::new(level, points, core, overlap, progress)),
-        }
+            solver: LocalSolver::Patches(Patches::new(level, points, core, overlap, progress)?),
+        })
     }
 
     fn points(&self, rows: &[u32]) -> Vec<Point> {

@@ -13,6 +13,7 @@ mod oriented_query;
 mod rotation;
 mod targets;
 
+use std::ops::ControlFlow;
 use std::time::Instant;
 
 use serde::Serialize;
@@ -27,6 +28,7 @@ pub use targets::{VertexTarget, vertex_targets};
 use super::{BoundaryMap, BoundaryMapError, SurfaceDistortion};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
+use crate::progress::Answer;
 use crate::spherical::{
     Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SpherePhase, SphericalError, SphericalMap, certify,
     map_to_sphere, require_sphere,
@@ -177,6 +179,9 @@ pub enum PairError {
     /// A surface is out of scale.
     #[error(transparent)]
     Boundary(#[from] BoundaryMapError),
+    /// The progress callback asked for an end.
+    #[error("cancelled by the progress callback")]
+    Cancelled,
 }
 
 /// Ways to lead a drawing. Which one ends best differs from pair to pair, and to try them coarsely is cheap.
@@ -206,12 +211,13 @@ const CLOSE: f64 = 0.05;
 ///
 /// # Errors
 ///
-/// When a solid is not of genus 0, or landmarks cannot be met.
-pub fn map_pair(
+/// When a solid is not of genus 0, or landmarks cannot be met; [`PairError::Cancelled`] when `progress` says so
+/// ([`Answer`]), which is heard between steps.
+pub fn map_pair<A: Answer>(
     domain: &SurfaceMesh,
     target: &SurfaceMesh,
     options: &PairOptions,
-    progress: &dyn Fn(PairPhase),
+    progress: &dyn Fn(PairPhase) -> A,
 ) -> Result<(BoundaryMap, PairReport), PairError> {
     let of_side = |side| move |error| PairError::Sphere { side, error };
     let domain = require_sphere(domain).map_err(of_side("domain"))?;
@@ -227,7 +233,7 @@ pub fn map_pair(
         landmarks: &landmarks,
         improve: options.improve,
         start: Instant::now(),
-        progress,
+        progress: &|phase| progress(phase).flow(),
     };
     match options.via {
         Via::Targets => pair.via_targets(),
@@ -241,7 +247,7 @@ struct Pair<'a> {
     landmarks: &'a Landmarks,
     improve: bool,
     start: Instant,
-    progress: &'a dyn Fn(PairPhase),
+    progress: &'a dyn Fn(PairPhase) -> ControlFlow<()>,
 }
 
 /// A drawing before and after improvement, and how it was come by.
@@ -266,12 +272,12 @@ impl Pair<'_> {
         let lift = Lift::new(&target, &locator);
         let sphere = self.elapsed();
 
-        (self.progress)(PairPhase::Aligning);
+        self.tell(PairPhase::Aligning)?;
         let (guides, warnings) = self.guides(&target)?;
         let align = self.elapsed();
 
         let drawings = guides.len() * SCHEDULES.len();
-        (self.progress)(PairPhase::Sketching { drawings });
+        self.tell(PairPhase::Sketching { drawings })?;
         let hierarchy = self.hierarchy()?;
         let embedding = Embedding::new(self.domain, &hierarchy, &lift, self.pins(&target));
         let too_fine = || PairError::Sphere {
@@ -285,7 +291,8 @@ impl Pair<'_> {
         let (guide, chosen, schedule) = (&guides[guide], guide, SCHEDULES[schedule]);
         let told = |vertices, energy| {
             let of = self.domain.vertices().len();
-            (self.progress)(PairPhase::Drawing {
+            // An end is heard at the next step.
+            let _ = self.tell(PairPhase::Drawing {
                 vertices,
                 of,
                 energy: ISOMETRY * energy,
@@ -296,7 +303,7 @@ impl Pair<'_> {
         if self.improve {
             let refined = embedding.refine(sketch, guide, &schedule, usize::MAX, &told);
             after = refined.ok_or_else(too_fine)?;
-            (self.progress)(PairPhase::Improving);
+            self.tell(PairPhase::Improving)?;
             embedding.finish(&mut after);
             self.take_wanted(&embedding, guide, &mut after);
         }
@@ -328,7 +335,7 @@ impl Pair<'_> {
         let target = self.sphere("target", self.target, SphereEnergy::Conformal)?;
         let sphere = self.elapsed();
 
-        (self.progress)(PairPhase::Aligning);
+        self.tell(PairPhase::Aligning)?;
         let mut warnings = Vec::new();
         let matches = search_rotations(&domain, &target, None);
         let rotations: Vec<f64> = matches.iter().map(|found| found.score).collect();
@@ -358,7 +365,7 @@ impl Pair<'_> {
         };
         let align = self.elapsed();
 
-        (self.progress)(PairPhase::Improving);
+        self.tell(PairPhase::Improving)?;
         let locator = Locator::new(&target);
         let lift = Lift::new(&target, &locator);
         let hierarchy = self.hierarchy()?;
@@ -391,6 +398,13 @@ impl Pair<'_> {
         self.report(Via::Conformal, target, found)
     }
 
+    fn tell(&self, phase: PairPhase) -> Result<(), PairError> {
+        match (self.progress)(phase) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(PairError::Cancelled),
+        }
+    }
+
     fn elapsed(&self) -> f64 {
         self.start.elapsed().as_secs_f64()
     }
@@ -405,7 +419,10 @@ impl Pair<'_> {
             energy,
             ..SphereOptions::default()
         };
-        let told = |phase| (self.progress)(PairPhase::Sphere(side, phase));
+        let told = |phase| {
+            // As above.
+            let _ = self.tell(PairPhase::Sphere(side, phase));
+        };
         match map_to_sphere(surface, &options, &told) {
             Ok((map, _)) => Ok(map),
             Err(error) => Err(PairError::Sphere { side, error }),
@@ -512,7 +529,7 @@ impl Pair<'_> {
     }
 
     fn report(&self, via: Via, target: SphericalMap, found: Found) -> Result<(BoundaryMap, PairReport), PairError> {
-        (self.progress)(PairPhase::Measuring);
+        self.tell(PairPhase::Measuring)?;
         let through = |directions: &[Vector]| -> Result<BoundaryMap, PairError> {
             let domain = SphericalMap::new(self.domain.clone(), directions)
                 .map_err(|error| PairError::Sphere { side: "domain", error })?;

@@ -1,0 +1,48 @@
+/// \file
+/// The one exception of the library.
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+namespace solidmap {
+
+/// What an Error is about, for programs; its message is for people.
+enum class Category {
+  /// Something given cannot be used: arrays that do not fit, an open surface, an option out of range, a damaged file.
+  invalid_input,
+  /// The system could not read or write a file; an old file is left as it was.
+  io,
+  /// There is no such file.
+  not_found,
+  /// Not in this build (see has_native()), a format that is not known, a file of a newer version.
+  unsupported,
+  /// The numbers went wrong: a singular system, a map that is not finite.
+  numerical,
+  /// It would need more memory than allowed (FitOptions::memory) or more elements than allowed. Told before it is taken.
+  memory,
+  /// A progress callback returned false.
+  cancelled,
+  /// CGAL or TetGen failed.
+  native,
+  /// A mistake in solidmap itself; please report it.
+  internal,
+};
+
+/// The name of a category, as `"invalid_input"`.
+const char* name(Category category) noexcept;
+
+/// Why a call failed. What was given is unchanged, and everything can still be used.
+///
+/// The message (`what()`) says what was found, where, and what to do.
+class Error : public std::runtime_error {
+ public:
+  Error(Category category, const std::string& message) : std::runtime_error(message), category_(category) {}
+
+  Category category() const noexcept { return category_; }
+
+ private:
+  Category category_;
+};
+
+}  // namespace solidmap

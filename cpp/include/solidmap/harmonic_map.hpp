@@ -1,0 +1,205 @@
+/// \file
+/// Fitted maps: values, derivatives, inverses and energies.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "solidmap/boundary_map.hpp"
+#include "solidmap/mesh.hpp"
+#include "solidmap/span.hpp"
+
+namespace solidmap {
+
+namespace detail {
+struct HarmonicMapImpl;
+struct InverseImpl;
+}  // namespace detail
+
+/// Distances between map and boundary map at boundary points that the fit has not seen, as fractions of the target's
+/// diagonal. The whole map is nowhere inside farther from the exact harmonic one than on its boundary.
+struct BoundaryError {
+  /// Root mean square over the area; 99 % of the area is below `p99`; the largest.
+  double rms = 0, p99 = 0, max = 0;
+};
+
+/// What a fit did, and how well it meets its boundary map.
+struct FitReport {
+  std::size_t vertices = 0, triangles = 0;
+  /// Sources placed, and boundary points where equations are posed.
+  std::size_t sources = 0, collocation = 0;
+  /// `"schwarz"`, `"dense-qr"` or `"dense-svd"`.
+  std::string method;
+  std::size_t iterations = 0;
+  /// Rounds of finer sources, and why there were no more: `"tolerance"`, `"off"`, `"fixed"`, `"max_sources"`, `"memory"`,
+  /// `"in_vain"`, `"no_room"`; empty where no tolerance was aimed at.
+  std::size_t refinements = 0;
+  std::string refinement_end;
+  BoundaryError boundary_error;
+  /// Misfit where the fit was made: root mean square as a fraction of the target's diagonal, and the paper's C-Error.
+  double residual_rms = 0, c_error = 0;
+  /// Wall times; 0 for a map from a file.
+  double seconds = 0, seconds_sampling = 0, seconds_factor = 0, seconds_solve = 0, seconds_check = 0;
+  /// What was mended or left out.
+  std::vector<std::string> warnings;
+};
+
+/// A harmonic map between two solids, `f(x) = A (1, x) + Σ_s w_s / (4π |x - Q_s|)`. Immutable; copies share their data and
+/// cost nothing; all functions may be called from any number of threads at once.
+///
+/// Outside the domain the values are those of the formula and mean nothing; at a source they are not finite.
+class HarmonicMap {
+ public:
+  /// Map files, as `solidmap fit` writes them too. Throws Error (not_found, io, invalid_input, or unsupported for a newer
+  /// format).
+  static HarmonicMap load(const std::filesystem::path& path);
+  /// The same map gives the same bytes. Whole or not at all. Throws Error (io).
+  void save(const std::filesystem::path& path) const;
+
+  /// Images of the points, in order. Many points at once share their work, on all cores: a million points with 100 000
+  /// sources take about a second; one by one each would take as long as thousands.
+  std::vector<Point> evaluate(Span<const Point> points) const;
+  /// The same into `images`, of the same size; throws Error (invalid_input) otherwise.
+  void evaluate(Span<const Point> points, Span<Point> images) const;
+  /// The image of one point: a sum over all sources.
+  Point operator()(const Point& point) const;
+
+  /// Jacobians, `∂f_i/∂x_k` at `3 i + k`.
+  std::vector<Matrix3> jacobian(Span<const Point> points) const;
+  void jacobian(Span<const Point> points, Span<Matrix3> jacobians) const;
+  /// Both for little more than the Jacobians alone.
+  void evaluate_with_jacobian(Span<const Point> points, Span<Point> images, Span<Matrix3> jacobians) const;
+
+  /// The boundary map that was fitted, its domain mended. Throws Error (unsupported) when the file has none.
+  BoundaryMap boundary() const;
+  /// How it was made and how good it is. Throws Error (unsupported) when the file does not say.
+  FitReport report() const;
+  BoundaryError boundary_error() const { return report().boundary_error; }
+  /// What a map file says of the map: format, generator, inputs, report; one line of JSON.
+  std::string metadata() const;
+
+  /// Positions `Q` of the sources, their coefficients `w`, and four rows for the functions 1, x, y, z. Views, valid as long
+  /// as this object or a copy lives; of a temporary, copies.
+  Span<const Point> sources() const&;
+  Span<const Point> coefficients() const&;
+  Span<const Point> affine() const&;
+  std::vector<Point> sources() &&;
+  std::vector<Point> coefficients() &&;
+  std::vector<Point> affine() &&;
+
+ private:
+  friend struct detail::Access;
+  explicit HarmonicMap(std::shared_ptr<const detail::HarmonicMapImpl> impl) : impl_(std::move(impl)) {}
+  std::shared_ptr<const detail::HarmonicMapImpl> impl_;
+};
+
+/// How preimages are searched.
+struct InverseOptions {
+  /// `|f(x) - y|` that counts as met, as a fraction of the target's diagonal; at most 1e-3.
+  double tolerance = 1e-10;
+  /// Nodes of the mesh that the search starts from: folds smaller than its cells go unseen.
+  std::size_t seed_nodes = 30'000;
+  /// Steps of Newton's method at most.
+  std::size_t iterations = 60;
+};
+
+/// What was found for a point of the target.
+struct Preimage {
+  enum class Status {
+    /// One preimage.
+    ok,
+    /// Several, or one where the map is turned inside out.
+    folded,
+    /// Not in the target, and nothing in the domain goes there.
+    outside,
+    /// In the target, but none was found.
+    not_converged,
+    /// A coordinate is NaN or infinite.
+    not_finite,
+  };
+  Status status = Status::not_converged;
+  /// The preimage; without one a point of the domain that goes near, or NaN.
+  Point point = {};
+  /// `|f(x) - y|` over the target's diagonal; infinite without a preimage.
+  double round_trip = 0;
+  /// How many different ones were found.
+  std::size_t preimages = 0;
+  /// It lies outside of the domain, by as much as the boundary error explains.
+  bool beyond_boundary = false;
+};
+
+/// The inverse of a map, made once and asked for many points. Immutable; copies are free; safe from any thread.
+class Inverse {
+ public:
+  /// Maps a mesh to start from, some tenths of a second. Throws Error (invalid_input, unsupported without a boundary map).
+  explicit Inverse(const HarmonicMap& map, const InverseOptions& options = {});
+
+  /// Preimages of the points, in order. The best on all cores together: some 10 µs each and core.
+  std::vector<Preimage> operator()(Span<const Point> points) const;
+
+ private:
+  std::shared_ptr<const detail::InverseImpl> impl_;
+};
+
+/// How energies are measured.
+struct EnergyOptions {
+  /// Grid cells along the longest side of the domain, clipped by its surface: 32 to 128 is usual.
+  std::size_t cells = 48;
+  /// Scale both solids to unit volume first, so that energies of different solids compare; the identity then has
+  /// harmonic energy 3.
+  bool normalize = true;
+  /// Lamé's constants of the deformation energy.
+  double lambda = 0.0335, mu = 0.0224;
+};
+
+/// Quantiles over the volume of the domain.
+struct Distribution {
+  double min = 0, median = 0, p99 = 0, max = 0;
+};
+
+/// Integrals over the domain, and how the densities are distributed.
+struct EnergyReport {
+  /// Of the squared Jacobian norm.
+  double harmonic = 0;
+  /// Of Hooke's law for the strain of the map.
+  double deformation = 0;
+  /// Volumes of the domain and of the target, model units.
+  double volume = 0, target_volume = 0;
+  Distribution harmonic_density, deformation_density;
+  /// Of the map as it is, in model units.
+  Distribution det_jacobian;
+  /// Points where the map is folded, and their share of the domain's volume.
+  std::size_t inverted_points = 0;
+  double inverted_fraction = 0;
+};
+
+/// On a grid, or in the tetrahedra of a mesh of the domain. Throws Error (invalid_input: no volume, no cells;
+/// numerical: a Jacobian that is not finite; unsupported: no boundary map).
+EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options = {});
+EnergyReport energies(const HarmonicMap& map, const CellMesh& tets, const EnergyOptions& options = {});
+
+/// Means of the metrics of Cherchi & Livesu, VOLMAP (2023), over the volume where the map is regular.
+struct Distortion {
+  /// A rigid motion has 1, 3, 6, 0 and 1. NaN when the map is regular nowhere.
+  double conformal = 0, dirichlet = 0, symmetric_dirichlet = 0, arap = 0, mips = 0;
+};
+
+struct DistortionReport {
+  /// Of the map as it is, and with the target scaled to the volume of the domain.
+  Distortion mean, mean_normalized;
+  /// Points where the map is folded or not finite, and the share of the volume that the means leave out.
+  std::size_t folded_points = 0;
+  double left_out_fraction = 0;
+};
+
+/// On a grid of so many cells along the longest side, or in tetrahedra. Throws Error as energies().
+DistortionReport distortion(const HarmonicMap& map, std::size_t cells = 48);
+DistortionReport distortion(const HarmonicMap& map, const CellMesh& tets);
+
+}  // namespace solidmap

@@ -1,0 +1,209 @@
+/// \file
+/// Surfaces that bound solids, what is wrong with them, and solids cut into cells.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "solidmap/span.hpp"
+
+namespace solidmap {
+
+namespace detail {
+struct Access;
+struct SurfaceImpl;
+struct CellMeshImpl;
+}  // namespace detail
+
+/// Whether a Finding stands in the way of a fit.
+enum class Severity { error, warning };
+
+/// One thing that is wrong with a surface.
+struct Finding {
+  /// What sort of thing, as `"open_edges"`, `"non_manifold_edges"`, `"self_intersections"`, `"duplicate_vertices"`.
+  std::string kind;
+  /// Errors stand in the way; warnings are borne, or mended by Surface::mended().
+  Severity severity = Severity::error;
+  /// How many of them there are.
+  std::size_t count = 0;
+  /// The first of the vertices, edges and triangles concerned, 20 at most of each.
+  std::vector<std::uint32_t> vertices;
+  std::vector<std::array<std::uint32_t, 2>> edges;
+  std::vector<std::uint32_t> triangles;
+  /// What was found and where, and how to mend it.
+  std::string message;
+  std::string advice;
+};
+
+/// A part of a surface that hangs together across edges.
+struct Component {
+  std::size_t triangles = 0;
+  std::size_t vertices = 0;
+  /// Number of handles; -1 unless it is a closed manifold.
+  std::int64_t genus = -1;
+  double area = 0;
+  /// Volume that it encloses, positive when it faces outward; NaN when it encloses none.
+  double volume = std::numeric_limits<double>::quiet_NaN();
+  /// Whether it bounds anything, and whether that is a cavity of another component.
+  bool shell = false;
+  bool cavity = false;
+};
+
+/// What Surface::check() found.
+struct CheckReport {
+  /// Whether the surface, once mended, bounds a solid: no findings are errors. fit() mends by itself.
+  bool solvable = false;
+  /// Every edge has two triangles or more; none has more; the triangles at each vertex form one fan.
+  bool closed = false;
+  bool edge_manifold = false;
+  bool vertex_manifold = false;
+  /// Neighbours agree which side is out; solids face outward and cavities into the cavity.
+  bool oriented = false;
+  bool outward = false;
+  /// Number of pairs of triangles that intersect; -1 when nobody looked.
+  std::int64_t self_intersections = -1;
+  double area = 0;
+  /// Volume of the solid, cavities taken out, once mended; NaN when there is none.
+  double volume = std::numeric_limits<double>::quiet_NaN();
+  std::vector<Component> components;
+  /// Errors first.
+  std::vector<Finding> findings;
+  /// All of it in words, several lines.
+  std::string text;
+};
+
+/// A triangle surface, the boundary of a solid when it is closed. Immutable; copies share their data and cost nothing.
+///
+/// Only indices are guaranteed to be in range. Coordinates may be infinite and the surface open: check() tells.
+class Surface {
+ public:
+  /// Copies the arrays; n vertices in model units, m triangles.
+  /// Throws Error (invalid_input) when a triangle names a vertex that is not there.
+  Surface(Span<const Point> vertices, Span<const Triangle> triangles);
+
+  /// Reads .obj, .ply, .off, .stl, .mesh, .vtk or .vtu. Vertices keep their order; polygons become triangles.
+  /// Throws Error (not_found, io, unsupported, or invalid_input for a damaged file).
+  static Surface load(const std::filesystem::path& path);
+  /// Writes .obj, .ply, .off, .mesh, .vtk or .vtu; coordinates read back to the same bits. The file is replaced as a
+  /// whole or not at all. Throws Error (io, unsupported).
+  void save(const std::filesystem::path& path) const;
+
+  /// Views, valid as long as this object or a copy of it lives; of a temporary, copies.
+  Span<const Point> vertices() const&;
+  Span<const Triangle> triangles() const&;
+  std::vector<Point> vertices() &&;
+  std::vector<Triangle> triangles() &&;
+
+  double area() const;
+  /// Enclosed volume: positive when closed and outward. Cavities, oriented into the cavity, count negatively.
+  double volume() const;
+  /// Lowest and highest corner of the box of all triangles; zeros without any.
+  std::array<Point, 2> bounding_box() const;
+  /// Diagonal of the bounding box: the unit of reported errors.
+  double diagonal() const;
+
+  /// The input doctor: what is wrong, where, and how to mend it. Linear in the size but for nested components.
+  /// `self_intersections` needs a build with CGAL; throws Error (unsupported) without.
+  CheckReport check(bool self_intersections = false) const;
+  /// The same surface with triangles turned over so that neighbours agree, solids face outward and cavities into the
+  /// cavity; vertices and triangles keep their numbers. What was done is added to `done`.
+  Surface mended(std::vector<std::string>* done = nullptr) const;
+  /// The same surface with holes of up to `most_edges` edges (at most 1000) closed by triangles over the vertices of
+  /// their rims, appended; cubic in the edges. `closed` gets their number. Throws Error (invalid_input) when a hole is
+  /// larger, or all together are more than a hundredth of the area; nothing is closed then.
+  Surface with_holes_closed(std::size_t most_edges = 100, std::size_t* closed = nullptr) const;
+
+ private:
+  friend struct detail::Access;
+  explicit Surface(std::shared_ptr<const detail::SurfaceImpl> impl) : impl_(std::move(impl)) {}
+  std::shared_ptr<const detail::SurfaceImpl> impl_;
+};
+
+/// Built-in solids, for trials and tests. All throw Error (invalid_input) for sizes that make none.
+namespace shapes {
+
+/// A sphere about the origin, an icosahedron subdivided `levels` times (0 to 9): `10 * 4^levels + 2` vertices.
+Surface sphere(double radius, unsigned levels);
+/// The cube [-size/2, size/2]^3, each side in `divisions`^2 squares of two triangles.
+Surface cube(double size, std::size_t divisions);
+/// The union of unit cubes at integer positions, each outer side in `divisions`^2 squares.
+Surface polycube(Span<const std::array<std::int32_t, 3>> cubes, std::size_t divisions);
+/// A torus about the z axis: `around` divisions of the circle of radius `major`, `across` of the tube.
+Surface torus(double major, double minor, std::size_t around, std::size_t across);
+
+}  // namespace shapes
+
+/// What the cells of a CellMesh are.
+enum class CellKind { tets, hexes };
+
+/// How good cells are. Quality numbers are NaN for a mesh without cells.
+struct CellQuality {
+  std::size_t cells = 0;
+  /// Cells that are inverted or flat: tetrahedra by exact predicates, hexahedra at their corners and 125 points inside.
+  std::size_t inverted = 0;
+  /// Scaled Jacobian, 1 of a regular tetrahedron or a cube: the least over each cell; least, 1 % quantile, mean of all.
+  double min_scaled_jacobian = 0;
+  double p01_scaled_jacobian = 0;
+  double mean_scaled_jacobian = 0;
+  /// Dihedral angles, degrees.
+  double min_dihedral = 0;
+  double max_dihedral = 0;
+};
+
+/// A solid cut into tetrahedra or hexahedra. Immutable; copies share their data and cost nothing.
+class CellMesh {
+ public:
+  /// Copies the arrays. `regions` numbers the region of each cell; empty: all are 0. Both hands of cells are kept.
+  /// Throws Error (invalid_input) when an index is out of range or the counts do not fit.
+  CellMesh(Span<const Point> nodes, Span<const Tet> tets, Span<const std::int32_t> regions = {});
+  CellMesh(Span<const Point> nodes, Span<const Hex> hexes, Span<const std::int32_t> regions = {});
+
+  /// Reads .mesh, .vtk or .vtu; regions are the references of .mesh files. Throws Error as Surface::load().
+  static CellMesh load(const std::filesystem::path& path);
+  /// Writes .mesh and .msh (Gmsh 2.2) with regions, .vtk and .vtu without. Whole or not at all. Throws Error (io,
+  /// unsupported).
+  void save(const std::filesystem::path& path) const;
+
+  CellKind kind() const;
+  /// Number of cells.
+  std::size_t size() const;
+  /// Views, valid as long as this object or a copy of it lives; of a temporary, copies. tets() is empty for hexahedra,
+  /// hexes() for tetrahedra.
+  Span<const Point> nodes() const&;
+  Span<const Tet> tets() const&;
+  Span<const Hex> hexes() const&;
+  Span<const std::int32_t> regions() const&;
+  std::vector<Point> nodes() &&;
+  std::vector<Tet> tets() &&;
+  std::vector<Hex> hexes() &&;
+  std::vector<std::int32_t> regions() &&;
+
+  /// The same cells over other places of the nodes, as a map carries them.
+  /// Throws Error (invalid_input) when their count differs.
+  CellMesh with_nodes(Span<const Point> nodes) const;
+
+  /// The triangles that belong to one tetrahedron only, outward. `nodes[v]` is the mesh's node of vertex v.
+  struct Boundary {
+    Surface surface;
+    std::vector<std::uint32_t> nodes;
+  };
+  /// Throws Error (unsupported) for hexahedra.
+  Boundary boundary() const;
+
+  /// Numbers of the cells that are inverted or flat, ascending; decided as CellQuality::inverted.
+  std::vector<std::uint32_t> inverted() const;
+  CellQuality quality() const;
+
+ private:
+  friend struct detail::Access;
+  explicit CellMesh(std::shared_ptr<const detail::CellMeshImpl> impl) : impl_(std::move(impl)) {}
+  std::shared_ptr<const detail::CellMeshImpl> impl_;
+};
+
+}  // namespace solidmap

@@ -1,0 +1,28 @@
+/// \file
+/// How far long work is, and how to end it.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+
+namespace solidmap {
+
+/// How far a call is.
+struct Progress {
+  /// The step, as `"factoring"`, `"iterating"`, `"refining"`.
+  std::string step;
+  /// How much of this step is done, 0 to 1, where that is known. Steps take unequal times.
+  std::optional<double> fraction;
+  /// More to show, as `"iteration 3, residual 1.2e-04"`; may be empty.
+  std::string detail;
+};
+
+/// Called on the calling thread, often: at least once in every iteration of a solver. Return false to end the work: the
+/// call then throws an Error of Category::cancelled, for 100 000 vertices within a second (a dense decomposition is not
+/// interrupted). Exceptions thrown by the callback end the work too and arrive at the caller as they are.
+///
+/// To cancel from another thread, let the callback read a std::atomic<bool>.
+using ProgressCallback = std::function<bool(const Progress&)>;
+
+}  // namespace solidmap

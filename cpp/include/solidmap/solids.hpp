@@ -1,0 +1,127 @@
+/// \file
+/// Solid meshes: made by TetGen or CGAL, offset surfaces, and meshes carried by maps with no cell inverted.
+#pragma once
+
+#include <cstddef>
+
+#include "solidmap/harmonic_map.hpp"
+#include "solidmap/mesh.hpp"
+#include "solidmap/progress.hpp"
+
+namespace solidmap {
+
+/// How tetrahedralise() works.
+struct TetOptions {
+  enum class Mesher {
+    /// Keeps the boundary's vertices and triangles as they are.
+    tetgen,
+    /// CGAL's Mesh_3: samples the boundary anew.
+    cgal,
+  };
+  Mesher mesher = Mesher::tetgen;
+  /// tetgen: largest ratio of circumradius to shortest edge, at least 1.1; 0: only what recovering the boundary takes.
+  double radius_edge_ratio = 1.414;
+  /// tetgen: smallest dihedral angle aimed for, degrees, 0 to 20.
+  double min_dihedral = 0;
+  /// tetgen: volume of a tetrahedron to aim for; 0: none.
+  double max_volume = 0;
+  /// cgal: largest circumradius; 0: a twentieth of the diagonal. Distance of the boundary; 0: a twentieth of that.
+  double cell_size = 0, facet_distance = 0;
+  /// cgal: edges sharper than this many degrees are kept.
+  double feature_angle = 60;
+  /// cgal: seconds after which it is an Error (native).
+  double time_limit = 300;
+};
+
+/// Tetrahedra that fill the solid inside `surface`. With tetgen the first nodes are the surface's vertices, bit by bit, and
+/// one call at a time runs in a process; others wait.
+/// Throws Error: unsupported without CGAL and TetGen (has_native()), invalid_input (open, degenerate, intersecting itself),
+/// memory, native.
+CellMesh tetrahedralise(const Surface& surface, const TetOptions& options = {});
+
+/// How offset_surface() works.
+struct OffsetOptions {
+  /// Finest detail, about its edge length; gaps narrower than twice this are filled. 0: half of the distance.
+  double alpha = 0;
+  /// Rounds of remeshing and projection; 0 returns the wrap, about 1 % off its distance.
+  std::size_t rounds = 3;
+  /// How often alpha may be halved when a surface does not pass its checks.
+  std::size_t retries = 2;
+  /// Smallest distance to the model that the surface may have, as a fraction of the distance asked for.
+  double min_fraction = 0.5;
+  /// Triangles that may be asked for.
+  std::size_t max_triangles = 2'000'000;
+};
+
+/// A closed surface around a model, clear of it, without self-intersections.
+struct OffsetSurface {
+  Surface surface;
+  /// Largest errors of the distance at vertices and at the centres of triangles, and the smallest distance.
+  double vertex_error = 0, centroid_error = 0, min_distance = 0;
+  /// Handles and components; bodies closer than twice the distance share one.
+  std::size_t genus = 0, components = 0;
+  /// Of the wrap it was made from.
+  double alpha = 0;
+  /// No projected surface passed its checks, so that this is the wrap as it came.
+  bool raw_wrap = false;
+};
+
+/// The surface at `distance` outside a closed one, which may intersect itself. Throws Error as tetrahedralise().
+OffsetSurface offset_surface(const Surface& surface, double distance, const OffsetOptions& options = {});
+
+/// A regular mesh of a polycube.
+struct RegularMesh {
+  CellKind kind = CellKind::hexes;
+  /// Cells along the longest side of the domain; or, when 0, the length of their sides.
+  std::size_t along = 16;
+  double length = 0;
+  /// More are refused before any is made.
+  std::size_t max_cells = 20'000'000;
+};
+
+/// How remesh() repairs.
+struct RemeshOptions {
+  /// Whether inner nodes are moved until no cell is inverted.
+  bool repair = true;
+  /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
+  bool slide = true;
+  /// Iterations of the polish of shapes after the repair.
+  std::size_t polish = 200;
+};
+
+/// What is known of a carried mesh. Distances are fractions of the target's diagonal.
+struct RemeshReport {
+  std::size_t nodes = 0, boundary_nodes = 0;
+  /// Inverted cells before the repair; those left are in `quality`.
+  std::size_t inverted_as_mapped = 0;
+  CellQuality quality;
+  double mesh_to_target_max = 0, mesh_to_target_mean = 0, target_to_mesh_max = 0, target_to_mesh_mean = 0;
+  /// Volumes of the mesh and of the target.
+  double volume = 0, target_volume = 0;
+  /// What the repair moved: inner nodes; boundary nodes along the target.
+  double largest_shift = 0;
+  std::size_t slid_nodes = 0;
+  double largest_slide = 0;
+  /// Tetrahedra of a given mesh that had all their nodes on the boundary, and were split.
+  std::size_t split_cells = 0;
+  double seconds = 0;
+};
+
+/// A mesh of the target, and the mesh of the domain that it was carried from.
+struct Remeshed {
+  CellMesh mesh;
+  CellMesh domain_mesh;
+  RemeshReport report;
+};
+
+/// A regular mesh of the map's domain, which has to be a polycube, or a given mesh of it, carried into the target and
+/// repaired. Some 3 s for 100 000 tetrahedra and 15 s for 100 000 hexahedra on two cores. Cells that stay inverted are no
+/// error: they are counted in the report.
+/// Throws Error: invalid_input (no polycube, another solid's mesh, too many cells), unsupported (a map without boundary
+/// map), cancelled.
+Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOptions& options = {},
+                const ProgressCallback& progress = {});
+Remeshed remesh(const HarmonicMap& map, const CellMesh& mesh, const RemeshOptions& options = {},
+                const ProgressCallback& progress = {});
+
+}  // namespace solidmap

@@ -1,0 +1,152 @@
+// What the public classes hold, and how their functions call Rust. Not installed.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "solidmap/solidmap.hpp"
+#include "solidmap/src/ffi/bridge.rs.h"
+#include "watcher.hpp"
+
+namespace solidmap::detail {
+
+template <class T>
+struct Held {
+  rust::Box<T> box;
+};
+
+struct SurfaceImpl : Held<ffi::Surface> {};
+struct CellMeshImpl : Held<ffi::Cells> {};
+struct BoundaryMapImpl : Held<ffi::Boundary> {};
+struct HarmonicMapImpl : Held<ffi::Map> {};
+struct InverseImpl : Held<ffi::Inverse> {};
+struct FactorImpl : Held<ffi::Factor> {};
+
+/// The one friend of the public classes.
+struct Access {
+  template <class Class, class Impl, class T>
+  static Class make(rust::Box<T> box) {
+    return Class(held<Impl>(std::move(box)));
+  }
+
+  template <class Impl, class T>
+  static std::shared_ptr<const Impl> held(rust::Box<T> box) {
+    return std::make_shared<const Impl>(Impl{{std::move(box)}});
+  }
+
+  template <class Class>
+  static const auto& of(const Class& object) {
+    return inside(object.impl_);
+  }
+
+  template <class Impl>
+  static const auto& inside(const std::shared_ptr<const Impl>& impl) {
+    if (!impl) throw Error(Category::invalid_input, "the object was moved from; assign to it before using it again");
+    return *impl->box;
+  }
+};
+
+inline Surface make_surface(rust::Box<ffi::Surface> box) {
+  return Access::make<Surface, SurfaceImpl>(std::move(box));
+}
+inline CellMesh make_cells(rust::Box<ffi::Cells> box) { return Access::make<CellMesh, CellMeshImpl>(std::move(box)); }
+inline BoundaryMap make_boundary(rust::Box<ffi::Boundary> box) {
+  return Access::make<BoundaryMap, BoundaryMapImpl>(std::move(box));
+}
+inline HarmonicMap make_map(rust::Box<ffi::Map> box) {
+  return Access::make<HarmonicMap, HarmonicMapImpl>(std::move(box));
+}
+
+/// The error that Rust wrote: a digit for the category, and the message.
+[[noreturn]] void throw_decoded(const rust::Error& error);
+
+/// Calls Rust; its errors arrive as ours.
+template <class Call>
+auto guarded(const Call& call) -> decltype(call()) {
+  try {
+    return call();
+  } catch (const rust::Error& error) {
+    throw_decoded(error);
+  }
+}
+
+/// The same with a callback, whose exceptions go through.
+template <class Call>
+auto watched(const ProgressCallback& callback, const Call& call) -> decltype(call(std::declval<const Watcher&>())) {
+  const Watcher watcher(callback);
+  try {
+    return call(watcher);
+  } catch (const rust::Error& error) {
+    watcher.rethrow();
+    throw_decoded(error);
+  }
+}
+
+template <class T>
+rust::Slice<const T> slice(Span<const T> span) {
+  return {span.data(), span.size()};
+}
+template <class T>
+rust::Slice<T> slice(Span<T> span) {
+  return {span.data(), span.size()};
+}
+
+/// An array of small arrays as one of their elements, for Rust.
+template <class T, std::size_t n>
+rust::Slice<const T> flat(Span<const std::array<T, n>> rows) {
+  return {reinterpret_cast<const T*>(rows.data()), n * rows.size()};
+}
+template <class T, std::size_t n>
+rust::Slice<T> flat(Span<std::array<T, n>> rows) {
+  return {reinterpret_cast<T*>(rows.data()), n * rows.size()};
+}
+
+/// And back.
+template <class Row, class T>
+Span<const Row> rows(rust::Slice<const T> flat) {
+  return {reinterpret_cast<const Row*>(flat.data()), flat.size() / std::tuple_size_v<Row>};
+}
+
+/// What outlives the object that it was asked of.
+template <class T>
+std::vector<T> kept(Span<const T> view) {
+  return std::vector<T>(view.begin(), view.end());
+}
+
+/// A path as the system has it; on Windows in UTF-8.
+class PathBytes {
+ public:
+  explicit PathBytes(const std::filesystem::path& path)
+#ifdef _WIN32
+      : bytes_(path.u8string()) {
+  }
+#else
+      : bytes_(path.string()) {
+  }
+#endif
+  operator rust::Slice<const std::uint8_t>() const {
+    return {reinterpret_cast<const std::uint8_t*>(bytes_.data()), bytes_.size()};
+  }
+
+ private:
+  std::string bytes_;
+};
+
+template <class T>
+std::vector<T> copied(const rust::Vec<T>& from) {
+  return std::vector<T>(from.begin(), from.end());
+}
+inline std::vector<std::string> copied(const rust::Vec<rust::String>& from) {
+  std::vector<std::string> strings;
+  strings.reserve(from.size());
+  for (const rust::String& string : from) strings.emplace_back(string.data(), string.size());
+  return strings;
+}
+
+CellQuality quality_of(const ffi::CellQuality& found);
+
+}  // namespace solidmap::detail

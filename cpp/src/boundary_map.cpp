@@ -1,0 +1,86 @@
+#include "solidmap/boundary_map.hpp"
+
+#include "access.hpp"
+
+namespace solidmap {
+
+using namespace detail;
+
+BoundaryMap::BoundaryMap(const Surface& domain, Span<const Point> images)
+    : BoundaryMap(guarded([&] { return make_boundary(ffi::boundary_new(Access::of(domain), flat(images))); })) {}
+
+BoundaryMap BoundaryMap::between(const Surface& domain, const Surface& image) {
+  return guarded([&] { return make_boundary(ffi::boundary_between(Access::of(domain), Access::of(image))); });
+}
+
+BoundaryMap BoundaryMap::to_sphere(const Surface& domain, SphereEnergy energy) {
+  const bool conformal = energy == SphereEnergy::conformal;
+  return guarded([&] { return make_boundary(ffi::boundary_to_sphere(Access::of(domain), conformal)); });
+}
+
+BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, const PairOptions& options,
+                              const ProgressCallback& progress, PairReport* report) {
+  ffi::PairReport found = {};
+  BoundaryMap map = watched(progress, [&](const Watcher& watcher) {
+    const Span<const std::array<std::uint32_t, 2>> landmarks(options.landmarks);
+    return make_boundary(ffi::boundary_pair(Access::of(domain), Access::of(target), flat(landmarks), options.conformal,
+                                            options.improve, watcher, found));
+  });
+  if (report != nullptr) {
+    report->angle_median = found.angle_median;
+    report->angle_p99 = found.angle_p99;
+    report->area_median = found.area_median;
+    report->area_p99 = found.area_p99;
+    report->seconds = found.seconds;
+    report->warnings = copied(found.warnings);
+  }
+  return map;
+}
+
+BoundaryMap BoundaryMap::load(const std::filesystem::path& path) {
+  return guarded([&] { return make_boundary(ffi::boundary_load(PathBytes(path))); });
+}
+
+void BoundaryMap::save(const std::filesystem::path& path) const {
+  guarded([&] { Access::of(*this).save(PathBytes(path)); });
+}
+
+Surface BoundaryMap::domain() const {
+  return guarded([&] { return make_surface(Access::of(*this).domain()); });
+}
+
+Surface BoundaryMap::target() const {
+  return guarded([&] { return make_surface(Access::of(*this).target()); });
+}
+
+Span<const Point> BoundaryMap::images() const& { return rows<Point>(Access::of(*this).images()); }
+std::vector<Point> BoundaryMap::images() && { return kept(static_cast<const BoundaryMap&>(*this).images()); }
+
+double BoundaryMap::target_volume() const {
+  return guarded([&] { return Access::of(*this).target_volume(); });
+}
+
+double BoundaryMap::target_diagonal() const {
+  return guarded([&] { return Access::of(*this).target_diagonal(); });
+}
+
+std::vector<Point> BoundaryMap::evaluate(Span<const SurfacePoint> points) const {
+  std::vector<std::uint32_t> triangles(points.size());
+  std::vector<Point> barycentric(points.size());
+  std::vector<Point> images(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    triangles[i] = points[i].triangle;
+    barycentric[i] = points[i].barycentric;
+  }
+  guarded([&] {
+    Access::of(*this).evaluate(slice(Span<const std::uint32_t>(triangles)), flat(Span<const Point>(barycentric)),
+                               flat(Span<Point>(images)));
+  });
+  return images;
+}
+
+BoundaryMap BoundaryMap::inverse() const {
+  return guarded([&] { return make_boundary(Access::of(*this).inverse()); });
+}
+
+}  // namespace solidmap

@@ -1,0 +1,153 @@
+#include "solidmap/harmonic_map.hpp"
+
+#include "access.hpp"
+
+namespace solidmap {
+
+using namespace detail;
+
+HarmonicMap HarmonicMap::load(const std::filesystem::path& path) {
+  return guarded([&] { return make_map(ffi::map_load(PathBytes(path))); });
+}
+
+void HarmonicMap::save(const std::filesystem::path& path) const {
+  guarded([&] { Access::of(*this).save(PathBytes(path)); });
+}
+
+std::vector<Point> HarmonicMap::evaluate(Span<const Point> points) const {
+  std::vector<Point> images(points.size());
+  evaluate(points, images);
+  return images;
+}
+
+void HarmonicMap::evaluate(Span<const Point> points, Span<Point> images) const {
+  guarded([&] { Access::of(*this).evaluate(flat(points), flat(images)); });
+}
+
+Point HarmonicMap::operator()(const Point& point) const {
+  Point image = {};
+  evaluate({&point, 1}, {&image, 1});
+  return image;
+}
+
+std::vector<Matrix3> HarmonicMap::jacobian(Span<const Point> points) const {
+  std::vector<Matrix3> jacobians(points.size());
+  jacobian(points, jacobians);
+  return jacobians;
+}
+
+void HarmonicMap::jacobian(Span<const Point> points, Span<Matrix3> jacobians) const {
+  guarded([&] { Access::of(*this).jacobian(flat(points), flat(jacobians)); });
+}
+
+void HarmonicMap::evaluate_with_jacobian(Span<const Point> points, Span<Point> images,
+                                         Span<Matrix3> jacobians) const {
+  guarded([&] { Access::of(*this).evaluate_with_jacobian(flat(points), flat(images), flat(jacobians)); });
+}
+
+BoundaryMap HarmonicMap::boundary() const {
+  return guarded([&] { return make_boundary(Access::of(*this).boundary()); });
+}
+
+FitReport HarmonicMap::report() const {
+  const ffi::FitReport found = guarded([&] { return Access::of(*this).report(); });
+  FitReport report;
+  report.vertices = found.vertices;
+  report.triangles = found.triangles;
+  report.sources = found.sources;
+  report.collocation = found.collocation;
+  report.method = std::string(found.method);
+  report.iterations = found.iterations;
+  report.refinements = found.refinements;
+  report.refinement_end = std::string(found.refinement_end);
+  report.boundary_error = {found.rms, found.p99, found.max};
+  report.residual_rms = found.residual_rms;
+  report.c_error = found.c_error;
+  report.seconds = found.seconds_total;
+  report.seconds_sampling = found.seconds_sampling;
+  report.seconds_factor = found.seconds_factor;
+  report.seconds_solve = found.seconds_solve;
+  report.seconds_check = found.seconds_check;
+  report.warnings = copied(found.warnings);
+  return report;
+}
+
+std::string HarmonicMap::metadata() const {
+  return guarded([&] { return std::string(Access::of(*this).metadata()); });
+}
+
+Span<const Point> HarmonicMap::sources() const& { return rows<Point>(Access::of(*this).sources()); }
+Span<const Point> HarmonicMap::coefficients() const& { return rows<Point>(Access::of(*this).coefficients()); }
+Span<const Point> HarmonicMap::affine() const& { return rows<Point>(Access::of(*this).affine()); }
+std::vector<Point> HarmonicMap::sources() && { return kept(static_cast<const HarmonicMap&>(*this).sources()); }
+std::vector<Point> HarmonicMap::coefficients() && { return kept(static_cast<const HarmonicMap&>(*this).coefficients()); }
+std::vector<Point> HarmonicMap::affine() && { return kept(static_cast<const HarmonicMap&>(*this).affine()); }
+
+Inverse::Inverse(const HarmonicMap& map, const InverseOptions& options)
+    : impl_(guarded([&] {
+        return Access::held<InverseImpl>(
+            ffi::inverse_new(Access::of(map), options.tolerance, options.seed_nodes, options.iterations));
+      })) {}
+
+std::vector<Preimage> Inverse::operator()(Span<const Point> points) const {
+  const auto found = guarded([&] { return Access::inside(impl_).preimages(flat(points)); });
+  std::vector<Preimage> preimages(found.size());
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    preimages[i].status = static_cast<Preimage::Status>(found[i].status);
+    preimages[i].point = found[i].point;
+    preimages[i].round_trip = found[i].round_trip;
+    preimages[i].preimages = found[i].preimages;
+    preimages[i].beyond_boundary = found[i].beyond_boundary;
+  }
+  return preimages;
+}
+
+namespace {
+
+Distribution told(const ffi::Distribution& found) { return {found.min, found.median, found.p99, found.max}; }
+
+EnergyReport told(const ffi::EnergyReport& found) {
+  EnergyReport report;
+  report.harmonic = found.harmonic;
+  report.deformation = found.deformation;
+  report.volume = found.volume;
+  report.target_volume = found.target_volume;
+  report.harmonic_density = told(found.harmonic_density);
+  report.deformation_density = told(found.deformation_density);
+  report.det_jacobian = told(found.det_jacobian);
+  report.inverted_points = found.inverted_points;
+  report.inverted_fraction = found.inverted_fraction;
+  return report;
+}
+
+Distortion told(const ffi::Distortion& found) {
+  return {found.conformal, found.dirichlet, found.symmetric_dirichlet, found.arap, found.mips};
+}
+
+DistortionReport told(const ffi::DistortionReport& found) {
+  return {told(found.mean), told(found.mean_normalized), found.folded_points, found.left_out_fraction};
+}
+
+}  // namespace
+
+EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options) {
+  return guarded([&] {
+    return told(ffi::energies_on_grid(Access::of(map), options.cells, options.normalize, options.lambda, options.mu));
+  });
+}
+
+EnergyReport energies(const HarmonicMap& map, const CellMesh& tets, const EnergyOptions& options) {
+  return guarded([&] {
+    return told(ffi::energies_in_tets(Access::of(map), Access::of(tets), options.normalize, options.lambda, options.mu));
+  });
+}
+
+DistortionReport distortion(const HarmonicMap& map, std::size_t cells) {
+  return guarded([&] { return told(ffi::distortion_on_grid(Access::of(map), cells)); });
+}
+
+DistortionReport distortion(const HarmonicMap& map, const CellMesh& tets) {
+  return guarded([&] { return told(ffi::distortion_in_tets(Access::of(map), Access::of(tets))); });
+}
+
+}  // namespace solidmap

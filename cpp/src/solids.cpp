@@ -1,0 +1,78 @@
+#include "solidmap/solids.hpp"
+
+#include "access.hpp"
+
+namespace solidmap {
+
+using namespace detail;
+
+CellMesh tetrahedralise(const Surface& surface, const TetOptions& options) {
+  ffi::TetOptions to = {};
+  to.cgal = options.mesher == TetOptions::Mesher::cgal;
+  to.radius_edge_ratio = options.radius_edge_ratio;
+  to.min_dihedral = options.min_dihedral;
+  to.max_volume = options.max_volume;
+  to.cell_size = options.cell_size;
+  to.facet_distance = options.facet_distance;
+  to.feature_angle = options.feature_angle;
+  to.time_limit = options.time_limit;
+  return guarded([&] { return make_cells(ffi::tetrahedralise(Access::of(surface), to)); });
+}
+
+OffsetSurface offset_surface(const Surface& surface, double distance, const OffsetOptions& options) {
+  ffi::OffsetOptions to = {};
+  to.alpha = options.alpha;
+  to.rounds = options.rounds;
+  to.retries = options.retries;
+  to.min_fraction = options.min_fraction;
+  to.max_triangles = options.max_triangles;
+  ffi::OffsetReport found = {};
+  Surface made =
+      guarded([&] { return make_surface(ffi::offset_surface(Access::of(surface), distance, to, found)); });
+  return {std::move(made), found.vertex_error, found.centroid_error, found.min_distance,
+          found.genus,     found.components,   found.alpha,          found.raw_wrap};
+}
+
+namespace {
+
+ffi::RemeshOptions for_rust(const RemeshOptions& options) { return {options.repair, options.slide, options.polish}; }
+
+Remeshed told(const rust::Box<ffi::Remeshed>& remeshed) {
+  const ffi::RemeshReport found = remeshed->report();
+  RemeshReport report;
+  report.nodes = found.nodes;
+  report.boundary_nodes = found.boundary_nodes;
+  report.inverted_as_mapped = found.inverted_as_mapped;
+  report.quality = quality_of(found.quality);
+  report.mesh_to_target_max = found.mesh_to_target_max;
+  report.mesh_to_target_mean = found.mesh_to_target_mean;
+  report.target_to_mesh_max = found.target_to_mesh_max;
+  report.target_to_mesh_mean = found.target_to_mesh_mean;
+  report.volume = found.volume;
+  report.target_volume = found.target_volume;
+  report.largest_shift = found.largest_shift;
+  report.slid_nodes = found.slid_nodes;
+  report.largest_slide = found.largest_slide;
+  report.split_cells = found.split_cells;
+  report.seconds = found.seconds;
+  return {make_cells(remeshed->mesh()), make_cells(remeshed->domain_mesh()), report};
+}
+
+}  // namespace
+
+Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOptions& options,
+                const ProgressCallback& progress) {
+  return watched(progress, [&](const Watcher& watcher) {
+    return told(ffi::remesh_regular(Access::of(map), cells.kind == CellKind::hexes, cells.along, cells.length,
+                                    cells.max_cells, for_rust(options), watcher));
+  });
+}
+
+Remeshed remesh(const HarmonicMap& map, const CellMesh& mesh, const RemeshOptions& options,
+                const ProgressCallback& progress) {
+  return watched(progress, [&](const Watcher& watcher) {
+    return told(ffi::remesh_given(Access::of(map), Access::of(mesh), for_rust(options), watcher));
+  });
+}
+
+}  // namespace solidmap

@@ -1,0 +1,27 @@
+// Between the user's progress callback and Rust, which knows no exceptions.
+#pragma once
+
+#include <exception>
+
+#include "rust/cxx.h"
+#include "solidmap/progress.hpp"
+
+namespace solidmap::detail {
+
+class Watcher {
+ public:
+  explicit Watcher(const ProgressCallback& callback) : callback_(callback) {}
+
+  /// Asks the callback. False once it wants an end, or has thrown.
+  bool goes_on(rust::Str step, double fraction, rust::Str detail) const noexcept;
+
+  /// Throws again what the callback threw.
+  void rethrow() const;
+
+ private:
+  const ProgressCallback& callback_;
+  // Calls come from the thread that the watcher lives on.
+  mutable std::exception_ptr thrown_;
+};
+
+}  // namespace solidmap::detail

@@ -1,0 +1,276 @@
+#include <optional>
+#include <stdexcept>
+
+#include "testing.hpp"
+
+using namespace solidmap;
+using namespace testing;
+
+namespace {
+
+void check_same(const FitOptions& a, const FitOptions& b) {
+  CHECK(a.tolerance == b.tolerance);
+  CHECK(a.refine == b.refine);
+  CHECK(a.max_sources == b.max_sources);
+  CHECK(a.memory == b.memory);
+  CHECK((a.placement.kind == b.placement.kind && a.placement.value == b.placement.value));
+  CHECK(a.source_ratio == b.source_ratio);
+  CHECK(a.collocation_ratio == b.collocation_ratio);
+  CHECK(a.affine == b.affine);
+  CHECK((a.solver == b.solver));
+  CHECK(a.max_iterations == b.max_iterations);
+  CHECK(a.truncation == b.truncation);
+  CHECK(a.held_out == b.held_out);
+  CHECK(a.seed == b.seed);
+}
+
+/// The formula of the header.
+Point summed(const HarmonicMap& map, const Point& x) {
+  const auto a = map.affine();
+  Point f = a[0];
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 3; ++k) f[i] += a[k + 1][i] * x[k];
+  }
+  const auto sources = map.sources();
+  const auto coefficients = map.coefficients();
+  for (std::size_t s = 0; s < sources.size(); ++s) {
+    const double potential = 1.0 / (4.0 * std::acos(-1.0) * distance(x, sources[s]));
+    for (int i = 0; i < 3; ++i) f[i] += potential * coefficients[s][i];
+  }
+  return f;
+}
+
+}  // namespace
+
+TEST_CASE("the defaults in the header are those of the library") {
+  check_same(FitOptions(), FitOptions::adaptive());
+  CHECK((FitOptions::dense().solver == Solver::qr));
+  CHECK(FitOptions::dense().max_sources == 5000);
+  CHECK((FitOptions::paper().placement.kind == Placement::Kind::offset));
+  CHECK((FitOptions::paper().solver == Solver::svd));
+}
+
+TEST_CASE("an affine map is reproduced inside") {
+  const Surface ball = shapes::sphere(2.0, 3);
+  const auto affine = [](const Point& p) { return Point{1 + 2 * p[0], p[1] - p[2], p[2] + 0.5 * p[0]}; };
+  const HarmonicMap map = fit(BoundaryMap(ball, mapped(ball.vertices(), affine)));
+  const auto points = points_in_ball(100, 1.9);
+  CHECK(farthest(map.evaluate(points), mapped(points, affine)) < 1e-8);
+  CHECK(map.boundary_error().p99 < 1e-9);
+  for (const Matrix3& j : map.jacobian(points)) {
+    CHECK(j[0] == doctest::Approx(2.0));
+    CHECK(j[5] == doctest::Approx(-1.0));
+    CHECK(j[6] == doctest::Approx(0.5));
+  }
+}
+
+TEST_CASE("a fit meets its tolerance and says how") {
+  const BoundaryMap boundary = twisted_ball();
+  const HarmonicMap map = fit(boundary);
+  const FitReport report = map.report();
+  CHECK(report.vertices == 642);
+  CHECK(report.triangles == 1280);
+  CHECK(report.sources == map.sources().size());
+  CHECK(report.method == "schwarz");
+  CHECK(report.refinement_end == "tolerance");
+  CHECK(report.boundary_error.p99 <= 1e-3);
+  CHECK(report.boundary_error.rms > 0);
+  CHECK(report.seconds > 0);
+  const auto vertices = boundary.domain().vertices();
+  CHECK(farthest(map.evaluate(vertices), boundary.images()) < 1e-2);
+  CHECK(map.boundary().target_volume() == doctest::Approx(boundary.target_volume()));
+  CHECK(map.metadata().find("format_version") != std::string::npos);
+}
+
+TEST_CASE("values are the formula's, derivatives those of the values") {
+  const HarmonicMap map = fit(twisted_ball());
+  const auto points = points_in_ball(40, 0.9);
+  const auto images = map.evaluate(points);
+  const auto jacobians = map.jacobian(points);
+  std::vector<Point> again(points.size());
+  std::vector<Matrix3> derivatives(points.size());
+  map.evaluate_with_jacobian(points, again, derivatives);
+  CHECK(farthest(images, again) < 1e-12);
+  const double h = 1e-5;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    CHECK(distance(images[i], summed(map, points[i])) < 1e-10);
+    CHECK(distance(images[i], map(points[i])) < 1e-12);
+    for (int k = 0; k < 3; ++k) {
+      Point ahead = points[i], behind = points[i];
+      ahead[k] += h;
+      behind[k] -= h;
+      const Point up = map(ahead), down = map(behind);
+      for (int row = 0; row < 3; ++row) {
+        CHECK(std::abs((up[row] - down[row]) / (2 * h) - jacobians[i][3 * row + k]) < 1e-6);
+        CHECK(std::abs(derivatives[i][3 * row + k] - jacobians[i][3 * row + k]) < 1e-10);
+      }
+    }
+  }
+  CHECK(map.evaluate(Span<const Point>()).empty());
+  CHECK(thrown_by([&] { map.evaluate(points, Span<Point>(again.data(), 3)); }) == "invalid_input");
+  CHECK(thrown_by([&] { map.jacobian(points, Span<Matrix3>(derivatives.data(), 3)); }) == "invalid_input");
+}
+
+TEST_CASE("maps and boundary maps come back from files bit for bit") {
+  const Folder folder;
+  const HarmonicMap map = fit(twisted_ball());
+  map.save(folder / "a.map");
+  const HarmonicMap read = HarmonicMap::load(folder / "a.map");
+  CHECK(farthest(read.coefficients(), map.coefficients()) == 0.0);
+  CHECK(farthest(read.boundary().images(), map.boundary().images()) == 0.0);
+  CHECK(read.boundary_error().max == map.boundary_error().max);
+  read.save(folder / "b.map");
+  CHECK(content(folder / "a.map") == content(folder / "b.map"));
+  map.boundary().save(folder / "a.boundary");
+  CHECK(farthest(BoundaryMap::load(folder / "a.boundary").images(), map.boundary().images()) == 0.0);
+  CHECK(thrown_by([&] { HarmonicMap::load(folder / "a.boundary"); }) == "invalid_input");
+  CHECK(thrown_by([&] { HarmonicMap::load(folder / "none.map"); }) == "not_found");
+  CHECK(thrown_by([&] { map.save("/proc/a.map"); }) == "io");
+}
+
+TEST_CASE("what cannot be fitted is an error with a category") {
+  const BoundaryMap boundary = twisted_ball(2);
+  const auto with = [](auto change) {
+    FitOptions options;
+    change(options);
+    return options;
+  };
+  const auto category = [&](auto change) { return thrown_by([&] { fit(boundary, with(change)); }); };
+  CHECK(category([](FitOptions& o) { o.tolerance = -1; }) == "invalid_input");
+  CHECK(category([](FitOptions& o) { o.tolerance = std::nan(""); }) == "invalid_input");
+  CHECK(category([](FitOptions& o) { o.memory = 0; }) == "invalid_input");
+  CHECK(category([](FitOptions& o) { o.memory = 1000; }) == "memory");
+  CHECK(category([](FitOptions& o) { o.placement = {Placement::Kind::sphere, 1.0}; }) == "invalid_input");
+  const Surface ball = boundary.domain();
+  const Surface open(ball.vertices(), {ball.triangles().data() + 1, ball.triangles().size() - 1});
+  CHECK(thrown_by([&] { fit(BoundaryMap(open, ball.vertices())); }) == "invalid_input");
+  CHECK(thrown_by([&] { BoundaryMap(ball, {ball.vertices().data(), 3}); }) == "invalid_input");
+  if (!has_native()) CHECK(thrown_by([&] { fit(boundary, FitOptions::paper()); }) == "unsupported");
+}
+
+TEST_CASE("a callback sees the steps, and ends the work at any of them") {
+  const BoundaryMap boundary = twisted_ball();
+  std::vector<std::string> steps;
+  fit(boundary, {}, [&](const Progress& progress) {
+    if (progress.fraction) CHECK((*progress.fraction >= 0 && *progress.fraction <= 1));
+    if (steps.empty() || steps.back() != progress.step) steps.push_back(progress.step);
+    return true;
+  });
+  CHECK(steps.front() == "checking");
+  for (const std::string& last : steps) {
+    int calls_after = -1;
+    const auto until = [&](const Progress& progress) {
+      if (calls_after >= 0) ++calls_after;
+      if (progress.step == last && calls_after < 0) calls_after = 0;
+      return calls_after < 0;
+    };
+    CHECK(thrown_by([&] { fit(boundary, {}, until); }) == "cancelled");
+    CHECK(calls_after == 0);
+  }
+}
+
+TEST_CASE("exceptions of a callback arrive as they are") {
+  const BoundaryMap boundary = twisted_ball(2);
+  CHECK_THROWS_WITH_AS(fit(boundary, {}, [](const Progress&) -> bool { throw std::out_of_range("mine"); }), "mine",
+                       std::out_of_range);
+  try {
+    Factor(boundary.domain(), {}, [](const Progress&) -> bool { throw 42; });
+    FAIL("nothing was thrown");
+  } catch (int number) {
+    CHECK(number == 42);
+  }
+  CHECK(fit(boundary).boundary_error().rms < 1e-2);
+}
+
+TEST_CASE("a kept factor answers one frame, many frames and boundary maps alike") {
+  const Surface ball = shapes::sphere(1.0, 3);
+  const Factor factor(ball);
+  const auto points = points_in_ball(50, 0.9);
+  std::vector<Point> frames;
+  std::vector<BoundaryMap> boundaries;
+  for (const double strength : {0.1, 0.3, 0.6}) {
+    const auto images = mapped(ball.vertices(), [&](const Point& p) { return twisted(p, strength); });
+    frames.insert(frames.end(), images.begin(), images.end());
+    boundaries.emplace_back(ball, images);
+  }
+  const auto together = factor.solve_many(Span<const Point>(frames));
+  const auto by_boundary = factor.solve_many(Span<const BoundaryMap>(boundaries));
+  REQUIRE(together.size() == 3);
+  for (std::size_t f = 0; f < 3; ++f) {
+    const Span<const Point> images(frames.data() + f * ball.vertices().size(), ball.vertices().size());
+    const HarmonicMap alone = factor.solve(images);
+    CHECK(alone.boundary_error().rms < 2e-3);
+    CHECK(farthest(alone.evaluate(points), together[f].evaluate(points)) < 1e-3);
+    CHECK(farthest(factor.solve(boundaries[f]).evaluate(points), alone.evaluate(points)) < 1e-12);
+    CHECK(farthest(by_boundary[f].evaluate(points), together[f].evaluate(points)) < 1e-12);
+  }
+  CHECK(farthest(factor.domain().vertices(), ball.vertices()) == 0.0);
+  CHECK(factor.solve_many(Span<const BoundaryMap>()).empty());
+  CHECK(thrown_by([&] { factor.solve(points); }) == "invalid_input");
+  CHECK(thrown_by([&] { factor.solve_many(points); }) == "invalid_input");
+  CHECK(thrown_by([&] { factor.solve(twisted_ball(2)); }) == "invalid_input");
+  CHECK(thrown_by([&] { factor.solve(boundaries[0], [](const Progress&) { return false; }); }) == "cancelled");
+
+  std::optional<HarmonicMap> first;
+  const Factor refined = Factor::refined_for(boundaries[2], {}, {}, &first);
+  REQUIRE(first);
+  CHECK(first->boundary_error().p99 <= 1e-3);
+  CHECK(refined.solve(boundaries[2]).boundary_error().p99 <= 1.1e-3);
+}
+
+TEST_CASE("the inverse undoes the map") {
+  const HarmonicMap map = fit(twisted_ball());
+  const auto points = points_in_ball(60, 0.95);
+  const Inverse inverse(map);
+  const auto found = inverse(map.evaluate(points));
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    CHECK((found[i].status == Preimage::Status::ok));
+    CHECK(distance(found[i].point, points[i]) < 1e-8);
+    CHECK(found[i].preimages == 1);
+  }
+  const std::vector<Point> odd = {{10, 0, 0}, {std::nan(""), 0, 0}};
+  CHECK((inverse(odd)[0].status == Preimage::Status::outside));
+  CHECK((inverse(odd)[1].status == Preimage::Status::not_finite));
+  InverseOptions loose;
+  loose.tolerance = 1;
+  CHECK(thrown_by([&] { Inverse(map, loose); }) == "invalid_input");
+}
+
+TEST_CASE("the identity has its energies, a twist has more") {
+  const Surface ball = shapes::sphere(1.0, 3);
+  const EnergyReport identity = energies(fit(BoundaryMap(ball, ball.vertices())));
+  CHECK(identity.harmonic == doctest::Approx(3.0));
+  CHECK(identity.deformation == doctest::Approx(0.0));
+  CHECK(identity.volume == doctest::Approx(ball.volume()));
+  CHECK(identity.det_jacobian.median == doctest::Approx(1.0));
+  CHECK(identity.inverted_points == 0);
+  const HarmonicMap twisted = fit(twisted_ball());
+  CHECK(energies(twisted).harmonic > 3.001);
+  CHECK(distortion(twisted, 24).mean.conformal > 1.0);
+  CHECK(distortion(fit(BoundaryMap(ball, ball.vertices())), 24).mean.symmetric_dirichlet == doctest::Approx(6.0));
+  EnergyOptions none;
+  none.cells = 0;
+  CHECK(thrown_by([&] { energies(twisted, none); }) == "invalid_input");
+}
+
+TEST_CASE("boundary maps go by the sphere, there and back") {
+  const Surface cube = shapes::cube(2.0, 6);
+  const BoundaryMap sphere = BoundaryMap::to_sphere(cube);
+  for (const Point& p : sphere.images()) CHECK(distance(p, {0, 0, 0}) == doctest::Approx(1.0));
+  const std::vector<SurfacePoint> places = {{3, {0.2, 0.3, 0.5}}, {7, {1.0, 0.0, 0.0}}};
+  CHECK(distance(sphere.evaluate(places)[0], {0, 0, 0}) == doctest::Approx(1.0));
+  const std::vector<SurfacePoint> beyond = {{1'000'000, {0.2, 0.3, 0.5}}};
+  CHECK(thrown_by([&] { sphere.evaluate(beyond); }) == "invalid_input");
+  CHECK(thrown_by([&] { sphere.inverse(); }) == "unsupported");
+
+  PairReport report;
+  std::size_t calls = 0;
+  const BoundaryMap pair = BoundaryMap::pair(cube, shapes::sphere(1.0, 2), {},
+                                             [&](const Progress&) { return ++calls > 0; }, &report);
+  CHECK(calls > 3);
+  CHECK(report.angle_median >= 1.0);
+  CHECK(pair.target().vertices().size() == 162);
+  CHECK(pair.inverse().domain().vertices().size() == 162);
+  CHECK(thrown_by([&] { BoundaryMap::to_sphere(shapes::torus(1.0, 0.3, 12, 8)); }) == "invalid_input");
+  CHECK(thrown_by([&] { BoundaryMap::pair(cube, cube, {}, [](const Progress&) { return false; }); }) == "cancelled");
+}

@@ -1,0 +1,64 @@
+#!/bin/sh
+# The C++ package as its users meet it: built, installed, moved, used by a project that finds it and by one that has it as a
+# subfolder; unit tests and examples. Both with CGAL and TetGen and without, unless `on` or `off` is given.
+#
+# Uses cargo's target folder of the clone (or CARGO_TARGET_DIR), so that what is built already is not built again.
+set -eu
+cd "$(dirname "$0")/.."
+root=$(pwd)
+target=${CARGO_TARGET_DIR:-$root/target}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+jobs=$(nproc 2>/dev/null || echo 2)
+
+run() { # cmake's chatter only when it fails
+    "$@" >"$work/log" 2>&1 || {
+        cat "$work/log" >&2
+        echo "failed: $*" >&2
+        exit 1
+    }
+}
+
+for native in ${1:-on off}; do
+    echo "== C++ package, native $native"
+    build=$work/build-$native
+    run cmake -S . -B "$build" -DSOLIDMAP_NATIVE="$native" -DSOLIDMAP_CARGO_TARGET_DIR="$target" \
+        -DCMAKE_BUILD_TYPE=Release
+    run cmake --build "$build" --parallel "$jobs"
+    run env CTEST_OUTPUT_ON_FAILURE=1 ctest --test-dir "$build"
+
+    # Installed, and moved: nothing in it may remember where it was.
+    run cmake --install "$build" --prefix "$work/first-$native"
+    mv "$work/first-$native" "$work/prefix-$native"
+    package=$(dirname "$(find "$work/prefix-$native" -name solidmapConfig.cmake)")
+    if grep -rn -e "$work" -e "$root" "$package" "$work/prefix-$native/include"; then
+        echo "the installed package names folders of this build (see above)" >&2
+        exit 1
+    fi
+    if grep -rnE '#include[^/]*rust|rust::' "$work/prefix-$native/include"; then
+        echo "an installed header names Rust (see above)" >&2
+        exit 1
+    fi
+    # Every header by itself.
+    for header in "$work/prefix-$native"/include/solidmap/*.hpp; do
+        case $header in */cgal.hpp | */eigen.hpp) continue ;; esac
+        echo "#include \"$header\"" | run c++ -std=c++17 -fsyntax-only -Wall -Wextra -Wpedantic -Werror \
+            -I"$work/prefix-$native/include" -x c++ -
+    done
+    consumer=$work/consumer-$native
+    run cmake -S cpp/tests/consumer -B "$consumer" -DCMAKE_PREFIX_PATH="$work/prefix-$native" -DCMAKE_BUILD_TYPE=Release
+    run cmake --build "$consumer" --parallel "$jobs"
+    run env CTEST_OUTPUT_ON_FAILURE=1 ctest --test-dir "$consumer"
+    # A version that is not there.
+    if cmake -S cpp/tests/consumer -B "$work/none" -DCMAKE_PREFIX_PATH="$work/prefix-$native" \
+        -DCONSUMER_VERSION=9.0 >"$work/log" 2>&1; then
+        echo "version 9.0 was found, and there is none" >&2
+        exit 1
+    fi
+
+    sub=$work/subproject-$native
+    run cmake -S cpp/tests/subproject -B "$sub" -DSOLIDMAP_NATIVE="$native" -DSOLIDMAP_CARGO_TARGET_DIR="$target"
+    run cmake --build "$sub" --parallel "$jobs"
+    run env CTEST_OUTPUT_ON_FAILURE=1 ctest --test-dir "$sub"
+    echo "unit tests, examples, installed consumer, plug-in, subproject: all pass"
+done

@@ -1,0 +1,357 @@
+//! Declarations for C++. What they mean is documented where users read it, in `cpp/include/solidmap`.
+
+use super::maps::{
+    Boundaries, Boundary, Factor, Inverse, Map, Maps, boundary_between, boundary_load, boundary_new, boundary_pair,
+    boundary_to_sphere, factor_new, factor_refined, fit, fit_defaults, inverse_new, map_load, no_boundaries,
+};
+use super::measures::{distortion_in_tets, distortion_on_grid, energies_in_tets, energies_on_grid};
+use super::meshes::{
+    Cells, Surface, cells_hexes, cells_load, cells_tets, surface_cube, surface_load, surface_new, surface_polycube,
+    surface_sphere, surface_torus,
+};
+use super::solids::{Remeshed, offset_surface, remesh_given, remesh_regular, tetrahedralise};
+use super::{has_native, licence, version};
+
+#[cxx::bridge(namespace = "solidmap::ffi")]
+pub(super) mod ffi {
+    struct Finding {
+        kind: String,
+        error: bool,
+        count: usize,
+        vertices: Vec<u32>,
+        edges: Vec<u32>,
+        triangles: Vec<u32>,
+        message: String,
+        advice: String,
+    }
+
+    struct Component {
+        triangles: usize,
+        vertices: usize,
+        genus: i64,
+        area: f64,
+        volume: f64,
+        shell: bool,
+        cavity: bool,
+    }
+
+    struct CheckReport {
+        solvable: bool,
+        closed: bool,
+        edge_manifold: bool,
+        vertex_manifold: bool,
+        oriented: bool,
+        outward: bool,
+        /// -1: not looked for.
+        self_intersections: i64,
+        area: f64,
+        volume: f64,
+        components: Vec<Component>,
+        findings: Vec<Finding>,
+        text: String,
+    }
+
+    struct PairReport {
+        angle_median: f64,
+        angle_p99: f64,
+        area_median: f64,
+        area_p99: f64,
+        seconds: f64,
+        warnings: Vec<String>,
+    }
+
+    struct FitOptions {
+        /// 0 adaptive, 1 offset, 2 sphere.
+        placement: u8,
+        placement_value: f64,
+        source_ratio: f64,
+        collocation_ratio: f64,
+        max_sources: usize,
+        affine: bool,
+        /// 0 Schwarz, 1 QR, 2 SVD.
+        solver: u8,
+        most_iterations: usize,
+        truncation: f64,
+        tolerance: f64,
+        refine: bool,
+        /// 0: nine tenths of what is available.
+        memory: u64,
+        held_out: usize,
+        seed: u64,
+    }
+
+    struct FitReport {
+        vertices: usize,
+        triangles: usize,
+        sources: usize,
+        collocation: usize,
+        method: String,
+        iterations: usize,
+        refinements: usize,
+        refinement_end: String,
+        rms: f64,
+        p99: f64,
+        max: f64,
+        residual_rms: f64,
+        c_error: f64,
+        seconds_total: f64,
+        seconds_sampling: f64,
+        seconds_factor: f64,
+        seconds_solve: f64,
+        seconds_check: f64,
+        warnings: Vec<String>,
+    }
+
+    struct Preimage {
+        point: [f64; 3],
+        round_trip: f64,
+        preimages: usize,
+        status: u8,
+        beyond_boundary: bool,
+    }
+
+    struct Distribution {
+        min: f64,
+        median: f64,
+        p99: f64,
+        max: f64,
+    }
+
+    struct EnergyReport {
+        harmonic: f64,
+        deformation: f64,
+        volume: f64,
+        target_volume: f64,
+        harmonic_density: Distribution,
+        deformation_density: Distribution,
+        det_jacobian: Distribution,
+        inverted_points: usize,
+        inverted_fraction: f64,
+    }
+
+    struct Distortion {
+        conformal: f64,
+        dirichlet: f64,
+        symmetric_dirichlet: f64,
+        arap: f64,
+        mips: f64,
+    }
+
+    struct DistortionReport {
+        mean: Distortion,
+        mean_normalized: Distortion,
+        folded_points: usize,
+        left_out_fraction: f64,
+    }
+
+    struct CellQuality {
+        cells: usize,
+        inverted: usize,
+        min_scaled_jacobian: f64,
+        p01_scaled_jacobian: f64,
+        mean_scaled_jacobian: f64,
+        min_dihedral: f64,
+        max_dihedral: f64,
+    }
+
+    struct TetOptions {
+        cgal: bool,
+        radius_edge_ratio: f64,
+        min_dihedral: f64,
+        max_volume: f64,
+        cell_size: f64,
+        facet_distance: f64,
+        feature_angle: f64,
+        time_limit: f64,
+    }
+
+    struct OffsetOptions {
+        alpha: f64,
+        rounds: usize,
+        retries: usize,
+        min_fraction: f64,
+        max_triangles: usize,
+    }
+
+    #[derive(Default)]
+    struct OffsetReport {
+        vertex_error: f64,
+        centroid_error: f64,
+        min_distance: f64,
+        genus: usize,
+        components: usize,
+        alpha: f64,
+        raw_wrap: bool,
+    }
+
+    struct RemeshOptions {
+        repair: bool,
+        slide: bool,
+        polish: usize,
+    }
+
+    struct RemeshReport {
+        nodes: usize,
+        boundary_nodes: usize,
+        inverted_as_mapped: usize,
+        quality: CellQuality,
+        mesh_to_target_max: f64,
+        mesh_to_target_mean: f64,
+        target_to_mesh_max: f64,
+        target_to_mesh_mean: f64,
+        volume: f64,
+        target_volume: f64,
+        largest_shift: f64,
+        slid_nodes: usize,
+        largest_slide: f64,
+        split_cells: usize,
+        seconds: f64,
+    }
+
+    unsafe extern "C++" {
+        include!("watcher.hpp");
+
+        /// Asks the user's callback; catches whatever it throws, and keeps it.
+        #[namespace = "solidmap::detail"]
+        type Watcher;
+        /// `fraction` is NaN where it is not known. False: end the work.
+        fn goes_on(self: &Watcher, step: &str, fraction: f64, detail: &str) -> bool;
+    }
+
+    extern "Rust" {
+        fn version() -> String;
+        fn licence() -> String;
+        fn has_native() -> bool;
+    }
+
+    extern "Rust" {
+        type Surface;
+        fn surface_new(vertices: &[f64], triangles: &[u32]) -> Result<Box<Surface>>;
+        fn surface_load(path: &[u8]) -> Result<Box<Surface>>;
+        fn surface_sphere(radius: f64, levels: u32) -> Result<Box<Surface>>;
+        fn surface_cube(size: f64, divisions: usize) -> Result<Box<Surface>>;
+        fn surface_polycube(cubes: &[i32], divisions: usize) -> Result<Box<Surface>>;
+        fn surface_torus(major: f64, minor: f64, around: usize, across: usize) -> Result<Box<Surface>>;
+        fn save(self: &Surface, path: &[u8]) -> Result<()>;
+        fn vertices(self: &Surface) -> &[f64];
+        fn triangles(self: &Surface) -> &[u32];
+        fn area(self: &Surface) -> f64;
+        fn volume(self: &Surface) -> f64;
+        fn bounding_box(self: &Surface) -> [f64; 6];
+        fn check(self: &Surface, self_intersections: bool) -> Result<CheckReport>;
+        fn mended(self: &Surface, done: &mut Vec<String>) -> Result<Box<Surface>>;
+        fn with_holes_closed(self: &Surface, most_edges: usize, closed: &mut usize) -> Result<Box<Surface>>;
+    }
+
+    extern "Rust" {
+        type Cells;
+        fn cells_tets(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box<Cells>>;
+        fn cells_hexes(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box<Cells>>;
+        fn cells_load(path: &[u8]) -> Result<Box<Cells>>;
+        fn save(self: &Cells, path: &[u8]) -> Result<()>;
+        fn nodes(self: &Cells) -> &[f64];
+        fn corners(self: &Cells) -> &[u32];
+        fn regions(self: &Cells) -> &[i32];
+        fn are_hexes(self: &Cells) -> bool;
+        fn with_nodes(self: &Cells, nodes: &[f64]) -> Result<Box<Cells>>;
+        fn boundary(self: &Cells, nodes: &mut Vec<u32>) -> Result<Box<Surface>>;
+        fn inverted(self: &Cells) -> Result<Vec<u32>>;
+        fn quality(self: &Cells) -> Result<CellQuality>;
+    }
+
+    extern "Rust" {
+        type Boundary;
+        fn boundary_new(domain: &Surface, images: &[f64]) -> Result<Box<Boundary>>;
+        fn boundary_between(domain: &Surface, image: &Surface) -> Result<Box<Boundary>>;
+        fn boundary_to_sphere(domain: &Surface, conformal: bool) -> Result<Box<Boundary>>;
+        fn boundary_pair(
+            domain: &Surface,
+            target: &Surface,
+            landmarks: &[u32],
+            conformal: bool,
+            improve: bool,
+            watcher: &Watcher,
+            report: &mut PairReport,
+        ) -> Result<Box<Boundary>>;
+        fn boundary_load(path: &[u8]) -> Result<Box<Boundary>>;
+        fn save(self: &Boundary, path: &[u8]) -> Result<()>;
+        fn domain(self: &Boundary) -> Result<Box<Surface>>;
+        fn target(self: &Boundary) -> Result<Box<Surface>>;
+        fn images(self: &Boundary) -> &[f64];
+        fn target_volume(self: &Boundary) -> Result<f64>;
+        fn target_diagonal(self: &Boundary) -> Result<f64>;
+        fn evaluate(self: &Boundary, triangles: &[u32], barycentric: &[f64], images: &mut [f64]) -> Result<()>;
+        fn inverse(self: &Boundary) -> Result<Box<Boundary>>;
+
+        type Boundaries;
+        fn no_boundaries() -> Box<Boundaries>;
+        fn push(self: &mut Boundaries, boundary: &Boundary) -> Result<()>;
+    }
+
+    extern "Rust" {
+        type Map;
+        fn fit_defaults(preset: u8) -> FitOptions;
+        fn fit(boundary: &Boundary, options: &FitOptions, watcher: &Watcher) -> Result<Box<Map>>;
+        fn map_load(path: &[u8]) -> Result<Box<Map>>;
+        fn save(self: &Map, path: &[u8]) -> Result<()>;
+        fn evaluate(self: &Map, points: &[f64], images: &mut [f64]) -> Result<()>;
+        fn jacobian(self: &Map, points: &[f64], jacobians: &mut [f64]) -> Result<()>;
+        fn evaluate_with_jacobian(self: &Map, points: &[f64], images: &mut [f64], jacobians: &mut [f64]) -> Result<()>;
+        fn boundary(self: &Map) -> Result<Box<Boundary>>;
+        fn report(self: &Map) -> Result<FitReport>;
+        fn metadata(self: &Map) -> Result<String>;
+        fn sources(self: &Map) -> &[f64];
+        fn coefficients(self: &Map) -> &[f64];
+        fn affine(self: &Map) -> &[f64];
+
+        type Maps;
+        fn len(self: &Maps) -> usize;
+        fn take(self: &mut Maps, index: usize) -> Result<Box<Map>>;
+
+        type Factor;
+        fn factor_new(domain: &Surface, options: &FitOptions, watcher: &Watcher) -> Result<Box<Factor>>;
+        fn factor_refined(boundary: &Boundary, options: &FitOptions, watcher: &Watcher) -> Result<Box<Factor>>;
+        fn domain(self: &Factor) -> Result<Box<Surface>>;
+        fn first(self: &Factor) -> Result<Box<Map>>;
+        fn solve(self: &Factor, boundary: &Boundary, watcher: &Watcher) -> Result<Box<Map>>;
+        fn solve_images(self: &Factor, images: &[f64], watcher: &Watcher) -> Result<Box<Map>>;
+        fn solve_many(self: &Factor, boundaries: &Boundaries, watcher: &Watcher) -> Result<Box<Maps>>;
+        fn solve_many_images(self: &Factor, images: &[f64], watcher: &Watcher) -> Result<Box<Maps>>;
+
+        type Inverse;
+        fn inverse_new(map: &Map, tolerance: f64, seed_nodes: usize, iterations: usize) -> Result<Box<Inverse>>;
+        fn preimages(self: &Inverse, points: &[f64]) -> Result<Vec<Preimage>>;
+    }
+
+    extern "Rust" {
+        fn energies_on_grid(map: &Map, cells: usize, normalize: bool, lambda: f64, mu: f64) -> Result<EnergyReport>;
+        fn energies_in_tets(map: &Map, tets: &Cells, normalize: bool, lambda: f64, mu: f64) -> Result<EnergyReport>;
+        fn distortion_on_grid(map: &Map, cells: usize) -> Result<DistortionReport>;
+        fn distortion_in_tets(map: &Map, tets: &Cells) -> Result<DistortionReport>;
+    }
+
+    extern "Rust" {
+        fn tetrahedralise(surface: &Surface, options: &TetOptions) -> Result<Box<Cells>>;
+        fn offset_surface(
+            surface: &Surface,
+            distance: f64,
+            options: &OffsetOptions,
+            report: &mut OffsetReport,
+        ) -> Result<Box<Surface>>;
+
+        type Remeshed;
+        fn remesh_regular(
+            map: &Map,
+            hexes: bool,
+            along: usize,
+            length: f64,
+            most_cells: usize,
+            options: &RemeshOptions,
+            watcher: &Watcher,
+        ) -> Result<Box<Remeshed>>;
+        fn remesh_given(map: &Map, mesh: &Cells, options: &RemeshOptions, watcher: &Watcher) -> Result<Box<Remeshed>>;
+        fn report(self: &Remeshed) -> Result<RemeshReport>;
+        fn mesh(self: &Remeshed) -> Result<Box<Cells>>;
+        fn domain_mesh(self: &Remeshed) -> Result<Box<Cells>>;
+    }
+}
