@@ -243,3 +243,42 @@ fn a_worker_ends_with_the_program_that_started_it() {
         std::thread::sleep(Duration::from_millis(20));
     }
 }
+
+#[test]
+fn tetrahedra_that_need_more_memory_than_allowed_are_refused() {
+    let _turn = turn();
+    isolate(None);
+    let ball = shapes::sphere(1.0, 3);
+    let few = TetOptions {
+        memory: Some(100_000_000),
+        ..TetOptions::default()
+    };
+    assert!(tetrahedralize(&ball, &few).is_ok());
+    let many = TetOptions {
+        max_volume: Some(1e-6),
+        ..few.clone()
+    };
+    let refused = tetrahedralize(&ball, &many).map(|mesh| mesh.tets().len());
+    assert!(
+        matches!(
+            refused,
+            Err(NativeError::TooLarge {
+                allowed: 100_000_000,
+                ..
+            })
+        ),
+        "{refused:?}"
+    );
+    let cells = Mesh3Options {
+        cell_size: Some(0.01),
+        memory: few.memory,
+        ..Mesh3Options::default()
+    };
+    let refused = tetrahedralize_mesh3(&ball, &cells).map(|mesh| mesh.tets().len());
+    assert!(matches!(refused, Err(NativeError::TooLarge { .. })), "{refused:?}");
+    let none = TetOptions {
+        memory: Some(1_000_000),
+        ..TetOptions::default()
+    };
+    assert!(tetrahedralize(&ball, &none).is_err());
+}

@@ -101,6 +101,10 @@ pub struct TetArgs {
     /// Largest volume of a tetrahedron, in model units cubed
     #[arg(long, value_name = "VOLUME")]
     pub max_volume: Option<f64>,
+    /// Limit on the memory, such as 500MB, 4GiB or a number of bytes: a mesh that needs more by an estimate is refused
+    /// before it is made [default: 9/10 of the available memory]
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    pub memory: Option<u64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

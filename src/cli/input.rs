@@ -116,3 +116,8 @@ pub fn require_writable(path: &Path, extensions: &[&str], others: &[&Path]) -> a
     );
     Ok(())
 }
+
+/// What a run may take unless told otherwise: a tenth of the available memory stays free.
+pub fn most_memory() -> Option<u64> {
+    solidmap::memory::available().map(|bytes| bytes / 10 * 9)
+}

@@ -57,12 +57,14 @@ pub fn tet(args: &TetArgs, output: &Output) -> anyhow::Result<Outcome> {
     output.progress("reading");
     let surface = input::read_surface(&args.model)?;
     output.progress("tetrahedralising");
+    let memory = args.memory.or_else(input::most_memory);
     let start = Instant::now();
     let (mesher, result) = match args.mesher {
         Mesher::Tetgen => {
             let options = TetOptions {
                 radius_edge_ratio: (args.quality > 0.0).then_some(args.quality),
                 max_volume: args.max_volume,
+                memory,
                 ..TetOptions::default()
             };
             ("tetgen", native::tetrahedralize(&surface, &options))
@@ -72,6 +74,7 @@ pub fn tet(args: &TetArgs, output: &Output) -> anyhow::Result<Outcome> {
             let cell_size = args.max_volume.map(|v| (v * 27.0 / (8.0 * 3f64.sqrt())).cbrt());
             let options = Mesh3Options {
                 cell_size,
+                memory,
                 ..Mesh3Options::default()
             };
             ("cgal", native::tetrahedralize_mesh3(&surface, &options))

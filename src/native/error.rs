@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use crate::memory::readable;
 use crate::mesh::MeshError;
 
 /// What makes a surface unfit for an operation, with the first place where it does (0-based).
@@ -139,6 +140,17 @@ pub enum NativeError {
         elements: f64,
         /// How many are accepted.
         limit: f64,
+    },
+    /// More memory than allowed.
+    #[error(
+        "about {} of memory would be needed, and {} are allowed; ask for a coarser mesh, or allow more",
+        readable(*need), readable(*allowed)
+    )]
+    TooLarge {
+        /// Bytes that are needed, by an estimate.
+        need: u64,
+        /// Bytes that are allowed.
+        allowed: u64,
     },
     /// A tetrahedral mesh does not fill the surface it was made from.
     #[error("the tetrahedra fill a volume of {got:e}, but the surface encloses {want:e}; the result was dropped")]

@@ -28,7 +28,7 @@ pub use distance::SignedDistanceField;
 pub use error::{InputDefect, NativeError};
 pub use intersections::self_intersections;
 pub use offset::{OffsetOptions, OffsetSurface, offset_surface};
-pub use tetrahedra::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_mesh3};
+pub use tetrahedra::{Mesh3Options, TetOptions, memory_estimate, tetrahedralize, tetrahedralize_mesh3};
 pub use worker::{Isolation, isolate, serve_calls};
 
 /// Checks that an error of TetGen would arrive as an error here, by making it fail harmlessly.

@@ -65,7 +65,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
         repair: !args.no_repair,
         slide: !args.fix_boundary,
         polish: args.polish,
-        memory: args.memory.or_else(most_memory),
+        memory: args.memory.or_else(input::most_memory),
     };
     output.progress("reading");
     let source = source(args)?;
@@ -122,11 +122,6 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
     } else {
         Outcome::Done
     })
-}
-
-/// What a run may take unless told otherwise: a tenth of the available memory stays free.
-fn most_memory() -> Option<u64> {
-    solidmap::memory::available().map(|bytes| bytes / 10 * 9)
 }
 
 /// Shows how far a remeshing is.
