@@ -16,6 +16,7 @@ CellMesh tetrahedralise(const Surface& surface, const TetOptions& options) {
   to.facet_distance = options.facet_distance;
   to.feature_angle = options.feature_angle;
   to.time_limit = options.time_limit;
+  to.memory = options.memory;
   return guarded([&] { return make_cells(ffi::tetrahedralise(Access::of(surface), to)); });
 }
 
@@ -35,7 +36,7 @@ OffsetSurface offset_surface(const Surface& surface, double distance, const Offs
 
 namespace {
 
-ffi::RemeshOptions for_rust(const RemeshOptions& options) { return {options.repair, options.slide, options.polish}; }
+ffi::RemeshOptions for_rust(const RemeshOptions& options) { return {options.repair, options.slide, options.polish, options.memory}; }
 
 Remeshed told(const rust::Box<ffi::Remeshed>& remeshed) {
   const ffi::RemeshReport found = remeshed->report();

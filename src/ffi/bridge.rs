@@ -163,6 +163,7 @@ pub(super) mod ffi {
         facet_distance: f64,
         feature_angle: f64,
         time_limit: f64,
+        memory: u64,
     }
 
     struct OffsetOptions {
@@ -188,6 +189,7 @@ pub(super) mod ffi {
         repair: bool,
         slide: bool,
         polish: usize,
+        memory: u64,
     }
 
     struct RemeshReport {

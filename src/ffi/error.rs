@@ -211,6 +211,7 @@ impl Categorised for RemeshError {
     fn category(&self) -> Category {
         match self {
             Self::Cancelled => Category::Cancelled,
+            Self::TooLarge { .. } | Self::TooMany { .. } => Category::Memory,
             _ => Category::InvalidInput,
         }
     }
@@ -223,7 +224,7 @@ impl Categorised for NativeError {
             Self::InvalidInput(_) | Self::InvalidOption { .. } | Self::SelfIntersection { .. } => {
                 Category::InvalidInput
             }
-            Self::OutOfMemory | Self::TooFine { .. } => Category::Memory,
+            Self::OutOfMemory | Self::TooFine { .. } | Self::TooLarge { .. } => Category::Memory,
             _ => Category::Native,
         }
     }

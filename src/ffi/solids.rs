@@ -45,6 +45,7 @@ pub fn tetrahedralise(surface: &Surface, options: &ffi::TetOptions) -> Result<Bo
     use std::time::Duration;
 
     let given = |value: f64| (value != 0.0).then_some(value);
+    let memory = (options.memory > 0).then_some(options.memory);
     guarded(|| {
         let mesh = if options.cgal {
             let time_limit = Duration::try_from_secs_f64(options.time_limit)
@@ -54,6 +55,7 @@ pub fn tetrahedralise(surface: &Surface, options: &ffi::TetOptions) -> Result<Bo
                 facet_distance: given(options.facet_distance),
                 feature_angle: options.feature_angle,
                 time_limit,
+                memory,
             };
             tetrahedralize_mesh3(&surface.0, &options)?
         } else {
@@ -61,6 +63,7 @@ pub fn tetrahedralise(surface: &Surface, options: &ffi::TetOptions) -> Result<Bo
                 radius_edge_ratio: given(options.radius_edge_ratio),
                 min_dihedral: options.min_dihedral,
                 max_volume: given(options.max_volume),
+                memory,
             };
             tetrahedralize(&surface.0, &options)?
         };
@@ -148,6 +151,7 @@ fn carried(
         repair: options.repair,
         slide: options.slide,
         polish: options.polish,
+        memory: (options.memory > 0).then_some(options.memory),
     };
     let told = |phase| {
         let (step, detail) = match phase {

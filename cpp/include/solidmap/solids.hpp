@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 
 #include "solidmap/harmonic_map.hpp"
 #include "solidmap/mesh.hpp"
@@ -31,6 +32,8 @@ struct TetOptions {
   double feature_angle = 60;
   /// cgal: seconds after which it is an Error (native).
   double time_limit = 300;
+  /// Bytes that the run may take, estimated before they are taken: more throws Error (memory). 0: no limit.
+  std::uint64_t memory = 0;
 };
 
 /// Tetrahedra that fill the solid inside `surface`. With tetgen the first nodes are the surface's vertices, bit by bit, and
@@ -87,6 +90,8 @@ struct RemeshOptions {
   bool slide = true;
   /// Iterations of the polish of shapes after the repair.
   std::size_t polish = 200;
+  /// Bytes that the run may take, estimated before they are taken: more throws Error (memory). 0: no limit.
+  std::uint64_t memory = 0;
 };
 
 /// What is known of a carried mesh. Distances are fractions of the target's diagonal.

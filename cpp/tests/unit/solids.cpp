@@ -51,7 +51,10 @@ TEST_CASE("a polycube's grid is carried without an inverted cell") {
   CHECK_THROWS_AS(remesh(map, RegularMesh(), {}, [](const Progress&) -> bool { throw 1; }), int);
   RegularMesh fine;
   fine.along = 100'000;
-  CHECK(thrown_by([&] { remesh(map, fine); }) == "invalid_input");
+  CHECK(thrown_by([&] { remesh(map, fine); }) == "memory");
+  RemeshOptions frugal;
+  frugal.memory = 1'000'000;
+  CHECK(thrown_by([&] { remesh(map, RegularMesh(), frugal); }) == "memory");
   CHECK(thrown_by([&] { remesh(fit(twisted_ball()), RegularMesh()); }) == "invalid_input");
 }
 
@@ -75,6 +78,10 @@ TEST_CASE("solids are filled and wrapped, or it is said what is missing") {
   CHECK(around.genus == 0);
   CHECK(around.surface.volume() > 8.0);
   CHECK(cube.check(true).self_intersections == 0);
+
+  TetOptions frugal;
+  frugal.memory = 1'000'000;
+  CHECK(thrown_by([&] { tetrahedralise(cube, frugal); }) == "memory");
 
   const Surface open(cube.vertices(), {cube.triangles().data() + 1, cube.triangles().size() - 1});
   CHECK(thrown_by([&] { tetrahedralise(open); }) == "invalid_input");
