@@ -477,8 +477,11 @@ impl Residual {
 /// One row per point with the triples of all lists.
 fn side_by_side(lists: &[Vec<[f64; 3]>]) -> Values {
     let rows = lists.first().map_or(0, Vec::len);
-    let numbers = (0..rows).flat_map(|r| lists.iter().flat_map(move |list| list[r]));
-    Values::new(3 * lists.len(), numbers.collect())
+    let mut numbers = Vec::with_capacity(3 * rows * lists.len());
+    for r in 0..rows {
+        lists.iter().for_each(|list| numbers.extend(list[r]));
+    }
+    Values::new(3 * lists.len(), numbers)
 }
 
 fn errors_at(map: &HarmonicMap, boundary: &BoundaryMap, points: &[SurfacePoint], diagonal: f64) -> Vec<f64> {
