@@ -149,6 +149,43 @@ fn the_end_of_a_worker_is_an_error_and_the_next_call_has_another() {
 }
 
 #[test]
+fn a_worker_that_ended_between_calls_is_replaced() {
+    let _turn = turn();
+    let ball = shapes::sphere(1.0, 3);
+    isolated(None);
+    let field = SignedDistanceField::new(&ball).unwrap();
+    kill_worker(std::process::id(), "-KILL");
+    std::thread::sleep(Duration::from_millis(100));
+    assert_eq!(field.volume(), Err(NativeError::Lost));
+    assert!(tetrahedralize(&ball, &TetOptions::default()).is_ok());
+    isolate(None);
+}
+
+/// A program that is not Rust's ends at that signal.
+#[test]
+fn writing_to_a_worker_that_has_gone_sends_no_signal() {
+    unsafe extern "C" {
+        fn signal(number: i32, handler: usize) -> usize;
+    }
+    const SIGPIPE: i32 = 13;
+    const DEFAULT: usize = 0;
+    let _turn = turn();
+    // SAFETY: the C library's function, with a handler that is none of ours.
+    let before = unsafe { signal(SIGPIPE, DEFAULT) };
+    isolate(Some(Isolation {
+        program: "/bin/false".into(),
+        arguments: Vec::new(),
+        time_limit: Some(Duration::from_secs(10)),
+    }));
+    // More than the line holds, so that some of it is written after the end.
+    let error = self_intersections(&shapes::sphere(1.0, 6)).unwrap_err();
+    assert!(error.to_string().contains("exit code 1"), "{error}");
+    isolate(None);
+    // SAFETY: as above, and the handler is the one there was.
+    unsafe { signal(SIGPIPE, before) };
+}
+
+#[test]
 fn a_call_ends_at_its_time_limit() {
     let _turn = turn();
     let (ball, options) = long_work();

@@ -2,68 +2,47 @@
 //! checked here.
 
 use super::NativeError;
-use super::worker::{Frame, Line, Operation, line};
+use super::bridge::ffi;
+use super::error::Failed;
+use super::worker::{Frame, Operation, line};
 
-pub(super) use super::bridge::ffi::Mesh;
+pub(super) use ffi::Mesh;
 
 /// Makes TetGen fail harmlessly.
 pub(super) fn self_test() -> Result<(), NativeError> {
-    match line() {
-        None => Ok(here::self_test()?),
-        Some(line) => line.call(Operation::SelfTest, None, Frame::default()).map(|_| ()),
-    }
+    call(Operation::SelfTest, &[], &[], &[]).map(|_| ())
 }
 
 /// Tetrahedra by TetGen. Options: largest radius-edge ratio (0 for none), smallest dihedral angle in degrees, largest
 /// volume (0 for none).
 pub(super) fn tetgen(xyz: &[f64], triangles: &[u32], options: &[f64; 3]) -> Result<Mesh, NativeError> {
-    match line() {
-        None => Ok(here::tetgen(xyz, triangles, options)?),
-        Some(line) => there(&line, Operation::Tetgen, xyz, triangles, options),
-    }
+    call(Operation::Tetgen, xyz, triangles, options)
 }
 
 /// Tetrahedra by CGAL. Options: the fields of `RefinementSizes`, in their order.
 pub(super) fn mesh3(xyz: &[f64], triangles: &[u32], options: &[f64; 8]) -> Result<Mesh, NativeError> {
-    match line() {
-        None => Ok(here::mesh3(xyz, triangles, options)?),
-        Some(line) => there(&line, Operation::Mesh3, xyz, triangles, options),
-    }
+    call(Operation::Mesh3, xyz, triangles, options)
 }
 
 /// A surface around triangles. Options: alpha, offset.
 pub(super) fn wrap(xyz: &[f64], triangles: &[u32], options: &[f64; 2]) -> Result<Mesh, NativeError> {
-    match line() {
-        None => Ok(here::wrap(xyz, triangles, options)?),
-        Some(line) => there(&line, Operation::Wrap, xyz, triangles, options),
-    }
+    call(Operation::Wrap, xyz, triangles, options)
 }
 
 /// A surface with edges of this length.
 pub(super) fn remesh(xyz: &[f64], triangles: &[u32], edge_length: f64) -> Result<Mesh, NativeError> {
-    let options = [edge_length];
-    match line() {
-        None => Ok(here::remesh(xyz, triangles, &options)?),
-        Some(line) => there(&line, Operation::Remesh, xyz, triangles, &options),
-    }
+    call(Operation::Remesh, xyz, triangles, &[edge_length])
 }
 
 /// Pairs of triangles that meet where they should not, one after the other.
 pub(super) fn intersections(xyz: &[f64], triangles: &[u32]) -> Result<Vec<u32>, NativeError> {
-    match line() {
-        None => Ok(here::intersections(xyz, triangles)?),
-        Some(line) => Ok(there(&line, Operation::Intersections, xyz, triangles, &[])?.corners),
-    }
+    Ok(call(Operation::Intersections, xyz, triangles, &[])?.corners)
 }
 
-/// In the worker; what it answers is taken as a mesh.
-fn there(
-    line: &Line,
-    operation: Operation,
-    xyz: &[f64],
-    triangles: &[u32],
-    options: &[f64],
-) -> Result<Mesh, NativeError> {
+fn call(operation: Operation, xyz: &[f64], triangles: &[u32], options: &[f64]) -> Result<Mesh, NativeError> {
+    let Some(line) = line() else {
+        return Ok(here(operation, xyz, triangles, options)?);
+    };
     let request = Frame {
         reals: [options, xyz].concat(),
         integers: triangles.to_vec(),
@@ -76,75 +55,54 @@ fn there(
     })
 }
 
-/// In this process.
-pub(super) mod here {
-    use super::super::bridge::ffi;
-    use super::super::error::Failed;
-    use super::Mesh;
-
-    pub fn self_test() -> Result<(), Failed> {
-        done(ffi::check_tetgen())
-    }
-
-    pub fn tetgen(xyz: &[f64], triangles: &[u32], options: &[f64; 3]) -> Result<Mesh, Failed> {
-        let mut out = Mesh::default();
-        let [ratio, dihedral, volume] = *options;
-        done(ffi::tetgen_mesh(xyz, triangles, ratio, dihedral, volume, &mut out))?;
-        Ok(out)
-    }
-
-    pub fn mesh3(xyz: &[f64], triangles: &[u32], options: &[f64; 8]) -> Result<Mesh, Failed> {
-        let &[
-            edge_size,
-            facet_size,
-            facet_angle,
-            facet_distance,
-            cell_size,
-            cell_radius_edge_ratio,
-            feature_angle,
-            seconds,
-        ] = options;
-        let sizes = ffi::RefinementSizes {
-            edge_size,
-            facet_size,
-            facet_angle,
-            facet_distance,
-            cell_size,
-            cell_radius_edge_ratio,
-            feature_angle,
-            seconds,
-        };
-        let mut out = Mesh::default();
-        done(ffi::mesh3_mesh(xyz, triangles, &sizes, &mut out))?;
-        Ok(out)
-    }
-
-    pub fn wrap(xyz: &[f64], triangles: &[u32], &[alpha, offset]: &[f64; 2]) -> Result<Mesh, Failed> {
-        let mut out = Mesh::default();
-        done(ffi::wrap_surface(xyz, triangles, alpha, offset, &mut out))?;
-        Ok(out)
-    }
-
-    pub fn remesh(xyz: &[f64], triangles: &[u32], &[edge_length]: &[f64; 1]) -> Result<Mesh, Failed> {
-        let mut out = Mesh::default();
-        done(ffi::remesh_surface(xyz, triangles, edge_length, &mut out))?;
-        Ok(out)
-    }
-
-    pub fn intersections(xyz: &[f64], triangles: &[u32]) -> Result<Vec<u32>, Failed> {
-        let mut pairs = Vec::new();
-        done(ffi::intersecting_pairs(xyz, triangles, &mut pairs))?;
-        Ok(pairs)
-    }
-
-    /// The codes are those of `cpp/native/core.h`.
-    pub fn done(outcome: ffi::Outcome) -> Result<(), Failed> {
-        match outcome.code {
-            0 => Ok(()),
-            code => Err(Failed {
-                code,
-                message: outcome.message,
-            }),
+/// In this process. Arrays alone come out of every operation but those of fields.
+pub(super) fn here(operation: Operation, xyz: &[f64], triangles: &[u32], options: &[f64]) -> Result<Mesh, Failed> {
+    let mut out = Mesh::default();
+    let outcome = match (operation, options) {
+        (Operation::SelfTest, []) => ffi::check_tetgen(),
+        (Operation::Tetgen, &[ratio, dihedral, volume]) => {
+            ffi::tetgen_mesh(xyz, triangles, ratio, dihedral, volume, &mut out)
         }
+        (
+            Operation::Mesh3,
+            &[
+                edge_size,
+                facet_size,
+                facet_angle,
+                facet_distance,
+                cell_size,
+                cell_radius_edge_ratio,
+                feature_angle,
+                seconds,
+            ],
+        ) => {
+            let sizes = ffi::RefinementSizes {
+                edge_size,
+                facet_size,
+                facet_angle,
+                facet_distance,
+                cell_size,
+                cell_radius_edge_ratio,
+                feature_angle,
+                seconds,
+            };
+            ffi::mesh3_mesh(xyz, triangles, &sizes, &mut out)
+        }
+        (Operation::Wrap, &[alpha, offset]) => ffi::wrap_surface(xyz, triangles, alpha, offset, &mut out),
+        (Operation::Remesh, &[edge_length]) => ffi::remesh_surface(xyz, triangles, edge_length, &mut out),
+        (Operation::Intersections, []) => ffi::intersecting_pairs(xyz, triangles, &mut out.corners),
+        _ => return Err(Failed::unknown("an operation with the wrong options")),
+    };
+    done(outcome).map(|()| out)
+}
+
+/// The codes are those of `cpp/native/core.h`.
+pub(super) fn done(outcome: ffi::Outcome) -> Result<(), Failed> {
+    match outcome.code {
+        0 => Ok(()),
+        code => Err(Failed {
+            code,
+            message: outcome.message,
+        }),
     }
 }

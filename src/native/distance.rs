@@ -3,7 +3,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::bridge::ffi;
-use super::calls::here::done;
+use super::calls::done;
 use super::error::{Failed, NativeError};
 use super::input::{check_closed, check_numbers, flat, points};
 use super::worker::{Frame, Line, Operation, line};

@@ -229,6 +229,9 @@ pub enum NativeError {
         /// The limit.
         seconds: f64,
     },
+    /// The process that held a [`SignedDistanceField`](super::SignedDistanceField) has ended since it was made.
+    #[error("the process that held the distance field has ended; make the field again")]
+    Lost,
     /// There is no process for CGAL and TetGen.
     #[error("`{}` could not be started for CGAL and TetGen: {reason}", program.display())]
     NoWorker {
@@ -246,23 +249,32 @@ pub enum NativeError {
 }
 
 impl NativeError {
-    /// Whether there is nobody left to ask again.
+    /// Whether what a worker held is lost, so that going on with it cannot succeed.
     pub(super) fn is_end_of_worker(&self) -> bool {
         matches!(
             self,
-            Self::Crashed { .. } | Self::TimeLimit { .. } | Self::NoWorker { .. }
+            Self::Crashed { .. } | Self::TimeLimit { .. } | Self::NoWorker { .. } | Self::Lost
         )
     }
 }
 
 /// What the C++ side throws for the bridge itself.
-pub(super) const CODE_UNKNOWN: i32 = 103;
+const CODE_UNKNOWN: i32 = 103;
 
 /// How a call ended that did not succeed, with a code of `cpp/native/core.h`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Failed {
     pub code: i32,
     pub message: String,
+}
+
+impl Failed {
+    pub fn unknown(message: &str) -> Self {
+        Self {
+            code: CODE_UNKNOWN,
+            message: message.into(),
+        }
+    }
 }
 
 impl From<Failed> for NativeError {

@@ -122,6 +122,7 @@ pub fn offset_surface(
         match job.accept(wrap, alpha, retries, true) {
             Ok(result) if options.rounds == 0 => return Ok(result),
             Ok(result) => fallback = Some(result),
+            Err(error) if error.is_end_of_worker() => return Err(error),
             Err(error) => failure = Some(error),
         }
         alpha /= 2.0;

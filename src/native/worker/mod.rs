@@ -38,8 +38,9 @@ pub struct Isolation {
 /// Sends all calls of CGAL and TetGen from this process to a worker, or with `None` keeps them here, as they are at first.
 ///
 /// A worker that ends gives [`NativeError::Crashed`], one that takes too long [`NativeError::TimeLimit`]; the next call
-/// starts another. Results are the same bit by bit. Starting takes some 10 ms and each call the time to copy its surface
-/// twice; calls wait for one another. A [`SignedDistanceField`](super::SignedDistanceField) lives where it was made.
+/// starts another, as it does when one has ended in between. Results are the same bit by bit. Starting takes some 10 ms and
+/// each call the time to copy its surface twice; calls wait for one another. A
+/// [`SignedDistanceField`](super::SignedDistanceField) lives where it was made and ends with it, [`NativeError::Lost`].
 pub fn isolate(isolation: Option<Isolation>) {
     let line = isolation.map(|isolation| {
         Arc::new(Line {
@@ -93,6 +94,17 @@ impl Operation {
         Self::ALL.into_iter().find(|operation| *operation as u32 == tag)
     }
 
+    /// How many numbers stand before the coordinates.
+    fn options(self) -> usize {
+        match self {
+            Self::Tetgen => 3,
+            Self::Mesh3 => 8,
+            Self::Wrap => 2,
+            Self::Remesh => 1,
+            _ => 0,
+        }
+    }
+
     /// What is being done, for messages.
     fn name(self) -> &'static str {
         match self {
@@ -129,10 +141,12 @@ impl Line {
     pub fn call(&self, operation: Operation, worker: Option<u64>, mut request: Frame) -> Result<Answer, NativeError> {
         request.tag = operation as u32;
         let mut held = self.hold();
+        // One that ended while nobody asked, as when the system wanted its memory, has failed no call.
+        held.take_if(Worker::has_ended);
         if let Some(wanted) = worker
             && held.as_ref().is_none_or(|worker| worker.number != wanted)
         {
-            return Err(NativeError::Unknown("its process has ended since".into()));
+            return Err(NativeError::Lost);
         }
         let worker = match &mut *held {
             Some(worker) => worker,
@@ -212,6 +226,10 @@ impl Worker {
             program: isolation.program.clone(),
             reason: error.to_string(),
         })
+    }
+
+    fn has_ended(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(Some(_)))
     }
 
     fn exchange(&mut self, request: &Frame, limit: Option<Duration>) -> std::io::Result<Frame> {

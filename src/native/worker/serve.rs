@@ -8,9 +8,9 @@ use std::sync::mpsc::channel;
 
 use super::{Frame, Operation};
 use crate::mesh::SurfaceMesh;
-use crate::native::calls::{self, Mesh};
+use crate::native::calls;
 use crate::native::distance::LocalField;
-use crate::native::error::{CODE_UNKNOWN, Failed};
+use crate::native::error::Failed;
 use crate::native::input::{flat, points};
 
 /// Does what the process that started this one asks for over standard input, a socket, and ends with it. For programs
@@ -56,37 +56,28 @@ struct Desk {
 impl Desk {
     /// Options stand before the coordinates; how many there are, the operation says.
     fn answer(&mut self, request: Frame) -> Result<Frame, Failed> {
-        let operation = Operation::of_tag(request.tag).ok_or_else(|| unknown("an unknown request"))?;
+        let operation = Operation::of_tag(request.tag).ok_or_else(|| Failed::unknown("an unknown request"))?;
         let (reals, integers) = (&request.reals[..], &request.integers[..]);
         Ok(match operation {
-            Operation::SelfTest => {
-                calls::here::self_test()?;
-                Frame::default()
+            Operation::SelfTest
+            | Operation::Tetgen
+            | Operation::Mesh3
+            | Operation::Wrap
+            | Operation::Remesh
+            | Operation::Intersections => {
+                let split = reals.split_at_checked(operation.options());
+                let (options, xyz) = split.ok_or_else(|| Failed::unknown("options are missing"))?;
+                let made = calls::here(operation, xyz, integers, options)?;
+                Frame {
+                    reals: made.xyz,
+                    integers: made.corners,
+                    ..Frame::default()
+                }
             }
-            Operation::Tetgen => {
-                let (options, xyz) = split::<3>(reals)?;
-                mesh(calls::here::tetgen(xyz, integers, options)?)
-            }
-            Operation::Mesh3 => {
-                let (options, xyz) = split::<8>(reals)?;
-                mesh(calls::here::mesh3(xyz, integers, options)?)
-            }
-            Operation::Wrap => {
-                let (options, xyz) = split::<2>(reals)?;
-                mesh(calls::here::wrap(xyz, integers, options)?)
-            }
-            Operation::Remesh => {
-                let (options, xyz) = split::<1>(reals)?;
-                mesh(calls::here::remesh(xyz, integers, options)?)
-            }
-            Operation::Intersections => Frame {
-                integers: calls::here::intersections(reals, integers)?,
-                ..Frame::default()
-            },
             Operation::NewField => {
                 let triangles = integers.as_chunks::<3>().0.to_vec();
                 let surface =
-                    SurfaceMesh::new(points(reals), triangles).map_err(|error| unknown(&error.to_string()))?;
+                    SurfaceMesh::new(points(reals), triangles).map_err(|error| Failed::unknown(&error.to_string()))?;
                 self.made += 1;
                 self.fields.insert(self.made, LocalField::new(&surface)?);
                 Frame {
@@ -106,32 +97,13 @@ impl Desk {
 
     fn field(&self, integers: &[u32]) -> Result<&LocalField, Failed> {
         let field = integers.first().and_then(|number| self.fields.get(number));
-        field.ok_or_else(|| unknown("a distance field that is not there"))
+        field.ok_or_else(|| Failed::unknown("a distance field that is not there"))
     }
-}
-
-fn split<const N: usize>(reals: &[f64]) -> Result<(&[f64; N], &[f64]), Failed> {
-    reals.split_first_chunk().ok_or_else(|| unknown("options are missing"))
 }
 
 fn numbers(reals: Vec<f64>) -> Frame {
     Frame {
         reals,
         ..Frame::default()
-    }
-}
-
-fn mesh(mesh: Mesh) -> Frame {
-    Frame {
-        reals: mesh.xyz,
-        integers: mesh.corners,
-        ..Frame::default()
-    }
-}
-
-fn unknown(message: &str) -> Failed {
-    Failed {
-        code: CODE_UNKNOWN,
-        message: message.into(),
     }
 }
