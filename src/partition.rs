@@ -1,6 +1,7 @@
 //! Points cut into compact parts of nearly equal size by recursive coordinate bisection (Berger and Bokhari, *A
 //! partitioning strategy for nonuniform problems on multiprocessors*, IEEE Trans. Comput. C-36, 1987).
 
+use std::cmp::Ordering;
 use std::ops::Range;
 
 use crate::Point;
@@ -64,14 +65,30 @@ impl Bounds {
 }
 
 impl Partition {
-    /// Parts of at most `most` points (at least one), equal to within one point or two, of points that reach as far as
-    /// `radii` (as many as points). Costs `n log n`; the same points give the same parts.
-    pub fn new(points: &[Point], radii: &[f64], most: usize) -> Self {
+    /// Parts of at most `most` points (at least one), equal to within one point or two. Costs `n log n`; the same points
+    /// give the same parts.
+    pub fn equal(points: &[Point], most: usize) -> Self {
+        Self::new(points, &vec![0.0; points.len()], most, None)
+    }
+
+    /// Parts of at most `most` points (at least one) that reach as far as `radii` (as many as points). Parts are equal as
+    /// those of [`Self::equal`], but for those with a gap that their points do not reach across from both sides, as between
+    /// two sheets of a flat solid: they are cut there, lest a box around a few points spans much that is none of theirs.
+    pub fn compact(points: &[Point], radii: &[f64], most: usize) -> Self {
         debug_assert_eq!(points.len(), radii.len());
+        Self::new(points, radii, most, Some(2.0))
+    }
+
+    fn new(points: &[Point], radii: &[f64], most: usize, widest_gap: Option<f64>) -> Self {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let root = (!points.is_empty()).then(|| {
             let parts = points.len().div_ceil(most.max(1));
-            Box::new(cut(points, radii, &mut order, 0, parts))
+            let cut = Cut {
+                points,
+                radii,
+                widest_gap,
+            };
+            Box::new(cut.node(&mut order, 0, parts))
         });
         let mut parts = Vec::new();
         if let Some(root) = &root {
@@ -85,7 +102,8 @@ impl Partition {
         self.parts.iter().map(|range| &self.order[range.clone()])
     }
 
-    /// The points `j` whose reach `radii[j]` touches the box, in increasing order. Both slices are those of [`Self::new`].
+    /// The points `j` whose reach `radii[j]` touches the box, in increasing order. Both slices are those
+    /// that the parts were made of.
     pub fn reaching(&self, points: &[Point], radii: &[f64], bounds: &Bounds) -> Vec<u32> {
         let mut found = Vec::new();
         let mut pending: Vec<&Node> = self.root.as_deref().into_iter().collect();
@@ -106,33 +124,65 @@ impl Partition {
     }
 }
 
-fn cut(points: &[Point], radii: &[f64], order: &mut [u32], start: usize, parts: usize) -> Node {
-    let bounds = Bounds::around(order.iter().map(|&i| points[i as usize]));
-    let reach = order.iter().map(|&i| radii[i as usize]).fold(0.0, f64::max);
-    let range = start..start + order.len();
-    let children = (parts > 1).then(|| {
-        let axis = bounds.longest_axis();
-        let middle = order.len() * (parts / 2) / parts;
-        order.select_nth_unstable_by(middle, |&a, &b| {
-            let [pa, pb] = [a, b].map(|i| points[i as usize][axis]);
-            pa.total_cmp(&pb).then(a.cmp(&b))
-        });
-        let large = order.len() > POINTS_PER_TASK;
-        let (left, right) = order.split_at_mut(middle);
-        let mut left = || cut(points, radii, left, start, parts / 2);
-        let mut right = || cut(points, radii, right, start + middle, parts - parts / 2);
-        let (left, right) = if large {
-            rayon::join(left, right)
-        } else {
-            (left(), right())
+struct Cut<'a> {
+    points: &'a [Point],
+    radii: &'a [f64],
+    /// In units of the reach of a part's points; `None` for parts with whatever gaps they have.
+    widest_gap: Option<f64>,
+}
+
+impl Cut<'_> {
+    /// So many parts of these points, or a few more.
+    fn node(&self, order: &mut [u32], start: usize, parts: usize) -> Node {
+        let bounds = Bounds::around(order.iter().map(|&i| self.points[i as usize]));
+        let reach = order.iter().map(|&i| self.radii[i as usize]).fold(0.0, f64::max);
+        let range = start..start + order.len();
+        let middle = match parts {
+            1 => self.widest_gap.and_then(|widest| self.gap(order, widest * reach)),
+            _ => {
+                let middle = order.len() * (parts / 2) / parts;
+                order.select_nth_unstable_by(middle, self.along(bounds.longest_axis()));
+                Some(middle)
+            }
         };
-        [Box::new(left), Box::new(right)]
-    });
-    Node {
-        range,
-        bounds,
-        reach,
-        children,
+        let children = middle.map(|middle| {
+            let large = order.len() > POINTS_PER_TASK;
+            let (left, right) = order.split_at_mut(middle);
+            let mut left = || self.node(left, start, (parts / 2).max(1));
+            let mut right = || self.node(right, start + middle, parts - parts / 2);
+            let (left, right) = if large {
+                rayon::join(left, right)
+            } else {
+                (left(), right())
+            };
+            [Box::new(left), Box::new(right)]
+        });
+        Node {
+            range,
+            bounds,
+            reach,
+            children,
+        }
+    }
+
+    /// Sorts the points along the axis of their widest gap and finds the first behind it, if it is wider than this.
+    fn gap(&self, order: &mut [u32], wider_than: f64) -> Option<usize> {
+        let mut widest = |axis: usize| {
+            order.sort_unstable_by(self.along(axis));
+            let place = |i: u32| self.points[i as usize][axis];
+            let gaps = order.windows(2).map(|pair| place(pair[1]) - place(pair[0])).enumerate();
+            gaps.map(|(i, gap)| (i + 1, axis, gap))
+                .max_by(|a, b| a.2.total_cmp(&b.2))
+        };
+        let of_all = (0..3).filter_map(&mut widest).max_by(|a, b| a.2.total_cmp(&b.2));
+        let (behind, axis, _) = of_all.filter(|(.., gap)| *gap > wider_than)?;
+        order.sort_unstable_by(self.along(axis));
+        Some(behind)
+    }
+
+    fn along(&self, axis: usize) -> impl Fn(&u32, &u32) -> Ordering {
+        let place = move |i: u32| self.points[i as usize][axis];
+        move |&a, &b| place(a).total_cmp(&place(b)).then(a.cmp(&b))
     }
 }
 
@@ -152,7 +202,7 @@ mod tests {
     fn every_point_is_in_one_part_of_the_right_size() {
         let points = shapes::sphere(1.0, 4).vertices().to_vec();
         for most in [1, 7, 120, 10_000] {
-            let partition = Partition::new(&points, &vec![0.0; points.len()], most);
+            let partition = Partition::equal(&points, most);
             let mut all: Vec<u32> = partition.parts().flatten().copied().collect();
             all.sort_unstable();
             assert!(all.iter().enumerate().all(|(i, &j)| i == j as usize) && all.len() == points.len());
@@ -163,15 +213,15 @@ mod tests {
                 "{least} to {largest} of {most}"
             );
         }
-        assert_eq!(Partition::new(&[], &[], 5).parts().len(), 0);
-        assert_eq!(Partition::new(&[Point::origin(); 10], &[0.0; 10], 3).parts().len(), 4);
+        assert_eq!(Partition::equal(&[], 5).parts().len(), 0);
+        assert_eq!(Partition::equal(&[Point::origin(); 10], 3).parts().len(), 4);
     }
 
     #[test]
     fn points_that_reach_a_box_are_those_found_one_by_one() {
         let points = shapes::torus(1.0, 0.4, 40, 20).vertices().to_vec();
         let radii: Vec<f64> = (0..points.len()).map(|i| 0.02 * (i % 17) as f64).collect();
-        let partition = Partition::new(&points, &radii, 11);
+        let partition = Partition::compact(&points, &radii, 11);
         for part in partition.parts().take(9) {
             let bounds = Bounds::around(part.iter().map(|&i| points[i as usize]));
             let reaches = |j: &u32| {
@@ -182,5 +232,27 @@ mod tests {
             let expected: Vec<u32> = (0..points.len() as u32).filter(reaches).collect();
             assert_eq!(partition.reaching(&points, &radii, &bounds), expected);
         }
+    }
+
+    #[test]
+    fn parts_of_two_sheets_are_cut_between_them() {
+        // An odd number of parts: halves of equal parts would end within a sheet.
+        let sheet = |z: f64| (0..150).map(move |k| Point::new(f64::from(k % 15), f64::from(k / 15), z));
+        let points: Vec<Point> = sheet(0.0).chain(sheet(100.0)).collect();
+        let spans = |partition: &Partition| {
+            let height = |part: &[u32]| {
+                let bounds = Bounds::around(part.iter().map(|&i| points[i as usize]));
+                bounds.high.z - bounds.low.z
+            };
+            partition.parts().map(height).fold(0.0, f64::max)
+        };
+        assert_eq!(spans(&Partition::equal(&points, 100)), 100.0);
+        let partition = Partition::compact(&points, &[3.0; 300], 100);
+        assert_eq!(spans(&partition), 0.0);
+        assert_eq!(partition.parts().map(<[u32]>::len).sum::<usize>(), 300);
+        // Points that reach across the gap are better kept together.
+        assert_eq!(Partition::compact(&points, &[50.0; 300], 100).parts().len(), 3);
+        // Nothing but gaps.
+        assert_eq!(Partition::compact(&points, &[0.0; 300], 100).parts().len(), 300);
     }
 }

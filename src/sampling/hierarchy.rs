@@ -68,7 +68,7 @@ pub fn coarser_levels(finest: &SiteLevel, options: &HierarchyOptions) -> Vec<Sit
 /// One site per group of up to `ratio`, and the group of each site.
 fn coarsen(sites: &[SourceSite], ratio: usize) -> (Vec<SourceSite>, Vec<u32>) {
     let positions: Vec<Point> = sites.iter().map(|site| site.position).collect();
-    let partition = Partition::new(&positions, &vec![0.0; sites.len()], ratio);
+    let partition = Partition::equal(&positions, ratio);
     let mut parent = vec![0; sites.len()];
     let mut coarse = Vec::with_capacity(partition.parts().len());
     for (group, members) in partition.parts().enumerate() {

@@ -54,7 +54,7 @@ impl Patches {
         progress: &dyn Fn(usize, usize) -> A,
     ) -> Result<Self, SolveError> {
         let radii: Vec<f64> = level.spacing.iter().map(|h| overlap * h).collect();
-        let partition = Partition::new(&level.sources, &radii, core);
+        let partition = Partition::compact(&level.sources, &radii, core);
         let rows_of = rows_of_sources(level);
         let cores: Vec<&[u32]> = partition.parts().collect();
         let mut patches = Vec::with_capacity(cores.len());
@@ -85,7 +85,7 @@ impl Patches {
     /// more.
     pub fn kept_numbers(level: &Level, core: usize, overlap: f64) -> u64 {
         let radii: Vec<f64> = level.spacing.iter().map(|h| overlap * h).collect();
-        let partition = Partition::new(&level.sources, &radii, core);
+        let partition = Partition::compact(&level.sources, &radii, core);
         let cores: Vec<&[u32]> = partition.parts().collect();
         let kept = |core: &&[u32]| {
             let bounds = Bounds::around(core.iter().map(|&s| level.sources[s as usize]));
