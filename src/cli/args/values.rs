@@ -1,0 +1,29 @@
+//! What is typed for numbers with units.
+
+/// A time in seconds.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds: &f64| (1e-3..=1e9).contains(seconds));
+    seconds.ok_or_else(|| format!("`{text}` is no positive number of seconds"))
+}
+
+/// A number of bytes with an optional unit: KB, MB, GB, TB are powers of 1000; K, KiB and so on of 1024.
+pub fn bytes(text: &str) -> Result<u64, String> {
+    let wanted = || format!("`{text}` is no size; write it as 4GiB, 500MB or a number of bytes");
+    let end = text.trim().find(|c: char| c.is_ascii_alphabetic() || c == ' ');
+    let (number, unit) = text.trim().split_at(end.unwrap_or(text.trim().len()));
+    let unit = unit.trim().to_lowercase();
+    let (prefix, base) = match unit.strip_suffix("ib").or(unit.strip_suffix('b')) {
+        _ if unit == "b" => ("", 1),
+        Some(prefix) if unit.ends_with("ib") => (prefix, 1024u64),
+        Some(prefix) => (prefix, 1000),
+        None => (unit.as_str(), 1024),
+    };
+    let power = ["", "k", "m", "g", "t"].iter().position(|p| *p == prefix);
+    let factor = base.pow(power.ok_or_else(wanted)? as u32) as f64;
+    let number: f64 = number.parse().map_err(|_| wanted())?;
+    if number.is_finite() && number > 0.0 {
+        Ok((number * factor) as u64)
+    } else {
+        Err(wanted())
+    }
+}
