@@ -5,7 +5,7 @@ use std::{borrow::Cow, cell::Cell, ops::Range, str::FromStr};
 use quick_xml::{
     Reader,
     errors::IllFormedError,
-    events::{BytesStart, Event},
+    events::{BytesEnd, BytesStart, Event},
 };
 
 use crate::io::{
@@ -98,68 +98,42 @@ impl<'a> Document<'a> {
             offsets: vec![],
             room: Cell::new(room_of(source)),
         };
-        // The reader would leave out a byte order mark, but not count it.
-        let shift = if xml.starts_with('\u{feff}') { 3 } else { 0 };
-        let mut reader = Reader::from_str(&xml[shift..]);
+        let mut tags = Tags::new(source, xml);
         let (mut rooted, mut ended) = (false, false);
-        // The element whose arrays are wanted.
-        let mut section = String::new();
-        loop {
-            let at = shift + reader.buffer_position() as usize;
-            let event = reader.read_event();
-            let event = event.map_err(|error| xml_error(source, shift + reader.error_position() as usize, &error))?;
-            let (tag, empty) = match event {
-                Event::Start(tag) => (tag, false),
-                Event::Empty(tag) => (tag, true),
-                Event::End(tag) => {
-                    ended |= tag.name().as_ref() == "VTKFile";
-                    if tag.name().as_ref() == section {
-                        section.clear();
-                    }
+        let mut section = None;
+        while let Some(step) = tags.next()? {
+            let tag = match step {
+                Step::Begin(tag) => tag,
+                Step::End(tag) => {
+                    let name = tag.name();
+                    ended |= name.as_ref() == "VTKFile";
+                    section = section.filter(|within: &Section| name.as_ref() != within.name());
                     continue;
                 }
-                Event::Eof => break,
-                _ => continue,
             };
-            let tag = Tag { source, tag, at };
             let offset = tag.attribute("offset")?;
-            document
-                .offsets
-                .extend(offset.and_then(|offset| offset.trim().parse::<usize>().ok()));
-            match tag.tag.name().as_ref() {
-                "VTKFile" => {
+            let offset = offset.and_then(|offset| offset.trim().parse::<usize>().ok());
+            document.offsets.extend(offset);
+            match (tag.tag.name().as_ref(), section) {
+                ("VTKFile", _) => {
                     document.read_root(&tag, data_set)?;
                     rooted = true;
                 }
-                "ImageData" => document.image = Some(tag.image()?),
-                "Piece" => document.pieces.push(tag.piece(data_set)?),
-                name @ ("Points" | "Cells" | "PointData" | "CellData") if !empty => section = name.to_owned(),
-                "DataArray" if !section.is_empty() => {
-                    let start = shift + reader.buffer_position() as usize;
-                    let mut end = start;
-                    if !empty {
-                        let span = reader.read_to_end(tag.tag.name());
-                        let span = span.map_err(|error| xml_error(source, start, &error))?;
-                        end = shift + span.end as usize;
-                    }
-                    let array = tag.array(start..end);
-                    let Some(piece) = document.pieces.last_mut() else {
-                        continue;
-                    };
-                    match section.as_str() {
-                        "Points" => piece.points = Some(array?),
-                        "Cells" => piece.cells.push(array?),
-                        // Of fields those of numbers count; others, such as texts, are passed over.
-                        "PointData" => piece.point_data.extend(array.ok()),
-                        _ => piece.cell_data.extend(array.ok()),
+                ("ImageData", _) => document.image = Some(tag.image()?),
+                ("Piece", _) => document.pieces.push(tag.piece(data_set)?),
+                ("DataArray", Some(section)) => {
+                    let text = tags.inside(&tag)?;
+                    if let Some(piece) = document.pieces.last_mut() {
+                        piece.add(section, tag.array(text))?;
                     }
                 }
-                "AppendedData" => {
+                ("AppendedData", _) => {
                     let base64 = tag.attribute("encoding")?.is_some_and(|encoding| encoding == "base64");
                     document.appended = appended.map(|data| (data, base64));
                     ended = true;
                     break;
                 }
+                (name, _) if !tag.empty => section = Section::of_name(name).or(section),
                 _ => {}
             }
         }
@@ -247,6 +221,105 @@ fn split_appended<'a>(source: &Source<'a>) -> Result<(&'a str, Option<&'a [u8]>)
     }
 }
 
+/// An element whose arrays are wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Section {
+    Points,
+    Cells,
+    PointData,
+    CellData,
+}
+
+impl Section {
+    const ALL: [Self; 4] = [Self::Points, Self::Cells, Self::PointData, Self::CellData];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Points => "Points",
+            Self::Cells => "Cells",
+            Self::PointData => "PointData",
+            Self::CellData => "CellData",
+        }
+    }
+
+    fn of_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|section| section.name() == name)
+    }
+}
+
+impl<'a> Piece<'a> {
+    fn add(&mut self, section: Section, array: Result<Array<'a>, IoError>) -> Result<(), IoError> {
+        match section {
+            Section::Points => self.points = Some(array?),
+            Section::Cells => self.cells.push(array?),
+            // Of fields those of numbers count; others, such as texts, are passed over.
+            Section::PointData => self.point_data.extend(array.ok()),
+            Section::CellData => self.cell_data.extend(array.ok()),
+        }
+        Ok(())
+    }
+}
+
+/// The tags of a text, one after the other.
+struct Tags<'a> {
+    source: &'a Source<'a>,
+    reader: Reader<&'a [u8]>,
+    /// Bytes before those that the reader counts.
+    shift: usize,
+}
+
+enum Step<'a> {
+    Begin(Tag<'a>),
+    End(BytesEnd<'a>),
+}
+
+impl<'a> Tags<'a> {
+    fn new(source: &'a Source<'a>, xml: &'a str) -> Self {
+        // The reader would leave out a byte order mark, but not count it.
+        let shift = if xml.starts_with('\u{feff}') { 3 } else { 0 };
+        Self {
+            source,
+            reader: Reader::from_str(&xml[shift..]),
+            shift,
+        }
+    }
+
+    fn next(&mut self) -> Result<Option<Step<'a>>, IoError> {
+        loop {
+            let at = self.position();
+            let event = self.reader.read_event();
+            let event = event.map_err(|error| {
+                let position = self.shift + self.reader.error_position() as usize;
+                xml_error(self.source, position, &error)
+            })?;
+            let (tag, empty) = match event {
+                Event::Start(tag) => (tag, false),
+                Event::Empty(tag) => (tag, true),
+                Event::End(tag) => return Ok(Some(Step::End(tag))),
+                Event::Eof => return Ok(None),
+                _ => continue,
+            };
+            let source = self.source;
+            return Ok(Some(Step::Begin(Tag { source, tag, empty, at })));
+        }
+    }
+
+    /// The bytes between a tag that was just read and its end, which are passed over.
+    fn inside(&mut self, tag: &Tag) -> Result<Range<usize>, IoError> {
+        let start = self.position();
+        if tag.empty {
+            return Ok(start..start);
+        }
+        let span = self.reader.read_to_end(tag.tag.name());
+        let span = span.map_err(|error| xml_error(self.source, start, &error))?;
+        Ok(start..self.shift + span.end as usize)
+    }
+
+    fn position(&self) -> usize {
+        self.shift + self.reader.buffer_position() as usize
+    }
+}
+
 /// What is not closed at the end of the file was cut off.
 fn xml_error(source: &Source, position: usize, error: &quick_xml::Error) -> IoError {
     match error {
@@ -261,6 +334,8 @@ fn xml_error(source: &Source, position: usize, error: &quick_xml::Error) -> IoEr
 struct Tag<'a> {
     source: &'a Source<'a>,
     tag: BytesStart<'a>,
+    /// Whether it is its own end.
+    empty: bool,
     at: usize,
 }
 
