@@ -1,0 +1,336 @@
+//! How far apart two solids are under a similarity, and steps that bring them together.
+
+use nalgebra::{Rotation3, SMatrix, SVector};
+use rayon::prelude::*;
+
+use super::body::{Body, CANDIDATES, REACH, SAMPLES};
+use super::{Alignment, AlignmentStart};
+use crate::boundary_map::pair::oriented_query::OrientedPoint;
+use crate::geometry::Similarity;
+use crate::{Matrix3, Point, Vector};
+
+/// Two bodies, each in its frame; similarities here go from the one frame to the other.
+pub(super) struct Pair<'a> {
+    pub(super) domain: &'a Body,
+    pub(super) target: &'a Body,
+    /// What a normal is worth in the frame of the target.
+    pub(super) reach: f64,
+}
+
+/// For each sample of the domain its partner on the target, and the other way round.
+#[derive(Clone, Default)]
+pub(super) struct Partners {
+    forward: Vec<Partner>,
+    backward: Vec<Partner>,
+}
+
+#[derive(Clone, Copy)]
+struct Partner {
+    point: Point,
+    normal: Vector,
+    /// Normal of the plane that the distance is measured from to first order.
+    plane: Vector,
+    distance_squared: f64,
+    /// On the triangles, if it was sought there.
+    found: Option<OrientedPoint>,
+}
+
+/// Where partners are sought.
+#[derive(Clone, Copy)]
+pub(super) enum Among {
+    Samples,
+    Triangles,
+}
+
+/// How far an alignment is refined.
+#[derive(Clone, Copy)]
+pub(super) struct Effort {
+    among: Among,
+    count: usize,
+    steps: usize,
+}
+
+/// A point carried over from the domain and a point of the target that it should meet, with the normal that the distance
+/// counts along.
+pub(super) struct Match {
+    pub(super) moved: Point,
+    pub(super) fixed: Point,
+    pub(super) normal: Vector,
+    /// How far both face the same way: 0 to 1.
+    pub(super) weight: f64,
+}
+
+/// Points that look for partners on the triangles.
+const ON_TRIANGLES: usize = 150;
+/// Points that an alignment is measured with at last.
+const DESCRIBED: usize = 250;
+const FINE_STEPS: usize = 12;
+/// Steps on triangles.
+const LAST_STEPS: usize = 4;
+/// The scale stays within this factor of that which the sizes give.
+const SCALES: f64 = 1.5;
+/// Share of the landmarks in what an alignment with landmarks minimises.
+const LANDMARK_SHARE: f64 = 0.9;
+
+impl Effort {
+    pub(super) const SAMPLES: Self = Self {
+        among: Among::Samples,
+        count: SAMPLES / 2,
+        steps: FINE_STEPS,
+    };
+    pub(super) const TRIANGLES: Self = Self {
+        among: Among::Triangles,
+        count: ON_TRIANGLES,
+        steps: LAST_STEPS,
+    };
+    pub(super) const LANDMARKS: Self = Self {
+        among: Among::Triangles,
+        count: SAMPLES,
+        steps: FINE_STEPS,
+    };
+}
+
+impl<'a> Pair<'a> {
+    pub(super) fn new(domain: &'a Body, target: &'a Body) -> Self {
+        Self {
+            domain,
+            target,
+            reach: REACH * target.size,
+        }
+    }
+
+    /// Damped Gauss-Newton steps on distances along normals (Levenberg-Marquardt), as long as the residual falls.
+    pub(super) fn refine(&self, start: &Similarity, landmarks: &[(Point, Point, f64)], effort: Effort) -> Similarity {
+        let Effort { among, count, steps } = effort;
+        let mut best = *start;
+        let mut partners = self.partners(&best, count, among, &Partners::default());
+        let mut cost = self.cost(&best, &partners, landmarks);
+        let mut damping = 1e-3;
+        for _ in 0..steps {
+            let (hessian, gradient) = self.normal_equations(&best, &partners, landmarks);
+            let Some(next) = step(&best, &hessian, &gradient, damping) else {
+                break;
+            };
+            let found = self.partners(&next, count, among, &partners);
+            let next_cost = self.cost(&next, &found, landmarks);
+            if next_cost < cost {
+                let gain = (cost - next_cost) / cost;
+                (best, partners, cost) = (next, found, next_cost);
+                damping = (damping * 0.1).max(1e-12);
+                if gain < 1e-4 {
+                    break;
+                }
+            } else if damping > 1.0 {
+                break;
+            } else {
+                damping *= 30.0;
+            }
+        }
+        best
+    }
+
+    pub(super) fn partners(&self, s: &Similarity, count: usize, among: Among, near: &Partners) -> Partners {
+        let inverse = s.inverse();
+        // The way back in lengths of the domain's frame, so that both use one metric.
+        let back = self.reach / s.scale;
+        Partners {
+            forward: partners_on(self.target, self.domain, s, self.reach, (count, among), &near.forward),
+            backward: partners_on(self.domain, self.target, &inverse, back, (count, among), &near.backward),
+        }
+    }
+
+    pub(super) fn matches(&self, s: &Similarity, partners: &Partners) -> Vec<Match> {
+        let forward = self
+            .domain
+            .samples
+            .iter()
+            .zip(&partners.forward)
+            .map(|((p, n), found)| Match {
+                moved: s.apply(p),
+                fixed: found.point,
+                normal: found.plane,
+                weight: (s.rotation * n).dot(&found.normal).max(0.0),
+            });
+        let backward = self
+            .target
+            .samples
+            .iter()
+            .zip(&partners.backward)
+            .map(|((p, n), found)| Match {
+                moved: s.apply(&found.point),
+                fixed: *p,
+                normal: s.rotation * found.plane,
+                weight: (s.rotation * found.normal).dot(n).max(0.0),
+            });
+        forward.chain(backward).collect()
+    }
+
+    /// Root mean square over both directions, in lengths of the target's frame.
+    pub(super) fn residual(&self, s: &Similarity, partners: &Partners) -> f64 {
+        let mean =
+            |found: &[Partner]| found.iter().map(|f| f.distance_squared).sum::<f64>() / found.len().max(1) as f64;
+        (0.5 * (mean(&partners.forward) + mean(&partners.backward) * s.scale * s.scale)).sqrt()
+    }
+
+    fn cost(&self, s: &Similarity, partners: &Partners, landmarks: &[(Point, Point, f64)]) -> f64 {
+        let of_shape = self.residual(s, partners).powi(2);
+        if landmarks.is_empty() {
+            return of_shape;
+        }
+        let misfit: f64 = landmarks.iter().map(|(a, b, _)| (s.apply(a) - b).norm_squared()).sum();
+        (1.0 - LANDMARK_SHARE) * of_shape + LANDMARK_SHARE * misfit / landmarks.len() as f64
+    }
+
+    fn normal_equations(
+        &self,
+        s: &Similarity,
+        partners: &Partners,
+        landmarks: &[(Point, Point, f64)],
+    ) -> (Hessian, Unknowns) {
+        let mut hessian = Hessian::zeros();
+        let mut gradient = Unknowns::zeros();
+        let mut add = |m: &Match| {
+            let row = derivative(&m.moved, &m.normal);
+            hessian += m.weight * row * row.transpose();
+            gradient += m.weight * m.normal.dot(&(m.moved - m.fixed)) * row;
+        };
+        let matches = self.matches(s, partners);
+        matches.iter().for_each(&mut add);
+        let share = LANDMARK_SHARE / (1.0 - LANDMARK_SHARE) * matches.len() as f64 / landmarks.len().max(1) as f64;
+        for (a, b, _) in landmarks {
+            for axis in 0..3 {
+                add(&Match {
+                    moved: s.apply(a),
+                    fixed: *b,
+                    normal: Vector::ith(axis, 1.0),
+                    weight: share,
+                });
+            }
+        }
+        (hessian, gradient)
+    }
+
+    /// The similarity in coordinates of the two solids, and its residuals with all samples.
+    pub(super) fn describe(&self, s: &Similarity, start: AlignmentStart) -> Alignment {
+        let partners = self.partners(s, DESCRIBED, Among::Triangles, &Partners::default());
+        let gaps = |points: &[(Point, Vector)], map: &Similarity, found: &[Partner]| {
+            let sum: f64 = points
+                .iter()
+                .zip(found)
+                .map(|((p, _), f)| (map.apply(p) - f.point).norm_squared())
+                .sum();
+            sum / found.len().max(1) as f64
+        };
+        let forward = gaps(&self.domain.samples, s, &partners.forward);
+        let backward = gaps(&self.target.samples, &s.inverse(), &partners.backward) * s.scale * s.scale;
+        Alignment {
+            similarity: self.target.to_frame.inverse().after(s).after(&self.domain.to_frame),
+            residual: self.residual(s, &partners) / self.target.size,
+            distance: (0.5 * (forward + backward)).sqrt() / self.target.size,
+            start,
+        }
+    }
+}
+
+/// A rotation vector, a translation and the logarithm of a scale.
+type Unknowns = SVector<f64, 7>;
+type Hessian = SMatrix<f64, 7, 7>;
+
+/// For each of so many samples of `from`, carried over by `map`, its partner on `onto`.
+fn partners_on(
+    onto: &Body,
+    from: &Body,
+    map: &Similarity,
+    reach: f64,
+    (count, among): (usize, Among),
+    near: &[Partner],
+) -> Vec<Partner> {
+    let partner = |(i, (p, n)): (usize, &(Point, Vector))| {
+        let (p, n) = (map.apply(p), map.rotation * n);
+        match among {
+            Among::Samples => {
+                let (index, distance_squared) = closest_sample(onto, &p, &n, reach);
+                let (point, normal) = onto.samples[index];
+                Partner {
+                    point,
+                    normal,
+                    plane: normal,
+                    distance_squared,
+                    found: None,
+                }
+            }
+            Among::Triangles => {
+                let near = near.get(i).and_then(|partner| partner.found);
+                let near = near.or_else(|| onto.found.get(closest_sample(onto, &p, &n, reach).0).copied());
+                let found = onto.query.closest(&p, &n, reach, near.as_ref());
+                Partner {
+                    point: found.point,
+                    normal: found.normal,
+                    plane: plane_of(onto, &p, &found),
+                    distance_squared: found.distance_squared,
+                    found: Some(found),
+                }
+            }
+        }
+    };
+    let samples = &from.samples[..count.min(from.samples.len())];
+    samples.par_iter().enumerate().with_min_len(64).map(partner).collect()
+}
+
+/// Index of the closest of the first samples, and the square of its distance.
+fn closest_sample(onto: &Body, p: &Point, n: &Vector, reach: f64) -> (usize, f64) {
+    let squared = |(q, m): &(Point, Vector)| (p - q).norm_squared() + reach * reach * (n - m).norm_squared();
+    let candidates = onto.samples[..CANDIDATES.min(onto.samples.len())].iter().enumerate();
+    candidates.fold((0, f64::INFINITY), |best, (index, sample)| {
+        let here = squared(sample);
+        if here < best.1 { (index, here) } else { best }
+    })
+}
+
+/// The direction to the closest point, along which the distance changes. On an edge several triangles have that point, and
+/// rounding would choose among their normals; they count only where the direction is lost to rounding.
+fn plane_of(onto: &Body, p: &Point, found: &OrientedPoint) -> Vector {
+    let offset = p - found.point;
+    if offset.norm() > 1e-6 * onto.size {
+        offset.normalize()
+    } else {
+        onto.query.face_normal(found)
+    }
+}
+
+/// How the distance along `normal` changes as a point turns about the origin, moves and grows.
+fn derivative(p: &Point, normal: &Vector) -> Unknowns {
+    let turn = p.coords.cross(normal);
+    Unknowns::from([
+        turn.x,
+        turn.y,
+        turn.z,
+        normal.x,
+        normal.y,
+        normal.z,
+        normal.dot(&p.coords),
+    ])
+}
+
+/// The step of a system damped by a part of its mean diagonal entry; `None` when it has none, as without partners.
+fn step(s: &Similarity, hessian: &Hessian, gradient: &Unknowns, damping: f64) -> Option<Similarity> {
+    let damped = hessian + Hessian::identity() * (damping * hessian.trace() / 7.0);
+    let change = -damped.cholesky()?.solve(gradient);
+    if !change.iter().all(|c| c.is_finite()) {
+        return None;
+    }
+    let turn = Rotation3::new(change.fixed_rows::<3>(0).into_owned());
+    let moved = change.fixed_rows::<3>(3).into_owned();
+    let scale = (s.scale * change[6].clamp(-0.5, 0.5).exp()).clamp(1.0 / SCALES, SCALES);
+    let grown = scale / s.scale;
+    Some(Similarity {
+        scale,
+        rotation: orthogonal(&(turn.matrix() * s.rotation)),
+        translation: grown * (turn * s.translation) + moved,
+    })
+}
+
+/// One step of Newton's method towards the orthogonal matrix next to it, which rounding has led away.
+fn orthogonal(r: &Matrix3) -> Matrix3 {
+    0.5 * r * (Matrix3::from_diagonal_element(3.0) - r.transpose() * r)
+}

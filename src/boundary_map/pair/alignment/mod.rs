@@ -1,0 +1,337 @@
+//! Similarities that lay one solid over another of any connectivity.
+//!
+//! Principal axes of the surfaces and the coordinates as given are starts, which the iterated closest point method
+//! improves (Besl & McKay, *A method for registration of 3-D shapes*, IEEE PAMI 14, 1992), at the end with distances to
+//! tangent planes (Chen & Medioni, *Object modelling by registration of multiple range images*, Image Vis. Comput. 10,
+//! 1992). Points of either surface look for partners on the other, so that a limb that only one of them has is not passed
+//! over; partners face the same way as far as there are such. Where the principal axes are ambiguous, rotations spread
+//! evenly (Alexa, *Super-Fibonacci spirals*, CVPR 2022) are starts too.
+
+mod body;
+mod matching;
+mod starts;
+#[cfg(test)]
+mod tests;
+
+use std::f64::consts::PI;
+
+use rayon::prelude::*;
+
+use crate::geometry::{Similarity, similarity};
+use crate::{Matrix3, Point, Vector};
+
+pub use body::Body;
+pub(super) use body::REACH;
+pub(super) use starts::spread_rotations;
+
+use body::principal_axes;
+use matching::{Among, Effort, Pair, Partners};
+
+/// Why a solid cannot be aligned.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum AlignError {
+    /// A coordinate is not a number.
+    #[error("the {side} has a vertex that is not finite; see `solidmap check`")]
+    NonFinite {
+        /// `"domain"` or `"target"`.
+        side: &'static str,
+    },
+    /// There is no surface to align.
+    #[error("the surface of the {side} has no area")]
+    NoArea {
+        /// `"domain"` or `"target"`.
+        side: &'static str,
+    },
+    /// Two pairs leave a rotation free.
+    #[error("{count} landmarks do not fix an alignment: give at least 3")]
+    FewLandmarks {
+        /// How many were given.
+        count: usize,
+    },
+    /// Landmarks in one place or on a line leave a rotation free.
+    #[error("the landmarks of the {side} lie on a line, so that they do not fix a rotation; add one beside it")]
+    CollinearLandmarks {
+        /// `"domain"` or `"target"`.
+        side: &'static str,
+    },
+}
+
+/// Where an alignment was found from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum AlignmentStart {
+    /// The solids as they lie, moved and scaled only.
+    AsGiven,
+    /// The domain turned so that coordinate axes meet coordinate axes.
+    CoordinateAxes,
+    /// Principal axes laid on principal axes.
+    PrincipalAxes,
+    /// One of the rotations spread evenly.
+    Spread,
+    /// Pairs of points.
+    Landmarks,
+}
+
+/// A similarity from the domain to the target, and how well it fits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Alignment {
+    /// From coordinates of the domain to those of the target.
+    pub similarity: Similarity,
+    /// Root mean square of distance and difference of normals (a right angle counts like 0.14 sizes), from points of
+    /// each surface to the other, as a fraction of the target's size: twice the largest distance from its centroid. What alignments are ordered by.
+    pub residual: f64,
+    /// The same of the distance alone.
+    pub distance: f64,
+    /// Where it was found from.
+    pub start: AlignmentStart,
+}
+
+/// The best alignments of two solids.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alignments {
+    /// Proper ones, at least 20° apart, the least residual first; at least one, at most six. What the solids as they lie
+    /// lead to is among them. Those that come close to the first say that it is ambiguous.
+    pub best: Vec<Alignment>,
+    /// The best one with a reflection. Where its residual is much less than that of the best proper one, the target looks
+    /// like the mirror image of the domain.
+    pub mirrored: Alignment,
+}
+
+impl AlignmentStart {
+    /// Whether it depends on the coordinates that the solids are given in.
+    fn is_given(self) -> bool {
+        matches!(self, Self::AsGiven | Self::CoordinateAxes)
+    }
+}
+
+impl Alignments {
+    /// Whether the target fits the mirror image of the domain much better than the domain.
+    pub fn looks_mirrored(&self) -> bool {
+        self.mirrored.residual < MIRRORED * self.best[0].residual
+    }
+
+    /// Whether the second best alignment fits nearly as well as the best.
+    pub fn is_ambiguous(&self) -> bool {
+        let limit = (AMBIGUOUS * self.best[0].residual).max(EXACT);
+        self.best.get(1).is_some_and(|second| second.residual < limit)
+    }
+}
+
+/// Points of a surface that look for partners: to choose among the starts, and to improve them.
+const FEW: usize = 120;
+const SOME: usize = 250;
+/// Starts kept by their residual as they are, and alignments kept after the first stage.
+const STARTS: usize = 20;
+const FINALISTS: usize = 6;
+/// Starts of the mirrored search.
+const MIRRORED_STARTS: usize = 6;
+const COARSE_STEPS: usize = 8;
+/// Alignments closer than this angle are one.
+const APART: f64 = 20.0 * PI / 180.0;
+const MIRRORED: f64 = 0.8;
+const AMBIGUOUS: f64 = 1.05;
+/// Residual below which two alignments are both exact.
+const EXACT: f64 = 1e-6;
+
+/// Lays the domain over the target by shape alone. The result is the same for any number of threads. Alignments found from
+/// principal axes turn, move and grow with the solids; those found from the coordinates as given do not. Costs up to a
+/// second or two of processor time.
+pub fn align(domain: &Body, target: &Body) -> Alignments {
+    let pair = Pair::new(domain, target);
+    let (best, mirrored) = rayon::join(|| pair.search(1.0), || pair.search(-1.0));
+    Alignments {
+        best,
+        mirrored: mirrored[0],
+    }
+}
+
+/// Lays the domain over the target by pairs of points, in their own coordinates, that are to meet; then by shape, as far
+/// as the pairs stay about as close. The reflection is of the pairs alone.
+///
+/// # Errors
+///
+/// With fewer than three pairs, or when those of one side lie on a line.
+pub fn align_by_landmarks(
+    domain: &Body,
+    target: &Body,
+    landmarks: &[(Point, Point)],
+) -> Result<Alignments, AlignError> {
+    let count = landmarks.len();
+    if count < 3 {
+        return Err(AlignError::FewLandmarks { count });
+    }
+    let framed = |&(a, b): &(Point, Point)| (domain.to_frame.apply(&a), target.to_frame.apply(&b), 1.0);
+    let framed: Vec<(Point, Point, f64)> = landmarks.iter().map(framed).collect();
+    for (side, points) in [
+        ("domain", framed.iter().map(|pair| pair.0).collect::<Vec<_>>()),
+        ("target", framed.iter().map(|pair| pair.1).collect()),
+    ] {
+        if !points.iter().flat_map(|p| p.iter()).all(|c| c.is_finite()) {
+            return Err(AlignError::NonFinite { side });
+        }
+        if are_collinear(&points) {
+            return Err(AlignError::CollinearLandmarks { side });
+        }
+    }
+    let pair = Pair::new(domain, target);
+    // Sides that are far from similar have no positive scale; the sizes of the solids give one then.
+    let fitted = |sign: f64| {
+        similarity(&framed, sign, None)
+            .or_else(|| similarity(&framed, sign, Some(1.0)))
+            .expect("the landmarks are finite and not all in one place")
+    };
+    let start = fitted(1.0);
+    let refined = pair.refine(
+        &pair.refine(&start, &framed, Effort::SAMPLES),
+        &framed,
+        Effort::LANDMARKS,
+    );
+    let misfit = |s: &Similarity| {
+        framed
+            .iter()
+            .map(|(a, b, _)| (s.apply(a) - b).norm_squared())
+            .sum::<f64>()
+    };
+    let allowed = 1.5 * misfit(&start).sqrt() + 0.01 * target.size * (count as f64).sqrt();
+    let kept = if misfit(&refined).sqrt() <= allowed {
+        refined
+    } else {
+        start
+    };
+    Ok(Alignments {
+        best: vec![pair.describe(&kept, AlignmentStart::Landmarks)],
+        mirrored: pair.describe(&fitted(-1.0), AlignmentStart::Landmarks),
+    })
+}
+
+/// A similarity with its residual and where it was found from.
+#[derive(Clone, Copy)]
+struct Candidate {
+    residual: f64,
+    similarity: Similarity,
+    start: AlignmentStart,
+}
+
+impl Pair<'_> {
+    /// Distinct alignments with orthogonal parts of determinant `sign`, the best first.
+    fn search(&self, sign: f64) -> Vec<Alignment> {
+        // Only the best reflection is asked for.
+        let (most_starts, most) = if sign > 0.0 {
+            (STARTS, FINALISTS)
+        } else {
+            (MIRRORED_STARTS, 1)
+        };
+        let scored = |(start, similarity)| Candidate {
+            residual: self.residual(
+                &similarity,
+                &self.partners(&similarity, FEW, Among::Samples, &Partners::default()),
+            ),
+            similarity,
+            start,
+        };
+        let starts = starts::starts(self.domain, self.target, sign)
+            .into_par_iter()
+            .map(scored)
+            .collect();
+        let improved = distinct(starts, most_starts)
+            .par_iter()
+            .map(|start| self.improve_coarsely(start))
+            .collect();
+        let mut refined: Vec<(Alignment, Similarity)> = distinct(improved, most)
+            .par_iter()
+            .map(|Candidate { similarity, start, .. }| {
+                let refined = self.refine(similarity, &[], Effort::SAMPLES);
+                let refined = self.refine(&refined, &[], Effort::TRIANGLES);
+                (self.describe(&refined, *start), refined)
+            })
+            .collect();
+        refined.sort_by(|a, b| a.0.residual.total_cmp(&b.0.residual));
+        let mut best: Vec<(Alignment, Similarity)> = Vec::with_capacity(refined.len());
+        for (alignment, s) in refined {
+            if best
+                .iter()
+                .all(|(_, other)| angle_between(&s.rotation, &other.rotation) > APART)
+            {
+                best.push((alignment, s));
+            }
+        }
+        best.into_iter().map(|(alignment, _)| alignment).collect()
+    }
+
+    /// A few steps with few points, by distances between points: it comes from far.
+    fn improve_coarsely(&self, start: &Candidate) -> Candidate {
+        let sign = start.similarity.rotation.determinant().signum();
+        let mut partners = self.partners(&start.similarity, SOME, Among::Samples, &Partners::default());
+        let mut best = Candidate {
+            residual: self.residual(&start.similarity, &partners),
+            ..*start
+        };
+        for _ in 0..COARSE_STEPS {
+            let matches = self.matches(&best.similarity, &partners);
+            let inverse = best.similarity.inverse();
+            let pairs: Vec<(Point, Point, f64)> = matches
+                .iter()
+                .map(|m| (inverse.apply(&m.moved), m.fixed, m.weight + 1e-3))
+                .collect();
+            let Some(next) = similarity(&pairs, sign, Some(best.similarity.scale)) else {
+                break;
+            };
+            partners = self.partners(&next, SOME, Among::Samples, &partners);
+            let residual = self.residual(&next, &partners);
+            if residual >= best.residual {
+                break;
+            }
+            best = Candidate {
+                residual,
+                similarity: next,
+                ..best
+            };
+        }
+        best
+    }
+}
+
+/// The best `count` of those that are not close to a better one, and what began with the solids as given. Where starts
+/// that turn with the solids lead to the same place as others, they stand for it.
+fn distinct(mut candidates: Vec<Candidate>, count: usize) -> Vec<Candidate> {
+    // Stable, so that equals stay in the order of the starts.
+    candidates.sort_by(|a, b| a.residual.total_cmp(&b.residual));
+    let (given, turning): (Vec<Candidate>, Vec<Candidate>) = candidates.into_iter().partition(|c| c.start.is_given());
+    let mut kept: Vec<Candidate> = Vec::with_capacity(turning.len() + given.len());
+    for next in turning.iter().chain(&given) {
+        if !kept.iter().any(|other| is_same(other, next)) {
+            kept.push(*next);
+        }
+    }
+    kept.sort_by(|a, b| a.residual.total_cmp(&b.residual));
+    kept.truncate(count);
+    if let Some(as_given) = given.iter().find(|c| c.start == AlignmentStart::AsGiven)
+        && !kept.iter().any(|other| is_same(other, as_given))
+    {
+        kept.truncate(count - 1);
+        kept.push(*as_given);
+    }
+    kept
+}
+
+fn is_same(a: &Candidate, b: &Candidate) -> bool {
+    angle_between(&a.similarity.rotation, &b.similarity.rotation) <= APART
+}
+
+/// Angle of the rotation from one orthogonal matrix to another of the same determinant.
+pub(super) fn angle_between(a: &Matrix3, b: &Matrix3) -> f64 {
+    (((a.transpose() * b).trace() - 1.0) / 2.0).clamp(-1.0, 1.0).acos()
+}
+
+/// Whether points lie on a line, to a thousandth of their extent.
+fn are_collinear(points: &[Point]) -> bool {
+    let mean = points.iter().map(|p| p.coords).sum::<Vector>() / points.len() as f64;
+    let covariance: Matrix3 = points
+        .iter()
+        .map(|p| (p.coords - mean) * (p.coords - mean).transpose())
+        .sum();
+    let (_, extents) = principal_axes(&covariance);
+    extents[1] <= 1e-6 * extents[0]
+}

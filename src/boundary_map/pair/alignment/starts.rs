@@ -1,0 +1,92 @@
+//! Rotations that alignments begin with.
+
+use std::f64::consts::PI;
+
+use nalgebra::{Quaternion, UnitQuaternion};
+
+use super::{AlignmentStart, Body};
+use crate::geometry::Similarity;
+use crate::{Matrix3, Vector};
+
+/// Starts added where axes are alike: every rotation is within 57° of one of them.
+const SPREAD: usize = 72;
+
+/// Orthogonal matrices of determinant `sign`, between the frames of both.
+pub(super) fn starts(domain: &Body, target: &Body, sign: f64) -> Vec<(AlignmentStart, Similarity)> {
+    let turned = |choice: &Matrix3| target.axes * choice * domain.axes.transpose();
+    let choices = axis_choices(sign);
+    let as_given = |r: &Matrix3| {
+        if *r == Matrix3::identity() {
+            AlignmentStart::AsGiven
+        } else {
+            AlignmentStart::CoordinateAxes
+        }
+    };
+    let mut rotations: Vec<(AlignmentStart, Matrix3)> = choices.iter().map(|r| (as_given(r), *r)).collect();
+    rotations.extend(choices.iter().map(|r| (AlignmentStart::PrincipalAxes, turned(r))));
+    if domain.has_axes_alike() || target.has_axes_alike() {
+        // In the axes too, so that the result turns with the solids.
+        let spread = spread_rotations(SPREAD);
+        rotations.extend(spread.iter().map(|r| (AlignmentStart::Spread, turned(&(sign * r)))));
+    }
+    let start = |(start, rotation)| {
+        let similarity = Similarity {
+            rotation,
+            ..Similarity::identity()
+        };
+        (start, similarity)
+    };
+    rotations.into_iter().map(start).collect()
+}
+
+/// The 24 matrices of determinant `sign` that carry axes to axes.
+fn axis_choices(sign: f64) -> Vec<Matrix3> {
+    let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    let choices = orders.iter().flat_map(|order| {
+        (0..8).map(move |signs| {
+            let turned = |axis: usize| if signs >> axis & 1 == 0 { 1.0 } else { -1.0 };
+            Matrix3::from_columns(&[0, 1, 2].map(|axis| Vector::ith(order[axis], turned(axis))))
+        })
+    });
+    choices.filter(|m| m.determinant() * sign > 0.0).collect()
+}
+
+/// Rotations spread evenly over all of them, on a spiral in the space of unit quaternions.
+pub(in crate::boundary_map::pair) fn spread_rotations(count: usize) -> Vec<Matrix3> {
+    /// The positive root of `x⁴ = x + 4`: with the square root of 2 the best spiral (Alexa, section 4).
+    const PSI: f64 = 1.533_751_168_755_204_3;
+    let rotation = |k: usize| {
+        let s = k as f64 + 0.5;
+        let t = s / count as f64;
+        let (alpha, beta) = (2.0 * PI * s / 2f64.sqrt(), 2.0 * PI * s / PSI);
+        let (r, rest) = (t.sqrt(), (1.0 - t).sqrt());
+        let quaternion = Quaternion::new(rest * beta.cos(), r * alpha.sin(), r * alpha.cos(), rest * beta.sin());
+        UnitQuaternion::from_quaternion(quaternion)
+            .to_rotation_matrix()
+            .into_inner()
+    };
+    (0..count).map(rotation).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+    use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    use super::super::angle_between;
+    use super::*;
+
+    #[test]
+    fn spread_rotations_reach_every_rotation() {
+        let spread = spread_rotations(SPREAD);
+        let mut random = StdRng::seed_from_u64(1);
+        for _ in 0..20_000 {
+            let any = Rotation3::new(Vector::from_fn(|_, _| random.random_range(-PI..PI))).into_inner();
+            let nearest = spread
+                .iter()
+                .map(|r| angle_between(r, &any))
+                .fold(f64::INFINITY, f64::min);
+            assert!(nearest < 57f64.to_radians(), "{nearest}");
+        }
+    }
+}
