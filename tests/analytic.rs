@@ -272,7 +272,7 @@ fn too_many_vertices_are_subsampled_with_a_warning() {
     let fit = fitted(&boundary_map(&domain, charges), &options);
     assert_eq!((fit.report.sources, fit.report.collocation), (300, 900));
     assert!(
-        fit.report.warnings.iter().any(|w| w.contains("--max-sources")),
+        fit.report.warnings.iter().any(|w| w.contains("`max_sources`")),
         "{:?}",
         fit.report.warnings
     );

@@ -293,7 +293,7 @@ fn refinement_keeps_to_its_budget_and_says_so() {
         assert!(report.sources <= max_sources && report.sources > unrefined.sources);
         assert!(report.boundary_error.p99 > 1e-4 && report.boundary_error.p99 < unrefined.boundary_error.p99);
         assert!(
-            report.warnings.iter().any(|w| w.contains("--max-sources")),
+            report.warnings.iter().any(|w| w.contains("`max_sources`")),
             "{:?}",
             report.warnings
         );

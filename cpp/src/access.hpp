@@ -1,6 +1,7 @@
 // What the public classes hold, and how their functions call Rust. Not installed.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -85,6 +86,35 @@ auto watched(const ProgressCallback& callback, const Call& call) -> decltype(cal
     throw_decoded(error);
   }
 }
+
+/// Whether an enumeration holds one of its own values, up to `last`.
+template <class Enum>
+void require_one_of(const char* option, Enum value, Enum last) {
+  const auto number = static_cast<long long>(value);
+  if (number < 0 || number > static_cast<long long>(last)) {
+    throw Error(Category::invalid_input,
+                std::string("`") + option + "` is " + std::to_string(number) + ", which is none of its values");
+  }
+}
+
+/// What may lie in the memory that results go to, out of their way.
+template <class T, class U>
+class Apart {
+ public:
+  Apart(Span<const T> given, Span<U> results) : view_(given) {
+    const auto begin = [](const auto& span) { return reinterpret_cast<std::uintptr_t>(span.data()); };
+    const auto end = [&](const auto& span) { return begin(span) + span.size() * sizeof(*span.data()); };
+    if (begin(given) < end(results) && begin(results) < end(given)) {
+      copy_.assign(given.begin(), given.end());
+      view_ = Span<const T>(copy_);
+    }
+  }
+  Span<const T> view() const noexcept { return view_; }
+
+ private:
+  std::vector<T> copy_;
+  Span<const T> view_;
+};
 
 template <class T>
 rust::Slice<const T> slice(Span<const T> span) {

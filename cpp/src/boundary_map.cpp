@@ -13,9 +13,12 @@ BoundaryMap BoundaryMap::between(const Surface& domain, const Surface& image) {
   return guarded([&] { return make_boundary(ffi::boundary_between(Access::of(domain), Access::of(image))); });
 }
 
-BoundaryMap BoundaryMap::to_sphere(const Surface& domain, SphereEnergy energy) {
+BoundaryMap BoundaryMap::to_sphere(const Surface& domain, SphereEnergy energy, const ProgressCallback& progress) {
+  require_one_of("energy", energy, SphereEnergy::conformal);
   const bool conformal = energy == SphereEnergy::conformal;
-  return guarded([&] { return make_boundary(ffi::boundary_to_sphere(Access::of(domain), conformal)); });
+  return watched(progress, [&](const Watcher& watcher) {
+    return make_boundary(ffi::boundary_to_sphere(Access::of(domain), conformal, watcher));
+  });
 }
 
 BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, const PairOptions& options,

@@ -2,6 +2,8 @@
 
 #include "access.hpp"
 
+const char solidmap::detail::SOLIDMAP_STANDARD_LIBRARY = 0;
+
 namespace solidmap {
 
 const char* name(Category category) noexcept {

@@ -12,6 +12,8 @@ ffi::FitOptions for_rust(const FitOptions& options) {
   if (options.memory == std::uint64_t{0}) {
     throw Error(Category::invalid_input, "memory is 0 bytes, but must be positive, or none for nine tenths of what there is");
   }
+  require_one_of("placement.kind", options.placement.kind, Placement::Kind::sphere);
+  require_one_of("solver", options.solver, Solver::svd);
   ffi::FitOptions to = {};
   to.placement = static_cast<std::uint8_t>(options.placement.kind);
   to.placement_value = options.placement.value;

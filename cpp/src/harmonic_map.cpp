@@ -21,7 +21,8 @@ std::vector<Point> HarmonicMap::evaluate(Span<const Point> points) const {
 }
 
 void HarmonicMap::evaluate(Span<const Point> points, Span<Point> images) const {
-  guarded([&] { Access::of(*this).evaluate(flat(points), flat(images)); });
+  const Apart given(points, images);
+  guarded([&] { Access::of(*this).evaluate(flat(given.view()), flat(images)); });
 }
 
 Point HarmonicMap::operator()(const Point& point) const {
@@ -37,12 +38,15 @@ std::vector<Matrix3> HarmonicMap::jacobian(Span<const Point> points) const {
 }
 
 void HarmonicMap::jacobian(Span<const Point> points, Span<Matrix3> jacobians) const {
-  guarded([&] { Access::of(*this).jacobian(flat(points), flat(jacobians)); });
+  const Apart given(points, jacobians);
+  guarded([&] { Access::of(*this).jacobian(flat(given.view()), flat(jacobians)); });
 }
 
 void HarmonicMap::evaluate_with_jacobian(Span<const Point> points, Span<Point> images,
                                          Span<Matrix3> jacobians) const {
-  guarded([&] { Access::of(*this).evaluate_with_jacobian(flat(points), flat(images), flat(jacobians)); });
+  const Apart given(points, images);
+  const Apart kept(given.view(), jacobians);
+  guarded([&] { Access::of(*this).evaluate_with_jacobian(flat(kept.view()), flat(images), flat(jacobians)); });
 }
 
 BoundaryMap HarmonicMap::boundary() const {

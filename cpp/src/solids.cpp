@@ -7,6 +7,7 @@ namespace solidmap {
 using namespace detail;
 
 CellMesh tetrahedralise(const Surface& surface, const TetOptions& options) {
+  require_one_of("mesher", options.mesher, TetOptions::Mesher::cgal);
   ffi::TetOptions to = {};
   to.cgal = options.mesher == TetOptions::Mesher::cgal;
   to.radius_edge_ratio = options.radius_edge_ratio;
@@ -63,8 +64,11 @@ Remeshed told(const rust::Box<ffi::Remeshed>& remeshed) {
 
 Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOptions& options,
                 const ProgressCallback& progress) {
+  require_one_of("kind", cells.kind, CellKind::hexes);
+  // One of the two says the size.
+  const std::size_t along = cells.length != 0 ? 0 : cells.along;
   return watched(progress, [&](const Watcher& watcher) {
-    return told(ffi::remesh_regular(Access::of(map), cells.kind == CellKind::hexes, cells.along, cells.length,
+    return told(ffi::remesh_regular(Access::of(map), cells.kind == CellKind::hexes, along, cells.length,
                                     cells.max_cells, for_rust(options), watcher));
   });
 }

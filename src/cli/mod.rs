@@ -43,7 +43,7 @@ pub fn run() -> ExitCode {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::CheckFailed) => ExitCode::from(1),
         Err(error) => {
-            output::say(format_args!("error: {}", describe(&error)));
+            output::say(format_args!("error: {}", output::as_typed(describe(&error))));
             ExitCode::from(2)
         }
     }
@@ -51,10 +51,9 @@ pub fn run() -> ExitCode {
 
 fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
     if let Some(threads) = cli.threads {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
-            .build_global()?;
-        faer::set_global_parallelism(faer::Par::rayon(threads.into()));
+        let threads = useful(threads.into());
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+        faer::set_global_parallelism(faer::Par::rayon(threads));
     }
     #[cfg(feature = "native")]
     if let Command::NativeWorker = cli.command {
@@ -95,6 +94,14 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
     };
     output.finish();
     outcome
+}
+
+/// Threads of which there are many more than cores spend their time on one another: a second's work takes ten minutes with
+/// 1024 threads on two cores.
+fn useful(threads: usize) -> usize {
+    const PER_CORE: usize = 8;
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    threads.min(PER_CORE * cores)
 }
 
 /// The error and its causes, each once: many of our errors quote their cause.

@@ -76,6 +76,7 @@ impl Output {
 
     /// A remark to the user, such as what was mended.
     pub fn warn(&self, message: impl std::fmt::Display) {
+        let message = as_typed(message.to_string());
         self.bar.suspend(|| say(format_args!("warning: {message}")));
     }
 
@@ -105,6 +106,23 @@ impl Output {
 
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_spinner())
+}
+
+/// A message of the library with its settings as they are called here.
+pub fn as_typed(message: String) -> String {
+    const OPTIONS: [[&str; 2]; 8] = [
+        ["`max_sources`", "--max-sources"],
+        ["`source_ratio`", "--s-ratio"],
+        ["`collocation_ratio`", "--c-ratio"],
+        ["`held_out`", "--held-out"],
+        ["`memory`", "--memory"],
+        ["`alpha`", "--alpha"],
+        ["`offset`", "--offset"],
+        ["`radius`", "--radius"],
+    ];
+    OPTIONS
+        .iter()
+        .fold(message, |text, [field, option]| text.replace(field, option))
 }
 
 /// A line on stderr. Nobody can be told when that fails.

@@ -265,7 +265,7 @@ pub(super) mod ffi {
         type Boundary;
         fn boundary_new(domain: &Surface, images: &[f64]) -> Result<Box<Boundary>>;
         fn boundary_between(domain: &Surface, image: &Surface) -> Result<Box<Boundary>>;
-        fn boundary_to_sphere(domain: &Surface, conformal: bool) -> Result<Box<Boundary>>;
+        fn boundary_to_sphere(domain: &Surface, conformal: bool, watcher: &Watcher) -> Result<Box<Boundary>>;
         fn boundary_pair(
             domain: &Surface,
             target: &Surface,

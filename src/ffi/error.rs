@@ -148,6 +148,7 @@ impl Categorised for SphericalError {
         match self {
             Self::OutOfMemory { .. } => Category::Memory,
             Self::TooFine | Self::NotBijective(_) => Category::Numerical,
+            Self::Cancelled => Category::Cancelled,
             _ => Category::InvalidInput,
         }
     }

@@ -17,7 +17,7 @@ use crate::io::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::solver::{DenseOptions, Method, SchwarzOptions};
-use crate::spherical::{SphereEnergy, SphereOptions, map_to_sphere};
+use crate::spherical::{SphereEnergy, SphereOptions, SpherePhase, map_to_sphere};
 
 pub struct Boundary(pub BoundaryMap);
 
@@ -71,7 +71,7 @@ pub fn boundary_between(domain: &Surface, image: &Surface) -> Result<Box<Boundar
     guarded(|| boxed_boundary(BoundaryMap::between(domain.0.clone(), &image.0)?))
 }
 
-pub fn boundary_to_sphere(domain: &Surface, conformal: bool) -> Result<Box<Boundary>, Error> {
+pub fn boundary_to_sphere(domain: &Surface, conformal: bool, watcher: &Watcher) -> Result<Box<Boundary>, Error> {
     guarded(|| {
         let options = SphereOptions {
             energy: if conformal {
@@ -81,7 +81,16 @@ pub fn boundary_to_sphere(domain: &Surface, conformal: bool) -> Result<Box<Bound
             },
             ..SphereOptions::default()
         };
-        let (drawn, _) = map_to_sphere(&domain.0, &options, &|_| {})?;
+        let tell = |phase| {
+            let (step, fraction) = match phase {
+                SpherePhase::Coarsening => ("coarsening", f64::NAN),
+                SpherePhase::Drawing { vertices, of } => ("drawing", share(vertices, of)),
+                SpherePhase::Flowing => ("flowing", f64::NAN),
+                SpherePhase::Optimising => ("optimising", f64::NAN),
+            };
+            answer(watcher, step, fraction, "")
+        };
+        let (drawn, _) = map_to_sphere(&domain.0, &options, &tell)?;
         boxed_boundary(BoundaryMap::onto_sphere(drawn)?)
     })
 }
@@ -288,11 +297,17 @@ impl Map {
     }
 
     pub fn evaluate(&self, points: &[f64], images: &mut [f64]) -> Result<(), Error> {
-        guarded(|| write(images, flat(&self.map().evaluate(whole_points("points", points)?))))
+        guarded(|| {
+            require_room(images, points.len(), 3)?;
+            write(images, flat(&self.map().evaluate(whole_points("points", points)?)))
+        })
     }
 
     pub fn jacobian(&self, points: &[f64], jacobians: &mut [f64]) -> Result<(), Error> {
-        guarded(|| write_rows(jacobians, &self.map().jacobian(whole_points("points", points)?)))
+        guarded(|| {
+            require_room(jacobians, 3 * points.len(), 9)?;
+            write_rows(jacobians, &self.map().jacobian(whole_points("points", points)?))
+        })
     }
 
     pub fn evaluate_with_jacobian(
@@ -302,6 +317,8 @@ impl Map {
         jacobians: &mut [f64],
     ) -> Result<(), Error> {
         guarded(|| {
+            require_room(images, points.len(), 3)?;
+            require_room(jacobians, 3 * points.len(), 9)?;
             let (values, derivatives) = self.map().evaluate_with_jacobian(whole_points("points", points)?);
             write(images, flat(&values))?;
             write_rows(jacobians, &derivatives)
@@ -511,6 +528,18 @@ fn boundary_of(file: &MapFile) -> Result<&BoundaryMap, Error> {
 
 fn boxed_boundary(boundary: BoundaryMap) -> Result<Box<Boundary>, Error> {
     Ok(Box::new(Boundary(boundary)))
+}
+
+/// Found before the work is done. `numbers` is how many come, `each` how many of them are one result.
+fn require_room(out: &[f64], numbers: usize, each: usize) -> Result<(), Error> {
+    if out.len() == numbers {
+        return Ok(());
+    }
+    Err(Error::invalid(format!(
+        "there is room for {} results, and {} points are given",
+        out.len() / each,
+        numbers / each
+    )))
 }
 
 fn write(out: &mut [f64], found: &[f64]) -> Result<(), Error> {

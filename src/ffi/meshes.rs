@@ -1,10 +1,10 @@
 //! Surfaces, and meshes of cells.
 
 use super::bridge::ffi;
-use super::error::{Error, guarded};
+use super::error::{Category, Error, guarded};
 use super::{flat, path, points};
 use crate::check::{self, CheckReport, ComponentKind, SelfIntersections, Severity};
-use crate::io::{self, CellGroup};
+use crate::io::{self, CellGroup, IoError};
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, TetMesh, shapes};
 use crate::remesh::{bad_cells, quality};
 
@@ -14,6 +14,8 @@ pub struct Cells(pub CellMesh);
 
 /// Divisions of built-in shapes: beyond, a number was mistyped.
 const MOST_DIVISIONS: usize = 1024;
+/// Triangles of built-in shapes: as many take some 2 GB while they are made.
+const MOST_TRIANGLES: f64 = 3e7;
 
 pub fn surface_new(vertices: &[f64], triangles: &[u32]) -> Result<Box<Surface>, Error> {
     guarded(|| {
@@ -62,6 +64,17 @@ pub fn surface_polycube(cubes: &[i32], divisions: usize) -> Result<Box<Surface>,
                 "a polycube needs cubes, at positions of at most {MOST_DIVISIONS}"
             )));
         }
+        // Six sides of each, at most.
+        let most = 12.0 * cubes.len() as f64 * (divisions as f64).powi(2);
+        if most > MOST_TRIANGLES {
+            return Err(Error::new(
+                Category::Memory,
+                format!(
+                    "{} cubes of {divisions} divisions have up to {most:.1e} triangles, more than {MOST_TRIANGLES:.1e}",
+                    cubes.len()
+                ),
+            ));
+        }
         boxed(shapes::polycube(cubes, divisions))
     })
 }
@@ -70,6 +83,11 @@ pub fn surface_torus(major: f64, minor: f64, around: usize, across: usize) -> Re
     guarded(|| {
         require_length("major", major)?;
         require_length("minor", minor)?;
+        if minor >= major {
+            return Err(Error::invalid(format!(
+                "minor is {minor}, but must be less than major, {major}: the tube would pass through itself"
+            )));
+        }
         require_divisions("around", around, 3)?;
         require_divisions("across", across, 3)?;
         boxed(shapes::torus(major, minor, around, across))
@@ -176,7 +194,15 @@ impl Cells {
                 let group = CellGroup { cells, labels, names };
                 return Ok(io::write_groups(path, self.0.nodes(), &[group], "")?);
             }
-            Ok(io::write_cells(path, self.0.nodes(), cells)?)
+            match io::write_cells(&path, self.0.nodes(), cells) {
+                Err(IoError::UnknownExtension { path, purpose, known }) => Err(IoError::UnknownExtension {
+                    path,
+                    purpose,
+                    known: format!("{known}, .msh"),
+                }
+                .into()),
+                written => Ok(written?),
+            }
         })
     }
 

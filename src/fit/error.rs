@@ -12,7 +12,7 @@ pub enum FitError {
     #[error("the domain does not bound a solid: {}", describe_errors(.0))]
     DefectiveDomain(Box<CheckReport>),
     /// A setting is out of range.
-    #[error("{option} is {value}, but must be {range}")]
+    #[error("`{option}` is {value}, but must be {range}")]
     Option {
         /// The field of [`crate::fit::FitOptions`].
         option: &'static str,
@@ -50,8 +50,8 @@ pub enum FitError {
     /// The fit would not fit into memory.
     #[error(
         "{sources} sources and {collocation} collocation points need about {}, and {} are allowed{}; lower the number \
-         of sources (--max-sources, --s-ratio) or of collocation points (--c-ratio), use a coarser mesh, or allow more \
-         (--memory)",
+         of sources (`max_sources`, `source_ratio`) or of collocation points (`collocation_ratio`), use a coarser mesh, or \
+         allow more (`memory`)",
         readable(*.need), readable(*.allowed), describe_fitting(*.fitting)
     )]
     TooLarge {

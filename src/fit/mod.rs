@@ -270,13 +270,13 @@ impl DomainFactor {
     fn exceeded(&self, work: &Workload) -> Option<(RefinementEnd, String)> {
         let most = self.options.max_sources;
         if work.sources > most {
-            let limit = format!("and {most} are allowed; --max-sources raises the limit");
+            let limit = format!("and {most} are allowed; `max_sources` raises the limit");
             return Some((RefinementEnd::MaxSources, limit));
         }
         let (need, allowed) = (work.bytes(), self.options.memory?);
         let limit = || {
             let (need, allowed) = (readable(need), readable(allowed));
-            format!("which need about {need}, and {allowed} are allowed; --memory raises the limit")
+            format!("which need about {need}, and {allowed} are allowed; `memory` raises the limit")
         };
         (need > allowed).then(|| (RefinementEnd::Memory, limit()))
     }

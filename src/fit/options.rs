@@ -143,18 +143,23 @@ pub(super) fn require_valid(options: &FitOptions) -> Result<(), FitError> {
         }
     }
     let (sources, collocation) = (options.source_ratio, options.collocation_ratio);
-    require(positive(sources), "s-ratio", sources, "positive (0.6 in the paper)")?;
+    require(
+        positive(sources),
+        "source_ratio",
+        sources,
+        "positive (0.6 in the paper)",
+    )?;
     require(
         positive(collocation) && collocation >= sources,
-        "c-ratio",
+        "collocation_ratio",
         collocation,
-        "at least the s-ratio, so that the system is not underdetermined",
+        "at least `source_ratio`, so that the system is not underdetermined",
     )?;
-    require(options.max_sources > 0, "max-sources", 0.0, "positive")?;
+    require(options.max_sources > 0, "max_sources", 0.0, "positive")?;
     let adaptive = matches!(options.placement, Placement::Adaptive { .. });
     require(
         sources <= 1.0 || !adaptive,
-        "s-ratio",
+        "source_ratio",
         sources,
         "at most 1 with the adaptive placement, which has one source per vertex; refine the mesh for more",
     )?;
@@ -178,7 +183,7 @@ pub(super) fn require_valid(options: &FitOptions) -> Result<(), FitError> {
     let held_out = options.held_out;
     require(
         (1..=MOST_HELD_OUT).contains(&held_out),
-        "held-out",
+        "held_out",
         held_out as f64,
         "from 1 to 10 million",
     )
@@ -222,7 +227,7 @@ impl Size {
         (!self.is_whole()).then(|| {
             format!(
                 "the domain's vertices call for {asked} sources; {sources} are used, as many as are allowed. Detail finer \
-                 than their spacing is lost: see the boundary error. --max-sources raises the limit"
+                 than their spacing is lost: see the boundary error. `max_sources` raises the limit"
             )
         })
     }

@@ -34,7 +34,7 @@ pub struct InverseOptions {
     /// 1e-3. What rounding of the target's coordinates leaves counts too, and sums over many sources do not reach less
     /// than 1e-10.
     pub tolerance: f64,
-    /// Nodes of the mesh that the search starts from: folds smaller than its cells go unseen.
+    /// Nodes of the mesh that the search starts from, at most a million: folds smaller than its cells go unseen.
     pub seed_nodes: usize,
     /// Limit on the steps of Newton's method, from every start.
     pub iterations: usize,
@@ -189,6 +189,8 @@ const NEAR: f64 = 1e-5;
 const NEAR_TOLERANCES: f64 = 1e5;
 /// Largest tolerance: with more a preimage says little.
 const MAX_TOLERANCE: f64 = 1e-3;
+/// Beyond, seeds take more than a gigabyte and gain nothing.
+const MAX_SEED_NODES: f64 = 1e6;
 /// Residual that rounding leaves, over the target's largest coordinate.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 /// Preimages closer than this part of the domain's diagonal are one, and so are those closer than so many times what
@@ -222,7 +224,12 @@ impl<'a> InverseMap<'a> {
             MAX_TOLERANCE,
             "greater than 0 and at most 1e-3",
         )?;
-        require_up_to("seed_nodes", options.seed_nodes as f64, f64::MAX, "greater than 0")?;
+        require_up_to(
+            "seed_nodes",
+            options.seed_nodes as f64,
+            MAX_SEED_NODES,
+            "from 1 to 1000000",
+        )?;
         require_up_to("iterations", options.iterations as f64, f64::MAX, "greater than 0")?;
         let domain = SurfaceQuery::new(boundary.domain()).map_err(InverseError::Domain)?;
         // A target may overlap itself where its boundary map folds.

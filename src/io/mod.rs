@@ -131,7 +131,10 @@ pub fn read_tets(path: impl AsRef<Path>) -> Result<TetMesh, IoError> {
 /// several kinds or of others.
 pub fn read_cells(path: impl AsRef<Path>) -> Result<CellMesh, IoError> {
     let path = path.as_ref();
-    read_mesh(path, "a mesh of tetrahedra or hexahedra")?.into_cells(path)
+    let formats = MESH_FORMATS
+        .iter()
+        .filter(|format| CELL_EXTENSIONS.contains(&format.extension));
+    read(path, "a mesh of tetrahedra or hexahedra", formats)?.into_cells(path)
 }
 
 /// Reads a surface or a tetrahedral mesh, as the content has it: a file with tetrahedra is a tetrahedral mesh even

@@ -4,7 +4,7 @@
 //!
 //! The functions here panic on sizes that make no solid (zero divisions); they are called with constants.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use rayon::prelude::*;
 
@@ -137,15 +137,17 @@ pub fn polycube(cubes: &[[i32; 3]], divisions: usize) -> SurfaceMesh {
         "a polycube needs cubes and divisions"
     );
     let n = divisions as i32;
+    let (mut filled, mut all) = (HashSet::new(), Vec::with_capacity(cubes.len()));
+    all.extend(cubes.iter().copied().filter(|&cube| filled.insert(cube)));
     let mut index: HashMap<[i32; 3], u32> = HashMap::new();
     let mut vertices = Vec::new();
     let mut triangles = Vec::new();
-    for &cube in cubes {
+    for cube in all {
         for axis in 0..3 {
             for side in [0, 1] {
                 let mut neighbour = cube;
                 neighbour[axis] += 2 * side - 1;
-                if cubes.contains(&neighbour) {
+                if filled.contains(&neighbour) {
                     continue;
                 }
                 let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);

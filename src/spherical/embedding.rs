@@ -11,6 +11,7 @@ use super::rest::RestShapes;
 use super::{SphericalError, SphericalMap, certify, require_sphere};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
+use crate::progress::{Answer, Watch};
 use crate::{Point, Vector};
 
 /// What a map to the sphere keeps.
@@ -119,14 +120,17 @@ const AREA_WEIGHT_OF_START: f64 = 0.01;
 ///
 /// # Errors
 ///
-/// As [`require_sphere`], and [`SphericalError::TooFine`] when rounding leaves no place for a vertex.
-pub fn map_to_sphere(
+/// As [`require_sphere`], [`SphericalError::TooFine`] when rounding leaves no place for a vertex, and
+/// [`SphericalError::Cancelled`] when `progress` says so ([`Answer`]), which is heard between levels and iterations.
+pub fn map_to_sphere<A: Answer>(
     surface: &SurfaceMesh,
     options: &SphereOptions,
-    progress: &dyn Fn(SpherePhase),
+    progress: &dyn Fn(SpherePhase) -> A,
 ) -> Result<(SphericalMap, SphereReport), SphericalError> {
     let surface = require_sphere(surface)?;
-    let drawn = draw(&surface, options, progress)?;
+    let told = |phase| progress(phase).flow();
+    let watch = Watch::new(SpherePhase::Coarsening, &told);
+    let drawn = draw(&surface, options, &watch)?;
     let rest = RestShapes::new(surface.triangles(), surface.vertices());
     let energy = Energy {
         rest: &rest,
@@ -136,14 +140,15 @@ pub fn map_to_sphere(
     let (mut directions, start) = match options.start {
         SphereStart::Progressive => (drawn, SphereStart::Progressive),
         SphereStart::Flow => {
-            progress(SpherePhase::Flowing);
+            watch.tell(SpherePhase::Flowing);
             let flowed = flow(surface.triangles(), surface.vertices(), &FlowOptions::default());
             let most = MOST_START * energy.value(&drawn);
             let flowed = flowed.filter(|x| energy.value(x) <= most);
             flowed.map_or((drawn, SphereStart::Progressive), |x| (x, SphereStart::Flow))
         }
     };
-    progress(SpherePhase::Optimising);
+    watch.tell(SpherePhase::Optimising);
+    require_going_on(&watch)?;
     let failed = |error: NewtonError| match error {
         NewtonError::OutOfMemory { unknowns } => SphericalError::OutOfMemory { vertices: unknowns / 2 },
         // The drawing is one to one; only its energy can be too large for a number.
@@ -155,8 +160,9 @@ pub fn map_to_sphere(
         tolerance: options.tolerance,
     };
     let descent = newton
-        .minimise(&energy, &mut directions, &newton_options)
+        .minimise(&energy, &mut directions, &newton_options, &|| watch.goes_on())
         .map_err(failed)?;
+    require_going_on(&watch)?;
     if options.energy == SphereEnergy::Conformal {
         centre(surface.triangles(), &vertex_areas(&surface), &mut directions);
     }
@@ -170,6 +176,14 @@ pub fn map_to_sphere(
         converged: descent.stop != Stop::MostIterations,
     };
     Ok((SphericalMap::new(surface, &directions)?, report))
+}
+
+fn require_going_on(watch: &Watch<SpherePhase>) -> Result<(), SphericalError> {
+    if watch.goes_on() {
+        Ok(())
+    } else {
+        Err(SphericalError::Cancelled)
+    }
 }
 
 fn final_weights(energy: SphereEnergy) -> Weights {
@@ -186,9 +200,9 @@ fn final_weights(energy: SphereEnergy) -> Weights {
 fn draw(
     surface: &SurfaceMesh,
     options: &SphereOptions,
-    progress: &dyn Fn(SpherePhase),
+    watch: &Watch<SpherePhase>,
 ) -> Result<Vec<Vector>, SphericalError> {
-    progress(SpherePhase::Coarsening);
+    require_going_on(watch)?;
     let points = surface.vertices();
     let hierarchy = Hierarchy::new(points, surface.triangles(), &[]).ok_or(SphericalError::TooFine)?;
     let area = match options.energy {
@@ -207,16 +221,21 @@ fn draw(
         |_| None,
         |drawing| {
             let there = drawing.there.len();
-            progress(SpherePhase::Drawing {
+            watch.tell(SpherePhase::Drawing {
                 vertices: there,
                 of: points.len(),
             });
+            // What is left then is quick, and of no use.
+            if watch.has_ended() {
+                return;
+            }
             relaxation.run(drawing, SWEEPS);
             if shares.next_if(|&&share| there >= points.len() / share).is_some() && there < points.len() {
                 optimise_coarse(drawing, points, relaxation.weights);
             }
         },
     );
+    require_going_on(watch)?;
     Ok(drawing.ok_or(SphericalError::TooFine)?.directions)
 }
 
@@ -233,8 +252,8 @@ fn optimise_coarse(drawing: &mut Drawing, points: &[Point], weights: Weights) {
         most_iterations: COARSE_ITERATIONS,
         tolerance: COARSE_TOLERANCE,
     };
-    let _ =
-        Newton::new(&triangles, &[]).and_then(|mut newton| newton.minimise(&energy, &mut drawing.directions, &options));
+    let _ = Newton::new(&triangles, &[])
+        .and_then(|mut newton| newton.minimise(&energy, &mut drawing.directions, &options, &|| true));
 }
 
 /// A third of the area of the triangles at each vertex.

@@ -148,7 +148,7 @@ impl Newton {
 
     /// Lowers the energy of the drawing `x`, unit vectors per vertex, without ever turning a triangle over.
     ///
-    /// The energy's triangles must be those that the method was prepared for. Deterministic, for any number of threads.
+    /// The energy's triangles must be those that the method was prepared for. `goes_on` is asked before every iteration. Deterministic, for any number of threads.
     ///
     /// # Errors
     ///
@@ -162,6 +162,7 @@ impl Newton {
         energy: &impl Objective,
         x: &mut [Vector],
         options: &NewtonOptions,
+        goes_on: &dyn Fn() -> bool,
     ) -> Result<NewtonReport, NewtonError> {
         debug_assert!(self.triangles == energy.triangles());
         let energy_before = self.start(energy, x)?;
@@ -172,7 +173,7 @@ impl Newton {
             stop: Stop::MostIterations,
         };
         let mut shift = LEAST_SHIFT;
-        while report.iterations < options.most_iterations {
+        while report.iterations < options.most_iterations && goes_on() {
             let frames: Vec<[Vector; 2]> = x.par_iter().map(tangents).collect();
             let gradient = self.assemble(energy, x, &frames);
             let Some(step) = self.descend(energy, x, &frames, &gradient, report.energy_after, &mut shift) else {
@@ -490,7 +491,7 @@ mod tests {
             pulls: &[],
         };
         let mut newton = Newton::new(mesh.triangles(), &[]).unwrap();
-        newton.minimise(&energy, x, options).unwrap()
+        newton.minimise(&energy, x, options, &|| true).unwrap()
     }
 
     /// Vertices moved at random as far as nothing turns over: a seeded linear congruential generator.
@@ -531,7 +532,7 @@ mod tests {
                 tolerance: 0.0,
             };
             for _ in 0..30 {
-                let report = newton.minimise(&energy, &mut x, &one).unwrap();
+                let report = newton.minimise(&energy, &mut x, &one, &|| true).unwrap();
                 assert!(report.energy_before == last && report.energy_after <= last);
                 assert_eq!(energy.value(&x), report.energy_after);
                 assert!(certify(mesh.triangles(), &x).is_bijective());
@@ -634,7 +635,7 @@ mod tests {
                 pulls: &pulls,
             };
             let mut x = start.clone();
-            newton.minimise(&energy, &mut x, &EXACT).unwrap();
+            newton.minimise(&energy, &mut x, &EXACT, &|| true).unwrap();
             assert!(x[3] == start[3] && x[50] == start[50]);
             assert!(certify(mesh.triangles(), &x).is_bijective());
             distances.push((x[100] - target).norm());
@@ -663,11 +664,11 @@ mod tests {
         let all: Vec<u32> = (0..42).collect();
         let before = x.clone();
         let mut still = Newton::new(mesh.triangles(), &all).unwrap();
-        let report = still.minimise(&energy, &mut x, &EXACT).unwrap();
+        let report = still.minimise(&energy, &mut x, &EXACT, &|| true).unwrap();
         assert!(report.iterations == 0 && x == before);
         Newton::new(mesh.triangles(), &[])
             .unwrap()
-            .minimise(&energy, &mut x, &EXACT)
+            .minimise(&energy, &mut x, &EXACT, &|| true)
             .unwrap();
         assert_eq!(x[42..], before[42..]);
         let none = RestShapes::new(&[], &[]);
@@ -678,7 +679,7 @@ mod tests {
         };
         Newton::new(&[], &[])
             .unwrap()
-            .minimise(&energy, &mut x, &EXACT)
+            .minimise(&energy, &mut x, &EXACT, &|| true)
             .unwrap();
     }
 
@@ -734,7 +735,7 @@ mod tests {
                 pulls,
             };
             let mut moved = x.to_vec();
-            let error = newton.minimise(&energy, &mut moved, &EXACT).unwrap_err();
+            let error = newton.minimise(&energy, &mut moved, &EXACT, &|| true).unwrap_err();
             assert!(
                 moved
                     .iter()

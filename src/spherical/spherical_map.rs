@@ -19,6 +19,9 @@ pub struct SphericalMap {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SphericalError {
+    /// The progress callback asked for an end.
+    #[error("cancelled by the progress callback")]
+    Cancelled,
     /// Only a closed surface covers the sphere.
     #[error(
         "the surface is open: {open_edges} edges have one triangle, the first joins vertices {} and {}; close the \

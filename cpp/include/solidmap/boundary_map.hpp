@@ -20,7 +20,7 @@ namespace detail {
 struct BoundaryMapImpl;
 }
 
-/// A point of a surface: a triangle, and weights of its corners that add up to 1.
+/// A point of a surface: a triangle, and weights of its corners that add up to 1. Weights are taken as they are.
 struct SurfacePoint {
   std::uint32_t triangle = 0;
   std::array<double, 3> barycentric = {1.0 / 3, 1.0 / 3, 1.0 / 3};
@@ -62,12 +62,14 @@ class BoundaryMap {
   /// Throws Error (invalid_input) when the counts differ, or an image is not finite.
   BoundaryMap(const Surface& domain, Span<const Point> images);
   /// The same with the vertices of another surface of the same connectivity; throws Error (invalid_input) otherwise.
+  /// Triangles count as the same when they have the same corners: those of `domain` say which side is out.
   static BoundaryMap between(const Surface& domain, const Surface& image);
   /// A bijection of a surface of genus 0 with the unit sphere about the origin. About 5 s for 134 000 vertices on two
-  /// cores. Throws Error (invalid_input, or numerical).
-  static BoundaryMap to_sphere(const Surface& domain, SphereEnergy energy = SphereEnergy::balanced);
+  /// cores. Throws Error (invalid_input, numerical, cancelled).
+  static BoundaryMap to_sphere(const Surface& domain, SphereEnergy energy = SphereEnergy::balanced,
+                               const ProgressCallback& progress = {});
   /// A bijection between two surfaces of genus 0 of which no correspondence is known. About 20 s for 15 000 vertices on
-  /// two cores. A cancellation is heard between steps, of several seconds each.
+  /// two cores. The callback is asked some ten times in a second.
   /// Throws Error (invalid_input: other genus, landmarks that cannot be met; cancelled).
   static BoundaryMap pair(const Surface& domain, const Surface& target, const PairOptions& options = {},
                           const ProgressCallback& progress = {}, PairReport* report = nullptr);

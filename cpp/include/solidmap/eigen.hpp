@@ -4,7 +4,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "solidmap/solidmap.hpp"
@@ -55,14 +57,22 @@ inline Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> matrix(con
   return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(jacobian.data());
 }
 
-/// The surface with these vertices and triangles. Throws Error (invalid_input) as Surface::Surface().
+/// The surface with these vertices and triangles, of any integers. Throws Error (invalid_input) as Surface::Surface().
 template <class Vertices, class Triangles>
 Surface surface(const Eigen::MatrixBase<Vertices>& vertices, const Eigen::MatrixBase<Triangles>& triangles) {
+  using Index = typename Triangles::Scalar;
+  static_assert(std::is_integral_v<Index>, "corners of triangles are integers");
   detail::require_three_columns(triangles, "triangles");
   std::vector<Triangle> corners(static_cast<std::size_t>(triangles.rows()));
   for (std::size_t t = 0; t < corners.size(); ++t) {
     for (int k = 0; k < 3; ++k) {
-      corners[t][static_cast<std::size_t>(k)] = static_cast<std::uint32_t>(triangles(static_cast<Eigen::Index>(t), k));
+      const Index corner = triangles(static_cast<Eigen::Index>(t), k);
+      const auto kept = static_cast<std::uint32_t>(corner);
+      if (corner < Index(0) || static_cast<std::uintmax_t>(corner) != kept) {
+        throw Error(Category::invalid_input, "triangle " + std::to_string(t) + " names vertex " + std::to_string(corner) +
+                                                 ", which is not there");
+      }
+      corners[t][static_cast<std::size_t>(k)] = kept;
     }
   }
   const auto places = points(vertices);

@@ -5,6 +5,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "solidmap/abi.hpp"
+
 namespace solidmap {
 
 /// What an Error is about, for programs; its message is for people.

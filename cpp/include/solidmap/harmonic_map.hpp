@@ -38,7 +38,8 @@ struct FitReport {
   std::string method;
   std::size_t iterations = 0;
   /// Rounds of finer sources, and why there were no more: `"tolerance"`, `"off"`, `"fixed"`, `"max_sources"`, `"memory"`,
-  /// `"in_vain"`, `"no_room"`; empty where no tolerance was aimed at.
+  /// `"in_vain"`, `"no_room"`; empty where no tolerance was aimed at. Only after `"tolerance"` is it met for certain: see
+  /// `boundary_error.p99`.
   std::size_t refinements = 0;
   std::string refinement_end;
   BoundaryError boundary_error;
@@ -65,7 +66,8 @@ class HarmonicMap {
   /// Images of the points, in order. Many points at once share their work, on all cores: a million points with 100 000
   /// sources take about a second; one by one each would take as long as thousands.
   std::vector<Point> evaluate(Span<const Point> points) const;
-  /// The same into `images`, of the same size; throws Error (invalid_input) otherwise.
+  /// The same into `images`, of the same size; throws Error (invalid_input) otherwise. `images` may be `points`, which are
+  /// copied then.
   void evaluate(Span<const Point> points, Span<Point> images) const;
   /// The image of one point: a sum over all sources.
   Point operator()(const Point& point) const;
@@ -73,7 +75,7 @@ class HarmonicMap {
   /// Jacobians, `∂f_i/∂x_k` at `3 i + k`.
   std::vector<Matrix3> jacobian(Span<const Point> points) const;
   void jacobian(Span<const Point> points, Span<Matrix3> jacobians) const;
-  /// Both for little more than the Jacobians alone.
+  /// Both for little more than the Jacobians alone. The two ranges of results must not overlap.
   void evaluate_with_jacobian(Span<const Point> points, Span<Point> images, Span<Matrix3> jacobians) const;
 
   /// The boundary map that was fitted, its domain mended. Throws Error (unsupported) when the file has none.
@@ -103,7 +105,7 @@ class HarmonicMap {
 struct InverseOptions {
   /// `|f(x) - y|` that counts as met, as a fraction of the target's diagonal; at most 1e-3.
   double tolerance = 1e-10;
-  /// Nodes of the mesh that the search starts from: folds smaller than its cells go unseen.
+  /// Nodes of the mesh that the search starts from, at most a million: folds smaller than its cells go unseen.
   std::size_t seed_nodes = 30'000;
   /// Steps of Newton's method at most.
   std::size_t iterations = 60;
@@ -179,7 +181,8 @@ struct EnergyReport {
   double inverted_fraction = 0;
 };
 
-/// On a grid, or in the tetrahedra of a mesh of the domain. Throws Error (invalid_input: no volume, no cells;
+/// On a grid, or in the tetrahedra of a mesh of the domain, which is taken as it is: outside of the domain the map means
+/// nothing. Throws Error (invalid_input: no volume, no cells;
 /// numerical: a Jacobian that is not finite; unsupported: no boundary map).
 EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options = {});
 EnergyReport energies(const HarmonicMap& map, const CellMesh& tets, const EnergyOptions& options = {});

@@ -75,10 +75,11 @@ OffsetSurface offset_surface(const Surface& surface, double distance, const Offs
 /// A regular mesh of a polycube.
 struct RegularMesh {
   CellKind kind = CellKind::hexes;
-  /// Cells along the longest side of the domain; or, when 0, the length of their sides.
+  /// Cells along the longest side of the domain, or, where it is not 0, the length of their sides. Between neighbouring planes
+  /// of the polycube their number is rounded to an even one; hexahedra get a layer more along the boundary.
   std::size_t along = 16;
   double length = 0;
-  /// More are refused before any is made.
+  /// More throw Error (memory) before any is made.
   std::size_t max_cells = 20'000'000;
 };
 
@@ -122,8 +123,8 @@ struct Remeshed {
 /// A regular mesh of the map's domain, which has to be a polycube, or a given mesh of it, carried into the target and
 /// repaired. Some 3 s for 100 000 tetrahedra and 15 s for 100 000 hexahedra on two cores. Cells that stay inverted are no
 /// error: they are counted in the report.
-/// Throws Error: invalid_input (no polycube, another solid's mesh, too many cells), unsupported (a map without boundary
-/// map), cancelled.
+/// Throws Error: invalid_input (no polycube, another solid's mesh), unsupported (a map without boundary map), memory (more
+/// cells or bytes than allowed), cancelled.
 Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOptions& options = {},
                 const ProgressCallback& progress = {});
 Remeshed remesh(const HarmonicMap& map, const CellMesh& mesh, const RemeshOptions& options = {},

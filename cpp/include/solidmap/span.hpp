@@ -8,6 +8,9 @@
 #include <iterator>
 #include <type_traits>
 #include <utility>
+#if __cplusplus >= 202002L
+#include <ranges>
+#endif
 
 namespace solidmap {
 
@@ -25,6 +28,17 @@ using Matrix3 = std::array<double, 9>;
 static_assert(sizeof(Point) == 3 * sizeof(double) && sizeof(Matrix3) == 9 * sizeof(double),
               "arrays of points are arrays of numbers");
 
+namespace detail {
+/// Whether what a temporary views lives on without it.
+#if defined(__cpp_lib_ranges)
+template <class Container>
+constexpr bool is_view = std::ranges::enable_borrowed_range<Container>;
+#else
+template <class Container>
+constexpr bool is_view = false;
+#endif
+}  // namespace detail
+
 /// A view of `size()` elements that follow one another in memory. Owns nothing: what it views must outlive it.
 ///
 /// Made from a pointer and a size, or implicitly from whatever has `data()` and `size()` (std::vector, std::array,
@@ -36,7 +50,8 @@ class Span {
   template <class Container>
   using IfViewable = std::enable_if_t<!std::is_same_v<std::decay_t<Container>, Span> &&
                                       std::is_convertible_v<DataOf<Container> (*)[], T (*)[]> &&
-                                      (std::is_lvalue_reference_v<Container> || std::is_const_v<T>)>;
+                                      (std::is_lvalue_reference_v<Container> || std::is_const_v<T> ||
+                                       detail::is_view<std::remove_cv_t<Container>>)>;
 
  public:
   using value_type = std::remove_cv_t<T>;
@@ -72,3 +87,10 @@ inline Span<const double> as_numbers(Span<const Point> points) noexcept {
 }
 
 }  // namespace solidmap
+
+#if defined(__cpp_lib_ranges)
+template <class T>
+inline constexpr bool std::ranges::enable_borrowed_range<solidmap::Span<T>> = true;
+template <class T>
+inline constexpr bool std::ranges::enable_view<solidmap::Span<T>> = true;
+#endif

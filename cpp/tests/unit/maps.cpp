@@ -109,6 +109,14 @@ TEST_CASE("values are the formula's, derivatives those of the values") {
   CHECK(map.evaluate(Span<const Point>()).empty());
   CHECK(thrown_by([&] { map.evaluate(points, Span<Point>(again.data(), 3)); }) == "invalid_input");
   CHECK(thrown_by([&] { map.jacobian(points, Span<Matrix3>(derivatives.data(), 3)); }) == "invalid_input");
+  // What is refused is left as it was, and results may take the place of what was given.
+  std::vector<Point> kept(points.size());
+  CHECK(thrown_by([&] { map.evaluate_with_jacobian(points, kept, Span<Matrix3>(derivatives.data(), 3)); }) ==
+        "invalid_input");
+  CHECK(kept == std::vector<Point>(points.size()));
+  std::vector<Point> in_place = points;
+  map.evaluate(in_place, in_place);
+  CHECK(in_place == images);
 }
 
 TEST_CASE("maps and boundary maps come back from files bit for bit") {
@@ -129,6 +137,12 @@ TEST_CASE("maps and boundary maps come back from files bit for bit") {
 }
 
 TEST_CASE("what cannot be fitted is an error with a category") {
+  FitOptions odd;
+  odd.solver = static_cast<Solver>(9);
+  CHECK(thrown_by([&] { fit(twisted_ball(), odd); }) == "invalid_input");
+  odd = {};
+  odd.placement.kind = static_cast<Placement::Kind>(256);
+  CHECK(thrown_by([&] { fit(twisted_ball(), odd); }) == "invalid_input");
   const BoundaryMap boundary = twisted_ball(2);
   const auto with = [](auto change) {
     FitOptions options;
@@ -272,5 +286,25 @@ TEST_CASE("boundary maps go by the sphere, there and back") {
   CHECK(pair.target().vertices().size() == 162);
   CHECK(pair.inverse().domain().vertices().size() == 162);
   CHECK(thrown_by([&] { BoundaryMap::to_sphere(shapes::torus(1.0, 0.3, 12, 8)); }) == "invalid_input");
-  CHECK(thrown_by([&] { BoundaryMap::pair(cube, cube, {}, [](const Progress&) { return false; }); }) == "cancelled");
+}
+
+TEST_CASE("one refusal ends a pair and a map to the sphere, whenever it comes") {
+  const Surface ball = shapes::sphere(1.0, 2), cube = shapes::cube(2.0, 4);
+  const auto ends = [](const auto& work) {
+    int calls = 0;
+    work([&](const Progress&) { return ++calls > 0; });
+    CHECK(calls > 3);
+    for (int last = 1; last <= calls; last += 1 + calls / 10) {
+      int count = 0;
+      const std::string thrown = thrown_by([&] { work([&](const Progress&) { return ++count != last; }); });
+      // Work of which little is left may be done before it is asked as often.
+      if (count >= last) CHECK(thrown == "cancelled");
+      CHECK(count <= last);
+    }
+  };
+  ends([&](const ProgressCallback& callback) { BoundaryMap::pair(ball, cube, {}, callback); });
+  ends([&](const ProgressCallback& callback) { BoundaryMap::to_sphere(cube, SphereEnergy::balanced, callback); });
+  PairOptions conformal;
+  conformal.conformal = true;
+  ends([&](const ProgressCallback& callback) { BoundaryMap::pair(ball, cube, conformal, callback); });
 }

@@ -33,6 +33,14 @@ TEST_CASE("spans view what there is") {
   CHECK(Span<const Point>().empty());
 }
 
+TEST_CASE("a polycube is the union of its cubes, also of one named twice") {
+  const std::vector<std::array<int, 3>> cubes = {{0, 0, 0}, {1, 0, 0}, {0, 0, 0}};
+  const Surface surface = shapes::polycube(cubes, 3);
+  CHECK(surface.volume() == doctest::Approx(2.0));
+  CHECK(surface.triangles().size() == 2 * 9 * 10);
+  CHECK(surface.check().solvable);
+}
+
 TEST_CASE("surfaces keep their arrays, also through files") {
   const Surface cube = shapes::cube(2.0, 4);
   CHECK(cube.volume() == doctest::Approx(8.0));
@@ -60,6 +68,10 @@ TEST_CASE("what cannot be a surface is an error with a category") {
   CHECK(thrown_by([] { shapes::cube(1.0, 2).save("/proc/a.obj"); }) == "io");
   CHECK(thrown_by([] { shapes::cube(1.0, 0); }) == "invalid_input");
   CHECK(thrown_by([] { shapes::sphere(std::nan(""), 2); }) == "invalid_input");
+  CHECK(thrown_by([] { shapes::torus(1.0, 1.0, 10, 10); }) == "invalid_input");
+  std::vector<std::array<int, 3>> apart(500);
+  for (int i = 0; i < 500; ++i) apart[static_cast<std::size_t>(i)] = {2 * i, 0, 0};
+  CHECK(thrown_by([&] { shapes::polycube(apart, 200); }) == "memory");
   const Folder folder;
   std::ofstream(folder / "cut.off") << "OFF\n8 12 0\n0 0";
   CHECK(thrown_by([&] { Surface::load(folder / "cut.off"); }) == "invalid_input");

@@ -48,6 +48,12 @@ TEST_CASE("a polycube's grid is carried without an inverted cell") {
     CHECK(thrown_by([&] { remesh(map, regular, {}, [](const Progress& p) { return p.step != "repairing"; }); }) ==
           "cancelled");
   }
+  // The length of sides goes before their number, which has a default.
+  RegularMesh sized;
+  sized.length = 0.5;
+  CHECK(remesh(map, sized).mesh.size() < 1500);
+  sized.length = -1;
+  CHECK(thrown_by([&] { remesh(map, sized); }) == "invalid_input");
   CHECK_THROWS_AS(remesh(map, RegularMesh(), {}, [](const Progress&) -> bool { throw 1; }), int);
   RegularMesh fine;
   fine.along = 100'000;

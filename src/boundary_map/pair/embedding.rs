@@ -57,6 +57,8 @@ pub(crate) struct Embedding<'a> {
     hierarchy: &'a Hierarchy,
     lift: &'a Lift<'a>,
     pins: Pins,
+    /// Asked again and again; once the answer is no, what comes out is of no use.
+    goes_on: &'a (dyn Fn() -> bool + Sync),
 }
 
 /// Rounds of relaxation towards the guide on each level.
@@ -101,12 +103,19 @@ impl Pins {
 }
 
 impl<'a> Embedding<'a> {
-    pub fn new(domain: &'a SurfaceMesh, hierarchy: &'a Hierarchy, lift: &'a Lift<'a>, pins: Pins) -> Self {
+    pub fn new(
+        domain: &'a SurfaceMesh,
+        hierarchy: &'a Hierarchy,
+        lift: &'a Lift<'a>,
+        pins: Pins,
+        goes_on: &'a (dyn Fn() -> bool + Sync),
+    ) -> Self {
         Self {
             domain,
             hierarchy,
             lift,
             pins,
+            goes_on,
         }
     }
 
@@ -149,6 +158,9 @@ impl<'a> Embedding<'a> {
         } = &mut sketch;
         let mut lifted = Lifted::new(self.lift, self.domain);
         drawing.refine(self.hierarchy, enough, |drawing| {
+            if !(self.goes_on)() {
+                return;
+            }
             let is_guided = drawing.there.len() < schedule.until;
             if is_guided || !pinned.iter().all(|&is| is) {
                 self.guide(drawing, pinned, guide, schedule);
@@ -175,7 +187,7 @@ impl<'a> Embedding<'a> {
         let springs = Schedule { pull: 1.0, until: 0 };
         self.drag(&mut sketch.drawing, &mut sketch.pinned);
         for _ in 0..MOST_DRAGS {
-            if sketch.pinned.iter().all(|&is| is) {
+            if sketch.pinned.iter().all(|&is| is) || !(self.goes_on)() {
                 break;
             }
             self.guide(&mut sketch.drawing, &mut sketch.pinned, &nowhere, &springs);
@@ -219,7 +231,9 @@ impl<'a> Embedding<'a> {
                 pull: &pull,
                 is_fixed: &is_fixed,
             };
-            relaxation.run(drawing, 4);
+            if (self.goes_on)() {
+                relaxation.run(drawing, 4);
+            }
         }
         self.drag(drawing, pinned);
     }
@@ -252,6 +266,9 @@ impl<'a> Embedding<'a> {
         let shapes = RestShapes::new(&triangles, self.domain.vertices());
         let mut newton = Newton::new(&triangles, &fixed).ok();
         for turn in 0..turns.most {
+            if !(self.goes_on)() {
+                break;
+            }
             // Looked for again only where there was some to see: it takes as long as a step.
             if turn > 0 && lifted.hides() {
                 lifted.find_hidden(drawing);
@@ -287,7 +304,7 @@ impl<'a> Embedding<'a> {
             most_iterations: NEWTON_STEPS,
             tolerance: 1e-4,
         };
-        newton.minimise(&energy, &mut drawing.directions, &options)?;
+        newton.minimise(&energy, &mut drawing.directions, &options, self.goes_on)?;
         lifted.locate(drawing);
         Ok(())
     }

@@ -28,7 +28,7 @@ pub use targets::{VertexTarget, vertex_targets};
 use super::{BoundaryMap, BoundaryMapError, SurfaceDistortion};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
-use crate::progress::Answer;
+use crate::progress::{Answer, Reporter, attended};
 use crate::spherical::{
     Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SpherePhase, SphericalError, SphericalMap, certify,
     map_to_sphere, require_sphere,
@@ -212,7 +212,7 @@ const CLOSE: f64 = 0.05;
 /// # Errors
 ///
 /// When a solid is not of genus 0, or landmarks cannot be met; [`PairError::Cancelled`] when `progress` says so
-/// ([`Answer`]), which is heard between steps.
+/// ([`Answer`]), which is heard within a fraction of a second as a rule.
 pub fn map_pair<A: Answer>(
     domain: &SurfaceMesh,
     target: &SurfaceMesh,
@@ -227,18 +227,21 @@ pub fn map_pair<A: Answer>(
         domain.vertices().len(),
         target.vertices().len(),
     )?;
-    let pair = Pair {
-        domain: &domain,
-        target: &target,
-        landmarks: &landmarks,
-        improve: options.improve,
-        start: Instant::now(),
-        progress: &|phase| progress(phase).flow(),
-    };
-    match options.via {
-        Via::Targets => pair.via_targets(),
-        Via::Conformal => pair.via_conformal(),
-    }
+    let made = attended(&|phase| progress(phase).flow(), |reporter| {
+        let pair = Pair {
+            domain: &domain,
+            target: &target,
+            landmarks: &landmarks,
+            improve: options.improve,
+            start: Instant::now(),
+            reporter,
+        };
+        match options.via {
+            Via::Targets => pair.via_targets(),
+            Via::Conformal => pair.via_conformal(),
+        }
+    });
+    made.unwrap_or(Err(PairError::Cancelled))
 }
 
 struct Pair<'a> {
@@ -247,7 +250,7 @@ struct Pair<'a> {
     landmarks: &'a Landmarks,
     improve: bool,
     start: Instant,
-    progress: &'a dyn Fn(PairPhase) -> ControlFlow<()>,
+    reporter: &'a Reporter<'a, PairPhase>,
 }
 
 /// A drawing before and after improvement, and how it was come by.
@@ -279,7 +282,8 @@ impl Pair<'_> {
         let drawings = guides.len() * SCHEDULES.len();
         self.tell(PairPhase::Sketching { drawings })?;
         let hierarchy = self.hierarchy()?;
-        let embedding = Embedding::new(self.domain, &hierarchy, &lift, self.pins(&target));
+        let goes_on = || self.reporter.goes_on();
+        let embedding = Embedding::new(self.domain, &hierarchy, &lift, self.pins(&target), &goes_on);
         let too_fine = || PairError::Sphere {
             side: "domain",
             error: SphericalError::TooFine,
@@ -291,7 +295,7 @@ impl Pair<'_> {
         let (guide, chosen, schedule) = (&guides[guide], guide, SCHEDULES[schedule]);
         let told = |vertices, energy| {
             let of = self.domain.vertices().len();
-            // An end is heard at the next step.
+            // An end is heard at the next level.
             let _ = self.tell(PairPhase::Drawing {
                 vertices,
                 of,
@@ -369,7 +373,8 @@ impl Pair<'_> {
         let locator = Locator::new(&target);
         let lift = Lift::new(&target, &locator);
         let hierarchy = self.hierarchy()?;
-        let embedding = Embedding::new(self.domain, &hierarchy, &lift, self.pins(&target));
+        let goes_on = || self.reporter.goes_on();
+        let embedding = Embedding::new(self.domain, &hierarchy, &lift, self.pins(&target), &goes_on);
         let mut after = embedding.sketch_of(&turned);
         let (before, before_meets) = (after.drawing.directions.clone(), embedding.missed(&after).is_empty());
         if self.improve {
@@ -399,7 +404,7 @@ impl Pair<'_> {
     }
 
     fn tell(&self, phase: PairPhase) -> Result<(), PairError> {
-        match (self.progress)(phase) {
+        match self.reporter.tell(phase) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(PairError::Cancelled),
         }
@@ -419,12 +424,10 @@ impl Pair<'_> {
             energy,
             ..SphereOptions::default()
         };
-        let told = |phase| {
-            // As above.
-            let _ = self.tell(PairPhase::Sphere(side, phase));
-        };
+        let told = |phase| self.reporter.tell(PairPhase::Sphere(side, phase));
         match map_to_sphere(surface, &options, &told) {
             Ok((map, _)) => Ok(map),
+            Err(SphericalError::Cancelled) => Err(PairError::Cancelled),
             Err(error) => Err(PairError::Sphere { side, error }),
         }
     }

@@ -46,7 +46,7 @@ pub struct Cli {
     /// Print one machine-readable report on stdout
     #[arg(long, global = true)]
     pub json: bool,
-    /// Number of threads [default: all cores]
+    /// Number of threads, of which no more than eight for each core are used [default: all cores]
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
     /// End with exit code 2 when it takes longer; nothing is left half-written
