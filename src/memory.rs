@@ -1,9 +1,24 @@
 //! Memory: how much there is, and how to say so.
 
-/// Memory that a process may still take, in bytes, by Linux's own estimate; `None` where the system does not say.
+/// Memory that a process may still take, in bytes: by Linux's own estimate, and no more than its address space may grow
+/// (`ulimit -v`). `None` where the system does not say.
 pub fn available() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let of_system = kib_after(&text, "MemAvailable:")?;
+    Some(of_system.min(address_space().unwrap_or(u64::MAX)))
+}
+
+/// How much the address space may grow, where it is limited.
+fn address_space() -> Option<u64> {
+    let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let limit = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    let limit: u64 = limit.split_ascii_whitespace().next()?.parse().ok()?;
+    Some(limit.saturating_sub(kib_after(&status, "VmSize:")?))
+}
+
+fn kib_after(text: &str, name: &str) -> Option<u64> {
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     let kib: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
     Some(kib * 1024)
 }

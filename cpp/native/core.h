@@ -42,6 +42,7 @@ enum FailureCode : int {
   kNotInterposed = 102,
   kUnknown = 103,
   kStopped = 104,
+  kCrowded = 105,
 };
 
 class Failure : public std::exception {
@@ -93,8 +94,8 @@ Arrays wrap(SurfaceView surface, double alpha, double offset);
 Arrays remesh(SurfaceView surface, double edge_length);
 
 /// Two triangle indices per pair, the lower first, in ascending order. A triangle without area is paired with itself
-/// and with no other.
-std::vector<std::uint32_t> self_intersections(SurfaceView surface);
+/// and with no other. Throws `kCrowded` when more than `most_tested` pairs of boxes meet, or ten million pairs of triangles.
+std::vector<std::uint32_t> self_intersections(SurfaceView surface, double most_tested);
 
 /// Closest points of a surface, and its inside. Built at once and constant after, so threads may share it.
 class DistanceField {

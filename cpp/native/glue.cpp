@@ -76,8 +76,8 @@ Outcome remesh_surface(Coordinates xyz, Indices triangles, double edge_length, M
   return guarded([&] { copy(remesh(view(xyz, triangles), edge_length), out); });
 }
 
-Outcome intersecting_pairs(Coordinates xyz, Indices triangles, rust::Vec<std::uint32_t>& pairs) {
-  return guarded([&] { copy(self_intersections(view(xyz, triangles)), pairs); });
+Outcome intersecting_pairs(Coordinates xyz, Indices triangles, double most_tested, rust::Vec<std::uint32_t>& pairs) {
+  return guarded([&] { copy(self_intersections(view(xyz, triangles), most_tested), pairs); });
 }
 
 std::unique_ptr<DistanceField> new_distance_field(Coordinates xyz, Indices triangles, Outcome& result) {

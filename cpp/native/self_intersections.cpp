@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <numeric>
+#include <string>
 #include <vector>
 
 #include "soup.h"
@@ -13,6 +14,9 @@
 namespace solidmap::native {
 
 namespace {
+
+/// More would take memory by the gigabyte.
+constexpr std::size_t kMostPairs = 10'000'000;
 
 using Triangle = Kernel::Triangle_3;
 using Segment = Kernel::Segment_3;
@@ -78,7 +82,7 @@ bool intersect(const Soup& soup, std::size_t s, std::size_t t) {
 
 }  // namespace
 
-std::vector<std::uint32_t> self_intersections(SurfaceView surface) {
+std::vector<std::uint32_t> self_intersections(SurfaceView surface, double most_tested) {
   using Box = CGAL::Box_intersection_d::Box_with_info_d<double, 3, std::uint32_t>;
 
   Soup soup;
@@ -99,7 +103,11 @@ std::vector<std::uint32_t> self_intersections(SurfaceView surface) {
       boxes.emplace_back(p.bbox() + q.bbox() + r.bbox(), id);
   }
 
+  // Triangles around one vertex, as those of a large polygon, meet each with each.
+  double tested = 0;
   CGAL::box_self_intersection_d(boxes.begin(), boxes.end(), [&](const Box& a, const Box& b) {
+    if (++tested > most_tested || pairs.size() > kMostPairs)
+      throw Failure(kCrowded, std::to_string(pairs.size()));
     if (intersect(soup, a.info(), b.info()))
       pairs.push_back({std::min(a.info(), b.info()), std::max(a.info(), b.info())});
   });

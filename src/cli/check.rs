@@ -32,7 +32,7 @@ pub fn run(args: &CheckArgs, output: &Output) -> anyhow::Result<Outcome> {
         output.progress(format!("looking at {}", model.display()));
         let (report, unreadable) = match examine(model) {
             Ok(report) => (Some(report), None),
-            Err(error) => (None, Some(format!("{error:#}"))),
+            Err(error) => (None, Some(super::describe(&error))),
         };
         models.push(ModelReport {
             model: model.clone(),

@@ -66,9 +66,11 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
         args.map.display()
     );
     output.progress("integrating");
-    let quadrature = match &mesh {
-        Some(mesh) => tet_quadrature(mesh)?,
-        None => clipped_grid(boundary.domain(), Resolution::CellsAlongLongestSide(args.resolution))?,
+    let unfit = |what: &str, path: &Path| format!("cannot measure {what} `{}`", path.display());
+    let quadrature = match (&mesh, &args.mesh) {
+        (Some(mesh), Some(path)) => tet_quadrature(mesh).with_context(|| unfit("in", path))?,
+        _ => clipped_grid(boundary.domain(), Resolution::CellsAlongLongestSide(args.resolution))
+            .with_context(|| unfit("over the domain of", &args.map))?,
     };
     if let Some(path) = &args.mesh {
         require_same_solid(path, quadrature.volume(), boundary.domain())?;

@@ -69,7 +69,8 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
         .boundary
         .as_ref()
         .map(|boundary| outside(boundary.domain(), &points))
-        .transpose()?;
+        .transpose()
+        .with_context(|| format!("the domain in `{}` cannot be searched", args.map.display()))?;
     if outside.is_some_and(|count| count > 0) {
         output.warn(format!(
             "{} points lie outside the domain; the formula has values there, but they are no map",

@@ -60,6 +60,9 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         native::serve()?;
         return Ok(Outcome::Done);
     }
+    if cli.json {
+        require_utf8(std::env::args_os())?;
+    }
     let output = Output::new(cli.json);
     #[cfg(feature = "native")]
     native::isolate(cli)?;
@@ -94,6 +97,14 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
     };
     output.finish();
     outcome
+}
+
+/// Reports in JSON name files, and JSON is UTF-8.
+fn require_utf8(mut arguments: impl Iterator<Item = std::ffi::OsString>) -> anyhow::Result<()> {
+    match arguments.find(|argument| argument.to_str().is_none()) {
+        Some(name) => anyhow::bail!("`{}` is not UTF-8, as names have to be with --json", name.display()),
+        None => Ok(()),
+    }
 }
 
 /// Threads of which there are many more than cores spend their time on one another: a second's work takes ten minutes with

@@ -11,6 +11,12 @@ pub enum FitError {
     /// The domain does not bound a solid.
     #[error("the domain does not bound a solid: {}", describe_errors(.0))]
     DefectiveDomain(Box<CheckReport>),
+    /// Volumes and areas would leave the range of numbers.
+    #[error("the domain has a size of {diagonal:e}; scale it to between 1e-60 and 1e60")]
+    OutOfScale {
+        /// Of the bounding box.
+        diagonal: f64,
+    },
     /// A setting is out of range.
     #[error("`{option}` is {value}, but must be {range}")]
     Option {

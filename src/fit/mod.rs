@@ -492,6 +492,11 @@ fn errors_at(map: &HarmonicMap, boundary: &BoundaryMap, points: &[SurfacePoint],
 
 /// The domain with its faces turned outward, and what there is to say about it.
 fn checked(domain: &SurfaceMesh) -> Result<(SurfaceMesh, Vec<String>), FitError> {
+    let diagonal = domain.diagonal();
+    // Of what has no extent or is not finite, the doctor says more.
+    if diagonal > 0.0 && diagonal.is_finite() && !(1e-60..=1e60).contains(&diagonal) {
+        return Err(FitError::OutOfScale { diagonal });
+    }
     let report = check::check(domain, None);
     if !report.is_solvable() {
         return Err(FitError::DefectiveDomain(Box::new(report)));

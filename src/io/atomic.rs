@@ -61,6 +61,9 @@ fn without_path(error: io::Error) -> io::Error {
     }
 }
 
+/// Characters of a name that the temporary name has too: names have 255 bytes at most, and a character up to four.
+const MOST_OF_NAME: usize = 50;
+
 fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     // Renaming onto a symbolic link would replace the link, and onto `/dev/stdout` the device.
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
@@ -76,7 +79,8 @@ fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) ->
     let name = target
         .file_name()
         .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "the path names no file"))?;
-    let mut temporary = Temporary::new(&format!(".{}.", name.to_string_lossy()), folder)?;
+    let name: String = name.to_string_lossy().chars().take(MOST_OF_NAME).collect();
+    let mut temporary = Temporary::new(&format!(".{name}."), folder)?;
     if let Some(existing) = existing.filter(|m| m.is_file()) {
         temporary.file().set_permissions(existing.permissions())?;
     }

@@ -131,10 +131,12 @@ pub fn read_tets(path: impl AsRef<Path>) -> Result<TetMesh, IoError> {
 /// several kinds or of others.
 pub fn read_cells(path: impl AsRef<Path>) -> Result<CellMesh, IoError> {
     let path = path.as_ref();
-    let formats = MESH_FORMATS
-        .iter()
-        .filter(|format| CELL_EXTENSIONS.contains(&format.extension));
-    read(path, "a mesh of tetrahedra or hexahedra", formats)?.into_cells(path)
+    const PURPOSE: &str = "a mesh of tetrahedra or hexahedra";
+    match read_mesh(path, PURPOSE) {
+        // Surfaces are read to be refused by what is missing, but not recommended.
+        Err(IoError::UnknownExtension { .. }) => Err(unknown_extension(path, PURPOSE, CELL_EXTENSIONS)),
+        contents => contents?.into_cells(path),
+    }
 }
 
 /// Reads a surface or a tetrahedral mesh, as the content has it: a file with tetrahedra is a tetrahedral mesh even
@@ -325,11 +327,16 @@ fn read(
         path: path.to_owned(),
         source,
     })?;
-    (format.parse)(&Source {
+    let source = Source {
         path,
         format: format.name,
         bytes: &bytes,
-    })
+    };
+    // The header of a binary STL file may begin with anything.
+    if extension != "stl" && (bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff")) {
+        return Err(source.unsupported("text in UTF-16", "save it as UTF-8"));
+    }
+    (format.parse)(&source)
 }
 
 /// The extension in lower case; empty when there is none.

@@ -103,7 +103,8 @@ const UNTEXTURED: &str = "f -";
 
 /// All statements of a file and where they begin.
 pub(super) fn statements(bytes: &[u8]) -> impl Iterator<Item = (Cow<'_, [u8]>, usize)> {
-    let mut offset = 0;
+    // The mark that some editors begin with would hide the first statement.
+    let mut offset = if bytes.starts_with("\u{feff}".as_bytes()) { 3 } else { 0 };
     std::iter::from_fn(move || {
         if offset >= bytes.len() {
             return None;
@@ -252,8 +253,10 @@ fn logical_line(bytes: &[u8]) -> (Cow<'_, [u8]>, usize) {
     let mut commented = false;
     loop {
         let rest = &bytes[length..];
-        let end = rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
-        length += (end + 1).min(rest.len());
+        let end = rest.iter().position(|b| b"\r\n".contains(b)).unwrap_or(rest.len());
+        // Lines may end as those of any system.
+        let ending = if rest[end..].starts_with(b"\r\n") { 2 } else { 1 };
+        length += (end + ending).min(rest.len());
         let line = rest[..end].trim_ascii_end();
         commented |= line.contains(&b'#');
         match line {
@@ -304,6 +307,20 @@ mod tests {
         Place,
         testing::{place_of, surface},
     };
+
+    #[test]
+    fn byte_order_marks_and_line_ends_of_all_systems_are_passed_over() {
+        let plain = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n# one \\\nf 1 2 \\\n3\nf 2 3 4\n";
+        let expected = surface("obj", plain.as_bytes()).unwrap();
+        assert_eq!(expected.triangles(), [[0, 1, 2], [1, 2, 3]]);
+        for text in [
+            format!("\u{feff}{plain}"),
+            plain.replace('\n', "\r\n"),
+            plain.replace('\n', "\r"),
+        ] {
+            assert_eq!(surface("obj", text.as_bytes()).unwrap(), expected, "{text:?}");
+        }
+    }
 
     #[test]
     fn vertex_order_survives_and_unreferenced_vertices_stay() {

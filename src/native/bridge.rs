@@ -43,7 +43,7 @@ pub(super) mod ffi {
         fn mesh3_mesh(xyz: &[f64], triangles: &[u32], sizes: &RefinementSizes, out: &mut Mesh) -> Outcome;
         fn wrap_surface(xyz: &[f64], triangles: &[u32], alpha: f64, offset: f64, out: &mut Mesh) -> Outcome;
         fn remesh_surface(xyz: &[f64], triangles: &[u32], edge_length: f64, out: &mut Mesh) -> Outcome;
-        fn intersecting_pairs(xyz: &[f64], triangles: &[u32], pairs: &mut Vec<u32>) -> Outcome;
+        fn intersecting_pairs(xyz: &[f64], triangles: &[u32], most_tested: f64, pairs: &mut Vec<u32>) -> Outcome;
         fn new_distance_field(xyz: &[f64], triangles: &[u32], outcome: &mut Outcome) -> UniquePtr<DistanceField>;
         fn closest_points(field: &DistanceField, points: &[f64], closest: &mut [f64]) -> Outcome;
         fn enclosed_volume(field: &DistanceField, volume: &mut f64) -> Outcome;

@@ -34,9 +34,9 @@ pub(super) fn remesh(xyz: &[f64], triangles: &[u32], edge_length: f64) -> Result
     call(Operation::Remesh, xyz, triangles, &[edge_length])
 }
 
-/// Pairs of triangles that meet where they should not, one after the other.
-pub(super) fn intersections(xyz: &[f64], triangles: &[u32]) -> Result<Vec<u32>, NativeError> {
-    Ok(call(Operation::Intersections, xyz, triangles, &[])?.corners)
+/// Pairs of triangles that meet where they should not, one after the other, found among so many at most.
+pub(super) fn intersections(xyz: &[f64], triangles: &[u32], most_tested: f64) -> Result<Vec<u32>, NativeError> {
+    Ok(call(Operation::Intersections, xyz, triangles, &[most_tested])?.corners)
 }
 
 fn call(operation: Operation, xyz: &[f64], triangles: &[u32], options: &[f64]) -> Result<Mesh, NativeError> {
@@ -90,7 +90,7 @@ pub(super) fn here(operation: Operation, xyz: &[f64], triangles: &[u32], options
         }
         (Operation::Wrap, &[alpha, offset]) => ffi::wrap_surface(xyz, triangles, alpha, offset, &mut out),
         (Operation::Remesh, &[edge_length]) => ffi::remesh_surface(xyz, triangles, edge_length, &mut out),
-        (Operation::Intersections, []) => ffi::intersecting_pairs(xyz, triangles, &mut out.corners),
+        (Operation::Intersections, &[most]) => ffi::intersecting_pairs(xyz, triangles, most, &mut out.corners),
         _ => return Err(Failed::unknown("an operation with the wrong options")),
     };
     done(outcome).map(|()| out)

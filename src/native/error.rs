@@ -108,6 +108,14 @@ pub enum NativeError {
         /// The first of them.
         first: [u32; 2],
     },
+    /// More pairs of triangles lie within each other's boxes than can be looked at.
+    #[error(
+        "too many triangles lie close together to look at all pairs of them; {pairs} intersect among those looked at"
+    )]
+    Crowded {
+        /// Pairs found by then.
+        pairs: usize,
+    },
     /// TetGen met triangles that intersect within its tolerance.
     #[error(
         "TetGen finds triangles that intersect within its tolerance; remesh the surface where it nearly touches itself"
@@ -287,6 +295,9 @@ impl From<Failed> for NativeError {
             5 => Self::CloseFacets,
             101 => Self::Cgal(message),
             104 => Self::Stopped(message),
+            105 => Self::Crowded {
+                pairs: message.parse().unwrap_or_default(),
+            },
             102 => Self::SelfTestFailed(message),
             _ => Self::Unknown(message),
         }

@@ -105,7 +105,7 @@ pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<
     // A flat surface intersects itself too, and to say so would not help.
     let shells = shells(surface, topology)?;
 
-    let pairs = meeting_triangles(surface)?;
+    let pairs = meeting_triangles(surface, f64::INFINITY)?;
     if let Some(pair) = pairs.iter().find(|pair| pair[0] == pair[1]) {
         let triangle = pair[0] as usize;
         return Err(InputDefect::DegenerateTriangle { triangle }.into());
@@ -119,9 +119,11 @@ pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<
     }
 }
 
-/// Pairs of triangles that meet in more than a common corner or side, and a triangle twice when it has no area.
-pub(super) fn meeting_triangles(surface: &SurfaceMesh) -> Result<Vec<[u32; 2]>, NativeError> {
-    let pairs = calls::intersections(&flat(surface.vertices()), surface.triangles().as_flattened())?;
+/// Pairs of triangles that meet in more than a common corner or side, and a triangle twice when it has no area. Looks at
+/// `most_tested` pairs whose boxes meet, at most.
+pub(super) fn meeting_triangles(surface: &SurfaceMesh, most_tested: f64) -> Result<Vec<[u32; 2]>, NativeError> {
+    let triangles = surface.triangles().as_flattened();
+    let pairs = calls::intersections(&flat(surface.vertices()), triangles, most_tested)?;
     Ok(pairs.as_chunks::<2>().0.to_vec())
 }
 

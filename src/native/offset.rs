@@ -263,7 +263,7 @@ impl<'a> Job<'a> {
         let vertices = [mesh.vertices(), self.model.vertices()].concat();
         let of_model = self.model.triangles().iter().map(|t| t.map(|v| v + shift));
         let triangles = mesh.triangles().iter().copied().chain(of_model).collect();
-        let pairs = meeting_triangles(&SurfaceMesh::new(vertices, triangles)?)?;
+        let pairs = meeting_triangles(&SurfaceMesh::new(vertices, triangles)?, f64::INFINITY)?;
         Ok(pairs.iter().filter(|pair| (pair[0] as usize) < own).count())
     }
 }

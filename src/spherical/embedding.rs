@@ -8,7 +8,7 @@ use super::newton::{Newton, NewtonError, NewtonOptions, Stop};
 use super::progressive::{Drawing, embed};
 use super::relax::Relaxation;
 use super::rest::RestShapes;
-use super::{SphericalError, SphericalMap, certify, require_sphere};
+use super::{SphericalError, SphericalMap, certify, require_scale, require_sphere};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
 use crate::progress::{Answer, Watch};
@@ -128,6 +128,7 @@ pub fn map_to_sphere<A: Answer>(
     progress: &dyn Fn(SpherePhase) -> A,
 ) -> Result<(SphericalMap, SphereReport), SphericalError> {
     let surface = require_sphere(surface)?;
+    require_scale(&surface)?;
     let told = |phase| progress(phase).flow();
     let watch = Watch::new(SpherePhase::Coarsening, &told);
     let drawn = draw(&surface, options, &watch)?;

@@ -31,6 +31,7 @@ pub(crate) use newton::{Newton, NewtonError, NewtonOptions};
 pub(crate) use progressive::Drawing;
 pub(crate) use relax::{Relaxation, newton_step};
 pub(crate) use rest::{Rest, RestShapes};
+pub(crate) use spherical_map::require_scale;
 pub use spherical_map::{SphericalError, SphericalMap, require_sphere};
 
 /// Surfaces on the sphere, for tests.

@@ -57,6 +57,12 @@ pub enum SphericalError {
         /// An edge where the sides meet.
         edge: [u32; 2],
     },
+    /// All vertices are in one place, or areas leave the range of numbers.
+    #[error("the surface has a size of {diagonal:e}; scale it to between 1e-60 and 1e60")]
+    OutOfScale {
+        /// Of the bounding box.
+        diagonal: f64,
+    },
     /// Coordinates must be numbers.
     #[error("vertex {vertex} is not finite")]
     NonFinite {
@@ -202,6 +208,16 @@ pub fn require_sphere(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalErr
         return Err(SphericalError::NotManifold { found });
     }
     Ok(mend(surface).0)
+}
+
+/// A size at which areas and their squares are numbers.
+pub(crate) fn require_scale(surface: &SurfaceMesh) -> Result<(), SphericalError> {
+    let diagonal = surface.diagonal();
+    if (1e-60..=1e60).contains(&diagonal) {
+        Ok(())
+    } else {
+        Err(SphericalError::OutOfScale { diagonal })
+    }
 }
 
 fn require_manifold(surface: &SurfaceMesh, topology: &Topology) -> Result<(), SphericalError> {

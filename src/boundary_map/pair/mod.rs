@@ -31,7 +31,7 @@ use crate::mesh::SurfaceMesh;
 use crate::progress::{Answer, Reporter, attended};
 use crate::spherical::{
     Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SpherePhase, SphericalError, SphericalMap, certify,
-    map_to_sphere, require_sphere,
+    map_to_sphere, require_scale, require_sphere,
 };
 use crate::{Point, Vector};
 use embedding::{Embedding, Guide, Pins, Sketch, best_sketch};
@@ -222,6 +222,8 @@ pub fn map_pair<A: Answer>(
     let of_side = |side| move |error| PairError::Sphere { side, error };
     let domain = require_sphere(domain).map_err(of_side("domain"))?;
     let target = require_sphere(target).map_err(of_side("target"))?;
+    require_scale(&domain).map_err(of_side("domain"))?;
+    require_scale(&target).map_err(of_side("target"))?;
     let landmarks = Landmarks::new(
         options.landmarks.pairs().to_vec(),
         domain.vertices().len(),

@@ -25,8 +25,13 @@ pub struct CompareArgs {
     /// Boundary map that says where every point goes, not vertices alone
     #[arg(long, value_name = "FILE", conflicts_with = "image")]
     pub boundary: Option<PathBuf>,
-    /// Methods to compare
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [MapMethod::Mfs, MapMethod::Fem, MapMethod::Variational, MapMethod::MeanValue])]
+    /// Methods to compare, with commas between them
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        default_value = "mfs,fem,variational,mean_value"
+    )]
     pub methods: Vec<MapMethod>,
     /// Folder for tables, pictures and the maps themselves
     #[arg(short, long, value_name = "DIR")]

@@ -67,7 +67,8 @@ pub fn outputs(
 /// The domain with the image of each vertex and the distortion of each triangle.
 fn write_fields(path: &Path, map: &BoundaryMap) -> anyhow::Result<()> {
     let domain = map.domain();
-    let distortions = triangle_distortions(domain, map.image()).unwrap_or_default();
+    let distortions = triangle_distortions(domain, map.image());
+    let distortions = distortions.unwrap_or_else(|| vec![None; domain.triangles().len()]);
     let per_triangle = |name: &str, of: fn(&TriangleDistortion) -> f64| Field {
         name: name.into(),
         components: 1,

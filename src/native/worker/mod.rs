@@ -100,7 +100,7 @@ impl Operation {
             Self::Tetgen => 3,
             Self::Mesh3 => 8,
             Self::Wrap => 2,
-            Self::Remesh => 1,
+            Self::Remesh | Self::Intersections => 1,
             _ => 0,
         }
     }
@@ -132,8 +132,8 @@ struct Worker {
     number: u64,
     child: Child,
     socket: UnixStream,
-    /// What it writes to its standard error.
-    said: File,
+    /// What it writes to its standard error, where there is a folder for such files.
+    said: Option<File>,
 }
 
 impl Line {
@@ -207,13 +207,17 @@ impl Worker {
     fn start(isolation: &Isolation) -> Result<Self, NativeError> {
         let start = || -> std::io::Result<Self> {
             let (socket, theirs) = UnixStream::pair()?;
-            let said = tempfile::tempfile()?;
+            let said = tempfile::tempfile().ok();
+            let their_words = match &said {
+                Some(said) => Stdio::from(said.try_clone()?),
+                None => Stdio::null(),
+            };
             let child = Command::new(&isolation.program)
                 .args(&isolation.arguments)
                 // Both ways over one socket: TetGen prints to standard output whatever it is told.
                 .stdin(Stdio::from(OwnedFd::from(theirs)))
                 .stdout(Stdio::null())
-                .stderr(Stdio::from(said.try_clone()?))
+                .stderr(their_words)
                 .spawn()?;
             Ok(Self {
                 number: STARTED.fetch_add(1, Ordering::Relaxed),
@@ -257,10 +261,11 @@ impl Worker {
             status = self.child.wait().ok();
         }
         let mut said = Vec::new();
-        let _ = self
-            .said
-            .seek(SeekFrom::Start(0))
-            .and_then(|_| (&self.said).take(MOST_WORDS).read_to_end(&mut said));
+        if let Some(file) = &mut self.said {
+            let _ = file
+                .seek(SeekFrom::Start(0))
+                .and_then(|_| file.take(MOST_WORDS).read_to_end(&mut said));
+        }
         (status, String::from_utf8_lossy(&said).trim().to_owned())
     }
 }
