@@ -40,11 +40,22 @@ for native in ${1:-on off}; do
         exit 1
     fi
     # Every header by itself.
-    for header in "$work/prefix-$native"/include/solidmap/*.hpp; do
-        case $header in */cgal.hpp | */eigen.hpp) continue ;; esac
-        echo "#include \"$header\"" | run c++ -std=c++17 -fsyntax-only -Wall -Wextra -Wpedantic -Werror \
-            -I"$work/prefix-$native/include" -x c++ -
+    for standard in 17 20; do
+        for header in "$work/prefix-$native"/include/solidmap/*.hpp; do
+            case $header in */cgal.hpp | */eigen.hpp) continue ;; esac
+            echo "#include \"$header\"" | run c++ -std=c++$standard -fsyntax-only -Wall -Wextra -Wpedantic -Werror \
+                -I"$work/prefix-$native/include" -x c++ -
+        done
     done
+    # A program whose vectors have another layout must not link, and be told why.
+    archive=$(find "$work/prefix-$native" -name libsolidmap.a)
+    printf '#include <solidmap/solidmap.hpp>\nint main() { return solidmap::version().empty(); }\n' >"$work/debug.cpp"
+    if c++ -std=c++17 -D_GLIBCXX_DEBUG -I"$work/prefix-$native/include" "$work/debug.cpp" "$archive" -o "$work/debug" \
+        >"$work/log" 2>&1 || ! grep -q built_with_libstdcxx_in_debug_mode "$work/log"; then
+        cat "$work/log" >&2
+        echo "a program in debug mode links, or is not told why it does not (see above)" >&2
+        exit 1
+    fi
     consumer=$work/consumer-$native
     run cmake -S cpp/tests/consumer -B "$consumer" -DCMAKE_PREFIX_PATH="$work/prefix-$native" -DCMAKE_BUILD_TYPE=Release
     run cmake --build "$consumer" --parallel "$jobs"

@@ -8,6 +8,15 @@ pub fn available() -> Option<u64> {
     Some(of_system.min(address_space().unwrap_or(u64::MAX)))
 }
 
+/// [`available`] to what decomposes matrices, whose kernels reserve a gibibyte of addresses for each thread and use little of
+/// it. Rust cannot go on when that is refused.
+pub(crate) fn available_to_solver() -> Option<u64> {
+    const ADDRESSES: u64 = 1 << 30;
+    let threads = rayon::current_num_threads() as u64 + 1;
+    let addresses = address_space().map(|bytes| bytes.saturating_sub(threads * ADDRESSES));
+    Some(available()?.min(addresses.unwrap_or(u64::MAX)))
+}
+
 /// How much the address space may grow, where it is limited.
 fn address_space() -> Option<u64> {
     let limits = std::fs::read_to_string("/proc/self/limits").ok()?;

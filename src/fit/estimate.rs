@@ -113,7 +113,7 @@ impl Workload {
 
 /// The options with a budget, if any can be told.
 pub(super) fn with_budget(options: &FitOptions) -> FitOptions {
-    let most = || memory::available().map(|bytes| (MOST * bytes as f64) as u64);
+    let most = || memory::available_to_solver().map(|bytes| (MOST * bytes as f64) as u64);
     FitOptions {
         memory: options.memory.or_else(most),
         ..options.clone()

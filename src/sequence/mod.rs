@@ -189,7 +189,7 @@ impl Sequence {
     /// How many frames to measure at once: as many as asked for, as far as there is memory for their solution
     /// and their densities.
     pub fn frames_per_block(&self) -> usize {
-        let available = || memory::available().map(|bytes| (MOST_MEMORY * bytes as f64) as u64);
+        let available = || memory::available_to_solver().map(|bytes| (MOST_MEMORY * bytes as f64) as u64);
         let allowed = self.options.fit.memory.or_else(available).unwrap_or(u64::MAX);
         let mut work = Workload::of(&self.domain, &self.options.fit);
         work.maps = self.options.frames_per_block.unwrap_or(FRAMES).max(1);
