@@ -9,6 +9,10 @@ cd "$(dirname "$0")/.."
 map=$1
 rounds=${2:-5}
 build=${BUILD:-build}
+[ -x "$build/cpp/tests/solidmap_bench_evaluate" ] || {
+    echo "there is no C++ program to measure in \`$build\`: cmake -S . -B $build && cmake --build $build" >&2
+    exit 2
+}
 target=${CARGO_TARGET_DIR:-$(pwd)/target}
 cargo build --release --no-default-features --features cpp --example bench_evaluate
 work=$(mktemp -d)
