@@ -4,7 +4,8 @@ mod common;
 
 use common::{boundary_map, fitted, interior_points, largest_distance, models, solids};
 use solidmap::Point;
-use solidmap::fit::{DomainFactor, FitOptions, Placement, Solver};
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::fit::{DomainFactor, FitError, FitOptions, Placement, Solver, fit};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::sampling;
@@ -337,5 +338,20 @@ fn real_models_meet_smooth_data() {
             "{file}: {:?}",
             fit.report.boundary_error
         );
+    }
+}
+
+#[test]
+fn sizes_at_which_volumes_are_no_numbers_are_refused_and_others_fitted() {
+    let sized = |size: f64| {
+        let ball = shapes::sphere(size, 2);
+        let boundary = BoundaryMap::new(ball.clone(), ball.vertices().to_vec()).unwrap();
+        fit(&boundary, &FitOptions::default(), &|_| {})
+    };
+    for size in [1e-59, 1e59] {
+        assert!(sized(size).unwrap().report.boundary_error.max < 1e-9, "{size:e}");
+    }
+    for size in [1e-61, 1e61] {
+        assert!(matches!(sized(size), Err(FitError::OutOfScale { .. })), "{size:e}");
     }
 }

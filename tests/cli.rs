@@ -950,3 +950,59 @@ fn a_boundary_that_passes_through_itself_is_told_though_no_cell_is_inverted() {
         }
     }
 }
+
+#[test]
+fn names_of_any_length_are_written() {
+    let place = Workplace::with_fitted_ball();
+    // The longest that the system has, in characters of one byte and of four.
+    for name in [format!("{}.obj", "a".repeat(251)), format!("{}.obj", "𝄞".repeat(62))] {
+        place.must(&format!("eval ball.map ball.obj -o {name}"));
+        assert!(place.path(&name).exists());
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn names_that_json_cannot_hold_are_refused_before_the_work() {
+    use std::os::unix::ffi::OsStrExt;
+    let place = Workplace::with_fitted_ball();
+    let run = |json: bool| {
+        let mut command = Command::cargo_bin("solidmap").unwrap();
+        command
+            .current_dir(place.folder.path())
+            .args(["eval", "ball.map", "ball.obj", "-o"]);
+        command.arg(std::ffi::OsStr::from_bytes(b"\xfe.obj"));
+        command.args(json.then_some("--json")).output().unwrap()
+    };
+    let files = || std::fs::read_dir(place.folder.path()).unwrap().count();
+    let before = files();
+    let output = run(true);
+    assert_eq!((output.status.code(), files()), (Some(2), before));
+    assert!(stderr(&output).contains("is not UTF-8"), "{}", stderr(&output));
+    assert_eq!((run(false).status.code(), files()), (Some(0), before + 1));
+}
+
+#[test]
+fn settings_of_the_library_are_called_as_they_are_typed() {
+    let place = Workplace::with_fitted_ball();
+    let fit = "fit ball.obj --image image.ply -o x.map";
+    for (option, said) in [
+        ("--max-sources 0", "--max-sources is 0"),
+        ("--s-ratio 0", "--s-ratio is 0"),
+        ("--c-ratio 0", "--c-ratio is 0, but must be at least --s-ratio"),
+        ("--held-out 0", "--held-out is 0"),
+        ("--memory 1MB", "(--memory)"),
+    ] {
+        place.fails(&format!("{fit} {option}"), &[said]);
+    }
+}
+
+#[test]
+fn text_in_utf16_is_named() {
+    let place = Workplace::new();
+    let wide: Vec<u8> = "\u{feff}v 0 0 0\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
+    std::fs::write(place.path("wide.obj"), wide).unwrap();
+    let output = place.run("check wide.obj");
+    assert!(String::from_utf8_lossy(&output.stdout).contains("UTF-16"));
+    assert_eq!(output.status.code(), Some(2));
+}

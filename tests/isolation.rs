@@ -319,3 +319,17 @@ fn tetrahedra_that_need_more_memory_than_allowed_are_refused() {
     };
     assert!(tetrahedralize(&ball, &none).is_err());
 }
+
+#[test]
+fn no_folder_for_temporary_files_is_needed() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    io::write_surface(folder.path().join("ball.obj"), &shapes::sphere(1.0, 2)).unwrap();
+    let status = Command::new(solidmap())
+        .current_dir(folder.path())
+        .env("TMPDIR", folder.path().join("nowhere"))
+        .args(["tet", "ball.obj", "-o", "ball.mesh"])
+        .stdout(Stdio::null())
+        .status();
+    assert_eq!(status.unwrap().code(), Some(0));
+}

@@ -799,3 +799,15 @@ fn degenerate_positions_give_a_mesh_or_an_error() {
     }
     assert!(meshed > 100, "{meshed} of 400");
 }
+
+#[test]
+fn triangles_that_all_meet_are_not_looked_at_pair_by_pair_for_ever() {
+    // All triangles of the fan have its first corner, and so do their boxes.
+    let fan = |corners: u32| {
+        let angle = |k: u32| 2.0 * PI * f64::from(k) / f64::from(corners);
+        let vertices = (0..corners).map(|k| Point::new(angle(k).cos(), angle(k).sin(), 0.0));
+        SurfaceMesh::new(vertices.collect(), (2..corners).map(|k| [0, k - 1, k]).collect()).unwrap()
+    };
+    assert_eq!(self_intersections(&fan(1000)), Ok(vec![]));
+    assert_eq!(self_intersections(&fan(8000)), Err(NativeError::Crowded { pairs: 0 }));
+}

@@ -289,3 +289,15 @@ fn files_that_are_no_sphere_are_refused_for_what_they_are() {
         SphericalError::NonFinite { vertex: 7 }
     );
 }
+
+#[test]
+fn sizes_at_which_areas_are_no_numbers_are_refused_and_others_not() {
+    let sized = |size: f64| map_to_sphere(&shapes::sphere(size, 1), &BALANCED, &|_| {});
+    assert!(sized(1e-59).is_ok() && sized(1e59).is_ok());
+    for size in [1e-61, 1e61, 0.0] {
+        assert!(
+            matches!(sized(size), Err(SphericalError::OutOfScale { .. })),
+            "{size:e}"
+        );
+    }
+}

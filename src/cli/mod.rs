@@ -127,3 +127,17 @@ fn describe(error: &anyhow::Error) -> String {
     }
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_are_as_many_as_asked_for_up_to_eight_for_each_core() {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        assert_eq!(
+            [useful(1), useful(8 * cores), useful(8 * cores + 1)],
+            [1, 8 * cores, 8 * cores]
+        );
+    }
+}
