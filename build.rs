@@ -1,22 +1,19 @@
-//! Builds the C++ behind `src/native` when the feature `native` is on, and the C++ package's when `cpp` is.
+//! Builds the C++ behind `src/cgal_tetgen` when the feature `native` is on.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    // Before what it calls: static archives are searched in this order.
-    #[cfg(feature = "cpp")]
-    cpp::build();
     #[cfg(feature = "native")]
     native::build();
 }
 
 /// Lints link nothing, and would otherwise build minutes of C++ a second time in a folder of their own.
-#[cfg(any(feature = "native", feature = "cpp"))]
+#[cfg(feature = "native")]
 fn is_lint() -> bool {
     println!("cargo::rerun-if-env-changed=RUSTC_WORKSPACE_WRAPPER");
     std::env::var("RUSTC_WORKSPACE_WRAPPER").is_ok_and(|wrapper| wrapper.contains("clippy"))
 }
 
-#[cfg(any(feature = "native", feature = "cpp"))]
+#[cfg(feature = "native")]
 fn watch(folder: &str) {
     for entry in std::fs::read_dir(folder)
         .unwrap_or_else(|error| panic!("{folder} is part of the source tree: {error}"))
@@ -26,50 +23,21 @@ fn watch(folder: &str) {
     }
 }
 
-#[cfg(feature = "cpp")]
-mod cpp {
-    const SOURCES: &str = "cpp/src";
-    const HEADERS: &str = "cpp/include";
-
-    /// Compiles the package's C++ with the bridge, so that a static library of the crate holds all of it.
-    pub fn build() {
-        if super::is_lint() {
-            return;
-        }
-        super::watch(SOURCES);
-        super::watch("cpp/include/solidmap");
-        println!("cargo::rerun-if-changed=src/ffi/bridge.rs");
-        let mut sources: Vec<_> = std::fs::read_dir(SOURCES)
-            .expect("cpp/src is part of the source tree")
-            .flatten()
-            .map(|entry| entry.path())
-            .filter(|path| path.extension().is_some_and(|extension| extension == "cpp"))
-            .collect();
-        sources.sort();
-        cxx_build::bridge("src/ffi/bridge.rs")
-            .files(sources)
-            .include(HEADERS)
-            .include(SOURCES)
-            .std("c++17")
-            .compile("solidmap_cpp");
-    }
-}
-
 #[cfg(feature = "native")]
 mod native {
     use std::path::{Path, PathBuf};
     use std::process::Command;
 
-    const SOURCES: &str = "cpp/native";
+    const SOURCES: &str = "src/cgal_tetgen/cpp";
     const ADVICE: &str = "install what the feature `native` needs with `apt-get install cmake g++ libcgal-dev \
-        libtet1.5-dev libeigen3-dev`, or build without it: `cargo build --no-default-features --features cli`";
+        libtet1.5-dev libeigen3-dev`, or build without it: `cargo build --no-default-features`";
 
     pub fn build() {
         if super::is_lint() {
             return;
         }
         super::watch(SOURCES);
-        println!("cargo::rerun-if-changed=src/native/bridge.rs");
+        println!("cargo::rerun-if-changed=src/cgal_tetgen/bridge.rs");
 
         if Command::new("cmake").arg("--version").output().is_err() {
             fail("cmake is missing");
@@ -81,8 +49,8 @@ mod native {
             .unwrap_or_else(|_| fail("the C++ of the feature `native` did not build (see above)"));
 
         // Before the library that it calls: static archives are searched in this order.
-        cxx_build::bridge("src/native/bridge.rs")
-            .file("cpp/native/glue.cpp")
+        cxx_build::bridge("src/cgal_tetgen/bridge.rs")
+            .file("src/cgal_tetgen/cpp/glue.cpp")
             .include(SOURCES)
             .std("c++17")
             .compile("solidmap_native_glue");

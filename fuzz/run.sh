@@ -9,8 +9,8 @@ targets=("$@")
 [ ${#targets[@]} -gt 0 ] || mapfile -t targets < <(cargo +nightly fuzz list)
 
 # The first files are written by the tests.
-SOLIDMAP_SEEDS=$PWD/corpus cargo test --manifest-path ../Cargo.toml --release --no-default-features --features cli \
-    --test bad_input seeds_for_the_fuzzer -- --ignored
+SOLIDMAP_SEEDS=$PWD/corpus cargo test --manifest-path ../Cargo.toml --release --no-default-features -p solidmap-cli \
+    --test main seeds_for_the_fuzzer -- --ignored
 # The targets write each input to a file: best where files are in memory.
 scratch=$(mktemp -d -p "$([ -d /dev/shm ] && echo /dev/shm || echo "${TMPDIR:-/tmp}")")
 trap 'rm -rf "$scratch"' EXIT

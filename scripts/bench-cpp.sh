@@ -14,7 +14,7 @@ build=${BUILD:-build}
     exit 2
 }
 target=${CARGO_TARGET_DIR:-$(pwd)/target}
-cargo build --release --no-default-features --features cpp --example bench_evaluate
+cargo build --release --no-default-features --features io --example bench_evaluate
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 round=0

@@ -2,7 +2,7 @@
 # The C++ side under the sanitizers and valgrind:
 #
 #   scripts/test-cpp-memory.sh            without CGAL and TetGen: address and undefined, thread, valgrind
-#   scripts/test-cpp-memory.sh native     with them: address and undefined, also in cpp/native (15 minutes and 6 GB)
+#   scripts/test-cpp-memory.sh native     with them: address and undefined, also in src/cgal_tetgen/cpp (15 minutes and 6 GB)
 #
 # Rust needs none of it: the static library is the ordinary one, and the C++ in it is replaced by C++ built with checks,
 # which the linker meets first.
@@ -12,20 +12,25 @@ root=$(pwd)
 export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$root/target}"
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-features=cpp
+features=
 libraries="-lpthread -ldl -lm"
 [ "${1:-}" != native ] || {
-    features=cpp,native
+    features="--features native"
     libraries="-ltet -lmpfr -lgmp $libraries"
 }
 
-echo "== static library ($features)"
-cargo rustc --locked --release --lib --crate-type staticlib --no-default-features --features "$features" \
+echo "== static library ${features:-without CGAL and TetGen}"
+# shellcheck disable=SC2086 # the features are words
+cargo rustc --locked --release --package solidmap-cpp --lib --crate-type staticlib --no-default-features $features \
     --message-format json >"$work/messages"
-# Where the bridge's generated header is; the last build script of the crate is the one of these features.
-generated=$(grep '"build-script-executed"' "$work/messages" | grep '"package_id":"path+file:' |
-    sed 's/.*"out_dir":"\([^"]*\)".*/\1/' | tail -n 1)/cxxbridge
-archive=$CARGO_TARGET_DIR/release/libsolidmap.a
+# bridge FOLDER: where the headers of the bridge are of the package in this folder.
+bridge() {
+    echo "$(grep '"build-script-executed"' "$work/messages" | grep "\"package_id\":\"path+file://$1#" |
+        sed 's/.*"out_dir":"\([^"]*\)".*/\1/' | tail -n 1)/cxxbridge"
+}
+generated=$(bridge "$root/cpp")
+inward=$(bridge "$root")
+archive=$CARGO_TARGET_DIR/release/libsolidmap_cpp.a
 cp "$archive" "$work/libsolidmap.a"
 
 # objects FOLDER FLAGS...: the C++ side with these checks.
@@ -33,17 +38,17 @@ objects() {
     folder=$work/$1
     shift
     mkdir -p "$folder"
-    set -- -std=c++17 -O1 -g -fno-omit-frame-pointer "$@" -Icpp/include -Icpp/src -Icpp/native \
-        -I"$generated/include" -I"$generated/crate"
+    set -- -std=c++17 -O1 -g -fno-omit-frame-pointer "$@" -Icpp/include -Icpp/src -Isrc/cgal_tetgen/cpp \
+        -I"$generated/include" -I"$generated/crate" -I"$inward/include" -I"$inward/crate"
     glue=""
-    [ "$features" = cpp ] || glue="cpp/native/glue.cpp $generated/sources/solidmap/src/native/bridge.rs.cc"
-    for source in cpp/src/*.cpp cpp/tests/unit/*.cpp "$generated"/sources/solidmap/src/ffi/bridge.rs.cc $glue; do
+    [ -z "$features" ] || glue="src/cgal_tetgen/cpp/glue.cpp $inward/sources/solidmap/src/cgal_tetgen/bridge.rs.cc"
+    for source in cpp/src/*.cpp cpp/tests/unit/*.cpp "$generated"/sources/solidmap-cpp/bridge/bridge.rs.cc $glue; do
         c++ "$@" -DEXPECTED_NATIVE="$(echo "$features" | grep -c native)" -DEXPECTED_VERSION="\"$version\"" \
-            -c "$source" -o "$folder/$(echo "${source#"$generated"}" | tr / _).o"
+            -c "$source" -o "$folder/$(echo "$source" | tr / _).o"
     done
-    [ "$features" = cpp ] || for source in distance mesh3 remesh self_intersections tetgen wrap; do
+    [ -z "$features" ] || for source in distance mesh3 remesh self_intersections tetgen wrap; do
         # Without -g: the templates' names alone would fill gigabytes.
-        c++ "$@" -g0 -frounding-math -DTETLIBRARY -I/usr/include/eigen3 -c "cpp/native/$source.cpp" -o "$folder/$source.o"
+        c++ "$@" -g0 -frounding-math -DTETLIBRARY -I/usr/include/eigen3 -c "src/cgal_tetgen/cpp/$source.cpp" -o "$folder/$source.o"
     done
 }
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
@@ -55,7 +60,7 @@ c++ -fsanitize=address,undefined "$work"/address/*.o "$work/libsolidmap.a" $libr
 # The library tests TetGen's error function by a request for memory that cannot be granted.
 ASAN_OPTIONS=allocator_may_return_null=1 timeout -k 5 600 "$work/address/tests"
 
-[ "$features" = cpp ] || exit 0
+[ -z "$features" ] || exit 0
 
 echo "== threads"
 objects thread -fsanitize=thread

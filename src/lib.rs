@@ -38,32 +38,30 @@
 //! # Features
 //!
 //! `native` (default) calls CGAL (GPL) and TetGen (AGPL) through C++; without it the crate is pure Rust under MIT or
-//! Apache-2.0, and what needs them says so. `cli` (default) is the program. `cpp` is for the C++ package (`docs/cpp.md`).
+//! Apache-2.0, and what needs them says so. `io` (default) reads and writes files.
 
 #![deny(missing_docs, rustdoc::broken_intra_doc_links)]
 
 pub mod baseline;
 pub mod boundary_map;
 pub mod certificate;
+#[cfg(feature = "native")]
+pub mod cgal_tetgen;
 pub mod check;
 pub mod compare;
 pub mod energy;
-#[cfg(feature = "cpp")]
-mod ffi;
 pub mod fit;
 pub mod geometry;
 pub mod inverse;
+#[cfg(feature = "io")]
 pub mod io;
 pub mod kernel;
 pub mod map;
 pub mod memory;
 pub mod mesh;
-#[cfg(feature = "native")]
-pub mod native;
 mod partition;
 pub mod progress;
 pub mod remesh;
-pub mod report;
 pub mod sampling;
 pub mod sequence;
 pub mod solver;

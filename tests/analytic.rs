@@ -1,8 +1,6 @@
 //! Fits of boundary maps whose harmonic extension is known.
 
-mod common;
-
-use common::{boundary_map, fitted, interior_points, largest_distance, models, solids};
+use crate::common::{boundary_map, fitted, interior_points, largest_distance, models, solids};
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{DomainFactor, FitError, FitOptions, Placement, Solver, fit};

@@ -1,7 +1,5 @@
 //! What `certificate` proves, held against dense sampling.
 
-mod common;
-
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::certificate::{Certificate, CertificateError, CertificateOptions, Ending, Leaf, Verdict, certify};
 use solidmap::fit::FitOptions;
@@ -121,7 +119,7 @@ fn a_fold_is_proved_where_samples_find_it_and_nowhere_else() {
     assert!(report.folded.cells > 100 && report.positive.cells > 100);
     assert!(assert_sound(&map, &certificate, 1.0, 12) > 1000);
 
-    let points = common::interior_points(&domain, 20_000, 5);
+    let points = crate::common::interior_points(&domain, 20_000, 5);
     let mut folded = 0;
     for (point, jacobian) in points.iter().zip(map.jacobian(&points)) {
         let det = jacobian.determinant();
@@ -157,14 +155,14 @@ fn the_undecided_volume_falls_with_the_size_of_the_cells() {
 #[test]
 fn certified_cells_of_fitted_maps_agree_with_dense_sampling() {
     let cube = shapes::cube(1.0, 10);
-    let round = common::boundary_map(&cube, |p| Point::from(p.coords.normalize()));
-    let mirrored = common::boundary_map(&cube, |p| {
+    let round = crate::common::boundary_map(&cube, |p| Point::from(p.coords.normalize()));
+    let mirrored = crate::common::boundary_map(&cube, |p| {
         let q = p.coords.normalize();
         Point::new(-q.x, q.y, 0.7 * q.z)
     });
-    let pushed = common::boundary_map(&cube, |p| Point::new(4.0 * p.x.powi(3) - 0.2 * p.x, p.y, p.z));
+    let pushed = crate::common::boundary_map(&cube, |p| Point::new(4.0 * p.x.powi(3) - 0.2 * p.x, p.y, p.z));
     for (boundary, folded) in [(round, 0.0..0.02), (mirrored, 0.0..0.02), (pushed, 0.02..0.5)] {
-        let fit = common::fitted(&boundary, &FitOptions::default());
+        let fit = crate::common::fitted(&boundary, &FitOptions::default());
         let orientation = boundary.target_volume().signum();
         let certificate = certified(&fit.map, &cube, boundary.target_volume(), 128);
         let report = certificate.report;
@@ -176,13 +174,13 @@ fn certified_cells_of_fitted_maps_agree_with_dense_sampling() {
 
 #[test]
 fn cells_fill_the_domain_whatever_its_shape() {
-    for (name, domain) in common::solids(0) {
+    for (name, domain) in crate::common::solids(0) {
         let far = Point::from(domain.bounding_box().unwrap().1.coords * 1.5);
         let map = map(&[(far, [0.4, -0.3, 0.2])], IDENTITY);
         let certificate = certified(&map, &domain, 1.0, 64);
         let report = certificate.report;
         assert!(report.volume_error.abs() < 1e-10, "{name}: {report:?}");
-        for point in common::interior_points(&domain, 200, 3) {
+        for point in crate::common::interior_points(&domain, 200, 3) {
             let leaf = certificate
                 .leaf_at(&point)
                 .unwrap_or_else(|| panic!("{name}: no cell at {point}"));

@@ -1,8 +1,6 @@
 //! Every method on one boundary map: where theory says how far their maps may be apart, and which energy is the least.
 
-mod common;
-
-use common::{boundary_map, largest_distance, solids};
+use crate::common::{boundary_map, largest_distance, solids};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::compare::{
     Built, CompareError, Folds, MeshSpec, Method, Recipe, Samples, Yardstick, YardstickOptions, build, make_mesh,
@@ -129,7 +127,7 @@ impl VolumeMap for Formula {
 /// the boundary data. Four is the limit; three is asked for.
 #[test]
 fn finite_elements_approach_the_exact_map_at_second_order() {
-    let inside = common::interior_points(&shapes::cube(0.95 * SIDE, 1), 300, 4);
+    let inside = crate::common::interior_points(&shapes::cube(0.95 * SIDE, 1), 300, 4);
     let exact: Vec<Point> = inside.iter().map(polynomials).collect();
     let errors = [4, 8, 16].map(|n| {
         let mesh = cube_of_tets(n);
@@ -151,7 +149,7 @@ fn finite_elements_approach_the_exact_map_at_second_order() {
 #[cfg(feature = "native")]
 #[test]
 fn methods_approach_the_exact_map_together() {
-    let inside = common::interior_points(&shapes::cube(0.95 * SIDE, 1), 300, 4);
+    let inside = crate::common::interior_points(&shapes::cube(0.95 * SIDE, 1), 300, 4);
     let exact: Vec<Point> = inside.iter().map(polynomials).collect();
     for method in [Method::Mfs, Method::Fem, Method::Variational] {
         let errors = [5, 10].map(|n| {

@@ -1,8 +1,6 @@
 //! The map follows motions and scalings of its domain and target.
 
-mod common;
-
-use common::{boundary_map, fitted, interior_points, largest_distance, solids};
+use crate::common::{boundary_map, fitted, interior_points, largest_distance, solids};
 use nalgebra::{Rotation3, Similarity3, UnitQuaternion};
 use solidmap::fit::{Fit, FitOptions};
 use solidmap::map::VolumeMap;

@@ -1,8 +1,6 @@
 //! Inverse maps: what goes there comes back, and what does not is named.
 
-mod common;
-
-use common::{boundary_map, fitted, interior_points, largest_distance};
+use crate::common::{boundary_map, fitted, interior_points, largest_distance};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::FitOptions;
 use solidmap::inverse::{InverseError, InverseMap, InverseOptions, InverseReport, Preimage, PreimageStatus};

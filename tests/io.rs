@@ -1,11 +1,9 @@
 //! Meshes and points through files: what is written reads back to the same bits, spoiled files are errors and never
 //! panics, and real models have the counts that they are known to have.
 
-mod common;
-
 use std::{fs, path::Path};
 
-use common::models;
+use crate::common::models;
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::{
     Point,

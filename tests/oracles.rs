@@ -1,14 +1,11 @@
 //! Queries of this crate against those of CGAL and TetGen.
-#![cfg(feature = "native")]
 
-mod common;
-
-use common::{models, solids};
+use crate::common::{models, solids};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::Point;
+use solidmap::cgal_tetgen::{Mesh3Options, SignedDistanceField, TetOptions, tetrahedralize, tetrahedralize_mesh3};
 use solidmap::geometry::SurfaceQuery;
 use solidmap::mesh::SurfaceMesh;
-use solidmap::native::{Mesh3Options, SignedDistanceField, TetOptions, tetrahedralize, tetrahedralize_mesh3};
 
 /// Points in a box a fifth larger than the surface's, and as many near the surface.
 fn probes(surface: &SurfaceMesh, count: usize) -> Vec<Point> {

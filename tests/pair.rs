@@ -1,10 +1,8 @@
 //! Maps between two solids of genus 0: one to one, there and back, true to landmarks, and the same however solids lie.
 
-mod common;
-
 use std::path::Path;
 
-use common::models;
+use crate::common::models;
 use nalgebra::Rotation3;
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::BoundaryMap;
@@ -32,7 +30,7 @@ fn assert_one_to_one(map: &BoundaryMap, target: &SurfaceMesh) {
         let points = random_points(from, 5000);
         let images = there.evaluate_on_target(&points).unwrap();
         let returned = back.evaluate(&images);
-        let farthest = common::largest_distance(&there.positions(&points), &returned);
+        let farthest = crate::common::largest_distance(&there.positions(&points), &returned);
         assert!(farthest < 1e-9 * from.diagonal(), "{farthest}");
     }
 }
@@ -96,7 +94,7 @@ fn a_body_goes_to_its_moved_copy_rigidly_from_any_start() {
     ] {
         let target = moved(&domain, turn, scale, shift);
         let (map, report) = pair(&domain, &target, &PairOptions::default());
-        let farthest = common::largest_distance(map.image(), target.vertices());
+        let farthest = crate::common::largest_distance(map.image(), target.vertices());
         assert!(farthest < 1e-6 * target.diagonal(), "{turn:?}: {farthest}");
         assert!((report.after.mean_symmetric_dirichlet - 4.0).abs() < 1e-6);
     }
@@ -108,7 +106,7 @@ fn another_mesh_of_the_same_body_is_found_again() {
     let (domain, target) = (body(16), moved(&body(13), [0.4, -1.0, 2.0], 2.0, [1.0, 0.0, 0.0]));
     let (map, report) = pair(&domain, &target, &PairOptions::default());
     let expected = moved(&domain, [0.4, -1.0, 2.0], 2.0, [1.0, 0.0, 0.0]);
-    let farthest = common::largest_distance(map.image(), expected.vertices()) / target.diagonal();
+    let farthest = crate::common::largest_distance(map.image(), expected.vertices()) / target.diagonal();
     assert!(farthest < 0.02, "{farthest}");
     assert!(report.after.mean_symmetric_dirichlet < 4.1, "{:?}", report.after);
     assert!(report.after.mean_symmetric_dirichlet < report.before.mean_symmetric_dirichlet);
@@ -282,7 +280,7 @@ fn landmarks_where_the_map_goes_anyway_change_nothing() {
             ..options.clone()
         };
         let (map, _) = pair(&domain, &target, &options);
-        let farthest = common::largest_distance(map.image(), target.vertices());
+        let farthest = crate::common::largest_distance(map.image(), target.vertices());
         assert!(farthest < 1e-4 * target.diagonal(), "{via:?}: {farthest}");
     }
 }

@@ -1,10 +1,8 @@
 //! Regular meshes of polycubes: conforming, carried exactly, and with no cell inverted, counted independently.
 
-mod common;
-
 use std::collections::HashMap;
 
-use common::models;
+use crate::common::models;
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{FitOptions, fit};

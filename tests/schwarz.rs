@@ -1,8 +1,6 @@
 //! Fits by the Schwarz solver: how many iterations they take, what refinement reaches, and on which solids.
 
-mod common;
-
-use common::{boundary_map, fitted, interior_points, largest_distance, models};
+use crate::common::{boundary_map, fitted, interior_points, largest_distance, models};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::{BoundaryMap, examples};
 use solidmap::fit::{BoundaryError, DomainFactor, Fit, FitOptions};

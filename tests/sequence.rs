@@ -1,10 +1,8 @@
 //! Sequences: energies that are known, cycles that are known, and blocks that change nothing.
 
-mod common;
-
 use std::f64::consts::TAU;
 
-use common::{bent, models, with_hole};
+use crate::common::{bent, models, with_hole};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::energy::{Lame, Resolution, deformation};

@@ -1,7 +1,5 @@
 //! Maps to the sphere: one to one on everything, the same however the input lies, and as good as they claim.
 
-mod common;
-
 use std::path::Path;
 
 use nalgebra::Rotation3;
@@ -118,7 +116,7 @@ fn egg(level: u32) -> SurfaceMesh {
 /// Of the models, `self_intersect.obj` has the longest limbs, and 63 as its largest ratio of areas.
 #[test]
 fn every_closed_model_of_genus_0_is_drawn_one_to_one_with_areas_in_bounds() {
-    let Some(models) = common::models() else { return };
+    let Some(models) = crate::common::models() else { return };
     for name in CLOSED {
         let (map, _) = drawn_one_to_one(name, &surface(&models.join(name)), &BALANCED);
         let area = distortion(&map).area;
@@ -129,7 +127,7 @@ fn every_closed_model_of_genus_0_is_drawn_one_to_one_with_areas_in_bounds() {
 /// Where limbs are long a conformal drawing has areas below rounding errors, and must be one to one all the same.
 #[test]
 fn models_are_drawn_one_to_one_without_regard_to_areas_and_from_the_flow() {
-    let Some(models) = common::models() else { return };
+    let Some(models) = crate::common::models() else { return };
     for name in CLOSED {
         let mesh = surface(&models.join(name));
         if mesh.vertices().len() > 8500 {
@@ -148,7 +146,7 @@ fn models_are_drawn_one_to_one_without_regard_to_areas_and_from_the_flow() {
 
 #[test]
 fn spikes_plates_needles_fingers_and_faces_without_area_are_drawn_one_to_one() {
-    for (name, mesh) in common::stress::shapes_of_genus_0() {
+    for (name, mesh) in crate::common::stress::shapes_of_genus_0() {
         for energy in [SphereEnergy::Balanced, SphereEnergy::Conformal] {
             for start in [SphereStart::Progressive, SphereStart::Flow] {
                 let options = SphereOptions {
@@ -267,7 +265,7 @@ fn a_conformal_map_does_not_depend_on_the_start() {
 
 #[test]
 fn files_that_are_no_sphere_are_refused_for_what_they_are() {
-    let Some(models) = common::models() else { return };
+    let Some(models) = crate::common::models() else { return };
     let error = |name: &str| map_to_sphere(&surface(&models.join(name)), &BALANCED, &|_| {}).unwrap_err();
     assert!(matches!(
         error("bad/bunny_open.obj"),

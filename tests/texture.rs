@@ -1,10 +1,8 @@
 //! Solid textures against what is known of them: the picture on the surface, harmonic functions inside.
 
-mod common;
-
 use std::f64::consts::{PI, TAU};
 
-use common::interior_points;
+use crate::common::interior_points;
 use solidmap::Point;
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::fit::{FitError, FitOptions};
@@ -522,7 +520,7 @@ fn functions_on_a_boundary_survive_subdivision() {
 
 #[test]
 fn real_models_carry_a_checker_with_seams() {
-    let Some(models) = common::models() else { return };
+    let Some(models) = crate::common::models() else { return };
     let read = io::read_textured_surface(models.join("surfaces/spot_uv_2k9.obj")).unwrap();
     let uv = read.uv.unwrap();
     assert_eq!(uv.len(), 5856);

@@ -1,8 +1,6 @@
 //! Transfer of fields: exact where it can be, and never a value that was not there.
 
-mod common;
-
-use common::boundary_map;
+use crate::common::boundary_map;
 use solidmap::energy::{Resolution, clipped_grid};
 use solidmap::inverse::{InverseMap, InverseOptions, lattice_mesh};
 use solidmap::map::VolumeMap;
@@ -125,7 +123,7 @@ fn resampling_a_linear_field_through_an_affine_map_is_exact() {
     let (map, given, domain) = (stretch(), carrier(), ball());
     let boundary = boundary_map(&domain, |p| Point::from(map.0 * p.coords + map.1));
     let inverse = InverseMap::new(&map, &boundary, &InverseOptions::default()).unwrap();
-    let places: Vec<Point> = common::interior_points(&domain, 500, 7)
+    let places: Vec<Point> = crate::common::interior_points(&domain, 500, 7)
         .iter()
         .map(|p| p * 0.85)
         .collect();

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "solidmap/solidmap.hpp"
-#include "solidmap/src/ffi/bridge.rs.h"
+#include "solidmap-cpp/bridge/bridge.rs.h"
 #include "watcher.hpp"
 
 namespace solidmap::detail {

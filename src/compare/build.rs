@@ -208,7 +208,7 @@ pub fn make_mesh(boundary: &BoundaryMap, spec: &MeshSpec) -> Result<(TetMesh, Bo
 
 #[cfg(feature = "native")]
 fn mesh_of(domain: &SurfaceMesh, spec: &MeshSpec) -> Result<TetMesh, CompareError> {
-    use crate::native::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_mesh3};
+    use crate::cgal_tetgen::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_mesh3};
     let edge = spec.edge.map(|edge| edge * domain.diagonal());
     Ok(match spec.source {
         MeshSource::Tetgen => tetrahedralize(

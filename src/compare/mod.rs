@@ -31,7 +31,7 @@ pub enum CompareError {
     /// The mesher failed.
     #[cfg(feature = "native")]
     #[error("the domain could not be meshed: {0}")]
-    Mesher(#[from] crate::native::NativeError),
+    Mesher(#[from] crate::cgal_tetgen::CgalTetgenError),
     /// There is no mesher.
     #[error("tetrahedra need TetGen or CGAL; build with the feature `native`, or give a tet mesh of the domain")]
     NoMesher,

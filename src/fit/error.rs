@@ -41,7 +41,7 @@ pub enum FitError {
     /// The offset surface could not be built.
     #[cfg(feature = "native")]
     #[error("cannot build the offset surface for the sources: {0}")]
-    Offset(#[from] crate::native::NativeError),
+    Offset(#[from] crate::cgal_tetgen::CgalTetgenError),
     /// The domain's surface cannot be asked for distances.
     #[error(transparent)]
     Query(#[from] QueryError),

@@ -96,7 +96,7 @@ fn offset_sources(
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Point>, FitError> {
     let distance = distance * Frame::of(domain).diagonal;
-    let offset = crate::native::offset_surface(domain, distance, &crate::native::OffsetOptions::default())?;
+    let offset = crate::cgal_tetgen::offset_surface(domain, distance, &crate::cgal_tetgen::OffsetOptions::default())?;
     if offset.raw_wrap {
         warnings.push("the offset surface is the wrap as it came, about 1 % off its distance".into());
     }

@@ -1,8 +1,6 @@
 //! What several test programs share.
 #![allow(dead_code)]
 
-#[cfg(feature = "cli")]
-pub mod program;
 pub mod stress;
 
 use std::path::PathBuf;

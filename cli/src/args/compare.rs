@@ -1,0 +1,143 @@
+//! Of `compare`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::cgal_tetgen::Mesher;
+use super::section::SectionArgs;
+use super::values::{bytes, seconds};
+
+#[derive(Debug, Args)]
+#[command(allow_negative_numbers = true)]
+pub struct CompareArgs {
+    /// Boundary of the solid to map, or a tet mesh of it; with --boundary it may be left out
+    #[arg(required_unless_present = "boundary")]
+    pub domain: Option<PathBuf>,
+    /// DOMAIN's mesh with every vertex at its image
+    #[arg(
+        long,
+        value_name = "IMAGE",
+        requires = "domain",
+        required_unless_present = "boundary"
+    )]
+    pub image: Option<PathBuf>,
+    /// Boundary map that says where every point goes, not vertices alone
+    #[arg(long, value_name = "FILE", conflicts_with = "image")]
+    pub boundary: Option<PathBuf>,
+    /// Methods to compare, with commas between them
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        default_value = "mfs,fem,variational,mean_value"
+    )]
+    pub methods: Vec<MapMethod>,
+    /// Folder for tables, pictures and the maps themselves
+    #[arg(short, long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Refine the finite elements until they are as near to the reference inside as mfs is
+    #[arg(long)]
+    pub equal_accuracy: bool,
+    /// Also solve on four tet meshes (three qualities of TetGen, and Mesh_3), and with four source distances of mfs:
+    /// how much does each method's result depend on what it should not depend on?
+    #[arg(long)]
+    pub mesh_study: bool,
+    /// Images of DOMAIN as the frames of a sequence: what does each frame cost?
+    #[arg(long, value_name = "FRAME", num_args = 1..)]
+    pub frames: Vec<PathBuf>,
+    #[command(flatten)]
+    pub tets: CompareTets,
+    #[command(flatten)]
+    pub measure: CompareMeasure,
+    #[command(flatten)]
+    pub budget: CompareBudget,
+}
+
+/// Tetrahedra of the methods that need them.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Tetrahedra")]
+pub struct CompareTets {
+    /// Edge length inside, over the domain's diagonal [default: twice the mean edge of the surface]
+    #[arg(long, value_name = "FRACTION")]
+    pub mesh_size: Option<f64>,
+    /// Largest ratio of circumradius to shortest edge
+    #[arg(long, default_value_t = 1.414, value_name = "RATIO")]
+    pub quality: f64,
+    /// `tetgen` keeps the boundary triangles; `cgal` (Mesh_3) makes its own
+    #[arg(long, value_enum, default_value_t = Mesher::Tetgen)]
+    pub mesher: Mesher,
+    /// A tet mesh of the domain to take instead
+    #[arg(long, value_name = "TETS", conflicts_with_all = ["mesh_size", "equal_accuracy", "mesh_study"])]
+    pub mesh: Option<PathBuf>,
+}
+
+/// How maps are made and measured.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Measuring")]
+pub struct CompareMeasure {
+    /// Boundary error that mfs aims at over 99 % of the area, as a fraction of the target's diagonal
+    #[arg(long, value_name = "FRACTION", default_value_t = 0.001)]
+    pub tolerance: f64,
+    /// Cells of the integration grid along the longest side of the domain
+    #[arg(long, default_value_t = 40, value_name = "N")]
+    pub resolution: usize,
+    /// Points inside at which maps are held against the reference
+    #[arg(long, default_value_t = 5000, value_name = "N")]
+    pub interior: usize,
+    /// The variational method ends with the step that lowers the energy by less than this part of it
+    #[arg(long, default_value_t = 1e-6, value_name = "FRACTION")]
+    pub threshold: f64,
+    /// Leave the reference out, and the differences to it
+    #[arg(long, conflicts_with = "equal_accuracy")]
+    pub no_reference: bool,
+    /// Seed of all random choices
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub section: SectionArgs,
+}
+
+/// What each map may cost.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Budget of each map")]
+pub struct CompareBudget {
+    /// Seconds, with measuring
+    #[arg(long, default_value_t = 600.0, value_name = "SECONDS", value_parser = seconds)]
+    pub time_limit: f64,
+    /// Tetrahedra, by an estimate
+    #[arg(long, default_value_t = 5_000_000, value_name = "N")]
+    pub max_tets: usize,
+    /// Memory of mfs, such as 500MB or 4GiB [default: 9/10 of what is available now]
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    pub memory: Option<u64>,
+}
+
+#[derive(Debug, Args)]
+pub struct CompareWorkerArgs {
+    pub job: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MapMethod {
+    /// Method of fundamental solutions
+    Mfs,
+    /// Linear finite elements on tets, factored
+    Fem,
+    /// The same energy by steepest descent, as Wang et al. 2004
+    Variational,
+    /// Mean value coordinates, which are not harmonic
+    #[value(name = "mean_value", alias = "mean-value")]
+    MeanValue,
+}
+
+impl From<MapMethod> for solidmap::compare::Method {
+    fn from(method: MapMethod) -> Self {
+        match method {
+            MapMethod::Mfs => Self::Mfs,
+            MapMethod::Fem => Self::Fem,
+            MapMethod::Variational => Self::Variational,
+            MapMethod::MeanValue => Self::MeanValue,
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! What can be typed. Each option's help is its documentation; names are a contract.
+
+mod boundary;
+mod cgal_tetgen;
+mod compare;
+mod fit;
+mod map;
+mod remesh;
+mod section;
+mod sequence;
+mod texture;
+mod transfer;
+mod values;
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+pub use boundary::{
+    BoundaryCheckArgs, BoundaryCommand, BoundaryOutputs, BoundaryPairArgs, BoundarySphereArgs, PairArgs,
+    SphereEnergyKind, SphereStartKind, ViaKind,
+};
+pub use cgal_tetgen::{Mesher, OffsetArgs, TetArgs};
+pub use compare::{CompareArgs, CompareWorkerArgs, MapMethod};
+pub use fit::{FitArgs, MethodArgs, MethodKind, PlacementKind};
+pub use map::{CertifyArgs, EnergyArgs, EvalArgs};
+pub use remesh::{CellShape, RemeshArgs};
+pub use section::{SectionArgs, UpKind};
+pub use sequence::SequenceArgs;
+pub use texture::{TextureArgs, TextureOutputArgs, WrapKind};
+pub use transfer::TransferArgs;
+
+use values::seconds;
+
+fn version() -> &'static str {
+    static VERSION: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+    VERSION.get_or_init(|| format!("{}\n{}", env!("CARGO_PKG_VERSION"), solidmap::LICENCE))
+}
+
+/// Harmonic volumetric maps between solids, by the method of fundamental solutions.
+#[derive(Debug, Parser)]
+#[command(name = "solidmap", version = version(), after_help = EXIT_CODES)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+    /// Print one machine-readable report on stdout
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Number of threads, of which no more than eight for each core are used [default: all cores]
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// End with exit code 2 when it takes longer; nothing is left half-written
+    #[arg(long, global = true, value_name = "SECONDS", value_parser = seconds)]
+    pub time_limit: Option<f64>,
+}
+
+const EXIT_CODES: &str = "\
+Exit codes: 0 done; 1 ran, but a check failed (tolerance missed, defects found); 2 could not run;
+130 interrupted.
+
+Surfaces are read from .obj .ply .off .stl, and from the boundary of tet meshes .mesh .vtk .vtu.";
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Show the main job on built-in models: maps, energies, carried meshes, pictures
+    Demo(DemoArgs),
+    /// Say what is wrong with a model, where, and how to mend it
+    Check(CheckArgs),
+    /// Fill a closed surface with tetrahedra
+    Tet(TetArgs),
+    /// Make the surface at a distance outside of a model
+    Offset(OffsetArgs),
+    /// Make maps of boundary surfaces, and look into them
+    #[command(subcommand)]
+    Boundary(BoundaryCommand),
+    /// Fit the harmonic map of a solid to a map of its boundary
+    Fit(FitArgs),
+    /// Map points, or a mesh's vertices
+    Eval(EvalArgs),
+    /// Measure a map's harmonic and deformation energy and picture their distribution
+    Energy(EnergyArgs),
+    /// Prove where a map is locally one to one, and where it folds
+    Certify(CertifyArgs),
+    /// Carry fields from a map's domain to its target: scalars, vectors, labels, the distance field
+    Transfer(TransferArgs),
+    /// Carry a regular mesh of a polycube, or a given mesh, into the target, with no cell inverted
+    Remesh(RemeshArgs),
+    /// Measure how far each frame of a sequence is deformed, where, and in how many cycles
+    Sequence(SequenceArgs),
+    /// Carry the picture on a surface into the solid: a volume, sections, colours of points
+    Texture(TextureArgs),
+    /// Send one boundary map through every method and measure all alike
+    Compare(CompareArgs),
+    #[command(hide = true)]
+    CompareWorker(CompareWorkerArgs),
+    #[command(hide = true)]
+    NativeWorker,
+}
+
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Folder for the results
+    #[arg(long, default_value = "solidmap-demo", value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// Surfaces or tet meshes to look at
+    #[arg(required = true)]
+    pub models: Vec<PathBuf>,
+}

@@ -1,0 +1,277 @@
+//! A boundary map to look at: one pattern on the domain and on its image, and where it distorts.
+
+use crate::drawing::{
+    Camera, Checker, ColourBar, Figure, Panel, Pattern, Scale, SurfaceColour, SurfaceStyle, ValueRange,
+};
+use solidmap::boundary_map::check::{Against, BoundaryCheck};
+use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
+use solidmap::check::mend;
+use solidmap::mesh::SurfaceMesh;
+use solidmap::spherical::SphericalMap;
+use solidmap::statistics::weighted_quantiles;
+use solidmap::{Point, Vector};
+
+use crate::args::UpKind;
+
+/// Width and height of a view.
+const PIXELS: [usize; 2] = [560, 520];
+
+/// Cells of the pattern along the longest side of the domain, or from pole to pole.
+const CELLS: usize = 16;
+
+/// Triangles that surfaces are cut into, unless they have more, so that what is drawn between vertices is the map itself.
+const TRIANGLES: usize = 400_000;
+
+/// A surface to show, with what it is coloured by.
+struct Shown {
+    name: &'static str,
+    mesh: SurfaceMesh,
+    /// Where each vertex stands in the pattern.
+    places: Vec<Point>,
+    distortion: Option<Distortion>,
+}
+
+/// Of the map, per triangle of a surface.
+struct Distortion {
+    area: Vec<f64>,
+    angle: Vec<f64>,
+}
+
+/// The domain and its image side by side, from the front and from behind, painted with one chequered field, and with
+/// how far areas and angles are distorted. By way of the sphere the image is the target itself, with what the map brings
+/// to every point of it, and below is the sphere between them.
+pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow::Result<Figure> {
+    let (up, upside_down) = up.axis();
+    let [front, back] = [30.0, 210.0].map(|azimuth| Camera {
+        azimuth,
+        elevation: 20.0,
+        up,
+        upside_down,
+    });
+    let pair = match (map.domain_on_sphere(), map.inverse()) {
+        (Some(_), Some(back)) => through_sphere(map, back),
+        (Some(_), None) => onto_sphere(map),
+        (None, _) => straight(map, check.against)?,
+    };
+    let pattern = match check.against {
+        Against::Sphere { .. } => Pattern::Graticule { pole: up, cells: CELLS },
+        Against::Target | Against::Itself => cubes(&pair[0].mesh),
+    };
+    let mut top = vec![];
+    for (camera, suffix) in [(&front, ""), (&back, ", from behind")] {
+        for shown in &pair {
+            top.push(shown.painted(pattern, camera, suffix)?);
+        }
+    }
+    let mut rows = vec![top];
+    if let Some(bars) = bars(&pair[0])? {
+        let mut bottom = vec![];
+        for (kind, bar) in [Kind::Area, Kind::Angle].into_iter().zip(&bars) {
+            let [first, last] = &pair;
+            bottom.extend(first.measured(kind, bar, &front)?);
+            bottom.extend(last.measured(kind, bar, &front)?.map(|panel| panel.with_bar(bar)));
+        }
+        rows.push(bottom);
+    }
+    if let (Some(domain), Some(target)) = (map.domain_on_sphere(), map.target_on_sphere()) {
+        rows.push(between([domain, target], pattern, [&front, &back])?);
+    }
+    Ok(Figure::grid(rows))
+}
+
+fn straight(map: &BoundaryMap, against: Against) -> anyhow::Result<[Shown; 2]> {
+    let domain = mend(map.domain()).0;
+    let placed = SurfaceMesh::new(map.image().to_vec(), domain.triangles().to_vec())?;
+    let (name, places) = match against {
+        Against::Sphere { centre, .. } => {
+            let from_centre = |p: &Point| Point::from(p - Point::from(centre));
+            ("Sphere", map.image().iter().map(from_centre).collect())
+        }
+        Against::Target | Against::Itself => ("Image", domain.vertices().to_vec()),
+    };
+    // A map that mirrors would show the inside of its image.
+    let image = if placed.volume() < 0.0 {
+        placed.reversed()
+    } else {
+        placed
+    };
+    Ok([("Domain", domain.clone()), (name, image)].map(|(name, mesh)| Shown {
+        name,
+        mesh,
+        places: places.clone(),
+        distortion: Distortion::of(&domain, map.image(), |ratio| ratio),
+    }))
+}
+
+fn onto_sphere(map: &BoundaryMap) -> [Shown; 2] {
+    let fine = refined(map.clone());
+    [("Domain", fine.domain().clone()), ("Sphere", fine.target())].map(|(name, mesh)| Shown {
+        name,
+        mesh,
+        places: fine.image().to_vec(),
+        distortion: Distortion::of(fine.domain(), fine.image(), |ratio| ratio),
+    })
+}
+
+fn through_sphere(map: &BoundaryMap, back: BoundaryMap) -> [Shown; 2] {
+    let [fine, back] = [map.clone(), back].map(refined);
+    [
+        Shown {
+            name: "Domain",
+            mesh: fine.domain().clone(),
+            places: fine.domain().vertices().to_vec(),
+            distortion: Distortion::of(fine.domain(), fine.image(), |ratio| ratio),
+        },
+        Shown {
+            name: "Target",
+            mesh: back.domain().clone(),
+            places: back.image().to_vec(),
+            distortion: Distortion::of(back.domain(), back.image(), |ratio| 1.0 / ratio),
+        },
+    ]
+}
+
+/// The sphere, with the field as it comes from the domain, and how areas of either surface are distorted on it.
+fn between(surfaces: [&SphericalMap; 2], pattern: Pattern, [front, back]: [&Camera; 2]) -> anyhow::Result<Vec<Panel>> {
+    let mut spheres = vec![];
+    let (mut values, mut weights) = (vec![], vec![]);
+    for surface in surfaces {
+        let fine = refined(BoundaryMap::onto_sphere(surface.clone())?);
+        let distortion = Distortion::of(fine.domain(), fine.image(), |ratio| ratio);
+        if let Some(distortion) = &distortion {
+            values.extend_from_slice(&distortion.area);
+            let areas = areas(fine.domain());
+            let total: f64 = areas.iter().sum();
+            weights.extend(areas.iter().map(|area| area / total));
+        }
+        spheres.push(Shown {
+            name: "Sphere",
+            mesh: fine.target(),
+            places: fine.domain().vertices().to_vec(),
+            distortion,
+        });
+    }
+    let mut panels = vec![
+        spheres[0].painted(pattern, front, "")?,
+        spheres[0].painted(pattern, back, ", from behind")?,
+    ];
+    // One scale for both, at the end of the row.
+    let bar = area_bar(&values, &weights)?;
+    for (sphere, title) in spheres
+        .iter()
+        .zip(["Sphere, area from domain", "Sphere, area from target"])
+    {
+        let panel = sphere.measured(Kind::Area, &bar, front)?;
+        panels.extend(panel.map(|panel| panel.titled(title)));
+    }
+    let last = panels.pop().map(|panel| panel.with_bar(&bar));
+    panels.extend(last);
+    Ok(panels)
+}
+
+fn refined(map: BoundaryMap) -> BoundaryMap {
+    let mut fine = map;
+    while 4 * fine.domain().triangles().len() <= TRIANGLES {
+        fine = fine.subdivided();
+    }
+    fine
+}
+
+fn cubes(mesh: &SurfaceMesh) -> Pattern {
+    let (low, high) = mesh
+        .bounding_box()
+        .unwrap_or((Point::origin(), Point::from(Vector::repeat(1.0))));
+    Pattern::Cubes {
+        low,
+        high,
+        cells: CELLS,
+    }
+}
+
+/// Scales for areas and angles, which tell apart what 99 % of the surface's area have.
+fn bars(shown: &Shown) -> anyhow::Result<Option<[ColourBar; 2]>> {
+    let Some(Distortion { area, angle }) = &shown.distortion else {
+        return Ok(None);
+    };
+    let areas = areas(&shown.mesh);
+    let most = bound(angle.iter().copied(), &areas);
+    let of_angle = ColourBar::new(
+        "σ₁/σ₂, 1 where angles are kept",
+        angle.iter().copied(),
+        ValueRange::Fixed(1.0, most),
+        Scale::Log,
+    )?;
+    Ok(Some([area_bar(area, &areas)?, of_angle]))
+}
+
+fn area_bar(ratios: &[f64], weights: &[f64]) -> anyhow::Result<ColourBar> {
+    let most = bound(ratios.iter().map(|r| r.max(1.0 / r)), weights);
+    Ok(ColourBar::new(
+        "ratio of areas, 1 is the mean",
+        ratios.iter().copied(),
+        ValueRange::Fixed(1.0 / most, most),
+        Scale::Log,
+    )?)
+}
+
+fn areas(mesh: &SurfaceMesh) -> Vec<f64> {
+    (0..mesh.triangles().len())
+        .map(|t| mesh.area_vector(t).norm())
+        .collect()
+}
+
+/// What 99 % of the area do not exceed, within what colours can tell apart.
+fn bound(values: impl Iterator<Item = f64>, areas: &[f64]) -> f64 {
+    let values: Vec<f64> = values.collect();
+    weighted_quantiles(&values, areas, [0.99]).map_or(1.05, |[most]| most.clamp(1.05, 1e3))
+}
+
+#[derive(Clone, Copy)]
+enum Kind {
+    Area,
+    Angle,
+}
+
+impl Distortion {
+    /// `area` makes of a ratio of areas from domain to image the one that is shown.
+    fn of(domain: &SurfaceMesh, image: &[Point], area: fn(f64) -> f64) -> Option<Self> {
+        let found = triangle_distortions(domain, image)?;
+        let values = |of: &dyn Fn(&TriangleDistortion) -> f64| -> Vec<f64> {
+            found.iter().map(|d| d.as_ref().map_or(f64::NAN, of)).collect()
+        };
+        Some(Self {
+            area: values(&|d| area(d.area_ratio())),
+            angle: values(&|d| d.angle()),
+        })
+    }
+}
+
+impl Shown {
+    fn painted(&self, pattern: Pattern, camera: &Camera, suffix: &str) -> anyhow::Result<Panel> {
+        let checker = Checker {
+            places: self.places.clone(),
+            pattern,
+        };
+        self.view(SurfaceColour::Checker(checker), camera, suffix)
+    }
+
+    fn measured(&self, kind: Kind, bar: &ColourBar, camera: &Camera) -> anyhow::Result<Option<Panel>> {
+        let Some(Distortion { area, angle }) = &self.distortion else {
+            return Ok(None);
+        };
+        let (values, suffix) = match kind {
+            Kind::Area => (area, ", distortion of area"),
+            Kind::Angle => (angle, ", distortion of angle"),
+        };
+        let colour = SurfaceColour::PerTriangle(values.clone(), bar.clone());
+        self.view(colour, camera, suffix).map(Some)
+    }
+
+    fn view(&self, colour: SurfaceColour, camera: &Camera, suffix: &str) -> anyhow::Result<Panel> {
+        let style = SurfaceStyle {
+            colour,
+            ..SurfaceStyle::default()
+        };
+        Ok(Panel::of_surface(&self.mesh, &style, camera, PIXELS)?.titled(format!("{}{suffix}", self.name)))
+    }
+}

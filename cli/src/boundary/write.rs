@@ -1,0 +1,95 @@
+//! What the commands that make boundary maps write.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
+use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
+use solidmap::io::{self, BoundaryFile, BoundaryMetadata, Cells, Field, Provenance, VtkFields};
+
+use super::pictures;
+use crate::args::BoundaryOutputs;
+use crate::input;
+use crate::output::Output;
+
+impl BoundaryOutputs {
+    /// Refuses outputs that cannot be written, or that are inputs, before any work is done.
+    pub fn require_writable(&self, inputs: &[&Path]) -> anyhow::Result<()> {
+        let mut others = inputs.to_vec();
+        let named: [(Option<&PathBuf>, &[&str]); 4] = [
+            (Some(&self.output), &["obj", "ply", "off"]),
+            (self.boundary.as_ref(), &["safetensors"]),
+            (self.png.as_ref(), &["png"]),
+            (self.vtu.as_ref(), &["vtu"]),
+        ];
+        for (path, extensions) in named {
+            if let Some(path) = path {
+                input::require_writable(path, extensions, &others)?;
+                others.push(path);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Writes the image, and where asked for the map itself and its picture. `inputs` are files by their roles.
+pub fn outputs(
+    map: &BoundaryMap,
+    outputs: &BoundaryOutputs,
+    inputs: &[(&str, &Path)],
+    output: &Output,
+) -> anyhow::Result<()> {
+    if let Some(path) = &outputs.boundary {
+        let of = |(role, path): &(&str, &Path)| {
+            Provenance::of(role, path).with_context(|| format!("cannot read `{}`", path.display()))
+        };
+        let origins: Vec<Provenance> = inputs.iter().map(of).collect::<anyhow::Result<_>>()?;
+        let file = BoundaryFile {
+            boundary: map.clone(),
+            metadata: BoundaryMetadata::new(origins),
+        };
+        io::write_boundary(path, &file)?;
+    }
+    if let Some(path) = &outputs.vtu {
+        write_fields(path, map)?;
+    }
+    if let Some(path) = &outputs.png {
+        output.progress("drawing");
+        let checked = check(map, None, &BoundaryCheckOptions::default(), None)?;
+        let figure = pictures::boundary(map, &checked, outputs.up)?;
+        let bytes = figure.to_png()?;
+        io::atomic_write(path, |writer| writer.write_all(&bytes))?;
+    }
+    io::write_surface(&outputs.output, &map.target())?;
+    Ok(())
+}
+
+/// The domain with the image of each vertex and the distortion of each triangle.
+fn write_fields(path: &Path, map: &BoundaryMap) -> anyhow::Result<()> {
+    let domain = map.domain();
+    let distortions = triangle_distortions(domain, map.image());
+    let distortions = distortions.unwrap_or_else(|| vec![None; domain.triangles().len()]);
+    let per_triangle = |name: &str, of: fn(&TriangleDistortion) -> f64| Field {
+        name: name.into(),
+        components: 1,
+        values: distortions.iter().map(|d| d.as_ref().map_or(f64::NAN, of)).collect(),
+    };
+    let fields = VtkFields {
+        point: vec![Field {
+            name: "image".into(),
+            components: 3,
+            values: map.image().iter().flat_map(|p| p.iter().copied()).collect(),
+        }],
+        cell: vec![
+            per_triangle("area ratio", TriangleDistortion::area_ratio),
+            per_triangle("angle distortion", TriangleDistortion::angle),
+        ],
+        ..VtkFields::default()
+    };
+    Ok(io::write_vtu(
+        path,
+        domain.vertices(),
+        Cells::Triangles(domain.triangles()),
+        &fields,
+    )?)
+}

@@ -1,0 +1,460 @@
+//! The process that makes one map.
+
+use std::io::{Read, Write};
+use std::path::Path;
+
+use crate::drawing::Section;
+use serde::Serialize;
+use solidmap::baseline::{DescentOptions, HarmonicOptions, TetHarmonic, TetLaplacian, TetMap, boundary_images};
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::check;
+use solidmap::compare::{
+    self, Built, Difference, Folds, MeshSpec, Method, Recipe, Samples, Yardstick, YardstickOptions, boundary_error,
+    build, carried, mesh_for,
+};
+use solidmap::energy::harmonic;
+use solidmap::fit::{DomainFactor, FitOptions, Placement};
+use solidmap::io::{self, Cells, Field, VtkFields};
+use solidmap::map::VolumeMap;
+use solidmap::mesh::TetMesh;
+use solidmap::{Matrix3, Point};
+use std::time::Instant;
+
+use super::super::args::CompareWorkerArgs;
+use super::super::output::peak_rss_bytes;
+use super::super::{Outcome, input};
+use super::job::{Figures, Job, RESULT, SAMPLES, SECTION_DENSITY, SECTION_IMAGES, SequenceFigures, Task};
+use super::pictures;
+
+/// Frames at most that sources are refined for.
+const MOST_ROUNDS: usize = 4;
+
+/// Vertices up to which the reference's surface is cut into four once more.
+const MOST_REFERENCE_VERTICES: usize = 25_000;
+
+/// Does the job in a file and leaves the result in its scratch folder.
+pub fn run(args: &CompareWorkerArgs) -> anyhow::Result<Outcome> {
+    end_with_parent();
+    let text = std::fs::read_to_string(&args.job)?;
+    let job: Job = serde_json::from_str(&text)?;
+    let boundary = outward(job.source.read()?)?;
+    match &job.task {
+        Task::Method(method) => leave(&job, &measured(&job, &boundary, *method)?)?,
+        Task::Reference => leave(&job, &reference(&job, &boundary)?)?,
+        Task::Sequence(method, frames) => leave(&job, &sequence(&job, &boundary, *method, frames)?)?,
+    }
+    Ok(Outcome::Done)
+}
+
+/// Ends this process when the one that started it is gone: its end of our standard input closes then.
+fn end_with_parent() {
+    std::thread::spawn(|| {
+        let _ = std::io::stdin().read_to_end(&mut Vec::new());
+        io::abandon_writes();
+        std::process::exit(2);
+    });
+}
+
+/// Shown by the process that waits.
+fn tell(what: String) {
+    let mut stdout = std::io::stdout().lock();
+    let _ = writeln!(stdout, "{what}").and_then(|()| stdout.flush());
+}
+
+fn leave(job: &Job, result: &impl Serialize) -> anyhow::Result<()> {
+    let bytes = serde_json::to_vec(result)?;
+    Ok(io::atomic_write(job.scratch.join(RESULT), |writer| {
+        writer.write_all(&bytes)
+    })?)
+}
+
+/// The same map of a domain whose faces look outward.
+pub fn outward(boundary: BoundaryMap) -> anyhow::Result<BoundaryMap> {
+    let (mended, mendings) = check::mend(boundary.domain());
+    if mendings.is_empty() {
+        return Ok(boundary);
+    }
+    Ok(boundary.over(mended)?)
+}
+
+fn fit_options(job: &Job) -> FitOptions {
+    FitOptions {
+        tolerance: job.tolerance,
+        placement: Placement::Adaptive { alpha: job.alpha },
+        memory: job.memory,
+        seed: job.seed,
+        ..FitOptions::default()
+    }
+}
+
+fn descent(job: &Job) -> DescentOptions {
+    DescentOptions {
+        threshold: job.threshold,
+        ..DescentOptions::default()
+    }
+}
+
+fn yardstick<'a>(job: &Job, boundary: &'a BoundaryMap) -> anyhow::Result<Yardstick<'a>> {
+    tell("placing points to measure at".into());
+    let options = YardstickOptions {
+        resolution: job.resolution,
+        interior: job.interior,
+        seed: job.seed,
+        ..YardstickOptions::default()
+    };
+    Ok(Yardstick::new(boundary, &options)?)
+}
+
+fn mesh_spec(job: &Job, boundary: &BoundaryMap) -> MeshSpec {
+    job.mesh.unwrap_or_else(|| MeshSpec::of(boundary.domain()))
+}
+
+fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result<Figures> {
+    let given = job.given.as_ref().map(io::read_tets).transpose()?;
+    let spec = mesh_spec(job, boundary);
+    let recipe = Recipe {
+        method,
+        fit: fit_options(job),
+        harmonic: HarmonicOptions::default(),
+        descent: descent(job),
+        mesh: spec,
+        given: given.as_ref(),
+    };
+    let Built {
+        map,
+        tets,
+        unknowns,
+        iterations,
+        energies,
+        mut seconds,
+        ..
+    } = build(boundary, &recipe, &tell)?;
+    let peak = peak_rss_bytes();
+
+    let yardstick = yardstick(job, boundary)?;
+    tell(format!("measuring at {} points", yardstick.quadrature().points().len()));
+    let found = yardstick.measure(&*map)?;
+    seconds.evaluate = found.evaluate_seconds;
+    let samples = yardstick.samples(&*map)?;
+    let interior_difference = match &job.reference {
+        Some([reference, _]) => {
+            let images = io::read_points(reference)?;
+            Some(yardstick.difference(&samples, &Samples { images }))
+        }
+        None => None,
+    };
+    write_points(&job.scratch.join(SAMPLES), &samples.images)?;
+    if let Some(cut) = job.section {
+        write_section(job, &pictures::section(cut, boundary)?, &*map)?;
+    }
+    // A mesh to count folds in; where there is no mesher, there are no counts.
+    let mut remarks = Vec::new();
+    let on_tets = match tets {
+        Some(own) => Some(own),
+        None => match carried_mesh(boundary, &spec, given.as_ref(), &*map) {
+            Ok(carried) => Some(carried),
+            Err(error) => {
+                remarks.push(format!("no tets could be carried: {}", super::super::describe(&error)));
+                None
+            }
+        },
+    };
+    let folds = on_tets.as_ref().map(|(mesh, images)| Folds::of(mesh, images));
+    if let Some(folder) = &job.keep {
+        tell("writing".into());
+        keep(folder, method, &yardstick, &samples, on_tets.as_ref())?;
+        if !energies.is_empty() {
+            let history: Vec<f64> = energies.iter().enumerate().flat_map(|(i, &e)| [i as f64, e]).collect();
+            let path = folder.join(format!("{}_energies.csv", method.name()));
+            io::write_csv(path, &["step", "energy"], &history)?;
+        }
+    }
+    let determinants = found.distortion.determinants;
+    Ok(Figures {
+        seconds,
+        peak_rss_bytes: peak,
+        tets: folds.map(|f| f.tets),
+        flipped_tets: folds.map(|f| f.flipped),
+        unknowns,
+        iterations,
+        boundary_error: found.boundary_error,
+        interior_difference,
+        harmonic_energy: found.energy.harmonic,
+        deformation_energy: found.energy.deformation,
+        energy_density: found.energy.harmonic_density,
+        min_det_jacobian: determinants.map_or(f64::NAN, |d| d.min),
+        det_jacobian: determinants,
+        folded_fraction: found.energy.inverted_fraction,
+        distortion: found.distortion.mean_normalized,
+        volmap: found.distortion.volmap,
+        quadrature_points: found.quadrature_points,
+        remarks,
+    })
+}
+
+/// The mesh for counting folds, and the images of its vertices.
+fn carried_mesh(
+    boundary: &BoundaryMap,
+    spec: &MeshSpec,
+    given: Option<&TetMesh>,
+    map: &dyn VolumeMap,
+) -> anyhow::Result<(TetMesh, Vec<Point>)> {
+    tell("carrying a tet mesh".into());
+    let (mesh, boundary) = mesh_for(boundary, spec, given)?;
+    let images = carried(&mesh, &boundary, map)?;
+    Ok((mesh, images))
+}
+
+fn write_section(job: &Job, section: &Section, map: &dyn VolumeMap) -> anyhow::Result<()> {
+    write_points(&job.scratch.join(SECTION_IMAGES), &map.evaluate(section.points()))?;
+    let densities: Vec<f64> = map.jacobian(section.points()).iter().map(harmonic::density).collect();
+    Ok(io::write_npy(job.scratch.join(SECTION_DENSITY), 1, &densities)?)
+}
+
+fn write_points(path: &Path, points: &[Point]) -> anyhow::Result<()> {
+    let numbers: Vec<f64> = points.iter().flat_map(|p| p.iter().copied()).collect();
+    Ok(io::write_npy(path, 3, &numbers)?)
+}
+
+/// The map's values at the points inside, and the carried tet mesh, for other programs.
+fn keep(
+    folder: &Path,
+    method: Method,
+    yardstick: &Yardstick,
+    samples: &Samples,
+    carried: Option<&(TetMesh, Vec<Point>)>,
+) -> anyhow::Result<()> {
+    let name = method.name();
+    let pairs = yardstick.interior().iter().zip(&samples.images);
+    let table: Vec<f64> = pairs.flat_map(|(p, f)| [p.x, p.y, p.z, f.x, f.y, f.z]).collect();
+    io::write_csv(
+        folder.join(format!("{name}.csv")),
+        &["x", "y", "z", "fx", "fy", "fz"],
+        &table,
+    )?;
+    let Some((mesh, images)) = carried else { return Ok(()) };
+    let jacobians = TetMap::new(mesh.clone(), images.clone())?.jacobians();
+    let scalar = |name: &str, values| Field {
+        name: name.into(),
+        components: 1,
+        values,
+    };
+    let fields = VtkFields {
+        point: vec![Field {
+            name: "image".into(),
+            components: 3,
+            values: images.iter().flat_map(|p| p.iter().copied()).collect(),
+        }],
+        cell: vec![
+            scalar("harmonic_energy", jacobians.iter().map(harmonic::density).collect()),
+            scalar("det_jacobian", jacobians.iter().map(Matrix3::determinant).collect()),
+        ],
+        ..VtkFields::default()
+    };
+    let path = folder.join(format!("{name}.vtu"));
+    Ok(io::write_vtu(path, mesh.vertices(), Cells::Tets(mesh.tets()), &fields)?)
+}
+
+/// The reference, in words, with its own error.
+#[derive(Debug, Clone, Serialize, serde::Deserialize)]
+pub struct Reference {
+    pub description: String,
+    pub boundary_error: solidmap::fit::BoundaryError,
+    /// From the same with triangles four times as large: an estimate of that one's error inside, and more than its own.
+    pub difference_to_coarser: Difference,
+    pub sources: usize,
+    pub seconds: f64,
+}
+
+fn reference(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<Reference> {
+    let start = Instant::now();
+    let mut coarser = boundary.clone();
+    let mut parts = 4;
+    if boundary.domain().vertices().len() < MOST_REFERENCE_VERTICES {
+        coarser = coarser.subdivided();
+        parts = 16;
+    }
+    tell("fitting the reference".into());
+    let options = FitOptions {
+        tolerance: 0.1 * job.tolerance,
+        refine: false,
+        ..fit_options(job)
+    };
+    let before = solidmap::fit::fit(&coarser, &options, &|_| {})?;
+    let fit = solidmap::fit::fit(&coarser.subdivided(), &options, &|_| {})?;
+    let yardstick = yardstick(job, boundary)?;
+    let samples = yardstick.samples(&fit.map)?;
+    let difference_to_coarser = yardstick.difference(&samples, &yardstick.samples(&before.map)?);
+    write_points(&job.scratch.join(SAMPLES), &samples.images)?;
+    if let Some(cut) = job.section {
+        write_section(job, &pictures::section(cut, boundary)?, &fit.map)?;
+    }
+    if let Some(folder) = &job.keep {
+        let points: Vec<f64> = yardstick.interior().iter().flat_map(|p| p.iter().copied()).collect();
+        io::write_csv(folder.join("points.csv"), &["x", "y", "z"], &points)?;
+    }
+    let error = fit.report.boundary_error;
+    Ok(Reference {
+        description: format!(
+            "mfs with every triangle cut into {parts}, {} sources",
+            fit.report.sources
+        ),
+        boundary_error: error,
+        difference_to_coarser,
+        sources: fit.report.sources,
+        seconds: start.elapsed().as_secs_f64(),
+    })
+}
+
+fn sequence(
+    job: &Job,
+    boundary: &BoundaryMap,
+    method: Method,
+    frames: &[std::path::PathBuf],
+) -> anyhow::Result<SequenceFigures> {
+    let mut skipped = Vec::new();
+    let mut maps = Vec::new();
+    for path in frames {
+        let read = input::read_surface(path).and_then(|s| Ok(BoundaryMap::between(boundary.domain().clone(), &s)?));
+        match read {
+            Ok(map) => maps.push(map),
+            Err(error) => skipped.push(format!("`{}`: {}", path.display(), super::super::describe(&error))),
+        }
+    }
+    anyhow::ensure!(!maps.is_empty(), "none of the {} frames can be used", frames.len());
+    let mut figures = match method {
+        Method::Mfs => sequence_by_fundamental_solutions(job, boundary, &maps)?,
+        Method::Fem => sequence_by_finite_elements(job, boundary, &maps)?,
+        Method::Variational => sequence_by_descent(job, boundary, &maps)?,
+        Method::MeanValue => anyhow::bail!("mean value coordinates have nothing to keep from frame to frame"),
+    };
+    figures.skipped = skipped;
+    figures.peak_rss_bytes = peak_rss_bytes();
+    Ok(figures)
+}
+
+fn sequence_by_fundamental_solutions(
+    job: &Job,
+    boundary: &BoundaryMap,
+    frames: &[BoundaryMap],
+) -> anyhow::Result<SequenceFigures> {
+    let start = Instant::now();
+    let mut factor = DomainFactor::new(boundary.domain(), &fit_options(job), &|_| {})?;
+    // Sources go where the worst frame asks for them, until there is none.
+    for round in 1..=frames.len().min(MOST_ROUNDS) {
+        tell(format!("placing sources for all frames, round {round}"));
+        let fits = factor.solve_block(frames, &|_| {})?;
+        let errors = fits.iter().map(|fit| fit.report.boundary_error.p99);
+        let worst = errors.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+        match worst {
+            Some((frame, error)) if error > job.tolerance => factor.solve_refined(&frames[frame], &|_| {})?,
+            _ => break,
+        };
+    }
+    let setup_seconds = start.elapsed().as_secs_f64();
+    let mut frame_seconds = Vec::new();
+    let mut boundary_error_p99 = 0.0f64;
+    for (i, frame) in frames.iter().enumerate() {
+        tell(format!("frame {} of {}", i + 1, frames.len()));
+        let start = Instant::now();
+        let fit = factor.solve(frame, &|_| {})?;
+        frame_seconds.push(start.elapsed().as_secs_f64());
+        boundary_error_p99 = boundary_error_p99.max(fit.report.boundary_error.p99);
+    }
+    tell("all frames together".into());
+    let start = Instant::now();
+    factor.solve_block(frames, &|_| {})?;
+    Ok(SequenceFigures {
+        setup_seconds,
+        frame_seconds,
+        together_seconds: start.elapsed().as_secs_f64(),
+        boundary_error_p99,
+        skipped: Vec::new(),
+        peak_rss_bytes: 0,
+    })
+}
+
+/// The mesh for a sequence.
+fn sequence_mesh(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<TetMesh> {
+    let given = job.given.as_ref().map(io::read_tets).transpose()?;
+    Ok(mesh_for(boundary, &mesh_spec(job, boundary), given.as_ref())?.0)
+}
+
+/// The largest boundary error of maps on tets.
+fn worst_error(job: &Job, frames: &[BoundaryMap], maps: &[TetMap]) -> anyhow::Result<f64> {
+    tell("measuring".into());
+    let mut worst = 0.0f64;
+    for (frame, map) in frames.iter().zip(maps) {
+        worst = worst.max(boundary_error(map, frame, 5000, job.seed.wrapping_add(1))?.p99);
+    }
+    Ok(worst)
+}
+
+fn sequence_by_finite_elements(
+    job: &Job,
+    boundary: &BoundaryMap,
+    frames: &[BoundaryMap],
+) -> anyhow::Result<SequenceFigures> {
+    let start = Instant::now();
+    let mesh = sequence_mesh(job, boundary)?;
+    let images: Vec<Vec<Point>> = frames
+        .iter()
+        .map(|frame| Ok(boundary_images(&mesh, frame)?.images))
+        .collect::<Result<_, compare::CompareError>>()?;
+    let direct = HarmonicOptions {
+        solver: solidmap::baseline::Solver::Direct,
+        ..HarmonicOptions::default()
+    };
+    let system = TetHarmonic::new(mesh, &direct)?;
+    let setup_seconds = start.elapsed().as_secs_f64();
+    let mut frame_seconds = Vec::new();
+    for images in &images {
+        let start = Instant::now();
+        system.solve(images)?;
+        frame_seconds.push(start.elapsed().as_secs_f64());
+    }
+    let start = Instant::now();
+    let maps = system.solve_block(&images)?;
+    Ok(SequenceFigures {
+        setup_seconds,
+        frame_seconds,
+        together_seconds: start.elapsed().as_secs_f64(),
+        boundary_error_p99: worst_error(job, frames, &maps)?,
+        skipped: Vec::new(),
+        peak_rss_bytes: 0,
+    })
+}
+
+fn sequence_by_descent(job: &Job, boundary: &BoundaryMap, frames: &[BoundaryMap]) -> anyhow::Result<SequenceFigures> {
+    let start = Instant::now();
+    let system = TetLaplacian::new(sequence_mesh(job, boundary)?)?;
+    let setup_seconds = start.elapsed().as_secs_f64();
+    let mut frame_seconds = Vec::new();
+    let mut together_seconds = 0.0;
+    let mut before: Option<Vec<Point>> = None;
+    let mut maps = Vec::new();
+    for (i, frame) in frames.iter().enumerate() {
+        tell(format!("frame {} of {}", i + 1, frames.len()));
+        let images = boundary_images(system.mesh(), frame)?.images;
+        let start = Instant::now();
+        system.solve(&images, &descent(job), &|_, _| {})?;
+        frame_seconds.push(start.elapsed().as_secs_f64());
+        let start = Instant::now();
+        let from = DescentOptions {
+            initial: before.take(),
+            ..descent(job)
+        };
+        let warm = system.solve(&images, &from, &|_, _| {})?;
+        together_seconds += start.elapsed().as_secs_f64();
+        before = Some(warm.map.images().to_vec());
+        maps.push(warm.map);
+    }
+    Ok(SequenceFigures {
+        setup_seconds,
+        frame_seconds,
+        together_seconds,
+        boundary_error_p99: worst_error(job, frames, &maps)?,
+        skipped: Vec::new(),
+        peak_rss_bytes: 0,
+    })
+}

@@ -1,0 +1,158 @@
+//! Results for people: summary statistics, plain-text tables and pictures.
+//!
+//! Pictures are cross-sections coloured by any field, in the manner of figures 2 and 7 of Li et al., *Harmonic
+//! volumetric mapping for solid modeling applications* (2007), and shaded views of surfaces; a [`Figure`] sets them
+//! side by side. Everything is drawn in memory by the processor and comes back as the bytes of a PNG file, which are
+//! the same on every run.
+//!
+//! ```
+//! use solidmap::mesh::shapes;
+//! use crate::drawing::{Axis, ColourBar, Figure, Panel, Plane, Scale, Section, ValueRange};
+//!
+//! let solid = shapes::spherical_shell(1.0, 0.4, 3);
+//! let section = Section::new(&solid, Plane { axis: Axis::Z, position: 0.1 }, 200)?;
+//! let field: Vec<f64> = section.points().iter().map(|p| p.coords.norm()).collect();
+//! let bar = ColourBar::new("distance", field.iter().copied(), ValueRange::Quantiles(0.01, 0.99), Scale::Linear)?;
+//! let panel = Panel::of_section(&section, &field, &bar)?.titled("Shell");
+//! let png: Vec<u8> = Figure::row(vec![panel]).with_bar(&bar).to_png()?;
+//! # assert!(!png.is_empty());
+//! # Ok::<(), crate::drawing::ReportError>(())
+//! ```
+//!
+//! Text is set in DejaVu Sans, embedded in the binary under the Bitstream Vera font licence (permissive; its notice
+//! must accompany copies of the font, and so of the binary).
+
+mod canvas;
+mod chart;
+mod checker;
+mod colour_bar;
+mod colour_map;
+mod figure;
+mod histogram;
+mod light;
+mod number;
+mod outline;
+mod panel;
+mod png;
+mod section;
+mod surface_render;
+mod table;
+mod text;
+mod ticks;
+
+pub use canvas::Rgb;
+pub use chart::Chart;
+pub use checker::{Checker, Pattern};
+pub use colour_map::{ColourBar, Scale, ValueRange, rainbow};
+pub use figure::Figure;
+pub use histogram::Histogram;
+pub use number::significant;
+pub use panel::Panel;
+pub use section::{Axis, Plane, Section};
+pub use surface_render::{Camera, Edges, Shading, SurfaceColour, SurfaceStyle};
+pub use table::{Align, Table};
+
+/// Why a picture cannot be drawn.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReportError {
+    /// The plane passes beside the solid, or between its parts.
+    #[error(
+        "the plane {axis} = {position} cuts nothing: the solid extends from {low} to {high} in {axis}; choose a position where there is material"
+    )]
+    PlaneMissesSolid {
+        /// The axis that the plane is perpendicular to.
+        axis: Axis,
+        /// Where it was wanted.
+        position: f64,
+        /// Lowest coordinate of the solid along the axis.
+        low: f64,
+        /// Highest coordinate of the solid along the axis.
+        high: f64,
+    },
+    /// The plane grazes the solid, or cuts parts thinner than a pixel.
+    #[error(
+        "the section {axis} = {position} covers no pixel of size {pixel:.3e}; move the plane into the solid or ask for more pixels"
+    )]
+    SectionBelowPixel {
+        /// The axis that the plane is perpendicular to.
+        axis: Axis,
+        /// Where it was wanted.
+        position: f64,
+        /// Side of a pixel in model units.
+        pixel: f64,
+    },
+    /// The section's outline does not close, because the surface has holes or triangles that disagree in
+    /// orientation.
+    #[error(
+        "the surface does not bound a solid near ({x}, {y}, {z}): its section there does not close; close its holes and orient it first"
+    )]
+    OpenSurface {
+        /// First coordinate of a point near the gap.
+        x: f64,
+        /// Second coordinate.
+        y: f64,
+        /// Third coordinate.
+        z: f64,
+    },
+    /// A coordinate that cannot be drawn.
+    #[error("vertex {vertex} has a coordinate that is not a number, infinite or beyond 1e70 (0-based)")]
+    NotFinite {
+        /// Which vertex.
+        vertex: usize,
+    },
+    /// No triangle to draw.
+    #[error("the surface has no triangles, so there is nothing to draw")]
+    EmptySurface,
+    /// A picture without pixels, or without panels.
+    #[error("a picture needs at least one panel, each of at least {least} × {least} pixels")]
+    TooSmall {
+        /// The least width and height of a panel.
+        least: usize,
+    },
+    /// A picture that memory or viewers would not hold.
+    #[error("a picture of {width} × {height} pixels is beyond the limit of {limit} pixels; ask for fewer pixels")]
+    TooLarge {
+        /// Wanted width.
+        width: usize,
+        /// Wanted height.
+        height: usize,
+        /// Most pixels allowed.
+        limit: usize,
+    },
+    /// One value per point, vertex or triangle is needed.
+    #[error("{found} values do not match the {expected} {element}s to be coloured")]
+    ValueCount {
+        /// `"section point"`, `"vertex"`, `"triangle"`.
+        element: &'static str,
+        /// How many there are of those.
+        expected: usize,
+        /// How many values were given.
+        found: usize,
+    },
+    /// A field without any value that could span a colour bar.
+    #[error("no value of `{label}` is finite, so there is no range to colour")]
+    NoFiniteValue {
+        /// The name of the field.
+        label: String,
+    },
+    /// A logarithmic bar over values that have no logarithm.
+    #[error("no value of `{label}` is positive, so it has no logarithmic colour scale; use the linear one")]
+    NoPositiveValue {
+        /// The name of the field.
+        label: String,
+    },
+    /// A range that is no range.
+    #[error("the colour range of `{label}` from {low} to {high} is not an interval that its scale can show")]
+    BadRange {
+        /// The name of the field.
+        label: String,
+        /// Wanted lower end (a value, or a quantile's fraction).
+        low: f64,
+        /// Wanted upper end.
+        high: f64,
+    },
+    /// The encoder refused the picture.
+    #[error("cannot encode the picture as PNG")]
+    Encode(#[from] ::png::EncodingError),
+}

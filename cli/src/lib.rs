@@ -1,0 +1,147 @@
+//! The program `solidmap`: parse, run one command, report. Alone in printing, exiting and choosing thread counts.
+
+mod args;
+mod boundary;
+mod certify;
+#[cfg(feature = "native")]
+mod cgal_tetgen;
+mod check;
+mod compare;
+mod demo;
+pub mod drawing;
+mod energy;
+mod eval;
+mod fit;
+mod input;
+mod interrupt;
+mod inverse;
+mod output;
+mod picture_file;
+mod pictures;
+mod remesh;
+mod sequence;
+mod texture;
+mod transfer;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+pub use picture_file::{PictureError, read_picture};
+
+use args::{Cli, Command};
+use output::Output;
+
+/// How a command that ran came out.
+pub enum Outcome {
+    /// Exit code 0.
+    Done,
+    /// Exit code 1: it ran, but what it checks does not hold.
+    CheckFailed,
+}
+
+/// Runs the program: exit code 0 done, 1 ran but a check failed, 2 could not run; interrupted, it ends with 130.
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    match execute(&cli) {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::CheckFailed) => ExitCode::from(1),
+        Err(error) => {
+            output::say(format_args!("error: {}", output::as_typed(describe(&error))));
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
+    if let Some(threads) = cli.threads {
+        let threads = useful(threads.into());
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+        faer::set_global_parallelism(faer::Par::rayon(threads));
+    }
+    #[cfg(feature = "native")]
+    if let Command::NativeWorker = cli.command {
+        cgal_tetgen::serve()?;
+        return Ok(Outcome::Done);
+    }
+    if cli.json {
+        require_utf8(std::env::args_os())?;
+    }
+    let output = Output::new(cli.json);
+    #[cfg(feature = "native")]
+    cgal_tetgen::isolate(cli)?;
+    interrupt::end_cleanly(&output);
+    // There the limit is each map's.
+    if let (Some(limit), false) = (cli.time_limit, matches!(cli.command, Command::Compare(_))) {
+        interrupt::end_after(limit, &output);
+    }
+    let outcome = match &cli.command {
+        Command::Demo(args) => demo::run(args, &output),
+        Command::Check(args) => check::run(args, &output),
+        #[cfg(feature = "native")]
+        Command::Tet(args) => cgal_tetgen::tet(args, &output),
+        #[cfg(feature = "native")]
+        Command::Offset(args) => cgal_tetgen::offset(args, &output),
+        #[cfg(not(feature = "native"))]
+        Command::Tet(_) | Command::Offset(_) => anyhow::bail!(
+            "this solidmap was built without CGAL and TetGen; build it with the feature `native` (the default)"
+        ),
+        Command::Boundary(command) => boundary::run(command, &output),
+        Command::Fit(args) => fit::run(args, &output),
+        Command::Eval(args) => eval::run(args, &output),
+        Command::Energy(args) => energy::run(args, &output),
+        Command::Transfer(args) => transfer::run(args, &output),
+        Command::Remesh(args) => remesh::run(args, &output),
+        Command::Texture(args) => texture::run(args, &output),
+        Command::Sequence(args) => sequence::run(args, &output),
+        Command::Certify(args) => certify::run(args, &output),
+        Command::Compare(args) => compare::run(args, cli.threads, &output),
+        Command::CompareWorker(args) => compare::worker::run(args),
+        Command::NativeWorker => anyhow::bail!("this solidmap was built without CGAL and TetGen"),
+    };
+    output.finish();
+    outcome
+}
+
+/// Reports in JSON name files, and JSON is UTF-8.
+fn require_utf8(mut arguments: impl Iterator<Item = std::ffi::OsString>) -> anyhow::Result<()> {
+    match arguments.find(|argument| argument.to_str().is_none()) {
+        Some(name) => anyhow::bail!("`{}` is not UTF-8, as names have to be with --json", name.display()),
+        None => Ok(()),
+    }
+}
+
+/// Threads of which there are many more than cores spend their time on one another: a second's work takes ten minutes with
+/// 1024 threads on two cores.
+fn useful(threads: usize) -> usize {
+    const PER_CORE: usize = 8;
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    threads.min(PER_CORE * cores)
+}
+
+/// The error and its causes, each once: many of our errors quote their cause.
+fn describe(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if text.is_empty() {
+            text = cause;
+        } else if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_are_as_many_as_asked_for_up_to_eight_for_each_core() {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        assert_eq!(
+            [useful(1), useful(8 * cores), useful(8 * cores + 1)],
+            [1, 8 * cores, 8 * cores]
+        );
+    }
+}

@@ -1,0 +1,5 @@
+//! The `solidmap` program.
+
+fn main() -> std::process::ExitCode {
+    solidmap_cli::run()
+}

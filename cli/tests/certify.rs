@@ -1,0 +1,119 @@
+//! `solidmap certify` from outside: a map file in, what is proved and pictures out.
+
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use solidmap::Point;
+use solidmap::io;
+use solidmap::mesh::shapes;
+
+struct Workplace {
+    folder: tempfile::TempDir,
+}
+
+impl Workplace {
+    /// A cube that is made round, `good.map`, and one whose halves are pushed through each other, `folded.map`.
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Self { folder };
+        let cube = shapes::cube(1.0, 8);
+        let round = shapes::deformed(&cube, |p| Point::from(p.coords.normalize()));
+        let pushed = shapes::deformed(&cube, |p| Point::new(4.0 * p.x.powi(3) - 0.2 * p.x, p.y, p.z));
+        for (name, domain, image) in [("good", &cube, round), ("folded", &cube, pushed)] {
+            io::write_surface(place.path("domain.obj"), domain).unwrap();
+            io::write_surface(place.path("image.obj"), &image).unwrap();
+            place.ends_with(
+                0,
+                &format!("fit domain.obj --image image.obj -o {name}.map --tolerance 0.05"),
+            );
+        }
+        place
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Runs in the folder; words are separated by blanks.
+    fn ends_with(&self, code: i32, line: &str) -> Output {
+        let mut command = Command::cargo_bin("solidmap").unwrap();
+        command.current_dir(self.folder.path()).args(line.split_whitespace());
+        let output = command.timeout(std::time::Duration::from_secs(120)).output().unwrap();
+        let said = text(&output.stdout) + &text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
+        output
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn proofs_are_told_in_words_numbers_cells_and_pictures() {
+    let place = Workplace::new();
+    let said = text(&place.ends_with(0, "certify good.map").stdout);
+    for fragment in [
+        "folded",
+        "undecided",
+        "singular values",
+        "99 %",
+        "locally one to one everywhere",
+    ] {
+        assert!(said.contains(fragment), "{said}");
+    }
+    // A quarter of the cube's side leaves cells of its boundary undecided.
+    let said = text(&place.ends_with(0, "certify good.map --finest 4").stdout);
+    assert!(said.contains("No fold is proved, and none is excluded"), "{said}");
+
+    let line = "certify folded.map --finest 128 --json -o cells.vtu --png section.png --axis x --position 0.3";
+    let report: Value = serde_json::from_slice(&place.ends_with(1, line).stdout).unwrap();
+    let share = |name: &str| report[name]["fraction"].as_f64().unwrap();
+    assert!(
+        share("folded") > 0.02 && share("positive") > 0.5 && share("undecided") < 0.1,
+        "{report}"
+    );
+    let sum = share("folded") + share("positive") + share("undecided");
+    assert!((sum - 1.0).abs() < 1e-9 && report["volume_error"].as_f64().unwrap().abs() < 1e-9);
+    assert_eq!(
+        (&report["locally_one_to_one"], &report["ending"]),
+        (&false.into(), &"finest".into())
+    );
+    let png = std::fs::read(place.path("section.png")).unwrap();
+    assert!(png.starts_with(b"\x89PNG") && png.len() > 10_000);
+    let cells = text(&std::fs::read(place.path("cells.vtu")).unwrap());
+    for field in [
+        "verdict",
+        "sigma_min_bound",
+        "det_bound",
+        "det_centre",
+        "level",
+        "volume_inside",
+    ] {
+        assert!(cells.contains(&format!("\"{field}\"")), "{field}");
+    }
+
+    let said = text(&place.ends_with(1, "certify folded.map --finest 64").stdout);
+    assert!(said.contains("The map folds: it is not one to one."), "{said}");
+}
+
+#[test]
+fn what_cannot_run_is_refused_before_any_work() {
+    let place = Workplace::new();
+    for (line, fragment) in [
+        ("certify good.map -o cells.obj", "name it .vtu"),
+        ("certify good.map --png good.vtu", "name it .png"),
+        ("certify good.map -o nowhere/cells.vtu", "there is no folder"),
+        ("certify good.map --finest 1", "from 2 to 1048576"),
+        ("certify good.map --max-cells 7", "at least 8"),
+        ("certify good.map --undecided 1", "less than 1"),
+        ("certify good.map --position 2", "--position"),
+        ("certify domain.obj", "domain.obj"),
+        ("certify missing.map", "missing.map"),
+    ] {
+        let said = text(&place.ends_with(2, line).stderr);
+        assert!(said.contains(fragment), "{line}: {said}");
+    }
+}

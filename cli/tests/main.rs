@@ -1,0 +1,23 @@
+//! Tests of the program, run as its users run it, in one program, which links once. What ends the worker of CGAL and TetGen
+//! for the whole process is in `isolation.rs`.
+
+mod bad_input;
+mod boundary;
+mod budgets;
+mod certify;
+#[path = "../../tests/common/mod.rs"]
+mod common;
+#[cfg(feature = "native")]
+mod compare;
+mod inverse;
+mod models;
+#[cfg(unix)]
+mod no_loss;
+mod program;
+mod remesh;
+mod reproducible;
+mod sequence;
+mod small_files;
+mod texture;
+mod transfer;
+mod workplace;

@@ -1,0 +1,117 @@
+//! `solidmap remesh` from outside: how files tell of cells that stay inverted.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::workplace::{Workplace, text};
+use solidmap::Point;
+use solidmap::io;
+use solidmap::mesh::shapes;
+
+/// With `cube.map`, which keeps a cube, and `mirrored.map`, which turns it inside out.
+fn cubes() -> Workplace {
+    let place = Workplace::new();
+    let cube = shapes::cube(2.0, 2);
+    io::write_surface(place.path("cube.obj"), &cube).unwrap();
+    let mirrored = shapes::deformed(&cube, |p| Point::new(-p.x, p.y, p.z));
+    io::write_surface(place.path("mirrored.obj"), &mirrored).unwrap();
+    place.ends_with(0, "fit cube.obj --image cube.obj -o cube.map");
+    place.ends_with(0, "fit cube.obj --image mirrored.obj -o mirrored.map");
+    place
+}
+
+/// Names of physical groups of cells, and how many tetrahedra each has.
+fn groups_of_tets(msh: &str) -> (BTreeMap<i32, String>, BTreeMap<i32, usize>) {
+    let section = |name: &str| {
+        let rest = msh.split(&format!("${name}\n")).nth(1).unwrap();
+        rest.split("\n$End").next().unwrap().lines().skip(1)
+    };
+    let names = section("PhysicalNames").filter_map(|line| line.strip_prefix("3 "));
+    let names = names.map(|line| line.split_once(' ').unwrap());
+    let names = names.map(|(tag, name)| (tag.parse().unwrap(), name.trim_matches('"').to_owned()));
+    let mut counts = BTreeMap::new();
+    for line in section("Elements") {
+        let numbers: Vec<i32> = line.split(' ').map(|n| n.parse().unwrap()).collect();
+        if numbers[1] == 4 {
+            assert_eq!((numbers[2], numbers[3]), (2, numbers[4]));
+            *counts.entry(numbers[3]).or_insert(0) += 1;
+        }
+    }
+    (names.collect(), counts)
+}
+
+#[test]
+fn inverted_cells_have_groups_of_their_own() {
+    let place = cubes();
+    place.ends_with(0, "remesh cube.map --cells 4 -o right.mesh");
+    let right = io::read_cells(place.path("right.mesh")).unwrap();
+    let whole = right.cells().len();
+    assert!(right.regions().iter().all(|region| *region == 1));
+    let written = std::fs::read_to_string(place.path("right.mesh")).unwrap();
+    assert!(!written.contains("inverted"), "{written:.300}");
+    place.ends_with(0, "remesh cube.map --cells 4 -o right.msh");
+    let (names, counts) = groups_of_tets(&std::fs::read_to_string(place.path("right.msh")).unwrap());
+    assert_eq!(names, BTreeMap::from([(1, "label 1".to_owned())]));
+    assert_eq!(counts, BTreeMap::from([(1, whole)]));
+
+    // All cells are inverted, those with all corners on the boundary for a reason that is known.
+    let report = place.report(1, "remesh mirrored.map --cells 4 -o all.msh --json");
+    assert_eq!(report["flipped_cells"], whole);
+    let (names, counts) = groups_of_tets(&std::fs::read_to_string(place.path("all.msh")).unwrap());
+    for (reason, name) in [
+        ("unknown", "inverted"),
+        ("boundary", "inverted, obstacle 1 (corner on the boundary alone)"),
+        ("blocked_node", "inverted, obstacle 2 (node without a right place)"),
+        ("folded_quad", "inverted, obstacle 3 (folded boundary quad)"),
+    ] {
+        let tag = names.iter().find(|(_, found)| *found == name).map(|(tag, _)| tag);
+        let count = tag.map_or(0, |tag| counts[tag]);
+        assert_eq!(report["reasons"][reason], count, "{names:?}");
+    }
+    assert_eq!(counts.values().sum::<usize>(), whole);
+    let msh = std::fs::read_to_string(place.path("all.msh")).unwrap();
+    let of_faces = msh
+        .lines()
+        .filter_map(|line| line.strip_prefix("2 ")?.split_once(" \"face"));
+    let of_faces: BTreeSet<i32> = of_faces.map(|(tag, _)| tag.parse().unwrap()).collect();
+    assert!(of_faces.len() == 6 && names.keys().all(|tag| !of_faces.contains(tag)));
+}
+
+#[test]
+fn references_of_inverted_cells_are_explained_and_know_their_region() {
+    let place = cubes();
+    place.ends_with(0, "remesh cube.map --cells 2 -o given.mesh");
+    let written = std::fs::read_to_string(place.path("given.mesh")).unwrap();
+    let (head, cells) = written.split_once("Tetrahedra\n").unwrap();
+    let (count, cells) = cells.split_once('\n').unwrap();
+    let in_two = cells
+        .lines()
+        .enumerate()
+        .map(|(k, line)| match line.strip_suffix(" 1") {
+            Some(cell) => format!("{cell} {}\n", if k % 3 == 0 { -4 } else { 7 }),
+            None => format!("{line}\n"),
+        });
+    let given = format!("{head}Tetrahedra\n{count}\n{}", in_two.collect::<String>());
+    std::fs::write(place.path("given.mesh"), given).unwrap();
+    let output = place.ends_with(1, "remesh mirrored.map --mesh given.mesh --no-repair -o carried.mesh");
+    assert!(text(&output.stderr).contains("references that its head explains"));
+
+    let before = io::read_cells(place.path("given.mesh")).unwrap();
+    let after = io::read_cells(place.path("carried.mesh")).unwrap();
+    let written = std::fs::read_to_string(place.path("carried.mesh")).unwrap();
+    let explained = written
+        .lines()
+        .filter_map(|line| line.strip_prefix("# cells of reference "));
+    let explained: BTreeMap<i32, &str> = explained
+        .map(|line| line.split_once(": ").unwrap())
+        .map(|(reference, words)| (reference.parse().unwrap(), words))
+        .collect();
+    assert!(explained.len() >= 2 && explained.keys().all(|r| ![-4, 7].contains(r)));
+    assert_eq!(before.regions().len(), after.regions().len());
+    for (region, reference) in before.regions().iter().zip(after.regions()) {
+        let words = explained[reference];
+        assert!(
+            words.starts_with("inverted") && words.ends_with(&format!(", of region {region}")),
+            "{words}"
+        );
+    }
+}

@@ -1,0 +1,407 @@
+//! `solidmap sequence` from outside: frames in, a chart, a table and series out, and what cannot be used by name.
+
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
+
+use crate::common::{bent, with_hole};
+use crate::workplace::{json, text};
+use solidmap::Point;
+use solidmap::io;
+use solidmap::mesh::{SurfaceMesh, shapes};
+
+struct Workplace {
+    place: crate::workplace::Workplace,
+    ball: SurfaceMesh,
+}
+
+impl Deref for Workplace {
+    type Target = crate::workplace::Workplace;
+
+    fn deref(&self) -> &crate::workplace::Workplace {
+        &self.place
+    }
+}
+
+impl Workplace {
+    /// A ball, `ref.obj`.
+    fn new() -> Self {
+        let place = Self {
+            place: crate::workplace::Workplace::new(),
+            ball: shapes::sphere(1.0, 2),
+        };
+        place.surface("ref.obj", &place.ball);
+        place
+    }
+
+    fn surface(&self, name: &str, mesh: &SurfaceMesh) {
+        io::write_surface(self.path(name), mesh).unwrap();
+    }
+
+    fn frame(&self, name: &str, f: impl Fn(&Point) -> Point) {
+        self.surface(name, &shapes::deformed(&self.ball, f));
+    }
+
+    /// Frames `bend00.ply` on, of a bend that comes and goes.
+    fn bends(&self, count: usize, cycles: f64) -> String {
+        let mut names = String::new();
+        for k in 0..count {
+            let a = 0.1 * (1.0 - (std::f64::consts::TAU * cycles * k as f64 / count as f64).cos());
+            let name = format!("bend{k:02}.ply");
+            self.frame(&name, bent(a));
+            names += &format!("{name} ");
+        }
+        names
+    }
+}
+
+/// All files in the folder and those in it, in order, with what they hold.
+fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    paths.sort();
+    let inner = |path: PathBuf| match path.is_dir() {
+        true => contents(&path),
+        false => vec![(path.clone(), std::fs::read(&path).unwrap())],
+    };
+    paths.into_iter().flat_map(inner).collect()
+}
+
+#[test]
+fn a_sequence_gives_its_energies_cycles_chart_table_and_series() {
+    let place = Workplace::new();
+    let names = place.bends(24, 3.0);
+    let line =
+        format!("sequence ref.obj {names} -o out --resolution 12 --fps 25 --show 4,1 --frames-per-block 7 --json");
+    let report = json(&place.ends_with(0, &line));
+    assert_eq!(report["skipped"], 0);
+    assert_eq!(report["frames"].as_array().unwrap().len(), 24);
+    assert_eq!(report["cycles"]["count"].as_f64().unwrap().round(), 3.0);
+    let energy = |k: usize| report["frames"][k]["deformation_energy"].as_f64().unwrap();
+    assert!(energy(0) < 1e-20 && energy(4) > 10.0 * energy(1));
+    assert_eq!(report["frames"][5]["time"].as_f64().unwrap(), 0.2);
+
+    let table = std::fs::read_to_string(place.path("out/energy.csv")).unwrap();
+    let rows: Vec<&str> = table.lines().collect();
+    assert!(rows[0].starts_with("frame,time,file,deformation_energy,") && rows.len() == 25);
+    let fields: Vec<&str> = rows[5].split(',').collect();
+    assert_eq!((fields[0], fields[2]), ("4", "bend04.ply"));
+    // Numbers of JSON are read to a unit in the last place here.
+    assert!((fields[3].parse::<f64>().unwrap() / energy(4) - 1.0).abs() < 1e-15);
+    for picture in ["energy.png", "sections.png"] {
+        assert!(
+            std::fs::read(place.path("out").join(picture))
+                .unwrap()
+                .starts_with(b"\x89PNG")
+        );
+    }
+    let collection = std::fs::read_to_string(place.path("out/surface.pvd")).unwrap();
+    assert_eq!(collection.matches("<DataSet").count(), 24);
+    assert!(collection.contains("timestep=\"0.04\" part=\"0\" file=\"surface/frame_00001.vtu\""));
+    let frame = io::read_surface(place.path("out/surface/frame_00004.vtu")).unwrap();
+    assert_eq!(
+        frame.vertices(),
+        io::read_surface(place.path("bend04.ply")).unwrap().vertices()
+    );
+    assert!(place.path("out/cells/frame_00023.vtu").is_file());
+
+    // A shorter sequence leaves nothing of the longer one.
+    place.ends_with(0, "sequence ref.obj bend03.ply -o out --resolution 8");
+    assert!(!place.path("out/cells/frame_00023.vtu").exists() && place.path("out/cells/frame_00000.vtu").is_file());
+    place.ends_with(0, "sequence ref.obj bend03.ply -o bare --resolution 8 --no-vtu");
+    assert!(!place.path("bare/cells").exists() && !place.path("bare/cells.pvd").exists());
+}
+
+#[test]
+fn frames_that_cannot_be_used_are_named_and_skipped() {
+    let place = Workplace::new();
+    place.frame("good.obj", |p| Point::new(p.x + 0.1 * p.z * p.z, p.y, p.z));
+    place.surface("fewer.obj", &shapes::sphere(1.0, 1));
+    place.surface("turned.ply", &{
+        let mut triangles = place.ball.triangles().to_vec();
+        triangles.rotate_left(1);
+        SurfaceMesh::new(place.ball.vertices().to_vec(), triangles).unwrap()
+    });
+    place.frame("nan.ply", |p| Point::new((p.x - 0.99).sqrt(), p.y, p.z));
+    place.frame("flat.ply", |p| Point::new(p.x, p.y, 0.5));
+    std::fs::write(place.path("broken.ply"), "ply\nformat ascii 1.0\nelement vertex 3\n").unwrap();
+    let line = "sequence ref.obj good.obj fewer.obj turned.ply nan.ply flat.ply broken.ply none.obj good.obj -o out \
+                --resolution 8 --json";
+    let output = place.ends_with(1, line);
+    let (report, said) = (json(&output), text(&output.stderr));
+    assert_eq!(report["skipped"], 6);
+    assert_eq!(report["tolerance_met"], true);
+    let reasons = [
+        "42",
+        "triangle 0 joins",
+        "not finite",
+        "no volume",
+        "broken.ply",
+        "none.obj",
+    ];
+    let names = [
+        "fewer.obj",
+        "turned.ply",
+        "nan.ply",
+        "flat.ply",
+        "broken.ply",
+        "none.obj",
+    ];
+    for (k, (name, reason)) in names.iter().zip(reasons).enumerate() {
+        let row = &report["frames"][k + 1];
+        assert_eq!(row["file"], *name);
+        assert!(row["skipped"].as_str().unwrap().contains(reason), "{row}");
+        assert!(
+            said.contains(&format!("frame {} is skipped: ", k + 1)) && said.contains(name),
+            "{said}"
+        );
+    }
+    // The same frame has the same energy, whatever was skipped between.
+    let energy = |k: usize| report["frames"][k]["deformation_energy"].as_f64().unwrap();
+    assert!((energy(0) / energy(7) - 1.0).abs() < 1e-9);
+    assert_eq!(
+        std::fs::read_to_string(place.path("out/surface.pvd"))
+            .unwrap()
+            .matches("<DataSet")
+            .count(),
+        2
+    );
+    let table = std::fs::read_to_string(place.path("out/energy.csv")).unwrap();
+    assert_eq!(table.lines().count(), 9);
+
+    let none = place.ends_with(2, "sequence ref.obj fewer.obj none.obj -o out");
+    assert!(text(&none.stderr).contains("none of the 2 frames can be used"));
+}
+
+#[test]
+fn a_slit_is_closed_when_asked_for() {
+    let place = Workplace::new();
+    place.surface("open.obj", &with_hole(&place.ball));
+    let moved = shapes::deformed(&place.ball, |p| Point::new(p.x + 3.0, -p.y, -p.z));
+    place.surface("moved.obj", &with_hole(&moved));
+    let refused = place.ends_with(2, "sequence open.obj moved.obj -o out");
+    assert!(text(&refused.stderr).contains("--mend closes small holes"));
+    let large = place.ends_with(2, "sequence open.obj moved.obj -o out --mend=3");
+    assert!(text(&large.stderr).contains("holes of up to 3 edges are closed"));
+    let report = json(&place.ends_with(0, "sequence open.obj moved.obj -o out --mend --json"));
+    assert_eq!(report["closed_holes"].as_array().unwrap().len(), 1);
+    assert_eq!(report["faces"], place.ball.triangles().len());
+    assert!(report["frames"][0]["deformation_energy"].as_f64().unwrap() < 1e-13);
+}
+
+#[test]
+fn order_units_and_mirror_images_are_remarked_on() {
+    let place = Workplace::new();
+    for name in ["f1.obj", "f2.obj", "f10.obj"] {
+        place.frame(name, |p| Point::new(p.x, 1.1 * p.y, p.z));
+    }
+    let sorted = place.ends_with(
+        0,
+        "sequence ref.obj f1.obj f10.obj f2.obj -o out --no-vtu --resolution 8",
+    );
+    assert!(text(&sorted.stderr).contains("`f10.obj` comes before `f2.obj`"));
+    let meant = place.ends_with(
+        0,
+        "sequence ref.obj f2.obj f10.obj f1.obj -o out --no-vtu --resolution 8",
+    );
+    assert!(!text(&meant.stderr).contains("comes before"));
+    place.frame("large.obj", |p| Point::from(1000.0 * p.coords));
+    place.frame("mirror.obj", |p| Point::new(-p.x, p.y, p.z));
+    let odd = place.ends_with(
+        0,
+        "sequence ref.obj large.obj mirror.obj -o out --no-vtu --resolution 8",
+    );
+    let said = text(&odd.stderr);
+    assert!(said.contains("--own-volume") && said.contains("mirror image"), "{said}");
+}
+
+#[test]
+fn bad_requests_are_refused_before_any_work() {
+    let place = Workplace::new();
+    place.frame("f.obj", |p| *p);
+    std::fs::create_dir_all(place.path("out/surface")).unwrap();
+    place.frame("out/surface/frame_00000.vtu", |p| *p);
+    for (line, said) in [
+        ("sequence ref.obj f.obj -o out --show 1", "counted from 0"),
+        ("sequence ref.obj f.obj -o out --fps 0", "--fps is 0"),
+        (
+            "sequence ref.obj f.obj -o out --frames-per-block 0",
+            "--frames-per-block is 0",
+        ),
+        ("sequence ref.obj f.obj -o ref.obj", "cannot make the folder"),
+        (
+            "sequence ref.obj out/surface/frame_00000.vtu -o out",
+            "would be overwritten",
+        ),
+        ("sequence none.obj f.obj -o out2", "none.obj"),
+        ("sequence ref.obj f.obj -o out2 --tolerance -1", "tolerance"),
+        (
+            "sequence ref.obj f.obj -o out2 --mend=1001",
+            "--mend is 1001, but must be at most 1000",
+        ),
+        ("sequence ref.obj f.obj -o out", "not by an earlier run"),
+        ("sequence ref.obj -o out", "FRAME"),
+    ] {
+        let output = place.ends_with(2, line);
+        assert!(text(&output.stderr).contains(said), "{line}: {}", text(&output.stderr));
+    }
+    assert!(place.path("out/surface/frame_00000.vtu").is_file());
+}
+
+#[test]
+fn results_stay_until_new_ones_are_complete_and_other_files_for_ever() {
+    let place = Workplace::new();
+    place.frame("good.obj", |p| Point::new(p.x + 0.1 * p.z * p.z, p.y, p.z));
+    place.surface("fewer.obj", &shapes::sphere(1.0, 1));
+    place.ends_with(0, "sequence ref.obj good.obj -o out --resolution 8");
+    let others = ["out/surface/frame_00001.vtu", "out/cells/frame_0007.vtu"].map(|name| place.path(name));
+    others
+        .iter()
+        .for_each(|path| std::fs::write(path, "another program's").unwrap());
+    let before = contents(&place.path("out"));
+    assert_eq!(before.len(), 5 + 2 + 2);
+
+    place.ends_with(2, "sequence ref.obj fewer.obj -o out");
+    place.ends_with(2, "sequence fewer.obj good.obj -o out");
+    let refused = place.ends_with(2, "sequence ref.obj good.obj good.obj -o out --resolution 8");
+    let said = text(&refused.stderr);
+    assert!(
+        said.contains("frame_00001.vtu") && said.contains("not by an earlier run"),
+        "{said}"
+    );
+    assert!(contents(&place.path("out")) == before);
+
+    place.ends_with(1, "sequence ref.obj good.obj fewer.obj -o out --resolution 8 --no-vtu");
+    let names: Vec<PathBuf> = contents(&place.path("out")).into_iter().map(|(path, _)| path).collect();
+    assert_eq!(names.len(), 3 + 2, "{names:?}");
+    assert!(
+        others
+            .iter()
+            .all(|path| std::fs::read(path).unwrap() == b"another program's")
+    );
+    assert_eq!(
+        std::fs::read_to_string(place.path("out/energy.csv"))
+            .unwrap()
+            .lines()
+            .count(),
+        3
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_leaves_the_results_of_an_earlier_run() {
+    use std::process::{Command, Stdio};
+
+    let place = Workplace::new();
+    place.ends_with(0, "sequence ref.obj ref.obj -o out --resolution 8");
+    let before = contents(&place.path("out"));
+    place.surface("fine.ply", &shapes::sphere(1.0, 6));
+    let mut program = Command::new(assert_cmd::cargo::cargo_bin!("solidmap"))
+        .current_dir(place.folder.path())
+        .args("sequence fine.ply fine.ply fine.ply -o out".split_whitespace())
+        .stderr(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let is_hidden = |entry: std::io::Result<std::fs::DirEntry>| {
+        let name = entry.unwrap().file_name();
+        name.to_string_lossy().starts_with(".sequence-")
+    };
+    while !std::fs::read_dir(place.path("out")).unwrap().any(is_hidden) {
+        assert!(
+            program.try_wait().unwrap().is_none(),
+            "it ended before it was interrupted"
+        );
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(50));
+    let kill = Command::new("kill").args(["-INT", &program.id().to_string()]).status();
+    assert!(kill.unwrap().success());
+    assert_eq!(program.wait().unwrap().code(), Some(130));
+    assert!(contents(&place.path("out")) == before);
+    assert!(!std::fs::read_dir(place.path("out")).unwrap().any(is_hidden));
+}
+
+#[test]
+fn the_largest_cross_section_is_pictured_unless_an_axis_is_named() {
+    let place = Workplace::new();
+    let thin = |p: &Point| Point::new(0.2 * p.x, p.y, p.z);
+    place.frame("thin.obj", thin);
+    place.frame("bent.obj", |p| thin(p) + 0.1 * p.z * p.z * solidmap::Vector::y());
+    let picture = |options: &str| {
+        place.ends_with(
+            0,
+            &format!("sequence thin.obj bent.obj -o out --resolution 8 --no-vtu {options}"),
+        );
+        std::fs::read(place.path("out/sections.png")).unwrap()
+    };
+    let own = picture("");
+    assert!(own == picture("--axis x") && own != picture("--axis z"));
+}
+
+#[test]
+fn material_moves_with_every_frame() {
+    let place = Workplace::new();
+    // Linear on the facets too, so that the map inside is known.
+    let frame = |k: usize, p: &Point| {
+        let a = 0.1 * k as f64;
+        let image = Point::new(p.x + a * p.y, (1.0 + a) * p.y, p.z - a * p.x + a);
+        (image, [1.0, 0.0, -a])
+    };
+    let mut names = String::new();
+    for k in 0..6 {
+        place.frame(&format!("shear{k}.ply"), |p| frame(k, p).0);
+        names += &format!("shear{k}.ply ");
+    }
+    let nodes = [[0.0, 0.0, 0.0], [0.5, 0.0, 0.1], [0.0, 0.6, 0.0], [0.1, 0.0, 0.4]].map(Point::from);
+    let field = |name: &str, components, values| io::Field {
+        name: String::from(name),
+        components,
+        values,
+    };
+    let fields = io::VtkFields {
+        point: vec![
+            field("heat", 1, vec![1.0, 2.0, 3.0, 4.0]),
+            field("fibre", 3, [1.0, 0.0, 0.0].repeat(4)),
+        ],
+        cell: vec![field("part", 1, vec![7.0])],
+        ..io::VtkFields::default()
+    };
+    let write = |name: &str, cells| io::write_vtu(place.path(name), &nodes, cells, &fields).unwrap();
+    write("material.vtu", io::Cells::Tets(&[[0, 1, 2, 3]]));
+    let line = format!("sequence ref.obj {names} -o out --material material.vtu --no-vtu --json");
+    let report = json(&place.ends_with(0, &line));
+    assert_eq!(report["material"], "material.vtu");
+    assert!(!place.path("out/cells.pvd").exists() && !place.path("out/surface").exists());
+    let collection = std::fs::read_to_string(place.path("out/material.pvd")).unwrap();
+    for k in 0..6 {
+        let name = format!("material/frame_{k:05}.vtu");
+        assert!(collection.contains(&format!("file=\"{name}\"")), "{collection}");
+        let carried = io::read_fields(place.path("out").join(name)).unwrap();
+        assert_eq!(carried.tets, [[0, 1, 2, 3]]);
+        let values = |name: &str| {
+            let all = carried.point.iter().chain(&carried.cell);
+            all.clone().find(|field| field.name == name).unwrap().values.clone()
+        };
+        assert_eq!((values("heat"), values("part")), (vec![1.0, 2.0, 3.0, 4.0], vec![7.0]));
+        let fibres = values("fibre");
+        for (v, p) in nodes.iter().enumerate() {
+            let (image, fibre) = frame(k, p);
+            assert!((carried.points[v] - image).norm() < 1e-9, "{k} {v}");
+            assert!((0..3).all(|i| (fibres[3 * v + i] - fibre[i]).abs() < 1e-9), "{k} {v}");
+        }
+    }
+    std::fs::write(place.path("points.csv"), "x,y,z,heat\n0,0,0,1\n").unwrap();
+    let refused = place.ends_with(2, "sequence ref.obj shear0.ply -o out --material points.csv");
+    assert!(text(&refused.stderr).contains("`points.csv` has no triangles and no tetrahedra"));
+    let own = place.ends_with(
+        2,
+        "sequence ref.obj shear0.ply -o out --material out/material/frame_00000.vtu",
+    );
+    assert!(text(&own.stderr).contains("would be overwritten"));
+    place.ends_with(
+        0,
+        "sequence ref.obj shear0.ply shear1.ply -o out --material material.vtu",
+    );
+    let frames = std::fs::read_dir(place.path("out/material")).unwrap().count();
+    assert_eq!(frames, 2, "an earlier run's are removed");
+}

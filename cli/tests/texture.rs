@@ -1,0 +1,364 @@
+//! `solidmap texture` from outside: a model and a picture in; a volume, a picture, colours and a texture file out.
+
+use std::f64::consts::{PI, TAU};
+use std::fmt::Write as _;
+use std::io::Read;
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use base64::{Engine, engine::general_purpose::STANDARD};
+use serde_json::Value;
+use solidmap::Point;
+use solidmap::mesh::{SurfaceMesh, shapes};
+
+struct Workplace {
+    folder: tempfile::TempDir,
+}
+
+impl Workplace {
+    /// A ball with longitude and latitude as texture coordinates, and a picture of waves.
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let place = Self { folder };
+        place.write("ball.obj", &with_uv(&shapes::geodesic_sphere(1.0, 10)));
+        place.picture("waves.png", 64, |u, v| {
+            [
+                (128.0 + 100.0 * (TAU * u).cos() * (PI * v).sin()) as u8,
+                (40.0 + 180.0 * v) as u8,
+                90,
+            ]
+        });
+        place
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.path(name), text).unwrap();
+    }
+
+    fn picture(&self, name: &str, side: usize, code: impl Fn(f64, f64) -> [u8; 3]) {
+        let place = |k: usize| (k as f64 + 0.5) / side as f64;
+        let pixels: Vec<u8> = (0..side * side)
+            .flat_map(|i| code(place(i % side), 1.0 - place(i / side)))
+            .collect();
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, side as u32, side as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.write_header().unwrap().write_image_data(&pixels).unwrap();
+        std::fs::write(self.path(name), bytes).unwrap();
+    }
+
+    /// Runs in the folder; words are separated by blanks.
+    fn ends_with(&self, code: i32, line: &str) -> Output {
+        let mut command = Command::cargo_bin("solidmap").unwrap();
+        command
+            .current_dir(self.folder.path())
+            .arg("texture")
+            .args(line.split_whitespace());
+        let output = command.timeout(std::time::Duration::from_secs(120)).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
+        output
+    }
+
+    fn refuses(&self, line: &str, words: &[&str]) {
+        let output = self.ends_with(2, line);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(words.iter().all(|word| said.contains(word)), "{line}: {said}");
+        assert!(said.starts_with("error: ") || said.contains("\nerror: "), "{said}");
+    }
+
+    fn report(&self, line: &str) -> Value {
+        serde_json::from_slice(&self.ends_with(0, line).stdout).unwrap()
+    }
+}
+
+fn with_uv(surface: &SurfaceMesh) -> String {
+    let mut text = String::new();
+    for p in surface.vertices() {
+        writeln!(text, "v {:?} {:?} {:?}", p.x, p.y, p.z).unwrap();
+    }
+    for (t, triangle) in surface.triangles().iter().enumerate() {
+        let mut corners = surface.corners(t).map(|p: Point| {
+            [
+                p.y.atan2(p.x).rem_euclid(TAU) / TAU,
+                1.0 - p.z.clamp(-1.0, 1.0).acos() / PI,
+            ]
+        });
+        let highest = corners.iter().map(|c| c[0]).fold(0.0, f64::max);
+        corners
+            .iter_mut()
+            .filter(|c| highest - c[0] > 0.5)
+            .for_each(|c| c[0] += 1.0);
+        corners
+            .iter()
+            .for_each(|[u, v]| writeln!(text, "vt {u:?} {v:?}").unwrap());
+        let [a, b, c] = triangle.map(|v| v + 1);
+        let first = 3 * t + 1;
+        writeln!(text, "f {a}/{first} {b}/{} {c}/{}", first + 1, first + 2).unwrap();
+    }
+    text
+}
+
+/// What a file of image data holds, read by nothing of the library: sizes, origin, spacing and bytes.
+struct ImageData {
+    size: [usize; 3],
+    origin: Vec<f64>,
+    spacing: Vec<f64>,
+    bytes: Vec<u8>,
+}
+
+fn read_vti(text: &str) -> ImageData {
+    let attribute = |name: &str| {
+        let rest = text.split(&format!("{name}=\"")).nth(1).unwrap();
+        rest.split('"').next().unwrap()
+    };
+    let numbers = |name: &str| {
+        attribute(name)
+            .split(' ')
+            .map(|x| x.parse().unwrap())
+            .collect::<Vec<f64>>()
+    };
+    let extent = numbers("WholeExtent");
+    assert_eq!(attribute("compressor"), "vtkZLibDataCompressor");
+    assert_eq!((attribute("Scalars"), attribute("NumberOfComponents")), ("rgba", "4"));
+    let array = text
+        .split("format=\"binary\">")
+        .nth(1)
+        .unwrap()
+        .split('<')
+        .next()
+        .unwrap();
+    let words = |bytes: &[u8]| -> Vec<usize> {
+        bytes
+            .chunks_exact(8)
+            .map(|b| u64::from_le_bytes(b.try_into().unwrap()) as usize)
+            .collect()
+    };
+    let blocks = words(&STANDARD.decode(&array[..12]).unwrap()[..8])[0];
+    let header = (3 + blocks) * 8;
+    let (header, data) = array.split_at(header.div_ceil(3) * 4);
+    let sizes = words(&STANDARD.decode(header).unwrap());
+    let data = STANDARD.decode(data).unwrap();
+    let (mut bytes, mut start) = (Vec::new(), 0);
+    for size in &sizes[3..] {
+        flate2::read::ZlibDecoder::new(&data[start..start + size])
+            .read_to_end(&mut bytes)
+            .unwrap();
+        start += size;
+    }
+    assert_eq!(start, data.len());
+    assert_eq!(
+        bytes.len(),
+        (blocks - 1) * sizes[1] + if sizes[2] > 0 { sizes[2] } else { sizes[1] }
+    );
+    ImageData {
+        size: [1, 3, 5].map(|k| extent[k] as usize + 1),
+        origin: numbers("Origin"),
+        spacing: numbers("Spacing"),
+        bytes,
+    }
+}
+
+#[test]
+fn volume_points_picture_and_texture_file_agree() {
+    let place = Workplace::new();
+    // Centres of voxels of the volume, and a point outside.
+    place.write(
+        "points.csv",
+        "x,y,z\n0.025,0.025,0.025\n-0.475,0.325,0.125\n0.825,-0.025,0.075\n3,0,0\n",
+    );
+    let report = place.report(
+        "ball.obj --image waves.png -o ball.vti --resolution 40 --png ball.png --map ball.safetensors \
+         --at points.csv --colours colours.csv --json",
+    );
+    assert!(report["surface_error"]["max"].as_f64().unwrap() < 1e-9);
+    assert!(report["harmonic_error"]["rms"].as_f64().unwrap() < 0.05);
+    assert!(report["seams"]["seams"].as_u64().unwrap() > 20);
+    assert!(report["seams"]["rms_colour_jump"].as_f64().unwrap() < 0.02);
+    assert_eq!(report["points"]["outside"], 1);
+
+    let image = read_vti(&std::fs::read_to_string(place.path("ball.vti")).unwrap());
+    assert_eq!(serde_json::json!(image.size), report["volume"]["size"]);
+    assert_eq!(image.bytes.len(), 4 * image.size.iter().product::<usize>());
+    let inside = image.bytes.chunks(4).filter(|voxel| voxel[3] == 255).count();
+    assert_eq!(report["volume"]["inside"], inside);
+    let table = std::fs::read_to_string(place.path("colours.csv")).unwrap();
+    let mut lines = table.lines();
+    assert_eq!(lines.next(), Some("x,y,z,red,green,blue"));
+    for line in lines {
+        let row: Vec<f64> = line.split(',').map(|x| x.parse().unwrap()).collect();
+        if row[0] == 3.0 {
+            assert!(row[3..].iter().all(|c| c.is_nan()));
+            continue;
+        }
+        // The nearest voxel is within half its size, in which waves of this length change by a few codes.
+        let step = |k: usize| ((row[k] - image.origin[k]) / image.spacing[k]).round() as usize;
+        let voxel = step(0) + image.size[0] * (step(1) + image.size[1] * step(2));
+        for k in 0..3 {
+            let code = f64::from(image.bytes[4 * voxel + k]);
+            assert!((code - 255.0 * row[3 + k]).abs() < 8.0, "{row:?} {code}");
+        }
+    }
+    assert!(std::fs::read(place.path("ball.png")).unwrap().starts_with(b"\x89PNG"));
+
+    // The texture file gives the same colours without the model and the picture.
+    place.ends_with(0, "ball.safetensors --at points.csv --colours again.csv");
+    let again = std::fs::read_to_string(place.path("again.csv")).unwrap();
+    assert_eq!(again, table);
+    for option in [
+        "--checker",
+        "--wrap clamp",
+        "--sources 3000",
+        "--max-sources 3000",
+        "--tolerance 0.1",
+    ] {
+        let name = option.split(' ').next().unwrap();
+        place.refuses(
+            &format!("ball.safetensors {option} -o x.vti"),
+            &["is a texture already", name],
+        );
+    }
+}
+
+/// Triangles across the seam reach beyond the picture; what is there is in the file.
+#[test]
+fn a_stored_texture_keeps_what_is_beyond_its_picture() {
+    let place = Workplace::new();
+    for line in [
+        "ball.obj --checker 8 --wrap clamp --map clamped.safetensors",
+        "clamped.safetensors --at ball.obj --colours x.csv",
+    ] {
+        let said = String::from_utf8(place.ends_with(0, line).stderr).unwrap();
+        assert!(said.contains("goes on with the colours of its edges"), "{said}");
+    }
+}
+
+#[test]
+fn outputs_are_refused_before_the_fit() {
+    let place = Workplace::new();
+    place.write("points.csv", "x,y,z\n0,0,0\n");
+    let tets = "# vtk DataFile Version 3.0\ntet\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n0 0 0 1 0 0 0 1 0 0 0 1\n\
+         CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\n";
+    place.write("tet.vtk", tets);
+    let refused = [
+        ("--at none.csv --colours x.csv", "none.csv"),
+        ("--at points.csv --colours x.vtu", "points without a mesh"),
+        ("--at tet.vtk --colours x.ply", "holds tetrahedra"),
+        ("-o x.vti --resolution 0", "at least one voxel"),
+        ("-o x.vti --resolution 100000000", "GiB"),
+    ];
+    for (line, word) in refused {
+        place.refuses(&format!("ball.obj --checker --map x.safetensors {line}"), &[word]);
+        assert!(!place.path("x.safetensors").exists(), "{line}");
+    }
+}
+
+#[test]
+fn colours_are_written_to_meshes() {
+    let place = Workplace::new();
+    place.ends_with(0, "ball.obj --checker 8 --at ball.obj --colours ball.ply");
+    let ply = std::fs::read(place.path("ball.ply")).unwrap();
+    let header = "ply\nformat binary_little_endian 1.0\nelement vertex 1002\nproperty double x\nproperty double y\n\
+                  property double z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar alpha\n\
+                  element face 2000\n";
+    assert!(
+        ply.starts_with(header.as_bytes()),
+        "{}",
+        String::from_utf8_lossy(&ply[..header.len()])
+    );
+    let read = solidmap::io::read_surface(place.path("ball.ply")).unwrap();
+    assert_eq!((read.vertices().len(), read.triangles().len()), (1002, 2000));
+    place.ends_with(0, "ball.obj --checker 8 --at ball.obj --colours ball.vtu");
+    assert!(solidmap::io::read_surface(place.path("ball.vtu")).is_ok());
+    place.write("points.csv", "x,y,z\n0,0,0\n");
+    place.refuses(
+        "ball.obj --checker 8 --at points.csv --colours points.vtu",
+        &["points without a mesh"],
+    );
+}
+
+#[test]
+fn coloured_vertices_need_no_picture() {
+    let place = Workplace::new();
+    let ball = shapes::geodesic_sphere(1.0, 8);
+    let mut text = String::new();
+    for p in ball.vertices() {
+        writeln!(text, "v {} {} {} {} 0.5 0.25", p.x, p.y, p.z, 0.5 + 0.5 * p.x).unwrap();
+    }
+    ball.triangles()
+        .iter()
+        .for_each(|t| writeln!(text, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap());
+    place.write("painted.obj", &text);
+    let report = place.report("painted.obj -o painted.vti --resolution 8 --json");
+    assert_eq!(report["seams"]["seams"], 0);
+    let image = read_vti(&std::fs::read_to_string(place.path("painted.vti")).unwrap());
+    for voxel in image.bytes.chunks(4).filter(|voxel| voxel[3] > 0) {
+        assert!(voxel[1].abs_diff(128) <= 1 && voxel[2].abs_diff(64) <= 1, "{voxel:?}");
+    }
+    place.refuses(
+        "painted.obj --wrap clamp -o x.vti",
+        &["--wrap", "painted.obj", "vertices"],
+    );
+    place.write("bytes.obj", &text.replace(" 0.5 0.25", " 128 64"));
+    place.refuses(
+        "bytes.obj -o x.vti",
+        &["bytes.obj", "vertex 0", "128 64", "divide", "255"],
+    );
+}
+
+#[test]
+fn refusals_name_the_file_and_the_way_out() {
+    let place = Workplace::new();
+    place.refuses("ball.obj --checker", &["nothing would be written", "--png"]);
+    place.refuses("ball.obj --checker -o ball.txt", &["ball.txt", ".vti"]);
+    place.refuses("ball.obj -o x.vti", &["ball.obj", "--image", "--checker"]);
+    place.refuses("ball.obj --image none.png -o x.vti", &["none.png"]);
+    place.write("text.png", "no picture");
+    place.refuses("ball.obj --image text.png -o x.vti", &["text.png", "PNG or JPEG"]);
+    place.write("empty.png", "");
+    place.refuses("ball.obj --image empty.png -o x.vti", &["empty.png"]);
+    place.refuses(
+        "ball.obj --checker --resolution 100000000 -o x.vti",
+        &["100000000", "GiB"],
+    );
+    place.refuses("ball.obj --checker --resolution 0 -o x.vti", &["at least one voxel"]);
+    place.refuses("ball.obj --checker --uv -o x.vti", &["jump", "--across-seams"]);
+    place.refuses("ball.obj --checker 0 -o x.vti", &["squares"]);
+    place.refuses(
+        "ball.obj --checker --sources 200000 -o x.vti",
+        &["200000", "--max-sources", "100000"],
+    );
+    let plain = place.path("plain.obj");
+    solidmap::io::write_surface(&plain, &shapes::cube(1.0, 2)).unwrap();
+    place.refuses(
+        "plain.obj --checker -o x.vti",
+        &["plain.obj", "no texture coordinates", "unwrap"],
+    );
+    place.refuses("plain.obj -o x.vti", &["neither texture coordinates nor colours"]);
+    let ball = std::fs::read_to_string(place.path("ball.obj")).unwrap();
+    let open: Vec<&str> = ball.lines().take(ball.lines().count() - 1).collect();
+    place.write("open.obj", &open.join("\n"));
+    place.refuses("open.obj --checker -o x.vti", &["open.obj", "does not bound a solid"]);
+    assert!(!place.path("x.vti").exists());
+}
+
+#[test]
+fn a_missed_tolerance_is_a_failed_check() {
+    let place = Workplace::new();
+    let line = "ball.obj --checker 16 --tolerance 1e-4 --max-sources 3000 -o x.vti --resolution 8";
+    let output = place.ends_with(1, line);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        said.contains("--max-sources") && said.contains("of the colour cube"),
+        "{said}"
+    );
+    assert!(place.path("x.vti").exists());
+    let output = place.ends_with(1, &format!("{line} --uv --across-seams"));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("of the box of texture coordinates"), "{said}");
+}

@@ -1,0 +1,633 @@
+//! Boundary maps, fits, fitted maps and their inverses.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+use super::bridge::ffi;
+use super::bridge::ffi::Watcher;
+use super::error::{Category, Error, guarded};
+use super::meshes::{Surface, boxed, name_of, whole, whole_points};
+use super::{flat, path};
+use solidmap::Matrix3;
+use solidmap::boundary_map::pair::{Landmarks, PairOptions, PairPhase, Via, map_pair};
+use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
+use solidmap::fit::{self, DomainFactor, Fit, FitOptions, FitReport, Phase, Placement, Solver};
+use solidmap::inverse::{InverseMap, InverseOptions, PreimageStatus};
+use solidmap::io::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
+use solidmap::map::{HarmonicMap, VolumeMap};
+use solidmap::mesh::{SurfaceMesh, SurfacePoint};
+use solidmap::solver::{DenseOptions, Method, SchwarzOptions};
+use solidmap::spherical::{SphereEnergy, SphereOptions, SpherePhase, map_to_sphere};
+
+pub struct Boundary(pub BoundaryMap);
+
+pub struct Boundaries(Vec<BoundaryMap>);
+
+/// A fitted map with what is known of it.
+pub struct Map {
+    file: Arc<MapFile>,
+    /// With times, which the file does without.
+    report: Option<FitReport>,
+}
+
+pub struct Maps(Vec<Option<Fit>>);
+
+/// The domain as it was given, and as it was factored.
+pub struct Factor {
+    domain: SurfaceMesh,
+    factor: DomainFactor,
+    /// The map that it was refined for.
+    first: Option<Fit>,
+}
+
+pub struct Inverse {
+    /// Refers to `map` and `_file`, and goes first.
+    inverse: InverseMap<'static>,
+    _map: Box<HarmonicMap>,
+    _file: Arc<MapFile>,
+}
+
+// Const queries of all of these run on any number of threads.
+const _: () = {
+    const fn shared<T: Send + Sync>() {}
+    shared::<Surface>();
+    shared::<super::meshes::Cells>();
+    shared::<Boundary>();
+    shared::<Map>();
+    shared::<Factor>();
+    shared::<Inverse>();
+};
+
+pub fn boundary_new(domain: &Surface, images: &[f64]) -> Result<Box<Boundary>, Error> {
+    guarded(|| {
+        boxed_boundary(BoundaryMap::new(
+            domain.0.clone(),
+            whole_points("images", images)?.to_vec(),
+        )?)
+    })
+}
+
+pub fn boundary_between(domain: &Surface, image: &Surface) -> Result<Box<Boundary>, Error> {
+    guarded(|| boxed_boundary(BoundaryMap::between(domain.0.clone(), &image.0)?))
+}
+
+pub fn boundary_to_sphere(domain: &Surface, conformal: bool, watcher: &Watcher) -> Result<Box<Boundary>, Error> {
+    guarded(|| {
+        let options = SphereOptions {
+            energy: if conformal {
+                SphereEnergy::Conformal
+            } else {
+                SphereEnergy::Balanced
+            },
+            ..SphereOptions::default()
+        };
+        let tell = |phase| {
+            let (step, fraction) = match phase {
+                SpherePhase::Coarsening => ("coarsening", f64::NAN),
+                SpherePhase::Drawing { vertices, of } => ("drawing", share(vertices, of)),
+                SpherePhase::Flowing => ("flowing", f64::NAN),
+                SpherePhase::Optimising => ("optimising", f64::NAN),
+            };
+            answer(watcher, step, fraction, "")
+        };
+        let (drawn, _) = map_to_sphere(&domain.0, &options, &tell)?;
+        boxed_boundary(BoundaryMap::onto_sphere(drawn)?)
+    })
+}
+
+pub fn boundary_pair(
+    domain: &Surface,
+    target: &Surface,
+    landmarks: &[u32],
+    conformal: bool,
+    improve: bool,
+    watcher: &Watcher,
+    report: &mut ffi::PairReport,
+) -> Result<Box<Boundary>, Error> {
+    guarded(|| {
+        let pairs = whole::<u32, 2>("vertices of landmarks", landmarks)?.to_vec();
+        let landmarks = Landmarks::new(pairs, domain.0.vertices().len(), target.0.vertices().len())
+            .map_err(|error| Error::invalid(error.to_string()))?;
+        let options = PairOptions {
+            via: if conformal { Via::Conformal } else { Via::Targets },
+            landmarks,
+            improve,
+        };
+        let tell = |phase| {
+            let (step, fraction) = match phase {
+                PairPhase::Sphere("domain", _) => ("mapping the domain to the sphere", f64::NAN),
+                PairPhase::Sphere(..) => ("mapping the target to the sphere", f64::NAN),
+                PairPhase::Aligning => ("aligning", f64::NAN),
+                PairPhase::Sketching { .. } => ("sketching", f64::NAN),
+                PairPhase::Drawing { vertices, of, .. } => ("drawing", share(vertices, of)),
+                PairPhase::Improving => ("improving", f64::NAN),
+                PairPhase::Measuring => ("measuring", f64::NAN),
+            };
+            answer(watcher, step, fraction, "")
+        };
+        let (boundary, found) = map_pair(&domain.0, &target.0, &options, &tell)?;
+        let SurfaceDistortion { angle, area, .. } = &found.after;
+        *report = ffi::PairReport {
+            angle_median: angle.p50,
+            angle_p99: angle.p99,
+            area_median: area.p50,
+            area_p99: area.p99,
+            seconds: found.seconds.total,
+            warnings: found.warnings,
+        };
+        boxed_boundary(boundary)
+    })
+}
+
+pub fn boundary_load(bytes: &[u8]) -> Result<Box<Boundary>, Error> {
+    guarded(|| boxed_boundary(io::read_boundary(&path(bytes)?)?.boundary))
+}
+
+impl Boundary {
+    pub fn save(&self, bytes: &[u8]) -> Result<(), Error> {
+        guarded(|| {
+            let file = BoundaryFile {
+                boundary: self.0.clone(),
+                metadata: BoundaryMetadata::new(vec![]),
+            };
+            Ok(io::write_boundary(&path(bytes)?, &file)?)
+        })
+    }
+
+    pub fn domain(&self) -> Result<Box<Surface>, Error> {
+        guarded(|| boxed(self.0.domain().clone()))
+    }
+
+    pub fn target(&self) -> Result<Box<Surface>, Error> {
+        guarded(|| boxed(self.0.outward_target()))
+    }
+
+    pub fn images(&self) -> &[f64] {
+        flat(self.0.image())
+    }
+
+    pub fn target_volume(&self) -> Result<f64, Error> {
+        guarded(|| Ok(self.0.target_volume()))
+    }
+
+    pub fn target_diagonal(&self) -> Result<f64, Error> {
+        guarded(|| Ok(self.0.target_diagonal()))
+    }
+
+    pub fn evaluate(&self, triangles: &[u32], barycentric: &[f64], images: &mut [f64]) -> Result<(), Error> {
+        guarded(|| {
+            let barycentric = whole::<f64, 3>("barycentric coordinates", barycentric)?;
+            let faces = self.0.domain().triangles().len();
+            if let Some(far) = triangles.iter().find(|t| **t as usize >= faces) {
+                return Err(Error::invalid(format!(
+                    "triangle {far} was asked for, and the domain has {faces}, counted from 0"
+                )));
+            }
+            let points: Vec<SurfacePoint> = triangles
+                .iter()
+                .zip(barycentric)
+                .map(|(&triangle, &barycentric)| SurfacePoint { triangle, barycentric })
+                .collect();
+            write(images, flat(&self.0.evaluate(&points)))
+        })
+    }
+
+    pub fn inverse(&self) -> Result<Box<Boundary>, Error> {
+        guarded(|| match self.0.inverse() {
+            Some(inverse) => boxed_boundary(inverse),
+            None => Err(Error::new(
+                Category::Unsupported,
+                "only a boundary map between two surfaces by way of the sphere has an inverse",
+            )),
+        })
+    }
+}
+
+pub fn no_boundaries() -> Box<Boundaries> {
+    Box::new(Boundaries(vec![]))
+}
+
+impl Boundaries {
+    pub fn push(&mut self, boundary: &Boundary) -> Result<(), Error> {
+        guarded(|| {
+            self.0.push(boundary.0.clone());
+            Ok(())
+        })
+    }
+}
+
+/// 0 adaptive, 1 dense, 2 the paper's.
+pub fn fit_defaults(preset: u8) -> ffi::FitOptions {
+    let options = match preset {
+        0 => FitOptions::adaptive(),
+        1 => FitOptions::dense(),
+        _ => FitOptions::paper(),
+    };
+    let (placement, placement_value) = match options.placement {
+        Placement::Adaptive { alpha } => (0, alpha),
+        Placement::Offset { distance } => (1, distance),
+        Placement::Sphere { radius } => (2, radius),
+    };
+    let (schwarz, dense) = (SchwarzOptions::default(), DenseOptions::default());
+    let (solver, truncation) = match options.solver {
+        Solver::Schwarz(_) => (0, dense.truncation),
+        Solver::Dense(dense) => (if dense.method == Method::Qr { 1 } else { 2 }, dense.truncation),
+    };
+    ffi::FitOptions {
+        placement,
+        placement_value,
+        source_ratio: options.source_ratio,
+        collocation_ratio: options.collocation_ratio,
+        max_sources: options.max_sources,
+        affine: options.affine,
+        solver,
+        most_iterations: schwarz.most_iterations,
+        truncation,
+        tolerance: options.tolerance,
+        refine: options.refine,
+        memory: options.memory.unwrap_or(0),
+        held_out: options.held_out,
+        seed: options.seed,
+    }
+}
+
+pub fn fit(boundary: &Boundary, options: &ffi::FitOptions, watcher: &Watcher) -> Result<Box<Map>, Error> {
+    guarded(|| {
+        let fit = fit::fit(&boundary.0, &fit_options(options)?, &|phase| told(watcher, phase))?;
+        Ok(Box::new(Map::of(fit)))
+    })
+}
+
+pub fn map_load(bytes: &[u8]) -> Result<Box<Map>, Error> {
+    guarded(|| {
+        let file = io::read_map(&path(bytes)?)?;
+        Ok(Box::new(Map {
+            report: file.metadata.fit.clone(),
+            file: Arc::new(file),
+        }))
+    })
+}
+
+impl Map {
+    fn of(fit: Fit) -> Self {
+        let Fit { map, boundary, report } = fit;
+        let metadata = MapMetadata::new(report.clone(), vec![]);
+        let boundary = Some(boundary);
+        Self {
+            file: Arc::new(MapFile {
+                map,
+                boundary,
+                metadata,
+            }),
+            report: Some(report),
+        }
+    }
+
+    pub fn map(&self) -> &HarmonicMap {
+        &self.file.map
+    }
+
+    /// The boundary map, which everything but evaluation needs.
+    pub fn boundary_map(&self) -> Result<&BoundaryMap, Error> {
+        boundary_of(&self.file)
+    }
+
+    pub fn save(&self, bytes: &[u8]) -> Result<(), Error> {
+        guarded(|| Ok(io::write_map(&path(bytes)?, &self.file)?))
+    }
+
+    pub fn evaluate(&self, points: &[f64], images: &mut [f64]) -> Result<(), Error> {
+        guarded(|| {
+            require_room(images, points.len(), 3)?;
+            write(images, flat(&self.map().evaluate(whole_points("points", points)?)))
+        })
+    }
+
+    pub fn jacobian(&self, points: &[f64], jacobians: &mut [f64]) -> Result<(), Error> {
+        guarded(|| {
+            require_room(jacobians, 3 * points.len(), 9)?;
+            write_rows(jacobians, &self.map().jacobian(whole_points("points", points)?))
+        })
+    }
+
+    pub fn evaluate_with_jacobian(
+        &self,
+        points: &[f64],
+        images: &mut [f64],
+        jacobians: &mut [f64],
+    ) -> Result<(), Error> {
+        guarded(|| {
+            require_room(images, points.len(), 3)?;
+            require_room(jacobians, 3 * points.len(), 9)?;
+            let (values, derivatives) = self.map().evaluate_with_jacobian(whole_points("points", points)?);
+            write(images, flat(&values))?;
+            write_rows(jacobians, &derivatives)
+        })
+    }
+
+    pub fn boundary(&self) -> Result<Box<Boundary>, Error> {
+        guarded(|| boxed_boundary(self.boundary_map()?.clone()))
+    }
+
+    pub fn report(&self) -> Result<ffi::FitReport, Error> {
+        let Some(report) = &self.report else {
+            return Err(Error::new(
+                Category::Unsupported,
+                "the map's file has no report of a fit: it was written by other means",
+            ));
+        };
+        let seconds = report.seconds.unwrap_or_default();
+        Ok(ffi::FitReport {
+            vertices: report.vertices,
+            triangles: report.faces,
+            sources: report.sources,
+            collocation: report.collocation,
+            method: report.method.clone(),
+            iterations: report.iterations,
+            refinements: report.refinements,
+            refinement_end: report.refinement_end.as_ref().map(name_of).unwrap_or_default(),
+            rms: report.boundary_error.rms,
+            p99: report.boundary_error.p99,
+            max: report.boundary_error.max,
+            residual_rms: report.residual_rms,
+            c_error: report.c_error,
+            seconds_total: seconds.total,
+            seconds_sampling: seconds.sampling,
+            seconds_factor: seconds.factor,
+            seconds_solve: seconds.solve,
+            seconds_check: seconds.check,
+            warnings: report.warnings.clone(),
+        })
+    }
+
+    pub fn metadata(&self) -> Result<String, Error> {
+        guarded(|| {
+            serde_json::to_string(&self.file.metadata)
+                .map_err(|error| Error::new(Category::Internal, error.to_string()))
+        })
+    }
+
+    pub fn sources(&self) -> &[f64] {
+        flat(self.map().sources())
+    }
+
+    pub fn coefficients(&self) -> &[f64] {
+        self.map().coefficients().sources.as_flattened()
+    }
+
+    pub fn affine(&self) -> &[f64] {
+        self.map().coefficients().affine.as_flattened()
+    }
+}
+
+impl Maps {
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    pub fn take(&mut self, index: usize) -> Result<Box<Map>, Error> {
+        let fit = self.0.get_mut(index).and_then(Option::take);
+        let fit = fit.ok_or_else(|| Error::new(Category::Internal, "a map was taken twice"))?;
+        Ok(Box::new(Map::of(fit)))
+    }
+}
+
+pub fn factor_new(domain: &Surface, options: &ffi::FitOptions, watcher: &Watcher) -> Result<Box<Factor>, Error> {
+    guarded(|| {
+        let factor = DomainFactor::new(&domain.0, &fit_options(options)?, &|phase| told(watcher, phase))?;
+        Ok(Box::new(Factor {
+            domain: domain.0.clone(),
+            factor,
+            first: None,
+        }))
+    })
+}
+
+pub fn factor_refined(boundary: &Boundary, options: &ffi::FitOptions, watcher: &Watcher) -> Result<Box<Factor>, Error> {
+    guarded(|| {
+        let domain = boundary.0.domain();
+        let mut factor = DomainFactor::new(domain, &fit_options(options)?, &|phase| told(watcher, phase))?;
+        let first = factor.solve_refined(&boundary.0, &|phase| told(watcher, phase))?;
+        Ok(Box::new(Factor {
+            domain: domain.clone(),
+            factor,
+            first: Some(first),
+        }))
+    })
+}
+
+impl Factor {
+    pub fn domain(&self) -> Result<Box<Surface>, Error> {
+        guarded(|| boxed(self.domain.clone()))
+    }
+
+    pub fn first(&self) -> Result<Box<Map>, Error> {
+        guarded(|| match &self.first {
+            Some(fit) => Ok(Box::new(Map::of(fit.clone()))),
+            None => Err(Error::invalid(
+                "the factor was made without a boundary map, so that it has no first map",
+            )),
+        })
+    }
+
+    pub fn solve(&self, boundary: &Boundary, watcher: &Watcher) -> Result<Box<Map>, Error> {
+        guarded(|| self.solved(&boundary.0, watcher))
+    }
+
+    pub fn solve_images(&self, images: &[f64], watcher: &Watcher) -> Result<Box<Map>, Error> {
+        guarded(|| {
+            let images = whole_points("images", images)?.to_vec();
+            self.solved(&BoundaryMap::new(self.domain.clone(), images)?, watcher)
+        })
+    }
+
+    pub fn solve_many(&self, boundaries: &Boundaries, watcher: &Watcher) -> Result<Box<Maps>, Error> {
+        guarded(|| self.solved_together(&boundaries.0, watcher))
+    }
+
+    pub fn solve_many_images(&self, images: &[f64], watcher: &Watcher) -> Result<Box<Maps>, Error> {
+        guarded(|| {
+            let (images, vertices) = (whole_points("images", images)?, self.domain.vertices().len());
+            if vertices == 0 || images.len() % vertices != 0 {
+                return Err(Error::invalid(format!(
+                    "{} images were given for a domain of {vertices} vertices; give as many for every frame",
+                    images.len()
+                )));
+            }
+            let frames = images.chunks_exact(vertices);
+            let frames = frames.map(|images| BoundaryMap::new(self.domain.clone(), images.to_vec()));
+            let frames = frames.collect::<Result<Vec<_>, _>>()?;
+            self.solved_together(&frames, watcher)
+        })
+    }
+
+    fn solved(&self, boundary: &BoundaryMap, watcher: &Watcher) -> Result<Box<Map>, Error> {
+        let fit = self.factor.solve(boundary, &|phase| told(watcher, phase))?;
+        Ok(Box::new(Map::of(fit)))
+    }
+
+    fn solved_together(&self, boundaries: &[BoundaryMap], watcher: &Watcher) -> Result<Box<Maps>, Error> {
+        let fits = self.factor.solve_block(boundaries, &|phase| told(watcher, phase))?;
+        Ok(Box::new(Maps(fits.into_iter().map(Some).collect())))
+    }
+}
+
+pub fn inverse_new(map: &Map, tolerance: f64, seed_nodes: usize, iterations: usize) -> Result<Box<Inverse>, Error> {
+    guarded(|| {
+        let options = InverseOptions {
+            tolerance,
+            seed_nodes,
+            iterations,
+        };
+        let file = Arc::clone(&map.file);
+        // Sums that err by no more than Newton's method is to leave.
+        let exact = Box::new(file.map.clone().with_error(0.0));
+        let map: *const HarmonicMap = &raw const *exact;
+        let boundary: *const BoundaryMap = boundary_of(&file)?;
+        // SAFETY: both live on the heap, do not move when the struct does, are never written to, and are dropped after
+        // what refers to them.
+        let (map, boundary) = unsafe { (&*map, &*boundary) };
+        Ok(Box::new(Inverse {
+            inverse: InverseMap::new(map, boundary, &options)?,
+            _map: exact,
+            _file: file,
+        }))
+    })
+}
+
+impl Inverse {
+    pub fn preimages(&self, points: &[f64]) -> Result<Vec<ffi::Preimage>, Error> {
+        guarded(|| {
+            let (found, _) = self.inverse.preimages(whole_points("points", points)?);
+            let told = found.into_iter().map(|preimage| ffi::Preimage {
+                point: preimage.point.into(),
+                round_trip: preimage.round_trip,
+                preimages: preimage.preimages,
+                status: match preimage.status {
+                    PreimageStatus::Ok => 0,
+                    PreimageStatus::Folded => 1,
+                    PreimageStatus::Outside => 2,
+                    PreimageStatus::NotConverged => 3,
+                    PreimageStatus::NotFinite => 4,
+                },
+                beyond_boundary: preimage.beyond_boundary,
+            });
+            Ok(told.collect())
+        })
+    }
+}
+
+fn boundary_of(file: &MapFile) -> Result<&BoundaryMap, Error> {
+    file.boundary.as_ref().ok_or_else(|| {
+        Error::new(
+            Category::Unsupported,
+            "the map's file holds no boundary map, so that its domain is not known: it was written by other means",
+        )
+    })
+}
+
+fn boxed_boundary(boundary: BoundaryMap) -> Result<Box<Boundary>, Error> {
+    Ok(Box::new(Boundary(boundary)))
+}
+
+/// Found before the work is done. `numbers` is how many come, `each` how many of them are one result.
+fn require_room(out: &[f64], numbers: usize, each: usize) -> Result<(), Error> {
+    if out.len() == numbers {
+        return Ok(());
+    }
+    Err(Error::invalid(format!(
+        "there is room for {} results, and {} points are given",
+        out.len() / each,
+        numbers / each
+    )))
+}
+
+fn write(out: &mut [f64], found: &[f64]) -> Result<(), Error> {
+    if out.len() != found.len() {
+        return Err(Error::invalid(format!(
+            "there is room for {} numbers, and the result has {}",
+            out.len(),
+            found.len()
+        )));
+    }
+    out.copy_from_slice(found);
+    Ok(())
+}
+
+/// Row by row: `∂f_i / ∂x_k` at `3 i + k`.
+fn write_rows(out: &mut [f64], found: &[Matrix3]) -> Result<(), Error> {
+    if out.len() != 9 * found.len() {
+        return write(out, &vec![0.0; 9 * found.len()]);
+    }
+    for (rows, jacobian) in out.as_chunks_mut::<9>().0.iter_mut().zip(found) {
+        *rows = std::array::from_fn(|i| jacobian[(i / 3, i % 3)]);
+    }
+    Ok(())
+}
+
+fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
+    let value = options.placement_value;
+    let placement = match options.placement {
+        0 => Placement::Adaptive { alpha: value },
+        1 => Placement::Offset { distance: value },
+        _ => Placement::Sphere { radius: value },
+    };
+    let dense = |method| DenseOptions {
+        method,
+        truncation: options.truncation,
+    };
+    let solver = match options.solver {
+        0 => Solver::Schwarz(SchwarzOptions {
+            most_iterations: options.most_iterations,
+            ..SchwarzOptions::default()
+        }),
+        1 => Solver::Dense(dense(Method::Qr)),
+        _ => Solver::Dense(dense(Method::Svd)),
+    };
+    Ok(FitOptions {
+        placement,
+        source_ratio: options.source_ratio,
+        collocation_ratio: options.collocation_ratio,
+        max_sources: options.max_sources,
+        affine: options.affine,
+        solver,
+        tolerance: options.tolerance,
+        refine: options.refine,
+        memory: (options.memory > 0).then_some(options.memory),
+        held_out: options.held_out,
+        seed: options.seed,
+    })
+}
+
+fn told(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
+    let (step, fraction, detail) = match phase {
+        Phase::Checking => ("checking", f64::NAN, String::new()),
+        Phase::Sampling => ("sampling", f64::NAN, String::new()),
+        Phase::Decomposing { rows, columns } => ("decomposing", f64::NAN, format!("{rows} x {columns}")),
+        Phase::Factoring { done, of } => ("factoring", share(done, of), format!("{done} of {of}")),
+        Phase::Solving => ("solving", f64::NAN, String::new()),
+        Phase::Iterating { iteration, residual } => (
+            "iterating",
+            f64::NAN,
+            format!("iteration {iteration}, residual {residual:.2e}"),
+        ),
+        Phase::Measuring => ("measuring", f64::NAN, String::new()),
+        Phase::Refining { round, error, sources } => (
+            "refining",
+            f64::NAN,
+            format!("round {round}, boundary error {error:.2e}, {sources} sources"),
+        ),
+    };
+    answer(watcher, step, fraction, &detail)
+}
+
+pub fn answer(watcher: &Watcher, step: &str, fraction: f64, detail: &str) -> ControlFlow<()> {
+    match watcher.goes_on(step, fraction, detail) {
+        true => ControlFlow::Continue(()),
+        false => ControlFlow::Break(()),
+    }
+}
+
+fn share(done: usize, of: usize) -> f64 {
+    done as f64 / of.max(1) as f64
+}

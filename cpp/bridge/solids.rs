@@ -1,0 +1,206 @@
+//! What CGAL and TetGen do, and meshes carried by maps.
+
+use super::bridge::ffi;
+use super::bridge::ffi::Watcher;
+#[cfg(not(feature = "native"))]
+use super::error::Category;
+use super::error::{Error, guarded};
+use super::maps::{Map, answer};
+use super::meshes::{Cells, Surface, quality_of};
+use solidmap::mesh::CellMesh;
+use solidmap::remesh::{self, CellKind, CellSize, MeshSource, RemeshOptions, RemeshPhase};
+
+pub struct Remeshed(remesh::Remeshed);
+
+/// What a build without CGAL and TetGen answers.
+#[cfg(not(feature = "native"))]
+pub fn needs_native(what: &str) -> Error {
+    Error::new(
+        Category::Unsupported,
+        format!(
+            "{what} needs CGAL and TetGen, and this solidmap was built without them; build it with SOLIDMAP_NATIVE=ON"
+        ),
+    )
+}
+
+#[cfg(not(feature = "native"))]
+pub fn tetrahedralise(_: &Surface, _: &ffi::TetOptions) -> Result<Box<Cells>, Error> {
+    Err(needs_native("tetrahedralisation"))
+}
+
+#[cfg(not(feature = "native"))]
+pub fn offset_surface(
+    _: &Surface,
+    _: f64,
+    _: &ffi::OffsetOptions,
+    _: &mut ffi::OffsetReport,
+) -> Result<Box<Surface>, Error> {
+    Err(needs_native("an offset surface"))
+}
+
+#[cfg(feature = "native")]
+pub fn tetrahedralise(surface: &Surface, options: &ffi::TetOptions) -> Result<Box<Cells>, Error> {
+    use solidmap::cgal_tetgen::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_mesh3};
+    use solidmap::mesh::CellList;
+    use std::time::Duration;
+
+    let given = |value: f64| (value != 0.0).then_some(value);
+    let memory = (options.memory > 0).then_some(options.memory);
+    guarded(|| {
+        let mesh = if options.cgal {
+            let time_limit = Duration::try_from_secs_f64(options.time_limit)
+                .map_err(|error| Error::invalid(format!("time_limit is {}: {error}", options.time_limit)))?;
+            let options = Mesh3Options {
+                cell_size: given(options.cell_size),
+                facet_distance: given(options.facet_distance),
+                feature_angle: options.feature_angle,
+                time_limit,
+                memory,
+            };
+            tetrahedralize_mesh3(&surface.0, &options)?
+        } else {
+            let options = TetOptions {
+                radius_edge_ratio: given(options.radius_edge_ratio),
+                min_dihedral: options.min_dihedral,
+                max_volume: given(options.max_volume),
+                memory,
+            };
+            tetrahedralize(&surface.0, &options)?
+        };
+        let (nodes, tets) = mesh.into_parts();
+        let regions = vec![1; tets.len()];
+        Ok(Box::new(Cells(CellMesh::new(nodes, CellList::Tets(tets), regions)?)))
+    })
+}
+
+#[cfg(feature = "native")]
+pub fn offset_surface(
+    surface: &Surface,
+    distance: f64,
+    options: &ffi::OffsetOptions,
+    report: &mut ffi::OffsetReport,
+) -> Result<Box<Surface>, Error> {
+    use solidmap::cgal_tetgen::{self, OffsetOptions};
+    guarded(|| {
+        let options = OffsetOptions {
+            alpha: (options.alpha != 0.0).then_some(options.alpha),
+            rounds: options.rounds,
+            retries: options.retries,
+            min_fraction: options.min_fraction,
+            genus: None,
+            max_triangles: options.max_triangles,
+        };
+        let found = cgal_tetgen::offset_surface(&surface.0, distance, &options)?;
+        *report = ffi::OffsetReport {
+            vertex_error: found.vertex_error,
+            centroid_error: found.centroid_error,
+            min_distance: found.min_distance,
+            genus: found.genus,
+            components: found.components,
+            alpha: found.alpha,
+            raw_wrap: found.raw_wrap,
+        };
+        Ok(Box::new(Surface(found.mesh)))
+    })
+}
+
+pub fn remesh_regular(
+    map: &Map,
+    hexes: bool,
+    along: usize,
+    length: f64,
+    most_cells: usize,
+    options: &ffi::RemeshOptions,
+    watcher: &Watcher,
+) -> Result<Box<Remeshed>, Error> {
+    guarded(|| {
+        if along == 0 && length == 0.0 {
+            return Err(Error::invalid(
+                "give the number of cells along the longest side, or their length",
+            ));
+        }
+        let source = MeshSource::Regular {
+            kind: if hexes { CellKind::Hexes } else { CellKind::Tets },
+            size: if along > 0 {
+                CellSize::Along(along)
+            } else {
+                CellSize::Length(length)
+            },
+            most_cells,
+        };
+        carried(map, source, options, watcher)
+    })
+}
+
+pub fn remesh_given(
+    map: &Map,
+    mesh: &Cells,
+    options: &ffi::RemeshOptions,
+    watcher: &Watcher,
+) -> Result<Box<Remeshed>, Error> {
+    guarded(|| carried(map, MeshSource::Given(mesh.0.clone()), options, watcher))
+}
+
+fn carried(
+    map: &Map,
+    source: MeshSource,
+    options: &ffi::RemeshOptions,
+    watcher: &Watcher,
+) -> Result<Box<Remeshed>, Error> {
+    let options = RemeshOptions {
+        repair: options.repair,
+        slide: options.slide,
+        polish: options.polish,
+        memory: (options.memory > 0).then_some(options.memory),
+    };
+    let told = |phase| {
+        let (step, detail) = match phase {
+            RemeshPhase::Meshing => ("meshing", String::new()),
+            RemeshPhase::Mapping { nodes } => ("mapping", format!("{nodes} nodes")),
+            RemeshPhase::Repairing { round, inverted } => ("repairing", format!("round {round}, {inverted} inverted")),
+            RemeshPhase::Verifying => ("verifying", String::new()),
+        };
+        answer(watcher, step, f64::NAN, &detail)
+    };
+    let remeshed = remesh::remesh(map.boundary_map()?, map.map(), source, &options, &told)?;
+    Ok(Box::new(Remeshed(remeshed)))
+}
+
+impl Remeshed {
+    pub fn report(&self) -> Result<ffi::RemeshReport, Error> {
+        guarded(|| {
+            let (mesh, report) = (&self.0.mesh, &self.0.report);
+            Ok(ffi::RemeshReport {
+                nodes: report.nodes,
+                boundary_nodes: report.boundary_nodes,
+                inverted_as_mapped: report.before.cells.len(),
+                quality: quality_of(mesh.cells(), &self.0.images),
+                mesh_to_target_max: report.mesh_to_target.max,
+                mesh_to_target_mean: report.mesh_to_target.mean,
+                target_to_mesh_max: report.target_to_mesh.max,
+                target_to_mesh_mean: report.target_to_mesh.mean,
+                volume: report.volume,
+                target_volume: report.target_volume,
+                largest_shift: report.largest_shift,
+                slid_nodes: report.slid_nodes,
+                largest_slide: report.largest_slide,
+                split_cells: report.split_cells,
+                seconds: report.seconds.total,
+            })
+        })
+    }
+
+    pub fn mesh(&self) -> Result<Box<Cells>, Error> {
+        guarded(|| self.cells(&self.0.images))
+    }
+
+    pub fn domain_mesh(&self) -> Result<Box<Cells>, Error> {
+        guarded(|| self.cells(self.0.mesh.nodes()))
+    }
+
+    fn cells(&self, nodes: &[solidmap::Point]) -> Result<Box<Cells>, Error> {
+        let mesh = &self.0.mesh;
+        let (cells, regions) = (mesh.cells().clone(), mesh.regions().to_vec());
+        Ok(Box::new(Cells(CellMesh::new(nodes.to_vec(), cells, regions)?)))
+    }
+}

@@ -1,0 +1,276 @@
+use super::calls;
+use super::distance::SignedDistanceField;
+use super::error::CgalTetgenError;
+use super::input::{check_closed, check_numbers, flat, meeting_triangles, solid, surface as surface_of};
+use super::tetrahedra::{check_count, check_option};
+use crate::Point;
+use crate::mesh::SurfaceMesh;
+use crate::mesh::topology::{ComponentShape, Topology};
+
+/// Newton steps of the projection; away from creases one is enough, and at a crease none are.
+const PROJECTION_STEPS: usize = 5;
+
+/// How [`offset_surface`] works.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OffsetOptions {
+    /// Finest detail of the surface, in model units: about its edge length. Gaps narrower than twice this are filled.
+    /// Half of the distance when `None`; larger values let the surface sink towards the model.
+    pub alpha: Option<f64>,
+    /// Rounds of remeshing and projection after the wrap; 0 returns the wrap, which keeps the distance to about 1 %.
+    pub rounds: usize,
+    /// How often `alpha` may be halved when a surface does not pass its checks.
+    pub retries: usize,
+    /// Smallest distance to the model that the surface may have, as a fraction of the distance asked for; measured at
+    /// vertices and centroids.
+    pub min_fraction: f64,
+    /// Genus that the surface must have. The genus that an offset should have depends on the distance and is not
+    /// known beforehand, so it is only reported when `None`.
+    pub genus: Option<usize>,
+    /// Triangles that may be asked for; time and memory grow with them.
+    pub max_triangles: usize,
+}
+
+impl Default for OffsetOptions {
+    fn default() -> Self {
+        Self {
+            alpha: None,
+            rounds: 3,
+            retries: 2,
+            min_fraction: 0.5,
+            genus: None,
+            max_triangles: 2_000_000,
+        }
+    }
+}
+
+/// A surface around a model, as [`offset_surface`] makes it. Lengths are in model units.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OffsetSurface {
+    /// Closed, manifold, oriented outward, without self-intersections, and clear of the model.
+    pub mesh: SurfaceMesh,
+    /// Largest error of the distance at vertices. Large at creases alone, where no vertex can keep the distance.
+    pub vertex_error: f64,
+    /// Largest error of the distance at the triangles' centroids: how far flat triangles cut the corner.
+    pub centroid_error: f64,
+    /// Smallest signed distance to the model over vertices and centroids.
+    pub min_distance: f64,
+    /// Handles, summed over the components.
+    pub genus: usize,
+    /// Handles of the model's outer shells, when they are manifold. A distance beyond half of a hole's width closes the
+    /// hole, so a smaller genus is right there and a sign of too large an `alpha` elsewhere.
+    pub model_genus: Option<usize>,
+    /// Connected components. Bodies closer than twice the distance share one.
+    pub components: usize,
+    /// `alpha` of the wrap it was made from.
+    pub alpha: f64,
+    /// How often `alpha` was halved.
+    pub retries: usize,
+    /// Whether no projected surface passed the checks, so that this is the wrap as it came.
+    pub raw_wrap: bool,
+}
+
+/// A surface at `distance` (model units) outside a closed surface.
+///
+/// An alpha wrap is remeshed, its vertices are moved onto the level of the distance, and the result is checked; when
+/// it fails, the wrap is made finer, and when every projected surface fails, the wrap itself is returned. The model
+/// may intersect itself. Cavities get no offset: the surface surrounds the model from outside only.
+///
+/// # Errors
+///
+/// [`CgalTetgenError::InvalidInput`] for a model that is empty, not finite or open, [`CgalTetgenError::TooFine`] when
+/// `max_triangles` do not suffice, [`CgalTetgenError::Topology`] when the genus asked for was not found,
+/// [`CgalTetgenError::OffsetFailed`] when no surface passed its checks.
+///
+/// # References
+///
+/// Portaneri, Rouxel-Labbé, Hemmer, Cohen-Steiner, Alliez, *Alpha wrapping with an offset*, ACM Trans. Graph. 41
+/// (2022).
+pub fn offset_surface(
+    surface: &SurfaceMesh,
+    distance: f64,
+    options: &OffsetOptions,
+) -> Result<OffsetSurface, CgalTetgenError> {
+    let valid = distance.is_finite() && distance > 0.0;
+    check_option("distance", distance, valid, "positive and finite")?;
+    let first_alpha = options.alpha.unwrap_or(distance / 2.0);
+    let valid = first_alpha.is_finite() && first_alpha > 0.0;
+    check_option("alpha", first_alpha, valid, "positive and finite")?;
+    check_numbers(surface)?;
+    check_closed(&Topology::new(surface))?;
+
+    let job = Job::new(surface, distance, options)?;
+    let mut fallback = None;
+    let mut failure = None;
+    let mut alpha = first_alpha;
+    for retries in 0..=options.retries {
+        if let Err(error) = job.check_size(alpha) {
+            // The first size is the caller's; finer ones are only hoped for.
+            failure.get_or_insert(error);
+            break;
+        }
+        let wrap = job.wrap(alpha)?;
+        if options.rounds > 0 {
+            let made = job
+                .projected(&wrap, alpha)
+                .and_then(|mesh| job.accept(mesh, alpha, retries, false));
+            match made {
+                Ok(result) => return Ok(result),
+                Err(error) if error.is_end_of_worker() => return Err(error),
+                Err(error) => failure = Some(error),
+            }
+        }
+        match job.accept(wrap, alpha, retries, true) {
+            Ok(result) if options.rounds == 0 => return Ok(result),
+            Ok(result) => fallback = Some(result),
+            Err(error) if error.is_end_of_worker() => return Err(error),
+            Err(error) => failure = Some(error),
+        }
+        alpha /= 2.0;
+    }
+    match (fallback, failure) {
+        (Some(result), _) => Ok(result),
+        (None, Some(error)) => Err(error),
+        (None, None) => Err(CgalTetgenError::EmptyResult),
+    }
+}
+
+/// One model and distance, over all attempts.
+struct Job<'a> {
+    model: &'a SurfaceMesh,
+    model_genus: Option<usize>,
+    field: SignedDistanceField,
+    distance: f64,
+    options: &'a OffsetOptions,
+}
+
+impl<'a> Job<'a> {
+    fn new(model: &'a SurfaceMesh, distance: f64, options: &'a OffsetOptions) -> Result<Self, CgalTetgenError> {
+        let solid = solid(model, &Topology::new(model)).ok();
+        Ok(Self {
+            model,
+            model_genus: solid.and_then(|solid| solid.outer_genus).map(|genus| genus as usize),
+            field: SignedDistanceField::new(model)?,
+            distance,
+            options,
+        })
+    }
+
+    /// Refuses sizes that would take all memory. The surface's area is estimated from below by the model's box, from
+    /// above by the model's own area and a sphere of the distance.
+    fn check_size(&self, alpha: f64) -> Result<(), CgalTetgenError> {
+        let reach = self.model.diagonal() + 2.0 * self.distance;
+        let area = self.model.area().min(std::f64::consts::PI * reach * reach)
+            + 4.0 * std::f64::consts::PI * self.distance * self.distance;
+        // Wrap triangles have edges of about 1.36 alpha, and remeshing to alpha doubles their number.
+        let triangles = 2.5 * area / (alpha * alpha);
+        check_count("triangles", triangles, self.options.max_triangles as f64)
+    }
+
+    fn wrap(&self, alpha: f64) -> Result<SurfaceMesh, CgalTetgenError> {
+        let triangles = self.model.triangles().as_flattened();
+        let options = [alpha, self.distance];
+        surface_of(&calls::wrap(&flat(self.model.vertices()), triangles, &options)?)
+    }
+
+    fn projected(&self, wrap: &SurfaceMesh, alpha: f64) -> Result<SurfaceMesh, CgalTetgenError> {
+        let mut mesh = wrap.clone();
+        for _ in 0..self.options.rounds {
+            let remeshed = calls::remesh(&flat(mesh.vertices()), mesh.triangles().as_flattened(), alpha)?;
+            let (vertices, triangles) = surface_of(&remeshed)?.into_parts();
+            mesh = SurfaceMesh::new(self.on_level(vertices)?, triangles)?;
+        }
+        Ok(mesh)
+    }
+
+    /// Points moved along the gradient of the distance until it is the one asked for.
+    fn on_level(&self, mut points: Vec<Point>) -> Result<Vec<Point>, CgalTetgenError> {
+        for _ in 0..PROJECTION_STEPS {
+            let mut error = 0.0f64;
+            let closest_points = self.field.try_closest_points(&points)?;
+            for (p, closest) in points.iter_mut().zip(closest_points) {
+                let away = *p - closest;
+                let length = away.norm();
+                if length > 0.0 {
+                    error = error.max((length - self.distance).abs());
+                    *p = closest + away * (self.distance / length);
+                }
+            }
+            if error <= 1e-14 * self.distance {
+                break;
+            }
+        }
+        Ok(points)
+    }
+
+    /// The surface with its measures, or why it cannot be used.
+    fn accept(
+        &self,
+        mesh: SurfaceMesh,
+        alpha: f64,
+        retries: usize,
+        raw_wrap: bool,
+    ) -> Result<OffsetSurface, CgalTetgenError> {
+        let failed = |reason: String| CgalTetgenError::OffsetFailed {
+            attempts: retries + 1,
+            reason,
+        };
+        let topology = Topology::new(&mesh);
+        let shapes = topology.components().shapes;
+        let genus: Option<u64> = shapes.iter().map(ComponentShape::genus).sum();
+        let (Some(genus), true) = (genus, bounds_a_solid(&mesh, &topology)) else {
+            return Err(failed("the surface is not closed and manifold".into()));
+        };
+        let genus = genus as usize;
+        let crossings = self.crossings(&mesh)?;
+        if crossings > 0 {
+            return Err(failed(format!("{crossings} pairs of triangles intersect")));
+        }
+        let at_vertices = self.field.try_distance(mesh.vertices())?;
+        let centroid = |t: usize| Point::from(mesh.corners(t).iter().map(|p| p.coords).sum::<crate::Vector>() / 3.0);
+        let centroids: Vec<Point> = (0..mesh.triangles().len()).map(centroid).collect();
+        let at_centroids = self.field.try_distance(&centroids)?;
+        let min_distance = at_vertices
+            .iter()
+            .chain(&at_centroids)
+            .copied()
+            .fold(f64::INFINITY, f64::min);
+        if min_distance < self.options.min_fraction * self.distance {
+            return Err(failed(format!("it comes as near as {min_distance:e} to the model")));
+        }
+        match self.options.genus {
+            Some(want) if want != genus => return Err(CgalTetgenError::Topology { got: genus, want }),
+            _ => {}
+        }
+        let error = |distances: &[f64]| distances.iter().map(|d| (d - self.distance).abs()).fold(0.0, f64::max);
+        Ok(OffsetSurface {
+            vertex_error: error(&at_vertices),
+            centroid_error: error(&at_centroids),
+            mesh,
+            min_distance,
+            genus,
+            model_genus: self.model_genus,
+            components: shapes.len(),
+            alpha,
+            retries,
+            raw_wrap,
+        })
+    }
+
+    /// Intersecting pairs with at least one triangle of `mesh`: of itself, or of it and the model.
+    fn crossings(&self, mesh: &SurfaceMesh) -> Result<usize, CgalTetgenError> {
+        let own = mesh.triangles().len();
+        let shift = mesh.vertices().len() as u32;
+        let vertices = [mesh.vertices(), self.model.vertices()].concat();
+        let of_model = self.model.triangles().iter().map(|t| t.map(|v| v + shift));
+        let triangles = mesh.triangles().iter().copied().chain(of_model).collect();
+        let pairs = meeting_triangles(&SurfaceMesh::new(vertices, triangles)?, f64::INFINITY)?;
+        Ok(pairs.iter().filter(|pair| (pair[0] as usize) < own).count())
+    }
+}
+
+/// Closed, two triangles at every edge, one fan at every vertex, all oriented outward.
+fn bounds_a_solid(mesh: &SurfaceMesh, topology: &Topology) -> bool {
+    let is_manifold = topology.is_edge_manifold() && topology.non_manifold_vertices().is_empty();
+    let is_oriented = topology.orientation().inconsistent_edges.is_empty() && mesh.volume() > 0.0;
+    topology.is_closed() && is_manifold && is_oriented
+}

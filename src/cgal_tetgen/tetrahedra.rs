@@ -1,0 +1,419 @@
+use std::collections::HashMap;
+use std::time::Duration;
+
+use rayon::prelude::*;
+
+use super::calls;
+use super::error::CgalTetgenError;
+use super::input::{Solid, check_manifold, check_solid, flat, points, sorted};
+use crate::Point;
+use crate::mesh::topology::{DisjointSets, Topology};
+use crate::mesh::{SurfaceMesh, TetMesh};
+
+/// Tetrahedra that a mesher is asked for at most; about 100 GB at this count.
+const MOST_TETS: f64 = 2e8;
+
+/// How [`tetrahedralize`] refines. The boundary is kept as it is in any case, which bounds the quality next to it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TetOptions {
+    /// Largest ratio of a tetrahedron's circumradius to its shortest edge, at least 1.1; 1.4 to 2 is usual. `None`
+    /// adds only the vertices that recovering the boundary takes.
+    pub radius_edge_ratio: Option<f64>,
+    /// Smallest dihedral angle aimed for, in degrees, 0 to 20. Needs `radius_edge_ratio`.
+    pub min_dihedral: f64,
+    /// Volume of a tetrahedron to aim for, in cubic model units. Those next to the boundary, which must not be split,
+    /// stay as large as its triangles make them.
+    pub max_volume: Option<f64>,
+    /// Bytes that this process and a worker may take together, by [`memory_estimate`]: more is refused before anything is
+    /// made. No limit when `None`.
+    pub memory: Option<u64>,
+}
+
+impl Default for TetOptions {
+    fn default() -> Self {
+        Self {
+            radius_edge_ratio: Some(1.414),
+            min_dihedral: 0.0,
+            max_volume: None,
+            memory: None,
+        }
+    }
+}
+
+/// How fine [`tetrahedralize_mesh3`] meshes. Lengths are in model units.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mesh3Options {
+    /// Largest circumradius of a tetrahedron, and of the balls that facets and sharp edges are measured by; a
+    /// twentieth of the bounding box's diagonal when `None`.
+    pub cell_size: Option<f64>,
+    /// Largest distance between the mesh's boundary and the surface, at the facets' centres; a twentieth of
+    /// `cell_size` when `None`.
+    pub facet_distance: Option<f64>,
+    /// Edges whose triangles' normals differ by more than this many degrees are kept, 0 to 180.
+    pub feature_angle: f64,
+    /// After this time the attempt is an error: sharp edges that nearly touch can take any time to protect. At most
+    /// 10^6 s.
+    pub time_limit: Duration,
+    /// As in [`TetOptions`].
+    pub memory: Option<u64>,
+}
+
+impl Default for Mesh3Options {
+    fn default() -> Self {
+        Self {
+            cell_size: None,
+            facet_distance: None,
+            feature_angle: 60.0,
+            time_limit: Duration::from_secs(300),
+            memory: None,
+        }
+    }
+}
+
+/// Tetrahedra that fill the solid and keep its boundary, by TetGen.
+///
+/// The vertices begin with those of `surface`, bit by bit; vertices that TetGen adds follow, all of them inside. The
+/// boundary of the result is made of the triangles of `surface`. Tetrahedra are right-handed. Cavities stay empty and
+/// separate bodies are all filled. One run at a time in a process, since TetGen is not reentrant; other calls wait.
+///
+/// # Errors
+///
+/// [`CgalTetgenError::InvalidInput`] for a surface that is open, degenerate, flat, with coincident or unused vertices,
+/// [`CgalTetgenError::SelfIntersection`] for one that passes through itself, and one error for each way in which the mesh
+/// could be wrong: nothing is returned unless boundary, prefix, handedness and volume have been checked.
+pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<TetMesh, CgalTetgenError> {
+    // The search for self-intersections alone takes much; the tetrahedra are counted when the volume is known.
+    check_memory(surface, 0.0, options.memory)?;
+    let topology = Topology::new(surface);
+    let solid = check_solid(surface, &topology)?;
+    check_tet_options(options, &solid)?;
+    // Refinement halves what is too large, so tetrahedra end at about half of the bound.
+    let tets = options.max_volume.map_or(0.0, |volume| 2.0 * solid.volume / volume);
+    check_memory(surface, tets, options.memory)?;
+
+    let asked = [
+        options.radius_edge_ratio.unwrap_or(0.0),
+        options.min_dihedral,
+        options.max_volume.unwrap_or(0.0),
+    ];
+    let out = calls::tetgen(&flat(surface.vertices()), surface.triangles().as_flattened(), &asked)?;
+    let tets = out.corners.as_chunks::<4>().0;
+    if tets.is_empty() {
+        return Err(CgalTetgenError::EmptyResult);
+    }
+    let vertices = points(&out.xyz);
+    check_prefix(surface.vertices(), &vertices)?;
+
+    let inside = inside_tets(surface, tets)?;
+    let mesh = compacted(vertices, inside, surface.vertices().len())?;
+    let mesh = right_handed(mesh)?;
+    // Boundary and interior are exact, so only rounding is left: a part in 10^9 of the volume, generously.
+    check_volume(&mesh, solid.volume, 1e-9 * solid.volume)?;
+    Ok(mesh)
+}
+
+/// Tetrahedra that fill the solid, by CGAL's Delaunay refinement: a second opinion on [`tetrahedralize`].
+///
+/// The boundary is sampled anew to within `facet_distance`, sharp edges are kept, and no vertex of `surface` need
+/// appear. Tetrahedra are right-handed. Cavities stay empty and separate bodies are all filled, provided that they are
+/// larger than `cell_size`. Its only randomness is seeded.
+///
+/// # Errors
+///
+/// As [`tetrahedralize`]; [`CgalTetgenError::VolumeMismatch`] when the volume is further from the surface's than
+/// `facet_distance` explains, as it is where parts or gaps are thinner than the mesh is fine.
+pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Result<TetMesh, CgalTetgenError> {
+    check_memory(surface, 0.0, options.memory)?;
+    let topology = Topology::new(surface);
+    let solid = check_solid(surface, &topology)?;
+    check_manifold(&topology)?;
+    let cell_size = options.cell_size.unwrap_or(surface.diagonal() / 20.0);
+    let facet_distance = options.facet_distance.unwrap_or(cell_size / 20.0);
+    check_mesh3_options(cell_size, facet_distance, options, &solid)?;
+    check_memory(surface, 2.0 * solid.volume / cell_size.powi(3), options.memory)?;
+
+    // CGAL works with squares and absolute bounds: at 1e-20 it crashes. A power of two scales without rounding.
+    let unit = surface.diagonal().log2().round().exp2();
+    let (edge_size, facet_size) = (cell_size / unit, cell_size / unit);
+    // Refinement is proved to end up to 30 degrees and from a ratio of 2.
+    let (facet_angle, cell_radius_edge_ratio) = (25.0, 2.0);
+    let sizes = [
+        edge_size,
+        facet_size,
+        facet_angle,
+        facet_distance / unit,
+        cell_size / unit,
+        cell_radius_edge_ratio,
+        options.feature_angle,
+        options.time_limit.as_secs_f64(),
+    ];
+    let triangles = surface.triangles().as_flattened();
+    let mut xyz = flat(surface.vertices());
+    xyz.iter_mut().for_each(|coordinate| *coordinate /= unit);
+    let mut out = calls::mesh3(&xyz, triangles, &sizes)?;
+    out.xyz.iter_mut().for_each(|coordinate| *coordinate *= unit);
+    let tets = out.corners.as_chunks::<4>().0;
+    if tets.is_empty() {
+        return Err(CgalTetgenError::EmptyResult);
+    }
+    let mesh = right_handed(TetMesh::new(points(&out.xyz), tets.to_vec())?)?;
+    check_volume(&mesh, solid.volume, 2.0 * facet_distance * surface.area())?;
+    Ok(mesh)
+}
+
+/// Memory at the peak of a run that makes so many tetrahedra (or 8 a vertex, as without a bound on their volume), in
+/// bytes, a worker's included; within 30 % of the peaks of TetGen's runs with 130 000 to 1 200 000 tetrahedra and 15 000 to
+/// 134 000 vertices (x86-64, Linux).
+pub fn memory_estimate(vertices: usize, tets: f64) -> u64 {
+    let tets = tets.max(8.0 * vertices as f64);
+    (PROGRAM + PER_VERTEX * vertices as f64 + PER_TET * tets) as u64
+}
+
+/// Bytes of the program, twice.
+const PROGRAM: f64 = 30e6;
+/// Bytes for each vertex of the surface: most of them while CGAL looks for self-intersections.
+const PER_VERTEX: f64 = 4200.0;
+/// Bytes for each tetrahedron, in TetGen and on this side.
+const PER_TET: f64 = 280.0;
+
+fn check_memory(surface: &SurfaceMesh, tets: f64, allowed: Option<u64>) -> Result<(), CgalTetgenError> {
+    let need = memory_estimate(surface.vertices().len(), tets);
+    match allowed {
+        Some(allowed) if need > allowed => Err(CgalTetgenError::TooLarge { need, allowed }),
+        _ => Ok(()),
+    }
+}
+
+fn check_tet_options(options: &TetOptions, solid: &Solid) -> Result<(), CgalTetgenError> {
+    if let Some(ratio) = options.radius_edge_ratio {
+        let valid = (1.1..1e6).contains(&ratio);
+        check_option(
+            "radius_edge_ratio",
+            ratio,
+            valid,
+            "at least 1.1, or refinement may never end",
+        )?;
+    }
+    let angle = options.min_dihedral;
+    check_option(
+        "min_dihedral",
+        angle,
+        (0.0..=20.0).contains(&angle),
+        "between 0 and 20 degrees",
+    )?;
+    if let Some(volume) = options.max_volume {
+        let valid = volume.is_finite() && volume > 0.0;
+        check_option("max_volume", volume, valid, "positive and finite")?;
+        // Refinement halves what is too large, so tetrahedra end at about half of the bound.
+        check_count("tetrahedra", 2.0 * solid.volume / volume, MOST_TETS)?;
+    }
+    Ok(())
+}
+
+fn check_mesh3_options(
+    cell_size: f64,
+    facet_distance: f64,
+    options: &Mesh3Options,
+    solid: &Solid,
+) -> Result<(), CgalTetgenError> {
+    for (name, size) in [("cell_size", cell_size), ("facet_distance", facet_distance)] {
+        check_option(name, size, size.is_finite() && size > 0.0, "positive and finite")?;
+    }
+    let angle = options.feature_angle;
+    check_option(
+        "feature_angle",
+        angle,
+        (0.0..=180.0).contains(&angle),
+        "between 0 and 180 degrees",
+    )?;
+    let seconds = options.time_limit.as_secs_f64();
+    check_option("time_limit", seconds, seconds <= 1e6, "at most 10^6 s")?;
+    // A regular tetrahedron of circumradius r has the volume 8 r³ / (9 √3).
+    check_count("tetrahedra", 2.0 * solid.volume / cell_size.powi(3), MOST_TETS)
+}
+
+pub(super) fn check_option(
+    name: &'static str,
+    value: f64,
+    valid: bool,
+    requirement: &'static str,
+) -> Result<(), CgalTetgenError> {
+    valid.then_some(()).ok_or(CgalTetgenError::InvalidOption {
+        name,
+        value,
+        requirement,
+    })
+}
+
+pub(super) fn check_count(kind: &'static str, elements: f64, limit: f64) -> Result<(), CgalTetgenError> {
+    let few = elements <= limit;
+    few.then_some(())
+        .ok_or(CgalTetgenError::TooFine { kind, elements, limit })
+}
+
+fn check_prefix(input: &[Point], output: &[Point]) -> Result<(), CgalTetgenError> {
+    let same = |k: usize| {
+        output
+            .get(k)
+            .is_some_and(|p| (0..3).all(|i| p[i].to_bits() == input[k][i].to_bits()))
+    };
+    match (0..input.len()).find(|&k| !same(k)) {
+        Some(vertex) => Err(CgalTetgenError::VertexChanged { vertex }),
+        None => Ok(()),
+    }
+}
+
+fn check_volume(mesh: &TetMesh, want: f64, tolerance: f64) -> Result<(), CgalTetgenError> {
+    let got = mesh.volume();
+    if (got - want).abs() <= tolerance {
+        Ok(())
+    } else {
+        Err(CgalTetgenError::VolumeMismatch { got, want })
+    }
+}
+
+/// The tetrahedra that an odd number of input triangles separates from the outside.
+///
+/// TetGen fills cavities. Walking inwards from the hull and counting the input triangles passed needs no point inside
+/// each cavity, no orientation, and notices a boundary that leaks.
+fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, CgalTetgenError> {
+    let input: HashMap<[u32; 3], usize> = surface
+        .triangles()
+        .iter()
+        .enumerate()
+        .map(|(t, &corners)| (sorted(corners), t))
+        .collect();
+    let mut found = vec![false; input.len()];
+    let outside = tets.len() as u32;
+    // Tetrahedron t and the outside stand there twice: as 2t on their own side and as 2t + 1 on the other. A face of
+    // the boundary joins one's own side with the other's other.
+    let mut sides = DisjointSets::new(2 * (tets.len() + 1));
+    let count = surface.vertices().len() as u32;
+    for uses in sorted_faces(tets).chunk_by(|a, b| a >> 32 == b >> 32) {
+        let face = [(uses[0] >> 96) as u32, (uses[0] >> 64) as u32, (uses[0] >> 32) as u32];
+        let triangle = if face[2] < count { input.get(&face) } else { None };
+        if let Some(&t) = triangle {
+            found[t] = true;
+        }
+        let first = 2 * (uses[0] as u32);
+        let second = 2 * uses.get(1).map_or(outside, |&u| u as u32);
+        let crossed = u32::from(triangle.is_some());
+        sides.unite(first, second + crossed);
+        sides.unite(first + 1, second + 1 - crossed);
+        if uses.len() > 2 || sides.find(first) == sides.find(first + 1) {
+            let triangle = triangle.copied().unwrap_or(found.len());
+            return Err(CgalTetgenError::BoundaryChanged { triangle });
+        }
+    }
+    if let Some(triangle) = found.iter().position(|&f| !f) {
+        return Err(CgalTetgenError::BoundaryChanged { triangle });
+    }
+    let other_side = sides.find(2 * outside + 1);
+    let is_inside = |&t: &usize| sides.find(2 * t as u32) == other_side;
+    Ok((0..tets.len()).filter(is_inside).map(|t| tets[t]).collect())
+}
+
+/// Every face of every tetrahedron as one number, corners ascending and tetrahedron last, so that the two uses of a
+/// face are neighbours.
+fn sorted_faces(tets: &[[u32; 4]]) -> Vec<u128> {
+    let of_tet = |(t, &[a, b, c, d]): (usize, &[u32; 4])| {
+        [[b, c, d], [a, c, d], [a, b, d], [a, b, c]].map(|face| {
+            let [p, q, r] = sorted(face).map(u128::from);
+            p << 96 | q << 64 | r << 32 | t as u128
+        })
+    };
+    let mut faces: Vec<u128> = tets.iter().enumerate().flat_map(of_tet).collect();
+    faces.par_sort_unstable();
+    faces
+}
+
+/// The mesh without the vertices that no tetrahedron uses; the first `kept` stay in any case.
+fn compacted(vertices: Vec<Point>, tets: Vec<[u32; 4]>, kept: usize) -> Result<TetMesh, CgalTetgenError> {
+    let mut used = vec![false; vertices.len()];
+    used[..kept].fill(true);
+    tets.iter().flatten().for_each(|&v| used[v as usize] = true);
+    let mut number = vec![0u32; vertices.len()];
+    let mut next = 0;
+    for (number, &used) in number.iter_mut().zip(&used) {
+        *number = next;
+        next += u32::from(used);
+    }
+    let vertices = vertices
+        .into_iter()
+        .zip(used)
+        .filter(|&(_, used)| used)
+        .map(|(p, _)| p)
+        .collect();
+    let tets = tets.into_iter().map(|t| t.map(|v| number[v as usize])).collect();
+    Ok(TetMesh::new(vertices, tets)?)
+}
+
+/// The mesh with every tetrahedron right-handed. The meshers give all of them one hand, so the first decides nothing:
+/// the volume does, and a tetrahedron of the other sign is one whose volume is lost in rounding.
+fn right_handed(mesh: TetMesh) -> Result<TetMesh, CgalTetgenError> {
+    let mesh = if mesh.volume() < 0.0 {
+        let turned = mesh.tets().iter().map(|&[a, b, c, d]| [b, a, c, d]).collect();
+        TetMesh::new(mesh.vertices().to_vec(), turned)?
+    } else {
+        mesh
+    };
+    let positive = |t: usize| mesh.signed_volume(t) > 0.0;
+    match (0..mesh.tets().len()).find(|&t| !positive(t)) {
+        Some(tet) => Err(CgalTetgenError::FlatTetrahedron { tet }),
+        None => Ok(mesh),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Vector;
+    use crate::mesh::shapes;
+
+    /// TetGen without any check before it.
+    fn unchecked(surface: &SurfaceMesh, ratio: f64) -> Result<calls::Mesh, CgalTetgenError> {
+        let options = [ratio, 0.0, 0.0];
+        calls::tetgen(&flat(surface.vertices()), surface.triangles().as_flattened(), &options)
+    }
+
+    /// Each of these ends the process in an unprepared libtet.
+    #[test]
+    fn errors_of_tetgen_arrive_as_errors() {
+        let ball = shapes::sphere(1.0, 2);
+        let shifted = shapes::deformed(&ball, |p| p + Vector::new(0.8, 0.1, 0.2));
+        let mut doubled = ball.triangles().to_vec();
+        doubled.push([doubled[0][1], doubled[0][0], doubled[0][2]]);
+        let doubled = SurfaceMesh::new(ball.vertices().to_vec(), doubled).unwrap();
+        for surface in [shapes::joined(&ball, &shifted), doubled] {
+            for ratio in [0.0, 1.414] {
+                assert_eq!(
+                    unchecked(&surface, ratio).err(),
+                    Some(CgalTetgenError::NearIntersection)
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn tetgen_leaves_cavities_to_be_emptied_here() {
+        let shell = shapes::spherical_shell(1.0, 0.5, 2);
+        let filled = unchecked(&shell, 0.0).unwrap();
+        let tets = filled.corners.as_chunks::<4>().0;
+        let inside = inside_tets(&shell, tets).unwrap();
+        assert!(inside.len() < tets.len());
+    }
+
+    #[test]
+    fn a_missing_boundary_triangle_is_named() {
+        let ball = shapes::sphere(1.0, 1);
+        let filled = unchecked(&ball, 0.0).unwrap();
+        let tets = filled.corners.as_chunks::<4>().0;
+        let mut triangles = ball.triangles().to_vec();
+        triangles[7] = [0, 1, 2];
+        let other = SurfaceMesh::new(ball.vertices().to_vec(), triangles).unwrap();
+        assert!(matches!(
+            inside_tets(&other, tets),
+            Err(CgalTetgenError::BoundaryChanged { .. })
+        ));
+    }
+}

@@ -1,0 +1,21 @@
+//! Tests of the library through its public interface, in one program, which links once.
+
+mod analytic;
+mod cancel;
+mod certificate;
+#[cfg(feature = "native")]
+mod cgal_tetgen;
+mod common;
+mod compare;
+mod invariance;
+mod inverse;
+mod io;
+#[cfg(feature = "native")]
+mod oracles;
+mod pair;
+mod remesh;
+mod schwarz;
+mod sequence;
+mod spherical;
+mod texture;
+mod transfer;
