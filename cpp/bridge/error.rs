@@ -240,7 +240,7 @@ mod tests {
         let error = guarded::<()>(|| panic!("{} of {}", 3, 2)).unwrap_err();
         assert_eq!(error.category, Category::Internal);
         assert!(
-            error.message.contains("3 of 2") && error.message.contains("src/ffi/error.rs:"),
+            error.message.contains("3 of 2") && error.message.contains("bridge/error.rs:"),
             "{error}"
         );
         // Also one of another thread.

@@ -69,7 +69,7 @@ impl TetMesh {
     }
 
     /// The vertices and the tetrahedra.
-    pub(crate) fn into_parts(self) -> (Vec<Point>, Vec<[u32; 4]>) {
+    pub fn into_parts(self) -> (Vec<Point>, Vec<[u32; 4]>) {
         (self.vertices, self.tets)
     }
 
