@@ -61,7 +61,7 @@ pub fn prepare(criterion: &mut Criterion) {
     group.sample_size(10);
     group.throughput(Throughput::Elements(mesh.vertices().len() as u64));
     group.bench_function("check/100k", |b| {
-        b.iter(|| (check::check(&mesh, None), check::mend(&mesh)))
+        b.iter(|| (check::check(&mesh, None), check::repair(&mesh)))
     });
     group.bench_function("anchors/all", |b| b.iter(|| Anchors::choose(&mesh, usize::MAX)));
     group.bench_function("anchors/quarter", |b| b.iter(|| Anchors::choose(&mesh, 25_000)));

@@ -1,8 +1,7 @@
-//! How long work tells how far it is, and how it is ended early.
+//! Progress callbacks of long work, and cancellation through them.
 //!
-//! Whoever takes a progress callback takes one that returns nothing or a [`ControlFlow`]: [`ControlFlow::Break`] ends the
-//! work with the error `Cancelled` of its stage. Callbacks run on the calling thread, at least once in every iteration of
-//! a solver.
+//! A progress callback returns nothing, or a [`ControlFlow`]: [`ControlFlow::Break`] cancels the work, which then returns the
+//! error `Cancelled` of its stage. Callbacks run on the calling thread, at least once in every iteration of a solver.
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -10,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
-/// What a progress callback returns: nothing, or whether to go on.
+/// What a progress callback returns: nothing, or whether to continue.
 ///
 /// ```
 /// use std::ops::ControlFlow;
@@ -28,115 +27,118 @@ use std::time::Duration;
 /// assert!(matches!(ended, Err(FitError::Cancelled)));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub trait Answer {
-    /// Whether to go on.
-    fn flow(self) -> ControlFlow<()>;
+pub trait ProgressResponse {
+    /// Whether to continue.
+    fn control_flow(self) -> ControlFlow<()>;
 }
 
-impl Answer for () {
-    fn flow(self) -> ControlFlow<()> {
+impl ProgressResponse for () {
+    fn control_flow(self) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
 }
 
-impl Answer for ControlFlow<()> {
-    fn flow(self) -> ControlFlow<()> {
+impl ProgressResponse for ControlFlow<()> {
+    fn control_flow(self) -> ControlFlow<()> {
         self
     }
 }
 
-/// How often a callback is asked at least while work runs on other threads.
-const PATIENCE: Duration = Duration::from_millis(100);
+/// Longest time between two calls of the callback while work runs on other threads.
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Does work on rayon's threads, while the calling thread hands on what it tells and asks whether it is to go on. `None`
-/// when it was not; from then on the callback is not asked any more.
-pub(crate) fn attended<T: Copy + Send, R: Send>(
+/// Runs work on rayon's threads, while the calling thread passes its reports to the callback, the latest again where there
+/// is none for a while. `None` when the callback cancelled the work; it is not called again after that.
+pub(crate) fn run_cancellable<T: Copy + Send, R: Send>(
     progress: &dyn Fn(T) -> ControlFlow<()>,
-    work: impl FnOnce(&Reporter<T>) -> R + Send,
+    work: impl FnOnce(&ProgressSender<T>) -> R + Send,
 ) -> Option<R> {
-    let ended = AtomicBool::new(false);
-    let (sender, told) = channel();
+    let cancelled = AtomicBool::new(false);
+    let (sender, reports) = channel();
     let mut result = None;
     rayon::in_place_scope(|scope| {
-        let reporter = Reporter { sender, ended: &ended };
+        let sender = ProgressSender {
+            sender,
+            cancelled: &cancelled,
+        };
         let result = &mut result;
-        scope.spawn(move |_| *result = Some(work(&reporter)));
+        scope.spawn(move |_| *result = Some(work(&sender)));
         let mut latest = None;
         loop {
-            match told.recv_timeout(PATIENCE) {
-                Ok(what) => latest = Some(what),
+            match reports.recv_timeout(POLL_INTERVAL) {
+                Ok(report) => latest = Some(report),
                 Err(RecvTimeoutError::Disconnected) => break,
                 // The work may wait for this very thread, where that is one of rayon's.
                 Err(RecvTimeoutError::Timeout) => drop(rayon::yield_now()),
             }
-            if let Some(what) = latest
-                && !ended.load(Ordering::Relaxed)
-                && progress(what).is_break()
+            if let Some(report) = latest
+                && !cancelled.load(Ordering::Relaxed)
+                && progress(report).is_break()
             {
-                ended.store(true, Ordering::Relaxed);
+                cancelled.store(true, Ordering::Relaxed);
             }
         }
     });
-    result.filter(|_| !ended.into_inner())
+    result.filter(|_| !cancelled.into_inner())
 }
 
-/// Of work that is attended.
-pub(crate) struct Reporter<'a, T> {
+/// The worker's end of [`run_cancellable`].
+pub(crate) struct ProgressSender<'a, T> {
     sender: Sender<T>,
-    ended: &'a AtomicBool,
+    cancelled: &'a AtomicBool,
 }
 
-impl<T> Reporter<'_, T> {
-    /// Tells how far it is.
-    pub fn tell(&self, what: T) -> ControlFlow<()> {
-        // Somebody listens until this is dropped.
-        let _ = self.sender.send(what);
-        if self.goes_on() {
+impl<T> ProgressSender<'_, T> {
+    /// Reports progress; whether to continue.
+    pub fn send(&self, report: T) -> ControlFlow<()> {
+        // The receiver outlives the sender.
+        let _ = self.sender.send(report);
+        if self.should_continue() {
             ControlFlow::Continue(())
         } else {
             ControlFlow::Break(())
         }
     }
 
-    /// Whether the work is wanted still.
-    pub fn goes_on(&self) -> bool {
-        !self.ended.load(Ordering::Relaxed)
+    /// Whether the work has not been cancelled.
+    pub fn should_continue(&self) -> bool {
+        !self.cancelled.load(Ordering::Relaxed)
     }
 }
 
-/// Asks a callback again and again, for loops whose answer is not an error at once.
-pub(crate) struct Watch<'a, T: Copy> {
+/// A callback that can be polled again and again, for loops that leave early and return an error only later.
+pub(crate) struct ProgressMonitor<'a, T: Copy> {
     progress: &'a dyn Fn(T) -> ControlFlow<()>,
     latest: Cell<T>,
-    ended: Cell<bool>,
+    cancelled: Cell<bool>,
 }
 
-impl<'a, T: Copy> Watch<'a, T> {
+impl<'a, T: Copy> ProgressMonitor<'a, T> {
     pub fn new(start: T, progress: &'a dyn Fn(T) -> ControlFlow<()>) -> Self {
         Self {
             progress,
             latest: Cell::new(start),
-            ended: Cell::new(false),
+            cancelled: Cell::new(false),
         }
     }
 
-    /// Tells how far it is.
-    pub fn tell(&self, what: T) {
-        self.latest.set(what);
-        self.goes_on();
+    /// Reports progress.
+    pub fn report(&self, report: T) {
+        self.latest.set(report);
+        self.should_continue();
     }
 
-    /// Tells the latest again; whether to go on. Once it is not, the callback is not asked any more.
-    pub fn goes_on(&self) -> bool {
-        if !self.ended.get() {
-            self.ended.set((self.progress)(self.latest.get()).is_break());
+    /// Calls the callback with the latest report, unless it has cancelled the work; whether to continue.
+    pub fn should_continue(&self) -> bool {
+        if !self.cancelled.get() {
+            self.cancelled.set((self.progress)(self.latest.get()).is_break());
         }
-        !self.ended.get()
+        !self.cancelled.get()
     }
 
-    /// Whether the callback has asked for an end; does not ask it.
-    pub fn has_ended(&self) -> bool {
-        self.ended.get()
+    /// Whether the callback has cancelled the work; does not call it.
+    pub fn is_cancelled(&self) -> bool {
+        self.cancelled.get()
     }
 }
 
@@ -145,62 +147,59 @@ mod tests {
     use super::*;
 
     #[test]
-    fn attended_work_tells_the_calling_thread_and_ends_when_that_says_so() {
+    fn reports_arrive_on_the_calling_thread_which_can_cancel() {
         let caller = std::thread::current().id();
-        let heard = Cell::new(0);
-        let all = attended(
+        let last = Cell::new(0);
+        let all = run_cancellable(
             &|k: usize| {
                 assert_eq!(std::thread::current().id(), caller);
-                heard.set(heard.get().max(k));
+                last.set(last.get().max(k));
                 ControlFlow::Continue(())
             },
-            |reporter| {
+            |sender| {
                 (0..=20)
-                    .map(|k| reporter.tell(k))
-                    .filter(|told| told.is_continue())
+                    .map(|k| sender.send(k))
+                    .filter(ControlFlow::is_continue)
                     .count()
             },
         );
-        assert_eq!((all, heard.get()), (Some(21), 20));
-        // Silent work is asked for all the same, and nobody is asked after an end.
-        let asked = Cell::new(0);
-        let end = attended(
+        assert_eq!((all, last.get()), (Some(21), 20));
+        // The callback is called without new reports too, and not after it has cancelled.
+        let calls = Cell::new(0);
+        let end = run_cancellable(
             &|()| {
-                asked.set(asked.get() + 1);
-                if asked.get() < 3 {
+                calls.set(calls.get() + 1);
+                if calls.get() < 3 {
                     ControlFlow::Continue(())
                 } else {
                     ControlFlow::Break(())
                 }
             },
-            |reporter| {
-                let _ = reporter.tell(());
-                while reporter.goes_on() {
+            |sender| {
+                let _ = sender.send(());
+                while sender.should_continue() {
                     std::thread::yield_now();
                 }
-                let _ = reporter.tell(());
+                let _ = sender.send(());
             },
         );
-        assert_eq!((end, asked.get()), (None, 3));
+        assert_eq!((end, calls.get()), (None, 3));
     }
 
     #[test]
-    fn an_end_at_the_last_word_counts() {
+    fn cancelling_at_the_last_report_counts() {
         assert_eq!(
-            attended(&|()| ControlFlow::Break(()), |reporter| reporter.tell(()).is_break()),
+            run_cancellable(&|()| ControlFlow::Break(()), |sender| sender.send(()).is_break()),
             None
         );
-        assert_eq!(attended(&|()| ControlFlow::Break(()), |_| 7), Some(7));
+        assert_eq!(run_cancellable(&|()| ControlFlow::Break(()), |_| 7), Some(7));
     }
 
     #[test]
-    fn attended_work_runs_in_a_pool_of_one_thread() {
+    fn cancellable_work_runs_in_a_pool_of_one_thread() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        let done = pool.install(|| {
-            attended(&|()| ControlFlow::Continue(()), |reporter| {
-                reporter.tell(()).is_continue()
-            })
-        });
+        let done =
+            pool.install(|| run_cancellable(&|()| ControlFlow::Continue(()), |sender| sender.send(()).is_continue()));
         assert_eq!(done, Some(true));
     }
 }

@@ -93,7 +93,7 @@ fn jacobians_turn_with_the_domain() {
     }
 }
 
-/// Inward faces are mended, not obeyed: the sources stand on the same side, and the map is the same.
+/// Inward faces are repaired, not obeyed: the sources stand on the same side, and the map is the same.
 #[test]
 fn an_inward_domain_gives_the_same_map() {
     let domain = shapes::sphere(1.0, 2);

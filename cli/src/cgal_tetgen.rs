@@ -90,7 +90,7 @@ pub fn tet(args: &TetArgs, output: &Output) -> anyhow::Result<Outcome> {
         vertices: mesh.vertices().len(),
         tets: mesh.tets().len(),
         volume: mesh.volume(),
-        surface_volume: solidmap::check::mend(&surface).0.volume(),
+        surface_volume: solidmap::check::repair(&surface).0.volume(),
         seconds,
     };
     output.result(&report, || {

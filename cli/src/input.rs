@@ -74,8 +74,8 @@ pub fn read_boundary_file(path: &Path, domain: Option<&Path>) -> anyhow::Result<
     let Some(domain) = domain else {
         return Ok(boundary);
     };
-    let (mended, _) = check::mend(&read_surface(domain)?);
-    boundary.over(mended).with_context(|| {
+    let (repaired, _) = check::repair(&read_surface(domain)?);
+    boundary.over(repaired).with_context(|| {
         format!(
             "`{}` is not the domain of `{}`; name the model that the boundary map was made for, or leave it out",
             domain.display(),

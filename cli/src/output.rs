@@ -74,7 +74,7 @@ impl Output {
         self.bar.clone()
     }
 
-    /// A remark to the user, such as what was mended.
+    /// A remark to the user, such as what was repaired.
     pub fn warn(&self, message: impl std::fmt::Display) {
         let message = as_typed(message.to_string());
         self.bar.suspend(|| say(format_args!("warning: {message}")));

@@ -616,7 +616,7 @@ mod bombs {
 mod surfaces {
     use solidmap::Point;
     use solidmap::boundary_map::BoundaryMap;
-    use solidmap::check::{CheckReport, FindingKind, check, close_holes, mend};
+    use solidmap::check::{CheckReport, FindingKind, check, close_holes, repair};
     use solidmap::fit::{FitOptions, fit};
     use solidmap::mesh::{SurfaceMesh, shapes};
 
@@ -634,10 +634,10 @@ mod surfaces {
         assert!(!report.to_string().is_empty());
         in_time("checked", start);
         let start = Instant::now();
-        let (mended, _) = mend(surface);
-        in_time("mended", start);
+        let (repaired, _) = repair(surface);
+        in_time("repaired", start);
         let start = Instant::now();
-        let _ = close_holes(&mended, 8);
+        let _ = close_holes(&repaired, 8);
         in_time("closed", start);
         let start = Instant::now();
         let fitted = fitted(surface);

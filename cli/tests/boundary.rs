@@ -146,7 +146,10 @@ fn folds_and_mirror_images_end_with_1() {
             .ends_with(1, "boundary check domain.obj folded.obj --target domain.obj")
             .stdout,
     );
-    assert!(words.contains("NOT one to one") && words.contains("mend: "), "{words}");
+    assert!(
+        words.contains("NOT one to one") && words.contains("repair: "),
+        "{words}"
+    );
     place.surface(
         "mirrored.obj",
         &shapes::deformed(&domain, |p| Point::new(p.x, p.y, -p.z)),

@@ -512,7 +512,7 @@ fn options_out_of_range_are_refused_at_once() {
     }
 }
 
-/// Faces that look the wrong way are mended before the fit; what follows must see the mended solid.
+/// Faces that look the wrong way are repaired before the fit; what follows must see the repaired solid.
 #[test]
 fn energies_are_those_of_the_mended_domain() {
     let place = Workplace::new();

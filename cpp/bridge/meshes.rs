@@ -139,8 +139,8 @@ impl Surface {
 
     pub fn mended(&self, done: &mut Vec<String>) -> Result<Box<Surface>, Error> {
         guarded(|| {
-            let (mended, mendings) = check::mend(&self.0);
-            done.extend(mendings.iter().map(ToString::to_string));
+            let (mended, repairs) = check::repair(&self.0);
+            done.extend(repairs.iter().map(ToString::to_string));
             boxed(mended)
         })
     }

@@ -4,7 +4,7 @@ use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 
 use solidmap::Point;
-use solidmap::check::{check, close_holes, mend};
+use solidmap::check::{check, close_holes, repair};
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
 
@@ -47,14 +47,14 @@ pub fn named<T, E: std::error::Error>(path: &Path, result: Result<T, E>) -> Opti
 pub fn examine(surface: &SurfaceMesh, most_edges: usize) {
     let report = check(surface, None);
     assert!(!report.to_string().is_empty());
-    let (mended, _) = mend(surface);
-    let again = check(&mended, None);
+    let (repaired, _) = repair(surface);
+    let again = check(&repaired, None);
     assert_eq!(
         report.is_solvable(),
         again.is_solvable(),
         "mending makes no difference to what is solvable"
     );
-    assert!(mend(&mended).1.is_empty(), "what is mended needs no mending");
+    assert!(repair(&repaired).1.is_empty(), "what is repaired needs no repair");
     if let Ok((closed, holes)) = close_holes(surface, most_edges) {
         assert_eq!(holes.is_empty(), closed.triangles().len() == surface.triangles().len());
     }

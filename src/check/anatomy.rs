@@ -1,4 +1,4 @@
-//! What a surface consists of, and which way each part should face. Shared by the examination and the mending.
+//! The parts of a surface and the way each should face, for [`super::check()`] and [`super::repair()`].
 
 use rayon::prelude::*;
 
@@ -17,28 +17,28 @@ pub(super) struct Anatomy<'a> {
     pub shells: Vec<Shell>,
     /// Pairs of shells that are partly inside each other, as far as the vertices looked at tell.
     pub overlaps: Vec<[usize; 2]>,
-    /// So many sound shells are within each other's boxes that nobody can say which enclose which. None of them is called
-    /// sound then.
+    /// Number of sound shells, when so many are within each other's boxes that their nesting is too costly to determine. None
+    /// of them counts as sound then.
     pub crowd: Option<usize>,
 }
 
-/// A component, as what it may bound.
+/// A component as the boundary of a solid or cavity.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Shell {
     /// Closed, edge-manifold, orientable and finite: it has an inside.
     pub is_sound: bool,
     pub area: f64,
-    /// With neighbours made to agree.
+    /// After making its orientation consistent.
     pub volume: f64,
     /// How many others enclose it.
     pub depth: usize,
     pub inside: Option<usize>,
 }
 
-/// The most vertices of a shell by which its place among the others is judged.
+/// Vertices of a shell at most that are tested for being inside other shells.
 const WITNESSES: usize = 32;
 
-/// Winding numbers about vertices that are calculated in all, of small shells: a second's work.
+/// Winding numbers of small shells at most that are calculated in all: about a second.
 const MOST_WORK: usize = 4_000_000;
 
 /// Volume below this fraction of `area^(3/2)` is rounding.
@@ -54,7 +54,7 @@ impl Shell {
         self.depth % 2 == 1
     }
 
-    /// Its normals point into what it should enclose, or away from the cavity.
+    /// A solid that faces inward, or a cavity that faces away from the cavity.
     pub fn faces_wrong_way(&self) -> bool {
         self.has_volume() && (self.volume > 0.0) == self.is_cavity()
     }
@@ -208,22 +208,22 @@ fn nest(mesh: &SurfaceMesh, flip: &[bool], components: &Components, shells: &mut
             .map(|(other, p)| (other, winding_number(other, p)))
             .collect();
         votes.sort_by_key(|vote| vote.0);
-        Verdicts::of(&votes, witnesses.len())
+        Enclosure::of(&votes, witnesses.len())
     };
-    let verdicts: Vec<Verdicts> = witnesses.par_iter().zip(&around).map(votes).collect();
+    let enclosures: Vec<Enclosure> = witnesses.par_iter().zip(&around).map(votes).collect();
     let mut overlaps = Vec::new();
-    for (&shell, verdicts) in sound.iter().zip(&verdicts) {
-        shells[shell].depth = verdicts.enclosing.len();
+    for (&shell, enclosures) in sound.iter().zip(&enclosures) {
+        shells[shell].depth = enclosures.enclosing.len();
         overlaps.extend(
-            verdicts
+            enclosures
                 .overlapping
                 .iter()
                 .map(|&other| sound[other])
                 .map(|other| [shell.min(other), shell.max(other)]),
         );
     }
-    for (&shell, verdicts) in sound.iter().zip(&verdicts) {
-        let enclosing = verdicts.enclosing.iter().map(|&other| sound[other]);
+    for (&shell, enclosures) in sound.iter().zip(&enclosures) {
+        let enclosing = enclosures.enclosing.iter().map(|&other| sound[other]);
         shells[shell].inside = enclosing.max_by_key(|&other| shells[other].depth);
     }
     overlaps.sort_unstable();
@@ -231,33 +231,33 @@ fn nest(mesh: &SurfaceMesh, flip: &[bool], components: &Components, shells: &mut
     Some(overlaps)
 }
 
-/// What the witnesses of a shell say of others.
+/// The shells that enclose a shell, all of it or in part.
 #[derive(Default)]
-struct Verdicts {
+struct Enclosure {
     enclosing: Vec<usize>,
     overlapping: Vec<usize>,
 }
 
-impl Verdicts {
-    /// From the winding numbers of others, sorted by these. Those in whose boxes a witness is not have no vote of it.
+impl Enclosure {
+    /// From the winding numbers of other shells at the witnesses, sorted by shell; none for witnesses outside of its box.
     fn of(votes: &[(usize, f64)], witnesses: usize) -> Self {
-        let mut verdicts = Self::default();
+        let mut found = Self::default();
         for votes in votes.chunk_by(|a, b| a.0 == b.0) {
-            // Where they touch, the winding number is about a half and says nothing.
+            // Where shells touch, the winding number is about a half and decides nothing.
             let within = votes.iter().filter(|vote| vote.1 > 0.75).count();
             let beyond_box = witnesses - votes.len();
             let without = votes.iter().filter(|vote| vote.1 < 0.25).count() + beyond_box;
             if within > 0 && without == 0 {
-                verdicts.enclosing.push(votes[0].0);
+                found.enclosing.push(votes[0].0);
             } else if within > 0 {
-                verdicts.overlapping.push(votes[0].0);
+                found.overlapping.push(votes[0].0);
             }
         }
-        verdicts
+        found
     }
 }
 
-/// What a winding number of so many triangles costs, in those of a few.
+/// Cost of a winding number of so many triangles, in units of that of a few.
 fn work_of(triangles: usize) -> usize {
     1 + (triangles / 32).min(64)
 }
@@ -289,7 +289,7 @@ fn items_around(tree: &Bvh, boxes: &[Aabb], p: &Point) -> Vec<usize> {
     found
 }
 
-/// These triangles, with neighbours made to agree.
+/// These triangles, oriented consistently.
 fn part_of(mesh: &SurfaceMesh, flip: &[bool], triangles: &[u32]) -> SurfaceMesh {
     let corners = |&t: &u32| {
         let [a, b, c] = mesh.corners(t as usize);

@@ -1,12 +1,10 @@
 use std::fmt::{self, Display, Formatter};
 
+use super::text::{write_ids, write_wrapped};
 use super::{CheckReport, ComponentKind, ComponentReport, Finding, SelfIntersections, Severity};
 
 /// Components listed one by one; the rest are counted.
 const LISTED: usize = 12;
-
-/// Ids shown of each sort.
-const SHOWN: usize = 8;
 
 impl Display for CheckReport {
     fn fmt(&self, f: &mut Formatter) -> fmt::Result {
@@ -37,9 +35,9 @@ impl Display for Finding {
             ("edges", edges),
             ("triangles", self.faces.iter().map(u32::to_string).collect()),
         ] {
-            write_ids(f, name, &ids)?;
+            write_ids(f, name, &ids, ids.len())?;
         }
-        write_wrapped(f, "  mend: ", &self.advice)
+        write_wrapped(f, "  repair: ", &self.advice)
     }
 }
 
@@ -139,28 +137,6 @@ fn bounds(component: &ComponentReport) -> String {
         (ComponentKind::Cavity, Some(inside)) => format!("a cavity in {inside}"),
         (ComponentKind::Cavity, None) => "a cavity".to_string(),
     }
-}
-
-fn write_ids(f: &mut Formatter, name: &str, ids: &[String]) -> fmt::Result {
-    if ids.is_empty() {
-        return Ok(());
-    }
-    let more = if ids.len() > SHOWN { ", ..." } else { "" };
-    writeln!(f, "  {name}: {}{more}", ids[..ids.len().min(SHOWN)].join(", "))
-}
-
-/// Lines of 100 characters, the first begun by `label` and the others indented as far.
-fn write_wrapped(f: &mut Formatter, label: &str, text: &str) -> fmt::Result {
-    let mut line = label.to_string();
-    for word in text.split_whitespace() {
-        if line.len() + word.len() > 100 && line.len() > label.len() {
-            writeln!(f, "{}", line.trim_end())?;
-            line = " ".repeat(label.len());
-        }
-        line += word;
-        line += " ";
-    }
-    writeln!(f, "{}", line.trim_end())
 }
 
 /// Four significant digits.

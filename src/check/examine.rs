@@ -11,14 +11,14 @@ use crate::mesh::{SurfaceMesh, lowest_coincident_vertices, welded};
 /// How many ids a finding lists.
 const LISTED: usize = 20;
 
-/// Height below this fraction of the longest side is rounding: the triangle has no area.
+/// A triangle whose height is below this fraction of its longest side has no area but for rounding.
 const NO_HEIGHT: f64 = 1e-12;
 
 /// Examines a surface: what it is, what is wrong with it, where, and what to do about it.
 ///
 /// `self_intersections` finds intersecting triangles, as CGAL does in builds with the `native` feature; without it the
-/// report says that nobody looked. It is handed the triangles that have finite corners and an area, alone; the report
-/// has the numbers of the whole surface. Takes about a second per million triangles.
+/// report says that they were not looked for. It gets only the triangles with finite corners and an area; the report has
+/// indices into the whole surface. Takes about a second per million triangles.
 pub fn check(mesh: &SurfaceMesh, self_intersections: Option<FindSelfIntersections>) -> CheckReport {
     let anatomy = Anatomy::of(mesh);
     let (self_intersections, intersecting) = look_for_self_intersections(mesh, self_intersections);
@@ -101,7 +101,7 @@ fn component_reports(anatomy: &Anatomy) -> Vec<ComponentReport> {
         .collect()
 }
 
-/// Runs the finder on the triangles it can bear and returns pairs of the whole surface's triangles.
+/// Runs the finder on the triangles that it can handle, and returns pairs by indices into the whole surface.
 fn look_for_self_intersections(
     mesh: &SurfaceMesh,
     find: Option<FindSelfIntersections>,
@@ -123,7 +123,7 @@ fn look_for_self_intersections(
     (SelfIntersections::Checked { pairs: pairs.len() }, pairs)
 }
 
-/// The triangles with an area and finite corners, over the vertices they name, and their numbers in the whole.
+/// The triangles with an area and finite corners, over the vertices they name, and their indices in the whole.
 fn proper_part(mesh: &SurfaceMesh) -> (SurfaceMesh, Vec<u32>) {
     let is_proper = |&t: &u32| {
         let corners = mesh.corners(t as usize);
@@ -315,7 +315,7 @@ fn inconsistent_orientation(anatomy: &Anatomy) -> Option<Finding> {
             .at_edges(&edges)
             .at_faces(&faces)
             .says(message)
-            .advises("closed orientable parts are mended before the solve; others: Blender, Recalculate Outside"),
+            .advises("closed orientable parts are repaired before the solve; others: Blender, Recalculate Outside"),
     )
 }
 
@@ -348,7 +348,7 @@ fn cavity_orientation(anatomy: &Anatomy) -> Option<Finding> {
     ))
 }
 
-/// How many shells are wrong, and their triangles.
+/// Number of shells with the wrong orientation, and their triangles.
 fn wrong_way_round(anatomy: &Anatomy, wrong: impl Fn(&Shell) -> bool) -> Option<(usize, Vec<u32>)> {
     let count = anatomy.shells.iter().filter(|shell| wrong(shell)).count();
     let faces = || anatomy.triangles_where(|_, shell| wrong(shell)).collect();

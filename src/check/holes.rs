@@ -12,15 +12,15 @@ use serde::Serialize;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
 
-/// Part of the surface's area that the triangles over all holes may have. What is larger was not a slit but a part that is missing.
+/// Part of the surface's area that the triangles over all holes may have: larger holes are parts that are missing.
 const MOST_AREA: f64 = 0.01;
-/// What the square of a triangle's longest side weighs against its area: enough that triangles in a plane are not flat.
+/// Weight of the square of a triangle's longest side against its area: enough to choose well-shaped triangles in a plane.
 const LONG: f64 = 0.01;
 
 /// The most edges that a rim may have: its triangulation takes 16 bytes times their square and time with their cube.
 pub const MOST_RIM_EDGES: usize = 1000;
 
-/// A hole that was closed.
+/// A hole that has been closed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ClosedHole {
     /// The vertices around it, in order.
@@ -43,7 +43,7 @@ pub enum HoleError {
     },
     /// A rim of too many edges.
     #[error(
-        "a hole of {edges} edges begins at vertex {vertex}, and holes of up to {most} edges are closed; mend it in a mesh \
+        "a hole of {edges} edges begins at vertex {vertex}, and holes of up to {most} edges are closed; repair it in a mesh \
          editor"
     )]
     TooManyEdges {
@@ -56,7 +56,7 @@ pub enum HoleError {
     },
     /// The triangles would be a good part of the surface.
     #[error(
-        "triangles over the holes would have {:.1} % of the surface's area, and 1 % is the most that is made up; mend the \
+        "triangles over the holes would have {:.1} % of the surface's area, and 1 % is the most that is made up; repair the \
          surface in a mesh editor",
         100.0 * .share
     )]
@@ -66,7 +66,7 @@ pub enum HoleError {
     },
     /// A rim that is no loop, or cannot be triangulated without a second triangle on both sides of some edge.
     #[error(
-        "the open edges at vertex {vertex} do not go around a hole that triangles could close; mend it in a mesh editor"
+        "the open edges at vertex {vertex} do not go around a hole that triangles could close; repair it in a mesh editor"
     )]
     NoHole {
         /// A vertex of the open edges.

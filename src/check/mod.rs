@@ -1,15 +1,16 @@
-//! The input doctor: what is wrong with a surface, where, and how to mend it.
+//! The input doctor: what is wrong with a surface, where, and how to repair it.
 //!
 //! A surface can be solved on when it bounds a solid: closed, every edge between two triangles, orientable, with finite
-//! coordinates and a volume. Everything else is reported and borne. [`check`] examines, [`mend`] turns triangles so that
-//! solids face outward and cavities inward; neither moves, adds or removes anything. [`close_holes`] adds triangles over
-//! small holes.
+//! coordinates and a volume. Every other defect is a warning. [`check`] examines; [`repair()`] reorients triangles so that solids
+//! face outward and cavities into the cavity, and neither moves, adds or removes anything. [`close_holes`] adds triangles
+//! over small holes.
 
 mod anatomy;
 mod display;
 mod examine;
 mod holes;
-mod mend;
+mod repair;
+pub(crate) mod text;
 
 use serde::Serialize;
 
@@ -18,7 +19,7 @@ mod tests;
 
 pub use examine::check;
 pub use holes::{ClosedHole, HoleError, MOST_RIM_EDGES, close_holes};
-pub use mend::{Mending, MendingKind, mend};
+pub use repair::{AppliedRepair, RepairKind, repair};
 
 use crate::mesh::SurfaceMesh;
 
@@ -38,7 +39,7 @@ pub struct CheckReport {
     pub edge_manifold: bool,
     /// The triangles at each vertex form one fan.
     pub vertex_manifold: bool,
-    /// Neighbours across an edge agree which side is out.
+    /// Triangles with a common edge have the same orientation.
     pub consistently_oriented: bool,
     /// Solids face outward and cavities into the cavity.
     pub outward: bool,
@@ -46,19 +47,19 @@ pub struct CheckReport {
     pub self_intersections: SelfIntersections,
     /// Total area of the triangles with finite corners.
     pub area: f64,
-    /// Volume of the solid, cavities taken out, once mended; `None` when the surface bounds none.
+    /// Volume of the solid less its cavities, after [`repair()`]; `None` when the surface bounds none.
     pub volume: Option<f64>,
     /// Lowest and highest corner of the box of all finite vertices.
     pub bounding_box: Option<[[f64; 3]; 2]>,
     /// Its diagonal.
     pub diagonal: f64,
-    /// Parts that hang together across edges, in the order of their lowest triangles.
+    /// Edge-connected components, in the order of their lowest triangles.
     pub components: Vec<ComponentReport>,
     /// What is wrong, errors first.
     pub findings: Vec<Finding>,
 }
 
-/// A part of the surface that hangs together across edges.
+/// An edge-connected component of the surface.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ComponentReport {
     /// Number of triangles.
@@ -71,8 +72,8 @@ pub struct ComponentReport {
     pub genus: Option<u64>,
     /// Area.
     pub area: f64,
-    /// Volume it encloses, positive when it faces outward. Of a component that disagrees with itself: with the fewer
-    /// triangles turned. `None` when it encloses none.
+    /// Volume it encloses, positive when it faces outward, after making its orientation consistent by reversing the fewer
+    /// triangles. `None` when it encloses none.
     pub volume: Option<f64>,
     /// What it bounds.
     pub kind: ComponentKind,
@@ -90,7 +91,7 @@ pub enum ComponentKind {
     Solid,
     /// A cavity in the component that it is inside of.
     Cavity,
-    /// Nothing: it is open, not manifold, not orientable or not finite; or one of a crowd
+    /// Nothing: it is open, not manifold, not orientable or not finite; or its nesting is undecided
     /// ([`FindingKind::CrowdedComponents`]).
     NotAShell,
 }
@@ -99,7 +100,7 @@ pub enum ComponentKind {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "status")]
 pub enum SelfIntersections {
-    /// Nobody looked.
+    /// Not looked for.
     NotChecked {
         /// Why not.
         reason: String,
@@ -111,14 +112,14 @@ pub enum SelfIntersections {
     },
 }
 
-/// One thing that is wrong.
+/// A defect of the surface.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
-    /// What sort of thing.
+    /// Kind of defect.
     pub kind: FindingKind,
-    /// How bad.
+    /// Whether it prevents a solve.
     pub severity: Severity,
-    /// How many of them there are.
+    /// Number of occurrences.
     pub count: usize,
     /// The first vertices concerned, 20 at most.
     pub vertices: Vec<u32>,
@@ -128,21 +129,21 @@ pub struct Finding {
     pub faces: Vec<u32>,
     /// What was found and where.
     pub message: String,
-    /// How to mend it.
+    /// How to repair it.
     pub advice: String,
 }
 
-/// Whether a finding stands in the way of a solve.
+/// Whether a finding prevents a solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
     /// There is no solid to solve on.
     Error,
-    /// Borne, or mended by [`mend`].
+    /// Does not prevent a solve, or is repaired by [`repair()`] first.
     Warning,
 }
 
-/// Sorts of findings.
+/// Kinds of findings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
@@ -155,17 +156,17 @@ pub enum FindingKind {
     OpenEdges,
     /// Edges with more than two triangles.
     NonManifoldEdges,
-    /// Components that have one side only.
+    /// Components that are not orientable.
     NonOrientable,
-    /// Closed components, so many of them within each other's boxes that it was not found out which enclose which.
+    /// So many closed components within each other's bounding boxes that their nesting was not determined.
     CrowdedComponents,
     /// Closed components that enclose nothing.
     ZeroVolume,
-    /// Edges whose two triangles disagree.
+    /// Edges whose two triangles are oriented differently.
     InconsistentOrientation,
     /// Solids that face inward.
     Inward,
-    /// Cavities that face away from the cavity.
+    /// Cavities whose triangles face away from the cavity.
     CavityOrientation,
     /// Pairs of components each of which is partly inside the other.
     OverlappingShells,
@@ -186,12 +187,12 @@ pub enum FindingKind {
 }
 
 impl CheckReport {
-    /// Whether the surface, once mended, bounds a solid.
+    /// Whether the surface bounds a solid after [`repair()`].
     pub fn is_solvable(&self) -> bool {
         self.errors().next().is_none()
     }
 
-    /// Findings that stand in the way of a solve.
+    /// Findings that prevent a solve.
     pub fn errors(&self) -> impl Iterator<Item = &Finding> {
         self.findings.iter().filter(|f| f.severity == Severity::Error)
     }

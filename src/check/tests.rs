@@ -26,7 +26,7 @@ fn sound_solids_have_no_findings() {
         assert!((report.volume.unwrap() - mesh.volume()).abs() < 1e-12 * mesh.volume());
         assert!((report.area - mesh.area()).abs() < 1e-12 * mesh.area());
         assert_eq!(report.diagonal, mesh.diagonal());
-        assert!(mend(&mesh).1.is_empty());
+        assert!(repair(&mesh).1.is_empty());
     }
 }
 
@@ -64,7 +64,7 @@ fn a_fin_makes_its_edge_non_manifold() {
 }
 
 #[test]
-fn a_pinch_is_borne() {
+fn a_pinch_is_a_warning() {
     let tetrahedron = |tip: u32, base: u32| {
         let [a, b, c] = [base, base + 1, base + 2];
         [[a, b, c], [b, a, tip], [c, b, tip], [a, c, tip]]
@@ -87,7 +87,7 @@ fn a_pinch_is_borne() {
 }
 
 #[test]
-fn a_moebius_strip_and_a_klein_bottle_have_no_side() {
+fn a_moebius_strip_and_a_klein_bottle_are_not_orientable() {
     // A torus whose tube comes round mirrored: closed and manifold, and yet it bounds nothing.
     let (around, across) = (12, 8);
     let at = |i: u32, j: u32| {
@@ -120,7 +120,7 @@ fn a_moebius_strip_and_a_klein_bottle_have_no_side() {
 }
 
 #[test]
-fn turned_triangles_are_named_and_turned_back() {
+fn reversed_triangles_are_found_and_repaired() {
     let whole = shapes::sphere(1.0, 2);
     let (vertices, mut triangles) = whole.clone().into_parts();
     let turned = [5, 6, 200];
@@ -134,14 +134,14 @@ fn turned_triangles_are_named_and_turned_back() {
     assert_eq!(report.findings[0].faces, turned);
     assert!(!report.consistently_oriented && !report.outward && report.is_solvable());
     assert!((report.volume.unwrap() - whole.volume()).abs() < 1e-12);
-    let (mended, mendings) = mend(&mesh(vertices, triangles));
-    assert_eq!(mended, whole);
-    let expected = Mending {
+    let (repaired, repairs) = repair(&mesh(vertices, triangles));
+    assert_eq!(repaired, whole);
+    let expected = AppliedRepair {
         component: 0,
         faces: 3,
-        kind: MendingKind::MadeConsistent,
+        kind: RepairKind::MadeConsistent,
     };
-    assert_eq!(mendings, [expected]);
+    assert_eq!(repairs, [expected]);
     assert_eq!(
         expected.to_string(),
         "component 0: turned over 3 triangles that disagreed with their neighbours"
@@ -155,14 +155,14 @@ fn an_inward_sphere_is_turned_outward() {
     let report = check_alone(vertices, triangles, FindingKind::Inward, Severity::Warning);
     assert_eq!(report.findings[0].faces, (0..20).collect::<Vec<u32>>());
     assert!(report.components[0].volume.unwrap() < 0.0 && report.volume.unwrap() > 0.0 && !report.outward);
-    let (mended, mendings) = mend(&inward);
-    assert_eq!(mended, shapes::sphere(1.0, 2));
+    let (repaired, repairs) = repair(&inward);
+    assert_eq!(repaired, shapes::sphere(1.0, 2));
     assert_eq!(
-        mendings,
-        [Mending {
+        repairs,
+        [AppliedRepair {
             component: 0,
             faces: 320,
-            kind: MendingKind::TurnedOutward
+            kind: RepairKind::TurnedOutward
         }]
     );
 }
@@ -200,15 +200,15 @@ fn shells_within_shells_are_solids_and_cavities_by_turns() {
     assert_eq!(found.faces, (960..980).collect::<Vec<u32>>());
     assert_eq!(report.findings.len(), 1);
 
-    let (mended, mendings) = mend(&all);
-    let kinds: Vec<_> = mendings.iter().map(|m| (m.component, m.kind)).collect();
+    let (repaired, repairs) = repair(&all);
+    let kinds: Vec<_> = repairs.iter().map(|m| (m.component, m.kind)).collect();
     assert_eq!(
         kinds,
-        [(3, MendingKind::TurnedIntoCavity), (4, MendingKind::TurnedIntoCavity)]
+        [(3, RepairKind::TurnedIntoCavity), (4, RepairKind::TurnedIntoCavity)]
     );
-    let sound = check(&mended, None);
+    let sound = check(&repaired, None);
     assert!(sound.findings.is_empty() && sound.outward);
-    assert!((sound.volume.unwrap() - mended.volume()).abs() < 1e-12 * mended.volume());
+    assert!((sound.volume.unwrap() - repaired.volume()).abs() < 1e-12 * repaired.volume());
     assert_eq!(sound.volume, report.volume);
 }
 
@@ -366,7 +366,7 @@ fn the_report_reads_as_text_and_as_json() {
         "Not solvable: 1 error.",
         "  closed                 NO",
         "error: 3 open edges around 1 hole",
-        "  mend: fill the holes",
+        "  repair: fill the holes",
     ] {
         assert!(text.contains(line), "{line:?} is not in\n{text}");
     }
@@ -432,16 +432,16 @@ fn bad_models_have_the_findings_known_of_them() {
         let report = check(&model, None);
         let found: Vec<_> = report.findings.iter().map(|f| (f.kind, f.count)).collect();
         assert_eq!(found, expected, "{name}");
-        let (mended, mendings) = mend(&model);
+        let (repaired, repairs) = repair(&model);
         assert_eq!(
-            (mended == model, mended.vertices()),
-            (mendings.is_empty(), model.vertices()),
+            (repaired == model, repaired.vertices()),
+            (repairs.is_empty(), model.vertices()),
             "{name}"
         );
     }
     let buddha = test_models::load("bad/happy_buddha_g6_selfint.obj").unwrap();
     assert_eq!(check(&buddha, None).components[0].genus, Some(6));
-    assert!(check(&mend(&buddha).0, None).findings.is_empty());
+    assert!(check(&repair(&buddha).0, None).findings.is_empty());
     check(&test_models::load("bad/wallhole_line_continuation.obj").unwrap(), None);
 }
 
@@ -472,14 +472,14 @@ fn any_turning_of_a_nested_solid_is_undone() {
         for triangle in triangles.iter_mut().filter(|_| random.random_bool(share)) {
             triangle.swap(1, 2);
         }
-        assert_eq!(mend(&mesh(solid.vertices().to_vec(), triangles)).0, solid);
+        assert_eq!(repair(&mesh(solid.vertices().to_vec(), triangles)).0, solid);
     }
 }
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
 
-    /// Nothing is known of a random tangle but that it must be borne, and that mending changes corners' order alone.
+    /// Random triangles must not make it panic, and repairing changes the order of corners alone.
     #[test]
     fn no_tangle_does_harm(
         triangles in prop::collection::vec(prop::array::uniform3(0..9u32), 0..40),
@@ -490,11 +490,11 @@ proptest! {
         let report = check(&tangle, Some(&|_| Ok(vec![])));
         let _ = report.to_string();
         serde_json::to_string(&report).unwrap();
-        let (mended, _) = mend(&tangle);
-        for (before, after) in tangle.triangles().iter().zip(mended.triangles()) {
+        let (repaired, _) = repair(&tangle);
+        for (before, after) in tangle.triangles().iter().zip(repaired.triangles()) {
             prop_assert!(before == after || [before[0], before[2], before[1]] == *after);
         }
-        prop_assert!(mend(&mended).1.is_empty());
+        prop_assert!(repair(&repaired).1.is_empty());
     }
 }
 

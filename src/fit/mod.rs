@@ -30,7 +30,7 @@ use crate::check;
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::memory::readable;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
-use crate::progress::Answer;
+use crate::progress::ProgressResponse;
 use crate::solver::{Coefficients, SchwarzFactor, Values};
 use estimate::{require_room, with_budget};
 use frame::Frame;
@@ -47,8 +47,8 @@ use system::{Solved, System};
 /// # Errors
 ///
 /// When the domain does not bound a solid, a setting is out of range, the fit needs more memory than allowed, or the
-/// system cannot be solved; [`FitError::Cancelled`] when `progress` says so ([`Answer`]).
-pub fn fit<A: Answer>(
+/// system cannot be solved; [`FitError::Cancelled`] when `progress` says so ([`ProgressResponse`]).
+pub fn fit<A: ProgressResponse>(
     boundary: &BoundaryMap,
     options: &FitOptions,
     progress: &dyn Fn(Phase) -> A,
@@ -96,12 +96,12 @@ impl DomainFactor {
     /// # Errors
     ///
     /// As [`fit`].
-    pub fn new<A: Answer>(
+    pub fn new<A: ProgressResponse>(
         domain: &SurfaceMesh,
         options: &FitOptions,
         progress: &dyn Fn(Phase) -> A,
     ) -> Result<Self, FitError> {
-        Self::make(domain, options, &|phase| progress(phase).flow())
+        Self::make(domain, options, &|phase| progress(phase).control_flow())
     }
 
     fn make(domain: &SurfaceMesh, options: &FitOptions, progress: Tell) -> Result<Self, FitError> {
@@ -146,12 +146,12 @@ impl DomainFactor {
     /// # Errors
     ///
     /// As [`Self::solve`].
-    pub fn solve_refined<A: Answer>(
+    pub fn solve_refined<A: ProgressResponse>(
         &mut self,
         boundary: &BoundaryMap,
         progress: &dyn Fn(Phase) -> A,
     ) -> Result<Fit, FitError> {
-        self.solve_until_met(boundary, &|phase| progress(phase).flow())
+        self.solve_until_met(boundary, &|phase| progress(phase).control_flow())
     }
 
     fn solve_until_met(&mut self, boundary: &BoundaryMap, progress: Tell) -> Result<Fit, FitError> {
@@ -297,8 +297,14 @@ impl DomainFactor {
     /// # Errors
     ///
     /// [`FitError::OtherDomain`] when the boundary map is not one of the domain that was factored.
-    pub fn solve<A: Answer>(&self, boundary: &BoundaryMap, progress: &dyn Fn(Phase) -> A) -> Result<Fit, FitError> {
-        Ok(self.solve_from(boundary, None, &|phase| progress(phase).flow())?.0)
+    pub fn solve<A: ProgressResponse>(
+        &self,
+        boundary: &BoundaryMap,
+        progress: &dyn Fn(Phase) -> A,
+    ) -> Result<Fit, FitError> {
+        Ok(self
+            .solve_from(boundary, None, &|phase| progress(phase).control_flow())?
+            .0)
     }
 
     /// The maps for several boundary maps of this domain at once, such as the frames of a sequence. They share every
@@ -311,7 +317,7 @@ impl DomainFactor {
     /// # Errors
     ///
     /// As [`Self::solve`], and [`FitError::TooLarge`] when that is more than allowed.
-    pub fn solve_block<A: Answer>(
+    pub fn solve_block<A: ProgressResponse>(
         &self,
         boundaries: &[BoundaryMap],
         progress: &dyn Fn(Phase) -> A,
@@ -320,7 +326,7 @@ impl DomainFactor {
             return Ok(Vec::new());
         }
         require_room(&self.work(boundaries.len()), &self.options)?;
-        let progress = &|phase| progress(phase).flow();
+        let progress = &|phase| progress(phase).control_flow();
         Ok(self.solve_columns(boundaries, None, progress)?.0)
     }
 
@@ -364,7 +370,7 @@ impl DomainFactor {
 
     /// What a boundary map asks of the solver.
     fn goal_of(&self, boundary: &BoundaryMap) -> Result<Goal, FitError> {
-        // The mended domain has the same vertices and triangles; some of them are turned over.
+        // The repaired domain has the same vertices and triangles; some of them are turned over.
         let boundary = boundary.over(self.domain.clone()).map_err(|_| FitError::OtherDomain)?;
         let target = Frame::of_box(boundary.target_box());
         // With the constant in the basis the shift changes nothing but rounding; without it, it would change the fit.
@@ -435,7 +441,7 @@ impl DomainFactor {
     }
 }
 
-/// A boundary map of the mended domain, and the frame of its target.
+/// A boundary map of the repaired domain, and the frame of its target.
 struct Goal {
     boundary: BoundaryMap,
     target: Frame,
@@ -501,10 +507,10 @@ fn checked(domain: &SurfaceMesh) -> Result<(SurfaceMesh, Vec<String>), FitError>
     if !report.is_solvable() {
         return Err(FitError::DefectiveDomain(Box::new(report)));
     }
-    let (mended, mendings) = check::mend(domain);
+    let (repaired, repairs) = check::repair(domain);
     let warnings = report.warnings().map(|finding| finding.message.clone());
-    let warnings = warnings.chain(mendings.iter().map(ToString::to_string)).collect();
-    Ok((mended, warnings))
+    let warnings = warnings.chain(repairs.iter().map(ToString::to_string)).collect();
+    Ok((repaired, warnings))
 }
 
 /// What is odd about a target, though it can be mapped to.

@@ -61,7 +61,7 @@ fn in_cavities(domain: &SurfaceMesh, anchors: &Anchors, size: &Size) -> (Anchors
     (within, count)
 }
 
-/// Whether each vertex lies on a shell that encloses a cavity: one that, on a mended surface, has a negative volume.
+/// Whether each vertex lies on a shell that encloses a cavity: one that, on a repaired surface, has a negative volume.
 fn cavity_vertices(domain: &SurfaceMesh) -> Vec<bool> {
     let components = Topology::new(domain).components();
     let centre = Frame::of(domain).centre;

@@ -79,7 +79,7 @@ pub struct FitReport {
     /// Wall time; `None` in a map file, so that the same fit gives the same bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<Seconds>,
-    /// What was mended or left out.
+    /// What was repaired or left out.
     pub warnings: Vec<String>,
 }
 

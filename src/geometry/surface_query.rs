@@ -18,7 +18,7 @@ use crate::{Point, Vector};
 
 /// Answers where the surface is closest, how far, and on which side, of any number of points.
 ///
-/// The surface is to be oriented outward, cavities into the cavity, as [`crate::check::mend()`] makes it. Building
+/// The surface is to be oriented outward, cavities into the cavity, as [`crate::check::repair()`] makes it. Building
 /// takes a fraction of a second per million triangles, a query near the surface microseconds. Copies what it needs of
 /// the mesh; shared between threads as it is.
 #[derive(Debug, Clone)]

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use rayon::prelude::*;
 
 use super::foldover::{Samples, Value};
-use crate::progress::Watch;
+use crate::progress::ProgressMonitor;
 use crate::{Point, Vector};
 
 /// Steps that are remembered.
@@ -31,7 +31,7 @@ pub(super) struct Descent<'a> {
     /// Length that a first step moves a node at most.
     step: f64,
     /// Asked in every iteration whether to go on.
-    watch: &'a Watch<'a, (usize, usize)>,
+    watch: &'a ProgressMonitor<'a, (usize, usize)>,
 }
 
 /// What holds a free node.
@@ -63,7 +63,12 @@ struct State {
 }
 
 impl<'a> Descent<'a> {
-    pub fn new(samples: &'a Samples, free: &'a [u32], step: f64, watch: &'a Watch<'a, (usize, usize)>) -> Self {
+    pub fn new(
+        samples: &'a Samples,
+        free: &'a [u32],
+        step: f64,
+        watch: &'a ProgressMonitor<'a, (usize, usize)>,
+    ) -> Self {
         Self {
             samples,
             free,
@@ -85,7 +90,7 @@ impl<'a> Descent<'a> {
         let mut state = self.state(std::mem::take(x), epsilon);
         let mut memory: VecDeque<(Vec<Vector>, Vec<Vector>, f64)> = VecDeque::with_capacity(MEMORY);
         let (mut iterations, mut energies) = (0, VecDeque::with_capacity(WINDOW));
-        while self.watch.goes_on()
+        while self.watch.should_continue()
             && iterations < limits.iterations
             && !(limits.until_positive && state.value.least > 0.0)
         {

@@ -25,7 +25,7 @@ use crate::geometry::{QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
 use crate::memory::readable;
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
-use crate::progress::{Answer, Watch};
+use crate::progress::{ProgressMonitor, ProgressResponse};
 use crate::statistics::quantiles;
 
 pub use bounded_mesh::{BoundedMesh, Skin};
@@ -243,9 +243,9 @@ pub struct Remeshed {
 /// # Errors
 ///
 /// When the domain is no polycube, there would be too many cells, or a given mesh is not one of the domain;
-/// [`RemeshError::Cancelled`] when `progress` says so ([`Answer`]). Cells that stay inverted are no error: they are in the
+/// [`RemeshError::Cancelled`] when `progress` says so ([`ProgressResponse`]). Cells that stay inverted are no error: they are in the
 /// report.
-pub fn remesh<A: Answer>(
+pub fn remesh<A: ProgressResponse>(
     boundary: &BoundaryMap,
     map: &dyn VolumeMap,
     source: MeshSource,
@@ -253,7 +253,7 @@ pub fn remesh<A: Answer>(
     progress: &dyn Fn(RemeshPhase) -> A,
 ) -> Result<Remeshed, RemeshError> {
     let start = Instant::now();
-    let tell = |phase| match progress(phase).flow() {
+    let tell = |phase| match progress(phase).control_flow() {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(RemeshError::Cancelled),
     };
@@ -283,8 +283,8 @@ pub fn remesh<A: Answer>(
             .filter(|&v| !mesh.on_boundary[v as usize])
             .collect();
         let step = 0.1 * (boundary.target_volume().abs() / mesh.cells.len() as f64).cbrt();
-        let told = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).flow();
-        let watch = Watch::new((0, 0), &told);
+        let told = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control_flow();
+        let watch = ProgressMonitor::new((0, 0), &told);
         let query;
         let ground = if options.slide {
             query = SurfaceQuery::with_winding_sign(&target)?;
@@ -306,7 +306,7 @@ pub fn remesh<A: Answer>(
             watch: &watch,
         };
         repair = repairing.run(&mut samples, &mut images);
-        if !watch.goes_on() {
+        if !watch.should_continue() {
             return Err(RemeshError::Cancelled);
         }
     }

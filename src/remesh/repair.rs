@@ -6,7 +6,7 @@ use super::quality::inverted_inside;
 use super::slide::{Ground, SlideReport, slide};
 use crate::Point;
 use crate::mesh::CellList;
-use crate::progress::Watch;
+use crate::progress::ProgressMonitor;
 
 /// ε² where no determinant is negative, and share of the least determinant that ε takes.
 const FLOOR: f64 = 1e-6;
@@ -60,7 +60,7 @@ pub(super) struct Repair<'a> {
     /// What boundary nodes may slide on.
     pub ground: Option<&'a Ground<'a>>,
     /// Gets rounds and inverted samples, and is asked in every iteration.
-    pub watch: &'a Watch<'a, (usize, usize)>,
+    pub watch: &'a ProgressMonitor<'a, (usize, usize)>,
 }
 
 impl Repair<'_> {
@@ -80,7 +80,7 @@ impl Repair<'_> {
         }
         self.polish(samples, x, &mut report);
         for _ in 0..MOST_LOOKS {
-            if !self.watch.goes_on() {
+            if !self.watch.should_continue() {
                 break;
             }
             let bad = inverted_inside(self.cells, x);
@@ -117,8 +117,8 @@ impl Repair<'_> {
                 best = (inverted, x.clone());
                 stalled = 0;
             }
-            self.watch.tell((report.rounds, inverted));
-            if !value.energy.is_finite() || !self.watch.goes_on() {
+            self.watch.report((report.rounds, inverted));
+            if !value.energy.is_finite() || !self.watch.should_continue() {
                 break;
             }
         }

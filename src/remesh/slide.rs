@@ -5,7 +5,7 @@ use super::foldover::Samples;
 use super::repair::next_epsilon;
 use crate::geometry::SurfaceQuery;
 use crate::mesh::SurfaceMesh;
-use crate::progress::Watch;
+use crate::progress::ProgressMonitor;
 use crate::{Point, Vector};
 
 /// Rings of cells around bad ones whose boundary nodes slide at first, and at most.
@@ -57,7 +57,7 @@ pub(super) fn slide(
     x: &mut Vec<Point>,
     step: f64,
     ground: &Ground,
-    watch: &Watch<(usize, usize)>,
+    watch: &ProgressMonitor<(usize, usize)>,
 ) -> SlideReport {
     let mut report = SlideReport::default();
     let start = x.clone();
@@ -67,7 +67,7 @@ pub(super) fn slide(
     let mut sliding = ground.near(samples, &bad, rings);
     let most = MOST_SLIDING * ground.on_boundary.iter().filter(|is| **is).count() as f64;
     let mut slid = 0;
-    while watch.goes_on() && best.0 > 0 && rings <= MOST_RINGS && sliding.len() as f64 <= most {
+    while watch.should_continue() && best.0 > 0 && rings <= MOST_RINGS && sliding.len() as f64 <= most {
         slid = sliding.len();
         let free: Vec<u32> = (0..x.len() as u32)
             .filter(|&v| !ground.on_boundary[v as usize] || sliding.binary_search(&v).is_ok())

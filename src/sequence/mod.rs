@@ -154,7 +154,7 @@ impl Sequence {
             None => (reference.clone(), Vec::new()),
         };
         let factor = DomainFactor::new(&domain, &options.fit, progress)?;
-        let (outward, _) = crate::check::mend(&domain);
+        let (outward, _) = crate::check::repair(&domain);
         Ok(Self {
             reference: reference.clone(),
             quadrature: clipped_grid(&outward, options.resolution)?,

@@ -15,7 +15,7 @@ use super::{SolveError, Values};
 use crate::Point;
 use crate::kernel::direct;
 use crate::partition::{Bounds, Partition};
-use crate::progress::Answer;
+use crate::progress::ProgressResponse;
 
 /// Added to the unit diagonal of a local normal matrix; raised a hundredfold until it is positive definite.
 const RIDGE: f64 = 1e-13;
@@ -46,7 +46,7 @@ impl Patches {
     /// `overlap` spacings around it.
     ///
     /// Costs about `rows · sources²` flops per patch; keeps `8 · core · sources` bytes of each.
-    pub fn new<A: Answer>(
+    pub fn new<A: ProgressResponse>(
         level: &Level,
         points: Vec<Point>,
         core: usize,
@@ -59,7 +59,7 @@ impl Patches {
         let cores: Vec<&[u32]> = partition.parts().collect();
         let mut patches = Vec::with_capacity(cores.len());
         for chunk in cores.chunks(PATCHES_PER_REPORT) {
-            if progress(patches.len(), cores.len()).flow().is_break() {
+            if progress(patches.len(), cores.len()).control_flow().is_break() {
                 return Err(SolveError::Cancelled);
             }
             let make = |core: &&[u32]| {

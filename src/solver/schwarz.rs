@@ -14,7 +14,7 @@ use super::patches::Patches;
 use super::{CollocationSystem, DenseFactor, DenseOptions, Mixing, SolveError, Values};
 use crate::Point;
 use crate::kernel::Sums;
-use crate::progress::Answer;
+use crate::progress::ProgressResponse;
 
 /// Sources of one spacing, and the equations that they are fitted to.
 #[derive(Debug, Clone, Default)]
@@ -165,7 +165,7 @@ impl SchwarzFactor {
     /// # Errors
     ///
     /// When the coarsest level has fewer rows than unknowns, a matrix entry is not finite, or `progress` ends it.
-    pub fn new<A: Answer>(
+    pub fn new<A: ProgressResponse>(
         collocation: Vec<Point>,
         weights: Vec<f64>,
         levels: &[Level],
@@ -211,7 +211,7 @@ impl SchwarzFactor {
     /// # Errors
     ///
     /// As [`Self::new`].
-    pub fn refine<A: Answer>(
+    pub fn refine<A: ProgressResponse>(
         &mut self,
         collocation: &[Point],
         weights: &[f64],
@@ -263,14 +263,14 @@ impl SchwarzFactor {
     /// # Errors
     ///
     /// [`SolveError::DataLength`], and [`SolveError::Cancelled`] when `progress` ends it.
-    pub fn solve<A: Answer>(
+    pub fn solve<A: ProgressResponse>(
         &self,
         data: &Values,
         start: Option<&Values>,
         goal: f64,
         progress: &dyn Fn(usize, f64) -> A,
     ) -> Result<Solution, SolveError> {
-        let progress = &|iterations, residual| match progress(iterations, residual).flow() {
+        let progress = &|iterations, residual| match progress(iterations, residual).control_flow() {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(SolveError::Cancelled),
         };
@@ -484,7 +484,7 @@ impl SchwarzFactor {
         })
     }
 
-    fn patches<A: Answer>(
+    fn patches<A: ProgressResponse>(
         &self,
         level: &Level,
         progress: &dyn Fn(usize, usize) -> A,

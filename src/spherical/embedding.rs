@@ -11,7 +11,7 @@ use super::rest::RestShapes;
 use super::{SphericalError, SphericalMap, certify, require_scale, require_sphere};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
-use crate::progress::{Answer, Watch};
+use crate::progress::{ProgressMonitor, ProgressResponse};
 use crate::{Point, Vector};
 
 /// What a map to the sphere keeps.
@@ -121,16 +121,16 @@ const AREA_WEIGHT_OF_START: f64 = 0.01;
 /// # Errors
 ///
 /// As [`require_sphere`], [`SphericalError::TooFine`] when rounding leaves no place for a vertex, and
-/// [`SphericalError::Cancelled`] when `progress` says so ([`Answer`]), which is heard between levels and iterations.
-pub fn map_to_sphere<A: Answer>(
+/// [`SphericalError::Cancelled`] when `progress` says so ([`ProgressResponse`]), which is heard between levels and iterations.
+pub fn map_to_sphere<A: ProgressResponse>(
     surface: &SurfaceMesh,
     options: &SphereOptions,
     progress: &dyn Fn(SpherePhase) -> A,
 ) -> Result<(SphericalMap, SphereReport), SphericalError> {
     let surface = require_sphere(surface)?;
     require_scale(&surface)?;
-    let told = |phase| progress(phase).flow();
-    let watch = Watch::new(SpherePhase::Coarsening, &told);
+    let told = |phase| progress(phase).control_flow();
+    let watch = ProgressMonitor::new(SpherePhase::Coarsening, &told);
     let drawn = draw(&surface, options, &watch)?;
     let rest = RestShapes::new(surface.triangles(), surface.vertices());
     let energy = Energy {
@@ -141,14 +141,14 @@ pub fn map_to_sphere<A: Answer>(
     let (mut directions, start) = match options.start {
         SphereStart::Progressive => (drawn, SphereStart::Progressive),
         SphereStart::Flow => {
-            watch.tell(SpherePhase::Flowing);
+            watch.report(SpherePhase::Flowing);
             let flowed = flow(surface.triangles(), surface.vertices(), &FlowOptions::default());
             let most = MOST_START * energy.value(&drawn);
             let flowed = flowed.filter(|x| energy.value(x) <= most);
             flowed.map_or((drawn, SphereStart::Progressive), |x| (x, SphereStart::Flow))
         }
     };
-    watch.tell(SpherePhase::Optimising);
+    watch.report(SpherePhase::Optimising);
     require_going_on(&watch)?;
     let failed = |error: NewtonError| match error {
         NewtonError::OutOfMemory { unknowns } => SphericalError::OutOfMemory { vertices: unknowns / 2 },
@@ -161,7 +161,7 @@ pub fn map_to_sphere<A: Answer>(
         tolerance: options.tolerance,
     };
     let descent = newton
-        .minimise(&energy, &mut directions, &newton_options, &|| watch.goes_on())
+        .minimise(&energy, &mut directions, &newton_options, &|| watch.should_continue())
         .map_err(failed)?;
     require_going_on(&watch)?;
     if options.energy == SphereEnergy::Conformal {
@@ -179,8 +179,8 @@ pub fn map_to_sphere<A: Answer>(
     Ok((SphericalMap::new(surface, &directions)?, report))
 }
 
-fn require_going_on(watch: &Watch<SpherePhase>) -> Result<(), SphericalError> {
-    if watch.goes_on() {
+fn require_going_on(watch: &ProgressMonitor<SpherePhase>) -> Result<(), SphericalError> {
+    if watch.should_continue() {
         Ok(())
     } else {
         Err(SphericalError::Cancelled)
@@ -201,7 +201,7 @@ fn final_weights(energy: SphereEnergy) -> Weights {
 fn draw(
     surface: &SurfaceMesh,
     options: &SphereOptions,
-    watch: &Watch<SpherePhase>,
+    watch: &ProgressMonitor<SpherePhase>,
 ) -> Result<Vec<Vector>, SphericalError> {
     require_going_on(watch)?;
     let points = surface.vertices();
@@ -222,12 +222,12 @@ fn draw(
         |_| None,
         |drawing| {
             let there = drawing.there.len();
-            watch.tell(SpherePhase::Drawing {
+            watch.report(SpherePhase::Drawing {
                 vertices: there,
                 of: points.len(),
             });
             // What is left then is quick, and of no use.
-            if watch.has_ended() {
+            if watch.is_cancelled() {
                 return;
             }
             relaxation.run(drawing, SWEEPS);

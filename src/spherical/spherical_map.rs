@@ -2,7 +2,7 @@
 
 use super::{Certificate, certify};
 use crate::Vector;
-use crate::check::mend;
+use crate::check::repair;
 use crate::mesh::topology::Topology;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 
@@ -207,7 +207,7 @@ pub fn require_sphere(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalErr
         let found = "it has three vertices, and no inside".into();
         return Err(SphericalError::NotManifold { found });
     }
-    Ok(mend(surface).0)
+    Ok(repair(surface).0)
 }
 
 /// A size at which areas and their squares are numbers.

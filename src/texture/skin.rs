@@ -78,14 +78,14 @@ impl Skin {
         if let Some(triangle) = uv.iter().position(|t| t.as_flattened().iter().any(|x| !x.is_finite())) {
             return Err(TextureError::UvNotFinite { triangle });
         }
-        let (mended, _) = check::mend(surface);
-        for (corners, (before, after)) in uv.iter_mut().zip(surface.triangles().iter().zip(mended.triangles())) {
+        let (repaired, _) = check::repair(surface);
+        for (corners, (before, after)) in uv.iter_mut().zip(surface.triangles().iter().zip(repaired.triangles())) {
             if before != after {
                 corners.swap(1, 2);
             }
         }
         Ok(Self {
-            surface: mended,
+            surface: repaired,
             paint: Paint::Picture { uv, picture, wrap },
         })
     }
@@ -106,7 +106,7 @@ impl Skin {
             return Err(TextureError::ColourNotFinite { vertex });
         }
         Ok(Self {
-            surface: check::mend(surface).0,
+            surface: check::repair(surface).0,
             paint: Paint::Vertices(colours),
         })
     }

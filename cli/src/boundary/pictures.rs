@@ -5,7 +5,7 @@ use crate::drawing::{
 };
 use solidmap::boundary_map::check::{Against, BoundaryCheck};
 use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
-use solidmap::check::mend;
+use solidmap::check::repair;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::spherical::SphericalMap;
 use solidmap::statistics::weighted_quantiles;
@@ -80,7 +80,7 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow:
 }
 
 fn straight(map: &BoundaryMap, against: Against) -> anyhow::Result<[Shown; 2]> {
-    let domain = mend(map.domain()).0;
+    let domain = repair(map.domain()).0;
     let placed = SurfaceMesh::new(map.image().to_vec(), domain.triangles().to_vec())?;
     let (name, places) = match against {
         Against::Sphere { centre, .. } => {

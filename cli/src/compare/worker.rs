@@ -70,11 +70,11 @@ fn leave(job: &Job, result: &impl Serialize) -> anyhow::Result<()> {
 
 /// The same map of a domain whose faces look outward.
 pub fn outward(boundary: BoundaryMap) -> anyhow::Result<BoundaryMap> {
-    let (mended, mendings) = check::mend(boundary.domain());
-    if mendings.is_empty() {
+    let (repaired, repairs) = check::repair(boundary.domain());
+    if repairs.is_empty() {
         return Ok(boundary);
     }
-    Ok(boundary.over(mended)?)
+    Ok(boundary.over(repaired)?)
 }
 
 fn fit_options(job: &Job) -> FitOptions {

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::Point;
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
-use crate::check::{FindSelfIntersections, mend};
+use crate::check::{FindSelfIntersections, repair};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::Collocation;
@@ -66,7 +66,7 @@ pub(super) fn check(
 ) -> Result<BoundaryCheck, BoundaryCheckError> {
     let (domain, plain) = (map.domain(), map.target());
     let (fine, cuts) = cut(map);
-    let given = target.map(|target| mend(target).0);
+    let given = target.map(|target| repair(target).0);
     let queried = |mesh: &SurfaceMesh| SurfaceQuery::new(mesh).map_err(BoundaryCheckError::Target);
 
     let mut plain_image_flipped = 0;

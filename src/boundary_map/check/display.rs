@@ -2,10 +2,8 @@ use std::fmt::{self, Display, Formatter};
 
 use super::findings::counted;
 use super::{Against, BoundaryCheck, BySphere, MapFinding, SurfaceDistance, Verdict};
+use crate::check::text::{write_ids, write_wrapped};
 use crate::check::{SelfIntersections, Severity};
-
-/// Ids shown of each sort.
-const SHOWN: usize = 8;
 
 impl Display for BoundaryCheck {
     fn fmt(&self, f: &mut Formatter) -> fmt::Result {
@@ -172,34 +170,13 @@ impl Display for MapFinding {
         let edges: Vec<String> = self.edges.iter().map(|[a, b]| format!("{a}-{b}")).collect();
         let faces: Vec<String> = self.faces.iter().map(u32::to_string).collect();
         for (name, ids) in [("edges", edges), ("triangles", faces)] {
-            if !ids.is_empty() {
-                let more = if ids.len() > SHOWN || self.count > ids.len() {
-                    ", ..."
-                } else {
-                    ""
-                };
-                writeln!(f, "  {name}: {}{more}", ids[..ids.len().min(SHOWN)].join(", "))?;
-            }
+            write_ids(f, name, &ids, self.count.max(ids.len()))?;
         }
-        write_wrapped(f, "  mend: ", &self.advice)
+        write_wrapped(f, "  repair: ", &self.advice)
     }
 }
 
 /// Rounding errors of coordinates are no distances.
 fn small(x: f64) -> String {
     if x < 1e-15 { "0".into() } else { format!("{x:.1e}") }
-}
-
-/// Lines of 100 characters, the first begun by `label` and the others indented as far.
-fn write_wrapped(f: &mut Formatter, label: &str, text: &str) -> fmt::Result {
-    let mut line = label.to_string();
-    for word in text.split_whitespace() {
-        if line.len() + word.len() > 100 && line.len() > label.len() {
-            writeln!(f, "{}", line.trim_end())?;
-            line = " ".repeat(label.len());
-        }
-        line += word;
-        line += " ";
-    }
-    writeln!(f, "{}", line.trim_end())
 }

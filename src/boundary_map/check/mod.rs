@@ -21,7 +21,7 @@ pub use coverage::{Coverage, SurfaceDistance};
 pub use covering::{Against, Degree};
 
 use super::{BoundaryMap, SurfaceDistortion};
-use crate::check::{FindSelfIntersections, SelfIntersections, Severity, mend};
+use crate::check::{FindSelfIntersections, SelfIntersections, Severity, repair};
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::SurfaceMesh;
 use covering::{Covering, FoldedEdges};
@@ -170,7 +170,7 @@ pub enum BoundaryCheckError {
 ///
 /// `target` is the surface that the image is meant to cover; without it, the map's own target, if it goes by way of the
 /// sphere, or the sphere that the image lies on to 1e-6 of its radius, if it does. An image that is farther than a tenth
-/// of the diagonal off its target is examined by itself. Surfaces are taken as [`mend`] turns them. `self_intersections`
+/// of the diagonal off its target is examined by itself. Surfaces are taken as [`repair()`] turns them. `self_intersections`
 /// finds triangles that pass through each other, as CGAL does in builds with the `native` feature. Takes seconds per
 /// 100 000 triangles with a target, and a fraction of one without.
 ///
@@ -186,13 +186,13 @@ pub fn check(
     if let Some(drawn) = map.domain_on_sphere() {
         return by_sphere::check(map, drawn, target, options, self_intersections);
     }
-    let (domain, _) = mend(map.domain());
+    let (domain, _) = repair(map.domain());
     SurfaceQuery::with_winding_sign(&domain).map_err(BoundaryCheckError::Domain)?;
     let image = domain
         .with_vertices(map.image().to_vec())
         .expect("a map has an image for every vertex");
     let image_query = SurfaceQuery::with_winding_sign(&image).map_err(BoundaryCheckError::Image)?;
-    let target = target.map(|target| mend(target).0);
+    let target = target.map(|target| repair(target).0);
     let target_query = target.as_ref().map(SurfaceQuery::new).transpose();
     let target_query = target_query.map_err(BoundaryCheckError::Target)?;
     let pair = target.as_ref().zip(target_query.as_ref());

@@ -28,7 +28,7 @@ pub use targets::{VertexTarget, vertex_targets};
 use super::{BoundaryMap, BoundaryMapError, SurfaceDistortion};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
-use crate::progress::{Answer, Reporter, attended};
+use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::spherical::{
     Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SpherePhase, SphericalError, SphericalMap, certify,
     map_to_sphere, require_scale, require_sphere,
@@ -212,8 +212,8 @@ const CLOSE: f64 = 0.05;
 /// # Errors
 ///
 /// When a solid is not of genus 0, or landmarks cannot be met; [`PairError::Cancelled`] when `progress` says so
-/// ([`Answer`]), which is heard within a fraction of a second as a rule.
-pub fn map_pair<A: Answer>(
+/// ([`ProgressResponse`]), which is heard within a fraction of a second as a rule.
+pub fn map_pair<A: ProgressResponse>(
     domain: &SurfaceMesh,
     target: &SurfaceMesh,
     options: &PairOptions,
@@ -229,7 +229,7 @@ pub fn map_pair<A: Answer>(
         domain.vertices().len(),
         target.vertices().len(),
     )?;
-    let made = attended(&|phase| progress(phase).flow(), |reporter| {
+    let made = run_cancellable(&|phase| progress(phase).control_flow(), |reporter| {
         let pair = Pair {
             domain: &domain,
             target: &target,
@@ -252,7 +252,7 @@ struct Pair<'a> {
     landmarks: &'a Landmarks,
     improve: bool,
     start: Instant,
-    reporter: &'a Reporter<'a, PairPhase>,
+    reporter: &'a ProgressSender<'a, PairPhase>,
 }
 
 /// A drawing before and after improvement, and how it was come by.
@@ -284,7 +284,7 @@ impl Pair<'_> {
         let drawings = guides.len() * SCHEDULES.len();
         self.tell(PairPhase::Sketching { drawings })?;
         let hierarchy = self.hierarchy()?;
-        let goes_on = || self.reporter.goes_on();
+        let goes_on = || self.reporter.should_continue();
         let embedding = Embedding::new(self.domain, &hierarchy, &lift, self.pins(&target), &goes_on);
         let too_fine = || PairError::Sphere {
             side: "domain",
@@ -375,7 +375,7 @@ impl Pair<'_> {
         let locator = Locator::new(&target);
         let lift = Lift::new(&target, &locator);
         let hierarchy = self.hierarchy()?;
-        let goes_on = || self.reporter.goes_on();
+        let goes_on = || self.reporter.should_continue();
         let embedding = Embedding::new(self.domain, &hierarchy, &lift, self.pins(&target), &goes_on);
         let mut after = embedding.sketch_of(&turned);
         let (before, before_meets) = (after.drawing.directions.clone(), embedding.missed(&after).is_empty());
@@ -406,7 +406,7 @@ impl Pair<'_> {
     }
 
     fn tell(&self, phase: PairPhase) -> Result<(), PairError> {
-        match self.reporter.tell(phase) {
+        match self.reporter.send(phase) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(PairError::Cancelled),
         }
@@ -426,7 +426,7 @@ impl Pair<'_> {
             energy,
             ..SphereOptions::default()
         };
-        let told = |phase| self.reporter.tell(PairPhase::Sphere(side, phase));
+        let told = |phase| self.reporter.send(PairPhase::Sphere(side, phase));
         match map_to_sphere(surface, &options, &told) {
             Ok((map, _)) => Ok(map),
             Err(SphericalError::Cancelled) => Err(PairError::Cancelled),

@@ -6,44 +6,44 @@ use super::anatomy::Anatomy;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::NONE;
 
-/// What [`mend`] did to a component.
+/// What [`repair()`] has done to a component.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct Mending {
+pub struct AppliedRepair {
     /// Which component, as [`super::CheckReport::components`] counts them.
     pub component: usize,
-    /// How many triangles were turned over.
+    /// How many triangles were reversed.
     pub faces: usize,
     /// Why.
-    pub kind: MendingKind,
+    pub kind: RepairKind,
 }
 
-/// Why triangles were turned over.
+/// Why triangles were reversed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum MendingKind {
-    /// They disagreed with their neighbours.
+pub enum RepairKind {
+    /// Their orientation was not that of their neighbours.
     MadeConsistent,
     /// A solid faced inward.
     TurnedOutward,
-    /// A cavity faced away from the cavity.
+    /// A cavity's triangles faced away from the cavity.
     TurnedIntoCavity,
 }
 
-impl fmt::Display for Mending {
+impl fmt::Display for AppliedRepair {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Self { component, faces, .. } = self;
         match self.kind {
-            MendingKind::MadeConsistent => write!(
+            RepairKind::MadeConsistent => write!(
                 f,
                 "component {component}: turned over {faces} triangles that disagreed with their neighbours"
             ),
-            MendingKind::TurnedOutward => {
+            RepairKind::TurnedOutward => {
                 write!(
                     f,
                     "component {component}: turned over all {faces} triangles to face outward"
                 )
             }
-            MendingKind::TurnedIntoCavity => {
+            RepairKind::TurnedIntoCavity => {
                 write!(
                     f,
                     "component {component}: turned over all {faces} triangles to face into the cavity"
@@ -53,38 +53,38 @@ impl fmt::Display for Mending {
     }
 }
 
-/// The surface with triangles turned over so that each closed component agrees with itself, solids face outward and
-/// cavities into the cavity; and what was done, if anything.
+/// The surface with triangles reversed so that each closed component is oriented consistently, solids face outward and
+/// cavities into the cavity; and the repairs, if any.
 ///
-/// Vertices and triangles keep their numbers; `[a, b, c]` becomes `[a, c, b]`. Components that bound nothing (open, not
+/// Vertices and triangles keep their indices; `[a, b, c]` becomes `[a, c, b]`. Components that bound nothing (open, not
 /// manifold, not orientable, not finite) are left alone: [`super::check`] reports them.
-pub fn mend(mesh: &SurfaceMesh) -> (SurfaceMesh, Vec<Mending>) {
+pub fn repair(mesh: &SurfaceMesh) -> (SurfaceMesh, Vec<AppliedRepair>) {
     let anatomy = Anatomy::of(mesh);
-    let mut mendings = Vec::new();
+    let mut repairs = Vec::new();
     let mut disagreeing = vec![0; anatomy.shells.len()];
     for triangle in anatomy.triangles_where(|t, shell| shell.is_sound && anatomy.orientation.flip[t]) {
         disagreeing[anatomy.components.of_triangle[triangle as usize] as usize] += 1;
     }
     for (component, shell) in anatomy.shells.iter().enumerate() {
         let mut record = |faces, kind| {
-            mendings.push(Mending { component, faces, kind });
+            repairs.push(AppliedRepair { component, faces, kind });
         };
         if disagreeing[component] > 0 {
-            record(disagreeing[component], MendingKind::MadeConsistent);
+            record(disagreeing[component], RepairKind::MadeConsistent);
         }
         if shell.faces_wrong_way() {
             let kind = if shell.is_cavity() {
-                MendingKind::TurnedIntoCavity
+                RepairKind::TurnedIntoCavity
             } else {
-                MendingKind::TurnedOutward
+                RepairKind::TurnedOutward
             };
             record(anatomy.components.shapes[component].triangles, kind);
         }
     }
-    if mendings.is_empty() {
-        return (mesh.clone(), mendings);
+    if repairs.is_empty() {
+        return (mesh.clone(), repairs);
     }
-    (turned(&anatomy), mendings)
+    (turned(&anatomy), repairs)
 }
 
 fn turned(anatomy: &Anatomy) -> SurfaceMesh {
