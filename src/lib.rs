@@ -77,6 +77,9 @@ pub const LICENCE: &str = if cfg!(feature = "native") {
     "built without CGAL and TetGen: MIT OR Apache-2.0"
 };
 
+/// The library of the point types, in the version that they are from.
+pub use nalgebra;
+
 /// A point in space, in model units.
 pub type Point = nalgebra::Point3<f64>;
 /// A displacement, normal or gradient.

@@ -1,6 +1,7 @@
 //! Tests of the library through its public interface, in one program, which links once.
 
 mod analytic;
+mod architecture;
 mod cancel;
 mod certificate;
 #[cfg(feature = "native")]

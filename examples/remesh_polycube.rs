@@ -1,0 +1,36 @@
+//! Meshes the target of a map from a polycube with hexahedra, none of them inverted where that can be reached.
+//!
+//! `cargo run --release --example remesh_polycube -- MAP MESH [CELLS]`: a map file whose domain is a polycube, the mesh to write
+//! (.mesh, .msh, .vtk, .vtu), and the number of cells along the longest side. `docs/remeshing.md` says how it works.
+
+use solidmap::io;
+use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, remesh};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let (map, output, cells) = match &arguments[..] {
+        [map, output] => (map, output, 32),
+        [map, output, cells] => (map, output, cells.parse()?),
+        _ => return Err("usage: remesh_polycube MAP MESH [CELLS]".into()),
+    };
+    let file = io::read_map(map.as_ref())?;
+    let grid = MeshSource::Regular {
+        kind: CellKind::Hexes,
+        size: CellSize::Along(cells),
+        most_cells: 10_000_000,
+    };
+    let boundary = file.boundary.ok_or("the map file has no boundary map")?;
+    let remeshed = remesh(&boundary, &file.map, grid, &RemeshOptions::default(), &|phase| {
+        eprintln!("{phase:?}");
+    })?;
+
+    let report = &remeshed.report;
+    println!(
+        "{} hexahedra, {} inverted as mapped, {} after repair",
+        report.cells,
+        report.before.cells.len(),
+        report.after.cells.len()
+    );
+    io::write_cells(output, &remeshed.images, remeshed.mesh.cells().into())?;
+    Ok(())
+}
