@@ -6,7 +6,7 @@ use solidmap::energy::{EnergyOptions, Resolution, clipped_grid, energies};
 use solidmap::fit::{DomainFactor, FitOptions, Solver, fit};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, shapes};
-use solidmap::solver::{DenseOptions, Method};
+use solidmap::solver::{Decomposition, DenseOptions};
 use solidmap::{Point, Vector};
 
 /// Frequencies of the bumpy sphere: 2.6k, 10k, 32k and 100k vertices.
@@ -29,11 +29,11 @@ fn bumpy(frequency: usize, frame: usize) -> BoundaryMap {
     BoundaryMap::new(domain, image.vertices().to_vec()).expect("the meshes match")
 }
 
-fn dense(method: Method, sources: usize) -> FitOptions {
+fn dense(decomposition: Decomposition, sources: usize) -> FitOptions {
     FitOptions {
         max_sources: sources,
         solver: Solver::Dense(DenseOptions {
-            method,
+            decomposition,
             ..DenseOptions::default()
         }),
         ..FitOptions::dense()
@@ -45,7 +45,7 @@ fn factored(pair: &BoundaryMap, options: &FitOptions) -> DomainFactor {
 }
 
 fn fitted(pair: &BoundaryMap) -> HarmonicMap {
-    let factor = factored(pair, &dense(Method::Qr, 1000));
+    let factor = factored(pair, &dense(Decomposition::Qr, 1000));
     factor.solve(pair, &|_| {}).expect("the pair is sound").map
 }
 
@@ -77,14 +77,14 @@ pub fn factor(criterion: &mut Criterion) {
         });
     }
     let pair = pair();
-    for (name, method, sizes) in [
-        ("qr", Method::Qr, &[500, 1000, 2000][..]),
-        ("svd", Method::Svd, &[500, 1000][..]),
+    for (name, decomposition, sizes) in [
+        ("qr", Decomposition::Qr, &[500, 1000, 2000][..]),
+        ("svd", Decomposition::Svd, &[500, 1000][..]),
     ] {
         for &sources in sizes {
             group.throughput(Throughput::Elements(sources as u64));
             group.bench_function(BenchmarkId::new(name, sources), |b| {
-                b.iter(|| factored(&pair, &dense(method, sources)));
+                b.iter(|| factored(&pair, &dense(decomposition, sources)));
             });
         }
     }
@@ -106,7 +106,7 @@ pub fn solve(criterion: &mut Criterion) {
     }
     let pair = pair();
     for sources in [500, 1000, 2000] {
-        let factor = factored(&pair, &dense(Method::Qr, sources));
+        let factor = factored(&pair, &dense(Decomposition::Qr, sources));
         group.throughput(Throughput::Elements(sources as u64));
         group.bench_function(BenchmarkId::new("qr", sources), |b| {
             b.iter(|| factor.solve(&pair, &|_| {}))

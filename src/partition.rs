@@ -83,7 +83,7 @@ impl Partition {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let root = (!points.is_empty()).then(|| {
             let parts = points.len().div_ceil(most.max(1));
-            let cut = Cut {
+            let cut = Bisection {
                 points,
                 radii,
                 widest_gap,
@@ -124,14 +124,14 @@ impl Partition {
     }
 }
 
-struct Cut<'a> {
+struct Bisection<'a> {
     points: &'a [Point],
     radii: &'a [f64],
     /// In units of the reach of a part's points; `None` for parts with whatever gaps they have.
     widest_gap: Option<f64>,
 }
 
-impl Cut<'_> {
+impl Bisection<'_> {
     /// So many parts of these points, or a few more.
     fn node(&self, order: &mut [u32], start: usize, parts: usize) -> Node {
         let bounds = Bounds::around(order.iter().map(|&i| self.points[i as usize]));

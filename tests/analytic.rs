@@ -7,7 +7,7 @@ use solidmap::fit::{DomainFactor, FitError, FitOptions, Placement, Solver, fit};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::sampling;
-use solidmap::solver::{CollocationSystem, DenseFactor, DenseOptions, Method};
+use solidmap::solver::{CollocationSystem, Decomposition, DenseFactor, DenseOptions};
 
 /// Harmonic polynomials of degree 2, 3 and 4.
 fn polynomials(p: &Point) -> Point {
@@ -41,7 +41,7 @@ fn affine(p: &Point) -> Point {
 #[test]
 fn identity_and_affine_maps_are_reproduced() {
     let svd = DenseOptions {
-        method: Method::Svd,
+        decomposition: Decomposition::Svd,
         ..DenseOptions::default()
     };
     let choices = [

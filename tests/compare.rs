@@ -234,7 +234,7 @@ fn affine_maps_are_reproduced_with_one_energy() {
             }
             let mut recipe = recipe(method, &domain);
             // What is missing in the energy is the square of what is missing in the map.
-            recipe.descent.descent = solidmap::baseline::Descent::ConjugateGradients;
+            recipe.descent.descent = solidmap::baseline::DescentDirection::ConjugateGradients;
             recipe.descent.threshold = 1e-24;
             let built = built(&boundary, &recipe);
             let error = largest_distance(&yardstick.samples(&*built.map).unwrap().images, &exact);
@@ -272,7 +272,7 @@ fn descents_end_above_the_energy_of_the_direct_solve_and_as_near_as_it_says() {
         let (mesh, images) = built.tets.clone().unwrap();
         (energy_on_tets(&mesh, &images), built)
     };
-    use solidmap::baseline::Descent::{ConjugateGradients, Steepest};
+    use solidmap::baseline::DescentDirection::{ConjugateGradients, Steepest};
     let (least, fem) = made(Method::Fem, Steepest, 0.0);
     let (conjugate, _) = made(Method::Variational, ConjugateGradients, 1e-12);
     let rounding = 1e-12 * least;

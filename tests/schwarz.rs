@@ -7,7 +7,7 @@ use solidmap::fit::{BoundaryError, DomainFactor, Fit, FitOptions};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::sampling::{self, Anchors, Collocation};
-use solidmap::solver::Stop;
+use solidmap::solver::SchwarzStop;
 use solidmap::{Point, Vector};
 
 fn radial(domain: &SurfaceMesh) -> BoundaryMap {
@@ -103,7 +103,7 @@ fn iterations_do_not_grow_with_the_number_of_sources() {
             "{} sources: {} iterations, {:?}, {:?}",
             fit.report.sources, fit.report.iterations, fit.report.stop, fit.report.boundary_error
         );
-        assert_eq!(fit.report.stop, Some(Stop::Plateau));
+        assert_eq!(fit.report.stop, Some(SchwarzStop::Plateau));
         fit.report.iterations
     });
     assert!(
@@ -127,7 +127,7 @@ fn iterations_do_not_grow_with_the_number_of_sources_on_a_scan() {
             "{} sources: {} iterations, {:?}, {:?}, {:?}",
             fit.report.sources, fit.report.iterations, fit.report.stop, fit.report.boundary_error, fit.report.seconds
         );
-        assert_eq!(fit.report.stop, Some(Stop::Plateau));
+        assert_eq!(fit.report.stop, Some(SchwarzStop::Plateau));
         fit.report.iterations
     });
     assert!(

@@ -8,7 +8,7 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{Fit, FitOptions, FitReport, Phase, Placement, RefinementEnd, Solver, fit};
 use solidmap::io::{self, Cells, Field, MapFile, MapMetadata, Provenance, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
-use solidmap::solver::{DenseOptions, Method, SchwarzOptions, Stop};
+use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions, SchwarzStop};
 use solidmap::spherical::SphereOptions;
 
 use super::args::{FitArgs, MethodArgs, MethodKind, PairArgs, PlacementKind};
@@ -254,9 +254,9 @@ fn solver(report: &FitReport) -> String {
         }
         (None, Some(stop)) => {
             let why = match stop {
-                Stop::Goal => "far below the tolerance",
-                Stop::Plateau => "at the least-squares optimum",
-                Stop::Iterations => "before it converged",
+                SchwarzStop::Goal => "far below the tolerance",
+                SchwarzStop::Plateau => "at the least-squares optimum",
+                SchwarzStop::Iterations => "before it converged",
             };
             format!(
                 "{}, stopped after {} iterations {why}",
@@ -360,7 +360,7 @@ pub fn options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> 
         (Some(MethodKind::Schwarz), _) => Solver::Schwarz(SchwarzOptions::default()),
         (Some(MethodKind::Dense), _) => Solver::Dense(DenseOptions::default()),
         (Some(MethodKind::Svd), _) => Solver::Dense(DenseOptions {
-            method: Method::Svd,
+            decomposition: Decomposition::Svd,
             ..DenseOptions::default()
         }),
     };
@@ -372,7 +372,7 @@ pub fn options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> 
     }
     let default_limit = match solver {
         Solver::Schwarz(_) => FitOptions::adaptive(),
-        Solver::Dense(dense) if dense.method == Method::Qr => FitOptions::dense(),
+        Solver::Dense(dense) if dense.decomposition == Decomposition::Qr => FitOptions::dense(),
         Solver::Dense(_) => FitOptions::paper(),
     }
     .max_sources;

@@ -16,7 +16,7 @@ use solidmap::inverse::{InverseMap, InverseOptions, PreimageStatus};
 use solidmap::io::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint};
-use solidmap::solver::{DenseOptions, Method, SchwarzOptions};
+use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
 use solidmap::spherical::{SphereEnergy, SphereOptions, SpherePhase, map_to_sphere};
 
 pub struct Boundary(pub BoundaryMap);
@@ -231,7 +231,10 @@ pub fn fit_defaults(preset: u8) -> ffi::FitOptions {
     let (schwarz, dense) = (SchwarzOptions::default(), DenseOptions::default());
     let (solver, truncation) = match options.solver {
         Solver::Schwarz(_) => (0, dense.truncation),
-        Solver::Dense(dense) => (if dense.method == Method::Qr { 1 } else { 2 }, dense.truncation),
+        Solver::Dense(dense) => (
+            if dense.decomposition == Decomposition::Qr { 1 } else { 2 },
+            dense.truncation,
+        ),
     };
     ffi::FitOptions {
         placement,
@@ -572,8 +575,8 @@ fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
         1 => Placement::Offset { distance: value },
         _ => Placement::Sphere { radius: value },
     };
-    let dense = |method| DenseOptions {
-        method,
+    let dense = |decomposition| DenseOptions {
+        decomposition,
         truncation: options.truncation,
     };
     let solver = match options.solver {
@@ -581,8 +584,8 @@ fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
             most_iterations: options.most_iterations,
             ..SchwarzOptions::default()
         }),
-        1 => Solver::Dense(dense(Method::Qr)),
-        _ => Solver::Dense(dense(Method::Svd)),
+        1 => Solver::Dense(dense(Decomposition::Qr)),
+        _ => Solver::Dense(dense(Decomposition::Svd)),
     };
     Ok(FitOptions {
         placement,

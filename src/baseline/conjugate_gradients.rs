@@ -9,7 +9,7 @@
 use rayon::prelude::*;
 
 use super::BaselineError;
-use super::dirichlet::{Dirichlet, ROWS, Rows, sum_of_parts};
+use super::dirichlet::{Dirichlet, ROWS, UnknownValues, sum_of_parts};
 use crate::Vector;
 
 /// Rows of a block: few blocks lose little, and two already share the work.
@@ -24,12 +24,12 @@ const REFRESH: usize = 50;
 /// An incomplete factorisation of the diagonal blocks.
 #[derive(Debug, Clone)]
 pub(super) struct IncompleteCholesky {
-    blocks: Vec<Block>,
+    blocks: Vec<DiagonalBlock>,
 }
 
 /// `L` with `L Lᵀ ≈ A`, row by row.
 #[derive(Debug, Clone)]
-struct Block {
+struct DiagonalBlock {
     begin: Vec<usize>,
     /// Columns left of the diagonal, counted from the block's first, ascending.
     columns: Vec<u32>,
@@ -43,7 +43,7 @@ impl IncompleteCholesky {
         let count = system.free.len();
         let blocks = (0..count.div_ceil(BLOCK)).into_par_iter().map(|b| {
             let rows = b * BLOCK..((b + 1) * BLOCK).min(count);
-            Block::new(system, rows)
+            DiagonalBlock::new(system, rows)
         });
         Self {
             blocks: blocks.collect(),
@@ -56,7 +56,7 @@ impl IncompleteCholesky {
     }
 
     /// The residual times the inverse of the factorisation.
-    fn applied(&self, residual: &[Vector]) -> Rows {
+    fn applied(&self, residual: &[Vector]) -> UnknownValues {
         let mut values = residual.to_vec();
         let parts = values.par_chunks_mut(BLOCK);
         parts.zip(&self.blocks).for_each(|(values, block)| block.solve(values));
@@ -64,7 +64,7 @@ impl IncompleteCholesky {
     }
 }
 
-impl Block {
+impl DiagonalBlock {
     fn new(system: &Dirichlet, rows: std::ops::Range<usize>) -> Self {
         let (mut begin, mut columns, mut matrix) = (vec![0], Vec::new(), Vec::new());
         for i in rows.clone() {
@@ -155,7 +155,7 @@ pub(super) fn solve(
     data: &[Vector],
     tolerance: f64,
     most_iterations: usize,
-) -> Result<(Rows, usize), BaselineError> {
+) -> Result<(UnknownValues, usize), BaselineError> {
     let limit = dot(data, data) * (tolerance * tolerance);
     let mut solution = vec![Vector::zeros(); data.len()];
     let mut residual = data.to_vec();
@@ -248,7 +248,7 @@ mod tests {
     #[test]
     fn broken_factorisations_are_mended_by_a_shift() {
         // Of the matrix [1 2; 2 1], which is indefinite.
-        let mut block = Block {
+        let mut block = DiagonalBlock {
             begin: vec![0, 0, 1],
             columns: vec![0],
             entries: vec![],

@@ -6,8 +6,8 @@ use std::sync::{Arc, OnceLock};
 use rayon::prelude::*;
 
 use super::boundary::{boundary_faces, vertices_of};
-use super::stiffness::{Incidence, Stiffness};
-use super::tet_map::Solid;
+use super::stiffness::{Incidence, TetStiffness};
+use super::tet_map::SharedMesh;
 use super::{BaselineError, check_images};
 use crate::geometry::morton_order;
 use crate::mesh::TetMesh;
@@ -18,12 +18,12 @@ use crate::{Point, Vector};
 pub(super) const ROWS: usize = 2048;
 
 /// Values of a map at the unknowns, one row each.
-pub(super) type Rows = Vec<Vector>;
+pub(super) type UnknownValues = Vec<Vector>;
 
 /// The system, its unknowns numbered along a space-filling curve.
 #[derive(Debug, Clone)]
 pub(super) struct Dirichlet {
-    pub solid: Arc<Solid>,
+    pub solid: Arc<SharedMesh>,
     /// Vertices on the boundary, ascending.
     pub fixed: Vec<u32>,
     /// Triangles of the boundary, by places in `fixed`.
@@ -56,7 +56,7 @@ impl Compressed {
     }
 
     /// The rows of these vertices among the columns that have a number; ascending by it.
-    fn of(stiffness: &Stiffness, vertices: &[u32], number: &[u32]) -> Self {
+    fn of(stiffness: &TetStiffness, vertices: &[u32], number: &[u32]) -> Self {
         let parts = vertices.par_chunks(ROWS).map(|part| {
             let (mut ends, mut entries, mut row) = (Vec::new(), Vec::new(), Vec::new());
             for &v in part {
@@ -91,7 +91,7 @@ impl Compressed {
 impl Dirichlet {
     pub fn new(mesh: TetMesh) -> Result<Self, BaselineError> {
         let incidence = Incidence::new(&mesh);
-        let stiffness = Stiffness::with_incidence(&mesh, &incidence)?;
+        let stiffness = TetStiffness::with_incidence(&mesh, &incidence)?;
         let faces = boundary_faces(&mesh, &incidence);
         let fixed = vertices_of(&faces);
 
@@ -110,7 +110,7 @@ impl Dirichlet {
         let inner = Compressed::of(&stiffness, &free, &place);
         let sum = |&v: &u32| stiffness.edges_of(v as usize).1.iter().sum();
         let system = Self {
-            solid: Arc::new(Solid {
+            solid: Arc::new(SharedMesh {
                 mesh,
                 locator: OnceLock::new(),
             }),
@@ -145,14 +145,14 @@ impl Dirichlet {
 
     /// Checks boundary data, in the order of `fixed`, and gives its mean over the vertices with the data about that. In
     /// data far from the origin digits would be lost, and constants are then met exactly.
-    pub fn centred(&self, images: &[Point]) -> Result<(Vector, Rows), BaselineError> {
+    pub fn centred(&self, images: &[Point]) -> Result<(Vector, UnknownValues), BaselineError> {
         check_images(images, self.fixed.len())?;
         let mean = sum_of_parts(images.len(), |i| images[i].coords) / images.len().max(1) as f64;
         Ok((mean, images.iter().map(|p| p.coords - mean).collect()))
     }
 
     /// The right-hand side for images of the boundary.
-    pub fn data(&self, images: &[Vector]) -> Rows {
+    pub fn data(&self, images: &[Vector]) -> UnknownValues {
         let row = |i: usize| self.outer.row(i).map(|(j, k)| images[j] * k).sum();
         (0..self.free.len())
             .into_par_iter()
@@ -162,7 +162,7 @@ impl Dirichlet {
     }
 
     /// The matrix times `values`.
-    pub fn times(&self, values: &[Vector]) -> Rows {
+    pub fn times(&self, values: &[Vector]) -> UnknownValues {
         let row = |i: usize| {
             let whole = values[i] * self.diagonal[i];
             whole - self.inner.row(i).map(|(j, k)| values[j] * k).sum::<Vector>()
@@ -234,12 +234,13 @@ mod tests {
     #[test]
     fn energy_is_that_of_the_edges() {
         for mesh in [ball(5), torus(3)] {
-            let stiffness = Stiffness::new(&mesh).unwrap();
+            let stiffness = TetStiffness::new(&mesh).unwrap();
             let image = |p: &Point| Point::new(p.x.sin(), p.y * p.z, p.x - p.z);
             let images: Vec<Point> = mesh.vertices().iter().map(image).collect();
             let expected = stiffness.energy(&images).unwrap();
             let system = Dirichlet::new(mesh).unwrap();
-            let at = |vertices: &[u32]| -> Rows { vertices.iter().map(|&v| images[v as usize].coords).collect() };
+            let at =
+                |vertices: &[u32]| -> UnknownValues { vertices.iter().map(|&v| images[v as usize].coords).collect() };
             let found = system.energy(&at(&system.free), &at(&system.fixed));
             assert!((found / expected - 1.0).abs() < 1e-13);
         }

@@ -29,7 +29,7 @@ use crate::{Matrix3, Point, Vector};
 mod lanes;
 mod sums;
 
-use sums::{Block, Edge, Instructions, LANES, Patch, Sums, Triangle};
+use sums::{BlockSums, Instructions, LANES, PatchEdge, PatchTriangle, PointBlock, TrianglePatch};
 
 /// The map of a solid by mean value coordinates of its boundary.
 ///
@@ -44,14 +44,14 @@ use sums::{Block, Edge, Instructions, LANES, Patch, Sums, Triangle};
 /// together.
 #[derive(Debug, Clone)]
 pub struct MeanValueMap {
-    frame: Frame,
+    frame: Normalisation,
     /// Of the domain in the frame.
     query: SurfaceQuery,
     domain: SurfaceMesh,
     image: Vec<Point>,
     /// Unit normals into the solid, averaged over the triangles at each vertex.
     inward: Vec<Vector>,
-    patches: Vec<Patch>,
+    patches: Vec<TrianglePatch>,
     instructions: Instructions,
 }
 
@@ -93,7 +93,7 @@ impl MeanValueMap {
     ///
     /// When the domain is empty, not finite, not closed, not consistently oriented, or without area.
     pub fn new(boundary: &BoundaryMap) -> Result<Self, MeanValueError> {
-        let frame = Frame::of(boundary.domain());
+        let frame = Normalisation::of(boundary.domain());
         let positions = boundary.domain().vertices().iter().map(|p| frame.localise(p)).collect();
         let domain = boundary
             .domain()
@@ -124,16 +124,16 @@ impl MeanValueMap {
         points: &[Point],
         with_gradient: bool,
         place: impl Fn(Point, &ClosestPoint) -> Point,
-    ) -> Vec<Sample> {
+    ) -> Vec<PointSums> {
         let local: Vec<Point> = points.iter().map(|p| self.frame.localise(p)).collect();
         // Neighbours together: the formulas for near triangles then run for few blocks.
         let order = morton_order(&local);
         let local: Vec<Point> = order.iter().map(|&i| local[i as usize]).collect();
         let closest = self.query.closest_points(&local);
-        let mut samples: Vec<Sample> = local
+        let mut samples: Vec<PointSums> = local
             .iter()
             .zip(&closest)
-            .map(|(p, closest)| Sample {
+            .map(|(p, closest)| PointSums {
                 place: place(*p, closest),
                 origin: self.image_of(closest),
                 distance: closest.distance,
@@ -141,7 +141,7 @@ impl MeanValueMap {
             })
             .collect();
         samples.par_chunks_mut(LANES * BLOCKS).for_each(|samples| {
-            let blocks: Vec<Block> = samples.chunks(LANES).map(gather).collect();
+            let blocks: Vec<PointBlock> = samples.chunks(LANES).map(gather).collect();
             let sums = self.instructions.sum(&self.patches, &blocks, with_gradient);
             for (samples, sums) in samples.chunks_mut(LANES).zip(&sums) {
                 scatter(sums, samples);
@@ -224,12 +224,12 @@ const PATCH: usize = 64;
 
 /// Moves the domain to the origin and scales it by a power of two, which is exact, to a diagonal between one and two.
 #[derive(Debug, Clone, Copy)]
-struct Frame {
+struct Normalisation {
     centre: Point,
     up: f64,
 }
 
-impl Frame {
+impl Normalisation {
     fn of(mesh: &SurfaceMesh) -> Self {
         let centre = mesh.bounding_box().map_or_else(Point::origin, |(low, high)| {
             Point::from(low.coords / 2.0 + high.coords / 2.0)
@@ -250,16 +250,16 @@ impl Frame {
 
 /// What is known of a point in the frame.
 #[derive(Debug, Clone, Copy)]
-struct Sample {
+struct PointSums {
     place: Point,
     /// Image of the closest boundary point.
     origin: Point,
     distance: f64,
-    /// As [`Sums`] has them, for this point.
+    /// As [`BlockSums`] has them, for this point.
     sums: [f64; 16],
 }
 
-impl Sample {
+impl PointSums {
     /// From the origin to the image.
     fn offset(&self) -> Vector {
         Vector::from_column_slice(&self.sums[..3]) / self.sums[3]
@@ -273,17 +273,17 @@ impl Sample {
 }
 
 /// A block of up to [`LANES`] samples, the last repeated to fill the lanes.
-fn gather(samples: &[Sample]) -> Block {
-    let lanes = |of: fn(&Sample) -> Point| {
+fn gather(samples: &[PointSums]) -> PointBlock {
+    let lanes = |of: fn(&PointSums) -> Point| {
         std::array::from_fn(|k| std::array::from_fn(|lane| of(&samples[lane.min(samples.len() - 1)])[k]))
     };
-    Block {
+    PointBlock {
         points: lanes(|sample| sample.place),
         origins: lanes(|sample| sample.origin),
     }
 }
 
-fn scatter(sums: &Sums, samples: &mut [Sample]) {
+fn scatter(sums: &BlockSums, samples: &mut [PointSums]) {
     for (lane, sample) in samples.iter_mut().enumerate() {
         sample.sums = sums.map(|lanes| lanes[lane]);
     }
@@ -312,7 +312,7 @@ fn check_closed(mesh: &SurfaceMesh) -> Result<(), MeanValueError> {
 }
 
 /// The triangles in the order of a tree of boxes, [`PATCH`] at a time.
-fn cut_into_patches(mesh: &SurfaceMesh, image: &[Point]) -> Vec<Patch> {
+fn cut_into_patches(mesh: &SurfaceMesh, image: &[Point]) -> Vec<TrianglePatch> {
     let boxes: Vec<Aabb> = (0..mesh.triangles().len())
         .map(|t| Aabb::around(&mesh.corners(t)))
         .collect();
@@ -323,7 +323,7 @@ fn cut_into_patches(mesh: &SurfaceMesh, image: &[Point]) -> Vec<Patch> {
         .collect()
 }
 
-fn build_patch(mesh: &SurfaceMesh, image: &[Point], triangles: &[u32]) -> Patch {
+fn build_patch(mesh: &SurfaceMesh, image: &[Point], triangles: &[u32]) -> TrianglePatch {
     let side = |corners: [u32; 3], k: usize| {
         let (start, end) = (corners[k], corners[(k + 1) % 3]);
         [start.min(end), start.max(end)]
@@ -337,7 +337,10 @@ fn build_patch(mesh: &SurfaceMesh, image: &[Point], triangles: &[u32]) -> Patch 
     keys.sort_unstable();
     keys.dedup();
     let position = |v: u32| mesh.vertices()[v as usize];
-    let mut edges: Vec<Edge> = keys.iter().map(|&[a, b]| Edge::new(position(a), position(b))).collect();
+    let mut edges: Vec<PatchEdge> = keys
+        .iter()
+        .map(|&[a, b]| PatchEdge::new(position(a), position(b)))
+        .collect();
     let mut kept = Vec::with_capacity(triangles.len());
     for corners in triangles.iter().map(corners_of) {
         let sides: [usize; 3] = std::array::from_fn(|k| {
@@ -345,7 +348,7 @@ fn build_patch(mesh: &SurfaceMesh, image: &[Point], triangles: &[u32]) -> Patch 
                 .expect("the side of every triangle is a key")
         });
         let images = corners.map(|v| image[v as usize]);
-        let Some(triangle) = Triangle::new(corners.map(position), images, sides.map(|e| e as u32)) else {
+        let Some(triangle) = PatchTriangle::new(corners.map(position), images, sides.map(|e| e as u32)) else {
             continue;
         };
         for k in 0..3 {
@@ -353,7 +356,7 @@ fn build_patch(mesh: &SurfaceMesh, image: &[Point], triangles: &[u32]) -> Patch 
         }
         kept.push(triangle);
     }
-    Patch { edges, triangles: kept }
+    TrianglePatch { edges, triangles: kept }
 }
 
 fn inward_normals(mesh: &SurfaceMesh) -> Vec<Vector> {

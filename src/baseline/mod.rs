@@ -1,7 +1,7 @@
 //! Rival maps, behind the same trait as the harmonic map, so that a report compares like with like.
 //!
 //! [`TetHarmonic`] and [`TetLaplacian`] minimise the same discrete harmonic energy on a tetrahedral mesh, whose edge
-//! weights are those of [`Stiffness`]: the one by a sparse factorisation that is kept for further boundary maps, or by
+//! weights are those of [`TetStiffness`]: the one by a sparse factorisation that is kept for further boundary maps, or by
 //! preconditioned conjugate gradients; the other by descent from an initial map, as Wang, Gu, Thompson and Yau do. Both
 //! give a [`TetMap`], linear over each tetrahedron. [`MeanValueMap`] interpolates the boundary by mean value coordinates,
 //! which take no mesh and are not harmonic.
@@ -17,9 +17,9 @@ mod tet_map;
 
 pub use boundary::{BoundaryImages, boundary_images, boundary_vertices};
 pub use mean_value::{MeanValueError, MeanValueMap};
-pub use stiffness::Stiffness;
-pub use tet_harmonic::{HarmonicOptions, Solver, TetHarmonic};
-pub use tet_laplacian::{Descended, Descent, DescentOptions, Stop, TetLaplacian};
+pub use stiffness::TetStiffness;
+pub use tet_harmonic::{HarmonicOptions, HarmonicSolver, TetHarmonic};
+pub use tet_laplacian::{Descended, DescentDirection, DescentOptions, DescentStop, TetLaplacian};
 pub use tet_map::TetMap;
 
 use crate::Point;

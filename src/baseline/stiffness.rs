@@ -26,13 +26,13 @@ const ROWS: usize = 1024;
 
 /// Edge weights `k_uv` of a mesh, as a symmetric sparse matrix without a diagonal.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Stiffness {
+pub struct TetStiffness {
     begin: Vec<usize>,
     neighbours: Vec<u32>,
     weights: Vec<f64>,
 }
 
-impl Stiffness {
+impl TetStiffness {
     /// The edge weights of a mesh. Tetrahedra of either hand count alike.
     ///
     /// # Errors
@@ -47,11 +47,11 @@ impl Stiffness {
         let of_tets = weights_of_tets(mesh)?;
         let vertices: Vec<u32> = (0..mesh.vertices().len() as u32).collect();
         let parts = vertices.par_chunks(ROWS).map(|part| {
-            let mut rows = Rows::default();
+            let mut rows = RowChunk::default();
             part.iter().for_each(|&v| rows.push(v, mesh, incidence, &of_tets));
             rows
         });
-        let parts: Vec<Rows> = parts.collect();
+        let parts: Vec<RowChunk> = parts.collect();
 
         let edges = parts.iter().map(|rows| rows.neighbours.len()).sum();
         let mut begin = Vec::with_capacity(vertices.len() + 1);
@@ -115,7 +115,7 @@ impl Stiffness {
 /// With `G_a = det · ∇φ_a`, where `φ_a` is the linear function that is 1 in corner `a` and 0 in the others and `det` six
 /// times the volume, `l cot θ = −G_a · G_b / |det|`: no angle is computed.
 pub fn tet_weights(corners: &[Point; 4]) -> Option<[f64; 6]> {
-    let frame = Frame::new(corners)?;
+    let frame = ScaledTet::new(corners)?;
     let gradients = frame.scaled_gradients();
     let factor = -frame.side / (12.0 * frame.det.abs());
     Some(EDGES.map(|[a, b]| factor * gradients[a].dot(&gradients[b])))
@@ -123,13 +123,13 @@ pub fn tet_weights(corners: &[Point; 4]) -> Option<[f64; 6]> {
 
 /// A tetrahedron seen from its first corner, in units of its longest side along an axis, so that nothing over- or
 /// underflows.
-pub(super) struct Frame {
+pub(super) struct ScaledTet {
     pub side: f64,
     edges: Matrix3,
     det: f64,
 }
 
-impl Frame {
+impl ScaledTet {
     /// `None` when the tetrahedron is flat or not finite.
     pub fn new([a, b, c, d]: &[Point; 4]) -> Option<Self> {
         let edges = [b - a, c - a, d - a];
@@ -218,7 +218,7 @@ fn weights_of_tets(mesh: &TetMesh) -> Result<Vec<[f64; 6]>, BaselineError> {
 
 /// Some rows of the matrix, one after the other.
 #[derive(Default)]
-struct Rows {
+struct RowChunk {
     ends: Vec<usize>,
     neighbours: Vec<u32>,
     weights: Vec<f64>,
@@ -228,7 +228,7 @@ struct Rows {
     order: Vec<u64>,
 }
 
-impl Rows {
+impl RowChunk {
     /// Adds the terms of each edge in the order of the tetrahedra, as it is done from the edge's other end: the matrix
     /// is symmetric to the last bit.
     fn push(&mut self, v: u32, mesh: &TetMesh, incidence: &Incidence, of_tets: &[[f64; 6]]) {
@@ -315,7 +315,7 @@ mod tests {
 
     #[test]
     fn matrix_is_symmetric_to_the_last_bit() {
-        let stiffness = Stiffness::new(&ball(5)).unwrap();
+        let stiffness = TetStiffness::new(&ball(5)).unwrap();
         for v in 0..stiffness.vertices() {
             let (neighbours, weights) = stiffness.edges_of(v);
             assert!(neighbours.is_sorted_by(|a, b| a < b));
@@ -332,7 +332,7 @@ mod tests {
     fn rows_off_the_boundary_annihilate_linear_functions() {
         let mesh = torus(6);
         let boundary = mesh.boundary().vertex_ids;
-        let stiffness = Stiffness::new(&mesh).unwrap();
+        let stiffness = TetStiffness::new(&mesh).unwrap();
         for v in (0..mesh.vertices().len()).filter(|v| boundary.binary_search(&(*v as u32)).is_err()) {
             let (neighbours, weights) = stiffness.edges_of(v);
             let edges = neighbours.iter().zip(weights);
@@ -348,7 +348,7 @@ mod tests {
         let matrix = Matrix3::new(1.2, 0.5, -0.3, 0.1, 0.8, 0.2, -0.4, 0.3, 1.1);
         for mesh in [cube(4), ball(4), torus(4)] {
             let images: Vec<Point> = mesh.vertices().iter().map(|p| matrix * p).collect();
-            let energy = Stiffness::new(&mesh).unwrap().energy(&images).unwrap();
+            let energy = TetStiffness::new(&mesh).unwrap().energy(&images).unwrap();
             let expected = 0.5 * matrix.norm_squared() * mesh.volume();
             assert!((energy / expected - 1.0).abs() < 1e-13, "{energy} {expected}");
         }
@@ -374,11 +374,11 @@ mod tests {
     fn rejects_what_has_no_gradient() {
         let mut vertices = corner().to_vec();
         let empty = TetMesh::new(vertices.clone(), vec![]).unwrap();
-        assert_eq!(Stiffness::new(&empty), Err(BaselineError::NoTets));
+        assert_eq!(TetStiffness::new(&empty), Err(BaselineError::NoTets));
         vertices.push(Point::new(0.25, 0.25, 0.0));
         let flat = TetMesh::new(vertices.clone(), vec![[0, 1, 2, 3], [0, 1, 2, 4]]).unwrap();
         assert!(matches!(
-            Stiffness::new(&flat),
+            TetStiffness::new(&flat),
             Err(BaselineError::FlatTet {
                 tet: 1,
                 vertices: [0, 1, 2, 4],
@@ -388,10 +388,10 @@ mod tests {
         vertices[4].y = f64::NAN;
         let broken = TetMesh::new(vertices, vec![[0, 1, 2, 3], [0, 1, 2, 4]]).unwrap();
         assert!(matches!(
-            Stiffness::new(&broken),
+            TetStiffness::new(&broken),
             Err(BaselineError::NonFiniteVertex { vertex: 4, .. })
         ));
-        let stiffness = Stiffness::new(&cube(2)).unwrap();
+        let stiffness = TetStiffness::new(&cube(2)).unwrap();
         assert!(matches!(
             stiffness.energy(&[]),
             Err(BaselineError::ImageCount { expected: 27, found: 0 })

@@ -16,15 +16,15 @@ use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use faer::{Conj, Mat, Par, Side, Spec};
 
 use super::conjugate_gradients::{self, IncompleteCholesky};
-use super::dirichlet::{Dirichlet, Rows};
+use super::dirichlet::{Dirichlet, UnknownValues};
 use super::{BaselineError, TetMap, check_fraction};
 use crate::mesh::TetMesh;
 use crate::{Point, Vector};
 
 /// How the linear system is solved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Solver {
-    /// [`Solver::Direct`] up to [`MOST_DIRECT`] unknowns, [`Solver::Iterative`] above.
+pub enum HarmonicSolver {
+    /// [`HarmonicSolver::Direct`] up to [`MOST_DIRECT`] unknowns, [`HarmonicSolver::Iterative`] above.
     #[default]
     Auto,
     /// A sparse Cholesky factorisation, kept: costly once, then cheap for every boundary map.
@@ -34,7 +34,7 @@ pub enum Solver {
     Iterative,
 }
 
-/// Vertices off the boundary up to which [`Solver::Auto`] factors: seconds and half a gibibyte. Both grow faster than the
+/// Vertices off the boundary up to which [`HarmonicSolver::Auto`] factors: seconds and half a gibibyte. Both grow faster than the
 /// mesh.
 pub const MOST_DIRECT: usize = 50_000;
 
@@ -42,7 +42,7 @@ pub const MOST_DIRECT: usize = 50_000;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HarmonicOptions {
     /// How the linear system is solved.
-    pub solver: Solver,
+    pub solver: HarmonicSolver,
     /// Norm of the residual over that of the data at which the iterative solver ends; the direct one has no use for it.
     pub tolerance: f64,
     /// Iterations after which the iterative solver gives up.
@@ -52,7 +52,7 @@ pub struct HarmonicOptions {
 impl Default for HarmonicOptions {
     fn default() -> Self {
         Self {
-            solver: Solver::Auto,
+            solver: HarmonicSolver::Auto,
             tolerance: 1e-10,
             most_iterations: 10_000,
         }
@@ -63,13 +63,13 @@ impl Default for HarmonicOptions {
 #[derive(Debug)]
 pub struct TetHarmonic {
     system: Dirichlet,
-    factor: Factor,
+    factor: HarmonicFactor,
     options: HarmonicOptions,
 }
 
 #[derive(Debug)]
-enum Factor {
-    Complete(Box<Cholesky>),
+enum HarmonicFactor {
+    Complete(Box<SparseCholesky>),
     Incomplete(IncompleteCholesky),
 }
 
@@ -84,14 +84,14 @@ impl TetHarmonic {
         check_fraction("tolerance", options.tolerance)?;
         let system = Dirichlet::new(mesh)?;
         let direct = match options.solver {
-            Solver::Auto => system.free.len() <= MOST_DIRECT,
-            Solver::Direct => true,
-            Solver::Iterative => false,
+            HarmonicSolver::Auto => system.free.len() <= MOST_DIRECT,
+            HarmonicSolver::Direct => true,
+            HarmonicSolver::Iterative => false,
         };
         let factor = if direct {
-            Factor::Complete(Box::new(Cholesky::new(&system)?))
+            HarmonicFactor::Complete(Box::new(SparseCholesky::new(&system)?))
         } else {
-            Factor::Incomplete(IncompleteCholesky::new(&system))
+            HarmonicFactor::Incomplete(IncompleteCholesky::new(&system))
         };
         Ok(Self {
             system,
@@ -118,8 +118,8 @@ impl TetHarmonic {
     /// Numbers that the factorisation holds, complete or not; 8 bytes each.
     pub fn factor_len(&self) -> usize {
         match &self.factor {
-            Factor::Complete(factor) => factor.values.len(),
-            Factor::Incomplete(factor) => factor.len(),
+            HarmonicFactor::Complete(factor) => factor.values.len(),
+            HarmonicFactor::Incomplete(factor) => factor.len(),
         }
     }
 
@@ -145,17 +145,18 @@ impl TetHarmonic {
     pub fn solve_block(&self, boundary_images: &[impl AsRef<[Point]>]) -> Result<Vec<TetMap>, BaselineError> {
         let system = &self.system;
         let centred = boundary_images.iter().map(|images| system.centred(images.as_ref()));
-        let centred: Vec<(Vector, Rows)> = centred.collect::<Result<_, _>>()?;
-        let data: Vec<Rows> = centred.iter().map(|(_, images)| system.data(images)).collect();
+        let centred: Vec<(Vector, UnknownValues)> = centred.collect::<Result<_, _>>()?;
+        let data: Vec<UnknownValues> = centred.iter().map(|(_, images)| system.data(images)).collect();
         let solutions = match &self.factor {
-            Factor::Complete(factor) => factor.solve(&data)?,
-            Factor::Incomplete(factor) => {
+            HarmonicFactor::Complete(factor) => factor.solve(&data)?,
+            HarmonicFactor::Incomplete(factor) => {
                 let HarmonicOptions {
                     tolerance,
                     most_iterations,
                     ..
                 } = self.options;
-                let solve = |data: &Rows| conjugate_gradients::solve(system, factor, data, tolerance, most_iterations);
+                let solve =
+                    |data: &UnknownValues| conjugate_gradients::solve(system, factor, data, tolerance, most_iterations);
                 let solutions = data.iter().map(|data| Ok(solve(data)?.0));
                 solutions.collect::<Result<_, BaselineError>>()?
             }
@@ -170,21 +171,21 @@ impl TetHarmonic {
 }
 
 /// A sparse Cholesky factorisation.
-struct Cholesky {
+struct SparseCholesky {
     symbolic: SymbolicCholesky<u32>,
     values: Vec<f64>,
 }
 
-impl std::fmt::Debug for Cholesky {
+impl std::fmt::Debug for SparseCholesky {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let entries = self.values.len();
-        f.debug_struct("Cholesky")
+        f.debug_struct("SparseCholesky")
             .field("entries", &entries)
             .finish_non_exhaustive()
     }
 }
 
-impl Cholesky {
+impl SparseCholesky {
     fn new(system: &Dirichlet) -> Result<Self, BaselineError> {
         let out_of_memory = || BaselineError::OutOfMemory {
             unknowns: system.free.len(),
@@ -215,7 +216,7 @@ impl Cholesky {
         Ok(Self { symbolic, values })
     }
 
-    fn solve(&self, data: &[Rows]) -> Result<Vec<Rows>, BaselineError> {
+    fn solve(&self, data: &[UnknownValues]) -> Result<Vec<UnknownValues>, BaselineError> {
         let (rows, columns) = (self.symbolic.nrows(), 3 * data.len());
         let mut unknowns = Mat::from_fn(rows, columns, |i, c| data[c / 3][i][c % 3]);
         let par = parallelism();
@@ -258,17 +259,17 @@ fn parallelism() -> Par {
 mod tests {
     use super::*;
     use crate::baseline::test_meshes::{ball, cube, torus};
-    use crate::baseline::{Stiffness, TetLaplacian, boundary_vertices};
+    use crate::baseline::{TetLaplacian, TetStiffness, boundary_vertices};
     use crate::map::VolumeMap;
-    use crate::{Matrix3, baseline::Descent, baseline::DescentOptions};
+    use crate::{Matrix3, baseline::DescentDirection, baseline::DescentOptions};
 
     const DIRECT: HarmonicOptions = HarmonicOptions {
-        solver: Solver::Direct,
+        solver: HarmonicSolver::Direct,
         tolerance: 1e-12,
         most_iterations: 1000,
     };
     const ITERATIVE: HarmonicOptions = HarmonicOptions {
-        solver: Solver::Iterative,
+        solver: HarmonicSolver::Iterative,
         ..DIRECT
     };
 
@@ -348,10 +349,10 @@ mod tests {
         for mesh in [cube(6), ball(6), torus(3)] {
             let images = on_boundary(&mesh, harmonic);
             let direct = TetHarmonic::new(mesh.clone(), &DIRECT).unwrap().solve(&images).unwrap();
-            let stiffness = Stiffness::new(&mesh).unwrap();
+            let stiffness = TetStiffness::new(&mesh).unwrap();
             let least = stiffness.energy(direct.images()).unwrap();
             let descending = TetLaplacian::new(mesh).unwrap();
-            for descent in [Descent::Steepest, Descent::ConjugateGradients] {
+            for descent in [DescentDirection::Steepest, DescentDirection::ConjugateGradients] {
                 let options = DescentOptions {
                     descent,
                     threshold: 1e-10,
@@ -393,7 +394,7 @@ mod tests {
         let mesh = torus(3);
         let solved = TetHarmonic::new(mesh.clone(), &DIRECT).unwrap();
         let map = solved.solve(&on_boundary(&mesh, harmonic)).unwrap();
-        let stiffness = Stiffness::new(&mesh).unwrap();
+        let stiffness = TetStiffness::new(&mesh).unwrap();
         let least = stiffness.energy(map.images()).unwrap();
         for v in (0..mesh.vertices().len()).filter(|v| solved.boundary_vertices().binary_search(&(*v as u32)).is_err())
         {

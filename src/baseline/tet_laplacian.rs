@@ -11,14 +11,14 @@
 use std::sync::Arc;
 
 use super::conjugate_gradients::{add_scaled, dot};
-use super::dirichlet::{Dirichlet, Rows, sum_of_parts};
+use super::dirichlet::{Dirichlet, UnknownValues, sum_of_parts};
 use super::{BaselineError, TetMap, check_fraction, check_images};
 use crate::mesh::TetMesh;
 use crate::{Point, Vector};
 
 /// Along which directions the energy is lowered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Descent {
+pub enum DescentDirection {
     /// The negative gradient.
     #[default]
     Steepest,
@@ -30,7 +30,7 @@ pub enum Descent {
 #[derive(Debug, Clone, PartialEq)]
 pub struct DescentOptions {
     /// Along which directions the energy is lowered.
-    pub descent: Descent,
+    pub descent: DescentDirection,
     /// The descent ends with the step that lowers the energy by less than this part of it. What is still missing then is
     /// more, by a factor that grows with the number of vertices: hundreds for steepest descent on usual meshes.
     pub threshold: f64,
@@ -44,7 +44,7 @@ pub struct DescentOptions {
 impl Default for DescentOptions {
     fn default() -> Self {
         Self {
-            descent: Descent::Steepest,
+            descent: DescentDirection::Steepest,
             threshold: 1e-6,
             most_iterations: 10_000,
             initial: None,
@@ -55,7 +55,7 @@ impl Default for DescentOptions {
 /// Why a descent ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Stop {
+pub enum DescentStop {
     /// A step lowered the energy by less than the threshold.
     Threshold,
     /// As many steps were made as were allowed.
@@ -70,7 +70,7 @@ pub struct Descended {
     /// Energy `½ ∫ ‖J‖²` of the initial map, and after each step.
     pub energies: Vec<f64>,
     /// Why it ended.
-    pub stop: Stop,
+    pub stop: DescentStop,
 }
 
 /// The energy of a mesh, ready for descents with any boundary data.
@@ -117,7 +117,7 @@ impl TetLaplacian {
         check_fraction("threshold", options.threshold)?;
         let system = &self.system;
         let (middle, boundary) = system.centred(boundary_images)?;
-        let mut values: Rows = match &options.initial {
+        let mut values: UnknownValues = match &options.initial {
             Some(images) => {
                 check_images(images, self.mesh().vertices().len())?;
                 system
@@ -140,11 +140,11 @@ impl TetLaplacian {
     /// Lowers the energy, `E = xᵀ A x − 2 bᵀ x + …` in the unknowns `x`, whose gradient is twice `A x − b`.
     fn descend(
         &self,
-        values: &mut Rows,
+        values: &mut UnknownValues,
         boundary: &[Vector],
         options: &DescentOptions,
         progress: &dyn Fn(usize, f64),
-    ) -> (Vec<f64>, Stop) {
+    ) -> (Vec<f64>, DescentStop) {
         let system = &self.system;
         let mut energy = system.energy(values, boundary);
         let mut energies = vec![energy];
@@ -165,17 +165,17 @@ impl TetLaplacian {
             energies.push(energy);
             progress(iteration, energy);
             if fall <= options.threshold * energy.abs() {
-                return (energies, Stop::Threshold);
+                return (energies, DescentStop::Threshold);
             }
             let before = std::mem::replace(&mut squares, dot(&downhill, &downhill).sum());
             let turn = match options.descent {
-                Descent::Steepest => 0.0,
-                Descent::ConjugateGradients => squares / before,
+                DescentDirection::Steepest => 0.0,
+                DescentDirection::ConjugateGradients => squares / before,
             };
             direction.iter_mut().for_each(|d| *d *= turn);
             add_scaled(&mut direction, &Vector::repeat(1.0), &downhill);
         }
-        (energies, Stop::Iterations)
+        (energies, DescentStop::Iterations)
     }
 
     /// The mean of the target's boundary, each triangle counting by its area; of its vertices where it has none.
@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn energy_never_rises_and_is_reported() {
         let laplacian = TetLaplacian::new(ball(6)).unwrap();
-        for descent in [Descent::Steepest, Descent::ConjugateGradients] {
+        for descent in [DescentDirection::Steepest, DescentDirection::ConjugateGradients] {
             let options = DescentOptions {
                 descent,
                 ..Default::default()
@@ -225,7 +225,7 @@ mod tests {
             assert!(found.energies.windows(2).all(|pair| pair[1] <= pair[0]));
             let expected: Vec<_> = found.energies.iter().copied().enumerate().collect();
             assert_eq!(told.into_inner(), expected);
-            assert_eq!(found.stop, Stop::Threshold);
+            assert_eq!(found.stop, DescentStop::Threshold);
             let [.., before, last] = found.energies[..] else {
                 panic!("no step was made");
             };
@@ -248,7 +248,10 @@ mod tests {
                 .energies
                 .len()
         };
-        let (steepest, conjugate) = (steps(Descent::Steepest), steps(Descent::ConjugateGradients));
+        let (steepest, conjugate) = (
+            steps(DescentDirection::Steepest),
+            steps(DescentDirection::ConjugateGradients),
+        );
         assert!(3 * conjugate < steepest, "{conjugate} against {steepest}");
     }
 
@@ -262,9 +265,9 @@ mod tests {
             ..Default::default()
         };
         let found = laplacian.solve(&images, &options, &|_, _| {}).unwrap();
-        assert_eq!((found.stop, found.energies.len()), (Stop::Iterations, 2));
+        assert_eq!((found.stop, found.energies.len()), (DescentStop::Iterations, 2));
         let centre = 13;
-        let stiffness = crate::baseline::Stiffness::new(laplacian.mesh()).unwrap();
+        let stiffness = crate::baseline::TetStiffness::new(laplacian.mesh()).unwrap();
         let (neighbours, weights) = stiffness.edges_of(centre);
         let place = |u: u32| laplacian.boundary_vertices().binary_search(&u).unwrap();
         let sum: Vector = neighbours
@@ -307,7 +310,7 @@ mod tests {
         let found = laplacian
             .solve(&images(&laplacian), &DescentOptions::default(), &|_, _| {})
             .unwrap();
-        assert_eq!(found.stop, Stop::Threshold);
+        assert_eq!(found.stop, DescentStop::Threshold);
         assert_eq!(found.map.images().len(), 8);
     }
 

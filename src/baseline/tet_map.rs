@@ -3,7 +3,7 @@ use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
-use super::stiffness::{Frame, check_vertices};
+use super::stiffness::{ScaledTet, check_vertices};
 use super::{BaselineError, check_images};
 use crate::geometry::{Aabb, Bvh, closest_point_on_triangle, morton_order};
 use crate::map::VolumeMap;
@@ -21,20 +21,20 @@ use crate::{Matrix3, Point, Vector};
 /// maps of one [`super::TetHarmonic`] or [`super::TetLaplacian`].
 #[derive(Debug, Clone)]
 pub struct TetMap {
-    solid: Arc<Solid>,
+    solid: Arc<SharedMesh>,
     images: Vec<Point>,
 }
 
 /// A mesh, and its tree once there is one.
 #[derive(Debug)]
-pub(super) struct Solid {
+pub(super) struct SharedMesh {
     pub mesh: TetMesh,
-    pub locator: OnceLock<Locator>,
+    pub locator: OnceLock<TetLocator>,
 }
 
 /// Finds the tetrahedron of a point.
 #[derive(Debug)]
-pub(super) struct Locator {
+pub(super) struct TetLocator {
     bvh: Bvh,
     /// Tetrahedra that are not flat, in the order of the tree's leaves.
     tets: Vec<u32>,
@@ -66,15 +66,15 @@ impl TetMap {
         check_vertices(&mesh)?;
         check_images(&images, mesh.vertices().len())?;
         let tets = mesh.tets().len();
-        if !(0..tets).any(|t| Frame::new(&mesh.corners(t)).is_some()) {
+        if !(0..tets).any(|t| ScaledTet::new(&mesh.corners(t)).is_some()) {
             return Err(BaselineError::NoVolume { tets });
         }
         let locator = OnceLock::new();
-        Ok(Self::of(Arc::new(Solid { mesh, locator }), images))
+        Ok(Self::of(Arc::new(SharedMesh { mesh, locator }), images))
     }
 
     /// As [`Self::new`], for what has been checked.
-    pub(super) fn of(solid: Arc<Solid>, images: Vec<Point>) -> Self {
+    pub(super) fn of(solid: Arc<SharedMesh>, images: Vec<Point>) -> Self {
         Self { solid, images }
     }
 
@@ -102,7 +102,7 @@ impl TetMap {
     }
 
     fn jacobian_in(&self, tet: u32) -> Matrix3 {
-        let Some(frame) = Frame::new(&self.mesh().corners(tet as usize)) else {
+        let Some(frame) = ScaledTet::new(&self.mesh().corners(tet as usize)) else {
             return Matrix3::repeat(f64::NAN);
         };
         let [a, b, c, d] = self.mesh().tets()[tet as usize].map(|v| self.images[v as usize]);
@@ -116,7 +116,7 @@ impl TetMap {
         outside: T,
         answer: impl Fn(&Located) -> T + Sync,
     ) -> Vec<T> {
-        let locator = self.solid.locator.get_or_init(|| Locator::new(&self.solid.mesh));
+        let locator = self.solid.locator.get_or_init(|| TetLocator::new(&self.solid.mesh));
         let order = morton_order(points);
         let found: Vec<T> = order
             .par_chunks(RUN)
@@ -147,11 +147,11 @@ impl VolumeMap for TetMap {
     }
 }
 
-impl Locator {
+impl TetLocator {
     fn new(mesh: &TetMesh) -> Self {
         let all = (0..mesh.tets().len() as u32).into_par_iter();
         let solid: Vec<u32> = all
-            .filter(|&t| Frame::new(&mesh.corners(t as usize)).is_some())
+            .filter(|&t| ScaledTet::new(&mesh.corners(t as usize)).is_some())
             .collect();
         let corners = |&t: &u32| Aabb::around(&mesh.corners(t as usize));
         let boxes: Vec<Aabb> = solid.par_iter().map(corners).collect();
@@ -218,7 +218,7 @@ impl Locator {
 
 /// Weights of the corners at `p`, if none is negative.
 fn weights_inside(corners: &[Point; 4], p: &Point) -> Option<[f64; 4]> {
-    let [second, third, fourth] = (Frame::new(corners)?.inverse() * (p - corners[0])).into();
+    let [second, third, fourth] = (ScaledTet::new(corners)?.inverse() * (p - corners[0])).into();
     let weights: [f64; 4] = [1.0 - second - third - fourth, second, third, fourth];
     weights.iter().all(|&w| w >= 0.0).then_some(weights)
 }

@@ -8,7 +8,7 @@ use super::options::Size;
 use super::{FitError, FitOptions, Solver};
 use crate::memory;
 use crate::mesh::SurfaceMesh;
-use crate::solver::{Method, SchwarzOptions};
+use crate::solver::{Decomposition, SchwarzOptions};
 
 /// What a fit has to hold, as far as memory goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,9 +73,9 @@ impl Workload {
                 }
                 Solver::Dense(options) => {
                     let (tall, square) = (8.0 * rows * sources, 8.0 * sources * sources);
-                    match options.method {
-                        Method::Qr => 1.15 * tall,
-                        Method::Svd => 3.3 * tall + 8.0 * square,
+                    match options.decomposition {
+                        Decomposition::Qr => 1.15 * tall,
+                        Decomposition::Svd => 3.3 * tall + 8.0 * square,
                     }
                 }
             }
@@ -175,9 +175,9 @@ mod tests {
     use super::*;
     use crate::solver::DenseOptions;
 
-    fn dense(method: Method) -> Solver {
+    fn dense(decomposition: Decomposition) -> Solver {
         Solver::Dense(DenseOptions {
-            method,
+            decomposition,
             ..DenseOptions::default()
         })
     }
@@ -186,7 +186,7 @@ mod tests {
     #[test]
     fn estimates_are_within_30_percent_of_measured_peaks() {
         let schwarz = Solver::Schwarz(SchwarzOptions::default());
-        let (qr, svd) = (dense(Method::Qr), dense(Method::Svd));
+        let (qr, svd) = (dense(Decomposition::Qr), dense(Decomposition::Svd));
         let unrefined = [
             (schwarz, 4842, 5246, 14_522, 72.0),
             (schwarz, 15_002, 16_564, 45_002, 134.7),

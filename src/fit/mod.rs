@@ -235,7 +235,7 @@ impl DomainFactor {
         work.refinements = self.refinements;
         work.local_numbers = match self.options.solver {
             Solver::Schwarz(options) => {
-                let added = SchwarzFactor::kept_numbers(std::slice::from_ref(&finer.level), &options);
+                let added = SchwarzFactor::patch_entries(std::slice::from_ref(&finer.level), &options);
                 self.local_numbers.map(|kept| kept + added)
             }
             Solver::Dense(_) => None,
@@ -309,7 +309,7 @@ impl DomainFactor {
 
     /// The maps for several boundary maps of this domain at once, such as the frames of a sequence. They share every
     /// kernel value, and what they have in common is solved for once: with a tolerance, the system is solved for as many modes
-    /// of the data as make it up to a five-hundredth of the tolerance (see [`Mixing`](crate::solver::Mixing)). Each
+    /// of the data as make it up to a five-hundredth of the tolerance (see [`BasisModes`](crate::solver::BasisModes)). Each
     /// report's `solve` and `check` times are its share.
     ///
     /// Needs `24 · (collocation + sources)` bytes per boundary map, some ten times over.

@@ -2,7 +2,7 @@
 
 use super::FitError;
 use crate::mesh::SurfaceMesh;
-use crate::solver::{DenseOptions, Method, SchwarzOptions};
+use crate::solver::{Decomposition, DenseOptions, SchwarzOptions};
 
 /// Where the sources stand.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -104,7 +104,7 @@ impl FitOptions {
             collocation_ratio: 1.0,
             max_sources: 3000,
             solver: Solver::Dense(DenseOptions {
-                method: Method::Svd,
+                decomposition: Decomposition::Svd,
                 ..DenseOptions::default()
             }),
             ..Self::adaptive()

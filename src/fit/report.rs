@@ -1,7 +1,7 @@
 use super::Placement;
 use crate::boundary_map::BoundaryMap;
 use crate::map::HarmonicMap;
-use crate::solver::Stop;
+use crate::solver::SchwarzStop;
 
 /// Distances `|f(p) − f'(p)|` at held-out boundary points, as fractions of the target's diagonal.
 ///
@@ -59,7 +59,7 @@ pub struct FitReport {
     pub refinement_end: Option<RefinementEnd>,
     /// Why an iterative solver ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub stop: Option<Stop>,
+    pub stop: Option<SchwarzStop>,
     /// Singular values or pivots kept by a dense solver, of `sources` plus 4.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rank: Option<usize>,

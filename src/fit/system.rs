@@ -13,7 +13,9 @@ use crate::geometry::SurfaceQuery;
 use crate::kernel::Sums;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::Anchors;
-use crate::solver::{CollocationSystem, DenseFactor, Method, Mixing, SchwarzFactor, SolveError, Stop, Values};
+use crate::solver::{
+    BasisModes, CollocationSystem, Decomposition, DenseFactor, SchwarzFactor, SchwarzStop, SolveError, Values,
+};
 
 /// A factored system, its points in model units.
 pub(super) struct System {
@@ -26,7 +28,7 @@ pub(super) struct System {
 
 enum Factor {
     /// With the collocation points in the unit frame.
-    Dense(Box<DenseFactor>, Method, Vec<Point>),
+    Dense(Box<DenseFactor>, Decomposition, Vec<Point>),
     Schwarz(Box<SchwarzFactor>),
 }
 
@@ -37,11 +39,11 @@ const TRUNCATION: f64 = 0.1;
 pub(super) struct Solved {
     pub coefficients: Values,
     /// How the data's coefficients follow from these, where they are those of fewer modes.
-    mixing: Option<Mixing>,
+    mixing: Option<BasisModes>,
     /// Data minus values at the collocation points.
     pub residual: Values,
     pub iterations: usize,
-    pub stop: Option<Stop>,
+    pub stop: Option<SchwarzStop>,
 }
 
 impl Solved {
@@ -191,8 +193,8 @@ impl System {
     pub fn method(&self) -> &'static str {
         match self.solver {
             Factor::Schwarz(_) => "schwarz",
-            Factor::Dense(_, Method::Qr, _) => "dense-qr",
-            Factor::Dense(_, Method::Svd, _) => "dense-svd",
+            Factor::Dense(_, Decomposition::Qr, _) => "dense-qr",
+            Factor::Dense(_, Decomposition::Svd, _) => "dense-svd",
         }
     }
 
@@ -241,7 +243,7 @@ impl Placed {
         let (sources, local_numbers, solver) = match &self.layout {
             Layout::Levels(levels, options) => {
                 let local = levels.get(1..).unwrap_or_default();
-                let kept = SchwarzFactor::kept_numbers(local, options);
+                let kept = SchwarzFactor::patch_entries(local, options);
                 let sources = levels.iter().map(|level| level.sources.len()).sum();
                 (sources, Some(kept), Solver::Schwarz(*options))
             }
@@ -279,7 +281,10 @@ impl Placed {
                     columns: system.unknowns(),
                 }))?;
                 let factor = DenseFactor::new(&system, &options)?;
-                (sources, Factor::Dense(Box::new(factor), options.method, self.points))
+                (
+                    sources,
+                    Factor::Dense(Box::new(factor), options.decomposition, self.points),
+                )
             }
         };
         let sources: Vec<Point> = sources;
@@ -487,7 +492,7 @@ mod tests {
         let met = factor
             .solve(&data, Some(&first.coefficients), 1.01 * before, &|_, _| {})
             .unwrap();
-        assert_eq!((met.iterations, met.stop), (0, Stop::Goal));
+        assert_eq!((met.iterations, met.stop), (0, SchwarzStop::Goal));
     }
 
     #[test]
@@ -496,13 +501,13 @@ mod tests {
         let data = case.data(smooth);
         let factor = case.schwarz(&SchwarzOptions::default());
         let plateau = factor.solve(&data, None, 0.0, &|_, _| {}).unwrap();
-        assert_eq!(plateau.stop, Stop::Plateau);
+        assert_eq!(plateau.stop, SchwarzStop::Plateau);
         let least = plateau.history[plateau.history.len() - 1];
         assert!((case.residual(&data, &case.sources(), &plateau.coefficients) / least - 1.0).abs() < 1e-3);
 
         let goal = 100.0 * least;
         let early = factor.solve(&data, None, goal, &|_, _| {}).unwrap();
-        assert_eq!(early.stop, Stop::Goal);
+        assert_eq!(early.stop, SchwarzStop::Goal);
         assert!(early.iterations < plateau.iterations);
         let found = case.residual(&data, &case.sources(), &early.coefficients);
         assert!(found <= 3f64.sqrt() * goal && found > least, "{found:e}");
@@ -513,7 +518,7 @@ mod tests {
             ..SchwarzOptions::default()
         };
         let cut = case.schwarz(&none_left).solve(&data, None, 0.0, &|_, _| {}).unwrap();
-        assert_eq!((cut.iterations, cut.stop), (1, Stop::Iterations));
+        assert_eq!((cut.iterations, cut.stop), (1, SchwarzStop::Iterations));
     }
 
     /// Nothing to fit, affine data (in the basis), and data that are not as many as the rows.

@@ -83,8 +83,8 @@ impl Instructions {
 /// Points that carry three weights each, laid out for the sums.
 #[derive(Debug, Clone)]
 pub struct Sources {
-    packed: Vec<Source>,
-    scale: Scale,
+    packed: Vec<PackedSource>,
+    scale: PowerOfTwoScale,
     /// Whether the squared distance between a source and a target may underflow.
     has_minute: bool,
 }
@@ -103,7 +103,7 @@ impl Sources {
                 found: weights.len(),
             });
         }
-        let scale = Scale::of(points);
+        let scale = PowerOfTwoScale::of(points);
         let pack = |(p, w): (&Point, &[f64; 3])| {
             let p = *p * scale.up;
             let [w0, w1, w2] = w.map(|w| w / (4.0 * PI));
@@ -268,7 +268,12 @@ pub fn fill_matrix_with(
 /// The inner loops for other algorithms of this module, on coordinates that the caller has scaled: see [`Lanes`].
 impl Instructions {
     /// Adds the potential of three weights at each block of targets.
-    pub(super) fn add_potential(self, sources: &[Source], targets: &[Block], sums: &mut [[Lane; 3]]) {
+    pub(super) fn add_potential(
+        self,
+        sources: &[PackedSource],
+        targets: &[TargetBlock],
+        sums: &mut [[BlockValues; 3]],
+    ) {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
             Level::Avx512(lanes) => add_tiles(sources, targets, sums, |s, t, sums| lanes.add_potential(s, t, sums)),
@@ -279,7 +284,12 @@ impl Instructions {
     }
 
     /// Adds the potential of three weights, then the negative of its gradient, as [`Lanes::add_gradient`] orders them.
-    pub(super) fn add_gradient(self, sources: &[Source], targets: &[Block], sums: &mut [[Lane; 12]]) {
+    pub(super) fn add_gradient(
+        self,
+        sources: &[PackedSource],
+        targets: &[TargetBlock],
+        sums: &mut [[BlockValues; 12]],
+    ) {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
             Level::Avx512(lanes) => add_tiles(sources, targets, sums, |s, t, sums| lanes.add_gradient(s, t, sums)),
@@ -300,7 +310,7 @@ impl Instructions {
     }
 
     /// Writes `1 / r` for the targets of all blocks, one column of `column.len()` entries.
-    pub(super) fn write_column(self, source: [f64; 3], targets: &[Block], column: &mut [f64]) {
+    pub(super) fn write_column(self, source: [f64; 3], targets: &[TargetBlock], column: &mut [f64]) {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
             Level::Avx512(lanes) => lanes.write_column(source, 1.0, targets, column),
@@ -334,33 +344,33 @@ const PRODUCT_ROWS: usize = 256;
 const PRODUCT_TILE: usize = 128;
 
 /// Scaled position, then the weights over 4π.
-pub(super) type Source = [f64; 6];
+pub(super) type PackedSource = [f64; 6];
 /// One value for each target of a block.
-pub(super) type Lane = [f64; LANES];
+pub(super) type BlockValues = [f64; LANES];
 
 /// The inner loops in one set of instructions. Sums are in scaled units and add to what is there.
 trait Lanes: Copy + Send + Sync {
     /// Adds the potential of three weights.
-    fn add_potential(self, sources: &[Source], targets: &Block, sums: &mut [Lane; 3]);
+    fn add_potential(self, sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 3]);
 
     /// Adds the potential of three weights, then `Σ w d_k / r³` with `d = x − y` for weight after weight: the gradient's
     /// negative.
-    fn add_gradient(self, sources: &[Source], targets: &Block, sums: &mut [Lane; 12]);
+    fn add_gradient(self, sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 12]);
 
     /// Writes `factor / r` for the targets of all blocks; returns `true` only when all entries are finite.
-    fn write_column(self, source: [f64; 3], factor: f64, targets: &[Block], column: &mut [f64]) -> bool;
+    fn write_column(self, source: [f64; 3], factor: f64, targets: &[TargetBlock], column: &mut [f64]) -> bool;
 }
 
 /// Scaled coordinates of up to [`LANES`] targets, the last repeated to fill the lanes.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
-pub(super) struct Block {
-    coordinates: [Lane; 3],
+pub(super) struct TargetBlock {
+    coordinates: [BlockValues; 3],
     len: usize,
 }
 
-impl Block {
-    fn new(targets: &[Point], scale: Scale) -> Self {
+impl TargetBlock {
+    fn new(targets: &[Point], scale: PowerOfTwoScale) -> Self {
         Self::mapped(targets, |target| target.coords.map(|c| c * scale.up).into())
     }
 
@@ -387,12 +397,12 @@ impl Block {
 
 /// A power of two by which lengths are multiplied, and its reciprocal.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Scale {
+pub(super) struct PowerOfTwoScale {
     pub(super) up: f64,
     down: f64,
 }
 
-impl Scale {
+impl PowerOfTwoScale {
     /// Brings the largest finite coordinate to between one and two, or as near as exact powers of two do.
     pub(super) fn of(points: &[Point]) -> Self {
         let finite = points
@@ -470,8 +480,8 @@ fn assemble(lanes: impl Lanes, targets: &[Point], sources: &[Point], matrix: &mu
     if targets.is_empty() {
         return;
     }
-    let scale = Scale::of(&[extent(targets), extent(sources)]);
-    let blocks: Vec<Block> = targets.chunks(LANES).map(|t| Block::new(t, scale)).collect();
+    let scale = PowerOfTwoScale::of(&[extent(targets), extent(sources)]);
+    let blocks: Vec<TargetBlock> = targets.chunks(LANES).map(|t| TargetBlock::new(t, scale)).collect();
     matrix
         .par_chunks_mut(targets.len())
         .zip(sources)
@@ -484,8 +494,8 @@ fn write_entries(
     lanes: impl Lanes,
     source: Point,
     targets: &[Point],
-    blocks: &[Block],
-    scale: Scale,
+    blocks: &[TargetBlock],
+    scale: PowerOfTwoScale,
     column: &mut [f64],
 ) {
     let scaled = source * scale.up;
@@ -503,14 +513,14 @@ fn write_entries(
 
 /// Potentials of many columns, which share each kernel value: products with tiles of the kernel's matrix.
 fn products(lanes: impl Lanes, points: &[Point], weights: &[f64], columns: usize, targets: &[Point]) -> Vec<f64> {
-    let scale = Scale::of(&[extent(targets), extent(points)]);
+    let scale = PowerOfTwoScale::of(&[extent(targets), extent(points)]);
     let mut potentials = vec![0.0; targets.len() * columns];
     let rows = PRODUCT_ROWS;
     (potentials.par_chunks_mut(rows * columns), targets.par_chunks(rows))
         .into_par_iter()
         .with_min_len((PAIRS_PER_TASK / columns).div_ceil(rows * points.len().max(1)))
         .for_each(|(potentials, targets)| {
-            let blocks: Vec<Block> = targets.chunks(LANES).map(|t| Block::new(t, scale)).collect();
+            let blocks: Vec<TargetBlock> = targets.chunks(LANES).map(|t| TargetBlock::new(t, scale)).collect();
             let mut kernel = vec![0.0; targets.len() * PRODUCT_TILE.min(points.len())];
             let tiles = points.chunks(PRODUCT_TILE).zip(weights.chunks(PRODUCT_TILE * columns));
             for (points, weights) in tiles {
@@ -533,10 +543,10 @@ fn products(lanes: impl Lanes, points: &[Point], weights: &[f64], columns: usize
 
 /// Adds tile after tile of sources, each to all blocks while it is in the first-level cache.
 fn add_tiles<const N: usize>(
-    sources: &[Source],
-    targets: &[Block],
-    sums: &mut [[Lane; N]],
-    add: impl Fn(&[Source], &Block, &mut [Lane; N]),
+    sources: &[PackedSource],
+    targets: &[TargetBlock],
+    sums: &mut [[BlockValues; N]],
+    add: impl Fn(&[PackedSource], &TargetBlock, &mut [BlockValues; N]),
 ) {
     for tile in sources.chunks(TILE) {
         for (block, sums) in targets.iter().zip(&mut *sums) {
@@ -553,11 +563,11 @@ fn chunks_per_task(sources: &Sources) -> usize {
 fn sum_tiles<const N: usize>(
     sources: &Sources,
     targets: &[Point],
-    add: impl Fn(&[Source], &Block, &mut [Lane; N]),
-) -> [[Lane; N]; BLOCKS] {
+    add: impl Fn(&[PackedSource], &TargetBlock, &mut [BlockValues; N]),
+) -> [[BlockValues; N]; BLOCKS] {
     let mut blocks = [None; BLOCKS];
     for (block, targets) in blocks.iter_mut().zip(targets.chunks(LANES)) {
-        *block = Some(Block::new(targets, sources.scale));
+        *block = Some(TargetBlock::new(targets, sources.scale));
     }
     let mut sums = [[[0.0; LANES]; N]; BLOCKS];
     for tile in sources.packed.chunks(TILE) {

@@ -19,7 +19,7 @@ use super::{Coefficients, CollocationSystem, SolveError, Values};
 /// How the dense system is decomposed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Method {
+pub enum Decomposition {
     /// Householder QR; when its condition exceeds the truncation, a column-pivoted QR of the triangular factor follows
     /// and small pivots are cut off. The same as pivoting throughout, but the large part stays in matrix products.
     #[default]
@@ -32,7 +32,7 @@ pub enum Method {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DenseOptions {
     /// Which decomposition.
-    pub method: Method,
+    pub decomposition: Decomposition,
     /// Singular values (or pivots) below this fraction of the largest are cut off; 1e-14 to 1e-6 is usual.
     pub truncation: f64,
 }
@@ -40,7 +40,7 @@ pub struct DenseOptions {
 impl Default for DenseOptions {
     fn default() -> Self {
         Self {
-            method: Method::default(),
+            decomposition: Decomposition::default(),
             truncation: 1e-10,
         }
     }
@@ -48,7 +48,7 @@ impl Default for DenseOptions {
 
 /// A decomposed system.
 pub struct DenseFactor {
-    decomposition: Decomposition,
+    decomposition: Factors,
     scales: Vec<f64>,
     row_weights: Vec<f64>,
     sources: usize,
@@ -56,7 +56,7 @@ pub struct DenseFactor {
     condition: f64,
 }
 
-enum Decomposition {
+enum Factors {
     Svd {
         u: Mat<f64>,
         s: Vec<f64>,
@@ -86,9 +86,9 @@ impl DenseFactor {
             });
         }
         let (matrix, scales) = system.matrix()?;
-        let (decomposition, rank, condition) = match options.method {
-            Method::Svd => svd(matrix, options.truncation)?,
-            Method::Qr => qr(matrix, options.truncation),
+        let (decomposition, rank, condition) = match options.decomposition {
+            Decomposition::Svd => svd(matrix, options.truncation)?,
+            Decomposition::Qr => qr(matrix, options.truncation),
         };
         if rank == 0 {
             return Err(SolveError::RankZero {
@@ -142,14 +142,14 @@ impl DenseFactor {
         }
         let rhs = Mat::from_fn(collocation, data.columns(), |r, k| self.row_weights[r] * data.row(r)[k]);
         let scaled = match &self.decomposition {
-            Decomposition::Svd { u, s, v } => {
+            Factors::Svd { u, s, v } => {
                 let mut projected = u.as_ref().subcols(0, self.rank).transpose() * &rhs;
                 for (r, &singular) in s.iter().take(self.rank).enumerate() {
                     (0..data.columns()).for_each(|k| projected[(r, k)] /= singular);
                 }
                 v.as_ref().subcols(0, self.rank) * projected
             }
-            Decomposition::Qr {
+            Factors::Qr {
                 factored,
                 coefficients,
                 pivoted,
@@ -173,7 +173,7 @@ impl DenseFactor {
 
     /// `(AᵀA)⁻¹ gradient`, for gradients `Aᵀr` that were formed elsewhere, up to one common factor; `None` when the decomposition was truncated.
     pub(super) fn solve_normal(&self, gradient: &Values) -> Option<Values> {
-        let Decomposition::Qr {
+        let Factors::Qr {
             factored,
             pivoted: None,
             ..
@@ -196,14 +196,14 @@ impl DenseFactor {
     }
 }
 
-fn svd(matrix: Mat<f64>, truncation: f64) -> Result<(Decomposition, usize, f64), SolveError> {
+fn svd(matrix: Mat<f64>, truncation: f64) -> Result<(Factors, usize, f64), SolveError> {
     let svd = matrix.thin_svd().map_err(|_| SolveError::NoConvergence)?;
     drop(matrix);
     let s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
     let rank = s.iter().take_while(|&&value| value > truncation * s[0]).count();
     let condition = s[0] / s[s.len() - 1];
     Ok((
-        Decomposition::Svd {
+        Factors::Svd {
             u: svd.U().to_owned(),
             s,
             v: svd.V().to_owned(),
@@ -213,7 +213,7 @@ fn svd(matrix: Mat<f64>, truncation: f64) -> Result<(Decomposition, usize, f64),
     ))
 }
 
-fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Decomposition, usize, f64) {
+fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Factors, usize, f64) {
     let (rows, columns) = matrix.shape();
     let block = recommended_block_size::<f64>(rows, columns);
     let mut coefficients = Mat::zeros(block, columns);
@@ -229,7 +229,7 @@ fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Decomposition, usize, f64) {
     let condition = triangular_condition(matrix.as_ref().subrows(0, columns));
     if condition * truncation < 1.0 {
         return (
-            Decomposition::Qr {
+            Factors::Qr {
                 factored: matrix,
                 coefficients,
                 pivoted: None,
@@ -245,7 +245,7 @@ fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Decomposition, usize, f64) {
         .take_while(|&k| pivoted.R()[(k, k)].abs() > truncation * first)
         .count();
     (
-        Decomposition::Qr {
+        Factors::Qr {
             factored: matrix,
             coefficients,
             pivoted: Some(pivoted),
@@ -414,8 +414,15 @@ mod tests {
         }
     }
 
-    fn factor(system: &CollocationSystem<'_>, method: Method, truncation: f64) -> DenseFactor {
-        DenseFactor::new(system, &DenseOptions { method, truncation }).unwrap()
+    fn factor(system: &CollocationSystem<'_>, decomposition: Decomposition, truncation: f64) -> DenseFactor {
+        DenseFactor::new(
+            system,
+            &DenseOptions {
+                decomposition,
+                truncation,
+            },
+        )
+        .unwrap()
     }
 
     /// In the well-conditioned case both give the one least-squares solution, to the rounding that the condition number
@@ -424,8 +431,8 @@ mod tests {
     fn svd_and_qr_agree_on_a_well_conditioned_system() {
         let ball = Ball::new(200, 0.3);
         let (svd, qr) = (
-            factor(&ball.system(true), Method::Svd, 0.0),
-            factor(&ball.system(true), Method::Qr, 0.0),
+            factor(&ball.system(true), Decomposition::Svd, 0.0),
+            factor(&ball.system(true), Decomposition::Qr, 0.0),
         );
         let (x, y) = (svd.solve(&ball.data()).unwrap(), qr.solve(&ball.data()).unwrap());
         let size = x.sources.iter().flatten().fold(0f64, |m, v| m.max(v.abs()));
@@ -446,12 +453,12 @@ mod tests {
     #[test]
     fn truncation_solves_a_numerically_singular_system() {
         let ball = Ball::new(400, 4.0);
-        for method in [Method::Svd, Method::Qr] {
-            let factor = factor(&ball.system(true), method, 1e-11);
-            assert!(factor.rank() < 400, "{method:?} keeps {}", factor.rank());
-            assert!(factor.condition() > 1e12, "{method:?} {:e}", factor.condition());
+        for decomposition in [Decomposition::Svd, Decomposition::Qr] {
+            let factor = factor(&ball.system(true), decomposition, 1e-11);
+            assert!(factor.rank() < 400, "{decomposition:?} keeps {}", factor.rank());
+            assert!(factor.condition() > 1e12, "{decomposition:?} {:e}", factor.condition());
             let residual = ball.residual(&factor.solve(&ball.data()).unwrap());
-            assert!(residual < 1e-6, "{method:?} leaves {residual:e}");
+            assert!(residual < 1e-6, "{decomposition:?} leaves {residual:e}");
         }
     }
 
@@ -459,12 +466,12 @@ mod tests {
     fn a_repeated_source_does_not_matter() {
         let mut ball = Ball::new(100, 0.4);
         let alone = ball.residual(
-            &factor(&ball.system(true), Method::Qr, 1e-10)
+            &factor(&ball.system(true), Decomposition::Qr, 1e-10)
                 .solve(&ball.data())
                 .unwrap(),
         );
         ball.sources.push(ball.sources[17]);
-        let factor = factor(&ball.system(true), Method::Qr, 1e-10);
+        let factor = factor(&ball.system(true), Decomposition::Qr, 1e-10);
         assert_eq!(factor.rank(), 104);
         let doubled = ball.residual(&factor.solve(&ball.data()).unwrap());
         assert!((doubled / alone - 1.0).abs() < 1e-6);
@@ -478,8 +485,8 @@ mod tests {
             .iter()
             .map(|p| [1.0 + p.x, 2.0 * p.y - p.z, 3.0 * p.z])
             .collect();
-        for method in [Method::Svd, Method::Qr] {
-            let solution = factor(&ball.system(true), method, 1e-12).solve(&data).unwrap();
+        for decomposition in [Decomposition::Svd, Decomposition::Qr] {
+            let solution = factor(&ball.system(true), decomposition, 1e-12).solve(&data).unwrap();
             assert!(solution.sources.iter().flatten().all(|w| w.abs() < 1e-11));
             let exact = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, -1.0, 3.0]];
             for (row, expected) in solution.affine.iter().zip(exact) {
@@ -503,7 +510,7 @@ mod tests {
                 sources: 100
             })
         ));
-        let good = factor(&ball.system(false), Method::Qr, 0.0);
+        let good = factor(&ball.system(false), Decomposition::Qr, 0.0);
         assert!(matches!(
             good.solve(&[[0.0; 3]]),
             Err(SolveError::DataLength { data: 1, .. })

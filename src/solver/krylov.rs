@@ -14,7 +14,7 @@ const MOST_DIRECTIONS: usize = 24;
 const NOISE: f64 = 1e-12;
 
 /// Right-hand sides in lock-step: each column has its own step lengths, all share directions' cost.
-pub(super) struct Minimisation<'a> {
+pub(super) struct Gcr<'a> {
     weights: &'a [f64],
     /// Data minus the images of the solution.
     pub residual: Values,
@@ -30,7 +30,7 @@ struct Direction {
     squares: Vec<f64>,
 }
 
-impl<'a> Minimisation<'a> {
+impl<'a> Gcr<'a> {
     /// Starts at a solution with this residual; norms are weighted by `weights`, one per row of the residual.
     pub fn new(weights: &'a [f64], residual: Values, solution: Values) -> Self {
         Self {
@@ -119,9 +119,9 @@ mod tests {
         )
     }
 
-    fn after(directions: usize) -> Minimisation<'static> {
+    fn after(directions: usize) -> Gcr<'static> {
         let weights: &'static [f64] = weights().leak();
-        let mut search = Minimisation::new(weights, data(), Values::zeros(UNKNOWNS, 2));
+        let mut search = Gcr::new(weights, data(), Values::zeros(UNKNOWNS, 2));
         for i in 0..directions {
             search.advance(direction(i), times_matrix(&direction(i)));
         }

@@ -13,9 +13,9 @@ mod schwarz;
 mod values;
 
 pub use assemble::CollocationSystem;
-pub use dense::{DenseFactor, DenseOptions, Method};
-pub use modes::Mixing;
-pub use schwarz::{Level, SchwarzFactor, SchwarzOptions, Solution, Stop};
+pub use dense::{Decomposition, DenseFactor, DenseOptions};
+pub use modes::BasisModes;
+pub use schwarz::{Level, SchwarzFactor, SchwarzOptions, SchwarzStop, Solution};
 pub use values::Values;
 
 /// The unknowns of the fit.

@@ -25,13 +25,13 @@ const WORTHWHILE: f64 = 0.9;
 /// Without their affine part, data that are nearly affine weigh as little as they are hard to fit, and do not take their
 /// share of the others' errors.
 #[derive(Debug, Clone)]
-pub struct Mixing {
+pub struct BasisModes {
     factors: Values,
     /// Rows for the functions 1, x, y, z.
     affine: Option<Values>,
 }
 
-impl Mixing {
+impl BasisModes {
     /// The modes of data at points with these weights, and how to mix them. Left out is what no column has more of than a
     /// root mean square of `truncation`; `None` where that saves little. `affine` says whether the affine functions are in
     /// the basis.
@@ -244,8 +244,8 @@ mod tests {
         Values::new(columns, entries.collect())
     }
 
-    fn modes_of(data: &Values, affine: bool, truncation: f64) -> Option<(Values, Mixing)> {
-        Mixing::of(data, &points(), &weights(), affine, truncation)
+    fn modes_of(data: &Values, affine: bool, truncation: f64) -> Option<(Values, BasisModes)> {
+        BasisModes::of(data, &points(), &weights(), affine, truncation)
     }
 
     fn largest_rms(a: &Values, b: &Values) -> f64 {

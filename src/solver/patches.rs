@@ -83,7 +83,7 @@ impl Patches {
 
     /// How many numbers [`Self::new`] keeps, found without making them: the larger overlaps are where spacings change, the
     /// more.
-    pub fn kept_numbers(level: &Level, core: usize, overlap: f64) -> u64 {
+    pub fn patch_entries(level: &Level, core: usize, overlap: f64) -> u64 {
         let radii: Vec<f64> = level.spacing.iter().map(|h| overlap * h).collect();
         let partition = Partition::compact(&level.sources, &radii, core);
         let cores: Vec<&[u32]> = partition.parts().collect();

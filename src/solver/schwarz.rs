@@ -9,9 +9,9 @@
 
 use std::ops::ControlFlow;
 
-use super::krylov::Minimisation;
+use super::krylov::Gcr;
 use super::patches::Patches;
-use super::{CollocationSystem, DenseFactor, DenseOptions, Mixing, SolveError, Values};
+use super::{BasisModes, CollocationSystem, DenseFactor, DenseOptions, SolveError, Values};
 use crate::Point;
 use crate::kernel::Sums;
 use crate::progress::ProgressResponse;
@@ -90,7 +90,7 @@ const POLISHED: f64 = 0.99;
 /// Why the iterations ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Stop {
+pub enum SchwarzStop {
     /// The residual is as small as asked for.
     Goal,
     /// The residual fell no further: it is the optimum's, to within what an iteration gains.
@@ -113,7 +113,7 @@ pub struct Solution {
     /// have corrected some levels only. Carried along from correction to correction, right to a percent or so.
     pub history: Vec<f64>,
     /// Why they ended.
-    pub stop: Stop,
+    pub stop: SchwarzStop,
 }
 
 /// A system made ready for any number of right-hand sides.
@@ -123,7 +123,7 @@ pub struct SchwarzFactor {
     weights: Vec<f64>,
     levels: Vec<FactoredLevel>,
     /// Levels that are corrected together, as ranges of `levels`.
-    groups: Vec<Group>,
+    groups: Vec<LevelGroup>,
     affine: bool,
     options: SchwarzOptions,
 }
@@ -133,16 +133,16 @@ struct FactoredLevel {
     /// Among all collocation points.
     rows: Vec<u32>,
     weights: Vec<f64>,
-    solver: LocalSolver,
+    solver: LevelSolver,
 }
 
-enum LocalSolver {
+enum LevelSolver {
     Dense(Box<DenseFactor>),
     Patches(Patches),
 }
 
 /// Levels that are corrected together; all but the first group are one level each.
-struct Group {
+struct LevelGroup {
     first: usize,
     sources: Vec<Point>,
     /// For each level but the first.
@@ -200,8 +200,8 @@ impl SchwarzFactor {
     }
 
     /// How many numbers the local problems of these levels keep, the dense coarsest left out; before any is made.
-    pub fn kept_numbers(levels: &[Level], options: &SchwarzOptions) -> u64 {
-        let kept = |level| Patches::kept_numbers(level, options.core, options.overlap);
+    pub fn patch_entries(levels: &[Level], options: &SchwarzOptions) -> u64 {
+        let kept = |level| Patches::patch_entries(level, options.core, options.overlap);
         levels.iter().map(kept).sum()
     }
 
@@ -240,9 +240,9 @@ impl SchwarzFactor {
         self.levels.iter().map(|level| level.sources).sum()
     }
 
-    /// The modes of data at the collocation points: see [`Mixing::of`].
-    pub fn modes_of(&self, data: &Values, truncation: f64) -> Option<(Values, Mixing)> {
-        Mixing::of(data, &self.collocation, &self.weights, self.affine, truncation)
+    /// The modes of data at the collocation points: see [`BasisModes::of`].
+    pub fn modes_of(&self, data: &Values, truncation: f64) -> Option<(Values, BasisModes)> {
+        BasisModes::of(data, &self.collocation, &self.weights, self.affine, truncation)
     }
 
     /// Positions of the collocation points.
@@ -289,7 +289,7 @@ impl SchwarzFactor {
             None => (Values::zeros(self.unknowns(), data.columns()), data.clone()),
         };
         let area: f64 = self.weights.iter().sum();
-        let mut search = Minimisation::new(&self.weights, residual, solution);
+        let mut search = Gcr::new(&self.weights, residual, solution);
         let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / area).sqrt();
         let reached = |squares: &[f64]| squares.iter().all(|s| (s / area).sqrt() <= goal);
         let mut history = vec![rms(&search.squares())];
@@ -300,17 +300,17 @@ impl SchwarzFactor {
         let stop = loop {
             let latest = trace[trace.len() - 1];
             let stop = if reached(&search.squares()) {
-                Some(Stop::Goal)
+                Some(SchwarzStop::Goal)
             } else if self.is_plateau(&trace) {
-                Some(Stop::Plateau)
+                Some(SchwarzStop::Plateau)
             } else {
-                (history.len() > self.options.most_iterations).then_some(Stop::Iterations)
+                (history.len() > self.options.most_iterations).then_some(SchwarzStop::Iterations)
             };
             if let Some(stop) = stop {
                 // The sums are rough, and the residual carried along drifts from the true one.
                 let drift = self.options.first_accuracy * trace[0]
                     + self.options.later_accuracy * trace[1..].iter().sum::<f64>();
-                if drift <= DRIFT * latest || refreshed || stop == Stop::Iterations {
+                if drift <= DRIFT * latest || refreshed || stop == SchwarzStop::Iterations {
                     break stop;
                 }
                 progress(history.len() - 1, latest)?;
@@ -345,7 +345,7 @@ impl SchwarzFactor {
             history.push(trace[trace.len() - 1]);
         }
         let is_small = self.rows() * self.sources() <= POLISHED_PAIRS;
-        if stop == Stop::Plateau && is_small && start.is_none() && self.levels.len() > 1 {
+        if stop == SchwarzStop::Plateau && is_small && start.is_none() && self.levels.len() > 1 {
             self.polish(&mut search, &rms, &mut history, progress)?;
         }
         Ok(Solution {
@@ -362,7 +362,7 @@ impl SchwarzFactor {
     /// for every iteration, so that only small systems get it.
     fn polish(
         &self,
-        search: &mut Minimisation<'_>,
+        search: &mut Gcr<'_>,
         rms: &dyn Fn(&[f64]) -> f64,
         history: &mut Vec<f64>,
         progress: &dyn Fn(usize, f64) -> Result<(), SolveError>,
@@ -410,7 +410,7 @@ impl SchwarzFactor {
     }
 
     /// What the local normal equations of a group of one level make of a gradient.
-    fn gradient_correction(&self, group: &Group, gradient: &Values) -> Option<Values> {
+    fn gradient_correction(&self, group: &LevelGroup, gradient: &Values) -> Option<Values> {
         if !group.steps.is_empty() {
             return None;
         }
@@ -420,11 +420,11 @@ impl SchwarzFactor {
         let own = &all[before * columns..][..group.sources.len() * columns];
         let mut step = vec![0.0; all.len()];
         match &self.levels[group.first].solver {
-            LocalSolver::Patches(patches) => {
+            LevelSolver::Patches(patches) => {
                 let solved = patches.solve_gradient(&Values::new(columns, own.to_vec()));
                 step[before * columns..][..own.len()].copy_from_slice(solved.as_slice());
             }
-            LocalSolver::Dense(dense) => {
+            LevelSolver::Dense(dense) => {
                 let affine = &all[self.sources() * columns..];
                 let solved = dense.solve_normal(&Values::new(columns, [own, affine].concat()))?;
                 let (coefficients, affine) = solved.as_slice().split_at(own.len());
@@ -480,7 +480,7 @@ impl SchwarzFactor {
             sources: level.sources.len(),
             rows: level.rows.clone(),
             weights: level.weights.clone(),
-            solver: LocalSolver::Dense(Box::new(DenseFactor::new(&system, &DenseOptions::default())?)),
+            solver: LevelSolver::Dense(Box::new(DenseFactor::new(&system, &DenseOptions::default())?)),
         })
     }
 
@@ -495,7 +495,7 @@ impl SchwarzFactor {
             sources: level.sources.len(),
             rows: level.rows.clone(),
             weights: level.weights.clone(),
-            solver: LocalSolver::Patches(Patches::new(level, points, core, overlap, progress)?),
+            solver: LevelSolver::Patches(Patches::new(level, points, core, overlap, progress)?),
         })
     }
 
@@ -518,7 +518,7 @@ impl SchwarzFactor {
             sources.extend_from_slice(&level.sources);
         }
         let to_collocation = sums(&sources, &self.collocation, &self.options)?;
-        self.groups.push(Group {
+        self.groups.push(LevelGroup {
             first,
             sources,
             steps,
@@ -528,7 +528,7 @@ impl SchwarzFactor {
     }
 
     /// A group's correction of a residual, as coefficients of all unknowns.
-    fn correction(&self, group: &Group, residual: &Values, accuracy: f64) -> Result<Values, SolveError> {
+    fn correction(&self, group: &LevelGroup, residual: &Values, accuracy: f64) -> Result<Values, SolveError> {
         let columns = residual.columns();
         let last = group.steps.len();
         let rest = residual.gather(&self.levels[group.first + last].rows);
@@ -548,7 +548,7 @@ impl SchwarzFactor {
     /// this level's rows: a few iterations of the same kind as those of the whole.
     fn correct_level(
         &self,
-        group: &Group,
+        group: &LevelGroup,
         index: usize,
         residual: Values,
         accuracy: f64,
@@ -556,8 +556,8 @@ impl SchwarzFactor {
         let level = &self.levels[group.first + index];
         let columns = residual.columns();
         let patches = match &level.solver {
-            LocalSolver::Dense(dense) => return dense.solve_columns(&residual),
-            LocalSolver::Patches(patches) => patches,
+            LevelSolver::Dense(dense) => return dense.solve_columns(&residual),
+            LevelSolver::Patches(patches) => patches,
         };
         if index == 0 {
             return Ok(patches.solve(&residual));
@@ -569,7 +569,7 @@ impl SchwarzFactor {
             .sum();
         let affine = if self.affine { 4 } else { 0 };
         let unknowns = coarser + level.sources + affine;
-        let mut search = Minimisation::new(&level.weights, residual, Values::zeros(unknowns, columns));
+        let mut search = Gcr::new(&level.weights, residual, Values::zeros(unknowns, columns));
         for iteration in 0..self.options.coarse_iterations {
             let accuracy = if iteration == 0 {
                 accuracy
@@ -601,7 +601,7 @@ impl SchwarzFactor {
 
     /// What a group's part of the coefficients, and with the first group the affine functions, give at the collocation
     /// points.
-    fn image(&self, group: &Group, coefficients: &Values, accuracy: f64) -> Result<Values, SolveError> {
+    fn image(&self, group: &LevelGroup, coefficients: &Values, accuracy: f64) -> Result<Values, SolveError> {
         let columns = coefficients.columns();
         let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
         let weights = &coefficients.as_slice()[before * columns..][..group.sources.len() * columns];

@@ -402,7 +402,7 @@ fn sequence_by_finite_elements(
         .map(|frame| Ok(boundary_images(&mesh, frame)?.images))
         .collect::<Result<_, compare::CompareError>>()?;
     let direct = HarmonicOptions {
-        solver: solidmap::baseline::Solver::Direct,
+        solver: solidmap::baseline::HarmonicSolver::Direct,
         ..HarmonicOptions::default()
     };
     let system = TetHarmonic::new(mesh, &direct)?;

@@ -23,32 +23,32 @@ use super::lanes::Lanes;
 use super::lanes::{Avx2, Avx512, F64x4, F64x8};
 use crate::{Matrix3, Point, Vector};
 
-/// Points of a [`Block`]: a multiple of every vector width.
+/// Points of a [`PointBlock`]: a multiple of every vector width.
 pub(super) const LANES: usize = 8;
 
 /// Numerator (3), denominator, and when gradients are wanted those of the numerator (9, row-major) and the denominator.
-pub(super) type Sums = [[f64; LANES]; 16];
+pub(super) type BlockSums = [[f64; LANES]; 16];
 const DENOMINATOR: usize = 3;
 const NUMERATOR_GRADIENT: usize = 4;
 const DENOMINATOR_GRADIENT: usize = 13;
 
 /// Points, and for each the image that the numerator is taken relative to. Both are arrays of coordinates.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Block {
+pub(super) struct PointBlock {
     pub(super) points: [[f64; LANES]; 3],
     pub(super) origins: [[f64; LANES]; 3],
 }
 
 /// Neighbouring triangles and their edges, few enough for the integrals over edges to stay in the first-level cache.
 #[derive(Debug, Clone)]
-pub(super) struct Patch {
-    pub(super) edges: Vec<Edge>,
-    pub(super) triangles: Vec<Triangle>,
+pub(super) struct TrianglePatch {
+    pub(super) edges: Vec<PatchEdge>,
+    pub(super) triangles: Vec<PatchTriangle>,
 }
 
 /// An edge from the lower vertex to the higher.
 #[derive(Debug, Clone)]
-pub(super) struct Edge {
+pub(super) struct PatchEdge {
     start: [f64; 3],
     along: [f64; 3],
     length_squared: f64,
@@ -58,7 +58,7 @@ pub(super) struct Edge {
 
 /// A triangle with an area. Sides and corners are counted as in [`crate::mesh::topology::Side`].
 #[derive(Debug, Clone)]
-pub(super) struct Triangle {
+pub(super) struct PatchTriangle {
     corners: [Point; 3],
     /// In the patch, by side.
     edges: [u32; 3],
@@ -72,7 +72,7 @@ pub(super) struct Triangle {
     gradient: [f64; 9],
 }
 
-impl Edge {
+impl PatchEdge {
     pub(super) fn new(start: Point, end: Point) -> Self {
         let along = end - start;
         Self {
@@ -84,7 +84,7 @@ impl Edge {
     }
 
     /// Adds the share of a triangle that passes the edge `forward`, from start to end, or backward.
-    pub(super) fn attach(&mut self, triangle: &Triangle, forward: bool) {
+    pub(super) fn attach(&mut self, triangle: &PatchTriangle, forward: bool) {
         let half = if forward { 0.5 } else { -0.5 };
         let turn = Matrix3::from_row_slice(&triangle.gradient) * Vector::from(self.along).cross_matrix() * half;
         for (entry, share) in self.turn.iter_mut().zip(turn.transpose().iter()) {
@@ -93,7 +93,7 @@ impl Edge {
     }
 }
 
-impl Triangle {
+impl PatchTriangle {
     /// `None` where the height is nothing beside the longest side: the share of such a triangle is as small, and its
     /// plane and gradient are noise.
     pub(super) fn new(corners: [Point; 3], images: [Point; 3], edges: [u32; 3]) -> Option<Self> {
@@ -155,7 +155,7 @@ impl Instructions {
     }
 
     /// Sums over all patches for each block; gradients only if asked for.
-    pub(super) fn sum(self, patches: &[Patch], blocks: &[Block], with_gradient: bool) -> Vec<Sums> {
+    pub(super) fn sum(self, patches: &[TrianglePatch], blocks: &[PointBlock], with_gradient: bool) -> Vec<BlockSums> {
         match (self, with_gradient) {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the token exists only where AVX-512F was found.
@@ -177,20 +177,24 @@ impl Instructions {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-fn sum_avx512<const GRADIENT: bool>(token: Avx512, patches: &[Patch], blocks: &[Block]) -> Vec<Sums> {
+fn sum_avx512<const GRADIENT: bool>(token: Avx512, patches: &[TrianglePatch], blocks: &[PointBlock]) -> Vec<BlockSums> {
     sum_patches::<F64x8, GRADIENT>(token, patches, blocks)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn sum_avx2<const GRADIENT: bool>(token: Avx2, patches: &[Patch], blocks: &[Block]) -> Vec<Sums> {
+fn sum_avx2<const GRADIENT: bool>(token: Avx2, patches: &[TrianglePatch], blocks: &[PointBlock]) -> Vec<BlockSums> {
     sum_patches::<F64x4, GRADIENT>(token, patches, blocks)
 }
 
 /// Patch after patch, each for all points while it is in the cache. Every patch is summed on its own, which also keeps
 /// rounding errors from growing with the number of triangles.
 #[inline(always)]
-fn sum_patches<L: Lanes, const GRADIENT: bool>(token: L::Token, patches: &[Patch], blocks: &[Block]) -> Vec<Sums> {
+fn sum_patches<L: Lanes, const GRADIENT: bool>(
+    token: L::Token,
+    patches: &[TrianglePatch],
+    blocks: &[PointBlock],
+) -> Vec<BlockSums> {
     let mut sums = vec![[[0.0; LANES]; 16]; blocks.len()];
     let most_edges = patches.iter().map(|patch| patch.edges.len()).max().unwrap_or(0);
     let mut along_edges = vec![[L::splat(token, 0.0); 2]; most_edges];
@@ -218,7 +222,7 @@ fn sum_patches<L: Lanes, const GRADIENT: bool>(token: L::Token, patches: &[Patch
 #[inline(always)]
 fn add_edges<L: Lanes, const GRADIENT: bool>(
     token: L::Token,
-    edges: &[Edge],
+    edges: &[PatchEdge],
     at: [L; 3],
     along_edges: &mut [[L; 2]],
     sum: &mut [L; 16],
@@ -374,7 +378,7 @@ fn wide_segment<L: Lanes>(token: L::Token, a: L, c: L) -> Segment<L> {
 #[inline(always)]
 fn add_triangles<L: Lanes, const GRADIENT: bool>(
     token: L::Token,
-    triangles: &[Triangle],
+    triangles: &[PatchTriangle],
     at: [L; 3],
     origin: [L; 3],
     along_edges: &[[L; 2]],
@@ -427,7 +431,7 @@ fn add_triangles<L: Lanes, const GRADIENT: bool>(
 /// `J` with the series in place of the closed form in those of the `flat` lanes that call for it.
 #[cold]
 #[inline(never)]
-fn replace_flat<L: Lanes>(token: L::Token, triangle: &Triangle, at: [L; 3], flat: u32, j: L) -> L {
+fn replace_flat<L: Lanes>(token: L::Token, triangle: &PatchTriangle, at: [L; 3], flat: u32, j: L) -> L {
     let mut points = [[0.0; LANES]; 3];
     let mut values = [0.0; LANES];
     for (axis, points) in at.iter().zip(&mut points) {
@@ -445,7 +449,7 @@ fn replace_flat<L: Lanes>(token: L::Token, triangle: &Triangle, at: [L; 3], flat
 
 /// `J` to second order in the height, by the divergence theorem in the plane: `J = −½ Σ α κ₄ + 2 h² ∫ dA / r⁶` and
 /// `∫ dA / r⁶ ≈ −¼ Σ α κ₆`. `None` where the point is not low, or above the triangle.
-fn flat_integral(triangle: &Triangle, point: Point) -> Option<f64> {
+fn flat_integral(triangle: &PatchTriangle, point: Point) -> Option<f64> {
     let normal = Vector::from(triangle.normal);
     let h = normal.dot(&(triangle.corners[0] - point));
     let (mut beside, mut fourth, mut sixth) = (0.0f64, 0.0, 0.0);
@@ -505,13 +509,13 @@ fn row<L: Lanes>(token: L::Token, matrix: &[f64; 9], i: usize, d: [L; 3]) -> L {
 mod tests {
     use super::*;
 
-    fn triangle() -> Triangle {
+    fn triangle() -> PatchTriangle {
         let corners = [[0.2, -0.1, 0.3], [1.1, 0.2, 0.2], [0.4, 0.9, 0.6]].map(Point::from);
-        Triangle::new(corners, corners, [0, 1, 2]).unwrap()
+        PatchTriangle::new(corners, corners, [0, 1, 2]).unwrap()
     }
 
     /// Points `height` above the plane, beside each side and beyond each corner, near and far.
-    fn points_beside(triangle: &Triangle, height: f64) -> Vec<Point> {
+    fn points_beside(triangle: &PatchTriangle, height: f64) -> Vec<Point> {
         let [a, b, c] = triangle.corners;
         let weights = [
             [0.5, 0.6, -0.1],
@@ -527,7 +531,7 @@ mod tests {
     }
 
     /// `∫ dA / r^power` by the midpoint rule on `4^levels` equal triangles, extrapolated from three such.
-    fn integrate(triangle: &Triangle, point: &Point, power: i32) -> f64 {
+    fn integrate(triangle: &PatchTriangle, point: &Point, power: i32) -> f64 {
         let rule = |n: usize| {
             let [a, b, c] = triangle.corners;
             let centre = |i: f64, j: f64| a + (b - a) * (i / n as f64) + (c - a) * (j / n as f64);
@@ -621,7 +625,7 @@ mod tests {
     #[test]
     fn triangles_without_height_do_not_count() {
         let line = [0.0, 1.0, 2.0].map(|x| Point::new(x, 0.3 * x, 0.0));
-        assert!(Triangle::new(line, line, [0, 1, 2]).is_none());
-        assert!(Triangle::new([line[0]; 3], line, [0, 1, 2]).is_none());
+        assert!(PatchTriangle::new(line, line, [0, 1, 2]).is_none());
+        assert!(PatchTriangle::new([line[0]; 3], line, [0, 1, 2]).is_none());
     }
 }

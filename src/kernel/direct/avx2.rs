@@ -4,7 +4,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Block, LANES, Lane, Lanes, Source};
+use super::{BlockValues, LANES, Lanes, PackedSource, TargetBlock};
 
 const WIDTH: usize = 4;
 
@@ -19,24 +19,24 @@ impl Avx2 {
 }
 
 impl Lanes for Avx2 {
-    fn add_potential(self, sources: &[Source], targets: &Block, sums: &mut [Lane; 3]) {
+    fn add_potential(self, sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 3]) {
         // SAFETY: `self` exists only where `detect` found AVX2 and FMA.
         unsafe { add_potential(sources, targets, sums) }
     }
 
-    fn add_gradient(self, sources: &[Source], targets: &Block, sums: &mut [Lane; 12]) {
+    fn add_gradient(self, sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 12]) {
         // SAFETY: `self` exists only where `detect` found AVX2 and FMA.
         unsafe { add_gradient(sources, targets, sums) }
     }
 
-    fn write_column(self, source: [f64; 3], factor: f64, targets: &[Block], column: &mut [f64]) -> bool {
+    fn write_column(self, source: [f64; 3], factor: f64, targets: &[TargetBlock], column: &mut [f64]) -> bool {
         // SAFETY: `self` exists only where `detect` found AVX2 and FMA.
         unsafe { write_column(source, factor, targets, column) }
     }
 }
 
 #[target_feature(enable = "avx2,fma")]
-fn add_potential(sources: &[Source], targets: &Block, sums: &mut [Lane; 3]) {
+fn add_potential(sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 3]) {
     for v in 0..targets.vectors(WIDTH) {
         let x = load_point(targets, v);
         let mut sum = [_mm256_setzero_pd(); 3];
@@ -52,7 +52,7 @@ fn add_potential(sources: &[Source], targets: &Block, sums: &mut [Lane; 3]) {
 }
 
 #[target_feature(enable = "avx2,fma")]
-fn add_gradient(sources: &[Source], targets: &Block, sums: &mut [Lane; 12]) {
+fn add_gradient(sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 12]) {
     for v in 0..targets.vectors(WIDTH) {
         let x = load_point(targets, v);
         let mut sum = [_mm256_setzero_pd(); 12];
@@ -75,7 +75,7 @@ fn add_gradient(sources: &[Source], targets: &Block, sums: &mut [Lane; 12]) {
 }
 
 #[target_feature(enable = "avx2,fma")]
-fn write_column(source: [f64; 3], factor: f64, targets: &[Block], column: &mut [f64]) -> bool {
+fn write_column(source: [f64; 3], factor: f64, targets: &[TargetBlock], column: &mut [f64]) -> bool {
     let source = [
         _mm256_set1_pd(source[0]),
         _mm256_set1_pd(source[1]),
@@ -83,7 +83,7 @@ fn write_column(source: [f64; 3], factor: f64, targets: &[Block], column: &mut [
     ];
     let factor = _mm256_set1_pd(factor);
     let mut check = _mm256_setzero_pd();
-    let mut write = |block: &Block, out: &mut Lane| {
+    let mut write = |block: &TargetBlock, out: &mut BlockValues| {
         for (v, out) in out.as_chunks_mut().0.iter_mut().enumerate() {
             let g = reciprocal_sqrt(square(difference(load_point(block, v), source)));
             let value = _mm256_mul_pd(factor, g);
@@ -137,7 +137,7 @@ fn square(d: [__m256d; 3]) -> __m256d {
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn load_point(block: &Block, vector: usize) -> [__m256d; 3] {
+fn load_point(block: &TargetBlock, vector: usize) -> [__m256d; 3] {
     let [x, y, z] = &block.coordinates;
     [
         load(&x.as_chunks().0[vector]),
@@ -148,7 +148,7 @@ fn load_point(block: &Block, vector: usize) -> [__m256d; 3] {
 
 #[inline]
 #[target_feature(enable = "avx2,fma")]
-fn add(sum: &[__m256d], sums: &mut [Lane], vector: usize) {
+fn add(sum: &[__m256d], sums: &mut [BlockValues], vector: usize) {
     for (&sum, lane) in sum.iter().zip(sums) {
         let lane = &mut lane.as_chunks_mut().0[vector];
         store(lane, _mm256_add_pd(load(lane), sum));

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Block, LANES, Lane, Lanes, Source};
+use super::{BlockValues, LANES, Lanes, PackedSource, TargetBlock};
 
 const WIDTH: usize = 8;
 
@@ -17,7 +17,7 @@ impl Avx512 {
 }
 
 impl Lanes for Avx512 {
-    fn add_potential(self, sources: &[Source], targets: &Block, sums: &mut [Lane; 3]) {
+    fn add_potential(self, sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 3]) {
         if targets.len > WIDTH {
             // SAFETY: `self` exists only where `detect` found AVX-512F.
             unsafe { add_potential::<2>(sources, targets, sums) }
@@ -27,12 +27,12 @@ impl Lanes for Avx512 {
         }
     }
 
-    fn add_gradient(self, sources: &[Source], targets: &Block, sums: &mut [Lane; 12]) {
+    fn add_gradient(self, sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 12]) {
         // SAFETY: `self` exists only where `detect` found AVX-512F.
         unsafe { add_gradient(sources, targets, sums) }
     }
 
-    fn write_column(self, source: [f64; 3], factor: f64, targets: &[Block], column: &mut [f64]) -> bool {
+    fn write_column(self, source: [f64; 3], factor: f64, targets: &[TargetBlock], column: &mut [f64]) -> bool {
         // SAFETY: `self` exists only where `detect` found AVX-512F.
         unsafe { write_column(source, factor, targets, column) }
     }
@@ -40,7 +40,7 @@ impl Lanes for Avx512 {
 
 /// For the first `VECTORS` vectors of the block together, so that each broadcast of a source serves both.
 #[target_feature(enable = "avx512f")]
-fn add_potential<const VECTORS: usize>(sources: &[Source], targets: &Block, sums: &mut [Lane; 3]) {
+fn add_potential<const VECTORS: usize>(sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 3]) {
     let mut x = [[_mm512_setzero_pd(); 3]; VECTORS];
     for (v, x) in x.iter_mut().enumerate() {
         *x = load_point(targets, v);
@@ -62,7 +62,7 @@ fn add_potential<const VECTORS: usize>(sources: &[Source], targets: &Block, sums
 }
 
 #[target_feature(enable = "avx512f")]
-fn add_gradient(sources: &[Source], targets: &Block, sums: &mut [Lane; 12]) {
+fn add_gradient(sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 12]) {
     for v in 0..targets.vectors(WIDTH) {
         let x = load_point(targets, v);
         let mut sum = [_mm512_setzero_pd(); 12];
@@ -85,7 +85,7 @@ fn add_gradient(sources: &[Source], targets: &Block, sums: &mut [Lane; 12]) {
 }
 
 #[target_feature(enable = "avx512f")]
-fn write_column(source: [f64; 3], factor: f64, targets: &[Block], column: &mut [f64]) -> bool {
+fn write_column(source: [f64; 3], factor: f64, targets: &[TargetBlock], column: &mut [f64]) -> bool {
     let source = [
         _mm512_set1_pd(source[0]),
         _mm512_set1_pd(source[1]),
@@ -93,7 +93,7 @@ fn write_column(source: [f64; 3], factor: f64, targets: &[Block], column: &mut [
     ];
     let factor = _mm512_set1_pd(factor);
     let mut check = _mm512_setzero_pd();
-    let mut write = |block: &Block, out: &mut Lane| {
+    let mut write = |block: &TargetBlock, out: &mut BlockValues| {
         for (v, out) in out.as_chunks_mut().0.iter_mut().enumerate() {
             let g = reciprocal_sqrt(square(difference(load_point(block, v), source)));
             let value = _mm512_mul_pd(factor, g);
@@ -143,7 +143,7 @@ fn square(d: [__m512d; 3]) -> __m512d {
 
 #[inline]
 #[target_feature(enable = "avx512f")]
-fn load_point(block: &Block, vector: usize) -> [__m512d; 3] {
+fn load_point(block: &TargetBlock, vector: usize) -> [__m512d; 3] {
     let [x, y, z] = &block.coordinates;
     [
         load(&x.as_chunks().0[vector]),
@@ -154,7 +154,7 @@ fn load_point(block: &Block, vector: usize) -> [__m512d; 3] {
 
 #[inline]
 #[target_feature(enable = "avx512f")]
-fn add(sum: &[__m512d], sums: &mut [Lane], vector: usize) {
+fn add(sum: &[__m512d], sums: &mut [BlockValues], vector: usize) {
     for (&sum, lane) in sum.iter().zip(sums) {
         let lane = &mut lane.as_chunks_mut().0[vector];
         store(lane, _mm512_add_pd(load(lane), sum));

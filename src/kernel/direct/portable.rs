@@ -3,7 +3,7 @@
 
 use std::array::from_fn;
 
-use super::{Block, LANES, Lane, Lanes, Source};
+use super::{BlockValues, LANES, Lanes, PackedSource, TargetBlock};
 
 const WIDTH: usize = 4;
 
@@ -14,7 +14,7 @@ pub(super) struct Portable;
 type Vector = [f64; WIDTH];
 
 impl Lanes for Portable {
-    fn add_potential(self, sources: &[Source], targets: &Block, sums: &mut [Lane; 3]) {
+    fn add_potential(self, sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 3]) {
         for vector in 0..targets.vectors(WIDTH) {
             let x = load(&targets.coordinates, vector);
             let mut sum = [[0.0; WIDTH]; 3];
@@ -28,7 +28,7 @@ impl Lanes for Portable {
         }
     }
 
-    fn add_gradient(self, sources: &[Source], targets: &Block, sums: &mut [Lane; 12]) {
+    fn add_gradient(self, sources: &[PackedSource], targets: &TargetBlock, sums: &mut [BlockValues; 12]) {
         for vector in 0..targets.vectors(WIDTH) {
             let x = load(&targets.coordinates, vector);
             let mut sum = [[0.0; WIDTH]; 12];
@@ -47,7 +47,7 @@ impl Lanes for Portable {
         }
     }
 
-    fn write_column(self, source: [f64; 3], factor: f64, targets: &[Block], column: &mut [f64]) -> bool {
+    fn write_column(self, source: [f64; 3], factor: f64, targets: &[TargetBlock], column: &mut [f64]) -> bool {
         let mut check = 0.0;
         for (block, out) in targets.iter().zip(column.chunks_mut(LANES)) {
             let [xs, ys, zs] = &block.coordinates;
@@ -71,7 +71,7 @@ fn reciprocal_norm(d: &[Vector; 3]) -> Vector {
     from_fn(|lane| reciprocal_sqrt(x[lane] * x[lane] + y[lane] * y[lane] + z[lane] * z[lane]))
 }
 
-fn difference(x: &[Vector; 3], source: &Source) -> [Vector; 3] {
+fn difference(x: &[Vector; 3], source: &PackedSource) -> [Vector; 3] {
     from_fn(|axis| x[axis].map(|x| x - source[axis]))
 }
 
@@ -81,11 +81,11 @@ fn add_scaled(sum: &mut Vector, factor: f64, values: &Vector) {
     }
 }
 
-fn load(lanes: &[Lane; 3], vector: usize) -> [Vector; 3] {
+fn load(lanes: &[BlockValues; 3], vector: usize) -> [Vector; 3] {
     lanes.each_ref().map(|lane| lane.as_chunks().0[vector])
 }
 
-fn add<const N: usize>(sum: &[Vector; N], sums: &mut [Lane; N], vector: usize) {
+fn add<const N: usize>(sum: &[Vector; N], sums: &mut [BlockValues; N], vector: usize) {
     for (sum, lane) in sum.iter().zip(sums) {
         add_scaled(&mut lane.as_chunks_mut().0[vector], 1.0, sum);
     }

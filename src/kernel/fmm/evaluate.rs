@@ -6,12 +6,12 @@ use faer::{MatMut, MatRef};
 use rayon::prelude::*;
 
 use super::expansions::Pass;
-use super::lists::Leaf;
-use super::tree::Cell;
-use crate::kernel::direct::{Block, LANES, Lane, Source};
+use super::lists::TargetLeaf;
+use super::tree::TreeCell;
+use crate::kernel::direct::{BlockValues, LANES, PackedSource, TargetBlock};
 
 /// Sums at all targets in the order of the tree: potentials, `targets × columns`, and gradients, `× 3`.
-pub(super) struct Sums {
+pub(super) struct TargetSums {
     pub(super) potentials: Vec<f64>,
     pub(super) gradients: Vec<f64>,
     /// Targets, as the caller numbers them, whose sums left the range of the inner loops though no source is there.
@@ -22,8 +22,8 @@ pub(super) struct Sums {
 const LEAVES: usize = 16;
 
 /// What the inner loops sum: `N` values at each target for three weights.
-trait Kind<const N: usize>: Copy + Sync {
-    fn add(self, pass: &Pass, sources: &[Source], targets: &[Block], sums: &mut [[Lane; N]]);
+trait SumKind<const N: usize>: Copy + Sync {
+    fn add(self, pass: &Pass, sources: &[PackedSource], targets: &[TargetBlock], sums: &mut [[BlockValues; N]]);
     /// By what a value is multiplied when lengths are divided by `up`.
     fn scale(self, value: usize, up: f64) -> f64;
 }
@@ -34,8 +34,8 @@ struct Potential;
 #[derive(Clone, Copy)]
 struct Gradient;
 
-impl Kind<3> for Potential {
-    fn add(self, pass: &Pass, sources: &[Source], targets: &[Block], sums: &mut [[Lane; 3]]) {
+impl SumKind<3> for Potential {
+    fn add(self, pass: &Pass, sources: &[PackedSource], targets: &[TargetBlock], sums: &mut [[BlockValues; 3]]) {
         pass.instructions.add_potential(sources, targets, sums);
     }
 
@@ -44,8 +44,8 @@ impl Kind<3> for Potential {
     }
 }
 
-impl Kind<12> for Gradient {
-    fn add(self, pass: &Pass, sources: &[Source], targets: &[Block], sums: &mut [[Lane; 12]]) {
+impl SumKind<12> for Gradient {
+    fn add(self, pass: &Pass, sources: &[PackedSource], targets: &[TargetBlock], sums: &mut [[BlockValues; 12]]) {
         pass.instructions.add_gradient(sources, targets, sums);
     }
 
@@ -55,15 +55,15 @@ impl Kind<12> for Gradient {
 }
 
 /// Potentials, and gradients when asked for, in the units of the tree's coordinates.
-pub(super) fn evaluate(pass: &Pass, multipoles: &[f64], locals: &[f64], with_gradient: bool) -> Sums {
+pub(super) fn evaluate(pass: &Pass, multipoles: &[f64], locals: &[f64], with_gradient: bool) -> TargetSums {
     let rows = pass.tree.targets.positions.len() * pass.columns();
-    let mut sums = Sums {
+    let mut sums = TargetSums {
         potentials: vec![0.0; rows],
         gradients: vec![0.0; if with_gradient { 3 * rows } else { 0 }],
         failed: Vec::new(),
     };
     let tasks = tasks(pass, &mut sums, with_gradient);
-    let run = |mut task: Task| {
+    let run = |mut task: LeafTask| {
         let weights = task.surface_weights(pass, locals);
         if !pass.weights.rows.is_empty() {
             task.run_by_rows(pass, multipoles, &weights);
@@ -79,13 +79,13 @@ pub(super) fn evaluate(pass: &Pass, multipoles: &[f64], locals: &[f64], with_gra
 }
 
 /// Leaves that follow one another, and the sums of their targets.
-struct Task<'a> {
+struct LeafTask<'a> {
     leaves: Range<usize>,
     potentials: &'a mut [f64],
     gradients: &'a mut [f64],
 }
 
-fn tasks<'a>(pass: &Pass, sums: &'a mut Sums, with_gradient: bool) -> Vec<Task<'a>> {
+fn tasks<'a>(pass: &Pass, sums: &'a mut TargetSums, with_gradient: bool) -> Vec<LeafTask<'a>> {
     let (mut potentials, mut gradients) = (&mut sums.potentials[..], &mut sums.gradients[..]);
     let leaves = &pass.lists.leaves;
     let mut tasks = Vec::with_capacity(leaves.len().div_ceil(LEAVES));
@@ -96,7 +96,7 @@ fn tasks<'a>(pass: &Pass, sums: &'a mut Sums, with_gradient: bool) -> Vec<Task<'
         let (own, rest) = potentials.split_at_mut(len);
         let (own_gradients, other_gradients) = gradients.split_at_mut(if with_gradient { 3 * len } else { 0 });
         (potentials, gradients) = (rest, other_gradients);
-        tasks.push(Task {
+        tasks.push(LeafTask {
             leaves: range,
             potentials: own,
             gradients: own_gradients,
@@ -105,7 +105,7 @@ fn tasks<'a>(pass: &Pass, sums: &'a mut Sums, with_gradient: bool) -> Vec<Task<'
     tasks
 }
 
-impl Task<'_> {
+impl LeafTask<'_> {
     /// Weights on the outer surface for each leaf, all columns of a leaf together.
     fn surface_weights(&self, pass: &Pass, locals: &[f64]) -> Vec<f64> {
         let stride = pass.stride();
@@ -119,7 +119,13 @@ impl Task<'_> {
         pass.product(pass.operators.inverse.transpose(), &gathered, 1.0)
     }
 
-    fn run_by_triples<const N: usize>(&mut self, pass: &Pass, multipoles: &[f64], weights: &[f64], kind: impl Kind<N>) {
+    fn run_by_triples<const N: usize>(
+        &mut self,
+        pass: &Pass,
+        multipoles: &[f64],
+        weights: &[f64],
+        kind: impl SumKind<N>,
+    ) {
         let outer = pass.operators.outer.len() * pass.columns();
         let mut done = 0;
         for (leaf, weights) in self.leaves.clone().zip(weights.chunks(outer)) {
@@ -177,7 +183,14 @@ impl Task<'_> {
             .collect()
     }
 
-    fn store<const N: usize>(&mut self, pass: &Pass, first: usize, len: usize, triple: usize, sums: &[[Lane; N]]) {
+    fn store<const N: usize>(
+        &mut self,
+        pass: &Pass,
+        first: usize,
+        len: usize,
+        triple: usize,
+        sums: &[[BlockValues; N]],
+    ) {
         let columns = pass.columns();
         for target in 0..len {
             let sum = &sums[target / LANES];
@@ -201,12 +214,12 @@ fn sum_leaf<const N: usize>(
     triple: usize,
     local_weights: &[f64],
     multipoles: &[f64],
-    kind: impl Kind<N>,
-) -> Vec<[Lane; N]> {
-    let Leaf { cell, .. } = pass.lists.leaves[leaf];
+    kind: impl SumKind<N>,
+) -> Vec<[BlockValues; N]> {
+    let TargetLeaf { cell, .. } = pass.lists.leaves[leaf];
     let cell = &pass.tree.cells[cell as usize];
     let targets = &pass.tree.targets.positions[pass.lists.leaves[leaf].targets()];
-    let blocks: Vec<Block> = targets.chunks(LANES).map(|t| Block::mapped(t, |t| *t)).collect();
+    let blocks: Vec<TargetBlock> = targets.chunks(LANES).map(|t| TargetBlock::mapped(t, |t| *t)).collect();
     let mut sums = vec![[[0.0; LANES]; N]; blocks.len()];
     for near in pass.lists.near.row(leaf) {
         kind.add(
@@ -247,17 +260,17 @@ fn sum_leaf<const N: usize>(
 /// Adds all columns at the targets of a leaf to `out`, `targets × columns`.
 fn add_leaf_by_rows(pass: &Pass, leaf: usize, local_weights: &[f64], multipoles: &[f64], out: &mut [f64]) {
     let columns = pass.columns();
-    let Leaf { cell, .. } = pass.lists.leaves[leaf];
+    let TargetLeaf { cell, .. } = pass.lists.leaves[leaf];
     let cell = &pass.tree.cells[cell as usize];
     let targets = &pass.tree.targets.positions[pass.lists.leaves[leaf].targets()];
     let mut out = MatMut::from_row_major_slice_mut(out, targets.len(), columns);
-    let blocks: Vec<Block> = targets.chunks(LANES).map(|t| Block::mapped(t, |t| *t)).collect();
+    let blocks: Vec<TargetBlock> = targets.chunks(LANES).map(|t| TargetBlock::mapped(t, |t| *t)).collect();
     for near in pass.lists.near.row(leaf) {
         let near = near.start as usize..near.end as usize;
         let positions = &pass.tree.sources.positions[near.clone()];
         pass.add_products(positions, pass.weight_rows(near), &blocks, 1.0, out.as_mut());
     }
-    let mut add_surface = |cell: &Cell, surface: &[[f64; 3]], weights: &[f64]| {
+    let mut add_surface = |cell: &TreeCell, surface: &[[f64; 3]], weights: &[f64]| {
         let up = 1.0 / pass.tree.half_width(cell);
         let weights = MatRef::from_column_major_slice(weights, surface.len(), columns);
         pass.add_products(surface, weights, &unit_blocks(targets, cell, up), up, out.as_mut());
@@ -272,22 +285,22 @@ fn add_leaf_by_rows(pass: &Pass, leaf: usize, local_weights: &[f64], multipoles:
 }
 
 /// Targets in units of a cell.
-fn unit_blocks(targets: &[[f64; 3]], cell: &Cell, up: f64) -> Vec<Block> {
+fn unit_blocks(targets: &[[f64; 3]], cell: &TreeCell, up: f64) -> Vec<TargetBlock> {
     let unit = |t: &[f64; 3]| std::array::from_fn(|axis| (t[axis] - cell.centre[axis]) * up);
-    targets.chunks(LANES).map(|t| Block::mapped(t, unit)).collect()
+    targets.chunks(LANES).map(|t| TargetBlock::mapped(t, unit)).collect()
 }
 
 /// Adds the sums over the points of a surface about `cell`, with weights column after column.
 #[expect(clippy::too_many_arguments)]
 fn add_expansion<const N: usize>(
     pass: &Pass,
-    cell: &Cell,
+    cell: &TreeCell,
     targets: &[[f64; 3]],
     surface: &[[f64; 3]],
     triple: usize,
     weights: &[f64],
-    kind: impl Kind<N>,
-    sums: &mut [[Lane; N]],
+    kind: impl SumKind<N>,
+    sums: &mut [[BlockValues; N]],
 ) {
     let weight = |column: usize, point: usize| {
         let column = 3 * triple + column;
@@ -297,7 +310,7 @@ fn add_expansion<const N: usize>(
             0.0
         }
     };
-    let sources: Vec<Source> = surface
+    let sources: Vec<PackedSource> = surface
         .iter()
         .enumerate()
         .map(|(i, &[x, y, z])| [x, y, z, weight(0, i), weight(1, i), weight(2, i)])

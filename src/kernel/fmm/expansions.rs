@@ -13,9 +13,9 @@ use rayon::prelude::*;
 
 use super::lists::{GROUP, Lists, Transfer};
 use super::operators::{Operators, Transfers};
-use super::tree::{Cell, Tree};
-use super::weights::Weights;
-use crate::kernel::direct::{Block, Instructions, LANES};
+use super::tree::{Tree, TreeCell};
+use super::weights::PassWeights;
+use crate::kernel::direct::{Instructions, LANES, TargetBlock};
 
 /// What a pass over the tree works with.
 #[derive(Clone, Copy)]
@@ -24,7 +24,7 @@ pub(super) struct Pass<'a> {
     pub(super) lists: &'a Lists,
     pub(super) operators: &'a Operators,
     pub(super) instructions: Instructions,
-    pub(super) weights: &'a Weights,
+    pub(super) weights: &'a PassWeights,
 }
 
 /// Cells of a task: enough columns for a product, and many tasks in a level.
@@ -93,7 +93,7 @@ impl Pass<'_> {
         starts.windows(2).map(|w| w[0]..w[1]).collect()
     }
 
-    fn cell(&self, cell: u32) -> &Cell {
+    fn cell(&self, cell: u32) -> &TreeCell {
         &self.tree.cells[cell as usize]
     }
 
@@ -116,7 +116,7 @@ impl Pass<'_> {
     }
 
     /// Adds to `out` (points of `blocks` × columns) the potential of sources in units of `cell`.
-    fn add_potential_of(&self, sources: Range<usize>, cell: &Cell, blocks: &[Block], out: &mut [f64]) {
+    fn add_potential_of(&self, sources: Range<usize>, cell: &TreeCell, blocks: &[TargetBlock], out: &mut [f64]) {
         let points = out.len() / self.columns();
         let up = 1.0 / self.tree.half_width(cell);
         if !self.weights.rows.is_empty() {
@@ -160,7 +160,7 @@ impl Pass<'_> {
         &self,
         points: &[[f64; 3]],
         weights: MatRef<'_, f64>,
-        targets: &[Block],
+        targets: &[TargetBlock],
         factor: f64,
         mut out: MatMut<'_, f64>,
     ) {

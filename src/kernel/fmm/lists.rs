@@ -24,12 +24,12 @@ pub(super) struct Transfer {
 
 /// Values of different length for each of many items.
 #[derive(Debug, Default)]
-pub(super) struct Rows<T> {
+pub(super) struct RaggedRows<T> {
     starts: Vec<u32>,
     values: Vec<T>,
 }
 
-impl<T> Rows<T> {
+impl<T> RaggedRows<T> {
     fn from_pairs(count: usize, mut pairs: Vec<(u32, T)>) -> Self {
         pairs.sort_by_key(|pair| pair.0);
         let mut starts = vec![0; count + 1];
@@ -64,23 +64,23 @@ pub(super) struct Lists {
     /// Where each group of target slots begins in `transfers`.
     pub(super) groups: Vec<u32>,
     /// Where targets are evaluated, in the order of the targets.
-    pub(super) leaves: Vec<Leaf>,
+    pub(super) leaves: Vec<TargetLeaf>,
     /// For each of the leaves, ranges of sources that act directly, ascending.
-    pub(super) near: Rows<Range<u32>>,
+    pub(super) near: RaggedRows<Range<u32>>,
     /// W lists: for each of the leaves, cells whose multipole expansions are evaluated at its targets.
-    pub(super) finer: Rows<u32>,
+    pub(super) finer: RaggedRows<u32>,
     /// X lists: for each target slot, leaves whose sources act on the local expansion.
-    pub(super) coarser: Rows<u32>,
+    pub(super) coarser: RaggedRows<u32>,
 }
 
 /// Targets that are evaluated together, with the local expansion of one cell.
 #[derive(Debug, Clone)]
-pub(super) struct Leaf {
+pub(super) struct TargetLeaf {
     pub(super) cell: u32,
     targets: Range<u32>,
 }
 
-impl Leaf {
+impl TargetLeaf {
     pub(super) fn targets(&self) -> Range<usize> {
         self.targets.start as usize..self.targets.end as usize
     }
@@ -104,7 +104,7 @@ pub(super) const GROUP: usize = 256;
 impl Lists {
     pub(super) fn new(tree: &Tree, thresholds: Thresholds) -> Self {
         let (source_slot, source_cells) = slots(tree, |cell| !tree.cells[cell].sources().is_empty());
-        let mut descent = Descent {
+        let mut descent = ListBuilder {
             tree,
             thresholds,
             source_slot: &source_slot,
@@ -118,7 +118,7 @@ impl Lists {
         if !tree.cells[0].targets().is_empty() && !tree.cells[0].sources().is_empty() {
             descent.visit(0, &[0], &[]);
         }
-        let Descent {
+        let ListBuilder {
             mut transfers,
             leaves,
             near,
@@ -143,9 +143,9 @@ impl Lists {
         Self {
             transfers,
             groups,
-            near: Rows::from_pairs(leaves.len(), near),
-            finer: Rows::from_pairs(leaves.len(), finer),
-            coarser: Rows::from_pairs(target_cells.len(), coarser),
+            near: RaggedRows::from_pairs(leaves.len(), near),
+            finer: RaggedRows::from_pairs(leaves.len(), finer),
+            coarser: RaggedRows::from_pairs(target_cells.len(), coarser),
             leaves,
             source_slot,
             target_slot,
@@ -168,19 +168,19 @@ fn slots(tree: &Tree, has_points: impl Fn(usize) -> bool) -> (Vec<u32>, Vec<u32>
 }
 
 /// Until all is known, targets are given as cells, not slots.
-struct Descent<'a> {
+struct ListBuilder<'a> {
     tree: &'a Tree,
     thresholds: Thresholds,
     source_slot: &'a [u32],
     transfers: Vec<Transfer>,
-    leaves: Vec<Leaf>,
+    leaves: Vec<TargetLeaf>,
     near: Vec<(u32, Range<u32>)>,
     finer: Vec<(u32, u32)>,
     coarser: Vec<(u32, u32)>,
     is_visited: Vec<bool>,
 }
 
-impl Descent<'_> {
+impl ListBuilder<'_> {
     /// `touching`: source cells of the level of `cell`, or coarser leaves, that touch it. `near`: further source cells
     /// that act directly on all its targets.
     ///
@@ -272,7 +272,7 @@ impl Descent<'_> {
         let targets = self.tree.cells[cell].targets();
         for first in targets.clone().step_by(LEAF_TARGETS) {
             let number = self.leaves.len() as u32;
-            self.leaves.push(Leaf {
+            self.leaves.push(TargetLeaf {
                 cell: cell as u32,
                 targets: first as u32..targets.end.min(first + LEAF_TARGETS) as u32,
             });

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::KernelError;
-use super::direct::{self, Instructions, MOST_TRIPLED, Scale, is_minute};
+use super::direct::{self, Instructions, MOST_TRIPLED, PowerOfTwoScale, is_minute};
 use crate::Point;
 
 mod evaluate;
@@ -30,7 +30,7 @@ use expansions::Pass;
 use lists::{Lists, Thresholds};
 use operators::{Operators, RESOLUTIONS, resolution_for};
 use tree::{Capacity, NONE, Ordered, Tree};
-use weights::{Layout, Weights};
+use weights::{PassWeights, WeightLayout};
 
 /// Sources and targets sorted into a tree, for any number of sums over them.
 #[derive(Debug, Clone)]
@@ -121,7 +121,7 @@ impl Fmm {
                 return Err(KernelError::TooMany { what, found });
             }
         }
-        let scale = Scale::of(sources);
+        let scale = PowerOfTwoScale::of(sources);
         let has_bad_source = !sources.iter().all(is_finite);
         let has_minute = sources.iter().any(|p| is_minute(*p * scale.up));
         let in_tree = |p: &Point| {
@@ -177,14 +177,14 @@ impl Fmm {
         }
         let operators = Operators::of(self.resolution);
         let layout = if columns > MOST_TRIPLED && !with_gradient {
-            Layout::Rows
+            WeightLayout::Rows
         } else {
-            Layout::Triples
+            WeightLayout::Triples
         };
         let mut failed = BTreeSet::new();
         for first in (0..columns).step_by(COLUMNS) {
             let part = first..columns.min(first + COLUMNS);
-            let weights = Weights::new(&geometry.tree.sources, weights, columns, part, layout);
+            let weights = PassWeights::new(&geometry.tree.sources, weights, columns, part, layout);
             let pass = Pass {
                 tree: &geometry.tree,
                 lists: &geometry.lists,

@@ -25,14 +25,14 @@ use faer::{Accum, Mat, MatRef, Par};
 use nalgebra::DMatrix;
 
 use super::lists::canonical_offsets;
-use crate::kernel::direct::{Block, LANES};
+use crate::kernel::direct::{LANES, TargetBlock};
 
 const INNER: f64 = 1.05;
 const OUTER: f64 = 2.95;
 
 /// How finely expansions resolve the field, least accurate first.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Resolution {
+pub(super) struct ExpansionResolution {
     /// Greatest relative error of a sum for which this one is chosen.
     pub(super) accuracy: f64,
     /// Points along an edge of the surfaces.
@@ -43,8 +43,8 @@ pub(super) struct Resolution {
     single: bool,
 }
 
-const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: bool) -> Resolution {
-    Resolution {
+const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: bool) -> ExpansionResolution {
+    ExpansionResolution {
         accuracy,
         order,
         cutoff,
@@ -71,7 +71,7 @@ const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: bool) -> R
 ///
 /// Weights of one sign give potentials ten times as accurate, and gradients up to five times less, as these cancel.
 /// Order 10 is left out: it gains nothing on order 9 there.
-pub(super) const RESOLUTIONS: [Resolution; 10] = [
+pub(super) const RESOLUTIONS: [ExpansionResolution; 10] = [
     resolution(1e-2, 3, 1e-2, true),
     resolution(1e-3, 4, 3e-4, true),
     resolution(1e-4, 5, 3e-5, true),
@@ -100,8 +100,8 @@ pub(super) struct Operators {
     /// Points of `E` and of `C`.
     pub(super) inner: Vec<[f64; 3]>,
     pub(super) outer: Vec<[f64; 3]>,
-    pub(super) inner_blocks: Vec<Block>,
-    pub(super) outer_blocks: Vec<Block>,
+    pub(super) inner_blocks: Vec<TargetBlock>,
+    pub(super) outer_blocks: Vec<TargetBlock>,
     /// `V`.
     pub(super) basis: Mat<f64>,
     /// `S⁻¹ Uᵀ`: from potentials at `C` to a multipole expansion; transposed, from a local expansion to weights at `C`.
@@ -131,10 +131,10 @@ impl Operators {
             .clone()
     }
 
-    fn new(resolution: Resolution) -> Self {
+    fn new(resolution: ExpansionResolution) -> Self {
         let inner = surface(resolution.order, INNER);
         let outer = surface(resolution.order, OUTER);
-        let Decomposition {
+        let SymmetricSvd {
             left,
             values,
             right,
@@ -210,12 +210,12 @@ fn product(left: MatRef<'_, f64>, right: MatRef<'_, f64>) -> Mat<f64> {
     out
 }
 
-pub(super) fn blocks(points: &[[f64; 3]]) -> Vec<Block> {
-    points.chunks(LANES).map(|p| Block::mapped(p, |p| *p)).collect()
+pub(super) fn blocks(points: &[[f64; 3]]) -> Vec<TargetBlock> {
+    points.chunks(LANES).map(|p| TargetBlock::mapped(p, |p| *p)).collect()
 }
 
 /// The truncated singular value decomposition of `K`, by symmetry classes.
-struct Decomposition {
+struct SymmetricSvd {
     left: Mat<f64>,
     values: Vec<f64>,
     right: Mat<f64>,
@@ -223,7 +223,7 @@ struct Decomposition {
     parity: Vec<usize>,
 }
 
-fn decompose(inner: &[[f64; 3]], outer: &[[f64; 3]], cutoff: f64) -> Decomposition {
+fn decompose(inner: &[[f64; 3]], outer: &[[f64; 3]], cutoff: f64) -> SymmetricSvd {
     let full = kernel(outer, inner);
     let mut triples = Vec::new();
     for parity in 0..8 {
@@ -247,7 +247,7 @@ fn decompose(inner: &[[f64; 3]], outer: &[[f64; 3]], cutoff: f64) -> Decompositi
     }
     let largest = triples.iter().map(|t| t.0).fold(0.0, f64::max);
     triples.retain(|t| t.0 > cutoff * largest);
-    Decomposition {
+    SymmetricSvd {
         left: Mat::from_fn(outer.len(), triples.len(), |i, j| triples[j].2[i]),
         right: Mat::from_fn(inner.len(), triples.len(), |i, j| triples[j].3[i]),
         values: triples.iter().map(|t| t.0).collect(),

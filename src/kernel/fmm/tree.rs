@@ -14,7 +14,7 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// A cube of the tree that holds a point.
 #[derive(Debug, Clone)]
-pub(super) struct Cell {
+pub(super) struct TreeCell {
     pub(super) level: u32,
     /// Corner of least coordinates, in cells of this level.
     position: [i64; 3],
@@ -27,7 +27,7 @@ pub(super) struct Cell {
     targets: Range<u32>,
 }
 
-impl Cell {
+impl TreeCell {
     pub(super) fn is_leaf(&self) -> bool {
         self.children.is_empty()
     }
@@ -69,7 +69,7 @@ pub(super) struct Ordered {
 
 #[derive(Debug)]
 pub(super) struct Tree {
-    pub(super) cells: Vec<Cell>,
+    pub(super) cells: Vec<TreeCell>,
     /// Where each level begins in `cells`, and their number at the end.
     pub(super) levels: Vec<usize>,
     pub(super) sources: Ordered,
@@ -88,9 +88,9 @@ impl Tree {
     /// Divides cells until none holds more than `capacity`, or the centres of the next level could not be represented.
     /// Coordinates are finite and at most `2^300`; `original` numbers the points.
     pub(super) fn new(sources: Ordered, targets: Ordered, capacity: Capacity) -> Self {
-        let root = Root::around(&sources.positions, &targets.positions);
+        let root = RootCube::around(&sources.positions, &targets.positions);
         let mut tree = Self {
-            cells: vec![Cell {
+            cells: vec![TreeCell {
                 level: 0,
                 position: [0; 3],
                 centre: root.centre,
@@ -107,7 +107,7 @@ impl Tree {
         };
         for level in 0..root.deepest {
             let begin = tree.levels[level as usize];
-            let is_full = |c: &Cell| c.sources.len() > capacity.sources || c.targets.len() > capacity.targets;
+            let is_full = |c: &TreeCell| c.sources.len() > capacity.sources || c.targets.len() > capacity.targets;
             let full: Vec<usize> = (begin..tree.cells.len()).filter(|&i| is_full(&tree.cells[i])).collect();
             if full.is_empty() {
                 break;
@@ -117,7 +117,7 @@ impl Tree {
         tree
     }
 
-    pub(super) fn half_width(&self, cell: &Cell) -> f64 {
+    pub(super) fn half_width(&self, cell: &TreeCell) -> f64 {
         // Exact, and levels are fewer than the exponents of f64.
         self.root_half_width * 0.5f64.powi(cell.level as i32)
     }
@@ -146,7 +146,7 @@ impl Tree {
                 continue;
             }
             let upper: [bool; 3] = std::array::from_fn(|axis| octant >> axis & 1 == 1);
-            self.cells.push(Cell {
+            self.cells.push(TreeCell {
                 level: cell.level + 1,
                 position: std::array::from_fn(|axis| 2 * cell.position[axis] + i64::from(upper[axis])),
                 centre: std::array::from_fn(|axis| cell.centre[axis] + if upper[axis] { quarter } else { -quarter }),
@@ -166,14 +166,14 @@ impl Tree {
 /// Bits of the root's size, and how much coarser the quantum of its centre is than the size.
 const SIZE_BITS: i32 = 8;
 
-struct Root {
+struct RootCube {
     centre: [f64; 3],
     half_width: f64,
     /// Levels below the root whose centres can be represented.
     deepest: u32,
 }
 
-impl Root {
+impl RootCube {
     fn around(sources: &[[f64; 3]], targets: &[[f64; 3]]) -> Self {
         let mut lower = [f64::INFINITY; 3];
         let mut upper = [f64::NEG_INFINITY; 3];

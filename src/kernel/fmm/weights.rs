@@ -6,11 +6,11 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::tree::Ordered;
-use crate::kernel::direct::Source;
+use crate::kernel::direct::PackedSource;
 
 /// How sums over points are formed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Layout {
+pub(super) enum WeightLayout {
     /// Three columns at a time, evaluating the kernel for each triple.
     Triples,
     /// All columns together, as products with blocks of the kernel's matrix.
@@ -19,11 +19,11 @@ pub(super) enum Layout {
 
 /// Right-hand sides of one pass.
 #[derive(Debug)]
-pub(super) struct Weights {
+pub(super) struct PassWeights {
     pub(super) columns: usize,
-    /// Positions and three weights for each source, the last filled up with zeros; none for [`Layout::Rows`].
-    pub(super) triples: Vec<Vec<Source>>,
-    /// Weights, `sources × columns`, row-major; none for [`Layout::Triples`].
+    /// Positions and three weights for each source, the last filled up with zeros; none for [`WeightLayout::Rows`].
+    pub(super) triples: Vec<Vec<PackedSource>>,
+    /// Weights, `sources × columns`, row-major; none for [`WeightLayout::Triples`].
     pub(super) rows: Vec<f64>,
     /// Powers of two by which the sums of each column have to be multiplied: single precision has a short range.
     pub(super) scale: Vec<f64>,
@@ -31,14 +31,14 @@ pub(super) struct Weights {
     pub(super) are_finite: bool,
 }
 
-impl Weights {
+impl PassWeights {
     /// The given columns of `weights`, which has `stride` in all.
     pub(super) fn new(
         sources: &Ordered,
         weights: &[f64],
         stride: usize,
         Range { start: first, end }: Range<usize>,
-        layout: Layout,
+        layout: WeightLayout,
     ) -> Self {
         let columns = end - first;
         let mut largest = vec![0.0f64; columns];
@@ -53,7 +53,7 @@ impl Weights {
         let factor: Vec<f64> = scale.iter().map(|s| 1.0 / s).collect();
         let mut rows = Vec::new();
         let mut triple_count = columns.div_ceil(3);
-        if layout == Layout::Rows {
+        if layout == WeightLayout::Rows {
             triple_count = 0;
             rows = vec![0.0; sources.original.len() * columns];
             let fill = |(row, &number): (&mut [f64], &u32)| {
