@@ -6,7 +6,7 @@ use solidmap::certificate::{CertificateOptions, certify};
 use solidmap::fit::{Fit, FitOptions, fit};
 use solidmap::inverse::{InverseMap, InverseOptions};
 use solidmap::map::VolumeMap;
-use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, remesh};
+use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshSource, remesh};
 
 use super::inputs;
 
@@ -21,7 +21,7 @@ pub fn regular_meshes(criterion: &mut Criterion) {
     group.sample_size(10);
     for (name, kind) in [("tets", CellKind::Tets), ("hexes", CellKind::Hexes)] {
         for cells in [16, 32] {
-            let source = MeshSource::Regular {
+            let source = RemeshSource::Regular {
                 kind,
                 size: CellSize::Along(cells),
                 most_cells: 1_000_000,

@@ -3,7 +3,7 @@
 use criterion::{Criterion, Throughput};
 use solidmap::baseline::MeanValueMap;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::energy::{Resolution, clipped_grid};
+use solidmap::energy::{GridResolution, clipped_grid};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::shapes;
 
@@ -46,7 +46,7 @@ pub fn finite_elements(_: &mut Criterion) {}
 /// Images and Jacobians of points of the domain's grid.
 pub fn mean_values(criterion: &mut Criterion) {
     let pair = pair();
-    let grid = clipped_grid(pair.domain(), Resolution::CellsAlongLongestSide(16)).expect("the domain is closed");
+    let grid = clipped_grid(pair.domain(), GridResolution::CellsAlongLongestSide(16)).expect("the domain is closed");
     let map = MeanValueMap::new(&pair).expect("the domain is closed");
     let pairs = grid.points().len() * pair.domain().triangles().len();
     let mut group = criterion.benchmark_group("baseline");

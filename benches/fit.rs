@@ -2,7 +2,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput};
 use solidmap::boundary_map::{BoundaryMap, examples};
-use solidmap::energy::{EnergyOptions, Resolution, clipped_grid, energies};
+use solidmap::energy::{EnergyOptions, GridResolution, clipped_grid, energies};
 use solidmap::fit::{DomainFactor, FitOptions, Solver, fit};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, shapes};
@@ -167,7 +167,7 @@ fn swimming(domain: &SurfaceMesh, frame: usize, tremor: f64) -> BoundaryMap {
 pub fn evaluate(criterion: &mut Criterion) {
     let pair = pair();
     let map = fitted(&pair);
-    let grid = clipped_grid(pair.domain(), Resolution::CellsAlongLongestSide(32)).expect("the domain is closed");
+    let grid = clipped_grid(pair.domain(), GridResolution::CellsAlongLongestSide(32)).expect("the domain is closed");
     let mut group = criterion.benchmark_group("map");
     group.throughput(Throughput::Elements(grid.points().len() as u64));
     group.bench_function("evaluate/1000", |b| b.iter(|| map.evaluate(grid.points())));
@@ -182,7 +182,7 @@ pub fn energy(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("energy");
     group.sample_size(10);
     for resolution in [32, 64] {
-        let resolution_of = Resolution::CellsAlongLongestSide(resolution);
+        let resolution_of = GridResolution::CellsAlongLongestSide(resolution);
         group.bench_function(BenchmarkId::new("grid", resolution), |b| {
             b.iter(|| clipped_grid(pair.domain(), resolution_of));
         });

@@ -8,7 +8,7 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{PairError, PairOptions, map_pair};
 use solidmap::fit::{DomainFactor, FitError, FitOptions, Phase, fit};
 use solidmap::mesh::shapes;
-use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshError, RemeshOptions, remesh};
+use solidmap::remesh::{CellKind, CellSize, RemeshError, RemeshOptions, RemeshSource, remesh};
 
 /// A cube that becomes a ball: two rounds of refinement.
 fn rounded_cube() -> BoundaryMap {
@@ -65,7 +65,7 @@ fn a_factor_answers_as_before_when_refinement_was_ended() {
 fn a_remeshing_ends_in_its_repair_and_polish() {
     let boundary = rounded_cube();
     let map = fit(&boundary, &FitOptions::default(), &|_| {}).unwrap().map;
-    let source = MeshSource::Regular {
+    let source = RemeshSource::Regular {
         kind: CellKind::Hexes,
         size: CellSize::Along(8),
         most_cells: 100_000,

@@ -1,7 +1,9 @@
 //! What `certificate` proves, held against dense sampling.
 
 use rand::{Rng, SeedableRng, rngs::StdRng};
-use solidmap::certificate::{Certificate, CertificateError, CertificateOptions, Ending, Leaf, Verdict, certify};
+use solidmap::certificate::{
+    Certificate, CertificateCell, CertificateError, CertificateOptions, StopReason, Verdict, certify,
+};
 use solidmap::fit::FitOptions;
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, shapes};
@@ -36,7 +38,7 @@ fn folding() -> HarmonicMap {
 }
 
 /// Random points of a cell, and its corners.
-fn samples(leaf: &Leaf, count: usize, random: &mut StdRng) -> Vec<Point> {
+fn samples(leaf: &CertificateCell, count: usize, random: &mut StdRng) -> Vec<Point> {
     let corners = (0..8).map(|n| Vector::from_fn(|k, _| f64::from(n >> k & 1)));
     let inner: Vec<Vector> = (0..count)
         .map(|_| Vector::from_fn(|_, _| random.random_range(0.0..1.0)))
@@ -47,8 +49,8 @@ fn samples(leaf: &Leaf, count: usize, random: &mut StdRng) -> Vec<Point> {
 /// Signs and both bounds hold at samples of every decided cell; returns how many cells were asked.
 fn assert_sound(map: &HarmonicMap, certificate: &Certificate, orientation: f64, count: usize) -> usize {
     let mut random = StdRng::seed_from_u64(11);
-    let decided: Vec<&Leaf> = certificate
-        .leaves()
+    let decided: Vec<&CertificateCell> = certificate
+        .cells()
         .iter()
         .filter(|leaf| leaf.verdict != Verdict::Undecided)
         .collect();
@@ -85,8 +87,11 @@ fn affine_maps_are_decided_at_once_by_their_own_singular_values() {
     for (orientation, expected) in [(1.0, Verdict::Positive), (-1.0, Verdict::Folded)] {
         let certificate = certified(&map(&[], affine), &domain, orientation, 64);
         let report = certificate.report;
-        assert_eq!((certificate.leaves().len(), report.ending), (8, Ending::AllDecided));
-        for leaf in certificate.leaves() {
+        assert_eq!(
+            (certificate.cells().len(), report.stop_reason),
+            (8, StopReason::AllDecided)
+        );
+        for leaf in certificate.cells() {
             assert_eq!(leaf.verdict, expected);
             // Norms of 3 × 3 matrices are over-estimated by up to 4 %.
             let least = linear.singular_values().min();
@@ -105,7 +110,7 @@ fn a_reflecting_map_of_a_reflected_target_is_not_folded() {
     assert_eq!(certificate.report.positive.cells, 8);
     assert!(
         certificate
-            .leaves()
+            .cells()
             .iter()
             .all(|leaf| (leaf.det_centre - 1.0).abs() < 1e-12)
     );
@@ -124,7 +129,7 @@ fn a_fold_is_proved_where_samples_find_it_and_nowhere_else() {
     for (point, jacobian) in points.iter().zip(map.jacobian(&points)) {
         let det = jacobian.determinant();
         folded += usize::from(det < 0.0);
-        match certificate.leaf_at(point).unwrap().verdict {
+        match certificate.cell_at(point).unwrap().verdict {
             Verdict::Positive => assert!(det > 0.0),
             Verdict::Folded => assert!(det < 0.0),
             Verdict::Undecided => {}
@@ -182,11 +187,11 @@ fn cells_fill_the_domain_whatever_its_shape() {
         assert!(report.volume_error.abs() < 1e-10, "{name}: {report:?}");
         for point in crate::common::interior_points(&domain, 200, 3) {
             let leaf = certificate
-                .leaf_at(&point)
+                .cell_at(&point)
                 .unwrap_or_else(|| panic!("{name}: no cell at {point}"));
             assert!((point - leaf.centre()).amax() <= 0.5 * leaf.size * (1.0 + 1e-12));
         }
-        assert_eq!(certificate.leaf_at(&(far + Vector::repeat(1.0))), None);
+        assert_eq!(certificate.cell_at(&(far + Vector::repeat(1.0))), None);
     }
 }
 
@@ -194,8 +199,8 @@ fn cells_fill_the_domain_whatever_its_shape() {
 fn hexahedra_are_the_leaves() {
     let certificate = certified(&folding(), &shapes::cube(1.0, 1), 1.0, 16);
     let (points, hexahedra) = certificate.hexahedra();
-    assert_eq!(hexahedra.len(), certificate.leaves().len());
-    for (hexahedron, leaf) in hexahedra.iter().zip(certificate.leaves()) {
+    assert_eq!(hexahedra.len(), certificate.cells().len());
+    for (hexahedron, leaf) in hexahedra.iter().zip(certificate.cells()) {
         let corner = |n: usize| points[hexahedron[n] as usize];
         assert!((corner(0) - leaf.low).norm() < 1e-12);
         assert!((corner(6) - leaf.low - Vector::repeat(leaf.size)).norm() < 1e-12);
@@ -210,8 +215,8 @@ fn does_not_depend_on_the_number_of_threads() {
     };
     let (one, three) = (with(1), with(3));
     assert_eq!(one.report, three.report);
-    assert_eq!(one.leaves().len(), three.leaves().len());
-    for (a, b) in one.leaves().iter().zip(three.leaves()) {
+    assert_eq!(one.cells().len(), three.cells().len());
+    for (a, b) in one.cells().iter().zip(three.cells()) {
         assert_eq!(
             (a.low, a.verdict, a.sigma_min.to_bits()),
             (b.low, b.verdict, b.sigma_min.to_bits())
@@ -227,15 +232,15 @@ fn limits_end_the_work_and_are_named() {
         max_cells: 2000,
         ..Default::default()
     });
-    assert_eq!(few.report.ending, Ending::CellLimit);
-    assert!(few.leaves().len() <= 2000);
+    assert_eq!(few.report.stop_reason, StopReason::CellLimit);
+    assert!(few.cells().len() <= 2000);
     let enough = with(CertificateOptions {
         undecided: 0.1,
         ..Default::default()
     });
-    assert_eq!(enough.report.ending, Ending::EnoughDecided);
+    assert_eq!(enough.report.stop_reason, StopReason::EnoughDecided);
     assert!(enough.report.undecided.fraction <= 0.1);
-    assert_eq!(with(options(16)).report.ending, Ending::Finest);
+    assert_eq!(with(options(16)).report.stop_reason, StopReason::Finest);
 }
 
 /// A source in the domain is never covered by a decided cell.
@@ -244,7 +249,7 @@ fn a_source_inside_stays_undecided() {
     let source = Point::new(0.1, 0.05, -0.02);
     let map = map(&[(source, [0.1, 0.0, 0.0])], IDENTITY);
     let certificate = certified(&map, &shapes::cube(1.0, 1), 1.0, 64);
-    assert_eq!(certificate.leaf_at(&source).unwrap().verdict, Verdict::Undecided);
+    assert_eq!(certificate.cell_at(&source).unwrap().verdict, Verdict::Undecided);
     assert!(assert_sound(&map, &certificate, 1.0, 12) > 300);
 }
 
@@ -314,11 +319,11 @@ fn thin_parts_are_examined() {
     // A source inside of the needle, where nothing can be proved.
     let inside = Point::new(0.9, 0.123, -0.217);
     let certificate = certified(&map(&[(inside, [1e-6, 0.0, 0.0])], IDENTITY), &domain, 1.0, 256);
-    let leaf = certificate.leaf_at(&inside).expect("the needle is in a cell");
+    let leaf = certificate.cell_at(&inside).expect("the needle is in a cell");
     assert_eq!(leaf.verdict, Verdict::Undecided, "{:?}", certificate.report);
     // A domain that is nothing but a needle.
     let report = certified(&map(&[], IDENTITY), &needle, 1.0, 256).report;
-    assert_eq!(report.ending, Ending::AllDecided, "{report:?}");
+    assert_eq!(report.stop_reason, StopReason::AllDecided, "{report:?}");
 }
 
 /// Far from the origin, cells and sources keep their places to each other.

@@ -3,11 +3,11 @@
 use crate::common::{boundary_map, largest_distance, solids};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::compare::{
-    Built, CompareError, Folds, MeshSpec, Method, Recipe, Samples, Yardstick, YardstickOptions, build, make_mesh,
-    spread,
+    BuildOptions, BuiltMap, CompareError, ComparedMethod, EvaluationOptions, FoldCount, InteriorImages, MapEvaluator,
+    MeshSpec, build, make_mesh, spread,
 };
 #[cfg(feature = "native")]
-use solidmap::compare::{MeshSource, carried};
+use solidmap::compare::{TetMesher, carried};
 use solidmap::energy::harmonic;
 use solidmap::fit::FitOptions;
 use solidmap::geometry::SurfaceQuery;
@@ -37,8 +37,8 @@ fn affine(p: &Point) -> Point {
     )
 }
 
-fn recipe(method: Method, domain: &SurfaceMesh) -> Recipe<'static> {
-    Recipe {
+fn options(method: ComparedMethod, domain: &SurfaceMesh) -> BuildOptions<'static> {
+    BuildOptions {
         method,
         fit: FitOptions::default(),
         harmonic: Default::default(),
@@ -48,18 +48,18 @@ fn recipe(method: Method, domain: &SurfaceMesh) -> Recipe<'static> {
     }
 }
 
-fn built(boundary: &BoundaryMap, recipe: &Recipe) -> Built {
-    build(boundary, recipe, &|_| {}).unwrap()
+fn built(boundary: &BoundaryMap, options: &BuildOptions) -> BuiltMap {
+    build(boundary, options, &|_| {}).unwrap()
 }
 
-fn yardstick(boundary: &BoundaryMap, resolution: usize) -> Yardstick<'_> {
-    let options = YardstickOptions {
+fn evaluator(boundary: &BoundaryMap, resolution: usize) -> MapEvaluator<'_> {
+    let options = EvaluationOptions {
         resolution,
         interior: 500,
         held_out: 5000,
         seed: 3,
     };
-    Yardstick::new(boundary, &options).unwrap()
+    MapEvaluator::new(boundary, &options).unwrap()
 }
 
 /// A cube of `n³` cells of six tetrahedra each, around the origin.
@@ -132,11 +132,11 @@ fn finite_elements_approach_the_exact_map_at_second_order() {
     let errors = [4, 8, 16].map(|n| {
         let mesh = cube_of_tets(n);
         let boundary = boundary_map(&mesh.boundary().surface, polynomials);
-        let recipe = Recipe {
+        let options = BuildOptions {
             given: Some(&mesh),
-            ..recipe(Method::Fem, boundary.domain())
+            ..options(ComparedMethod::Fem, boundary.domain())
         };
-        rms_distance(&built(&boundary, &recipe).map.evaluate(&inside), &exact)
+        rms_distance(&built(&boundary, &options).map.evaluate(&inside), &exact)
     });
     for pair in errors.windows(2) {
         assert!(pair[1] < pair[0] / 3.0, "{errors:?}");
@@ -151,13 +151,13 @@ fn finite_elements_approach_the_exact_map_at_second_order() {
 fn methods_approach_the_exact_map_together() {
     let inside = crate::common::interior_points(&shapes::cube(0.95 * SIDE, 1), 300, 4);
     let exact: Vec<Point> = inside.iter().map(polynomials).collect();
-    for method in [Method::Mfs, Method::Fem, Method::Variational] {
+    for method in [ComparedMethod::Mfs, ComparedMethod::Fem, ComparedMethod::Variational] {
         let errors = [5, 10].map(|n| {
             let boundary = boundary_map(&shapes::cube(SIDE, n), polynomials);
-            let mut recipe = recipe(method, boundary.domain());
-            recipe.fit.refine = false;
-            recipe.descent.threshold = 1e-10;
-            rms_distance(&built(&boundary, &recipe).map.evaluate(&inside), &exact)
+            let mut options = options(method, boundary.domain());
+            options.fit.refine = false;
+            options.descent.threshold = 1e-10;
+            rms_distance(&built(&boundary, &options).map.evaluate(&inside), &exact)
         });
         assert!(errors[1] < errors[0] / 3.0, "{method:?}: {errors:?}");
     }
@@ -169,17 +169,17 @@ fn methods_approach_the_exact_map_together() {
 fn the_fit_and_its_reference_differ_by_no_more_than_their_boundary_errors() {
     for (name, domain) in solids(0) {
         let boundary = boundary_map(&domain, polynomials);
-        let yardstick = yardstick(&boundary, 8);
+        let evaluator = evaluator(&boundary, 8);
         let finer = boundary.subdivided().subdivided();
-        let mut fine = recipe(Method::Mfs, finer.domain());
+        let mut fine = options(ComparedMethod::Mfs, finer.domain());
         fine.fit.tolerance = 1e-4;
         fine.fit.refine = false;
         let reference = built(&finer, &fine);
-        let map = built(&boundary, &recipe(Method::Mfs, &domain));
-        let [of_map, of_reference] = [&map, &reference].map(|built| yardstick.measure(&*built.map).unwrap());
+        let map = built(&boundary, &options(ComparedMethod::Mfs, &domain));
+        let [of_map, of_reference] = [&map, &reference].map(|built| evaluator.measure(&*built.map).unwrap());
         let bound = of_map.boundary_error.max + of_reference.boundary_error.max;
-        let [a, b] = [&map, &reference].map(|built| yardstick.samples(&*built.map).unwrap());
-        let found = yardstick.difference(&a, &b);
+        let [a, b] = [&map, &reference].map(|built| evaluator.interior_images(&*built.map).unwrap());
+        let found = evaluator.difference(&a, &b);
         assert!(found.max <= bound, "{name}: {found:?} above {bound:e}");
         assert!(
             0.0 < found.rms && found.rms <= found.p99 && found.p99 <= found.max,
@@ -198,22 +198,22 @@ fn the_fit_and_its_reference_differ_by_no_more_than_their_boundary_errors() {
 #[test]
 fn finite_elements_approach_the_reference_as_surface_and_inside_are_refined() {
     let boundary = boundary_map(&shapes::sphere(1.0, 1), polynomials);
-    let yardstick = yardstick(&boundary, 8);
+    let evaluator = evaluator(&boundary, 8);
     let finer = boundary.subdivided().subdivided().subdivided();
-    let mut fine = recipe(Method::Mfs, finer.domain());
+    let mut fine = options(ComparedMethod::Mfs, finer.domain());
     fine.fit.refine = false;
-    let reference = yardstick.samples(&*built(&finer, &fine).map).unwrap();
+    let reference = evaluator.interior_images(&*built(&finer, &fine).map).unwrap();
     let default = MeshSpec::of(boundary.domain());
     let differences = [0, 1, 2].map(|k| {
-        let mut recipe = recipe(Method::Fem, boundary.domain());
-        recipe.mesh = MeshSpec {
+        let mut options = options(ComparedMethod::Fem, boundary.domain());
+        options.mesh = MeshSpec {
             subdivisions: k,
             edge: default.edge.map(|edge| edge * 0.5f64.powi(k as i32)),
             ..default
         };
-        let built = built(&boundary, &recipe);
-        yardstick
-            .difference(&yardstick.samples(&*built.map).unwrap(), &reference)
+        let built = built(&boundary, &options);
+        evaluator
+            .difference(&evaluator.interior_images(&*built.map).unwrap(), &reference)
             .rms
     });
     for pair in differences.windows(2) {
@@ -225,21 +225,21 @@ fn finite_elements_approach_the_reference_as_surface_and_inside_are_refined() {
 fn affine_maps_are_reproduced_with_one_energy() {
     for (name, domain) in solids(0) {
         let boundary = boundary_map(&domain, affine);
-        let yardstick = yardstick(&boundary, 10);
-        let exact: Vec<Point> = yardstick.interior().iter().map(affine).collect();
+        let evaluator = evaluator(&boundary, 10);
+        let exact: Vec<Point> = evaluator.interior().iter().map(affine).collect();
         let mut energies = Vec::new();
-        for method in Method::ALL {
+        for method in ComparedMethod::ALL {
             if method.is_on_tets() && cfg!(not(feature = "native")) {
                 continue;
             }
-            let mut recipe = recipe(method, &domain);
+            let mut options = options(method, &domain);
             // What is missing in the energy is the square of what is missing in the map.
-            recipe.descent.descent = solidmap::baseline::DescentDirection::ConjugateGradients;
-            recipe.descent.threshold = 1e-24;
-            let built = built(&boundary, &recipe);
-            let error = largest_distance(&yardstick.samples(&*built.map).unwrap().images, &exact);
+            options.descent.descent = solidmap::baseline::DescentDirection::ConjugateGradients;
+            options.descent.threshold = 1e-24;
+            let built = built(&boundary, &options);
+            let error = largest_distance(&evaluator.interior_images(&*built.map).unwrap().images, &exact);
             assert!(error < 1e-9, "{name}, {method:?}: {error:e}");
-            let measured = yardstick.measure(&*built.map).unwrap();
+            let measured = evaluator.measure(&*built.map).unwrap();
             assert!(measured.boundary_error.max < 1e-9, "{name}, {method:?}");
             energies.push(measured.energy.harmonic);
         }
@@ -262,26 +262,26 @@ fn descents_end_above_the_energy_of_the_direct_solve_and_as_near_as_it_says() {
     let mesh = cube_of_tets(8);
     let boundary = boundary_map(&mesh.boundary().surface, polynomials);
     let made = |method, descent, threshold| {
-        let mut recipe = Recipe {
+        let mut options = BuildOptions {
             given: Some(&mesh),
-            ..recipe(method, boundary.domain())
+            ..options(method, boundary.domain())
         };
-        recipe.descent.descent = descent;
-        recipe.descent.threshold = threshold;
-        let built = built(&boundary, &recipe);
+        options.descent.descent = descent;
+        options.descent.threshold = threshold;
+        let built = built(&boundary, &options);
         let (mesh, images) = built.tets.clone().unwrap();
         (energy_on_tets(&mesh, &images), built)
     };
     use solidmap::baseline::DescentDirection::{ConjugateGradients, Steepest};
-    let (least, fem) = made(Method::Fem, Steepest, 0.0);
-    let (conjugate, _) = made(Method::Variational, ConjugateGradients, 1e-12);
+    let (least, fem) = made(ComparedMethod::Fem, Steepest, 0.0);
+    let (conjugate, _) = made(ComparedMethod::Variational, ConjugateGradients, 1e-12);
     let rounding = 1e-12 * least;
     assert!(least <= conjugate + rounding && conjugate <= least * (1.0 + 1e-6));
-    let inside = yardstick(&boundary, 8);
+    let inside = evaluator(&boundary, 8);
     let inside = inside.interior();
     let mut before = f64::INFINITY;
     for threshold in [1e-3, 1e-5, 1e-7] {
-        let (energy, built) = made(Method::Variational, Steepest, threshold);
+        let (energy, built) = made(ComparedMethod::Variational, Steepest, threshold);
         assert!(
             least <= energy + rounding && energy < before,
             "{threshold}: {energy} for {least}"
@@ -313,17 +313,17 @@ fn no_map_has_less_energy_than_the_harmonic_one() {
             polynomials(p) + 0.1 * Vector::new(0.0, (3.0 * p.z).sin(), (2.5 * p.x).cos())
         });
         let measured = |method| {
-            let mut recipe = recipe(method, &domain);
-            recipe.fit.tolerance = 1e-4;
-            let built = built(&boundary, &recipe);
+            let mut options = options(method, &domain);
+            options.fit.tolerance = 1e-4;
+            let built = built(&boundary, &options);
             let [coarse, fine] = [16, 32].map(|resolution| {
-                let yardstick = yardstick(&boundary, resolution);
-                let quadrature = yardstick.quadrature();
+                let evaluator = evaluator(&boundary, resolution);
+                let quadrature = evaluator.quadrature();
                 let jacobians = built.map.jacobian(quadrature.points());
                 let densities: Vec<f64> = jacobians.iter().map(harmonic::density).collect();
                 quadrature.integrate(&densities)
             });
-            let measured = yardstick(&boundary, 16).measure(&*built.map).unwrap();
+            let measured = evaluator(&boundary, 16).measure(&*built.map).unwrap();
             let scale = (domain.volume() / boundary.target().volume()).cbrt().powi(2) / domain.volume();
             assert!(
                 (measured.energy.harmonic / (coarse * scale) - 1.0).abs() < 1e-9,
@@ -331,10 +331,10 @@ fn no_map_has_less_energy_than_the_harmonic_one() {
             );
             (fine, (fine - coarse).abs(), measured)
         };
-        let (least, unsure, fit) = measured(Method::Mfs);
+        let (least, unsure, fit) = measured(ComparedMethod::Mfs);
         let steepest = (fit.energy.harmonic_density.max * least / fit.energy.harmonic / domain.volume()).sqrt();
         let off_data = 2.0 * steepest * domain.area() * fit.boundary_error.rms * boundary.target_diagonal();
-        for method in Method::ALL.into_iter().skip(1) {
+        for method in ComparedMethod::ALL.into_iter().skip(1) {
             if method.is_on_tets() && cfg!(not(feature = "native")) {
                 continue;
             }
@@ -356,12 +356,12 @@ fn mean_values_are_not_harmonic() {
     let boundary = boundary_map(&domain, |p| {
         p + 0.15 * Vector::new((4.0 * p.y).sin(), (4.0 * p.z).sin(), (4.0 * p.x).sin())
     });
-    let yardstick = yardstick(&boundary, 8);
+    let evaluator = evaluator(&boundary, 8);
     let [fit, mean_value] =
-        [Method::Mfs, Method::MeanValue].map(|method| built(&boundary, &recipe(method, &domain)).map);
-    let off_data = yardstick.measure(&*fit).unwrap().boundary_error;
-    let [a, b] = [&fit, &mean_value].map(|map| yardstick.samples(&**map).unwrap());
-    let apart = yardstick.difference(&a, &b);
+        [ComparedMethod::Mfs, ComparedMethod::MeanValue].map(|method| built(&boundary, &options(method, &domain)).map);
+    let off_data = evaluator.measure(&*fit).unwrap().boundary_error;
+    let [a, b] = [&fit, &mean_value].map(|map| evaluator.interior_images(&**map).unwrap());
+    let apart = evaluator.difference(&a, &b);
     assert!(
         apart.max > 1.5 * off_data.max,
         "{apart:?} with data off by {off_data:?}"
@@ -406,7 +406,7 @@ fn subdivision_keeps_the_boundary_map() {
 #[test]
 fn spread_is_the_distance_from_the_mean_map() {
     let images: Vec<Point> = (0..50).map(|i| Point::new(f64::from(i), -1.0, 0.5)).collect();
-    let moved = |by: [f64; 3]| Samples {
+    let moved = |by: [f64; 3]| InteriorImages {
         images: images.iter().map(|p| p + Vector::from(by)).collect(),
     };
     let same = moved([0.0; 3]);
@@ -446,24 +446,24 @@ fn folds_of_a_pleated_cube_are_all_counted() {
     let images = Formula(pleat).evaluate(mesh.vertices());
     let tets = mesh.tets().len();
     assert_eq!(
-        Folds::of(&mesh, &images),
-        Folds {
+        FoldCount::of(&mesh, &images),
+        FoldCount {
             tets,
             flipped: tets / 6
         }
     );
-    assert_eq!(Folds::of(&mesh, mesh.vertices()), Folds { tets, flipped: 0 });
+    assert_eq!(FoldCount::of(&mesh, mesh.vertices()), FoldCount { tets, flipped: 0 });
     // A mirrored solid is not folded; a pleated one is, whichever way round.
     let mirrored: Vec<Point> = mesh.vertices().iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
     let turned: Vec<Point> = images.iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
-    let found = [&mirrored, &turned].map(|images| Folds::of(&mesh, images).flipped);
+    let found = [&mirrored, &turned].map(|images| FoldCount::of(&mesh, images).flipped);
     assert_eq!(found, [0, tets / 6]);
     let flat: Vec<Point> = images.iter().map(|p| Point::new(p.x, p.y, 0.0)).collect();
-    assert_eq!(Folds::of(&mesh, &flat).flipped, tets);
-    assert_eq!(Folds::of(&mesh, &images[1..]).flipped, tets);
+    assert_eq!(FoldCount::of(&mesh, &flat).flipped, tets);
+    assert_eq!(FoldCount::of(&mesh, &images[1..]).flipped, tets);
 
     let boundary = boundary_map(&shapes::cube(SIDE, 6), |p| pleat(p).0);
-    let measured = yardstick(&boundary, 12).measure(&Formula(pleat)).unwrap();
+    let measured = evaluator(&boundary, 12).measure(&Formula(pleat)).unwrap();
     assert!((measured.energy.inverted_fraction - 1.0 / 6.0).abs() < 1e-12);
     assert_eq!(measured.energy.det_jacobian.min, -1.0);
     let determinants = measured.distortion.determinants.unwrap();
@@ -482,18 +482,18 @@ fn folds_of_a_carried_mesh_are_those_of_the_map() {
     let boundary = boundary_map(&domain, |p| pleat(p).0);
     let (mesh, of_mesh) = make_mesh(&boundary, &MeshSpec::of(&domain)).unwrap();
     assert_eq!(of_mesh.image(), boundary.image());
-    for method in Method::ALL {
-        let built = built(&boundary, &recipe(method, &domain));
-        let found = Folds::of(&mesh, &carried(&mesh, &of_mesh, &*built.map).unwrap());
+    for method in ComparedMethod::ALL {
+        let built = built(&boundary, &options(method, &domain));
+        let found = FoldCount::of(&mesh, &carried(&mesh, &of_mesh, &*built.map).unwrap());
         assert_eq!(found.tets, mesh.tets().len());
         assert!(0 < found.flipped && found.flipped < found.tets, "{method:?}: {found:?}");
         if let Some((mesh, images)) = &built.tets {
-            assert_eq!(Folds::of(mesh, images), found, "{method:?}");
+            assert_eq!(FoldCount::of(mesh, images), found, "{method:?}");
         }
     }
     let unfolded = boundary_map(&domain, affine);
-    let map = built(&unfolded, &recipe(Method::MeanValue, &domain)).map;
-    let found = Folds::of(&mesh, &carried(&mesh, &unfolded, &*map).unwrap());
+    let map = built(&unfolded, &options(ComparedMethod::MeanValue, &domain)).map;
+    let found = FoldCount::of(&mesh, &carried(&mesh, &unfolded, &*map).unwrap());
     assert_eq!(found.flipped, 0);
 }
 
@@ -518,7 +518,7 @@ fn meshes_keep_to_their_specification() {
     assert_eq!(mesh.boundary().surface.triangles().len(), 4 * domain.triangles().len());
     assert_eq!(of_mesh, boundary.subdivided());
     let mesh3 = MeshSpec {
-        source: MeshSource::Mesh3,
+        source: TetMesher::Mesh3,
         ..spec
     };
     let volume = make_mesh(&boundary, &mesh3).unwrap().0.volume();
@@ -548,12 +548,12 @@ fn meshes_that_cannot_be_are_refused_with_a_reason() {
     let shifted = cube.with_vertices(shifted).unwrap();
     let of_cube = boundary_map(&shapes::cube(SIDE, 4), polynomials);
     for (boundary, given) in [(&boundary, &cube), (&of_cube, &shifted)] {
-        for method in [Method::Fem, Method::Variational] {
-            let recipe = Recipe {
+        for method in [ComparedMethod::Fem, ComparedMethod::Variational] {
+            let options = BuildOptions {
                 given: Some(given),
-                ..recipe(method, boundary.domain())
+                ..options(method, boundary.domain())
             };
-            let found = build(boundary, &recipe, &|_| {})
+            let found = build(boundary, &options, &|_| {})
                 .err()
                 .expect("another solid was taken");
             match boundary.domain().triangles().len() {

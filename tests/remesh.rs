@@ -11,8 +11,8 @@ use solidmap::io::{self, Solid};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, shapes};
 use solidmap::remesh::{
-    BoundedMesh, CellKind, CellSize, GivenMeshError, MeshSource, Obstacle, Polycube, PolycubeError, RemeshError,
-    RemeshOptions, Remeshed, bad_cells, given_mesh, obstacles, regular_mesh, remesh,
+    BoundedMesh, CellKind, CellSize, GivenMeshError, InversionCause, Polycube, PolycubeError, RemeshError,
+    RemeshOptions, RemeshSource, Remeshed, given_mesh, invalid_cells, inversion_causes, regular_mesh, remesh,
 };
 use solidmap::{Matrix3, Point, Vector};
 
@@ -39,23 +39,23 @@ fn bent(p: &Point) -> Point {
     )
 }
 
-fn sized(kind: CellKind, size: CellSize) -> MeshSource {
-    MeshSource::Regular {
+fn sized(kind: CellKind, size: CellSize) -> RemeshSource {
+    RemeshSource::Regular {
         kind,
         size,
         most_cells: 20_000_000,
     }
 }
 
-fn grid(kind: CellKind, cells: usize) -> MeshSource {
+fn grid(kind: CellKind, cells: usize) -> RemeshSource {
     sized(kind, CellSize::Along(cells))
 }
 
-fn run(boundary: &BoundaryMap, map: &dyn VolumeMap, source: MeshSource) -> Remeshed {
+fn run(boundary: &BoundaryMap, map: &dyn VolumeMap, source: RemeshSource) -> Remeshed {
     run_with(boundary, map, source, &RemeshOptions::default())
 }
 
-fn run_with(boundary: &BoundaryMap, map: &dyn VolumeMap, source: MeshSource, options: &RemeshOptions) -> Remeshed {
+fn run_with(boundary: &BoundaryMap, map: &dyn VolumeMap, source: RemeshSource, options: &RemeshOptions) -> Remeshed {
     remesh(boundary, map, source, options, &|_| ()).unwrap()
 }
 
@@ -169,7 +169,7 @@ fn meshes_conform_fill_the_solid_and_have_no_cell_on_the_boundary_alone() {
                 "outward, and all of it"
             );
             assert!((boundary.area() - surface.area()).abs() < 1e-12 * surface.area());
-            let bad = bad_cells(mesh.cells(), mesh.nodes());
+            let bad = invalid_cells(mesh.cells(), mesh.nodes());
             match mesh.cells() {
                 CellList::Tets(tets) => {
                     assert_eq!(bad.cells, [] as [u32; 0]);
@@ -238,7 +238,7 @@ fn what_is_no_polycube_is_refused() {
     // Six tetrahedra of 64 boxes; with the padding, 64 and 96 hexahedra.
     for (kind, count) in [(CellKind::Tets, 384), (CellKind::Hexes, 160)] {
         let with = |most_cells| {
-            made(MeshSource::Regular {
+            made(RemeshSource::Regular {
                 kind,
                 size: CellSize::Along(4),
                 most_cells,
@@ -338,7 +338,7 @@ fn results_are_the_same_for_any_number_of_threads() {
     let heap = Formula(|_: &Point| Point::origin());
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let given = || run(&boundary, &heap, MeshSource::Given(kuhn(8))).images;
+        let given = || run(&boundary, &heap, RemeshSource::Given(kuhn(8))).images;
         pool.install(|| (KINDS.map(|kind| run(&boundary, &heap, grid(kind, 20)).images), given()))
     };
     assert!(with(1) == with(2) && with(2) == with(3));
@@ -477,7 +477,7 @@ fn tetrahedra_on_the_boundary_alone_are_split_and_regions_stay() {
         let faces = faces(split);
         assert!(faces.values().all(|&n| n <= 2));
         assert_eq!(faces.values().filter(|n| **n == 1).count(), split.boundary().len());
-        assert_eq!(bad_cells(split.cells(), split.nodes()).cells, [] as [u32; 0]);
+        assert_eq!(invalid_cells(split.cells(), split.nodes()).cells, [] as [u32; 0]);
         let after = CellMesh::new(split.nodes().to_vec(), split.cells().clone(), split.regions().to_vec()).unwrap();
         let volumes = counted(&mesh).into_iter().zip(counted(&after));
         for ((region, volume), (after_region, after_volume)) in volumes {
@@ -493,7 +493,7 @@ fn given_meshes_are_carried_and_untangled() {
     let image: Vec<Point> = domain.vertices().iter().map(bent).collect();
     let boundary = BoundaryMap::new(domain, image).unwrap();
     let heap = Formula(|_: &Point| Point::new(0.1, 0.0, 0.2));
-    let result = run(&boundary, &heap, MeshSource::Given(kuhn(4)));
+    let result = run(&boundary, &heap, RemeshSource::Given(kuhn(4)));
     assert_eq!(result.report.after.cells, [] as [u32; 0], "{:?}", result.report);
     assert!(result.report.split_cells == kuhn_alone(4) && result.report.off_surface < 1e-15);
     // Named by where they face in the domain.
@@ -511,7 +511,7 @@ fn given_meshes_are_carried_and_untangled() {
         .map(|[i, j, k]| [25, 26, 31, 30, 0, 1, 6, 5].map(|step| i + 5 * j + 25 * k + step))
         .collect();
     let hexes = CellMesh::new(nodes, CellList::Hexes(hexes), (0..64).collect()).unwrap();
-    let result = run(&boundary, &heap, MeshSource::Given(hexes));
+    let result = run(&boundary, &heap, RemeshSource::Given(hexes));
     assert_eq!(result.mesh.regions(), (0..64).collect::<Vec<i32>>());
     assert_eq!(result.report.after.cells, [] as [u32; 0], "{:?}", result.report);
 }
@@ -582,7 +582,7 @@ fn meshes_that_cannot_be_carried_are_refused() {
     // The upper one is given upside down, and turned.
     let straight = given_mesh(hexes([[0, 1, 3, 2, 4, 5, 7, 6], [8, 9, 11, 10, 4, 5, 7, 6]]), &tower).unwrap();
     assert_eq!(
-        bad_cells(straight.mesh.cells(), straight.mesh.nodes()).cells,
+        invalid_cells(straight.mesh.cells(), straight.mesh.nodes()).cells,
         [] as [u32; 0]
     );
     let crossed = given_mesh(hexes([[0, 1, 3, 2, 4, 5, 7, 6], [4, 7, 5, 6, 8, 11, 9, 10]]), &tower);
@@ -604,11 +604,11 @@ fn what_blocks_a_repair_is_proved() {
     let domain = SurfaceMesh::new(nodes.clone(), vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
     let mesh = CellMesh::new(nodes.clone(), CellList::Tets(vec![[0, 1, 2, 3]]), vec![0]).unwrap();
     let given = given_mesh(mesh, &domain).unwrap().mesh;
-    assert_eq!(obstacles(&given, given.nodes()).blocked_nodes, 0);
+    assert_eq!(inversion_causes(&given, given.nodes()).blocked_nodes, 0);
     let mirrored: Vec<Point> = given.nodes().iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
-    let found = obstacles(&given, &mirrored);
+    let found = inversion_causes(&given, &mirrored);
     assert_eq!((found.blocked_nodes, found.boundary_cells), (1, 0));
-    assert_eq!(found.of_cells, [Obstacle::BlockedNode; 4]);
+    assert_eq!(found.of_cells, [InversionCause::BlockedNode; 4]);
     // The corners of a cube of hexahedra without padding are the boundary's alone.
     let nodes: Vec<Point> = (0..27)
         .map(|n| Point::new((n % 3) as f64, (n / 3 % 3) as f64, (n / 9) as f64))
@@ -620,12 +620,12 @@ fn what_blocks_a_repair_is_proved() {
     let mesh = CellMesh::new(nodes, CellList::Hexes(hexes), vec![0; 8]).unwrap();
     let cube = shapes::deformed(&shapes::cube(2.0, 2), |p| p + Vector::repeat(1.0));
     let given = given_mesh(mesh, &cube).unwrap().mesh;
-    assert_eq!(obstacles(&given, given.nodes()).boundary_cells, 0);
+    assert_eq!(inversion_causes(&given, given.nodes()).boundary_cells, 0);
     // A corner of the cube pushed in beyond the plane of its neighbours.
     let mut pushed = given.nodes().to_vec();
     pushed[0] = Point::new(0.7, 0.7, 0.7);
-    let found = obstacles(&given, &pushed);
-    assert_eq!(found.of_cells[0], Obstacle::Boundary);
+    let found = inversion_causes(&given, &pushed);
+    assert_eq!(found.of_cells[0], InversionCause::Boundary);
     assert_eq!(found.boundary_cells, 1);
 }
 
@@ -642,18 +642,18 @@ fn padding_is_proved_impossible_where_faces_look_both_ways() {
         ..RemeshOptions::default()
     };
     let hexes = run_with(&boundary, &identity, grid(CellKind::Hexes, 8), &fixed).report;
-    assert_eq!(hexes.obstacles.blocked_nodes, 1);
+    assert_eq!(hexes.causes_before.blocked_nodes, 1);
     assert!(!hexes.after.cells.is_empty() && hexes.after.cells.len() <= hexes.before.cells.len());
-    let why = &hexes.obstacles_after.of_cells;
+    let why = &hexes.causes_after.of_cells;
     assert!(
         hexes
             .after
             .cells
             .iter()
-            .any(|c| why[*c as usize] == Obstacle::BlockedNode)
+            .any(|c| why[*c as usize] == InversionCause::BlockedNode)
     );
     let tets = run_with(&boundary, &identity, grid(CellKind::Tets, 8), &fixed).report;
-    assert_eq!((tets.before.cells.len(), tets.obstacles.blocked_nodes), (0, 0));
+    assert_eq!((tets.before.cells.len(), tets.causes_before.blocked_nodes), (0, 0));
 }
 
 #[test]
@@ -680,7 +680,7 @@ fn meshes_from_elsewhere_are_carried_without_an_inverted_cell() {
             ..FitOptions::default()
         };
         let fit = fit(&boundary, &options, &|_| ()).unwrap();
-        let result = run(&boundary, &fit.map, MeshSource::Given(mesh));
+        let result = run(&boundary, &fit.map, RemeshSource::Given(mesh));
         assert_eq!(result.report.after.cells, [] as [u32; 0], "{name}: {:?}", result.report);
     }
 }
@@ -760,8 +760,8 @@ fn the_bird_has_no_bad_hexahedron_once_a_few_boundary_nodes_slide() {
     let fixed = run_with(&boundary, &fit.map, hexes(), &options);
     assert!(!fixed.report.after.cells.is_empty() && fixed.report.after.cells.len() < 10);
     // Those that are inverted at a corner stand on quads that the boundary map folds.
-    let why = &fixed.report.obstacles_after.of_cells;
-    let known = |c: &&u32| why[**c as usize] != Obstacle::Unknown;
+    let why = &fixed.report.causes_after.of_cells;
+    let known = |c: &&u32| why[**c as usize] != InversionCause::Unknown;
     let known = fixed.report.after.cells.iter().filter(known).count();
     assert!(
         known >= fixed.report.after.inverted,

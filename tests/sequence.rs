@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use crate::common::{bent, models, with_hole};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
-use solidmap::energy::{Lame, Resolution, deformation};
+use solidmap::energy::{GridResolution, Lame, deformation};
 use solidmap::fit::{FitOptions, Workload};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::sequence::{MeasuredFrame, Sequence, SequenceError, SequenceOptions, cycles};
@@ -13,7 +13,7 @@ use solidmap::{Matrix3, Point, Vector};
 
 fn options() -> SequenceOptions {
     SequenceOptions {
-        resolution: Resolution::CellsAlongLongestSide(14),
+        resolution: GridResolution::CellsAlongLongestSide(14),
         ..SequenceOptions::default()
     }
 }

@@ -11,7 +11,8 @@ use solidmap::map::HarmonicMap;
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::sampling::held_out;
 use solidmap::texture::{
-    Extended, LinearRgb, Picture, Skin, SolidTexture, TextureError, TextureOptions, VolumeGrid, Wrap, from_srgb,
+    ColouredSurface, ExtendedQuantity, LinearRgb, Picture, SolidTexture, TextureError, TextureOptions, VoxelGrid, Wrap,
+    from_srgb,
 };
 
 const SEED: u64 = 5;
@@ -59,12 +60,12 @@ fn waves() -> Picture {
     })
 }
 
-fn with_picture(surface: &SurfaceMesh, picture: Picture) -> Skin {
-    Skin::of_picture(surface, cylindrical(surface), picture, Wrap::Repeat).unwrap()
+fn with_picture(surface: &SurfaceMesh, picture: Picture) -> ColouredSurface {
+    ColouredSurface::from_picture(surface, cylindrical(surface), picture, Wrap::Repeat).unwrap()
 }
 
-fn solid(skin: Skin) -> SolidTexture {
-    SolidTexture::fit(skin, &TextureOptions::default(), &|_| {}).unwrap()
+fn solid(coloured: ColouredSurface) -> SolidTexture {
+    SolidTexture::fit(coloured, &TextureOptions::default(), &|_| {}).unwrap()
 }
 
 fn largest_difference(a: &[LinearRgb], b: &[LinearRgb]) -> f64 {
@@ -76,12 +77,12 @@ fn largest_difference(a: &[LinearRgb], b: &[LinearRgb]) -> f64 {
     })
 }
 
-fn colours_of(skin: &Skin, points: &[SurfacePoint]) -> (Vec<Point>, Vec<LinearRgb>) {
-    let surface = skin.surface();
+fn colours_of(coloured: &ColouredSurface, points: &[SurfacePoint]) -> (Vec<Point>, Vec<LinearRgb>) {
+    let surface = coloured.surface();
     let position = |p: &SurfacePoint| p.position(surface, surface.vertices());
     (
         points.iter().map(position).collect(),
-        points.iter().map(|p| skin.colour(p)).collect(),
+        points.iter().map(|p| coloured.colour(p)).collect(),
     )
 }
 
@@ -91,7 +92,7 @@ fn colours_of(skin: &Skin, points: &[SurfacePoint]) -> (Vec<Point>, Vec<LinearRg
 fn the_texture_is_the_picture_on_the_surface() {
     for picture in [waves(), Picture::checker(16).unwrap()] {
         let texture = solid(with_picture(&ball(), picture));
-        let (positions, picture) = colours_of(texture.skin(), &held_out(&ball(), 5000, 0, SEED));
+        let (positions, picture) = colours_of(texture.coloured_surface(), &held_out(&ball(), 5000, 0, SEED));
         assert!(largest_difference(&texture.sample(&positions), &picture) < 1e-10);
     }
 }
@@ -104,10 +105,13 @@ fn far_from_the_origin_the_surface_has_its_colours() {
     let colours: Vec<LinearRgb> = colours.collect();
     let moved = near.vertices().iter().map(|p| Point::new(p.x + 1e8, p.y, p.z));
     let far = SurfaceMesh::new(moved.collect(), near.triangles().to_vec()).unwrap();
-    let texture = solid(Skin::of_vertices(&far, colours).unwrap());
-    let (positions, painted) = colours_of(texture.skin(), &held_out(texture.skin().surface(), 5000, 0, SEED));
+    let texture = solid(ColouredSurface::from_vertex_colours(&far, colours).unwrap());
+    let (positions, painted) = colours_of(
+        texture.coloured_surface(),
+        &held_out(texture.coloured_surface().surface(), 5000, 0, SEED),
+    );
     assert!(largest_difference(&texture.sample(&positions), &painted) < 1e-6);
-    let residual = texture.surface_residual(5000, SEED).unwrap();
+    let residual = texture.surface_error(5000, SEED).unwrap();
     assert!(residual.max < 1e-6, "{residual:?}");
 }
 
@@ -117,12 +121,14 @@ fn points_without_colour_miss_the_picture() {
     let mut coefficients = texture.map().coefficients().clone();
     coefficients.affine[0][1] = f64::NAN;
     let map = HarmonicMap::new(texture.map().sources().to_vec(), coefficients).unwrap();
-    let without = SolidTexture::from_parts(texture.skin().clone(), Extended::Colours, map, texture.report().clone());
+    let without = SolidTexture::from_parts(
+        texture.coloured_surface().clone(),
+        ExtendedQuantity::Colours,
+        map,
+        texture.report().clone(),
+    );
     let without = without.unwrap();
-    for residual in [
-        without.surface_residual(500, SEED),
-        without.harmonic_residual(500, SEED),
-    ] {
+    for residual in [without.surface_error(500, SEED), without.harmonic_error(500, SEED)] {
         let residual = residual.unwrap();
         assert_eq!([residual.rms, residual.p99, residual.max], [f64::INFINITY; 3]);
     }
@@ -166,7 +172,10 @@ fn coarse_surfaces_get_sources_enough() {
     let cube = shapes::cube(1.0, 1);
     let texture = solid(with_picture(&cube, waves()));
     assert!(texture.map().sources().len() >= 2000);
-    let (positions, picture) = colours_of(texture.skin(), &held_out(texture.skin().surface(), 3000, 0, SEED));
+    let (positions, picture) = colours_of(
+        texture.coloured_surface(),
+        &held_out(texture.coloured_surface().surface(), 3000, 0, SEED),
+    );
     assert!(largest_difference(&texture.sample(&positions), &picture) < 1e-10);
 }
 
@@ -182,7 +191,7 @@ fn colours_linear_in_space_are_reproduced_inside() {
         ]
     };
     let colours = domain.vertices().iter().map(linear).collect();
-    let texture = solid(Skin::of_vertices(&domain, colours).unwrap());
+    let texture = solid(ColouredSurface::from_vertex_colours(&domain, colours).unwrap());
     let on_surface = texture.report().boundary_error.max * 3f64.sqrt();
     assert!(on_surface < 1e-4, "{on_surface}");
     let points = interior_points(&domain, 2000, SEED);
@@ -196,7 +205,7 @@ fn colours_linear_in_space_are_reproduced_inside() {
 #[test]
 fn inside_a_ball_the_texture_is_poissons_integral() {
     let texture = solid(with_picture(&ball(), waves()));
-    let (places, colours) = colours_of(texture.skin(), &held_out(&ball(), 200_000, 0, SEED));
+    let (places, colours) = colours_of(texture.coloured_surface(), &held_out(&ball(), 200_000, 0, SEED));
     let inner: Vec<Point> = interior_points(&ball(), 40, SEED).iter().map(|p| p * 0.6).collect();
     let exact: Vec<LinearRgb> = inner
         .iter()
@@ -218,7 +227,7 @@ fn inside_a_ball_the_texture_is_poissons_integral() {
 #[test]
 fn colours_inside_are_within_those_of_the_picture() {
     let texture = solid(with_picture(&ball(), Picture::checker(12).unwrap()));
-    let (positions, picture) = colours_of(texture.skin(), &held_out(&ball(), 20_000, 0, SEED));
+    let (positions, picture) = colours_of(texture.coloured_surface(), &held_out(&ball(), 20_000, 0, SEED));
     let beyond = |colours: &[LinearRgb], k: usize| {
         let (low, high) = picture
             .iter()
@@ -247,8 +256,8 @@ fn colours_inside_are_within_those_of_the_picture() {
 /// On both sides of a seam the same pixels are met when the picture goes on, and `u` differs by 1.
 #[test]
 fn colours_agree_across_a_seam_that_coordinates_jump_at() {
-    let skin = with_picture(&ball(), waves());
-    let seams = skin.seams();
+    let coloured = with_picture(&ball(), waves());
+    let seams = coloured.seams();
     // From pole to pole there are 3 · 14 edges or so, and at the poles `u` jumps around.
     assert!((30..120).contains(&seams.seams), "{seams:?}");
     assert!(seams.largest_uv_jump > 0.9);
@@ -257,7 +266,7 @@ fn colours_agree_across_a_seam_that_coordinates_jump_at() {
     assert!(seams.rms_colour_jump < 0.02, "{seams:?}");
 
     // Across the seam, at y = 0 and x > 0, just inside: the texture is as continuous as elsewhere.
-    let texture = solid(skin);
+    let texture = solid(coloured);
     let pair = |angle: f64| {
         let side = |y: f64| Point::new(0.97 * angle.cos(), y, 0.97 * angle.sin());
         [side(-1e-4), side(1e-4)]
@@ -277,7 +286,7 @@ fn a_picture_that_does_not_go_on_at_the_seam_is_reported() {
     let uv = cylindrical(&ball())
         .into_iter()
         .map(|corners| corners.map(|[u, v]| [0.1 + 0.8 * u, v]));
-    let apart = Skin::of_picture(&ball(), uv.collect(), ramp, Wrap::Repeat)
+    let apart = ColouredSurface::from_picture(&ball(), uv.collect(), ramp, Wrap::Repeat)
         .unwrap()
         .seams();
     assert!(
@@ -293,12 +302,12 @@ fn coordinates_without_seams_carry_the_picture_through() {
     let domain = shapes::bumpy_sphere(16);
     let uv = (0..domain.triangles().len()).map(|t| domain.corners(t).map(|p| [0.5 + 0.3 * p.x, 0.5 + 0.3 * p.y]));
     let picture = waves();
-    let skin = Skin::of_picture(&domain, uv.collect(), picture.clone(), Wrap::Clamp).unwrap();
+    let coloured = ColouredSurface::from_picture(&domain, uv.collect(), picture.clone(), Wrap::Clamp).unwrap();
     let options = TextureOptions {
-        extended: Extended::Coordinates,
+        extended: ExtendedQuantity::Coordinates,
         ..TextureOptions::default()
     };
-    let texture = SolidTexture::fit(skin, &options, &|_| {}).unwrap();
+    let texture = SolidTexture::fit(coloured, &options, &|_| {}).unwrap();
     let points = interior_points(&domain, 1000, SEED);
     let expected: Vec<LinearRgb> = points
         .iter()
@@ -312,21 +321,22 @@ fn coordinates_without_seams_carry_the_picture_through() {
 #[test]
 fn coordinates_that_jump_are_refused_unless_asked_for() {
     let mut options = TextureOptions {
-        extended: Extended::Coordinates,
+        extended: ExtendedQuantity::Coordinates,
         ..TextureOptions::default()
     };
-    let fit = |skin: Skin, options: &TextureOptions| SolidTexture::fit(skin, options, &|_| {});
+    let fit = |coloured: ColouredSurface, options: &TextureOptions| SolidTexture::fit(coloured, options, &|_| {});
     let error = fit(with_picture(&ball(), waves()), &options).unwrap_err();
     assert!(matches!(error, TextureError::Seams { seams: 30.., .. }), "{error}");
     options.across_seams = true;
     assert!(fit(with_picture(&ball(), waves()), &options).is_ok());
-    let painted = Skin::of_vertices(&ball(), vec![[0.5; 3]; ball().vertices().len()]).unwrap();
+    let painted = ColouredSurface::from_vertex_colours(&ball(), vec![[0.5; 3]; ball().vertices().len()]).unwrap();
     assert!(matches!(fit(painted, &options), Err(TextureError::NoUv)));
 }
 
 #[test]
 fn there_is_no_colour_outside() {
-    let texture = solid(Skin::of_vertices(&ball(), vec![[0.25; 3]; ball().vertices().len()]).unwrap());
+    let texture =
+        solid(ColouredSurface::from_vertex_colours(&ball(), vec![[0.25; 3]; ball().vertices().len()]).unwrap());
     let points = [
         Point::origin(),
         Point::new(1.2, 0.0, 0.0),
@@ -350,7 +360,7 @@ fn the_number_of_threads_does_not_matter() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let texture = solid(with_picture(&shapes::geodesic_sphere(1.0, 8), waves()));
-            texture.sample(&interior_points(texture.skin().surface(), 500, SEED))
+            texture.sample(&interior_points(texture.coloured_surface().surface(), 500, SEED))
         })
     };
     // Up to the rounding of the dense coarsest level.
@@ -377,17 +387,17 @@ fn what_is_stored_is_read_again_bit_for_bit() {
         .iter()
         .map(|p| [0.5 + 0.5 * p.x, 0.5, 0.5 - 0.4 * p.z])
         .collect();
-    for skin in [
+    for coloured in [
         with_picture(&ball(), waves()),
-        Skin::of_vertices(&ball(), painted).unwrap(),
+        ColouredSurface::from_vertex_colours(&ball(), painted).unwrap(),
     ] {
-        let texture = solid(skin);
+        let texture = solid(coloured);
         let metadata = TextureMetadata::new(texture.report().clone(), vec![]);
         let file = TextureFile { texture, metadata };
         io::write_texture(&path, &file).unwrap();
         let read = io::read_texture(&path).unwrap();
         assert_eq!(read.metadata.fit.sources, file.metadata.fit.sources);
-        assert_eq!(read.texture.skin(), file.texture.skin());
+        assert_eq!(read.texture.coloured_surface(), file.texture.coloured_surface());
         assert_eq!(read.texture.sample(&points), file.texture.sample(&points));
     }
     let bytes = std::fs::read(&path).unwrap();
@@ -404,10 +414,11 @@ fn what_is_stored_is_read_again_bit_for_bit() {
 /// 30th of the side.
 #[test]
 fn voxels_cover_the_solid() {
-    let sky =
-        |surface: &SurfaceMesh| Skin::of_vertices(surface, vec![from_srgb([90, 160, 230]); surface.vertices().len()]);
+    let sky = |surface: &SurfaceMesh| {
+        ColouredSurface::from_vertex_colours(surface, vec![from_srgb([90, 160, 230]); surface.vertices().len()])
+    };
     let cube = shapes::cube(2.0, 3);
-    let grid = VolumeGrid::of(&cube, 10).unwrap();
+    let grid = VoxelGrid::of(&cube, 10).unwrap();
     assert_eq!((grid.size, grid.voxels()), ([10; 3], 1000));
     let (low, _) = cube.bounding_box().unwrap();
     assert!((grid.centre(0) - low - solidmap::Vector::repeat(0.1)).norm() < 1e-12);
@@ -416,7 +427,7 @@ fn voxels_cover_the_solid() {
     assert_eq!(volume.inside, 1000);
     assert!(volume.rgba.iter().all(|voxel| *voxel == [90, 160, 230, 255]));
 
-    let grid = VolumeGrid::of(&ball(), 30).unwrap();
+    let grid = VoxelGrid::of(&ball(), 30).unwrap();
     let volume = solid(sky(&ball()).unwrap()).volume(&grid, &|_| {});
     let part = volume.inside as f64 / grid.voxels() as f64;
     assert!((part - PI / 6.0).abs() < 0.03, "{part}");
@@ -431,36 +442,36 @@ fn voxels_cover_the_solid() {
 fn volumes_beyond_memory_are_refused_before_it_is_taken() {
     for resolution in [10_000_000, usize::MAX] {
         assert!(matches!(
-            VolumeGrid::of(&ball(), resolution),
+            VoxelGrid::of(&ball(), resolution),
             Err(TextureError::TooLarge { .. })
         ));
     }
-    assert!(matches!(VolumeGrid::of(&ball(), 0), Err(TextureError::NoVoxels)));
+    assert!(matches!(VoxelGrid::of(&ball(), 0), Err(TextureError::NoVoxels)));
 }
 
 #[test]
 fn what_cannot_be_textured_is_said() {
     let (surface, uv) = (ball(), cylindrical(&ball()));
-    let of = |uv: Vec<[[f64; 2]; 3]>| Skin::of_picture(&ball(), uv, waves(), Wrap::Repeat);
+    let of = |uv: Vec<[[f64; 2]; 3]>| ColouredSurface::from_picture(&ball(), uv, waves(), Wrap::Repeat);
     assert!(matches!(of(uv[1..].to_vec()), Err(TextureError::UvCount { .. })));
     let mut broken = uv.clone();
     broken[7][1][0] = f64::INFINITY;
     assert!(matches!(of(broken), Err(TextureError::UvNotFinite { triangle: 7 })));
     let colours = vec![[0.5; 3]; surface.vertices().len()];
     assert!(matches!(
-        Skin::of_vertices(&surface, colours[1..].to_vec()),
+        ColouredSurface::from_vertex_colours(&surface, colours[1..].to_vec()),
         Err(TextureError::ColourCount { .. })
     ));
     let mut broken = colours.clone();
     broken[4][2] = f64::NAN;
     assert!(matches!(
-        Skin::of_vertices(&surface, broken),
+        ColouredSurface::from_vertex_colours(&surface, broken),
         Err(TextureError::ColourNotFinite { vertex: 4 })
     ));
     let (vertices, triangles) = surface.into_parts();
     let open = SurfaceMesh::new(vertices, triangles[1..].to_vec()).unwrap();
-    let skin = Skin::of_vertices(&open, colours).unwrap();
-    let error = SolidTexture::fit(skin, &TextureOptions::default(), &|_| {}).unwrap_err();
+    let coloured = ColouredSurface::from_vertex_colours(&open, colours).unwrap();
+    let error = SolidTexture::fit(coloured, &TextureOptions::default(), &|_| {}).unwrap_err();
     assert!(
         matches!(error, TextureError::Fit(FitError::DefectiveDomain(_))),
         "{error}"
@@ -477,7 +488,7 @@ fn the_harmonic_part_comes_nearer_with_more_sources() {
         };
         let domain = shapes::geodesic_sphere(1.0, 8);
         let texture = SolidTexture::fit(with_picture(&domain, waves()), &options, &|_| {}).unwrap();
-        texture.harmonic_residual(4000, SEED).unwrap().rms
+        texture.harmonic_error(4000, SEED).unwrap().rms
     };
     let [coarse, fine] = [error(600), error(9000)];
     assert!(fine < 0.5 * coarse, "{coarse} {fine}");
@@ -489,8 +500,8 @@ fn the_harmonic_part_comes_nearer_with_more_sources() {
         },
         ..TextureOptions::default()
     };
-    let skin = with_picture(&shapes::geodesic_sphere(1.0, 8), waves());
-    let refined = SolidTexture::fit(skin, &options, &|_| {}).unwrap();
+    let coloured = with_picture(&shapes::geodesic_sphere(1.0, 8), waves());
+    let refined = SolidTexture::fit(coloured, &options, &|_| {}).unwrap();
     assert!(refined.report().boundary_error.p99 <= 0.01);
 }
 
@@ -524,11 +535,12 @@ fn real_models_carry_a_checker_with_seams() {
     let read = io::read_textured_surface(models.join("surfaces/spot_uv_2k9.obj")).unwrap();
     let uv = read.uv.unwrap();
     assert_eq!(uv.len(), 5856);
-    let skin = Skin::of_picture(&read.surface, uv, Picture::checker(16).unwrap(), Wrap::Repeat).unwrap();
-    let seams = skin.seams();
+    let coloured =
+        ColouredSurface::from_picture(&read.surface, uv, Picture::checker(16).unwrap(), Wrap::Repeat).unwrap();
+    let seams = coloured.seams();
     assert!(seams.seams > 200 && seams.largest_colour_jump > 0.5, "{seams:?}");
-    let texture = solid(skin);
-    assert!(texture.surface_residual(5000, SEED).unwrap().p99 < 1e-10);
+    let texture = solid(coloured);
+    assert!(texture.surface_error(5000, SEED).unwrap().p99 < 1e-10);
     let inner = interior_points(&read.surface, 2000, SEED);
     let colours = texture.sample(&inner);
     assert!(colours.iter().flatten().all(|l| (-0.35..1.35).contains(l)));

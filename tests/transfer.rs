@@ -1,13 +1,13 @@
 //! Transfer of fields: exact where it can be, and never a value that was not there.
 
 use crate::common::boundary_map;
-use solidmap::energy::{Resolution, clipped_grid};
+use solidmap::energy::{GridResolution, clipped_grid};
 use solidmap::inverse::{InverseMap, InverseOptions, lattice_mesh};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{SurfaceMesh, TetMesh, shapes};
 use solidmap::transfer::{
-    Carrier, Carry, Sampler, TransferError, TransferField, carry, distribution_check, label_shares, resample,
-    volume_check,
+    FieldKind, FieldMesh, FieldSampler, TransferError, TransferField, distribution_check, label_shares, push_forward,
+    resample, volume_check,
 };
 use solidmap::{Matrix3, Point, Vector};
 
@@ -36,12 +36,12 @@ fn rotation() -> Affine {
     )
 }
 
-fn field(name: &str, components: usize, carry: Carry, values: Vec<f64>) -> TransferField {
+fn field(name: &str, components: usize, kind: FieldKind, values: Vec<f64>) -> TransferField {
     TransferField {
         name: name.into(),
         components,
         values,
-        carry,
+        kind,
     }
 }
 
@@ -59,19 +59,19 @@ fn ball() -> SurfaceMesh {
 }
 
 /// A tet mesh of the ball with fields of all kinds.
-fn carrier() -> Carrier {
+fn carrier() -> FieldMesh {
     let mesh: TetMesh = lattice_mesh(&ball(), 2000).unwrap();
     let points = mesh.vertices().to_vec();
     let over_points = |f: &dyn Fn(&Point) -> f64| points.iter().map(f).collect::<Vec<f64>>();
     let swirl = points.iter().flat_map(|p| [-p.y, p.x, 0.5]).collect();
     let sizes = (0..mesh.tets().len()).map(|t| t as f64).collect();
-    Carrier {
+    FieldMesh {
         point_fields: vec![
-            field("linear", 1, Carry::Values, over_points(&linear)),
-            field("swirl", 3, Carry::Vector, swirl),
-            field("octant", 1, Carry::Label, over_points(&octant)),
+            field("linear", 1, FieldKind::Values, over_points(&linear)),
+            field("swirl", 3, FieldKind::Vector, swirl),
+            field("octant", 1, FieldKind::Label, over_points(&octant)),
         ],
-        cell_fields: vec![field("number", 1, Carry::Label, sizes)],
+        cell_fields: vec![field("number", 1, FieldKind::Label, sizes)],
         tets: mesh.tets().to_vec(),
         points,
     }
@@ -80,7 +80,7 @@ fn carrier() -> Carrier {
 #[test]
 fn carrying_keeps_values_and_connectivity_and_moves_points_exactly() {
     let (map, given) = (stretch(), carrier());
-    let carried = carry(&map, &given).unwrap();
+    let carried = push_forward(&map, &given).unwrap();
     assert_eq!(carried.points, map.evaluate(&given.points));
     assert_eq!(carried.tets, given.tets);
     assert_eq!(carried.point_fields[0], given.point_fields[0]);
@@ -99,7 +99,7 @@ fn carrying_keeps_values_and_connectivity_and_moves_points_exactly() {
 fn the_identity_changes_nothing() {
     let given = carrier();
     assert_eq!(
-        carry(&Affine(Matrix3::identity(), Vector::zeros()), &given).unwrap(),
+        push_forward(&Affine(Matrix3::identity(), Vector::zeros()), &given).unwrap(),
         given
     );
 }
@@ -107,8 +107,8 @@ fn the_identity_changes_nothing() {
 #[test]
 fn a_rotation_keeps_the_lengths_of_vectors() {
     let given = carrier();
-    let carried = carry(&rotation(), &given).unwrap();
-    let lengths = |carrier: &Carrier| -> Vec<f64> {
+    let carried = push_forward(&rotation(), &given).unwrap();
+    let lengths = |carrier: &FieldMesh| -> Vec<f64> {
         let vectors = carrier.point_fields[1].values.chunks(3);
         vectors.map(|v| Vector::from_column_slice(v).norm()).collect()
     };
@@ -142,7 +142,7 @@ fn resampling_a_linear_field_through_an_affine_map_is_exact() {
     }
     assert!(found.fields.iter().all(|field| field.values.last().unwrap().is_nan()));
     assert_eq!(
-        (found.inverse.ok, found.inverse.outside, found.beyond_carrier),
+        (found.inverse.ok, found.inverse.outside, found.outside_mesh),
         (500, 1, 0)
     );
 }
@@ -154,20 +154,20 @@ fn without_tetrahedra_the_nearest_point_has_the_say() {
         Point::new(1.0, 0.0, 0.0),
         Point::new(f64::NAN, 0.5, 0.0),
     ];
-    let carrier = Carrier {
+    let carrier = FieldMesh {
         points,
-        point_fields: vec![field("a", 1, Carry::Values, vec![5.0, 7.0, 9.0])],
-        ..Carrier::default()
+        point_fields: vec![field("a", 1, FieldKind::Values, vec![5.0, 7.0, 9.0])],
+        ..FieldMesh::default()
     };
     let asked = [0.1, 0.6, -4.0, f64::NAN].map(|x| Point::new(x, 0.0, 0.0));
-    let (fields, beyond) = Sampler::new(&carrier).unwrap().sample(&asked);
+    let (fields, beyond) = FieldSampler::new(&carrier).unwrap().sample(&asked);
     assert_eq!(fields[0].values[..3], [5.0, 7.0, 5.0]);
     assert!(fields[0].values[3].is_nan());
     assert_eq!(beyond, [false; 4]);
 }
 
 /// The unit cube of 27 cells, each cut into six tetrahedra, with a linear field and labels.
-fn cube() -> (TetMesh, Carrier) {
+fn cube() -> (TetMesh, FieldMesh) {
     let at = |i: u32| [i % 4, i / 4 % 4, i / 16];
     let points: Vec<Point> = (0..64)
         .map(|i| Point::from(at(i).map(|k| f64::from(k) / 3.0)))
@@ -180,12 +180,17 @@ fn cube() -> (TetMesh, Carrier) {
             tets.push([first, first + a + c, first + a, end]);
         }
     }
-    let carrier = Carrier {
-        point_fields: vec![field("linear", 1, Carry::Values, points.iter().map(linear).collect())],
+    let carrier = FieldMesh {
+        point_fields: vec![field(
+            "linear",
+            1,
+            FieldKind::Values,
+            points.iter().map(linear).collect(),
+        )],
         cell_fields: vec![field(
             "number",
             1,
-            Carry::Label,
+            FieldKind::Label,
             (0..tets.len()).map(|t| t as f64).collect(),
         )],
         tets: tets.clone(),
@@ -197,7 +202,7 @@ fn cube() -> (TetMesh, Carrier) {
 #[test]
 fn a_little_outside_the_field_is_that_of_the_closest_boundary_point() {
     let (_, carrier) = cube();
-    let sampler = Sampler::new(&carrier).unwrap();
+    let sampler = FieldSampler::new(&carrier).unwrap();
     let sides = [
         Point::new(1.0, 0.21, 0.67),
         Point::new(0.4, 0.9, 0.0),
@@ -233,7 +238,7 @@ fn resampling_a_linear_field_is_exact_on_the_boundary_too() {
         })
         .collect();
     let found = resample(&map, &inverse, &given, &map.evaluate(&places)).unwrap();
-    assert_eq!(found.beyond_carrier, 0);
+    assert_eq!(found.outside_mesh, 0);
     for (place, value) in places.iter().zip(&found.fields[0].values) {
         assert!((value - linear(place)).abs() < 2e-9, "{place}: {value}");
     }
@@ -242,7 +247,7 @@ fn resampling_a_linear_field_is_exact_on_the_boundary_too() {
 #[test]
 fn volumes_and_shares_of_labels_add_up() {
     let (map, domain) = (stretch(), ball());
-    let quadrature = clipped_grid(&domain, Resolution::CellsAlongLongestSide(16)).unwrap();
+    let quadrature = clipped_grid(&domain, GridResolution::CellsAlongLongestSide(16)).unwrap();
     let target = domain.volume() * map.0.determinant();
     let (check, after) = volume_check(&map, &quadrature, target);
     assert!(check.relative_error.abs() < 1e-12 && (check.carried - target).abs() < 1e-10);
@@ -280,7 +285,7 @@ fn jacobians_that_are_not_finite_are_counted_apart() {
         }
     }
     let domain = ball();
-    let quadrature = clipped_grid(&domain, Resolution::CellsAlongLongestSide(16)).unwrap();
+    let quadrature = clipped_grid(&domain, GridResolution::CellsAlongLongestSide(16)).unwrap();
     let (check, after) = volume_check(&Spoilt(stretch()), &quadrature, domain.volume());
     let lost: f64 = [5, 7].map(|i| quadrature.weights()[i]).iter().sum();
     let expected = (domain.volume() - lost) * stretch().0.determinant();
@@ -306,26 +311,29 @@ fn fields_that_do_not_fit_are_refused() {
     let mut wrong = carrier();
     wrong.point_fields[0].components = usize::MAX;
     assert!(matches!(
-        carry(&stretch(), &wrong),
+        push_forward(&stretch(), &wrong),
         Err(TransferError::ValueCount { .. })
     ));
     let mut wrong = carrier();
     wrong.point_fields[0].values.pop();
     assert!(matches!(
-        carry(&stretch(), &wrong),
+        push_forward(&stretch(), &wrong),
         Err(TransferError::ValueCount { .. })
     ));
     let mut wrong = carrier();
-    wrong.point_fields[0].carry = Carry::Vector;
+    wrong.point_fields[0].kind = FieldKind::Vector;
     assert!(matches!(
-        carry(&stretch(), &wrong),
+        push_forward(&stretch(), &wrong),
         Err(TransferError::NotAVector { components: 1, .. })
     ));
     let mut wrong = carrier();
     wrong.tets[3][1] = 1_000_000;
     assert!(matches!(
-        Sampler::new(&wrong).err(),
+        FieldSampler::new(&wrong).err(),
         Some(TransferError::IndexOutOfRange { tet: 3, .. })
     ));
-    assert_eq!(Sampler::new(&Carrier::default()).err(), Some(TransferError::Empty));
+    assert_eq!(
+        FieldSampler::new(&FieldMesh::default()).err(),
+        Some(TransferError::Empty)
+    );
 }

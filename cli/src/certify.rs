@@ -6,7 +6,9 @@ use std::time::Instant;
 use crate::drawing::{ColourBar, Figure, Panel, Plane, Scale, Section, ValueRange, significant};
 use anyhow::Context;
 use serde::Serialize;
-use solidmap::certificate::{Certificate, CertificateOptions, CertificateReport, Ending, Share, Verdict, certify};
+use solidmap::certificate::{
+    Certificate, CertificateOptions, CertificateReport, StopReason, Verdict, VerdictTotals, certify,
+};
 use solidmap::io::{self, Cells, Field, VtkFields};
 
 use super::args::CertifyArgs;
@@ -78,8 +80,8 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<Outcome> {
     let found = certificate.report;
     let report = Report {
         map: args.map.clone(),
-        cells: certificate.leaves().len(),
-        locally_one_to_one: found.ending == Ending::AllDecided && found.folded.cells == 0,
+        cells: certificate.cells().len(),
+        locally_one_to_one: found.stop_reason == StopReason::AllDecided && found.folded.cells == 0,
         certificate: found,
         seconds,
         peak_rss_bytes: peak_rss_bytes(),
@@ -94,10 +96,10 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<Outcome> {
 
 fn write(path: &Path, certificate: &Certificate) -> anyhow::Result<()> {
     let (points, hexahedra) = certificate.hexahedra();
-    let field = |name: &str, value: fn(&solidmap::certificate::Leaf) -> f64| Field {
+    let field = |name: &str, value: fn(&solidmap::certificate::CertificateCell) -> f64| Field {
         name: name.into(),
         components: 1,
-        values: certificate.leaves().iter().map(value).collect(),
+        values: certificate.cells().iter().map(value).collect(),
     };
     let cell = vec![
         field("verdict", |leaf| match leaf.verdict {
@@ -125,7 +127,7 @@ fn write(path: &Path, certificate: &Certificate) -> anyhow::Result<()> {
 
 /// The verdict, and how far from singular the map is where it is regular.
 fn panels(certificate: &Certificate, section: &Section) -> anyhow::Result<Vec<Panel>> {
-    let leaves: Vec<_> = section.points().iter().map(|p| certificate.leaf_at(p)).collect();
+    let leaves: Vec<_> = section.points().iter().map(|p| certificate.cell_at(p)).collect();
     let verdicts: Vec<f64> = leaves
         .iter()
         .map(|leaf| match leaf.map(|leaf| leaf.verdict) {
@@ -160,7 +162,7 @@ fn panels(certificate: &Certificate, section: &Section) -> anyhow::Result<Vec<Pa
 
 fn summary(report: &Report) -> String {
     let found = &report.certificate;
-    let row = |name: &str, share: &Share| {
+    let row = |name: &str, share: &VerdictTotals| {
         [
             name.to_owned(),
             format!("{:>10} of the volume, {} cells", percent(share.fraction), share.cells),
@@ -190,11 +192,11 @@ fn summary(report: &Report) -> String {
             "{}, the smallest {} wide; {}",
             report.cells,
             significant(found.finest_cell, 3),
-            match found.ending {
-                Ending::AllDecided => "all are decided",
-                Ending::EnoughDecided => "enough is decided (--undecided)",
-                Ending::Finest => "the undecided ones are of the smallest size (--finest)",
-                Ending::CellLimit => "dividing the undecided ones would take too many (--max-cells)",
+            match found.stop_reason {
+                StopReason::AllDecided => "all are decided",
+                StopReason::EnoughDecided => "enough is decided (--undecided)",
+                StopReason::Finest => "the undecided ones are of the smallest size (--finest)",
+                StopReason::CellLimit => "dividing the undecided ones would take too many (--max-cells)",
             }
         ),
     ]);

@@ -7,12 +7,12 @@ use crate::drawing::{Align, Axis, Camera, Edges, Figure, Panel, Plane, SurfaceSt
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::{BoundaryMap, examples};
-use solidmap::energy::{EnergyOptions, EnergyReport, Resolution, clipped_grid, energies};
+use solidmap::energy::{EnergyOptions, EnergyReport, GridResolution, clipped_grid, energies};
 use solidmap::fit::{FitOptions, FitReport};
 use solidmap::io::{self, MapFile, MapMetadata};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, TetMesh};
-use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, RemeshReport, remesh};
+use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshReport, RemeshSource, remesh};
 
 use super::Outcome;
 use super::args::DemoArgs;
@@ -127,7 +127,7 @@ fn show(pair: &Pair, folder: &Path, output: &Output) -> anyhow::Result<PairRepor
 
     output.progress("integrating");
     let (domain, target) = (pair.boundary.domain(), pair.boundary.target());
-    let quadrature = clipped_grid(domain, Resolution::CellsAlongLongestSide(RESOLUTION))?;
+    let quadrature = clipped_grid(domain, GridResolution::CellsAlongLongestSide(RESOLUTION))?;
     let options = EnergyOptions::default();
     let energy = energies(&fit.map, &quadrature, quadrature.volume(), target.volume(), &options)?;
 
@@ -186,7 +186,7 @@ fn show(pair: &Pair, folder: &Path, output: &Output) -> anyhow::Result<PairRepor
 
 /// A regular mesh of the polycube, carried and repaired.
 fn hexahedra(pair: &Pair, map: &HarmonicMap, folder: &Path, output: &Output) -> anyhow::Result<RemeshReport> {
-    let source = MeshSource::Regular {
+    let source = RemeshSource::Regular {
         kind: CellKind::Hexes,
         size: CellSize::Along(HEXES),
         most_cells: 1_000_000,

@@ -7,7 +7,7 @@ use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::Point;
 use solidmap::energy::{
-    EnergyOptions, EnergyReport, Lame, Layout, Quadrature, Resolution, clipped_grid, energies, tet_quadrature,
+    CellLayout, EnergyOptions, EnergyReport, GridResolution, Lame, Quadrature, clipped_grid, energies, tet_quadrature,
 };
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::mesh::{HEXAHEDRON, SurfaceMesh, TetMesh};
@@ -69,8 +69,11 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
     let unfit = |what: &str, path: &Path| format!("cannot measure {what} `{}`", path.display());
     let quadrature = match (&mesh, &args.mesh) {
         (Some(mesh), Some(path)) => tet_quadrature(mesh).with_context(|| unfit("in", path))?,
-        _ => clipped_grid(boundary.domain(), Resolution::CellsAlongLongestSide(args.resolution))
-            .with_context(|| unfit("over the domain of", &args.map))?,
+        _ => clipped_grid(
+            boundary.domain(),
+            GridResolution::CellsAlongLongestSide(args.resolution),
+        )
+        .with_context(|| unfit("over the domain of", &args.map))?,
     };
     if let Some(path) = &args.mesh {
         require_same_solid(path, quadrature.volume(), boundary.domain())?;
@@ -129,7 +132,7 @@ fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
         &energy.deformation_density,
         &energy.det_jacobian,
     );
-    let row = |name: &str, total: f64, d: &solidmap::energy::Distribution| {
+    let row = |name: &str, total: f64, d: &solidmap::energy::DensityQuantiles| {
         [
             name.to_owned(),
             format!(
@@ -218,15 +221,15 @@ pub fn write_cells(
         ..VtkFields::default()
     };
     match (quadrature.layout(), mesh) {
-        (Layout::Tets { .. }, Some(mesh)) => {
+        (CellLayout::Tets { .. }, Some(mesh)) => {
             let tets: Vec<_> = cells.iter().map(|&c| mesh.tets()[c as usize]).collect();
             io::write_vtu(path, mesh.vertices(), Cells::Tets(&tets), &fields)?;
         }
-        (Layout::Grid(grid), _) => {
+        (CellLayout::Grid(grid), _) => {
             let (points, hexes) = boxes(&grid, &cells);
             io::write_vtu(path, &points, Cells::Hexes(&hexes), &fields)?;
         }
-        (Layout::Tets { .. }, None) => anyhow::bail!("a distribution over tetrahedra needs their mesh"),
+        (CellLayout::Tets { .. }, None) => anyhow::bail!("a distribution over tetrahedra needs their mesh"),
     }
     Ok(())
 }

@@ -14,8 +14,8 @@ use solidmap::io::{
     self, Cells, Field, ImageGrid, Provenance, Solid, TextureFile, TextureMetadata, TexturedSurface, VtkFields,
 };
 use solidmap::texture::{
-    Extended, LinearRgb, Paint, Picture, Residual, SeamReport, Skin, SolidTexture, TextureOptions, VolumeGrid, Wrap,
-    decoded, to_srgb,
+    ColourError, ColourSource, ColouredSurface, ExtendedQuantity, LinearRgb, Picture, SeamReport, SolidTexture,
+    TextureOptions, VoxelGrid, Wrap, decoded, to_srgb,
 };
 
 use super::args::{TextureArgs, TextureOutputArgs, WrapKind};
@@ -34,15 +34,15 @@ const SAME_COLOUR: f64 = 1.0 / 255.0 / 12.92;
 struct Report {
     model: PathBuf,
     image: Option<PathBuf>,
-    extended: Extended,
+    extended: ExtendedQuantity,
     fit: FitReport,
     /// Lowest and highest texture coordinates.
     uv_box: Option<[[f64; 2]; 2]>,
     seams: SeamReport,
     /// The harmonic part alone against the picture, on the surface.
-    harmonic_error: Option<Residual>,
+    harmonic_error: Option<ColourError>,
     /// The texture against the picture, on the surface.
-    surface_error: Option<Residual>,
+    surface_error: Option<ColourError>,
     /// How thick the layer is that carries the difference, over the diagonal: at the median and at most.
     layer: [f64; 2],
     tolerance: Option<f64>,
@@ -96,7 +96,7 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<Outcome> {
     let grid = written
         .output
         .as_ref()
-        .map(|_| VolumeGrid::of(surface, written.resolution));
+        .map(|_| VoxelGrid::of(surface, written.resolution));
     let grid = grid
         .transpose()
         .with_context(|| format!("cannot sample `{}`", args.model.display()))?;
@@ -108,11 +108,11 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<Outcome> {
 
     output.progress("measuring");
     let start = Instant::now();
-    let seams = texture.skin().seams();
-    let uv_box = texture.skin().uv_box();
+    let seams = texture.coloured_surface().seams();
+    let uv_box = texture.coloured_surface().uv_box();
     let [harmonic_error, surface_error] = [
-        texture.harmonic_residual(HELD_OUT, SEED),
-        texture.surface_residual(HELD_OUT, SEED),
+        texture.harmonic_error(HELD_OUT, SEED),
+        texture.surface_error(HELD_OUT, SEED),
     ];
     let layer = layer(&texture);
     seconds.measure = lap(start);
@@ -248,7 +248,7 @@ fn is_texture_file(path: &Path) -> bool {
 /// What the colours come from.
 enum Model {
     Textured(Box<TextureFile>),
-    Painted(Skin),
+    Painted(ColouredSurface),
 }
 
 impl Model {
@@ -260,9 +260,9 @@ impl Model {
         })
     }
 
-    fn skin(&self) -> &Skin {
+    fn skin(&self) -> &ColouredSurface {
         match self {
-            Self::Textured(file) => file.texture.skin(),
+            Self::Textured(file) => file.texture.coloured_surface(),
             Self::Painted(skin) => skin,
         }
     }
@@ -280,7 +280,7 @@ fn texture(model: Model, args: &TextureArgs, output: &Output) -> anyhow::Result<
     Ok(file.texture)
 }
 
-fn fitted(skin: Skin, args: &TextureArgs, output: &Output) -> anyhow::Result<TextureFile> {
+fn fitted(skin: ColouredSurface, args: &TextureArgs, output: &Output) -> anyhow::Result<TextureFile> {
     let texture = SolidTexture::fit(skin, &options(args), &|phase| show(phase, "", output))
         .map_err(|error| with_advice(error.into()))
         .with_context(|| format!("cannot texture `{}`", args.model.display()))?;
@@ -313,9 +313,9 @@ fn options(args: &TextureArgs) -> TextureOptions {
     let default = TextureOptions::default().fit;
     TextureOptions {
         extended: if extension.uv {
-            Extended::Coordinates
+            ExtendedQuantity::Coordinates
         } else {
-            Extended::Colours
+            ExtendedQuantity::Colours
         },
         across_seams: extension.across_seams,
         least_sources: extension.sources.unwrap_or(LEAST_SOURCES.min(max_sources(args))),
@@ -329,7 +329,7 @@ fn options(args: &TextureArgs) -> TextureOptions {
 }
 
 /// The model with its picture, checker or colours.
-fn skin(args: &TextureArgs) -> anyhow::Result<Skin> {
+fn skin(args: &TextureArgs) -> anyhow::Result<ColouredSurface> {
     let shown = args.model.display();
     let TexturedSurface { surface, uv, colours } = match args.model.extension() {
         Some(extension) if extension.eq_ignore_ascii_case("obj") => io::read_textured_surface(&args.model)?,
@@ -350,7 +350,7 @@ fn skin(args: &TextureArgs) -> anyhow::Result<Skin> {
         (None, None) => None,
     };
     let skin = match (picture, uv, colours) {
-        (Some(picture), Some(uv), _) => Skin::of_picture(&surface, uv, picture, wrap),
+        (Some(picture), Some(uv), _) => ColouredSurface::from_picture(&surface, uv, picture, wrap),
         (Some(_), None, _) => bail!(
             "`{shown}` has no texture coordinates, so that no picture can be laid on it: unwrap it and save it as OBJ with \
              them (`vt`)"
@@ -361,7 +361,7 @@ fn skin(args: &TextureArgs) -> anyhow::Result<Skin> {
         ),
         (None, _, Some(colours)) => {
             require_codes(&colours).with_context(|| format!("cannot texture `{shown}`"))?;
-            Skin::of_vertices(&surface, colours.into_iter().map(decoded).collect())
+            ColouredSurface::from_vertex_colours(&surface, colours.into_iter().map(decoded).collect())
         }
         (None, Some(_), None) => bail!(
             "`{shown}` has texture coordinates but no colours of its own: name a picture with --image, or take a --checker"
@@ -393,7 +393,7 @@ fn require_codes(colours: &[[f64; 3]]) -> anyhow::Result<()> {
 
 /// Thickness over the diagonal at the surface's vertices: the median and the largest.
 fn layer(texture: &SolidTexture) -> [f64; 2] {
-    let surface = texture.skin().surface();
+    let surface = texture.coloured_surface().surface();
     let mut thickness = texture.layer(surface.vertices());
     thickness.sort_by(f64::total_cmp);
     let diagonal = surface.diagonal();
@@ -407,8 +407,8 @@ const VISIBLE: f64 = 0.02;
 fn warn_of(texture: &SolidTexture, seams: &SeamReport, uv_box: Option<[[f64; 2]; 2]>, output: &Output) {
     let beyond = |[low, high]: [[f64; 2]; 2]| low.iter().any(|&x| x < 0.0) || high.iter().any(|&x| x > 1.0);
     if let Some([low, high]) = uv_box.filter(|&uv_box| beyond(uv_box)) {
-        let what = match texture.skin().paint() {
-            Paint::Picture { wrap: Wrap::Clamp, .. } => "goes on with the colours of its edges",
+        let what = match texture.coloured_surface().colour_source() {
+            ColourSource::Picture { wrap: Wrap::Clamp, .. } => "goes on with the colours of its edges",
             _ => "repeats",
         };
         output.warn(format!(
@@ -420,7 +420,7 @@ fn warn_of(texture: &SolidTexture, seams: &SeamReport, uv_box: Option<[[f64; 2];
     if uv_box.is_some_and(|[low, high]| low == high) {
         output.warn("all texture coordinates are the same, so that the surface has one colour: unwrap the model first");
     }
-    let extends_colours = texture.extended() == Extended::Colours;
+    let extends_colours = texture.extended() == ExtendedQuantity::Colours;
     if extends_colours && seams.rms_colour_jump > VISIBLE {
         output.warn(format!(
             "the colours of the two sides of seams differ, by {:.3} in the mean (rms; 1 from black to white) and {:.3} at \
@@ -439,7 +439,7 @@ fn warn_of(texture: &SolidTexture, seams: &SeamReport, uv_box: Option<[[f64; 2];
 fn write_volume(
     path: &Path,
     texture: &SolidTexture,
-    grid: &VolumeGrid,
+    grid: &VoxelGrid,
     output: &Output,
 ) -> anyhow::Result<VolumeReport> {
     let of = grid.voxels();
@@ -672,8 +672,8 @@ fn outcome(report: &Report, output: &Output) -> anyhow::Result<Outcome> {
     let missed_tolerance = report.tolerance.filter(|_| report.tolerance_met == Some(false));
     if let Some(tolerance) = missed_tolerance {
         let space = match report.extended {
-            Extended::Colours => "the colour cube",
-            Extended::Coordinates => "the box of texture coordinates",
+            ExtendedQuantity::Colours => "the colour cube",
+            ExtendedQuantity::Coordinates => "the box of texture coordinates",
         };
         output.warn(format!(
             "the harmonic part alone meets 99 % of the surface only to {:.1e} of the diagonal of {space}, and the tolerance \

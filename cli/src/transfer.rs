@@ -7,13 +7,13 @@ use anyhow::{Context, bail, ensure};
 use serde::Serialize;
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::energy::{Resolution, clipped_grid};
+use solidmap::energy::{GridResolution, clipped_grid};
 use solidmap::inverse::{InverseMap, InverseOptions, InverseReport, Preimage, PreimageStatus, lattice_mesh};
 use solidmap::io::{self, Cells, Field, FieldFile, Solid, VtkEncoding, VtkFields};
 use solidmap::map::VolumeMap;
 use solidmap::transfer::{
-    Carrier, Carry, DistributionCheck, LabelShare, Sampler, TransferField, VolumeCheck, carry, distribution_check,
-    label_shares, resample, volume_check,
+    DistributionCheck, FieldKind, FieldMesh, FieldSampler, LabelShare, TransferField, VolumeCheck, distribution_check,
+    label_shares, push_forward, resample, volume_check,
 };
 
 use super::args::TransferArgs;
@@ -73,7 +73,7 @@ const NO_VECTORS: [&str; 7] = ["rgb", "color", "colors", "colour", "colours", "n
 
 /// What is read: the carrier, and triangles between its points where it has no tetrahedra.
 pub struct Given {
-    pub carrier: Carrier,
+    pub carrier: FieldMesh,
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -85,17 +85,17 @@ impl Given {
                 || NO_VECTORS.contains(&name.to_lowercase().as_str())
         };
         let named = |field: Field| TransferField {
-            carry: match field.components {
-                _ if labels.contains(&field.name) => Carry::Label,
-                3 if !is_plain(&field.name) => Carry::Vector,
-                _ => Carry::Values,
+            kind: match field.components {
+                _ if labels.contains(&field.name) => FieldKind::Label,
+                3 if !is_plain(&field.name) => FieldKind::Vector,
+                _ => FieldKind::Values,
             },
             name: field.name,
             components: field.components,
             values: field.values,
         };
         Self {
-            carrier: Carrier {
+            carrier: FieldMesh {
                 points: file.points,
                 tets: file.tets,
                 point_fields: file.point.into_iter().map(named).collect(),
@@ -120,7 +120,7 @@ impl Given {
     /// The same moved by a map.
     pub fn carried(&self, map: &dyn VolumeMap) -> anyhow::Result<Self> {
         Ok(Self {
-            carrier: carry(map, &self.carrier)?,
+            carrier: push_forward(map, &self.carrier)?,
             triangles: self.triangles.clone(),
         })
     }
@@ -309,7 +309,7 @@ fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<Given> {
             name: DISTANCE.into(),
             components: 1,
             values,
-            carry: Carry::Values,
+            kind: FieldKind::Values,
         });
     }
     let names: Vec<&str> = all_fields(carrier).map(|(_, field)| field.name.as_str()).collect();
@@ -350,7 +350,7 @@ fn require_matching_output(args: &TransferArgs, given: &Given) -> anyhow::Result
 }
 
 /// Refuses fields that would have one name.
-fn require_distinct_names(args: &TransferArgs, carrier: &Carrier) -> anyhow::Result<()> {
+fn require_distinct_names(args: &TransferArgs, carrier: &FieldMesh) -> anyhow::Result<()> {
     let status = args.at.iter().map(|_| STATUS.to_owned());
     let names = all_fields(carrier).map(|(_, field)| field.name.clone());
     let mut all = vec![names.chain(status.clone()).collect::<Vec<_>>()];
@@ -380,7 +380,7 @@ fn require_distinct_names(args: &TransferArgs, carrier: &Carrier) -> anyhow::Res
 }
 
 /// The field for the picture, counted as by [`all_fields`].
-fn drawn_field(args: &TransferArgs, carrier: &Carrier) -> anyhow::Result<usize> {
+fn drawn_field(args: &TransferArgs, carrier: &FieldMesh) -> anyhow::Result<usize> {
     let scalars = || {
         let all = all_fields(carrier).enumerate();
         all.filter(|(_, (_, field))| field.components == 1)
@@ -412,7 +412,7 @@ fn carried_at(
     map: &dyn VolumeMap,
     inverse: &InverseMap,
     boundary: &BoundaryMap,
-    carrier: &Carrier,
+    carrier: &FieldMesh,
 ) -> anyhow::Result<Carried> {
     let (solid, points) = read_points(at)?;
     let found = resample(map, inverse, carrier, &points);
@@ -428,7 +428,7 @@ fn carried_at(
     };
     Ok(Carried {
         on: Given {
-            carrier: Carrier {
+            carrier: FieldMesh {
                 points,
                 tets,
                 point_fields: found.fields,
@@ -439,7 +439,7 @@ fn carried_at(
         preimages: Some(found.preimages),
         inverse: Some(found.inverse),
         // The mesh made for --distance is no field.
-        beyond_carrier: args.field.as_ref().map_or(0, |_| found.beyond_carrier),
+        beyond_carrier: args.field.as_ref().map_or(0, |_| found.outside_mesh),
     })
 }
 
@@ -496,11 +496,14 @@ fn check(
     args: &TransferArgs,
     map: &dyn VolumeMap,
     boundary: &BoundaryMap,
-    carrier: &Carrier,
+    carrier: &FieldMesh,
 ) -> anyhow::Result<Checks> {
-    let quadrature = clipped_grid(boundary.domain(), Resolution::CellsAlongLongestSide(args.resolution))?;
+    let quadrature = clipped_grid(
+        boundary.domain(),
+        GridResolution::CellsAlongLongestSide(args.resolution),
+    )?;
     let (volume, after) = volume_check(map, &quadrature, boundary.target_volume());
-    let sampler = Sampler::new(carrier).with_context(|| format!("cannot carry `{}`", shown(args)))?;
+    let sampler = FieldSampler::new(carrier).with_context(|| format!("cannot carry `{}`", shown(args)))?;
     let (mut fields, beyond) = sampler.sample(quadrature.points());
     for field in &mut fields {
         if is_distance(args, field) {
@@ -518,16 +521,16 @@ fn check(
         name: field.name.clone(),
         components: field.components,
         over,
-        carry: match field.carry {
-            Carry::Values => "values",
-            Carry::Vector => "vector",
-            Carry::Label => "label",
+        carry: match field.kind {
+            FieldKind::Values => "values",
+            FieldKind::Vector => "vector",
+            FieldKind::Label => "label",
         },
         written: over == "point" || args.at.is_some() || !is_table(&args.output),
-        distribution: (field.components == 1 && field.carry != Carry::Label)
+        distribution: (field.components == 1 && field.kind != FieldKind::Label)
             .then(|| distribution_check(&field.values, before, &after))
             .flatten(),
-        labels: (field.components == 1 && field.carry == Carry::Label)
+        labels: (field.components == 1 && field.kind == FieldKind::Label)
             .then(|| label_shares(&field.values, before, &after)),
     });
     Ok(Checks {
@@ -541,7 +544,7 @@ fn check(
     })
 }
 
-fn all_fields(carrier: &Carrier) -> impl Iterator<Item = (&'static str, &TransferField)> {
+fn all_fields(carrier: &FieldMesh) -> impl Iterator<Item = (&'static str, &TransferField)> {
     let over_points = carrier.point_fields.iter().map(|field| ("point", field));
     over_points.chain(carrier.cell_fields.iter().map(|field| ("cell", field)))
 }
@@ -552,10 +555,10 @@ fn draw(
     args: &TransferArgs,
     boundary: &BoundaryMap,
     inverse: &InverseMap,
-    carrier: &Carrier,
+    carrier: &FieldMesh,
 ) -> anyhow::Result<Vec<u8>> {
     let (_, field) = all_fields(carrier).nth(which).context("there is no such field")?;
-    let sampler = Sampler::new(carrier)?;
+    let sampler = FieldSampler::new(carrier)?;
     let values_at = |points: &[Point]| -> anyhow::Result<Vec<f64>> {
         Ok(match is_distance(args, field) {
             true => distances(boundary, points)?,

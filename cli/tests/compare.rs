@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
 use serde_json::Value;
-use solidmap::compare::Method;
+use solidmap::compare::ComparedMethod;
 use solidmap::geometry::SurfaceQuery;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
@@ -307,7 +307,7 @@ fn surfaces_of_different_connectivity_are_named() {
                 assert!(text.contains(fragment), "no `{fragment}` in: {text}");
             }
         }
-        for method in Method::ALL {
+        for method in ComparedMethod::ALL {
             assert!(rows.contains(method.name()), "no {method:?} in: {rows}");
         }
     }

@@ -12,7 +12,7 @@ use solidmap::io::{
 };
 use solidmap::mesh::{SurfaceMesh, TetMesh, shapes};
 use solidmap::spherical::SphericalMap;
-use solidmap::texture::{Picture, Skin, SolidTexture, TextureOptions, Wrap};
+use solidmap::texture::{ColouredSurface, Picture, SolidTexture, TextureOptions, Wrap};
 
 /// A file that is read without complaint.
 pub struct SmallFile {
@@ -396,8 +396,11 @@ fn tensor_files(add: &mut Add) {
     let uv = vec![[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]; ball.triangles().len()];
     let picture = Picture::checker(2).unwrap();
     for (name, skin) in [
-        ("colours", Skin::of_vertices(&ball, colours).unwrap()),
-        ("picture", Skin::of_picture(&ball, uv, picture, Wrap::Repeat).unwrap()),
+        ("colours", ColouredSurface::from_vertex_colours(&ball, colours).unwrap()),
+        (
+            "picture",
+            ColouredSurface::from_picture(&ball, uv, picture, Wrap::Repeat).unwrap(),
+        ),
     ] {
         add(name, Format::Texture, &|path| {
             let options = TextureOptions {

@@ -5,8 +5,8 @@ use super::error::{Error, guarded};
 use super::maps::Map;
 use super::meshes::Cells;
 use solidmap::energy::{
-    Distortion, DistortionReport, Distribution, EnergyOptions, EnergyReport, Lame, Quadrature, Resolution,
-    clipped_grid, distortion, energies, tet_quadrature,
+    DensityQuantiles, DistortionMetrics, DistortionReport, EnergyOptions, EnergyReport, GridResolution, Lame,
+    Quadrature, clipped_grid, distortion, energies, tet_quadrature,
 };
 
 pub fn energies_on_grid(
@@ -41,7 +41,7 @@ pub fn distortion_in_tets(map: &Map, tets: &Cells) -> Result<ffi::DistortionRepo
 }
 
 fn grid(map: &Map, cells: usize) -> Result<Quadrature, Error> {
-    let resolution = Resolution::CellsAlongLongestSide(cells);
+    let resolution = GridResolution::CellsAlongLongestSide(cells);
     Ok(clipped_grid(map.boundary_map()?.domain(), resolution)?)
 }
 
@@ -63,7 +63,7 @@ fn energies_over(
     };
     let target_volume = map.boundary_map()?.target_volume();
     let report: EnergyReport = energies(map.map(), quadrature, quadrature.volume(), target_volume, &options)?;
-    let told = |d: &Distribution| ffi::Distribution {
+    let told = |d: &DensityQuantiles| ffi::Distribution {
         min: d.min,
         median: d.median,
         p99: d.p99,
@@ -85,8 +85,9 @@ fn energies_over(
 fn distortion_over(map: &Map, quadrature: &Quadrature) -> Result<ffi::DistortionReport, Error> {
     let target_volume = map.boundary_map()?.target_volume();
     let report: DistortionReport = distortion(map.map(), quadrature, quadrature.volume(), target_volume)?;
-    let value = |of: &Option<Distortion>, metric: fn(&Distortion) -> f64| of.as_ref().map_or(f64::NAN, metric);
-    let told = |mean: &Option<Distortion>| ffi::Distortion {
+    let value =
+        |of: &Option<DistortionMetrics>, metric: fn(&DistortionMetrics) -> f64| of.as_ref().map_or(f64::NAN, metric);
+    let told = |mean: &Option<DistortionMetrics>| ffi::Distortion {
         conformal: value(mean, |d| d.conformal),
         dirichlet: value(mean, |d| d.dirichlet),
         symmetric_dirichlet: value(mean, |d| d.symmetric_dirichlet),

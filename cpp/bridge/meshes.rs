@@ -6,7 +6,7 @@ use super::{flat, path, points};
 use solidmap::check::{self, CheckReport, ComponentKind, SelfIntersections, Severity};
 use solidmap::io::{self, CellGroup, IoError};
 use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, TetMesh, shapes};
-use solidmap::remesh::{bad_cells, quality};
+use solidmap::remesh::{invalid_cells, quality};
 
 pub struct Surface(pub SurfaceMesh);
 
@@ -249,7 +249,7 @@ impl Cells {
     }
 
     pub fn inverted(&self) -> Result<Vec<u32>, Error> {
-        guarded(|| Ok(bad_cells(self.0.cells(), self.0.nodes()).cells))
+        guarded(|| Ok(invalid_cells(self.0.cells(), self.0.nodes()).cells))
     }
 
     pub fn quality(&self) -> Result<ffi::CellQuality, Error> {
@@ -274,7 +274,7 @@ pub fn quality_of(cells: &CellList, nodes: &[solidmap::Point]) -> ffi::CellQuali
     let value = |of: fn(&solidmap::remesh::CellQuality) -> f64| found.as_ref().map_or(f64::NAN, of);
     ffi::CellQuality {
         cells: cells.len(),
-        inverted: bad_cells(cells, nodes).cells.len(),
+        inverted: invalid_cells(cells, nodes).cells.len(),
         min_scaled_jacobian: value(|q| q.min_scaled_jacobian),
         p01_scaled_jacobian: value(|q| q.p01_scaled_jacobian),
         mean_scaled_jacobian: value(|q| q.mean_scaled_jacobian),

@@ -8,7 +8,7 @@ use super::error::{Error, guarded};
 use super::maps::{Map, answer};
 use super::meshes::{Cells, Surface, quality_of};
 use solidmap::mesh::CellMesh;
-use solidmap::remesh::{self, CellKind, CellSize, MeshSource, RemeshOptions, RemeshPhase};
+use solidmap::remesh::{self, CellKind, CellSize, RemeshOptions, RemeshPhase, RemeshSource};
 
 pub struct Remeshed(remesh::Remeshed);
 
@@ -119,7 +119,7 @@ pub fn remesh_regular(
                 "give the number of cells along the longest side, or their length",
             ));
         }
-        let source = MeshSource::Regular {
+        let source = RemeshSource::Regular {
             kind: if hexes { CellKind::Hexes } else { CellKind::Tets },
             size: if along > 0 {
                 CellSize::Along(along)
@@ -138,12 +138,12 @@ pub fn remesh_given(
     options: &ffi::RemeshOptions,
     watcher: &Watcher,
 ) -> Result<Box<Remeshed>, Error> {
-    guarded(|| carried(map, MeshSource::Given(mesh.0.clone()), options, watcher))
+    guarded(|| carried(map, RemeshSource::Given(mesh.0.clone()), options, watcher))
 }
 
 fn carried(
     map: &Map,
-    source: MeshSource,
+    source: RemeshSource,
     options: &ffi::RemeshOptions,
     watcher: &Watcher,
 ) -> Result<Box<Remeshed>, Error> {

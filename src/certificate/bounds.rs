@@ -17,17 +17,17 @@ const ROUNDING: f64 = 1e-13;
 
 /// What is known of the Jacobian over a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Examined {
+pub(super) struct JacobianTest {
     /// `det J` at the centre, as far as the expansion goes.
     pub(super) det: f64,
     /// Lower bounds over the cell, if they are positive.
-    pub(super) regular: Option<Regular>,
+    pub(super) regular: Option<RegularityBounds>,
 }
 
-impl Examined {
+impl JacobianTest {
     /// The same for lengths of the domain in other units.
     pub(super) fn scaled(self, factor: f64) -> Self {
-        let regular = self.regular.map(|found| Regular {
+        let regular = self.regular.map(|found| RegularityBounds {
             sigma_min: found.sigma_min * factor,
             det: found.det * factor.powi(3),
         });
@@ -40,7 +40,7 @@ impl Examined {
 
 /// Lower bounds of what does not vanish in a cell. The sign of the determinant is that at the centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Regular {
+pub(super) struct RegularityBounds {
     /// Of the least singular value.
     pub(super) sigma_min: f64,
     /// Of the absolute determinant.
@@ -49,18 +49,18 @@ pub(super) struct Regular {
 
 /// Examines the expansion of a map, three times [`TERMS`] coefficients, whose Jacobian is off by no more than
 /// `remainder` (spectral norm) anywhere in the ball.
-pub(super) fn examine(expansion: &[f64], remainder: f64) -> Examined {
+pub(super) fn examine(expansion: &[f64], remainder: f64) -> JacobianTest {
     let centre = at_centre(expansion);
     let det = centre.determinant();
     let within = |x: f64| x.is_finite() && x.abs() < LARGEST;
     if !within(remainder) || !expansion.iter().all(|x| within(*x)) || centre.norm() < 1.0 / LARGEST {
-        return Examined { det, regular: None };
+        return JacobianTest { det, regular: None };
     }
     let slopes = slopes(expansion);
     let grams: [Matrix3; ORDER] = std::array::from_fn(|i| gram(expansion, i + 1));
     let regular = by_inverse(&centre, &slopes, &grams, remainder)
         .or_else(|| by_determinant(&centre, &slopes, &grams, remainder, det));
-    Examined { det, regular }
+    JacobianTest { det, regular }
 }
 
 /// Frobenius norm of the Jacobian at the centre.
@@ -97,7 +97,12 @@ fn gram(expansion: &[f64], degree: usize) -> Matrix3 {
 /// with `σ_min(J) ≥ σ_min(J₀) (1 − s)` and `|det J| ≥ |det J₀| (1 − s)³` (Ostrowski and Taussky) for `s ≥ ‖sym X‖`. The
 /// inverse is the adjugate over the determinant, so that both are off by rounding of `‖J₀‖³ / |det J₀|`, which may be the
 /// square of the condition.
-fn by_inverse(centre: &Matrix3, slopes: &[Matrix3; 3], grams: &[Matrix3; ORDER], remainder: f64) -> Option<Regular> {
+fn by_inverse(
+    centre: &Matrix3,
+    slopes: &[Matrix3; 3],
+    grams: &[Matrix3; ORDER],
+    remainder: f64,
+) -> Option<RegularityBounds> {
     let inverse = centre.try_inverse()?;
     let norm = spectral_norm(&inverse);
     let mut bound = norm * remainder + ROUNDING * spectral_norm(centre).powi(3) / centre.determinant().abs();
@@ -114,7 +119,7 @@ fn by_inverse(centre: &Matrix3, slopes: &[Matrix3; 3], grams: &[Matrix3; ORDER],
     let linear = corners.map(|[y, z]| spectral_norm(&(scaled[0] + scaled[1] * y + scaled[2] * z)));
     let [a, b, c, d] = linear;
     let rest = 1.0 - bound - (a.max(b)).max(c.max(d));
-    (rest > 0.0).then(|| Regular {
+    (rest > 0.0).then(|| RegularityBounds {
         sigma_min: rest / norm,
         det: centre.determinant().abs() * rest.powi(3),
     })
@@ -128,7 +133,7 @@ fn by_determinant(
     grams: &[Matrix3; ORDER],
     remainder: f64,
     det: f64,
-) -> Option<Regular> {
+) -> Option<RegularityBounds> {
     let higher = |degree: usize| degree as f64 * root_of_largest(&grams[degree - 1]);
     let beyond = remainder + (3..=ORDER).map(higher).sum::<f64>();
     let linear = (0..3).map(|k| spectral_norm(&slopes[k])).sum::<f64>() * HALF_SIDE;
@@ -157,7 +162,7 @@ fn by_determinant(
     let change = change + HALF_SIDE * (first_order + HALF_SIDE * (second_order + HALF_SIDE * third_order));
     let largest = a.max(b).max(c) + beyond;
     let rest = det.abs() - change - ROUNDING * largest.powi(3);
-    (rest > 0.0).then(|| Regular {
+    (rest > 0.0).then(|| RegularityBounds {
         sigma_min: rest / (largest * largest),
         det: rest,
     })

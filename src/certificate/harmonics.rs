@@ -23,17 +23,17 @@ pub(super) const TERMS: usize = ORDER * (ORDER + 2);
 pub(super) const LANES: usize = 8;
 
 /// A coordinate of each of the points side by side.
-pub(super) type Lanes = [f64; LANES];
+pub(super) type Batch = [f64; LANES];
 
-/// Place of the harmonics of degree `n`: `m = 0`, then cosine and sine for every further `m`.
+/// Range of the terms of degree `n`: `m = 0`, then cosine and sine for every further `m`.
 pub(super) const fn terms_of(n: usize) -> std::ops::Range<usize> {
     n * n - 1..(n + 1) * (n + 1) - 1
 }
 
 /// Values of all harmonics at points side by side.
 #[inline(always)]
-pub(super) fn harmonics([x, y, z]: &[Lanes; 3], out: &mut [Lanes; TERMS]) {
-    let squared: Lanes = std::array::from_fn(|l| x[l] * x[l] + y[l] * y[l] + z[l] * z[l]);
+pub(super) fn harmonics([x, y, z]: &[Batch; 3], out: &mut [Batch; TERMS]) {
+    let squared: Batch = std::array::from_fn(|l| x[l] * x[l] + y[l] * y[l] + z[l] * z[l]);
     // Those with the highest m of their degree, then up the degrees for every m.
     out[1] = *x;
     out[2] = *y;

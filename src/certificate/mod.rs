@@ -33,8 +33,8 @@ mod volume;
 
 use std::collections::HashMap;
 
-use octree::{Cell, Descent, Ended, Parts, Place};
-use volume::Clipper;
+use octree::{CellIndex, ClosedCell, OctreeBuilder, OpenCell, Subdivision};
+use volume::CellClipper;
 
 use crate::Point;
 use crate::map::{HarmonicMap, VolumeMap};
@@ -76,7 +76,7 @@ pub enum Verdict {
 
 /// A cell of the octree that was not divided.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Leaf {
+pub struct CertificateCell {
     /// Lowest corner.
     pub low: Point,
     /// Side of the cube.
@@ -97,7 +97,7 @@ pub struct Leaf {
     steps: [u32; 3],
 }
 
-impl Leaf {
+impl CertificateCell {
     /// Its centre.
     pub fn centre(&self) -> Point {
         self.low.map(|x| x + 0.5 * self.size)
@@ -106,7 +106,7 @@ impl Leaf {
 
 /// Cells with one verdict.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
-pub struct Share {
+pub struct VerdictTotals {
     /// How many.
     pub cells: usize,
     /// Their volume in the domain.
@@ -118,7 +118,7 @@ pub struct Share {
 /// Why no cell was divided further.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Ending {
+pub enum StopReason {
     /// None is undecided.
     AllDecided,
     /// No more than [`CertificateOptions::undecided`] is.
@@ -135,12 +135,12 @@ pub struct CertificateReport {
     /// Volume of the domain.
     pub volume: f64,
     /// Cells proved to keep the orientation.
-    pub positive: Share,
+    pub positive: VerdictTotals,
     /// Cells proved to be turned inside out.
-    pub folded: Share,
+    pub folded: VerdictTotals,
     /// All others.
-    pub undecided: Share,
-    /// Share of the domain's volume in undecided cells with `det J` negative at their centre: likely to be folded.
+    pub undecided: VerdictTotals,
+    /// Fraction of the domain's volume in undecided cells with `det J` negative at their centre: likely to be folded.
     pub undecided_negative: f64,
     /// Least lower bound of `|det J|` over the positive cells; `None` without any.
     pub det_bound: Option<f64>,
@@ -154,7 +154,8 @@ pub struct CertificateReport {
     /// How often the box was halved for it.
     pub levels: u8,
     /// Why it ended there.
-    pub ending: Ending,
+    #[serde(rename = "ending")]
+    pub stop_reason: StopReason,
     /// Volumes of all cells over the domain's volume, less one.
     pub volume_error: f64,
 }
@@ -166,7 +167,7 @@ pub struct Certificate {
     pub report: CertificateReport,
     low: Point,
     side: f64,
-    leaves: Vec<Leaf>,
+    leaves: Vec<CertificateCell>,
 }
 
 /// How far the work is.
@@ -178,7 +179,7 @@ pub struct CertificateProgress {
     pub done: usize,
     /// Cells of the level above to divide.
     pub of: usize,
-    /// Share of the volume that the level above left undecided.
+    /// Fraction of the volume that the level above left undecided.
     pub undecided: f64,
 }
 
@@ -262,22 +263,22 @@ pub fn certify(
         return Err(CertificateError::NoOrientation { volume: target_volume });
     }
     let (low, side) = cube_around(domain)?;
-    let descent = Descent::new(map, Clipper::new(domain, &low, side), low, side);
-    let root = descent.root(map);
+    let builder = OctreeBuilder::new(map, CellClipper::new(domain, &low, side), low, side);
+    let root = builder.root(map);
     let (volume, found) = (domain.volume(), root.volume * side.powi(3));
     if (found / volume - 1.0).abs() > OPEN {
         return Err(CertificateError::Open { volume, found });
     }
 
-    let (ended, ending) = descend(&descent, root, options, progress);
-    let mut leaves: Vec<Leaf> = ended
+    let (ended, stop_reason) = descend(&builder, root, options, progress);
+    let mut leaves: Vec<CertificateCell> = ended
         .iter()
-        .map(|ended| leaf(&descent, ended, target_volume.signum()))
+        .map(|ended| leaf(&builder, ended, target_volume.signum()))
         .collect();
     leaves.sort_unstable_by_key(|leaf| curve_key(leaf.level, leaf.steps));
     look_into_undecided(map, target_volume.signum(), &mut leaves);
     Ok(Certificate {
-        report: summary(&leaves, volume, ending),
+        report: summary(&leaves, volume, stop_reason),
         low,
         side,
         leaves,
@@ -286,12 +287,12 @@ pub fn certify(
 
 impl Certificate {
     /// All cells that reach into the domain, along a space-filling curve.
-    pub fn leaves(&self) -> &[Leaf] {
+    pub fn cells(&self) -> &[CertificateCell] {
         &self.leaves
     }
 
     /// The cell that a point is in. `None` where no cell reaches into the domain.
-    pub fn leaf_at(&self, point: &Point) -> Option<&Leaf> {
+    pub fn cell_at(&self, point: &Point) -> Option<&CertificateCell> {
         let within = (point - self.low) / self.side;
         if within.iter().any(|x| !(0.0..=1.0).contains(x)) {
             return None;
@@ -383,14 +384,14 @@ fn cube_around(domain: &SurfaceMesh) -> Result<(Point, f64), CertificateError> {
 
 /// Divides level by level.
 fn descend(
-    descent: &Descent,
-    root: Cell,
+    builder: &OctreeBuilder,
+    root: OpenCell,
     options: &CertificateOptions,
     progress: &dyn Fn(CertificateProgress),
-) -> (Vec<Ended>, Ending) {
+) -> (Vec<ClosedCell>, StopReason) {
     let levels = options.finest.next_power_of_two().ilog2() as u8;
     let volume = root.volume;
-    let (mut found, mut last) = (Parts::of(root), false);
+    let (mut found, mut last) = (Subdivision::of(root), false);
     for level in 1..=levels {
         let cells = std::mem::take(&mut found.cells);
         let undecided = cells.iter().map(|cell| cell.volume).sum::<f64>() / volume;
@@ -406,7 +407,7 @@ fn descend(
                 of: cells.len(),
                 undecided,
             });
-            found.append(descent.divide(some, last));
+            found.append(builder.divide(some, last));
             if found.ended.len() + 8 * found.cells.len() > options.max_cells {
                 // There is no further level, so that nothing is kept for it.
                 last = true;
@@ -414,24 +415,31 @@ fn descend(
             }
         }
         if last && level < levels {
-            let ending = ending_of(&found, Ending::CellLimit);
-            return (found.ended, ending);
+            let stop_reason = ending_of(&found, StopReason::CellLimit);
+            return (found.ended, stop_reason);
         }
     }
-    let ending = ending_of(&found, if last { Ending::Finest } else { Ending::EnoughDecided });
+    let stop_reason = ending_of(
+        &found,
+        if last {
+            StopReason::Finest
+        } else {
+            StopReason::EnoughDecided
+        },
+    );
     found.end();
-    (found.ended, ending)
+    (found.ended, stop_reason)
 }
 
-fn ending_of(found: &Parts, otherwise: Ending) -> Ending {
+fn ending_of(found: &Subdivision, otherwise: StopReason) -> StopReason {
     let all = found.cells.is_empty() && found.ended.iter().all(|cell| cell.found.is_some());
-    if all { Ending::AllDecided } else { otherwise }
+    if all { StopReason::AllDecided } else { otherwise }
 }
 
-fn leaf(descent: &Descent, ended: &Ended, orientation: f64) -> Leaf {
-    let Place { level, steps } = ended.place;
-    let (low, size) = descent.cube(&ended.place);
-    let cube = descent.cube(&Place {
+fn leaf(builder: &OctreeBuilder, ended: &ClosedCell, orientation: f64) -> CertificateCell {
+    let CellIndex { level, steps } = ended.place;
+    let (low, size) = builder.cube(&ended.place);
+    let cube = builder.cube(&CellIndex {
         level: 0,
         steps: [0; 3],
     });
@@ -440,7 +448,7 @@ fn leaf(descent: &Descent, ended: &Ended, orientation: f64) -> Leaf {
         Some((det, bounds)) => (Verdict::Folded, det, Some(bounds)),
         None => (Verdict::Undecided, f64::NAN, None),
     };
-    Leaf {
+    CertificateCell {
         low,
         size,
         level,
@@ -454,8 +462,8 @@ fn leaf(descent: &Descent, ended: &Ended, orientation: f64) -> Leaf {
 }
 
 /// Determinants at the centres of undecided cells, which many of them are too large to expand.
-fn look_into_undecided(map: &HarmonicMap, orientation: f64, leaves: &mut [Leaf]) {
-    let mut undecided: Vec<&mut Leaf> = leaves
+fn look_into_undecided(map: &HarmonicMap, orientation: f64, leaves: &mut [CertificateCell]) {
+    let mut undecided: Vec<&mut CertificateCell> = leaves
         .iter_mut()
         .filter(|leaf| leaf.verdict == Verdict::Undecided)
         .collect();
@@ -465,17 +473,17 @@ fn look_into_undecided(map: &HarmonicMap, orientation: f64, leaves: &mut [Leaf])
     }
 }
 
-fn summary(leaves: &[Leaf], volume: f64, ending: Ending) -> CertificateReport {
+fn summary(leaves: &[CertificateCell], volume: f64, stop_reason: StopReason) -> CertificateReport {
     let with = |verdict| leaves.iter().filter(move |leaf| leaf.verdict == verdict);
     let share = |verdict| {
         let found = total(&mut with(verdict));
-        Share {
+        VerdictTotals {
             cells: with(verdict).count(),
             volume: found,
             fraction: found / volume,
         }
     };
-    let least = |value: fn(&Leaf) -> f64| with(Verdict::Positive).map(value).reduce(f64::min);
+    let least = |value: fn(&CertificateCell) -> f64| with(Verdict::Positive).map(value).reduce(f64::min);
     let finest = leaves.iter().max_by_key(|leaf| leaf.level);
     let mut negative = with(Verdict::Undecided).filter(|leaf| leaf.det_centre < 0.0);
     CertificateReport {
@@ -489,17 +497,17 @@ fn summary(leaves: &[Leaf], volume: f64, ending: Ending) -> CertificateReport {
         sigma_min_99: bound_over(0.99 * volume, with(Verdict::Positive)),
         finest_cell: finest.map_or(0.0, |leaf| leaf.size),
         levels: finest.map_or(0, |leaf| leaf.level),
-        ending,
+        stop_reason,
         volume_error: total(&mut leaves.iter()) / volume - 1.0,
     }
 }
 
 /// The largest bound of singular values that holds over this volume.
-fn bound_over<'a>(volume: f64, leaves: impl Iterator<Item = &'a Leaf>) -> Option<f64> {
-    let mut leaves: Vec<&Leaf> = leaves.collect();
+fn bound_over<'a>(volume: f64, leaves: impl Iterator<Item = &'a CertificateCell>) -> Option<f64> {
+    let mut leaves: Vec<&CertificateCell> = leaves.collect();
     leaves.sort_by(|a, b| b.sigma_min.total_cmp(&a.sigma_min));
     let mut covered = 0.0;
-    let reaches = |leaf: &&&Leaf| {
+    let reaches = |leaf: &&&CertificateCell| {
         covered += leaf.volume;
         covered >= volume
     };
@@ -507,11 +515,11 @@ fn bound_over<'a>(volume: f64, leaves: impl Iterator<Item = &'a Leaf>) -> Option
 }
 
 /// Volume of cells in the domain.
-fn total(leaves: &mut dyn Iterator<Item = &Leaf>) -> f64 {
+fn total(leaves: &mut dyn Iterator<Item = &CertificateCell>) -> f64 {
     leaves.fold(0.0, |sum, leaf| sum + leaf.volume)
 }
 
-/// Place of a cell's lowest corner along Morton's curve through the cells of the deepest level.
+/// Position of a cell's lowest corner along Morton's curve through the cells of the deepest level.
 fn curve_key(level: u8, steps: [u32; 3]) -> u64 {
     let mut key = 0;
     for (axis, step) in steps.into_iter().enumerate() {

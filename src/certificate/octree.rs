@@ -1,4 +1,4 @@
-//! The descent: cells from the whole box down, and in each the expansion of the map.
+//! The octree: cells from the whole box down, and in each the expansion of the map.
 //!
 //! A source at distance `d` from the centre of a cell with circumradius `r` is absorbed into the cell's expansion once
 //! `q = r / d` is small. Of its gradient the expansion to degree `p` leaves out at most
@@ -16,9 +16,9 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
-use super::bounds::{Examined, Regular, examine, size_at_centre};
-use super::harmonics::{LANES, Lanes, ORDER, TERMS, harmonics, translation};
-use super::volume::{Clipper, Filling};
+use super::bounds::{JacobianTest, RegularityBounds, examine, size_at_centre};
+use super::harmonics::{Batch, LANES, ORDER, TERMS, harmonics, translation};
+use super::volume::{CellClipper, InsidePart};
 use crate::map::HarmonicMap;
 use crate::{Point, Vector};
 
@@ -40,12 +40,12 @@ const SHIFTS: f64 = 16.0;
 
 /// The place of a cell: `steps` cells of its level from the lowest corner of the box.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct CellIndex {
     pub(super) level: u8,
     pub(super) steps: [u32; 3],
 }
 
-impl Place {
+impl CellIndex {
     fn child(&self, octant: usize) -> Self {
         Self {
             level: self.level + 1,
@@ -55,8 +55,8 @@ impl Place {
 }
 
 /// A cell that may be divided.
-pub(super) struct Cell {
-    place: Place,
+pub(super) struct OpenCell {
+    place: CellIndex,
     /// Volume inside the domain, in cubes of the box's side.
     pub(super) volume: f64,
     triangles: Vec<u32>,
@@ -71,22 +71,22 @@ pub(super) struct Cell {
 }
 
 /// A cell that is not divided.
-pub(super) struct Ended {
-    pub(super) place: Place,
+pub(super) struct ClosedCell {
+    pub(super) place: CellIndex,
     pub(super) volume: f64,
     /// The determinant at the centre and lower bounds, if its sign is certain.
-    pub(super) found: Option<(f64, Regular)>,
+    pub(super) found: Option<(f64, RegularityBounds)>,
 }
 
 /// The parts of cells: those that ended, and those that may be divided further.
 #[derive(Default)]
-pub(super) struct Parts {
-    pub(super) ended: Vec<Ended>,
-    pub(super) cells: Vec<Cell>,
+pub(super) struct Subdivision {
+    pub(super) ended: Vec<ClosedCell>,
+    pub(super) cells: Vec<OpenCell>,
 }
 
-impl Parts {
-    pub(super) fn of(cell: Cell) -> Self {
+impl Subdivision {
+    pub(super) fn of(cell: OpenCell) -> Self {
         Self {
             ended: Vec::new(),
             cells: vec![cell],
@@ -95,7 +95,7 @@ impl Parts {
 
     /// None goes on.
     pub(super) fn end(&mut self) {
-        self.ended.extend(self.cells.drain(..).map(Ended::from));
+        self.ended.extend(self.cells.drain(..).map(ClosedCell::from));
         self.cells.shrink_to_fit();
     }
 
@@ -105,9 +105,9 @@ impl Parts {
     }
 }
 
-impl From<Cell> for Ended {
+impl From<OpenCell> for ClosedCell {
     /// Undecided.
-    fn from(cell: Cell) -> Self {
+    fn from(cell: OpenCell) -> Self {
         Self {
             place: cell.place,
             volume: cell.volume,
@@ -117,10 +117,10 @@ impl From<Cell> for Ended {
 }
 
 /// What all cells share.
-pub(super) struct Descent {
+pub(super) struct OctreeBuilder {
     low: Point,
     side: f64,
-    clipper: Clipper,
+    clipper: CellClipper,
     /// Of the sources, from the lowest corner: cells far from the origin are no worse than others.
     positions: Vec<Vector>,
     /// Coefficients over 4π, and their lengths.
@@ -129,9 +129,9 @@ pub(super) struct Descent {
     rounding: f64,
 }
 
-impl Descent {
+impl OctreeBuilder {
     /// In the cube with this lowest corner and side.
-    pub(super) fn new(map: &HarmonicMap, clipper: Clipper, low: Point, side: f64) -> Self {
+    pub(super) fn new(map: &HarmonicMap, clipper: CellClipper, low: Point, side: f64) -> Self {
         let weight = |w: &[f64; 3]| {
             let [x, y, z] = w.map(|w| w / (4.0 * std::f64::consts::PI));
             [x, y, z, Vector::new(x, y, z).norm()]
@@ -154,8 +154,8 @@ impl Descent {
     }
 
     /// The whole box, with the affine part of the map.
-    pub(super) fn root(&self, map: &HarmonicMap) -> Cell {
-        let place = Place {
+    pub(super) fn root(&self, map: &HarmonicMap) -> OpenCell {
+        let place = CellIndex {
             level: 0,
             steps: [0; 3],
         };
@@ -174,35 +174,35 @@ impl Descent {
     }
 
     /// Lowest corner and side of a cell.
-    pub(super) fn cube(&self, place: &Place) -> (Point, f64) {
+    pub(super) fn cube(&self, place: &CellIndex) -> (Point, f64) {
         let side = self.side / 2f64.powi(place.level.into());
         (self.low + Vector::from(place.steps.map(f64::from)) * side, side)
     }
 
     /// Centre, from the lowest corner of the box, and circumradius.
-    fn ball(&self, place: &Place) -> (Vector, f64) {
+    fn ball(&self, place: &CellIndex) -> (Vector, f64) {
         let side = self.side / 2f64.powi(place.level.into());
         let centre = place.steps.map(|step| (f64::from(step) + 0.5) * side);
         (Vector::from(centre), 0.5 * 3f64.sqrt() * side)
     }
 
     /// The parts that reach into the domain of cells of one level, in order. None goes on if they are the `last`.
-    pub(super) fn divide(&self, cells: &[Cell], last: bool) -> Parts {
+    pub(super) fn divide(&self, cells: &[OpenCell], last: bool) -> Subdivision {
         // Few cells have many sources each: then one is enough for a task. Tasks do not depend on the threads.
         let task = (cells.len() / TASKS).clamp(1, MOST_CELLS_OF_A_TASK);
-        let tasks: Vec<Parts> = cells
+        let tasks: Vec<Subdivision> = cells
             .par_chunks(task)
             .map(|cells| self.divide_some(cells, last))
             .collect();
-        let mut parts = Parts::default();
+        let mut parts = Subdivision::default();
         tasks.into_iter().for_each(|task| parts.append(task));
         parts
     }
 
-    fn divide_some(&self, cells: &[Cell], last: bool) -> Parts {
+    fn divide_some(&self, cells: &[OpenCell], last: bool) -> Subdivision {
         let expansions: Vec<f64> = cells.iter().flat_map(|cell| &cell.expansion).copied().collect();
         let translated: Vec<Vec<f64>> = self.translations.iter().map(|t| translated(t, &expansions)).collect();
-        let mut parts = Parts::default();
+        let mut parts = Subdivision::default();
         for (i, parent) in cells.iter().enumerate() {
             for (octant, translated) in translated.iter().enumerate() {
                 let place = parent.place.child(octant);
@@ -214,7 +214,7 @@ impl Descent {
                 let inherited = [parent.remainder, parent.magnitude];
                 let cell = self.absorbed(place, filling, expansion, &parent.sources, inherited);
                 match self.examined(&cell) {
-                    Some(Examined { det, regular }) if regular.is_some() || last => parts.ended.push(Ended {
+                    Some(JacobianTest { det, regular }) if regular.is_some() || last => parts.ended.push(ClosedCell {
                         found: regular.map(|regular| (det, regular)),
                         ..cell.into()
                     }),
@@ -227,11 +227,11 @@ impl Descent {
     }
 
     /// What a cell has of the domain, by the triangles of its parent; without any it is inside as a whole.
-    fn filling(&self, place: &Place, triangles: &[u32]) -> Filling {
+    fn filling(&self, place: &CellIndex, triangles: &[u32]) -> InsidePart {
         let side = 0.5f64.powi(place.level.into());
         let low = Point::from(Vector::from(place.steps.map(f64::from)) * side);
         if triangles.is_empty() {
-            return Filling::whole();
+            return InsidePart::whole();
         }
         self.clipper.filling(&low, side, triangles)
     }
@@ -240,19 +240,19 @@ impl Descent {
     /// are those of what is in the expansion already.
     fn absorbed(
         &self,
-        place: Place,
-        filling: Filling,
+        place: CellIndex,
+        filling: InsidePart,
         mut expansion: Vec<f64>,
         sources: &[u32],
         [remainder, magnitude]: [f64; 2],
-    ) -> Cell {
+    ) -> OpenCell {
         let (centre, radius) = self.ball(&place);
         let nearest = radius / ABSORBED;
         let is_far = |s: &&u32| (self.positions[**s as usize] - centre).norm_squared() >= nearest * nearest;
         let (far, near): (Vec<u32>, Vec<u32>) = sources.iter().partition(is_far);
         let [further, larger] = self.sizes(&far, &centre, radius);
         self.expand(&far, &centre, radius, &mut expansion);
-        Cell {
+        OpenCell {
             place,
             volume: filling.fraction * 0.125f64.powi(place.level.into()),
             triangles: filling.triangles,
@@ -264,7 +264,7 @@ impl Descent {
     }
 
     /// What a cell proves, if anything can be told at its size.
-    fn examined(&self, cell: &Cell) -> Option<Examined> {
+    fn examined(&self, cell: &OpenCell) -> Option<JacobianTest> {
         let (centre, radius) = self.ball(&cell.place);
         let nearest = radius / EXPANDED;
         let is_near = |&s: &u32| (self.positions[s as usize] - centre).norm_squared() < nearest * nearest;
@@ -340,7 +340,7 @@ fn translated(translation: &[f64], expansions: &[f64]) -> Vec<f64> {
     children
 }
 
-fn add_products(points: &[Lanes; 3], weights: &[Lanes; 3], sums: &mut [[Lanes; 3]; TERMS]) {
+fn add_products(points: &[Batch; 3], weights: &[Batch; 3], sums: &mut [[Batch; 3]; TERMS]) {
     let mut values = [[0.0; LANES]; TERMS];
     harmonics(points, &mut values);
     for (value, sums) in values.iter().zip(sums) {
@@ -394,9 +394,9 @@ mod tests {
         Matrix3::from_columns(&[column(0), column(1), column(2)])
     }
 
-    fn largest_error(map: &HarmonicMap, descent: &Descent, cell: &Cell, rng: &mut StdRng) -> f64 {
-        let (centre, radius) = descent.ball(&cell.place);
-        let centre = descent.low + centre;
+    fn largest_error(map: &HarmonicMap, builder: &OctreeBuilder, cell: &OpenCell, rng: &mut StdRng) -> f64 {
+        let (centre, radius) = builder.ball(&cell.place);
+        let centre = builder.low + centre;
         // Only what is in the expansion is compared.
         let kept: Vec<usize> = (0..map.sources().len())
             .filter(|&s| !cell.sources.contains(&(s as u32)))
@@ -427,12 +427,12 @@ mod tests {
         let (low, side) = (Point::new(-0.5, -0.5, -0.5), 1.0);
         for (sources, factor) in [(1, 1.5), (60, 8.0)] {
             let map = random_map(sources, &mut rng);
-            let descent = Descent::new(&map, Clipper::new(&domain, &low, side), low, side);
-            let mut cells = vec![descent.root(&map)];
+            let builder = OctreeBuilder::new(&map, CellClipper::new(&domain, &low, side), low, side);
+            let mut cells = vec![builder.root(&map)];
             let mut closest = f64::INFINITY;
             for _ in 0..4 {
                 for cell in cells.iter().step_by(cells.len().div_ceil(20)) {
-                    let error = largest_error(&map, &descent, cell, &mut rng);
+                    let error = largest_error(&map, &builder, cell, &mut rng);
                     // Central differences err by 1e-8 of third derivatives, the sums of the map by 1e-9.
                     assert!(
                         error <= cell.remainder + 3e-7 * cell.magnitude,
@@ -446,7 +446,7 @@ mod tests {
                 cells = cells
                     .iter()
                     .flat_map(|cell| {
-                        let translated: Vec<_> = descent
+                        let translated: Vec<_> = builder
                             .translations
                             .iter()
                             .map(|t| translated(t, &cell.expansion))
@@ -454,7 +454,7 @@ mod tests {
                         let children = translated.into_iter().enumerate().map(|(octant, expansion)| {
                             let inherited = [cell.remainder, cell.magnitude];
                             let place = cell.place.child(octant);
-                            descent.absorbed(place, Filling::whole(), expansion, &cell.sources, inherited)
+                            builder.absorbed(place, InsidePart::whole(), expansion, &cell.sources, inherited)
                         });
                         children.collect::<Vec<_>>()
                     })

@@ -14,20 +14,20 @@ const NEGLIGIBLE: f64 = 1e-12;
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// The boundary of a solid, in units in which the cube around it has side 1.
-pub(super) struct Clipper {
+pub(super) struct CellClipper {
     corners: Vec<[Point; 3]>,
 }
 
 /// How much of a cell is inside, and which triangles tell it.
 #[derive(Default)]
-pub(super) struct Filling {
+pub(super) struct InsidePart {
     /// Volume inside, as a fraction of the cell.
     pub(super) fraction: f64,
     /// Triangles above or in the cell; none when it is inside or outside as a whole.
     pub(super) triangles: Vec<u32>,
 }
 
-impl Clipper {
+impl CellClipper {
     /// Triangles that stand upright bound no volume from above and are left out.
     pub(super) fn new(surface: &SurfaceMesh, low: &Point, side: f64) -> Self {
         let scaled = |p: Point| Point::from((p - low) / side);
@@ -42,7 +42,7 @@ impl Clipper {
     }
 
     /// The filling of a cube, by the triangles of a cube that contains it.
-    pub(super) fn filling(&self, low: &Point, side: f64, candidates: &[u32]) -> Filling {
+    pub(super) fn filling(&self, low: &Point, side: f64, candidates: &[u32]) -> InsidePart {
         let (mut volume, mut triangles) = (0.0, Vec::new());
         // Of all parts with either sign, and whether the surface passes through the cell.
         let (mut absolute, mut is_crossed) = (0.0, false);
@@ -82,18 +82,18 @@ impl Clipper {
         // A sliver as thick as rounding of a side, and rounding of the sum.
         let rounding = ROUNDING * (1.0 / side + absolute / cell);
         match fraction {
-            _ if !is_crossed && fraction < rounding => Filling::default(),
-            _ if fraction < rounding => Filling {
+            _ if !is_crossed && fraction < rounding => InsidePart::default(),
+            _ if fraction < rounding => InsidePart {
                 fraction: fraction.max(0.0),
                 triangles,
             },
-            _ if (fraction - 1.0).abs() < NEGLIGIBLE => Filling::whole(),
-            _ => Filling { fraction, triangles },
+            _ if (fraction - 1.0).abs() < NEGLIGIBLE => InsidePart::whole(),
+            _ => InsidePart { fraction, triangles },
         }
     }
 }
 
-impl Filling {
+impl InsidePart {
     /// Whether the solid does not reach into the cell. What is inside of it may have a volume that rounds to 0.
     pub(super) fn is_empty(&self) -> bool {
         self.fraction == 0.0 && self.triangles.is_empty()

@@ -15,7 +15,7 @@ use crate::mesh::{SurfaceMesh, TetMesh};
 /// A way from a boundary map to a map of the solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Method {
+pub enum ComparedMethod {
     /// The method of fundamental solutions: [`crate::fit`].
     Mfs,
     /// Linear finite elements with a factorisation that is kept: [`TetHarmonic`].
@@ -26,7 +26,7 @@ pub enum Method {
     MeanValue,
 }
 
-impl Method {
+impl ComparedMethod {
     /// All of them, in the order of tables.
     pub const ALL: [Self; 4] = [Self::Mfs, Self::Fem, Self::Variational, Self::MeanValue];
 
@@ -49,7 +49,7 @@ impl Method {
 /// Who makes tetrahedra.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum MeshSource {
+pub enum TetMesher {
     /// TetGen, which keeps the domain's surface.
     Tetgen,
     /// CGAL's Mesh_3, which makes its own surface.
@@ -60,7 +60,7 @@ pub enum MeshSource {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MeshSpec {
     /// Who makes it.
-    pub source: MeshSource,
+    pub source: TetMesher,
     /// Edge length of the tetrahedra inside, over the domain's diagonal; `None` leaves them as coarse as their shape allows.
     pub edge: Option<f64>,
     /// Largest ratio of circumradius to shortest edge (TetGen).
@@ -76,7 +76,7 @@ impl MeshSpec {
     /// TetGen's, at its usual quality, with edges inside of twice the mean length of those on the surface.
     pub fn of(domain: &SurfaceMesh) -> Self {
         Self {
-            source: MeshSource::Tetgen,
+            source: TetMesher::Tetgen,
             edge: Some(2.0 * mean_edge(domain) / domain.diagonal()),
             quality: 1.414,
             subdivisions: 0,
@@ -87,9 +87,9 @@ impl MeshSpec {
 
 /// What to build.
 #[derive(Debug, Clone)]
-pub struct Recipe<'a> {
+pub struct BuildOptions<'a> {
     /// By which method.
-    pub method: Method,
+    pub method: ComparedMethod,
     /// How the method of fundamental solutions is set.
     pub fit: FitOptions,
     /// How the linear system of finite elements is solved.
@@ -104,7 +104,7 @@ pub struct Recipe<'a> {
 
 /// Wall time of the phases, in seconds; zero for those that a method does not have.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub struct Seconds {
+pub struct BuildTimings {
     /// Tetrahedra.
     pub mesh: f64,
     /// All that a second boundary map would not cost: placing points, assembling, factoring.
@@ -116,7 +116,7 @@ pub struct Seconds {
 }
 
 /// A map and what it cost.
-pub struct Built {
+pub struct BuiltMap {
     /// The map.
     pub map: Box<dyn VolumeMap>,
     /// Tetrahedra over the domain and the images of their vertices, where the map is made of them.
@@ -130,7 +130,7 @@ pub struct Built {
     /// The report of a fit.
     pub fit: Option<FitReport>,
     /// All but `evaluate`.
-    pub seconds: Seconds,
+    pub seconds: BuildTimings,
 }
 
 /// Makes the map. `progress` is told what is being done.
@@ -138,12 +138,16 @@ pub struct Built {
 /// # Errors
 ///
 /// [`CompareError`], by the method at fault.
-pub fn build(boundary: &BoundaryMap, recipe: &Recipe, progress: &dyn Fn(String)) -> Result<Built, CompareError> {
-    match recipe.method {
-        Method::Mfs => by_fundamental_solutions(boundary, recipe, progress),
-        Method::Fem => by_finite_elements(boundary, recipe, progress),
-        Method::Variational => by_descent(boundary, recipe, progress),
-        Method::MeanValue => by_mean_values(boundary),
+pub fn build(
+    boundary: &BoundaryMap,
+    options: &BuildOptions,
+    progress: &dyn Fn(String),
+) -> Result<BuiltMap, CompareError> {
+    match options.method {
+        ComparedMethod::Mfs => by_fundamental_solutions(boundary, options, progress),
+        ComparedMethod::Fem => by_finite_elements(boundary, options, progress),
+        ComparedMethod::Variational => by_descent(boundary, options, progress),
+        ComparedMethod::MeanValue => by_mean_values(boundary),
     }
 }
 
@@ -211,7 +215,7 @@ fn mesh_of(domain: &SurfaceMesh, spec: &MeshSpec) -> Result<TetMesh, CompareErro
     use crate::cgal_tetgen::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_mesh3};
     let edge = spec.edge.map(|edge| edge * domain.diagonal());
     Ok(match spec.source {
-        MeshSource::Tetgen => tetrahedralize(
+        TetMesher::Tetgen => tetrahedralize(
             domain,
             &TetOptions {
                 radius_edge_ratio: Some(spec.quality),
@@ -219,7 +223,7 @@ fn mesh_of(domain: &SurfaceMesh, spec: &MeshSpec) -> Result<TetMesh, CompareErro
                 ..TetOptions::default()
             },
         )?,
-        MeshSource::Mesh3 => tetrahedralize_mesh3(
+        TetMesher::Mesh3 => tetrahedralize_mesh3(
             domain,
             &Mesh3Options {
                 // The circumradius of a regular tetrahedron.
@@ -250,28 +254,28 @@ fn mean_edge(domain: &SurfaceMesh) -> f64 {
 
 fn by_fundamental_solutions(
     boundary: &BoundaryMap,
-    recipe: &Recipe,
+    options: &BuildOptions,
     progress: &dyn Fn(String),
-) -> Result<Built, CompareError> {
+) -> Result<BuiltMap, CompareError> {
     let told = |phase: Phase| {
         progress(match phase {
             Phase::Refining { round, .. } => format!("refining, round {round}"),
             _ => "fitting".into(),
         });
     };
-    let fitted = fit(boundary, &recipe.fit, &told)?;
+    let fitted = fit(boundary, &options.fit, &told)?;
     let seconds = fitted.report.seconds.unwrap_or_default();
-    Ok(Built {
+    Ok(BuiltMap {
         map: Box::new(fitted.map),
         tets: None,
         unknowns: fitted.report.sources + if fitted.report.affine { 4 } else { 0 },
         iterations: Some(fitted.report.iterations),
         energies: Vec::new(),
-        seconds: Seconds {
+        seconds: BuildTimings {
             factor: seconds.sampling + seconds.factor,
             // Refinement goes by the error that the check measures, so that the check is part of it.
             solve: seconds.solve + seconds.check,
-            ..Seconds::default()
+            ..BuildTimings::default()
         },
         fit: Some(fitted.report),
     })
@@ -280,12 +284,12 @@ fn by_fundamental_solutions(
 /// The mesh for a method on tetrahedra, images of its boundary vertices, and how long that took.
 fn meshed(
     boundary: &BoundaryMap,
-    recipe: &Recipe,
+    options: &BuildOptions,
     progress: &dyn Fn(String),
 ) -> Result<(TetMesh, Vec<Point>, f64), CompareError> {
     let start = Instant::now();
     progress("meshing".into());
-    let (mesh, boundary) = mesh_for(boundary, &recipe.mesh, recipe.given)?;
+    let (mesh, boundary) = mesh_for(boundary, &options.mesh, options.given)?;
     let images = images_of(&mesh, &boundary)?.images;
     Ok((mesh, images, start.elapsed().as_secs_f64()))
 }
@@ -309,18 +313,18 @@ pub(super) fn images_of(mesh: &TetMesh, boundary: &BoundaryMap) -> Result<Bounda
 
 fn by_finite_elements(
     boundary: &BoundaryMap,
-    recipe: &Recipe,
+    options: &BuildOptions,
     progress: &dyn Fn(String),
-) -> Result<Built, CompareError> {
-    let (mesh, images, meshing) = meshed(boundary, recipe, progress)?;
+) -> Result<BuiltMap, CompareError> {
+    let (mesh, images, meshing) = meshed(boundary, options, progress)?;
     progress("assembling and factoring".into());
     let start = Instant::now();
-    let system = TetHarmonic::new(mesh, &recipe.harmonic)?;
+    let system = TetHarmonic::new(mesh, &options.harmonic)?;
     let factor = start.elapsed().as_secs_f64();
     progress("solving".into());
     let start = Instant::now();
     let map = system.solve(&images)?;
-    let seconds = Seconds {
+    let seconds = BuildTimings {
         mesh: meshing,
         factor,
         solve: start.elapsed().as_secs_f64(),
@@ -329,8 +333,12 @@ fn by_finite_elements(
     Ok(on_tets(map, system.unknowns(), None, Vec::new(), seconds))
 }
 
-fn by_descent(boundary: &BoundaryMap, recipe: &Recipe, progress: &dyn Fn(String)) -> Result<Built, CompareError> {
-    let (mesh, images, meshing) = meshed(boundary, recipe, progress)?;
+fn by_descent(
+    boundary: &BoundaryMap,
+    options: &BuildOptions,
+    progress: &dyn Fn(String),
+) -> Result<BuiltMap, CompareError> {
+    let (mesh, images, meshing) = meshed(boundary, options, progress)?;
     progress("assembling".into());
     let start = Instant::now();
     let system = TetLaplacian::new(mesh)?;
@@ -341,8 +349,8 @@ fn by_descent(boundary: &BoundaryMap, recipe: &Recipe, progress: &dyn Fn(String)
             progress(format!("descending, step {iteration}, energy {energy:.6}"));
         }
     };
-    let found = system.solve(&images, &recipe.descent, &told)?;
-    let seconds = Seconds {
+    let found = system.solve(&images, &options.descent, &told)?;
+    let seconds = BuildTimings {
         mesh: meshing,
         factor,
         solve: start.elapsed().as_secs_f64(),
@@ -353,8 +361,14 @@ fn by_descent(boundary: &BoundaryMap, recipe: &Recipe, progress: &dyn Fn(String)
     Ok(on_tets(found.map, unknowns, Some(steps), found.energies, seconds))
 }
 
-fn on_tets(map: TetMap, unknowns: usize, iterations: Option<usize>, energies: Vec<f64>, seconds: Seconds) -> Built {
-    Built {
+fn on_tets(
+    map: TetMap,
+    unknowns: usize,
+    iterations: Option<usize>,
+    energies: Vec<f64>,
+    seconds: BuildTimings,
+) -> BuiltMap {
+    BuiltMap {
         tets: Some((map.mesh().clone(), map.images().to_vec())),
         map: Box::new(map),
         unknowns,
@@ -365,19 +379,19 @@ fn on_tets(map: TetMap, unknowns: usize, iterations: Option<usize>, energies: Ve
     }
 }
 
-fn by_mean_values(boundary: &BoundaryMap) -> Result<Built, CompareError> {
+fn by_mean_values(boundary: &BoundaryMap) -> Result<BuiltMap, CompareError> {
     let start = Instant::now();
     let map = MeanValueMap::new(boundary)?;
-    Ok(Built {
+    Ok(BuiltMap {
         map: Box::new(map),
         tets: None,
         unknowns: 0,
         iterations: None,
         energies: Vec::new(),
         fit: None,
-        seconds: Seconds {
+        seconds: BuildTimings {
             factor: start.elapsed().as_secs_f64(),
-            ..Seconds::default()
+            ..BuildTimings::default()
         },
     })
 }

@@ -10,7 +10,7 @@ use super::CompareError;
 use super::build::images_of;
 use crate::boundary_map::BoundaryMap;
 use crate::energy::{
-    DistortionReport, EnergyOptions, EnergyReport, Quadrature, Resolution, clipped_grid, distortion_of_jacobians,
+    DistortionReport, EnergyOptions, EnergyReport, GridResolution, Quadrature, clipped_grid, distortion_of_jacobians,
     energies_of_jacobians,
 };
 use crate::fit::BoundaryError;
@@ -23,7 +23,7 @@ use crate::{Matrix3, Point};
 
 /// How finely maps are measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct YardstickOptions {
+pub struct EvaluationOptions {
     /// Cells of the integration grid along the longest side of the domain.
     pub resolution: usize,
     /// Points inside at which maps are compared.
@@ -34,7 +34,7 @@ pub struct YardstickOptions {
     pub seed: u64,
 }
 
-impl Default for YardstickOptions {
+impl Default for EvaluationOptions {
     fn default() -> Self {
         Self {
             resolution: 40,
@@ -46,7 +46,7 @@ impl Default for YardstickOptions {
 }
 
 /// Where maps are measured, the same for all of one boundary map.
-pub struct Yardstick<'a> {
+pub struct MapEvaluator<'a> {
     boundary: &'a BoundaryMap,
     quadrature: Quadrature,
     interior: Vec<Point>,
@@ -57,7 +57,7 @@ pub struct Yardstick<'a> {
 
 /// Distances between two maps at the points inside, as fractions of the target's diagonal.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub struct Difference {
+pub struct MapDifference {
     /// Root mean square.
     pub rms: f64,
     /// Not exceeded at 99 % of the points.
@@ -68,7 +68,7 @@ pub struct Difference {
 
 /// What is known of a map.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Measured {
+pub struct MapMeasurements {
     /// Distance from the boundary map at points of the boundary that no method is fitted at. By the maximum principle a harmonic map errs no more inside than at its worst point of the
     /// boundary.
     pub boundary_error: BoundaryError,
@@ -84,14 +84,14 @@ pub struct Measured {
 
 /// Images of the points inside.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Samples {
-    /// In the order of [`Yardstick::interior`].
+pub struct InteriorImages {
+    /// In the order of [`MapEvaluator::interior`].
     pub images: Vec<Point>,
 }
 
 /// Tetrahedra carried by a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Folds {
+pub struct FoldCount {
     /// Tetrahedra of the mesh.
     pub tets: usize,
     /// Those that are flat or turned against the whole, decided exactly: a map that mirrors the solid folds nothing.
@@ -103,16 +103,16 @@ const TRIANGLES: usize = 100_000;
 /// Random points that are tried for each point inside.
 const TRIES: usize = 1000;
 
-impl<'a> Yardstick<'a> {
+impl<'a> MapEvaluator<'a> {
     /// Places the points.
     ///
     /// # Errors
     ///
     /// When the domain is open or too thin.
-    pub fn new(boundary: &'a BoundaryMap, options: &YardstickOptions) -> Result<Self, CompareError> {
+    pub fn new(boundary: &'a BoundaryMap, options: &EvaluationOptions) -> Result<Self, CompareError> {
         let domain = boundary.domain();
         Ok(Self {
-            quadrature: clipped_grid(domain, Resolution::CellsAlongLongestSide(options.resolution))?,
+            quadrature: clipped_grid(domain, GridResolution::CellsAlongLongestSide(options.resolution))?,
             interior: interior_points(boundary, options.interior, options.seed)?,
             held_out: options.held_out,
             seed: options.seed.wrapping_add(1),
@@ -135,7 +135,7 @@ impl<'a> Yardstick<'a> {
     /// # Errors
     ///
     /// When the map is not finite somewhere.
-    pub fn measure(&self, map: &dyn VolumeMap) -> Result<Measured, CompareError> {
+    pub fn measure(&self, map: &dyn VolumeMap) -> Result<MapMeasurements, CompareError> {
         let start = Instant::now();
         let jacobians: Vec<Matrix3> = map.jacobian(self.quadrature.points());
         let images = map.evaluate(self.quadrature.points());
@@ -143,7 +143,7 @@ impl<'a> Yardstick<'a> {
         require_finite(&images)?;
         let (volume, target) = (self.quadrature.volume(), self.boundary.target_volume());
         let options = EnergyOptions::default();
-        Ok(Measured {
+        Ok(MapMeasurements {
             boundary_error: boundary_error(map, self.boundary, self.held_out, self.seed)?,
             energy: energies_of_jacobians(&jacobians, &self.quadrature, volume, target, &options)?,
             distortion: distortion_of_jacobians(&jacobians, &self.quadrature, volume, target)?,
@@ -157,14 +157,14 @@ impl<'a> Yardstick<'a> {
     /// # Errors
     ///
     /// When one is not finite.
-    pub fn samples(&self, map: &dyn VolumeMap) -> Result<Samples, CompareError> {
+    pub fn interior_images(&self, map: &dyn VolumeMap) -> Result<InteriorImages, CompareError> {
         let images = map.evaluate(&self.interior);
         require_finite(&images)?;
-        Ok(Samples { images })
+        Ok(InteriorImages { images })
     }
 
     /// How far two maps are apart inside.
-    pub fn difference(&self, a: &Samples, b: &Samples) -> Difference {
+    pub fn difference(&self, a: &InteriorImages, b: &InteriorImages) -> MapDifference {
         let diagonal = self.boundary.target_diagonal();
         let distances: Vec<f64> = a
             .images
@@ -172,7 +172,7 @@ impl<'a> Yardstick<'a> {
             .zip(&b.images)
             .map(|(p, q)| (p - q).norm() / diagonal)
             .collect();
-        Summary::of(&distances).map_or(Difference::default(), |s| Difference {
+        Summary::of(&distances).map_or(MapDifference::default(), |s| MapDifference {
             rms: s.rms,
             p99: s.p99,
             max: s.max,
@@ -206,7 +206,7 @@ pub fn boundary_error(
     }))
 }
 
-impl Folds {
+impl FoldCount {
     /// Counts them for a mesh and the images of its vertices.
     pub fn of(mesh: &TetMesh, images: &[Point]) -> Self {
         let tets = mesh.tets().len();
@@ -242,7 +242,7 @@ pub fn carried(mesh: &TetMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> R
 
 /// How far the maps of one method are apart from their mean, over all of them: the root mean square and the largest, as
 /// fractions of `diagonal`. `None` for fewer than two.
-pub fn spread(samples: &[Samples], diagonal: f64) -> Option<Difference> {
+pub fn spread(samples: &[InteriorImages], diagonal: f64) -> Option<MapDifference> {
     let [first, _, ..] = samples else { return None };
     let points = first.images.len();
     let count = samples.len() as f64;
@@ -256,7 +256,7 @@ pub fn spread(samples: &[Samples], diagonal: f64) -> Option<Difference> {
             .map(move |s| (s.images[i].coords - mean).norm() / diagonal)
     };
     let distances: Vec<f64> = (0..points).flat_map(|i| distance(i).collect::<Vec<_>>()).collect();
-    Summary::of(&distances).map(|s| Difference {
+    Summary::of(&distances).map(|s| MapDifference {
         rms: s.rms,
         p99: s.p99,
         max: s.max,

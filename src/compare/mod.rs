@@ -1,14 +1,19 @@
 //! One boundary map through every method, measured alike (section 4.7 of the paper, and beyond it).
 //!
-//! [`build`] makes a map by one [`Method`] and says what it cost, phase by phase. [`Yardstick`] fixes where maps are
+//! [`build`] makes a map by one [`ComparedMethod`] and says what it cost, phase by phase. [`MapEvaluator`] fixes where maps are
 //! measured: one quadrature for all energies, one set of points inside, one tetrahedral mesh to be carried. What it
-//! gives is a [`Measured`] for each map. [`spread`] says how much the maps of one method differ among themselves.
+//! gives is a [`MapMeasurements`] for each map. [`spread`] says how much the maps of one method differ among themselves.
 
 mod build;
 mod measure;
 
-pub use build::{Built, MeshSource, MeshSpec, Method, Recipe, Seconds, build, make_mesh, mesh_for};
-pub use measure::{Difference, Folds, Measured, Samples, Yardstick, YardstickOptions, boundary_error, carried, spread};
+pub use build::{
+    BuildOptions, BuildTimings, BuiltMap, ComparedMethod, MeshSpec, TetMesher, build, make_mesh, mesh_for,
+};
+pub use measure::{
+    EvaluationOptions, FoldCount, InteriorImages, MapDifference, MapEvaluator, MapMeasurements, boundary_error,
+    carried, spread,
+};
 
 use crate::baseline::{BaselineError, MeanValueError};
 use crate::energy::{EnergyError, QuadratureError};

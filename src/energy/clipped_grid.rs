@@ -21,7 +21,7 @@
 use rayon::prelude::*;
 
 use super::{
-    quadrature::{Grid, Layout, Quadrature, QuadratureError, sum},
+    quadrature::{CellLayout, Grid, Quadrature, QuadratureError, sum},
     tet_quadrature::first_non_finite,
 };
 use crate::{
@@ -32,14 +32,14 @@ use crate::{
 
 /// How fine a grid is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Resolution {
+pub enum GridResolution {
     /// Cells along the longest side of the bounding box; 32 to 128 is usual.
     CellsAlongLongestSide(usize),
     /// Edge length of a cell. It grows by up to a part in 10⁹ where a side is a multiple of it but for rounding.
     CellSize(f64),
 }
 
-impl std::fmt::Display for Resolution {
+impl std::fmt::Display for GridResolution {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::CellsAlongLongestSide(cells) => write!(f, "{cells} cells along its longest side"),
@@ -63,7 +63,7 @@ impl std::fmt::Display for Resolution {
 ///
 /// [`QuadratureError`], for surfaces that bound no solid and grids of no or too many cells. Holes in walls
 /// parallel to z change no volume and go unnoticed.
-pub fn clipped_grid(surface: &SurfaceMesh, resolution: Resolution) -> Result<Quadrature, QuadratureError> {
+pub fn clipped_grid(surface: &SurfaceMesh, resolution: GridResolution) -> Result<Quadrature, QuadratureError> {
     if surface.triangles().is_empty() {
         return Err(QuadratureError::Empty { element: "triangle" });
     }
@@ -72,7 +72,7 @@ pub fn clipped_grid(surface: &SurfaceMesh, resolution: Resolution) -> Result<Qua
         return Err(QuadratureError::NonFinite { vertex, position });
     }
     let grid = grid_around(surface, resolution)?;
-    let clipper = Clipper::new(surface, grid);
+    let clipper = GridClipper::new(surface, grid);
 
     let slabs = clipper.triangles_by_slab();
     let slabs: Vec<Slab> = slabs
@@ -98,16 +98,16 @@ const MAX_CELLS: u64 = 1 << 26;
 const MAX_CELLS_ALONG_AXIS: u64 = 1 << 16;
 
 /// The part of a triangle in a column, in grid units (the grid's origin at 0, cells of size 1).
-struct Piece {
+struct SurfacePiece {
     triangle: u32,
     polygon: Polygon,
 }
 
 /// A stack of cells over a square, and all surface pieces over that square at its floor or above.
-struct Column {
+struct CellColumn {
     corner: Point,
     size: f64,
-    pieces: Vec<Piece>,
+    pieces: Vec<SurfacePiece>,
 }
 
 /// Volume of the part of a cell inside the solid, and its first moments about the cell's lowest corner.
@@ -119,7 +119,7 @@ struct Moments {
 
 /// Signed area of the projection of surface pieces, and its first moments about the column's corner.
 #[derive(Clone, Copy)]
-struct Shadow {
+struct ProjectedMoments {
     area: f64,
     first: [f64; 2],
 }
@@ -137,14 +137,14 @@ struct Slab {
     open: Option<[usize; 2]>,
 }
 
-struct Clipper<'a> {
+struct GridClipper<'a> {
     grid: Grid,
     triangles: &'a [[u32; 3]],
     /// All vertices in grid units.
     vertices: Vec<Point>,
 }
 
-fn grid_around(surface: &SurfaceMesh, resolution: Resolution) -> Result<Grid, QuadratureError> {
+fn grid_around(surface: &SurfaceMesh, resolution: GridResolution) -> Result<Grid, QuadratureError> {
     // Over the vertices in use: stray ones would waste cells.
     let mut used = surface
         .triangles()
@@ -162,8 +162,8 @@ fn grid_around(surface: &SurfaceMesh, resolution: Resolution) -> Result<Grid, Qu
     }
 
     let wanted = match resolution {
-        Resolution::CellsAlongLongestSide(cells) if cells > 0 => longest / cells as f64,
-        Resolution::CellSize(size) if size > 0.0 && size.is_finite() => size,
+        GridResolution::CellsAlongLongestSide(cells) if cells > 0 => longest / cells as f64,
+        GridResolution::CellSize(size) if size > 0.0 && size.is_finite() => size,
         impossible => return Err(QuadratureError::NoCells(impossible)),
     };
     // A side that is a whole number of cells but for rounding must not get one cell more.
@@ -219,11 +219,11 @@ fn assembled(slabs: &[Slab], grid: Grid) -> Result<Quadrature, QuadratureError> 
         points.concat(),
         slabs.iter().flat_map(|slab| &slab.weights).map(|w| w * scale).collect(),
         slabs.iter().flat_map(|slab| &slab.cells).copied().collect(),
-        Layout::Grid(grid),
+        CellLayout::Grid(grid),
     ))
 }
 
-impl<'a> Clipper<'a> {
+impl<'a> GridClipper<'a> {
     fn new(surface: &'a SurfaceMesh, grid: Grid) -> Self {
         let in_grid = |p: &Point| Point::from((p - grid.origin) / grid.cell_size);
         Self {
@@ -248,7 +248,7 @@ impl<'a> Clipper<'a> {
 
     fn slab(&self, i: usize, triangles: &[u32]) -> Slab {
         let [_, ny, nz] = self.grid.dims;
-        let mut columns: Vec<Vec<Piece>> = (0..ny).map(|_| Vec::new()).collect();
+        let mut columns: Vec<Vec<SurfacePiece>> = (0..ny).map(|_| Vec::new()).collect();
         for &triangle in triangles {
             let corners = Polygon::from_slice(&self.corners(triangle));
             let mut rest = between(corners, 0, i as f64, (i + 1) as f64);
@@ -256,7 +256,7 @@ impl<'a> Clipper<'a> {
             for (j, column) in columns.iter_mut().enumerate().take(last + 1).skip(first) {
                 let (polygon, beyond) = split(rest, 1, (j + 1) as f64);
                 if polygon.len() >= 3 {
-                    column.push(Piece { triangle, polygon });
+                    column.push(SurfacePiece { triangle, polygon });
                 }
                 rest = beyond;
             }
@@ -265,7 +265,7 @@ impl<'a> Clipper<'a> {
         let mut slab = Slab::default();
         for (j, pieces) in columns.into_iter().enumerate().filter(|(_, pieces)| !pieces.is_empty()) {
             let corner = Point::new(i as f64, j as f64, 0.0);
-            let column = Column {
+            let column = CellColumn {
                 corner,
                 size: 1.0,
                 pieces,
@@ -289,7 +289,7 @@ impl<'a> Clipper<'a> {
     }
 
     /// Adds the points of the cell of `column` whose floor is at `floor`.
-    fn place(&self, column: &Column, floor: f64, moments: &Moments, cell: u32, divisions: u32, slab: &mut Slab) {
+    fn place(&self, column: &CellColumn, floor: f64, moments: &Moments, cell: u32, divisions: u32, slab: &mut Slab) {
         let full = column.size.powi(3);
         if moments.volume <= NEGLIGIBLE * full {
             return;
@@ -319,7 +319,7 @@ impl<'a> Clipper<'a> {
     }
 
     /// Whether more upward than downward triangles of a column are above a point of it.
-    fn is_inside(&self, pieces: &[Piece], point: &Point) -> bool {
+    fn is_inside(&self, pieces: &[SurfacePiece], point: &Point) -> bool {
         let above = pieces.iter().map(|piece| {
             let corners = self.corners(piece.triangle);
             let [a, b, c] = corners;
@@ -334,12 +334,12 @@ impl<'a> Clipper<'a> {
     }
 }
 
-impl Column {
+impl CellColumn {
     /// Moments of the lowest `count` cells, and the shadow of all pieces, which is empty below a closed surface.
-    fn cells(&self, count: usize) -> (Vec<Moments>, Shadow) {
+    fn cells(&self, count: usize) -> (Vec<Moments>, ProjectedMoments) {
         let mut cells = vec![Moments::ZERO; count];
-        let mut shadows = vec![Shadow::ZERO; count + 1];
-        let mut underneath = Shadow::ZERO;
+        let mut shadows = vec![ProjectedMoments::ZERO; count + 1];
+        let mut underneath = ProjectedMoments::ZERO;
         for piece in &self.pieces {
             let mut rest: Polygon = piece.polygon.iter().map(|p| Point::from(p - self.corner)).collect();
             let lowest = rest.iter().fold(f64::INFINITY, |low, p| low.min(p.z));
@@ -371,18 +371,18 @@ impl Column {
     }
 
     /// The column over each quarter of the square, from `floor` up.
-    fn quarters(&self, floor: f64) -> [Column; 4] {
+    fn quarters(&self, floor: f64) -> [CellColumn; 4] {
         let size = self.size / 2.0;
         [[0.0, 0.0], [0.0, size], [size, 0.0], [size, size]].map(|[x, y]| {
             let corner = Point::new(self.corner.x + x, self.corner.y + y, floor);
-            let above_floor = |piece: &&Piece| piece.polygon.iter().any(|p| p.z >= floor);
+            let above_floor = |piece: &&SurfacePiece| piece.polygon.iter().any(|p| p.z >= floor);
             let pieces = self.pieces.iter().filter(above_floor).filter_map(|piece| {
                 let strip = between(piece.polygon.clone(), 0, corner.x, corner.x + size);
                 let polygon = between(strip, 1, corner.y, corner.y + size);
                 let triangle = piece.triangle;
-                (polygon.len() >= 3).then_some(Piece { triangle, polygon })
+                (polygon.len() >= 3).then_some(SurfacePiece { triangle, polygon })
             });
-            Column {
+            CellColumn {
                 corner,
                 size,
                 pieces: pieces.collect(),
@@ -421,13 +421,13 @@ impl Moments {
     }
 
     /// Adds the cell's full height over the shadow of what is above it.
-    fn add_full_height(&mut self, shadow: &Shadow, size: f64) {
+    fn add_full_height(&mut self, shadow: &ProjectedMoments, size: f64) {
         self.volume += shadow.area * size;
         self.first += Vector::new(shadow.first[0], shadow.first[1], shadow.area * size / 2.0) * size;
     }
 }
 
-impl Shadow {
+impl ProjectedMoments {
     const ZERO: Self = Self {
         area: 0.0,
         first: [0.0; 2],
@@ -444,7 +444,7 @@ impl Shadow {
     }
 }
 
-impl std::ops::AddAssign for Shadow {
+impl std::ops::AddAssign for ProjectedMoments {
     fn add_assign(&mut self, other: Self) {
         self.area += other.area;
         self.first[0] += other.first[0];
@@ -482,13 +482,13 @@ mod tests {
     const SEED: u64 = 7;
 
     fn by_count(surface: &SurfaceMesh, cells: usize) -> Quadrature {
-        clipped_grid(surface, Resolution::CellsAlongLongestSide(cells)).unwrap()
+        clipped_grid(surface, GridResolution::CellsAlongLongestSide(cells)).unwrap()
     }
 
     fn grid_of(rule: &Quadrature) -> Grid {
         match rule.layout() {
-            Layout::Grid(grid) => grid,
-            Layout::Tets { .. } => panic!("not a grid"),
+            CellLayout::Grid(grid) => grid,
+            CellLayout::Tets { .. } => panic!("not a grid"),
         }
     }
 
@@ -668,7 +668,7 @@ mod tests {
 
     #[test]
     fn a_cell_size_is_kept() {
-        let rule = clipped_grid(&shapes::double_torus(1), Resolution::CellSize(0.4)).unwrap();
+        let rule = clipped_grid(&shapes::double_torus(1), GridResolution::CellSize(0.4)).unwrap();
         let grid = grid_of(&rule);
         assert_eq!(grid.cell_size, 0.4);
         assert_eq!(grid.dims, [13, 8, 3]);
@@ -704,7 +704,7 @@ mod tests {
     #[test]
     fn rejects_surfaces_that_bound_no_solid() {
         let sphere = shapes::sphere(1.0, 2);
-        let rule = |surface: &SurfaceMesh| clipped_grid(surface, Resolution::CellsAlongLongestSide(8));
+        let rule = |surface: &SurfaceMesh| clipped_grid(surface, GridResolution::CellsAlongLongestSide(8));
         let with = |triangles: Vec<[u32; 3]>| SurfaceMesh::new(sphere.vertices().to_vec(), triangles).unwrap();
 
         assert_eq!(rule(&with(vec![])), Err(QuadratureError::Empty { element: "triangle" }));
@@ -738,16 +738,16 @@ mod tests {
     fn rejects_grids_without_cells_or_with_too_many() {
         let cube = shapes::cube(1.0, 1);
         for none in [
-            Resolution::CellsAlongLongestSide(0),
-            Resolution::CellSize(0.0),
-            Resolution::CellSize(f64::NAN),
+            GridResolution::CellsAlongLongestSide(0),
+            GridResolution::CellSize(0.0),
+            GridResolution::CellSize(f64::NAN),
         ] {
             assert!(matches!(clipped_grid(&cube, none), Err(QuadratureError::NoCells(_))));
         }
         for many in [
-            Resolution::CellsAlongLongestSide(1025),
-            Resolution::CellsAlongLongestSide(usize::MAX),
-            Resolution::CellSize(1e-300),
+            GridResolution::CellsAlongLongestSide(1025),
+            GridResolution::CellsAlongLongestSide(usize::MAX),
+            GridResolution::CellSize(1e-300),
         ] {
             assert!(matches!(
                 clipped_grid(&cube, many),

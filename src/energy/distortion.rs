@@ -19,7 +19,7 @@ const MAX_SWEEPS: usize = 30;
 
 /// The five metrics, of one Jacobian or as a mean.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Distortion {
+pub struct DistortionMetrics {
     /// [`conformal`].
     pub conformal: f64,
     /// [`dirichlet`].
@@ -40,13 +40,13 @@ pub struct Distortion {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct DistortionReport {
     /// Means over the volume of the domain, of the map as it is. `None` when the map is regular nowhere.
-    pub mean: Option<Distortion>,
+    pub mean: Option<DistortionMetrics>,
     /// The same with the target scaled to the volume of the domain, as [`super::EnergyOptions::normalize`] scales both
     /// to 1: how Dirichlet, symmetric Dirichlet and ARAP of different targets compare. The other two do not change.
-    pub mean_normalized: Option<Distortion>,
+    pub mean_normalized: Option<DistortionMetrics>,
     /// Means as VOLMAP's program forms them: over the volume of the *image*, of values clamped to between the value of
     /// a rigid motion and [`VOLMAP_BOUND`], of the map as it is.
-    pub volmap: Option<Distortion>,
+    pub volmap: Option<DistortionMetrics>,
     /// Determinants of the Jacobians that are finite, in model units. `None` when none is.
     pub determinants: Option<Determinants>,
     /// Share of the domain's volume that the means leave out.
@@ -58,7 +58,7 @@ pub struct DistortionReport {
 }
 
 /// Determinants of a map's Jacobians, times −1 when the target's volume is negative, so that they are positive where a
-/// map that mirrors as a whole is not folded. Quantiles count volume of the domain, as [`super::Distribution`] does.
+/// map that mirrors as a whole is not folded. Quantiles count volume of the domain, as [`super::DensityQuantiles`] does.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Determinants {
     /// Points or tetrahedra where the map is folded: zero or negative.
@@ -75,7 +75,7 @@ pub struct Determinants {
     pub max: f64,
 }
 
-impl Distortion {
+impl DistortionMetrics {
     /// What a rigid motion has: the least value of every metric but Dirichlet, whose least is 0.
     pub const RIGID: Self = Self {
         conformal: 1.0,
@@ -222,13 +222,13 @@ pub fn distortion_of_jacobians(
 }
 
 fn add_samples(
-    samples: &mut Vec<Sample>,
+    samples: &mut Vec<StretchSample>,
     jacobians: &[Matrix3],
     weights: &[f64],
     scale: &Scale,
 ) -> Result<(), EnergyError> {
     require_count(jacobians.len(), weights.len())?;
-    let sample = |(jacobian, &weight)| Sample::new(jacobian, weight, scale);
+    let sample = |(jacobian, &weight)| StretchSample::new(jacobian, weight, scale);
     samples.par_extend(jacobians.par_iter().zip(weights).map(sample));
     Ok(())
 }
@@ -264,8 +264,8 @@ pub fn tet_distortion(domain: &TetMesh, images: &[Point]) -> Result<DistortionRe
     let volume = sum(parts.iter().map(|(_, weight)| *weight));
     let signed = parts.iter().map(|(jacobian, weight)| jacobian.determinant() * weight);
     let scale = Scale::new(volume, sum(signed.filter(|volume| volume.is_finite())))?;
-    let sample = |(jacobian, weight): &(Matrix3, f64)| Sample::new(jacobian, *weight, &scale);
-    let samples: Vec<Sample> = parts.par_iter().map(sample).collect();
+    let sample = |(jacobian, weight): &(Matrix3, f64)| StretchSample::new(jacobian, *weight, &scale);
+    let samples: Vec<StretchSample> = parts.par_iter().map(sample).collect();
     Ok(report(&samples, scale.stretch))
 }
 
@@ -296,7 +296,7 @@ impl Scale {
 }
 
 /// What is kept of one Jacobian.
-struct Sample {
+struct StretchSample {
     /// With the sign of `determinant` on the last.
     stretches: [f64; 3],
     /// Times the orientation of the target.
@@ -304,7 +304,7 @@ struct Sample {
     weight: f64,
 }
 
-impl Sample {
+impl StretchSample {
     fn new(jacobian: &Matrix3, weight: f64, scale: &Scale) -> Self {
         let [first, second, third] = stretches(jacobian);
         Self {
@@ -327,19 +327,19 @@ fn folded(smallest_stretch: f64) -> bool {
     smallest_stretch <= 0.0
 }
 
-fn report(samples: &[Sample], stretch: f64) -> DistortionReport {
+fn report(samples: &[StretchSample], stretch: f64) -> DistortionReport {
     let regular = || samples.iter().filter(|sample| sample.is_regular());
     let not_finite = || samples.iter().filter(|sample| !sample.is_finite());
     let left_out = samples.iter().filter(|sample| !sample.is_regular());
     DistortionReport {
-        mean: mean(regular().map(|sample| (Distortion::of(&sample.stretches), sample.weight))),
+        mean: mean(regular().map(|sample| (DistortionMetrics::of(&sample.stretches), sample.weight))),
         mean_normalized: mean(regular().map(|sample| {
             let scaled = sample.stretches.map(|s| s * stretch);
-            (Distortion::of(&scaled), sample.weight)
+            (DistortionMetrics::of(&scaled), sample.weight)
         })),
         volmap: mean(regular().map(|sample| {
             let image_volume = sample.weight * sample.determinant;
-            (clamped(&Distortion::of(&sample.stretches)), image_volume)
+            (clamped(&DistortionMetrics::of(&sample.stretches)), image_volume)
         })),
         determinants: determinants(samples),
         left_out_fraction: sum(left_out.map(|sample| sample.weight)) / sum(samples.iter().map(|sample| sample.weight)),
@@ -348,11 +348,12 @@ fn report(samples: &[Sample], stretch: f64) -> DistortionReport {
     }
 }
 
-fn mean(values: impl Iterator<Item = (Distortion, f64)> + Clone) -> Option<Distortion> {
+fn mean(values: impl Iterator<Item = (DistortionMetrics, f64)> + Clone) -> Option<DistortionMetrics> {
     let total = sum(values.clone().map(|(_, weight)| weight));
-    let mean =
-        |metric: fn(&Distortion) -> f64| sum(values.clone().map(|(value, weight)| metric(&value) * weight)) / total;
-    (total > 0.0).then(|| Distortion {
+    let mean = |metric: fn(&DistortionMetrics) -> f64| {
+        sum(values.clone().map(|(value, weight)| metric(&value) * weight)) / total
+    };
+    (total > 0.0).then(|| DistortionMetrics {
         conformal: mean(|d| d.conformal),
         dirichlet: mean(|d| d.dirichlet),
         symmetric_dirichlet: mean(|d| d.symmetric_dirichlet),
@@ -361,9 +362,9 @@ fn mean(values: impl Iterator<Item = (Distortion, f64)> + Clone) -> Option<Disto
     })
 }
 
-fn clamped(value: &Distortion) -> Distortion {
-    let rigid = Distortion::RIGID;
-    Distortion {
+fn clamped(value: &DistortionMetrics) -> DistortionMetrics {
+    let rigid = DistortionMetrics::RIGID;
+    DistortionMetrics {
         conformal: value.conformal.clamp(rigid.conformal, VOLMAP_BOUND),
         dirichlet: value.dirichlet.clamp(rigid.dirichlet, VOLMAP_BOUND),
         symmetric_dirichlet: value.symmetric_dirichlet.clamp(rigid.symmetric_dirichlet, VOLMAP_BOUND),
@@ -372,7 +373,7 @@ fn clamped(value: &Distortion) -> Distortion {
     }
 }
 
-fn determinants(samples: &[Sample]) -> Option<Determinants> {
+fn determinants(samples: &[StretchSample]) -> Option<Determinants> {
     let finite = samples.iter().filter(|sample| sample.is_finite());
     let folded = finite.clone().filter(|sample| !sample.is_regular());
     let (values, weights): (Vec<f64>, Vec<f64>) = finite.map(|sample| (sample.determinant, sample.weight)).unzip();
@@ -422,12 +423,12 @@ mod tests {
         nalgebra::Rotation3::new(axis).into_inner()
     }
 
-    fn fields(d: &Distortion) -> [f64; 5] {
+    fn fields(d: &DistortionMetrics) -> [f64; 5] {
         [d.conformal, d.dirichlet, d.symmetric_dirichlet, d.arap, d.mips]
     }
 
     #[track_caller]
-    fn assert_close(found: &Distortion, expected: [f64; 5], tolerance: f64) {
+    fn assert_close(found: &DistortionMetrics, expected: [f64; 5], tolerance: f64) {
         for (x, y) in fields(found).iter().zip(expected) {
             assert!((x - y).abs() <= tolerance * (1.0 + y.abs()), "{found:?} {expected:?}");
         }
@@ -460,11 +461,14 @@ mod tests {
 
     #[test]
     fn rigid_motions_have_the_ideal_values() {
-        assert_eq!(Distortion::density(&Matrix3::identity()), Distortion::RIGID);
+        assert_eq!(
+            DistortionMetrics::density(&Matrix3::identity()),
+            DistortionMetrics::RIGID
+        );
         let mut random = StdRng::seed_from_u64(1);
         for _ in 0..100 {
-            let found = Distortion::density(&rotation(&mut random));
-            assert_close(&found, fields(&Distortion::RIGID), 1e-14);
+            let found = DistortionMetrics::density(&rotation(&mut random));
+            assert_close(&found, fields(&DistortionMetrics::RIGID), 1e-14);
         }
     }
 
@@ -479,7 +483,7 @@ mod tests {
                 1.0,
             ];
             assert_close(
-                &Distortion::density(&Matrix3::from_diagonal_element(s)),
+                &DistortionMetrics::density(&Matrix3::from_diagonal_element(s)),
                 expected,
                 1e-15,
             );
@@ -495,7 +499,7 @@ mod tests {
             diagonal(1.0, 1.0, 2.0),
             diagonal(1.0, -2.0, -1.0),
         ] {
-            assert_close(&Distortion::density(&jacobian), expected, 1e-15);
+            assert_close(&DistortionMetrics::density(&jacobian), expected, 1e-15);
         }
     }
 
@@ -505,7 +509,7 @@ mod tests {
         let mut shear = Matrix3::identity();
         shear[(0, 1)] = 1.5;
         assert_close(
-            &Distortion::of(&stretches(&shear)),
+            &DistortionMetrics::of(&stretches(&shear)),
             [5.25 / 3.0, 5.25, 10.5, 1.25, 2.5 * 2.5 * 4.25 / 8.0],
             1e-14,
         );
@@ -581,7 +585,7 @@ mod tests {
     fn conformal_and_mips_are_least_at_similarities_and_nowhere_else() {
         let mut random = StdRng::seed_from_u64(5);
         for scale in [1e-180, 1e-3, 1.0, 40.0, 1e180] {
-            let similarity = Distortion::density(&(rotation(&mut random) * scale));
+            let similarity = DistortionMetrics::density(&(rotation(&mut random) * scale));
             assert!((similarity.conformal - 1.0).abs() < 1e-14 && (similarity.mips - 1.0).abs() < 1e-14);
             for _ in 0..50 {
                 // Stretches 1, 1 + x, 1 + y raise both by at least (x² + y² − x y) / 3 to leading order, which is at
@@ -592,7 +596,8 @@ mod tests {
                     scale * random.random_range(0.8..0.9),
                 ];
                 let [a, b, c] = stretches;
-                let other = Distortion::density(&(rotation(&mut random) * diagonal(a, b, c) * rotation(&mut random)));
+                let other =
+                    DistortionMetrics::density(&(rotation(&mut random) * diagonal(a, b, c) * rotation(&mut random)));
                 assert!(other.conformal > 1.0 + 1e-3 && other.mips > 1.0 + 1e-3, "{other:?}");
             }
         }
@@ -600,17 +605,17 @@ mod tests {
 
     #[test]
     fn flip_preventing_metrics_blow_up_towards_the_fold_and_are_infinite_beyond() {
-        let mut last = Distortion::RIGID;
+        let mut last = DistortionMetrics::RIGID;
         for exponent in 1..12 {
             let jacobian = diagonal(1.0, 1.0, 10f64.powi(-exponent));
-            let next = Distortion::density(&jacobian);
+            let next = DistortionMetrics::density(&jacobian);
             assert!(next.conformal > 2.0 * last.conformal);
             assert!(next.symmetric_dirichlet > 10.0 * last.symmetric_dirichlet);
             assert!(next.mips > 10.0 * last.mips);
             last = next;
         }
         for smallest in [0.0_f64, -1e-9, -1.0] {
-            let beyond = Distortion::density(&diagonal(1.0, 1.0, smallest));
+            let beyond = DistortionMetrics::density(&diagonal(1.0, 1.0, smallest));
             assert!(
                 [beyond.conformal, beyond.symmetric_dirichlet, beyond.mips]
                     .iter()
@@ -635,10 +640,14 @@ mod tests {
         );
         let over_tets = tet_distortion(&mesh, &carried(&mesh, |p| Point::from(matrix * p.coords)));
         for report in [over_points.unwrap(), over_tets.unwrap()] {
-            assert_close(&report.mean.unwrap(), fields(&Distortion::density(&matrix)), 1e-13);
+            assert_close(
+                &report.mean.unwrap(),
+                fields(&DistortionMetrics::density(&matrix)),
+                1e-13,
+            );
             assert_close(
                 &report.mean_normalized.unwrap(),
-                fields(&Distortion::density(&scaled)),
+                fields(&DistortionMetrics::density(&scaled)),
                 1e-13,
             );
             let determinants = report.determinants.unwrap();
@@ -732,7 +741,7 @@ mod tests {
         };
         let (folded, broken) = (share(&|z| z < below), share(&|z| z > above));
         assert!(folded.0 > 0 && broken.0 > 0);
-        assert_close(&report.mean.unwrap(), fields(&Distortion::RIGID), 1e-15);
+        assert_close(&report.mean.unwrap(), fields(&DistortionMetrics::RIGID), 1e-15);
         let determinants = report.determinants.unwrap();
         assert_eq!((determinants.negative, report.not_finite), (folded.0, broken.0));
         assert!((determinants.negative_volume - folded.1).abs() < 1e-15);
@@ -755,7 +764,7 @@ mod tests {
         tets.push([0, 1, 2, 3]);
         let mesh = TetMesh::new(mesh.vertices().to_vec(), tets).unwrap();
         let report = tet_distortion(&mesh, mesh.vertices()).unwrap();
-        assert_close(&report.mean.unwrap(), fields(&Distortion::RIGID), 1e-15);
+        assert_close(&report.mean.unwrap(), fields(&DistortionMetrics::RIGID), 1e-15);
         assert_eq!(
             (report.not_finite, report.not_finite_volume, report.left_out_fraction),
             (1, 0.0, 0.0)

@@ -5,7 +5,7 @@ use crate::statistics::weighted_quantiles;
 /// `median` is the smallest value such that half of the volume has it or less, `p99` that 99 percent have; points of
 /// small cells therefore count little.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Distribution {
+pub struct DensityQuantiles {
     /// Smallest value.
     pub min: f64,
     /// Value that half of the volume does not exceed.
@@ -16,7 +16,7 @@ pub struct Distribution {
     pub max: f64,
 }
 
-impl Distribution {
+impl DensityQuantiles {
     /// Quantiles of parallel values and weights, as [`weighted_quantiles`] has them. `None` when there are none. Costs a
     /// sort.
     ///
@@ -36,14 +36,14 @@ mod tests {
     #[test]
     fn quantiles_count_volume_and_not_points() {
         let values = [5.0, 1.0, 4.0, 2.0, 3.0];
-        let even = Distribution::weighted(&values, &[1.0; 5]).unwrap();
+        let even = DensityQuantiles::weighted(&values, &[1.0; 5]).unwrap();
         assert_eq!((even.min, even.median, even.p99, even.max), (1.0, 3.0, 5.0, 5.0));
-        let heavy = Distribution::weighted(&values, &[0.01, 1.0, 0.01, 100.0, 0.01]).unwrap();
+        let heavy = DensityQuantiles::weighted(&values, &[0.01, 1.0, 0.01, 100.0, 0.01]).unwrap();
         assert_eq!((heavy.median, heavy.p99, heavy.max), (2.0, 2.0, 5.0));
     }
 
     #[test]
     fn nothing_has_no_quantiles() {
-        assert_eq!(Distribution::weighted(&[], &[]), None);
+        assert_eq!(DensityQuantiles::weighted(&[], &[]), None);
     }
 }

@@ -13,11 +13,13 @@ pub mod harmonic;
 mod quadrature;
 mod tet_quadrature;
 
-pub use clipped_grid::{Resolution, clipped_grid};
+pub use clipped_grid::{GridResolution, clipped_grid};
 pub use deformation::Lame;
-pub use distortion::{Determinants, Distortion, DistortionReport, distortion, distortion_of_jacobians, tet_distortion};
-pub use distribution::Distribution;
-pub use quadrature::{CellMean, Grid, Layout, Quadrature, QuadratureError};
+pub use distortion::{
+    Determinants, DistortionMetrics, DistortionReport, distortion, distortion_of_jacobians, tet_distortion,
+};
+pub use distribution::DensityQuantiles;
+pub use quadrature::{CellLayout, CellMean, Grid, Quadrature, QuadratureError};
 pub use tet_quadrature::tet_quadrature;
 
 use std::ops::Range;
@@ -60,12 +62,12 @@ pub struct EnergyReport {
     /// Volume of the target, in model units.
     pub target_volume: f64,
     /// Harmonic energy density over the domain.
-    pub harmonic_density: Distribution,
+    pub harmonic_density: DensityQuantiles,
     /// Deformation energy density over the domain.
-    pub deformation_density: Distribution,
+    pub deformation_density: DensityQuantiles,
     /// `det J` of the map as it is, in model units also when energies are normalised. Where its sign is not that of
     /// `target_volume`, the map is folded.
-    pub det_jacobian: Distribution,
+    pub det_jacobian: DensityQuantiles,
     /// Points where the map is folded: `det J` is zero, or has not the sign of `target_volume`.
     pub inverted_points: usize,
     /// Share of the domain's volume that those points stand for.
@@ -196,7 +198,7 @@ fn measure(
             solid: "domain",
             volume: 0.0,
         };
-        Distribution::weighted(values, weights).ok_or(empty)
+        DensityQuantiles::weighted(values, weights).ok_or(empty)
     };
     // A reflecting map turns all of space over, and is folded where it does not.
     let orientation = if target_volume < 0.0 { -1.0 } else { 1.0 };
@@ -297,7 +299,7 @@ mod tests {
     };
 
     fn grid(surface: &SurfaceMesh, cells: usize) -> Quadrature {
-        clipped_grid(surface, Resolution::CellsAlongLongestSide(cells)).unwrap()
+        clipped_grid(surface, GridResolution::CellsAlongLongestSide(cells)).unwrap()
     }
 
     fn measured(map: &dyn VolumeMap, rule: &Quadrature, target_volume: f64, options: &EnergyOptions) -> EnergyReport {

@@ -1,4 +1,4 @@
-use super::clipped_grid::Resolution;
+use super::clipped_grid::GridResolution;
 use crate::{Point, Vector};
 
 /// Why a solid has no quadrature.
@@ -21,7 +21,7 @@ pub enum QuadratureError {
     },
     /// A grid of no cells, or of cells of no size.
     #[error("a grid cannot have {0}; ask for at least one cell, of positive finite size")]
-    NoCells(Resolution),
+    NoCells(GridResolution),
     /// More cells than can be handled.
     #[error(
         "the grid would have {} × {} × {} cells, more than {limit} in all or {axis_limit} along one side; choose larger cells",
@@ -72,12 +72,12 @@ pub struct Quadrature {
     points: Vec<Point>,
     weights: Vec<f64>,
     cells: Vec<u32>,
-    layout: Layout,
+    layout: CellLayout,
 }
 
 /// What the cells of a [`Quadrature`] are.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Layout {
+pub enum CellLayout {
     /// Boxes of a regular grid, clipped by the solid; boxes outside it have no points.
     Grid(Grid),
     /// The tetrahedra of a mesh, numbered as there; flat ones have no points.
@@ -102,7 +102,7 @@ pub struct Grid {
 /// Mean of a density over one cell's part of the solid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CellMean {
-    /// Number of the cell, as [`Layout`] has it.
+    /// Number of the cell, as [`CellLayout`] has it.
     pub cell: u32,
     /// Volume of the part of the cell inside the solid.
     pub volume: f64,
@@ -112,7 +112,7 @@ pub struct CellMean {
 
 impl Quadrature {
     /// A rule of these points, their weights and their cells; the three slices are parallel, `cells` ascends.
-    pub(super) fn new(points: Vec<Point>, weights: Vec<f64>, cells: Vec<u32>, layout: Layout) -> Self {
+    pub(super) fn new(points: Vec<Point>, weights: Vec<f64>, cells: Vec<u32>, layout: CellLayout) -> Self {
         debug_assert!(points.len() == weights.len() && points.len() == cells.len());
         debug_assert!(cells.is_sorted());
         Self {
@@ -139,7 +139,7 @@ impl Quadrature {
     }
 
     /// What the cells are.
-    pub fn layout(&self) -> Layout {
+    pub fn layout(&self) -> CellLayout {
         self.layout
     }
 

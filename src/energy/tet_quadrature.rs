@@ -1,4 +1,4 @@
-use super::quadrature::{Layout, Quadrature, QuadratureError};
+use super::quadrature::{CellLayout, Quadrature, QuadratureError};
 use crate::{Point, Vector, mesh::TetMesh};
 
 /// Quadrature over the tetrahedra of a mesh: four points each, exact for polynomials of degree 2.
@@ -36,7 +36,7 @@ pub fn tet_quadrature(mesh: &TetMesh) -> Result<Quadrature, QuadratureError> {
     if !(volume > 0.0 && volume.is_finite()) {
         return Err(QuadratureError::NoVolume { volume });
     }
-    Ok(Quadrature::new(points, weights, cells, Layout::Tets { count }))
+    Ok(Quadrature::new(points, weights, cells, CellLayout::Tets { count }))
 }
 
 /// The first vertex, in order of the elements, that an element uses and that is NaN or infinite.
@@ -85,7 +85,7 @@ mod tests {
         let rule = tet_quadrature(&unit(&[[0, 1, 1, 3], [0, 1, 2, 3], [0, 2, 1, 3]])).unwrap();
         assert!((rule.volume() - 1.0 / 3.0).abs() < 1e-16);
         assert_eq!(rule.cells(), [1, 1, 1, 1, 2, 2, 2, 2]);
-        assert_eq!(rule.layout(), Layout::Tets { count: 3 });
+        assert_eq!(rule.layout(), CellLayout::Tets { count: 3 });
     }
 
     #[test]

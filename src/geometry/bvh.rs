@@ -38,7 +38,7 @@ const STACK: usize = 80;
 const PARALLEL: usize = 8192;
 
 #[derive(Clone, Copy)]
-struct Item {
+struct BvhItem {
     bounds: Aabb,
     /// Twice the centre of the box.
     centre: Point,
@@ -65,12 +65,12 @@ impl BvhNode {
 impl Bvh {
     /// A tree over these boxes, whose coordinates are finite.
     pub fn new(boxes: &[Aabb]) -> Self {
-        let item = |(index, bounds): (usize, &Aabb)| Item {
+        let item = |(index, bounds): (usize, &Aabb)| BvhItem {
             bounds: *bounds,
             centre: bounds.low + bounds.high.coords,
             index: index as u32,
         };
-        let mut items: Vec<Item> = boxes.iter().enumerate().map(item).collect();
+        let mut items: Vec<BvhItem> = boxes.iter().enumerate().map(item).collect();
         let mut nodes = Vec::with_capacity(boxes.len());
         if !items.is_empty() {
             build(&mut items, 0, 0, &mut nodes);
@@ -134,7 +134,7 @@ impl Bvh {
 }
 
 /// Appends the nodes of the subtree over `items`, the first of which is item `begin` of all.
-fn build(items: &mut [Item], begin: usize, depth: usize, nodes: &mut Vec<BvhNode>) {
+fn build(items: &mut [BvhItem], begin: usize, depth: usize, nodes: &mut Vec<BvhNode>) {
     let bounds = items.iter().fold(Aabb::empty(), |all, item| all.union(&item.bounds));
     let root = nodes.len();
     nodes.push(BvhNode {
@@ -158,7 +158,7 @@ fn build(items: &mut [Item], begin: usize, depth: usize, nodes: &mut Vec<BvhNode
         nodes[root].second = (nodes.len() - root) as u32;
         build(second, begin + middle, depth + 1, nodes);
     } else {
-        let subtree = |items: &mut [Item], begin| {
+        let subtree = |items: &mut [BvhItem], begin| {
             let mut nodes = Vec::with_capacity(items.len());
             build(items, begin, depth + 1, &mut nodes);
             nodes
@@ -172,7 +172,7 @@ fn build(items: &mut [Item], begin: usize, depth: usize, nodes: &mut Vec<BvhNode
 }
 
 /// Rearranges the items and returns where the second part begins: both parts have items.
-fn split(items: &mut [Item]) -> usize {
+fn split(items: &mut [BvhItem]) -> usize {
     let centres = items.iter().fold(Aabb::empty(), |all, item| Aabb {
         low: all.low.inf(&item.centre),
         high: all.high.sup(&item.centre),
@@ -180,7 +180,7 @@ fn split(items: &mut [Item]) -> usize {
     let axis = centres.extent().imax();
     let (low, width) = (centres.low[axis], centres.extent()[axis]);
     let scale = BINS as f64 * (1.0 - f64::EPSILON) / width;
-    let bin = |item: &Item| ((item.centre[axis] - low) * scale) as usize;
+    let bin = |item: &BvhItem| ((item.centre[axis] - low) * scale) as usize;
     let Some(best) = cheapest_plane(items, |item| bin(item).min(BINS - 1)) else {
         return items.len() / 2;
     };
@@ -195,7 +195,7 @@ fn split(items: &mut [Item]) -> usize {
 }
 
 /// The bin at which to begin the second part, by the sum of box areas times items; `None` when one bin has them all.
-fn cheapest_plane(items: &[Item], bin: impl Fn(&Item) -> usize) -> Option<usize> {
+fn cheapest_plane(items: &[BvhItem], bin: impl Fn(&BvhItem) -> usize) -> Option<usize> {
     let mut counts = [0usize; BINS];
     let mut boxes = [Aabb::empty(); BINS];
     for item in items {

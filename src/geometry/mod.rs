@@ -16,7 +16,7 @@ mod winding_number;
 pub use aabb::Aabb;
 pub use bvh::{Bvh, BvhNode};
 pub use closest_point::{Feature, TrianglePoint, closest_point_on_triangle};
-pub use predicates::{FlippedTets, flipped_tets, orientation};
+pub use predicates::{FlipCounts, flipped_tets, orientation};
 pub(crate) use procrustes::similarity;
 pub use procrustes::{Similarity, SphereRotation, sphere_rotation};
 pub(crate) use surface_query::morton_order;

@@ -12,7 +12,7 @@ use crate::{Point, mesh::TetMesh};
 
 /// What a map does to the tetrahedra of a mesh; those in none of these groups keep their orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
-pub struct FlippedTets {
+pub struct FlipCounts {
     /// The image has the opposite orientation.
     pub negative: usize,
     /// The four images lie exactly in a plane.
@@ -24,7 +24,7 @@ pub struct FlippedTets {
     pub flat_in_domain: usize,
 }
 
-impl FlippedTets {
+impl FlipCounts {
     /// Tetrahedra of the domain with an orientation whose images do not have it.
     pub fn count(&self) -> usize {
         self.negative + self.degenerate + self.not_finite
@@ -56,7 +56,7 @@ pub fn orientation(a: &Point, b: &Point, c: &Point, d: &Point) -> Option<Orderin
 /// [`orientation`]. `images` are those of the vertices of `domain`; `None` when the counts differ.
 ///
 /// A map that mirrors the whole domain turns over every tetrahedron.
-pub fn flipped_tets(domain: &TetMesh, images: &[Point]) -> Option<FlippedTets> {
+pub fn flipped_tets(domain: &TetMesh, images: &[Point]) -> Option<FlipCounts> {
     if images.len() != domain.vertices().len() {
         return None;
     }
@@ -65,18 +65,18 @@ pub fn flipped_tets(domain: &TetMesh, images: &[Point]) -> Option<FlippedTets> {
             let [a, b, c, d] = tet.map(|v| &points[v as usize]);
             orientation(a, b, c, d)
         };
-        FlippedTets::of_one(side(domain.vertices()), side(images))
+        FlipCounts::of_one(side(domain.vertices()), side(images))
     };
     Some(
         domain
             .tets()
             .par_iter()
             .map(flipped)
-            .reduce(FlippedTets::default, FlippedTets::plus),
+            .reduce(FlipCounts::default, FlipCounts::plus),
     )
 }
 
-impl FlippedTets {
+impl FlipCounts {
     fn of_one(domain: Option<Ordering>, image: Option<Ordering>) -> Self {
         let mut counts = Self::default();
         match (domain, image) {
@@ -186,16 +186,16 @@ mod tests {
         let count = |image: &dyn Fn(&Point) -> Point| {
             flipped_tets(&domain, &vertices.iter().map(image).collect::<Vec<_>>()).unwrap()
         };
-        let kept = FlippedTets {
+        let kept = FlipCounts {
             not_finite: 1,
             flat_in_domain: 1,
-            ..FlippedTets::default()
+            ..FlipCounts::default()
         };
         assert_eq!(count(&|v| *v), kept);
-        assert_eq!(count(&|v| p(-v.x, v.y, v.z)), FlippedTets { negative: 2, ..kept });
-        assert_eq!(count(&|v| p(v.x, v.x, v.z)), FlippedTets { degenerate: 2, ..kept });
+        assert_eq!(count(&|v| p(-v.x, v.y, v.z)), FlipCounts { negative: 2, ..kept });
+        assert_eq!(count(&|v| p(v.x, v.x, v.z)), FlipCounts { degenerate: 2, ..kept });
         let lost = count(&|_| p(f64::INFINITY, 0.0, 0.0));
-        assert_eq!(lost, FlippedTets { not_finite: 3, ..kept });
+        assert_eq!(lost, FlipCounts { not_finite: 3, ..kept });
         assert_eq!(lost.count(), 3);
         assert_eq!(flipped_tets(&domain, &vertices[1..]), None);
     }
@@ -208,10 +208,10 @@ mod tests {
         };
         let read = |name: &str| crate::io::read_tets(std::path::Path::new(&folder).join("maps").join(name)).unwrap();
         let (object, cube) = (read("max_planck_object.mesh"), read("max_planck_cube.mesh"));
-        let expected = FlippedTets {
+        let expected = FlipCounts {
             negative: 45,
             degenerate: 198,
-            ..FlippedTets::default()
+            ..FlipCounts::default()
         };
         assert_eq!(flipped_tets(&object, cube.vertices()), Some(expected));
         let back = flipped_tets(&cube, object.vertices()).unwrap();

@@ -154,7 +154,7 @@ impl SurfaceQuery {
     /// ball, and balls that overlap are on the same side of the surface, so that in a crowd few need a winding number.
     pub fn are_outside(&self, balls: &[(Point, f64)]) -> Vec<bool> {
         let centres: Vec<Point> = balls.iter().map(|ball| ball.0).collect();
-        self.each(&centres, Free::default, |i, known| {
+        self.each(&centres, RecentBalls::default, |i, known| {
             let (centre, radius) = balls[i];
             centre.coords.iter().all(|x| x.is_finite())
                 && self.is_free(&centre, radius)
@@ -302,7 +302,7 @@ impl SurfaceQuery {
 
 /// The last few balls that were found free of the surface, and whether they are outside.
 #[derive(Default)]
-struct Free {
+struct RecentBalls {
     balls: [(Point, f64, bool); REMEMBERED],
     next: usize,
 }
@@ -310,7 +310,7 @@ struct Free {
 /// Balls remembered: along the curve, few points have all their neighbours farther back than this.
 const REMEMBERED: usize = 16;
 
-impl Free {
+impl RecentBalls {
     /// Whether a ball free of the surface is outside: as a known one that it overlaps, else as `find_out` says.
     fn is_outside(&mut self, centre: &Point, radius: f64, find_out: impl FnOnce() -> bool) -> bool {
         // Balls that only touch might do so through the surface.

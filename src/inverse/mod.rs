@@ -21,8 +21,8 @@ use crate::geometry::{ClosestPoint, QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
 use crate::mesh::SurfacePoint;
 
-use newton::{Effort, Limits, Root};
-use seeds::Seeds;
+use newton::{NewtonEffort, NewtonLimits, NewtonRoot};
+use seeds::SeedMesh;
 
 pub(crate) use seeds::barycentric;
 pub use seeds::lattice_mesh;
@@ -164,7 +164,7 @@ pub struct InverseMap<'a> {
     boundary: &'a BoundaryMap,
     domain: SurfaceQuery,
     target: SurfaceQuery,
-    seeds: Seeds,
+    seeds: SeedMesh,
     /// How far the map misses its boundary data at the domain's vertices, in units of the target.
     gap_rms: f64,
     gap_max: f64,
@@ -236,7 +236,7 @@ impl<'a> InverseMap<'a> {
         let target = SurfaceQuery::with_winding_sign(&boundary.outward_target()).map_err(InverseError::Target)?;
         let domain_diagonal = finite_diagonal("domain", &domain)?;
         let target_diagonal = finite_diagonal("target", &target)?;
-        let seeds = Seeds::new(map, boundary.domain(), &domain, options.seed_nodes);
+        let seeds = SeedMesh::new(map, boundary.domain(), &domain, options.seed_nodes);
         if seeds.is_empty() {
             return Err(InverseError::NoValues);
         }
@@ -281,7 +281,7 @@ impl<'a> InverseMap<'a> {
 
     /// First from the mapped tetrahedra that hold the points, then, where the preimages found do not add up to the
     /// degree of the map, from the nodes that go nearest to them.
-    fn batch(&self, points: &[Point]) -> (Vec<Preimage>, Effort) {
+    fn batch(&self, points: &[Point]) -> (Vec<Preimage>, NewtonEffort) {
         let starts: Vec<Vec<Point>> = points
             .par_iter()
             .map(|y| {
@@ -327,8 +327,8 @@ impl<'a> InverseMap<'a> {
 
     /// Points whose preimages do not add up to how often the target winds about them, or that are near a fold. Of those
     /// outside without any preimage only the ones that the boundary error could have put there.
-    fn doubtful(&self, points: &[Point], found: &[Vec<Found>], windings: &[f64]) -> Vec<usize> {
-        let is_near_fold = |f: &Found| self.is_near_fold(self.oriented(&f.root));
+    fn doubtful(&self, points: &[Point], found: &[Vec<FoundPreimage>], windings: &[f64]) -> Vec<usize> {
+        let is_near_fold = |f: &FoundPreimage| self.is_near_fold(self.oriented(&f.root));
         let adds_up = |i: usize| self.degree(&found[i]) == windings[i] && !found[i].iter().any(is_near_fold);
         let outer: Vec<usize> = (0..points.len())
             .filter(|&i| is_finite(&points[i]) && found[i].is_empty() && windings[i] == 0.0)
@@ -348,13 +348,13 @@ impl<'a> InverseMap<'a> {
     }
 
     /// The different preimages in the domain that Newton's method finds from the starts of each point.
-    fn search(&self, points: &[Point], starts: &[Vec<Point>]) -> (Vec<Vec<Found>>, Effort) {
+    fn search(&self, points: &[Point], starts: &[Vec<Point>]) -> (Vec<Vec<FoundPreimage>>, NewtonEffort) {
         let pairs: Vec<(Point, Point)> = points
             .iter()
             .zip(starts)
             .flat_map(|(y, seeds)| seeds.iter().map(|seed| (*y, *seed)))
             .collect();
-        let limits = Limits {
+        let limits = NewtonLimits {
             tolerance: self.tolerance,
             near: (NEAR_TOLERANCES * self.tolerance).min(NEAR * self.target_diagonal),
             first_step: 2.0 * self.seeds.spacing,
@@ -370,7 +370,7 @@ impl<'a> InverseMap<'a> {
             let mut found = Vec::new();
             for (root, beyond) in all.by_ref().take(seeds.len()) {
                 if let Some(beyond) = beyond {
-                    self.add(&mut found, Found { root: *root, beyond });
+                    self.add(&mut found, FoundPreimage { root: *root, beyond });
                 }
             }
             prefer_inner(&mut found);
@@ -381,10 +381,10 @@ impl<'a> InverseMap<'a> {
 
     /// Takes the Jacobian at the roots near folds, where a small step may change its sign. How many points this took to
     /// evaluate.
-    fn refresh(&self, roots: &mut [Root]) -> usize {
+    fn refresh(&self, roots: &mut [NewtonRoot]) -> usize {
         let is_stale =
-            |root: &&mut Root| root.converged && !root.is_fresh && self.is_near_fold(self.oriented(root).abs());
-        let stale: Vec<&mut Root> = roots.iter_mut().filter(is_stale).collect();
+            |root: &&mut NewtonRoot| root.converged && !root.is_fresh && self.is_near_fold(self.oriented(root).abs());
+        let stale: Vec<&mut NewtonRoot> = roots.iter_mut().filter(is_stale).collect();
         if stale.is_empty() {
             return 0;
         }
@@ -399,7 +399,7 @@ impl<'a> InverseMap<'a> {
 
     /// How far each root lies outside of the domain: 0 inside, `None` where it is no preimage: not converged, or outside
     /// and not in the gap. Also how many points this took to evaluate.
-    fn beyond(&self, pairs: &[(Point, Point)], roots: &[Root]) -> (Vec<Option<f64>>, usize) {
+    fn beyond(&self, pairs: &[(Point, Point)], roots: &[NewtonRoot]) -> (Vec<Option<f64>>, usize) {
         let converged: Vec<usize> = (0..roots.len()).filter(|&i| roots[i].converged).collect();
         let places: Vec<Point> = converged.iter().map(|&i| roots[i].x).collect();
         let inside = self.domain.contains_all(&places);
@@ -425,7 +425,7 @@ impl<'a> InverseMap<'a> {
     }
 
     /// The gap at the points of the domain's boundary that are closest to the places.
-    fn gaps_next_to(&self, places: &[Point]) -> Vec<Gap> {
+    fn gaps_next_to(&self, places: &[Point]) -> Vec<BoundaryGap> {
         let closest = self.domain.closest_points(places);
         let images = self
             .map
@@ -435,7 +435,7 @@ impl<'a> InverseMap<'a> {
             barycentric: closest.barycentric,
         });
         let wanted = self.boundary.evaluate(&on_boundary.collect::<Vec<_>>());
-        let gap = |((closest, image), wanted): ((&ClosestPoint, Point), Point)| Gap {
+        let gap = |((closest, image), wanted): ((&ClosestPoint, Point), Point)| BoundaryGap {
             distance: closest.distance,
             image,
             width: 2.0 * (wanted - image).norm() + self.gap_rms,
@@ -445,7 +445,7 @@ impl<'a> InverseMap<'a> {
 
     /// Whether a point must have more preimages than the one found, in the domain and not turned: the target's boundary
     /// winds about it another number of times, and it is farther from it than the gap there is wide.
-    fn incomplete(&self, points: &[Point], found: &[Vec<Found>], windings: &[f64]) -> Vec<bool> {
+    fn incomplete(&self, points: &[Point], found: &[Vec<FoundPreimage>], windings: &[f64]) -> Vec<bool> {
         let is_alone = |i: usize| matches!(&found[i][..], [only] if only.beyond == 0.0);
         let suspects: Vec<usize> = (0..points.len())
             .filter(|&i| is_alone(i) && self.degree(&found[i]) != windings[i])
@@ -463,10 +463,10 @@ impl<'a> InverseMap<'a> {
     }
 
     /// Adds a preimage that is not there yet.
-    fn add(&self, found: &mut Vec<Found>, new: Found) {
+    fn add(&self, found: &mut Vec<FoundPreimage>, new: FoundPreimage) {
         // What the seed mesh can tell apart is different, however large the blur at a fold.
-        let reach = |root: &Root| (SAME_BLURS * root.blur()).min(self.seeds.spacing);
-        let is_new = |known: &Found| {
+        let reach = |root: &NewtonRoot| (SAME_BLURS * root.blur()).min(self.seeds.spacing);
+        let is_new = |known: &FoundPreimage| {
             let same = (SAME * self.domain_diagonal)
                 .max(reach(&known.root))
                 .max(reach(&new.root));
@@ -478,7 +478,7 @@ impl<'a> InverseMap<'a> {
     }
 
     /// `det J` as seen from most of the domain.
-    fn oriented(&self, root: &Root) -> f64 {
+    fn oriented(&self, root: &NewtonRoot) -> f64 {
         self.seeds.orientation * root.jacobian.determinant()
     }
 
@@ -486,11 +486,11 @@ impl<'a> InverseMap<'a> {
         det < NEAR_FOLD * self.seeds.mean_det
     }
 
-    fn degree(&self, found: &[Found]) -> f64 {
+    fn degree(&self, found: &[FoundPreimage]) -> f64 {
         found.iter().map(|f| self.oriented(&f.root).signum()).sum()
     }
 
-    fn verdict(&self, y: &Point, found: &[Found], in_target: bool, incomplete: bool) -> Preimage {
+    fn verdict(&self, y: &Point, found: &[FoundPreimage], in_target: bool, incomplete: bool) -> Preimage {
         let best = found
             .iter()
             .max_by(|a, b| self.oriented(&a.root).total_cmp(&self.oriented(&b.root)));
@@ -551,13 +551,13 @@ impl<'a> InverseMap<'a> {
 }
 
 /// A root in the domain, or outside of it in the gap.
-struct Found {
-    root: Root,
+struct FoundPreimage {
+    root: NewtonRoot,
     beyond: f64,
 }
 
 /// What the boundary error leaves open next to a place.
-struct Gap {
+struct BoundaryGap {
     /// Of the place from the domain's boundary.
     distance: f64,
     /// Of the closest point of the domain's boundary.
@@ -567,7 +567,7 @@ struct Gap {
 }
 
 /// Points in the gap with a preimage in the domain need none outside.
-fn prefer_inner(found: &mut Vec<Found>) {
+fn prefer_inner(found: &mut Vec<FoundPreimage>) {
     if found.iter().any(|f| f.beyond == 0.0) {
         found.retain(|f| f.beyond == 0.0);
     }

@@ -11,7 +11,7 @@ use crate::{Matrix3, Point, Vector};
 
 /// How long to go on, in model units.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Limits {
+pub(super) struct NewtonLimits {
     /// Residual that is small enough, in units of the target.
     pub tolerance: f64,
     /// Residual below which the last Jacobian serves on, in units of the target.
@@ -25,7 +25,7 @@ pub(super) struct Limits {
 
 /// Where the search for a point ended.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Root {
+pub(super) struct NewtonRoot {
     /// The place with the smallest residual that was met.
     pub x: Point,
     /// `|f(x) − y|`; infinite when no finite value was met.
@@ -36,7 +36,7 @@ pub(super) struct Root {
     pub converged: bool,
 }
 
-impl Root {
+impl NewtonRoot {
     /// How far the preimage may be from `x`, where the map is linear over as much.
     pub fn blur(&self) -> f64 {
         let inverse = self.jacobian.try_inverse();
@@ -46,14 +46,14 @@ impl Root {
 
 /// What a batch took.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Effort {
+pub(super) struct NewtonEffort {
     /// Rounds of the batch.
     pub iterations: usize,
     /// Points at which the map was evaluated.
     pub evaluations: usize,
 }
 
-impl Effort {
+impl NewtonEffort {
     /// Together with what was done after it.
     pub fn add(&mut self, next: Self) {
         self.iterations += next.iterations;
@@ -69,7 +69,7 @@ const SHORTEST: f64 = 1e-9;
 const SINGULAR: f64 = 1e-12;
 const DAMPING: f64 = 1e-3;
 
-struct Search {
+struct NewtonSearch {
     y: Point,
     x: Point,
     residual: f64,
@@ -79,11 +79,11 @@ struct Search {
     step: Vector,
     part: f64,
     trust: f64,
-    state: State,
+    state: SearchState,
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum State {
+enum SearchState {
     Running,
     /// The Jacobian is near enough: only values are needed.
     Near,
@@ -92,9 +92,16 @@ enum State {
 }
 
 /// Searches a preimage of each `y` from its seed, pairs `(y, seed)`.
-pub(super) fn solve(map: &dyn VolumeMap, starts: &[(Point, Point)], limits: &Limits) -> (Vec<Root>, Effort) {
-    let mut searches: Vec<Search> = starts.iter().map(|&(y, seed)| Search::new(y, seed, limits)).collect();
-    let mut effort = Effort::default();
+pub(super) fn solve(
+    map: &dyn VolumeMap,
+    starts: &[(Point, Point)],
+    limits: &NewtonLimits,
+) -> (Vec<NewtonRoot>, NewtonEffort) {
+    let mut searches: Vec<NewtonSearch> = starts
+        .iter()
+        .map(|&(y, seed)| NewtonSearch::new(y, seed, limits))
+        .collect();
+    let mut effort = NewtonEffort::default();
     while effort.iterations < limits.iterations {
         let (running, near) = split_by_need(&mut searches);
         if running.is_empty() && near.is_empty() {
@@ -114,21 +121,21 @@ pub(super) fn solve(map: &dyn VolumeMap, starts: &[(Point, Point)], limits: &Lim
             found.for_each(|(search, image)| search.take(image, None, limits));
         }
     }
-    (searches.iter().map(Search::root).collect(), effort)
+    (searches.iter().map(NewtonSearch::root).collect(), effort)
 }
 
 /// The searches that need a Jacobian, and those that need a value only.
-fn split_by_need(searches: &mut [Search]) -> (Vec<&mut Search>, Vec<&mut Search>) {
+fn split_by_need(searches: &mut [NewtonSearch]) -> (Vec<&mut NewtonSearch>, Vec<&mut NewtonSearch>) {
     let open = searches.iter_mut().filter(|search| !search.is_done());
-    open.partition(|search| search.state == State::Running)
+    open.partition(|search| search.state == SearchState::Running)
 }
 
-fn trials(searches: &[&mut Search]) -> Vec<Point> {
+fn trials(searches: &[&mut NewtonSearch]) -> Vec<Point> {
     searches.iter().map(|search| search.x + search.step).collect()
 }
 
-impl Search {
-    fn new(y: Point, seed: Point, limits: &Limits) -> Self {
+impl NewtonSearch {
+    fn new(y: Point, seed: Point, limits: &NewtonLimits) -> Self {
         Self {
             y,
             x: seed,
@@ -138,16 +145,16 @@ impl Search {
             step: Vector::zeros(),
             part: 0.0,
             trust: limits.first_step,
-            state: State::Running,
+            state: SearchState::Running,
         }
     }
 
     fn is_done(&self) -> bool {
-        matches!(self.state, State::Converged | State::Stuck)
+        matches!(self.state, SearchState::Converged | SearchState::Stuck)
     }
 
     /// Goes on with what the map gives at the place tried.
-    fn take(&mut self, image: Point, jacobian: Option<Matrix3>, limits: &Limits) {
+    fn take(&mut self, image: Point, jacobian: Option<Matrix3>, limits: &NewtonLimits) {
         let difference = image - self.y;
         let residual = difference.norm();
         let enough = (1.0 - ARMIJO * self.part) * self.residual;
@@ -161,20 +168,20 @@ impl Search {
         self.jacobian = jacobian.unwrap_or(self.jacobian);
         self.is_fresh = jacobian.is_some();
         if residual <= limits.tolerance {
-            self.state = State::Converged;
+            self.state = SearchState::Converged;
             return;
         }
         // An old Jacobian that gains little is worth its renewal.
         let near = residual <= limits.near && (jacobian.is_some() || gain < 0.05);
-        self.state = if near { State::Near } else { State::Running };
+        self.state = if near { SearchState::Near } else { SearchState::Running };
         self.advance(&difference, limits);
     }
 
-    fn advance(&mut self, difference: &Vector, limits: &Limits) {
+    fn advance(&mut self, difference: &Vector, limits: &NewtonLimits) {
         let step = newton_step(&self.jacobian, difference);
         let length = step.norm();
         if !length.is_finite() {
-            self.state = State::Stuck;
+            self.state = SearchState::Stuck;
             return;
         }
         self.part = (self.trust / length).min(1.0);
@@ -182,24 +189,24 @@ impl Search {
         self.trust = (2.0 * self.trust).min(limits.longest_step);
     }
 
-    fn retreat(&mut self, limits: &Limits) {
+    fn retreat(&mut self, limits: &NewtonLimits) {
         self.step *= 0.5;
         self.part *= 0.5;
         self.trust = self.step.norm();
         self.state = if self.trust > SHORTEST * limits.first_step {
-            State::Running
+            SearchState::Running
         } else {
-            State::Stuck
+            SearchState::Stuck
         };
     }
 
-    fn root(&self) -> Root {
-        Root {
+    fn root(&self) -> NewtonRoot {
+        NewtonRoot {
             x: self.x,
             residual: self.residual,
             jacobian: self.jacobian,
             is_fresh: self.is_fresh,
-            converged: self.state == State::Converged,
+            converged: self.state == SearchState::Converged,
         }
     }
 }
@@ -241,7 +248,7 @@ mod tests {
     fn jacobians_said_to_be_fresh_are_those_at_the_root() {
         let start = [(Point::new(0.09, 0.0, 0.0), Point::new(0.5, 0.0, 0.0))];
         for (tolerance, near, fresh) in [(1e-9, 1e-2, false), (1e-3, 1e-5, true)] {
-            let limits = Limits {
+            let limits = NewtonLimits {
                 tolerance,
                 near,
                 first_step: 1.0,

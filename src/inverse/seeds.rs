@@ -16,7 +16,7 @@ use crate::{Point, Vector};
 use super::{InverseError, finite_diagonal};
 
 /// The mapped mesh.
-pub(super) struct Seeds {
+pub(super) struct SeedMesh {
     mesh: MappedMesh,
     by_tet: Bvh,
     by_node: Bvh,
@@ -66,10 +66,10 @@ const EIGHTHS: [[usize; 4]; 8] = [
     [5, 8, 7, 9],
 ];
 
-impl Seeds {
+impl SeedMesh {
     /// A mesh of about so many `nodes` inside of the domain, mapped, and finer where the map may fold.
     pub fn new(map: &dyn VolumeMap, domain: &SurfaceMesh, query: &SurfaceQuery, nodes: usize) -> Self {
-        let lattice = Lattice::over(domain, query, nodes);
+        let lattice = SeedLattice::over(domain, query, nodes);
         let (mut nodes, tets) = lattice.tetrahedra(query);
         let stride = domain.vertices().len().div_ceil(MAX_BOUNDARY_NODES).max(1);
         nodes.extend(domain.vertices().iter().step_by(stride));
@@ -277,19 +277,19 @@ pub(crate) fn barycentric(corners: &[Point; 4], y: &Point) -> Option<[f64; 4]> {
 pub fn lattice_mesh(domain: &SurfaceMesh, nodes: usize) -> Result<TetMesh, InverseError> {
     let query = SurfaceQuery::new(domain).map_err(InverseError::Domain)?;
     finite_diagonal("domain", &query)?;
-    let (nodes, tets) = Lattice::over(domain, &query, nodes).tetrahedra(&query);
+    let (nodes, tets) = SeedLattice::over(domain, &query, nodes).tetrahedra(&query);
     Ok(TetMesh::new(nodes, tets).expect("tetrahedra name nodes"))
 }
 
 /// A lattice over the domain's box, and which of its points are inside.
-struct Lattice {
+struct SeedLattice {
     origin: Point,
     size: f64,
     counts: [usize; 3],
     inside: Vec<bool>,
 }
 
-impl Lattice {
+impl SeedLattice {
     /// The box of the domain is to have a finite diagonal, not 0.
     fn over(domain: &SurfaceMesh, query: &SurfaceQuery, nodes: usize) -> Self {
         let bounds = query.bounds();
@@ -383,7 +383,7 @@ mod tests {
     fn tetrahedra_that_are_mapped_flat_are_left_out() {
         let domain = shapes::cube(1.0, 2);
         let query = SurfaceQuery::new(&domain).unwrap();
-        let seeds = Seeds::new(&Flattening, &domain, &query, 200);
+        let seeds = SeedMesh::new(&Flattening, &domain, &query, 200);
         assert!(seeds.mesh.tets.is_empty());
         let y = Point::new(0.1, 0.2, 0.13);
         assert!(seeds.holding(&y, 8).is_empty() && seeds.nearest(&y, 6).len() == 6);

@@ -19,7 +19,7 @@ use crate::fit::FitReport;
 use crate::map::HarmonicMap;
 use crate::mesh::SurfaceMesh;
 use crate::solver::Coefficients;
-use crate::texture::{Extended, Paint, Picture, Skin, SolidTexture, Wrap};
+use crate::texture::{ColourSource, ColouredSurface, ExtendedQuantity, Picture, SolidTexture, Wrap};
 
 /// A solid texture as stored.
 #[derive(Debug, Clone)]
@@ -60,7 +60,7 @@ impl TextureMetadata {
 struct Header {
     #[serde(flatten)]
     metadata: TextureMetadata,
-    extended: Extended,
+    extended: ExtendedQuantity,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     picture: Option<PictureHeader>,
 }
@@ -79,7 +79,7 @@ struct PictureHeader {
 /// When the file cannot be written.
 pub fn write_texture(path: &Path, file: &TextureFile) -> Result<(), TensorFileError> {
     let texture = &file.texture;
-    let (surface, coefficients) = (texture.skin().surface(), texture.map().coefficients());
+    let (surface, coefficients) = (texture.coloured_surface().surface(), texture.map().coefficients());
     let mut tensors = vec![
         Tensor::points("sources", texture.map().sources()),
         Tensor::rows("coefficients", coefficients.sources.iter()),
@@ -92,8 +92,8 @@ pub fn write_texture(path: &Path, file: &TextureFile) -> Result<(), TensorFileEr
         extended: texture.extended(),
         picture: None,
     };
-    match texture.skin().paint() {
-        Paint::Picture { uv, picture, wrap } => {
+    match texture.coloured_surface().colour_source() {
+        ColourSource::Picture { uv, picture, wrap } => {
             for (name, k) in [("u", 0), ("v", 1)] {
                 let along: Vec<[f64; 3]> = uv.iter().map(|corners| corners.map(|uv| uv[k])).collect();
                 tensors.push(Tensor::rows(name, along.iter()));
@@ -105,7 +105,7 @@ pub fn write_texture(path: &Path, file: &TextureFile) -> Result<(), TensorFileEr
                 wrap: *wrap,
             });
         }
-        Paint::Vertices(colours) => tensors.push(Tensor::rows("colours", colours.iter())),
+        ColourSource::Vertices(colours) => tensors.push(Tensor::rows("colours", colours.iter())),
     }
     TEXTURE.write(path, &header, &tensors)
 }
@@ -120,8 +120,8 @@ pub fn read_texture(path: &Path) -> Result<TextureFile, TensorFileError> {
     let reader = Reader::new(&TEXTURE, path, &content)?;
     let header: Header = reader.metadata()?;
     let map = read_map(&reader)?.with_error(header.metadata.fit.residual_rms);
-    let skin = read_skin(&reader, header.picture)?;
-    let texture = SolidTexture::from_parts(skin, header.extended, map, header.metadata.fit.clone())
+    let coloured = read_coloured_surface(&reader, header.picture)?;
+    let texture = SolidTexture::from_parts(coloured, header.extended, map, header.metadata.fit.clone())
         .map_err(|error| reader.problem("sources", format!("cannot be used: {error}")))?;
     Ok(TextureFile {
         texture,
@@ -139,12 +139,12 @@ fn read_map(reader: &Reader) -> Result<HarmonicMap, TensorFileError> {
         .ok_or_else(|| reader.problem("coefficients", format!("has {count} rows, which is not one per source")))
 }
 
-fn read_skin(reader: &Reader, picture: Option<PictureHeader>) -> Result<Skin, TensorFileError> {
+fn read_coloured_surface(reader: &Reader, picture: Option<PictureHeader>) -> Result<ColouredSurface, TensorFileError> {
     let surface = SurfaceMesh::new(reader.points("vertices")?, reader.triangles("triangles")?)
         .map_err(|error| reader.problem("triangles", format!("do not fit the vertices: {error}")))?;
     let Some(PictureHeader { width, height, wrap }) = picture else {
         let colours = reader.rows("colours")?;
-        return Skin::of_vertices(&surface, colours)
+        return ColouredSurface::from_vertex_colours(&surface, colours)
             .map_err(|error| reader.problem("colours", format!("cannot be used: {error}")));
     };
     let (u, v) = (reader.rows("u")?, reader.rows("v")?);
@@ -154,6 +154,6 @@ fn read_skin(reader: &Reader, picture: Option<PictureHeader>) -> Result<Skin, Te
     let corners = u.iter().zip(&v).map(|(u, v)| std::array::from_fn(|k| [u[k], v[k]]));
     let picture = Picture::new(width, height, reader.bytes("picture")?)
         .map_err(|error| reader.problem("picture", format!("cannot be used: {error}")))?;
-    Skin::of_picture(&surface, corners.collect(), picture, wrap)
+    ColouredSurface::from_picture(&surface, corners.collect(), picture, wrap)
         .map_err(|error| reader.problem("u", format!("cannot be used: {error}")))
 }

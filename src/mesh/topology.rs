@@ -18,14 +18,14 @@ pub struct Topology<'a> {
     edges: Vec<[u32; 2]>,
     /// The sides of edge `e` are `sides[first_side[e]..first_side[e + 1]]`.
     first_side: Vec<u32>,
-    sides: Vec<Side>,
+    sides: Vec<HalfEdge>,
     /// Edge of side `k` of triangle `t` at `[t][k]`.
     edge_of_side: Vec<[u32; 3]>,
 }
 
 /// One side of a triangle: from its corner `corner` to the next, `(corner + 1) % 3`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Side {
+pub struct HalfEdge {
     /// Which triangle.
     pub triangle: u32,
     /// Which corner the side starts at: 0, 1 or 2.
@@ -108,7 +108,7 @@ impl<'a> Topology<'a> {
     }
 
     /// The triangle sides that lie on an edge, the lowest triangle first.
-    pub fn sides(&self, edge: usize) -> &[Side] {
+    pub fn sides(&self, edge: usize) -> &[HalfEdge] {
         &self.sides[self.first_side[edge] as usize..self.first_side[edge + 1] as usize]
     }
 
@@ -119,7 +119,7 @@ impl<'a> Topology<'a> {
     }
 
     /// Whether a side runs from the lower vertex of its edge to the higher.
-    pub fn runs_forward(&self, side: Side) -> bool {
+    pub fn runs_forward(&self, side: HalfEdge) -> bool {
         let corners = self.mesh.triangles()[side.triangle as usize];
         corners[side.corner as usize] < corners[(side.corner as usize + 1) % 3]
     }
@@ -175,7 +175,7 @@ impl<'a> Topology<'a> {
     ///
     /// Each is a closed loop where the surface is edge-manifold; elsewhere it may be a path that ends.
     pub fn boundary_loops(&self) -> Vec<Vec<u32>> {
-        let mut rim = Rim::new(self);
+        let mut rim = OpenEdgeGraph::new(self);
         let mut loops = Vec::new();
         for start in 0..rim.edges.len() {
             if !rim.walked[start] {
@@ -267,7 +267,7 @@ impl<'a> Topology<'a> {
         fans
     }
 
-    fn corner_of_side_at(&self, side: Side, vertex: u32) -> u32 {
+    fn corner_of_side_at(&self, side: HalfEdge, vertex: u32) -> u32 {
         let k = side.corner as u32;
         if self.start(side) == vertex {
             3 * side.triangle + k
@@ -276,7 +276,7 @@ impl<'a> Topology<'a> {
         }
     }
 
-    fn start(&self, side: Side) -> u32 {
+    fn start(&self, side: HalfEdge) -> u32 {
         self.mesh.triangles()[side.triangle as usize][side.corner as usize]
     }
 
@@ -330,7 +330,7 @@ impl<'a> Topology<'a> {
         }
     }
 
-    fn agree(&self, sides: &[Side]) -> bool {
+    fn agree(&self, sides: &[HalfEdge]) -> bool {
         self.start(sides[0]) != self.start(sides[1])
     }
 
@@ -381,7 +381,7 @@ impl<'a> Topology<'a> {
 }
 
 /// Edges in order of their vertices, where the sides of each begin, and the sides. Buckets by the lower vertex.
-fn gather_edges(mesh: &SurfaceMesh) -> (Vec<[u32; 2]>, Vec<u32>, Vec<Side>) {
+fn gather_edges(mesh: &SurfaceMesh) -> (Vec<[u32; 2]>, Vec<u32>, Vec<HalfEdge>) {
     let mut first_in_bucket = vec![0u32; mesh.vertices().len() + 1];
     for ([low, _], _) in proper_sides(mesh) {
         first_in_bucket[low as usize + 1] += 1;
@@ -390,7 +390,7 @@ fn gather_edges(mesh: &SurfaceMesh) -> (Vec<[u32; 2]>, Vec<u32>, Vec<Side>) {
         first_in_bucket[v + 1] += first_in_bucket[v];
     }
     let count = *first_in_bucket.last().expect("one more than vertices") as usize;
-    let nothing = Side { triangle: 0, corner: 0 };
+    let nothing = HalfEdge { triangle: 0, corner: 0 };
     let mut bucketed = vec![(0, nothing); count];
     let mut free = first_in_bucket.clone();
     for ([low, high], side) in proper_sides(mesh) {
@@ -414,7 +414,7 @@ fn gather_edges(mesh: &SurfaceMesh) -> (Vec<[u32; 2]>, Vec<u32>, Vec<Side>) {
 }
 
 /// Sides of all triangles with three different corners, with their vertices in ascending order.
-fn proper_sides(mesh: &SurfaceMesh) -> impl Iterator<Item = ([u32; 2], Side)> {
+fn proper_sides(mesh: &SurfaceMesh) -> impl Iterator<Item = ([u32; 2], HalfEdge)> {
     let triangles = mesh.triangles().iter().enumerate();
     triangles
         .filter(|(_, [a, b, c])| a != b && b != c && c != a)
@@ -422,7 +422,7 @@ fn proper_sides(mesh: &SurfaceMesh) -> impl Iterator<Item = ([u32; 2], Side)> {
             [0, 1, 2].map(|k: u8| {
                 let (u, v) = (corners[k as usize], corners[(k as usize + 1) % 3]);
                 let triangle = t as u32;
-                ([u.min(v), u.max(v)], Side { triangle, corner: k })
+                ([u.min(v), u.max(v)], HalfEdge { triangle, corner: k })
             })
         })
 }
@@ -433,7 +433,7 @@ fn indices_where(marks: &[bool]) -> Vec<u32> {
 
 /// The open edges as a graph whose nodes are fans rather than vertices: at a pinched vertex the rims of different
 /// fans stay apart, and each passes straight through.
-struct Rim {
+struct OpenEdgeGraph {
     /// Vertices at both ends, against the direction of the triangle.
     edges: Vec<[u32; 2]>,
     /// Fans at both ends.
@@ -446,7 +446,7 @@ struct Rim {
     next: Vec<u32>,
 }
 
-impl Rim {
+impl OpenEdgeGraph {
     fn new(topology: &Topology) -> Self {
         let mut fans = topology.fans();
         let (mut edges, mut nodes) = (Vec::new(), Vec::new());

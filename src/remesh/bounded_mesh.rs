@@ -21,7 +21,7 @@ pub struct BoundedMesh {
 
 /// The faces between some cells of a mesh and everything else.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Skin {
+pub struct CellSetBoundary {
     /// Triangles, facing out of the cells.
     pub triangles: Vec<[u32; 3]>,
     /// The cell that each triangle belongs to.
@@ -43,7 +43,7 @@ const HEX_FACES: [[usize; 4]; 6] = [
 
 /// A face as a cell sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Face {
+pub(super) struct CellFace {
     /// Its nodes, ascending; the last is `u32::MAX` of a triangle.
     pub nodes: [u32; 4],
     pub cell: u32,
@@ -56,8 +56,8 @@ pub(super) struct Face {
 }
 
 /// The faces of all cells, those between two cells beside each other.
-pub(super) fn faces(cells: &CellList) -> Vec<Face> {
-    let mut faces: Vec<Face> = match cells {
+pub(super) fn faces(cells: &CellList) -> Vec<CellFace> {
+    let mut faces: Vec<CellFace> = match cells {
         CellList::Tets(tets) => (0..tets.len() as u32)
             .into_par_iter()
             .flat_map_iter(|cell| {
@@ -66,7 +66,7 @@ pub(super) fn faces(cells: &CellList) -> Vec<Face> {
                     let mut nodes = [a, b, c, u32::MAX];
                     nodes.sort_unstable();
                     let turns = [[a, b], [b, c], [c, a]].contains(&[nodes[0], nodes[1]]);
-                    Face {
+                    CellFace {
                         nodes,
                         cell,
                         side,
@@ -84,7 +84,7 @@ pub(super) fn faces(cells: &CellList) -> Vec<Face> {
                     let mut nodes = around;
                     nodes.sort_unstable();
                     let first = around.iter().position(|v| *v == nodes[0]).unwrap_or(0);
-                    Face {
+                    CellFace {
                         nodes,
                         cell,
                         side,
@@ -100,12 +100,12 @@ pub(super) fn faces(cells: &CellList) -> Vec<Face> {
 }
 
 /// Of sorted faces, those that belong to one cell only.
-pub(super) fn outer(faces: &[Face]) -> impl Iterator<Item = &Face> {
+pub(super) fn outer(faces: &[CellFace]) -> impl Iterator<Item = &CellFace> {
     let groups = faces.chunk_by(|a, b| a.nodes == b.nodes);
     groups.filter(|group| group.len() == 1).map(|group| &group[0])
 }
 
-impl Face {
+impl CellFace {
     /// Its triangles, facing out of the cell.
     pub fn triangles(&self, cells: &CellList) -> impl Iterator<Item = [u32; 3]> {
         let (a, b) = match cells {
@@ -125,7 +125,7 @@ impl Face {
 
 impl BoundedMesh {
     /// A mesh with its outer faces as its boundary.
-    pub(super) fn of(mesh: CellMesh, faces: &[Face]) -> Self {
+    pub(super) fn of(mesh: CellMesh, faces: &[CellFace]) -> Self {
         let (nodes, cells, regions) = mesh.into_parts();
         let boundary: Vec<[u32; 3]> = outer(faces).flat_map(|face| face.triangles(&cells)).collect();
         let mut on_boundary = vec![false; nodes.len()];
@@ -189,13 +189,13 @@ impl BoundedMesh {
     }
 
     /// The faces around the cells that are `kept`. Takes time for sorting the faces of all cells.
-    pub fn skin(&self, kept: impl Fn(u32) -> bool) -> Skin {
+    pub fn boundary_of(&self, kept: impl Fn(u32) -> bool) -> CellSetBoundary {
         let mut faces = faces(&self.cells);
         faces.retain(|face| kept(face.cell));
         let outer = faces
             .chunk_by(|a, b| a.nodes == b.nodes)
             .filter(|group| group.len() == 1);
-        let mut skin = Skin::default();
+        let mut skin = CellSetBoundary::default();
         for face in outer.map(|group| &group[0]) {
             let halves: &[[bool; 3]] = match self.cells {
                 CellList::Tets(_) => &[[true; 3]],

@@ -15,8 +15,8 @@ use crate::{Matrix3, Point, Vector};
 
 /// Cells as linear maps of reference shapes: tetrahedra, or the corners of hexahedra.
 #[derive(Debug)]
-pub(super) struct Samples {
-    cells: Shapes,
+pub(super) struct FoldoverEnergy {
+    cells: ReferenceCells,
     /// Uses of each node: those of node `v` are `uses[starts[v]..starts[v + 1]]`, each a cell times its corners plus a
     /// corner.
     starts: Vec<u32>,
@@ -24,7 +24,7 @@ pub(super) struct Samples {
 }
 
 #[derive(Debug)]
-enum Shapes {
+enum ReferenceCells {
     Tets {
         corners: Vec<[u32; 4]>,
         /// Inverse of the matrix of reference edges, scaled so that the mean determinant of all maps is 1.
@@ -51,7 +51,7 @@ const RUN: usize = 2048;
 
 /// The energy and what goes with it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Value {
+pub(super) struct EnergyValue {
     pub energy: f64,
     /// Least determinant, NaN if one is.
     pub least: f64,
@@ -59,7 +59,7 @@ pub(super) struct Value {
     pub inverted: usize,
 }
 
-impl Samples {
+impl FoldoverEnergy {
     /// Tetrahedra against those between the nodes `reference`, or, where these are slivers or inverted, against regular ones
     /// of the mean volume. `volume` is the sum of the signed volumes of the image.
     pub fn of_tets(tets: &[[u32; 4]], reference: &[Point], volume: f64) -> Self {
@@ -82,7 +82,7 @@ impl Samples {
         let scale = usable((volume.abs() / total).cbrt());
         let inverse = |e: &Matrix3| e.try_inverse().unwrap_or_else(Matrix3::identity) / scale;
         Self::new(
-            Shapes::Tets {
+            ReferenceCells::Tets {
                 corners: tets.to_vec(),
                 rest: shapes.iter().map(inverse).collect(),
                 weights: volumes.iter().map(|v| v / total).collect(),
@@ -95,7 +95,7 @@ impl Samples {
     pub fn of_hexes(hexes: &[[u32; 8]], nodes: usize, volume: f64) -> Self {
         let side = usable((volume.abs() / hexes.len() as f64).cbrt());
         Self::new(
-            Shapes::Hexes {
+            ReferenceCells::Hexes {
                 corners: hexes.to_vec(),
                 scale: side.recip(),
                 inside: vec![],
@@ -104,7 +104,7 @@ impl Samples {
         )
     }
 
-    fn new(cells: Shapes, nodes: usize) -> Self {
+    fn new(cells: ReferenceCells, nodes: usize) -> Self {
         let flat = cells.flat();
         let mut starts = vec![0u32; nodes + 1];
         for v in flat {
@@ -126,12 +126,12 @@ impl Samples {
     /// Determinants of all maps, 1 in the mean.
     pub fn determinants(&self, x: &[Point]) -> Vec<f64> {
         match &self.cells {
-            Shapes::Tets { corners, rest, .. } => corners
+            ReferenceCells::Tets { corners, rest, .. } => corners
                 .par_iter()
                 .zip(rest)
                 .map(|(t, rest)| (edges(t.map(|v| x[v as usize])) * rest).determinant())
                 .collect(),
-            Shapes::Hexes { corners, scale, .. } => corners
+            ReferenceCells::Hexes { corners, scale, .. } => corners
                 .par_iter()
                 .flat_map_iter(|h| {
                     HEX_CORNERS.map(|c| edges(c.map(|k| x[h[k] as usize])).determinant() * scale.powi(3))
@@ -143,7 +143,7 @@ impl Samples {
     /// From now on the energy looks inside of these hexahedra too: at the midpoints of their edges and faces, and at the
     /// centre. Positive corners do not make a trilinear map positive.
     pub fn look_inside(&mut self, cells: &[u32]) {
-        if let Shapes::Hexes { corners, inside, .. } = &mut self.cells {
+        if let ReferenceCells::Hexes { corners, inside, .. } = &mut self.cells {
             inside.resize(corners.len(), false);
             cells.iter().for_each(|&c| inside[c as usize] = true);
         }
@@ -185,11 +185,11 @@ impl Samples {
         free: &[u32],
         parts: &mut Vec<Vector>,
         gradient: &mut [Vector],
-    ) -> Value {
+    ) -> EnergyValue {
         parts.resize(self.uses.len(), Vector::zeros());
         let per_cell = self.cells.corners();
         // Runs of one length, added in order: the same for any number of threads.
-        let values: Vec<Value> = parts
+        let values: Vec<EnergyValue> = parts
             .par_chunks_mut(RUN * per_cell)
             .enumerate()
             .map(|(run, parts)| self.cells.evaluate(run * RUN, x, epsilon, parts))
@@ -200,7 +200,7 @@ impl Samples {
             let range = self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
             *gradient = self.uses[range].iter().map(|&i| parts[i as usize]).sum();
         });
-        let mut sum = Value::NONE;
+        let mut sum = EnergyValue::NONE;
         for value in values {
             sum.energy += value.energy;
             sum.inverted += value.inverted;
@@ -210,7 +210,7 @@ impl Samples {
     }
 }
 
-impl Shapes {
+impl ReferenceCells {
     fn flat(&self) -> &[u32] {
         match self {
             Self::Tets { corners, .. } => corners.as_flattened(),
@@ -226,8 +226,8 @@ impl Shapes {
     }
 
     /// Of cells from `first` on, as many as there are `parts` for: the derivatives by their corners.
-    fn evaluate(&self, first: usize, x: &[Point], epsilon: f64, parts: &mut [Vector]) -> Value {
-        let mut value = Value::NONE;
+    fn evaluate(&self, first: usize, x: &[Point], epsilon: f64, parts: &mut [Vector]) -> EnergyValue {
+        let mut value = EnergyValue::NONE;
         match self {
             Self::Tets { corners, rest, weights } => {
                 for (i, part) in parts.chunks_exact_mut(4).enumerate() {
@@ -271,7 +271,7 @@ impl Shapes {
     }
 }
 
-impl Value {
+impl EnergyValue {
     const NONE: Self = Self {
         energy: 0.0,
         least: f64::INFINITY,
@@ -354,7 +354,7 @@ fn usable(length: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn tets() -> (Samples, Vec<Point>) {
+    fn tets() -> (FoldoverEnergy, Vec<Point>) {
         let x: Vec<Point> = [
             [0.0, 0.1, 0.0],
             [1.0, 0.0, 0.2],
@@ -368,30 +368,30 @@ mod tests {
         reference[0].x -= 0.1;
         reference[4].z = -1.1;
         (
-            Samples::of_tets(&[[0, 1, 2, 3], [1, 2, 3, 4], [0, 2, 1, 4]], &reference, 0.7),
+            FoldoverEnergy::of_tets(&[[0, 1, 2, 3], [1, 2, 3, 4], [0, 2, 1, 4]], &reference, 0.7),
             x,
         )
     }
 
     /// A cube with a corner pushed through it.
-    fn hex() -> (Samples, Vec<Point>) {
+    fn hex() -> (FoldoverEnergy, Vec<Point>) {
         let corner = |k: usize| Point::new((k >> 1 & 1 ^ k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2) as f64);
         let mut x: Vec<Point> = (0..8).map(corner).collect();
         x[6] = Point::new(-0.2, 0.1, 0.3);
         x[1].y += 0.1;
-        (Samples::of_hexes(&[[0, 1, 2, 3, 4, 5, 6, 7]], 8, 0.9), x)
+        (FoldoverEnergy::of_hexes(&[[0, 1, 2, 3, 4, 5, 6, 7]], 8, 0.9), x)
     }
 
     #[test]
     fn gradient_matches_central_differences_also_of_inverted_cells() {
         let (mut looking, x) = hex();
         looking.look_inside(&[0]);
-        for (samples, x) in [tets(), hex(), (looking, x)] {
+        for (energy, x) in [tets(), hex(), (looking, x)] {
             let free: Vec<u32> = (0..x.len() as u32).collect();
             let mut gradient = vec![Vector::zeros(); x.len()];
             for epsilon in [1.0, 0.1, 1e-2] {
-                let value = samples.evaluate(&x, epsilon, &free, &mut vec![], &mut gradient);
-                let dets = samples.determinants(&x);
+                let value = energy.evaluate(&x, epsilon, &free, &mut vec![], &mut gradient);
+                let dets = energy.determinants(&x);
                 // Those inside come on top.
                 let least = dets.iter().copied().fold(f64::INFINITY, f64::min);
                 assert!(value.inverted >= dets.iter().filter(|d| **d <= 0.0).count());
@@ -403,7 +403,7 @@ mod tests {
                         let at = |step: f64| {
                             let mut moved = x.clone();
                             moved[v][k] += step;
-                            samples.evaluate(&moved, epsilon, &[], &mut vec![], &mut []).energy
+                            energy.evaluate(&moved, epsilon, &[], &mut vec![], &mut []).energy
                         };
                         let slope = (at(h) - at(-h)) / (2.0 * h);
                         assert!((slope - gradient[v][k]).abs() < 1e-6 * size, "{epsilon} {v} {k}");
@@ -416,20 +416,20 @@ mod tests {
     #[test]
     fn an_isometry_has_the_least_energy() {
         let (_, x) = tets();
-        let samples = Samples::of_tets(&[[0, 1, 2, 3]], &x, 0.2);
+        let energy = FoldoverEnergy::of_tets(&[[0, 1, 2, 3]], &x, 0.2);
         let size = edges([x[0], x[1], x[2], x[3]]).determinant() / 6.0;
         let scaled: Vec<Point> = x.iter().map(|p| p * (0.2 / size).cbrt()).collect();
         let mut gradient = [Vector::zeros(); 4];
-        let value = samples.evaluate(&scaled, 1e-12, &[0, 1, 2, 3], &mut vec![], &mut gradient);
+        let value = energy.evaluate(&scaled, 1e-12, &[0, 1, 2, 3], &mut vec![], &mut gradient);
         assert!((value.energy - 5.0).abs() < 1e-12 && (value.least - 1.0).abs() < 1e-12);
         assert!(gradient.iter().all(|g| g.norm() < 1e-12));
     }
 
     #[test]
     fn what_is_not_finite_is_counted() {
-        let (samples, mut x) = tets();
+        let (energy, mut x) = tets();
         x[4].x = f64::NAN;
-        let value = samples.evaluate(&x, 0.1, &[], &mut vec![], &mut []);
+        let value = energy.evaluate(&x, 0.1, &[], &mut vec![], &mut []);
         assert!(value.energy.is_nan() && value.least.is_nan());
         assert_eq!(value.inverted, 2);
     }

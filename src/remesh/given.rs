@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use rayon::prelude::*;
 
-use super::bounded_mesh::{BoundedMesh, Face, faces};
+use super::bounded_mesh::{BoundedMesh, CellFace, faces};
 use super::grid::MOST_CELLS;
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::{CellList, CellMesh, SurfaceMesh};
@@ -161,7 +161,7 @@ fn find_cell<const N: usize>(cells: &[[u32; N]], corner: impl Fn(&[u32]) -> Opti
 }
 
 /// At most two cells meet at a face, in the same way.
-fn check_faces(faces: &[Face]) -> Result<(), GivenMeshError> {
+fn check_faces(faces: &[CellFace]) -> Result<(), GivenMeshError> {
     for group in faces.chunk_by(|a, b| a.nodes == b.nodes) {
         match group {
             [_] => {}
@@ -184,7 +184,7 @@ fn check_faces(faces: &[Face]) -> Result<(), GivenMeshError> {
 
 /// The mesh with its cells turned right-handed: neighbours alike, and each part that hangs together by its volume, so that
 /// cells that are inverted stay what they are; and whether there was anything to turn.
-fn turned(mesh: CellMesh, faces: &[Face]) -> Result<(CellMesh, bool), GivenMeshError> {
+fn turned(mesh: CellMesh, faces: &[CellFace]) -> Result<(CellMesh, bool), GivenMeshError> {
     let (nodes, mut cells, regions) = mesh.into_parts();
     let det = |[a, b, c, d]: [u32; 4]| {
         let [a, b, c, d] = [a, b, c, d].map(|v| nodes[v as usize]);
@@ -243,19 +243,19 @@ fn turned(mesh: CellMesh, faces: &[Face]) -> Result<(CellMesh, bool), GivenMeshE
 }
 
 /// The cells across the faces of each cell.
-struct Neighbours {
+struct CellNeighbours {
     starts: Vec<usize>,
     /// A cell, and whether it has the same hand.
     cells: Vec<(u32, bool)>,
 }
 
-impl Neighbours {
+impl CellNeighbours {
     fn of(&self, cell: u32) -> &[(u32, bool)] {
         &self.cells[self.starts[cell as usize]..self.starts[cell as usize + 1]]
     }
 }
 
-fn neighbours(faces: &[Face], cells: usize) -> Neighbours {
+fn neighbours(faces: &[CellFace], cells: usize) -> CellNeighbours {
     let pairs = || {
         faces
             .chunk_by(|a, b| a.nodes == b.nodes)
@@ -280,7 +280,7 @@ fn neighbours(faces: &[Face], cells: usize) -> Neighbours {
             next[from as usize] += 1;
         }
     }
-    Neighbours { starts, cells: found }
+    CellNeighbours { starts, cells: found }
 }
 
 /// Whether the mesh fills the domain; returns how far its boundary nodes are from the surface.
@@ -313,13 +313,13 @@ fn check_place(mesh: &BoundedMesh, domain: &SurfaceMesh) -> Result<f64, GivenMes
 
 /// What a tetrahedron on the boundary alone is split through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-enum Cut {
+enum SplitSimplex {
     Edge([u32; 2]),
     Face([u32; 3]),
     Cell([u32; 4]),
 }
 
-impl Cut {
+impl SplitSimplex {
     fn corners(&self) -> &[u32] {
         match self {
             Self::Edge(corners) => corners,
@@ -355,7 +355,7 @@ fn split(mesh: &mut BoundedMesh) -> usize {
         if flat.is_empty() {
             break;
         }
-        let mut cuts: Vec<Cut> = flat
+        let mut cuts: Vec<SplitSimplex> = flat
             .iter()
             .map(|&t| cut(tets[t], &mesh.nodes, &outer_edges, &outer_faces))
             .collect();
@@ -392,7 +392,7 @@ fn split(mesh: &mut BoundedMesh) -> usize {
 }
 
 /// The longest edge inside, else a face inside, else the cell itself.
-fn cut(t: [u32; 4], nodes: &[Point], outer_edges: &HashSet<[u32; 2]>, outer_faces: &HashSet<[u32; 3]>) -> Cut {
+fn cut(t: [u32; 4], nodes: &[Point], outer_edges: &HashSet<[u32; 2]>, outer_faces: &HashSet<[u32; 3]>) -> SplitSimplex {
     let mut t = t;
     t.sort_unstable();
     let [a, b, c, d] = t;
@@ -401,15 +401,17 @@ fn cut(t: [u32; 4], nodes: &[Point], outer_edges: &HashSet<[u32; 2]>, outer_face
         .filter(|e| !outer_edges.contains(e));
     let length = |e: &[u32; 2]| (nodes[e[0] as usize] - nodes[e[1] as usize]).norm();
     if let Some(edge) = inner.max_by(|a, b| length(a).total_cmp(&length(b))) {
-        return Cut::Edge(edge);
+        return SplitSimplex::Edge(edge);
     }
     let mut faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].into_iter();
-    faces.find(|f| !outer_faces.contains(f)).map_or(Cut::Cell(t), Cut::Face)
+    faces
+        .find(|f| !outer_faces.contains(f))
+        .map_or(SplitSimplex::Cell(t), SplitSimplex::Face)
 }
 
 /// The cells around every cut, ascending.
-fn around(tets: &[[u32; 4]], cuts: &[Cut]) -> Vec<Vec<u32>> {
-    let index: HashMap<Cut, usize> = cuts.iter().enumerate().map(|(i, cut)| (*cut, i)).collect();
+fn around(tets: &[[u32; 4]], cuts: &[SplitSimplex]) -> Vec<Vec<u32>> {
+    let index: HashMap<SplitSimplex, usize> = cuts.iter().enumerate().map(|(i, cut)| (*cut, i)).collect();
     let near: HashSet<u32> = cuts.iter().flat_map(|cut| cut.corners().to_vec()).collect();
     let of_cell = |(cell, t): (usize, &[u32; 4])| -> Vec<(usize, u32)> {
         if t.iter().filter(|v| near.contains(v)).count() < 2 {
@@ -418,9 +420,9 @@ fn around(tets: &[[u32; 4]], cuts: &[Cut]) -> Vec<Vec<u32>> {
         let mut t = *t;
         t.sort_unstable();
         let [a, b, c, d] = t;
-        let edges = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(Cut::Edge);
-        let faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(Cut::Face);
-        let cuts = edges.into_iter().chain(faces).chain([Cut::Cell(t)]);
+        let edges = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(SplitSimplex::Edge);
+        let faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(SplitSimplex::Face);
+        let cuts = edges.into_iter().chain(faces).chain([SplitSimplex::Cell(t)]);
         cuts.filter_map(|cut| Some((*index.get(&cut)?, cell as u32))).collect()
     };
     let pairs: Vec<(usize, u32)> = tets.par_iter().enumerate().flat_map_iter(of_cell).collect();

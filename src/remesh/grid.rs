@@ -42,7 +42,7 @@ pub enum CellKind {
 const DEPTH: f64 = 1.0 / 3.0;
 
 /// A grid through all planes of a polycube, with an even number of boxes between neighbouring planes.
-struct Grid {
+struct PolycubeGrid {
     coordinates: [Vec<f64>; 3],
     /// Which boxes are inside.
     inside: Vec<bool>,
@@ -114,7 +114,7 @@ pub fn regular_mesh(
     most_cells: usize,
 ) -> Result<BoundedMesh, RemeshError> {
     cell_count(polycube, size, kind, most_cells)?;
-    let grid = Grid::new(polycube, size);
+    let grid = PolycubeGrid::new(polycube, size);
     Ok(match kind {
         CellKind::Tets => grid.tets(),
         CellKind::Hexes => grid.hexes(),
@@ -127,7 +127,7 @@ fn divisions(length: f64, size: f64) -> f64 {
     2.0 * (length / (2.0 * size) - 1e-9).ceil().max(1.0)
 }
 
-impl Grid {
+impl PolycubeGrid {
     fn new(polycube: &Polycube, size: f64) -> Self {
         let mut coordinates: [Vec<f64>; 3] = Default::default();
         // The box between planes that each box of the grid lies in.

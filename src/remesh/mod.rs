@@ -6,11 +6,11 @@
 //! ([`Garanzha et al. 2021`](https://doi.org/10.1145/3450626.3459847)), and what is left is counted again from positions.
 
 mod bounded_mesh;
-mod descent;
 mod foldover;
 mod given;
 mod grid;
-mod obstacles;
+mod inversion_causes;
+mod lbfgs;
 mod planes;
 mod quality;
 mod repair;
@@ -28,18 +28,18 @@ use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
 use crate::progress::{ProgressMonitor, ProgressResponse};
 use crate::statistics::quantiles;
 
-pub use bounded_mesh::{BoundedMesh, Skin};
+pub use bounded_mesh::{BoundedMesh, CellSetBoundary};
 pub use given::{GivenMesh, GivenMeshError, given_mesh};
 pub use grid::{CellKind, CellSize, cell_count, regular_mesh};
-pub use obstacles::{Obstacle, Obstacles, obstacles};
+pub use inversion_causes::{InversionCause, InversionCauses, inversion_causes};
 pub use planes::{Polycube, PolycubeError};
-pub use quality::{BadCells, CellQuality, bad_cells, determinants, quality, scaled_jacobians};
+pub use quality::{CellQuality, InvalidCells, determinants, invalid_cells, quality, scaled_jacobians};
 pub use repair::RepairReport;
 pub use slide::SlideReport;
 
 /// What is carried.
 #[derive(Debug, Clone, PartialEq)]
-pub enum MeshSource {
+pub enum RemeshSource {
     /// A regular mesh of the domain, which has to be a polycube.
     Regular {
         /// What cells.
@@ -145,7 +145,7 @@ pub enum RemeshError {
 
 /// Distances between surfaces, as fractions of the target's diagonal.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Distances {
+pub struct SurfaceDistances {
     /// Largest.
     pub max: f64,
     /// Mean over the points.
@@ -154,7 +154,7 @@ pub struct Distances {
 
 /// Wall-clock seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
-pub struct RemeshSeconds {
+pub struct RemeshTimings {
     /// The grid, or the examination of a given mesh.
     pub mesh: f64,
     /// Carrying the nodes.
@@ -185,13 +185,15 @@ pub struct RemeshReport {
     /// Largest distance of a given mesh's boundary nodes from the domain's surface, over its diagonal.
     pub off_surface: f64,
     /// What stands in the way as long as the boundary stays as it is mapped.
-    pub obstacles: Obstacles,
+    #[serde(rename = "obstacles")]
+    pub causes_before: InversionCauses,
     /// Bad cells as the maps leave them.
-    pub before: BadCells,
+    pub before: InvalidCells,
     /// Bad cells of the result.
-    pub after: BadCells,
+    pub after: InvalidCells,
     /// What keeps each of them, with the boundary where it is now.
-    pub obstacles_after: Obstacles,
+    #[serde(rename = "obstacles_after")]
+    pub causes_after: InversionCauses,
     /// Quality of the grid in the domain.
     pub domain_quality: Option<CellQuality>,
     /// Quality of the result.
@@ -199,9 +201,9 @@ pub struct RemeshReport {
     /// [`determinants`] of the map of the cells: 0, 1, 10, 50, 90, 99, 100 %.
     pub determinants: Option<[f64; 7]>,
     /// From vertices of the target to the boundary of the result.
-    pub target_to_mesh: Distances,
+    pub target_to_mesh: SurfaceDistances,
     /// From nodes and centres of boundary triangles of the result to the target.
-    pub mesh_to_target: Distances,
+    pub mesh_to_target: SurfaceDistances,
     /// Volume of the result.
     pub volume: f64,
     /// Volume of the target.
@@ -219,7 +221,7 @@ pub struct RemeshReport {
     /// The same, over the mean edge of the boundary's triangles as mapped.
     pub largest_slide_in_cells: f64,
     /// Time.
-    pub seconds: RemeshSeconds,
+    pub seconds: RemeshTimings,
 }
 
 /// A mesh of the domain, and the same mesh of the target.
@@ -248,7 +250,7 @@ pub struct Remeshed {
 pub fn remesh<A: ProgressResponse>(
     boundary: &BoundaryMap,
     map: &dyn VolumeMap,
-    source: MeshSource,
+    source: RemeshSource,
     options: &RemeshOptions,
     progress: &dyn Fn(RemeshPhase) -> A,
 ) -> Result<Remeshed, RemeshError> {
@@ -258,7 +260,7 @@ pub fn remesh<A: ProgressResponse>(
         ControlFlow::Break(()) => Err(RemeshError::Cancelled),
     };
     tell(RemeshPhase::Meshing)?;
-    let Prepared {
+    let PreparedMesh {
         mesh,
         cell_size,
         split_cells,
@@ -277,18 +279,18 @@ pub fn remesh<A: ProgressResponse>(
         None => boundary.target(),
     };
     let (mut images, mut repair) = (carried.clone(), RepairReport::default());
-    let mut samples = samples(&mesh, &carried);
+    let mut energy = energy(&mesh, &carried);
     if options.repair {
         let free: Vec<u32> = (0..mesh.nodes.len() as u32)
             .filter(|&v| !mesh.on_boundary[v as usize])
             .collect();
         let step = 0.1 * (boundary.target_volume().abs() / mesh.cells.len() as f64).cbrt();
         let told = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control_flow();
-        let watch = ProgressMonitor::new((0, 0), &told);
+        let monitor = ProgressMonitor::new((0, 0), &told);
         let query;
-        let ground = if options.slide {
+        let sliding_surface = if options.slide {
             query = SurfaceQuery::with_winding_sign(&target)?;
-            Some(slide::Ground {
+            Some(slide::SlidingSurface {
                 target: &target,
                 query: &query,
                 on_boundary: &mesh.on_boundary,
@@ -302,25 +304,25 @@ pub fn remesh<A: ProgressResponse>(
             free: &free,
             step,
             polish: options.polish,
-            ground: ground.as_ref(),
-            watch: &watch,
+            sliding_surface: sliding_surface.as_ref(),
+            monitor: &monitor,
         };
-        repair = repairing.run(&mut samples, &mut images);
-        if !watch.should_continue() {
+        repair = repairing.run(&mut energy, &mut images);
+        if !monitor.should_continue() {
             return Err(RemeshError::Cancelled);
         }
     }
     let repaired = start.elapsed().as_secs_f64();
 
     tell(RemeshPhase::Verifying)?;
-    let before = bad_cells(&mesh.cells, &carried);
-    let mut after = bad_cells(&mesh.cells, &images);
+    let before = invalid_cells(&mesh.cells, &carried);
+    let mut after = invalid_cells(&mesh.cells, &images);
     // What is counted decides, not what the repair believes of itself.
     if after.cells.len() > before.cells.len() {
         (images, after) = (carried.clone(), before.clone());
     }
-    let obstacles_as_mapped = obstacles(&mesh, &carried);
-    let obstacles_after = obstacles(&mesh, &images);
+    let causes_before = inversion_causes(&mesh, &carried);
+    let causes_after = inversion_causes(&mesh, &images);
     let diagonal = boundary.target_diagonal();
     let shifts = |of_boundary: bool| -> Vec<f64> {
         let nodes = (0..images.len()).filter(|&v| mesh.on_boundary[v] == of_boundary);
@@ -340,10 +342,10 @@ pub fn remesh<A: ProgressResponse>(
         cell_size,
         split_cells,
         off_surface,
-        obstacles: obstacles_as_mapped,
+        causes_before,
         before,
         after,
-        obstacles_after,
+        causes_after,
         domain_quality: quality(&mesh.cells, &mesh.nodes),
         quality: quality(&mesh.cells, &images),
         determinants: quantiles(&determinants, [0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0]),
@@ -357,10 +359,10 @@ pub fn remesh<A: ProgressResponse>(
         slid_nodes: slides.iter().filter(|s| **s > 0.0).count(),
         largest_slide: largest_slide / diagonal,
         largest_slide_in_cells: largest_slide / edge,
-        seconds: RemeshSeconds::default(),
+        seconds: RemeshTimings::default(),
     };
     let total = start.elapsed().as_secs_f64();
-    report.seconds = RemeshSeconds {
+    report.seconds = RemeshTimings {
         mesh: meshed,
         map: mapped - meshed,
         repair: repaired - mapped,
@@ -376,31 +378,31 @@ pub fn remesh<A: ProgressResponse>(
 }
 
 /// A mesh to carry, and what is known of it.
-struct Prepared {
+struct PreparedMesh {
     mesh: BoundedMesh,
     cell_size: Option<f64>,
     split_cells: usize,
     off_surface: f64,
 }
 
-fn prepare(source: MeshSource, boundary: &BoundaryMap, options: &RemeshOptions) -> Result<Prepared, RemeshError> {
+fn prepare(source: RemeshSource, boundary: &BoundaryMap, options: &RemeshOptions) -> Result<PreparedMesh, RemeshError> {
     let domain = boundary.domain();
     Ok(match source {
-        MeshSource::Regular { kind, size, most_cells } => {
+        RemeshSource::Regular { kind, size, most_cells } => {
             let polycube = Polycube::of(domain)?;
             let size = size.of(&polycube);
             require_room(kind, cell_count(&polycube, size, kind, most_cells)?, domain, options)?;
-            Prepared {
+            PreparedMesh {
                 mesh: regular_mesh(&polycube, size, kind, most_cells)?,
                 cell_size: Some(size),
                 split_cells: 0,
                 off_surface: 0.0,
             }
         }
-        MeshSource::Given(mesh) => {
+        RemeshSource::Given(mesh) => {
             require_room(kind_of(mesh.cells()), mesh.cells().len(), domain, options)?;
             let given = given_mesh(mesh, domain)?;
-            Prepared {
+            PreparedMesh {
                 mesh: given.mesh,
                 cell_size: None,
                 split_cells: given.on_boundary_alone,
@@ -483,11 +485,11 @@ fn carry(mesh: &BoundedMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Res
 }
 
 /// Tetrahedra against the domain's where those are sound, corners of hexahedra against those of cubes.
-fn samples(mesh: &BoundedMesh, images: &[Point]) -> foldover::Samples {
+fn energy(mesh: &BoundedMesh, images: &[Point]) -> foldover::FoldoverEnergy {
     let volume = boundary_of(mesh, images).volume();
     match &mesh.cells {
-        CellList::Tets(tets) => foldover::Samples::of_tets(tets, &mesh.nodes, volume),
-        CellList::Hexes(hexes) => foldover::Samples::of_hexes(hexes, mesh.nodes.len(), volume),
+        CellList::Tets(tets) => foldover::FoldoverEnergy::of_tets(tets, &mesh.nodes, volume),
+        CellList::Hexes(hexes) => foldover::FoldoverEnergy::of_hexes(hexes, mesh.nodes.len(), volume),
     }
 }
 
@@ -512,7 +514,7 @@ fn distances(
     images: &[Point],
     target: &SurfaceMesh,
     diagonal: f64,
-) -> Result<[Distances; 2], RemeshError> {
+) -> Result<[SurfaceDistances; 2], RemeshError> {
     let surface = boundary_of(mesh, images);
     let centres = surface.triangles().iter().map(|t| {
         let sum: crate::Vector = t.iter().map(|&v| images[v as usize].coords).sum();
@@ -524,7 +526,7 @@ fn distances(
         .filter(|(_, on)| **on)
         .map(|(p, _)| *p);
     let probes: Vec<Point> = nodes.chain(centres).collect();
-    let of = |surface: &SurfaceMesh, points: &[Point]| -> Result<Distances, RemeshError> {
+    let of = |surface: &SurfaceMesh, points: &[Point]| -> Result<SurfaceDistances, RemeshError> {
         let found = SurfaceQuery::with_winding_sign(surface)?.closest_points(points);
         let (mut max, mut sum) = (0.0f64, 0.0);
         for place in &found {
@@ -536,7 +538,7 @@ fn distances(
             };
             sum += place.distance;
         }
-        Ok(Distances {
+        Ok(SurfaceDistances {
             max: max / diagonal,
             mean: sum / found.len() as f64 / diagonal,
         })

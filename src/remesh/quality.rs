@@ -12,7 +12,7 @@ use crate::{Matrix3, Point, Vector};
 
 /// Cells that are not right side out.
 #[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
-pub struct BadCells {
+pub struct InvalidCells {
     /// Tetrahedra, or corners of hexahedra, of which the orientation is decided exactly.
     pub checked: usize,
     /// Cells with an inverted, flat or not finite tetrahedron at a corner.
@@ -72,7 +72,7 @@ pub(super) fn lesser(a: f64, b: f64) -> f64 {
 }
 
 /// Counts the cells that are not right-handed, decided exactly for the positions as given.
-pub fn bad_cells(cells: &CellList, x: &[Point]) -> BadCells {
+pub fn invalid_cells(cells: &CellList, x: &[Point]) -> InvalidCells {
     let is_right_handed =
         |t: [u32; 4]| orientation(&at(x, t[0]), &at(x, t[1]), &at(x, t[2]), &at(x, t[3])) == Some(Ordering::Greater);
     // 0 for good, 1 for inverted at a corner, 2 for inverted inside.
@@ -92,7 +92,7 @@ pub fn bad_cells(cells: &CellList, x: &[Point]) -> BadCells {
             .collect(),
     };
     let per_cell = if matches!(cells, CellList::Tets(_)) { 1 } else { 8 };
-    BadCells {
+    InvalidCells {
         checked: per_cell * cells.len(),
         inverted: verdicts.iter().filter(|v| **v == 1).count(),
         inverted_inside: verdicts.iter().filter(|v| **v == 2).count(),

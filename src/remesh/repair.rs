@@ -1,9 +1,9 @@
 //! Turns inverted cells back by moving inner nodes, the boundary fixed as long as that helps, and polishes their shapes.
 
-use super::descent::{Descent, Limits};
-use super::foldover::Samples;
+use super::foldover::FoldoverEnergy;
+use super::lbfgs::{Lbfgs, StoppingRule};
 use super::quality::inverted_inside;
-use super::slide::{Ground, SlideReport, slide};
+use super::slide::{SlideReport, SlidingSurface, slide};
 use crate::Point;
 use crate::mesh::CellList;
 use crate::progress::ProgressMonitor;
@@ -13,12 +13,12 @@ const FLOOR: f64 = 1e-6;
 const SHARE: f64 = 0.2;
 /// Fall of ε from one round to the next, at least.
 const FALL: f64 = 0.7;
-const ROUND: Limits = Limits {
+const ROUND: StoppingRule = StoppingRule {
     iterations: 300,
     gain: 3e-5,
     until_positive: true,
 };
-/// Rounds without fewer inverted samples after which it is given up.
+/// Rounds without fewer inverted corners after which it is given up.
 const STALLED: usize = 10;
 const MOST_ROUNDS: usize = 100;
 /// ε of the polish: a step that inverts a sample costs more than any gain.
@@ -58,47 +58,47 @@ pub(super) struct Repair<'a> {
     /// Iterations of each polish.
     pub polish: usize,
     /// What boundary nodes may slide on.
-    pub ground: Option<&'a Ground<'a>>,
-    /// Gets rounds and inverted samples, and is asked in every iteration.
-    pub watch: &'a ProgressMonitor<'a, (usize, usize)>,
+    pub sliding_surface: Option<&'a SlidingSurface<'a>>,
+    /// Gets rounds and inverted corners, and is asked in every iteration.
+    pub monitor: &'a ProgressMonitor<'a, (usize, usize)>,
 }
 
 impl Repair<'_> {
     /// Moves nodes until no cell is inverted, or as few are as can be reached, and polishes them if there are none.
-    pub fn run(&self, samples: &mut Samples, x: &mut Vec<Point>) -> RepairReport {
+    pub fn run(&self, energy: &mut FoldoverEnergy, x: &mut Vec<Point>) -> RepairReport {
         let mut report = RepairReport::default();
         if self.free.is_empty() {
             return report;
         }
-        let mut left = self.untangle(samples, x, &mut report);
-        if let (1.., Some(ground)) = (left, self.ground) {
-            report.slide = slide(samples, x, self.step, ground, self.watch);
-            left = samples.inverted(x).len();
+        let mut left = self.untangle(energy, x, &mut report);
+        if let (1.., Some(sliding_surface)) = (left, self.sliding_surface) {
+            report.slide = slide(energy, x, self.step, sliding_surface, self.monitor);
+            left = energy.inverted(x).len();
         }
         if left > 0 {
             return report;
         }
-        self.polish(samples, x, &mut report);
+        self.polish(energy, x, &mut report);
         for _ in 0..MOST_LOOKS {
-            if !self.watch.should_continue() {
+            if !self.monitor.should_continue() {
                 break;
             }
             let bad = inverted_inside(self.cells, x);
             if bad.is_empty() {
                 break;
             }
-            samples.look_inside(&bad);
-            self.untangle(samples, x, &mut report);
-            self.polish(samples, x, &mut report);
+            energy.look_inside(&bad);
+            self.untangle(energy, x, &mut report);
+            self.polish(energy, x, &mut report);
         }
         report
     }
 
-    /// Rounds of falling ε; returns the inverted samples that are left.
-    fn untangle(&self, samples: &Samples, x: &mut Vec<Point>, report: &mut RepairReport) -> usize {
-        let start = samples.evaluate(x, 1.0, &[], &mut vec![], &mut []);
+    /// Rounds of falling ε; returns the inverted corners that are left.
+    fn untangle(&self, energy: &FoldoverEnergy, x: &mut Vec<Point>, report: &mut RepairReport) -> usize {
+        let start = energy.evaluate(x, 1.0, &[], &mut vec![], &mut []);
         let (mut least, mut inverted) = (start.least, start.inverted);
-        let mut descent = Descent::new(samples, self.free, self.step, self.watch);
+        let mut descent = Lbfgs::new(energy, self.free, self.step, self.monitor);
         let mut best = (inverted, x.clone());
         let (mut epsilon, mut stalled) = (1.0, 0);
         for round in 0..MOST_ROUNDS {
@@ -117,8 +117,8 @@ impl Repair<'_> {
                 best = (inverted, x.clone());
                 stalled = 0;
             }
-            self.watch.report((report.rounds, inverted));
-            if !value.energy.is_finite() || !self.watch.should_continue() {
+            self.monitor.report((report.rounds, inverted));
+            if !value.energy.is_finite() || !self.monitor.should_continue() {
                 break;
             }
         }
@@ -126,13 +126,13 @@ impl Repair<'_> {
         best.0
     }
 
-    fn polish(&self, samples: &Samples, x: &mut Vec<Point>, report: &mut RepairReport) {
-        let limits = Limits {
+    fn polish(&self, energy: &FoldoverEnergy, x: &mut Vec<Point>, report: &mut RepairReport) {
+        let limits = StoppingRule {
             iterations: self.polish,
             gain: POLISH_GAIN,
             until_positive: false,
         };
-        let mut descent = Descent::new(samples, self.free, self.step, self.watch);
+        let mut descent = Lbfgs::new(energy, self.free, self.step, self.monitor);
         let before = x.clone();
         let (value, iterations) = descent.run(x, POLISH_EPSILON, &limits);
         report.polish_iterations += iterations;

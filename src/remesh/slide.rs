@@ -1,7 +1,7 @@
 //! Where the boundary map folds quads, no inner node can help: a few boundary nodes slide along the target.
 
-use super::descent::{Descent, Limits, Tether};
-use super::foldover::Samples;
+use super::foldover::FoldoverEnergy;
+use super::lbfgs::{Lbfgs, StoppingRule, TangentConstraint};
 use super::repair::next_epsilon;
 use crate::geometry::SurfaceQuery;
 use crate::mesh::SurfaceMesh;
@@ -13,10 +13,10 @@ const FIRST_RINGS: usize = 2;
 const MOST_RINGS: usize = 6;
 /// Share of the boundary nodes that slide at most: to slide all of it would make another boundary map.
 const MOST_SLIDING: f64 = 0.1;
-/// Rounds without fewer inverted samples after which another ring slides.
+/// Rounds without fewer inverted corners after which another ring slides.
 const STALLED: usize = 4;
 /// Iterations before nodes are put back on the target.
-const ROUND: Limits = Limits {
+const ROUND: StoppingRule = StoppingRule {
     iterations: 40,
     gain: 1e-5,
     until_positive: true,
@@ -42,7 +42,7 @@ pub(super) fn stiffness(cells: usize, edge: f64) -> f64 {
 }
 
 /// The surface that nodes slide on.
-pub(super) struct Ground<'a> {
+pub(super) struct SlidingSurface<'a> {
     pub target: &'a SurfaceMesh,
     pub query: &'a SurfaceQuery,
     pub on_boundary: &'a [bool],
@@ -50,34 +50,34 @@ pub(super) struct Ground<'a> {
     pub stiffness: f64,
 }
 
-/// Lets boundary nodes near inverted samples slide on the target, until none is inverted or it does not help. Inner nodes
+/// Lets boundary nodes near inverted corners slide on the target, until none is inverted or it does not help. Inner nodes
 /// move with them.
 pub(super) fn slide(
-    samples: &Samples,
+    energy: &FoldoverEnergy,
     x: &mut Vec<Point>,
     step: f64,
-    ground: &Ground,
-    watch: &ProgressMonitor<(usize, usize)>,
+    sliding_surface: &SlidingSurface,
+    monitor: &ProgressMonitor<(usize, usize)>,
 ) -> SlideReport {
     let mut report = SlideReport::default();
     let start = x.clone();
-    let bad = samples.inverted(x);
+    let bad = energy.inverted(x);
     let (mut best, mut stalled, mut rings) = ((bad.len(), x.clone()), 0, FIRST_RINGS);
     let mut epsilon = 1.0;
-    let mut sliding = ground.near(samples, &bad, rings);
-    let most = MOST_SLIDING * ground.on_boundary.iter().filter(|is| **is).count() as f64;
+    let mut sliding = sliding_surface.near(energy, &bad, rings);
+    let most = MOST_SLIDING * sliding_surface.on_boundary.iter().filter(|is| **is).count() as f64;
     let mut slid = 0;
-    while watch.should_continue() && best.0 > 0 && rings <= MOST_RINGS && sliding.len() as f64 <= most {
+    while monitor.should_continue() && best.0 > 0 && rings <= MOST_RINGS && sliding.len() as f64 <= most {
         slid = sliding.len();
         let free: Vec<u32> = (0..x.len() as u32)
-            .filter(|&v| !ground.on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
+            .filter(|&v| !sliding_surface.on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
             .collect();
-        let mut descent = Descent::new(samples, &free, step, watch).tethered(ground.tethers(x, &start, &free));
+        let mut descent = Lbfgs::new(energy, &free, step, monitor).tethered(sliding_surface.tethers(x, &start, &free));
         let (value, iterations) = descent.run(x, epsilon, &ROUND);
         report.rounds += 1;
         report.iterations += iterations;
-        ground.put_back(x, &sliding);
-        let inverted = samples.inverted(x).len();
+        sliding_surface.put_back(x, &sliding);
+        let inverted = energy.inverted(x).len();
         epsilon = next_epsilon(epsilon, value.least);
         stalled += 1;
         if inverted < best.0 {
@@ -87,7 +87,7 @@ pub(super) fn slide(
         if stalled == STALLED {
             (stalled, rings, epsilon) = (0, rings + 1, 1.0);
             *x = best.1.clone();
-            sliding = ground.near(samples, &samples.inverted(x), rings);
+            sliding = sliding_surface.near(energy, &energy.inverted(x), rings);
         }
     }
     *x = best.1;
@@ -95,21 +95,21 @@ pub(super) fn slide(
     report
 }
 
-impl Ground<'_> {
+impl SlidingSurface<'_> {
     /// Boundary nodes within `rings` rings of cells, ascending.
-    fn near(&self, samples: &Samples, cells: &[u32], rings: usize) -> Vec<u32> {
-        let mut nodes = samples.rings(cells, rings);
+    fn near(&self, energy: &FoldoverEnergy, cells: &[u32], rings: usize) -> Vec<u32> {
+        let mut nodes = energy.rings(cells, rings);
         nodes.retain(|&v| self.on_boundary[v as usize]);
         nodes
     }
 
     /// Tangent planes of the target at the boundary nodes among the free ones, and springs to where they started.
-    fn tethers(&self, x: &[Point], start: &[Point], free: &[u32]) -> Vec<Tether> {
+    fn tethers(&self, x: &[Point], start: &[Point], free: &[u32]) -> Vec<TangentConstraint> {
         let sliding = free.iter().enumerate().filter(|(_, v)| self.on_boundary[**v as usize]);
         let tether = |(free, &v): (usize, &u32)| {
             let found = self.query.closest_point(&x[v as usize]);
             let area = self.target.area_vector(found.triangle);
-            Tether {
+            TangentConstraint {
                 free,
                 normal: area.try_normalize(0.0).unwrap_or_else(Vector::zeros),
                 place: start[v as usize],

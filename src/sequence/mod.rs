@@ -21,8 +21,8 @@ pub use cycles::{Cycles, NoCycles, cycles};
 use crate::boundary_map::{BoundaryMap, BoundaryMapError};
 use crate::check::{ClosedHole, HoleError, close_holes};
 use crate::energy::{
-    Densities, Distribution, EnergyError, EnergyOptions, EnergyReport, Lame, Quadrature, QuadratureError, Resolution,
-    clipped_grid, deformation, energies_of_jacobians,
+    Densities, DensityQuantiles, EnergyError, EnergyOptions, EnergyReport, GridResolution, Lame, Quadrature,
+    QuadratureError, clipped_grid, deformation, energies_of_jacobians,
 };
 use crate::fit::{BoundaryError, DomainFactor, Fit, FitError, FitOptions, Phase, RefinementEnd, Workload};
 use crate::map::HarmonicMap;
@@ -51,7 +51,7 @@ pub struct SequenceOptions {
     /// How maps are fitted.
     pub fit: FitOptions,
     /// The grid that energies are integrated on, the same for all frames.
-    pub resolution: Resolution,
+    pub resolution: GridResolution,
     /// Material of the deformation energy.
     pub lame: Lame,
     /// Scale each frame to the reference's volume first, so that change of size has no energy.
@@ -66,7 +66,7 @@ impl Default for SequenceOptions {
     fn default() -> Self {
         Self {
             fit: FitOptions::default(),
-            resolution: Resolution::CellsAlongLongestSide(48),
+            resolution: GridResolution::CellsAlongLongestSide(48),
             lame: Lame::default(),
             own_volume: false,
             close_holes: None,
@@ -112,7 +112,7 @@ pub struct MeasuredFrame {
     /// Mean of the harmonic energy's density over the reference: 3 for a rigid motion.
     pub harmonic: f64,
     /// How the deformation energy is spread.
-    pub deformation_density: Distribution,
+    pub deformation_density: DensityQuantiles,
     /// Volume of the frame; negative when it is a mirror image.
     pub volume: f64,
     /// Share of the reference's volume where the map is folded.

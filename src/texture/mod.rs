@@ -17,15 +17,15 @@
 //! than `w` times twice the residual.
 
 mod colour;
+mod coloured_surface;
 mod error;
 mod picture;
-mod skin;
 mod solid;
 mod volume;
 
 pub use colour::{LinearRgb, decoded, from_srgb, to_srgb};
+pub use coloured_surface::{ColourSource, ColouredSurface, SeamReport};
 pub use error::TextureError;
 pub use picture::{Picture, Wrap};
-pub use skin::{Paint, SeamReport, Skin};
-pub use solid::{Extended, Residual, SolidTexture, TextureOptions};
-pub use volume::{Volume, VolumeGrid};
+pub use solid::{ColourError, ExtendedQuantity, SolidTexture, TextureOptions};
+pub use volume::{VoxelGrid, VoxelTexture};

@@ -90,8 +90,8 @@ impl Picture {
         if !(u.is_finite() && v.is_finite()) {
             return [f64::NAN; 3];
         }
-        let columns = Between::of(u, self.width, wrap);
-        let rows = Between::of(1.0 - v, self.height, wrap);
+        let columns = PixelPair::of(u, self.width, wrap);
+        let rows = PixelPair::of(1.0 - v, self.height, wrap);
         let mut light = [0.0; 3];
         for (row, by_row) in rows.weights() {
             for (column, by_column) in columns.weights() {
@@ -112,12 +112,12 @@ const MOST_SQUARES: usize = 1024;
 const CHECKER_SIDE: usize = 1024;
 
 /// Two neighbouring pixels of a row or column, and how far from the first to the second.
-struct Between {
+struct PixelPair {
     pixels: [usize; 2],
     fraction: f64,
 }
 
-impl Between {
+impl PixelPair {
     fn of(coordinate: f64, count: usize, wrap: Wrap) -> Self {
         let within = match wrap {
             Wrap::Repeat => coordinate - coordinate.floor(),

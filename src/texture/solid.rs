@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::TextureError;
 use super::colour::LinearRgb;
-use super::skin::{Paint, Skin, as_point};
+use super::coloured_surface::{ColourSource, ColouredSurface, as_point};
 use super::volume::{GIB, allowed_memory};
 use crate::boundary_map::BoundaryMap;
 use crate::fit::{FitOptions, FitReport, Phase, Solver, Workload, fit};
@@ -20,7 +20,7 @@ use crate::{Point, Vector};
 /// What is extended into the solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Extended {
+pub enum ExtendedQuantity {
     /// Colours, as amounts of light: they mix towards the middle.
     #[default]
     Colours,
@@ -33,7 +33,7 @@ pub enum Extended {
 #[derive(Debug, Clone, PartialEq)]
 pub struct TextureOptions {
     /// What is extended.
-    pub extended: Extended,
+    pub extended: ExtendedQuantity,
     /// Whether coordinates are extended although they jump at seams.
     pub across_seams: bool,
     /// Sources at least: triangles are cut into four until the surface has as many vertices. No more than
@@ -52,7 +52,7 @@ impl Default for TextureOptions {
     /// Colours, by one source per vertex or 2000, without refinement.
     fn default() -> Self {
         Self {
-            extended: Extended::Colours,
+            extended: ExtendedQuantity::Colours,
             across_seams: false,
             least_sources: 2000,
             fit: FitOptions {
@@ -71,7 +71,7 @@ impl Default for TextureOptions {
 /// How far colours are from the picture at points of the surface that no fit has seen: the largest difference in red,
 /// green or blue, as an amount of light (1 from black to white). A point without colour is infinitely far off.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Residual {
+pub struct ColourError {
     /// Root mean square over the area.
     pub rms: f64,
     /// 99 % of the area is not above.
@@ -83,8 +83,8 @@ pub struct Residual {
 /// A colour at every point of a solid, which on its surface is that of the picture there.
 #[derive(Debug, Clone)]
 pub struct SolidTexture {
-    skin: Arc<Skin>,
-    extended: Extended,
+    coloured_surface: Arc<ColouredSurface>,
+    extended: ExtendedQuantity,
     map: HarmonicMap,
     report: FitReport,
     surface: SurfaceQuery,
@@ -106,15 +106,19 @@ impl SolidTexture {
     /// When the surface does not bound a solid, and as [`fit`]; [`TextureError::NoUv`] and [`TextureError::Seams`] when
     /// texture coordinates are to be extended and cannot be; [`TextureError::SourceLimit`] and
     /// [`TextureError::TooManySources`], before anything is cut.
-    pub fn fit(skin: Skin, options: &TextureOptions, progress: &dyn Fn(Phase)) -> Result<Self, TextureError> {
-        let skin = Arc::new(skin);
-        let subdivisions = subdivisions(skin.surface(), options)?;
-        let mut boundary = boundary_values(&skin, options)?;
+    pub fn fit(
+        coloured_surface: ColouredSurface,
+        options: &TextureOptions,
+        progress: &dyn Fn(Phase),
+    ) -> Result<Self, TextureError> {
+        let coloured_surface = Arc::new(coloured_surface);
+        let subdivisions = subdivisions(coloured_surface.surface(), options)?;
+        let mut boundary = boundary_values(&coloured_surface, options)?;
         for _ in 0..subdivisions {
             boundary = boundary.subdivided();
         }
         let fit = fit(&boundary, &options.fit, progress)?;
-        Self::from_parts(skin, options.extended, fit.map, fit.report)
+        Self::from_parts(coloured_surface, options.extended, fit.map, fit.report)
     }
 
     /// The texture with this harmonic part, as it was stored.
@@ -123,13 +127,13 @@ impl SolidTexture {
     ///
     /// [`TextureError::NoUv`], [`TextureError::Inconsistent`] when there is no source, [`TextureError::Query`].
     pub fn from_parts(
-        skin: impl Into<Arc<Skin>>,
-        extended: Extended,
+        coloured_surface: impl Into<Arc<ColouredSurface>>,
+        extended: ExtendedQuantity,
         map: HarmonicMap,
         report: FitReport,
     ) -> Result<Self, TextureError> {
-        let skin = skin.into();
-        if extended == Extended::Coordinates && skin.uv_box().is_none() {
+        let coloured_surface = coloured_surface.into();
+        if extended == ExtendedQuantity::Coordinates && coloured_surface.uv_box().is_none() {
             return Err(TextureError::NoUv);
         }
         if map.sources().is_empty() {
@@ -137,11 +141,11 @@ impl SolidTexture {
                 problem: "it has no sources".into(),
             });
         }
-        let surface = SurfaceQuery::with_winding_sign(skin.surface())?;
+        let surface = SurfaceQuery::with_winding_sign(coloured_surface.surface())?;
         let sources = points_query(map.sources())?;
-        let thickest = thickest_layer(skin.surface(), &sources);
+        let thickest = thickest_layer(coloured_surface.surface(), &sources);
         Ok(Self {
-            skin,
+            coloured_surface,
             extended,
             map,
             report,
@@ -152,12 +156,12 @@ impl SolidTexture {
     }
 
     /// The surface and what colours it.
-    pub fn skin(&self) -> &Skin {
-        &self.skin
+    pub fn coloured_surface(&self) -> &ColouredSurface {
+        &self.coloured_surface
     }
 
     /// What was extended.
-    pub fn extended(&self) -> Extended {
+    pub fn extended(&self) -> ExtendedQuantity {
         self.extended
     }
 
@@ -172,7 +176,7 @@ impl SolidTexture {
     }
 
     /// Colours of points, as amounts of light; NaN outside of the solid and for points that are not finite. Points within
-    /// rounding of the surface count as inside. On the surface they are those of [`Skin::colour`]. By the maximum principle
+    /// rounding of the surface count as inside. On the surface they are those of [`ColouredSurface::colour`]. By the maximum principle
     /// they leave the range of the picture's by no more than the harmonic part does on the surface, and deeper by much less.
     pub fn sample(&self, points: &[Point]) -> Vec<LinearRgb> {
         let inside = self.inside(points);
@@ -199,24 +203,24 @@ impl SolidTexture {
 
     /// How far the harmonic part alone is from the picture, at `count` points of the surface that are spread evenly.
     ///
-    /// The sum of both parts is off by rounding only; see [`Self::surface_residual`].
-    pub fn harmonic_residual(&self, count: usize, seed: u64) -> Option<Residual> {
+    /// The sum of both parts is off by rounding only; see [`Self::surface_error`].
+    pub fn harmonic_error(&self, count: usize, seed: u64) -> Option<ColourError> {
         self.residual(count, seed, |points| self.harmonic(points))
     }
 
     /// How far the texture is from the picture, at `count` points of the surface that are spread evenly. At the seams of an
     /// atlas that does not match there, the colour of either side may come out.
-    pub fn surface_residual(&self, count: usize, seed: u64) -> Option<Residual> {
+    pub fn surface_error(&self, count: usize, seed: u64) -> Option<ColourError> {
         self.residual(count, seed, |points| self.sample(points))
     }
 
-    fn residual(&self, count: usize, seed: u64, colours: impl Fn(&[Point]) -> Vec<LinearRgb>) -> Option<Residual> {
-        let surface = self.skin.surface();
+    fn residual(&self, count: usize, seed: u64, colours: impl Fn(&[Point]) -> Vec<LinearRgb>) -> Option<ColourError> {
+        let surface = self.coloured_surface.surface();
         let places = sampling::held_out(surface, count, 0, seed);
         let positions: Vec<Point> = places.iter().map(|p| p.position(surface, surface.vertices())).collect();
         let found = colours(&positions);
         let difference = |(place, found): (&SurfacePoint, &LinearRgb)| {
-            let picture = self.skin.colour(place);
+            let picture = self.coloured_surface.colour(place);
             let off = (0..3).map(|k| (picture[k] - found[k]).abs());
             off.fold(0.0, |most: f64, d| if d.is_nan() { f64::INFINITY } else { most.max(d) })
         };
@@ -226,7 +230,7 @@ impl SolidTexture {
         differences.sort_by(f64::total_cmp);
         let last = differences.len().checked_sub(1)?;
         let squares: f64 = differences.iter().map(|d| d * d).sum();
-        Some(Residual {
+        Some(ColourError {
             rms: (squares / differences.len() as f64).sqrt(),
             p99: differences[(0.99 * last as f64).ceil() as usize],
             max,
@@ -237,7 +241,7 @@ impl SolidTexture {
     fn inside(&self, points: &[Point]) -> Vec<u32> {
         let bounds = self.surface.bounds();
         let farthest = bounds.low.coords.amax().max(bounds.high.coords.amax());
-        let slack = (ON_SURFACE * self.skin.surface().diagonal()).max(ROUNDED * farthest);
+        let slack = (ON_SURFACE * self.coloured_surface.surface().diagonal()).max(ROUNDED * farthest);
         let slack_vector = Vector::repeat(slack);
         let (low, high) = (bounds.low - slack_vector, bounds.high + slack_vector);
         let near = |p: &Point| (0..3).all(|k| low[k] <= p[k] && p[k] <= high[k]);
@@ -268,7 +272,7 @@ impl SolidTexture {
                 triangle: foot.triangle as u32,
                 barycentric: foot.barycentric,
             };
-            values[*k as usize] += (boundary_value(&self.skin, self.extended, &place) - harmonic) * *weight;
+            values[*k as usize] += (boundary_value(&self.coloured_surface, self.extended, &place) - harmonic) * *weight;
         }
         values.par_iter().map(|value| self.shown(value)).collect()
     }
@@ -292,8 +296,10 @@ impl SolidTexture {
 
     /// The colour of an extended value.
     fn shown(&self, value: &Point) -> LinearRgb {
-        match (self.extended, self.skin.paint()) {
-            (Extended::Coordinates, Paint::Picture { picture, wrap, .. }) => picture.light([value.x, value.y], *wrap),
+        match (self.extended, self.coloured_surface.colour_source()) {
+            (ExtendedQuantity::Coordinates, ColourSource::Picture { picture, wrap, .. }) => {
+                picture.light([value.x, value.y], *wrap)
+            }
             _ => value.coords.into(),
         }
     }
@@ -335,13 +341,16 @@ fn subdivisions(surface: &SurfaceMesh, options: &TextureOptions) -> Result<usize
 }
 
 /// The boundary map into the space of what is extended.
-fn boundary_values(skin: &Arc<Skin>, options: &TextureOptions) -> Result<BoundaryMap, TextureError> {
+fn boundary_values(
+    coloured_surface: &Arc<ColouredSurface>,
+    options: &TextureOptions,
+) -> Result<BoundaryMap, TextureError> {
     let extended = options.extended;
     let target = match extended {
-        Extended::Colours => (Point::origin(), Point::new(1.0, 1.0, 1.0)),
-        Extended::Coordinates => {
-            let [low, high] = skin.uv_box().ok_or(TextureError::NoUv)?;
-            let seams = skin.seams();
+        ExtendedQuantity::Colours => (Point::origin(), Point::new(1.0, 1.0, 1.0)),
+        ExtendedQuantity::Coordinates => {
+            let [low, high] = coloured_surface.uv_box().ok_or(TextureError::NoUv)?;
+            let seams = coloured_surface.seams();
             if seams.seams > 0 && !options.across_seams {
                 return Err(TextureError::Seams {
                     seams: seams.seams,
@@ -352,15 +361,19 @@ fn boundary_values(skin: &Arc<Skin>, options: &TextureOptions) -> Result<Boundar
             (Point::new(low[0], low[1], 0.0), Point::new(high[0], high[1], 0.0))
         }
     };
-    let values = skin.clone();
+    let values = coloured_surface.clone();
     let function = move |place: &SurfacePoint| boundary_value(&values, extended, place);
-    Ok(BoundaryMap::by_function(skin.surface().clone(), target, function)?)
+    Ok(BoundaryMap::by_function(
+        coloured_surface.surface().clone(),
+        target,
+        function,
+    )?)
 }
 
-fn boundary_value(skin: &Skin, extended: Extended, place: &SurfacePoint) -> Point {
-    match (extended, skin.uv(place)) {
-        (Extended::Coordinates, Some([u, v])) => Point::new(u, v, 0.0),
-        _ => as_point(skin.colour(place)),
+fn boundary_value(coloured_surface: &ColouredSurface, extended: ExtendedQuantity, place: &SurfacePoint) -> Point {
+    match (extended, coloured_surface.uv(place)) {
+        (ExtendedQuantity::Coordinates, Some([u, v])) => Point::new(u, v, 0.0),
+        _ => as_point(coloured_surface.colour(place)),
     }
 }
 

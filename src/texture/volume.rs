@@ -8,7 +8,7 @@ use crate::mesh::SurfaceMesh;
 
 /// Cubic voxels over the bounding box of a solid. The texture is sampled at their centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct VolumeGrid {
+pub struct VoxelGrid {
     /// Centre of the first voxel, the one of lowest coordinates.
     pub origin: Point,
     /// Side of a voxel.
@@ -19,9 +19,9 @@ pub struct VolumeGrid {
 
 /// The colours of all voxels.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Volume {
+pub struct VoxelTexture {
     /// Where the voxels are.
-    pub grid: VolumeGrid,
+    pub grid: VoxelGrid,
     /// Red, green and blue in 8-bit sRGB, and 255 in the solid or 0, with black, outside. Voxels along x follow each other,
     /// then rows along y, then layers along z.
     pub rgba: Vec<[u8; 4]>,
@@ -43,7 +43,7 @@ pub(super) fn allowed_memory() -> f64 {
     memory::available().map_or(isize::MAX as f64, |bytes| MOST * bytes as f64)
 }
 
-impl VolumeGrid {
+impl VoxelGrid {
     /// `resolution` voxels along the longest side of the solid's box, and as many of the same size as cover the others.
     ///
     /// # Errors
@@ -100,7 +100,7 @@ impl VolumeGrid {
 
 impl SolidTexture {
     /// The texture at the centres of all voxels. `progress` is told how many of them are done.
-    pub fn volume(&self, grid: &VolumeGrid, progress: &dyn Fn(usize)) -> Volume {
+    pub fn volume(&self, grid: &VoxelGrid, progress: &dyn Fn(usize)) -> VoxelTexture {
         let voxels = grid.voxels();
         let mut rgba = Vec::with_capacity(voxels);
         for first in (0..voxels).step_by(POINTS_AT_ONCE) {
@@ -116,7 +116,7 @@ impl SolidTexture {
             }));
             progress(rgba.len());
         }
-        Volume {
+        VoxelTexture {
             grid: *grid,
             inside: rgba.iter().filter(|voxel| voxel[3] > 0).count(),
             rgba,

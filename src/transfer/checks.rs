@@ -36,7 +36,7 @@ pub struct LabelShare {
 
 /// How the values of a field are distributed over a volume.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Distribution {
+pub struct ValueDistribution {
     /// Mean over the volume.
     pub mean: f64,
     /// The values below which 5, 25, 50, 75 and 95 % of the volume lie.
@@ -47,9 +47,9 @@ pub struct Distribution {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct DistributionCheck {
     /// Over the domain's volume.
-    pub before: Distribution,
+    pub before: ValueDistribution,
     /// Over the volume of the image: weighted by `|det J|`.
-    pub after: Distribution,
+    pub after: ValueDistribution,
     /// Largest difference between the two cumulative distributions (Kolmogorov–Smirnov), from 0 to 1: 0 for a map that
     /// keeps volumes.
     pub largest_shift: f64,
@@ -154,10 +154,10 @@ pub fn distribution_check(values: &[f64], before: &[f64], after: &[f64]) -> Opti
     })
 }
 
-fn distribution(values: &[f64], weights: &[f64]) -> Option<Distribution> {
+fn distribution(values: &[f64], weights: &[f64]) -> Option<ValueDistribution> {
     let quantiles = weighted_quantiles(values, weights, [0.05, 0.25, 0.5, 0.75, 0.95])?;
     let sum: f64 = values.iter().zip(weights).map(|(value, weight)| value * weight).sum();
-    Some(Distribution {
+    Some(ValueDistribution {
         mean: sum / weights.iter().sum::<f64>(),
         quantiles,
     })

@@ -1,7 +1,7 @@
 //! Fields that go from the domain of a map to its target: Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for
 //! solid modeling applications* (2007), section 5.1.
 //!
-//! [`carry`] moves what carries the field, points or a mesh: exact at the nodes. [`resample`] asks for the field at given
+//! [`push_forward`] moves what carries the field, points or a mesh: exact at the nodes. [`resample`] asks for the field at given
 //! points of the target, by way of the inverse map and linear interpolation where the field is known. [`volume_check`] and
 //! [`distribution_check`] say what the map does to volumes, and so to how much of the solid has which value.
 
@@ -13,13 +13,13 @@ use crate::map::VolumeMap;
 use crate::{Matrix3, Point, Vector};
 
 pub use checks::{
-    Distribution, DistributionCheck, LabelShare, VolumeCheck, distribution_check, label_shares, volume_check,
+    DistributionCheck, LabelShare, ValueDistribution, VolumeCheck, distribution_check, label_shares, volume_check,
 };
-pub use sampler::Sampler;
+pub use sampler::FieldSampler;
 
 /// How the values of a field go to the target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Carry {
+pub enum FieldKind {
     /// As they are; linear between nodes.
     Values,
     /// Three components that are pushed forward, `J v`: velocities, fibres, directions that move with the material.
@@ -38,12 +38,12 @@ pub struct TransferField {
     /// `n × components`, row-major.
     pub values: Vec<f64>,
     /// How it goes to the target.
-    pub carry: Carry,
+    pub kind: FieldKind,
 }
 
 /// Points with fields, and the tetrahedra between them, if any.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Carrier {
+pub struct FieldMesh {
     /// The points, in the domain or in the target.
     pub points: Vec<Point>,
     /// Tetrahedra over the points; may be empty.
@@ -97,19 +97,19 @@ pub enum TransferError {
 
 /// Fields at points of the target.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Resampled {
-    /// The carrier's fields over points, then those over its tetrahedra; NaN at points without preimage.
+pub struct ResampledFields {
+    /// The mesh's fields over points, then those over its tetrahedra; NaN at points without preimage.
     pub fields: Vec<TransferField>,
     /// Where the points come from.
     pub preimages: Vec<Preimage>,
     /// What the inverse map has to say.
     pub inverse: InverseReport,
-    /// Preimages beyond the carrier's tetrahedra, which got what is at the closest point of their boundary; 0 without
+    /// Preimages beyond the mesh's tetrahedra, which got what is at the closest point of their boundary; 0 without
     /// tetrahedra.
-    pub beyond_carrier: usize,
+    pub outside_mesh: usize,
 }
 
-impl Carrier {
+impl FieldMesh {
     /// Whether indices and counts fit.
     ///
     /// # Errors
@@ -145,7 +145,7 @@ impl Carrier {
                     found,
                 });
             }
-            if field.carry == Carry::Vector && field.components != 3 {
+            if field.kind == FieldKind::Vector && field.components != 3 {
                 let (name, components) = (field.name.clone(), field.components);
                 return Err(TransferError::NotAVector { name, components });
             }
@@ -162,65 +162,65 @@ impl Carrier {
     }
 }
 
-/// The carrier in the target: every point at its image, with its values, and the same tetrahedra. Vectors over tetrahedra are
+/// The mesh in the target: every point at its image, with its values, and the same tetrahedra. Vectors over tetrahedra are
 /// pushed forward at the centroids.
 ///
 /// # Errors
 ///
-/// As [`Carrier::check`].
-pub fn carry(map: &dyn VolumeMap, carrier: &Carrier) -> Result<Carrier, TransferError> {
-    carrier.check()?;
-    let has_vectors = |fields: &[TransferField]| fields.iter().any(|field| field.carry == Carry::Vector);
-    let (points, jacobians) = if has_vectors(&carrier.point_fields) {
-        map.evaluate_with_jacobian(&carrier.points)
+/// As [`FieldMesh::check`].
+pub fn push_forward(map: &dyn VolumeMap, field_mesh: &FieldMesh) -> Result<FieldMesh, TransferError> {
+    field_mesh.check()?;
+    let has_vectors = |fields: &[TransferField]| fields.iter().any(|field| field.kind == FieldKind::Vector);
+    let (points, jacobians) = if has_vectors(&field_mesh.point_fields) {
+        map.evaluate_with_jacobian(&field_mesh.points)
     } else {
-        (map.evaluate(&carrier.points), vec![])
+        (map.evaluate(&field_mesh.points), vec![])
     };
-    let in_tets = match has_vectors(&carrier.cell_fields) {
-        true => map.jacobian(&carrier.centroids()),
+    let in_tets = match has_vectors(&field_mesh.cell_fields) {
+        true => map.jacobian(&field_mesh.centroids()),
         false => vec![],
     };
     let pushed = |fields: &[TransferField], jacobians: &[Matrix3]| {
-        let field = |field: &TransferField| match field.carry {
-            Carry::Vector => push_forward(field, jacobians),
+        let field = |field: &TransferField| match field.kind {
+            FieldKind::Vector => push_forward_vectors(field, jacobians),
             _ => field.clone(),
         };
         fields.iter().map(field).collect()
     };
-    Ok(Carrier {
+    Ok(FieldMesh {
         points,
-        tets: carrier.tets.clone(),
-        point_fields: pushed(&carrier.point_fields, &jacobians),
-        cell_fields: pushed(&carrier.cell_fields, &in_tets),
+        tets: field_mesh.tets.clone(),
+        point_fields: pushed(&field_mesh.point_fields, &jacobians),
+        cell_fields: pushed(&field_mesh.cell_fields, &in_tets),
     })
 }
 
-/// The carrier's fields at points of the target: what is at their preimages.
+/// The mesh's fields at points of the target: what is at their preimages.
 ///
 /// # Errors
 ///
-/// As [`Sampler::new`].
+/// As [`FieldSampler::new`].
 pub fn resample(
     map: &dyn VolumeMap,
     inverse: &InverseMap,
-    carrier: &Carrier,
+    field_mesh: &FieldMesh,
     points: &[Point],
-) -> Result<Resampled, TransferError> {
-    let sampler = Sampler::new(carrier)?;
+) -> Result<ResampledFields, TransferError> {
+    let sampler = FieldSampler::new(field_mesh)?;
     let (preimages, report) = inverse.preimages(points);
     let places: Vec<Point> = preimages.iter().map(place).collect();
     let (mut fields, beyond) = sampler.sample(&places);
-    if fields.iter().any(|field| field.carry == Carry::Vector) {
+    if fields.iter().any(|field| field.kind == FieldKind::Vector) {
         let jacobians = map.jacobian(&places);
-        for field in fields.iter_mut().filter(|field| field.carry == Carry::Vector) {
-            *field = push_forward(field, &jacobians);
+        for field in fields.iter_mut().filter(|field| field.kind == FieldKind::Vector) {
+            *field = push_forward_vectors(field, &jacobians);
         }
     }
-    Ok(Resampled {
+    Ok(ResampledFields {
         fields,
         preimages,
         inverse: report,
-        beyond_carrier: beyond.iter().filter(|&&beyond| beyond).count(),
+        outside_mesh: beyond.iter().filter(|&&beyond| beyond).count(),
     })
 }
 
@@ -232,7 +232,7 @@ fn place(preimage: &Preimage) -> Point {
     }
 }
 
-fn push_forward(field: &TransferField, jacobians: &[Matrix3]) -> TransferField {
+fn push_forward_vectors(field: &TransferField, jacobians: &[Matrix3]) -> TransferField {
     let vectors = field.values.as_chunks::<3>().0.iter().zip(jacobians);
     TransferField {
         values: vectors

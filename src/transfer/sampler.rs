@@ -2,33 +2,33 @@
 
 use rayon::prelude::*;
 
-use super::{Carrier, Carry, TransferError, TransferField};
+use super::{FieldKind, FieldMesh, TransferError, TransferField};
 use crate::geometry::{Aabb, Bvh, closest_point_on_triangle};
 use crate::inverse::barycentric;
 use crate::{Point, Vector};
 
-/// The fields of a carrier at any points: linear in tetrahedra, and beyond them as at the closest point of their
-/// boundary. A carrier without tetrahedra has the values of the nearest point. Labels are those of the corner that has
+/// The fields of a mesh at any points: linear in tetrahedra, and beyond them as at the closest point of their
+/// boundary. A mesh without tetrahedra has the values of the nearest point. Labels are those of the corner that has
 /// the largest weight, or that of the tetrahedron for fields over tetrahedra.
-pub struct Sampler<'a> {
-    carrier: &'a Carrier,
+pub struct FieldSampler<'a> {
+    field_mesh: &'a FieldMesh,
     by_tet: Bvh,
     tet_of_item: Vec<u32>,
     by_rim: Bvh,
-    rim: Vec<Rim>,
+    rim: Vec<BoundaryFace>,
     /// Points no farther from the rim are not beyond it, as a square.
     margin_squared: f64,
 }
 
 /// A triangle that bounds the tetrahedra, with its tetrahedron; or a point, three times, where there are none.
-struct Rim {
+struct BoundaryFace {
     corners: [u32; 3],
     tet: u32,
 }
 
-/// Where a value comes from: carrier points with their weights, and a tetrahedron.
+/// Where a value comes from: mesh points with their weights, and a tetrahedron.
 #[derive(Clone, Copy)]
-struct Place {
+struct SampleLocation {
     points: [u32; 4],
     weights: [f64; 4],
     tet: u32,
@@ -38,42 +38,42 @@ struct Place {
 const NONE: u32 = u32::MAX;
 /// Barycentric coordinates that count as inside: no point may fall between tetrahedra.
 const SLACK: f64 = 1e-9;
-/// What preimages of boundary points err by, as a fraction of the carrier's diagonal, and some more.
+/// What preimages of boundary points err by, as a fraction of the mesh's diagonal, and some more.
 const MARGIN: f64 = 1e-6;
 
-impl<'a> Sampler<'a> {
-    /// Sorts the carrier's tetrahedra, and the triangles that bound them, into trees.
+impl<'a> FieldSampler<'a> {
+    /// Sorts the mesh's tetrahedra, and the triangles that bound them, into trees.
     ///
     /// # Errors
     ///
-    /// As [`Carrier::check`], and [`TransferError::Empty`].
-    pub fn new(carrier: &'a Carrier) -> Result<Self, TransferError> {
-        carrier.check()?;
-        let is_finite = |v: &u32| carrier.points[*v as usize].iter().all(|c| c.is_finite());
-        let tet_of_item: Vec<u32> = (0..carrier.tets.len() as u32)
-            .filter(|&t| carrier.tets[t as usize].iter().all(is_finite))
+    /// As [`FieldMesh::check`], and [`TransferError::Empty`].
+    pub fn new(field_mesh: &'a FieldMesh) -> Result<Self, TransferError> {
+        field_mesh.check()?;
+        let is_finite = |v: &u32| field_mesh.points[*v as usize].iter().all(|c| c.is_finite());
+        let tet_of_item: Vec<u32> = (0..field_mesh.tets.len() as u32)
+            .filter(|&t| field_mesh.tets[t as usize].iter().all(is_finite))
             .collect();
         let rim = if tet_of_item.is_empty() {
-            let all = (0..carrier.points.len() as u32).filter(is_finite);
-            all.map(|v| Rim {
+            let all = (0..field_mesh.points.len() as u32).filter(is_finite);
+            all.map(|v| BoundaryFace {
                 corners: [v; 3],
                 tet: NONE,
             })
             .collect()
         } else {
-            outer_triangles(&carrier.tets, &tet_of_item)
+            outer_triangles(&field_mesh.tets, &tet_of_item)
         };
         if rim.is_empty() {
             return Err(TransferError::Empty);
         }
-        let point = |v: u32| carrier.points[v as usize];
-        let around_tet = |&t: &u32| with_slack(Aabb::around(&carrier.tets[t as usize].map(point)));
+        let point = |v: u32| field_mesh.points[v as usize];
+        let around_tet = |&t: &u32| with_slack(Aabb::around(&field_mesh.tets[t as usize].map(point)));
         let boxes: Vec<Aabb> = tet_of_item.iter().map(around_tet).collect();
         let of_rim: Vec<Aabb> = rim.iter().map(|r| Aabb::around(&r.corners.map(point))).collect();
         let by_rim = Bvh::new(&of_rim);
         let diagonal = by_rim.nodes()[0].bounds.extent().norm();
         Ok(Self {
-            carrier,
+            field_mesh,
             by_tet: Bvh::new(&boxes),
             tet_of_item,
             by_rim,
@@ -83,20 +83,24 @@ impl<'a> Sampler<'a> {
     }
 
     /// The fields over points, then those over tetrahedra, at these points; NaN at points that are not finite. Also which
-    /// points lie beyond the tetrahedra, by more than a millionth of the carrier's diagonal; none without tetrahedra.
+    /// points lie beyond the tetrahedra, by more than a millionth of the mesh's diagonal; none without tetrahedra.
     pub fn sample(&self, points: &[Point]) -> (Vec<TransferField>, Vec<bool>) {
-        let places: Vec<Option<Place>> = points.par_iter().map(|p| self.place(p)).collect();
+        let places: Vec<Option<SampleLocation>> = points.par_iter().map(|p| self.place(p)).collect();
         let beyond = places.iter().map(|place| place.is_some_and(|place| place.beyond));
         let over_points = self
-            .carrier
+            .field_mesh
             .point_fields
             .iter()
             .map(|field| over_points(field, &places));
-        let over_tets = self.carrier.cell_fields.iter().map(|field| over_tets(field, &places));
+        let over_tets = self
+            .field_mesh
+            .cell_fields
+            .iter()
+            .map(|field| over_tets(field, &places));
         (over_points.chain(over_tets).collect(), beyond.collect())
     }
 
-    fn place(&self, p: &Point) -> Option<Place> {
+    fn place(&self, p: &Point) -> Option<SampleLocation> {
         if !p.iter().all(|c| c.is_finite()) {
             return None;
         }
@@ -104,9 +108,9 @@ impl<'a> Sampler<'a> {
     }
 
     /// The tetrahedron that holds a point; of several, the lowest.
-    fn holding(&self, p: &Point) -> Option<Place> {
+    fn holding(&self, p: &Point) -> Option<SampleLocation> {
         let (all, mut at) = (self.by_tet.nodes(), 0);
-        let mut best: Option<Place> = None;
+        let mut best: Option<SampleLocation> = None;
         while at < all.len() {
             let node = &all[at];
             if !node.bounds.contains(p) {
@@ -119,11 +123,11 @@ impl<'a> Sampler<'a> {
             }
             for &item in &self.by_tet.order()[node.items()] {
                 let tet = self.tet_of_item[item as usize];
-                let points = self.carrier.tets[tet as usize];
-                let weights = barycentric(&points.map(|v| self.carrier.points[v as usize]), p);
+                let points = self.field_mesh.tets[tet as usize];
+                let weights = barycentric(&points.map(|v| self.field_mesh.points[v as usize]), p);
                 let inside = weights.filter(|weights| weights.iter().all(|&w| w >= -SLACK));
                 if let Some(weights) = inside.filter(|_| best.is_none_or(|best| tet < best.tet)) {
-                    best = Some(Place {
+                    best = Some(SampleLocation {
                         points,
                         weights,
                         tet,
@@ -136,12 +140,14 @@ impl<'a> Sampler<'a> {
     }
 
     /// The closest point of the rim; of several, that of the lowest triangle.
-    fn nearest(&self, p: &Point) -> Place {
+    fn nearest(&self, p: &Point) -> SampleLocation {
         // Squares beyond the largest number leave the first.
         let mut best = (f64::INFINITY, 0, [1.0, 0.0, 0.0]);
         self.by_rim.visit_nearest(p, f64::INFINITY, |items, _| {
             for &item in &self.by_rim.order()[items] {
-                let corners = self.rim[item as usize].corners.map(|v| self.carrier.points[v as usize]);
+                let corners = self.rim[item as usize]
+                    .corners
+                    .map(|v| self.field_mesh.points[v as usize]);
                 let closest = closest_point_on_triangle(p, &corners);
                 let distance = closest.offset.norm_squared();
                 if (distance, item) < (best.0, best.1) {
@@ -151,8 +157,8 @@ impl<'a> Sampler<'a> {
             best.0
         });
         let (distance, item, [a, b, c]) = best;
-        let Rim { corners, tet } = self.rim[item as usize];
-        Place {
+        let BoundaryFace { corners, tet } = self.rim[item as usize];
+        SampleLocation {
             points: [corners[0], corners[1], corners[2], corners[0]],
             weights: [a, b, c, 0.0],
             tet,
@@ -162,7 +168,7 @@ impl<'a> Sampler<'a> {
 }
 
 /// The triangles that belong to one of these tetrahedra only, in their order.
-fn outer_triangles(tets: &[[u32; 4]], chosen: &[u32]) -> Vec<Rim> {
+fn outer_triangles(tets: &[[u32; 4]], chosen: &[u32]) -> Vec<BoundaryFace> {
     let faces = |&t: &u32| {
         let [a, b, c, d] = tets[t as usize];
         [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(|mut corners| {
@@ -173,8 +179,8 @@ fn outer_triangles(tets: &[[u32; 4]], chosen: &[u32]) -> Vec<Rim> {
     let mut all: Vec<([u32; 3], u32)> = chosen.iter().flat_map(faces).collect();
     all.par_sort_unstable();
     let single = all.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() == 1);
-    let mut rim: Vec<Rim> = single
-        .map(|same| Rim {
+    let mut rim: Vec<BoundaryFace> = single
+        .map(|same| BoundaryFace {
             corners: same[0].0,
             tet: same[0].1,
         })
@@ -192,10 +198,10 @@ fn with_slack(bounds: Aabb) -> Aabb {
     }
 }
 
-fn over_points(field: &TransferField, places: &[Option<Place>]) -> TransferField {
+fn over_points(field: &TransferField, places: &[Option<SampleLocation>]) -> TransferField {
     let value = |v: u32, k: usize| field.values[v as usize * field.components + k];
-    let at = |place: &Place, k: usize| match field.carry {
-        Carry::Label => {
+    let at = |place: &SampleLocation, k: usize| match field.kind {
+        FieldKind::Label => {
             let largest = (0..4).max_by(|&a, &b| place.weights[a].total_cmp(&place.weights[b]).then(b.cmp(&a)));
             value(place.points[largest.unwrap_or(0)], k)
         }
@@ -211,7 +217,7 @@ fn weighted(weight: f64, value: f64) -> f64 {
     if weight == 0.0 { 0.0 } else { weight * value }
 }
 
-fn over_tets(field: &TransferField, places: &[Option<Place>]) -> TransferField {
+fn over_tets(field: &TransferField, places: &[Option<SampleLocation>]) -> TransferField {
     with_values(field, places, |place, k| match place.tet {
         NONE => f64::NAN,
         tet => field.values[tet as usize * field.components + k],
@@ -220,8 +226,8 @@ fn over_tets(field: &TransferField, places: &[Option<Place>]) -> TransferField {
 
 fn with_values(
     field: &TransferField,
-    places: &[Option<Place>],
-    at: impl Fn(&Place, usize) -> f64 + Sync,
+    places: &[Option<SampleLocation>],
+    at: impl Fn(&SampleLocation, usize) -> f64 + Sync,
 ) -> TransferField {
     let mut values = vec![f64::NAN; places.len() * field.components];
     values

@@ -131,7 +131,7 @@ pub enum MapMethod {
     MeanValue,
 }
 
-impl From<MapMethod> for solidmap::compare::Method {
+impl From<MapMethod> for solidmap::compare::ComparedMethod {
     fn from(method: MapMethod) -> Self {
         match method {
             MapMethod::Mfs => Self::Mfs,

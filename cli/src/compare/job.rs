@@ -6,8 +6,8 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
-use solidmap::compare::{Difference, MeshSpec, Method, Seconds};
-use solidmap::energy::{Determinants, Distortion, Distribution};
+use solidmap::compare::{BuildTimings, ComparedMethod, MapDifference, MeshSpec};
+use solidmap::energy::{DensityQuantiles, Determinants, DistortionMetrics};
 use solidmap::fit::BoundaryError;
 
 use crate::input::BoundarySource;
@@ -44,11 +44,11 @@ pub struct Job {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub enum Task {
     /// Make a map and measure it.
-    Method(Method),
+    Method(ComparedMethod),
     /// Make a finer map that the others are held against.
     Reference,
     /// Map the domain to one frame after the other.
-    Sequence(Method, Vec<PathBuf>),
+    Sequence(ComparedMethod, Vec<PathBuf>),
 }
 
 /// A plane perpendicular to a coordinate axis.
@@ -78,7 +78,7 @@ pub struct Row {
 /// What is known of a map.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Figures {
-    pub seconds: Seconds,
+    pub seconds: BuildTimings,
     /// Of the process when the map was made, with the program and its inputs.
     pub peak_rss_bytes: u64,
     /// Tetrahedra that the map is made of, or that were carried to count folds.
@@ -89,19 +89,19 @@ pub struct Figures {
     pub iterations: Option<usize>,
     pub boundary_error: BoundaryError,
     /// To the reference.
-    pub interior_difference: Option<Difference>,
+    pub interior_difference: Option<MapDifference>,
     /// With both solids at unit volume, as the deformation energy.
     pub harmonic_energy: f64,
     pub deformation_energy: f64,
-    pub energy_density: Distribution,
+    pub energy_density: DensityQuantiles,
     pub min_det_jacobian: f64,
     pub det_jacobian: Option<Determinants>,
     /// Part of the volume where the map is folded.
     pub folded_fraction: f64,
     /// Means over the volume where the map is not folded, the target scaled to the domain's volume.
-    pub distortion: Option<Distortion>,
+    pub distortion: Option<DistortionMetrics>,
     /// As VOLMAP's program forms them.
-    pub volmap: Option<Distortion>,
+    pub volmap: Option<DistortionMetrics>,
     pub quadrature_points: usize,
     /// What could not be found out.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

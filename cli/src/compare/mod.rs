@@ -12,7 +12,7 @@ use crate::drawing::Axis;
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMapError;
-use solidmap::compare::{Difference, MeshSource, MeshSpec, Method, Samples, spread};
+use solidmap::compare::{ComparedMethod, InteriorImages, MapDifference, MeshSpec, TetMesher, spread};
 use solidmap::io;
 use solidmap::mesh::SurfaceMesh;
 
@@ -60,11 +60,11 @@ struct Step {
 /// How much the maps of one method differ.
 #[derive(Serialize)]
 struct Study {
-    method: Method,
+    method: ComparedMethod,
     /// What was varied, and what came of it.
     runs: Vec<StudyRun>,
     /// Distances of the maps from their mean.
-    spread: Option<Difference>,
+    spread: Option<MapDifference>,
 }
 
 #[derive(Serialize)]
@@ -76,7 +76,7 @@ struct StudyRun {
 
 #[derive(Serialize)]
 struct SequenceRow {
-    method: Method,
+    method: ComparedMethod,
     error: Option<String>,
     #[serde(flatten)]
     figures: Option<SequenceFigures>,
@@ -178,7 +178,7 @@ fn source(args: &CompareArgs) -> anyhow::Result<BoundarySource> {
 /// A table of rows that all have the same reason to be empty.
 fn none_possible(args: &CompareArgs, error: &anyhow::Error, output: &Output) -> anyhow::Result<Outcome> {
     let error = super::describe(error);
-    let row = |method: Method| Row {
+    let row = |method: ComparedMethod| Row {
         name: method.name().to_owned(),
         error: Some(error.clone()),
         figures: None,
@@ -195,7 +195,7 @@ fn none_possible(args: &CompareArgs, error: &anyhow::Error, output: &Output) -> 
 /// Removes what an earlier comparison left: its maps would stand among the new ones.
 fn clear(folder: &Path) -> anyhow::Result<()> {
     let tables = ["txt", "md", "csv", "json", "png"].map(|extension| format!("comparison.{extension}"));
-    let maps = Method::ALL.map(|method| method.name());
+    let maps = ComparedMethod::ALL.map(|method| method.name());
     let maps = maps.iter().flat_map(|name| {
         [
             format!("{name}.csv"),
@@ -286,7 +286,7 @@ impl Comparison {
 
     /// Whether the reference is further from the boundary map than a map that is held against it.
     fn is_reference_poor(&self) -> bool {
-        let mfs = self.methods.iter().find(|row| row.name == Method::Mfs.name());
+        let mfs = self.methods.iter().find(|row| row.name == ComparedMethod::Mfs.name());
         let mfs = mfs.and_then(|row| row.figures.as_ref());
         let worse = |(reference, mfs): (&Reference, &Figures)| reference.boundary_error.rms > mfs.boundary_error.rms;
         self.reference.as_ref().zip(mfs).is_some_and(worse)
@@ -294,9 +294,11 @@ impl Comparison {
 }
 
 /// Those asked for, in the order of tables.
-fn methods_of(args: &CompareArgs) -> impl Iterator<Item = Method> + use<> {
-    let asked: Vec<Method> = args.methods.iter().map(|&method| method.into()).collect();
-    Method::ALL.into_iter().filter(move |method| asked.contains(method))
+fn methods_of(args: &CompareArgs) -> impl Iterator<Item = ComparedMethod> + use<> {
+    let asked: Vec<ComparedMethod> = args.methods.iter().map(|&method| method.into()).collect();
+    ComparedMethod::ALL
+        .into_iter()
+        .filter(move |method| asked.contains(method))
 }
 
 /// Sends jobs out, one at a time: they take all cores.
@@ -312,7 +314,7 @@ struct Runner<'a> {
 }
 
 impl Runner<'_> {
-    fn methods(&self) -> impl Iterator<Item = Method> {
+    fn methods(&self) -> impl Iterator<Item = ComparedMethod> {
         methods_of(self.args)
     }
 
@@ -352,8 +354,8 @@ impl Runner<'_> {
         let tets = &self.args.tets;
         MeshSpec {
             source: match tets.mesher {
-                Mesher::Tetgen => MeshSource::Tetgen,
-                Mesher::Cgal => MeshSource::Mesh3,
+                Mesher::Tetgen => TetMesher::Tetgen,
+                Mesher::Cgal => TetMesher::Mesh3,
             },
             edge: tets.mesh_size.or(default.edge),
             quality: tets.quality,
@@ -409,7 +411,7 @@ impl Runner<'_> {
         }
     }
 
-    fn row(&self, method: Method, has_reference: bool) -> Row {
+    fn row(&self, method: ComparedMethod, has_reference: bool) -> Row {
         let mut job = self.job(Task::Method(method), method.name());
         job.reference = has_reference.then(|| self.reference_files());
         job.keep = self.args.out.clone();
@@ -423,7 +425,7 @@ impl Runner<'_> {
             return Vec::new();
         }
         let difference = |row: &Row| Some(row.figures.as_ref()?.interior_difference?.rms);
-        let mfs = methods.iter().find(|row| row.name == Method::Mfs.name());
+        let mfs = methods.iter().find(|row| row.name == ComparedMethod::Mfs.name());
         let Some((mfs, goal)) = mfs.and_then(|row| Some((row, difference(row)?))) else {
             self.output
                 .warn("there is no difference of mfs to the reference that finite elements could reach");
@@ -436,7 +438,7 @@ impl Runner<'_> {
             row: mfs.clone(),
         }];
         for factor in TIGHTER {
-            let mut job = self.refined(Method::Mfs, steps.len());
+            let mut job = self.refined(ComparedMethod::Mfs, steps.len());
             job.tolerance = factor * tolerance;
             let what = at(job.tolerance);
             let row = self.figures(&job, &format!("mfs, {what}"));
@@ -444,7 +446,7 @@ impl Runner<'_> {
         }
         for k in 0..MOST_REFINEMENTS {
             let (what, spec) = self.finer_mesh(k);
-            let mut job = self.refined(Method::Fem, steps.len());
+            let mut job = self.refined(ComparedMethod::Fem, steps.len());
             job.mesh = Some(spec);
             let row = self.figures(&job, &format!("fem, {what}"));
             let is_last = difference(&row).is_none_or(|rms| rms <= goal);
@@ -460,7 +462,7 @@ impl Runner<'_> {
         steps
     }
 
-    fn refined(&self, method: Method, number: usize) -> Job {
+    fn refined(&self, method: ComparedMethod, number: usize) -> Job {
         let mut job = self.job(Task::Method(method), &format!("refined-{number}"));
         job.reference = Some(self.reference_files());
         job.section = None;
@@ -497,7 +499,7 @@ impl Runner<'_> {
             let (spec, what) = match QUALITIES.get(k) {
                 Some(&quality) => (
                     MeshSpec {
-                        source: MeshSource::Tetgen,
+                        source: TetMesher::Tetgen,
                         quality,
                         ..spec
                     },
@@ -505,7 +507,7 @@ impl Runner<'_> {
                 ),
                 None => (
                     MeshSpec {
-                        source: MeshSource::Mesh3,
+                        source: TetMesher::Mesh3,
                         ..spec
                     },
                     "Mesh_3".into(),
@@ -519,14 +521,14 @@ impl Runner<'_> {
             format!("sources at {} spacings", ALPHAS[k])
         };
         self.methods()
-            .filter(|&method| method != Method::MeanValue)
+            .filter(|&method| method != ComparedMethod::MeanValue)
             .map(|method| {
                 let runs = (0..4).map(|k| {
                     let mut job = self.job(Task::Method(method), &format!("study-{}-{k}", method.name()));
                     job.section = None;
                     job.reference = has_reference.then(|| self.reference_files());
                     let what = match method {
-                        Method::Mfs => with_sources(&mut job, k),
+                        ComparedMethod::Mfs => with_sources(&mut job, k),
                         _ => on_meshes(&mut job, k),
                     };
                     let row = self.figures(&job, &format!("{}, {what}", method.name()));
@@ -537,7 +539,11 @@ impl Runner<'_> {
                     (StudyRun { what, row }, samples)
                 });
                 let (runs, samples): (Vec<_>, Vec<_>) = runs.unzip();
-                let samples: Vec<Samples> = samples.into_iter().flatten().map(|images| Samples { images }).collect();
+                let samples: Vec<InteriorImages> = samples
+                    .into_iter()
+                    .flatten()
+                    .map(|images| InteriorImages { images })
+                    .collect();
                 Study {
                     method,
                     runs,
@@ -552,7 +558,7 @@ impl Runner<'_> {
             return Vec::new();
         }
         let frames = &self.args.frames;
-        let methods = self.methods().filter(|&method| method != Method::MeanValue);
+        let methods = self.methods().filter(|&method| method != ComparedMethod::MeanValue);
         methods
             .map(|method| {
                 let job = self.job(

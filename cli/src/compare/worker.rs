@@ -9,8 +9,8 @@ use solidmap::baseline::{DescentOptions, HarmonicOptions, TetHarmonic, TetLaplac
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::check;
 use solidmap::compare::{
-    self, Built, Difference, Folds, MeshSpec, Method, Recipe, Samples, Yardstick, YardstickOptions, boundary_error,
-    build, carried, mesh_for,
+    self, BuildOptions, BuiltMap, ComparedMethod, EvaluationOptions, FoldCount, InteriorImages, MapDifference,
+    MapEvaluator, MeshSpec, boundary_error, build, carried, mesh_for,
 };
 use solidmap::energy::harmonic;
 use solidmap::fit::{DomainFactor, FitOptions, Placement};
@@ -94,25 +94,25 @@ fn descent(job: &Job) -> DescentOptions {
     }
 }
 
-fn yardstick<'a>(job: &Job, boundary: &'a BoundaryMap) -> anyhow::Result<Yardstick<'a>> {
+fn yardstick<'a>(job: &Job, boundary: &'a BoundaryMap) -> anyhow::Result<MapEvaluator<'a>> {
     tell("placing points to measure at".into());
-    let options = YardstickOptions {
+    let options = EvaluationOptions {
         resolution: job.resolution,
         interior: job.interior,
         seed: job.seed,
-        ..YardstickOptions::default()
+        ..EvaluationOptions::default()
     };
-    Ok(Yardstick::new(boundary, &options)?)
+    Ok(MapEvaluator::new(boundary, &options)?)
 }
 
 fn mesh_spec(job: &Job, boundary: &BoundaryMap) -> MeshSpec {
     job.mesh.unwrap_or_else(|| MeshSpec::of(boundary.domain()))
 }
 
-fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result<Figures> {
+fn measured(job: &Job, boundary: &BoundaryMap, method: ComparedMethod) -> anyhow::Result<Figures> {
     let given = job.given.as_ref().map(io::read_tets).transpose()?;
     let spec = mesh_spec(job, boundary);
-    let recipe = Recipe {
+    let recipe = BuildOptions {
         method,
         fit: fit_options(job),
         harmonic: HarmonicOptions::default(),
@@ -120,7 +120,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
         mesh: spec,
         given: given.as_ref(),
     };
-    let Built {
+    let BuiltMap {
         map,
         tets,
         unknowns,
@@ -135,11 +135,11 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
     tell(format!("measuring at {} points", yardstick.quadrature().points().len()));
     let found = yardstick.measure(&*map)?;
     seconds.evaluate = found.evaluate_seconds;
-    let samples = yardstick.samples(&*map)?;
+    let samples = yardstick.interior_images(&*map)?;
     let interior_difference = match &job.reference {
         Some([reference, _]) => {
             let images = io::read_points(reference)?;
-            Some(yardstick.difference(&samples, &Samples { images }))
+            Some(yardstick.difference(&samples, &InteriorImages { images }))
         }
         None => None,
     };
@@ -159,7 +159,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: Method) -> anyhow::Result
             }
         },
     };
-    let folds = on_tets.as_ref().map(|(mesh, images)| Folds::of(mesh, images));
+    let folds = on_tets.as_ref().map(|(mesh, images)| FoldCount::of(mesh, images));
     if let Some(folder) = &job.keep {
         tell("writing".into());
         keep(folder, method, &yardstick, &samples, on_tets.as_ref())?;
@@ -219,9 +219,9 @@ fn write_points(path: &Path, points: &[Point]) -> anyhow::Result<()> {
 /// The map's values at the points inside, and the carried tet mesh, for other programs.
 fn keep(
     folder: &Path,
-    method: Method,
-    yardstick: &Yardstick,
-    samples: &Samples,
+    method: ComparedMethod,
+    yardstick: &MapEvaluator,
+    samples: &InteriorImages,
     carried: Option<&(TetMesh, Vec<Point>)>,
 ) -> anyhow::Result<()> {
     let name = method.name();
@@ -261,7 +261,7 @@ pub struct Reference {
     pub description: String,
     pub boundary_error: solidmap::fit::BoundaryError,
     /// From the same with triangles four times as large: an estimate of that one's error inside, and more than its own.
-    pub difference_to_coarser: Difference,
+    pub difference_to_coarser: MapDifference,
     pub sources: usize,
     pub seconds: f64,
 }
@@ -283,8 +283,8 @@ fn reference(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<Reference> {
     let before = solidmap::fit::fit(&coarser, &options, &|_| {})?;
     let fit = solidmap::fit::fit(&coarser.subdivided(), &options, &|_| {})?;
     let yardstick = yardstick(job, boundary)?;
-    let samples = yardstick.samples(&fit.map)?;
-    let difference_to_coarser = yardstick.difference(&samples, &yardstick.samples(&before.map)?);
+    let samples = yardstick.interior_images(&fit.map)?;
+    let difference_to_coarser = yardstick.difference(&samples, &yardstick.interior_images(&before.map)?);
     write_points(&job.scratch.join(SAMPLES), &samples.images)?;
     if let Some(cut) = job.section {
         write_section(job, &pictures::section(cut, boundary)?, &fit.map)?;
@@ -309,7 +309,7 @@ fn reference(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<Reference> {
 fn sequence(
     job: &Job,
     boundary: &BoundaryMap,
-    method: Method,
+    method: ComparedMethod,
     frames: &[std::path::PathBuf],
 ) -> anyhow::Result<SequenceFigures> {
     let mut skipped = Vec::new();
@@ -323,10 +323,10 @@ fn sequence(
     }
     anyhow::ensure!(!maps.is_empty(), "none of the {} frames can be used", frames.len());
     let mut figures = match method {
-        Method::Mfs => sequence_by_fundamental_solutions(job, boundary, &maps)?,
-        Method::Fem => sequence_by_finite_elements(job, boundary, &maps)?,
-        Method::Variational => sequence_by_descent(job, boundary, &maps)?,
-        Method::MeanValue => anyhow::bail!("mean value coordinates have nothing to keep from frame to frame"),
+        ComparedMethod::Mfs => sequence_by_fundamental_solutions(job, boundary, &maps)?,
+        ComparedMethod::Fem => sequence_by_finite_elements(job, boundary, &maps)?,
+        ComparedMethod::Variational => sequence_by_descent(job, boundary, &maps)?,
+        ComparedMethod::MeanValue => anyhow::bail!("mean value coordinates have nothing to keep from frame to frame"),
     };
     figures.skipped = skipped;
     figures.peak_rss_bytes = peak_rss_bytes();

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::io;
-use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, RemeshPhase, RemeshReport, Remeshed, remesh};
+use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshPhase, RemeshReport, RemeshSource, Remeshed, remesh};
 
 use crossings::Crossings;
 use summary::Reasons;
@@ -146,10 +146,10 @@ fn picture(remeshed: &Remeshed, args: &RemeshArgs, output: &Output) -> Option<Ve
 }
 
 /// What is carried.
-fn source(args: &RemeshArgs) -> anyhow::Result<MeshSource> {
+fn source(args: &RemeshArgs) -> anyhow::Result<RemeshSource> {
     Ok(match &args.mesh {
-        Some(path) => MeshSource::Given(io::read_cells(path)?),
-        None => MeshSource::Regular {
+        Some(path) => RemeshSource::Given(io::read_cells(path)?),
+        None => RemeshSource::Regular {
             kind: match args.kind {
                 CellShape::Tet => CellKind::Tets,
                 CellShape::Hex => CellKind::Hexes,

@@ -4,7 +4,7 @@ use crate::drawing::{
     Axis, Camera, ColourBar, Edges, Figure, Histogram, Panel, Scale, Shading, SurfaceColour, SurfaceStyle, ValueRange,
 };
 use solidmap::mesh::SurfaceMesh;
-use solidmap::remesh::{BadCells, CellKind, Remeshed, Skin, determinants, scaled_jacobians};
+use solidmap::remesh::{CellKind, CellSetBoundary, InvalidCells, Remeshed, determinants, scaled_jacobians};
 use solidmap::{Point, Vector};
 
 use crate::args::UpKind;
@@ -24,8 +24,8 @@ pub fn remeshed(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Fi
     });
     let (mesh, report) = (&remeshed.mesh, &remeshed.report);
     let kept = behind(remeshed, towards_front(up));
-    let open = mesh.skin(|cell| kept[cell as usize]);
-    let whole = mesh.skin(|_| true);
+    let open = mesh.boundary_of(|cell| kept[cell as usize]);
+    let whole = mesh.boundary_of(|_| true);
     let places = [mesh.nodes(), &remeshed.carried, &remeshed.images];
     let qualities = places.map(|x| scaled_jacobians(mesh.cells(), x));
     let bar = ColourBar::new(
@@ -47,7 +47,7 @@ pub fn remeshed(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Fi
     if let Ok(histogram) = Histogram::logarithmic(what, &fields) {
         below.push(Panel::of_histogram(&histogram, PIXELS)?.titled("How volumes change"));
     }
-    let count = |words: &str, cells: &BadCells| format!("{words}: {} inverted", cells.cells.len());
+    let count = |words: &str, cells: &InvalidCells| format!("{words}: {} inverted", cells.cells.len());
     let above = vec![
         domain?.titled("Domain, cut open"),
         as_mapped?.titled(count("As mapped", &report.before)),
@@ -87,7 +87,13 @@ fn behind(remeshed: &Remeshed, front: Vector) -> Vec<bool> {
 }
 
 /// The faces of cells, coloured by their quality.
-fn view(skin: &Skin, positions: &[Point], quality: &[f64], bar: &ColourBar, camera: &Camera) -> anyhow::Result<Panel> {
+fn view(
+    skin: &CellSetBoundary,
+    positions: &[Point],
+    quality: &[f64],
+    bar: &ColourBar,
+    camera: &Camera,
+) -> anyhow::Result<Panel> {
     let values = skin.cells.iter().map(|&cell| quality[cell as usize]).collect();
     let surface = SurfaceMesh::new(positions.to_vec(), skin.triangles.clone())?;
     let style = SurfaceStyle {

@@ -3,7 +3,7 @@
 use crate::drawing::significant;
 use serde::Serialize;
 use solidmap::memory::readable;
-use solidmap::remesh::{BadCells, CellKind, CellQuality, Obstacle, Obstacles, RemeshReport};
+use solidmap::remesh::{CellKind, CellQuality, InvalidCells, InversionCause, InversionCauses, RemeshReport};
 
 use super::Report;
 use crate::output::pairs;
@@ -21,11 +21,11 @@ impl Reasons {
     pub fn of(report: &RemeshReport) -> Self {
         let mut reasons = Self::default();
         for &cell in &report.after.cells {
-            match report.obstacles_after.of_cells[cell as usize] {
-                Obstacle::Boundary => reasons.boundary += 1,
-                Obstacle::BlockedNode => reasons.blocked_node += 1,
-                Obstacle::FoldedQuad => reasons.folded_quad += 1,
-                Obstacle::Unknown => reasons.unknown += 1,
+            match report.causes_after.of_cells[cell as usize] {
+                InversionCause::Boundary => reasons.boundary += 1,
+                InversionCause::BlockedNode => reasons.blocked_node += 1,
+                InversionCause::FoldedQuad => reasons.folded_quad += 1,
+                InversionCause::Unknown => reasons.unknown += 1,
             }
         }
         reasons
@@ -52,7 +52,7 @@ impl Reasons {
 }
 
 /// What stands in the way, in words; empty when nothing does.
-fn obstacles(found: &Obstacles) -> String {
+fn obstacles(found: &InversionCauses) -> String {
     let of = [
         (
             "cells with an inverted corner on the boundary alone",
@@ -77,7 +77,7 @@ pub fn table(report: &Report) -> String {
         ),
     };
     let seconds = found.seconds;
-    let bad = |bad: &BadCells| {
+    let bad = |bad: &InvalidCells| {
         let inside = match bad.inverted_inside {
             0 => String::new(),
             count => format!(" and {count} inside only"),
@@ -115,7 +115,7 @@ pub fn table(report: &Report) -> String {
             format!("{split}boundary within {off} of the domain's diagonal"),
         ]);
     }
-    let in_the_way = obstacles(&found.obstacles);
+    let in_the_way = obstacles(&found.causes_before);
     if !in_the_way.is_empty() {
         rows.push(["in the way".into(), in_the_way]);
     }

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::Context;
 use solidmap::Point;
 use solidmap::io::{self, CellGroup, Cells, Field, MapMetadata, VtkFields};
-use solidmap::remesh::{BoundedMesh, Obstacle, Remeshed, determinants, scaled_jacobians};
+use solidmap::remesh::{BoundedMesh, InversionCause, Remeshed, determinants, scaled_jacobians};
 
 use crate::args::RemeshArgs;
 
@@ -71,7 +71,7 @@ pub fn mesh(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str)
     let mut obstacle = vec![0.0; cells.count()];
     for &cell in &report.after.cells {
         inverted[cell as usize] = 1.0;
-        obstacle[cell as usize] = f64::from(number_and_words(report.obstacles_after.of_cells[cell as usize]).0);
+        obstacle[cell as usize] = f64::from(number_and_words(report.causes_after.of_cells[cell as usize]).0);
     }
     let field = |name: &str, components, values| Field {
         name: name.into(),
@@ -114,7 +114,7 @@ fn labels(remeshed: &Remeshed) -> (Vec<i32>, Vec<(i32, String)>) {
     let parts: BTreeSet<i32> = mesh.parts().iter().copied().collect();
     let mut groups: BTreeMap<(i32, u8), (&str, Vec<usize>)> = BTreeMap::new();
     for cell in report.after.cells.iter().map(|&cell| cell as usize) {
-        let (number, words) = number_and_words(report.obstacles_after.of_cells[cell]);
+        let (number, words) = number_and_words(report.causes_after.of_cells[cell]);
         let (_, cells) = groups.entry((mesh.regions()[cell], number)).or_insert((words, vec![]));
         cells.push(cell);
     }
@@ -136,12 +136,12 @@ fn labels(remeshed: &Remeshed) -> (Vec<i32>, Vec<(i32, String)>) {
 }
 
 /// How files tell of an obstacle.
-fn number_and_words(obstacle: Obstacle) -> (u8, &'static str) {
+fn number_and_words(obstacle: InversionCause) -> (u8, &'static str) {
     match obstacle {
-        Obstacle::Unknown => (0, "unknown"),
-        Obstacle::Boundary => (1, "corner on the boundary alone"),
-        Obstacle::BlockedNode => (2, "node without a right place"),
-        Obstacle::FoldedQuad => (3, "folded boundary quad"),
+        InversionCause::Unknown => (0, "unknown"),
+        InversionCause::Boundary => (1, "corner on the boundary alone"),
+        InversionCause::BlockedNode => (2, "node without a right place"),
+        InversionCause::FoldedQuad => (3, "folded boundary quad"),
     }
 }
 

@@ -13,7 +13,7 @@ use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::check::{ClosedHole, MOST_RIM_EDGES};
-use solidmap::energy::{Distribution, Lame, Resolution};
+use solidmap::energy::{DensityQuantiles, GridResolution, Lame};
 use solidmap::fit::BoundaryError;
 use solidmap::io;
 use solidmap::mesh::SurfaceMesh;
@@ -91,7 +91,7 @@ struct FrameRow {
 struct Found {
     deformation_energy: f64,
     harmonic_energy: f64,
-    deformation_density: Distribution,
+    deformation_density: DensityQuantiles,
     boundary_error: BoundaryError,
     inverted_fraction: f64,
     volume: f64,
@@ -228,7 +228,7 @@ fn require_valid(args: &SequenceArgs) -> anyhow::Result<()> {
 fn options(args: &SequenceArgs) -> anyhow::Result<SequenceOptions> {
     Ok(SequenceOptions {
         fit: fit::options(&args.method, args.tolerance)?,
-        resolution: Resolution::CellsAlongLongestSide(args.resolution),
+        resolution: GridResolution::CellsAlongLongestSide(args.resolution),
         lame: Lame {
             lambda: args.lame[0],
             mu: args.lame[1],

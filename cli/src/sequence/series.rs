@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use solidmap::Point;
-use solidmap::energy::Layout;
+use solidmap::energy::CellLayout;
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
@@ -143,7 +143,7 @@ fn write_collection(folder: &Path, series: &str, steps: &[(f64, String)]) -> any
 /// Mean densities over the cells of the reference, which stay where they are.
 fn write_cells(path: &Path, measured: &MeasuredFrame, sequence: &Sequence) -> anyhow::Result<()> {
     let quadrature = sequence.quadrature();
-    let Layout::Grid(grid) = quadrature.layout() else {
+    let CellLayout::Grid(grid) = quadrature.layout() else {
         anyhow::bail!("the reference is integrated over no grid")
     };
     let densities = &measured.densities;

@@ -77,7 +77,7 @@ fn largest_cut(texture: &SolidTexture, up: Axis, position: f64) -> Option<Cut> {
 }
 
 fn section(texture: &SolidTexture, axis: Axis, up: Axis, position: f64, pixels: usize) -> Result<Section, ReportError> {
-    let surface = texture.skin().surface();
+    let surface = texture.coloured_surface().surface();
     let (low, high) = surface.bounding_box().unwrap_or_default();
     let k = axis.index();
     let position = low[k] + position * (high[k] - low[k]);
@@ -108,7 +108,7 @@ fn view(painted: &Painted, camera: &Camera) -> anyhow::Result<Panel> {
 
 /// The surface in small triangles, painted with the picture.
 fn skin_of(texture: &SolidTexture) -> Painted {
-    let skin = texture.skin();
+    let skin = texture.coloured_surface();
     let surface = skin.surface();
     let triangles = surface.triangles().len().max(1);
     let parts = ((TRIANGLES as f64 / triangles as f64).sqrt() as usize).clamp(1, 256);

@@ -18,7 +18,7 @@ use crate::{Point, Vector};
 /// What keeps cells from being right side out, while the boundary stays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Obstacle {
+pub enum InversionCause {
     /// A corner with its neighbours is on the boundary: proved, exactly.
     Boundary,
     /// It has an inner node that has no right place, so that a cell there has to be inverted, this one or another: proved, up
@@ -32,7 +32,7 @@ pub enum Obstacle {
 
 /// What stands in the way of a mesh without inverted cells as long as the boundary stays.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Obstacles {
+pub struct InversionCauses {
     /// Cells with a corner on the boundary alone that is not right-handed.
     pub boundary_cells: usize,
     /// Inner nodes that have no right place.
@@ -41,7 +41,7 @@ pub struct Obstacles {
     pub folded_quads: usize,
     /// What is in the way of each cell; `Unknown` of most.
     #[serde(skip)]
-    pub of_cells: Vec<Obstacle>,
+    pub of_cells: Vec<InversionCause>,
 }
 
 /// Planes that meet closer than this to a contradiction, in units of their own neighbourhood, count as contradicting.
@@ -51,16 +51,16 @@ const THIN: f64 = 1e-4;
 
 /// Looks for obstacles with the mesh's nodes at `x`, of which those inside do not matter. Nodes without a place in `x` are
 /// nowhere, and prove nothing.
-pub fn obstacles(mesh: &BoundedMesh, x: &[Point]) -> Obstacles {
+pub fn inversion_causes(mesh: &BoundedMesh, x: &[Point]) -> InversionCauses {
     let cells = mesh.cells.len();
-    let mut found = Obstacles {
-        of_cells: vec![Obstacle::Unknown; cells],
-        ..Obstacles::default()
+    let mut found = InversionCauses {
+        of_cells: vec![InversionCause::Unknown; cells],
+        ..InversionCauses::default()
     };
     for quad in folded_quads(mesh, x) {
         found.folded_quads += 1;
         if let Some(cell) = quad {
-            found.of_cells[cell as usize] = Obstacle::FoldedQuad;
+            found.of_cells[cell as usize] = InversionCause::FoldedQuad;
         }
     }
     let corners = corners(mesh);
@@ -68,9 +68,9 @@ pub fn obstacles(mesh: &BoundedMesh, x: &[Point]) -> Obstacles {
     let mut fixed = Vec::new();
     for (cell, t) in corners {
         match free_node(mesh, t) {
-            Free::None => fixed.push((cell, t)),
-            Free::One(node, face) => planes.push((node, face, cell)),
-            Free::More => {}
+            InnerNodes::None => fixed.push((cell, t)),
+            InnerNodes::One(node, face) => planes.push((node, face, cell)),
+            InnerNodes::More => {}
         }
     }
     planes.par_sort_unstable();
@@ -81,7 +81,7 @@ pub fn obstacles(mesh: &BoundedMesh, x: &[Point]) -> Obstacles {
         .collect();
     found.blocked_nodes = blocked.len();
     for (_, _, cell) in blocked.into_iter().flatten() {
-        found.of_cells[*cell as usize] = Obstacle::BlockedNode;
+        found.of_cells[*cell as usize] = InversionCause::BlockedNode;
     }
     let is_wrong = |t: &[u32; 4]| {
         let [a, b, c, d] = t.map(|v| at(x, v));
@@ -92,7 +92,7 @@ pub fn obstacles(mesh: &BoundedMesh, x: &[Point]) -> Obstacles {
         if is_wrong(&t) {
             found.boundary_cells += usize::from(last != Some(cell));
             last = Some(cell);
-            found.of_cells[cell as usize] = Obstacle::Boundary;
+            found.of_cells[cell as usize] = InversionCause::Boundary;
         }
     }
     found
@@ -110,21 +110,21 @@ fn corners(mesh: &BoundedMesh) -> Vec<(u32, [u32; 4])> {
 }
 
 /// Which nodes of a tetrahedron are inside.
-enum Free {
+enum InnerNodes {
     None,
     /// One, and the face under it: the node is on its right side where the four are right-handed, face first.
     One(u32, [u32; 3]),
     More,
 }
 
-fn free_node(mesh: &BoundedMesh, t: [u32; 4]) -> Free {
+fn free_node(mesh: &BoundedMesh, t: [u32; 4]) -> InnerNodes {
     // The faces of a right-handed tetrahedron, seen from the opposite node.
     const OPPOSITE: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
     let mut inside = (0..4).filter(|&k| !mesh.on_boundary[t[k] as usize]);
     match (inside.next(), inside.next()) {
-        (None, _) => Free::None,
-        (Some(k), None) => Free::One(t[k], OPPOSITE[k].map(|i| t[i])),
-        _ => Free::More,
+        (None, _) => InnerNodes::None,
+        (Some(k), None) => InnerNodes::One(t[k], OPPOSITE[k].map(|i| t[i])),
+        _ => InnerNodes::More,
     }
 }
 

@@ -12,14 +12,14 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 
 /// A surface with a colour everywhere: a picture laid over it, or colours of its vertices.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Skin {
+pub struct ColouredSurface {
     surface: SurfaceMesh,
-    paint: Paint,
+    paint: ColourSource,
 }
 
 /// Where the colours of a surface come from.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Paint {
+pub enum ColourSource {
     /// A picture.
     Picture {
         /// Texture coordinates of the three corners of each triangle; `v` points up. Each triangle has its own, so that
@@ -57,13 +57,13 @@ const SAME_UV: f64 = 1e-6;
 /// Places along an edge, and most of them, at which colours are compared: one in each pixel that the edge crosses.
 const PLACES: (usize, usize) = (5, 200);
 
-impl Skin {
+impl ColouredSurface {
     /// The surface with a picture laid over it. Its triangles are turned outward, and their coordinates with them.
     ///
     /// # Errors
     ///
     /// [`TextureError::UvCount`], [`TextureError::UvNotFinite`].
-    pub fn of_picture(
+    pub fn from_picture(
         surface: &SurfaceMesh,
         mut uv: Vec<[[f64; 2]; 3]>,
         picture: Picture,
@@ -86,7 +86,7 @@ impl Skin {
         }
         Ok(Self {
             surface: repaired,
-            paint: Paint::Picture { uv, picture, wrap },
+            paint: ColourSource::Picture { uv, picture, wrap },
         })
     }
 
@@ -95,7 +95,7 @@ impl Skin {
     /// # Errors
     ///
     /// [`TextureError::ColourCount`], [`TextureError::ColourNotFinite`].
-    pub fn of_vertices(surface: &SurfaceMesh, colours: Vec<LinearRgb>) -> Result<Self, TextureError> {
+    pub fn from_vertex_colours(surface: &SurfaceMesh, colours: Vec<LinearRgb>) -> Result<Self, TextureError> {
         if colours.len() != surface.vertices().len() {
             return Err(TextureError::ColourCount {
                 vertices: surface.vertices().len(),
@@ -107,7 +107,7 @@ impl Skin {
         }
         Ok(Self {
             surface: check::repair(surface).0,
-            paint: Paint::Vertices(colours),
+            paint: ColourSource::Vertices(colours),
         })
     }
 
@@ -117,15 +117,15 @@ impl Skin {
     }
 
     /// What colours it.
-    pub fn paint(&self) -> &Paint {
+    pub fn colour_source(&self) -> &ColourSource {
         &self.paint
     }
 
     /// The colour at a point of the surface.
     pub fn colour(&self, point: &SurfacePoint) -> LinearRgb {
         match &self.paint {
-            Paint::Picture { uv, picture, wrap } => picture.light(uv_at(uv, point), *wrap),
-            Paint::Vertices(colours) => {
+            ColourSource::Picture { uv, picture, wrap } => picture.light(uv_at(uv, point), *wrap),
+            ColourSource::Vertices(colours) => {
                 let corners = self.surface.triangles()[point.triangle as usize];
                 blended(corners.map(|v| colours[v as usize]), point.barycentric)
             }
@@ -135,14 +135,14 @@ impl Skin {
     /// The texture coordinates at a point of the surface; `None` where colours come from vertices.
     pub fn uv(&self, point: &SurfacePoint) -> Option<[f64; 2]> {
         match &self.paint {
-            Paint::Picture { uv, .. } => Some(uv_at(uv, point)),
-            Paint::Vertices(_) => None,
+            ColourSource::Picture { uv, .. } => Some(uv_at(uv, point)),
+            ColourSource::Vertices(_) => None,
         }
     }
 
     /// Lowest and highest texture coordinates; `None` where colours come from vertices.
     pub fn uv_box(&self) -> Option<[[f64; 2]; 2]> {
-        let Paint::Picture { uv, .. } = &self.paint else {
+        let ColourSource::Picture { uv, .. } = &self.paint else {
             return None;
         };
         let start = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
@@ -160,7 +160,7 @@ impl Skin {
         let edges: Vec<usize> = (0..topology.edges().len())
             .filter(|&e| topology.sides(e).len() == 2)
             .collect();
-        let Paint::Picture { uv, .. } = &self.paint else {
+        let ColourSource::Picture { uv, .. } = &self.paint else {
             return SeamReport {
                 edges: edges.len(),
                 ..SeamReport::default()
@@ -170,7 +170,7 @@ impl Skin {
             let [a, b] = topology.edges()[e].map(|v| self.surface.vertices()[v as usize]);
             (b - a).norm()
         };
-        let compared: Vec<(f64, Option<Jump>)> = edges
+        let compared: Vec<(f64, Option<SeamJump>)> = edges
             .par_iter()
             .with_min_len(256)
             .map(|&e| {
@@ -210,7 +210,7 @@ impl Skin {
 
     /// How far the two triangles disagree along an edge, whose ends are these corners of each; `None` where their
     /// coordinates are the same.
-    fn jump(&self, uv: &[[[f64; 2]; 3]], sides: [usize; 2], ends: [[usize; 2]; 2]) -> Option<Jump> {
+    fn jump(&self, uv: &[[[f64; 2]; 3]], sides: [usize; 2], ends: [[usize; 2]; 2]) -> Option<SeamJump> {
         let at = |side: usize, end: usize| uv[sides[side]][ends[side][end]];
         let differences = [0, 1].map(|end| distance(at(0, end), at(1, end)));
         let largest_uv = differences[0].max(differences[1]);
@@ -218,8 +218,8 @@ impl Skin {
             return None;
         }
         let pixels = match &self.paint {
-            Paint::Picture { picture, .. } => picture.width().max(picture.height()) as f64,
-            Paint::Vertices(_) => 1.0,
+            ColourSource::Picture { picture, .. } => picture.width().max(picture.height()) as f64,
+            ColourSource::Vertices(_) => 1.0,
         };
         let crossed = [0, 1].map(|side| distance(at(side, 0), at(side, 1)) * pixels);
         let places = (crossed[0].max(crossed[1]).ceil() as usize).clamp(PLACES.0, PLACES.1);
@@ -239,7 +239,7 @@ impl Skin {
             largest = largest.max(jump);
             squares += jump * jump;
         }
-        Some(Jump {
+        Some(SeamJump {
             uv: largest_uv,
             largest,
             mean_square: squares / places as f64,
@@ -248,7 +248,7 @@ impl Skin {
 }
 
 /// A disagreement along an edge.
-struct Jump {
+struct SeamJump {
     uv: f64,
     largest: f64,
     mean_square: f64,

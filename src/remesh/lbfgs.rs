@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use rayon::prelude::*;
 
-use super::foldover::{Samples, Value};
+use super::foldover::{EnergyValue, FoldoverEnergy};
 use crate::progress::ProgressMonitor;
 use crate::{Point, Vector};
 
@@ -22,21 +22,21 @@ const WINDOW: usize = 5;
 const RUN: usize = 4096;
 
 /// Moves some nodes of a mesh.
-pub(super) struct Descent<'a> {
-    samples: &'a Samples,
+pub(super) struct Lbfgs<'a> {
+    energy: &'a FoldoverEnergy,
     free: &'a [u32],
-    /// Free nodes that stay in planes, by their number among the free.
-    tethers: Vec<Tether>,
+    /// Constraints on some of the free nodes.
+    tethers: Vec<TangentConstraint>,
     parts: Vec<Vector>,
     /// Length that a first step moves a node at most.
     step: f64,
     /// Asked in every iteration whether to go on.
-    watch: &'a ProgressMonitor<'a, (usize, usize)>,
+    monitor: &'a ProgressMonitor<'a, (usize, usize)>,
 }
 
 /// What holds a free node.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Tether {
+pub(super) struct TangentConstraint {
     /// Its number among the free nodes.
     pub free: usize,
     /// It moves across this unit vector only.
@@ -48,7 +48,7 @@ pub(super) struct Tether {
 
 /// When to stop.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Limits {
+pub(super) struct StoppingRule {
     pub iterations: usize,
     /// Fall of the energy over [`WINDOW`] iterations, as a fraction, below which it is done.
     pub gain: f64,
@@ -56,41 +56,41 @@ pub(super) struct Limits {
     pub until_positive: bool,
 }
 
-struct State {
+struct LbfgsState {
     x: Vec<Point>,
     gradient: Vec<Vector>,
-    value: Value,
+    value: EnergyValue,
 }
 
-impl<'a> Descent<'a> {
+impl<'a> Lbfgs<'a> {
     pub fn new(
-        samples: &'a Samples,
+        energy: &'a FoldoverEnergy,
         free: &'a [u32],
         step: f64,
-        watch: &'a ProgressMonitor<'a, (usize, usize)>,
+        monitor: &'a ProgressMonitor<'a, (usize, usize)>,
     ) -> Self {
         Self {
-            samples,
+            energy,
             free,
             tethers: vec![],
             parts: vec![],
             step,
-            watch,
+            monitor,
         }
     }
 
     /// Keeps some of the free nodes in planes, and near places.
-    pub fn tethered(mut self, tethers: Vec<Tether>) -> Self {
+    pub fn tethered(mut self, tethers: Vec<TangentConstraint>) -> Self {
         self.tethers = tethers;
         self
     }
 
     /// Lowers the energy; returns its last value and the number of iterations.
-    pub fn run(&mut self, x: &mut Vec<Point>, epsilon: f64, limits: &Limits) -> (Value, usize) {
+    pub fn run(&mut self, x: &mut Vec<Point>, epsilon: f64, limits: &StoppingRule) -> (EnergyValue, usize) {
         let mut state = self.state(std::mem::take(x), epsilon);
         let mut memory: VecDeque<(Vec<Vector>, Vec<Vector>, f64)> = VecDeque::with_capacity(MEMORY);
         let (mut iterations, mut energies) = (0, VecDeque::with_capacity(WINDOW));
-        while self.watch.should_continue()
+        while self.monitor.should_continue()
             && iterations < limits.iterations
             && !(limits.until_positive && state.value.least > 0.0)
         {
@@ -152,10 +152,10 @@ impl<'a> Descent<'a> {
         (state.value, iterations)
     }
 
-    fn state(&mut self, x: Vec<Point>, epsilon: f64) -> State {
+    fn state(&mut self, x: Vec<Point>, epsilon: f64) -> LbfgsState {
         let mut gradient = vec![Vector::zeros(); self.free.len()];
         let mut value = self
-            .samples
+            .energy
             .evaluate(&x, epsilon, self.free, &mut self.parts, &mut gradient);
         for tether in &self.tethers {
             let away = x[self.free[tether.free] as usize] - tether.place;
@@ -164,13 +164,20 @@ impl<'a> Descent<'a> {
             *slope += 2.0 * tether.stiffness * away;
             *slope -= tether.normal * tether.normal.dot(slope);
         }
-        State { x, gradient, value }
+        LbfgsState { x, gradient, value }
     }
 
     /// A point along the direction where the weak Wolfe conditions hold, or at least the first of them.
-    fn search(&mut self, from: &State, direction: &[Vector], slope: f64, first: f64, epsilon: f64) -> Option<State> {
+    fn search(
+        &mut self,
+        from: &LbfgsState,
+        direction: &[Vector],
+        slope: f64,
+        first: f64,
+        epsilon: f64,
+    ) -> Option<LbfgsState> {
         let (mut low, mut high, mut share) = (0.0, f64::INFINITY, first);
-        let mut best: Option<State> = None;
+        let mut best: Option<LbfgsState> = None;
         for _ in 0..MOST_TRIALS {
             let mut x = from.x.clone();
             for (&v, d) in self.free.iter().zip(direction) {
