@@ -4,7 +4,7 @@
 //! (.mesh, .msh, .vtk, .vtu), and the number of cells along the longest side. `docs/remeshing.md` says how it works.
 
 use solidmap::io;
-use solidmap::remesh::{CellKind, CellSize, MeshSource, RemeshOptions, remesh};
+use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshSource, remesh};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         _ => return Err("usage: remesh_polycube MAP MESH [CELLS]".into()),
     };
     let file = io::read_map(map.as_ref())?;
-    let grid = MeshSource::Regular {
+    let grid = RemeshSource::Regular {
         kind: CellKind::Hexes,
         size: CellSize::Along(cells),
         most_cells: 10_000_000,
