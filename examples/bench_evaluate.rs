@@ -2,7 +2,7 @@
 //! from C++. `bench_evaluate MAP [POINTS] [RUNS]`
 
 use solidmap::Point;
-use solidmap::io::read_map;
+use solidmap::files::read_map;
 use solidmap::map::VolumeMap;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -50,6 +50,8 @@ pub mod cgal_tetgen;
 pub mod check;
 pub mod compare;
 pub mod energy;
+#[cfg(feature = "io")]
+pub mod files;
 pub mod fit;
 pub mod geometry;
 pub mod inverse;

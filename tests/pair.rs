@@ -7,6 +7,7 @@ use nalgebra::Rotation3;
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{Landmarks, PairError, PairOptions, PairReport, Via, map_pair};
+use solidmap::files;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::spherical::{SphericalError, certify};
@@ -335,7 +336,7 @@ fn fingers_go_to_fingers_by_five_landmarks() {
         io::read_surface(path("hand_plain.obj")).unwrap(),
         io::read_surface(path("hand_vulcan.obj")).unwrap(),
     );
-    let landmarks = io::read_landmark_files(
+    let landmarks = files::read_landmark_files(
         path("hand_plain.pinned"),
         path("hand_vulcan.pinned"),
         domain.vertices().len(),

@@ -5,8 +5,9 @@ use std::f64::consts::{PI, TAU};
 use crate::common::interior_points;
 use solidmap::Point;
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
+use solidmap::files::{self, TensorFileError, TextureFile, TextureMetadata};
 use solidmap::fit::{FitError, FitOptions};
-use solidmap::io::{self, TensorFileError, TextureFile, TextureMetadata};
+use solidmap::io;
 use solidmap::map::HarmonicMap;
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::sampling::held_out;
@@ -394,8 +395,8 @@ fn what_is_stored_is_read_again_bit_for_bit() {
         let texture = solid(coloured);
         let metadata = TextureMetadata::new(texture.report().clone(), vec![]);
         let file = TextureFile { texture, metadata };
-        io::write_texture(&path, &file).unwrap();
-        let read = io::read_texture(&path).unwrap();
+        files::write_texture(&path, &file).unwrap();
+        let read = files::read_texture(&path).unwrap();
         assert_eq!(read.metadata.fit.sources, file.metadata.fit.sources);
         assert_eq!(read.texture.coloured_surface(), file.texture.coloured_surface());
         assert_eq!(read.texture.sample(&points), file.texture.sample(&points));
@@ -404,7 +405,7 @@ fn what_is_stored_is_read_again_bit_for_bit() {
     for length in (0..bytes.len()).step_by(bytes.len() / 40) {
         std::fs::write(&path, &bytes[..length]).unwrap();
         assert!(
-            matches!(io::read_texture(&path), Err(TensorFileError::Foreign { .. })),
+            matches!(files::read_texture(&path), Err(TensorFileError::Foreign { .. })),
             "{length}"
         );
     }

@@ -8,8 +8,9 @@ use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::{BoundaryMap, examples};
 use solidmap::energy::{EnergyOptions, EnergyReport, GridResolution, clipped_grid, energies};
+use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{FitOptions, FitReport};
-use solidmap::io::{self, MapFile, MapMetadata};
+use solidmap::io;
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, TetMesh};
 use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshReport, RemeshSource, remesh};
@@ -172,7 +173,7 @@ fn show(pair: &Pair, folder: &Path, output: &Output) -> anyhow::Result<PairRepor
         boundary: Some(fit.boundary),
         metadata,
     };
-    io::write_map(&folder.join("map.safetensors"), &file)?;
+    files::write_map(&folder.join("map.safetensors"), &file)?;
     output.finish();
     Ok(PairReport {
         name: pair.name,

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use serde::Serialize;
+use solidmap::files;
 use solidmap::geometry::SurfaceQuery;
 use solidmap::io::{self, Solid};
 use solidmap::map::VolumeMap;
@@ -40,7 +41,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
         return inverse::run(args, output);
     }
     output.progress("reading");
-    let file = io::read_map(&args.map)?;
+    let file = files::read_map(&args.map)?;
     let writes_mesh = !is_table(&args.output);
     let (solid, points) = read_points(&args.points)?;
 

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
+use solidmap::files::{self, MapFile, MapMetadata, Provenance};
 use solidmap::fit::{Fit, FitOptions, FitReport, Phase, Placement, RefinementEnd, Solver, fit};
-use solidmap::io::{self, Cells, Field, MapFile, MapMetadata, Provenance, VtkFields};
+use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions, SchwarzStop};
 use solidmap::spherical::SphereOptions;
@@ -159,7 +160,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
         boundary: Some(fit.boundary),
         metadata,
     };
-    io::write_map(&args.output, &file)?;
+    files::write_map(&args.output, &file)?;
     if let (Some(path), Some(boundary)) = (&args.vtu, &file.boundary) {
         write_boundary(path, boundary, &file.map)?;
     }

@@ -6,7 +6,8 @@ use anyhow::Context;
 use serde::{Deserialize, Serialize};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::check;
-use solidmap::io::{self, MapFile, Solid};
+use solidmap::files::{self, MapFile};
+use solidmap::io::{self, Solid};
 use solidmap::mesh::SurfaceMesh;
 
 /// A closed surface, or the boundary of a tet mesh.
@@ -70,7 +71,7 @@ pub fn read_boundary_map(domain: &Path, image: &Path) -> anyhow::Result<Boundary
 
 /// The boundary map of a boundary file; of this domain, if one is named.
 pub fn read_boundary_file(path: &Path, domain: Option<&Path>) -> anyhow::Result<BoundaryMap> {
-    let boundary = io::read_boundary(path)?.boundary;
+    let boundary = files::read_boundary(path)?.boundary;
     let Some(domain) = domain else {
         return Ok(boundary);
     };
@@ -86,7 +87,7 @@ pub fn read_boundary_file(path: &Path, domain: Option<&Path>) -> anyhow::Result<
 
 /// A map file and the boundary map it was fitted to.
 pub fn read_fitted_map(path: &Path) -> anyhow::Result<(MapFile, BoundaryMap)> {
-    let file = io::read_map(path)?;
+    let file = files::read_map(path)?;
     let boundary = file
         .boundary
         .clone()

@@ -9,10 +9,9 @@ use crate::drawing::significant;
 use anyhow::{Context, bail, ensure};
 use serde::Serialize;
 use solidmap::Point;
+use solidmap::files::{self, Provenance, TextureFile, TextureMetadata};
 use solidmap::fit::{FitOptions, FitReport};
-use solidmap::io::{
-    self, Cells, Field, ImageGrid, Provenance, Solid, TextureFile, TextureMetadata, TexturedSurface, VtkFields,
-};
+use solidmap::io::{self, Cells, Field, ImageGrid, Solid, TexturedSurface, VtkFields};
 use solidmap::texture::{
     ColourError, ColourSource, ColouredSurface, ExtendedQuantity, LinearRgb, Picture, SeamReport, SolidTexture,
     TextureOptions, VoxelGrid, Wrap, decoded, to_srgb,
@@ -254,7 +253,7 @@ enum Model {
 impl Model {
     fn read(args: &TextureArgs) -> anyhow::Result<Self> {
         Ok(if is_texture_file(&args.model) {
-            Self::Textured(Box::new(io::read_texture(&args.model)?))
+            Self::Textured(Box::new(files::read_texture(&args.model)?))
         } else {
             Self::Painted(skin(args)?)
         })
@@ -275,7 +274,7 @@ fn texture(model: Model, args: &TextureArgs, output: &Output) -> anyhow::Result<
         Model::Painted(skin) => fitted(skin, args, output)?,
     };
     if let Some(path) = &args.written.map {
-        io::write_texture(path, &file)?;
+        files::write_texture(path, &file)?;
     }
     Ok(file.texture)
 }

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use crate::small_files::{Format, SmallFile, small_files};
 use rand::{Rng, SeedableRng, rngs::StdRng};
+use solidmap::files;
 use solidmap::io;
 
 const SEED: u64 = 7;
@@ -76,12 +77,12 @@ fn messages(format: Format, path: &Path) -> Vec<String> {
     let all = match format {
         Format::Csv | Format::Npy => vec![said(io::read_points(path)), said(io::read_fields(path))],
         Format::Landmarks => vec![
-            said(io::read_landmarks(path, 20, 1000)),
-            said(io::read_landmark_files(path, path, 1000, 20)),
+            said(files::read_landmarks(path, 20, 1000)),
+            said(files::read_landmark_files(path, path, 1000, 20)),
         ],
-        Format::Map => vec![said(io::read_map(path))],
-        Format::Boundary => vec![said(io::read_boundary(path))],
-        Format::Texture => vec![said(io::read_texture(path))],
+        Format::Map => vec![said(files::read_map(path))],
+        Format::Boundary => vec![said(files::read_boundary(path))],
+        Format::Texture => vec![said(files::read_texture(path))],
         Format::Picture => vec![said(solidmap_cli::read_picture(path))],
         Format::Obj => vec![said(io::read_solid(path)), said(io::read_textured_surface(path))],
         Format::Vti => vec![said(io::read_points(path)), said(io::read_fields(path))],

@@ -6,7 +6,8 @@ use std::process::Output;
 use assert_cmd::Command;
 use serde_json::Value;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::io::{self, BoundaryFile, BoundaryMetadata};
+use solidmap::files::{self, BoundaryFile, BoundaryMetadata};
+use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::spherical::SphericalMap;
 use solidmap::{Point, Vector};
@@ -76,7 +77,7 @@ fn with_boundary_files() -> Workplace {
             boundary: map.unwrap(),
             metadata: BoundaryMetadata::new(vec![]),
         };
-        io::write_boundary(&place.path(name), &file).unwrap();
+        files::write_boundary(&place.path(name), &file).unwrap();
     }
     place
 }
@@ -286,7 +287,7 @@ fn a_model_is_mapped_to_the_sphere_in_every_form_asked_for() {
     );
     assert_eq!(image.triangles(), domain.triangles());
     assert!(image.vertices().iter().all(|p| (p.coords.norm() - 1.0).abs() < 1e-15));
-    let file = io::read_boundary(&place.path("way.safetensors")).unwrap();
+    let file = files::read_boundary(&place.path("way.safetensors")).unwrap();
     assert_eq!(file.boundary.image(), image.vertices());
     let input = &file.metadata.inputs[0];
     assert_eq!((input.role.as_str(), input.file.as_str()), ("domain", "domain.obj"));
@@ -333,7 +334,7 @@ fn a_fit_to_the_sphere_is_the_fit_to_its_boundary_file() {
         (&direct["target"], &by_file["target"]),
         (&"sphere".into(), &Value::Null)
     );
-    let map = io::read_map(&place.path("direct.map")).unwrap();
+    let map = files::read_map(&place.path("direct.map")).unwrap();
     let inputs: Vec<&str> = map.metadata.inputs.iter().map(|input| input.role.as_str()).collect();
     assert_eq!(inputs, ["domain"]);
     assert!(map.boundary.unwrap().domain_on_sphere().is_some());
@@ -374,7 +375,7 @@ fn a_pair_is_mapped_in_every_form_asked_for_and_landmarks_are_met() {
     }
     assert!(std::fs::read(place.path("map.png")).unwrap().starts_with(b"\x89PNG"));
     assert!(place.path("map.vtu").exists());
-    let file = io::read_boundary(&place.path("way.safetensors")).unwrap();
+    let file = files::read_boundary(&place.path("way.safetensors")).unwrap();
     let roles: Vec<&str> = file.metadata.inputs.iter().map(|input| input.role.as_str()).collect();
     assert_eq!(roles, ["domain", "target", "landmarks"]);
     let report = json(&place.ends_with(0, "boundary check way.safetensors --json"));
@@ -407,7 +408,7 @@ fn a_fit_to_a_model_is_the_fit_to_the_boundary_file_of_the_pair() {
     let by_file = json(&place.run("fit --boundary way.safetensors -o by_file.map --json"));
     assert!(direct["boundary_error"]["p99"].as_f64().unwrap() < 5e-3, "{direct}");
     assert_eq!(direct["boundary_error"], by_file["boundary_error"]);
-    let map = io::read_map(&place.path("direct.map")).unwrap();
+    let map = files::read_map(&place.path("direct.map")).unwrap();
     let roles: Vec<&str> = map.metadata.inputs.iter().map(|input| input.role.as_str()).collect();
     assert_eq!(roles, ["domain", "target"]);
     // Errors are held against the target's surface: to be small, the map must follow the curved target.

@@ -7,7 +7,8 @@ use assert_cmd::Command;
 use serde_json::Value;
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::io::{self, BoundaryFile, BoundaryMetadata, read_points};
+use solidmap::files::{self, BoundaryFile, BoundaryMetadata};
+use solidmap::io::{self, read_points};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::spherical::SphericalMap;
 
@@ -139,7 +140,7 @@ fn with_boundary_file() -> (Workplace, BoundaryMap) {
         boundary: boundary.clone(),
         metadata: BoundaryMetadata::new(vec![]),
     };
-    io::write_boundary(&place.path("ball.boundary"), &file).unwrap();
+    files::write_boundary(&place.path("ball.boundary"), &file).unwrap();
     (place, boundary)
 }
 
@@ -153,11 +154,11 @@ fn fit_takes_a_boundary_file_with_or_without_its_domain() {
     assert!(alone["domain"].is_null());
     assert_eq!(alone["boundary_error"], report["boundary_error"]);
     let (with_domain, alone) = ["ball.map", "alone.map"]
-        .map(|name| io::read_map(&place.path(name)).unwrap())
+        .map(|name| files::read_map(&place.path(name)).unwrap())
         .into();
     assert_eq!(with_domain.boundary, Some(boundary));
     assert_eq!(with_domain.map.coefficients(), alone.map.coefficients());
-    let roles = |file: &io::MapFile| file.metadata.inputs.iter().map(|i| i.role.clone()).collect::<Vec<_>>();
+    let roles = |file: &files::MapFile| file.metadata.inputs.iter().map(|i| i.role.clone()).collect::<Vec<_>>();
     assert_eq!(roles(&with_domain), ["domain", "boundary"]);
     assert_eq!(roles(&alone), ["boundary"]);
     place.must("energy ball.map --json");

@@ -4,11 +4,14 @@ use std::path::Path;
 
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
+use solidmap::files::{
+    BoundaryFile, BoundaryMetadata, MapFile, MapMetadata, TextureFile, TextureMetadata, write_boundary, write_map,
+    write_texture,
+};
 use solidmap::fit::{FitOptions, fit};
 use solidmap::io::{
-    BoundaryFile, BoundaryMetadata, Cells, Field, ImageGrid, MapFile, MapMetadata, TextureFile, TextureMetadata,
-    VtkEncoding, VtkFields, write_boundary, write_cells, write_csv, write_map, write_npy, write_surface, write_tets,
-    write_texture, write_vti, write_vtk, write_vtu,
+    Cells, Field, ImageGrid, VtkEncoding, VtkFields, write_cells, write_csv, write_npy, write_surface, write_tets,
+    write_vti, write_vtk, write_vtu,
 };
 use solidmap::mesh::{SurfaceMesh, TetMesh, shapes};
 use solidmap::spherical::SphericalMap;

@@ -11,9 +11,9 @@ use super::{flat, path};
 use solidmap::Matrix3;
 use solidmap::boundary_map::pair::{Landmarks, PairOptions, PairPhase, Via, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
+use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
 use solidmap::fit::{self, DomainFactor, Fit, FitOptions, FitReport, Phase, Placement, Solver};
 use solidmap::inverse::{InverseMap, InverseOptions, PreimageStatus};
-use solidmap::io::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint};
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
@@ -140,7 +140,7 @@ pub fn boundary_pair(
 }
 
 pub fn boundary_load(bytes: &[u8]) -> Result<Box<Boundary>, Error> {
-    guarded(|| boxed_boundary(io::read_boundary(&path(bytes)?)?.boundary))
+    guarded(|| boxed_boundary(files::read_boundary(&path(bytes)?)?.boundary))
 }
 
 impl Boundary {
@@ -150,7 +150,7 @@ impl Boundary {
                 boundary: self.0.clone(),
                 metadata: BoundaryMetadata::new(vec![]),
             };
-            Ok(io::write_boundary(&path(bytes)?, &file)?)
+            Ok(files::write_boundary(&path(bytes)?, &file)?)
         })
     }
 
@@ -263,7 +263,7 @@ pub fn fit(boundary: &Boundary, options: &ffi::FitOptions, watcher: &Watcher) ->
 
 pub fn map_load(bytes: &[u8]) -> Result<Box<Map>, Error> {
     guarded(|| {
-        let file = io::read_map(&path(bytes)?)?;
+        let file = files::read_map(&path(bytes)?)?;
         Ok(Box::new(Map {
             report: file.metadata.fit.clone(),
             file: Arc::new(file),
@@ -296,7 +296,7 @@ impl Map {
     }
 
     pub fn save(&self, bytes: &[u8]) -> Result<(), Error> {
-        guarded(|| Ok(io::write_map(&path(bytes)?, &self.file)?))
+        guarded(|| Ok(files::write_map(&path(bytes)?, &self.file)?))
     }
 
     pub fn evaluate(&self, points: &[f64], images: &mut [f64]) -> Result<(), Error> {

@@ -1,6 +1,6 @@
 #![no_main]
 
-use solidmap::io::{read_landmark_files, read_landmarks};
+use solidmap::files::{read_landmark_files, read_landmarks};
 use solidmap_fuzz::{named, with_file};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| with_file("txt", bytes, |path| {

@@ -3,5 +3,5 @@
 use solidmap_fuzz::{named, tensor_file, with_file};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| with_file("map", &tensor_file(bytes), |path| {
-    named(path, solidmap::io::read_map(path));
+    named(path, solidmap::files::read_map(path));
 }));

@@ -21,15 +21,11 @@
 //! faces get the same triangles. Files are written whole or not at all ([`atomic_write`]).
 
 mod atomic;
-mod boundary_file;
-mod boundary_tensors;
 mod cells;
 mod contents;
 mod error;
 mod fields;
 mod gmsh;
-mod landmarks;
-mod map_file;
 mod medit;
 mod obj;
 mod off;
@@ -38,8 +34,6 @@ mod points;
 mod pvd;
 mod source;
 mod stl;
-mod tensor_file;
-mod texture_file;
 mod textured_obj;
 mod vtk;
 
@@ -47,19 +41,15 @@ use std::{fs, path::Path};
 
 use contents::Contents;
 use source::Source;
+pub(crate) use source::printable;
 
 pub use atomic::{abandon_writes, atomic_write};
-pub use boundary_file::{BoundaryFile, BoundaryMetadata, read_boundary, write_boundary};
 pub use cells::{CellGroup, Cells};
 pub use error::{IoError, Place};
 pub use fields::{Field, VtkFields};
-pub use landmarks::{LandmarkFileError, read_landmark_files, read_landmarks};
-pub use map_file::{MapFile, MapMetadata, read_map, write_map};
 pub use ply::write_coloured_ply;
 pub use points::{write_csv, write_npy};
 pub use pvd::write_pvd;
-pub use tensor_file::{Provenance, TensorFileError};
-pub use texture_file::{TextureFile, TextureMetadata, read_texture, write_texture};
 pub use textured_obj::{TexturedSurface, read_textured_surface};
 pub use vtk::{ImageGrid, VtkEncoding, write_vti, write_vtk, write_vtu};
 

@@ -209,7 +209,7 @@ pub(super) fn excerpt(bytes: &[u8]) -> String {
 }
 
 /// What a library says of a file, which may quote it: cut short, and without characters that a terminal would obey.
-pub(super) fn printable(message: impl ToString) -> String {
+pub(crate) fn printable(message: impl ToString) -> String {
     const LONGEST: usize = 300;
     let message = message.to_string();
     let escaped = |c: char| {

@@ -7,7 +7,7 @@ use serde::Serialize;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
 use solidmap::boundary_map::pair::{Landmarks, PairOptions, PairPhase, PairReport, Via, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
-use solidmap::io;
+use solidmap::files;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::spherical::SpherePhase;
 
@@ -90,8 +90,8 @@ fn landmarks(files: &[PathBuf], domain: &SurfaceMesh, target: &SurfaceMesh) -> a
     let (vertices, of_target) = (domain.vertices().len(), target.vertices().len());
     Ok(match files {
         [] => Landmarks::default(),
-        [both] => io::read_landmarks(both, vertices, of_target)?,
-        [first, second] => io::read_landmark_files(first, second, vertices, of_target)?,
+        [both] => files::read_landmarks(both, vertices, of_target)?,
+        [first, second] => files::read_landmark_files(first, second, vertices, of_target)?,
         more => anyhow::bail!("--landmarks is given {} times, but names one file or two", more.len()),
     })
 }

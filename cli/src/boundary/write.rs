@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
 use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
-use solidmap::io::{self, BoundaryFile, BoundaryMetadata, Cells, Field, Provenance, VtkFields};
+use solidmap::files::{self, BoundaryFile, BoundaryMetadata, Provenance};
+use solidmap::io::{self, Cells, Field, VtkFields};
 
 use super::pictures;
 use crate::args::BoundaryOutputs;
@@ -48,7 +49,7 @@ pub fn outputs(
             boundary: map.clone(),
             metadata: BoundaryMetadata::new(origins),
         };
-        io::write_boundary(path, &file)?;
+        files::write_boundary(path, &file)?;
     }
     if let Some(path) = &outputs.vtu {
         write_fields(path, map)?;

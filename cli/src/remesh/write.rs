@@ -5,7 +5,8 @@ use std::path::Path;
 
 use anyhow::Context;
 use solidmap::Point;
-use solidmap::io::{self, CellGroup, Cells, Field, MapMetadata, VtkFields};
+use solidmap::files::{self, MapMetadata};
+use solidmap::io::{self, CellGroup, Cells, Field, VtkFields};
 use solidmap::remesh::{BoundedMesh, InversionCause, Remeshed, determinants, scaled_jacobians};
 
 use crate::args::RemeshArgs;
@@ -17,10 +18,11 @@ pub fn origin(args: &RemeshArgs, map: &MapMetadata) -> anyhow::Result<String> {
         origin += &format!(" {role} {file} (SHA-256 {})", sha256.get(..16).unwrap_or(sha256));
     };
     if let Some(path) = &args.mesh {
-        let mesh = io::Provenance::of("mesh", path).with_context(|| format!("cannot read `{}`", path.display()))?;
+        let mesh = files::Provenance::of("mesh", path).with_context(|| format!("cannot read `{}`", path.display()))?;
         add("from", &mesh.file, &mesh.sha256);
     }
-    let by = io::Provenance::of("map", &args.map).with_context(|| format!("cannot read `{}`", args.map.display()))?;
+    let by =
+        files::Provenance::of("map", &args.map).with_context(|| format!("cannot read `{}`", args.map.display()))?;
     add("carried by", &by.file, &by.sha256);
     for input in &map.inputs {
         add(&format!("of {}", input.role), &input.file, &input.sha256);

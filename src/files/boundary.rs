@@ -6,8 +6,9 @@
 
 use std::path::Path;
 
+use super::Provenance;
 use super::boundary_tensors::{self, BoundaryHeader};
-use super::tensor_file::{BOUNDARY, Provenance, Reader, TensorFileError, read_bytes};
+use super::tensor_file::{BOUNDARY, Reader, TensorFileError, read_bytes};
 use crate::boundary_map::BoundaryMap;
 
 /// A boundary map as stored.
@@ -84,7 +85,7 @@ mod tests {
     use safetensors::tensor::{SafeTensors, TensorView};
 
     use super::*;
-    use crate::io::{MapFile, read_map, write_map};
+    use crate::files::{MapFile, read_map, write_map};
     use crate::mesh::shapes;
     use crate::spherical::testing::drawn_by_rays;
 
@@ -137,7 +138,7 @@ mod tests {
             let file = MapFile {
                 map: crate::map::HarmonicMap::new(vec![], coefficients).unwrap(),
                 boundary: Some(map.clone()),
-                metadata: crate::io::MapMetadata {
+                metadata: crate::files::MapMetadata {
                     format_version: "1.1".into(),
                     ..Default::default()
                 },

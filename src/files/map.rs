@@ -14,8 +14,9 @@
 
 use std::path::Path;
 
+use super::Provenance;
 use super::boundary_tensors::{self, BoundaryHeader, Way};
-use super::tensor_file::{MAP, Provenance, Reader, Tensor, TensorFileError, read_bytes};
+use super::tensor_file::{MAP, Reader, Tensor, TensorFileError, read_bytes};
 use crate::boundary_map::BoundaryMap;
 use crate::fit::FitReport;
 use crate::map::HarmonicMap;

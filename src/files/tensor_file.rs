@@ -7,9 +7,8 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::source::printable;
-use super::{IoError, atomic_write};
 use crate::Point;
+use crate::io::{IoError, atomic_write, printable};
 
 /// Why a map file or boundary file cannot be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -55,36 +54,6 @@ pub enum TensorFileError {
         /// The newest major version that is read.
         supported: u32,
     },
-}
-
-/// An input file by name and content.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Provenance {
-    /// `"domain"`, `"image"` and so on.
-    pub role: String,
-    /// File name without its folder.
-    pub file: String,
-    /// SHA-256 of the file, hexadecimal.
-    pub sha256: String,
-}
-
-impl Provenance {
-    /// Name and hash of a file.
-    ///
-    /// # Errors
-    ///
-    /// When the file cannot be read.
-    pub fn of(role: &str, path: &Path) -> std::io::Result<Self> {
-        use sha2::Digest;
-        let digest = sha2::Sha256::digest(std::fs::read(path)?);
-        let sha256 = digest.iter().map(|byte| format!("{byte:02x}")).collect();
-        let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self {
-            role: role.into(),
-            file,
-            sha256,
-        })
-    }
 }
 
 /// A kind of file. A reader refuses a newer major version; a newer minor one only adds.

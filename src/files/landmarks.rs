@@ -6,8 +6,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{IoError, Place};
 use crate::boundary_map::pair::{LandmarkError, Landmarks};
+use crate::io::{IoError, Place};
 
 /// Why a file holds no landmarks.
 #[derive(Debug, thiserror::Error)]

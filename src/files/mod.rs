@@ -1,0 +1,19 @@
+//! Files of solidmap's own: maps, boundary maps, solid textures and landmarks.
+//!
+//! Maps, boundary maps and textures are safetensors containers: named tensors, with a JSON object in the metadata.
+//! Landmarks are text.
+
+mod boundary;
+mod boundary_tensors;
+mod landmarks;
+mod map;
+mod provenance;
+mod tensor_file;
+mod texture;
+
+pub use boundary::{BoundaryFile, BoundaryMetadata, read_boundary, write_boundary};
+pub use landmarks::{LandmarkFileError, read_landmark_files, read_landmarks};
+pub use map::{MapFile, MapMetadata, read_map, write_map};
+pub use provenance::Provenance;
+pub use tensor_file::TensorFileError;
+pub use texture::{TextureFile, TextureMetadata, read_texture, write_texture};
