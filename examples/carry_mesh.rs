@@ -4,6 +4,7 @@
 //! instance from `solidmap tet`), and the mesh to write.
 
 use solidmap::energy::{EnergyOptions, energies, tet_quadrature};
+use solidmap::files;
 use solidmap::geometry::flipped_tets;
 use solidmap::inverse::{InverseMap, InverseOptions};
 use solidmap::io;
@@ -15,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let [map, tets, output] = &arguments[..] else {
         return Err("usage: carry_mesh MAP TETS CARRIED".into());
     };
-    let file = io::read_map(map.as_ref())?;
+    let file = files::read_map(map.as_ref())?;
     let tets = io::read_tets(tets)?;
 
     let boundary = file.boundary.ok_or("the map file has no boundary map")?;

@@ -4,8 +4,9 @@
 //! order, and the map file to write (safetensors). `docs/fit.md` says what the numbers mean.
 
 use solidmap::boundary_map::BoundaryMap;
+use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{FitOptions, Phase, fit};
-use solidmap::io::{self, MapFile, MapMetadata};
+use solidmap::io;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -37,6 +38,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         map: fit.map,
         boundary: Some(fit.boundary),
     };
-    io::write_map(output.as_ref(), &file)?;
+    files::write_map(output.as_ref(), &file)?;
     Ok(())
 }

@@ -3,6 +3,7 @@
 //! `cargo run --release --example remesh_polycube -- MAP MESH [CELLS]`: a map file whose domain is a polycube, the mesh to write
 //! (.mesh, .msh, .vtk, .vtu), and the number of cells along the longest side. `docs/remeshing.md` says how it works.
 
+use solidmap::files;
 use solidmap::io;
 use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshSource, remesh};
 
@@ -13,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         [map, output, cells] => (map, output, cells.parse()?),
         _ => return Err("usage: remesh_polycube MAP MESH [CELLS]".into()),
     };
-    let file = io::read_map(map.as_ref())?;
+    let file = files::read_map(map.as_ref())?;
     let grid = RemeshSource::Regular {
         kind: CellKind::Hexes,
         size: CellSize::Along(cells),
