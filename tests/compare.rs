@@ -8,7 +8,7 @@ use solidmap::compare::{
 };
 #[cfg(feature = "native")]
 use solidmap::compare::{TetMesher, carried};
-use solidmap::energy::harmonic;
+use solidmap::energy::harmonic_density;
 use solidmap::fit::FitOptions;
 use solidmap::geometry::SurfaceQuery;
 use solidmap::map::VolumeMap;
@@ -320,7 +320,7 @@ fn no_map_has_less_energy_than_the_harmonic_one() {
                 let evaluator = evaluator(&boundary, resolution);
                 let quadrature = evaluator.quadrature();
                 let jacobians = built.map.jacobian(quadrature.points());
-                let densities: Vec<f64> = jacobians.iter().map(harmonic::density).collect();
+                let densities: Vec<f64> = jacobians.iter().map(harmonic_density).collect();
                 quadrature.integrate(&densities)
             });
             let measured = evaluator(&boundary, 16).measure(&*built.map).unwrap();

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use crate::common::{bent, models, with_hole};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
-use solidmap::energy::{GridResolution, Lame, deformation};
+use solidmap::energy::{GridResolution, Lame, deformation_density};
 use solidmap::fit::{FitOptions, Workload};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::sequence::{MeasuredFrame, Sequence, SequenceError, SequenceOptions, cycles};
@@ -91,7 +91,7 @@ fn an_affine_stretch_has_the_energy_of_its_matrix() {
     });
     let lame = Lame { lambda: 0.7, mu: 0.2 };
     let plain = SequenceOptions { lame, ..options() };
-    let expected = deformation::density(&matrix, &lame);
+    let expected = deformation_density(&matrix, &lame);
     let found = &measured(&reference, &plain, std::slice::from_ref(&image))[0];
     assert!((found.deformation / expected - 1.0).abs() < 1e-12);
 
@@ -99,7 +99,7 @@ fn an_affine_stretch_has_the_energy_of_its_matrix() {
         own_volume: true,
         ..plain
     };
-    let expected = deformation::density(&(matrix / matrix.determinant().cbrt()), &lame);
+    let expected = deformation_density(&(matrix / matrix.determinant().cbrt()), &lame);
     let found = &measured(&reference, &own_volume, &[image])[0];
     assert!((found.deformation / expected - 1.0).abs() < 1e-12);
 }
@@ -108,7 +108,7 @@ fn an_affine_stretch_has_the_energy_of_its_matrix() {
 fn a_frame_that_breathes_has_energy_but_for_its_own_volume() {
     let reference = shapes::sphere(1.0, 2);
     let image = [images(&reference, |p| Point::from(1.1 * p.coords))];
-    let expected = deformation::density(&Matrix3::from_diagonal_element(1.1), &Lame::default());
+    let expected = deformation_density(&Matrix3::from_diagonal_element(1.1), &Lame::default());
     assert!((measured(&reference, &options(), &image)[0].deformation / expected - 1.0).abs() < 1e-12);
     let own_volume = SequenceOptions {
         own_volume: true,
@@ -127,7 +127,7 @@ fn a_harmonic_bend_has_the_energy_of_its_formula() {
     let frame = frames(&sequence, &reference, &[images(&reference, bent(a))]);
     let found = sequence.measure(&frame, &|_| {}).remove(0).unwrap();
     let rule = sequence.quadrature();
-    let density = |p: &Point| deformation::density(&jacobian_of_bend(a, p), &Lame::default());
+    let density = |p: &Point| deformation_density(&jacobian_of_bend(a, p), &Lame::default());
     let densities: Vec<f64> = rule.points().iter().map(density).collect();
     let expected = rule.integrate(&densities) / rule.volume();
     assert!(

@@ -2,7 +2,7 @@
 
 use crate::drawing::{Axis, ColourBar, Panel, Plane, Scale, Section, ValueRange};
 use anyhow::ensure;
-use solidmap::energy::{EnergyOptions, deformation, harmonic};
+use solidmap::energy::{EnergyOptions, deformation_density, harmonic_density};
 use solidmap::geometry::SurfaceQuery;
 use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
@@ -64,11 +64,11 @@ impl Pictured<'_> {
         let energies = [
             (
                 ["harmonic energy density", "‖J‖²"],
-                jacobians.iter().map(harmonic::density).collect::<Vec<_>>(),
+                jacobians.iter().map(harmonic_density).collect::<Vec<_>>(),
             ),
             (
                 ["deformation energy density", "½ σ:ε"],
-                jacobians.iter().map(|j| deformation::density(j, &lame)).collect(),
+                jacobians.iter().map(|j| deformation_density(j, &lame)).collect(),
             ),
         ];
         let mut panels = Vec::new();

@@ -6,21 +6,22 @@
 //! [`mod@distortion`] measures the quality of a map by the metrics that are usual elsewhere.
 
 mod clipped_grid;
-pub mod deformation;
+mod density;
 pub mod distortion;
 mod distribution;
-pub mod harmonic;
 mod quadrature;
 mod tet_quadrature;
+mod unit_volume;
 
 pub use clipped_grid::{GridResolution, clipped_grid};
-pub use deformation::Lame;
+pub use density::{Lame, deformation_density, harmonic_density};
 pub use distortion::{
     Determinants, DistortionMetrics, DistortionReport, distortion, distortion_of_jacobians, tet_distortion,
 };
 pub use distribution::DensityQuantiles;
 pub use quadrature::{CellLayout, CellMean, Grid, Quadrature, QuadratureError};
 pub use tet_quadrature::tet_quadrature;
+pub use unit_volume::UnitVolumeScale;
 
 use std::ops::Range;
 
@@ -51,9 +52,9 @@ impl Default for EnergyOptions {
 /// Energies of a map.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct EnergyReport {
-    /// Integral of [`harmonic::density`].
+    /// Integral of [`harmonic_density()`].
     pub harmonic: f64,
-    /// Integral of [`deformation::density`].
+    /// Integral of [`deformation_density()`].
     pub deformation: f64,
     /// Whether energies and their densities are those of the map between the solids scaled to unit volume.
     pub normalized: bool,
@@ -131,9 +132,8 @@ pub enum EnergyError {
 /// `domain_volume` and `target_volume` are those of the two solids, in model units; `domain_volume` is as a rule
 /// [`Quadrature::volume`]. The target's is negative when the map reflects.
 ///
-/// With [`EnergyOptions::normalize`] the energies are those of `f̃(x̃) = s₂ f(x̃ / s₁)`, where `sᵢ = Vᵢ^(−1/3)` scales
-/// solid `i` to unit volume: its Jacobian is `J̃ = (s₂ / s₁) J = (V₁ / V₂)^(1/3) J`, its volume element
-/// `dx̃ = dx / V₁`. The energies do then not depend on the units of either solid.
+/// With [`EnergyOptions::normalize`] the energies are those of the map between the solids scaled to unit volume
+/// ([`UnitVolumeScale`]), which do not depend on the units of either solid.
 ///
 /// # Errors
 ///
@@ -176,22 +176,14 @@ fn measure(
     options: &EnergyOptions,
     jacobians: impl Fn(Range<usize>) -> Vec<Matrix3>,
 ) -> Result<EnergyReport, EnergyError> {
-    let unusable = |volume: f64| !(volume > 0.0 && volume.is_finite());
-    if unusable(domain_volume) {
-        let (solid, volume) = ("domain", domain_volume);
-        return Err(EnergyError::Volume { solid, volume });
-    }
-    if options.normalize && unusable(target_volume.abs()) {
-        let (solid, volume) = ("target", target_volume);
-        return Err(EnergyError::Volume { solid, volume });
-    }
-    let (stretch, element) = if options.normalize {
-        ((domain_volume / target_volume.abs()).cbrt(), 1.0 / domain_volume)
+    unit_volume::require_volume("domain", domain_volume)?;
+    let scale = if options.normalize {
+        UnitVolumeScale::new(domain_volume, target_volume)?
     } else {
-        (1.0, 1.0)
+        UnitVolumeScale::NONE
     };
 
-    let densities = densities(quadrature.points(), stretch, &options.lame, jacobians)?;
+    let densities = densities(quadrature.points(), scale.jacobian, &options.lame, jacobians)?;
     let weights = quadrature.weights();
     let distribution = |values: &[f64]| {
         let empty = EnergyError::Volume {
@@ -210,8 +202,8 @@ fn measure(
         .filter(|(det, _)| inverted(det));
     let inverted_volume = folded.fold(0.0, |sum, (_, weight)| sum + weight);
     Ok(EnergyReport {
-        harmonic: quadrature.integrate(&densities.harmonic) * element,
-        deformation: quadrature.integrate(&densities.deformation) * element,
+        harmonic: quadrature.integrate(&densities.harmonic) * scale.volume_element,
+        deformation: quadrature.integrate(&densities.deformation) * scale.volume_element,
         normalized: options.normalize,
         volume: domain_volume,
         target_volume,
@@ -224,10 +216,10 @@ fn measure(
     })
 }
 
-/// Energy densities of the map times `stretch`, and determinants of the map itself.
+/// Energy densities of the Jacobians times `jacobian_scale`, and determinants of the Jacobians themselves.
 fn densities(
     points: &[Point],
-    stretch: f64,
+    jacobian_scale: f64,
     lame: &Lame,
     jacobians: impl Fn(Range<usize>) -> Vec<Matrix3>,
 ) -> Result<Densities, EnergyError> {
@@ -240,9 +232,9 @@ fn densities(
             if jacobian.iter().any(|entry| !entry.is_finite()) {
                 return Err(EnergyError::NonFiniteJacobian { point });
             }
-            let stretched = jacobian * stretch;
-            densities.harmonic.push(harmonic::density(&stretched));
-            densities.deformation.push(deformation::density(&stretched, lame));
+            let scaled = jacobian * jacobian_scale;
+            densities.harmonic.push(harmonic_density(&scaled));
+            densities.deformation.push(deformation_density(&scaled, lame));
             densities.det_jacobian.push(jacobian.determinant());
         }
     }
@@ -336,7 +328,7 @@ mod tests {
         let report = measured(&affine(matrix), &rule, rule.volume() * matrix.determinant(), &RAW);
         let expected = rule.volume() * matrix.norm_squared();
         assert!((report.harmonic / expected - 1.0).abs() < 1e-13);
-        let expected = rule.volume() * deformation::density(&matrix, &Lame::default());
+        let expected = rule.volume() * deformation_density(&matrix, &Lame::default());
         assert!((report.deformation / expected - 1.0).abs() < 1e-13);
     }
 

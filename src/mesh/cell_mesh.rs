@@ -22,6 +22,9 @@ pub const HEXAHEDRON: [[u8; 3]; 8] = [
     [0, 1, 1],
 ];
 
+/// Faces of a right-handed tetrahedron, counter-clockwise seen from outside.
+pub(crate) const TET_FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+
 impl CellList {
     /// How many there are.
     pub fn len(&self) -> usize {

@@ -12,6 +12,7 @@ mod tet_mesh;
 pub mod topology;
 mod weld;
 
+pub(crate) use cell_mesh::TET_FACES;
 pub use cell_mesh::{CellList, CellMesh, HEXAHEDRON};
 pub(crate) use kuhn::KUHN;
 pub use surface_mesh::{MeshError, SurfaceMesh};

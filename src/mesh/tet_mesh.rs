@@ -1,10 +1,8 @@
 use std::collections::HashMap;
 
+use super::cell_mesh::TET_FACES;
 use super::surface_mesh::{MeshError, SurfaceMesh, bounding_box, check_counts};
 use crate::Point;
-
-/// The triangles of a tetrahedron `[a, b, c, d]` with `det(b-a, c-a, d-a) > 0`, counter-clockwise from outside.
-const FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
 
 /// A tetrahedral mesh. A tetrahedron `[a, b, c, d]` is right-handed when `det(b-a, c-a, d-a) > 0`; both hands are
 /// accepted and none is changed, because in a pair of meshes that describe a map the sign of a tetrahedron is data.
@@ -142,7 +140,7 @@ impl TetMesh {
 
     fn faces(&self, tet: usize, reversed: bool) -> [[u32; 3]; 4] {
         let corners = self.tets[tet];
-        FACES.map(|face| {
+        TET_FACES.map(|face| {
             let [a, b, c] = face.map(|k| corners[k]);
             if reversed { [a, c, b] } else { [a, b, c] }
         })

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use rayon::prelude::*;
 
-use crate::mesh::{CellList, CellMesh};
+use crate::mesh::{CellList, CellMesh, TET_FACES};
 use crate::{Point, Vector};
 
 /// A mesh of a solid with its boundary.
@@ -30,8 +30,7 @@ pub struct CellSetBoundary {
     pub edges: Vec<[bool; 3]>,
 }
 
-/// Faces of a right-handed cell, counter-clockwise from outside.
-pub(super) const TET_FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+/// Faces of a right-handed hexahedron, counter-clockwise seen from outside.
 const HEX_FACES: [[usize; 4]; 6] = [
     [0, 3, 2, 1],
     [4, 5, 6, 7],

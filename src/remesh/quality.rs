@@ -4,9 +4,8 @@ use std::cmp::Ordering;
 
 use rayon::prelude::*;
 
-use super::bounded_mesh::TET_FACES;
 use crate::geometry::orientation;
-use crate::mesh::CellList;
+use crate::mesh::{CellList, TET_FACES};
 use crate::statistics::quantiles;
 use crate::{Matrix3, Point, Vector};
 

@@ -48,6 +48,32 @@ pub(super) fn next_epsilon(epsilon: f64, least: f64) -> f64 {
     (FALL * epsilon).min((FLOOR + (SHARE * least).powi(2)).sqrt())
 }
 
+/// The positions with the fewest inverted cells so far.
+pub(super) struct Best {
+    pub inverted: usize,
+    pub nodes: Vec<Point>,
+    /// Rounds since they were found.
+    pub stalled: usize,
+}
+
+impl Best {
+    pub fn new(inverted: usize, nodes: &[Point]) -> Self {
+        Self {
+            inverted,
+            nodes: nodes.to_vec(),
+            stalled: 0,
+        }
+    }
+
+    /// Takes the result of a round if it has fewer inverted cells.
+    pub fn update(&mut self, inverted: usize, nodes: &[Point]) {
+        self.stalled += 1;
+        if inverted < self.inverted {
+            *self = Self::new(inverted, nodes);
+        }
+    }
+}
+
 /// Turns cells back and polishes them.
 pub(super) struct Repair<'a> {
     pub cells: &'a CellList,
@@ -99,10 +125,10 @@ impl Repair<'_> {
         let start = energy.evaluate(x, 1.0, &[], &mut vec![], &mut []);
         let (mut least, mut inverted) = (start.least, start.inverted);
         let mut descent = Lbfgs::new(energy, self.free, self.step, self.monitor);
-        let mut best = (inverted, x.clone());
-        let (mut epsilon, mut stalled) = (1.0, 0);
+        let mut best = Best::new(inverted, x);
+        let mut epsilon = 1.0;
         for round in 0..MOST_ROUNDS {
-            if inverted == 0 || stalled == STALLED {
+            if inverted == 0 || best.stalled == STALLED {
                 break;
             }
             if round > 0 {
@@ -112,18 +138,14 @@ impl Repair<'_> {
             report.rounds += 1;
             report.iterations += iterations;
             (least, inverted) = (value.least, value.inverted);
-            stalled += 1;
-            if inverted < best.0 {
-                best = (inverted, x.clone());
-                stalled = 0;
-            }
+            best.update(inverted, x);
             self.monitor.report((report.rounds, inverted));
             if !value.energy.is_finite() || !self.monitor.should_continue() {
                 break;
             }
         }
-        *x = best.1;
-        best.0
+        *x = best.nodes;
+        best.inverted
     }
 
     fn polish(&self, energy: &FoldoverEnergy, x: &mut Vec<Point>, report: &mut RepairReport) {

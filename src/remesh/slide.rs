@@ -2,7 +2,7 @@
 
 use super::foldover::FoldoverEnergy;
 use super::lbfgs::{Lbfgs, StoppingRule, TangentConstraint};
-use super::repair::next_epsilon;
+use super::repair::{Best, next_epsilon};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::SurfaceMesh;
 use crate::progress::ProgressMonitor;
@@ -62,12 +62,12 @@ pub(super) fn slide(
     let mut report = SlideReport::default();
     let start = x.clone();
     let bad = energy.inverted(x);
-    let (mut best, mut stalled, mut rings) = ((bad.len(), x.clone()), 0, FIRST_RINGS);
+    let (mut best, mut rings) = (Best::new(bad.len(), x), FIRST_RINGS);
     let mut epsilon = 1.0;
     let mut sliding = sliding_surface.near(energy, &bad, rings);
     let most = MOST_SLIDING * sliding_surface.on_boundary.iter().filter(|is| **is).count() as f64;
     let mut slid = 0;
-    while monitor.should_continue() && best.0 > 0 && rings <= MOST_RINGS && sliding.len() as f64 <= most {
+    while monitor.should_continue() && best.inverted > 0 && rings <= MOST_RINGS && sliding.len() as f64 <= most {
         slid = sliding.len();
         let free: Vec<u32> = (0..x.len() as u32)
             .filter(|&v| !sliding_surface.on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
@@ -77,20 +77,15 @@ pub(super) fn slide(
         report.rounds += 1;
         report.iterations += iterations;
         sliding_surface.put_back(x, &sliding);
-        let inverted = energy.inverted(x).len();
         epsilon = next_epsilon(epsilon, value.least);
-        stalled += 1;
-        if inverted < best.0 {
-            best = (inverted, x.clone());
-            stalled = 0;
-        }
-        if stalled == STALLED {
-            (stalled, rings, epsilon) = (0, rings + 1, 1.0);
-            *x = best.1.clone();
+        best.update(energy.inverted(x).len(), x);
+        if best.stalled == STALLED {
+            (best.stalled, rings, epsilon) = (0, rings + 1, 1.0);
+            x.clone_from(&best.nodes);
             sliding = sliding_surface.near(energy, &energy.inverted(x), rings);
         }
     }
-    *x = best.1;
+    *x = best.nodes;
     report.nodes = slid;
     report
 }

@@ -22,7 +22,7 @@ use crate::boundary_map::{BoundaryMap, BoundaryMapError};
 use crate::check::{ClosedHole, HoleError, close_holes};
 use crate::energy::{
     Densities, DensityQuantiles, EnergyError, EnergyOptions, EnergyReport, GridResolution, Lame, Quadrature,
-    QuadratureError, clipped_grid, deformation, energies_of_jacobians,
+    QuadratureError, UnitVolumeScale, clipped_grid, deformation_density, energies_of_jacobians,
 };
 use crate::fit::{BoundaryError, DomainFactor, Fit, FitError, FitOptions, Phase, RefinementEnd, Workload};
 use crate::map::HarmonicMap;
@@ -250,7 +250,7 @@ impl Sequence {
         for part in frames.chunks(frames_at_a_time(points.len())) {
             let maps: Vec<&HarmonicMap> = part.iter().map(|frame| &frame.map).collect();
             let density = |frame: &MeasuredFrame, jacobian: &Matrix3| {
-                deformation::density(&(jacobian * frame.stretch), &self.options.lame)
+                deformation_density(&(jacobian * frame.stretch), &self.options.lame)
             };
             let lists = jacobians(&maps, points).into_iter().zip(part);
             densities.extend(lists.map(|(list, frame)| list.iter().map(|j| density(frame, j)).collect::<Vec<_>>()));
@@ -346,7 +346,7 @@ impl Sequence {
         };
         let report = energies_of_jacobians(jacobians, &self.quadrature, own, volume, &options)?;
         let (stretch, per_volume) = if self.options.own_volume {
-            ((own / volume.abs()).cbrt(), 1.0)
+            (UnitVolumeScale::new(own, volume)?.jacobian, 1.0)
         } else {
             (1.0, 1.0 / own)
         };

@@ -12,7 +12,7 @@ use solidmap::compare::{
     self, BuildOptions, BuiltMap, ComparedMethod, EvaluationOptions, FoldCount, InteriorImages, MapDifference,
     MapEvaluator, MeshSpec, boundary_error, build, carried, mesh_for,
 };
-use solidmap::energy::harmonic;
+use solidmap::energy::harmonic_density;
 use solidmap::fit::{DomainFactor, FitOptions, Placement};
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::map::VolumeMap;
@@ -207,7 +207,7 @@ fn carried_mesh(
 
 fn write_section(job: &Job, section: &Section, map: &dyn VolumeMap) -> anyhow::Result<()> {
     write_points(&job.scratch.join(SECTION_IMAGES), &map.evaluate(section.points()))?;
-    let densities: Vec<f64> = map.jacobian(section.points()).iter().map(harmonic::density).collect();
+    let densities: Vec<f64> = map.jacobian(section.points()).iter().map(harmonic_density).collect();
     Ok(io::write_npy(job.scratch.join(SECTION_DENSITY), 1, &densities)?)
 }
 
@@ -246,7 +246,7 @@ fn keep(
             values: images.iter().flat_map(|p| p.iter().copied()).collect(),
         }],
         cell: vec![
-            scalar("harmonic_energy", jacobians.iter().map(harmonic::density).collect()),
+            scalar("harmonic_energy", jacobians.iter().map(harmonic_density).collect()),
             scalar("det_jacobian", jacobians.iter().map(Matrix3::determinant).collect()),
         ],
         ..VtkFields::default()
