@@ -6,11 +6,11 @@ use crate::common::models;
 use nalgebra::Rotation3;
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::boundary_map::pair::{Landmarks, PairError, PairOptions, PairReport, Via, map_pair};
+use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairReport, map_pair};
 use solidmap::files;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
-use solidmap::spherical::{SphericalError, certify};
+use solidmap::spherical::{SphericalError, check_embedding};
 use solidmap::{Point, Vector};
 
 fn pair(domain: &SurfaceMesh, target: &SurfaceMesh, options: &PairOptions) -> (BoundaryMap, PairReport) {
@@ -21,8 +21,8 @@ fn pair(domain: &SurfaceMesh, target: &SurfaceMesh, options: &PairOptions) -> (B
 
 /// Exactly positive triangles on both spheres, and there and back within 1e-9 of the diagonals at random points.
 fn assert_one_to_one(map: &BoundaryMap, target: &SurfaceMesh) {
-    for sphere in [map.domain_on_sphere().unwrap(), map.target_on_sphere().unwrap()] {
-        let certificate = certify(sphere.surface().triangles(), sphere.directions());
+    for sphere in [map.domain_embedding().unwrap(), map.target_embedding().unwrap()] {
+        let certificate = check_embedding(sphere.surface().triangles(), sphere.directions());
         assert!(certificate.is_bijective(), "{certificate:?}");
         assert!((certificate.degree - 1.0).abs() < 1e-9, "{certificate:?}");
     }
@@ -131,16 +131,16 @@ fn landmarks_are_met_exactly_and_the_rest_follows() {
         .zip(ends(&target))
         .map(|(v, w)| [v, w])
         .collect();
-    for via in [Via::Targets, Via::Conformal] {
+    for method in [PairMethod::SoftTargets, PairMethod::Conformal] {
         let options = PairOptions {
-            via,
+            method,
             ..with_landmarks(pairs.clone(), &domain, &target)
         };
         let (map, report) = pair(&domain, &target, &options);
         assert_eq!(report.landmarks, 5);
         for &[v, w] in &pairs {
             let miss = (map.image()[v as usize] - target.vertices()[w as usize]).norm();
-            assert!(miss <= 1e-9 * target.diagonal(), "{via:?} {v}: {miss}");
+            assert!(miss <= 1e-9 * target.diagonal(), "{method:?} {v}: {miss}");
         }
     }
 }
@@ -225,9 +225,9 @@ fn image_count(domain: &SurfaceMesh) -> f64 {
 #[test]
 fn improvement_lowers_distortion_and_can_be_left_out() {
     let (domain, target) = (body(10), other_body());
-    for via in [Via::Targets, Via::Conformal] {
+    for method in [PairMethod::SoftTargets, PairMethod::Conformal] {
         let options = |improve| PairOptions {
-            via,
+            method,
             improve,
             ..PairOptions::default()
         };
@@ -235,8 +235,8 @@ fn improvement_lowers_distortion_and_can_be_left_out() {
         let (_, improved) = pair(&domain, &target, &options(true));
         assert_eq!(plain.before, plain.after);
         let [before, after] = [&improved.before, &improved.after].map(|d| d.mean_symmetric_dirichlet);
-        assert!(after < before, "{via:?}: {after} {before}");
-        if via == Via::Conformal {
+        assert!(after < before, "{method:?}: {after} {before}");
+        if method == PairMethod::Conformal {
             assert!(
                 plain.after.angle.p50 < improved.after.angle.p50,
                 "conformal maps keep angles best"
@@ -257,9 +257,9 @@ fn the_smallest_solids_are_mapped() {
     let solids = [tetrahedron, shapes::sphere(1.0, 0), shapes::bumpy_sphere(4)];
     for domain in &solids {
         for target in &solids {
-            for via in [Via::Targets, Via::Conformal] {
+            for method in [PairMethod::SoftTargets, PairMethod::Conformal] {
                 let options = PairOptions {
-                    via,
+                    method,
                     ..PairOptions::default()
                 };
                 pair(domain, target, &options);
@@ -274,15 +274,15 @@ fn landmarks_where_the_map_goes_anyway_change_nothing() {
     let target = moved(&domain, [1.0, 0.5, 0.0], 2.0, [0.0; 3]);
     let pairs = [3, 100, 200, 300, 400].map(|v| [v, v]);
     let options = with_landmarks(pairs.into(), &domain, &target);
-    for (via, improve) in [(Via::Targets, true), (Via::Conformal, false)] {
+    for (method, improve) in [(PairMethod::SoftTargets, true), (PairMethod::Conformal, false)] {
         let options = PairOptions {
-            via,
+            method,
             improve,
             ..options.clone()
         };
         let (map, _) = pair(&domain, &target, &options);
         let farthest = crate::common::largest_distance(map.image(), target.vertices());
-        assert!(farthest < 1e-4 * target.diagonal(), "{via:?}: {farthest}");
+        assert!(farthest < 1e-4 * target.diagonal(), "{method:?}: {farthest}");
     }
 }
 

@@ -7,7 +7,8 @@ use solidmap::boundary_map::SurfaceDistortion;
 use solidmap::io::{self, Solid};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::spherical::{
-    SphereEnergy, SphereOptions, SphereReport, SphereStart, SphericalError, SphericalMap, certify, map_to_sphere,
+    SphereEnergy, SphereOptions, SphereReport, SphereStart, SphericalEmbedding, SphericalError, check_embedding,
+    map_to_sphere,
 };
 use solidmap::{Point, Vector};
 
@@ -73,14 +74,14 @@ fn exactly(options: SphereOptions) -> SphereOptions {
     }
 }
 
-fn drawn(mesh: &SurfaceMesh, options: &SphereOptions) -> (SphericalMap, SphereReport) {
+fn drawn(mesh: &SurfaceMesh, options: &SphereOptions) -> (SphericalEmbedding, SphereReport) {
     map_to_sphere(mesh, options, &|_| {}).unwrap()
 }
 
 /// The drawing, held against the predicates whatever its maker says.
-fn drawn_one_to_one(name: &str, mesh: &SurfaceMesh, options: &SphereOptions) -> (SphericalMap, SphereReport) {
+fn drawn_one_to_one(name: &str, mesh: &SurfaceMesh, options: &SphereOptions) -> (SphericalEmbedding, SphereReport) {
     let (map, report) = map_to_sphere(mesh, options, &|_| {}).unwrap_or_else(|e| panic!("{name}: {e}"));
-    let certificate = certify(map.surface().triangles(), map.directions());
+    let certificate = check_embedding(map.surface().triangles(), map.directions());
     assert!(
         certificate.flipped == 0 && (certificate.degree - 1.0).abs() < 1e-9,
         "{name}: {certificate:?}"
@@ -93,7 +94,7 @@ fn drawn_one_to_one(name: &str, mesh: &SurfaceMesh, options: &SphereOptions) -> 
     (map, report)
 }
 
-fn distortion(map: &SphericalMap) -> SurfaceDistortion {
+fn distortion(map: &SphericalEmbedding) -> SurfaceDistortion {
     let image: Vec<Point> = map.directions().iter().map(|&x| x.into()).collect();
     SurfaceDistortion::of(map.surface(), &image).unwrap()
 }
@@ -172,7 +173,7 @@ fn surfaces_without_area_have_a_drawing_or_an_error() {
         shapes::deformed(&sphere, |p| p * 1e150),
     ] {
         if let Ok((map, _)) = map_to_sphere(&flat, &BALANCED, &|_| {}) {
-            assert!(certify(map.surface().triangles(), map.directions()).is_bijective());
+            assert!(check_embedding(map.surface().triangles(), map.directions()).is_bijective());
         }
     }
 }

@@ -125,7 +125,7 @@ fn onto_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) ->
     output.note(format_args!(
         "boundary map in {:.1} s: one to one; symmetric Dirichlet energy {:.2} at the median and {:.3e} at most, 4 of an \
          isometry. See `solidmap boundary pair`",
-        report.seconds.total, report.after.symmetric_dirichlet.p50, report.after.symmetric_dirichlet.max
+        report.timings.total, report.after.symmetric_dirichlet.p50, report.after.symmetric_dirichlet.max
     ));
     Ok(map)
 }

@@ -9,7 +9,7 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata};
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
-use solidmap::spherical::SphericalMap;
+use solidmap::spherical::SphericalEmbedding;
 use solidmap::{Point, Vector};
 
 struct Workplace {
@@ -64,7 +64,7 @@ fn with_boundary_files() -> Workplace {
     let place = Workplace::with_ball();
     let by_rays = |mesh: SurfaceMesh| {
         let directions: Vec<Vector> = mesh.vertices().iter().map(|p| p.coords).collect();
-        SphericalMap::new(mesh, &directions).unwrap()
+        SphericalEmbedding::new(mesh, &directions).unwrap()
     };
     // As the text file has it.
     let domain = by_rays(io::read_surface(place.path("domain.obj")).unwrap());
@@ -337,7 +337,7 @@ fn a_fit_to_the_sphere_is_the_fit_to_its_boundary_file() {
     let map = files::read_map(&place.path("direct.map")).unwrap();
     let inputs: Vec<&str> = map.metadata.inputs.iter().map(|input| input.role.as_str()).collect();
     assert_eq!(inputs, ["domain"]);
-    assert!(map.boundary.unwrap().domain_on_sphere().is_some());
+    assert!(map.boundary.unwrap().domain_embedding().is_some());
 }
 
 /// `domain.obj` and another body, `target.obj`, that it can be laid over.

@@ -10,7 +10,7 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata};
 use solidmap::io::{self, read_points};
 use solidmap::mesh::{SurfaceMesh, shapes};
-use solidmap::spherical::SphericalMap;
+use solidmap::spherical::SphericalEmbedding;
 
 struct Workplace {
     folder: tempfile::TempDir,
@@ -130,7 +130,7 @@ fn with_boundary_file() -> (Workplace, BoundaryMap) {
     let place = Workplace::new();
     let by_rays = |surface: SurfaceMesh| {
         let directions: Vec<_> = surface.vertices().iter().map(|p| p.coords).collect();
-        SphericalMap::new(surface, &directions).unwrap()
+        SphericalEmbedding::new(surface, &directions).unwrap()
     };
     let ball = shapes::bumpy_sphere(8);
     place.surface("ball.obj", &ball);

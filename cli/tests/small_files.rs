@@ -14,7 +14,7 @@ use solidmap::io::{
     write_vti, write_vtk, write_vtu,
 };
 use solidmap::mesh::{SurfaceMesh, TetMesh, shapes};
-use solidmap::spherical::SphericalMap;
+use solidmap::spherical::SphericalEmbedding;
 use solidmap::texture::{ColouredSurface, Picture, SolidTexture, TextureOptions, Wrap};
 
 /// A file that is read without complaint.
@@ -367,7 +367,7 @@ fn tensor_files(add: &mut Add) {
     let fitted = fit(&straight, &options, &|_| {}).unwrap();
     let by_rays = |surface: SurfaceMesh| {
         let directions: Vec<_> = surface.vertices().iter().map(|p| p.coords).collect();
-        SphericalMap::new(surface, &directions).unwrap()
+        SphericalEmbedding::new(surface, &directions).unwrap()
     };
     let through = BoundaryMap::through_sphere(by_rays(ball.clone()), by_rays(shapes::cube(2.0, 1))).unwrap();
     for (name, boundary) in [("straight", straight), ("through", through)] {

@@ -159,7 +159,7 @@ impl Categorised for PairError {
     fn category(&self) -> Category {
         match self {
             Self::Sphere { error, .. } => error.category(),
-            Self::NoDrawing => Category::Numerical,
+            Self::NoEmbedding => Category::Numerical,
             Self::Cancelled => Category::Cancelled,
             _ => Category::InvalidInput,
         }

@@ -9,7 +9,7 @@ use super::error::{Category, Error, guarded};
 use super::meshes::{Surface, boxed, name_of, whole, whole_points};
 use super::{flat, path};
 use solidmap::Matrix3;
-use solidmap::boundary_map::pair::{Landmarks, PairOptions, PairPhase, Via, map_pair};
+use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
 use solidmap::fit::{self, DomainFactor, Fit, FitOptions, FitReport, Phase, Placement, Solver};
@@ -84,7 +84,7 @@ pub fn boundary_to_sphere(domain: &Surface, conformal: bool, watcher: &Watcher) 
         let tell = |phase| {
             let (step, fraction) = match phase {
                 SpherePhase::Coarsening => ("coarsening", f64::NAN),
-                SpherePhase::Drawing { vertices, of } => ("drawing", share(vertices, of)),
+                SpherePhase::Embedding { vertices, total } => ("drawing", share(vertices, total)),
                 SpherePhase::Flowing => ("flowing", f64::NAN),
                 SpherePhase::Optimising => ("optimising", f64::NAN),
             };
@@ -109,7 +109,11 @@ pub fn boundary_pair(
         let landmarks = Landmarks::new(pairs, domain.0.vertices().len(), target.0.vertices().len())
             .map_err(|error| Error::invalid(error.to_string()))?;
         let options = PairOptions {
-            via: if conformal { Via::Conformal } else { Via::Targets },
+            method: if conformal {
+                PairMethod::Conformal
+            } else {
+                PairMethod::SoftTargets
+            },
             landmarks,
             improve,
         };
@@ -118,8 +122,8 @@ pub fn boundary_pair(
                 PairPhase::Sphere("domain", _) => ("mapping the domain to the sphere", f64::NAN),
                 PairPhase::Sphere(..) => ("mapping the target to the sphere", f64::NAN),
                 PairPhase::Aligning => ("aligning", f64::NAN),
-                PairPhase::Sketching { .. } => ("sketching", f64::NAN),
-                PairPhase::Drawing { vertices, of, .. } => ("drawing", share(vertices, of)),
+                PairPhase::CoarseEmbeddings { .. } => ("sketching", f64::NAN),
+                PairPhase::Refining { vertices, total, .. } => ("drawing", share(vertices, total)),
                 PairPhase::Improving => ("improving", f64::NAN),
                 PairPhase::Measuring => ("measuring", f64::NAN),
             };
@@ -132,7 +136,7 @@ pub fn boundary_pair(
             angle_p99: angle.p99,
             area_median: area.p50,
             area_p99: area.p99,
-            seconds: found.seconds.total,
+            seconds: found.timings.total,
             warnings: found.warnings,
         };
         boxed_boundary(boundary)

@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::course::{Course, Drawn};
+use super::composition::{Composition, LocatedEmbedding};
 use super::function::Function;
 use crate::mesh::{SurfaceMesh, SurfacePoint, TetMesh};
-use crate::spherical::SphericalMap;
+use crate::spherical::SphericalEmbedding;
 use crate::{Point, Vector};
 
 /// A boundary map `f'`: where each point of the domain's surface goes.
@@ -24,7 +24,7 @@ pub struct BoundaryMap {
     domain: SurfaceMesh,
     image: Vec<Point>,
     /// `None` for straight ways, and for those of a function.
-    course: Option<Course>,
+    composition: Option<Composition>,
     function: Option<Function>,
 }
 
@@ -124,7 +124,7 @@ impl BoundaryMap {
         Ok(Self {
             domain,
             image,
-            course: None,
+            composition: None,
             function: None,
         })
     }
@@ -161,7 +161,7 @@ impl BoundaryMap {
         Ok(Self {
             domain,
             image,
-            course: None,
+            composition: None,
             function: Some(function),
         })
     }
@@ -171,9 +171,9 @@ impl BoundaryMap {
     /// # Errors
     ///
     /// When the surface is too small or too large to calculate with.
-    pub fn onto_sphere(domain: SphericalMap) -> Result<Self, BoundaryMapError> {
-        Self::by_sphere(Course {
-            domain: Arc::new(Drawn::new(domain)),
+    pub fn onto_sphere(domain: SphericalEmbedding) -> Result<Self, BoundaryMapError> {
+        Self::by_sphere(Composition {
+            domain: Arc::new(LocatedEmbedding::new(domain)),
             target: None,
             subdivisions: 0,
         })
@@ -185,24 +185,24 @@ impl BoundaryMap {
     /// # Errors
     ///
     /// When a surface is too small or too large to calculate with.
-    pub fn through_sphere(domain: SphericalMap, target: SphericalMap) -> Result<Self, BoundaryMapError> {
-        Self::by_sphere(Course {
-            domain: Arc::new(Drawn::new(domain)),
-            target: Some(Arc::new(Drawn::new(target))),
+    pub fn through_sphere(domain: SphericalEmbedding, target: SphericalEmbedding) -> Result<Self, BoundaryMapError> {
+        Self::by_sphere(Composition {
+            domain: Arc::new(LocatedEmbedding::new(domain)),
+            target: Some(Arc::new(LocatedEmbedding::new(target))),
             subdivisions: 0,
         })
     }
 
-    fn by_sphere(course: Course) -> Result<Self, BoundaryMapError> {
-        let domain = course.domain.map.surface().clone();
-        let image = match &course.target {
+    fn by_sphere(composition: Composition) -> Result<Self, BoundaryMapError> {
+        let domain = composition.domain.map.surface().clone();
+        let image = match &composition.target {
             Some(target) => {
                 let surface = target.map.surface();
                 require_extent(&domain, surface.vertices(), extent(surface, surface.vertices()))?;
-                images_of_vertices(&course, &domain, 0)
+                images_of_vertices(&composition, &domain, 0)
             }
             None => {
-                let image: Vec<Point> = course.domain.map.directions().iter().map(|&x| x.into()).collect();
+                let image: Vec<Point> = composition.domain.map.directions().iter().map(|&x| x.into()).collect();
                 require_extent(&domain, &image, extent(&domain, &image))?;
                 image
             }
@@ -210,7 +210,7 @@ impl BoundaryMap {
         Ok(Self {
             domain,
             image,
-            course: Some(course),
+            composition: Some(composition),
             function: None,
         })
     }
@@ -218,10 +218,10 @@ impl BoundaryMap {
     /// The map from the target's surface back to the domain's; `None` unless it goes through the sphere to another surface.
     /// Subdivided domains are as they were before.
     pub fn inverse(&self) -> Option<Self> {
-        let course = self.course.as_ref()?;
-        let back = Course {
-            domain: course.target.clone()?,
-            target: Some(course.domain.clone()),
+        let composition = self.composition.as_ref()?;
+        let back = Composition {
+            domain: composition.target.clone()?,
+            target: Some(composition.domain.clone()),
             subdivisions: 0,
         };
         // Both surfaces have passed the checks.
@@ -250,7 +250,7 @@ impl BoundaryMap {
         }
         require_same_elements("triangle", self.domain.triangles(), domain.triangles())
             .map_err(|e| other(e.to_string()))?;
-        let is_straight = self.course.is_none() && self.function.is_none();
+        let is_straight = self.composition.is_none() && self.function.is_none();
         if !is_straight && self.domain.triangles() != domain.triangles() {
             return Err(other("triangles are turned; let them face outward".into()));
         }
@@ -323,22 +323,24 @@ impl BoundaryMap {
 
     /// The surface that points are carried onto, where it has triangles of its own.
     pub fn target_surface(&self) -> Option<&SurfaceMesh> {
-        self.target_on_sphere().map(SphericalMap::surface)
+        self.target_embedding().map(SphericalEmbedding::surface)
     }
 
     /// The domain on the sphere, of a map by way of it; as it was before it was subdivided.
-    pub fn domain_on_sphere(&self) -> Option<&SphericalMap> {
-        self.course.as_ref().map(|course| &course.domain.map)
+    pub fn domain_embedding(&self) -> Option<&SphericalEmbedding> {
+        self.composition.as_ref().map(|composition| &composition.domain.map)
     }
 
     /// The target on the sphere, of a map through it to another surface.
-    pub fn target_on_sphere(&self) -> Option<&SphericalMap> {
-        Some(&self.course.as_ref()?.target.as_ref()?.map)
+    pub fn target_embedding(&self) -> Option<&SphericalEmbedding> {
+        Some(&self.composition.as_ref()?.target.as_ref()?.map)
     }
 
     /// How often the domain was subdivided since it was drawn on the sphere; 0 for straight maps.
     pub fn subdivisions(&self) -> u32 {
-        self.course.as_ref().map_or(0, |course| course.subdivisions)
+        self.composition
+            .as_ref()
+            .map_or(0, |composition| composition.subdivisions)
     }
 
     /// Whether a function says where points go, so that the images need not bound a solid.
@@ -352,7 +354,7 @@ impl BoundaryMap {
             return function.target_box();
         }
         let corner = Point::new(1.0, 1.0, 1.0);
-        match (&self.course, self.target_surface()) {
+        match (&self.composition, self.target_surface()) {
             (_, Some(surface)) => surface.bounding_box().unwrap_or_default(),
             (Some(_), None) => (-corner, corner),
             (None, None) => self.target().bounding_box().unwrap_or_default(),
@@ -367,7 +369,7 @@ impl BoundaryMap {
 
     /// Volume of the target; negative when the map turns the solid inside out.
     pub fn target_volume(&self) -> f64 {
-        match (&self.course, self.target_surface()) {
+        match (&self.composition, self.target_surface()) {
             (_, Some(surface)) => surface.volume(),
             (Some(_), None) => 4.0 / 3.0 * PI,
             (None, None) => self.target().volume(),
@@ -395,14 +397,14 @@ impl BoundaryMap {
             triangles.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
         }
         let domain = SurfaceMesh::new(vertices, triangles).expect("corners are vertices");
-        let course = self.course.as_ref().map(|course| Course {
-            subdivisions: course.subdivisions + 1,
-            ..course.clone()
+        let composition = self.composition.as_ref().map(|composition| Composition {
+            subdivisions: composition.subdivisions + 1,
+            ..composition.clone()
         });
-        if let Some(course) = &course {
+        if let Some(composition) = &composition {
             let old = self.image.len();
             image.truncate(old);
-            image.extend(images_of_vertices(course, &domain, old));
+            image.extend(images_of_vertices(composition, &domain, old));
         }
         let function = self.function.as_ref().map(Function::subdivided);
         if let Some(function) = &function {
@@ -411,7 +413,7 @@ impl BoundaryMap {
         Self {
             domain,
             image,
-            course,
+            composition,
             function,
         }
     }
@@ -429,37 +431,41 @@ impl BoundaryMap {
         if let Some(function) = &self.function {
             return points.par_iter().with_min_len(256).map(|p| function.image(p)).collect();
         }
-        match &self.course {
+        match &self.composition {
             None => points.iter().map(|p| p.position(&self.domain, &self.image)).collect(),
-            Some(course) => points.par_iter().with_min_len(256).map(|p| course.image(p)).collect(),
+            Some(composition) => points
+                .par_iter()
+                .with_min_len(256)
+                .map(|p| composition.image(p))
+                .collect(),
         }
     }
 
     /// Images of surface points as points of [`Self::target_surface`]; `None` where that is.
     pub fn evaluate_on_target(&self, points: &[SurfacePoint]) -> Option<Vec<SurfacePoint>> {
-        let course = self.course.as_ref()?;
+        let composition = self.composition.as_ref()?;
         points
             .par_iter()
             .with_min_len(256)
-            .map(|p| course.on_target(p))
+            .map(|p| composition.on_target(p))
             .collect()
     }
 
     /// Directions of surface points, unit vectors, of a map by way of the sphere.
     pub fn directions(&self, points: &[SurfacePoint]) -> Option<Vec<Vector>> {
-        let course = self.course.as_ref()?;
+        let composition = self.composition.as_ref()?;
         Some(
             points
                 .par_iter()
                 .with_min_len(256)
-                .map(|p| course.direction(p))
+                .map(|p| composition.direction(p))
                 .collect(),
         )
     }
 }
 
 /// Images of the vertices from number `first` on, each asked for at a corner of a triangle.
-fn images_of_vertices(course: &Course, domain: &SurfaceMesh, first: usize) -> Vec<Point> {
+fn images_of_vertices(composition: &Composition, domain: &SurfaceMesh, first: usize) -> Vec<Point> {
     let mut places = vec![SurfacePoint::corner(0, 0); domain.vertices().len() - first];
     for (t, corners) in domain.triangles().iter().enumerate() {
         for (k, &v) in corners.iter().enumerate() {
@@ -468,7 +474,11 @@ fn images_of_vertices(course: &Course, domain: &SurfaceMesh, first: usize) -> Ve
             }
         }
     }
-    places.par_iter().with_min_len(256).map(|p| course.image(p)).collect()
+    places
+        .par_iter()
+        .with_min_len(256)
+        .map(|p| composition.image(p))
+        .collect()
 }
 
 /// Diagonal of the bounding box of the triangles at these positions, without squares that over- or underflow.
@@ -538,7 +548,7 @@ mod tests {
     use crate::geometry::SurfaceQuery;
     use crate::mesh::shapes;
     use crate::sampling::held_out;
-    use crate::spherical::testing::{drawn_by_rays, graded};
+    use crate::spherical::testing::{graded_spindle, radial_embedding};
 
     #[test]
     fn is_linear_over_triangles_and_exact_at_corners() {
@@ -594,7 +604,7 @@ mod tests {
     const SEED: u64 = 3;
 
     fn bumpy_to_cube() -> BoundaryMap {
-        let [bumpy, cube] = [shapes::bumpy_sphere(14), shapes::cube(2.0, 9)].map(drawn_by_rays);
+        let [bumpy, cube] = [shapes::bumpy_sphere(14), shapes::cube(2.0, 9)].map(radial_embedding);
         BoundaryMap::through_sphere(bumpy, cube).unwrap()
     }
 
@@ -615,11 +625,12 @@ mod tests {
         assert!(round_trip(&bumpy_to_cube().inverse().unwrap()) < 1e-13);
         assert!(round_trip(&bumpy_to_cube().subdivided()) < 1e-13);
         // Heights of 0.02 and 4e-7 on the sphere.
-        let small =
-            |power| BoundaryMap::through_sphere(graded(power, 12), drawn_by_rays(shapes::sphere(1.0, 3))).unwrap();
+        let small = |power| {
+            BoundaryMap::through_sphere(graded_spindle(power, 12), radial_embedding(shapes::sphere(1.0, 3))).unwrap()
+        };
         assert!(round_trip(&small(1.5)) < 1e-12);
         assert!(round_trip(&small(6.0)) < 1e-9);
-        let both = BoundaryMap::through_sphere(graded(6.0, 12), graded(6.0, 10)).unwrap();
+        let both = BoundaryMap::through_sphere(graded_spindle(6.0, 12), graded_spindle(6.0, 10)).unwrap();
         assert!(round_trip(&both) < 1e-9);
     }
 
@@ -636,21 +647,21 @@ mod tests {
         assert!(farthest(&on_target) < 1e-14);
         assert!(farthest(&SurfaceQuery::new(&map.target()).unwrap()) > 0.01);
 
-        let onto = BoundaryMap::onto_sphere(drawn_by_rays(shapes::cube(2.0, 4))).unwrap();
+        let onto = BoundaryMap::onto_sphere(radial_embedding(shapes::cube(2.0, 4))).unwrap();
         let points = held_out(onto.domain(), 500, 500, SEED);
         for (p, image) in onto.positions(&points).iter().zip(onto.evaluate(&points)) {
             assert!((image.coords.norm() - 1.0).abs() < 1e-15);
             // The corners' rays and the points' are the same only at vertices, and near.
             assert!((image.coords - p.coords.normalize()).norm() < 0.1);
         }
-        assert_eq!(onto.image()[5].coords, onto.domain_on_sphere().unwrap().directions()[5]);
+        assert_eq!(onto.image()[5].coords, onto.domain_embedding().unwrap().directions()[5]);
         assert!(onto.target_surface().is_none() && onto.inverse().is_none());
         assert!((onto.target_volume() - 4.18879).abs() < 1e-5 && (onto.target_diagonal() - 12f64.sqrt()).abs() < 1e-15);
     }
 
     #[test]
     fn a_surface_goes_to_itself_and_common_directions_are_met_exactly() {
-        let bumpy = drawn_by_rays(shapes::bumpy_sphere(9));
+        let bumpy = radial_embedding(shapes::bumpy_sphere(9));
         let map = BoundaryMap::through_sphere(bumpy.clone(), bumpy).unwrap();
         assert_eq!(map.image(), map.domain().vertices());
         let points = held_out(map.domain(), 2000, 2000, SEED);
@@ -661,7 +672,7 @@ mod tests {
         assert_eq!(map.positions(&corners), map.evaluate(&corners));
 
         // The cube's corners, at which neither surface has anything else in common.
-        let cube = drawn_by_rays(shapes::cube(2.0, 2));
+        let cube = radial_embedding(shapes::cube(2.0, 2));
         let corner = cube
             .surface()
             .vertices()
@@ -675,7 +686,7 @@ mod tests {
             along(i).total_cmp(&along(j))
         });
         directions[near.unwrap()] = cube.directions()[corner];
-        let pinned = SphericalMap::new(sphere, &directions).unwrap();
+        let pinned = SphericalEmbedding::new(sphere, &directions).unwrap();
         let expected = cube.surface().vertices()[corner];
         let map = BoundaryMap::through_sphere(pinned, cube).unwrap();
         assert_eq!(map.image()[near.unwrap()], expected);
@@ -746,7 +757,7 @@ mod tests {
 
     #[test]
     fn out_of_scale_surfaces_are_refused() {
-        let sized = |size: f64| drawn_by_rays(shapes::sphere(size, 1));
+        let sized = |size: f64| radial_embedding(shapes::sphere(size, 1));
         assert!(matches!(
             BoundaryMap::through_sphere(sized(1.0), sized(1e101)),
             Err(BoundaryMapError::OutOfScale { solid: "target", .. })
@@ -762,7 +773,8 @@ mod tests {
         let ellipsoid = shapes::deformed(&shapes::geodesic_sphere(1.0, 24), |p| {
             Point::new(1.5 * p.x, p.y, 0.8 * p.z)
         });
-        let map = BoundaryMap::through_sphere(drawn_by_rays(shapes::sphere(1.0, 2)), drawn_by_rays(ellipsoid)).unwrap();
+        let map =
+            BoundaryMap::through_sphere(radial_embedding(shapes::sphere(1.0, 2)), radial_embedding(ellipsoid)).unwrap();
         let options = FitOptions {
             tolerance: 2e-3,
             ..FitOptions::default()

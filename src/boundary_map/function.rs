@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::course::undivided;
+use super::composition::undivided;
 use crate::Point;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 

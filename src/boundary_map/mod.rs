@@ -2,8 +2,8 @@
 //! distorts.
 
 pub mod check;
+mod composition;
 mod correspondence;
-mod course;
 mod distortion;
 pub mod examples;
 mod function;

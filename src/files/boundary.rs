@@ -87,15 +87,15 @@ mod tests {
     use super::*;
     use crate::files::{MapFile, read_map, write_map};
     use crate::mesh::shapes;
-    use crate::spherical::testing::drawn_by_rays;
+    use crate::spherical::testing::radial_embedding;
 
     fn through() -> BoundaryMap {
-        let [domain, target] = [shapes::bumpy_sphere(5), shapes::cube(2.0, 3)].map(drawn_by_rays);
+        let [domain, target] = [shapes::bumpy_sphere(5), shapes::cube(2.0, 3)].map(radial_embedding);
         BoundaryMap::through_sphere(domain, target).unwrap()
     }
 
     fn maps() -> Vec<BoundaryMap> {
-        let onto = BoundaryMap::onto_sphere(drawn_by_rays(shapes::bumpy_sphere(5))).unwrap();
+        let onto = BoundaryMap::onto_sphere(radial_embedding(shapes::bumpy_sphere(5))).unwrap();
         let straight = BoundaryMap::new(onto.domain().clone(), onto.image().to_vec()).unwrap();
         vec![through(), through().subdivided(), onto, straight]
     }

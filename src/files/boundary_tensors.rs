@@ -15,7 +15,7 @@ use super::TensorFileError;
 use super::tensor_file::{Reader, Tensor};
 use crate::boundary_map::BoundaryMap;
 use crate::mesh::SurfaceMesh;
-use crate::spherical::SphericalMap;
+use crate::spherical::SphericalEmbedding;
 use crate::{Point, Vector};
 
 /// What the metadata say about a boundary map.
@@ -70,7 +70,7 @@ const IMAGE: &str = "image_vertices";
 
 pub(super) fn header_of(map: &BoundaryMap) -> BoundaryHeader {
     BoundaryHeader {
-        way: match (map.domain_on_sphere(), map.target_on_sphere()) {
+        way: match (map.domain_embedding(), map.target_embedding()) {
             (None, _) => Way::Straight,
             (Some(_), None) => Way::OntoSphere,
             (Some(_), Some(_)) => Way::ThroughSphere,
@@ -80,13 +80,13 @@ pub(super) fn header_of(map: &BoundaryMap) -> BoundaryHeader {
 }
 
 pub(super) fn tensors_of(map: &BoundaryMap) -> Vec<Tensor> {
-    let domain = map.domain_on_sphere().map_or(map.domain(), SphericalMap::surface);
+    let domain = map.domain_embedding().map_or(map.domain(), SphericalEmbedding::surface);
     // The first vertices of a subdivided domain are the old ones.
     let image = &map.image()[..domain.vertices().len()];
     let mut tensors = Vec::from(surface_tensors(&DOMAIN, domain));
     tensors.push(Tensor::points(IMAGE, image));
-    tensors.extend(map.domain_on_sphere().map(|drawn| directions(&DOMAIN, drawn)));
-    if let Some(target) = map.target_on_sphere() {
+    tensors.extend(map.domain_embedding().map(|drawn| directions(&DOMAIN, drawn)));
+    if let Some(target) = map.target_embedding() {
         tensors.extend(surface_tensors(&TARGET, target.surface()));
         tensors.push(directions(&TARGET, target));
     }
@@ -100,7 +100,7 @@ fn surface_tensors(names: &Names, surface: &SurfaceMesh) -> [Tensor; 2] {
     ]
 }
 
-fn directions(names: &Names, drawn: &SphericalMap) -> Tensor {
+fn directions(names: &Names, drawn: &SphericalEmbedding) -> Tensor {
     Tensor::rows(names.directions, drawn.directions().iter().map(|x| x.as_ref()))
 }
 
@@ -142,10 +142,10 @@ fn surface(reader: &Reader, names: &Names) -> Result<SurfaceMesh, TensorFileErro
         .map_err(|e| reader.problem(names.triangles, format!("is unusable: {e}")))
 }
 
-fn drawn(reader: &Reader, names: &Names) -> Result<SphericalMap, TensorFileError> {
+fn drawn(reader: &Reader, names: &Names) -> Result<SphericalEmbedding, TensorFileError> {
     let surface = surface(reader, names)?;
     let directions: Vec<Vector> = reader.rows(names.directions)?.into_iter().map(Vector::from).collect();
-    let drawn = SphericalMap::new(surface.clone(), &directions)
+    let drawn = SphericalEmbedding::new(surface.clone(), &directions)
         .map_err(|e| reader.problem(names.directions, format!("is unusable: {e}")))?;
     if let Some(v) = (0..directions.len()).find(|&v| directions[v] != drawn.directions()[v]) {
         let length = directions[v].norm();

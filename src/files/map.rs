@@ -240,7 +240,7 @@ mod tests {
         let read = read_map(&path).unwrap();
         let boundary = read.boundary.unwrap();
         assert_eq!(boundary.image(), boundary.domain().vertices());
-        assert!(boundary.domain_on_sphere().is_none());
+        assert!(boundary.domain_embedding().is_none());
         assert_eq!(read.map.sources()[1], Point::new(1.0, 0.0, 0.0));
     }
 

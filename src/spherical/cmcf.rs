@@ -4,7 +4,7 @@
 //! (2012): the stiffness is that of the surface at the start, the masses are those of the surface as it moves. It is known
 //! to converge for many shapes, with no guarantee, and the drawing that it ends with may have flips.
 
-use super::certify;
+use super::check_embedding;
 use super::cholesky::Cholesky;
 use crate::{Point, Vector};
 
@@ -67,7 +67,9 @@ pub(crate) fn flow(triangles: &[[u32; 3]], positions: &[Point], options: &FlowOp
         }
     }
     let directions: Vec<Vector> = x.iter().map(Vector::normalize).collect();
-    certify(triangles, &directions).is_bijective().then_some(directions)
+    check_embedding(triangles, &directions)
+        .is_bijective()
+        .then_some(directions)
 }
 
 /// Moves the centroid to the origin and scales to the area 4π; `None` when there is no area, or it is not finite.
@@ -179,7 +181,7 @@ mod tests {
         for mesh in [shapes::bumpy_sphere(20), shapes::cube(2.0, 10)] {
             let moved = shapes::deformed(&mesh, |p| Point::from(1e5 * (p.coords + Vector::new(3.0, 4.0, 5.0))));
             let directions = flow(moved.triangles(), moved.vertices(), &FlowOptions::default()).unwrap();
-            assert!(certify(mesh.triangles(), &directions).is_bijective());
+            assert!(check_embedding(mesh.triangles(), &directions).is_bijective());
             let mean: Vector = directions.iter().sum();
             assert!(mean.norm() < 0.5 * directions.len() as f64);
         }

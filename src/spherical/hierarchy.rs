@@ -86,12 +86,12 @@ impl Hierarchy {
 
 /// Who is next to whom, while vertices are put back.
 #[derive(Debug, Clone)]
-pub(crate) struct Neighbours {
+pub(crate) struct VertexRings {
     /// Empty for vertices that are not there.
     rings: Vec<Ring>,
 }
 
-impl Neighbours {
+impl VertexRings {
     /// Of the tetrahedron at the bottom of a hierarchy.
     pub fn of_base(hierarchy: &Hierarchy) -> Self {
         Self {
@@ -394,7 +394,7 @@ mod tests {
             shapes::polycube(&[[0, 0, 0], [1, 0, 0]], 5),
         ] {
             let hierarchy = Hierarchy::new(mesh.vertices(), mesh.triangles(), &[]).unwrap();
-            let mut neighbours = Neighbours::of_base(&hierarchy);
+            let mut neighbours = VertexRings::of_base(&hierarchy);
             let mut vertices = 4;
             for level in hierarchy.refinements() {
                 for insertion in level {

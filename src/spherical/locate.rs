@@ -1,20 +1,20 @@
-//! Which triangle of a surface on the sphere covers a direction, and where: the inverse of [`SphericalMap::direction`].
+//! Which triangle of a surface on the sphere covers a direction, and where: the inverse of [`SphericalEmbedding::direction`].
 //!
 //! A direction `x` in the geodesic triangle of the unit vectors `a`, `b`, `c` is `m₀ a + m₁ b + m₂ c` up to length, with
-//! `m₀ = det(x, b, c)` and so on by Cramer's rule. [`SphericalMap::direction`] normalises `l₀ a + l₁ b + l₂ c`, so that
+//! `m₀ = det(x, b, c)` and so on by Cramer's rule. [`SphericalEmbedding::direction`] normalises `l₀ a + l₁ b + l₂ c`, so that
 //! `l = m / Σm` are the barycentric coordinates that it came from: the gnomonic ones. Determinants are those of `b − x`
 //! and `c − x`, which are the same but do not cancel in small triangles.
 
 use rayon::prelude::*;
 
-use super::SphericalMap;
-use super::spherical_map::unit;
+use super::SphericalEmbedding;
+use super::spherical_embedding::unit;
 use crate::geometry::{Aabb, Bvh};
 use crate::mesh::topology::Topology;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::{Point, Vector};
 
-/// Finds the point of a surface that a [`SphericalMap`] sends to a direction. Built once per map and asked often;
+/// Finds the point of a surface that a [`SphericalEmbedding`] sends to a direction. Built once per map and asked often;
 /// some 200 bytes and 0.7 µs per triangle.
 ///
 /// Every direction has a point: where rounding leaves several triangles or none, it is in the one that is the nearest to
@@ -38,7 +38,7 @@ struct Triangle {
 }
 
 /// A direction against a triangle.
-struct Weights {
+struct Determinants {
     m: [f64; 3],
     /// Above the rounding errors of `m`.
     noise: f64,
@@ -56,12 +56,12 @@ const WALK: usize = 16;
 
 impl Locator {
     /// Prepares the search in a map.
-    pub fn new(map: &SphericalMap) -> Self {
-        Self::of_drawing(map.surface(), map.directions())
+    pub fn new(map: &SphericalEmbedding) -> Self {
+        Self::of_directions(map.surface(), map.directions())
     }
 
-    /// Prepares the search in a drawing of a closed surface whose triangles are all positive.
-    pub(crate) fn of_drawing(surface: &SurfaceMesh, directions: &[Vector]) -> Self {
+    /// Prepares the search in a closed surface with these directions, whose triangles must all be positive.
+    pub(crate) fn of_directions(surface: &SurfaceMesh, directions: &[Vector]) -> Self {
         let corners = |t: &[u32; 3]| t.map(|v| directions[v as usize]);
         let boxes: Vec<Aabb> = surface
             .triangles()
@@ -137,7 +137,7 @@ impl Locator {
     }
 
     fn search(&self, x: &Vector) -> SurfacePoint {
-        let mut best: Option<(f64, &Triangle, Weights)> = None;
+        let mut best: Option<(f64, &Triangle, Determinants)> = None;
         self.tree.visit_nearest(&Point::from(*x), 0.0, |leaf, limit| {
             for triangle in &self.triangles[leaf] {
                 let weights = triangle.weights(x);
@@ -193,17 +193,17 @@ fn geodesic_box(corners: &[Vector; 3]) -> Aabb {
 
 impl Triangle {
     #[inline]
-    fn weights(&self, x: &Vector) -> Weights {
+    fn weights(&self, x: &Vector) -> Determinants {
         let [a, b, c] = self.corners.map(|corner| corner - x);
         let squares = [a, b, c].map(|d| d.norm_squared());
-        Weights {
+        Determinants {
             m: [x.dot(&b.cross(&c)), x.dot(&c.cross(&a)), x.dot(&a.cross(&b))],
             noise: NOISE * squares[0].max(squares[1]).max(squares[2]),
             corner: squares.iter().position(|&square| square == 0.0),
         }
     }
 
-    fn point(&self, weights: &Weights, x: &Vector) -> SurfacePoint {
+    fn point(&self, weights: &Determinants, x: &Vector) -> SurfacePoint {
         if let Some(corner) = weights.corner {
             return SurfacePoint::corner(self.index, corner);
         }
@@ -224,7 +224,7 @@ impl Triangle {
 
     /// Coefficients `l` such that `l₀ a + l₁ b + l₂ c` is the direction, also where the triangle is so thin that rounding
     /// errors of the determinants would move the point along it: one step of iterative refinement.
-    fn refined(&self, weights: &Weights, x: &Vector) -> [f64; 3] {
+    fn refined(&self, weights: &Determinants, x: &Vector) -> [f64; 3] {
         let [a, b, c] = &self.corners;
         let [l, m, n] = weights.m;
         let scale = l * a.dot(x) + m * b.dot(x) + n * c.dot(x);
@@ -255,7 +255,7 @@ impl Triangle {
     }
 }
 
-impl Weights {
+impl Determinants {
     /// Whether the direction is inside of the triangle, beyond all doubt of rounding: then it is in no other.
     #[inline]
     fn are_inside(&self) -> bool {
@@ -279,25 +279,25 @@ mod tests {
     use nalgebra::Rotation3;
     use rand::{Rng, SeedableRng, rngs::StdRng};
 
-    use super::super::testing::{drawn_by_rays, graded};
+    use super::super::testing::{graded_spindle, radial_embedding};
     use super::*;
     use crate::mesh::{SurfaceMesh, shapes};
 
     const SEED: u64 = 11;
 
-    fn solid_of(corners: &[[f64; 3]], triangles: &[[u32; 3]]) -> SphericalMap {
+    fn solid_of(corners: &[[f64; 3]], triangles: &[[u32; 3]]) -> SphericalEmbedding {
         let vertices = corners.iter().map(|&p| Point::from(p)).collect();
-        drawn_by_rays(SurfaceMesh::new(vertices, triangles.to_vec()).unwrap())
+        radial_embedding(SurfaceMesh::new(vertices, triangles.to_vec()).unwrap())
     }
 
-    fn tetrahedron() -> SphericalMap {
+    fn tetrahedron() -> SphericalEmbedding {
         solid_of(
             &[[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]],
             &[[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]],
         )
     }
 
-    fn octahedron() -> SphericalMap {
+    fn octahedron() -> SphericalEmbedding {
         solid_of(
             &[
                 [1., 0., 0.],
@@ -321,23 +321,23 @@ mod tests {
     }
 
     /// Two rings a hundred-millionth apart: triangles of aspect 5e7.
-    fn with_needles() -> SphericalMap {
-        let mut map = graded(1.0, 12);
+    fn with_needles() -> SphericalEmbedding {
+        let mut map = graded_spindle(1.0, 12);
         let mut directions = map.directions().to_vec();
         for j in 1..=12 {
             directions[j] = (directions[j + 12] - 1e-8 * Vector::z()).normalize();
         }
-        map = SphericalMap::new(map.surface().clone(), &directions).unwrap();
+        map = SphericalEmbedding::new(map.surface().clone(), &directions).unwrap();
         map
     }
 
-    fn maps() -> Vec<(&'static str, SphericalMap)> {
+    fn maps() -> Vec<(&'static str, SphericalEmbedding)> {
         vec![
             ("tetrahedron", tetrahedron()),
             ("octahedron", octahedron()),
-            ("bumpy", drawn_by_rays(shapes::bumpy_sphere(12))),
-            ("cube", drawn_by_rays(shapes::cube(1.0, 6))),
-            ("graded", graded(6.0, 10)),
+            ("bumpy", radial_embedding(shapes::bumpy_sphere(12))),
+            ("cube", radial_embedding(shapes::cube(1.0, 6))),
+            ("graded", graded_spindle(6.0, 10)),
             ("needles", with_needles()),
         ]
     }
@@ -351,7 +351,7 @@ mod tests {
     }
 
     /// Inside of the triangles, on their sides, and a few roundings off.
-    fn awkward_directions(map: &SphericalMap) -> Vec<Vector> {
+    fn awkward_directions(map: &SphericalEmbedding) -> Vec<Vector> {
         let mut random = StdRng::seed_from_u64(SEED);
         let mut directions = Vec::new();
         for triangle in 0..map.surface().triangles().len() as u32 {
@@ -459,9 +459,9 @@ mod tests {
     #[test]
     fn turning_the_sphere_changes_nothing() {
         let turn = Rotation3::from_euler_angles(0.3, -1.1, 2.0);
-        for map in [octahedron(), drawn_by_rays(shapes::bumpy_sphere(10))] {
+        for map in [octahedron(), radial_embedding(shapes::bumpy_sphere(10))] {
             let turned: Vec<Vector> = map.directions().iter().map(|x| turn * x).collect();
-            let turned = SphericalMap::new(map.surface().clone(), &turned).unwrap();
+            let turned = SphericalEmbedding::new(map.surface().clone(), &turned).unwrap();
             let (before, after) = (Locator::new(&map), Locator::new(&turned));
             for x in random_directions(1000) {
                 let (p, q) = (before.locate(&x), after.locate(&(turn * x)));

@@ -1,55 +1,57 @@
-//! Bijections of closed surfaces of genus 0 with the unit sphere.
+//! Spherical embeddings: bijections of closed surfaces of genus 0 with the unit sphere.
 //!
-//! A [`SphericalMap`] gives every vertex of a surface a direction such that the geodesic triangles over its faces cover
-//! the sphere once: it is checked with exact predicates when it is made, so that whoever holds one holds a bijection.
+//! A [`SphericalEmbedding`] gives every vertex of a surface a direction such that the geodesic triangles over its faces
+//! cover the sphere once. Exact predicates check this when one is constructed.
 
-mod certificate;
 mod cholesky;
 mod cmcf;
-mod embedding;
-mod energy;
+mod distortion_energy;
+mod embedding_check;
 mod hierarchy;
-mod kernel;
 mod locate;
+mod map_to_sphere;
 mod moebius;
 mod newton;
 mod progressive;
 mod relax;
-mod rest;
-mod spherical_map;
+mod rest_shape;
+mod ring_kernel;
+mod spherical_embedding;
 
-pub use certificate::{Certificate, certify};
-pub use embedding::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
 #[cfg(test)]
-pub(crate) use energy::tangents;
-pub(crate) use energy::{Element, Energy, Hessian, Objective, Pull, Weights, semidefinite};
+pub(crate) use distortion_energy::tangents;
+pub(crate) use distortion_energy::{
+    DistortionEnergy, ElementDerivatives, ElementHessian, EnergyWeights, Objective, semidefinite,
+};
+pub use embedding_check::{EmbeddingCheck, check_embedding};
 pub(crate) use hierarchy::Hierarchy;
-pub(crate) use kernel::{det, positive_det};
 pub use locate::Locator;
+pub use map_to_sphere::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
 pub(crate) use moebius::Moebius;
 pub(crate) use newton::{Newton, NewtonError, NewtonOptions};
-pub(crate) use progressive::Drawing;
+pub(crate) use progressive::PartialEmbedding;
 pub(crate) use relax::{Relaxation, newton_step};
-pub(crate) use rest::{Rest, RestShapes};
-pub(crate) use spherical_map::require_scale;
-pub use spherical_map::{SphericalError, SphericalMap, require_sphere};
+pub(crate) use rest_shape::{RestShape, RestShapes};
+pub(crate) use ring_kernel::{det, positive_det};
+pub(crate) use spherical_embedding::require_scale;
+pub use spherical_embedding::{SphericalEmbedding, SphericalError, require_genus_0};
 
-/// Surfaces on the sphere, for tests.
+/// Spherical embeddings for tests.
 #[cfg(test)]
 pub(crate) mod testing {
-    use super::SphericalMap;
+    use super::SphericalEmbedding;
     use crate::mesh::SurfaceMesh;
     use crate::{Point, Vector};
 
-    /// A surface that is star-shaped about the origin, each vertex in its own direction.
-    pub fn drawn_by_rays(surface: SurfaceMesh) -> SphericalMap {
+    /// The radial projection of a surface that is star-shaped about the origin.
+    pub fn radial_embedding(surface: SurfaceMesh) -> SphericalEmbedding {
         let directions: Vec<Vector> = surface.vertices().iter().map(|p| p.coords.normalize()).collect();
-        SphericalMap::new(surface, &directions).unwrap()
+        SphericalEmbedding::new(surface, &directions).unwrap()
     }
 
-    /// A spindle of even triangles, whose rings of `around` vertices are drawn as conformal maps draw a protrusion: ever
-    /// nearer to the poles, at polar angles down to `2 · 10^-power`.
-    pub fn graded(power: f64, around: usize) -> SphericalMap {
+    /// A spindle of similar triangles, whose rings of `around` vertices shrink towards the poles as under a conformal map
+    /// of a protrusion: to polar angles of `2 · 10^-power`.
+    pub fn graded_spindle(power: f64, around: usize) -> SphericalEmbedding {
         let rings = 4 * power.ceil() as i32;
         let angle = |j: usize| std::f64::consts::TAU * j as f64 / around as f64;
         let mut vertices = vec![Point::new(0.0, 0.0, f64::from(-rings) - 1.0)];
@@ -76,6 +78,6 @@ pub(crate) mod testing {
             }
             triangles.push([at(last, j), at(last, j + 1), tip]);
         }
-        SphericalMap::new(SurfaceMesh::new(vertices, triangles).unwrap(), &directions).unwrap()
+        SphericalEmbedding::new(SurfaceMesh::new(vertices, triangles).unwrap(), &directions).unwrap()
     }
 }

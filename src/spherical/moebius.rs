@@ -7,7 +7,7 @@
 
 use nalgebra::{Complex, Matrix2};
 
-use super::energy::is_positive;
+use super::distortion_energy::is_positive;
 use crate::{Matrix3, Vector};
 
 /// A Möbius transformation: a complex matrix of determinant other than 0 that acts on the homogeneous coordinates of
@@ -177,7 +177,7 @@ fn inverse(m: &Matrix2<Complex<f64>>) -> Matrix2<Complex<f64>> {
 mod tests {
     use super::*;
     use crate::mesh::shapes;
-    use crate::spherical::certify;
+    use crate::spherical::check_embedding;
 
     fn unit(x: f64, y: f64, z: f64) -> Vector {
         Vector::new(x, y, z).normalize()
@@ -208,7 +208,7 @@ mod tests {
         let to = [unit(1.0, 0.2, 0.1), unit(0.2, 1.0, -0.5), unit(-1.0, 0.3, 1.0)];
         let map = Moebius::of_three(&from, &to).unwrap();
         let (h, x) = (1e-6, unit(0.2, -0.5, 0.7));
-        let [u, v] = crate::spherical::energy::tangents(&x);
+        let [u, v] = crate::spherical::distortion_energy::tangents(&x);
         let moved = |u: &Vector| (map.apply(&(x + h * u)) - map.apply(&(x - h * u))) / (2.0 * h);
         let (u, v) = (moved(&u), moved(&v));
         // Central differences err by h² times third derivatives, and by rounding over h.
@@ -245,7 +245,7 @@ mod tests {
         let mut x: Vec<Vector> = directions.iter().map(|x| inverted(x, &away)).collect();
         let report = centre(&triangles, &weights, &mut x);
         assert!(report.before > 0.5 && report.after <= CENTRED, "{report:?}");
-        assert!(certify(&triangles, &x).is_bijective());
+        assert!(check_embedding(&triangles, &x).is_bijective());
         // The centred drawing is unique up to rotation: dot products are those of the sphere.
         for (k, m) in [(0, 100), (7, 1000), (500, 2000)] {
             assert!((x[k].dot(&x[m]) - directions[k].dot(&directions[m])).abs() < 1e-9);
@@ -259,12 +259,12 @@ mod tests {
         let mut x: Vec<Vector> = mesh.vertices().iter().map(|p| p.coords).collect();
         let [a, b, c] = mesh.triangles()[0].map(|v| v as usize);
         x[a] = (x[b] + x[c] + 1e-4 * x[a]).normalize();
-        let start = certify(mesh.triangles(), &x);
+        let start = check_embedding(mesh.triangles(), &x);
         let mut weights = vec![0.01; x.len()];
         weights[b] = 0.1;
         let report = centre(mesh.triangles(), &weights, &mut x);
         assert!(report.after <= report.before);
-        assert_eq!(certify(mesh.triangles(), &x).flipped, start.flipped);
+        assert_eq!(check_embedding(mesh.triangles(), &x).flipped, start.flipped);
     }
 
     #[test]
@@ -281,6 +281,6 @@ mod tests {
         weights[0] = 2.0;
         let mut x = directions.clone();
         centre(&triangles, &weights, &mut x);
-        assert!(certify(&triangles, &x).is_bijective());
+        assert!(check_embedding(&triangles, &x).is_bijective());
     }
 }

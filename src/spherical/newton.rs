@@ -1,14 +1,14 @@
-//! Newton's method for drawings on the sphere.
+//! Newton's method for spherical embeddings.
 //!
-//! Two unknowns per vertex in its tangent plane; a step along them ends with the vertex pulled back to the sphere. Along
-//! a step the determinant of a triangle is a cubic polynomial times a positive factor, so that the longest step without
-//! flips is known beforehand (as Smith & Schaefer, *Bijective parameterization with free boundaries*, ACM Trans. Graph.
+//! Two unknowns per vertex in its tangent plane; after a step the vertex is normalised. Along a step the determinant of a
+//! triangle is a cubic polynomial times a positive factor, so that the longest step without an inverted triangle is known
+//! beforehand (as Smith & Schaefer, *Bijective parameterization with free boundaries*, ACM Trans. Graph.
 //! 34, 2015, do in the plane).
 
 use rayon::prelude::*;
 
 use super::cholesky::{Cholesky, OutOfMemory};
-use super::energy::{Element, Objective, is_positive, tangents};
+use super::distortion_energy::{ElementDerivatives, Objective, is_positive, tangents};
 use crate::Vector;
 
 /// When to stop.
@@ -28,7 +28,7 @@ impl Default for NewtonOptions {
     }
 }
 
-/// What a descent did.
+/// What [`Newton::minimise`] did.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct NewtonReport {
     /// Steps taken.
@@ -36,12 +36,12 @@ pub(crate) struct NewtonReport {
     pub(crate) energy_before: f64,
     /// Never above `energy_before`.
     pub(crate) energy_after: f64,
-    pub(crate) stop: Stop,
+    pub(crate) stop: StopReason,
 }
 
-/// Why a descent ended.
+/// Why [`Newton::minimise`] ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stop {
+pub(crate) enum StopReason {
     /// The energy falls by less than the tolerance.
     Converged,
     MostIterations,
@@ -49,37 +49,35 @@ pub(crate) enum Stop {
     Stalled,
 }
 
-/// Why a drawing cannot be improved.
+/// Why an embedding cannot be optimised.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum NewtonError {
-    /// Every vertex that is named needs a place.
-    #[error("vertex {vertex} is named, and the drawing has {directions} directions")]
+    /// A triangle has a vertex without a direction.
+    #[error("a triangle has vertex {vertex}, and there are {directions} directions")]
     Count { vertex: u32, directions: usize },
-    /// The energy is finite only without flips.
+    /// The energy is infinite at the start.
     #[error(
-        "triangle {triangle} of the drawing is turned over, flat or not finite; start from a drawing without flips"
+        "triangle {triangle} of the embedding is inverted, flat or not finite; start from one without such triangles"
     )]
     Flipped { triangle: usize },
-    /// Weights and targets must be finite, weights not negative and that of angles positive.
-    #[error(
-        "the energy is not finite at the start; its weights must be finite and its drawing not nearly flat anywhere"
-    )]
+    /// The energy overflows at the start.
+    #[error("the energy is not finite at the start; its weights must be finite and no triangle nearly flat")]
     NotFinite,
     /// The factorisation does not fit.
     #[error("the system of {unknowns} unknowns does not fit into memory; use a coarser surface")]
     OutOfMemory { unknowns: usize },
 }
 
-/// Improves drawings of one list of triangles: what depends on the connections alone is kept.
+/// Minimises energies over embeddings of one list of triangles; keeps the sparsity pattern and its symbolic factorisation.
 #[derive(Debug)]
 pub(crate) struct Newton {
     /// The unknowns `2i` and `2i + 1` are tangent coordinates of vertex `free[i]`.
     free: Vec<u32>,
-    /// Place of each vertex in `free`, or [`FIXED`].
-    place: Vec<u32>,
+    /// Index of each vertex in `free`, or [`FIXED`].
+    free_index: Vec<u32>,
     triangles: Vec<[u32; 3]>,
-    /// Where the blocks of each triangle's matrix are added.
+    /// Where the blocks of each triangle's Hessian are added.
     scatter: Vec<[Block; 6]>,
     /// Where the diagonal block of each free vertex is.
     diagonal: Vec<Block>,
@@ -97,30 +95,29 @@ const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
 
 /// First shift of the matrix, as a fraction of its diagonal: it is singular along rotations of the sphere.
 const LEAST_SHIFT: f64 = 1e-9;
-/// Above this the step is that of a scaled gradient descent, and shifting further is no use.
+/// Above this the step is that of a scaled gradient descent, and a larger shift only shortens it.
 const MOST_SHIFT: f64 = 1e3;
 
-/// Share of the way to the first flip that a step may go.
+/// The longest step, over the one at which the first triangle becomes flat.
 const SHARE_OF_LONGEST: f64 = 0.9;
-/// Share of the fall predicted by the slope that a step must reach.
+/// Decrease that a step must reach, over that predicted by the slope (Armijo's condition).
 const ARMIJO: f64 = 1e-4;
 /// Halvings of a step before it is given up.
 const MOST_HALVINGS: usize = 40;
 
 impl Newton {
-    /// Prepares for these triangles with the vertices `fixed` held in place. Vertices that no triangle names stay where
-    /// they are.
+    /// Prepares for these triangles with the vertices `fixed` held. Vertices without triangles are held too.
     ///
     /// # Errors
     ///
     /// [`NewtonError::OutOfMemory`].
     pub(crate) fn new(triangles: &[[u32; 3]], fixed: &[u32]) -> Result<Self, NewtonError> {
-        let (free, place) = free_vertices(triangles, fixed);
-        let neighbours = later_neighbours(triangles, &place, free.len());
+        let (free, free_index) = free_vertices(triangles, fixed);
+        let neighbours = later_neighbours(triangles, &free_index, free.len());
         let (begin, rows) = pattern(&neighbours);
         let diagonal: Vec<Block> = (0..free.len()).map(|i| [begin[2 * i], begin[2 * i + 1]]).collect();
         let block = |t: &[u32; 3], [m, n]: [usize; 2]| -> Block {
-            let (i, j) = (place[t[m] as usize], place[t[n] as usize]);
+            let (i, j) = (free_index[t[m] as usize], free_index[t[n] as usize]);
             if i == FIXED || j == FIXED {
                 return [FIXED; 2];
             }
@@ -137,7 +134,7 @@ impl Newton {
         let cholesky = Cholesky::new(begin, rows).map_err(|OutOfMemory| NewtonError::OutOfMemory { unknowns })?;
         Ok(Self {
             free,
-            place,
+            free_index,
             triangles: triangles.to_vec(),
             scatter,
             diagonal,
@@ -146,17 +143,18 @@ impl Newton {
         })
     }
 
-    /// Lowers the energy of the drawing `x`, unit vectors per vertex, without ever turning a triangle over.
+    /// Lowers the energy of the embedding `x`, a unit vector per vertex, without ever inverting a triangle.
     ///
-    /// The energy's triangles must be those that the method was prepared for. `goes_on` is asked before every iteration. Deterministic, for any number of threads.
+    /// `goes_on` is called before every iteration; the descent ends when it is false. The result is the same for any
+    /// number of threads.
     ///
     /// # Errors
     ///
-    /// When the drawing does not fit, or has a flip at the start; `x` is then unchanged.
+    /// When directions are missing or a triangle is not positive at the start; `x` is then unchanged.
     ///
     /// # Panics
     ///
-    /// In debug builds, when the energy has other triangles.
+    /// In debug builds, when the energy has other triangles than those given to [`Newton::new`].
     pub(crate) fn minimise(
         &mut self,
         energy: &impl Objective,
@@ -170,38 +168,37 @@ impl Newton {
             iterations: 0,
             energy_before,
             energy_after: energy_before,
-            stop: Stop::MostIterations,
+            stop: StopReason::MostIterations,
         };
         let mut shift = LEAST_SHIFT;
         while report.iterations < options.most_iterations && goes_on() {
             let frames: Vec<[Vector; 2]> = x.par_iter().map(tangents).collect();
             let gradient = self.assemble(energy, x, &frames);
             let Some(step) = self.descend(energy, x, &frames, &gradient, report.energy_after, &mut shift) else {
-                report.stop = Stop::Stalled;
+                report.stop = StopReason::Stalled;
                 break;
             };
-            x.copy_from_slice(&step.drawing);
+            x.copy_from_slice(&step.directions);
             report.iterations += 1;
             let fall = report.energy_after - step.energy;
             report.energy_after = step.energy;
             if fall <= options.tolerance * step.energy.abs() {
-                report.stop = Stop::Converged;
+                report.stop = StopReason::Converged;
                 break;
             }
         }
         Ok(report)
     }
 
-    /// The energy at the start, once everything fits.
+    /// The energy at the start, after checks.
     fn start(&self, energy: &impl Objective, x: &mut [Vector]) -> Result<f64, NewtonError> {
-        let named = self.triangles.iter().flatten().copied();
-        let vertices = named.chain(energy.pulls().iter().map(|pull| pull.vertex));
-        if let Some(vertex) = vertices.filter(|&v| v as usize >= x.len()).max() {
+        let corners = self.triangles.iter().flatten().copied();
+        if let Some(vertex) = corners.filter(|&v| v as usize >= x.len()).max() {
             let directions = x.len();
             return Err(NewtonError::Count { vertex, directions });
         }
-        let is_turned = |t: &[u32; 3]| !is_positive(&t.map(|v| x[v as usize]));
-        if let Some(triangle) = self.triangles.par_iter().position_first(is_turned) {
+        let is_flipped = |t: &[u32; 3]| !is_positive(&t.map(|v| x[v as usize]));
+        if let Some(triangle) = self.triangles.par_iter().position_first(is_flipped) {
             return Err(NewtonError::Flipped { triangle });
         }
         let value = energy.value(x);
@@ -212,7 +209,7 @@ impl Newton {
         }
     }
 
-    /// Fills the matrix, and returns the gradient.
+    /// Assembles the Hessian, and returns the gradient.
     fn assemble(&mut self, energy: &impl Objective, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<f64> {
         let mut gradient = vec![0.0; 2 * self.free.len()];
         self.values.fill(0.0);
@@ -220,28 +217,13 @@ impl Newton {
         // In the order of the triangles, so that the sums are the same for any number of threads.
         for ((triangle, blocks), element) in self.triangles.iter().zip(&self.scatter).zip(&elements) {
             for (c, &v) in triangle.iter().enumerate() {
-                let place = self.place[v as usize];
-                if place != FIXED {
-                    gradient[2 * place as usize] += element.gradient[2 * c];
-                    gradient[2 * place as usize + 1] += element.gradient[2 * c + 1];
+                let i = self.free_index[v as usize];
+                if i != FIXED {
+                    gradient[2 * i as usize] += element.gradient[2 * c];
+                    gradient[2 * i as usize + 1] += element.gradient[2 * c + 1];
                 }
             }
-            add_blocks(&mut self.values, triangle, &self.place, blocks, element);
-        }
-        for pull in energy.pulls() {
-            let v = pull.vertex as usize;
-            let place = self.place.get(v).map_or(FIXED, |&place| place);
-            if place == FIXED {
-                continue;
-            }
-            let force = 2.0 * pull.weight * (x[v] - pull.target);
-            let [first, second] = self.diagonal[place as usize];
-            for r in 0..2 {
-                gradient[2 * place as usize + r] += force.dot(&frames[v][r]);
-            }
-            // Its exact value, for targets nearby, and above it elsewhere.
-            self.values[first as usize] += 2.0 * pull.weight;
-            self.values[second as usize] += 2.0 * pull.weight;
+            add_blocks(&mut self.values, triangle, &self.free_index, blocks, element);
         }
         gradient
     }
@@ -255,19 +237,19 @@ impl Newton {
         gradient: &[f64],
         before: f64,
         shift: &mut f64,
-    ) -> Option<Step> {
+    ) -> Option<AcceptedStep> {
         loop {
             if let Some(direction) = self.direction(gradient, *shift) {
                 let slope: f64 = gradient.iter().zip(&direction).map(|(g, p)| g * p).sum();
                 if slope < 0.0 {
                     let tangent = self.displacements(frames, &direction);
-                    if let Some(step) = self.search(energy, x, &tangent, before, slope) {
+                    if let Some(step) = self.line_search(energy, x, &tangent, before, slope) {
                         *shift = (*shift * 0.01).max(LEAST_SHIFT);
                         return Some(step);
                     }
                 }
             }
-            // Also after a failed search: with more of the gradient in it the step is shorter and safer.
+            // Also after a failed line search: a larger shift gives a shorter step, closer to the gradient.
             *shift *= 100.0;
             if *shift > MOST_SHIFT {
                 return None;
@@ -299,15 +281,15 @@ impl Newton {
         tangent
     }
 
-    /// The longest tried step along `tangent` with a sufficient fall of the energy.
-    fn search(
+    /// Backtracking line search along `tangent`, from the longest step that inverts no triangle.
+    fn line_search(
         &self,
         energy: &impl Objective,
         x: &[Vector],
         tangent: &[Vector],
         before: f64,
         slope: f64,
-    ) -> Option<Step> {
+    ) -> Option<AcceptedStep> {
         let to_flip = self.triangles.par_iter().map(|t| {
             let corners = t.map(|v| x[v as usize]);
             first_root(&determinant_along(&corners, &t.map(|v| tangent[v as usize])))
@@ -324,10 +306,13 @@ impl Newton {
                     (x + u * length).normalize()
                 }
             };
-            let drawing: Vec<Vector> = x.par_iter().zip(tangent).map(moved).collect();
-            let after = energy.value(&drawing);
+            let directions: Vec<Vector> = x.par_iter().zip(tangent).map(moved).collect();
+            let after = energy.value(&directions);
             if after < before && after <= before + ARMIJO * length * slope {
-                return Some(Step { drawing, energy: after });
+                return Some(AcceptedStep {
+                    directions,
+                    energy: after,
+                });
             }
             length *= 0.5;
         }
@@ -335,8 +320,8 @@ impl Newton {
     }
 }
 
-struct Step {
-    drawing: Vec<Vector>,
+struct AcceptedStep {
+    directions: Vec<Vector>,
     energy: f64,
 }
 
@@ -348,18 +333,18 @@ fn free_vertices(triangles: &[[u32; 3]], fixed: &[u32]) -> (Vec<u32>, Vec<u32>) 
         is_free[v as usize] = false;
     }
     let free: Vec<u32> = (0..count as u32).filter(|&v| is_free[v as usize]).collect();
-    let mut place = vec![FIXED; count];
+    let mut free_index = vec![FIXED; count];
     for (i, &v) in free.iter().enumerate() {
-        place[v as usize] = i as u32;
+        free_index[v as usize] = i as u32;
     }
-    (free, place)
+    (free, free_index)
 }
 
-/// For each free vertex its free neighbours of a higher place, sorted.
-fn later_neighbours(triangles: &[[u32; 3]], place: &[u32], free: usize) -> Vec<Vec<u32>> {
+/// For each free vertex the indices of its free neighbours that are higher, sorted.
+fn later_neighbours(triangles: &[[u32; 3]], free_index: &[u32], free: usize) -> Vec<Vec<u32>> {
     let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); free];
     for t in triangles {
-        let [i, j, k] = t.map(|v| place[v as usize]);
+        let [i, j, k] = t.map(|v| free_index[v as usize]);
         for (i, j) in [(i, j), (j, k), (k, i)] {
             if i != FIXED && j != FIXED && i != j {
                 neighbours[i.min(j) as usize].push(i.max(j));
@@ -373,7 +358,7 @@ fn later_neighbours(triangles: &[[u32; 3]], place: &[u32], free: usize) -> Vec<V
     neighbours
 }
 
-/// The lower triangle of the matrix by columns: first entries and rows.
+/// Sparsity pattern of the lower triangle by columns: where they begin, and row indices.
 fn pattern(neighbours: &[Vec<u32>]) -> (Vec<u32>, Vec<u32>) {
     let mut begin = vec![0];
     let mut rows = Vec::new();
@@ -388,7 +373,13 @@ fn pattern(neighbours: &[Vec<u32>]) -> (Vec<u32>, Vec<u32>) {
     (begin, rows)
 }
 
-fn add_blocks(values: &mut [f64], triangle: &[u32; 3], place: &[u32], blocks: &[Block; 6], element: &Element) {
+fn add_blocks(
+    values: &mut [f64],
+    triangle: &[u32; 3],
+    free_index: &[u32],
+    blocks: &[Block; 6],
+    element: &ElementDerivatives,
+) {
     for (&[m, n], &[first, second]) in PAIRS.iter().zip(blocks) {
         if first == FIXED {
             continue;
@@ -400,7 +391,7 @@ fn add_blocks(values: &mut [f64], triangle: &[u32; 3], place: &[u32], blocks: &[
             values[second] += element.hessian[(2 * m + 1, 2 * m + 1)];
             continue;
         }
-        let below = place[triangle[m] as usize] > place[triangle[n] as usize];
+        let below = free_index[triangle[m] as usize] > free_index[triangle[n] as usize];
         let (row, column) = if below { (2 * m, 2 * n) } else { (2 * n, 2 * m) };
         values[first] += element.hessian[(row, column)];
         values[first + 1] += element.hessian[(row + 1, column)];
@@ -411,7 +402,7 @@ fn add_blocks(values: &mut [f64], triangle: &[u32; 3], place: &[u32], blocks: &[
 
 /// Coefficients of `det(a + tu, b + tv, c + tw)` by powers of `t`.
 fn determinant_along([a, b, c]: &[Vector; 3], [u, v, w]: &[Vector; 3]) -> [f64; 4] {
-    // With edges instead of corners, which nearly cancel in small triangles.
+    // By edges: products of the corners nearly cancel in small triangles.
     let (first, last) = (b - a, c - a);
     let (turn_first, turn_last) = (v - u, w - u);
     let normal = [
@@ -427,8 +418,8 @@ fn determinant_along([a, b, c]: &[Vector; 3], [u, v, w]: &[Vector; 3]) -> [f64; 
     ]
 }
 
-/// A lower bound, and a close one, of the first root in (0, 1] of a cubic that is positive at 0; infinite without a root,
-/// and 0 when the cubic is not finite.
+/// A close lower bound of the first root in (0, 1] of a cubic that is positive at 0; infinite without a root, and 0 when
+/// the cubic is not finite.
 fn first_root(cubic: &[f64; 4]) -> f64 {
     if !cubic.iter().all(|c| c.is_finite()) {
         return 0.0;
@@ -455,9 +446,9 @@ fn first_root(cubic: &[f64; 4]) -> f64 {
     at
 }
 
-/// How far the cubic is surely positive: as far as its negative terms alone do not reach its value at 0.
+/// A length up to which the cubic is positive, because its negative terms are below its value at 0.
 fn safe_step(&[c0, c1, c2, c3]: &[f64; 4]) -> f64 {
-    // Each of the three terms may take a third.
+    // Each of the three terms may be a third of it.
     let share = c0 / 3.0;
     let reach = |c: f64, root: fn(f64) -> f64| if c < 0.0 { root(share / -c) } else { f64::INFINITY };
     reach(c1, |r| r).min(reach(c2, f64::sqrt)).min(reach(c3, f64::cbrt))
@@ -465,15 +456,15 @@ fn safe_step(&[c0, c1, c2, c3]: &[f64; 4]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::energy::{Energy, Pull, Weights};
-    use super::super::rest::RestShapes;
+    use super::super::distortion_energy::{DistortionEnergy, EnergyWeights};
+    use super::super::rest_shape::RestShapes;
     use super::*;
     use crate::mesh::{SurfaceMesh, shapes};
-    use crate::spherical::certify;
+    use crate::spherical::check_embedding;
     use crate::{Point, statistics};
 
-    const BALANCED: Weights = Weights { angle: 1.0, area: 1.0 };
-    const CONFORMAL: Weights = Weights { angle: 1.0, area: 0.0 };
+    const BALANCED: EnergyWeights = EnergyWeights { angle: 1.0, area: 1.0 };
+    const CONFORMAL: EnergyWeights = EnergyWeights { angle: 1.0, area: 0.0 };
     const EXACT: NewtonOptions = NewtonOptions {
         most_iterations: 100,
         tolerance: 1e-12,
@@ -483,18 +474,14 @@ mod tests {
         mesh.vertices().iter().map(|p| p.coords.normalize()).collect()
     }
 
-    fn minimise(mesh: &SurfaceMesh, weights: Weights, x: &mut [Vector], options: &NewtonOptions) -> NewtonReport {
+    fn minimise(mesh: &SurfaceMesh, weights: EnergyWeights, x: &mut [Vector], options: &NewtonOptions) -> NewtonReport {
         let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
-        let energy = Energy {
-            rest: &rest,
-            weights,
-            pulls: &[],
-        };
+        let energy = DistortionEnergy { rest: &rest, weights };
         let mut newton = Newton::new(mesh.triangles(), &[]).unwrap();
         newton.minimise(&energy, x, options, &|| true).unwrap()
     }
 
-    /// Vertices moved at random as far as nothing turns over: a seeded linear congruential generator.
+    /// Vertices moved at random, as far as no triangle inverts, by a seeded linear congruential generator.
     fn shaken(mesh: &SurfaceMesh, size: f64) -> Vec<Vector> {
         let mut state = 12345u64;
         let mut random = || {
@@ -507,7 +494,7 @@ mod tests {
         for v in 0..x.len() {
             let before = x[v];
             x[v] = (before + size * Vector::from_fn(|_, _| random())).normalize();
-            if !certify(mesh.triangles(), &x).is_bijective() {
+            if !check_embedding(mesh.triangles(), &x).is_bijective() {
                 x[v] = before;
             }
         }
@@ -515,16 +502,12 @@ mod tests {
     }
 
     #[test]
-    fn energy_never_rises_and_nothing_turns_over() {
+    fn energy_never_rises_and_no_triangle_inverts() {
         let mesh = shapes::deformed(&shapes::bumpy_sphere(8), |p| Point::new(p.x, 0.4 * p.y, 2.0 * p.z));
         let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
         let mut newton = Newton::new(mesh.triangles(), &[]).unwrap();
         for weights in [BALANCED, CONFORMAL] {
-            let energy = Energy {
-                rest: &rest,
-                weights,
-                pulls: &[],
-            };
+            let energy = DistortionEnergy { rest: &rest, weights };
             let mut x = shaken(&mesh, 0.2);
             let mut last = energy.value(&x);
             let one = NewtonOptions {
@@ -535,7 +518,7 @@ mod tests {
                 let report = newton.minimise(&energy, &mut x, &one, &|| true).unwrap();
                 assert!(report.energy_before == last && report.energy_after <= last);
                 assert_eq!(energy.value(&x), report.energy_after);
-                assert!(certify(mesh.triangles(), &x).is_bijective());
+                assert!(check_embedding(mesh.triangles(), &x).is_bijective());
                 assert!(x.iter().all(|x| (x.norm() - 1.0).abs() < 1e-15));
                 last = report.energy_after;
             }
@@ -550,7 +533,7 @@ mod tests {
         // Chords are shorter than arcs, the more the larger the triangle: no more than the square of its size, 0.15.
         let original = directions(&mesh);
         let mut x = shaken(&mesh, 0.15);
-        assert!(certify(mesh.triangles(), &x).is_bijective() && distance(&x, &original) > 0.1);
+        assert!(check_embedding(mesh.triangles(), &x).is_bijective() && distance(&x, &original) > 0.1);
         minimise(&mesh, BALANCED, &mut x, &EXACT);
         assert!(distance(&x, &original) < 0.02);
         assert!(distance(&x, &still) < 1e-5);
@@ -602,62 +585,34 @@ mod tests {
         let mut x = directions(&mesh);
         let report = minimise(&mesh, BALANCED, &mut x, &EXACT);
         assert!(
-            report.stop != Stop::MostIterations && report.iterations <= 10,
+            report.stop != StopReason::MostIterations && report.iterations <= 10,
             "{report:?}"
         );
     }
 
     #[test]
-    fn fixed_vertices_stay_and_pulled_ones_come() {
+    fn fixed_vertices_stay_and_others_move() {
         let mesh = shapes::bumpy_sphere(6);
         let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
         let start = directions(&mesh);
-        let target = (start[100] + Vector::new(0.1, 0.1, -0.1)).normalize();
-        let fixed = [3, 50, 4_000_000];
-        let mut newton = Newton::new(mesh.triangles(), &fixed).unwrap();
-        let mut distances = Vec::new();
-        for weight in [0.0, 1.0, 1e3, 1e6] {
-            let pulls = [
-                Pull {
-                    vertex: 100,
-                    target,
-                    weight,
-                },
-                Pull {
-                    vertex: 3,
-                    target,
-                    weight: 1.0,
-                },
-            ];
-            let energy = Energy {
-                rest: &rest,
-                weights: BALANCED,
-                pulls: &pulls,
-            };
-            let mut x = start.clone();
-            newton.minimise(&energy, &mut x, &EXACT, &|| true).unwrap();
-            assert!(x[3] == start[3] && x[50] == start[50]);
-            assert!(certify(mesh.triangles(), &x).is_bijective());
-            distances.push((x[100] - target).norm());
-        }
-        assert!(
-            distances.windows(2).all(|pair| pair[1] < pair[0]) && distances[3] < 1e-5,
-            "{distances:?}"
-        );
+        let mut newton = Newton::new(mesh.triangles(), &[3, 50, 4_000_000]).unwrap();
+        let energy = DistortionEnergy {
+            rest: &rest,
+            weights: BALANCED,
+        };
+        let mut x = start.clone();
+        newton.minimise(&energy, &mut x, &EXACT, &|| true).unwrap();
+        assert!(x[3] == start[3] && x[50] == start[50] && x[100] != start[100]);
+        assert!(check_embedding(mesh.triangles(), &x).is_bijective());
     }
 
     #[test]
     fn all_vertices_may_be_fixed_and_some_unused() {
         let mesh = shapes::sphere(1.0, 1);
         let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
-        let energy = Energy {
+        let energy = DistortionEnergy {
             rest: &rest,
             weights: BALANCED,
-            pulls: &[Pull {
-                vertex: 43,
-                target: Vector::x(),
-                weight: 1.0,
-            }],
         };
         let mut x = directions(&mesh);
         x.extend([Vector::repeat(7.0), Vector::z()]);
@@ -672,10 +627,9 @@ mod tests {
             .unwrap();
         assert_eq!(x[42..], before[42..]);
         let none = RestShapes::new(&[], &[]);
-        let energy = Energy {
+        let energy = DistortionEnergy {
             rest: &none,
             weights: BALANCED,
-            pulls: &[],
         };
         Newton::new(&[], &[])
             .unwrap()
@@ -718,7 +672,7 @@ mod tests {
             let mut x = directions(&sphere);
             let report = minimise(&mesh, weights, &mut x, &NewtonOptions::default());
             assert!(report.energy_after < report.energy_before);
-            assert!(certify(mesh.triangles(), &x).is_bijective());
+            assert!(check_embedding(mesh.triangles(), &x).is_bijective());
         }
     }
 
@@ -728,12 +682,8 @@ mod tests {
         let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
         let mut newton = Newton::new(mesh.triangles(), &[]).unwrap();
         let good = directions(&mesh);
-        let mut refused = |weights: Weights, pulls: &[Pull], x: &[Vector]| {
-            let energy = Energy {
-                rest: &rest,
-                weights,
-                pulls,
-            };
+        let mut refused = |weights: EnergyWeights, x: &[Vector]| {
+            let energy = DistortionEnergy { rest: &rest, weights };
             let mut moved = x.to_vec();
             let error = newton.minimise(&energy, &mut moved, &EXACT, &|| true).unwrap_err();
             assert!(
@@ -749,37 +699,17 @@ mod tests {
             vertex: 161,
             directions: 100,
         };
-        assert_eq!(refused(BALANCED, &[], &good[..100]), count);
-        let far = Pull {
-            vertex: 999,
-            target: Vector::x(),
-            weight: 1.0,
-        };
-        assert!(matches!(
-            refused(BALANCED, &[far], &good),
-            NewtonError::Count { vertex: 999, .. }
-        ));
-        let infinite = Pull {
-            vertex: 9,
-            target: Vector::x(),
-            weight: f64::INFINITY,
-        };
-        assert_eq!(refused(BALANCED, &[infinite], &good), NewtonError::NotFinite);
-        assert_eq!(
-            refused(
-                Weights {
-                    angle: f64::NAN,
-                    area: 0.0
-                },
-                &[],
-                &good
-            ),
-            NewtonError::NotFinite
-        );
+        assert_eq!(refused(BALANCED, &good[..100]), count);
+        for angle in [f64::NAN, f64::INFINITY] {
+            assert_eq!(
+                refused(EnergyWeights { angle, area: 0.0 }, &good),
+                NewtonError::NotFinite
+            );
+        }
         for bad in [-good[5], Vector::repeat(f64::NAN), good[6]] {
             let mut x = good.clone();
             x[5] = bad;
-            assert!(matches!(refused(BALANCED, &[], &x), NewtonError::Flipped { .. }));
+            assert!(matches!(refused(BALANCED, &x), NewtonError::Flipped { .. }));
         }
     }
 

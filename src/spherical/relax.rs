@@ -1,86 +1,93 @@
-//! Moves one vertex at a time to where the distortion of its triangles is least, the others held.
+//! Nonlinear Gauss-Seidel relaxation: moves one vertex at a time to lower the distortion of its triangles, with the others
+//! held.
 //!
-//! One vertex sees a function of two variables, so that Newton's method takes a few hundred nanoseconds and no matrix.
-//! Alone such moves smooth errors over few triangles only; in a hierarchy, where every level starts from the solution of
-//! a coarser one, that is all that is left to smooth.
+//! The energy of one vertex is a function of two variables: a Newton step takes a few hundred nanoseconds and no sparse
+//! matrix. Such moves smooth errors over a few triangles only; in a hierarchy, where every level starts from the solution
+//! of a coarser one, no others are left.
 
 use smallvec::SmallVec;
 
-use super::energy::{Weights, tangents};
-use super::kernel::{det, positive_det};
-use super::progressive::Drawing;
-use super::rest::Rest;
+use super::distortion_energy::{EnergyWeights, tangents};
+use super::progressive::PartialEmbedding;
+use super::rest_shape::RestShape;
+use super::ring_kernel::{det, positive_det};
 use crate::{Point, Vector};
 
-/// What a drawing is relaxed to.
+/// The energy that relaxation lowers, and the vertices that it holds.
 pub(crate) struct Relaxation<'a> {
     /// The vertices of the surface, in space.
     pub points: &'a [Point],
-    pub weights: Weights,
-    /// Where springs pull a vertex, and their weight: the energy is the weight times the squared distance.
-    pub pull: &'a dyn Fn(u32) -> Option<(Vector, f64)>,
-    /// Whether a vertex stays where it is.
+    pub weights: EnergyWeights,
+    /// Soft target of a vertex, with its weight: its energy is the weight times the squared distance.
+    pub soft_target: &'a dyn Fn(u32) -> Option<(Vector, f64)>,
     pub is_fixed: &'a dyn Fn(u32) -> bool,
 }
 
 impl Relaxation<'_> {
-    /// Moves every vertex once, `sweeps` times over, to where its triangles are distorted less.
-    pub fn run(&self, drawing: &mut Drawing, sweeps: usize) {
-        let unit = drawing.area_unit(self.points);
-        let mut star = Star::new();
+    /// Moves every vertex that is not fixed, `sweeps` times over.
+    pub fn run(&self, embedding: &mut PartialEmbedding, sweeps: usize) {
+        let area_scale = embedding.area_scale(self.points);
+        let mut star = RelaxationStar::new();
         for _ in 0..sweeps {
-            for i in 0..drawing.there.len() {
-                let v = drawing.there[i];
+            for i in 0..embedding.inserted.len() {
+                let v = embedding.inserted[i];
                 if (self.is_fixed)(v) {
                     continue;
                 }
-                self.gather(drawing, v, unit, &mut star);
-                let x = &drawing.directions[v as usize];
-                if let Some(x) = better_place(x, &star, self.weights, (self.pull)(v)) {
-                    drawing.directions[v as usize] = x;
+                self.gather(embedding, v, area_scale, &mut star);
+                let x = &embedding.directions[v as usize];
+                if let Some(x) = better_direction(x, &star, self.weights, (self.soft_target)(v)) {
+                    embedding.directions[v as usize] = x;
                 }
             }
         }
     }
 
-    fn gather(&self, drawing: &Drawing, v: u32, unit: f64, star: &mut Star) {
-        let ring = drawing.neighbours.of(v);
+    fn gather(&self, embedding: &PartialEmbedding, v: u32, area_scale: f64, star: &mut RelaxationStar) {
+        let ring = embedding.rings.of(v);
         star.clear();
         star.extend(ring.iter().enumerate().map(|(i, &r)| {
             let next = ring[(i + 1) % ring.len()];
             let corners = [v, r, next].map(|u| &self.points[u as usize]);
-            (drawing.directions[r as usize], Rest::of(corners, unit))
+            (
+                embedding.directions[r as usize],
+                RestShape::of_triangle(corners, area_scale),
+            )
         }));
     }
 }
 
-/// A vertex's neighbours: their directions, and what the triangle with the next neighbour is on the surface, its first
-/// corner being the vertex.
-pub(super) type Star = SmallVec<[(Vector, Rest); 12]>;
+/// The neighbours of a vertex: their directions, and the rest shape of the triangle of the vertex, the neighbour and the
+/// next one.
+type RelaxationStar = SmallVec<[(Vector, RestShape); 12]>;
 
-/// Energy, gradient and a positive semidefinite second derivative of a vertex's triangles, as functions of its
-/// direction; `None` when one is not positive.
-fn energy_at(x: &Vector, star: &Star, weights: Weights) -> Option<f64> {
+/// Energy of the triangles of a vertex at `x`; `None` when one of them is not positive.
+fn energy_at(x: &Vector, star: &RelaxationStar, weights: EnergyWeights) -> Option<f64> {
     let mut energy = 0.0;
     for (i, (a, rest)) in star.iter().enumerate() {
         let b = &star[(i + 1) % star.len()].0;
         let d = positive_det(x, a, b)? / (2.0 * rest.area);
-        let q = stretch(x, a, b, rest);
+        let q = jacobian_norm_squared(x, a, b, rest);
         energy += rest.area * (weights.angle * q / (2.0 * d) + weights.area * 0.5 * (d + 1.0 / d));
     }
     Some(energy)
 }
 
-/// Squared norm of the Jacobian from the triangle on the surface to the chords.
-fn stretch(x: &Vector, a: &Vector, b: &Vector, rest: &Rest) -> f64 {
+/// Squared norm of the Jacobian from the rest shape to the chord triangle.
+fn jacobian_norm_squared(x: &Vector, a: &Vector, b: &Vector, rest: &RestShape) -> f64 {
     let [cx, ca, cb] = rest.cotangents;
     (cx * (b - a).norm_squared() + ca * (b - x).norm_squared() + cb * (a - x).norm_squared()) / (2.0 * rest.area)
 }
 
-/// Where the vertex at `x` had better stand; `None` when there is no gain.
-pub(super) fn better_place(x: &Vector, star: &Star, weights: Weights, pull: Option<(Vector, f64)>) -> Option<Vector> {
-    let pulled = |x: &Vector| pull.map_or(0.0, |(to, weight)| weight * (x - to).norm_squared());
-    let value = |x: &Vector| energy_at(x, star, weights).map(|energy| energy + pulled(x));
+/// A direction of lower energy for the vertex at `x`, by a Newton step with backtracking; `None` when there is none.
+fn better_direction(
+    x: &Vector,
+    star: &RelaxationStar,
+    weights: EnergyWeights,
+    soft_target: Option<(Vector, f64)>,
+) -> Option<Vector> {
+    let target_energy = |x: &Vector| soft_target.map_or(0.0, |(to, weight)| weight * (x - to).norm_squared());
+    let value = |x: &Vector| energy_at(x, star, weights).map(|energy| energy + target_energy(x));
     let before = value(x)?;
     let mut gradient = Vector::zeros();
     let mut hessian = crate::Matrix3::zeros();
@@ -88,7 +95,7 @@ pub(super) fn better_place(x: &Vector, star: &Star, weights: Weights, pull: Opti
         let b = &star[(i + 1) % star.len()].0;
         let [_, ca, cb] = rest.cotangents;
         let d = det(x, a, b) / (2.0 * rest.area);
-        let q = stretch(x, a, b, rest);
+        let q = jacobian_norm_squared(x, a, b, rest);
         let slope = (ca * (x - b) + cb * (x - a)) / rest.area;
         let bend = (ca + cb) / rest.area;
         let n = a.cross(&(b - a)) / (2.0 * rest.area);
@@ -100,7 +107,7 @@ pub(super) fn better_place(x: &Vector, star: &Star, weights: Weights, pull: Opti
         hessian += w * (crate::Matrix3::identity() * (bend / d) - (cross + cross.transpose()) / (d * d))
             + (2.0 * (w * q + v) / cubed) * squared;
     }
-    if let Some((to, weight)) = pull {
+    if let Some((to, weight)) = soft_target {
         gradient += 2.0 * weight * (x - to);
         hessian += crate::Matrix3::identity() * (2.0 * weight);
     }
@@ -116,11 +123,11 @@ pub(super) fn better_place(x: &Vector, star: &Star, weights: Weights, pull: Opti
     None
 }
 
-/// The step in the tangent plane of the sphere at `x`.
+/// Newton's step in the tangent plane of the sphere at `x`, with the Hessian shifted to be positive definite.
 pub(crate) fn newton_step(x: &Vector, gradient: &Vector, hessian: &crate::Matrix3) -> Option<Vector> {
     let [s, t] = tangents(x);
     let g = [s.dot(gradient), t.dot(gradient)];
-    // On the sphere a gradient along the radius bends the function, and only a bend upwards is kept.
+    // The curvature of the sphere turns a radial gradient into curvature of the function; only a positive one is kept.
     let bend = (-x.dot(gradient)).max(0.0);
     let (hs, ht) = (hessian * s, hessian * t);
     let (a, b, c) = (s.dot(&hs) + bend, s.dot(&ht), t.dot(&ht) + bend);
@@ -135,7 +142,7 @@ pub(crate) fn newton_step(x: &Vector, gradient: &Vector, hessian: &crate::Matrix
     }
     let step = [(b * g[1] - c * g[0]) / determinant, (b * g[0] - a * g[1]) / determinant];
     let step = step[0] * s + step[1] * t;
-    // Farther than a fraction of the sphere the model says nothing.
+    // The quadratic model is of no use beyond a fraction of the radius.
     let length = step.norm();
     let most = 0.5;
     length

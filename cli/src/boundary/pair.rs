@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
-use solidmap::boundary_map::pair::{Landmarks, PairOptions, PairPhase, PairReport, Via, map_pair};
+use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase, PairReport, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files;
 use solidmap::mesh::SurfaceMesh;
@@ -72,9 +72,9 @@ pub fn map_to(
 ) -> anyhow::Result<(BoundaryMap, PairReport)> {
     let target = input::read_surface(files[1])?;
     let options = PairOptions {
-        via: match args.via {
-            ViaKind::Targets => Via::Targets,
-            ViaKind::Conformal => Via::Conformal,
+        method: match args.via {
+            ViaKind::Targets => PairMethod::SoftTargets,
+            ViaKind::Conformal => PairMethod::Conformal,
         },
         landmarks: landmarks(&args.landmarks, domain, &target)?,
         improve: !args.no_improve,
@@ -98,14 +98,14 @@ fn landmarks(files: &[PathBuf], domain: &SurfaceMesh, target: &SurfaceMesh) -> a
 
 fn tell(phase: PairPhase, output: &Output) {
     output.progress(match phase {
-        PairPhase::Sphere(side, SpherePhase::Drawing { vertices, of }) => {
-            return output.progress_of(format!("mapping the {side} to the sphere"), vertices, of);
+        PairPhase::Sphere(side, SpherePhase::Embedding { vertices, total }) => {
+            return output.progress_of(format!("mapping the {side} to the sphere"), vertices, total);
         }
         PairPhase::Sphere(side, SpherePhase::Coarsening) => format!("coarsening the {side}"),
         PairPhase::Sphere(side, _) => format!("mapping the {side} to the sphere: optimising"),
         PairPhase::Aligning => "aligning".into(),
-        PairPhase::Sketching { drawings } => format!("trying {drawings} coarse drawings"),
-        PairPhase::Drawing { vertices, of, .. } => return output.progress_of("drawing", vertices, of),
+        PairPhase::CoarseEmbeddings { count } => format!("trying {count} coarse drawings"),
+        PairPhase::Refining { vertices, total, .. } => return output.progress_of("drawing", vertices, total),
         PairPhase::Improving => "lowering the distortion".into(),
         PairPhase::Measuring => "measuring".into(),
     });
@@ -114,20 +114,20 @@ fn tell(phase: PairPhase, output: &Output) {
 /// Triangles of the plain image that face against the target.
 fn plain_image_flipped(map: &BoundaryMap) -> anyhow::Result<usize> {
     let checked = check(map, None, &BoundaryCheckOptions::default(), None)?;
-    Ok(checked.by_sphere.map_or(0, |found| found.plain_image_flipped))
+    Ok(checked.composition.map_or(0, |found| found.plain_image_flipped))
 }
 
 fn summary(report: &Report) -> String {
     let pair = &report.pair;
-    let seconds = pair.seconds;
-    let way = match (pair.via, pair.schedule) {
-        (Via::Targets, Some(schedule)) => format!(
+    let seconds = pair.timings;
+    let way = match (pair.method, pair.schedule) {
+        (PairMethod::SoftTargets, Some(schedule)) => format!(
             "{} coarse drawings over {} alignments; taken: alignment {}, springs of {} up to {} vertices",
-            pair.drawings,
+            pair.coarse_embeddings,
             pair.alignments.len(),
             pair.alignment + 1,
-            schedule.pull,
-            schedule.until
+            schedule.strength,
+            schedule.until_vertices
         ),
         _ => format!(
             "conformal maps of both; the best of {} rotations, by areas",
@@ -148,7 +148,7 @@ fn summary(report: &Report) -> String {
         "time".into(),
         format!(
             "{:.1} s: spheres {:.1}, alignment {:.1}, coarse drawings {:.1}, refinement {:.1}",
-            seconds.total, seconds.sphere, seconds.align, seconds.sketch, seconds.improve
+            seconds.total, seconds.sphere, seconds.align, seconds.coarse, seconds.improve
         ),
     ]);
     rows.push([

@@ -3,11 +3,11 @@
 use crate::drawing::{
     Camera, Checker, ColourBar, Figure, Panel, Pattern, Scale, SurfaceColour, SurfaceStyle, ValueRange,
 };
-use solidmap::boundary_map::check::{Against, BoundaryCheck};
+use solidmap::boundary_map::check::{BoundaryCheck, ComparedWith};
 use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
 use solidmap::check::repair;
 use solidmap::mesh::SurfaceMesh;
-use solidmap::spherical::SphericalMap;
+use solidmap::spherical::SphericalEmbedding;
 use solidmap::statistics::weighted_quantiles;
 use solidmap::{Point, Vector};
 
@@ -48,14 +48,14 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow:
         up,
         upside_down,
     });
-    let pair = match (map.domain_on_sphere(), map.inverse()) {
+    let pair = match (map.domain_embedding(), map.inverse()) {
         (Some(_), Some(back)) => through_sphere(map, back),
         (Some(_), None) => onto_sphere(map),
-        (None, _) => straight(map, check.against)?,
+        (None, _) => straight(map, check.compared_with)?,
     };
-    let pattern = match check.against {
-        Against::Sphere { .. } => Pattern::Graticule { pole: up, cells: CELLS },
-        Against::Target | Against::Itself => cubes(&pair[0].mesh),
+    let pattern = match check.compared_with {
+        ComparedWith::Sphere { .. } => Pattern::Graticule { pole: up, cells: CELLS },
+        ComparedWith::Target | ComparedWith::Itself => cubes(&pair[0].mesh),
     };
     let mut top = vec![];
     for (camera, suffix) in [(&front, ""), (&back, ", from behind")] {
@@ -73,21 +73,21 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow:
         }
         rows.push(bottom);
     }
-    if let (Some(domain), Some(target)) = (map.domain_on_sphere(), map.target_on_sphere()) {
+    if let (Some(domain), Some(target)) = (map.domain_embedding(), map.target_embedding()) {
         rows.push(between([domain, target], pattern, [&front, &back])?);
     }
     Ok(Figure::grid(rows))
 }
 
-fn straight(map: &BoundaryMap, against: Against) -> anyhow::Result<[Shown; 2]> {
+fn straight(map: &BoundaryMap, against: ComparedWith) -> anyhow::Result<[Shown; 2]> {
     let domain = repair(map.domain()).0;
     let placed = SurfaceMesh::new(map.image().to_vec(), domain.triangles().to_vec())?;
     let (name, places) = match against {
-        Against::Sphere { centre, .. } => {
+        ComparedWith::Sphere { centre, .. } => {
             let from_centre = |p: &Point| Point::from(p - Point::from(centre));
             ("Sphere", map.image().iter().map(from_centre).collect())
         }
-        Against::Target | Against::Itself => ("Image", domain.vertices().to_vec()),
+        ComparedWith::Target | ComparedWith::Itself => ("Image", domain.vertices().to_vec()),
     };
     // A map that mirrors would show the inside of its image.
     let image = if placed.volume() < 0.0 {
@@ -132,7 +132,11 @@ fn through_sphere(map: &BoundaryMap, back: BoundaryMap) -> [Shown; 2] {
 }
 
 /// The sphere, with the field as it comes from the domain, and how areas of either surface are distorted on it.
-fn between(surfaces: [&SphericalMap; 2], pattern: Pattern, [front, back]: [&Camera; 2]) -> anyhow::Result<Vec<Panel>> {
+fn between(
+    surfaces: [&SphericalEmbedding; 2],
+    pattern: Pattern,
+    [front, back]: [&Camera; 2],
+) -> anyhow::Result<Vec<Panel>> {
     let mut spheres = vec![];
     let (mut values, mut weights) = (vec![], vec![]);
     for surface in surfaces {

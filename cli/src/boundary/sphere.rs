@@ -8,8 +8,8 @@ use serde::Serialize;
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::mesh::SurfaceMesh;
 use solidmap::spherical::{
-    Certificate, SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, SphericalMap, certify,
-    map_to_sphere,
+    EmbeddingCheck, SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, SphericalEmbedding,
+    check_embedding, map_to_sphere,
 };
 
 use super::write;
@@ -29,7 +29,7 @@ struct Report {
     vtu: Option<PathBuf>,
     #[serde(flatten)]
     sphere: SphereReport,
-    certificate: Certificate,
+    certificate: EmbeddingCheck,
     distortion: Option<SurfaceDistortion>,
     seconds: f64,
     peak_rss_bytes: u64,
@@ -56,7 +56,7 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Outcome
             sphere.iterations
         ));
     }
-    let certificate = certify(map.surface().triangles(), map.directions());
+    let certificate = check_embedding(map.surface().triangles(), map.directions());
     let boundary = BoundaryMap::onto_sphere(map).with_context(|| cannot_map(&args.model))?;
     output.progress("measuring");
     let distortion = SurfaceDistortion::of(boundary.domain(), boundary.image());
@@ -86,10 +86,10 @@ pub fn map_with_progress(
     model: &Path,
     options: &SphereOptions,
     output: &Output,
-) -> anyhow::Result<(SphericalMap, SphereReport)> {
+) -> anyhow::Result<(SphericalEmbedding, SphereReport)> {
     let progress = |phase| match phase {
         SpherePhase::Coarsening => output.progress("coarsening"),
-        SpherePhase::Drawing { vertices, of } => output.progress_of("drawing on the sphere", vertices, of),
+        SpherePhase::Embedding { vertices, total } => output.progress_of("drawing on the sphere", vertices, total),
         SpherePhase::Flowing => output.progress("flowing to the sphere"),
         SpherePhase::Optimising => output.progress("optimising"),
     };

@@ -80,7 +80,7 @@ impl SurfaceDistance {
         options: &BoundaryCheckOptions,
         diagonal: f64,
     ) -> Self {
-        let search = Search { from, to, query };
+        let search = DistanceSearch { from, to, query };
         let (least, most) = search.largest(options.distance_error * diagonal);
         let spread = Collocation::even(from, options.samples, options.seed).points;
         let spread: Vec<Point> = spread.iter().map(|p| p.position(from, from.vertices())).collect();
@@ -106,7 +106,7 @@ struct Probe {
 }
 
 /// A part of a triangle, ordered by the bound of its distances.
-struct Piece {
+struct TrianglePart {
     most: f64,
     corners: [Probe; 3],
     /// The triangle closest to the middle of the whole triangle. That of a corner on an edge is any of several.
@@ -114,13 +114,13 @@ struct Piece {
     number: usize,
 }
 
-struct Search<'a> {
+struct DistanceSearch<'a> {
     from: &'a SurfaceMesh,
     to: &'a SurfaceMesh,
     query: &'a SurfaceQuery,
 }
 
-impl Search<'_> {
+impl DistanceSearch<'_> {
     /// Bounds of the largest distance, `error` apart unless the queries run out.
     fn largest(&self, error: f64) -> (f64, f64) {
         let used = self.used_vertices();
@@ -140,7 +140,7 @@ impl Search<'_> {
             .zip(&facing)
             .enumerate()
             .filter_map(|(number, ([a, b, c], facing))| Some(self.piece([a?, b?, c?], facing.triangle, number)));
-        let mut pieces: BinaryHeap<Piece> = whole.collect();
+        let mut pieces: BinaryHeap<TrianglePart> = whole.collect();
         for query in 0..MOST_QUERIES {
             match pieces.peek() {
                 Some(piece) if piece.most > least + error => {}
@@ -176,7 +176,7 @@ impl Search<'_> {
         (0..self.from.triangles().len()).map(centroid).collect()
     }
 
-    fn piece(&self, corners: [Probe; 3], facing: usize, number: usize) -> Piece {
+    fn piece(&self, corners: [Probe; 3], facing: usize, number: usize) -> TrianglePart {
         let to_triangle = |t: usize| {
             let triangle = self.to.corners(t);
             let distance = |p: &Probe| closest_point_on_triangle(&p.place, &triangle).offset.norm();
@@ -193,7 +193,7 @@ impl Search<'_> {
             .map(|k| (corners[(k + 1) % 3].place - corners[k].place).norm())
             .fold(0.0, f64::max);
         let farthest = corners.iter().map(|p| p.distance).fold(0.0, f64::max);
-        Piece {
+        TrianglePart {
             most: convex.min(farthest + longest / 3f64.sqrt()),
             corners,
             facing,
@@ -217,22 +217,22 @@ impl Search<'_> {
     }
 }
 
-impl Ord for Piece {
+impl Ord for TrianglePart {
     fn cmp(&self, other: &Self) -> Ordering {
         self.most.total_cmp(&other.most).then(other.number.cmp(&self.number))
     }
 }
 
-impl PartialOrd for Piece {
+impl PartialOrd for TrianglePart {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl PartialEq for Piece {
+impl PartialEq for TrianglePart {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other) == Ordering::Equal
     }
 }
 
-impl Eq for Piece {}
+impl Eq for TrianglePart {}

@@ -13,13 +13,13 @@ use serde::Serialize;
 use crate::geometry::{SurfaceQuery, orientation};
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
-use crate::spherical::certify;
+use crate::spherical::check_embedding;
 use crate::{Point, Vector};
 
 /// What an image was held against.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "surface")]
-pub enum Against {
+pub enum ComparedWith {
     /// The sphere that all its vertices lie on: decided exactly, by geodesic triangles.
     Sphere {
         /// Its centre.
@@ -46,7 +46,7 @@ pub struct Degree {
 
 /// How a drawing covers what it is held against.
 pub(super) struct Covering {
-    pub against: Against,
+    pub compared_with: ComparedWith,
     pub degree: Option<Degree>,
     /// Triangles that are turned over, in order.
     pub flipped: Vec<u32>,
@@ -90,25 +90,29 @@ impl Covering {
     ) -> Self {
         let closed = bounds_a_solid(domain);
         let sphere = common_sphere(image, target.map(|(mesh, _)| mesh));
-        let (against, facings, degree) = match (sphere, target) {
+        let (compared_with, facings, degree) = match (sphere, target) {
             (Some((centre, radius)), _) => {
-                let against = Against::Sphere {
+                let compared_with = ComparedWith::Sphere {
                     centre: centre.into(),
                     radius,
                 };
                 let directions: Vec<Vector> = image.vertices().iter().map(|p| p - centre).collect();
                 let degree = Degree {
-                    value: certify(image.triangles(), &directions).degree.round() as i64,
+                    value: check_embedding(image.triangles(), &directions).degree.round() as i64,
                     agreement: 1.0,
                     points: 0,
                 };
-                (against, facings_on_sphere(image, &directions), Some(degree))
+                (compared_with, facings_on_sphere(image, &directions), Some(degree))
             }
             (None, Some((mesh, query))) => {
                 let points = points_inside(query, seed, |p| query.winding_number(p));
                 let points = deep(points, query, off * mesh.diagonal());
                 let degree = degree(points.iter().map(|p| image_query.winding_number(p)));
-                (Against::Target, facings_on_target(image, mesh, query), Some(degree))
+                (
+                    ComparedWith::Target,
+                    facings_on_target(image, mesh, query),
+                    Some(degree),
+                )
             }
             (None, None) => {
                 let points = points_inside(image_query, seed, |p| image_query.winding_number(p));
@@ -118,16 +122,16 @@ impl Covering {
                     .reversed
                     .iter()
                     .for_each(|&t| facings[t as usize] = Facing::Inward);
-                (Against::Itself, facings, Some(degree))
+                (ComparedWith::Itself, facings, Some(degree))
             }
         };
-        Self::of_facings(domain, image, against, &facings, degree.filter(|_| closed))
+        Self::of_facings(domain, image, compared_with, &facings, degree.filter(|_| closed))
     }
 
     fn of_facings(
         domain: &SurfaceMesh,
         image: &SurfaceMesh,
-        against: Against,
+        compared_with: ComparedWith,
         facings: &[Facing],
         degree: Option<Degree>,
     ) -> Self {
@@ -152,7 +156,7 @@ impl Covering {
             found
         };
         Self {
-            against,
+            compared_with,
             degree,
             flipped: with_area(Facing::Inward),
             degenerate: with_area(Facing::Flat),

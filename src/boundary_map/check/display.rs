@@ -1,7 +1,7 @@
 use std::fmt::{self, Display, Formatter};
 
 use super::findings::counted;
-use super::{Against, BoundaryCheck, BySphere, MapFinding, SurfaceDistance, Verdict};
+use super::{BijectivityVerdict, BoundaryCheck, ComparedWith, CompositionCheck, MapFinding, SurfaceDistance};
 use crate::check::text::{write_ids, write_wrapped};
 use crate::check::{SelfIntersections, Severity};
 
@@ -12,12 +12,12 @@ impl Display for BoundaryCheck {
         if let Some(coverage) = &self.coverage {
             self.write_coverage(f, [&coverage.image_to_target, &coverage.target_to_image])?;
         }
-        if let Some(by_sphere) = &self.by_sphere {
-            by_sphere.write_round_trip(f)?;
+        if let Some(composition) = &self.composition {
+            composition.write_round_trip(f)?;
         }
         if let Some(distortion) = &self.distortion {
             writeln!(f)?;
-            if let Some(BySphere { cuts: 1.., .. }) = &self.by_sphere {
+            if let Some(CompositionCheck { cuts: 1.., .. }) = &self.composition {
                 writeln!(
                     f,
                     "  Measured over triangles of the domain cut into smaller ones, by their true images:"
@@ -31,8 +31,8 @@ impl Display for BoundaryCheck {
         for finding in &self.findings {
             write!(f, "\n{finding}")?;
         }
-        if let Some(by_sphere) = &self.by_sphere {
-            by_sphere.write_remarks(f)?;
+        if let Some(composition) = &self.composition {
+            composition.write_remarks(f)?;
         }
         if self
             .findings
@@ -47,33 +47,35 @@ impl Display for BoundaryCheck {
 
 impl BoundaryCheck {
     fn headline(&self) -> String {
-        let what = match self.against {
-            Against::Target => "target",
+        let what = match self.compared_with {
+            ComparedWith::Target => "target",
             _ => "sphere",
         };
         match self.verdict {
-            Verdict::Bijective if self.findings.is_empty() => format!("One to one with the {what}, decided exactly."),
-            Verdict::Bijective => format!("One to one with the {what}, decided exactly; but see below."),
-            Verdict::NoDefectFound => "One to one, as far as can be told: nothing speaks against it.".into(),
-            Verdict::Doubtful => "Perhaps one to one, but there are doubts.".into(),
-            Verdict::NotBijective => "NOT one to one.".into(),
+            BijectivityVerdict::Bijective if self.findings.is_empty() => {
+                format!("One to one with the {what}, decided exactly.")
+            }
+            BijectivityVerdict::Bijective => format!("One to one with the {what}, decided exactly; but see below."),
+            BijectivityVerdict::NoDefectFound => "One to one, as far as can be told: nothing speaks against it.".into(),
+            BijectivityVerdict::Doubtful => "Perhaps one to one, but there are doubts.".into(),
+            BijectivityVerdict::NotBijective => "NOT one to one.".into(),
         }
     }
 
     fn write_facts(&self, f: &mut Formatter) -> fmt::Result {
-        let against = match self.against {
-            _ if self.by_sphere.is_some() => match self.against {
-                Against::Target => "the target, by way of the sphere".into(),
+        let against = match self.compared_with {
+            _ if self.composition.is_some() => match self.compared_with {
+                ComparedWith::Target => "the target, by way of the sphere".into(),
                 _ => "the unit sphere".into(),
             },
-            Against::Sphere {
+            ComparedWith::Sphere {
                 centre: [x, y, z],
                 radius,
             } => {
                 format!("the sphere that it lies on: centre ({x:.4}, {y:.4}, {z:.4}), radius {radius:.4}")
             }
-            Against::Target => "the target".into(),
-            Against::Itself => "nothing but itself; a target tells more (--target)".into(),
+            ComparedWith::Target => "the target".into(),
+            ComparedWith::Itself => "nothing but itself; a target tells more (--target)".into(),
         };
         let degree = match self.degree {
             None => "none".into(),
@@ -94,7 +96,11 @@ impl BoundaryCheck {
             0 => String::new(),
             count => format!(" (and {count} in the domain)"),
         };
-        let plain = if self.by_sphere.is_some() { ", plain image" } else { "" };
+        let plain = if self.composition.is_some() {
+            ", plain image"
+        } else {
+            ""
+        };
         let (folded, crossing) = (format!("folded edges{plain}"), format!("self-intersections{plain}"));
         for (name, fact) in [
             ("triangles", self.faces.to_string()),
@@ -125,13 +131,13 @@ impl BoundaryCheck {
     }
 }
 
-impl BySphere {
+impl CompositionCheck {
     fn write_round_trip(&self, f: &mut Formatter) -> fmt::Result {
         let trip = &self.round_trip;
         let [rms, p99, max] = [trip.rms, trip.p99, trip.max].map(small);
         let head = "round trip / diagonal";
         writeln!(f, "\n  {head:<24}  {:>9}  {:>9}  {:>9}", "rms", "99 %", "max")?;
-        let name = match self.drawings[..] {
+        let name = match self.embeddings[..] {
             [_] => "domain, sphere, domain",
             _ => "domain, target, domain",
         };

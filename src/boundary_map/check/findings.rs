@@ -1,7 +1,7 @@
 //! What is wrong with a map, and what to do about it.
 
 use super::coverage::Coverage;
-use super::covering::{Against, Covering, Degree, FoldedEdges, bounds_a_solid};
+use super::covering::{ComparedWith, Covering, Degree, FoldedEdges, bounds_a_solid};
 use super::{MapFinding, MapFindingKind};
 use crate::check::Severity;
 use crate::mesh::SurfaceMesh;
@@ -91,10 +91,10 @@ impl Evidence<'_> {
 
     fn degree(&self) -> Option<MapFinding> {
         let Degree { value, .. } = self.covering.degree?;
-        let what = match self.covering.against {
-            Against::Sphere { .. } => "the sphere",
-            Against::Target => "the target",
-            Against::Itself => "its inside",
+        let what = match self.covering.compared_with {
+            ComparedWith::Sphere { .. } => "the sphere",
+            ComparedWith::Target => "the target",
+            ComparedWith::Itself => "its inside",
         };
         let advice = match value {
             0 => "the image encloses nothing, or as much inside out as not: look at it, it may be flat or folded over",
@@ -120,8 +120,8 @@ impl Evidence<'_> {
             count: ((1.0 - degree.agreement) * degree.points as f64).round() as usize,
             edges: vec![],
             faces: vec![],
-            message: match self.covering.against {
-                Against::Target => {
+            message: match self.covering.compared_with {
+                ComparedWith::Target => {
                     format!("of the points inside the target, {share:.2} % are gone round another number of times")
                 }
                 _ => format!("the image overlaps itself in {share:.2} % of what it encloses"),
@@ -145,7 +145,7 @@ impl Evidence<'_> {
     fn flipped(&self) -> Option<MapFinding> {
         let covering = self.covering;
         let reversed = covering.flipped.iter().copied();
-        let decided = !matches!(covering.against, Against::Itself);
+        let decided = !matches!(covering.compared_with, ComparedWith::Itself);
         let wrong: Vec<u32> = if covering.is_mirrored() && decided {
             others(self.domain.triangles().len(), [&covering.flipped, &covering.degenerate])
         } else {
@@ -182,8 +182,8 @@ impl Evidence<'_> {
 
     fn folded_edges(&self) -> Option<MapFinding> {
         let edges = &self.folded.edges;
-        let by_itself = matches!(self.covering.against, Against::Itself);
-        // Against a surface, triangles that are turned over say it better, and a sharp rim is no defect.
+        let by_itself = matches!(self.covering.compared_with, ComparedWith::Itself);
+        // ComparedWith a surface, triangles that are turned over say it better, and a sharp rim is no defect.
         (by_itself && !edges.is_empty()).then(|| MapFinding {
             kind: MapFindingKind::FoldedEdges,
             severity: Severity::Warning,

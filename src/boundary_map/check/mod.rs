@@ -1,12 +1,12 @@
 //! Whether a boundary map is one to one, as far as can be told, and how well its image covers the target.
 //!
 //! The map is a drawing of the domain's triangles in space, of any genus, from any program. What can be said of it
-//! depends on what it is held against ([`Against`]). A drawing on a sphere is decided exactly ([`crate::spherical`]), and
+//! depends on what it is held against ([`ComparedWith`]). A drawing on a sphere is decided exactly ([`crate::spherical`]), and
 //! so is a map by way of the sphere, which is examined as it is and not as the mesh of its vertices' images.
 //! One near a target surface has its triangles compared with the target's normals, its degree from winding numbers
 //! inside the target, and both Hausdorff distances bounded. By itself, an image shows folds, and where it overlaps.
 
-mod by_sphere;
+mod composition;
 mod coverage;
 mod covering;
 mod display;
@@ -16,9 +16,9 @@ mod tests;
 
 use serde::Serialize;
 
-pub use by_sphere::{BySphere, RoundTrip};
+pub use composition::{CompositionCheck, RoundTrip};
 pub use coverage::{Coverage, SurfaceDistance};
-pub use covering::{Against, Degree};
+pub use covering::{ComparedWith, Degree};
 
 use super::{BoundaryMap, SurfaceDistortion};
 use crate::check::{FindSelfIntersections, SelfIntersections, Severity, repair};
@@ -59,12 +59,13 @@ pub struct BoundaryCheck {
     /// Number of triangles of the domain.
     pub faces: usize,
     /// What the image was held against.
-    pub against: Against,
+    #[serde(rename = "against")]
+    pub compared_with: ComparedWith,
     /// Whether the map is one to one.
-    pub verdict: Verdict,
+    pub verdict: BijectivityVerdict,
     /// How often the image covers the target; `None` for domains that are open or have no orientation.
     pub degree: Option<Degree>,
-    /// Triangles whose images are turned over. On a sphere: exactly. Against a target: those that face against the
+    /// Triangles whose images are turned over. On a sphere: exactly. ComparedWith a target: those that face against the
     /// target's outward normals at the points closest to four points of theirs. By itself: those beside a folded edge
     /// that face against the triangles around them. With a degree below zero all are expected to be.
     pub flipped: usize,
@@ -82,7 +83,8 @@ pub struct BoundaryCheck {
     /// Pairs of image triangles (by way of the sphere: of the plain image) that pass through each other.
     pub self_intersections: SelfIntersections,
     /// What more is known of a map by way of the sphere; `None` for others.
-    pub by_sphere: Option<BySphere>,
+    #[serde(rename = "by_sphere")]
+    pub composition: Option<CompositionCheck>,
     /// What is wrong, errors first.
     pub findings: Vec<MapFinding>,
 }
@@ -90,7 +92,7 @@ pub struct BoundaryCheck {
 /// Whether a map is one to one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub enum BijectivityVerdict {
     /// A bijection with the sphere, or by way of it, decided exactly; perhaps one that mirrors.
     Bijective,
     /// Nothing speaks against it.
@@ -183,8 +185,8 @@ pub fn check(
     options: &BoundaryCheckOptions,
     self_intersections: Option<FindSelfIntersections>,
 ) -> Result<BoundaryCheck, BoundaryCheckError> {
-    if let Some(drawn) = map.domain_on_sphere() {
-        return by_sphere::check(map, drawn, target, options, self_intersections);
+    if let Some(drawn) = map.domain_embedding() {
+        return composition::check(map, drawn, target, options, self_intersections);
     }
     let (domain, _) = repair(map.domain());
     SurfaceQuery::with_winding_sign(&domain).map_err(BoundaryCheckError::Domain)?;
@@ -218,10 +220,10 @@ pub fn check(
     Ok(BoundaryCheck {
         vertices: domain.vertices().len(),
         faces: domain.triangles().len(),
-        against: covering.against,
-        verdict: match covering.against {
-            Against::Sphere { .. } => exact_verdict(&findings),
-            Against::Target | Against::Itself => verdict(&findings),
+        compared_with: covering.compared_with,
+        verdict: match covering.compared_with {
+            ComparedWith::Sphere { .. } => exact_verdict(&findings),
+            ComparedWith::Target | ComparedWith::Itself => verdict(&findings),
         },
         degree: covering.degree,
         flipped: covering.flipped.len(),
@@ -231,7 +233,7 @@ pub fn check(
         coverage,
         distortion: SurfaceDistortion::of(&domain, image.vertices()),
         self_intersections,
-        by_sphere: None,
+        composition: None,
         findings,
     })
 }
@@ -239,19 +241,19 @@ pub fn check(
 /// Distance from the target, over its diagonal, beyond which an image is at another place or of another size.
 const ELSEWHERE: f64 = 0.1;
 
-fn verdict(findings: &[MapFinding]) -> Verdict {
+fn verdict(findings: &[MapFinding]) -> BijectivityVerdict {
     match findings.iter().map(|finding| finding.severity).min() {
-        Some(Severity::Error) => Verdict::NotBijective,
-        Some(Severity::Warning) => Verdict::Doubtful,
-        None => Verdict::NoDefectFound,
+        Some(Severity::Error) => BijectivityVerdict::NotBijective,
+        Some(Severity::Warning) => BijectivityVerdict::Doubtful,
+        None => BijectivityVerdict::NoDefectFound,
     }
 }
 
 /// Of a map that has been decided: only errors speak against it.
-fn exact_verdict(findings: &[MapFinding]) -> Verdict {
+fn exact_verdict(findings: &[MapFinding]) -> BijectivityVerdict {
     match verdict(findings) {
-        Verdict::NotBijective => Verdict::NotBijective,
-        _ => Verdict::Bijective,
+        BijectivityVerdict::NotBijective => BijectivityVerdict::NotBijective,
+        _ => BijectivityVerdict::Bijective,
     }
 }
 

@@ -1,8 +1,8 @@
-use super::by_sphere::MOST_CUTS;
+use super::composition::MOST_CUTS;
 use super::*;
 use crate::mesh::shapes;
-use crate::spherical::SphericalMap;
-use crate::spherical::testing::drawn_by_rays;
+use crate::spherical::SphericalEmbedding;
+use crate::spherical::testing::radial_embedding;
 use crate::{Point, Vector};
 
 fn map(domain: &SurfaceMesh, f: impl Fn(&Point) -> Point) -> BoundaryMap {
@@ -26,10 +26,10 @@ fn a_radial_projection_is_one_to_one_with_the_sphere() {
     let report = checked(&map(&shapes::bumpy_sphere(8), radially), None);
     assert_eq!(
         (report.verdict, report.flipped, report.degenerate),
-        (Verdict::Bijective, 0, 0)
+        (BijectivityVerdict::Bijective, 0, 0)
     );
     assert_eq!(report.degree.unwrap().value, 1);
-    let Against::Sphere { centre, radius } = report.against else {
+    let ComparedWith::Sphere { centre, radius } = report.compared_with else {
         panic!("{report}");
     };
     assert!((Point::from(centre) - Point::new(5.0, -1.0, 0.5)).norm() < 1e-9 && (radius - 3.0).abs() < 1e-9);
@@ -62,7 +62,7 @@ fn a_vertex_pulled_over_its_ring_is_caught_on_the_sphere_on_a_target_and_by_itse
         }
         let folded = BoundaryMap::new(domain.clone(), image).unwrap();
         let report = checked(&folded, with_target.then_some(&domain));
-        assert_eq!(report.verdict, Verdict::NotBijective, "{report}");
+        assert_eq!(report.verdict, BijectivityVerdict::NotBijective, "{report}");
         assert!(
             has(&report, MapFindingKind::Flipped) && (1..8).contains(&report.flipped),
             "{report}"
@@ -93,7 +93,7 @@ fn identity_on_solids_of_any_genus_is_found_without_defect() {
     for domain in solids {
         for target in [None, Some(&domain)] {
             let report = checked(&map(&domain, |p| *p), target);
-            assert_eq!(report.verdict, Verdict::NoDefectFound, "{report}");
+            assert_eq!(report.verdict, BijectivityVerdict::NoDefectFound, "{report}");
             assert_eq!(report.degree.unwrap().value, 1);
             assert!(
                 report
@@ -113,7 +113,7 @@ fn a_torus_turned_along_itself_covers_a_finer_torus_once() {
     let report = checked(&map(&domain, |p| turn * p), Some(&target));
     assert_eq!(
         (report.verdict, report.flipped),
-        (Verdict::NoDefectFound, 0),
+        (BijectivityVerdict::NoDefectFound, 0),
         "{report}"
     );
     assert_eq!(report.degree.unwrap().value, 1);
@@ -138,7 +138,7 @@ fn mirror_images_are_flagged_and_no_triangle_of_theirs_is() {
             has(&report, MapFindingKind::Mirrored) && report.findings.len() == 1,
             "{report}"
         );
-        assert_ne!(report.verdict, Verdict::NotBijective);
+        assert_ne!(report.verdict, BijectivityVerdict::NotBijective);
     }
 }
 
@@ -152,10 +152,10 @@ fn doubled(p: &Point) -> Point {
 fn a_double_cover_has_degree_two() {
     let sphere = shapes::geodesic_sphere(1.0, 12);
     let report = checked(&map(&sphere, doubled), None);
-    assert!(matches!(report.against, Against::Sphere { .. }));
+    assert!(matches!(report.compared_with, ComparedWith::Sphere { .. }));
     assert_eq!(
         (report.degree.unwrap().value, report.verdict),
-        (2, Verdict::NotBijective)
+        (2, BijectivityVerdict::NotBijective)
     );
     let torus = shapes::torus(1.0, 0.4, 96, 24);
     for target in [None, Some(&shapes::torus(1.0, 0.4, 48, 24))] {
@@ -203,7 +203,7 @@ fn the_hausdorff_distance_of_an_offset_is_the_offset() {
         );
     }
     // All vertices of both lie on a sphere, but not on the same one.
-    assert_eq!(report.against, Against::Target);
+    assert_eq!(report.compared_with, ComparedWith::Target);
     assert_eq!(
         report.degree.unwrap(),
         Degree {
@@ -258,7 +258,11 @@ fn flat_images_and_other_topologies_are_errors() {
 fn an_image_elsewhere_is_said_to_be_and_not_to_be_folded() {
     let torus = shapes::torus(1.0, 0.4, 24, 10);
     let report = checked(&map(&torus, |p| p + Vector::new(0.0, 5.0, 0.0)), Some(&torus));
-    assert_eq!((report.against, report.flipped), (Against::Itself, 0), "{report}");
+    assert_eq!(
+        (report.compared_with, report.flipped),
+        (ComparedWith::Itself, 0),
+        "{report}"
+    );
     assert_eq!(report.degree.unwrap().value, 1);
     assert!(has(&report, MapFindingKind::NotCovered) && has(&report, MapFindingKind::OffTarget));
     assert!(report.findings[0].advice.contains("another place"), "{report}");
@@ -271,13 +275,13 @@ fn open_domains_have_no_degree_and_inward_ones_are_turned() {
     let report = checked(&map(&open, |p| *p), Some(&ball));
     assert_eq!(
         (report.degree, report.verdict),
-        (None, Verdict::NotBijective),
+        (None, BijectivityVerdict::NotBijective),
         "{report}"
     );
     let report = checked(&map(&ball.reversed(), |p| *p), Some(&ball.reversed()));
     assert_eq!(
         (report.degree.unwrap().value, report.verdict),
-        (1, Verdict::NoDefectFound)
+        (1, BijectivityVerdict::NoDefectFound)
     );
 }
 
@@ -319,7 +323,7 @@ fn crossing_triangles_come_from_whoever_finds_them() {
     let ball = shapes::bumpy_sphere(3);
     let find = |_: &SurfaceMesh| Ok(vec![[3, 9], [3, 11]]);
     let report = check(&map(&ball, |p| *p), None, &BoundaryCheckOptions::default(), Some(&find)).unwrap();
-    assert_eq!(report.verdict, Verdict::Doubtful);
+    assert_eq!(report.verdict, BijectivityVerdict::Doubtful);
     assert_eq!(report.findings[0].faces, [3, 9, 11]);
     assert!(
         report
@@ -331,19 +335,22 @@ fn crossing_triangles_come_from_whoever_finds_them() {
 
 #[test]
 fn a_map_through_the_sphere_is_decided_exactly_and_covers_its_target() {
-    let [domain, target] = [shapes::bumpy_sphere(6), shapes::cube(2.0, 5)].map(drawn_by_rays);
+    let [domain, target] = [shapes::bumpy_sphere(6), shapes::cube(2.0, 5)].map(radial_embedding);
     let map = BoundaryMap::through_sphere(domain, target).unwrap();
     for map in [map.subdivided(), map] {
         let report = checked(&map, None);
-        assert_eq!((report.verdict, report.against), (Verdict::Bijective, Against::Target));
+        assert_eq!(
+            (report.verdict, report.compared_with),
+            (BijectivityVerdict::Bijective, ComparedWith::Target)
+        );
         assert_eq!((report.degree.unwrap().value, report.flipped), (1, 0));
         assert!(report.findings.is_empty(), "{report}");
-        let by_sphere = report.by_sphere.as_ref().unwrap();
-        assert!(by_sphere.drawings.len() == 2 && by_sphere.drawings.iter().all(|d| d.is_bijective()));
+        let composition = report.composition.as_ref().unwrap();
+        assert!(composition.embeddings.len() == 2 && composition.embeddings.iter().all(|d| d.is_bijective()));
         // Rounding of coordinates and of barycentric coordinates in triangles of size 1/5.
         assert!(report.coverage.unwrap().hausdorff() < 1e-13, "{report}");
         assert!(
-            by_sphere.round_trip.max < 1e-13 && by_sphere.round_trip.points > 20_000,
+            composition.round_trip.max < 1e-13 && composition.round_trip.points > 20_000,
             "{report}"
         );
         assert!(report.to_string().contains("One to one with the target"), "{report}");
@@ -360,13 +367,13 @@ fn folds_of_the_plain_image_are_remarked_and_not_held_against_the_map() {
         let (x, y) = (3.0 * p.x, 0.3 * p.y);
         Point::new(cos * x - sin * y, sin * x + cos * y, 2.0 * p.z)
     });
-    let target = SphericalMap::new(twisted, &directions).unwrap();
-    let domain = drawn_by_rays(shapes::geodesic_sphere(1.0, 5));
+    let target = SphericalEmbedding::new(twisted, &directions).unwrap();
+    let domain = radial_embedding(shapes::geodesic_sphere(1.0, 5));
     let map = BoundaryMap::through_sphere(domain, target).unwrap();
     let report = checked(&map, None);
-    let turned = report.by_sphere.as_ref().unwrap().plain_image_flipped;
+    let turned = report.composition.as_ref().unwrap().plain_image_flipped;
     assert!(
-        turned > 0 && report.verdict == Verdict::Bijective && report.findings.is_empty(),
+        turned > 0 && report.verdict == BijectivityVerdict::Bijective && report.findings.is_empty(),
         "{report}"
     );
     assert!(report.to_string().contains("use the boundary file"), "{report}");
@@ -374,24 +381,24 @@ fn folds_of_the_plain_image_are_remarked_and_not_held_against_the_map() {
     let report = checked(&plain, map.target_surface());
     assert_eq!(
         (report.flipped, report.verdict),
-        (turned, Verdict::NotBijective),
+        (turned, BijectivityVerdict::NotBijective),
         "{report}"
     );
 }
 
 #[test]
 fn distortion_through_the_sphere_is_that_of_the_true_map() {
-    let drawn = drawn_by_rays(shapes::bumpy_sphere(5));
+    let drawn = radial_embedding(shapes::bumpy_sphere(5));
     let map = BoundaryMap::through_sphere(drawn.clone(), drawn).unwrap();
     let report = checked(&map, None);
-    assert_eq!(report.by_sphere.as_ref().unwrap().cuts, MOST_CUTS);
+    assert_eq!(report.composition.as_ref().unwrap().cuts, MOST_CUTS);
     assert!((report.distortion.unwrap().length.max - 1.0).abs() < 1e-9, "{report}");
     // From the cube onto the sphere, areas at distance r from the centre change by 1/r³, and by 0.52 in the mean: by 1.9
     // in the middle of a face, if the triangles are small enough to see it.
-    let map = BoundaryMap::onto_sphere(drawn_by_rays(shapes::cube(2.0, 1))).unwrap();
+    let map = BoundaryMap::onto_sphere(radial_embedding(shapes::cube(2.0, 1))).unwrap();
     let report = checked(&map, None);
-    assert_eq!(report.verdict, Verdict::Bijective);
-    assert!(report.coverage.is_none() && report.by_sphere.as_ref().unwrap().drawings.len() == 1);
+    assert_eq!(report.verdict, BijectivityVerdict::Bijective);
+    assert!(report.coverage.is_none() && report.composition.as_ref().unwrap().embeddings.len() == 1);
     let straight = BoundaryMap::new(map.domain().clone(), map.image().to_vec()).unwrap();
     let straight = checked(&straight, None).distortion.unwrap();
     assert!(
@@ -402,19 +409,19 @@ fn distortion_through_the_sphere_is_that_of_the_true_map() {
 
 #[test]
 fn a_given_target_is_held_against_the_surface_that_is_mapped_to() {
-    let [domain, target] = [shapes::bumpy_sphere(5), shapes::cube(2.0, 4)].map(drawn_by_rays);
+    let [domain, target] = [shapes::bumpy_sphere(5), shapes::cube(2.0, 4)].map(radial_embedding);
     let map = BoundaryMap::through_sphere(domain, target).unwrap();
     let report = checked(&map, Some(&shapes::cube(2.0, 1)));
     assert!(
-        report.verdict == Verdict::Bijective && report.coverage.unwrap().hausdorff() < 1e-13,
+        report.verdict == BijectivityVerdict::Bijective && report.coverage.unwrap().hausdorff() < 1e-13,
         "{report}"
     );
     let report = checked(&map, Some(&shapes::cube(3.0, 1)));
     assert!(
-        has(&report, MapFindingKind::NotCovered) && report.verdict == Verdict::NotBijective,
+        has(&report, MapFindingKind::NotCovered) && report.verdict == BijectivityVerdict::NotBijective,
         "{report}"
     );
-    let ball = BoundaryMap::onto_sphere(drawn_by_rays(shapes::bumpy_sphere(5))).unwrap();
+    let ball = BoundaryMap::onto_sphere(radial_embedding(shapes::bumpy_sphere(5))).unwrap();
     let report = checked(&ball, Some(&shapes::geodesic_sphere(1.0, 30)));
     assert!(
         report.findings.is_empty() && report.coverage.unwrap().hausdorff() < 0.01,

@@ -1,14 +1,19 @@
-//! The boundary map between two solids of genus 0 of which no correspondence is known: through a common sphere.
+//! A bijective boundary map between two solids of genus 0 without a given correspondence: the composition of two
+//! spherical embeddings.
 //!
-//! The target is mapped to the sphere; the domain is laid over it roughly; the domain is drawn on the target's sphere,
-//! each vertex pulled towards the direction of the point that it lies on; and the drawing is moved so that the map from
-//! surface to surface distorts least. No triangle ever turns over, so that the result is a bijection, at every point of
-//! the surface: down to the domain's sphere and up from the target's.
+//! 1. The target is embedded on the sphere ([`map_to_sphere`]).
+//! 2. The domain is aligned with the target by similarities ([`align`]). The closest point of the target gives each
+//!    vertex of the domain a soft target on the sphere ([`vertex_targets`]).
+//! 3. The domain is embedded on the same sphere, coarse to fine, pulled towards the soft targets; several alignments and
+//!    schedules are tried on coarse meshes and the best is refined.
+//! 4. The domain's embedding is optimised for low distortion of the map from surface to surface.
+//!
+//! No step inverts a triangle on the sphere, so the result is a bijection at every point of the surface.
 
 mod alignment;
-mod embedding;
+mod embedder;
+mod inter_surface;
 mod landmarks;
-mod lift;
 mod oriented_query;
 mod rotation;
 mod targets;
@@ -18,8 +23,8 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-pub use alignment::{AlignError, Alignment, AlignmentStart, Alignments, Body, align, align_by_landmarks};
-pub use embedding::Schedule;
+pub use alignment::{AlignError, Alignment, AlignmentStart, AlignmentSurface, Alignments, align, align_by_landmarks};
+pub use embedder::SoftTargetSchedule;
 pub use landmarks::{LandmarkError, Landmarks};
 pub use oriented_query::{OrientedPoint, OrientedQuery, vertex_normals};
 pub use rotation::{RotationMatch, search_rotations};
@@ -30,111 +35,119 @@ use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::spherical::{
-    Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SpherePhase, SphericalError, SphericalMap, certify,
-    map_to_sphere, require_scale, require_sphere,
+    Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SpherePhase, SphericalEmbedding, SphericalError,
+    check_embedding, map_to_sphere, require_genus_0, require_scale,
 };
 use crate::{Point, Vector};
-use embedding::{Embedding, Guide, Pins, Sketch, best_sketch};
-use lift::Lift;
+use embedder::{DomainEmbedder, EmbeddingCandidate, Pins, SoftTargets, best_coarse_embedding};
+use inter_surface::InverseEmbedding;
 
-/// How the domain comes to lie on the target's sphere.
+/// How the domain is embedded on the target's sphere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Via {
-    /// Drawn towards the closest points of the target, once the solids are laid over each other.
-    Targets,
-    /// Conformal maps of both to the sphere, centred, and the rotation under which their areas agree best: the paper's way.
+pub enum PairMethod {
+    /// Pulled towards the closest points of the target, after the solids have been aligned.
+    #[serde(rename = "targets")]
+    SoftTargets,
+    /// Centred conformal maps of both surfaces to the sphere, and the rotation under which their area distortions
+    /// correlate best: the method of Li et al. (2007).
     Conformal,
 }
 
 /// How a pair is mapped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PairOptions {
-    /// The way through the sphere.
-    pub via: Via,
-    /// Vertices that go to vertices.
+    /// How the domain is embedded on the target's sphere.
+    pub method: PairMethod,
+    /// Vertices of the domain that must go to given vertices of the target.
     pub landmarks: Landmarks,
-    /// Whether the map is made to distort less once it is there.
+    /// Whether the distortion of the map is minimised.
     pub improve: bool,
 }
 
 impl Default for PairOptions {
     fn default() -> Self {
         Self {
-            via: Via::Targets,
+            method: PairMethod::SoftTargets,
             landmarks: Landmarks::default(),
             improve: true,
         }
     }
 }
 
-/// What is being done.
+/// The current step of [`map_pair`], for progress callbacks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PairPhase {
     /// A solid (`"domain"` or `"target"`) is mapped to the sphere.
     Sphere(&'static str, SpherePhase),
-    /// The domain is laid over the target, or the spheres over each other.
+    /// The solids are aligned in space, or their conformal embeddings by a rotation.
     Aligning,
-    /// Coarse drawings are tried.
-    Sketching {
-        /// How many.
-        drawings: usize,
+    /// Coarse embeddings of the domain are compared.
+    CoarseEmbeddings {
+        /// Number of combinations of alignments and schedules.
+        count: usize,
     },
-    /// The best of them is refined.
-    Drawing {
-        /// Vertices that are there.
+    /// The best coarse embedding is refined.
+    Refining {
+        /// Vertices embedded so far.
         vertices: usize,
-        /// Of how many.
-        of: usize,
-        /// Mean symmetric Dirichlet energy, 4 of an isometry.
+        /// Vertices of the domain.
+        total: usize,
+        /// Mean symmetric Dirichlet energy, 4 for an isometry.
         energy: f64,
     },
-    /// The map with all vertices is made to distort less.
+    /// The distortion of the map with all vertices is minimised.
     Improving,
     /// Distortion is measured.
     Measuring,
 }
 
-/// What was done and found.
+/// What [`map_pair`] did and found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PairReport {
-    /// The way through the sphere.
-    pub via: Via,
-    /// Landmarks, all of which are met exactly.
+    /// How the domain was embedded on the target's sphere.
+    #[serde(rename = "via")]
+    pub method: PairMethod,
+    /// Number of landmarks; all are met exactly.
     pub landmarks: usize,
-    /// Coarse drawings that were tried.
-    pub drawings: usize,
-    /// Least mean symmetric Dirichlet energy (4 of an isometry) that a coarse drawing by each alignment came to; of those
-    /// given up early, at that time. What triangles hide counts. Empty by way of conformal maps.
+    /// Number of coarse embeddings that were compared.
+    #[serde(rename = "drawings")]
+    pub coarse_embeddings: usize,
+    /// For each alignment the lowest mean symmetric Dirichlet energy (4 for an isometry) of its coarse embeddings, when
+    /// they were last compared; protrusions of the target inside a triangle count. Empty with
+    /// [`PairMethod::Conformal`].
     pub alignments: Vec<f64>,
-    /// The alignment that was taken, or the rotation.
+    /// Index of the alignment, or of the rotation, that was taken.
     pub alignment: usize,
-    /// Correlation of the areas under each rotation of the spheres, best first. Empty by way of targets.
+    /// Correlation of the area distortions under each rotation of the spheres, best first. Empty with
+    /// [`PairMethod::SoftTargets`].
     pub rotations: Vec<f64>,
-    /// How the drawing was led, on the way through targets.
-    pub schedule: Option<Schedule>,
-    /// Distortion of the map before it was made to distort less.
+    /// The schedule that was taken; `None` with [`PairMethod::Conformal`].
+    pub schedule: Option<SoftTargetSchedule>,
+    /// Distortion of the map before its distortion was minimised.
     pub before: SurfaceDistortion,
     /// Distortion of the map.
     pub after: SurfaceDistortion,
-    /// Wall time by step.
-    pub seconds: PairSeconds,
-    /// What is odd about the pair.
+    /// Wall time by phase.
+    #[serde(rename = "seconds")]
+    pub timings: PairTimings,
+    /// What is unusual about the pair, for the user to read.
     pub warnings: Vec<String>,
 }
 
-/// Wall time by step.
+/// Wall time of [`map_pair`] by phase, in seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct PairSeconds {
+pub struct PairTimings {
     /// Maps to the sphere.
     pub sphere: f64,
-    /// Alignments and targets.
+    /// Alignments and soft targets.
     pub align: f64,
-    /// Coarse drawings.
-    pub sketch: f64,
-    /// The best drawing, refined and improved.
+    /// Coarse embeddings.
+    #[serde(rename = "sketch")]
+    pub coarse: f64,
+    /// Refinement and optimisation of the best embedding.
     pub improve: f64,
-    /// Everything.
+    /// All phases.
     pub total: f64,
 }
 
@@ -150,32 +163,33 @@ pub enum PairError {
         /// Why not.
         error: SphericalError,
     },
-    /// The solids cannot be laid over each other.
+    /// The solids cannot be aligned.
     #[error(transparent)]
     Align(#[from] AlignError),
-    /// Landmarks are no pairs of vertices of these solids.
+    /// Landmarks are not pairs of vertices of these solids.
     #[error(transparent)]
     Landmarks(#[from] LandmarkError),
-    /// Landmarks are not reached by any bijection that was found.
+    /// No bijection was found that meets all landmarks.
     #[error(
-        "{} of {landmarks} landmarks cannot be met without turning triangles over, the first is pair {}, counted from 0 \
+        "{} of {landmarks} landmarks cannot be met without inverting triangles, the first is pair {}, counted from 0 \
          (domain vertex {}, target vertex {}): do they go round in the same order on both solids? Leave it out, or \
          correct it",
         missed.len(), missed[0], first[0], first[1]
     )]
     LandmarksMissed {
-        /// How many there are.
+        /// Number of landmarks.
         landmarks: usize,
-        /// Numbers of the pairs that are not met.
+        /// Indices of the pairs that are not met.
         missed: Vec<usize>,
-        /// The first of them.
+        /// The vertices of the first of them.
         first: [u32; 2],
     },
-    /// Every drawing that was tried had triangles of the target too flat to measure.
+    /// The distortion of every coarse embedding overflowed, because triangles of the target are nearly flat.
     #[error(
-        "no drawing of the domain on the target's sphere has a finite distortion; look for flat triangles with `solidmap check`"
+        "no embedding of the domain on the target's sphere has a finite distortion; look for flat triangles with \
+         `solidmap check`"
     )]
-    NoDrawing,
+    NoEmbedding,
     /// A surface is out of scale.
     #[error(transparent)]
     Boundary(#[from] BoundaryMapError),
@@ -184,26 +198,47 @@ pub enum PairError {
     Cancelled,
 }
 
-/// Ways to lead a drawing. Which one ends best differs from pair to pair, and to try them coarsely is cheap.
-const SCHEDULES: [Schedule; 8] = [
-    Schedule { pull: 1.0, until: 60 },
-    Schedule { pull: 1.0, until: 200 },
-    Schedule { pull: 1.0, until: 800 },
-    Schedule { pull: 10.0, until: 60 },
-    Schedule { pull: 10.0, until: 200 },
-    Schedule { pull: 10.0, until: 800 },
-    Schedule { pull: 100.0, until: 60 },
-    Schedule {
-        pull: 100.0,
-        until: 800,
+/// Schedules to compare: which one ends best differs from pair to pair, and coarse embeddings are cheap.
+const SCHEDULES: [SoftTargetSchedule; 8] = [
+    SoftTargetSchedule {
+        strength: 1.0,
+        until_vertices: 60,
+    },
+    SoftTargetSchedule {
+        strength: 1.0,
+        until_vertices: 200,
+    },
+    SoftTargetSchedule {
+        strength: 1.0,
+        until_vertices: 800,
+    },
+    SoftTargetSchedule {
+        strength: 10.0,
+        until_vertices: 60,
+    },
+    SoftTargetSchedule {
+        strength: 10.0,
+        until_vertices: 200,
+    },
+    SoftTargetSchedule {
+        strength: 10.0,
+        until_vertices: 800,
+    },
+    SoftTargetSchedule {
+        strength: 100.0,
+        until_vertices: 60,
+    },
+    SoftTargetSchedule {
+        strength: 100.0,
+        until_vertices: 800,
     },
 ];
-/// Vertices of the coarse drawings: of all, and of the better ones.
-const SKETCHES: [usize; 2] = [1600, 4000];
+/// Vertices of the coarse embeddings: of all at first, then of the better ones.
+const COARSE_SIZES: [usize; 2] = [1600, 4000];
 /// Symmetric Dirichlet energy of an isometry.
-const ISOMETRY: f64 = 4.0;
-/// Scores of rotations this close are told as ambiguous.
-const CLOSE: f64 = 0.05;
+const ISOMETRY_ENERGY: f64 = 4.0;
+/// A warning says that the rotation is ambiguous when the second best score is this close to the best.
+const AMBIGUOUS_SCORE: f64 = 0.05;
 
 /// A bijection from the boundary of one solid to that of another.
 ///
@@ -220,8 +255,8 @@ pub fn map_pair<A: ProgressResponse>(
     progress: &dyn Fn(PairPhase) -> A,
 ) -> Result<(BoundaryMap, PairReport), PairError> {
     let of_side = |side| move |error| PairError::Sphere { side, error };
-    let domain = require_sphere(domain).map_err(of_side("domain"))?;
-    let target = require_sphere(target).map_err(of_side("target"))?;
+    let domain = require_genus_0(domain).map_err(of_side("domain"))?;
+    let target = require_genus_0(target).map_err(of_side("target"))?;
     require_scale(&domain).map_err(of_side("domain"))?;
     require_scale(&target).map_err(of_side("target"))?;
     let landmarks = Landmarks::new(
@@ -230,7 +265,7 @@ pub fn map_pair<A: ProgressResponse>(
         target.vertices().len(),
     )?;
     let made = run_cancellable(&|phase| progress(phase).control_flow(), |reporter| {
-        let pair = Pair {
+        let pair = PairMapping {
             domain: &domain,
             target: &target,
             landmarks: &landmarks,
@@ -238,15 +273,15 @@ pub fn map_pair<A: ProgressResponse>(
             start: Instant::now(),
             reporter,
         };
-        match options.via {
-            Via::Targets => pair.via_targets(),
-            Via::Conformal => pair.via_conformal(),
+        match options.method {
+            PairMethod::SoftTargets => pair.by_soft_targets(),
+            PairMethod::Conformal => pair.by_conformal_maps(),
         }
     });
     made.unwrap_or(Err(PairError::Cancelled))
 }
 
-struct Pair<'a> {
+struct PairMapping<'a> {
     domain: &'a SurfaceMesh,
     target: &'a SurfaceMesh,
     landmarks: &'a Landmarks,
@@ -255,88 +290,89 @@ struct Pair<'a> {
     reporter: &'a ProgressSender<'a, PairPhase>,
 }
 
-/// A drawing before and after improvement, and how it was come by.
-struct Found {
+/// The domain's embedding on the target's sphere before and after optimisation, and how it was found.
+struct PairEmbedding {
     before: Vec<Vector>,
     after: Vec<Vector>,
-    /// Whether the one before meets the landmarks too.
-    before_meets: bool,
+    before_meets_landmarks: bool,
     alignments: Vec<f64>,
     alignment: usize,
     rotations: Vec<f64>,
-    drawings: usize,
-    schedule: Option<Schedule>,
-    seconds: PairSeconds,
+    coarse_embeddings: usize,
+    schedule: Option<SoftTargetSchedule>,
+    timings: PairTimings,
     warnings: Vec<String>,
 }
 
-impl Pair<'_> {
-    fn via_targets(&self) -> Result<(BoundaryMap, PairReport), PairError> {
+impl PairMapping<'_> {
+    fn by_soft_targets(&self) -> Result<(BoundaryMap, PairReport), PairError> {
         let target = self.sphere("target", self.target, SphereEnergy::Balanced)?;
         let locator = Locator::new(&target);
-        let lift = Lift::new(&target, &locator);
+        let inverse = InverseEmbedding::new(&target, &locator);
         let sphere = self.elapsed();
 
         self.tell(PairPhase::Aligning)?;
-        let (guides, warnings) = self.guides(&target)?;
+        let (soft_targets, warnings) = self.soft_targets(&target)?;
         let align = self.elapsed();
 
-        let drawings = guides.len() * SCHEDULES.len();
-        self.tell(PairPhase::Sketching { drawings })?;
+        let count = soft_targets.len() * SCHEDULES.len();
+        self.tell(PairPhase::CoarseEmbeddings { count })?;
         let hierarchy = self.hierarchy()?;
         let goes_on = || self.reporter.should_continue();
-        let embedding = Embedding::new(self.domain, &hierarchy, &lift, self.pins(&target), &goes_on);
+        let embedder = DomainEmbedder::new(self.domain, &hierarchy, &inverse, self.pins(&target), &goes_on);
         let too_fine = || PairError::Sphere {
             side: "domain",
             error: SphericalError::TooFine,
         };
-        let (sketch, [guide, schedule], alignments) =
-            best_sketch(&embedding, &guides, &SCHEDULES, &SKETCHES).ok_or(PairError::NoDrawing)?;
-        let sketched = self.elapsed();
+        let (coarse, [alignment, schedule], alignments) =
+            best_coarse_embedding(&embedder, &soft_targets, &SCHEDULES, &COARSE_SIZES).ok_or(PairError::NoEmbedding)?;
+        let compared = self.elapsed();
 
-        let (guide, chosen, schedule) = (&guides[guide], guide, SCHEDULES[schedule]);
+        let (soft_targets, schedule) = (&soft_targets[alignment], SCHEDULES[schedule]);
         let told = |vertices, energy| {
-            let of = self.domain.vertices().len();
-            // An end is heard at the next level.
-            let _ = self.tell(PairPhase::Drawing {
+            let total = self.domain.vertices().len();
+            // A cancellation takes effect at the next level.
+            let _ = self.tell(PairPhase::Refining {
                 vertices,
-                of,
-                energy: ISOMETRY * energy,
+                total,
+                energy: ISOMETRY_ENERGY * energy,
             });
         };
-        let plain = embedding.guided(guide, &schedule).ok_or_else(too_fine)?;
+        let plain = embedder
+            .by_soft_targets_alone(soft_targets, &schedule)
+            .ok_or_else(too_fine)?;
         let mut after = plain.clone();
         if self.improve {
-            let refined = embedding.refine(sketch, guide, &schedule, usize::MAX, &told);
+            let refined = embedder.refine(coarse, soft_targets, &schedule, usize::MAX, &told);
             after = refined.ok_or_else(too_fine)?;
             self.tell(PairPhase::Improving)?;
-            embedding.finish(&mut after);
-            self.take_wanted(&embedding, guide, &mut after);
+            embedder.finish(&mut after);
+            self.take_exact_targets(&embedder, soft_targets, &mut after);
         }
-        self.require_landmarks(&embedding, &after)?;
+        self.require_landmarks(&embedder, &after)?;
         let improved = self.elapsed();
-        let found = Found {
-            before_meets: embedding.missed(&plain).is_empty(),
-            before: plain.drawing.directions,
-            after: after.drawing.directions,
-            alignments: alignments.iter().map(|energy| ISOMETRY * energy).collect(),
+        let found = PairEmbedding {
+            before_meets_landmarks: embedder.missed(&plain).is_empty(),
+            before: plain.embedding.directions,
+            after: after.embedding.directions,
+            alignments: alignments.iter().map(|energy| ISOMETRY_ENERGY * energy).collect(),
             rotations: vec![],
-            alignment: chosen,
-            drawings,
+            alignment,
+            coarse_embeddings: count,
             schedule: Some(schedule),
-            seconds: PairSeconds {
+            timings: PairTimings {
                 sphere,
                 align: align - sphere,
-                sketch: sketched - align,
-                improve: improved - sketched,
+                coarse: compared - align,
+                improve: improved - compared,
                 total: 0.0,
             },
             warnings,
         };
-        self.report(Via::Targets, target, found)
+        self.report(PairMethod::SoftTargets, target, found)
     }
 
-    fn via_conformal(&self) -> Result<(BoundaryMap, PairReport), PairError> {
+    fn by_conformal_maps(&self) -> Result<(BoundaryMap, PairReport), PairError> {
         let domain = self.sphere("domain", self.domain, SphereEnergy::Conformal)?;
         let target = self.sphere("target", self.target, SphereEnergy::Conformal)?;
         let sphere = self.elapsed();
@@ -345,7 +381,11 @@ impl Pair<'_> {
         let mut warnings = Vec::new();
         let matches = search_rotations(&domain, &target, None);
         let rotations: Vec<f64> = matches.iter().map(|found| found.score).collect();
-        if rotations.get(1).is_some_and(|second| *second > rotations[0] - CLOSE) && self.landmarks.pairs().len() < 2 {
+        if rotations
+            .get(1)
+            .is_some_and(|second| *second > rotations[0] - AMBIGUOUS_SCORE)
+            && self.landmarks.pairs().len() < 2
+        {
             warnings.push(
                 "several rotations of the spheres fit nearly as well; name landmarks if the map goes to the wrong place"
                     .into(),
@@ -358,14 +398,14 @@ impl Pair<'_> {
                 .unwrap_or_else(crate::Matrix3::identity);
             domain.directions().iter().map(|x| (rotation * x).normalize()).collect()
         });
-        // Rounding may fold the smallest triangles as they are turned; those of the other side may bear it.
-        let (turned, target) = if certify(self.domain.triangles(), &turned).is_bijective() {
+        // Rotating may invert the smallest triangles by rounding. Then the target is rotated instead.
+        let (turned, target) = if check_embedding(self.domain.triangles(), &turned).is_bijective() {
             (turned, target)
         } else {
             let back = sphere_rotation(&turned, domain.directions(), &vec![1.0; turned.len()]);
             let back = back.map_or_else(crate::Matrix3::identity, |back| back.rotation);
             let directions: Vec<Vector> = target.directions().iter().map(|x| back * x).collect();
-            let turned_target = SphericalMap::new(target.surface().clone(), &directions);
+            let turned_target = SphericalEmbedding::new(target.surface().clone(), &directions);
             let error = |error| PairError::Sphere { side: "target", error };
             (domain.directions().to_vec(), turned_target.map_err(error)?)
         };
@@ -373,36 +413,36 @@ impl Pair<'_> {
 
         self.tell(PairPhase::Improving)?;
         let locator = Locator::new(&target);
-        let lift = Lift::new(&target, &locator);
+        let inverse = InverseEmbedding::new(&target, &locator);
         let hierarchy = self.hierarchy()?;
         let goes_on = || self.reporter.should_continue();
-        let embedding = Embedding::new(self.domain, &hierarchy, &lift, self.pins(&target), &goes_on);
-        let mut after = embedding.sketch_of(&turned);
-        let (before, before_meets) = (after.drawing.directions.clone(), embedding.missed(&after).is_empty());
+        let embedder = DomainEmbedder::new(self.domain, &hierarchy, &inverse, self.pins(&target), &goes_on);
+        let mut after = embedder.candidate_at(&turned);
+        let (before, before_meets_landmarks) = (after.embedding.directions.clone(), embedder.missed(&after).is_empty());
         if self.improve {
-            embedding.finish(&mut after);
+            embedder.finish(&mut after);
         }
-        self.require_landmarks(&embedding, &after)?;
+        self.require_landmarks(&embedder, &after)?;
         let improved = self.elapsed();
-        let found = Found {
+        let found = PairEmbedding {
             before,
-            after: after.drawing.directions,
+            after: after.embedding.directions,
             alignment: 0,
-            drawings: 1,
+            coarse_embeddings: 1,
             schedule: None,
-            before_meets,
+            before_meets_landmarks,
             alignments: vec![],
             rotations,
-            seconds: PairSeconds {
+            timings: PairTimings {
                 sphere,
                 align: align - sphere,
-                sketch: 0.0,
+                coarse: 0.0,
                 improve: improved - align,
                 total: 0.0,
             },
             warnings,
         };
-        self.report(Via::Conformal, target, found)
+        self.report(PairMethod::Conformal, target, found)
     }
 
     fn tell(&self, phase: PairPhase) -> Result<(), PairError> {
@@ -421,7 +461,7 @@ impl Pair<'_> {
         side: &'static str,
         surface: &SurfaceMesh,
         energy: SphereEnergy,
-    ) -> Result<SphericalMap, PairError> {
+    ) -> Result<SphericalEmbedding, PairError> {
         let options = SphereOptions {
             energy,
             ..SphereOptions::default()
@@ -434,9 +474,12 @@ impl Pair<'_> {
         }
     }
 
-    /// Where the vertices are wanted, by each alignment.
-    fn guides(&self, target: &SphericalMap) -> Result<(Vec<Guide>, Vec<String>), PairError> {
-        let (from, to) = (Body::new(self.domain, "domain")?, Body::new(self.target, "target")?);
+    /// The soft targets that each alignment gives, and warnings about the alignments.
+    fn soft_targets(&self, target: &SphericalEmbedding) -> Result<(Vec<SoftTargets>, Vec<String>), PairError> {
+        let (from, to) = (
+            AlignmentSurface::new(self.domain, "domain")?,
+            AlignmentSurface::new(self.target, "target")?,
+        );
         let pairs = self.landmarks.positions(self.domain.vertices(), self.target.vertices());
         let alignments = if pairs.len() < 3 {
             align(&from, &to)
@@ -450,14 +493,14 @@ impl Pair<'_> {
                     .into(),
             );
         }
-        let wanted = |alignment: &Alignment| {
+        let of_alignment = |alignment: &Alignment| {
             let found = vertex_targets(&from, &to, &alignment.similarity);
             let direction = |found: VertexTarget| (target.direction(&found.place), found.weight);
-            Guide {
-                wanted: found.into_iter().map(|found| found.map(direction)).collect(),
+            SoftTargets {
+                of_vertex: found.into_iter().map(|found| found.map(direction)).collect(),
             }
         };
-        Ok((alignments.best.iter().map(wanted).collect(), warnings))
+        Ok((alignments.best.iter().map(of_alignment).collect(), warnings))
     }
 
     fn hierarchy(&self) -> Result<Hierarchy, PairError> {
@@ -467,7 +510,7 @@ impl Pair<'_> {
             .ok_or(PairError::Sphere { side: "domain", error })
     }
 
-    fn pins(&self, target: &SphericalMap) -> Pins {
+    fn pins(&self, target: &SphericalEmbedding) -> Pins {
         let pin = |&[v, w]: &[u32; 2]| (v, target.directions()[w as usize]);
         Pins::new(
             self.landmarks.pairs().iter().map(pin).collect(),
@@ -475,21 +518,23 @@ impl Pair<'_> {
         )
     }
 
-    /// The domain's drawing under the conformal map of the sphere that meets the first three landmarks, unless straight
-    /// sides fold there.
-    fn by_three_landmarks(&self, domain: &SphericalMap, target: &SphericalMap) -> Option<Vec<Vector>> {
+    /// The domain's directions under the Möbius transformation that meets the first three landmarks; `None` if that
+    /// inverts a geodesic triangle.
+    fn by_three_landmarks(&self, domain: &SphericalEmbedding, target: &SphericalEmbedding) -> Option<Vec<Vector>> {
         let three = self.landmarks.pairs().first_chunk::<3>()?;
         let from = three.map(|[v, _]| domain.directions()[v as usize]);
         let to = three.map(|[_, w]| target.directions()[w as usize]);
         let moebius = Moebius::of_three(&from, &to)?;
         let moved: Vec<Vector> = domain.directions().iter().map(|x| moebius.apply(x)).collect();
-        certify(self.domain.triangles(), &moved).is_bijective().then_some(moved)
+        check_embedding(self.domain.triangles(), &moved)
+            .is_bijective()
+            .then_some(moved)
     }
 
     fn rotation_of_landmarks(
         &self,
-        domain: &SphericalMap,
-        target: &SphericalMap,
+        domain: &SphericalEmbedding,
+        target: &SphericalEmbedding,
         warnings: &mut Vec<String>,
     ) -> Option<crate::Matrix3> {
         let pairs = self.landmarks.pairs();
@@ -507,22 +552,28 @@ impl Pair<'_> {
         Some(turn.rotation)
     }
 
-    /// Takes the wanted places themselves where they make a bijection that distorts less: of a solid and its copy, the
-    /// exact answer.
-    fn take_wanted(&self, embedding: &Embedding, guide: &Guide, sketch: &mut Sketch) {
-        let wanted: Option<Vec<Vector>> = guide.wanted.iter().map(|wanted| wanted.map(|(to, _)| to)).collect();
-        let Some(wanted) = wanted.filter(|x| certify(self.domain.triangles(), x).is_bijective()) else {
+    /// Replaces the candidate by the soft targets themselves where these are a bijection of lower distortion: for a solid
+    /// and its copy this is the exact answer.
+    fn take_exact_targets(
+        &self,
+        embedder: &DomainEmbedder,
+        soft_targets: &SoftTargets,
+        candidate: &mut EmbeddingCandidate,
+    ) {
+        let targets = soft_targets.of_vertex.iter().map(|target| target.map(|(to, _)| to));
+        let targets: Option<Vec<Vector>> = targets.collect();
+        let Some(targets) = targets.filter(|x| check_embedding(self.domain.triangles(), x).is_bijective()) else {
             return;
         };
-        let direct = embedding.sketch_of(&wanted);
-        let energy = embedding.energy_of(&direct.drawing);
-        if embedding.missed(&direct).is_empty() && energy < sketch.energy {
-            *sketch = Sketch { energy, ..direct };
+        let exact = embedder.candidate_at(&targets);
+        let energy = embedder.energy_of(&exact.embedding);
+        if embedder.missed(&exact).is_empty() && energy < candidate.energy {
+            *candidate = EmbeddingCandidate { energy, ..exact };
         }
     }
 
-    fn require_landmarks(&self, embedding: &Embedding, sketch: &Sketch) -> Result<(), PairError> {
-        let missed = embedding.missed(sketch);
+    fn require_landmarks(&self, embedder: &DomainEmbedder, candidate: &EmbeddingCandidate) -> Result<(), PairError> {
+        let missed = embedder.missed(candidate);
         match missed.first() {
             None => Ok(()),
             Some(&first) => Err(PairError::LandmarksMissed {
@@ -533,10 +584,15 @@ impl Pair<'_> {
         }
     }
 
-    fn report(&self, via: Via, target: SphericalMap, found: Found) -> Result<(BoundaryMap, PairReport), PairError> {
+    fn report(
+        &self,
+        method: PairMethod,
+        target: SphericalEmbedding,
+        found: PairEmbedding,
+    ) -> Result<(BoundaryMap, PairReport), PairError> {
         self.tell(PairPhase::Measuring)?;
         let through = |directions: &[Vector]| -> Result<BoundaryMap, PairError> {
-            let domain = SphericalMap::new(self.domain.clone(), directions)
+            let domain = SphericalEmbedding::new(self.domain.clone(), directions)
                 .map_err(|error| PairError::Sphere { side: "domain", error })?;
             Ok(BoundaryMap::through_sphere(domain, target.clone())?)
         };
@@ -544,31 +600,32 @@ impl Pair<'_> {
         let (Some(before), Some(mut after)) = (distortion(&first), distortion(&map)) else {
             return Err(AlignError::NoArea { side: "domain" }.into());
         };
-        // What is lowered is the distortion of straight triangles, which is not quite that of the map. The mean would not
-        // tell: a few triangles across narrow limbs decide it.
-        if found.before_meets && before.symmetric_dirichlet.p90 < after.symmetric_dirichlet.p90 {
+        // The optimiser lowers the distortion of straight triangles, which can raise that of the map itself. Compared by
+        // a quantile: a few triangles across narrow limbs dominate the mean.
+        if found.before_meets_landmarks && before.symmetric_dirichlet.p90 < after.symmetric_dirichlet.p90 {
             (map, after) = (first, before);
         }
-        let mut seconds = found.seconds;
-        seconds.total = self.elapsed();
+        let mut timings = found.timings;
+        timings.total = self.elapsed();
         let report = PairReport {
-            via,
+            method,
             landmarks: self.landmarks.pairs().len(),
-            drawings: found.drawings,
+            coarse_embeddings: found.coarse_embeddings,
             alignments: found.alignments,
             alignment: found.alignment,
             rotations: found.rotations,
             schedule: found.schedule,
             before,
             after,
-            seconds,
+            timings,
             warnings: found.warnings,
         };
         Ok((map, report))
     }
 }
 
-/// Of the true map: over triangles cut into four, between which it goes through the sphere.
+/// Distortion of the map itself rather than of straight triangles: over triangles cut into four, whose new vertices go
+/// through the sphere.
 fn distortion(map: &BoundaryMap) -> Option<SurfaceDistortion> {
     let fine = map.subdivided();
     let image: &[Point] = fine.image();

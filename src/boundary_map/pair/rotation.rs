@@ -14,7 +14,7 @@ use super::oriented_query::vertex_normals;
 use crate::geometry::Similarity;
 use crate::geometry::solid_angle;
 use crate::sampling::bounding_sphere;
-use crate::spherical::SphericalMap;
+use crate::spherical::SphericalEmbedding;
 use crate::{Matrix3, Point, Vector};
 
 /// A rotation of the domain's drawing, and how alike the surfaces are under it.
@@ -32,8 +32,8 @@ pub struct RotationMatch {
 ///
 /// With an `alignment` of the solids their normals count too. Costs about half a second of one core.
 pub fn search_rotations(
-    domain: &SphericalMap,
-    target: &SphericalMap,
+    domain: &SphericalEmbedding,
+    target: &SphericalEmbedding,
     alignment: Option<&Similarity>,
 ) -> Vec<RotationMatch> {
     let turn = alignment.map(|s| s.rotation);
@@ -73,18 +73,18 @@ const RINGS: usize = 128;
 const SMOOTHING: f64 = 0.12;
 
 /// What is known at a direction: the logarithm of the area factor, and the normal of the surface.
-type Value = nalgebra::Vector4<f64>;
+type Feature = nalgebra::Vector4<f64>;
 
 /// Values in cells of about equal area between circles of latitude.
 struct Raster {
     /// First cell of each ring, and the number of cells after the last.
     starts: Vec<usize>,
-    values: Vec<Value>,
+    values: Vec<Feature>,
 }
 
 /// Compares the drawings at fixed directions of the domain.
 struct Matcher<'a> {
-    at: Vec<(Vector, Value)>,
+    at: Vec<(Vector, Feature)>,
     target: &'a Raster,
     with_normals: bool,
 }
@@ -159,7 +159,7 @@ fn distinct(mut matches: Vec<RotationMatch>, count: usize) -> Vec<RotationMatch>
 
 impl Raster {
     /// The drawing's values, smoothed; area factors shifted and scaled to mean 0 and variance 1, normals turned by `turn`.
-    fn new(map: &SphericalMap, turn: &Matrix3) -> Self {
+    fn new(map: &SphericalEmbedding, turn: &Matrix3) -> Self {
         let mut raster = Self::empty();
         let drawn = raster.drawn(map, &vertex_values(map, turn));
         raster.values = raster.smoothed(&drawn);
@@ -177,7 +177,7 @@ impl Raster {
             starts.push(starts[ring] + cells as usize);
         }
         Self {
-            values: vec![Value::zeros(); starts[RINGS]],
+            values: vec![Feature::zeros(); starts[RINGS]],
             starts,
         }
     }
@@ -194,7 +194,7 @@ impl Raster {
     }
 
     /// Interpolated linearly along and between rings.
-    fn value(&self, direction: &Vector) -> Value {
+    fn value(&self, direction: &Vector) -> Feature {
         let latitude = direction.z.clamp(-1.0, 1.0).acos() / PI * RINGS as f64 - 0.5;
         let turn = direction.y.atan2(direction.x) / (2.0 * PI);
         let turn = if turn < 0.0 { turn + 1.0 } else { turn };
@@ -204,7 +204,7 @@ impl Raster {
         self.value_on(ring, turn) * (1.0 - part) + self.value_on(ring + 1, turn) * part
     }
 
-    fn value_on(&self, ring: usize, turn: f64) -> Value {
+    fn value_on(&self, ring: usize, turn: f64) -> Feature {
         let cells = self.cells_of(ring);
         let place = turn * cells as f64 + (cells as f64 - 0.5);
         let (first, part) = (place.floor(), place.fract());
@@ -240,7 +240,7 @@ impl Raster {
     }
 
     /// Values at the centres of the cells, and whether some triangle covers them, which rounding may deny.
-    fn drawn(&self, map: &SphericalMap, values: &[Value]) -> Vec<Option<Value>> {
+    fn drawn(&self, map: &SphericalEmbedding, values: &[Feature]) -> Vec<Option<Feature>> {
         let mut drawn = vec![None; self.values.len()];
         for corners in map.surface().triangles() {
             let [a, b, c] = corners.map(|v| map.directions()[v as usize]);
@@ -260,13 +260,13 @@ impl Raster {
         drawn
     }
 
-    fn smoothed(&self, drawn: &[Option<Value>]) -> Vec<Value> {
+    fn smoothed(&self, drawn: &[Option<Feature>]) -> Vec<Feature> {
         let centres = (0..RINGS).flat_map(|ring| (0..self.cells_of(ring)).map(move |cell| (ring, cell)));
         let centres: Vec<(usize, usize)> = centres.collect();
         let (near, scale) = (SMOOTHING.cos(), 1.0 / (1.0 - SMOOTHING.cos()));
         let smooth = |&(ring, cell): &(usize, usize)| {
             let centre = self.direction(ring, cell);
-            let mut sum = Value::zeros();
+            let mut sum = Feature::zeros();
             let mut total = 0.0;
             self.visit_cap(&centre, SMOOTHING, |other, x| {
                 let cosine = centre.dot(&x);
@@ -292,7 +292,7 @@ impl Raster {
 }
 
 /// At each vertex the logarithm of area on the surface over area on the sphere of the triangles around it, and its normal.
-fn vertex_values(map: &SphericalMap, turn: &Matrix3) -> Vec<Value> {
+fn vertex_values(map: &SphericalEmbedding, turn: &Matrix3) -> Vec<Feature> {
     let surface = map.surface();
     let unit = 1.0 / surface.area().max(f64::MIN_POSITIVE);
     let mut areas = vec![(0.0, 0.0); surface.vertices().len()];
@@ -311,7 +311,7 @@ fn vertex_values(map: &SphericalMap, turn: &Matrix3) -> Vec<Value> {
     let logarithm = |x: f64| x.max(1e-30).ln();
     let value = |(&(area, drawn), normal): (&(f64, f64), &Vector)| {
         let normal = turn * normal;
-        Value::new(logarithm(area) - logarithm(drawn), normal.x, normal.y, normal.z)
+        Feature::new(logarithm(area) - logarithm(drawn), normal.x, normal.y, normal.z)
     };
     areas.iter().zip(&vertex_normals(surface)).map(value).collect()
 }
@@ -321,12 +321,12 @@ mod tests {
     use super::*;
     use crate::mesh::{SurfaceMesh, shapes};
 
-    fn from_within(surface: &SurfaceMesh, turn: &Matrix3) -> SphericalMap {
+    fn from_within(surface: &SurfaceMesh, turn: &Matrix3) -> SphericalEmbedding {
         let directions: Vec<Vector> = surface.vertices().iter().map(|p| turn * p.coords).collect();
-        SphericalMap::new(surface.clone(), &directions).unwrap()
+        SphericalEmbedding::new(surface.clone(), &directions).unwrap()
     }
 
-    /// Turns of every size; the smoothed values change by a tenth over a cell of 0.03 rad, and thousands of them average.
+    /// AlternationLimits of every size; the smoothed values change by a tenth over a cell of 0.03 rad, and thousands of them average.
     #[test]
     fn recovers_a_turned_drawing() {
         let surface = shapes::bumpy_sphere(20);
@@ -377,11 +377,11 @@ mod tests {
         let raster = Raster::empty();
         for surface in [shapes::sphere(1.0, 0), shapes::bumpy_sphere(30), shapes::cube(1.0, 1)] {
             let map = from_within(&surface, &Rotation3::new(Vector::new(0.1, 0.2, 0.3)).into_inner());
-            let drawn = raster.drawn(&map, &vec![Value::repeat(2.0); surface.vertices().len()]);
+            let drawn = raster.drawn(&map, &vec![Feature::repeat(2.0); surface.vertices().len()]);
             assert!(
                 drawn
                     .iter()
-                    .all(|v| v.is_some_and(|v| (v - Value::repeat(2.0)).amax() < 1e-12))
+                    .all(|v| v.is_some_and(|v| (v - Feature::repeat(2.0)).amax() < 1e-12))
             );
         }
     }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::alignment::{Body, REACH};
+use super::alignment::{AlignmentSurface, REACH};
 use crate::geometry::Similarity;
 use crate::mesh::SurfacePoint;
 
@@ -20,13 +20,17 @@ pub struct VertexTarget {
 
 /// Distance at which the weight has fallen to 1/e, as a fraction of the target's size.
 const FAR: f64 = 0.1;
-/// Weights below this count for nothing.
+/// EnergyWeights below this count for nothing.
 const LEAST_WEIGHT: f64 = 0.01;
 
 /// For each vertex of the domain, in its order, the closest point of the target in the metric of position and normal once
 /// the domain is laid over it by `alignment`. `None` where that point is far, or faces another way, and for vertices
 /// without a normal. The correspondence is neither continuous nor one to one.
-pub fn vertex_targets(domain: &Body, target: &Body, alignment: &Similarity) -> Vec<Option<VertexTarget>> {
+pub fn vertex_targets(
+    domain: &AlignmentSurface,
+    target: &AlignmentSurface,
+    alignment: &Similarity,
+) -> Vec<Option<VertexTarget>> {
     let vertices = domain.vertices_in(target, alignment);
     let size = target.size();
     let found = target.query().closest_of_all(&vertices, REACH * size, &[]);
@@ -49,8 +53,8 @@ mod tests {
     use crate::mesh::{SurfaceMesh, shapes};
     use crate::{Point, Vector};
 
-    fn body(surface: &SurfaceMesh) -> Body {
-        Body::new(surface, "domain").unwrap()
+    fn body(surface: &SurfaceMesh) -> AlignmentSurface {
+        AlignmentSurface::new(surface, "domain").unwrap()
     }
 
     #[test]

@@ -3,29 +3,29 @@
 use nalgebra::{Rotation3, SMatrix, SVector};
 use rayon::prelude::*;
 
-use super::body::{Body, CANDIDATES, REACH, SAMPLES};
+use super::surface::{AlignmentSurface, CANDIDATES, REACH, SAMPLES};
 use super::{Alignment, AlignmentStart};
 use crate::boundary_map::pair::oriented_query::OrientedPoint;
 use crate::geometry::Similarity;
 use crate::{Matrix3, Point, Vector};
 
 /// Two bodies, each in its frame; similarities here go from the one frame to the other.
-pub(super) struct Pair<'a> {
-    pub(super) domain: &'a Body,
-    pub(super) target: &'a Body,
+pub(super) struct Registration<'a> {
+    pub(super) domain: &'a AlignmentSurface,
+    pub(super) target: &'a AlignmentSurface,
     /// What a normal is worth in the frame of the target.
     pub(super) reach: f64,
 }
 
 /// For each sample of the domain its partner on the target, and the other way round.
 #[derive(Clone, Default)]
-pub(super) struct Partners {
-    forward: Vec<Partner>,
-    backward: Vec<Partner>,
+pub(super) struct Correspondences {
+    forward: Vec<Correspondence>,
+    backward: Vec<Correspondence>,
 }
 
 #[derive(Clone, Copy)]
-struct Partner {
+struct Correspondence {
     point: Point,
     normal: Vector,
     /// Normal of the plane that the distance is measured from to first order.
@@ -35,24 +35,24 @@ struct Partner {
     found: Option<OrientedPoint>,
 }
 
-/// Where partners are sought.
+/// Where correspondences are sought.
 #[derive(Clone, Copy)]
-pub(super) enum Among {
+pub(super) enum SearchedOn {
     Samples,
     Triangles,
 }
 
 /// How far an alignment is refined.
 #[derive(Clone, Copy)]
-pub(super) struct Effort {
-    among: Among,
+pub(super) struct Refinement {
+    among: SearchedOn,
     count: usize,
     steps: usize,
 }
 
 /// A point carried over from the domain and a point of the target that it should meet, with the normal that the distance
 /// counts along.
-pub(super) struct Match {
+pub(super) struct MatchedPoints {
     pub(super) moved: Point,
     pub(super) fixed: Point,
     pub(super) normal: Vector,
@@ -60,7 +60,7 @@ pub(super) struct Match {
     pub(super) weight: f64,
 }
 
-/// Points that look for partners on the triangles.
+/// Points that look for correspondences on the triangles.
 const ON_TRIANGLES: usize = 150;
 /// Points that an alignment is measured with at last.
 const DESCRIBED: usize = 250;
@@ -72,26 +72,26 @@ const SCALES: f64 = 1.5;
 /// Share of the landmarks in what an alignment with landmarks minimises.
 const LANDMARK_SHARE: f64 = 0.9;
 
-impl Effort {
+impl Refinement {
     pub(super) const SAMPLES: Self = Self {
-        among: Among::Samples,
+        among: SearchedOn::Samples,
         count: SAMPLES / 2,
         steps: FINE_STEPS,
     };
     pub(super) const TRIANGLES: Self = Self {
-        among: Among::Triangles,
+        among: SearchedOn::Triangles,
         count: ON_TRIANGLES,
         steps: LAST_STEPS,
     };
     pub(super) const LANDMARKS: Self = Self {
-        among: Among::Triangles,
+        among: SearchedOn::Triangles,
         count: SAMPLES,
         steps: FINE_STEPS,
     };
 }
 
-impl<'a> Pair<'a> {
-    pub(super) fn new(domain: &'a Body, target: &'a Body) -> Self {
+impl<'a> Registration<'a> {
+    pub(super) fn new(domain: &'a AlignmentSurface, target: &'a AlignmentSurface) -> Self {
         Self {
             domain,
             target,
@@ -100,22 +100,27 @@ impl<'a> Pair<'a> {
     }
 
     /// Damped Gauss-Newton steps on distances along normals (Levenberg-Marquardt), as long as the residual falls.
-    pub(super) fn refine(&self, start: &Similarity, landmarks: &[(Point, Point, f64)], effort: Effort) -> Similarity {
-        let Effort { among, count, steps } = effort;
+    pub(super) fn refine(
+        &self,
+        start: &Similarity,
+        landmarks: &[(Point, Point, f64)],
+        effort: Refinement,
+    ) -> Similarity {
+        let Refinement { among, count, steps } = effort;
         let mut best = *start;
-        let mut partners = self.partners(&best, count, among, &Partners::default());
-        let mut cost = self.cost(&best, &partners, landmarks);
+        let mut correspondences = self.correspondences(&best, count, among, &Correspondences::default());
+        let mut cost = self.cost(&best, &correspondences, landmarks);
         let mut damping = 1e-3;
         for _ in 0..steps {
-            let (hessian, gradient) = self.normal_equations(&best, &partners, landmarks);
+            let (hessian, gradient) = self.normal_equations(&best, &correspondences, landmarks);
             let Some(next) = step(&best, &hessian, &gradient, damping) else {
                 break;
             };
-            let found = self.partners(&next, count, among, &partners);
+            let found = self.correspondences(&next, count, among, &correspondences);
             let next_cost = self.cost(&next, &found, landmarks);
             if next_cost < cost {
                 let gain = (cost - next_cost) / cost;
-                (best, partners, cost) = (next, found, next_cost);
+                (best, correspondences, cost) = (next, found, next_cost);
                 damping = (damping * 0.1).max(1e-12);
                 if gain < 1e-4 {
                     break;
@@ -129,23 +134,29 @@ impl<'a> Pair<'a> {
         best
     }
 
-    pub(super) fn partners(&self, s: &Similarity, count: usize, among: Among, near: &Partners) -> Partners {
+    pub(super) fn correspondences(
+        &self,
+        s: &Similarity,
+        count: usize,
+        among: SearchedOn,
+        near: &Correspondences,
+    ) -> Correspondences {
         let inverse = s.inverse();
         // The way back in lengths of the domain's frame, so that both use one metric.
         let back = self.reach / s.scale;
-        Partners {
+        Correspondences {
             forward: partners_on(self.target, self.domain, s, self.reach, (count, among), &near.forward),
             backward: partners_on(self.domain, self.target, &inverse, back, (count, among), &near.backward),
         }
     }
 
-    pub(super) fn matches(&self, s: &Similarity, partners: &Partners) -> Vec<Match> {
+    pub(super) fn matches(&self, s: &Similarity, correspondences: &Correspondences) -> Vec<MatchedPoints> {
         let forward = self
             .domain
             .samples
             .iter()
-            .zip(&partners.forward)
-            .map(|((p, n), found)| Match {
+            .zip(&correspondences.forward)
+            .map(|((p, n), found)| MatchedPoints {
                 moved: s.apply(p),
                 fixed: found.point,
                 normal: found.plane,
@@ -155,8 +166,8 @@ impl<'a> Pair<'a> {
             .target
             .samples
             .iter()
-            .zip(&partners.backward)
-            .map(|((p, n), found)| Match {
+            .zip(&correspondences.backward)
+            .map(|((p, n), found)| MatchedPoints {
                 moved: s.apply(&found.point),
                 fixed: *p,
                 normal: s.rotation * found.plane,
@@ -166,14 +177,15 @@ impl<'a> Pair<'a> {
     }
 
     /// Root mean square over both directions, in lengths of the target's frame.
-    pub(super) fn residual(&self, s: &Similarity, partners: &Partners) -> f64 {
-        let mean =
-            |found: &[Partner]| found.iter().map(|f| f.distance_squared).sum::<f64>() / found.len().max(1) as f64;
-        (0.5 * (mean(&partners.forward) + mean(&partners.backward) * s.scale * s.scale)).sqrt()
+    pub(super) fn residual(&self, s: &Similarity, correspondences: &Correspondences) -> f64 {
+        let mean = |found: &[Correspondence]| {
+            found.iter().map(|f| f.distance_squared).sum::<f64>() / found.len().max(1) as f64
+        };
+        (0.5 * (mean(&correspondences.forward) + mean(&correspondences.backward) * s.scale * s.scale)).sqrt()
     }
 
-    fn cost(&self, s: &Similarity, partners: &Partners, landmarks: &[(Point, Point, f64)]) -> f64 {
-        let of_shape = self.residual(s, partners).powi(2);
+    fn cost(&self, s: &Similarity, correspondences: &Correspondences, landmarks: &[(Point, Point, f64)]) -> f64 {
+        let of_shape = self.residual(s, correspondences).powi(2);
         if landmarks.is_empty() {
             return of_shape;
         }
@@ -184,22 +196,22 @@ impl<'a> Pair<'a> {
     fn normal_equations(
         &self,
         s: &Similarity,
-        partners: &Partners,
+        correspondences: &Correspondences,
         landmarks: &[(Point, Point, f64)],
-    ) -> (Hessian, Unknowns) {
-        let mut hessian = Hessian::zeros();
+    ) -> (NormalMatrix, Unknowns) {
+        let mut hessian = NormalMatrix::zeros();
         let mut gradient = Unknowns::zeros();
-        let mut add = |m: &Match| {
+        let mut add = |m: &MatchedPoints| {
             let row = derivative(&m.moved, &m.normal);
             hessian += m.weight * row * row.transpose();
             gradient += m.weight * m.normal.dot(&(m.moved - m.fixed)) * row;
         };
-        let matches = self.matches(s, partners);
+        let matches = self.matches(s, correspondences);
         matches.iter().for_each(&mut add);
         let share = LANDMARK_SHARE / (1.0 - LANDMARK_SHARE) * matches.len() as f64 / landmarks.len().max(1) as f64;
         for (a, b, _) in landmarks {
             for axis in 0..3 {
-                add(&Match {
+                add(&MatchedPoints {
                     moved: s.apply(a),
                     fixed: *b,
                     normal: Vector::ith(axis, 1.0),
@@ -212,8 +224,8 @@ impl<'a> Pair<'a> {
 
     /// The similarity in coordinates of the two solids, and its residuals with all samples.
     pub(super) fn describe(&self, s: &Similarity, start: AlignmentStart) -> Alignment {
-        let partners = self.partners(s, DESCRIBED, Among::Triangles, &Partners::default());
-        let gaps = |points: &[(Point, Vector)], map: &Similarity, found: &[Partner]| {
+        let correspondences = self.correspondences(s, DESCRIBED, SearchedOn::Triangles, &Correspondences::default());
+        let gaps = |points: &[(Point, Vector)], map: &Similarity, found: &[Correspondence]| {
             let sum: f64 = points
                 .iter()
                 .zip(found)
@@ -221,11 +233,11 @@ impl<'a> Pair<'a> {
                 .sum();
             sum / found.len().max(1) as f64
         };
-        let forward = gaps(&self.domain.samples, s, &partners.forward);
-        let backward = gaps(&self.target.samples, &s.inverse(), &partners.backward) * s.scale * s.scale;
+        let forward = gaps(&self.domain.samples, s, &correspondences.forward);
+        let backward = gaps(&self.target.samples, &s.inverse(), &correspondences.backward) * s.scale * s.scale;
         Alignment {
             similarity: self.target.to_frame.inverse().after(s).after(&self.domain.to_frame),
-            residual: self.residual(s, &partners) / self.target.size,
+            residual: self.residual(s, &correspondences) / self.target.size,
             distance: (0.5 * (forward + backward)).sqrt() / self.target.size,
             start,
         }
@@ -234,24 +246,24 @@ impl<'a> Pair<'a> {
 
 /// A rotation vector, a translation and the logarithm of a scale.
 type Unknowns = SVector<f64, 7>;
-type Hessian = SMatrix<f64, 7, 7>;
+type NormalMatrix = SMatrix<f64, 7, 7>;
 
 /// For each of so many samples of `from`, carried over by `map`, its partner on `onto`.
 fn partners_on(
-    onto: &Body,
-    from: &Body,
+    onto: &AlignmentSurface,
+    from: &AlignmentSurface,
     map: &Similarity,
     reach: f64,
-    (count, among): (usize, Among),
-    near: &[Partner],
-) -> Vec<Partner> {
+    (count, among): (usize, SearchedOn),
+    near: &[Correspondence],
+) -> Vec<Correspondence> {
     let partner = |(i, (p, n)): (usize, &(Point, Vector))| {
         let (p, n) = (map.apply(p), map.rotation * n);
         match among {
-            Among::Samples => {
+            SearchedOn::Samples => {
                 let (index, distance_squared) = closest_sample(onto, &p, &n, reach);
                 let (point, normal) = onto.samples[index];
-                Partner {
+                Correspondence {
                     point,
                     normal,
                     plane: normal,
@@ -259,11 +271,11 @@ fn partners_on(
                     found: None,
                 }
             }
-            Among::Triangles => {
+            SearchedOn::Triangles => {
                 let near = near.get(i).and_then(|partner| partner.found);
                 let near = near.or_else(|| onto.found.get(closest_sample(onto, &p, &n, reach).0).copied());
                 let found = onto.query.closest(&p, &n, reach, near.as_ref());
-                Partner {
+                Correspondence {
                     point: found.point,
                     normal: found.normal,
                     plane: plane_of(onto, &p, &found),
@@ -278,7 +290,7 @@ fn partners_on(
 }
 
 /// Index of the closest of the first samples, and the square of its distance.
-fn closest_sample(onto: &Body, p: &Point, n: &Vector, reach: f64) -> (usize, f64) {
+fn closest_sample(onto: &AlignmentSurface, p: &Point, n: &Vector, reach: f64) -> (usize, f64) {
     let squared = |(q, m): &(Point, Vector)| (p - q).norm_squared() + reach * reach * (n - m).norm_squared();
     let candidates = onto.samples[..CANDIDATES.min(onto.samples.len())].iter().enumerate();
     candidates.fold((0, f64::INFINITY), |best, (index, sample)| {
@@ -289,7 +301,7 @@ fn closest_sample(onto: &Body, p: &Point, n: &Vector, reach: f64) -> (usize, f64
 
 /// The direction to the closest point, along which the distance changes. On an edge several triangles have that point, and
 /// rounding would choose among their normals; they count only where the direction is lost to rounding.
-fn plane_of(onto: &Body, p: &Point, found: &OrientedPoint) -> Vector {
+fn plane_of(onto: &AlignmentSurface, p: &Point, found: &OrientedPoint) -> Vector {
     let offset = p - found.point;
     if offset.norm() > 1e-6 * onto.size {
         offset.normalize()
@@ -312,9 +324,9 @@ fn derivative(p: &Point, normal: &Vector) -> Unknowns {
     ])
 }
 
-/// The step of a system damped by a part of its mean diagonal entry; `None` when it has none, as without partners.
-fn step(s: &Similarity, hessian: &Hessian, gradient: &Unknowns, damping: f64) -> Option<Similarity> {
-    let damped = hessian + Hessian::identity() * (damping * hessian.trace() / 7.0);
+/// The step of a system damped by a part of its mean diagonal entry; `None` when it has none, as without correspondences.
+fn step(s: &Similarity, hessian: &NormalMatrix, gradient: &Unknowns, damping: f64) -> Option<Similarity> {
+    let damped = hessian + NormalMatrix::identity() * (damping * hessian.trace() / 7.0);
     let change = -damped.cholesky()?.solve(gradient);
     if !change.iter().all(|c| c.is_finite()) {
         return None;

@@ -3,13 +3,13 @@
 //! Principal axes of the surfaces and the coordinates as given are starts, which the iterated closest point method
 //! improves (Besl & McKay, *A method for registration of 3-D shapes*, IEEE PAMI 14, 1992), at the end with distances to
 //! tangent planes (Chen & Medioni, *Object modelling by registration of multiple range images*, Image Vis. Comput. 10,
-//! 1992). Points of either surface look for partners on the other, so that a limb that only one of them has is not passed
-//! over; partners face the same way as far as there are such. Where the principal axes are ambiguous, rotations spread
+//! 1992). Points of either surface look for correspondences on the other, so that a limb that only one of them has is not passed
+//! over; correspondences face the same way as far as there are such. Where the principal axes are ambiguous, rotations spread
 //! evenly (Alexa, *Super-Fibonacci spirals*, CVPR 2022) are starts too.
 
-mod body;
 mod matching;
 mod starts;
+mod surface;
 #[cfg(test)]
 mod tests;
 
@@ -20,12 +20,12 @@ use rayon::prelude::*;
 use crate::geometry::{Similarity, similarity};
 use crate::{Matrix3, Point, Vector};
 
-pub use body::Body;
-pub(super) use body::REACH;
 pub(super) use starts::spread_rotations;
+pub use surface::AlignmentSurface;
+pub(super) use surface::REACH;
 
-use body::principal_axes;
-use matching::{Among, Effort, Pair, Partners};
+use matching::{Correspondences, Refinement, Registration, SearchedOn};
+use surface::principal_axes;
 
 /// Why a solid cannot be aligned.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -119,7 +119,7 @@ impl Alignments {
     }
 }
 
-/// Points of a surface that look for partners: to choose among the starts, and to improve them.
+/// Points of a surface that look for correspondences: to choose among the starts, and to improve them.
 const FEW: usize = 120;
 const SOME: usize = 250;
 /// Starts kept by their residual as they are, and alignments kept after the first stage.
@@ -138,8 +138,8 @@ const EXACT: f64 = 1e-6;
 /// Lays the domain over the target by shape alone. The result is the same for any number of threads. Alignments found from
 /// principal axes turn, move and grow with the solids; those found from the coordinates as given do not. Costs up to a
 /// second or two of processor time.
-pub fn align(domain: &Body, target: &Body) -> Alignments {
-    let pair = Pair::new(domain, target);
+pub fn align(domain: &AlignmentSurface, target: &AlignmentSurface) -> Alignments {
+    let pair = Registration::new(domain, target);
     let (best, mirrored) = rayon::join(|| pair.search(1.0), || pair.search(-1.0));
     Alignments {
         best,
@@ -154,8 +154,8 @@ pub fn align(domain: &Body, target: &Body) -> Alignments {
 ///
 /// With fewer than three pairs, or when those of one side lie on a line.
 pub fn align_by_landmarks(
-    domain: &Body,
-    target: &Body,
+    domain: &AlignmentSurface,
+    target: &AlignmentSurface,
     landmarks: &[(Point, Point)],
 ) -> Result<Alignments, AlignError> {
     let count = landmarks.len();
@@ -175,7 +175,7 @@ pub fn align_by_landmarks(
             return Err(AlignError::CollinearLandmarks { side });
         }
     }
-    let pair = Pair::new(domain, target);
+    let pair = Registration::new(domain, target);
     // Sides that are far from similar have no positive scale; the sizes of the solids give one then.
     let fitted = |sign: f64| {
         similarity(&framed, sign, None)
@@ -184,9 +184,9 @@ pub fn align_by_landmarks(
     };
     let start = fitted(1.0);
     let refined = pair.refine(
-        &pair.refine(&start, &framed, Effort::SAMPLES),
+        &pair.refine(&start, &framed, Refinement::SAMPLES),
         &framed,
-        Effort::LANDMARKS,
+        Refinement::LANDMARKS,
     );
     let misfit = |s: &Similarity| {
         framed
@@ -208,13 +208,13 @@ pub fn align_by_landmarks(
 
 /// A similarity with its residual and where it was found from.
 #[derive(Clone, Copy)]
-struct Candidate {
+struct AlignmentCandidate {
     residual: f64,
     similarity: Similarity,
     start: AlignmentStart,
 }
 
-impl Pair<'_> {
+impl Registration<'_> {
     /// Distinct alignments with orthogonal parts of determinant `sign`, the best first.
     fn search(&self, sign: f64) -> Vec<Alignment> {
         // Only the best reflection is asked for.
@@ -223,10 +223,10 @@ impl Pair<'_> {
         } else {
             (MIRRORED_STARTS, 1)
         };
-        let scored = |(start, similarity)| Candidate {
+        let scored = |(start, similarity)| AlignmentCandidate {
             residual: self.residual(
                 &similarity,
-                &self.partners(&similarity, FEW, Among::Samples, &Partners::default()),
+                &self.correspondences(&similarity, FEW, SearchedOn::Samples, &Correspondences::default()),
             ),
             similarity,
             start,
@@ -241,9 +241,9 @@ impl Pair<'_> {
             .collect();
         let mut refined: Vec<(Alignment, Similarity)> = distinct(improved, most)
             .par_iter()
-            .map(|Candidate { similarity, start, .. }| {
-                let refined = self.refine(similarity, &[], Effort::SAMPLES);
-                let refined = self.refine(&refined, &[], Effort::TRIANGLES);
+            .map(|AlignmentCandidate { similarity, start, .. }| {
+                let refined = self.refine(similarity, &[], Refinement::SAMPLES);
+                let refined = self.refine(&refined, &[], Refinement::TRIANGLES);
                 (self.describe(&refined, *start), refined)
             })
             .collect();
@@ -261,15 +261,20 @@ impl Pair<'_> {
     }
 
     /// A few steps with few points, by distances between points: it comes from far.
-    fn improve_coarsely(&self, start: &Candidate) -> Candidate {
+    fn improve_coarsely(&self, start: &AlignmentCandidate) -> AlignmentCandidate {
         let sign = start.similarity.rotation.determinant().signum();
-        let mut partners = self.partners(&start.similarity, SOME, Among::Samples, &Partners::default());
-        let mut best = Candidate {
-            residual: self.residual(&start.similarity, &partners),
+        let mut correspondences = self.correspondences(
+            &start.similarity,
+            SOME,
+            SearchedOn::Samples,
+            &Correspondences::default(),
+        );
+        let mut best = AlignmentCandidate {
+            residual: self.residual(&start.similarity, &correspondences),
             ..*start
         };
         for _ in 0..COARSE_STEPS {
-            let matches = self.matches(&best.similarity, &partners);
+            let matches = self.matches(&best.similarity, &correspondences);
             let inverse = best.similarity.inverse();
             let pairs: Vec<(Point, Point, f64)> = matches
                 .iter()
@@ -278,12 +283,12 @@ impl Pair<'_> {
             let Some(next) = similarity(&pairs, sign, Some(best.similarity.scale)) else {
                 break;
             };
-            partners = self.partners(&next, SOME, Among::Samples, &partners);
-            let residual = self.residual(&next, &partners);
+            correspondences = self.correspondences(&next, SOME, SearchedOn::Samples, &correspondences);
+            let residual = self.residual(&next, &correspondences);
             if residual >= best.residual {
                 break;
             }
-            best = Candidate {
+            best = AlignmentCandidate {
                 residual,
                 similarity: next,
                 ..best
@@ -295,11 +300,12 @@ impl Pair<'_> {
 
 /// The best `count` of those that are not close to a better one, and what began with the solids as given. Where starts
 /// that turn with the solids lead to the same place as others, they stand for it.
-fn distinct(mut candidates: Vec<Candidate>, count: usize) -> Vec<Candidate> {
+fn distinct(mut candidates: Vec<AlignmentCandidate>, count: usize) -> Vec<AlignmentCandidate> {
     // Stable, so that equals stay in the order of the starts.
     candidates.sort_by(|a, b| a.residual.total_cmp(&b.residual));
-    let (given, turning): (Vec<Candidate>, Vec<Candidate>) = candidates.into_iter().partition(|c| c.start.is_given());
-    let mut kept: Vec<Candidate> = Vec::with_capacity(turning.len() + given.len());
+    let (given, turning): (Vec<AlignmentCandidate>, Vec<AlignmentCandidate>) =
+        candidates.into_iter().partition(|c| c.start.is_given());
+    let mut kept: Vec<AlignmentCandidate> = Vec::with_capacity(turning.len() + given.len());
     for next in turning.iter().chain(&given) {
         if !kept.iter().any(|other| is_same(other, next)) {
             kept.push(*next);
@@ -316,7 +322,7 @@ fn distinct(mut candidates: Vec<Candidate>, count: usize) -> Vec<Candidate> {
     kept
 }
 
-fn is_same(a: &Candidate, b: &Candidate) -> bool {
+fn is_same(a: &AlignmentCandidate, b: &AlignmentCandidate) -> bool {
     angle_between(&a.similarity.rotation, &b.similarity.rotation) <= APART
 }
 

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::{AlignmentStart, Body};
+use super::{AlignmentStart, AlignmentSurface};
 use crate::geometry::Similarity;
 use crate::{Matrix3, Vector};
 
@@ -12,7 +12,11 @@ use crate::{Matrix3, Vector};
 const SPREAD: usize = 72;
 
 /// Orthogonal matrices of determinant `sign`, between the frames of both.
-pub(super) fn starts(domain: &Body, target: &Body, sign: f64) -> Vec<(AlignmentStart, Similarity)> {
+pub(super) fn starts(
+    domain: &AlignmentSurface,
+    target: &AlignmentSurface,
+    sign: f64,
+) -> Vec<(AlignmentStart, Similarity)> {
     let turned = |choice: &Matrix3| target.axes * choice * domain.axes.transpose();
     let choices = axis_choices(sign);
     let as_given = |r: &Matrix3| {

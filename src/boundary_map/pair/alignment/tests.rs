@@ -17,8 +17,8 @@ fn horned(frequency: usize) -> SurfaceMesh {
     })
 }
 
-fn body(surface: &SurfaceMesh) -> Body {
-    Body::new(surface, "domain").unwrap()
+fn body(surface: &SurfaceMesh) -> AlignmentSurface {
+    AlignmentSurface::new(surface, "domain").unwrap()
 }
 
 fn random_similarity(seed: u64) -> Similarity {
@@ -126,16 +126,16 @@ fn flat_and_thin_solids_are_aligned_and_those_without_area_refused() {
     assert!(align(&body(&needle), &body(&needle)).best[0].residual < 1e-6);
     let line = shapes::deformed(&shapes::cube(1.0, 2), |p| Point::new(p.x, 0.0, 0.0));
     assert!(matches!(
-        Body::new(&line, "target"),
+        AlignmentSurface::new(&line, "target"),
         Err(AlignError::NoArea { side: "target" })
     ));
     assert!(matches!(
-        Body::new(&SurfaceMesh::default(), "domain"),
+        AlignmentSurface::new(&SurfaceMesh::default(), "domain"),
         Err(AlignError::NoArea { .. })
     ));
     let bad = shapes::deformed(&shapes::cube(1.0, 2), |p| Point::new(p.x, f64::INFINITY, 0.0));
     assert!(matches!(
-        Body::new(&bad, "domain"),
+        AlignmentSurface::new(&bad, "domain"),
         Err(AlignError::NonFinite { side: "domain" })
     ));
 }

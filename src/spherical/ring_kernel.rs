@@ -39,7 +39,7 @@ pub(super) fn smallest_det(x: &Vector, ring: &[Vector]) -> f64 {
 ///
 /// The triangles that the vertex replaces are a fan about `ring[0]` and all positive, so that there is such a place;
 /// `None` when rounding leaves none.
-pub(super) fn place_in_kernel(ring: &[Vector]) -> Option<Vector> {
+pub(super) fn point_in_kernel(ring: &[Vector]) -> Option<Vector> {
     let is_inside = |x: &Vector| smallest_det(x, ring) > 0.0;
     let centre = (ring.len() <= MOST_SEARCHED).then(|| cap_centre(ring)).flatten();
     let middle = || -> Vector { ring.iter().sum::<Vector>().normalize() };
@@ -116,7 +116,7 @@ mod tests {
     fn the_cap_of_a_regular_polygon_is_centred() {
         for (k, radius) in [(3, 0.5), (6, 1e-3), (8, 1e-7), (12, 2.0)] {
             let angles: Vec<f64> = (0..k).map(|i| std::f64::consts::TAU * i as f64 / k as f64).collect();
-            let x = place_in_kernel(&polygon(&angles, |_| radius)).unwrap();
+            let x = point_in_kernel(&polygon(&angles, |_| radius)).unwrap();
             let off_centre = x.x.hypot(x.y);
             assert!(off_centre < 1e-8 * radius, "{k} {radius}: {off_centre}");
         }
@@ -128,7 +128,7 @@ mod tests {
         for k in [5, 10, 14, 40] {
             let angles: Vec<f64> = (0..2 * k).map(|i| std::f64::consts::PI * i as f64 / k as f64).collect();
             let ring = polygon(&angles, |i| if i % 2 == 0 { 1.0 } else { 0.1 });
-            let x = place_in_kernel(&ring).unwrap();
+            let x = point_in_kernel(&ring).unwrap();
             assert!(smallest_det(&x, &ring) > 0.0);
         }
     }
@@ -139,7 +139,7 @@ mod tests {
         let at = |x: f64, y: f64| Vector::new(x, y, 1.0).normalize();
         let ring = [at(0.0, 0.0), at(-1.0, -1.0), at(1.0, 0.0), at(-1.0, 1.0)];
         let ring: Vec<Vector> = ring.into();
-        let x = place_in_kernel(&ring).unwrap();
+        let x = point_in_kernel(&ring).unwrap();
         assert!(smallest_det(&x, &ring) > 0.0 && x.x > 0.0);
         let many: Vec<Vector> = ring
             .iter()
@@ -151,6 +151,6 @@ mod tests {
                 )
             }))
             .collect();
-        assert!(place_in_kernel(&many).is_none_or(|x| smallest_det(&x, &many) > 0.0));
+        assert!(point_in_kernel(&many).is_none_or(|x| smallest_det(&x, &many) > 0.0));
     }
 }

@@ -12,7 +12,7 @@ use crate::{Point, Vector};
 /// Triangles that are all positive make a covering, whose number of sheets is the degree; so that with degree 1 the
 /// drawing is a bijection.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Certificate {
+pub struct EmbeddingCheck {
     /// Geodesic triangles that are turned over, flat, or have a corner that is not finite; decided exactly for the
     /// directions as given.
     pub flipped: usize,
@@ -22,7 +22,7 @@ pub struct Certificate {
     pub degree: f64,
 }
 
-impl Certificate {
+impl EmbeddingCheck {
     /// No triangle is flipped, and the sphere is covered once.
     pub fn is_bijective(&self) -> bool {
         self.flipped == 0 && (self.degree - 1.0).abs() < 0.5
@@ -34,7 +34,7 @@ impl Certificate {
 /// # Panics
 ///
 /// When a triangle names a vertex without a direction.
-pub fn certify(triangles: &[[u32; 3]], directions: &[Vector]) -> Certificate {
+pub fn check_embedding(triangles: &[[u32; 3]], directions: &[Vector]) -> EmbeddingCheck {
     let corners = |t: &[u32; 3]| t.map(|v| Point::from(directions[v as usize]));
     let is_flipped = |t: &[u32; 3]| {
         let [a, b, c] = corners(t);
@@ -49,7 +49,7 @@ pub fn certify(triangles: &[[u32; 3]], directions: &[Vector]) -> Certificate {
         .par_iter()
         .map(|t| solid_angle(&Point::origin(), &corners(t)))
         .collect();
-    Certificate {
+    EmbeddingCheck {
         flipped: flipped.len(),
         first_flipped: flipped.first().copied(),
         degree: angles.iter().sum::<f64>() / (4.0 * std::f64::consts::PI),
@@ -65,10 +65,10 @@ mod tests {
     fn a_sphere_covers_itself_once_and_its_mirror_image_is_all_flipped() {
         let sphere = shapes::sphere(1.0, 2);
         let directions: Vec<Vector> = sphere.vertices().iter().map(|p| p.coords).collect();
-        let whole = certify(sphere.triangles(), &directions);
+        let whole = check_embedding(sphere.triangles(), &directions);
         assert!(whole.is_bijective() && (whole.degree - 1.0).abs() < 1e-12, "{whole:?}");
         let mirrored: Vec<Vector> = directions.iter().map(|x| -x).collect();
-        let inside_out = certify(sphere.triangles(), &mirrored);
+        let inside_out = check_embedding(sphere.triangles(), &mirrored);
         assert_eq!(inside_out.flipped, sphere.triangles().len());
         assert!((inside_out.degree + 1.0).abs() < 1e-12);
     }
@@ -78,10 +78,10 @@ mod tests {
         let sphere = shapes::sphere(1.0, 2);
         let mut directions: Vec<Vector> = sphere.vertices().iter().map(|p| p.coords).collect();
         directions[20] = (directions[20] + Vector::new(0.5, -0.4, 0.3)).normalize();
-        let folded = certify(sphere.triangles(), &directions);
+        let folded = check_embedding(sphere.triangles(), &directions);
         assert!(folded.flipped > 0 && !folded.is_bijective());
         assert!((folded.degree - 1.0).abs() < 1e-9);
         directions[20].x = f64::NAN;
-        assert!(certify(sphere.triangles(), &directions).flipped >= 5);
+        assert!(check_embedding(sphere.triangles(), &directions).flipped >= 5);
     }
 }

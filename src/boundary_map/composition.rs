@@ -7,34 +7,34 @@
 use std::sync::{Arc, OnceLock};
 
 use crate::mesh::SurfacePoint;
-use crate::spherical::{Locator, SphericalMap};
+use crate::spherical::{Locator, SphericalEmbedding};
 use crate::{Point, Vector};
 
 /// Ways by the sphere; data are shared between copies.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Course {
-    pub domain: Arc<Drawn>,
+pub(super) struct Composition {
+    pub domain: Arc<LocatedEmbedding>,
     /// `None` when the unit sphere itself is the target.
-    pub target: Option<Arc<Drawn>>,
+    pub target: Option<Arc<LocatedEmbedding>>,
     /// How often the triangles of the drawn domain are cut into four to get those of the boundary map's.
     pub subdivisions: u32,
 }
 
 /// A surface on the sphere. What it takes to find points there is made when it is first asked for.
 #[derive(Debug)]
-pub(super) struct Drawn {
-    pub map: SphericalMap,
+pub(super) struct LocatedEmbedding {
+    pub map: SphericalEmbedding,
     locator: OnceLock<Locator>,
 }
 
-impl PartialEq for Drawn {
+impl PartialEq for LocatedEmbedding {
     fn eq(&self, other: &Self) -> bool {
         self.map == other.map
     }
 }
 
-impl Drawn {
-    pub fn new(map: SphericalMap) -> Self {
+impl LocatedEmbedding {
+    pub fn new(map: SphericalEmbedding) -> Self {
         Self {
             map,
             locator: OnceLock::new(),
@@ -46,7 +46,7 @@ impl Drawn {
     }
 }
 
-impl Course {
+impl Composition {
     pub fn direction(&self, point: &SurfacePoint) -> Vector {
         let point = undivided(point, self.subdivisions);
         let [l, m, n] = point.barycentric;

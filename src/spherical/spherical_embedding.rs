@@ -1,6 +1,6 @@
 //! A surface drawn on the unit sphere, one to one.
 
-use super::{Certificate, certify};
+use super::{EmbeddingCheck, check_embedding};
 use crate::Vector;
 use crate::check::repair;
 use crate::mesh::topology::Topology;
@@ -10,7 +10,7 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 /// direction of the linear combination of its corners' (the gnomonic map of its geodesic triangle). Neighbours agree on
 /// the edge they share, so the map is continuous.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SphericalMap {
+pub struct SphericalEmbedding {
     surface: SurfaceMesh,
     directions: Vec<Vector>,
 }
@@ -102,18 +102,18 @@ pub enum SphericalError {
         "the drawing on the sphere is not one to one: {} of its triangles are flipped, and it covers the sphere {:.3} \
          times", .0.flipped, .0.degree
     )]
-    NotBijective(Certificate),
+    NotBijective(EmbeddingCheck),
 }
 
-impl SphericalMap {
+impl SphericalEmbedding {
     /// The map that sends vertex `v` to the direction `directions[v]`, made to length 1. A surface whose triangles face
     /// inward, or disagree, is turned outward first.
     ///
     /// # Errors
     ///
-    /// As [`require_sphere`], and when the drawing is no bijection; decided exactly.
+    /// As [`require_genus_0`], and when the drawing is no bijection; decided exactly.
     pub fn new(surface: SurfaceMesh, directions: &[Vector]) -> Result<Self, SphericalError> {
-        let surface = require_sphere(&surface)?;
+        let surface = require_genus_0(&surface)?;
         let (vertices, given) = (surface.vertices().len(), directions.len());
         if vertices != given {
             return Err(SphericalError::Count {
@@ -122,7 +122,7 @@ impl SphericalMap {
             });
         }
         let directions: Vec<Vector> = directions.iter().map(unit).collect();
-        let certificate = certify(surface.triangles(), &directions);
+        let certificate = check_embedding(surface.triangles(), &directions);
         if !certificate.is_bijective() {
             return Err(SphericalError::NotBijective(certificate));
         }
@@ -164,7 +164,7 @@ pub(super) fn unit(x: &Vector) -> Vector {
 ///
 /// Unless it is one closed, orientable manifold of genus 0 with finite vertices, all of them used. Where it passes
 /// through itself is no matter.
-pub fn require_sphere(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalError> {
+pub fn require_genus_0(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalError> {
     if let Some(vertex) = surface.vertices().iter().position(|p| p.iter().any(|c| !c.is_finite())) {
         return Err(SphericalError::NonFinite { vertex });
     }
@@ -256,8 +256,8 @@ mod tests {
     #[test]
     fn directions_of_length_1_keep_their_bits() {
         let sphere = shapes::sphere(3.0, 3);
-        let map = SphericalMap::new(sphere.clone(), &directions(&sphere)).unwrap();
-        let again = SphericalMap::new(sphere, map.directions()).unwrap();
+        let map = SphericalEmbedding::new(sphere.clone(), &directions(&sphere)).unwrap();
+        let again = SphericalEmbedding::new(sphere, map.directions()).unwrap();
         assert_eq!(map, again);
     }
 
@@ -266,42 +266,45 @@ mod tests {
         let sphere = shapes::sphere(1.0, 1);
         let open = SurfaceMesh::new(sphere.vertices().to_vec(), sphere.triangles()[1..].to_vec()).unwrap();
         assert!(matches!(
-            require_sphere(&open),
+            require_genus_0(&open),
             Err(SphericalError::Open { open_edges: 3, .. })
         ));
         let torus = shapes::torus(1.0, 0.3, 12, 6);
-        assert_eq!(require_sphere(&torus), Err(SphericalError::Genus { genus: 1 }));
+        assert_eq!(require_genus_0(&torus), Err(SphericalError::Genus { genus: 1 }));
         let two = shapes::joined(&sphere, &shapes::deformed(&sphere, |p| p + Vector::new(3.0, 0.0, 0.0)));
-        assert_eq!(require_sphere(&two), Err(SphericalError::Components { components: 2 }));
+        assert_eq!(require_genus_0(&two), Err(SphericalError::Components { components: 2 }));
         let none = SurfaceMesh::new(vec![], vec![]).unwrap();
-        assert_eq!(require_sphere(&none), Err(SphericalError::Components { components: 0 }));
+        assert_eq!(
+            require_genus_0(&none),
+            Err(SphericalError::Components { components: 0 })
+        );
         let mut vertices = sphere.vertices().to_vec();
         vertices.push(Point::origin());
         let loose = SurfaceMesh::new(vertices, sphere.triangles().to_vec()).unwrap();
         assert!(matches!(
-            require_sphere(&loose),
+            require_genus_0(&loose),
             Err(SphericalError::Unreferenced { count: 1, first: 42 })
         ));
         let doubled = SurfaceMesh::new(sphere.vertices()[..3].to_vec(), vec![[0, 1, 2], [0, 2, 1]]).unwrap();
         assert!(matches!(
-            require_sphere(&doubled),
+            require_genus_0(&doubled),
             Err(SphericalError::NotManifold { .. })
         ));
         let bad = shapes::deformed(
             &sphere,
             |p| if p.x > 0.99 { Point::new(f64::NAN, 0.0, 0.0) } else { *p },
         );
-        assert!(matches!(require_sphere(&bad), Err(SphericalError::NonFinite { .. })));
+        assert!(matches!(require_genus_0(&bad), Err(SphericalError::NonFinite { .. })));
     }
 
     #[test]
     fn turns_an_inward_surface_outward_and_refuses_a_reflection() {
         let sphere = shapes::sphere(2.0, 2);
-        let map = SphericalMap::new(sphere.reversed(), &directions(&sphere)).unwrap();
+        let map = SphericalEmbedding::new(sphere.reversed(), &directions(&sphere)).unwrap();
         assert!(map.surface().volume() > 0.0);
         let mirrored: Vec<Vector> = directions(&sphere).iter().map(|x| -x).collect();
         assert!(matches!(
-            SphericalMap::new(sphere, &mirrored),
+            SphericalEmbedding::new(sphere, &mirrored),
             Err(SphericalError::NotBijective(_))
         ));
     }
@@ -309,7 +312,7 @@ mod tests {
     #[test]
     fn directions_of_surface_points_are_between_those_of_the_corners() {
         let sphere = shapes::sphere(2.0, 1);
-        let map = SphericalMap::new(sphere.clone(), &directions(&sphere)).unwrap();
+        let map = SphericalEmbedding::new(sphere.clone(), &directions(&sphere)).unwrap();
         let point = SurfacePoint {
             triangle: 7,
             barycentric: [0.2, 0.3, 0.5],

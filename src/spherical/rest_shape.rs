@@ -1,40 +1,40 @@
-//! The shapes that the triangles of a drawing should have: those of a surface in space, made fit to be divided by.
+//! Rest shapes: the triangles of a surface in space, regularised so that their areas and heights can be divided by.
 
 use rayon::prelude::*;
 
 use crate::Point;
 
-/// What a triangle is on the surface: its cotangents and its area say all but where it lies.
+/// A triangle up to rigid motions.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Rest {
+pub(crate) struct RestShape {
     /// Cotangents of its angles.
     pub cotangents: [f64; 3],
     /// Area in units in which the surface has 4π, the sphere's.
     pub area: f64,
 }
 
-/// Shapes of all triangles of a surface, scaled to the area 4π in total.
+/// The rest shapes of all triangles of a surface, scaled to the area 4π in total.
 #[derive(Debug, Clone)]
 pub(crate) struct RestShapes {
     triangles: Vec<[u32; 3]>,
-    shapes: Vec<Rest>,
+    shapes: Vec<RestShape>,
 }
 
-/// Triangles thinner than this count as if they had this ratio of height and longest side: their own shape would only
-/// be a source of rounding, and needles spoil the condition of a system.
-pub(crate) const THINNEST: f64 = 0.02;
+/// Triangles thinner than this get this ratio of height to longest side: needles give rounding errors and ill-conditioned
+/// systems.
+const THINNEST: f64 = 0.02;
 
-/// Twice the least area, where the surface has 4π; smaller triangles are blown up.
+/// Twice the least area, relative to a surface of area 4π; smaller triangles get this.
 const LEAST_DOUBLE_AREA: f64 = 1e-12;
 
-impl Rest {
-    /// Of a triangle in space; `unit` scales areas.
-    pub fn of([a, b, c]: [&Point; 3], unit: f64) -> Self {
+impl RestShape {
+    /// The shape of a triangle in space; areas are multiplied by `area_scale`.
+    pub fn of_triangle([a, b, c]: [&Point; 3], area_scale: f64) -> Self {
         let (ab, ac, bc) = (b - a, c - a, c - b);
         let double_area = ab.cross(&ac).norm();
         let squares = [bc.norm_squared(), ac.norm_squared(), ab.norm_squared()];
         let longest = squares[0].max(squares[1]).max(squares[2]);
-        let floored = double_area.max(THINNEST * longest).max(LEAST_DOUBLE_AREA / unit);
+        let floored = double_area.max(THINNEST * longest).max(LEAST_DOUBLE_AREA / area_scale);
         let dots = [ab.dot(&ac), -ab.dot(&bc), ac.dot(&bc)];
         let cotangents = if longest > 0.0 && double_area >= THINNEST * longest {
             dots.map(|dot| dot / double_area)
@@ -43,7 +43,7 @@ impl Rest {
         };
         Self {
             cotangents,
-            area: 0.5 * floored * unit,
+            area: 0.5 * floored * area_scale,
         }
     }
 
@@ -66,7 +66,7 @@ fn thin(squares: [f64; 3], longest: f64) -> [f64; 3] {
     }
     let apex = (0..3).fold(0, |best, k| if squares[k] > squares[best] { k } else { best });
     let (left, right) = (squares[(apex + 1) % 3], squares[(apex + 2) % 3]);
-    // Foot of the apex on its side, in units of the side; the neighbour next in order is opposite of `left`.
+    // Foot of the apex on the side opposite to it, in units of that side.
     let foot = (0.5 * (1.0 + (right - left) / longest)).clamp(0.0, 1.0);
     let mut cotangents = [0.0; 3];
     cotangents[(apex + 1) % 3] = foot / THINNEST;
@@ -102,9 +102,9 @@ impl RestShapes {
         let unit = 4.0 * std::f64::consts::PI / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE);
         // Without any area all triangles are alike.
         let unit = unit.min(f64::MAX);
-        let mut shapes: Vec<Rest> = triangles
+        let mut shapes: Vec<RestShape> = triangles
             .par_iter()
-            .map(|t| Rest::of(corners(t).each_ref(), unit))
+            .map(|t| RestShape::of_triangle(corners(t).each_ref(), unit))
             .collect();
         let total: f64 = shapes.iter().map(|shape| shape.area).sum();
         shapes
@@ -121,8 +121,8 @@ impl RestShapes {
         &self.triangles
     }
 
-    /// What each triangle is.
-    pub fn shapes(&self) -> &[Rest] {
+    /// The shape of each triangle.
+    pub fn shapes(&self) -> &[RestShape] {
         &self.shapes
     }
 
@@ -201,10 +201,10 @@ mod tests {
             let apex = Point::new(foot, height, 0.0);
             let longest: f64 = f64::max(2.0, foot);
             for corners in [[&a, &b, &apex], [&b, &apex, &a], [&apex, &a, &b]] {
-                let Rest {
+                let RestShape {
                     cotangents: [x, y, z],
                     area,
-                } = Rest::of(corners, 1.0);
+                } = RestShape::of_triangle(corners, 1.0);
                 assert!((x * y + y * z + z * x - 1.0).abs() < 1e-10, "{x} {y} {z}");
                 assert!((area - 0.5 * THINNEST * longest * longest).abs() < 1e-5, "{area}");
             }

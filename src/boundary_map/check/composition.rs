@@ -1,11 +1,11 @@
-//! Maps by way of the sphere: that they are one to one is known from the drawings, exactly. What is measured beyond that
+//! Maps by way of the sphere: that they are one to one is known from the embeddings, exactly. What is measured beyond that
 //! is the map itself, not the straight triangles over the images of vertices.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::covering::{
-    Against, Covering, Degree, Facing, FoldedEdges, facings_on_sphere, facings_on_target, is_flat, those,
+    ComparedWith, Covering, Degree, Facing, FoldedEdges, facings_on_sphere, facings_on_target, is_flat, those,
 };
 use super::findings::Evidence;
 use super::{
@@ -18,15 +18,16 @@ use crate::check::{FindSelfIntersections, repair};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::Collocation;
-use crate::spherical::{Certificate, Locator, SphericalMap, certify};
+use crate::spherical::{EmbeddingCheck, Locator, SphericalEmbedding, check_embedding};
 use crate::statistics::Summary;
 
 /// What is known of a map by way of the sphere, beyond what can be said of any.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct BySphere {
+pub struct CompositionCheck {
     /// The domain on the sphere, and the target where it is a surface of its own. Without flipped triangles, and with
     /// degree 1, each is a bijection, and so is the map.
-    pub drawings: Vec<Certificate>,
+    #[serde(rename = "drawings")]
+    pub embeddings: Vec<EmbeddingCheck>,
     /// Triangles of the target with corners exactly on a line: a bijection of the triangles, but not of the points.
     pub flat_in_target: usize,
     /// From the domain to the target and back.
@@ -59,7 +60,7 @@ pub(super) const MOST_CUTS: u32 = 2;
 /// As [`super::check`], of a map that knows its sphere.
 pub(super) fn check(
     map: &BoundaryMap,
-    drawn: &SphericalMap,
+    drawn: &SphericalEmbedding,
     target: Option<&SurfaceMesh>,
     options: &BoundaryCheckOptions,
     self_intersections: Option<FindSelfIntersections>,
@@ -82,10 +83,10 @@ pub(super) fn check(
         let pair = (given, &queried(given)?);
         coverage = Some(Coverage::measure((&covered, &covered_query), pair, options));
     }
-    let drawings: Vec<Certificate> = [Some(drawn), map.target_on_sphere()]
+    let embeddings: Vec<EmbeddingCheck> = [Some(drawn), map.target_embedding()]
         .into_iter()
         .flatten()
-        .map(|drawn| certify(drawn.surface().triangles(), drawn.directions()))
+        .map(|drawn| check_embedding(drawn.surface().triangles(), drawn.directions()))
         .collect();
     let flat = |mesh: &SurfaceMesh| {
         let triangles = (0..mesh.triangles().len()).into_par_iter();
@@ -93,15 +94,15 @@ pub(super) fn check(
     };
     let folded = FoldedEdges::find(domain, &plain);
     let covering = Covering {
-        against: match map.target_on_sphere() {
-            Some(_) => Against::Target,
-            None => Against::Sphere {
+        compared_with: match map.target_embedding() {
+            Some(_) => ComparedWith::Target,
+            None => ComparedWith::Sphere {
                 centre: [0.0; 3],
                 radius: 1.0,
             },
         },
         degree: Some(Degree {
-            value: drawings.iter().map(|drawing| drawing.degree.round() as i64).product(),
+            value: embeddings.iter().map(|drawing| drawing.degree.round() as i64).product(),
             agreement: 1.0,
             points: 0,
         }),
@@ -124,7 +125,7 @@ pub(super) fn check(
     Ok(BoundaryCheck {
         vertices: domain.vertices().len(),
         faces: domain.triangles().len(),
-        against: covering.against,
+        compared_with: covering.compared_with,
         verdict: exact_verdict(&findings),
         degree: covering.degree,
         flipped: covering.flipped.len(),
@@ -134,8 +135,8 @@ pub(super) fn check(
         coverage,
         distortion: SurfaceDistortion::of(fine.domain(), fine.image()),
         self_intersections,
-        by_sphere: Some(BySphere {
-            drawings,
+        composition: Some(CompositionCheck {
+            embeddings,
             flat_in_target: map.target_surface().map_or(0, flat),
             round_trip: RoundTrip::measure(map, drawn, options),
             cuts,
@@ -197,7 +198,7 @@ impl SurfaceDistance {
 }
 
 impl RoundTrip {
-    fn measure(map: &BoundaryMap, drawn: &SphericalMap, options: &BoundaryCheckOptions) -> Self {
+    fn measure(map: &BoundaryMap, drawn: &SphericalEmbedding, options: &BoundaryCheckOptions) -> Self {
         let domain = map.domain();
         let mut points = vertices_of(domain);
         points.extend(Collocation::even(domain, options.samples, options.seed).points);

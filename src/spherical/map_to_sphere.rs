@@ -1,27 +1,27 @@
-//! From a surface to its map to the sphere: the hierarchy, the drawing level by level, Newton's method, the certificate.
+//! Maps a surface to the sphere: hierarchy, progressive embedding, Newton's method, exact check.
 
 use super::cmcf::{FlowOptions, flow};
-use super::energy::{Energy, Objective, Weights};
+use super::distortion_energy::{DistortionEnergy, EnergyWeights, Objective};
 use super::hierarchy::Hierarchy;
 use super::moebius::centre;
-use super::newton::{Newton, NewtonError, NewtonOptions, Stop};
-use super::progressive::{Drawing, embed};
+use super::newton::{Newton, NewtonError, NewtonOptions, StopReason};
+use super::progressive::PartialEmbedding;
 use super::relax::Relaxation;
-use super::rest::RestShapes;
-use super::{SphericalError, SphericalMap, certify, require_scale, require_sphere};
+use super::rest_shape::RestShapes;
+use super::{SphericalEmbedding, SphericalError, check_embedding, require_genus_0, require_scale};
 use crate::geometry::sphere_rotation;
 use crate::mesh::SurfaceMesh;
 use crate::progress::{ProgressMonitor, ProgressResponse};
 use crate::{Point, Vector};
 
-/// What a map to the sphere keeps.
+/// What a map to the sphere preserves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SphereEnergy {
     /// Angles, as far as triangles can (Gu, Wang, Chan, Thompson, Yau, *Genus zero surface conformal mapping*, 2004).
-    /// Limbs shrink to specks.
+    /// Long limbs shrink to tiny areas.
     Conformal,
-    /// Angles, with areas kept in bounds.
+    /// Angles, with a bound on the distortion of areas.
     Balanced,
 }
 
@@ -29,23 +29,23 @@ pub enum SphereEnergy {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SphereStart {
-    /// The drawing level by level, which never folds.
+    /// The progressive embedding, which is always a bijection.
     Progressive,
-    /// The conformalised mean curvature flow, where it comes out one to one and without specks; the other where it does
-    /// not.
+    /// The conformalised mean curvature flow, if it ends in a bijection without tiny triangles; otherwise
+    /// [`SphereStart::Progressive`].
     Flow,
 }
 
 /// How a surface is mapped to the sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SphereOptions {
-    /// What is kept.
+    /// What the map preserves.
     pub energy: SphereEnergy,
     /// Where the optimisation starts.
     pub start: SphereStart,
-    /// Iterations of Newton's method at most.
+    /// Maximum number of iterations of Newton's method.
     pub most_iterations: usize,
-    /// Fall of the energy in one iteration, as a fraction of it, at which it ends.
+    /// Relative decrease of the energy in an iteration below which Newton's method ends.
     pub tolerance: f64,
 }
 
@@ -60,50 +60,50 @@ impl Default for SphereOptions {
     }
 }
 
-/// What is being done.
+/// The current step of [`map_to_sphere`], for progress callbacks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SpherePhase {
-    /// The surface is taken down to a tetrahedron.
+    /// The surface is simplified to a tetrahedron.
     Coarsening,
-    /// Vertices are put back.
-    Drawing {
-        /// How many are there.
+    /// Vertices are inserted into the embedding.
+    Embedding {
+        /// Vertices inserted so far.
         vertices: usize,
-        /// Of how many.
-        of: usize,
+        /// Vertices of the surface.
+        total: usize,
     },
-    /// The flow runs.
+    /// The mean curvature flow runs.
     Flowing,
     /// Newton's method runs.
     Optimising,
 }
 
-/// What was done.
+/// What [`map_to_sphere`] did.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct SphereReport {
-    /// What was kept.
+    /// What the map preserves.
     pub energy: SphereEnergy,
-    /// Where the optimisation started; not what was asked for where the flow is of no use.
+    /// Where the optimisation started; not what was asked for if the flow failed.
     pub start: SphereStart,
-    /// Energy per area before Newton's method: angles count 1 where they are kept, and areas with their weight.
+    /// Mean energy over the area before Newton's method. An isometry has 1 for angles plus the weight of areas.
     pub energy_before: f64,
-    /// The same after it.
+    /// The same after Newton's method.
     pub energy_after: f64,
     /// Iterations of Newton's method.
     pub iterations: usize,
-    /// Whether it ended because there was no more to gain.
+    /// Whether it ended before the maximum number of iterations.
     pub converged: bool,
 }
 
 /// Rounds of relaxation on each level.
 const SWEEPS: usize = 5;
-/// The flow shrinks long limbs to specks; where its energy is larger than this many times the other start's, the way back
-/// is too long.
-const MOST_START: f64 = 1e3;
-/// Newton's method also runs on the levels with these shares of the vertices: there limbs are carried as a whole, which
-/// moves of single vertices do not, at a small part of the cost.
+/// The flow shrinks long limbs to tiny areas, from which Newton's method would need many iterations: its result is not used
+/// if its energy is above this many times that of the progressive embedding.
+const MOST_FLOW_ENERGY_RATIO: f64 = 1e3;
+/// Newton's method also runs on the levels with the number of vertices divided by these: it moves whole limbs, as
+/// relaxation of single vertices does not, at a fraction of the cost on the finest level.
 const COARSE_SHARES: [usize; 3] = [64, 16, 4];
-/// Iterations at most on such a level, and the fall of the energy that ends them.
+/// Maximum iterations on such a level, and the relative decrease of the energy that ends them.
 const COARSE_ITERATIONS: usize = 25;
 const COARSE_TOLERANCE: f64 = 1e-3;
 /// Weight of areas where they are to be kept in bounds: on bodies with limbs areas then shrink to a hundredth at most, and
@@ -112,47 +112,46 @@ const AREA_WEIGHT: f64 = 0.1;
 /// Weight of areas while a conformal drawing is built: without it, coarse drawings may contract to a point of the sphere.
 const AREA_WEIGHT_OF_START: f64 = 0.01;
 
-/// A map of a closed surface of genus 0 to the unit sphere, turned so that directions lie near those from the surface's
-/// centre. It is a bijection, by exact predicates, or there is an error.
+/// Maps a closed surface of genus 0 to the unit sphere, rotated so that directions are close to those from the surface's
+/// centroid. The result is a bijection, checked by exact predicates.
 ///
-/// Linear in the number of vertices `n` but for Newton's method, whose factorisation takes `n^1.5`: 134 000 vertices take
-/// some 7 s and 0.6 GiB on two cores. The same for any number of threads.
+/// Cost is linear in the number of vertices `n`, except for the factorisation in Newton's method, `n^1.5`: 134 000
+/// vertices take some 7 s and 0.6 GiB on two cores. The result is the same for any number of threads.
 ///
 /// # Errors
 ///
-/// As [`require_sphere`], [`SphericalError::TooFine`] when rounding leaves no place for a vertex, and
+/// As [`require_genus_0`], [`SphericalError::TooFine`] when rounding leaves no position for a vertex, and
 /// [`SphericalError::Cancelled`] when `progress` says so ([`ProgressResponse`]), which is heard between levels and iterations.
 pub fn map_to_sphere<A: ProgressResponse>(
     surface: &SurfaceMesh,
     options: &SphereOptions,
     progress: &dyn Fn(SpherePhase) -> A,
-) -> Result<(SphericalMap, SphereReport), SphericalError> {
-    let surface = require_sphere(surface)?;
+) -> Result<(SphericalEmbedding, SphereReport), SphericalError> {
+    let surface = require_genus_0(surface)?;
     require_scale(&surface)?;
     let told = |phase| progress(phase).control_flow();
     let watch = ProgressMonitor::new(SpherePhase::Coarsening, &told);
-    let drawn = draw(&surface, options, &watch)?;
+    let progressive = progressive_embedding(&surface, options, &watch)?;
     let rest = RestShapes::new(surface.triangles(), surface.vertices());
-    let energy = Energy {
+    let energy = DistortionEnergy {
         rest: &rest,
         weights: final_weights(options.energy),
-        pulls: &[],
     };
     let (mut directions, start) = match options.start {
-        SphereStart::Progressive => (drawn, SphereStart::Progressive),
+        SphereStart::Progressive => (progressive, SphereStart::Progressive),
         SphereStart::Flow => {
             watch.report(SpherePhase::Flowing);
             let flowed = flow(surface.triangles(), surface.vertices(), &FlowOptions::default());
-            let most = MOST_START * energy.value(&drawn);
+            let most = MOST_FLOW_ENERGY_RATIO * energy.value(&progressive);
             let flowed = flowed.filter(|x| energy.value(x) <= most);
-            flowed.map_or((drawn, SphereStart::Progressive), |x| (x, SphereStart::Flow))
+            flowed.map_or((progressive, SphereStart::Progressive), |x| (x, SphereStart::Flow))
         }
     };
     watch.report(SpherePhase::Optimising);
     require_going_on(&watch)?;
     let failed = |error: NewtonError| match error {
         NewtonError::OutOfMemory { unknowns } => SphericalError::OutOfMemory { vertices: unknowns / 2 },
-        // The drawing is one to one; only its energy can be too large for a number.
+        // The start is a bijection; only its energy can overflow.
         _ => SphericalError::TooFine,
     };
     let mut newton = Newton::new(surface.triangles(), &[]).map_err(failed)?;
@@ -167,16 +166,16 @@ pub fn map_to_sphere<A: ProgressResponse>(
     if options.energy == SphereEnergy::Conformal {
         centre(surface.triangles(), &vertex_areas(&surface), &mut directions);
     }
-    turn_to_surface(&surface, &mut directions);
+    rotate_to_surface(&surface, &mut directions);
     let report = SphereReport {
         energy: options.energy,
         start,
         energy_before: descent.energy_before / (4.0 * std::f64::consts::PI),
         energy_after: descent.energy_after / (4.0 * std::f64::consts::PI),
         iterations: descent.iterations,
-        converged: descent.stop != Stop::MostIterations,
+        converged: descent.stop != StopReason::MostIterations,
     };
-    Ok((SphericalMap::new(surface, &directions)?, report))
+    Ok((SphericalEmbedding::new(surface, &directions)?, report))
 }
 
 fn require_going_on(watch: &ProgressMonitor<SpherePhase>) -> Result<(), SphericalError> {
@@ -187,18 +186,18 @@ fn require_going_on(watch: &ProgressMonitor<SpherePhase>) -> Result<(), Spherica
     }
 }
 
-fn final_weights(energy: SphereEnergy) -> Weights {
+fn final_weights(energy: SphereEnergy) -> EnergyWeights {
     match energy {
-        SphereEnergy::Conformal => Weights { angle: 1.0, area: 0.0 },
-        SphereEnergy::Balanced => Weights {
+        SphereEnergy::Conformal => EnergyWeights { angle: 1.0, area: 0.0 },
+        SphereEnergy::Balanced => EnergyWeights {
             angle: 1.0,
             area: AREA_WEIGHT,
         },
     }
 }
 
-/// The drawing level by level.
-fn draw(
+/// Directions of the vertices, by inserting them level by level.
+fn progressive_embedding(
     surface: &SurfaceMesh,
     options: &SphereOptions,
     watch: &ProgressMonitor<SpherePhase>,
@@ -212,49 +211,41 @@ fn draw(
     };
     let relaxation = Relaxation {
         points,
-        weights: Weights { angle: 1.0, area },
-        pull: &|_| None,
+        weights: EnergyWeights { angle: 1.0, area },
+        soft_target: &|_| None,
         is_fixed: &|_| false,
     };
     let mut shares = COARSE_SHARES.iter().peekable();
-    let drawing = embed(
-        &hierarchy,
-        |_| None,
-        |drawing| {
-            let there = drawing.there.len();
-            watch.report(SpherePhase::Drawing {
-                vertices: there,
-                of: points.len(),
-            });
-            // What is left then is quick, and of no use.
-            if watch.is_cancelled() {
-                return;
-            }
-            relaxation.run(drawing, SWEEPS);
-            if shares.next_if(|&&share| there >= points.len() / share).is_some() && there < points.len() {
-                optimise_coarse(drawing, points, relaxation.weights);
-            }
-        },
-    );
+    let mut embedding = PartialEmbedding::of_base(&hierarchy, |_| None);
+    let completed = embedding.refine(&hierarchy, usize::MAX, |embedding| {
+        let vertices = embedding.inserted.len();
+        let total = points.len();
+        watch.report(SpherePhase::Embedding { vertices, total });
+        // After a cancellation the remaining levels are only inserted, which is quick.
+        if watch.is_cancelled() {
+            return;
+        }
+        relaxation.run(embedding, SWEEPS);
+        if shares.next_if(|&&share| vertices >= total / share).is_some() && vertices < total {
+            optimise_coarse(embedding, points, relaxation.weights);
+        }
+    });
     require_going_on(watch)?;
-    Ok(drawing.ok_or(SphericalError::TooFine)?.directions)
+    completed.ok_or(SphericalError::TooFine)?;
+    Ok(embedding.directions)
 }
 
-/// Newton's method on a level of the drawing. What fails here is left to the finest level.
-fn optimise_coarse(drawing: &mut Drawing, points: &[Point], weights: Weights) {
-    let triangles = drawing.neighbours.triangles();
+/// Newton's method on a coarse level. Errors are ignored: the finest level does without.
+fn optimise_coarse(embedding: &mut PartialEmbedding, points: &[Point], weights: EnergyWeights) {
+    let triangles = embedding.rings.triangles();
     let rest = RestShapes::new(&triangles, points);
-    let energy = Energy {
-        rest: &rest,
-        weights,
-        pulls: &[],
-    };
+    let energy = DistortionEnergy { rest: &rest, weights };
     let options = NewtonOptions {
         most_iterations: COARSE_ITERATIONS,
         tolerance: COARSE_TOLERANCE,
     };
     let _ = Newton::new(&triangles, &[])
-        .and_then(|mut newton| newton.minimise(&energy, &mut drawing.directions, &options, &|| true));
+        .and_then(|mut newton| newton.minimise(&energy, &mut embedding.directions, &options, &|| true));
 }
 
 /// A third of the area of the triangles at each vertex.
@@ -267,9 +258,9 @@ fn vertex_areas(surface: &SurfaceMesh) -> Vec<f64> {
     areas
 }
 
-/// Turns the drawing so that the directions of vertices are as near as can be to those from the surface's centre, unless
-/// rounding would fold it.
-fn turn_to_surface(surface: &SurfaceMesh, directions: &mut Vec<Vector>) {
+/// Rotates the embedding so that the directions of vertices are as close as possible to those from the surface's
+/// centroid, unless rounding would invert a triangle.
+fn rotate_to_surface(surface: &SurfaceMesh, directions: &mut Vec<Vector>) {
     let weights = vertex_areas(surface);
     let total: f64 = weights.iter().sum();
     let positions = surface.vertices().iter().zip(&weights);
@@ -280,7 +271,7 @@ fn turn_to_surface(surface: &SurfaceMesh, directions: &mut Vec<Vector>) {
         return;
     };
     let turned: Vec<Vector> = directions.iter().map(|x| (turn.rotation * x).normalize()).collect();
-    if certify(surface.triangles(), &turned).is_bijective() {
+    if check_embedding(surface.triangles(), &turned).is_bijective() {
         *directions = turned;
     }
 }

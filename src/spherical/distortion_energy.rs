@@ -1,103 +1,86 @@
-//! How much a drawing on the unit sphere distorts the triangles that it draws, with derivatives.
+//! The distortion energy of a spherical embedding, with derivatives.
 //!
-//! The energy per triangle is infinite where the triangle turns over, so that a descent from a drawing without flips
-//! never makes any. Its angle term is that of Hormann & Greiner, *MIPS: an efficient global parametrization method*,
+//! The energy of a triangle is infinite where it inverts, so that a descent from an embedding never inverts one. Its angle term is that of Hormann & Greiner, *MIPS: an efficient global parametrization method*,
 //! Curve and Surface Design (2000); with the area term beside it, on the sphere and minimised by Newton's method, it is
 //! used by Schmidt, Pieper & Kobbelt, *Surface maps via adaptive triangulations*, Computer Graphics Forum 42 (2023).
-//! Element Hessians are made semidefinite as in Teran, Sifakis, Irving & Fedkiw, *Robust quasistatic finite elements and
+//! ElementDerivatives Hessians are made semidefinite as in Teran, Sifakis, Irving & Fedkiw, *Robust quasistatic finite elements and
 //! flesh simulation*, Symposium on Computer Animation (2005).
 //!
 //! Notation: a triangle with corners `a, b, c` on the sphere has the Jacobian `z = [b − a, c − a] D` of the linear map
 //! from its rest shape onto its chord, where `D` is the inverse of the rest shape's edges; `q = |z|²`, and
 //! `d = det(a, b, c) det D`: the ratio of areas, times the distance of the chord's plane from the centre. It is positive
-//! as long as the triangle is not turned over and spans less than a hemisphere.
+//! as long as the triangle is not inverted and spans less than a hemisphere.
 
 use nalgebra::SMatrix;
 use rayon::prelude::*;
 
-use super::rest::{Rest, RestShapes};
+use super::rest_shape::{RestShape, RestShapes};
 use crate::geometry::orientation;
 use crate::{Point, Vector};
 
 /// How much the parts of the energy count. Each part is 1 per unit of area where it is least, of 4π in total.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Weights {
+pub(crate) struct EnergyWeights {
     /// Of `q / 2d`, which is least where angles are kept.
     pub(crate) angle: f64,
-    /// Of `(d + 1/d) / 2`, which is least where areas are kept; 0 for drawings that are as conformal as can be.
+    /// Of `(d + 1/d) / 2`, which is least where areas are kept; 0 for embeddings that are as conformal as possible.
     pub(crate) area: f64,
 }
 
-/// A spring of energy `weight · |x − target|²` between a vertex and a unit vector.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Pull {
-    pub(crate) vertex: u32,
-    pub(crate) target: Vector,
-    pub(crate) weight: f64,
-}
-
-/// The energy `Σ A (w_angle q / 2d + w_area (d + 1/d) / 2)` over triangles of rest area `A`, and that of the pulls.
+/// The energy `Σ A (w_angle q / 2d + w_area (d + 1/d) / 2)` over triangles of rest area `A`.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Energy<'a> {
+pub(crate) struct DistortionEnergy<'a> {
     pub(crate) rest: &'a RestShapes,
-    pub(crate) weights: Weights,
-    pub(crate) pulls: &'a [Pull],
+    pub(crate) weights: EnergyWeights,
 }
 
-/// A function of a drawing that Newton's method lowers: a sum over triangles that is infinite unless they are all
-/// positive, and springs.
+/// A function that Newton's method minimises over spherical embeddings: a sum over triangles that is infinite unless they
+/// are all positive.
 pub(crate) trait Objective: Sync {
     /// The triangles of the sum.
     fn triangles(&self) -> &[[u32; 3]];
 
-    /// The springs.
-    fn pulls(&self) -> &[Pull];
-
-    /// The value, springs included; infinite when a triangle is turned over or flat (decided exactly), or anything is not
-    /// finite.
+    /// The value; infinite when a triangle is inverted or flat (decided exactly), or anything is not finite.
     fn value(&self, x: &[Vector]) -> f64;
 
-    /// Derivatives of every triangle's part in the tangent coordinates of `frames`; without the springs.
-    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<Element>;
+    /// Derivatives of every triangle's energy in the tangent coordinates of `frames`.
+    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives>;
 }
 
 /// A second derivative by the two tangent coordinates of each corner.
-pub(crate) type Hessian = SMatrix<f64, 6, 6>;
+pub(crate) type ElementHessian = SMatrix<f64, 6, 6>;
 
 /// First and second derivatives of one triangle's energy, two tangent coordinates per corner.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Element {
+pub(crate) struct ElementDerivatives {
     pub(crate) gradient: [f64; 6],
     /// Symmetric and positive semidefinite.
-    pub(crate) hessian: Hessian,
+    pub(crate) hessian: ElementHessian,
 }
 
 #[cfg(test)]
 impl RestShapes {
     /// For each triangle the angle term `q / 2d`, which is 1 where angles are kept, and `d`. Both are infinite or NaN for
-    /// triangles that are turned over.
+    /// inverted triangles.
     pub(crate) fn distortions(&self, x: &[Vector]) -> Vec<[f64; 2]> {
-        let distortion = |(t, shape): (&[u32; 3], &Rest)| match Drawn::new(shape, t.map(|v| x[v as usize])) {
-            Some(drawn) => [drawn.q / (2.0 * drawn.d), drawn.d],
-            None => [f64::INFINITY, f64::NAN],
-        };
+        let distortion =
+            |(t, shape): (&[u32; 3], &RestShape)| match SphericalTriangle::new(shape, t.map(|v| x[v as usize])) {
+                Some(triangle) => [triangle.q / (2.0 * triangle.d), triangle.d],
+                None => [f64::INFINITY, f64::NAN],
+            };
         self.triangles().par_iter().zip(self.shapes()).map(distortion).collect()
     }
 }
 
-impl Objective for Energy<'_> {
+impl Objective for DistortionEnergy<'_> {
     fn triangles(&self) -> &[[u32; 3]] {
         self.rest.triangles()
     }
 
-    fn pulls(&self) -> &[Pull] {
-        self.pulls
-    }
-
     fn value(&self, x: &[Vector]) -> f64 {
-        let of_triangle = |(t, shape): (&[u32; 3], &Rest)| {
-            let drawn = Drawn::new(shape, t.map(|v| x[v as usize]));
-            drawn.map_or(f64::INFINITY, |drawn| shape.area * drawn.energy(self.weights))
+        let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
+            let triangle = SphericalTriangle::new(shape, t.map(|v| x[v as usize]));
+            triangle.map_or(f64::INFINITY, |triangle| shape.area * triangle.energy(self.weights))
         };
         let rest = self.rest;
         // Summed in order, so that the sum is the same for any number of threads.
@@ -107,15 +90,16 @@ impl Objective for Energy<'_> {
             .zip(rest.shapes())
             .map(of_triangle)
             .collect();
-        let pull = |p: &Pull| p.weight * (x[p.vertex as usize] - p.target).norm_squared();
-        let sum = values.iter().sum::<f64>() + self.pulls.iter().map(pull).sum::<f64>();
+        let sum = values.iter().sum::<f64>();
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
 
-    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<Element> {
-        let of_triangle = |(t, shape): (&[u32; 3], &Rest)| {
+    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives> {
+        let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
             let (corners, frames) = (t.map(|v| x[v as usize]), t.map(|v| frames[v as usize]));
-            Drawn::new(shape, corners).map_or(Element::INFINITE, |drawn| drawn.element(self.weights, &frames))
+            SphericalTriangle::new(shape, corners).map_or(ElementDerivatives::INFINITE, |triangle| {
+                triangle.element(self.weights, &frames)
+            })
         };
         let rest = self.rest;
         rest.triangles()
@@ -127,8 +111,8 @@ impl Objective for Energy<'_> {
 }
 
 #[cfg(test)]
-impl Energy<'_> {
-    /// The gradient per vertex: a tangent vector of the sphere. Not finite where a triangle is turned over.
+impl DistortionEnergy<'_> {
+    /// The gradient per vertex: a tangent vector of the sphere. Not finite where a triangle is inverted.
     pub(crate) fn gradient(&self, x: &[Vector]) -> Vec<Vector> {
         let frames: Vec<[Vector; 2]> = x.iter().map(tangents).collect();
         let mut gradient = vec![Vector::zeros(); x.len()];
@@ -137,11 +121,6 @@ impl Energy<'_> {
                 let [u, w] = frames[v as usize];
                 gradient[v as usize] += u * element.gradient[2 * c] + w * element.gradient[2 * c + 1];
             }
-        }
-        for p in self.pulls {
-            let x = x[p.vertex as usize];
-            let pull = 2.0 * p.weight * (x - p.target);
-            gradient[p.vertex as usize] += pull - x * x.dot(&pull);
         }
         gradient
     }
@@ -173,9 +152,9 @@ pub(super) fn is_positive([a, b, c]: &[Vector; 3]) -> bool {
     orientation(&Point::origin(), &a, &b, &c) == Some(std::cmp::Ordering::Greater)
 }
 
-/// A triangle on the sphere that is not turned over.
-struct Drawn<'a> {
-    shape: &'a Rest,
+/// A positive triangle on the sphere, with the quantities of the notation above.
+struct SphericalTriangle<'a> {
+    shape: &'a RestShape,
     /// `D`.
     inverse: [[f64; 2]; 2],
     corners: [Vector; 3],
@@ -186,15 +165,15 @@ struct Drawn<'a> {
     d: f64,
 }
 
-impl<'a> Drawn<'a> {
-    fn new(shape: &'a Rest, corners: [Vector; 3]) -> Option<Self> {
+impl<'a> SphericalTriangle<'a> {
+    fn new(shape: &'a RestShape, corners: [Vector; 3]) -> Option<Self> {
         let [a, b, c] = corners;
         let (first, last) = (b - a, c - a);
         let inverse = shape.inverse();
         let [[p, r], [s, t]] = inverse;
         let z = [first * p + last * s, first * r + last * t];
         let normal = first.cross(&last);
-        let drawn = Self {
+        let triangle = Self {
             shape,
             inverse,
             corners,
@@ -203,20 +182,20 @@ impl<'a> Drawn<'a> {
             q: z[0].norm_squared() + z[1].norm_squared(),
             d: a.dot(&normal) * determinant(shape),
         };
-        (drawn.d > 0.0 && drawn.q.is_finite() && is_positive(&corners)).then_some(drawn)
+        (triangle.d > 0.0 && triangle.q.is_finite() && is_positive(&corners)).then_some(triangle)
     }
 
-    fn energy(&self, weights: Weights) -> f64 {
+    fn energy(&self, weights: EnergyWeights) -> f64 {
         weights.angle * self.q / (2.0 * self.d) + weights.area * 0.5 * (self.d + self.d.recip())
     }
 
-    /// How much each corner counts in each column of `z`.
+    /// Coefficients of the corners in the columns of `z`.
     fn shares(&self) -> [[f64; 2]; 3] {
         let [first, last] = self.inverse;
         [[-first[0] - last[0], -first[1] - last[1]], first, last]
     }
 
-    fn element(&self, weights: Weights, frames: &[[Vector; 2]; 3]) -> Element {
+    fn element(&self, weights: EnergyWeights, frames: &[[Vector; 2]; 3]) -> ElementDerivatives {
         let (q, d, area) = (self.q, self.d, self.shape.area);
         let by_z = weights.angle / d;
         let by_d = 0.5 * (weights.area * (1.0 - 1.0 / (d * d)) - by_z * q / d);
@@ -245,26 +224,26 @@ impl<'a> Drawn<'a> {
                     entry += by_z * metric * u.dot(&v);
                     entry += by_d * determinant(self.shape) * sign * third.dot(&u.cross(&v));
                 } else if i == j {
-                    // The sphere bends away from its tangent plane.
+                    // Curvature of the sphere.
                     entry += by_z * metric - by_z * dq[m].dot(&self.corners[m]) - by_d * d;
                 }
                 hessian[(i, j)] = area * entry;
                 hessian[(j, i)] = area * entry;
             }
         }
-        Element {
+        ElementDerivatives {
             gradient: std::array::from_fn(|i| area * (by_z * gq[i] + by_d * gd[i])),
             hessian: semidefinite(hessian),
         }
     }
 }
 
-/// Of `D`.
-fn determinant(shape: &Rest) -> f64 {
+/// Determinant of `D`.
+fn determinant(shape: &RestShape) -> f64 {
     0.5 / shape.area
 }
 
-impl Element {
+impl ElementDerivatives {
     const INFINITE: Self = Self {
         gradient: [f64::NAN; 6],
         hessian: SMatrix::<f64, 6, 6>::from_array_storage(nalgebra::ArrayStorage([[f64::NAN; 6]; 6])),
@@ -272,7 +251,7 @@ impl Element {
 }
 
 /// The matrix without its negative eigenvalues; a matrix that is not finite, as it is.
-pub(crate) fn semidefinite(matrix: Hessian) -> Hessian {
+pub(crate) fn semidefinite(matrix: ElementHessian) -> ElementHessian {
     let size = matrix.trace().abs();
     if !size.is_finite() || nalgebra::Cholesky::new(matrix).is_some() {
         return matrix;
@@ -295,25 +274,15 @@ mod tests {
         mesh.vertices().iter().map(|p| p.coords.normalize()).collect()
     }
 
-    fn pulls(x: &[Vector]) -> [Pull; 2] {
-        [(3, 0.7), (40, 2.0)].map(|(vertex, weight)| Pull {
-            vertex,
-            target: x[vertex as usize + 1],
-            weight,
-        })
-    }
-
     #[test]
     fn gradient_matches_central_differences() {
         let mesh = shapes::bumpy_sphere(5);
         let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
         let x = directions(&mesh);
-        let pulls = pulls(&x);
         for [angle, area] in WEIGHTS {
-            let energy = Energy {
+            let energy = DistortionEnergy {
                 rest: &rest,
-                weights: Weights { angle, area },
-                pulls: &pulls,
+                weights: EnergyWeights { angle, area },
             };
             let gradient = energy.gradient(&x);
             let h = 1e-5;
@@ -341,7 +310,7 @@ mod tests {
         let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
         let x = directions(&mesh);
         for [angle, area] in WEIGHTS {
-            let weights = Weights { angle, area };
+            let weights = EnergyWeights { angle, area };
             for (t, shape) in rest.triangles().iter().zip(rest.shapes()) {
                 let corners = t.map(|v| x[v as usize]);
                 let frames = corners.map(|x| tangents(&x));
@@ -349,7 +318,7 @@ mod tests {
                     let moved = std::array::from_fn(|c| {
                         (corners[c] + frames[c][0] * p[2 * c] + frames[c][1] * p[2 * c + 1]).normalize()
                     });
-                    shape.area * Drawn::new(shape, moved).unwrap().energy(weights)
+                    shape.area * SphericalTriangle::new(shape, moved).unwrap().energy(weights)
                 };
                 let h = 1e-4;
                 let step = |i: usize| SMatrix::<f64, 6, 1>::ith(i, h);
@@ -357,7 +326,10 @@ mod tests {
                     let [p, q] = [step(i), step(j)];
                     (of(&(p + q)) - of(&(p - q)) - of(&(q - p)) + of(&-(p + q))) / (4.0 * h * h)
                 });
-                let found = Drawn::new(shape, corners).unwrap().element(weights, &frames).hessian;
+                let found = SphericalTriangle::new(shape, corners)
+                    .unwrap()
+                    .element(weights, &frames)
+                    .hessian;
                 // Fourth derivatives over the second are about the inverse square of the size, 0.4.
                 let tolerance = 1e-5 * difference.norm().max(1.0);
                 assert!(
@@ -373,10 +345,9 @@ mod tests {
     fn is_infinite_for_anything_that_is_no_drawing() {
         let mesh = shapes::sphere(1.0, 2);
         let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
-        let energy = Energy {
+        let energy = DistortionEnergy {
             rest: &rest,
-            weights: Weights { angle: 1.0, area: 1.0 },
-            pulls: &[],
+            weights: EnergyWeights { angle: 1.0, area: 1.0 },
         };
         let x = directions(&mesh);
         assert!(energy.value(&x).is_finite());

@@ -11,14 +11,14 @@ use crate::{Matrix3, Point, Vector};
 
 /// A solid as alignments need it: built once, aligned to any number of others.
 #[derive(Debug, Clone)]
-pub struct Body {
+pub struct AlignmentSurface {
     /// Its own coordinates to those in which its surface has the centroid 0 and the root mean square radius 1.
     pub(super) to_frame: Similarity,
     /// In the frame.
     pub(super) query: OrientedQuery,
     /// Well-spread points with their normals, in the frame; every prefix is a coarser choice.
     pub(super) samples: Vec<(Point, Vector)>,
-    /// What the query answers for the samples that partners are sought among: where other queries near them begin.
+    /// What the query answers for the samples that correspondences are sought among: where other queries near them begin.
     pub(super) found: Vec<OrientedPoint>,
     /// Principal axes as columns, right-handed, the longest first.
     pub(super) axes: Matrix3,
@@ -34,13 +34,13 @@ pub struct Body {
 pub(in crate::boundary_map::pair) const REACH: f64 = 0.1;
 /// Samples of a surface.
 pub(super) const SAMPLES: usize = 1000;
-/// Points that partners are sought among.
+/// Points that correspondences are sought among.
 pub(super) const CANDIDATES: usize = 600;
 /// Mean squares along two axes closer than this factor leave it open which is which.
 const ALIKE: f64 = 1.25;
 const SEED: u64 = 1;
 
-impl Body {
+impl AlignmentSurface {
     /// Prepares a closed surface, its triangles facing outward; `side` names it in errors. Costs a tree of its triangles.
     ///
     /// # Errors

@@ -1,0 +1,596 @@
+//! The inter-surface map from a domain to a target that are embedded on the same sphere, and its distortion.
+//!
+//! A vertex of the domain at the direction `x` goes to the point of the target that has this direction. The energy is the
+//! symmetric Dirichlet energy `|J|² + |J⁻¹|²` of the triangles between these points (Schreiner, Asirvatham, Praun, Hoppe,
+//! *Inter-surface mapping*, 2004; Smith and Schaefer, *Bijective parameterization with free boundaries*, 2015), minimised
+//! over embeddings of the domain whose triangles stay positive, so that the map stays a bijection.
+
+use std::collections::HashMap;
+use std::sync::atomic::AtomicU32;
+use std::sync::atomic::Ordering::Relaxed;
+
+use rayon::prelude::*;
+use smallvec::SmallVec;
+
+use crate::mesh::SurfaceMesh;
+use crate::spherical::{
+    DistortionEnergy, ElementDerivatives, ElementHessian, EnergyWeights, Locator, Objective, PartialEmbedding,
+    RestShape, RestShapes, SphericalEmbedding, det, newton_step, positive_det, semidefinite,
+};
+use crate::{Matrix3, Point, Vector};
+
+/// Weight of the angle distortion on the sphere. It acts as a barrier against flat triangles on the sphere: the energy of
+/// the straight triangles between points of the target can be finite there.
+const BARRIER: f64 = 1e-3;
+
+/// Samples of the target that the search for protrusions uses, at most.
+const MOST_SAMPLES: usize = 20_000;
+/// Samples per triangle of the domain that it uses, at most.
+const SAMPLES_PER_TRIANGLE: usize = 4;
+/// A triangle covers a protrusion if it covers at least this many samples, and this many times the area of its straight
+/// image.
+const FEWEST_SAMPLES: usize = 4;
+const LEAST_AREA_RATIO: f64 = 1.5;
+/// Area ratios are cut off here.
+const MOST_AREA_RATIO: f64 = 100.0;
+
+/// The inverse of the target's spherical embedding: from directions to points of the target.
+pub(crate) struct InverseEmbedding<'a> {
+    target: &'a SphericalEmbedding,
+    locator: &'a Locator,
+    /// Lengths of the target are multiplied by this, so that its area is 4π.
+    scale: f64,
+    /// Directions of samples of the target, and the areas that these represent.
+    samples: Vec<(Vector, f64)>,
+}
+
+/// The image of a vertex.
+#[derive(Debug, Clone, Copy)]
+struct VertexImage {
+    /// Scaled as [`InverseEmbedding::scale`] says.
+    point: Point,
+    /// Triangle of the target.
+    triangle: u32,
+}
+
+/// The points of the target that the vertices of an embedded domain go to.
+pub(crate) struct InterSurfaceMap<'a> {
+    inverse: &'a InverseEmbedding<'a>,
+    domain: &'a [Point],
+    /// Areas of the domain's triangles are multiplied by this.
+    area_scale: f64,
+    images: Vec<VertexImage>,
+    /// Area of the part of the target that a triangle covers, over the area of the straight triangle between the images
+    /// of its corners, for triangles where it is large: they cover a protrusion (a limb) without a vertex on it. Their
+    /// images count as that much larger, so that the energy draws vertices onto the protrusion. Keys start with the
+    /// lowest vertex.
+    protrusions: HashMap<[u32; 3], f64>,
+}
+
+/// A neighbour of a vertex.
+struct RingCorner {
+    direction: Vector,
+    image: Point,
+    /// The triangle of the vertex, this neighbour and the next.
+    triangle: DomainTriangle,
+}
+
+/// A triangle of the domain as the energy sees it.
+#[derive(Debug, Clone, Copy)]
+struct DomainTriangle {
+    rest: RestShape,
+    /// Rest area divided by the [area ratio](InterSurfaceMap::protrusions): the area that counts in the Jacobian.
+    reference_area: f64,
+}
+
+type VertexStar = SmallVec<[RingCorner; 10]>;
+
+impl<'a> InverseEmbedding<'a> {
+    pub fn new(target: &'a SphericalEmbedding, locator: &'a Locator) -> Self {
+        let surface = target.surface();
+        let scale = (4.0 * std::f64::consts::PI / surface.area()).sqrt();
+        let count = surface.triangles().len();
+        let stride = count.div_ceil(MOST_SAMPLES);
+        let sample = |t: usize| {
+            let middle = surface.triangles()[t].map(|v| target.directions()[v as usize]);
+            let area = surface.area_vector(t).norm() * scale * scale;
+            (middle.iter().sum::<Vector>().normalize(), stride as f64 * area)
+        };
+        Self {
+            target,
+            locator,
+            scale,
+            samples: (0..count).step_by(stride).map(sample).collect(),
+        }
+    }
+
+    fn image(&self, x: &Vector, hint: u32) -> VertexImage {
+        let place = self.locator.locate_from(x, hint);
+        let point = place.position(self.target.surface(), self.target.surface().vertices());
+        VertexImage {
+            point: point * self.scale,
+            triangle: place.triangle,
+        }
+    }
+
+    /// Derivative of the image with respect to the direction.
+    fn derivative(&self, x: &Vector, image: &VertexImage) -> Matrix3 {
+        let corners = self.target.surface().triangles()[image.triangle as usize];
+        let [a, b, c] = corners.map(|v| self.target.directions()[v as usize]);
+        let [p, q, r] = corners.map(|v| self.target.surface().vertices()[v as usize] * self.scale);
+        let weights = [det(x, &b, &c), det(x, &c, &a), det(x, &a, &b)];
+        let total: f64 = weights.iter().sum();
+        let slopes = [b.cross(&(c - b)), c.cross(&(a - c)), a.cross(&(b - a))];
+        let parts = slopes.iter().zip([p, q, r]);
+        parts
+            .map(|(slope, corner)| (corner - image.point) * slope.transpose() / total)
+            .sum()
+    }
+}
+
+impl<'a> InterSurfaceMap<'a> {
+    pub fn new(inverse: &'a InverseEmbedding, domain: &'a SurfaceMesh) -> Self {
+        let nowhere = VertexImage {
+            point: Point::origin(),
+            triangle: 0,
+        };
+        Self {
+            inverse,
+            domain: domain.vertices(),
+            area_scale: 1.0,
+            images: vec![nowhere; domain.vertices().len()],
+            protrusions: HashMap::new(),
+        }
+    }
+
+    /// Finds the triangles that cover protrusions of the target.
+    pub fn find_protrusions(&mut self, embedding: &PartialEmbedding) {
+        self.protrusions.clear();
+        let triangles = embedding.rings.triangles();
+        let mut index = vec![0; embedding.directions.len()];
+        for (i, &v) in embedding.inserted.iter().enumerate() {
+            index[v as usize] = i as u32;
+        }
+        let inserted = embedding.inserted.iter();
+        let directions: Vec<Vector> = inserted.map(|&v| embedding.directions[v as usize]).collect();
+        let points = directions.iter().map(|x| Point::from(*x)).collect();
+        let indexed = triangles.iter().map(|t| t.map(|v| index[v as usize])).collect();
+        let surface = SurfaceMesh::new(points, indexed).expect("corners of triangles have been inserted");
+        let locator = Locator::of_directions(&surface, &directions);
+        // Coarse embeddings are many, and need fewer samples.
+        let stride = (self.inverse.samples.len() / (SAMPLES_PER_TRIANGLE * triangles.len())).max(1);
+        let samples: Vec<(Vector, f64)> = self.inverse.samples.iter().step_by(stride).copied().collect();
+        let sampled: Vec<Vector> = samples.iter().map(|sample| sample.0).collect();
+        let mut covered = vec![(0, 0.0); triangles.len()];
+        for (found, (_, area)) in locator.locate_all(&sampled).iter().zip(&samples) {
+            let (count, sum) = &mut covered[found.triangle as usize];
+            *count += 1;
+            *sum += stride as f64 * area;
+        }
+        for (t, (count, area)) in triangles.iter().zip(covered) {
+            let [y, a, b] = t.map(|v| self.images[v as usize].point);
+            let straight = 0.5 * (a - y).cross(&(b - y)).norm();
+            if count >= FEWEST_SAMPLES && area > LEAST_AREA_RATIO * straight {
+                self.protrusions.insert(*t, (area / straight).min(MOST_AREA_RATIO));
+            }
+        }
+    }
+
+    /// Whether any triangle covers a protrusion.
+    pub fn has_protrusions(&self) -> bool {
+        !self.protrusions.is_empty()
+    }
+
+    fn domain_triangle(&self, t: [u32; 3]) -> DomainTriangle {
+        let rest = RestShape::of_triangle(t.map(|v| &self.domain[v as usize]), self.area_scale);
+        let area_ratio = if self.protrusions.is_empty() {
+            None
+        } else {
+            self.protrusions.get(&lowest_first(t))
+        };
+        DomainTriangle {
+            rest,
+            reference_area: rest.area / area_ratio.unwrap_or(&1.0),
+        }
+    }
+
+    /// Computes the images of all vertices from their directions.
+    pub fn locate(&mut self, embedding: &PartialEmbedding) {
+        self.area_scale = embedding.area_scale(self.domain);
+        for &v in &embedding.inserted {
+            self.images[v as usize] = self
+                .inverse
+                .image(&embedding.directions[v as usize], self.images[v as usize].triangle);
+        }
+    }
+
+    /// Moves each of these vertices, unless it is fixed, once to a direction where its triangles have less energy.
+    pub fn sweep(&mut self, embedding: &mut PartialEmbedding, vertices: &[u32], is_fixed: &dyn Fn(u32) -> bool) {
+        let mut star = VertexStar::new();
+        for &v in vertices.iter().filter(|&&v| !is_fixed(v)) {
+            self.gather(embedding, v, &mut star);
+            let x = embedding.directions[v as usize];
+            if let Some((x, image)) = self.better_place(&x, &self.images[v as usize], &star) {
+                embedding.directions[v as usize] = x;
+                self.images[v as usize] = image;
+            }
+        }
+    }
+
+    /// Vertices whose triangles have more than `limit` times the energy of an isometry, with their neighbours; ascending.
+    pub fn distorted(&self, embedding: &PartialEmbedding, limit: f64) -> Vec<u32> {
+        let mut found = Vec::new();
+        let mut star = VertexStar::new();
+        for &v in &embedding.inserted {
+            self.gather(embedding, v, &mut star);
+            let area: f64 = star.iter().map(|corner| corner.triangle.rest.area).sum();
+            let value = self.value(&embedding.directions[v as usize], &self.images[v as usize].point, &star);
+            if value.is_none_or(|value| value > limit * area) {
+                found.push(v);
+                found.extend_from_slice(embedding.rings.of(v));
+            }
+        }
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    fn gather(&self, embedding: &PartialEmbedding, v: u32, star: &mut VertexStar) {
+        let ring = embedding.rings.of(v);
+        star.clear();
+        star.extend(ring.iter().enumerate().map(|(i, &r)| {
+            let next = ring[(i + 1) % ring.len()];
+            RingCorner {
+                direction: embedding.directions[r as usize],
+                image: self.images[r as usize].point,
+                triangle: self.domain_triangle([v, r, next]),
+            }
+        }));
+    }
+
+    /// Mean energy over the domain's area, 1 for an isometry.
+    pub fn energy(&self, embedding: &PartialEmbedding) -> f64 {
+        let mut sum = [0.0; 2];
+        for t in embedding.rings.triangles() {
+            let triangle = self.domain_triangle(t);
+            let [y, a, b] = t.map(|v| self.images[v as usize].point);
+            let (s, c, _) = jacobian_invariants(&y, &a, &b, &triangle);
+            let e = 0.25 * (s + s / (c * c));
+            sum[0] += triangle.rest.area;
+            sum[1] += triangle.rest.area * e;
+        }
+        let mean = sum[1] / sum[0];
+        if mean.is_nan() { f64::INFINITY } else { mean }
+    }
+
+    fn value(&self, x: &Vector, y: &Point, star: &VertexStar) -> Option<f64> {
+        let mut value = 0.0;
+        for (i, a) in star.iter().enumerate() {
+            let b = &star[(i + 1) % star.len()];
+            let d = positive_det(x, &a.direction, &b.direction)?;
+            let (s, c, _) = jacobian_invariants(y, &a.image, &b.image, &a.triangle);
+            let rest = &a.triangle.rest;
+            let shape = chords(x, &a.direction, &b.direction, rest) / (2.0 * d);
+            value += rest.area * (0.25 * (s + s / (c * c)) + BARRIER * shape);
+        }
+        // NaN where the image has no area, as between two coincident sheets of the target.
+        (!value.is_nan()).then_some(value)
+    }
+
+    fn better_place(&self, x: &Vector, image: &VertexImage, star: &VertexStar) -> Option<(Vector, VertexImage)> {
+        let before = self.value(x, &image.point, star)?;
+        let y = image.point;
+        let (mut slope, mut bend) = (Vector::zeros(), Matrix3::zeros());
+        let (mut gradient, mut hessian) = (Vector::zeros(), Matrix3::zeros());
+        for (i, a) in star.iter().enumerate() {
+            let b = &star[(i + 1) % star.len()];
+            let DomainTriangle { rest, reference_area } = a.triangle;
+            let [_, ca, cb] = rest.cotangents;
+            let (s, c, normal) = jacobian_invariants(&y, &a.image, &b.image, &a.triangle);
+            let ds = (ca * (y - b.image) + cb * (y - a.image)) / reference_area;
+            let dc = normal.cross(&(b.image - a.image)) / (2.0 * reference_area);
+            let w = 0.25 * rest.area;
+            let (c2, c3) = (c * c, c * c * c);
+            slope += w * ((1.0 + 1.0 / c2) * ds - 2.0 * s / c3 * dc);
+            let cross = ds * dc.transpose();
+            bend += w
+                * (Matrix3::identity() * ((ca + cb) / reference_area * (1.0 + 1.0 / c2))
+                    - (cross + cross.transpose()) * (2.0 / c3)
+                    + dc * dc.transpose() * (6.0 * s / (c2 * c2)));
+            let d = det(x, &a.direction, &b.direction);
+            let n = a.direction.cross(&(b.direction - a.direction));
+            let q = chords(x, &a.direction, &b.direction, &rest);
+            let dq = 2.0 * (ca * (x - b.direction) + cb * (x - a.direction));
+            let w = 0.5 * BARRIER * rest.area;
+            let cross = dq * n.transpose();
+            gradient += w * (dq / d - q / (d * d) * n);
+            hessian += w
+                * (Matrix3::identity() * (2.0 * (ca + cb) / d) - (cross + cross.transpose()) / (d * d)
+                    + n * n.transpose() * (2.0 * q / (d * d * d)));
+        }
+        let chain = self.inverse.derivative(x, image);
+        gradient += chain.transpose() * slope;
+        hessian += chain.transpose() * bend * chain;
+        let step = newton_step(x, &gradient, &hessian)?;
+        let step_to = |share: f64| {
+            let to = (x + share * step).normalize();
+            let there = self.inverse.image(&to, image.triangle);
+            let value = self.value(&to, &there.point, star)?;
+            (value < before).then_some((value, (to, there)))
+        };
+        let mut share = 1.0;
+        let mut best = None;
+        for _ in 0..8 {
+            best = step_to(share);
+            if best.is_some() {
+                break;
+            }
+            share *= 0.4;
+        }
+        // Newton's steps out of a narrow triangle are far too short: lengthen them while the energy falls.
+        while let Some((value, _)) = best {
+            share *= 2.5;
+            match step_to(share) {
+                Some(farther) if farther.0 < value && share < 1e3 => best = Some(farther),
+                _ => break,
+            }
+        }
+        best.map(|(_, place)| place)
+    }
+}
+
+/// Squared norm of the Jacobian, its determinant, and the unit normal of the image triangle.
+fn jacobian_invariants(y: &Point, a: &Point, b: &Point, triangle: &DomainTriangle) -> (f64, f64, Vector) {
+    let [cy, ca, cb] = triangle.rest.cotangents;
+    let (ya, yb) = (a - y, b - y);
+    let s = (cy * (b - a).norm_squared() + ca * yb.norm_squared() + cb * ya.norm_squared())
+        / (2.0 * triangle.reference_area);
+    let cross = ya.cross(&yb);
+    let area = cross.norm();
+    (s, area / (2.0 * triangle.reference_area), cross / area)
+}
+
+/// Four times the Dirichlet energy of the map to the chords of a triangle on the sphere.
+fn chords(x: &Vector, a: &Vector, b: &Vector, rest: &RestShape) -> f64 {
+    let [cx, ca, cb] = rest.cotangents;
+    cx * (b - a).norm_squared() + ca * (b - x).norm_squared() + cb * (a - x).norm_squared()
+}
+
+/// The energy as a function of all directions, for Newton's method.
+pub(crate) struct InterSurfaceEnergy<'a> {
+    inverse: &'a InverseEmbedding<'a>,
+    domain_triangles: Vec<DomainTriangle>,
+    shapes: &'a RestShapes,
+    /// Triangle of the target in which each vertex was found last. Affects the time of the next search, not its result.
+    hints: Vec<AtomicU32>,
+}
+
+impl<'a> InterSurfaceEnergy<'a> {
+    pub fn new(map: &InterSurfaceMap<'a>, shapes: &'a RestShapes) -> Self {
+        Self {
+            inverse: map.inverse,
+            domain_triangles: shapes.triangles().iter().map(|t| map.domain_triangle(*t)).collect(),
+            shapes,
+            hints: map.images.iter().map(|image| AtomicU32::new(image.triangle)).collect(),
+        }
+    }
+
+    fn barrier(&self) -> DistortionEnergy<'_> {
+        DistortionEnergy {
+            rest: self.shapes,
+            weights: EnergyWeights {
+                angle: BARRIER,
+                area: 0.0,
+            },
+        }
+    }
+
+    fn images(&self, x: &[Vector]) -> Vec<VertexImage> {
+        let of_vertex = |(x, hint): (&Vector, &AtomicU32)| {
+            if *x == Vector::zeros() {
+                return VertexImage {
+                    point: Point::origin(),
+                    triangle: 0,
+                };
+            }
+            let image = self.inverse.image(x, hint.load(Relaxed));
+            hint.store(image.triangle, Relaxed);
+            image
+        };
+        x.par_iter().zip(&self.hints).map(of_vertex).collect()
+    }
+}
+
+impl Objective for InterSurfaceEnergy<'_> {
+    fn triangles(&self) -> &[[u32; 3]] {
+        self.shapes.triangles()
+    }
+
+    fn value(&self, x: &[Vector]) -> f64 {
+        let barrier = self.barrier().value(x);
+        if !barrier.is_finite() {
+            return f64::INFINITY;
+        }
+        let images = self.images(x);
+        let of_triangle = |(t, triangle): (&[u32; 3], &DomainTriangle)| {
+            let [y, a, b] = t.map(|v| images[v as usize].point);
+            let (s, c, _) = jacobian_invariants(&y, &a, &b, triangle);
+            0.25 * triangle.rest.area * (s + s / (c * c))
+        };
+        let values: Vec<f64> = self
+            .triangles()
+            .par_iter()
+            .zip(&self.domain_triangles)
+            .map(of_triangle)
+            .collect();
+        let sum = values.iter().sum::<f64>() + barrier;
+        if sum.is_finite() { sum } else { f64::INFINITY }
+    }
+
+    fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives> {
+        let images = self.images(x);
+        let chain = |v: usize| {
+            let derivative = if x[v] == Vector::zeros() {
+                Matrix3::zeros()
+            } else {
+                self.inverse.derivative(&x[v], &images[v])
+            };
+            frames[v].map(|tangent| derivative * tangent)
+        };
+        let chains: Vec<[Vector; 2]> = (0..x.len()).into_par_iter().map(chain).collect();
+        let mut elements = self.barrier().elements(x, frames);
+        let parts = elements
+            .par_iter_mut()
+            .zip(self.triangles())
+            .zip(&self.domain_triangles);
+        parts.for_each(|((element, t), triangle)| {
+            let points = t.map(|v| images[v as usize].point);
+            add_derivatives(element, &points, &t.map(|v| chains[v as usize]), triangle);
+        });
+        elements
+    }
+}
+
+fn add_derivatives(
+    element: &mut ElementDerivatives,
+    [y, a, b]: &[Point; 3],
+    chains: &[[Vector; 2]; 3],
+    triangle: &DomainTriangle,
+) {
+    let DomainTriangle { rest, reference_area } = triangle;
+    let [cy, ca, cb] = rest.cotangents;
+    let (s, c, normal) = jacobian_invariants(y, a, b, triangle);
+    let ds = [
+        ca * (y - b) + cb * (y - a),
+        cb * (a - y) + cy * (a - b),
+        cy * (b - a) + ca * (b - y),
+    ];
+    let ds = ds.map(|v| v / *reference_area);
+    let dc = [b - a, y - b, a - y].map(|v| normal.cross(&v) / (2.0 * reference_area));
+    let (c2, c3) = (c * c, c * c * c);
+    let w = 0.25 * rest.area;
+    let tangent = |g: &[Vector; 3]| -> [f64; 6] { std::array::from_fn(|i| g[i / 2].dot(&chains[i / 2][i % 2])) };
+    let (gs, gc) = (tangent(&ds), tangent(&dc));
+    // Cotangent of the angle opposite to two corners.
+    let opposite = |m: usize, n: usize| rest.cotangents[3 - m - n];
+    let mut bend = ElementHessian::zeros();
+    for i in 0..6 {
+        element.gradient[i] += w * ((1.0 + 1.0 / c2) * gs[i] - 2.0 * s / c3 * gc[i]);
+        for j in 0..6 {
+            let (m, n) = (i / 2, j / 2);
+            let weight = if m == n {
+                opposite(m, (m + 1) % 3) + opposite(m, (m + 2) % 3)
+            } else {
+                -opposite(m, n)
+            };
+            let metric = weight / reference_area * chains[m][i % 2].dot(&chains[n][j % 2]);
+            let cross = gs[i] * gc[j] + gc[i] * gs[j];
+            bend[(i, j)] = w * ((1.0 + 1.0 / c2) * metric - 2.0 / c3 * cross + 6.0 * s / (c2 * c2) * gc[i] * gc[j]);
+        }
+    }
+    element.hessian += semidefinite(bend);
+}
+
+fn lowest_first([a, b, c]: [u32; 3]) -> [u32; 3] {
+    if a < b && a < c {
+        [a, b, c]
+    } else if b < c {
+        [b, c, a]
+    } else {
+        [c, a, b]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+    use crate::spherical::tangents;
+
+    fn radial(surface: &SurfaceMesh) -> SphericalEmbedding {
+        let directions: Vec<Vector> = surface.vertices().iter().map(|p| p.coords).collect();
+        SphericalEmbedding::new(surface.clone(), &directions).unwrap()
+    }
+
+    /// A ball with a horn that single triangles of a coarse domain cover, and such a domain, rotated so that no vertex of
+    /// one is on an edge of the other, where the map is not differentiable.
+    fn horned() -> (SphericalEmbedding, SurfaceMesh) {
+        let turn = nalgebra::Rotation3::from_euler_angles(0.31, 0.47, 0.59);
+        let target = shapes::deformed(&shapes::sphere(1.0, 4), |p| {
+            p * (1.0 + 3.0 * (-30.0 * (p - Point::new(0.6, 0.0, 0.8)).norm_squared()).exp())
+        });
+        let domain = shapes::deformed(&shapes::sphere(1.0, 1), |p| {
+            turn * Point::new(p.x + 0.2 * p.y * p.z, 0.8 * p.y, 1.2 * p.z + 0.1 * p.x)
+        });
+        (radial(&target), domain)
+    }
+
+    #[test]
+    fn gradient_matches_central_differences_with_and_without_protrusions() {
+        let (target, domain) = horned();
+        let locator = Locator::new(&target);
+        let inverse = InverseEmbedding::new(&target, &locator);
+        let embedding = PartialEmbedding::complete(&domain, radial(&domain).directions());
+        let mut map = InterSurfaceMap::new(&inverse, &domain);
+        map.locate(&embedding);
+        for with_protrusions in [false, true] {
+            if with_protrusions {
+                map.find_protrusions(&embedding);
+            }
+            assert_eq!(map.has_protrusions(), with_protrusions);
+            let triangles = embedding.rings.triangles();
+            let shapes = RestShapes::new(&triangles, domain.vertices());
+            let energy = InterSurfaceEnergy::new(&map, &shapes);
+            let x = embedding.directions.clone();
+            let frames: Vec<[Vector; 2]> = x.iter().map(tangents).collect();
+            let mut gradient = vec![[0.0; 2]; x.len()];
+            for (t, element) in triangles.iter().zip(energy.elements(&x, &frames)) {
+                for i in 0..6 {
+                    gradient[t[i / 2] as usize][i % 2] += element.gradient[i];
+                }
+            }
+            let size = gradient.iter().flatten().fold(0.0f64, |m, g| m.max(g.abs()));
+            // Second order: truncation of some h², rounding of ε E / h.
+            let h = 1e-6;
+            for v in 0..x.len() {
+                for k in 0..2 {
+                    let at = |step: f64| {
+                        let mut moved = x.clone();
+                        moved[v] = (x[v] + step * frames[v][k]).normalize();
+                        energy.value(&moved)
+                    };
+                    let slope = (at(h) - at(-h)) / (2.0 * h);
+                    assert!(
+                        (slope - gradient[v][k]).abs() < 1e-6 * size,
+                        "{v} {k}: {slope} {:?}",
+                        gradient[v]
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn sweeps_never_raise_the_energy_and_keep_fixed_vertices() {
+        let (target, domain) = horned();
+        let locator = Locator::new(&target);
+        let inverse = InverseEmbedding::new(&target, &locator);
+        let mut embedding = PartialEmbedding::complete(&domain, radial(&domain).directions());
+        let mut map = InterSurfaceMap::new(&inverse, &domain);
+        map.locate(&embedding);
+        map.find_protrusions(&embedding);
+        let triangles = embedding.rings.triangles();
+        let shapes = RestShapes::new(&triangles, domain.vertices());
+        let vertices = embedding.inserted.clone();
+        let start = InterSurfaceEnergy::new(&map, &shapes).value(&embedding.directions);
+        let mut last = start;
+        for _ in 0..10 {
+            map.sweep(&mut embedding, &vertices, &|v| v == 7);
+            let value = InterSurfaceEnergy::new(&map, &shapes).value(&embedding.directions);
+            assert!(value <= last * (1.0 + 1e-14), "{value} {last}");
+            last = value;
+        }
+        assert!(last < 0.98 * start, "{start} {last}");
+        assert_eq!(embedding.directions[7], radial(&domain).directions()[7]);
+    }
+}
