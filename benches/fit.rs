@@ -3,7 +3,7 @@
 use criterion::{BenchmarkId, Criterion, Throughput};
 use solidmap::boundary_map::{BoundaryMap, examples};
 use solidmap::energy::{EnergyOptions, GridResolution, clipped_grid, energies};
-use solidmap::fit::{DomainFactor, FitOptions, Solver, fit};
+use solidmap::fit::{DomainFactor, FitMethod, FitOptions, fit};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::solver::{Decomposition, DenseOptions};
@@ -32,10 +32,13 @@ fn bumpy(frequency: usize, frame: usize) -> BoundaryMap {
 fn dense(decomposition: Decomposition, sources: usize) -> FitOptions {
     FitOptions {
         max_sources: sources,
-        solver: Solver::Dense(DenseOptions {
-            decomposition,
-            ..DenseOptions::default()
-        }),
+        method: FitMethod::Dense {
+            placement: FitMethod::default().placement(),
+            options: DenseOptions {
+                decomposition,
+                ..DenseOptions::default()
+            },
+        },
         ..FitOptions::dense()
     }
 }

@@ -1,23 +1,32 @@
-//! Memory: how much there is, and how to say so.
+//! Available memory, what may be taken of it, and amounts as text.
 
-/// Memory that a process may still take, in bytes: by Linux's own estimate, and no more than its address space may grow
-/// (`ulimit -v`). `None` where the system does not say.
+/// Memory that this process may still allocate, in bytes: by Linux's own estimate, and no more than its address space may
+/// grow (`ulimit -v`). `None` where the system does not say.
 pub fn available() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let of_system = kib_after(&text, "MemAvailable:")?;
     Some(of_system.min(address_space().unwrap_or(u64::MAX)))
 }
 
-/// [`available`] to what decomposes matrices, whose kernels reserve a gibibyte of addresses for each thread and use little of
-/// it. Rust cannot go on when that is refused.
-pub(crate) fn available_to_solver() -> Option<u64> {
+/// Bytes to allocate at most unless told otherwise: nine tenths of what is [`available`].
+pub fn default_budget() -> Option<u64> {
+    available().map(nine_tenths)
+}
+
+/// [`default_budget`] for work that decomposes matrices. Its kernels reserve a gibibyte of addresses for each thread, use
+/// little of it, and abort where that is refused.
+pub(crate) fn default_solver_budget() -> Option<u64> {
     const ADDRESSES: u64 = 1 << 30;
     let threads = rayon::current_num_threads() as u64 + 1;
     let addresses = address_space().map(|bytes| bytes.saturating_sub(threads * ADDRESSES));
-    Some(available()?.min(addresses.unwrap_or(u64::MAX)))
+    Some(nine_tenths(available()?.min(addresses.unwrap_or(u64::MAX))))
 }
 
-/// How much the address space may grow, where it is limited.
+fn nine_tenths(bytes: u64) -> u64 {
+    (0.9 * bytes as f64) as u64
+}
+
+/// Bytes by which the address space may grow, where it is limited.
 fn address_space() -> Option<u64> {
     let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
@@ -32,7 +41,7 @@ fn kib_after(text: &str, name: &str) -> Option<u64> {
     Some(kib * 1024)
 }
 
-/// A number of bytes, to read.
+/// An amount in MiB or GiB, for messages.
 pub fn readable(bytes: u64) -> String {
     let mib = bytes as f64 / f64::from(1 << 20);
     if mib < 1000.0 {

@@ -3,11 +3,19 @@
 use crate::common::{boundary_map, fitted, interior_points, largest_distance, models, solids};
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::fit::{DomainFactor, FitError, FitOptions, Placement, Solver, fit};
+use solidmap::fit::{DomainFactor, FitError, FitMethod, FitOptions, Placement, fit};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::sampling;
 use solidmap::solver::{CollocationSystem, Decomposition, DenseFactor, DenseOptions};
+
+fn dense(placement: Placement, decomposition: Decomposition) -> FitMethod {
+    let options = DenseOptions {
+        decomposition,
+        ..DenseOptions::default()
+    };
+    FitMethod::Dense { placement, options }
+}
 
 /// Harmonic polynomials of degree 2, 3 and 4.
 fn polynomials(p: &Point) -> Point {
@@ -40,15 +48,11 @@ fn affine(p: &Point) -> Point {
 /// Every placement, solver and collocation; the coarse solids have some 160 to 300 vertices, so 100 sources subsample.
 #[test]
 fn identity_and_affine_maps_are_reproduced() {
-    let svd = DenseOptions {
-        decomposition: Decomposition::Svd,
-        ..DenseOptions::default()
-    };
     let choices = [
         FitOptions::adaptive(),
         FitOptions::dense(),
         FitOptions {
-            solver: Solver::Dense(svd),
+            method: dense(FitMethod::default().placement(), Decomposition::Svd),
             ..FitOptions::dense()
         },
         FitOptions {
@@ -60,7 +64,7 @@ fn identity_and_affine_maps_are_reproduced() {
             ..FitOptions::dense()
         },
         FitOptions {
-            placement: Placement::Sphere { radius: 1.0 },
+            method: dense(Placement::Sphere { radius: 1.0 }, Decomposition::Qr),
             ..FitOptions::dense()
         },
         #[cfg(feature = "native")]
@@ -113,7 +117,7 @@ fn error_inside_falls_with_the_square_of_the_spacing() {
                 let (first, second) = (error(&coarse), error(&fine));
                 assert!(second < first / 3.0, "{name}, {options:?}: {first:e} to {second:e}");
                 // With one source per vertex the map averages what is linear between them, and errs less than the data.
-                if options.solver != FitOptions::adaptive().solver || !options.refine {
+                if options.method != FitOptions::adaptive().method || !options.refine {
                     assert!(second < 5e-3, "{name}, {options:?}: {second:e}");
                 }
             }
@@ -291,7 +295,7 @@ fn cavities_have_sources_whatever_the_placement() {
         Placement::Offset { distance: 0.1 },
     ] {
         let options = FitOptions {
-            placement,
+            method: dense(placement, Decomposition::Qr),
             source_ratio: 1.0,
             collocation_ratio: 3.0,
             ..FitOptions::dense()
@@ -306,7 +310,7 @@ fn cavities_have_sources_whatever_the_placement() {
 fn the_paper_basis_meets_the_identity_only_nearly() {
     let domain = shapes::sphere(1.0, 3);
     let options = FitOptions {
-        placement: Placement::Sphere { radius: 0.6 },
+        method: dense(Placement::Sphere { radius: 0.6 }, Decomposition::Svd),
         affine: false,
         ..FitOptions::paper()
     };

@@ -6,7 +6,7 @@ use crate::common::{bent, models, with_hole};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::energy::{GridResolution, Lame, deformation_density};
-use solidmap::fit::{FitOptions, Workload};
+use solidmap::fit::{FitOptions, FitSize};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::sequence::{MeasuredFrame, Sequence, SequenceError, SequenceOptions, cycles};
 use solidmap::{Matrix3, Point, Vector};
@@ -322,7 +322,7 @@ fn poses_of_the_horse_are_measured_after_its_slit_is_closed() {
 fn blocks_leave_room_for_the_densities_of_their_frames() {
     let reference = shapes::sphere(1.0, 2);
     let points = prepared(&reference, &options()).quadrature().points().len() as u64;
-    let mut work = Workload::of(&reference, &FitOptions::default());
+    let mut work = FitSize::of(&reference, &FitOptions::default());
     work.maps = 32;
     // Three numbers for each point and frame: room for 20 frames' is room for 16, halving from 32.
     let with_memory = |memory: u64| {

@@ -6,7 +6,7 @@ use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::files::{self, MapFile, MapMetadata, Provenance};
-use solidmap::fit::{Fit, FitOptions, FitReport, Phase, Placement, RefinementEnd, Solver, fit};
+use solidmap::fit::{Fit, FitMethod, FitOptions, FitReport, Phase, Placement, RefinementEnd, fit};
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions, SchwarzStop};
@@ -356,44 +356,46 @@ pub fn options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> 
     } else {
         FitOptions::adaptive()
     };
-    let mut solver = match (args.method, base.solver) {
-        (None, solver) => solver,
-        (Some(MethodKind::Schwarz), _) => Solver::Schwarz(SchwarzOptions::default()),
-        (Some(MethodKind::Dense), _) => Solver::Dense(DenseOptions::default()),
-        (Some(MethodKind::Svd), _) => Solver::Dense(DenseOptions {
-            decomposition: Decomposition::Svd,
-            ..DenseOptions::default()
-        }),
-    };
-    if let Some(truncation) = args.truncation {
-        match &mut solver {
-            Solver::Dense(dense) => dense.truncation = truncation,
-            Solver::Schwarz(_) => anyhow::bail!("--truncation has a meaning with --method dense or svd only"),
-        }
-    }
-    let default_limit = match solver {
-        Solver::Schwarz(_) => FitOptions::adaptive(),
-        Solver::Dense(dense) if dense.decomposition == Decomposition::Qr => FitOptions::dense(),
-        Solver::Dense(_) => FitOptions::paper(),
-    }
-    .max_sources;
-    Ok(FitOptions {
-        placement: match placement {
-            PlacementKind::Adaptive => Placement::Adaptive {
-                alpha: args.alpha.unwrap_or(1.0),
-            },
-            PlacementKind::Offset => Placement::Offset {
-                distance: args.offset.unwrap_or(0.1),
-            },
-            PlacementKind::Sphere => Placement::Sphere {
-                radius: args.radius.unwrap_or(1.0),
-            },
+    let placement = match placement {
+        PlacementKind::Adaptive => Placement::Adaptive {
+            alpha: args.alpha.unwrap_or(Placement::DEFAULT_ALPHA),
         },
+        PlacementKind::Offset => Placement::Offset {
+            distance: args.offset.unwrap_or(Placement::DEFAULT_DISTANCE),
+        },
+        PlacementKind::Sphere => Placement::Sphere {
+            radius: args.radius.unwrap_or(Placement::DEFAULT_RADIUS),
+        },
+    };
+    let kind = args.method.unwrap_or(match base.method {
+        FitMethod::Schwarz { .. } => MethodKind::Schwarz,
+        FitMethod::Dense { options, .. } if options.decomposition == Decomposition::Qr => MethodKind::Dense,
+        FitMethod::Dense { .. } => MethodKind::Svd,
+    });
+    let dense = |decomposition| FitMethod::Dense {
+        placement,
+        options: DenseOptions {
+            decomposition,
+            truncation: args.truncation.unwrap_or(DenseOptions::default().truncation),
+        },
+    };
+    let method = match kind {
+        MethodKind::Dense => dense(Decomposition::Qr),
+        MethodKind::Svd => dense(Decomposition::Svd),
+        MethodKind::Schwarz => {
+            anyhow::ensure!(
+                args.truncation.is_none(),
+                "--truncation has a meaning with --method dense or svd only"
+            );
+            FitMethod::schwarz(placement, SchwarzOptions::default())?
+        }
+    };
+    Ok(FitOptions {
+        method,
         source_ratio: args.s_ratio.unwrap_or(base.source_ratio),
         collocation_ratio: args.c_ratio.unwrap_or(base.collocation_ratio),
-        max_sources: args.max_sources.unwrap_or(default_limit),
+        max_sources: args.max_sources.unwrap_or(method.default_max_sources()),
         affine: !args.no_affine,
-        solver,
         tolerance,
         refine: !args.no_refine,
         memory: args.memory,

@@ -120,5 +120,5 @@ pub fn require_writable(path: &Path, extensions: &[&str], others: &[&Path]) -> a
 
 /// What a run may take unless told otherwise: a tenth of the available memory stays free.
 pub fn most_memory() -> Option<u64> {
-    solidmap::memory::available().map(|bytes| bytes / 10 * 9)
+    solidmap::memory::default_budget()
 }

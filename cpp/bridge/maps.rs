@@ -12,7 +12,7 @@ use solidmap::Matrix3;
 use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
-use solidmap::fit::{self, DomainFactor, Fit, FitOptions, FitReport, Phase, Placement, Solver};
+use solidmap::fit::{self, DomainFactor, Fit, FitMethod, FitOptions, FitReport, Phase, Placement};
 use solidmap::inverse::{InverseMap, InverseOptions, PreimageStatus};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint};
@@ -227,15 +227,15 @@ pub fn fit_defaults(preset: u8) -> ffi::FitOptions {
         1 => FitOptions::dense(),
         _ => FitOptions::paper(),
     };
-    let (placement, placement_value) = match options.placement {
+    let (placement, placement_value) = match options.method.placement() {
         Placement::Adaptive { alpha } => (0, alpha),
         Placement::Offset { distance } => (1, distance),
         Placement::Sphere { radius } => (2, radius),
     };
     let (schwarz, dense) = (SchwarzOptions::default(), DenseOptions::default());
-    let (solver, truncation) = match options.solver {
-        Solver::Schwarz(_) => (0, dense.truncation),
-        Solver::Dense(dense) => (
+    let (solver, truncation) = match options.method {
+        FitMethod::Schwarz { .. } => (0, dense.truncation),
+        FitMethod::Dense { options: dense, .. } => (
             if dense.decomposition == Decomposition::Qr { 1 } else { 2 },
             dense.truncation,
         ),
@@ -579,25 +579,28 @@ fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
         1 => Placement::Offset { distance: value },
         _ => Placement::Sphere { radius: value },
     };
-    let dense = |decomposition| DenseOptions {
-        decomposition,
-        truncation: options.truncation,
+    let dense = |decomposition| FitMethod::Dense {
+        placement,
+        options: DenseOptions {
+            decomposition,
+            truncation: options.truncation,
+        },
     };
-    let solver = match options.solver {
-        0 => Solver::Schwarz(SchwarzOptions {
-            most_iterations: options.most_iterations,
-            ..SchwarzOptions::default()
-        }),
-        1 => Solver::Dense(dense(Decomposition::Qr)),
-        _ => Solver::Dense(dense(Decomposition::Svd)),
+    let schwarz = SchwarzOptions {
+        most_iterations: options.most_iterations,
+        ..SchwarzOptions::default()
+    };
+    let method = match options.solver {
+        0 => FitMethod::schwarz(placement, schwarz)?,
+        1 => dense(Decomposition::Qr),
+        _ => dense(Decomposition::Svd),
     };
     Ok(FitOptions {
-        placement,
+        method,
         source_ratio: options.source_ratio,
         collocation_ratio: options.collocation_ratio,
         max_sources: options.max_sources,
         affine: options.affine,
-        solver,
         tolerance: options.tolerance,
         refine: options.refine,
         memory: (options.memory > 0).then_some(options.memory),

@@ -18,10 +18,10 @@ use crate::{Point, Vector};
 /// ([`Self::onto_sphere`], [`Self::through_sphere`]) it is a bijection with the target's surface, and the images of points
 /// between vertices lie on that surface, not on the straight triangles over the images of the vertices.
 ///
-/// Copies share what the ways by the sphere need.
+/// Copies share the domain and what the ways by the sphere need.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoundaryMap {
-    domain: SurfaceMesh,
+    domain: Arc<SurfaceMesh>,
     image: Vec<Point>,
     /// `None` for straight ways, and for those of a function.
     composition: Option<Composition>,
@@ -107,7 +107,8 @@ impl BoundaryMap {
     /// # Errors
     ///
     /// When the counts differ, or the image is not finite or has no extent.
-    pub fn new(domain: SurfaceMesh, image: Vec<Point>) -> Result<Self, BoundaryMapError> {
+    pub fn new(domain: impl Into<Arc<SurfaceMesh>>, image: Vec<Point>) -> Result<Self, BoundaryMapError> {
+        let domain = domain.into();
         if domain.vertices().len() != image.len() {
             return Err(BoundaryMapError::VertexCount {
                 domain: domain.vertices().len(),
@@ -159,7 +160,7 @@ impl BoundaryMap {
         }
         require_extent(&domain, &[low, high], diagonal)?;
         Ok(Self {
-            domain,
+            domain: Arc::new(domain),
             image,
             composition: None,
             function: Some(function),
@@ -208,7 +209,7 @@ impl BoundaryMap {
             }
         };
         Ok(Self {
-            domain,
+            domain: Arc::new(domain),
             image,
             composition: Some(composition),
             function: None,
@@ -233,7 +234,8 @@ impl BoundaryMap {
     /// # Errors
     ///
     /// [`BoundaryMapError::OtherDomain`] with the first difference.
-    pub fn over(&self, domain: SurfaceMesh) -> Result<Self, BoundaryMapError> {
+    pub fn over(&self, domain: impl Into<Arc<SurfaceMesh>>) -> Result<Self, BoundaryMapError> {
+        let domain = domain.into();
         let other = |difference: String| BoundaryMapError::OtherDomain { difference };
         let (own, given) = (self.domain.vertices(), domain.vertices());
         if own.len() != given.len() {
@@ -263,7 +265,8 @@ impl BoundaryMap {
     ///
     /// As [`BoundaryMap::new`], and when the meshes join different vertices. The corners of a triangle may be listed
     /// in any order: a reflecting map turns its image inside out, and that is no defect of the files.
-    pub fn between(domain: SurfaceMesh, image: &SurfaceMesh) -> Result<Self, BoundaryMapError> {
+    pub fn between(domain: impl Into<Arc<SurfaceMesh>>, image: &SurfaceMesh) -> Result<Self, BoundaryMapError> {
+        let domain = domain.into();
         if domain.vertices().len() != image.vertices().len() {
             let (domain, image) = (domain.vertices().len(), image.vertices().len());
             return Err(BoundaryMapError::VertexCount { domain, image });
@@ -411,7 +414,7 @@ impl BoundaryMap {
             image = function.images_of_vertices(&domain);
         }
         Self {
-            domain,
+            domain: Arc::new(domain),
             image,
             composition,
             function,

@@ -30,7 +30,7 @@ pub enum FitError {
     /// No source found a place outside the domain.
     #[error("no source found a place outside the domain; its surface may be folded onto itself everywhere")]
     NoSources,
-    /// The Schwarz solver with sources far from the surface.
+    /// The Schwarz solver was asked for with sources far from the surface.
     #[error(
         "the Schwarz solver needs sources near the surface: use the adaptive placement, or a dense solver with this one"
     )]

@@ -1,31 +1,29 @@
 //! The levels of the Schwarz solver: sources at every spacing from a few hundred for the whole domain to one per anchor.
 
 use super::FitError;
-use super::frame::Frame;
 use crate::Point;
 use crate::geometry::SurfaceQuery;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::{self, Anchors, Collocation, HierarchyOptions, SiteLevel, SourceSite};
 use crate::solver::Level;
 
-/// Levels in the unit frame, coarse to fine, and remarks on sources that found no place.
+/// Levels from coarse to fine, and a warning about sources that found no place.
 pub(super) fn levels(
     domain: &SurfaceMesh,
     anchors: &Anchors,
     collocation: &Collocation,
     alpha: f64,
     query: &SurfaceQuery,
-    frame: &Frame,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Level>, FitError> {
     let finest = finest_level(domain, anchors, collocation);
     let mut levels: Vec<Level> = sampling::coarser_levels(&finest, &HierarchyOptions::default())
         .iter()
-        .map(|sites| placed_level(sites, alpha, query, frame).0)
+        .map(|sites| placed_level(sites, alpha, query).0)
         .collect();
-    let (finest, dropped) = placed_level(&finest, alpha, query, frame);
+    let (finest, dropped) = placed_level(&finest, alpha, query);
     if dropped > 0 {
-        warnings.push(remark_on_dropped(dropped, anchors.vertices.len()));
+        warnings.push(dropped_warning(dropped, anchors.vertices.len()));
     }
     if finest.sources.is_empty() {
         return Err(FitError::NoSources);
@@ -34,29 +32,29 @@ pub(super) fn levels(
     Ok(levels)
 }
 
-pub(super) fn remark_on_dropped(dropped: usize, asked: usize) -> String {
+pub(super) fn dropped_warning(dropped: usize, asked: usize) -> String {
     format!(
         "{dropped} of {asked} sources found no room outside the domain (gaps narrower than their spacing) and were left out"
     )
 }
 
-/// Sources off the sites of a level in the unit frame, and the sites that are left without one.
-pub(super) fn placed_level(sites: &SiteLevel, alpha: f64, query: &SurfaceQuery, frame: &Frame) -> (Level, usize) {
+/// The sources at the sites of a level, and how many sites are left without one.
+pub(super) fn placed_level(sites: &SiteLevel, alpha: f64, query: &SurfaceQuery) -> (Level, usize) {
     let placed = sampling::place_sources(&sites.sites, alpha, &|balls| query.are_outside(balls));
     let mut source_of_site = vec![Level::NO_OWNER; sites.sites.len()];
     for (source, &site) in placed.sites.iter().enumerate() {
         source_of_site[site as usize] = source as u32;
     }
     let level = Level {
-        sources: placed.positions.iter().map(|q| frame.to_unit(q)).collect(),
         spacing: placed
             .sites
             .iter()
-            .map(|&site| sites.sites[site as usize].spacing / frame.diagonal)
+            .map(|&site| sites.sites[site as usize].spacing)
             .collect(),
         rows: sites.rows.clone(),
         owner: sites.owner.iter().map(|&site| source_of_site[site as usize]).collect(),
-        weights: frame.unit_areas(&sites.areas),
+        weights: sites.areas.clone(),
+        sources: placed.positions,
     };
     (level, placed.dropped)
 }

@@ -1,6 +1,7 @@
 //! What can be chosen about a fit.
 
 use super::FitError;
+use crate::memory;
 use crate::mesh::SurfaceMesh;
 use crate::solver::{Decomposition, DenseOptions, SchwarzOptions};
 
@@ -26,41 +27,99 @@ pub enum Placement {
     },
 }
 
-/// How the least-squares system is solved.
+impl Placement {
+    /// Distance over spacing of [`Self::Adaptive`] unless told otherwise.
+    pub const DEFAULT_ALPHA: f64 = 1.0;
+    /// Distance of [`Self::Offset`] unless told otherwise: the paper's.
+    pub const DEFAULT_DISTANCE: f64 = 0.1;
+    /// Radius of [`Self::Sphere`] unless told otherwise.
+    pub const DEFAULT_RADIUS: f64 = 1.0;
+}
+
+/// How the least-squares system is solved, and where its sources stand.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Solver {
+pub enum FitMethod {
     /// Iterations preconditioned by local solves on several levels: time and memory grow with the number of sources.
-    /// Needs sources near the surface, that is, the adaptive placement.
-    Schwarz(SchwarzOptions),
+    Schwarz {
+        /// Distance over spacing, as of [`Placement::Adaptive`]: patches are small only for sources near the surface.
+        alpha: f64,
+        /// Settings of the solver.
+        options: SchwarzOptions,
+    },
     /// A dense decomposition: time grows with the cube of the number of sources and memory (24 bytes per entry) with
     /// the square.
-    Dense(DenseOptions),
+    Dense {
+        /// Where the sources stand.
+        placement: Placement,
+        /// Settings of the decomposition.
+        options: DenseOptions,
+    },
+}
+
+impl FitMethod {
+    /// The Schwarz solver, where placement and solver are chosen apart.
+    ///
+    /// # Errors
+    ///
+    /// [`FitError::SchwarzNeedsNearSources`] for any placement but the adaptive one.
+    pub fn schwarz(placement: Placement, options: SchwarzOptions) -> Result<Self, FitError> {
+        match placement {
+            Placement::Adaptive { alpha } => Ok(Self::Schwarz { alpha, options }),
+            Placement::Offset { .. } | Placement::Sphere { .. } => Err(FitError::SchwarzNeedsNearSources),
+        }
+    }
+
+    /// Where the sources stand.
+    pub fn placement(&self) -> Placement {
+        match *self {
+            Self::Schwarz { alpha, .. } => Placement::Adaptive { alpha },
+            Self::Dense { placement, .. } => placement,
+        }
+    }
+
+    /// [`FitOptions::max_sources`] unless told otherwise: what takes minutes on a desktop computer.
+    pub fn default_max_sources(&self) -> usize {
+        match self {
+            Self::Schwarz { .. } => 2_000_000,
+            Self::Dense { options, .. } => match options.decomposition {
+                Decomposition::Qr => 5000,
+                Decomposition::Svd => 3000,
+            },
+        }
+    }
+}
+
+impl Default for FitMethod {
+    fn default() -> Self {
+        Self::Schwarz {
+            alpha: Placement::DEFAULT_ALPHA,
+            options: SchwarzOptions::default(),
+        }
+    }
 }
 
 /// Settings of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitOptions {
-    /// Where the sources stand.
-    pub placement: Placement,
+    /// How the system is solved, and where its sources stand.
+    pub method: FitMethod,
     /// Sources per boundary vertex, the paper's sRatio.
     pub source_ratio: f64,
     /// Collocation points per boundary vertex, the paper's cRatio. Up to 1 they are vertices; 3 with all vertices in use
-    /// are the vertices and the centroids; other numbers are spread around the sources.
+    /// are the vertices and the centroids; with other ratios they are spread around the sources.
     pub collocation_ratio: f64,
     /// At most this many sources; a domain that asks for more gets fewer, and fewer collocation points in proportion.
     /// The coarser levels of the Schwarz solver, a tenth more, do not count.
     pub max_sources: usize,
     /// Whether the affine functions are in the basis; without them it is the paper's.
     pub affine: bool,
-    /// How the system is solved.
-    pub solver: Solver,
     /// The boundary error (99 % of the area, as a fraction of the target's diagonal) to be reached.
     pub tolerance: f64,
     /// Whether [`fit`](crate::fit::fit) adds sources where the error is too large for the tolerance. Needs the Schwarz solver.
     pub refine: bool,
-    /// Bytes that a fit may need, estimated before they are taken ([`Workload::bytes`](crate::fit::Workload::bytes)): more is refused, and a round of
-    /// refinement that needs more ends it. `None` for nine tenths of what is available at the start, where the system
-    /// says so, else no limit.
+    /// Bytes that a fit may need by the estimate [`FitSize::bytes`](crate::fit::FitSize::bytes): more is refused, and
+    /// refinement ends where it would need more. `None` for [`default_budget`](crate::memory::default_budget) at the start,
+    /// or no limit where the system does not say what is available.
     pub memory: Option<u64>,
     /// Held-out points that the boundary error is averaged over.
     pub held_out: usize,
@@ -71,13 +130,42 @@ pub struct FitOptions {
 impl FitOptions {
     /// Adaptive placement with one source per vertex, overdetermined by three: the default.
     pub fn adaptive() -> Self {
+        Self::with_method(FitMethod::default())
+    }
+
+    /// As [`Self::adaptive`] by a dense decomposition, with at most 5000 sources.
+    pub fn dense() -> Self {
+        Self::with_method(FitMethod::Dense {
+            placement: FitMethod::default().placement(),
+            options: DenseOptions::default(),
+        })
+    }
+
+    /// The paper's settings (sections 4.1 to 4.5): an offset surface at 0.1 of the size, sRatio 0.6, collocation at all
+    /// vertices, singular value decomposition.
+    pub fn paper() -> Self {
         Self {
-            placement: Placement::Adaptive { alpha: 1.0 },
+            source_ratio: 0.6,
+            collocation_ratio: 1.0,
+            ..Self::with_method(FitMethod::Dense {
+                placement: Placement::Offset {
+                    distance: Placement::DEFAULT_DISTANCE,
+                },
+                options: DenseOptions {
+                    decomposition: Decomposition::Svd,
+                    ..DenseOptions::default()
+                },
+            })
+        }
+    }
+
+    fn with_method(method: FitMethod) -> Self {
+        Self {
+            method,
             source_ratio: 1.0,
             collocation_ratio: 3.0,
-            max_sources: 2_000_000,
+            max_sources: method.default_max_sources(),
             affine: true,
-            solver: Solver::Schwarz(SchwarzOptions::default()),
             tolerance: 1e-3,
             refine: true,
             memory: None,
@@ -86,29 +174,86 @@ impl FitOptions {
         }
     }
 
-    /// As [`Self::adaptive`] by a dense decomposition, with at most 5000 sources.
-    pub fn dense() -> Self {
+    /// The options with the available memory as the limit, where none is given.
+    pub(super) fn with_memory_limit(&self) -> Self {
         Self {
-            max_sources: 5000,
-            solver: Solver::Dense(DenseOptions::default()),
-            ..Self::adaptive()
+            memory: self.memory.or_else(memory::default_solver_budget),
+            ..self.clone()
         }
     }
 
-    /// The paper's settings (sections 4.1 to 4.5): an offset surface at 0.1 of the size, sRatio 0.6, collocation at all
-    /// vertices, singular value decomposition.
-    pub fn paper() -> Self {
-        Self {
-            placement: Placement::Offset { distance: 0.1 },
-            source_ratio: 0.6,
-            collocation_ratio: 1.0,
-            max_sources: 3000,
-            solver: Solver::Dense(DenseOptions {
-                decomposition: Decomposition::Svd,
-                ..DenseOptions::default()
-            }),
-            ..Self::adaptive()
+    /// Refuses settings out of range.
+    pub(super) fn require_valid(&self) -> Result<(), FitError> {
+        let require = |holds: bool, option, value, range| {
+            if holds {
+                Ok(())
+            } else {
+                Err(FitError::Option { option, value, range })
+            }
+        };
+        let positive = |v: f64| v > 0.0 && v.is_finite();
+        match self.method.placement() {
+            Placement::Adaptive { alpha } => require(positive(alpha), "alpha", alpha, "positive (1 to 1.5 is good)")?,
+            Placement::Offset { distance } => {
+                require(positive(distance), "offset", distance, "positive (0.1 is usual)")?
+            }
+            Placement::Sphere { radius } => {
+                require(
+                    radius > 0.5 && radius.is_finite(),
+                    "radius",
+                    radius,
+                    "more than 0.5, to contain the domain",
+                )?;
+            }
         }
+        let (sources, collocation) = (self.source_ratio, self.collocation_ratio);
+        require(
+            positive(sources),
+            "source_ratio",
+            sources,
+            "positive (0.6 in the paper)",
+        )?;
+        require(
+            positive(collocation) && collocation >= sources,
+            "collocation_ratio",
+            collocation,
+            "at least `source_ratio`, so that the system is not underdetermined",
+        )?;
+        require(self.max_sources > 0, "max_sources", 0.0, "positive")?;
+        let adaptive = matches!(self.method.placement(), Placement::Adaptive { .. });
+        require(
+            sources <= 1.0 || !adaptive,
+            "source_ratio",
+            sources,
+            "at most 1 with the adaptive placement, which has one source per vertex; refine the mesh for more",
+        )?;
+        if let FitMethod::Dense { options, .. } = self.method {
+            require(
+                (0.0..1.0).contains(&options.truncation),
+                "truncation",
+                options.truncation,
+                "from 0 to below 1 (1e-10 is usual)",
+            )?;
+        }
+        let tolerance = self.tolerance;
+        require(
+            positive(tolerance),
+            "tolerance",
+            tolerance,
+            "positive (1e-3 of the target's diagonal is usual)",
+        )?;
+        let held_out = self.held_out;
+        require(
+            (1..=MOST_HELD_OUT).contains(&held_out),
+            "held_out",
+            held_out as f64,
+            "from 1 to 10 million",
+        )
+    }
+
+    /// Root mean square residual at which iterations end: far below the tolerance.
+    pub(super) fn residual_tolerance(&self) -> f64 {
+        0.02 * self.tolerance
     }
 }
 
@@ -118,93 +263,25 @@ impl Default for FitOptions {
     }
 }
 
-/// Held-out points that may be asked for.
+/// Limit on [`FitOptions::held_out`].
 const MOST_HELD_OUT: usize = 10_000_000;
 
-pub(super) fn require_valid(options: &FitOptions) -> Result<(), FitError> {
-    let require = |holds: bool, option, value, range| {
-        if holds {
-            Ok(())
-        } else {
-            Err(FitError::Option { option, value, range })
-        }
-    };
-    let positive = |v: f64| v > 0.0 && v.is_finite();
-    match options.placement {
-        Placement::Adaptive { alpha } => require(positive(alpha), "alpha", alpha, "positive (1 to 1.5 is good)")?,
-        Placement::Offset { distance } => require(positive(distance), "offset", distance, "positive (0.1 is usual)")?,
-        Placement::Sphere { radius } => {
-            require(
-                radius > 0.5 && radius.is_finite(),
-                "radius",
-                radius,
-                "more than 0.5, to contain the domain",
-            )?;
-        }
-    }
-    let (sources, collocation) = (options.source_ratio, options.collocation_ratio);
-    require(
-        positive(sources),
-        "source_ratio",
-        sources,
-        "positive (0.6 in the paper)",
-    )?;
-    require(
-        positive(collocation) && collocation >= sources,
-        "collocation_ratio",
-        collocation,
-        "at least `source_ratio`, so that the system is not underdetermined",
-    )?;
-    require(options.max_sources > 0, "max_sources", 0.0, "positive")?;
-    let adaptive = matches!(options.placement, Placement::Adaptive { .. });
-    require(
-        sources <= 1.0 || !adaptive,
-        "source_ratio",
-        sources,
-        "at most 1 with the adaptive placement, which has one source per vertex; refine the mesh for more",
-    )?;
-    match options.solver {
-        Solver::Dense(DenseOptions { truncation, .. }) => require(
-            (0.0..1.0).contains(&truncation),
-            "truncation",
-            truncation,
-            "from 0 to below 1 (1e-10 is usual)",
-        )?,
-        Solver::Schwarz(_) if !adaptive => return Err(FitError::SchwarzNeedsNearSources),
-        Solver::Schwarz(_) => {}
-    }
-    let tolerance = options.tolerance;
-    require(
-        positive(tolerance),
-        "tolerance",
-        tolerance,
-        "positive (1e-3 of the target's diagonal is usual)",
-    )?;
-    let held_out = options.held_out;
-    require(
-        (1..=MOST_HELD_OUT).contains(&held_out),
-        "held_out",
-        held_out as f64,
-        "from 1 to 10 million",
-    )
-}
-
 /// How many points a fit uses.
-pub(super) struct Size {
+pub(super) struct PointCounts {
     pub sources: usize,
     pub collocation: usize,
     /// Sources that there would be without a limit.
-    asked: usize,
+    unlimited_sources: usize,
 }
 
-impl Size {
-    /// What the options ask of this domain, cut to what they allow.
+impl PointCounts {
+    /// What the options ask for on this domain, as far as the limit on the sources allows.
     pub fn of(domain: &SurfaceMesh, options: &FitOptions) -> Self {
         let vertices = domain.vertices().len() as f64;
-        let asked = ((options.source_ratio * vertices).round() as usize).max(1);
-        let sources = asked.min(options.max_sources);
+        let unlimited_sources = ((options.source_ratio * vertices).round() as usize).max(1);
+        let sources = unlimited_sources.min(options.max_sources);
         let ratio = options.collocation_ratio / options.source_ratio;
-        let collocation = if sources < asked {
+        let collocation = if sources < unlimited_sources {
             ratio * sources as f64
         } else {
             options.collocation_ratio * vertices
@@ -212,19 +289,19 @@ impl Size {
         Self {
             sources,
             collocation: collocation.round() as usize,
-            asked,
+            unlimited_sources,
         }
     }
 
-    /// Whether all vertices are in use, none left out for the sake of time.
-    pub fn is_whole(&self) -> bool {
-        self.sources == self.asked
+    /// Whether the limit has taken sources away.
+    pub fn is_limited(&self) -> bool {
+        self.sources < self.unlimited_sources
     }
 
-    /// A remark when the limit on the sources took some away.
-    pub fn remark(&self) -> Option<String> {
-        let Self { sources, asked, .. } = self;
-        (!self.is_whole()).then(|| {
+    /// A warning when the limit has taken sources away.
+    pub fn warning(&self) -> Option<String> {
+        let (sources, asked) = (self.sources, self.unlimited_sources);
+        self.is_limited().then(|| {
             format!(
                 "the domain's vertices call for {asked} sources; {sources} are used, as many as are allowed. Detail finer \
                  than their spacing is lost: see the boundary error. `max_sources` raises the limit"

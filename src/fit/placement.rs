@@ -1,35 +1,87 @@
-//! Sources and collocation points of a domain.
+//! Where sources and collocation points stand (sections 4.1 and 4.5).
 
-use super::frame::Frame;
-use super::levels::remark_on_dropped;
-use super::options::Size;
-use super::{FitError, FitOptions, Placement};
+use super::levels::{dropped_warning, levels};
+use super::options::PointCounts;
+use super::{FitError, FitMethod, FitOptions, Placement};
 use crate::Point;
 use crate::geometry::SurfaceQuery;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
 use crate::sampling::{self, Anchors, Collocation};
+use crate::solver::{DenseOptions, Level, SchwarzOptions};
 
-/// Where the sources stand, and remarks on those that found no place.
-pub(super) fn place_sources(
+/// The points of a fit, in model units.
+pub(super) struct PlacedPoints {
+    /// The vertices that sources of the finest level belong to.
+    pub anchors: Anchors,
+    pub collocation: Collocation,
+    pub sources: SourceSets,
+}
+
+/// Sources, as the solver takes them.
+pub(super) enum SourceSets {
+    Levels(Vec<Level>, SchwarzOptions),
+    Dense(Vec<Point>, DenseOptions),
+}
+
+impl PlacedPoints {
+    /// Adds a warning where there are fewer sources than asked for.
+    pub fn new(domain: &SurfaceMesh, options: &FitOptions, warnings: &mut Vec<String>) -> Result<Self, FitError> {
+        let counts = PointCounts::of(domain, options);
+        warnings.extend(counts.warning());
+        let anchors = Anchors::choose(domain, counts.sources);
+        let collocation = place_collocation(domain, &anchors, &counts, options);
+        let sources = match options.method {
+            FitMethod::Schwarz { alpha, options } => {
+                let query = SurfaceQuery::with_winding_sign(domain)?;
+                let levels = levels(domain, &anchors, &collocation, alpha, &query, warnings)?;
+                SourceSets::Levels(levels, options)
+            }
+            FitMethod::Dense {
+                placement,
+                options: dense,
+            } => {
+                let sources = place_sources(domain, &anchors, &counts, placement, options.seed, warnings)?;
+                SourceSets::Dense(sources, dense)
+            }
+        };
+        Ok(Self {
+            anchors,
+            collocation,
+            sources,
+        })
+    }
+}
+
+/// Sources of a single level, and warnings about those that found no place.
+fn place_sources(
     domain: &SurfaceMesh,
     anchors: &Anchors,
-    size: &Size,
-    options: &FitOptions,
+    counts: &PointCounts,
+    placement: Placement,
+    seed: u64,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Point>, FitError> {
-    let sources = match options.placement {
+    let sources = match placement {
         Placement::Adaptive { alpha } => near_sources(domain, anchors, alpha, warnings)?,
         Placement::Offset { distance } => {
-            let (within, count) = in_cavities(domain, anchors, size);
-            let around = offset_sources(domain, distance, count, options.seed, warnings)?;
-            [around, near_sources(domain, &within, 1.0, warnings)?].concat()
+            let (within, count) = in_cavities(domain, anchors, counts);
+            let around = offset_sources(domain, distance, count, seed, warnings)?;
+            [
+                around,
+                near_sources(domain, &within, Placement::DEFAULT_ALPHA, warnings)?,
+            ]
+            .concat()
         }
         Placement::Sphere { radius } => {
-            let (within, count) = in_cavities(domain, anchors, size);
-            let frame = Frame::of(domain);
-            let around = sampling::bounding_sphere(frame.centre, radius * frame.diagonal, count);
-            [around, near_sources(domain, &within, 1.0, warnings)?].concat()
+            let (within, count) = in_cavities(domain, anchors, counts);
+            let (centre, diagonal) = centre_and_diagonal(domain);
+            let around = sampling::bounding_sphere(centre, radius * diagonal, count);
+            [
+                around,
+                near_sources(domain, &within, Placement::DEFAULT_ALPHA, warnings)?,
+            ]
+            .concat()
         }
     };
     if sources.is_empty() {
@@ -37,6 +89,12 @@ pub(super) fn place_sources(
     } else {
         Ok(sources)
     }
+}
+
+/// Those of the bounding box.
+fn centre_and_diagonal(domain: &SurfaceMesh) -> (Point, f64) {
+    let (low, high) = domain.bounding_box().unwrap_or_default();
+    (nalgebra::center(&low, &high), (high - low).norm())
 }
 
 fn near_sources(
@@ -48,23 +106,23 @@ fn near_sources(
     let query = SurfaceQuery::with_winding_sign(domain)?;
     let placed = sampling::adaptive_sources(domain, anchors, alpha, &|balls| query.are_outside(balls));
     if placed.dropped > 0 {
-        warnings.push(remark_on_dropped(placed.dropped, anchors.vertices.len()));
+        warnings.push(dropped_warning(placed.dropped, anchors.vertices.len()));
     }
     Ok(placed.positions)
 }
 
-/// The anchors on cavities, which no surface around the domain serves, and how many sources are left for that surface.
-fn in_cavities(domain: &SurfaceMesh, anchors: &Anchors, size: &Size) -> (Anchors, usize) {
+/// The anchors on cavities, which need sources inside them, and how many sources are left for a surface around the domain.
+fn in_cavities(domain: &SurfaceMesh, anchors: &Anchors, counts: &PointCounts) -> (Anchors, usize) {
     let in_cavity = cavity_vertices(domain);
     let within = anchors.only(|v| in_cavity[v as usize]);
-    let count = size.sources.saturating_sub(within.vertices.len());
+    let count = counts.sources.saturating_sub(within.vertices.len());
     (within, count)
 }
 
 /// Whether each vertex lies on a shell that encloses a cavity: one that, on a repaired surface, has a negative volume.
 fn cavity_vertices(domain: &SurfaceMesh) -> Vec<bool> {
     let components = Topology::new(domain).components();
-    let centre = Frame::of(domain).centre;
+    let (centre, _) = centre_and_diagonal(domain);
     let mut volumes = vec![0.0; components.shapes.len()];
     let parts = |t: usize| Some(components.of_triangle[t] as usize).filter(|&c| c < components.shapes.len());
     for t in 0..domain.triangles().len() {
@@ -95,7 +153,7 @@ fn offset_sources(
     seed: u64,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Point>, FitError> {
-    let distance = distance * Frame::of(domain).diagonal;
+    let distance = distance * centre_and_diagonal(domain).1;
     let offset = crate::cgal_tetgen::offset_surface(domain, distance, &crate::cgal_tetgen::OffsetOptions::default())?;
     if offset.raw_wrap {
         warnings.push("the offset surface is the wrap as it came, about 1 % off its distance".into());
@@ -110,25 +168,25 @@ fn offset_sources(
     Ok(sampling::even_points(&offset.mesh, count, seed))
 }
 
-pub(super) fn place_collocation(
+fn place_collocation(
     domain: &SurfaceMesh,
     anchors: &Anchors,
-    size: &Size,
+    counts: &PointCounts,
     options: &FitOptions,
 ) -> Collocation {
     if options.collocation_ratio <= 1.0 {
-        return Collocation::vertices(domain, &Anchors::choose(domain, size.collocation).vertices);
+        return Collocation::vertices(domain, &Anchors::choose(domain, counts.collocation).vertices);
     }
-    if options.collocation_ratio == 3.0 && size.is_whole() {
+    if options.collocation_ratio == 3.0 && !counts.is_limited() {
         return Collocation::vertices_and_centroids(domain);
     }
-    match options.placement {
+    match options.method.placement() {
         Placement::Adaptive { .. } => {
-            let extra = size.collocation.div_ceil(anchors.vertices.len().max(1)) - 1;
+            let extra = counts.collocation.div_ceil(anchors.vertices.len().max(1)) - 1;
             Collocation::around(domain, anchors, extra, options.seed)
         }
         Placement::Offset { .. } | Placement::Sphere { .. } => {
-            Collocation::even(domain, size.collocation, options.seed)
+            Collocation::even(domain, counts.collocation, options.seed)
         }
     }
 }

@@ -1,6 +1,8 @@
-use super::Placement;
+use super::system::{System, SystemSolution};
+use super::{FitOptions, FitTimings, Placement};
 use crate::boundary_map::BoundaryMap;
 use crate::map::HarmonicMap;
+use crate::mesh::SurfaceMesh;
 use crate::solver::SchwarzStop;
 
 /// Distances `|f(p) − f'(p)|` at held-out boundary points, as fractions of the target's diagonal.
@@ -15,21 +17,6 @@ pub struct BoundaryError {
     pub p99: f64,
     /// The largest, over more points than the average (at least one in each triangle, up to 100 000).
     pub max: f64,
-}
-
-/// Wall time by phase, in seconds.
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub struct Seconds {
-    /// Everything.
-    pub total: f64,
-    /// Checking the domain and placing points.
-    pub sampling: f64,
-    /// Assembling and decomposing the matrix.
-    pub factor: f64,
-    /// Applying the decomposition to the boundary data.
-    pub solve: f64,
-    /// Measuring the boundary error.
-    pub check: f64,
 }
 
 /// What a fit did, and how well it meets its boundary map.
@@ -66,21 +53,56 @@ pub struct FitReport {
     /// Condition number of a dense solver's scaled matrix before truncation; `None` when it is singular to working
     /// precision.
     pub condition: Option<f64>,
-    /// The number that counts.
+    /// How well the map meets its boundary map.
     pub boundary_error: BoundaryError,
     /// The paper's C-Error (section 4.5), `Σ |f(p) − f'(p)|²` over the collocation points, in units of the target's
-    /// diagonal squared. It is small where the fit was made and says little elsewhere.
+    /// diagonal squared. It is small whenever the system is solved, and says little about the boundary in between.
     pub c_error: f64,
     /// Root mean square misfit at the collocation points, as a fraction of the target's diagonal.
     pub residual_rms: f64,
-    /// Bytes that the whole run takes at its peak, by the estimate that `FitOptions::memory` is held against.
+    /// Bytes that the whole run takes at its peak, by the estimate that `FitOptions::memory` limits.
     #[serde(default)]
     pub memory_estimate: u64,
     /// Wall time; `None` in a map file, so that the same fit gives the same bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub seconds: Option<Seconds>,
+    pub seconds: Option<FitTimings>,
     /// What was repaired or left out.
     pub warnings: Vec<String>,
+}
+
+impl FitReport {
+    /// The report of the `k`th map of a solution, without times and warnings.
+    pub(super) fn new(
+        domain: &SurfaceMesh,
+        options: &FitOptions,
+        system: &System,
+        (solution, k): (&SystemSolution, usize),
+        boundary_error: BoundaryError,
+    ) -> Self {
+        let (size, residual) = (&system.size, &solution.residuals[k]);
+        let dense = system.rank_and_condition();
+        Self {
+            vertices: domain.vertices().len(),
+            faces: domain.triangles().len(),
+            sources: size.sources,
+            collocation: size.collocation,
+            method: system.method().into(),
+            placement: options.method.placement(),
+            affine: options.affine,
+            iterations: solution.iterations,
+            refinements: size.refinements,
+            refinement_end: None,
+            stop: solution.stop,
+            rank: dense.map(|(rank, _)| rank),
+            condition: dense.map(|(_, condition)| condition).filter(|c| c.is_finite()),
+            boundary_error,
+            c_error: residual.sum_of_squares,
+            residual_rms: residual.rms,
+            memory_estimate: size.bytes(),
+            seconds: None,
+            warnings: Vec::new(),
+        }
+    }
 }
 
 /// Why no more sources were added.
@@ -91,7 +113,7 @@ pub enum RefinementEnd {
     Tolerance,
     /// Refinement was not asked for.
     Off,
-    /// The solver is dense, or the sources stand far from the surface: neither can be refined.
+    /// The solver is dense and cannot be refined.
     Fixed,
     /// The limit on the sources.
     MaxSources,
@@ -103,6 +125,22 @@ pub enum RefinementEnd {
     NoRoom,
 }
 
+/// A map with its report, which lacks the warnings and timings of the whole fit.
+#[derive(Clone)]
+pub(super) struct MeasuredMap {
+    pub map: HarmonicMap,
+    pub report: FitReport,
+    /// For solving and measuring.
+    pub timings: FitTimings,
+}
+
+impl MeasuredMap {
+    /// The boundary error to compare with the tolerance.
+    pub fn error(&self) -> f64 {
+        self.report.boundary_error.p99
+    }
+}
+
 /// A map and what is known about it.
 #[derive(Debug, Clone)]
 pub struct Fit {
@@ -112,47 +150,4 @@ pub struct Fit {
     pub boundary: BoundaryMap,
     /// How it was made and how good it is.
     pub report: FitReport,
-}
-
-/// The steps of a fit, for showing progress.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Phase {
-    /// Checking the domain.
-    Checking,
-    /// Placing sources and collocation points.
-    Sampling,
-    /// Decomposing a dense matrix of this many rows and columns.
-    Decomposing {
-        /// Collocation points.
-        rows: usize,
-        /// Unknowns.
-        columns: usize,
-    },
-    /// Factoring local problems of a level.
-    Factoring {
-        /// How many are done.
-        done: usize,
-        /// How many there are.
-        of: usize,
-    },
-    /// Applying a dense decomposition.
-    Solving,
-    /// Iterating.
-    Iterating {
-        /// Iterations made.
-        iteration: usize,
-        /// Root mean square residual, as a fraction of the target's diagonal.
-        residual: f64,
-    },
-    /// Measuring the boundary error.
-    Measuring,
-    /// Adding sources where the error is too large.
-    Refining {
-        /// Which round, from 1.
-        round: usize,
-        /// The boundary error so far (99 %).
-        error: f64,
-        /// Sources so far.
-        sources: usize,
-    },
 }

@@ -1,152 +1,190 @@
-//! The linear system of a domain: points placed and the matrix factored. Boundary values go in, coefficients come out.
+//! The linear system of a domain. Points and boundary values go in and maps come out in model units; it is solved in a unit
+//! frame, so that results do not depend on the unit of length.
+
+use std::borrow::Cow;
 
 use rayon::prelude::*;
 
-use super::frame::Frame;
-use super::levels::levels;
-use super::options::{Size, Solver};
-use super::placement::{place_collocation, place_sources};
-use super::refinement::Finer;
-use super::{FitError, FitOptions, Phase, Placement, Tell, Workload, go_on};
+use super::boundary_data::BoundaryData;
+use super::phase::{Phase, Progress};
+use super::placement::{PlacedPoints, SourceSets};
+use super::refinement::FinerLevel;
+use super::unit_frame::UnitFrame;
+use super::{FitError, FitOptions, FitSize};
 use crate::Point;
-use crate::geometry::SurfaceQuery;
 use crate::kernel::Sums;
+use crate::map::HarmonicMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::Anchors;
 use crate::solver::{
-    BasisModes, CollocationSystem, Decomposition, DenseFactor, SchwarzFactor, SchwarzStop, SolveError, Values,
+    BasisModes, Coefficients, CollocationSystem, Decomposition, DenseFactor, SchwarzFactor, SchwarzOptions,
+    SchwarzStop, SolveError, Values,
 };
 
-/// A factored system, its points in model units.
+/// A system with its points placed and nothing factored yet.
+pub(super) struct UnfactoredSystem {
+    frame: UnitFrame,
+    pub size: FitSize,
+    anchors: Anchors,
+    collocation: Vec<SurfacePoint>,
+    /// Positions and area shares of the collocation points, in the unit frame.
+    points: Vec<Point>,
+    weights: Vec<f64>,
+    /// In the unit frame.
+    sources: SourceSets,
+    affine: bool,
+}
+
+/// A factored system.
 pub(super) struct System {
-    /// The finest level as it was placed first.
+    frame: UnitFrame,
+    pub size: FitSize,
+    /// The vertices that the sources of the finest level before refinement belong to.
     pub anchors: Anchors,
-    pub sources: Vec<Point>,
+    sources: Vec<Point>,
     pub collocation: Vec<SurfacePoint>,
-    solver: Factor,
+    factor: Factor,
 }
 
 enum Factor {
-    /// With the collocation points in the unit frame.
-    Dense(Box<DenseFactor>, Decomposition, Vec<Point>),
-    Schwarz(Box<SchwarzFactor>),
+    Dense {
+        factor: Box<DenseFactor>,
+        decomposition: Decomposition,
+        /// The collocation points in the unit frame.
+        points: Vec<Point>,
+    },
+    Schwarz(Box<SchwarzFactor>, SchwarzOptions),
 }
 
-/// Part of the goal for the residual that may be lost by solving for modes of the data.
+/// Part of the residual tolerance that may be lost by solving for fewer modes than right-hand sides.
 const TRUNCATION: f64 = 0.1;
 
-/// Coefficients in the unit frame and how they were found.
-pub(super) struct Solved {
-    pub coefficients: Values,
-    /// How the data's coefficients follow from these, where they are those of fewer modes.
-    mixing: Option<BasisModes>,
-    /// Data minus values at the collocation points.
-    pub residual: Values,
-    pub iterations: usize,
-    pub stop: Option<SchwarzStop>,
-}
-
-impl Solved {
-    /// Coefficients for the data.
-    pub fn coefficients_of_data(&self) -> Values {
-        match &self.mixing {
-            Some(mixing) => mixing.coefficients(&self.coefficients),
-            None => self.coefficients.clone(),
+impl UnfactoredSystem {
+    pub fn new(placed: PlacedPoints, domain: &SurfaceMesh, options: &FitOptions) -> Self {
+        let frame = UnitFrame::of(domain);
+        let sources = match placed.sources {
+            SourceSets::Levels(levels, options) => {
+                let levels = levels.into_iter().map(|level| frame.level_to_unit(level));
+                SourceSets::Levels(levels.collect(), options)
+            }
+            SourceSets::Dense(sources, options) => SourceSets::Dense(frame.all_to_unit(&sources), options),
+        };
+        let (source_count, patch_entries) = match &sources {
+            SourceSets::Levels(levels, options) => {
+                let above_coarsest = levels.get(1..).unwrap_or_default();
+                let entries = SchwarzFactor::patch_entries(above_coarsest, options);
+                (levels.iter().map(|level| level.sources.len()).sum(), Some(entries))
+            }
+            SourceSets::Dense(sources, _) => (sources.len(), None),
+        };
+        Self {
+            frame,
+            size: FitSize {
+                vertices: domain.vertices().len(),
+                sources: source_count,
+                collocation: placed.collocation.points.len(),
+                maps: 1,
+                refinements: 0,
+                patch_entries,
+                method: options.method,
+            },
+            anchors: placed.anchors,
+            points: frame.all_to_unit(&positions(domain, &placed.collocation.points)),
+            weights: frame.areas_to_unit(&placed.collocation.areas),
+            collocation: placed.collocation.points,
+            sources,
+            affine: options.affine,
         }
     }
 
-    /// Values at points of the unit frame, from what the coefficients give there.
-    pub fn values_of_data(&self, values: Values, points: &[Point]) -> Values {
-        match &self.mixing {
-            Some(mixing) => mixing.values(&values, points),
-            None => values,
-        }
+    pub fn factor(self, progress: &Progress) -> Result<System, FitError> {
+        let (sources, factor) = match self.sources {
+            SourceSets::Levels(levels, options) => {
+                let report = |done, of| progress.report(Phase::Factoring { done, of });
+                let factor = SchwarzFactor::new(self.points, self.weights, &levels, self.affine, &options, &report)?;
+                let sources: Vec<Point> = levels.into_iter().flat_map(|level| level.sources).collect();
+                (sources, Factor::Schwarz(Box::new(factor), options))
+            }
+            SourceSets::Dense(sources, options) => {
+                let mean = self.weights.iter().sum::<f64>() / self.weights.len().max(1) as f64;
+                let system = CollocationSystem {
+                    collocation: &self.points,
+                    row_weights: &self.weights.iter().map(|w| (w / mean).sqrt()).collect::<Vec<_>>(),
+                    sources: &sources,
+                    affine: self.affine,
+                };
+                progress.enter(Phase::Decomposing {
+                    rows: self.points.len(),
+                    columns: system.unknowns(),
+                })?;
+                let factor = Factor::Dense {
+                    factor: Box::new(DenseFactor::new(&system, &options)?),
+                    decomposition: options.decomposition,
+                    points: self.points,
+                };
+                (sources, factor)
+            }
+        };
+        Ok(System {
+            sources: self.frame.all_to_model(&sources),
+            frame: self.frame,
+            size: self.size,
+            anchors: self.anchors,
+            collocation: self.collocation,
+            factor,
+        })
     }
 }
 
 impl System {
-    /// Places sources and collocation points. Gives what is needed to factor it, so that the two are timed apart.
-    pub fn place(
-        domain: &SurfaceMesh,
-        frame: &Frame,
-        options: &FitOptions,
-        warnings: &mut Vec<String>,
-    ) -> Result<Placed, FitError> {
-        let size = Size::of(domain, options);
-        warnings.extend(size.remark());
-        let anchors = Anchors::choose(domain, size.sources);
-        let collocation = place_collocation(domain, &anchors, &size, options);
-        let points = collocation
-            .points
-            .iter()
-            .map(|p| frame.to_unit(&p.position(domain, domain.vertices())))
-            .collect();
-        let layout = match (options.solver, options.placement) {
-            (Solver::Schwarz(schwarz), Placement::Adaptive { alpha }) => {
-                let query = SurfaceQuery::with_winding_sign(domain)?;
-                let levels = levels(domain, &anchors, &collocation, alpha, &query, frame, warnings)?;
-                Layout::Levels(levels, schwarz)
-            }
-            (Solver::Schwarz(_), _) => return Err(FitError::SchwarzNeedsNearSources),
-            (Solver::Dense(dense), _) => {
-                let sources = place_sources(domain, &anchors, &size, options, warnings)?;
-                Layout::Dense(sources.iter().map(|q| frame.to_unit(q)).collect(), dense)
-            }
-        };
-        Ok(Placed {
-            anchors,
-            points,
-            weights: frame.unit_areas(&collocation.areas),
-            collocation: collocation.points,
-            layout,
-            affine: options.affine,
-        })
-    }
-
+    /// Coefficients for right-hand sides at the collocation points, to a root mean square residual of `tolerance` in every
+    /// column or the least there is. Iterations start at the coefficients `start`, if given.
     pub fn solve(
         &self,
-        frame: &Frame,
-        data: &Values,
+        right_hand_sides: &Values,
         start: Option<&Values>,
-        goal: f64,
-        progress: Tell,
-    ) -> Result<Solved, FitError> {
-        match &self.solver {
-            Factor::Dense(dense, _, points) => {
-                go_on(progress(Phase::Solving))?;
-                let coefficients = dense.solve_columns(data)?;
-                let values = values(&self.sums(frame, points, 0.0)?, &coefficients, points)?;
-                Ok(Solved {
-                    residual: data.minus(&values),
+        tolerance: f64,
+        progress: &Progress,
+    ) -> Result<SystemSolution, FitError> {
+        match &self.factor {
+            Factor::Dense { factor, points, .. } => {
+                progress.enter(Phase::Solving)?;
+                let coefficients = factor.solve_columns(right_hand_sides)?;
+                let values = values(&self.sums(points, 0.0)?, &coefficients, points)?;
+                Ok(SystemSolution {
                     coefficients,
-                    mixing: None,
+                    modes: None,
+                    residuals: residual_norms(&right_hand_sides.minus(&values)),
+                    tolerance,
                     iterations: 1,
                     stop: None,
                 })
             }
-            Factor::Schwarz(schwarz) => {
-                let report = |iteration, residual| progress(Phase::Iterating { iteration, residual });
+            Factor::Schwarz(factor, _) => {
+                let report = |iteration, residual| progress.report(Phase::Iterating { iteration, residual });
                 let compressed = match start {
-                    None if data.columns() > 3 => schwarz.modes_of(data, TRUNCATION * goal),
+                    None if right_hand_sides.columns() > 3 => factor.modes_of(right_hand_sides, TRUNCATION * tolerance),
                     _ => None,
                 };
-                let Some((modes, mixing)) = compressed else {
-                    let solution = schwarz.solve(data, start, goal, &report)?;
-                    return Ok(Solved {
-                        coefficients: solution.coefficients,
-                        mixing: None,
-                        residual: solution.residual,
-                        iterations: solution.iterations,
-                        stop: Some(solution.stop),
-                    });
+                let (solution, residuals, modes) = match compressed {
+                    None => {
+                        let solution = factor.solve(right_hand_sides, start, tolerance, &report)?;
+                        let residuals = residual_norms(&solution.residual);
+                        (solution, residuals, None)
+                    }
+                    Some((data, modes)) => {
+                        // A right-hand side combines all modes with factors of norm one, and its residual may do so too.
+                        let each = tolerance / (data.columns() as f64).sqrt();
+                        let solution = factor.solve(&data, None, each, &report)?;
+                        let values = modes.values(&data.minus(&solution.residual), factor.collocation());
+                        (solution, residual_norms(&right_hand_sides.minus(&values)), Some(modes))
+                    }
                 };
-                // A frame is a mixture of all modes with factors of norm one, and so may be its residual.
-                let goal = goal / (modes.columns() as f64).sqrt();
-                let solution = schwarz.solve(&modes, None, goal, &report)?;
-                Ok(Solved {
+                Ok(SystemSolution {
                     coefficients: solution.coefficients,
-                    residual: data.minus(&mixing.values(&modes.minus(&solution.residual), schwarz.collocation())),
-                    mixing: Some(mixing),
+                    modes,
+                    residuals,
+                    tolerance,
                     iterations: solution.iterations,
                     stop: Some(solution.stop),
                 })
@@ -154,61 +192,160 @@ impl System {
         }
     }
 
-    /// Adds a level and its collocation points.
-    pub fn refine(
-        &mut self,
-        domain: &SurfaceMesh,
-        frame: &Frame,
-        finer: Finer,
-        progress: Tell,
-    ) -> Result<(), FitError> {
-        let Factor::Schwarz(schwarz) = &mut self.solver else {
-            return Ok(());
+    /// The map of each boundary map that was solved for.
+    pub fn maps(&self, solution: &SystemSolution, data: &[BoundaryData]) -> Vec<HarmonicMap> {
+        let coefficients = match &solution.modes {
+            Some(modes) => Cow::Owned(modes.coefficients(&solution.coefficients)),
+            None => Cow::Borrowed(&solution.coefficients),
         };
-        let points = finer
-            .points
-            .iter()
-            .map(|p| frame.to_unit(&p.position(domain, domain.vertices())))
-            .collect::<Vec<_>>();
-        let report = |done, of| progress(Phase::Factoring { done, of });
-        schwarz.refine(&points, &frame.unit_areas(&finer.areas), &finer.level, &report)?;
-        self.collocation.extend(finer.points);
-        self.sources
-            .extend(finer.level.sources.iter().map(|q| frame.to_model_point(q)));
-        Ok(())
+        let map = |(k, data): (usize, &BoundaryData)| {
+            let unit = Coefficients::of_columns(&coefficients, 3 * k, self.sources.len());
+            let coefficients = self.frame.coefficients_to_model(unit, data.diagonal, data.origin);
+            let map = HarmonicMap::new(self.sources.clone(), coefficients).expect("one coefficient row per source");
+            match solution.stop {
+                Some(_) => map.with_error(solution.residuals[k].rms),
+                None => map,
+            }
+        };
+        data.iter().enumerate().map(map).collect()
+    }
+
+    /// Evaluates solutions at these points, with sums of this relative accuracy or better.
+    pub fn evaluator(&self, points: &[Point], accuracy: f64) -> Result<Evaluator, FitError> {
+        let points = self.frame.all_to_unit(points);
+        Ok(Evaluator {
+            sums: self.sums(&points, accuracy)?,
+            points,
+        })
     }
 
     /// Sums over all sources at points of the unit frame.
-    pub fn sums(&self, frame: &Frame, points: &[Point], accuracy: f64) -> Result<Sums, FitError> {
-        let sources: Vec<Point> = self.sources.iter().map(|q| frame.to_unit(q)).collect();
-        Ok(Sums::new(&sources, points, accuracy).map_err(SolveError::from)?)
+    fn sums(&self, points: &[Point], accuracy: f64) -> Result<Sums, FitError> {
+        Ok(Sums::new(&self.frame.all_to_unit(&self.sources), points, accuracy).map_err(SolveError::from)?)
     }
 
-    /// Whether levels can be added.
-    pub fn is_refinable(&self) -> bool {
-        matches!(self.solver, Factor::Schwarz(_))
+    /// The size of the system with a further level.
+    pub fn refined_size(&self, finer: &FinerLevel) -> FitSize {
+        let added = match &self.factor {
+            Factor::Schwarz(_, options) => {
+                let level = self.frame.level_to_unit(finer.level.clone());
+                Some(SchwarzFactor::patch_entries(&[level], options))
+            }
+            Factor::Dense { .. } => None,
+        };
+        FitSize {
+            sources: self.size.sources + finer.level.sources.len(),
+            collocation: self.size.collocation + finer.points.len(),
+            refinements: self.size.refinements + 1,
+            patch_entries: self.size.patch_entries.zip(added).map(|(kept, added)| kept + added),
+            ..self.size
+        }
+    }
+
+    /// Adds a level and its collocation points; a dense system stays as it is.
+    pub fn refine(&mut self, domain: &SurfaceMesh, finer: FinerLevel, progress: &Progress) -> Result<(), FitError> {
+        let size = self.refined_size(&finer);
+        let Factor::Schwarz(factor, _) = &mut self.factor else {
+            return Ok(());
+        };
+        let points = self.frame.all_to_unit(&positions(domain, &finer.points));
+        let weights = self.frame.areas_to_unit(&finer.areas);
+        let level = self.frame.level_to_unit(finer.level);
+        let report = |done, of| progress.report(Phase::Factoring { done, of });
+        factor.refine(&points, &weights, &level, &report)?;
+        self.collocation.extend(finer.points);
+        self.sources.extend(self.frame.all_to_model(&level.sources));
+        self.size = size;
+        Ok(())
     }
 
     /// `"schwarz"`, `"dense-qr"` or `"dense-svd"`.
     pub fn method(&self) -> &'static str {
-        match self.solver {
-            Factor::Schwarz(_) => "schwarz",
-            Factor::Dense(_, Decomposition::Qr, _) => "dense-qr",
-            Factor::Dense(_, Decomposition::Svd, _) => "dense-svd",
+        match self.factor {
+            Factor::Schwarz(..) => "schwarz",
+            Factor::Dense { decomposition, .. } => match decomposition {
+                Decomposition::Qr => "dense-qr",
+                Decomposition::Svd => "dense-svd",
+            },
         }
     }
 
     /// Rank and condition number of a dense decomposition.
     pub fn rank_and_condition(&self) -> Option<(usize, f64)> {
-        match &self.solver {
-            Factor::Dense(dense, ..) => Some((dense.rank(), dense.condition())),
-            Factor::Schwarz(_) => None,
+        match &self.factor {
+            Factor::Dense { factor, .. } => Some((factor.rank(), factor.condition())),
+            Factor::Schwarz(..) => None,
         }
     }
 }
 
+/// Coefficients for the right-hand sides of some boundary maps, and how they were found.
+pub(super) struct SystemSolution {
+    /// In the unit frame: those of the right-hand sides, or of their modes.
+    pub coefficients: Values,
+    modes: Option<BasisModes>,
+    /// For each boundary map.
+    pub residuals: Vec<ResidualNorm>,
+    tolerance: f64,
+    pub iterations: usize,
+    pub stop: Option<SchwarzStop>,
+}
+
+/// Misfit of a map at the collocation points, in units of the target's diagonal.
+pub(super) struct ResidualNorm {
+    pub sum_of_squares: f64,
+    pub rms: f64,
+}
+
+impl SystemSolution {
+    /// The order of the least error of the maps, which says how accurately to measure them.
+    pub fn expected_error(&self) -> f64 {
+        match self.stop {
+            Some(_) => self
+                .residuals
+                .iter()
+                .map(|residual| residual.rms.max(self.tolerance))
+                .fold(f64::INFINITY, f64::min),
+            // The dense solver is the reference, and measured exactly.
+            None => 0.0,
+        }
+    }
+}
+
+/// Of every three columns.
+fn residual_norms(residual: &Values) -> Vec<ResidualNorm> {
+    let norm = |first: usize| {
+        let square = |r: usize| residual.row(r)[first..first + 3].iter().map(|v| v * v).sum::<f64>();
+        let sum_of_squares: f64 = (0..residual.rows()).map(square).sum();
+        ResidualNorm {
+            sum_of_squares,
+            rms: (sum_of_squares / residual.rows().max(1) as f64).sqrt(),
+        }
+    };
+    let maps = (0..residual.columns() / 3).into_par_iter();
+    maps.map(|k| norm(3 * k)).collect()
+}
+
+/// Sums over the sources of a system at fixed points, for any number of solutions.
+pub(super) struct Evaluator {
+    sums: Sums,
+    /// In the unit frame.
+    points: Vec<Point>,
+}
+
+impl Evaluator {
+    /// Values of the right-hand sides' functions at the points.
+    pub fn values(&self, solution: &SystemSolution, accuracy: f64) -> Result<Values, FitError> {
+        let values = values(&self.sums.with_accuracy(accuracy), &solution.coefficients, &self.points)?;
+        Ok(match &solution.modes {
+            Some(modes) => modes.values(&values, &self.points),
+            None => values,
+        })
+    }
+}
+
 /// Values of all columns of a solution at the points of `sums`.
-pub(super) fn values(sums: &Sums, coefficients: &Values, points: &[Point]) -> Result<Values, FitError> {
+fn values(sums: &Sums, coefficients: &Values, points: &[Point]) -> Result<Values, FitError> {
     let columns = coefficients.columns();
     let (weights, affine) = coefficients.as_slice().split_at(sums.sources() * columns);
     let mut values = sums.potential(weights, columns).map_err(SolveError::from)?;
@@ -221,80 +358,8 @@ pub(super) fn values(sums: &Sums, coefficients: &Values, points: &[Point]) -> Re
     Ok(Values::new(columns, values))
 }
 
-/// Points placed, nothing factored yet.
-pub(super) struct Placed {
-    anchors: Anchors,
-    collocation: Vec<SurfacePoint>,
-    /// Positions and area shares of the collocation points in the unit frame.
-    points: Vec<Point>,
-    weights: Vec<f64>,
-    layout: Layout,
-    affine: bool,
-}
-
-enum Layout {
-    Levels(Vec<crate::solver::Level>, crate::solver::SchwarzOptions),
-    Dense(Vec<Point>, crate::solver::DenseOptions),
-}
-
-impl Placed {
-    /// What factoring will take for these points, of a domain with so many vertices.
-    pub fn work(&self, vertices: usize) -> Workload {
-        let (sources, local_numbers, solver) = match &self.layout {
-            Layout::Levels(levels, options) => {
-                let local = levels.get(1..).unwrap_or_default();
-                let kept = SchwarzFactor::patch_entries(local, options);
-                let sources = levels.iter().map(|level| level.sources.len()).sum();
-                (sources, Some(kept), Solver::Schwarz(*options))
-            }
-            Layout::Dense(sources, options) => (sources.len(), None, Solver::Dense(*options)),
-        };
-        Workload {
-            vertices,
-            sources,
-            collocation: self.points.len(),
-            maps: 1,
-            refinements: 0,
-            local_numbers,
-            solver,
-        }
-    }
-
-    pub fn factor(self, frame: &Frame, progress: Tell) -> Result<System, FitError> {
-        let (sources, solver) = match self.layout {
-            Layout::Levels(levels, options) => {
-                let report = |done, of| progress(Phase::Factoring { done, of });
-                let factor = SchwarzFactor::new(self.points, self.weights, &levels, self.affine, &options, &report)?;
-                let sources = levels.into_iter().flat_map(|level| level.sources).collect();
-                (sources, Factor::Schwarz(Box::new(factor)))
-            }
-            Layout::Dense(sources, options) => {
-                let mean = self.weights.iter().sum::<f64>() / self.weights.len().max(1) as f64;
-                let system = CollocationSystem {
-                    collocation: &self.points,
-                    row_weights: &self.weights.iter().map(|w| (w / mean).sqrt()).collect::<Vec<_>>(),
-                    sources: &sources,
-                    affine: self.affine,
-                };
-                go_on(progress(Phase::Decomposing {
-                    rows: self.points.len(),
-                    columns: system.unknowns(),
-                }))?;
-                let factor = DenseFactor::new(&system, &options)?;
-                (
-                    sources,
-                    Factor::Dense(Box::new(factor), options.decomposition, self.points),
-                )
-            }
-        };
-        let sources: Vec<Point> = sources;
-        Ok(System {
-            anchors: self.anchors,
-            sources: sources.iter().map(|q| frame.to_model_point(q)).collect(),
-            collocation: self.collocation,
-            solver,
-        })
-    }
+fn positions(domain: &SurfaceMesh, points: &[SurfacePoint]) -> Vec<Point> {
+    points.iter().map(|p| p.position(domain, domain.vertices())).collect()
 }
 
 #[cfg(test)]
@@ -321,15 +386,15 @@ mod tests {
                 max_sources,
                 ..FitOptions::adaptive()
             };
-            let frame = Frame::of(&domain);
-            let placed = System::place(&domain, &frame, &options, &mut Vec::new()).unwrap();
-            let Layout::Levels(levels, _) = placed.layout else {
+            let placed = PlacedPoints::new(&domain, &options, &mut Vec::new()).unwrap();
+            let system = UnfactoredSystem::new(placed, &domain, &options);
+            let SourceSets::Levels(levels, _) = system.sources else {
                 panic!("levels for the Schwarz solver");
             };
             Self {
-                points: placed.points,
-                weights: placed.weights,
-                collocation: placed.collocation,
+                points: system.points,
+                weights: system.weights,
+                collocation: system.collocation,
                 levels,
                 domain,
             }
@@ -341,7 +406,7 @@ mod tests {
         }
 
         fn data(&self, f: impl Fn(&Point) -> Point) -> Values {
-            let frame = Frame::of(&self.domain);
+            let frame = UnitFrame::of(&self.domain);
             let image = self.domain.vertices().iter().map(|p| f(&frame.to_unit(p))).collect();
             let boundary = BoundaryMap::new(self.domain.clone(), image).unwrap();
             let rows: Vec<[f64; 3]> = boundary

@@ -18,13 +18,15 @@ mod jacobians;
 
 pub use cycles::{Cycles, NoCycles, cycles};
 
+use std::sync::Arc;
+
 use crate::boundary_map::{BoundaryMap, BoundaryMapError};
 use crate::check::{ClosedHole, HoleError, close_holes};
 use crate::energy::{
     Densities, DensityQuantiles, EnergyError, EnergyOptions, EnergyReport, GridResolution, Lame, Quadrature,
     QuadratureError, UnitVolumeScale, clipped_grid, deformation_density, energies_of_jacobians,
 };
-use crate::fit::{BoundaryError, DomainFactor, Fit, FitError, FitOptions, Phase, RefinementEnd, Workload};
+use crate::fit::{BoundaryError, DomainFactor, Fit, FitError, FitOptions, FitSize, Phase, RefinementEnd, is_flat};
 use crate::map::HarmonicMap;
 use crate::memory;
 use crate::mesh::SurfaceMesh;
@@ -34,16 +36,12 @@ use jacobians::{frames_at_a_time, jacobians};
 
 /// Frames in a block unless told otherwise: more share little more.
 const FRAMES: usize = 32;
-/// Part of the memory that blocks may fill, where it is not given.
-const MOST_MEMORY: f64 = 0.9;
 /// Bytes of the densities that a frame keeps for each point of the quadrature.
 const BYTES_PER_POINT: u64 = 24;
 /// Rounds of new sources for one block, each for the frame that is worst.
 const MOST_ROUNDS: usize = 8;
 /// An affine function that is as near to the data as this part of the tolerance is a solution: solvers end there too.
 const AFFINE: f64 = 0.01;
-/// A volume below this part of the diagonal's cube is none but for rounding.
-const FLAT: f64 = 1e-12;
 
 /// How sequences are measured.
 #[derive(Debug, Clone, PartialEq)]
@@ -129,8 +127,8 @@ pub struct MeasuredFrame {
 
 /// A reference made ready: holes closed, the system factored, the grid cut.
 pub struct Sequence {
-    reference: SurfaceMesh,
-    domain: SurfaceMesh,
+    reference: Arc<SurfaceMesh>,
+    domain: Arc<SurfaceMesh>,
     holes: Vec<ClosedHole>,
     factor: DomainFactor,
     quadrature: Quadrature,
@@ -156,9 +154,9 @@ impl Sequence {
         let factor = DomainFactor::new(&domain, &options.fit, progress)?;
         let (outward, _) = crate::check::repair(&domain);
         Ok(Self {
-            reference: reference.clone(),
+            reference: Arc::new(reference.clone()),
             quadrature: clipped_grid(&outward, options.resolution)?,
-            domain: outward,
+            domain: Arc::new(outward),
             holes,
             factor,
             options: options.clone(),
@@ -189,16 +187,16 @@ impl Sequence {
     /// How many frames to measure at once: as many as asked for, as far as there is memory for their solution
     /// and their densities.
     pub fn frames_per_block(&self) -> usize {
-        let available = || memory::available_to_solver().map(|bytes| (MOST_MEMORY * bytes as f64) as u64);
-        let allowed = self.options.fit.memory.or_else(available).unwrap_or(u64::MAX);
-        let mut work = Workload::of(&self.domain, &self.options.fit);
-        work.maps = self.options.frames_per_block.unwrap_or(FRAMES).max(1);
+        let budget = self.options.fit.memory.or_else(memory::default_solver_budget);
+        let allowed = budget.unwrap_or(u64::MAX);
+        let mut size = FitSize::of(&self.domain, &self.options.fit);
+        size.maps = self.options.frames_per_block.unwrap_or(FRAMES).max(1);
         let densities = BYTES_PER_POINT.saturating_mul(self.quadrature.points().len() as u64);
-        let bytes = |work: &Workload| work.bytes().saturating_add(densities.saturating_mul(work.maps as u64));
-        while work.maps > 1 && bytes(&work) > allowed {
-            work.maps /= 2;
+        let bytes = |size: &FitSize| size.bytes().saturating_add(densities.saturating_mul(size.maps as u64));
+        while size.maps > 1 && bytes(&size) > allowed {
+            size.maps /= 2;
         }
-        work.maps
+        size.maps
     }
 
     /// The boundary map from the reference to a frame.
@@ -210,7 +208,7 @@ impl Sequence {
         let image = BoundaryMap::between(self.reference.clone(), surface)?.image().to_vec();
         let boundary = BoundaryMap::new(self.domain.clone(), image)?;
         let (volume, diagonal) = (boundary.target_volume(), boundary.target_diagonal());
-        if volume.abs() < FLAT * diagonal.powi(3) {
+        if is_flat(volume, diagonal) {
             return Err(SequenceError::Collapsed { volume, diagonal });
         }
         Ok(boundary)

@@ -9,7 +9,7 @@ use super::colour::LinearRgb;
 use super::coloured_surface::{ColourSource, ColouredSurface, as_point};
 use super::volume::{GIB, allowed_memory};
 use crate::boundary_map::BoundaryMap;
-use crate::fit::{FitOptions, FitReport, Phase, Solver, Workload, fit};
+use crate::fit::{FitMethod, FitOptions, FitReport, FitSize, Phase, Placement, fit};
 use crate::geometry::{ClosestPoint, SurfaceQuery};
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
@@ -57,11 +57,14 @@ impl Default for TextureOptions {
             least_sources: 2000,
             fit: FitOptions {
                 refine: false,
-                solver: Solver::Schwarz(SchwarzOptions {
-                    plateau: PLATEAU,
-                    finest_plateau: PLATEAU,
-                    ..SchwarzOptions::default()
-                }),
+                method: FitMethod::Schwarz {
+                    alpha: Placement::DEFAULT_ALPHA,
+                    options: SchwarzOptions {
+                        plateau: PLATEAU,
+                        finest_plateau: PLATEAU,
+                        ..SchwarzOptions::default()
+                    },
+                },
                 ..FitOptions::adaptive()
             },
         }
@@ -319,14 +322,14 @@ fn subdivisions(surface: &SurfaceMesh, options: &TextureOptions) -> Result<usize
         times += 1;
     }
     let sources = ((options.fit.source_ratio * vertices as f64) as usize).min(most);
-    let work = Workload {
+    let work = FitSize {
         vertices,
         sources,
         collocation: (options.fit.collocation_ratio / options.fit.source_ratio * sources as f64) as usize,
         maps: 1,
         refinements: 0,
-        local_numbers: None,
-        solver: options.fit.solver,
+        patch_entries: None,
+        method: options.fit.method,
     };
     let need = work.bytes() as f64;
     let allowed = options.fit.memory.map_or_else(allowed_memory, |bytes| bytes as f64);

@@ -34,13 +34,11 @@ const BYTES_PER_VOXEL: f64 = 8.0;
 /// Points sampled at a time, and the memory that each takes.
 const POINTS_AT_ONCE: usize = 1 << 19;
 const BYTES_PER_POINT: f64 = 600.0;
-/// Part of the available memory that is taken.
-const MOST: f64 = 0.9;
 pub(super) const GIB: f64 = 1024.0 * 1024.0 * 1024.0;
 
 /// Bytes that may be taken: even where the system does not say what is available, no more than can be counted.
 pub(super) fn allowed_memory() -> f64 {
-    memory::available().map_or(isize::MAX as f64, |bytes| MOST * bytes as f64)
+    memory::default_budget().map_or(isize::MAX as f64, |bytes| bytes as f64)
 }
 
 impl VoxelGrid {

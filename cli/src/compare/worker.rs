@@ -13,10 +13,11 @@ use solidmap::compare::{
     MapEvaluator, MeshSpec, boundary_error, build, carried, mesh_for,
 };
 use solidmap::energy::harmonic_density;
-use solidmap::fit::{DomainFactor, FitOptions, Placement};
+use solidmap::fit::{DomainFactor, FitMethod, FitOptions};
 use solidmap::io::{self, Cells, Field, VtkFields};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::TetMesh;
+use solidmap::solver::SchwarzOptions;
 use solidmap::{Matrix3, Point};
 use std::time::Instant;
 
@@ -80,7 +81,10 @@ pub fn outward(boundary: BoundaryMap) -> anyhow::Result<BoundaryMap> {
 fn fit_options(job: &Job) -> FitOptions {
     FitOptions {
         tolerance: job.tolerance,
-        placement: Placement::Adaptive { alpha: job.alpha },
+        method: FitMethod::Schwarz {
+            alpha: job.alpha,
+            options: SchwarzOptions::default(),
+        },
         memory: job.memory,
         seed: job.seed,
         ..FitOptions::default()

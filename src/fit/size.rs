@@ -4,15 +4,15 @@
 //! 30 %: Schwarz fits of 5k to 1M vertices at several ratios of sources and collocation points to vertices, refined ones
 //! of up to ten rounds, and dense ones of 100 to 4000 sources.
 
-use super::options::Size;
-use super::{FitError, FitOptions, Solver};
-use crate::memory;
+use super::options::PointCounts;
+use super::{FitError, FitMethod, FitOptions, RefinementEnd};
+use crate::memory::readable;
 use crate::mesh::SurfaceMesh;
 use crate::solver::{Decomposition, SchwarzOptions};
 
-/// What a fit has to hold, as far as memory goes.
+/// The size of a fit, as far as memory goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Workload {
+pub struct FitSize {
     /// Boundary vertices of the domain.
     pub vertices: usize,
     /// Sources of all levels.
@@ -23,29 +23,29 @@ pub struct Workload {
     pub maps: usize,
     /// Rounds of refinement, each with a level of its own.
     pub refinements: usize,
-    /// Numbers in the local problems of the Schwarz solver; `None` before points are placed, when they are estimated for
+    /// Entries of the factored patches of the Schwarz solver; `None` before points are placed, when they are estimated for
     /// sources at even distances. Gradual changes of the spacing make them up to twice as many.
-    pub local_numbers: Option<u64>,
+    pub patch_entries: Option<u64>,
     /// How the system is solved.
-    pub solver: Solver,
+    pub method: FitMethod,
 }
 
-impl Workload {
-    /// The work of the first round of a fit; refinement adds to it.
+impl FitSize {
+    /// The size of a fit before refinement.
     pub fn of(domain: &SurfaceMesh, options: &FitOptions) -> Self {
-        let size = Size::of(domain, options);
-        let sources = match options.solver {
-            Solver::Schwarz(_) => (size.sources as f64 * WITH_COARSER_LEVELS) as usize,
-            Solver::Dense(_) => size.sources,
+        let counts = PointCounts::of(domain, options);
+        let sources = match options.method {
+            FitMethod::Schwarz { .. } => (counts.sources as f64 * WITH_COARSER_LEVELS) as usize,
+            FitMethod::Dense { .. } => counts.sources,
         };
         Self {
             vertices: domain.vertices().len(),
             sources,
-            collocation: size.collocation,
+            collocation: counts.collocation,
             maps: 1,
             refinements: 0,
-            local_numbers: None,
-            solver: options.solver,
+            patch_entries: None,
+            method: options.method,
         }
     }
 
@@ -61,17 +61,17 @@ impl Workload {
         let others = self.maps.saturating_sub(1) as f64;
         let more_maps = PER_POINT_AND_MAP * others * (rows + sources);
         more_maps
-            + match self.solver {
-                Solver::Schwarz(options) => {
+            + match self.method {
+                FitMethod::Schwarz { options, .. } => {
                     let rounds = self.refinements as f64;
                     let per_row = PER_ROW + PER_ROW_AND_ROUND * rounds;
-                    let local = match self.local_numbers {
-                        Some(numbers) => 8.0 * numbers as f64,
+                    let local = match self.patch_entries {
+                        Some(entries) => 8.0 * entries as f64,
                         None => 8.0 * even_patch(&options) * sources,
                     };
                     per_row * rows + PER_SOURCE * sources + local + coarsest(sources)
                 }
-                Solver::Dense(options) => {
+                FitMethod::Dense { options, .. } => {
                     let (tall, square) = (8.0 * rows * sources, 8.0 * sources * sources);
                     match options.decomposition {
                         Decomposition::Qr => 1.15 * tall,
@@ -86,11 +86,11 @@ impl Workload {
         let ratio = self.collocation as f64 / self.sources.max(1) as f64;
         let fits = |sources: usize| {
             let collocation = (ratio * sources as f64) as usize;
-            let local = |numbers: u64| (numbers as f64 * sources as f64 / self.sources.max(1) as f64) as u64;
+            let local = |entries: u64| (entries as f64 * sources as f64 / self.sources.max(1) as f64) as u64;
             let fewer = Self {
                 sources,
                 collocation,
-                local_numbers: self.local_numbers.map(local),
+                patch_entries: self.patch_entries.map(local),
                 ..*self
             };
             fewer.bytes() <= allowed
@@ -104,40 +104,47 @@ impl Workload {
                 too_many = middle
             }
         }
-        match self.solver {
-            Solver::Schwarz(_) => (enough as f64 / WITH_COARSER_LEVELS) as usize,
-            Solver::Dense(_) => enough,
+        match self.method {
+            FitMethod::Schwarz { .. } => (enough as f64 / WITH_COARSER_LEVELS) as usize,
+            FitMethod::Dense { .. } => enough,
         }
     }
-}
 
-/// The options with a budget, if any can be told.
-pub(super) fn with_budget(options: &FitOptions) -> FitOptions {
-    let most = || memory::available_to_solver().map(|bytes| (MOST * bytes as f64) as u64);
-    FitOptions {
-        memory: options.memory.or_else(most),
-        ..options.clone()
+    /// Refuses what needs more memory than allowed.
+    pub(super) fn require_memory(&self, options: &FitOptions) -> Result<(), FitError> {
+        let Some(allowed) = options.memory else { return Ok(()) };
+        let need = self.bytes();
+        if need <= allowed {
+            return Ok(());
+        }
+        Err(FitError::TooLarge {
+            sources: self.sources,
+            collocation: self.collocation,
+            need,
+            allowed,
+            fitting: self.fitting_sources(allowed),
+        })
+    }
+
+    /// The limit that a refined fit of this size exceeds, with a warning that says so.
+    pub(super) fn exceeded_limit(&self, options: &FitOptions) -> Option<(RefinementEnd, String)> {
+        let warning = |limit: String| {
+            let sources = self.sources;
+            format!("refinement ended before the tolerance was met: it calls for {sources} sources, {limit}")
+        };
+        let most = options.max_sources;
+        if self.sources > most {
+            let limit = format!("and {most} are allowed; `max_sources` raises the limit");
+            return Some((RefinementEnd::MaxSources, warning(limit)));
+        }
+        let (need, allowed) = (self.bytes(), options.memory?);
+        (need > allowed).then(|| {
+            let (need, allowed) = (readable(need), readable(allowed));
+            let limit = format!("which need about {need}, and {allowed} are allowed; `memory` raises the limit");
+            (RefinementEnd::Memory, warning(limit))
+        })
     }
 }
-
-/// Refuses what will not fit.
-pub(super) fn require_room(work: &Workload, options: &FitOptions) -> Result<(), FitError> {
-    let Some(allowed) = options.memory else { return Ok(()) };
-    let need = work.bytes();
-    if need <= allowed {
-        return Ok(());
-    }
-    Err(FitError::TooLarge {
-        sources: work.sources,
-        collocation: work.collocation,
-        need,
-        allowed,
-        fitting: work.fitting_sources(allowed),
-    })
-}
-
-/// Part of the available memory that a fit may take unless told otherwise.
-const MOST: f64 = 0.9;
 
 /// All sources over those of the finest level: each level has a twelfth of the next finer's.
 const WITH_COARSER_LEVELS: f64 = 12.0 / 11.0;
@@ -152,7 +159,7 @@ const PER_VERTEX_CHECKED: f64 = 1000.0;
 const PER_ROW: f64 = 660.0;
 /// Bytes for each collocation point in the tree that each round of refinement adds.
 const PER_ROW_AND_ROUND: f64 = 100.0;
-/// Bytes for each row and source and each further boundary map: ten vectors of three numbers.
+/// Bytes for each row and source and each further boundary map: ten vectors of three entries.
 const PER_POINT_AND_MAP: f64 = 240.0;
 
 /// Bytes for each source in trees and vectors.
@@ -175,17 +182,20 @@ mod tests {
     use super::*;
     use crate::solver::DenseOptions;
 
-    fn dense(decomposition: Decomposition) -> Solver {
-        Solver::Dense(DenseOptions {
-            decomposition,
-            ..DenseOptions::default()
-        })
+    fn dense(decomposition: Decomposition) -> FitMethod {
+        FitMethod::Dense {
+            placement: FitMethod::default().placement(),
+            options: DenseOptions {
+                decomposition,
+                ..DenseOptions::default()
+            },
+        }
     }
 
     /// Vertices, sources, collocation points and the measured peak in MB.
     #[test]
     fn estimates_are_within_30_percent_of_measured_peaks() {
-        let schwarz = Solver::Schwarz(SchwarzOptions::default());
+        let schwarz = FitMethod::default();
         let (qr, svd) = (dense(Decomposition::Qr), dense(Decomposition::Svd));
         let unrefined = [
             (schwarz, 4842, 5246, 14_522, 72.0),
@@ -211,46 +221,46 @@ mod tests {
             (10, (schwarz, 6256, 243_193, 728_009, 1870.5)),
         ];
         for (refinements, run) in unrefined.map(|run| (0, run)).into_iter().chain(refined) {
-            let (solver, vertices, sources, collocation, measured) = run;
-            let work = Workload {
+            let (method, vertices, sources, collocation, measured) = run;
+            let size = FitSize {
                 vertices,
                 sources,
                 collocation,
                 maps: 1,
                 refinements,
-                local_numbers: None,
-                solver,
+                patch_entries: None,
+                method,
             };
-            let ratio = work.bytes() as f64 / (measured * 1e6);
-            assert!((0.7..1.3).contains(&ratio), "{work:?}: {ratio:.2}");
+            let ratio = size.bytes() as f64 / (measured * 1e6);
+            assert!((0.7..1.3).contains(&ratio), "{size:?}: {ratio:.2}");
         }
     }
 
     #[test]
-    fn what_is_said_to_fit_fits() {
-        let work = Workload {
+    fn the_number_of_sources_said_to_fit_fits() {
+        let size = FitSize {
             vertices: 1_000_000,
             sources: 1_090_909,
             collocation: 3_000_000,
             maps: 1,
             refinements: 0,
-            local_numbers: None,
-            solver: Solver::Schwarz(SchwarzOptions::default()),
+            patch_entries: None,
+            method: FitMethod::default(),
         };
         let options = FitOptions {
             memory: Some(2_000_000_000),
             ..FitOptions::default()
         };
-        let Err(FitError::TooLarge { need, fitting, .. }) = require_room(&work, &options) else {
+        let Err(FitError::TooLarge { need, fitting, .. }) = size.require_memory(&options) else {
             panic!("6 GB do not fit into 2");
         };
-        assert_eq!(need, work.bytes());
-        let fewer = Workload {
+        assert_eq!(need, size.bytes());
+        let fewer = FitSize {
             sources: (fitting as f64 * WITH_COARSER_LEVELS) as usize,
             collocation: 3 * fitting,
-            ..work
+            ..size
         };
-        assert!(require_room(&fewer, &options).is_ok());
+        assert!(fewer.require_memory(&options).is_ok());
         assert!(fitting > 100_000);
     }
 }

@@ -1,0 +1,85 @@
+//! Boundary maps as right-hand sides of the system.
+
+use std::sync::Arc;
+
+use super::FitError;
+use crate::boundary_map::BoundaryMap;
+use crate::map::{HarmonicMap, VolumeMap};
+use crate::mesh::{SurfaceMesh, SurfacePoint};
+use crate::solver::Values;
+use crate::{Point, Vector};
+
+/// A volume below this part of the diagonal's cube is zero but for rounding.
+const FLAT: f64 = 1e-12;
+
+/// Whether a volume is zero but for rounding, beside the diagonal of the bounding box.
+pub(crate) fn is_flat(volume: f64, diagonal: f64) -> bool {
+    volume.abs() < FLAT * diagonal.powi(3)
+}
+
+/// A boundary map of the factored domain, and the coordinates in which its images are solved for. In these the target has
+/// the diagonal 1, so that the maps of a block weigh alike.
+pub(super) struct BoundaryData {
+    pub boundary: BoundaryMap,
+    pub origin: Point,
+    pub diagonal: f64,
+}
+
+impl BoundaryData {
+    /// `affine` says whether the affine functions are in the basis.
+    pub fn new(boundary: &BoundaryMap, domain: &Arc<SurfaceMesh>, affine: bool) -> Result<Self, FitError> {
+        // The repaired domain has the same vertices and triangles; some of these are reversed.
+        let boundary = boundary.over(domain.clone()).map_err(|_| FitError::OtherDomain)?;
+        let (low, high) = boundary.target_box();
+        // With the constant in the basis the shift changes nothing but rounding; without it, it would change the fit.
+        let origin = if affine {
+            nalgebra::center(&low, &high)
+        } else {
+            Point::origin()
+        };
+        Ok(Self {
+            boundary,
+            origin,
+            diagonal: (high - low).norm(),
+        })
+    }
+
+    /// Images of points of the boundary, to be solved for.
+    pub fn values_at(&self, points: &[SurfacePoint]) -> Vec<Vector> {
+        let images = self.boundary.evaluate(points);
+        images.iter().map(|p| (p - self.origin) / self.diagonal).collect()
+    }
+
+    /// Errors of a map at points of the boundary, as fractions of the target's diagonal.
+    pub fn errors_of(&self, map: &HarmonicMap, points: &[SurfacePoint]) -> Vec<f64> {
+        let values = map.evaluate(&self.boundary.positions(points));
+        let pairs = values.iter().zip(self.boundary.evaluate(points));
+        pairs.map(|(f, exact)| (f - exact).norm() / self.diagonal).collect()
+    }
+
+    /// A warning when the target is no solid or a mirror image; it can be mapped to all the same.
+    pub fn warning(&self) -> Option<String> {
+        if self.boundary.is_by_function() {
+            return None;
+        }
+        let volume = self.boundary.target_volume();
+        let warning = if is_flat(volume, self.diagonal) {
+            "the target encloses no volume, so it is no solid; the map flattens the domain"
+        } else if volume < 0.0 {
+            "the boundary map turns the solid inside out: it is a reflection"
+        } else {
+            return None;
+        };
+        Some(warning.into())
+    }
+}
+
+/// A row for each point, with three columns for each boundary map.
+pub(super) fn right_hand_sides(data: &[BoundaryData], points: &[SurfacePoint]) -> Values {
+    let values: Vec<Vec<Vector>> = data.iter().map(|data| data.values_at(points)).collect();
+    let mut entries = Vec::with_capacity(3 * points.len() * data.len());
+    for row in 0..points.len() {
+        values.iter().for_each(|values| entries.extend(values[row].iter()));
+    }
+    Values::new(3 * data.len(), entries)
+}
