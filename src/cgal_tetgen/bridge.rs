@@ -1,4 +1,4 @@
-//! The raw bridge. Nothing here is checked; the modules beside it do that before they call.
+//! The cxx bridge. Nothing is checked here: the callers check first.
 
 #[cxx::bridge(namespace = "solidmap::cgal_tetgen")]
 pub(super) mod ffi {
@@ -8,7 +8,7 @@ pub(super) mod ffi {
         message: String,
     }
 
-    /// Coordinates, three a vertex, and corners, three a triangle or four a tetrahedron.
+    /// Three coordinates per vertex, and three corners per triangle or four per tetrahedron.
     #[derive(Default)]
     struct Mesh {
         xyz: Vec<f64>,
@@ -43,7 +43,7 @@ pub(super) mod ffi {
         fn mesh3_mesh(xyz: &[f64], triangles: &[u32], sizes: &RefinementSizes, out: &mut Mesh) -> Outcome;
         fn wrap_surface(xyz: &[f64], triangles: &[u32], alpha: f64, offset: f64, out: &mut Mesh) -> Outcome;
         fn remesh_surface(xyz: &[f64], triangles: &[u32], edge_length: f64, out: &mut Mesh) -> Outcome;
-        fn intersecting_pairs(xyz: &[f64], triangles: &[u32], most_tested: f64, pairs: &mut Vec<u32>) -> Outcome;
+        fn intersecting_pairs(xyz: &[f64], triangles: &[u32], max_tested: f64, pairs: &mut Vec<u32>) -> Outcome;
         fn new_distance_field(xyz: &[f64], triangles: &[u32], outcome: &mut Outcome) -> UniquePtr<DistanceField>;
         fn closest_points(field: &DistanceField, points: &[f64], closest: &mut [f64]) -> Outcome;
         fn enclosed_volume(field: &DistanceField, volume: &mut f64) -> Outcome;

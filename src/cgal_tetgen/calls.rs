@@ -1,10 +1,9 @@
-//! The calls of CGAL and TetGen: in this process, or in the worker where there is one. Arrays in, arrays out; nothing is
-//! checked here.
+//! Calls of CGAL and TetGen on plain arrays, in this process or in the worker if there is one. Nothing is checked here.
 
 use super::CgalTetgenError;
 use super::bridge::ffi;
-use super::error::Failed;
-use super::worker::{Frame, Operation, line};
+use super::error::CallFailure;
+use super::worker::{Message, Operation, connection};
 
 pub(super) use ffi::Mesh;
 
@@ -29,34 +28,39 @@ pub(super) fn wrap(xyz: &[f64], triangles: &[u32], options: &[f64; 2]) -> Result
     call(Operation::Wrap, xyz, triangles, options)
 }
 
-/// A surface with edges of this length.
+/// An isotropically remeshed surface.
 pub(super) fn remesh(xyz: &[f64], triangles: &[u32], edge_length: f64) -> Result<Mesh, CgalTetgenError> {
     call(Operation::Remesh, xyz, triangles, &[edge_length])
 }
 
-/// Pairs of triangles that meet where they should not, one after the other, found among so many at most.
-pub(super) fn intersections(xyz: &[f64], triangles: &[u32], most_tested: f64) -> Result<Vec<u32>, CgalTetgenError> {
-    Ok(call(Operation::Intersections, xyz, triangles, &[most_tested])?.corners)
+/// Indices of intersecting triangles, two per pair. Tests at most `max_tested` pairs.
+pub(super) fn intersections(xyz: &[f64], triangles: &[u32], max_tested: f64) -> Result<Vec<u32>, CgalTetgenError> {
+    Ok(call(Operation::Intersections, xyz, triangles, &[max_tested])?.corners)
 }
 
 fn call(operation: Operation, xyz: &[f64], triangles: &[u32], options: &[f64]) -> Result<Mesh, CgalTetgenError> {
-    let Some(line) = line() else {
-        return Ok(here(operation, xyz, triangles, options)?);
+    let Some(connection) = connection() else {
+        return Ok(run_in_process(operation, xyz, triangles, options)?);
     };
-    let request = Frame {
+    let request = Message {
         reals: [options, xyz].concat(),
         integers: triangles.to_vec(),
-        ..Frame::default()
+        ..Message::default()
     };
-    let answer = line.call(operation, None, request)?.frame;
+    let reply = connection.call(operation, None, request)?.message;
     Ok(Mesh {
-        xyz: answer.reals,
-        corners: answer.integers,
+        xyz: reply.reals,
+        corners: reply.integers,
     })
 }
 
-/// In this process. Arrays alone come out of every operation but those of fields.
-pub(super) fn here(operation: Operation, xyz: &[f64], triangles: &[u32], options: &[f64]) -> Result<Mesh, Failed> {
+/// Every operation but those of distance fields, which need state.
+pub(super) fn run_in_process(
+    operation: Operation,
+    xyz: &[f64],
+    triangles: &[u32],
+    options: &[f64],
+) -> Result<Mesh, CallFailure> {
     let mut out = Mesh::default();
     let outcome = match (operation, options) {
         (Operation::SelfTest, []) => ffi::check_tetgen(),
@@ -91,16 +95,16 @@ pub(super) fn here(operation: Operation, xyz: &[f64], triangles: &[u32], options
         (Operation::Wrap, &[alpha, offset]) => ffi::wrap_surface(xyz, triangles, alpha, offset, &mut out),
         (Operation::Remesh, &[edge_length]) => ffi::remesh_surface(xyz, triangles, edge_length, &mut out),
         (Operation::Intersections, &[most]) => ffi::intersecting_pairs(xyz, triangles, most, &mut out.corners),
-        _ => return Err(Failed::unknown("an operation with the wrong options")),
+        _ => return Err(CallFailure::unknown("wrong number of options")),
     };
-    done(outcome).map(|()| out)
+    check_outcome(outcome).map(|()| out)
 }
 
 /// The codes are those of `src/cgal_tetgen/cpp/core.h`.
-pub(super) fn done(outcome: ffi::Outcome) -> Result<(), Failed> {
+pub(super) fn check_outcome(outcome: ffi::Outcome) -> Result<(), CallFailure> {
     match outcome.code {
         0 => Ok(()),
-        code => Err(Failed {
+        code => Err(CallFailure {
             code,
             message: outcome.message,
         }),

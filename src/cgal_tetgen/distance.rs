@@ -3,34 +3,34 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::bridge::ffi;
-use super::calls::done;
-use super::error::{CgalTetgenError, Failed};
+use super::calls::check_outcome;
+use super::error::{CallFailure, CgalTetgenError};
 use super::input::{check_closed, check_numbers, flat, points};
-use super::worker::{Frame, Line, Operation, line};
+use super::worker::{Connection, Message, Operation, connection};
 use crate::Point;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
 
-/// Queries per call into C++, and per task.
+/// Points per call into C++, and per task.
 const CHUNK: usize = 512;
 
-/// Beyond this coordinates' squares lose meaning, and a model is a point.
+/// Coordinates beyond this would overflow when squared.
 const FAR: f64 = 1e100;
 
 /// The signed distance to a closed surface: negative inside, positive outside.
 ///
-/// The closest point comes from an AABB tree, the sign from counting the triangles that a ray meets (even-odd, exact),
+/// The closest point comes from an AABB tree, the sign from counting the triangles that a ray crosses (even-odd, exact),
 /// so the orientation of the triangles does not matter.
-pub struct SignedDistanceField(Home);
+pub struct SignedDistanceField(Location);
 
-/// Where the trees are.
-enum Home {
-    Here(LocalField),
-    There(RemoteField),
+/// Where the AABB tree lives.
+enum Location {
+    InProcess(LocalField),
+    InWorker(RemoteField),
 }
 
 impl SignedDistanceField {
-    /// The distance to `surface`. Builds the trees: about 2 µs a triangle.
+    /// The distance to `surface`. Builds the tree: about 2 µs per triangle.
     ///
     /// # Errors
     ///
@@ -39,53 +39,53 @@ impl SignedDistanceField {
     pub fn new(surface: &SurfaceMesh) -> Result<Self, CgalTetgenError> {
         check_numbers(surface)?;
         check_closed(&Topology::new(surface))?;
-        Ok(Self(match line() {
-            None => Home::Here(LocalField::new(surface)?),
-            Some(line) => Home::There(RemoteField::new(line, surface)?),
+        Ok(Self(match connection() {
+            None => Location::InProcess(LocalField::new(surface)?),
+            Some(connection) => Location::InWorker(RemoteField::new(connection, surface)?),
         }))
     }
 
-    /// Signed distances of `points`, in model units: negative inside. Not a number where a coordinate is not, or where
-    /// there is no answer. Runs on all of rayon's threads.
+    /// Signed distances of `points`, in model units: negative inside. NaN for points that are not finite, or when CGAL
+    /// fails. Uses all of rayon's threads.
     pub fn distance(&self, points: &[Point]) -> Vec<f64> {
         self.try_distance(points)
             .unwrap_or_else(|_| vec![f64::NAN; points.len()])
     }
 
-    /// The closest points of the surface; a point without finite coordinates is returned as it is.
+    /// The closest points of the surface; a point with NaN coordinates is returned as it is.
     pub fn closest_points(&self, points: &[Point]) -> Vec<Point> {
         let nowhere = || vec![Point::from([f64::NAN; 3]); points.len()];
         self.try_closest_points(points).unwrap_or_else(|_| nowhere())
     }
 
-    /// The volume that the surface encloses by CGAL's count, positive when its triangles face outward.
+    /// The volume that the surface encloses, by CGAL; positive when its triangles face outward.
     ///
     /// # Errors
     ///
-    /// [`CgalTetgenError::Cgal`] when CGAL cannot tell.
+    /// [`CgalTetgenError::Cgal`] when CGAL fails.
     pub fn volume(&self) -> Result<f64, CgalTetgenError> {
         match &self.0 {
-            Home::Here(field) => Ok(field.volume()?),
-            Home::There(field) => {
-                let answer = field.ask(Operation::Volume, Vec::new(), 1)?;
-                Ok(answer[0])
+            Location::InProcess(field) => Ok(field.volume()?),
+            Location::InWorker(field) => {
+                let volume = field.query(Operation::Volume, Vec::new(), 1)?;
+                Ok(volume[0])
             }
         }
     }
 
-    /// [`Self::distance`], or why the worker cannot tell.
+    /// [`Self::distance`], or why the worker failed.
     pub(super) fn try_distance(&self, points: &[Point]) -> Result<Vec<f64>, CgalTetgenError> {
         match &self.0 {
-            Home::Here(field) => Ok(field.distance(points)),
-            Home::There(field) => field.ask(Operation::Distance, flat(points), points.len()),
+            Location::InProcess(field) => Ok(field.distance(points)),
+            Location::InWorker(field) => field.query(Operation::Distance, flat(points), points.len()),
         }
     }
 
-    /// [`Self::closest_points`], or why the worker cannot tell.
+    /// [`Self::closest_points`], or why the worker failed.
     pub(super) fn try_closest_points(&self, sought: &[Point]) -> Result<Vec<Point>, CgalTetgenError> {
         match &self.0 {
-            Home::Here(field) => Ok(field.closest_points(sought)),
-            Home::There(field) => Ok(points(&field.ask(
+            Location::InProcess(field) => Ok(field.closest_points(sought)),
+            Location::InWorker(field) => Ok(points(&field.query(
                 Operation::Closest,
                 flat(sought),
                 3 * sought.len(),
@@ -94,42 +94,46 @@ impl SignedDistanceField {
     }
 }
 
-/// A field in a worker, which lives as long as that does.
+/// A field in a worker, lost when the worker ends.
 struct RemoteField {
-    line: Arc<Line>,
+    connection: Arc<Connection>,
     worker: u64,
-    number: u32,
+    field: u32,
 }
 
 impl RemoteField {
-    fn new(line: Arc<Line>, surface: &SurfaceMesh) -> Result<Self, CgalTetgenError> {
-        let request = Frame {
+    fn new(connection: Arc<Connection>, surface: &SurfaceMesh) -> Result<Self, CgalTetgenError> {
+        let request = Message {
             reals: flat(surface.vertices()),
             integers: surface.triangles().as_flattened().to_vec(),
-            ..Frame::default()
+            ..Message::default()
         };
-        let answer = line.call(Operation::NewField, None, request)?;
-        let number = answer.frame.integers.first().copied();
-        let number = number.ok_or_else(|| CgalTetgenError::Unknown("the worker made no field".into()))?;
+        let reply = connection.call(Operation::NewField, None, request)?;
+        let field = reply.message.integers.first().copied();
+        let field = field.ok_or_else(|| CgalTetgenError::Unknown("the worker made no field".into()))?;
         Ok(Self {
-            line,
-            worker: answer.worker,
-            number,
+            connection,
+            worker: reply.worker,
+            field,
         })
     }
 
-    /// So many numbers.
-    fn ask(&self, operation: Operation, reals: Vec<f64>, count: usize) -> Result<Vec<f64>, CgalTetgenError> {
-        let request = Frame {
+    /// The reply must have `count` values.
+    fn query(&self, operation: Operation, reals: Vec<f64>, count: usize) -> Result<Vec<f64>, CgalTetgenError> {
+        let request = Message {
             reals,
-            integers: vec![self.number],
-            ..Frame::default()
+            integers: vec![self.field],
+            ..Message::default()
         };
-        let answer = self.line.call(operation, Some(self.worker), request)?.frame.reals;
-        match answer.len() == count {
-            true => Ok(answer),
+        let reals = self
+            .connection
+            .call(operation, Some(self.worker), request)?
+            .message
+            .reals;
+        match reals.len() == count {
+            true => Ok(reals),
             false => Err(CgalTetgenError::Unknown(
-                "the worker's answer has another length".into(),
+                "the worker's reply has the wrong length".into(),
             )),
         }
     }
@@ -137,7 +141,7 @@ impl RemoteField {
 
 impl Drop for RemoteField {
     fn drop(&mut self) {
-        self.line.drop_field(self.worker, self.number);
+        self.connection.drop_field(self.worker, self.field);
     }
 }
 
@@ -147,22 +151,22 @@ pub(super) struct LocalField {
     centre: Point,
 }
 
-// SAFETY: the C++ object is complete when its constructor returns (both trees are built there), all its queries are
+// SAFETY: the C++ object is complete when its constructor returns (the trees are built there), all its queries are
 // const, and it refers to nothing outside itself.
 unsafe impl Send for LocalField {}
 // SAFETY: as above; const queries of CGAL's AABB tree do not write once the trees are built.
 unsafe impl Sync for LocalField {}
 
 impl LocalField {
-    /// Of a surface that has been checked.
-    pub fn new(surface: &SurfaceMesh) -> Result<Self, Failed> {
+    /// `surface` must have been checked.
+    pub fn new(surface: &SurfaceMesh) -> Result<Self, CallFailure> {
         let mut outcome = ffi::Outcome {
             code: 0,
             message: String::new(),
         };
         let triangles = surface.triangles().as_flattened();
         let field = ffi::new_distance_field(&flat(surface.vertices()), triangles, &mut outcome);
-        done(outcome)?;
+        check_outcome(outcome)?;
         let (low, high) = surface.bounding_box().unwrap_or_default();
         let centre = nalgebra::center(&low, &high);
         Ok(Self { field, centre })
@@ -181,16 +185,16 @@ impl LocalField {
     }
 
     /// See [`SignedDistanceField::volume`].
-    pub fn volume(&self) -> Result<f64, Failed> {
+    pub fn volume(&self) -> Result<f64, CallFailure> {
         let mut volume = f64::NAN;
-        done(ffi::enclosed_volume(&self.field, &mut volume))?;
+        check_outcome(ffi::enclosed_volume(&self.field, &mut volume))?;
         Ok(volume)
     }
 
     fn distance_of_chunk(&self, chunk: &[Point]) -> Vec<f64> {
         let mut inside = vec![0u8; chunk.len()];
         let safe = self.within_reach(chunk);
-        let known = done(ffi::points_inside(&self.field, &safe, &mut inside)).is_ok();
+        let known = check_outcome(ffi::points_inside(&self.field, &safe, &mut inside)).is_ok();
         let closest = self.closest_of_chunk(chunk);
         let signed = |((p, c), &inside): ((&Point, &Point), &u8)| match () {
             () if !known => f64::NAN,
@@ -203,7 +207,7 @@ impl LocalField {
     fn closest_of_chunk(&self, chunk: &[Point]) -> Vec<Point> {
         let safe = self.within_reach(chunk);
         let mut closest = safe.clone();
-        let known = done(ffi::closest_points(&self.field, &safe, &mut closest)).is_ok();
+        let known = check_outcome(ffi::closest_points(&self.field, &safe, &mut closest)).is_ok();
         let nan = Point::from([f64::NAN; 3]);
         let answer = |(p, c): (&Point, Point)| match () {
             () if p.iter().any(|x| x.is_nan()) => *p,
@@ -213,7 +217,7 @@ impl LocalField {
         chunk.iter().zip(points(&closest)).map(answer).collect()
     }
 
-    /// Coordinates that CGAL can work with: the model's centre stands in for points that are nowhere or too far.
+    /// Coordinates that CGAL can work with: points that are not finite or too far are replaced by the model's centre.
     fn within_reach(&self, chunk: &[Point]) -> Vec<f64> {
         let reachable = |p: &Point| p.iter().all(|c| c.abs() < FAR);
         let safe: Vec<Point> = chunk

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use crate::memory::readable;
 use crate::mesh::MeshError;
 
-/// What makes a surface unfit for an operation, with the first place where it does (0-based).
+/// Why a surface cannot be used for an operation, with the first place where it cannot (0-based).
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InputDefect {
@@ -16,19 +16,19 @@ pub enum InputDefect {
         /// The first such vertex.
         vertex: usize,
     },
-    /// Coordinates whose products leave the range of numbers.
+    /// Coordinates whose products overflow or underflow.
     #[error("its size of {size:e} is outside 1e-30 to 1e30; choose another unit of length")]
     OutOfScale {
         /// Largest coordinate, or the box's diagonal.
         size: f64,
     },
-    /// A triangle that names a vertex twice, or whose corners lie on a line.
-    #[error("triangle {triangle} has no area; merge its corners or remove it and mend the neighbours")]
+    /// A triangle with a repeated vertex or collinear corners.
+    #[error("triangle {triangle} has no area; merge its corners or remove it and repair the neighbours")]
     DegenerateTriangle {
         /// The first such triangle.
         triangle: usize,
     },
-    /// Two triangles with the same corners, in whatever order.
+    /// Two triangles with the same corners, in any order.
     #[error("triangles {first} and {second} have the same corners; remove one of them, or both where sheets cancel")]
     RepeatedTriangle {
         /// The lower index.
@@ -44,13 +44,13 @@ pub enum InputDefect {
         /// The higher index.
         second: usize,
     },
-    /// A vertex that no triangle names; its place among the vertices of a tetrahedral mesh could not be kept.
+    /// A vertex that no triangle uses; a tetrahedral mesh could not keep it.
     #[error("vertex {vertex} belongs to no triangle; remove the vertices that nothing uses")]
     UnreferencedVertex {
         /// The first such vertex.
         vertex: usize,
     },
-    /// Edges with an odd number of triangles.
+    /// Edges shared by an odd number of triangles.
     #[error(
         "it is open: {edges} edges, the first between vertices {} and {}, have an odd number of triangles; close it",
         edge[0], edge[1]
@@ -69,22 +69,22 @@ pub enum InputDefect {
         /// How many triangles meet in it.
         triangles: usize,
     },
-    /// A part whose triangles cannot be turned to agree, or that is non-manifold and does not agree as it is.
+    /// A component that cannot be oriented consistently, or is non-manifold and not consistently oriented.
     #[error("the triangles at the edge between vertices {} and {} cannot be oriented alike; orient them", edge[0], edge[1])]
     NotOrientable {
         /// An edge where they disagree.
         edge: [u32; 2],
     },
-    /// A closed surface that encloses nothing.
+    /// A closed surface without volume.
     #[error("it encloses no volume: all of it lies in a plane, or its sheets cancel")]
     Flat,
 }
 
-/// Why an operation of CGAL or TetGen gave no result.
+/// Why an operation of CGAL or TetGen failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CgalTetgenError {
-    /// The surface cannot be worked on as it is.
+    /// The surface does not fulfil the operation's requirements.
     #[error("the surface cannot be used: {0}")]
     InvalidInput(#[from] InputDefect),
     /// An option outside its range.
@@ -97,9 +97,9 @@ pub enum CgalTetgenError {
         /// What is allowed.
         requirement: &'static str,
     },
-    /// Triangles of the surface pass through one another.
+    /// Triangles of the surface intersect.
     #[error(
-        "the surface intersects itself: {pairs} pairs of triangles, the first {} and {}; mend it or mesh a wrap of it",
+        "the surface intersects itself: {pairs} pairs of triangles, the first {} and {}; repair it or mesh a wrap of it",
         first[0], first[1]
     )]
     SelfIntersection {
@@ -108,12 +108,12 @@ pub enum CgalTetgenError {
         /// The first of them.
         first: [u32; 2],
     },
-    /// More pairs of triangles lie within each other's boxes than can be looked at.
+    /// More pairs of triangles have overlapping boxes than can be tested.
     #[error(
         "too many triangles lie close together to look at all pairs of them; {pairs} intersect among those looked at"
     )]
     Crowded {
-        /// Pairs found by then.
+        /// Intersecting pairs found so far.
         pairs: usize,
     },
     /// TetGen met triangles that intersect within its tolerance.
@@ -133,13 +133,13 @@ pub enum CgalTetgenError {
     /// An internal error of TetGen, by its own code.
     #[error("TetGen failed with its code {code}; remesh the surface, or use the other mesher")]
     Internal {
-        /// TetGen's code: 2 an error of its own, 10 an input it did not take.
+        /// TetGen's code: 2 for an internal error, 10 for rejected input.
         code: i32,
     },
     /// A mesher returned no tetrahedra.
     #[error("the mesher returned no tetrahedra; check that the surface is closed and the sizes are below its own")]
     EmptyResult,
-    /// More elements than there should be were asked for.
+    /// The sizes asked for would take too many elements.
     #[error("about {elements:.1e} {kind} would be needed, more than {limit:.1e}; ask for a coarser mesh")]
     TooFine {
         /// `"triangles"` or `"tetrahedra"`.
@@ -160,33 +160,33 @@ pub enum CgalTetgenError {
         /// Bytes that are allowed.
         allowed: u64,
     },
-    /// A tetrahedral mesh does not fill the surface it was made from.
-    #[error("the tetrahedra fill a volume of {got:e}, but the surface encloses {want:e}; the result was dropped")]
+    /// The tetrahedra do not fill the surface.
+    #[error("the tetrahedra fill a volume of {got:e}, but the surface encloses {want:e}; the result was rejected")]
     VolumeMismatch {
         /// Volume of the tetrahedra.
         got: f64,
         /// Volume that the surface encloses.
         want: f64,
     },
-    /// A boundary-preserving mesh whose boundary is not the input's.
+    /// The boundary of a boundary-preserving mesh differs from the input.
     #[error("the mesher changed the boundary at triangle {triangle}; vertices may lie too close together there")]
     BoundaryChanged {
         /// The first input triangle that is not a face of the boundary, or the count when the boundary has more.
         triangle: usize,
     },
-    /// A boundary-preserving mesh that does not begin with the input's vertices.
+    /// A boundary-preserving mesh does not begin with the input's vertices.
     #[error("the mesher moved or merged vertex {vertex}; it may lie too close to another")]
     VertexChanged {
         /// The first such vertex.
         vertex: usize,
     },
-    /// A tetrahedron without volume in double precision.
+    /// A tetrahedron has no volume in double precision.
     #[error("tetrahedron {tet} of the result is flat in double precision; remesh the surface, or ask for more quality")]
     FlatTetrahedron {
         /// The first such tetrahedron.
         tet: usize,
     },
-    /// An offset surface of another genus than was asked for, at every size tried.
+    /// No offset surface had the genus asked for.
     #[error(
         "the offset surface has genus {got}, not {want}; gaps below twice `alpha` are filled, so lower it or the distance"
     )]
@@ -201,54 +201,54 @@ pub enum CgalTetgenError {
     OffsetFailed {
         /// How many wraps were tried.
         attempts: usize,
-        /// Why the last was dropped.
+        /// Why the last was rejected.
         reason: String,
     },
     /// An exception of CGAL.
     #[error("CGAL failed: {0}")]
     Cgal(String),
-    /// TetGen's errors would end the process instead of arriving as errors, so it is not called.
+    /// TetGen's errors would end the process, so it is not called.
     #[error(
         "TetGen cannot be called safely in this process: {0}; load solidmap before other libraries that use TetGen"
     )]
     SelfTestFailed(String),
-    /// CGAL's mesher was stopped before its end.
+    /// CGAL's mesher was stopped early.
     #[error(
         "meshing was stopped because {0}; ask for a coarser mesh, raise the limit, or remove parts that nearly touch"
     )]
     Stopped(String),
-    /// The process that CGAL and TetGen run in has ended; see [`isolate`](super::isolate).
+    /// The worker process crashed; see [`isolate`](super::isolate).
     #[error(
-        "{operation} crashed in its own process: {how}{said}; remesh the surface, or remove parts that nearly touch"
+        "{operation} crashed in its own process: {how}{stderr}; remesh the surface, or remove parts that nearly touch"
     )]
     Crashed {
-        /// What was being done.
+        /// The operation.
         operation: &'static str,
         /// The signal's name, or the exit code.
         how: String,
-        /// The last words of the process in brackets, or nothing.
-        said: String,
+        /// The last line that it wrote to standard error, in brackets, or nothing.
+        stderr: String,
     },
     /// A call took longer than [`Isolation::time_limit`](super::Isolation).
     #[error("{operation} was not done within the time limit of {seconds} s; ask for a coarser mesh, or for more time")]
     TimeLimit {
-        /// What was being done.
+        /// The operation.
         operation: &'static str,
         /// The limit.
         seconds: f64,
     },
-    /// The process that held a [`SignedDistanceField`](super::SignedDistanceField) has ended since it was made.
+    /// The worker that held a [`SignedDistanceField`](super::SignedDistanceField) has ended.
     #[error("the process that held the distance field has ended; make the field again")]
     Lost,
-    /// There is no process for CGAL and TetGen.
+    /// The worker process could not be started.
     #[error("`{}` could not be started for CGAL and TetGen: {reason}", program.display())]
     NoWorker {
         /// The program.
         program: PathBuf,
-        /// Words of the system.
+        /// The system's message.
         reason: String,
     },
-    /// The bridge was handed something that it does not know.
+    /// An error that has no other variant.
     #[error("the C++ side failed: {0}")]
     Unknown(String),
     /// The result has more elements than indices can name.
@@ -257,8 +257,8 @@ pub enum CgalTetgenError {
 }
 
 impl CgalTetgenError {
-    /// Whether what a worker held is lost, so that going on with it cannot succeed.
-    pub(super) fn is_end_of_worker(&self) -> bool {
+    /// Whether the worker is gone and everything it held with it.
+    pub(super) fn is_worker_lost(&self) -> bool {
         matches!(
             self,
             Self::Crashed { .. } | Self::TimeLimit { .. } | Self::NoWorker { .. } | Self::Lost
@@ -266,17 +266,17 @@ impl CgalTetgenError {
     }
 }
 
-/// What the C++ side throws for the bridge itself.
+/// `kUnknown` of `src/cgal_tetgen/cpp/core.h`.
 const CODE_UNKNOWN: i32 = 103;
 
-/// How a call ended that did not succeed, with a code of `src/cgal_tetgen/cpp/core.h`.
+/// A failed call, with a code of `src/cgal_tetgen/cpp/core.h`.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Failed {
+pub(super) struct CallFailure {
     pub code: i32,
     pub message: String,
 }
 
-impl Failed {
+impl CallFailure {
     pub fn unknown(message: &str) -> Self {
         Self {
             code: CODE_UNKNOWN,
@@ -285,8 +285,8 @@ impl Failed {
     }
 }
 
-impl From<Failed> for CgalTetgenError {
-    fn from(Failed { code, message }: Failed) -> Self {
+impl From<CallFailure> for CgalTetgenError {
+    fn from(CallFailure { code, message }: CallFailure) -> Self {
         match code {
             1 => Self::OutOfMemory,
             2 | 10 => Self::Internal { code },

@@ -1,5 +1,5 @@
-//! What a surface must be before C++ may see it. CGAL's preconditions are compiled out and TetGen's are assertions
-//! that end the process, so everything either relies on is checked here.
+//! Checks of surfaces before they go to C++. CGAL's preconditions are compiled out and TetGen's are assertions that end
+//! the process, so everything that either relies on is checked here.
 
 use super::calls::{self, Mesh};
 use super::error::{CgalTetgenError, InputDefect};
@@ -8,21 +8,20 @@ use crate::geometry::{Aabb, solid_angle};
 use crate::mesh::topology::{NONE, Topology};
 use crate::mesh::{SurfaceMesh, lowest_coincident_vertices};
 
-/// A closed surface without self-intersections, read by the even-odd rule.
-pub(super) struct Solid {
+/// Measures of what a closed surface without self-intersections encloses by the even-odd rule.
+pub(super) struct EnclosedSolid {
     /// Volume inside an odd number of shells.
     pub volume: f64,
-    /// Handles of the shells that bound the solid from outside, summed; cavities do not count. `None` when one of them
-    /// is no manifold.
+    /// Sum of the genera of the outer shells, without cavities. `None` when one of them is non-manifold.
     pub outer_genus: Option<u64>,
 }
 
-/// Coordinates in one row, as the bridge takes them.
+/// Coordinates in one array, as the bridge takes them.
 pub(super) fn flat(points: &[Point]) -> Vec<f64> {
     points.iter().flat_map(|p| [p.x, p.y, p.z]).collect()
 }
 
-/// Points of a row of coordinates.
+/// Points of an array of coordinates.
 pub(super) fn points(xyz: &[f64]) -> Vec<Point> {
     xyz.chunks_exact(3).map(Point::from_slice).collect()
 }
@@ -33,7 +32,7 @@ pub(super) fn surface(mesh: &Mesh) -> Result<SurfaceMesh, CgalTetgenError> {
     Ok(SurfaceMesh::new(points(&mesh.xyz), corners.to_vec())?)
 }
 
-/// Triangles, finite coordinates, and a size whose products stay numbers: what every operation needs.
+/// What every operation needs: triangles, finite coordinates, and a size whose products do not overflow.
 pub(super) fn check_numbers(surface: &SurfaceMesh) -> Result<(), InputDefect> {
     if surface.triangles().is_empty() {
         return Err(InputDefect::Empty);
@@ -52,7 +51,7 @@ pub(super) fn check_numbers(surface: &SurfaceMesh) -> Result<(), InputDefect> {
     Ok(())
 }
 
-/// An even number of triangles at every edge. [`Topology::is_closed`] asks for less: three triangles close no solid.
+/// An even number of triangles at every edge. [`Topology::is_closed`] is weaker: it accepts three.
 pub(super) fn check_closed(topology: &Topology) -> Result<(), InputDefect> {
     let mut open = (0..topology.edges().len()).filter(|&edge| topology.sides(edge).len() % 2 == 1);
     match open.next() {
@@ -75,7 +74,7 @@ pub(super) fn check_manifold(topology: &Topology) -> Result<(), InputDefect> {
     }
 }
 
-/// A proper triangle everywhere, and every vertex used and alone in its place.
+/// No degenerate or repeated triangles, and no unreferenced or coincident vertices.
 fn check_elements(surface: &SurfaceMesh, topology: &Topology) -> Result<(), InputDefect> {
     let triangles = surface.triangles();
     if let Some(triangle) = (0..triangles.len()).find(|&t| topology.edges_of_triangle(t).is_none()) {
@@ -98,14 +97,14 @@ fn check_elements(surface: &SurfaceMesh, topology: &Topology) -> Result<(), Inpu
 }
 
 /// Everything that the tetrahedral meshers need.
-pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<Solid, CgalTetgenError> {
+pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<EnclosedSolid, CgalTetgenError> {
     check_numbers(surface)?;
     check_elements(surface, topology)?;
     check_closed(topology)?;
-    // A flat surface intersects itself too, and to say so would not help.
+    // Before self-intersections: a flat surface has them too, and that message would not help.
     let shells = shells(surface, topology)?;
 
-    let pairs = meeting_triangles(surface, f64::INFINITY)?;
+    let pairs = intersecting_triangles(surface, f64::INFINITY)?;
     if let Some(pair) = pairs.iter().find(|pair| pair[0] == pair[1]) {
         let triangle = pair[0] as usize;
         return Err(InputDefect::DegenerateTriangle { triangle }.into());
@@ -115,26 +114,25 @@ pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<
             pairs: pairs.len(),
             first,
         }),
-        None => Ok(solid_of(&shells)),
+        None => Ok(solid_of_shells(&shells)),
     }
 }
 
-/// Pairs of triangles that meet in more than a common corner or side, and a triangle twice when it has no area. Looks at
-/// `most_tested` pairs whose boxes meet, at most.
-pub(super) fn meeting_triangles(surface: &SurfaceMesh, most_tested: f64) -> Result<Vec<[u32; 2]>, CgalTetgenError> {
+/// Pairs of triangles that meet in more than a common corner or side; a triangle without area is paired with itself. Tests
+/// at most `max_tested` pairs with overlapping boxes.
+pub(super) fn intersecting_triangles(surface: &SurfaceMesh, max_tested: f64) -> Result<Vec<[u32; 2]>, CgalTetgenError> {
     let triangles = surface.triangles().as_flattened();
-    let pairs = calls::intersections(&flat(surface.vertices()), triangles, most_tested)?;
+    let pairs = calls::intersections(&flat(surface.vertices()), triangles, max_tested)?;
     Ok(pairs.as_chunks::<2>().0.to_vec())
 }
 
-/// Volume and handles by the even-odd rule: the shells' own orientations are mended, so they do not matter. Means
-/// something only where shells do not intersect.
-pub(super) fn solid(surface: &SurfaceMesh, topology: &Topology) -> Result<Solid, InputDefect> {
-    Ok(solid_of(&shells(surface, topology)?))
+/// Volume and genus by the even-odd rule, whatever the shells' orientations. Meaningful only when shells do not intersect.
+pub(super) fn enclosed_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<EnclosedSolid, InputDefect> {
+    Ok(solid_of_shells(&shells(surface, topology)?))
 }
 
-fn solid_of(shells: &[Shell]) -> Solid {
-    let mut solid = Solid {
+fn solid_of_shells(shells: &[Shell]) -> EnclosedSolid {
+    let mut solid = EnclosedSolid {
         volume: 0.0,
         outer_genus: Some(0),
     };
@@ -142,7 +140,7 @@ fn solid_of(shells: &[Shell]) -> Solid {
         let around = shells
             .iter()
             .enumerate()
-            .filter(|&(j, other)| j != k && other.encloses(&shell.witness));
+            .filter(|&(j, other)| j != k && other.encloses(&shell.interior_point));
         if around.count() % 2 == 0 {
             solid.volume += shell.volume;
             solid.outer_genus = solid.outer_genus.zip(shell.genus).map(|(sum, genus)| sum + genus);
@@ -158,8 +156,8 @@ struct Shell {
     bounds: Aabb,
     volume: f64,
     genus: Option<u64>,
-    /// A point of the shell that no other shell touches.
-    witness: Point,
+    /// An interior point of one of its triangles, which no other shell touches.
+    interior_point: Point,
 }
 
 impl Shell {
@@ -174,9 +172,9 @@ impl Shell {
     }
 }
 
-/// The parts of the surface, each oriented alike within itself.
+/// The components of the surface, each consistently oriented.
 fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<Shell>, InputDefect> {
-    let turned = turned_triangles(topology)?;
+    let flipped = triangles_to_flip(topology)?;
     let (low, high) = surface.bounding_box().ok_or(InputDefect::Empty)?;
     let centre = nalgebra::center(&low, &high);
     let components = topology.components();
@@ -185,7 +183,7 @@ fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<Shell>, Inpu
         bounds: Aabb::empty(),
         volume: 0.0,
         genus,
-        witness: centre,
+        interior_point: centre,
     };
     let mut shells: Vec<Shell> = components.shapes.iter().map(|shape| empty(shape.genus())).collect();
     for (t, &component) in components.of_triangle.iter().enumerate() {
@@ -193,16 +191,16 @@ fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<Shell>, Inpu
             continue;
         }
         let [a, b, c] = surface.corners(t);
-        let corners = if turned[t] { [a, c, b] } else { [a, b, c] };
+        let corners = if flipped[t] { [a, c, b] } else { [a, b, c] };
         let shell = &mut shells[component as usize];
         shell.bounds = shell.bounds.union(&Aabb::around(&corners));
         let [a, b, c] = corners.map(|p| p - centre);
         shell.volume += a.dot(&b.cross(&c)) / 6.0;
-        shell.witness = centre + (a + b + c) / 3.0;
+        shell.interior_point = centre + (a + b + c) / 3.0;
         shell.triangles.push(corners);
     }
     shells.iter_mut().for_each(|shell| shell.volume = shell.volume.abs());
-    // Each volume is a sum of products of lengths, with a unit error of 1e-16; a real plate has more.
+    // Rounding alone gives a flat surface a volume of about 1e-16 times area and diagonal.
     let volume: f64 = shells.iter().map(|shell| shell.volume).sum();
     if volume <= 1e-14 * surface.area() * surface.diagonal() {
         return Err(InputDefect::Flat);
@@ -210,16 +208,16 @@ fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<Shell>, Inpu
     Ok(shells)
 }
 
-/// Which triangles to turn over so that neighbours agree. At an edge of more than two triangles nothing tells which are
-/// neighbours, so such a surface must be oriented as it is: as many triangles run one way through an edge as the other.
-fn turned_triangles(topology: &Topology) -> Result<Vec<bool>, InputDefect> {
+/// Which triangles to flip so that neighbours agree. At an edge of more than two triangles neighbours are ambiguous, so a
+/// non-manifold surface must be consistently oriented already: each edge is used as often in one direction as in the other.
+fn triangles_to_flip(topology: &Topology) -> Result<Vec<bool>, InputDefect> {
     let orientation = topology.orientation();
-    let unmended = if topology.is_edge_manifold() {
+    let inconsistent = if topology.is_edge_manifold() {
         orientation.twisted_edges.first().map(|&edge| edge as usize)
     } else {
         (0..topology.edges().len()).find(|&edge| !is_balanced(topology, edge))
     };
-    match unmended {
+    match inconsistent {
         Some(edge) => Err(InputDefect::NotOrientable {
             edge: topology.edges()[edge],
         }),
@@ -257,8 +255,8 @@ mod tests {
     use super::*;
     use crate::mesh::shapes;
 
-    fn solid_in(surface: &SurfaceMesh) -> Solid {
-        solid(surface, &Topology::new(surface)).unwrap()
+    fn solid_in(surface: &SurfaceMesh) -> EnclosedSolid {
+        enclosed_solid(surface, &Topology::new(surface)).unwrap()
     }
 
     fn volume(surface: &SurfaceMesh) -> f64 {
@@ -277,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn bodies_that_touch_in_a_vertex_are_two() {
+    fn cubes_that_touch_in_a_vertex_are_two_shells() {
         let tip = shapes::cube(1.0, 1);
         let moved = shapes::deformed(&tip, |p| p + crate::Vector::repeat(1.0));
         let both = shapes::joined(&tip, &moved);
@@ -315,10 +313,11 @@ mod tests {
     }
 
     #[test]
-    fn a_body_inside_a_cavity_counts() {
+    fn a_shell_inside_a_cavity_adds_volume() {
         let nested = shapes::joined(&shapes::spherical_shell(1.0, 0.5, 2), &shapes::sphere(0.25, 2));
         assert!((volume(&nested) - nested.volume()).abs() < 1e-12);
     }
+
     #[test]
     fn a_projective_plane_has_no_inside() {
         let vertices = (0..6).map(|k| Point::new(f64::from(k), f64::from(k * k), f64::from(k * k * k)));
@@ -327,7 +326,7 @@ mod tests {
         let plane = SurfaceMesh::new(vertices.collect(), triangles.collect()).unwrap();
         let topology = Topology::new(&plane);
         assert_eq!(check_closed(&topology).and(check_manifold(&topology)), Ok(()));
-        let refused = solid(&plane, &topology).err();
+        let refused = enclosed_solid(&plane, &topology).err();
         assert!(matches!(refused, Some(InputDefect::NotOrientable { .. })));
     }
 }

@@ -1,15 +1,14 @@
-//! What CGAL and TetGen do for us, through C++: tetrahedralisation, offset surfaces, signed distance and
-//! self-intersections. Feature `native`.
+//! CGAL and TetGen, called through C++: tetrahedralisation, offset surfaces, signed distance and self-intersections.
+//! Feature `native`.
 //!
-//! Both libraries crash on inputs that they do not expect. Every function here checks its input first, catches
-//! whatever C++ throws, and checks the result before handing it on; what cannot be used is a [`CgalTetgenError`]. Surfaces
-//! are read by the even-odd rule: a shell inside a shell is a cavity, a shell inside a cavity is a body again,
-//! whatever way their triangles turn.
+//! Both libraries crash on unexpected input. Every function here checks its input first, catches all C++ exceptions, and
+//! checks the result; any failure is a [`CgalTetgenError`]. What is inside a surface is decided by the even-odd rule: a
+//! shell inside a shell is a cavity, and a shell inside a cavity is solid again, whatever the orientation of the triangles.
 //!
-//! Calls stay in this process until [`isolate`] sends them to a worker, whose end is an error and not that of the program.
-//! The command line does so.
+//! Calls run in this process until [`isolate`] sends them to a worker process, so that a crash of the worker is an error
+//! here. The command line does so.
 //!
-//! All results are the same from run to run and for any number of threads.
+//! Results are the same from run to run and for any number of threads.
 //!
 //! - Si, *TetGen, a Delaunay-based quality tetrahedral mesh generator*, ACM Trans. Math. Softw. 41 (2015): AGPL.
 //! - *The CGAL User and Reference Manual*, release 5.5: GPL for the packages used here.
@@ -31,11 +30,11 @@ pub use offset::{OffsetOptions, OffsetSurface, offset_surface};
 pub use tetrahedra::{Mesh3Options, TetOptions, memory_estimate, tetrahedralize, tetrahedralize_mesh3};
 pub use worker::{Isolation, isolate, serve_calls};
 
-/// Checks that an error of TetGen would arrive as an error here, by making it fail harmlessly.
+/// Checks that an error of TetGen is reported as an error here, by making it fail harmlessly.
 ///
-/// The library ends the process on its own errors unless its error function is replaced, which solidmap does; where a
-/// second copy of TetGen was loaded first, the replacement may not take. [`tetrahedralize`] makes the same check
-/// before its first run, so calling this is for start-up diagnostics.
+/// TetGen ends the process on an error unless its error function is replaced, as solidmap does; where a second copy of
+/// TetGen was loaded first, the replacement may fail. [`tetrahedralize`] makes the same check
+/// before its first run, so this is for start-up diagnostics.
 ///
 /// # Errors
 ///

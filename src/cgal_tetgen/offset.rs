@@ -1,16 +1,16 @@
 use super::calls;
 use super::distance::SignedDistanceField;
 use super::error::CgalTetgenError;
-use super::input::{check_closed, check_numbers, flat, meeting_triangles, solid, surface as surface_of};
+use super::input::{check_closed, check_numbers, enclosed_solid, flat, intersecting_triangles, surface as surface_of};
 use super::tetrahedra::{check_count, check_option};
 use crate::Point;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::{ComponentShape, Topology};
 
-/// Newton steps of the projection; away from creases one is enough, and at a crease none are.
+/// Newton steps of the projection. Away from creases one is enough; at a crease it does not converge.
 const PROJECTION_STEPS: usize = 5;
 
-/// How [`offset_surface`] works.
+/// Options of [`offset_surface`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct OffsetOptions {
     /// Finest detail of the surface, in model units: about its edge length. Gaps narrower than twice this are filled.
@@ -48,30 +48,30 @@ impl Default for OffsetOptions {
 pub struct OffsetSurface {
     /// Closed, manifold, oriented outward, without self-intersections, and clear of the model.
     pub mesh: SurfaceMesh,
-    /// Largest error of the distance at vertices. Large at creases alone, where no vertex can keep the distance.
+    /// Largest error of the distance at vertices. Large only at creases, where the projection does not converge.
     pub vertex_error: f64,
-    /// Largest error of the distance at the triangles' centroids: how far flat triangles cut the corner.
+    /// Largest error of the distance at the triangles' centroids, which also measures the triangles' flatness.
     pub centroid_error: f64,
     /// Smallest signed distance to the model over vertices and centroids.
     pub min_distance: f64,
-    /// Handles, summed over the components.
+    /// Genus, summed over the components.
     pub genus: usize,
-    /// Handles of the model's outer shells, when they are manifold. A distance beyond half of a hole's width closes the
-    /// hole, so a smaller genus is right there and a sign of too large an `alpha` elsewhere.
+    /// Genus of the model's outer shells, when they are manifold. A distance of more than half of a hole's width closes the
+    /// hole; otherwise a smaller genus of the offset is a sign of too large an `alpha`.
     pub model_genus: Option<usize>,
-    /// Connected components. Bodies closer than twice the distance share one.
+    /// Connected components. Parts closer than twice the distance share one.
     pub components: usize,
     /// `alpha` of the wrap it was made from.
     pub alpha: f64,
     /// How often `alpha` was halved.
     pub retries: usize,
-    /// Whether no projected surface passed the checks, so that this is the wrap as it came.
+    /// Whether this is the wrap itself, because no projected surface passed the checks.
     pub raw_wrap: bool,
 }
 
 /// A surface at `distance` (model units) outside a closed surface.
 ///
-/// An alpha wrap is remeshed, its vertices are moved onto the level of the distance, and the result is checked; when
+/// An alpha wrap is remeshed, its vertices are moved onto the level set of the distance, and the result is checked; when
 /// it fails, the wrap is made finer, and when every projected surface fails, the wrap itself is returned. The model
 /// may intersect itself. Cavities get no offset: the surface surrounds the model from outside only.
 ///
@@ -98,31 +98,31 @@ pub fn offset_surface(
     check_numbers(surface)?;
     check_closed(&Topology::new(surface))?;
 
-    let job = Job::new(surface, distance, options)?;
+    let problem = OffsetProblem::new(surface, distance, options)?;
     let mut fallback = None;
     let mut failure = None;
     let mut alpha = first_alpha;
     for retries in 0..=options.retries {
-        if let Err(error) = job.check_size(alpha) {
-            // The first size is the caller's; finer ones are only hoped for.
+        if let Err(error) = problem.check_size(alpha) {
+            // Only the first size is the caller's wish; its error is the one to report.
             failure.get_or_insert(error);
             break;
         }
-        let wrap = job.wrap(alpha)?;
+        let wrap = problem.wrap(alpha)?;
         if options.rounds > 0 {
-            let made = job
+            let projected = problem
                 .projected(&wrap, alpha)
-                .and_then(|mesh| job.accept(mesh, alpha, retries, false));
-            match made {
+                .and_then(|mesh| problem.checked(mesh, alpha, retries, false));
+            match projected {
                 Ok(result) => return Ok(result),
-                Err(error) if error.is_end_of_worker() => return Err(error),
+                Err(error) if error.is_worker_lost() => return Err(error),
                 Err(error) => failure = Some(error),
             }
         }
-        match job.accept(wrap, alpha, retries, true) {
+        match problem.checked(wrap, alpha, retries, true) {
             Ok(result) if options.rounds == 0 => return Ok(result),
             Ok(result) => fallback = Some(result),
-            Err(error) if error.is_end_of_worker() => return Err(error),
+            Err(error) if error.is_worker_lost() => return Err(error),
             Err(error) => failure = Some(error),
         }
         alpha /= 2.0;
@@ -134,8 +134,8 @@ pub fn offset_surface(
     }
 }
 
-/// One model and distance, over all attempts.
-struct Job<'a> {
+/// What is common to all attempts.
+struct OffsetProblem<'a> {
     model: &'a SurfaceMesh,
     model_genus: Option<usize>,
     field: SignedDistanceField,
@@ -143,9 +143,9 @@ struct Job<'a> {
     options: &'a OffsetOptions,
 }
 
-impl<'a> Job<'a> {
+impl<'a> OffsetProblem<'a> {
     fn new(model: &'a SurfaceMesh, distance: f64, options: &'a OffsetOptions) -> Result<Self, CgalTetgenError> {
-        let solid = solid(model, &Topology::new(model)).ok();
+        let solid = enclosed_solid(model, &Topology::new(model)).ok();
         Ok(Self {
             model,
             model_genus: solid.and_then(|solid| solid.outer_genus).map(|genus| genus as usize),
@@ -155,8 +155,8 @@ impl<'a> Job<'a> {
         })
     }
 
-    /// Refuses sizes that would take all memory. The surface's area is estimated from below by the model's box, from
-    /// above by the model's own area and a sphere of the distance.
+    /// Refuses sizes that would take too many triangles. The surface's area is estimated by the model's area, or that of a
+    /// sphere around it if smaller, and a sphere of the distance.
     fn check_size(&self, alpha: f64) -> Result<(), CgalTetgenError> {
         let reach = self.model.diagonal() + 2.0 * self.distance;
         let area = self.model.area().min(std::f64::consts::PI * reach * reach)
@@ -177,13 +177,13 @@ impl<'a> Job<'a> {
         for _ in 0..self.options.rounds {
             let remeshed = calls::remesh(&flat(mesh.vertices()), mesh.triangles().as_flattened(), alpha)?;
             let (vertices, triangles) = surface_of(&remeshed)?.into_parts();
-            mesh = SurfaceMesh::new(self.on_level(vertices)?, triangles)?;
+            mesh = SurfaceMesh::new(self.on_level_set(vertices)?, triangles)?;
         }
         Ok(mesh)
     }
 
-    /// Points moved along the gradient of the distance until it is the one asked for.
-    fn on_level(&self, mut points: Vec<Point>) -> Result<Vec<Point>, CgalTetgenError> {
+    /// Points moved along the gradient of the distance to the level set.
+    fn on_level_set(&self, mut points: Vec<Point>) -> Result<Vec<Point>, CgalTetgenError> {
         for _ in 0..PROJECTION_STEPS {
             let mut error = 0.0f64;
             let closest_points = self.field.try_closest_points(&points)?;
@@ -202,8 +202,8 @@ impl<'a> Job<'a> {
         Ok(points)
     }
 
-    /// The surface with its measures, or why it cannot be used.
-    fn accept(
+    /// The surface with its measures, or why it fails the checks.
+    fn checked(
         &self,
         mesh: SurfaceMesh,
         alpha: f64,
@@ -221,9 +221,9 @@ impl<'a> Job<'a> {
             return Err(failed("the surface is not closed and manifold".into()));
         };
         let genus = genus as usize;
-        let crossings = self.crossings(&mesh)?;
-        if crossings > 0 {
-            return Err(failed(format!("{crossings} pairs of triangles intersect")));
+        let intersections = self.intersections(&mesh)?;
+        if intersections > 0 {
+            return Err(failed(format!("{intersections} pairs of triangles intersect")));
         }
         let at_vertices = self.field.try_distance(mesh.vertices())?;
         let centroid = |t: usize| Point::from(mesh.corners(t).iter().map(|p| p.coords).sum::<crate::Vector>() / 3.0);
@@ -256,19 +256,19 @@ impl<'a> Job<'a> {
         })
     }
 
-    /// Intersecting pairs with at least one triangle of `mesh`: of itself, or of it and the model.
-    fn crossings(&self, mesh: &SurfaceMesh) -> Result<usize, CgalTetgenError> {
+    /// Number of intersections of `mesh` with itself and with the model.
+    fn intersections(&self, mesh: &SurfaceMesh) -> Result<usize, CgalTetgenError> {
         let own = mesh.triangles().len();
         let shift = mesh.vertices().len() as u32;
         let vertices = [mesh.vertices(), self.model.vertices()].concat();
         let of_model = self.model.triangles().iter().map(|t| t.map(|v| v + shift));
         let triangles = mesh.triangles().iter().copied().chain(of_model).collect();
-        let pairs = meeting_triangles(&SurfaceMesh::new(vertices, triangles)?, f64::INFINITY)?;
+        let pairs = intersecting_triangles(&SurfaceMesh::new(vertices, triangles)?, f64::INFINITY)?;
         Ok(pairs.iter().filter(|pair| (pair[0] as usize) < own).count())
     }
 }
 
-/// Closed, two triangles at every edge, one fan at every vertex, all oriented outward.
+/// Closed, manifold, and oriented outward.
 fn bounds_a_solid(mesh: &SurfaceMesh, topology: &Topology) -> bool {
     let is_manifold = topology.is_edge_manifold() && topology.non_manifold_vertices().is_empty();
     let is_oriented = topology.orientation().inconsistent_edges.is_empty() && mesh.volume() > 0.0;

@@ -5,15 +5,15 @@ use rayon::prelude::*;
 
 use super::calls;
 use super::error::CgalTetgenError;
-use super::input::{Solid, check_manifold, check_solid, flat, points, sorted};
+use super::input::{EnclosedSolid, check_manifold, check_solid, flat, points, sorted};
 use crate::Point;
 use crate::mesh::topology::{DisjointSets, Topology};
 use crate::mesh::{SurfaceMesh, TetMesh};
 
-/// Tetrahedra that a mesher is asked for at most; about 100 GB at this count.
-const MOST_TETS: f64 = 2e8;
+/// Largest number of tetrahedra; they take about 100 GB.
+const MAX_TETS: f64 = 2e8;
 
-/// How [`tetrahedralize`] refines. The boundary is kept as it is in any case, which bounds the quality next to it.
+/// Options of [`tetrahedralize`]. The boundary is kept as it is, which limits the quality next to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TetOptions {
     /// Largest ratio of a tetrahedron's circumradius to its shortest edge, at least 1.1; 1.4 to 2 is usual. `None`
@@ -24,8 +24,8 @@ pub struct TetOptions {
     /// Volume of a tetrahedron to aim for, in cubic model units. Those next to the boundary, which must not be split,
     /// stay as large as its triangles make them.
     pub max_volume: Option<f64>,
-    /// Bytes that this process and a worker may take together, by [`memory_estimate`]: more is refused before anything is
-    /// made. No limit when `None`.
+    /// Bytes that this process and a worker may take together, checked beforehand by [`memory_estimate`]. No limit when
+    /// `None`.
     pub memory: Option<u64>,
 }
 
@@ -40,7 +40,7 @@ impl Default for TetOptions {
     }
 }
 
-/// How fine [`tetrahedralize_mesh3`] meshes. Lengths are in model units.
+/// Options of [`tetrahedralize_mesh3`]. Lengths are in model units.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mesh3Options {
     /// Largest circumradius of a tetrahedron, and of the balls that facets and sharp edges are measured by; a
@@ -51,8 +51,7 @@ pub struct Mesh3Options {
     pub facet_distance: Option<f64>,
     /// Edges whose triangles' normals differ by more than this many degrees are kept, 0 to 180.
     pub feature_angle: f64,
-    /// After this time the attempt is an error: sharp edges that nearly touch can take any time to protect. At most
-    /// 10^6 s.
+    /// Limit of the run: sharp edges that nearly touch can take arbitrarily long to protect. At most 10^6 s.
     pub time_limit: Duration,
     /// As in [`TetOptions`].
     pub memory: Option<u64>,
@@ -73,16 +72,16 @@ impl Default for Mesh3Options {
 /// Tetrahedra that fill the solid and keep its boundary, by TetGen.
 ///
 /// The vertices begin with those of `surface`, bit by bit; vertices that TetGen adds follow, all of them inside. The
-/// boundary of the result is made of the triangles of `surface`. Tetrahedra are right-handed. Cavities stay empty and
-/// separate bodies are all filled. One run at a time in a process, since TetGen is not reentrant; other calls wait.
+/// boundary of the result is made of the triangles of `surface`. Tetrahedra are positively oriented. Cavities stay empty
+/// and all components are filled. Runs in one process wait for one another, since TetGen is not reentrant.
 ///
 /// # Errors
 ///
 /// [`CgalTetgenError::InvalidInput`] for a surface that is open, degenerate, flat, with coincident or unused vertices,
-/// [`CgalTetgenError::SelfIntersection`] for one that passes through itself, and one error for each way in which the mesh
-/// could be wrong: nothing is returned unless boundary, prefix, handedness and volume have been checked.
+/// [`CgalTetgenError::SelfIntersection`] for one that intersects itself, and an error for each check of the result: vertices,
+/// boundary, orientation and volume.
 pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<TetMesh, CgalTetgenError> {
-    // The search for self-intersections alone takes much; the tetrahedra are counted when the volume is known.
+    // Checked before the search for self-intersections, and again with the number of tetrahedra when the volume is known.
     check_memory(surface, 0.0, options.memory)?;
     let topology = Topology::new(surface);
     let solid = check_solid(surface, &topology)?;
@@ -91,12 +90,12 @@ pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<Tet
     let tets = options.max_volume.map_or(0.0, |volume| 2.0 * solid.volume / volume);
     check_memory(surface, tets, options.memory)?;
 
-    let asked = [
+    let options = [
         options.radius_edge_ratio.unwrap_or(0.0),
         options.min_dihedral,
         options.max_volume.unwrap_or(0.0),
     ];
-    let out = calls::tetgen(&flat(surface.vertices()), surface.triangles().as_flattened(), &asked)?;
+    let out = calls::tetgen(&flat(surface.vertices()), surface.triangles().as_flattened(), &options)?;
     let tets = out.corners.as_chunks::<4>().0;
     if tets.is_empty() {
         return Err(CgalTetgenError::EmptyResult);
@@ -106,17 +105,17 @@ pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<Tet
 
     let inside = inside_tets(surface, tets)?;
     let mesh = compacted(vertices, inside, surface.vertices().len())?;
-    let mesh = right_handed(mesh)?;
+    let mesh = positively_oriented(mesh)?;
     // Boundary and interior are exact, so only rounding is left: a part in 10^9 of the volume, generously.
     check_volume(&mesh, solid.volume, 1e-9 * solid.volume)?;
     Ok(mesh)
 }
 
-/// Tetrahedra that fill the solid, by CGAL's Delaunay refinement: a second opinion on [`tetrahedralize`].
+/// Tetrahedra that fill the solid, by CGAL's Delaunay refinement: an alternative to [`tetrahedralize`].
 ///
-/// The boundary is sampled anew to within `facet_distance`, sharp edges are kept, and no vertex of `surface` need
-/// appear. Tetrahedra are right-handed. Cavities stay empty and separate bodies are all filled, provided that they are
-/// larger than `cell_size`. Its only randomness is seeded.
+/// The boundary is remeshed to within `facet_distance` and sharp edges are kept; vertices of `surface` are not. Tetrahedra
+/// are positively oriented. Cavities stay empty and all components are filled, provided that they are larger than
+/// `cell_size`. Its random numbers have a fixed seed.
 ///
 /// # Errors
 ///
@@ -156,24 +155,24 @@ pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Re
     if tets.is_empty() {
         return Err(CgalTetgenError::EmptyResult);
     }
-    let mesh = right_handed(TetMesh::new(points(&out.xyz), tets.to_vec())?)?;
+    let mesh = positively_oriented(TetMesh::new(points(&out.xyz), tets.to_vec())?)?;
     check_volume(&mesh, solid.volume, 2.0 * facet_distance * surface.area())?;
     Ok(mesh)
 }
 
-/// Memory at the peak of a run that makes so many tetrahedra (or 8 a vertex, as without a bound on their volume), in
-/// bytes, a worker's included; within 30 % of the peaks of TetGen's runs with 130 000 to 1 200 000 tetrahedra and 15 000 to
-/// 134 000 vertices (x86-64, Linux).
+/// Peak memory in bytes, a worker's included, of a run that makes this many tetrahedra, or 8 per vertex if that is more, as
+/// without a bound on their volume. Within 30 % of what was measured with TetGen for 130 000 to 1 200 000 tetrahedra and
+/// 15 000 to 134 000 vertices (x86-64, Linux).
 pub fn memory_estimate(vertices: usize, tets: f64) -> u64 {
     let tets = tets.max(8.0 * vertices as f64);
     (PROGRAM + PER_VERTEX * vertices as f64 + PER_TET * tets) as u64
 }
 
-/// Bytes of the program, twice.
+/// Bytes of this process and the worker before they do anything.
 const PROGRAM: f64 = 30e6;
-/// Bytes for each vertex of the surface: most of them while CGAL looks for self-intersections.
+/// Bytes per vertex of the surface, mostly while CGAL looks for self-intersections.
 const PER_VERTEX: f64 = 4200.0;
-/// Bytes for each tetrahedron, in TetGen and on this side.
+/// Bytes per tetrahedron, in TetGen and in this process.
 const PER_TET: f64 = 280.0;
 
 fn check_memory(surface: &SurfaceMesh, tets: f64, allowed: Option<u64>) -> Result<(), CgalTetgenError> {
@@ -184,7 +183,7 @@ fn check_memory(surface: &SurfaceMesh, tets: f64, allowed: Option<u64>) -> Resul
     }
 }
 
-fn check_tet_options(options: &TetOptions, solid: &Solid) -> Result<(), CgalTetgenError> {
+fn check_tet_options(options: &TetOptions, solid: &EnclosedSolid) -> Result<(), CgalTetgenError> {
     if let Some(ratio) = options.radius_edge_ratio {
         let valid = (1.1..1e6).contains(&ratio);
         check_option(
@@ -205,7 +204,7 @@ fn check_tet_options(options: &TetOptions, solid: &Solid) -> Result<(), CgalTetg
         let valid = volume.is_finite() && volume > 0.0;
         check_option("max_volume", volume, valid, "positive and finite")?;
         // Refinement halves what is too large, so tetrahedra end at about half of the bound.
-        check_count("tetrahedra", 2.0 * solid.volume / volume, MOST_TETS)?;
+        check_count("tetrahedra", 2.0 * solid.volume / volume, MAX_TETS)?;
     }
     Ok(())
 }
@@ -214,7 +213,7 @@ fn check_mesh3_options(
     cell_size: f64,
     facet_distance: f64,
     options: &Mesh3Options,
-    solid: &Solid,
+    solid: &EnclosedSolid,
 ) -> Result<(), CgalTetgenError> {
     for (name, size) in [("cell_size", cell_size), ("facet_distance", facet_distance)] {
         check_option(name, size, size.is_finite() && size > 0.0, "positive and finite")?;
@@ -229,7 +228,7 @@ fn check_mesh3_options(
     let seconds = options.time_limit.as_secs_f64();
     check_option("time_limit", seconds, seconds <= 1e6, "at most 10^6 s")?;
     // A regular tetrahedron of circumradius r has the volume 8 r³ / (9 √3).
-    check_count("tetrahedra", 2.0 * solid.volume / cell_size.powi(3), MOST_TETS)
+    check_count("tetrahedra", 2.0 * solid.volume / cell_size.powi(3), MAX_TETS)
 }
 
 pub(super) fn check_option(
@@ -274,8 +273,8 @@ fn check_volume(mesh: &TetMesh, want: f64, tolerance: f64) -> Result<(), CgalTet
 
 /// The tetrahedra that an odd number of input triangles separates from the outside.
 ///
-/// TetGen fills cavities. Walking inwards from the hull and counting the input triangles passed needs no point inside
-/// each cavity, no orientation, and notices a boundary that leaks.
+/// TetGen fills cavities. Counting the input triangles crossed on a path from the hull needs no point inside each cavity
+/// and no orientation, and detects a boundary that leaks.
 fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, CgalTetgenError> {
     let input: HashMap<[u32; 3], usize> = surface
         .triangles()
@@ -285,8 +284,8 @@ fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>
         .collect();
     let mut found = vec![false; input.len()];
     let outside = tets.len() as u32;
-    // Tetrahedron t and the outside stand there twice: as 2t on their own side and as 2t + 1 on the other. A face of
-    // the boundary joins one's own side with the other's other.
+    // Union-find with parity: 2t stands for the side of the boundary that tetrahedron t is on, 2t + 1 for the other
+    // side. A boundary face unites opposite sides of its two tetrahedra, any other face equal sides.
     let mut sides = DisjointSets::new(2 * (tets.len() + 1));
     let count = surface.vertices().len() as u32;
     for uses in sorted_faces(tets).chunk_by(|a, b| a >> 32 == b >> 32) {
@@ -313,8 +312,8 @@ fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>
     Ok((0..tets.len()).filter(is_inside).map(|t| tets[t]).collect())
 }
 
-/// Every face of every tetrahedron as one number, corners ascending and tetrahedron last, so that the two uses of a
-/// face are neighbours.
+/// All faces of all tetrahedra in one integer each, ascending corners first and tetrahedron last, so that sorting puts the
+/// two uses of a face side by side.
 fn sorted_faces(tets: &[[u32; 4]]) -> Vec<u128> {
     let of_tet = |(t, &[a, b, c, d]): (usize, &[u32; 4])| {
         [[b, c, d], [a, c, d], [a, b, d], [a, b, c]].map(|face| {
@@ -327,7 +326,7 @@ fn sorted_faces(tets: &[[u32; 4]]) -> Vec<u128> {
     faces
 }
 
-/// The mesh without the vertices that no tetrahedron uses; the first `kept` stay in any case.
+/// The mesh without unused vertices after the first `kept`.
 fn compacted(vertices: Vec<Point>, tets: Vec<[u32; 4]>, kept: usize) -> Result<TetMesh, CgalTetgenError> {
     let mut used = vec![false; vertices.len()];
     used[..kept].fill(true);
@@ -348,12 +347,12 @@ fn compacted(vertices: Vec<Point>, tets: Vec<[u32; 4]>, kept: usize) -> Result<T
     Ok(TetMesh::new(vertices, tets)?)
 }
 
-/// The mesh with every tetrahedron right-handed. The meshers give all of them one hand, so the first decides nothing:
-/// the volume does, and a tetrahedron of the other sign is one whose volume is lost in rounding.
-fn right_handed(mesh: TetMesh) -> Result<TetMesh, CgalTetgenError> {
+/// The mesh with positively oriented tetrahedra. The meshers orient all of them alike, so the sign of the total volume
+/// decides; a tetrahedron of the other sign has lost its volume in rounding.
+fn positively_oriented(mesh: TetMesh) -> Result<TetMesh, CgalTetgenError> {
     let mesh = if mesh.volume() < 0.0 {
-        let turned = mesh.tets().iter().map(|&[a, b, c, d]| [b, a, c, d]).collect();
-        TetMesh::new(mesh.vertices().to_vec(), turned)?
+        let flipped = mesh.tets().iter().map(|&[a, b, c, d]| [b, a, c, d]).collect();
+        TetMesh::new(mesh.vertices().to_vec(), flipped)?
     } else {
         mesh
     };
@@ -370,15 +369,15 @@ mod tests {
     use crate::Vector;
     use crate::mesh::shapes;
 
-    /// TetGen without any check before it.
+    /// TetGen without checks.
     fn unchecked(surface: &SurfaceMesh, ratio: f64) -> Result<calls::Mesh, CgalTetgenError> {
         let options = [ratio, 0.0, 0.0];
         calls::tetgen(&flat(surface.vertices()), surface.triangles().as_flattened(), &options)
     }
 
-    /// Each of these ends the process in an unprepared libtet.
+    /// Each of these ends the process unless libtet's error function is replaced.
     #[test]
-    fn errors_of_tetgen_arrive_as_errors() {
+    fn errors_of_tetgen_are_reported() {
         let ball = shapes::sphere(1.0, 2);
         let shifted = shapes::deformed(&ball, |p| p + Vector::new(0.8, 0.1, 0.2));
         let mut doubled = ball.triangles().to_vec();
@@ -395,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn tetgen_leaves_cavities_to_be_emptied_here() {
+    fn tetgen_fills_cavities_and_they_are_emptied_here() {
         let shell = shapes::spherical_shell(1.0, 0.5, 2);
         let filled = unchecked(&shell, 0.0).unwrap();
         let tets = filled.corners.as_chunks::<4>().0;

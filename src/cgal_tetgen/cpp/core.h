@@ -1,8 +1,8 @@
-// The operations of the bridge in plain C++: no cxx, no CGAL, no TetGen. Every heavy translation unit includes this
-// header alone, so that a change of the Rust side never recompiles CGAL.
+// The operations in plain C++: no cxx, no CGAL, no TetGen. The translation units with CGAL and TetGen include only this
+// header, so that a change of the Rust side does not recompile them.
 //
-// A surface is any list of triangles with indices in range and finite coordinates; what else an operation needs of it
-// is written at the operation, and the Rust side has checked it. Failures are thrown; glue.cpp catches them all.
+// A surface is any list of triangles with indices in range and finite coordinates; further preconditions stand at each
+// operation, and the Rust side checks them. Failures are thrown; glue.cpp catches them all.
 #pragma once
 
 #include <cstddef>
@@ -28,7 +28,7 @@ struct Arrays {
   std::vector<std::uint32_t> corners;
 };
 
-/// What went wrong, as native/error.rs reads it. 1 to 10 are TetGen's own codes.
+/// Read by src/cgal_tetgen/error.rs. 1 to 10 are TetGen's own codes.
 enum FailureCode : int {
   kDone = 0,
   kOutOfMemory = 1,
@@ -66,7 +66,7 @@ struct TetgenOptions {
   double max_volume;
 };
 
-/// Tetrahedra of everything inside the outermost triangles, cavities included; input triangles are kept whole.
+/// Tetrahedra of everything inside the outermost triangles, cavities included; input triangles are not split.
 /// Needs a closed surface without zero-area triangles, not flat.
 Arrays tetgen(SurfaceView surface, const TetgenOptions& options);
 
@@ -79,7 +79,7 @@ struct Mesh3Options {
   double cell_radius_edge_ratio;
   /// Degrees between the normals of two triangles from which their edge is kept.
   double feature_angle;
-  /// After which `kStopped` is thrown.
+  /// Time limit; `kStopped` is thrown after it.
   double seconds;
 };
 
@@ -87,17 +87,17 @@ struct Mesh3Options {
 /// every edge and no self-intersection.
 Arrays mesh3(SurfaceView surface, const Mesh3Options& options);
 
-/// A closed manifold surface about `offset` outside `surface`.
+/// A closed manifold surface at a distance of about `offset` outside `surface`.
 Arrays wrap(SurfaceView surface, double alpha, double offset);
 
 /// One pass of isotropic remeshing towards `edge_length`. Needs a closed manifold surface.
 Arrays remesh(SurfaceView surface, double edge_length);
 
 /// Two triangle indices per pair, the lower first, in ascending order. A triangle without area is paired with itself
-/// and with no other. Throws `kCrowded` when more than `most_tested` pairs of boxes meet, or ten million pairs of triangles.
-std::vector<std::uint32_t> self_intersections(SurfaceView surface, double most_tested);
+/// and with no other. Throws `kCrowded` when more than `max_tested` pairs of boxes overlap, or ten million pairs of triangles intersect.
+std::vector<std::uint32_t> self_intersections(SurfaceView surface, double max_tested);
 
-/// Closest points of a surface, and its inside. Built at once and constant after, so threads may share it.
+/// Closest points of a surface and inside tests. Immutable after construction, so threads may share it.
 class DistanceField {
  public:
   /// Needs at least one triangle with an area.

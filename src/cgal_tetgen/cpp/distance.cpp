@@ -3,11 +3,9 @@
 #include <CGAL/AABB_traits.h>
 #include <CGAL/AABB_tree.h>
 #include <CGAL/Polygon_mesh_processing/measure.h>
-#include <CGAL/Polygon_mesh_processing/orient_polygon_soup.h>
-#include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
 #include <CGAL/Side_of_triangle_mesh.h>
 
-#include "soup.h"
+#include "halfedge_mesh.h"
 
 namespace solidmap::cgal_tetgen {
 
@@ -16,14 +14,8 @@ namespace {
 using Tree = CGAL::AABB_tree<CGAL::AABB_traits<Kernel, CGAL::AABB_face_graph_triangle_primitive<SurfaceMesh>>>;
 using Side = CGAL::Side_of_triangle_mesh<SurfaceMesh, Kernel>;
 
-/// The proper triangles as a half-edge mesh. Vertices where sheets pinch are split, which moves nothing.
-SurfaceMesh mesh_of(const SurfaceView& surface) {
-  namespace PMP = CGAL::Polygon_mesh_processing;
-  std::vector<Point> points = points_of(surface);
-  auto triangles = proper_triangles(surface, points);
-  PMP::orient_polygon_soup(points, triangles);
-  SurfaceMesh mesh;
-  PMP::polygon_soup_to_polygon_mesh(points, triangles, mesh);
+SurfaceMesh mesh_with_area(const SurfaceView& surface) {
+  SurfaceMesh mesh = halfedge_mesh_of(surface);
   if (mesh.number_of_faces() == 0) throw Failure(kCgal, "no triangle has an area");
   return mesh;
 }
@@ -32,8 +24,8 @@ SurfaceMesh mesh_of(const SurfaceView& surface) {
 
 struct DistanceField::Impl {
   explicit Impl(const SurfaceView& surface)
-      : mesh(mesh_of(surface)), tree(faces(mesh).first, faces(mesh).second, mesh) {
-    // All at once, down to the k-d tree that only a query builds: left for later, they would race between threads.
+      : mesh(mesh_with_area(surface)), tree(faces(mesh).first, faces(mesh).second, mesh) {
+    // Everything that CGAL builds lazily, including the k-d tree of the first query: threads would race for it later.
     tree.build();
     tree.accelerate_distance_queries();
     tree.closest_point(mesh.point(*mesh.vertices().begin()));

@@ -12,8 +12,8 @@ Outcome outcome(int code, const std::string& message) {
   return Outcome{code, rust::String::lossy(message)};
 }
 
-/// Runs `body` and turns whatever it throws into an outcome: cxx catches `std::exception` alone, and anything else
-/// that reached Rust would end the process.
+/// Runs `body` and turns anything it throws into an outcome: cxx catches only `std::exception`, and anything else would
+/// end the process.
 template <class Body>
 Outcome guarded(Body body) noexcept {
   try {
@@ -28,7 +28,7 @@ Outcome guarded(Body body) noexcept {
   } catch (int code) {
     return outcome(kUnknown, "the number " + std::to_string(code) + " was thrown");
   } catch (...) {
-    return outcome(kUnknown, "something that is no exception was thrown");
+    return outcome(kUnknown, "an unknown exception was thrown");
   }
 }
 
@@ -76,8 +76,8 @@ Outcome remesh_surface(Coordinates xyz, Indices triangles, double edge_length, M
   return guarded([&] { copy(remesh(view(xyz, triangles), edge_length), out); });
 }
 
-Outcome intersecting_pairs(Coordinates xyz, Indices triangles, double most_tested, rust::Vec<std::uint32_t>& pairs) {
-  return guarded([&] { copy(self_intersections(view(xyz, triangles), most_tested), pairs); });
+Outcome intersecting_pairs(Coordinates xyz, Indices triangles, double max_tested, rust::Vec<std::uint32_t>& pairs) {
+  return guarded([&] { copy(self_intersections(view(xyz, triangles), max_tested), pairs); });
 }
 
 std::unique_ptr<DistanceField> new_distance_field(Coordinates xyz, Indices triangles, Outcome& result) {

@@ -1,4 +1,4 @@
-// What the Rust side of the bridge calls. glue.cpp alone sees both cxx and the plain C++ of core.h.
+// The functions of the cxx bridge. Only glue.cpp sees both cxx and the plain C++ of core.h.
 #pragma once
 
 #include "core.h"
@@ -19,7 +19,7 @@ Outcome tetgen_mesh(Coordinates xyz, Indices triangles, double radius_edge_ratio
 Outcome mesh3_mesh(Coordinates xyz, Indices triangles, const RefinementSizes& sizes, Mesh& out);
 Outcome wrap_surface(Coordinates xyz, Indices triangles, double alpha, double offset, Mesh& out);
 Outcome remesh_surface(Coordinates xyz, Indices triangles, double edge_length, Mesh& out);
-Outcome intersecting_pairs(Coordinates xyz, Indices triangles, double most_tested, rust::Vec<std::uint32_t>& pairs);
+Outcome intersecting_pairs(Coordinates xyz, Indices triangles, double max_tested, rust::Vec<std::uint32_t>& pairs);
 std::unique_ptr<DistanceField> new_distance_field(Coordinates xyz, Indices triangles, Outcome& outcome);
 Outcome closest_points(const DistanceField& field, Coordinates points, rust::Slice<double> closest);
 Outcome enclosed_volume(const DistanceField& field, double& volume);

@@ -1,11 +1,9 @@
-// CGAL's Delaunay refinement mesher. Sequential on purpose: its parallel form is slower at these sizes, and no two of
-// its runs give the same mesh.
+// CGAL's Delaunay refinement mesher. Sequential on purpose: the parallel version is slower at these sizes and not
+// deterministic.
 #include <CGAL/Mesh_complex_3_in_triangulation_3.h>
 #include <CGAL/Mesh_criteria_3.h>
 #include <CGAL/Mesh_triangulation_3.h>
 #include <CGAL/Polygon_mesh_processing/connected_components.h>
-#include <CGAL/Polygon_mesh_processing/orient_polygon_soup.h>
-#include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
 #include <CGAL/Polyhedral_mesh_domain_with_features_3.h>
 #include <CGAL/exude_mesh_3.h>
 #include <CGAL/make_mesh_3.h>
@@ -21,7 +19,7 @@
 #include <thread>
 #include <unordered_map>
 
-#include "soup.h"
+#include "halfedge_mesh.h"
 
 namespace solidmap::cgal_tetgen {
 
@@ -33,18 +31,8 @@ using Triangulation = CGAL::Mesh_triangulation_3<Domain, CGAL::Default, CGAL::Se
 using Complex = CGAL::Mesh_complex_3_in_triangulation_3<Triangulation, Domain::Corner_index, Domain::Curve_index>;
 using Criteria = CGAL::Mesh_criteria_3<Triangulation>;
 
-Polyhedron polyhedron_of(const SurfaceView& surface) {
-  namespace PMP = CGAL::Polygon_mesh_processing;
-  std::vector<Point> points = points_of(surface);
-  auto triangles = proper_triangles(surface, points);
-  PMP::orient_polygon_soup(points, triangles);
-  Polyhedron polyhedron;
-  PMP::polygon_soup_to_polygon_mesh(points, triangles, polyhedron);
-  return polyhedron;
-}
-
-/// Where refinement does not end by itself, memory must not end it.
-constexpr std::size_t kMostVertices = 5'000'000;
+/// Stops refinement that does not terminate before memory runs out.
+constexpr std::size_t kMaxVertices = 5'000'000;
 
 /// Raises a flag after some seconds, unless it is destroyed first.
 class Deadline {
@@ -66,7 +54,7 @@ class Deadline {
     thread_.join();
   }
 
-  /// Seconds left, never quite none: CGAL takes 0 for no limit.
+  /// Seconds left, always positive: CGAL takes 0 for no limit.
   double left() const {
     return std::max(1e-3, std::chrono::duration<double>(end_ - std::chrono::steady_clock::now()).count());
   }
@@ -91,20 +79,20 @@ std::vector<Faces> shells_of(const Polyhedron& polyhedron) {
   return shells;
 }
 
-/// Puts balls along the sharp edges, so that refinement keeps them. CGAL's own call lets balls shrink without end where
-/// edges nearly touch; here they end at the distance that the mesh may be off in any case.
+/// Puts protecting balls along the sharp edges, so that refinement keeps them. CGAL's own call lets balls shrink without
+/// bound where edges nearly touch; here they stop at the mesh's distance tolerance.
 void protect_edges(Complex& complex, const Domain& domain, const Criteria& criteria, double smallest,
                    CGAL::Mesh_error_code& stop, Deadline& deadline) {
   using EdgeCriteria = Criteria::Edge_criteria;
   using Sizing = CGAL::Mesh_3::internal::Edge_criteria_sizing_field_wrapper<EdgeCriteria>;
   const EdgeCriteria& edges = criteria.edge_criteria_object();
   CGAL::Mesh_3::Protect_edges_sizing_field<Complex, Domain, Sizing> protect(
-      complex, domain, Sizing(edges), smallest, kMostVertices, &stop, &deadline.passed);
+      complex, domain, Sizing(edges), smallest, kMaxVertices, &stop, &deadline.passed);
   protect(true);
 }
 
-/// Inserts up to `count` points of a shell, at random in their faces: seeds as regular as a regular model would lie on
-/// common spheres, which CGAL takes for an error.
+/// Inserts up to `count` points of a shell, at random positions in their faces: regularly placed seeds may be cospherical,
+/// which CGAL reports as an error.
 void seed(Complex& complex, const Domain& domain, const Faces& shell, std::size_t count, CGAL::Random& random) {
   const Polyhedron& polyhedron = domain.polyhedra().front();
   const auto patch = get(CGAL::face_patch_id_t<int>(), polyhedron);
@@ -125,7 +113,7 @@ void seed(Complex& complex, const Domain& domain, const Faces& shell, std::size_
 }
 
 /// Whether the mesh has facets of every shell.
-bool every_shell_is_met(const Complex& complex, const Domain& domain, const std::vector<Faces>& shells) {
+bool has_every_shell(const Complex& complex, const Domain& domain, const std::vector<Faces>& shells) {
   std::set<int> met;
   for (auto f = complex.facets_in_complex_begin(); f != complex.facets_in_complex_end(); ++f)
     met.insert(complex.surface_patch_index(*f));
@@ -153,31 +141,30 @@ Arrays arrays_of(const Complex& complex) {
 
 Arrays mesh3(SurfaceView surface, const Mesh3Options& options) {
   namespace params = CGAL::parameters;
-  // Warnings would be printed; what they warn of shows in the result.
+  // Warnings would be printed; their causes show in the result.
   CGAL::set_warning_handler([](const char*, const char*, const char*, int, const char*) {});
   // CGAL's default generator keeps its state from one call to the next.
   CGAL::get_default_random() = CGAL::Random(0);
   CGAL::Random random(0);
 
-  Domain domain(polyhedron_of(surface), &random);
+  Domain domain(halfedge_mesh_of(surface), &random);
   domain.detect_features(options.feature_angle);
   const Criteria criteria(params::edge_size = options.edge_size, params::facet_angle = options.facet_angle,
                           params::facet_size = options.facet_size, params::facet_distance = options.facet_distance,
                           params::cell_radius_edge_ratio = options.cell_radius_edge_ratio,
                           params::cell_size = options.cell_size);
 
-  // Left alone, CGAL starts from rays through the centre of the box, or from sharp edges, and never finds a smooth
-  // shell that neither of them meets. Refinement grows from the seeds; where too few of them make a facet, it has
-  // nothing to grow from.
+  // By default CGAL starts from rays through the centre of the box, or from sharp edges, and never finds a smooth
+  // shell that neither of them meets. Refinement needs a facet to start from, which takes enough seeds on each shell.
   const std::vector<Faces> shells = shells_of(domain.polyhedra().front());
   std::size_t most = 0;
   for (const Faces& shell : shells) most = std::max(most, shell.size());
-  // A mesh cut short is no result, so that no result depends on the time that it took.
+  // An unfinished mesh is an error, so that results do not depend on timing.
   Deadline deadline(options.seconds);
   CGAL::Mesh_error_code stop = CGAL::CGAL_MESH_3_NO_ERROR;
   const auto check = [&](bool in_time) {
     if (stop == CGAL::CGAL_MESH_3_MAXIMAL_NUMBER_OF_VERTICES_REACHED)
-      throw Failure(kStopped, std::to_string(kMostVertices) + " vertices were reached");
+      throw Failure(kStopped, std::to_string(kMaxVertices) + " vertices were reached");
     if (!in_time || stop != CGAL::CGAL_MESH_3_NO_ERROR) throw Failure(kStopped, "the time limit passed");
   };
   for (std::size_t count = 24;; count *= 4) {
@@ -185,15 +172,15 @@ Arrays mesh3(SurfaceView surface, const Mesh3Options& options) {
     protect_edges(complex, domain, criteria, options.facet_distance, stop, deadline);
     check(true);
     for (const Faces& shell : shells) seed(complex, domain, shell, std::min(count, shell.size()), random);
-    // Refinement assumes solid cells, and what follows it assumes that it found some: both crash without.
+    // Refinement crashes without cells of dimension 3, and perturbation and exudation without cells in the complex.
     const bool solid = complex.triangulation().dimension() == 3;
     if (solid)
       CGAL::refine_mesh_3(complex, domain, criteria, params::no_perturb(), params::no_exude(),
-                            params::mesh_3_options(params::maximal_number_of_vertices = kMostVertices,
+                            params::mesh_3_options(params::maximal_number_of_vertices = kMaxVertices,
                                                    params::pointer_to_error_code = &stop,
                                                    params::pointer_to_stop_atomic_boolean = &deadline.passed));
     check(true);
-    if (solid && complex.number_of_cells_in_complex() > 0 && every_shell_is_met(complex, domain, shells)) {
+    if (solid && complex.number_of_cells_in_complex() > 0 && has_every_shell(complex, domain, shells)) {
       check(CGAL::perturb_mesh_3(complex, domain, params::time_limit = deadline.left()) != CGAL::TIME_LIMIT_REACHED);
       check(CGAL::exude_mesh_3(complex, params::time_limit = deadline.left()) != CGAL::TIME_LIMIT_REACHED);
       return arrays_of(complex);

@@ -1,5 +1,5 @@
-// Intersecting triangles of any triangle soup, by exact predicates. CGAL 5.5 has this for half-edge meshes only, which
-// open, non-manifold and inconsistently oriented surfaces do not fit.
+// Intersecting triangles of any triangle soup, by exact predicates. CGAL 5.5 has this only for half-edge meshes, which
+// cannot hold non-manifold or inconsistently oriented surfaces.
 #include <CGAL/Box_intersection_d/Box_with_info_d.h>
 #include <CGAL/box_intersection_d.h>
 
@@ -15,14 +15,14 @@ namespace solidmap::cgal_tetgen {
 
 namespace {
 
-/// More would take memory by the gigabyte.
-constexpr std::size_t kMostPairs = 10'000'000;
+/// Bounds memory to gigabytes.
+constexpr std::size_t kMaxPairs = 10'000'000;
 
 using Triangle = Kernel::Triangle_3;
 using Segment = Kernel::Segment_3;
 
-/// For each vertex the first one at the same position, so that triangles which meet in a seam of repeated vertices
-/// count as neighbours.
+/// For each vertex the first one at the same position, so that triangles on both sides of a seam of repeated vertices
+/// are neighbours.
 std::vector<std::uint32_t> first_at_position(const std::vector<Point>& points) {
   std::vector<std::uint32_t> order(points.size());
   std::iota(order.begin(), order.end(), 0u);
@@ -46,7 +46,7 @@ struct Soup {
   Segment side(std::size_t t, int k) const { return Segment(at(t, k + 1), at(t, k + 2)); }
 };
 
-/// Whether two triangles with a common side also overlap: they lie in one plane and on one side of it.
+/// Whether two triangles with a common side overlap: they are coplanar and on the same side of it.
 bool fold_flat(const Soup& soup, std::size_t s, int apex_s, std::size_t t, int apex_t) {
   const Point& a = soup.at(s, apex_s + 1);
   const Point& b = soup.at(s, apex_s + 2);
@@ -82,7 +82,7 @@ bool intersect(const Soup& soup, std::size_t s, std::size_t t) {
 
 }  // namespace
 
-std::vector<std::uint32_t> self_intersections(SurfaceView surface, double most_tested) {
+std::vector<std::uint32_t> self_intersections(SurfaceView surface, double max_tested) {
   using Box = CGAL::Box_intersection_d::Box_with_info_d<double, 3, std::uint32_t>;
 
   Soup soup;
@@ -103,16 +103,16 @@ std::vector<std::uint32_t> self_intersections(SurfaceView surface, double most_t
       boxes.emplace_back(p.bbox() + q.bbox() + r.bbox(), id);
   }
 
-  // Triangles around one vertex, as those of a large polygon, meet each with each.
+  // The boxes of triangles around one vertex, as in the fan of a large polygon, all overlap.
   double tested = 0;
   CGAL::box_self_intersection_d(boxes.begin(), boxes.end(), [&](const Box& a, const Box& b) {
-    if (++tested > most_tested || pairs.size() > kMostPairs)
+    if (++tested > max_tested || pairs.size() > kMaxPairs)
       throw Failure(kCrowded, std::to_string(pairs.size()));
     if (intersect(soup, a.info(), b.info()))
       pairs.push_back({std::min(a.info(), b.info()), std::max(a.info(), b.info())});
   });
 
-  // Boxes meet in an order that depends on addresses.
+  // The order of the pairs depends on addresses.
   std::sort(pairs.begin(), pairs.end());
   std::vector<std::uint32_t> flat;
   flat.reserve(2 * pairs.size());

@@ -1,4 +1,4 @@
-// Triangles of plain arrays as CGAL takes them.
+// Conversions between plain arrays and CGAL's types.
 #pragma once
 
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
@@ -23,8 +23,8 @@ inline std::vector<Point> points_of(const SurfaceView& surface) {
   return points;
 }
 
-/// The triangles that have an area; CGAL's orientation predicates must not see the others.
-inline std::vector<std::array<std::size_t, 3>> proper_triangles(const SurfaceView& surface,
+/// The triangles with an area; CGAL's orientation predicates fail on others.
+inline std::vector<std::array<std::size_t, 3>> nondegenerate_triangles(const SurfaceView& surface,
                                                                 const std::vector<Point>& points) {
   std::vector<std::array<std::size_t, 3>> triangles;
   triangles.reserve(surface.triangles);

@@ -2,8 +2,7 @@
 //
 // libtet reports errors through `terminatetetgen`, which frees the mesh and throws; unwinding then frees it again and
 // the process dies. The function is a weak symbol that libtet calls through its own linkage table, so the strong one
-// below takes its place in the whole process. It must stay in this file: in an archive member of its own no linker
-// would pull it in.
+// below replaces it in the whole process. It must stay in this file: an archive member of its own would not be linked.
 #ifndef TETLIBRARY
 #error "Build with -DTETLIBRARY: without it tetgen.h defines a terminatetetgen that ends the process."
 #endif
@@ -23,13 +22,13 @@ namespace {
 /// TetGen keeps the static filters of its predicates in globals: two runs at a time abort on an assertion.
 std::mutex tetgen_mutex;
 
-/// Set when libtet reports an error to us. Guarded by `tetgen_mutex`.
-bool error_reached_us = false;
+/// Set when libtet calls our `terminatetetgen`. Guarded by `tetgen_mutex`.
+bool error_was_reported = false;
 
 }  // namespace
 
 __attribute__((visibility("default"), used)) void terminatetetgen(tetgenmesh*, int code) {
-  error_reached_us = true;
+  error_was_reported = true;
   throw code;
 }
 
@@ -40,13 +39,13 @@ namespace {
 /// Makes libtet fail in the one place that is harmless in an unpatched library too: a memory pool of `2^31` bytes
 /// wraps to an impossible request, and the failure is reported without a mesh to free.
 void check_interposition_locked() {
-  error_reached_us = false;
+  error_was_reported = false;
   try {
     tetgenmesh::memorypool pool;
     pool.poolinit(1 << 16, 1 << 15, 8, 8);
   } catch (int) {
   }
-  if (!error_reached_us)
+  if (!error_was_reported)
     throw Failure(kNotInterposed,
                   "libtet reports errors to another library's terminatetetgen, which would end the process");
 }
@@ -72,7 +71,7 @@ void fill(tetgenio& in, const SurfaceView& surface) {
   }
 }
 
-/// The switches: a boundary that is kept (`Y`), numbers from 0, no output to the terminal.
+/// The switches: keep the boundary (`Y`), indices from 0 (`z`), no output (`Q`).
 void set_switches(tetgenbehavior& behavior, const TetgenOptions& options) {
   const bool refine = options.radius_edge_ratio > 0;
   const bool bounded = options.max_volume > 0;
@@ -80,7 +79,7 @@ void set_switches(tetgenbehavior& behavior, const TetgenOptions& options) {
   if (refine) switches += "q";
   if (bounded) switches += "a1";
   if (!behavior.parse_commandline(switches.data())) throw 0;
-  // Numbers go in as numbers: the parser of 1.5 takes no exponents everywhere.
+  // Set directly: the command line parser of 1.5 does not accept exponents everywhere.
   if (refine) {
     behavior.minratio = options.radius_edge_ratio;
     behavior.mindihedral = options.min_dihedral;

@@ -8,7 +8,7 @@ namespace solidmap::cgal_tetgen {
 
 Arrays wrap(SurfaceView surface, double alpha, double offset) {
   const std::vector<Point> points = points_of(surface);
-  const auto triangles = proper_triangles(surface, points);
+  const auto triangles = nondegenerate_triangles(surface, points);
   if (triangles.empty()) throw Failure(kCgal, "no triangle has an area");
   SurfaceMesh mesh;
   CGAL::alpha_wrap_3(points, triangles, alpha, offset, mesh);

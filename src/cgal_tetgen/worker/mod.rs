@@ -1,10 +1,10 @@
-//! CGAL and TetGen in a process of their own, so that their end is not that of the process that calls them.
+//! CGAL and TetGen in a worker process, so that their crashes do not end the calling process.
 //!
-//! Both libraries end a process where they meet what they do not expect: by an assertion, by memory that is not theirs,
-//! or by never coming back. The checks before every call keep out what is known to do so. [`isolate`] keeps out the rest:
-//! from then on calls go to a worker, which is started when it is first needed and again after it ended.
+//! On unexpected input both libraries may abort, access invalid memory, or never return. The checks before every call
+//! catch the known cases. [`isolate`] handles the rest: calls then go to a worker, which is started when first needed and
+//! restarted after a crash.
 
-mod frame;
+mod message;
 mod serve;
 
 use std::fs::File;
@@ -19,46 +19,46 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::Duration;
 
 use super::CgalTetgenError;
-use super::error::Failed;
+use super::error::CallFailure;
 
-pub use frame::Frame;
+pub use message::Message;
 pub use serve::serve_calls;
 
-/// How calls of CGAL and TetGen leave this process.
+/// How the worker process is started and limited.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Isolation {
-    /// A program that calls [`serve_calls`] and nothing else, when it is started with these arguments.
+    /// A program that only calls [`serve_calls`] when it is started with `arguments`.
     pub program: PathBuf,
     /// Its arguments.
     pub arguments: Vec<String>,
-    /// How long one call may take; the worker is ended when it takes longer.
+    /// How long one call may take; after that the worker is killed.
     pub time_limit: Option<Duration>,
 }
 
-/// Sends all calls of CGAL and TetGen from this process to a worker, or with `None` keeps them here, as they are at first.
+/// Sends all calls of CGAL and TetGen to a worker process, or with `None`, the default, runs them in this process.
 ///
-/// A worker that ends gives [`CgalTetgenError::Crashed`], one that takes too long [`CgalTetgenError::TimeLimit`]; the next call
-/// starts another, as it does when one has ended in between. Results are the same bit by bit. Starting takes some 10 ms and
-/// each call the time to copy its surface twice; calls wait for one another. A
-/// [`SignedDistanceField`](super::SignedDistanceField) lives where it was made and ends with it, [`CgalTetgenError::Lost`].
+/// /// A worker that crashes gives [`CgalTetgenError::Crashed`], one that takes too long [`CgalTetgenError::TimeLimit`]; the next
+/// call starts another. Results are bitwise the same as without a worker. Starting takes some 10 ms and each call the time
+/// to copy its surface twice; calls wait for one another. A [`SignedDistanceField`](super::SignedDistanceField) belongs to
+/// the worker that it was made in and is lost with it ([`CgalTetgenError::Lost`]).
 pub fn isolate(isolation: Option<Isolation>) {
-    let line = isolation.map(|isolation| {
-        Arc::new(Line {
+    let connection = isolation.map(|isolation| {
+        Arc::new(Connection {
             isolation,
             worker: Mutex::new(None),
         })
     });
-    *LINE.write().unwrap_or_else(PoisonError::into_inner) = line;
+    *CONNECTION.write().unwrap_or_else(PoisonError::into_inner) = connection;
 }
 
-static LINE: RwLock<Option<Arc<Line>>> = RwLock::new(None);
+static CONNECTION: RwLock<Option<Arc<Connection>>> = RwLock::new(None);
 
-/// The line to the worker, where there is to be one.
-pub(super) fn line() -> Option<Arc<Line>> {
-    LINE.read().unwrap_or_else(PoisonError::into_inner).clone()
+/// The connection to the worker, if calls are isolated.
+pub(super) fn connection() -> Option<Arc<Connection>> {
+    CONNECTION.read().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
-/// What is asked of a worker.
+/// The operations of a worker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub(super) enum Operation {
@@ -90,12 +90,12 @@ impl Operation {
         Self::DropField,
     ];
 
-    fn of_tag(tag: u32) -> Option<Self> {
+    fn from_tag(tag: u32) -> Option<Self> {
         Self::ALL.into_iter().find(|operation| *operation as u32 == tag)
     }
 
-    /// How many numbers stand before the coordinates.
-    fn options(self) -> usize {
+    /// Number of options, which precede the coordinates.
+    fn option_count(self) -> usize {
         match self {
             Self::Tetgen => 3,
             Self::Mesh3 => 8,
@@ -105,7 +105,7 @@ impl Operation {
         }
     }
 
-    /// What is being done, for messages.
+    /// For error messages.
     fn name(self) -> &'static str {
         match self {
             Self::SelfTest => "the self-test of TetGen",
@@ -119,116 +119,115 @@ impl Operation {
     }
 }
 
-/// A worker that is or will be, and how to start it.
-pub(super) struct Line {
+/// The worker, if it is running, and how to start it.
+pub(super) struct Connection {
     isolation: Isolation,
     worker: Mutex<Option<Worker>>,
 }
 
-/// Workers started so far; a field is of one of them.
+/// Number of workers started so far. Tells the worker of a distance field from later ones.
 static STARTED: AtomicU64 = AtomicU64::new(0);
 
 struct Worker {
-    number: u64,
+    id: u64,
     child: Child,
     socket: UnixStream,
-    /// What it writes to its standard error, where there is a folder for such files.
-    said: Option<File>,
+    /// Its standard error, if a temporary file could be made.
+    stderr: Option<File>,
 }
 
-impl Line {
-    /// Has something done. `worker` names the worker that has to do it, where that matters.
+impl Connection {
+    /// Runs an operation, on the worker with the id `worker` if one is given.
     pub fn call(
         &self,
         operation: Operation,
         worker: Option<u64>,
-        mut request: Frame,
-    ) -> Result<Answer, CgalTetgenError> {
+        mut request: Message,
+    ) -> Result<Reply, CgalTetgenError> {
         request.tag = operation as u32;
-        let mut held = self.hold();
-        // One that ended while nobody asked, as when the system wanted its memory, has failed no call.
-        held.take_if(Worker::has_ended);
+        let mut running = self.lock();
+        // A worker that ended between calls, as when the system ran out of memory, is replaced without an error.
+        running.take_if(Worker::has_ended);
         if let Some(wanted) = worker
-            && held.as_ref().is_none_or(|worker| worker.number != wanted)
+            && running.as_ref().is_none_or(|worker| worker.id != wanted)
         {
             return Err(CgalTetgenError::Lost);
         }
-        let worker = match &mut *held {
+        let worker = match &mut *running {
             Some(worker) => worker,
             empty => empty.insert(Worker::start(&self.isolation)?),
         };
         match worker.exchange(&request, self.isolation.time_limit) {
-            Ok(frame) => {
-                let worker = worker.number;
-                match frame.tag as i32 {
-                    0 => Ok(Answer { frame, worker }),
-                    code => Err(Failed {
-                        code,
-                        message: frame.text,
-                    }
-                    .into()),
+            Ok(message) => match message.tag as i32 {
+                0 => Ok(Reply {
+                    message,
+                    worker: worker.id,
+                }),
+                code => Err(CallFailure {
+                    code,
+                    message: message.text,
                 }
-            }
+                .into()),
+            },
             Err(error) => {
                 let late = matches!(
                     error.kind(),
                     std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut
                 );
-                let ended = held.take().map(|mut worker| worker.end());
+                let ended = running.take().map(|mut worker| worker.end());
                 Err(match (late, self.isolation.time_limit, ended) {
                     (true, Some(limit), _) => CgalTetgenError::TimeLimit {
                         operation: operation.name(),
                         seconds: limit.as_secs_f64(),
                     },
-                    (_, _, Some((status, said))) => crashed(operation, status, &said),
+                    (_, _, Some((status, stderr))) => crashed(operation, status, &stderr),
                     (_, _, None) => CgalTetgenError::Unknown(error.to_string()),
                 })
             }
         }
     }
 
-    /// Takes away a field of a worker, if that is still there; there is nobody to tell when it is not.
+    /// Frees a distance field, if its worker is still running.
     pub fn drop_field(&self, worker: u64, field: u32) {
-        let request = Frame {
+        let request = Message {
             integers: vec![field],
-            ..Frame::default()
+            ..Message::default()
         };
         let _ = self.call(Operation::DropField, Some(worker), request);
     }
 
-    fn hold(&self) -> MutexGuard<'_, Option<Worker>> {
+    fn lock(&self) -> MutexGuard<'_, Option<Worker>> {
         self.worker.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// What a worker has answered.
-pub(super) struct Answer {
-    pub frame: Frame,
-    /// Which one it was.
+pub(super) struct Reply {
+    pub message: Message,
+    /// Id of the worker that sent it.
     pub worker: u64,
 }
 
 impl Worker {
     fn start(isolation: &Isolation) -> Result<Self, CgalTetgenError> {
         let start = || -> std::io::Result<Self> {
-            let (socket, theirs) = UnixStream::pair()?;
-            let said = tempfile::tempfile().ok();
-            let their_words = match &said {
-                Some(said) => Stdio::from(said.try_clone()?),
+            let (socket, child_socket) = UnixStream::pair()?;
+            let stderr = tempfile::tempfile().ok();
+            let child_stderr = match &stderr {
+                Some(file) => Stdio::from(file.try_clone()?),
                 None => Stdio::null(),
             };
             let child = Command::new(&isolation.program)
                 .args(&isolation.arguments)
-                // Both ways over one socket: TetGen prints to standard output whatever it is told.
-                .stdin(Stdio::from(OwnedFd::from(theirs)))
+                // One socket for requests and replies: TetGen prints to standard output even when told to be quiet.
+                .stdin(Stdio::from(OwnedFd::from(child_socket)))
                 .stdout(Stdio::null())
-                .stderr(their_words)
+                .stderr(child_stderr)
                 .spawn()?;
             Ok(Self {
-                number: STARTED.fetch_add(1, Ordering::Relaxed),
+                id: STARTED.fetch_add(1, Ordering::Relaxed),
                 child,
                 socket,
-                said,
+                stderr,
             })
         };
         start().map_err(|error| CgalTetgenError::NoWorker {
@@ -241,18 +240,18 @@ impl Worker {
         matches!(self.child.try_wait(), Ok(Some(_)))
     }
 
-    fn exchange(&mut self, request: &Frame, limit: Option<Duration>) -> std::io::Result<Frame> {
-        // A limit of nothing would mean none at all.
+    fn exchange(&mut self, request: &Message, limit: Option<Duration>) -> std::io::Result<Message> {
+        // A timeout of zero is an error.
         let limit = limit.map(|limit| limit.max(Duration::from_millis(1)));
         self.socket.set_read_timeout(limit)?;
         self.socket.set_write_timeout(limit)?;
         request.write(&mut BufWriter::new(&self.socket))?;
-        Frame::read(&mut BufReader::new(&self.socket))
+        Message::read(&mut BufReader::new(&self.socket))
     }
 
-    /// Ends it, and says how it ended and what it said.
+    /// Ends the worker; returns its exit status and standard error.
     fn end(&mut self) -> (Option<ExitStatus>, String) {
-        // One that closed its line is about to end by itself, and its own signal tells more than ours.
+        // A worker that closed its socket is about to exit, and its own signal is more informative than SIGKILL.
         let mut status = None;
         for _ in 0..20 {
             status = self.child.try_wait().ok().flatten();
@@ -265,38 +264,38 @@ impl Worker {
             let _ = self.child.kill();
             status = self.child.wait().ok();
         }
-        let mut said = Vec::new();
-        if let Some(file) = &mut self.said {
+        let mut stderr = Vec::new();
+        if let Some(file) = &mut self.stderr {
             let _ = file
                 .seek(SeekFrom::Start(0))
-                .and_then(|_| file.take(MOST_WORDS).read_to_end(&mut said));
+                .and_then(|_| file.take(STDERR_LIMIT).read_to_end(&mut stderr));
         }
-        (status, String::from_utf8_lossy(&said).trim().to_owned())
+        (status, String::from_utf8_lossy(&stderr).trim().to_owned())
     }
 }
 
 impl Drop for Worker {
-    /// The system keeps what is left of a process until somebody asks how it ended.
+    /// Kills and reaps it: an exited process stays in the system's table until it is waited for.
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// Bytes of a worker's words that are kept.
-const MOST_WORDS: u64 = 4096;
+/// Bytes of a worker's standard error that are read.
+const STDERR_LIMIT: u64 = 4096;
 
-fn crashed(operation: Operation, status: Option<ExitStatus>, said: &str) -> CgalTetgenError {
+fn crashed(operation: Operation, status: Option<ExitStatus>, stderr: &str) -> CgalTetgenError {
     let how = match status.map(|status| (status.signal(), status.code())) {
         Some((Some(signal), _)) => signal_name(signal),
         Some((None, Some(code))) => format!("exit code {code}"),
-        _ => "an unknown end".into(),
+        _ => "an unknown cause".into(),
     };
-    let last = said.lines().last().unwrap_or_default();
+    let last = stderr.lines().last().unwrap_or_default();
     CgalTetgenError::Crashed {
         operation: operation.name(),
         how,
-        said: if last.is_empty() {
+        stderr: if last.is_empty() {
             String::new()
         } else {
             format!(" ({last})")
@@ -304,18 +303,18 @@ fn crashed(operation: Operation, status: Option<ExitStatus>, said: &str) -> Cgal
     }
 }
 
-/// Signals that end a process, by their numbers on Linux.
+/// Names of signals by their numbers on Linux.
 fn signal_name(signal: i32) -> String {
     let name = match signal {
         2 => "SIGINT, interrupted",
         4 => "SIGILL, an illegal instruction",
-        6 => "SIGABRT, given up by itself",
-        7 => "SIGBUS, memory that is not there",
-        8 => "SIGFPE, an illegal division",
-        9 => "SIGKILL, as the system does when memory runs out",
-        11 => "SIGSEGV, memory that is not its own",
-        15 => "SIGTERM, ended from outside",
-        24 => "SIGXCPU, too much processor time",
+        6 => "SIGABRT, aborted",
+        7 => "SIGBUS, a bad memory access",
+        8 => "SIGFPE, an arithmetic error",
+        9 => "SIGKILL, as when memory runs out",
+        11 => "SIGSEGV, an invalid memory access",
+        15 => "SIGTERM, terminated",
+        24 => "SIGXCPU, out of processor time",
         _ => return format!("signal {signal}"),
     };
     name.into()

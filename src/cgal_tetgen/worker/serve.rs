@@ -1,4 +1,4 @@
-//! The worker's side: one call after another, until nobody asks any more.
+//! The worker's side: serves one request after another until the connection closes.
 
 use std::collections::HashMap;
 use std::io::{BufReader, BufWriter};
@@ -6,57 +6,56 @@ use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
 use std::sync::mpsc::channel;
 
-use super::{Frame, Operation};
+use super::{Message, Operation};
 use crate::cgal_tetgen::calls;
 use crate::cgal_tetgen::distance::LocalField;
-use crate::cgal_tetgen::error::Failed;
+use crate::cgal_tetgen::error::CallFailure;
 use crate::cgal_tetgen::input::{flat, points};
 use crate::mesh::SurfaceMesh;
 
-/// Does what the process that started this one asks for over standard input, a socket, and ends with it. For programs
-/// that [`isolate`](super::isolate) starts; it must not be called in any other.
+/// Serves requests of the parent process over standard input, a socket, and exits with it. Only for programs that
+/// [`isolate`](super::isolate) starts.
 ///
 /// # Errors
 ///
-/// When standard input is no socket.
+/// When standard input is not a socket.
 pub fn serve_calls() -> std::io::Result<()> {
     let socket = UnixStream::from(std::io::stdin().as_fd().try_clone_to_owned()?);
-    // Fails where standard input is anything else.
+    // Fails unless standard input is a socket.
     socket.peer_addr()?;
     let mut reader = BufReader::new(socket.try_clone()?);
     let (send, requests) = channel();
-    // Waits for the next request while one is worked on, so that the end of the other process ends this one at once.
+    // Reads the next request during work on this one, so that the end of the parent process ends this one at once.
     std::thread::spawn(move || {
-        while let Ok(request) = Frame::read(&mut reader) {
+        while let Ok(request) = Message::read(&mut reader) {
             if send.send(request).is_err() {
                 break;
             }
         }
         std::process::exit(0);
     });
-    let mut desk = Desk::default();
+    let mut server = Server::default();
     for request in requests {
-        let answer = desk.answer(request).unwrap_or_else(|failed| Frame {
-            tag: failed.code as u32,
-            text: failed.message,
-            ..Frame::default()
+        let reply = server.reply(request).unwrap_or_else(|failure| Message {
+            tag: failure.code as u32,
+            text: failure.message,
+            ..Message::default()
         });
-        answer.write(&mut BufWriter::new(&socket))?;
+        reply.write(&mut BufWriter::new(&socket))?;
     }
     Ok(())
 }
 
-/// What is kept from one call to the next.
+/// The distance fields, which outlive a request.
 #[derive(Default)]
-struct Desk {
+struct Server {
     fields: HashMap<u32, LocalField>,
-    made: u32,
+    last_id: u32,
 }
 
-impl Desk {
-    /// Options stand before the coordinates; how many there are, the operation says.
-    fn answer(&mut self, request: Frame) -> Result<Frame, Failed> {
-        let operation = Operation::of_tag(request.tag).ok_or_else(|| Failed::unknown("an unknown request"))?;
+impl Server {
+    fn reply(&mut self, request: Message) -> Result<Message, CallFailure> {
+        let operation = Operation::from_tag(request.tag).ok_or_else(|| CallFailure::unknown("an unknown request"))?;
         let (reals, integers) = (&request.reals[..], &request.integers[..]);
         Ok(match operation {
             Operation::SelfTest
@@ -65,45 +64,45 @@ impl Desk {
             | Operation::Wrap
             | Operation::Remesh
             | Operation::Intersections => {
-                let split = reals.split_at_checked(operation.options());
-                let (options, xyz) = split.ok_or_else(|| Failed::unknown("options are missing"))?;
-                let made = calls::here(operation, xyz, integers, options)?;
-                Frame {
-                    reals: made.xyz,
-                    integers: made.corners,
-                    ..Frame::default()
+                let split = reals.split_at_checked(operation.option_count());
+                let (options, xyz) = split.ok_or_else(|| CallFailure::unknown("options are missing"))?;
+                let mesh = calls::run_in_process(operation, xyz, integers, options)?;
+                Message {
+                    reals: mesh.xyz,
+                    integers: mesh.corners,
+                    ..Message::default()
                 }
             }
             Operation::NewField => {
                 let triangles = integers.as_chunks::<3>().0.to_vec();
-                let surface =
-                    SurfaceMesh::new(points(reals), triangles).map_err(|error| Failed::unknown(&error.to_string()))?;
-                self.made += 1;
-                self.fields.insert(self.made, LocalField::new(&surface)?);
-                Frame {
-                    integers: vec![self.made],
-                    ..Frame::default()
+                let surface = SurfaceMesh::new(points(reals), triangles)
+                    .map_err(|error| CallFailure::unknown(&error.to_string()))?;
+                self.last_id += 1;
+                self.fields.insert(self.last_id, LocalField::new(&surface)?);
+                Message {
+                    integers: vec![self.last_id],
+                    ..Message::default()
                 }
             }
-            Operation::Distance => numbers(self.field(integers)?.distance(&points(reals))),
-            Operation::Closest => numbers(flat(&self.field(integers)?.closest_points(&points(reals)))),
-            Operation::Volume => numbers(vec![self.field(integers)?.volume()?]),
+            Operation::Distance => reals_message(self.field(integers)?.distance(&points(reals))),
+            Operation::Closest => reals_message(flat(&self.field(integers)?.closest_points(&points(reals)))),
+            Operation::Volume => reals_message(vec![self.field(integers)?.volume()?]),
             Operation::DropField => {
-                integers.first().map(|number| self.fields.remove(number));
-                Frame::default()
+                integers.first().map(|id| self.fields.remove(id));
+                Message::default()
             }
         })
     }
 
-    fn field(&self, integers: &[u32]) -> Result<&LocalField, Failed> {
-        let field = integers.first().and_then(|number| self.fields.get(number));
-        field.ok_or_else(|| Failed::unknown("a distance field that is not there"))
+    fn field(&self, integers: &[u32]) -> Result<&LocalField, CallFailure> {
+        let field = integers.first().and_then(|id| self.fields.get(id));
+        field.ok_or_else(|| CallFailure::unknown("no such distance field"))
     }
 }
 
-fn numbers(reals: Vec<f64>) -> Frame {
-    Frame {
+fn reals_message(reals: Vec<f64>) -> Message {
+    Message {
         reals,
-        ..Frame::default()
+        ..Message::default()
     }
 }

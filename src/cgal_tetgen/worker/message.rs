@@ -1,22 +1,22 @@
-//! What goes over the line between a process and its worker: a tag, a text, and two rows of numbers, little-endian.
+//! Messages between a process and its worker: a tag, a text, and two arrays, little-endian.
 
 use std::io::{self, Read, Write};
 
-/// A request, or its answer.
+/// A request or a reply.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Frame {
-    /// What is asked for, or the code of how it ended.
+pub struct Message {
+    /// The operation of a request, or the result code of a reply.
     pub tag: u32,
-    /// Words of an error.
+    /// The error message of a reply.
     pub text: String,
-    /// Numbers: options before coordinates.
+    /// Options before coordinates.
     pub reals: Vec<f64>,
-    /// Corners, or the number of a field.
+    /// Corners, or the id of a distance field.
     pub integers: Vec<u32>,
 }
 
-impl Frame {
-    /// Writes the frame and sends it off.
+impl Message {
+    /// Writes the message and flushes.
     pub fn write(&self, writer: &mut impl Write) -> io::Result<()> {
         writer.write_all(&self.tag.to_le_bytes())?;
         for length in [self.text.len(), self.reals.len(), self.integers.len()] {
@@ -34,7 +34,7 @@ impl Frame {
         writer.flush()
     }
 
-    /// The next frame. Memory grows with what arrives, not with what is announced.
+    /// Reads the next message. Memory grows with the data received, not with the lengths announced.
     pub fn read(reader: &mut impl Read) -> io::Result<Self> {
         let mut tag = [0; 4];
         reader.read_exact(&mut tag)?;
@@ -45,9 +45,9 @@ impl Frame {
             *length = u64::from_le_bytes(bytes);
         }
         let [text, reals, integers] = lengths;
-        let text = row(reader, text, 1)?;
-        let reals = row(reader, reals, 8)?;
-        let integers = row(reader, integers, 4)?;
+        let text = read_array(reader, text, 1)?;
+        let reals = read_array(reader, reals, 8)?;
+        let integers = read_array(reader, integers, 4)?;
         Ok(Self {
             tag: u32::from_le_bytes(tag),
             text: String::from_utf8_lossy(&text).into_owned(),
@@ -57,10 +57,10 @@ impl Frame {
     }
 }
 
-/// Numbers turned to bytes at a time.
+/// Numbers converted to bytes at a time.
 const CHUNK: usize = 1 << 16;
 
-fn row(reader: &mut impl Read, count: u64, width: u64) -> io::Result<Vec<u8>> {
+fn read_array(reader: &mut impl Read, count: u64, width: u64) -> io::Result<Vec<u8>> {
     let length = count.checked_mul(width).ok_or(io::ErrorKind::InvalidData)?;
     let mut bytes = Vec::new();
     reader.take(length).read_to_end(&mut bytes)?;
@@ -75,8 +75,8 @@ fn row(reader: &mut impl Read, count: u64, width: u64) -> io::Result<Vec<u8>> {
 mod tests {
     use super::*;
 
-    fn frame() -> Frame {
-        Frame {
+    fn message() -> Message {
+        Message {
             tag: 7,
             text: "größer".into(),
             reals: vec![1.5, f64::NEG_INFINITY, -0.0, f64::MIN_POSITIVE],
@@ -85,28 +85,28 @@ mod tests {
     }
 
     #[test]
-    fn frames_arrive_as_they_were_sent() {
-        let mut line = Vec::new();
-        frame().write(&mut line).unwrap();
-        Frame::default().write(&mut line).unwrap();
-        let mut reader = &line[..];
-        assert_eq!(Frame::read(&mut reader).unwrap(), frame());
-        assert_eq!(Frame::read(&mut reader).unwrap(), Frame::default());
-        assert!(Frame::read(&mut reader).is_err());
+    fn messages_arrive_as_they_were_sent() {
+        let mut bytes = Vec::new();
+        message().write(&mut bytes).unwrap();
+        Message::default().write(&mut bytes).unwrap();
+        let mut reader = &bytes[..];
+        assert_eq!(Message::read(&mut reader).unwrap(), message());
+        assert_eq!(Message::read(&mut reader).unwrap(), Message::default());
+        assert!(Message::read(&mut reader).is_err());
     }
 
     #[test]
-    fn a_frame_cut_short_anywhere_is_an_error() {
-        let mut line = Vec::new();
-        frame().write(&mut line).unwrap();
-        for length in 0..line.len() {
-            assert!(Frame::read(&mut &line[..length]).is_err(), "{length}");
+    fn a_message_cut_short_anywhere_is_an_error() {
+        let mut bytes = Vec::new();
+        message().write(&mut bytes).unwrap();
+        for length in 0..bytes.len() {
+            assert!(Message::read(&mut &bytes[..length]).is_err(), "{length}");
         }
-        // An announcement of more than there is, or could be.
+        // A length larger than what follows, or than memory.
         for announced in [u64::MAX, 1 << 40] {
-            let mut damaged = line.clone();
+            let mut damaged = bytes.clone();
             damaged[12..20].copy_from_slice(&announced.to_le_bytes());
-            assert!(Frame::read(&mut &damaged[..]).is_err());
+            assert!(Message::read(&mut &damaged[..]).is_err());
         }
     }
 }
