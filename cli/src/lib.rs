@@ -1,36 +1,20 @@
 //! The program `solidmap`: parse, run one command, report. Alone in printing, exiting and choosing thread counts.
 
 mod args;
-mod boundary;
-mod certify;
-#[cfg(feature = "native")]
-mod cgal_tetgen;
-mod check;
-mod compare;
-mod demo;
+mod commands;
 pub mod drawing;
-mod energy;
-mod eval;
-mod fit;
-mod input;
-mod interrupt;
-mod inverse;
-mod output;
-mod picture_file;
-mod pictures;
-mod remesh;
-mod sequence;
-mod texture;
-mod transfer;
+mod shared;
 
 use std::process::ExitCode;
 
 use clap::Parser;
 
-pub use picture_file::{PictureError, read_picture};
+pub use shared::picture_file::{PictureError, read_picture};
 
 use args::{Cli, Command};
-use output::Output;
+use commands::{boundary, certify, check, compare, demo, energy, eval, fit, remesh, sequence, texture, transfer};
+use shared::interrupt;
+use shared::output::{Output, describe, to_stderr, with_option_names};
 
 /// How a command that ran came out.
 pub enum Outcome {
@@ -47,7 +31,7 @@ pub fn run() -> ExitCode {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::CheckFailed) => ExitCode::from(1),
         Err(error) => {
-            output::say(format_args!("error: {}", output::as_typed(describe(&error))));
+            to_stderr(format_args!("error: {}", with_option_names(describe(&error))));
             ExitCode::from(2)
         }
     }
@@ -55,13 +39,13 @@ pub fn run() -> ExitCode {
 
 fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
     if let Some(threads) = cli.threads {
-        let threads = useful(threads.into());
+        let threads = thread_count(threads.into());
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
         faer::set_global_parallelism(faer::Par::rayon(threads));
     }
     #[cfg(feature = "native")]
     if let Command::NativeWorker = cli.command {
-        cgal_tetgen::serve()?;
+        shared::isolation::serve()?;
         return Ok(Outcome::Done);
     }
     if cli.json {
@@ -69,9 +53,9 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
     }
     let output = Output::new(cli.json);
     #[cfg(feature = "native")]
-    cgal_tetgen::isolate(cli)?;
+    shared::isolation::isolate(cli)?;
     interrupt::end_cleanly(&output);
-    // There the limit is each map's.
+    // `compare` limits each map by itself.
     if let (Some(limit), false) = (cli.time_limit, matches!(cli.command, Command::Compare(_))) {
         interrupt::end_after(limit, &output);
     }
@@ -79,9 +63,9 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Demo(args) => demo::run(args, &output),
         Command::Check(args) => check::run(args, &output),
         #[cfg(feature = "native")]
-        Command::Tet(args) => cgal_tetgen::tet(args, &output),
+        Command::Tet(args) => commands::tet::run(args, &output),
         #[cfg(feature = "native")]
-        Command::Offset(args) => cgal_tetgen::offset(args, &output),
+        Command::Offset(args) => commands::offset::run(args, &output),
         #[cfg(not(feature = "native"))]
         Command::Tet(_) | Command::Offset(_) => anyhow::bail!(
             "this solidmap was built without CGAL and TetGen; build it with the feature `native` (the default)"
@@ -113,23 +97,10 @@ fn require_utf8(mut arguments: impl Iterator<Item = std::ffi::OsString>) -> anyh
 
 /// Threads of which there are many more than cores spend their time on one another: a second's work takes ten minutes with
 /// 1024 threads on two cores.
-fn useful(threads: usize) -> usize {
+fn thread_count(threads: usize) -> usize {
     const PER_CORE: usize = 8;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     threads.min(PER_CORE * cores)
-}
-
-/// The error and its causes, each once: many of our errors quote their cause.
-fn describe(error: &anyhow::Error) -> String {
-    let mut text = String::new();
-    for cause in error.chain().map(ToString::to_string) {
-        if text.is_empty() {
-            text = cause;
-        } else if !text.contains(&cause) {
-            text = format!("{text}: {cause}");
-        }
-    }
-    text
 }
 
 #[cfg(test)]
@@ -140,7 +111,7 @@ mod tests {
     fn threads_are_as_many_as_asked_for_up_to_eight_for_each_core() {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         assert_eq!(
-            [useful(1), useful(8 * cores), useful(8 * cores + 1)],
+            [thread_count(1), thread_count(8 * cores), thread_count(8 * cores + 1)],
             [1, 8 * cores, 8 * cores]
         );
     }

@@ -4,7 +4,9 @@ use super::maps::{
     Boundaries, Boundary, Factor, Inverse, Map, Maps, boundary_between, boundary_load, boundary_new, boundary_pair,
     boundary_to_sphere, factor_new, factor_refined, fit, fit_defaults, inverse_new, map_load, no_boundaries,
 };
-use super::measures::{distortion_in_tets, distortion_on_grid, energies_in_tets, energies_on_grid};
+use super::measures::{
+    distortion_in_tets, distortion_on_grid, energies_in_tets, energies_on_grid, energy_densities, plane_section,
+};
 use super::meshes::{
     Cells, Surface, cells_hexes, cells_load, cells_tets, surface_cube, surface_load, surface_new, surface_polycube,
     surface_sphere, surface_torus,
@@ -127,6 +129,22 @@ pub(super) mod ffi {
         det_jacobian: Distribution,
         inverted_points: usize,
         inverted_fraction: f64,
+    }
+
+    struct EnergyDensities {
+        harmonic: Vec<f64>,
+        deformation: Vec<f64>,
+        det_jacobian: Vec<f64>,
+    }
+
+    /// Axes are 0, 1 and 2; points are three numbers each, pixels a column and a row.
+    struct PlaneSection {
+        size: [usize; 2],
+        pixel: f64,
+        area: f64,
+        points: Vec<f64>,
+        pixels: Vec<u32>,
+        coverage: Vec<f32>,
     }
 
     struct Distortion {
@@ -328,6 +346,14 @@ pub(super) mod ffi {
     extern "Rust" {
         fn energies_on_grid(map: &Map, cells: usize, normalize: bool, lambda: f64, mu: f64) -> Result<EnergyReport>;
         fn energies_in_tets(map: &Map, tets: &Cells, normalize: bool, lambda: f64, mu: f64) -> Result<EnergyReport>;
+        fn energy_densities(
+            map: &Map,
+            points: &[f64],
+            normalize: bool,
+            lambda: f64,
+            mu: f64,
+        ) -> Result<EnergyDensities>;
+        fn plane_section(surface: &Surface, axis: u8, position: f64, up: u8, pixels: usize) -> Result<PlaneSection>;
         fn distortion_on_grid(map: &Map, cells: usize) -> Result<DistortionReport>;
         fn distortion_in_tets(map: &Map, tets: &Cells) -> Result<DistortionReport>;
     }

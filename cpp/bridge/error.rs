@@ -14,6 +14,7 @@ use solidmap::check::HoleError;
 use solidmap::energy::{EnergyError, QuadratureError};
 use solidmap::files::TensorFileError;
 use solidmap::fit::FitError;
+use solidmap::geometry::SectionError;
 use solidmap::inverse::InverseError;
 use solidmap::io::IoError;
 use solidmap::mesh::MeshError;
@@ -121,7 +122,7 @@ macro_rules! invalid_input {
     };
 }
 
-invalid_input!(MeshError, BoundaryMapError, HoleError, QuadratureError);
+invalid_input!(MeshError, BoundaryMapError, HoleError, QuadratureError, SectionError);
 
 impl Categorised for IoError {
     fn category(&self) -> Category {

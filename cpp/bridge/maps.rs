@@ -13,7 +13,7 @@ use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
 use solidmap::fit::{self, DomainFactor, Fit, FitMethod, FitOptions, FitReport, Phase, Placement};
-use solidmap::inverse::{InverseMap, InverseOptions, PreimageStatus};
+use solidmap::inverse::{InverseMap, InverseOptions};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint};
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
@@ -510,13 +510,7 @@ impl Inverse {
                 point: preimage.point.into(),
                 round_trip: preimage.round_trip,
                 preimages: preimage.preimages,
-                status: match preimage.status {
-                    PreimageStatus::Ok => 0,
-                    PreimageStatus::Folded => 1,
-                    PreimageStatus::Outside => 2,
-                    PreimageStatus::NotConverged => 3,
-                    PreimageStatus::NotFinite => 4,
-                },
+                status: preimage.status as u8,
                 beyond_boundary: preimage.beyond_boundary,
             });
             Ok(told.collect())

@@ -1,13 +1,15 @@
-//! Energies and distortion of fitted maps.
+//! Energies and distortion of fitted maps, and the plane sections that show them.
 
 use super::bridge::ffi;
 use super::error::{Error, guarded};
+use super::flat;
 use super::maps::Map;
-use super::meshes::Cells;
+use super::meshes::{Cells, Surface, whole_points};
 use solidmap::energy::{
     DensityQuantiles, DistortionMetrics, DistortionReport, EnergyOptions, EnergyReport, GridResolution, Lame,
-    Quadrature, clipped_grid, distortion, energies, tet_quadrature,
+    Quadrature, clipped_grid, densities, distortion, energies, tet_quadrature,
 };
+use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
 
 pub fn energies_on_grid(
     map: &Map,
@@ -32,12 +34,75 @@ pub fn energies_in_tets(
     })
 }
 
+pub fn energy_densities(
+    map: &Map,
+    points: &[f64],
+    normalize: bool,
+    lambda: f64,
+    mu: f64,
+) -> Result<ffi::EnergyDensities, Error> {
+    guarded(|| {
+        let options = energy_options(normalize, lambda, mu)?;
+        let boundary = map.boundary_map()?;
+        let (volume, target_volume) = (boundary.domain().volume(), boundary.target_volume());
+        let points = whole_points("points", points)?;
+        let found = densities(map.map(), points, volume, target_volume, &options)?;
+        Ok(ffi::EnergyDensities {
+            harmonic: found.harmonic,
+            deformation: found.deformation,
+            det_jacobian: found.det_jacobian,
+        })
+    })
+}
+
+pub fn plane_section(
+    surface: &Surface,
+    axis: u8,
+    position: f64,
+    up: u8,
+    pixels: usize,
+) -> Result<ffi::PlaneSection, Error> {
+    let coordinate = |axis: u8| match axis {
+        0 => Ok(Axis::X),
+        1 => Ok(Axis::Y),
+        2 => Ok(Axis::Z),
+        _ => Err(Error::invalid(format!("the axis {axis} is not 0, 1 or 2"))),
+    };
+    guarded(|| {
+        let plane = AxisPlane {
+            axis: coordinate(axis)?,
+            position,
+        };
+        let section = PlaneSection::new(&surface.0, plane, coordinate(up)?, pixels)?;
+        let (pixels, coverage): (Vec<[usize; 2]>, Vec<f32>) = section.covered_pixels().unzip();
+        Ok(ffi::PlaneSection {
+            size: section.size(),
+            pixel: section.pixel(),
+            area: section.area(),
+            points: flat(section.points()).to_vec(),
+            pixels: pixels.into_iter().flatten().map(|k| k as u32).collect(),
+            coverage,
+        })
+    })
+}
+
 pub fn distortion_on_grid(map: &Map, cells: usize) -> Result<ffi::DistortionReport, Error> {
     guarded(|| distortion_over(map, &grid(map, cells)?))
 }
 
 pub fn distortion_in_tets(map: &Map, tets: &Cells) -> Result<ffi::DistortionReport, Error> {
     guarded(|| distortion_over(map, &tet_quadrature(&tets.tets("a distortion")?)?))
+}
+
+fn energy_options(normalize: bool, lambda: f64, mu: f64) -> Result<EnergyOptions, Error> {
+    let lame = Lame { lambda, mu };
+    if lambda.is_finite() && mu.is_finite() {
+        Ok(EnergyOptions { normalize, lame })
+    } else {
+        Err(Error::invalid(format!(
+            "lambda and mu are {lambda} and {mu}, but must be finite"
+        )))
+    }
 }
 
 fn grid(map: &Map, cells: usize) -> Result<Quadrature, Error> {
@@ -52,15 +117,7 @@ fn energies_over(
     lambda: f64,
     mu: f64,
 ) -> Result<ffi::EnergyReport, Error> {
-    if !(lambda.is_finite() && mu.is_finite()) {
-        return Err(Error::invalid(format!(
-            "lambda and mu are {lambda} and {mu}, but must be finite"
-        )));
-    }
-    let options = EnergyOptions {
-        normalize,
-        lame: Lame { lambda, mu },
-    };
+    let options = energy_options(normalize, lambda, mu)?;
     let target_volume = map.boundary_map()?.target_volume();
     let report: EnergyReport = energies(map.map(), quadrature, quadrature.volume(), target_volume, &options)?;
     let told = |d: &DensityQuantiles| ffi::Distribution {

@@ -146,6 +146,14 @@ EnergyReport energies(const HarmonicMap& map, const CellMesh& tets, const Energy
   });
 }
 
+EnergyDensities energy_densities(const HarmonicMap& map, Span<const Point> points, const EnergyOptions& options) {
+  return guarded([&] {
+    const ffi::EnergyDensities found =
+        ffi::energy_densities(Access::of(map), flat(points), options.normalize, options.lambda, options.mu);
+    return EnergyDensities{copied(found.harmonic), copied(found.deformation), copied(found.det_jacobian)};
+  });
+}
+
 DistortionReport distortion(const HarmonicMap& map, std::size_t cells) {
   return guarded([&] { return told(ffi::distortion_on_grid(Access::of(map), cells)); });
 }

@@ -91,6 +91,23 @@ Surface Surface::with_holes_closed(std::size_t most_edges, std::size_t* closed) 
   return surface;
 }
 
+PlaneSection plane_section(const Surface& surface, Axis axis, double position, std::size_t pixels, Axis up) {
+  const ffi::PlaneSection found = guarded([&] {
+    return ffi::plane_section(Access::of(surface), static_cast<std::uint8_t>(axis), position,
+                              static_cast<std::uint8_t>(up), pixels);
+  });
+  PlaneSection section;
+  section.size = found.size;
+  section.pixel = found.pixel;
+  section.area = found.area;
+  section.coverage = copied(found.coverage);
+  for (std::size_t i = 0; i < section.coverage.size(); ++i) {
+    section.points.push_back({found.points[3 * i], found.points[3 * i + 1], found.points[3 * i + 2]});
+    section.pixels.push_back({found.pixels[2 * i], found.pixels[2 * i + 1]});
+  }
+  return section;
+}
+
 namespace shapes {
 
 Surface sphere(double radius, unsigned levels) {

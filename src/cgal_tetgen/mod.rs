@@ -27,7 +27,9 @@ pub use distance::SignedDistanceField;
 pub use error::{CgalTetgenError, InputDefect};
 pub use intersections::self_intersections;
 pub use offset::{OffsetOptions, OffsetSurface, offset_surface};
-pub use tetrahedra::{Mesh3Options, TetOptions, memory_estimate, tetrahedralize, tetrahedralize_mesh3};
+pub use tetrahedra::{
+    Mesh3Options, TetOptions, memory_estimate, regular_tet_circumradius, tetrahedralize, tetrahedralize_mesh3,
+};
 pub use worker::{Isolation, isolate, serve_calls};
 
 /// Checks that an error of TetGen is reported as an error here, by making it fail harmlessly.

@@ -111,6 +111,11 @@ pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<Tet
     Ok(mesh)
 }
 
+/// Circumradius of a regular tetrahedron of this volume: the [`Mesh3Options::cell_size`] for a largest volume.
+pub fn regular_tet_circumradius(volume: f64) -> f64 {
+    (volume * 27.0 / (8.0 * 3f64.sqrt())).cbrt()
+}
+
 /// Tetrahedra that fill the solid, by CGAL's Delaunay refinement: an alternative to [`tetrahedralize`].
 ///
 /// The boundary is remeshed to within `facet_distance` and sharp edges are kept; vertices of `surface` are not. Tetrahedra

@@ -78,7 +78,7 @@ pub struct EnergyReport {
     pub densities: Densities,
 }
 
-/// Values at the points of a quadrature, in order; [`Quadrature::cell_means`] turns them into values per cell.
+/// Values at given points, in order; [`Quadrature::cell_means`] turns those at a quadrature's points into values per cell.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Densities {
     /// Harmonic energy density.
@@ -87,6 +87,27 @@ pub struct Densities {
     pub deformation: Vec<f64>,
     /// Determinant of the Jacobian, in model units.
     pub det_jacobian: Vec<f64>,
+}
+
+impl EnergyOptions {
+    /// The scale that energies are taken at.
+    fn scale(&self, domain_volume: f64, target_volume: f64) -> Result<UnitVolumeScale, EnergyError> {
+        if self.normalize {
+            UnitVolumeScale::new(domain_volume, target_volume)
+        } else {
+            Ok(UnitVolumeScale::NONE)
+        }
+    }
+}
+
+impl Densities {
+    /// Adds the densities of `scale · J`, and the determinant of `J` itself.
+    fn push(&mut self, jacobian: &Matrix3, scale: f64, lame: &Lame) {
+        let scaled = jacobian * scale;
+        self.harmonic.push(harmonic_density(&scaled));
+        self.deformation.push(deformation_density(&scaled, lame));
+        self.det_jacobian.push(jacobian.determinant());
+    }
 }
 
 /// Why a map has no energy.
@@ -125,6 +146,27 @@ pub enum EnergyError {
         /// Images given.
         found: usize,
     },
+}
+
+/// Energy densities of a map at any points, such as those of a [plane section](crate::geometry::PlaneSection); not finite
+/// where the Jacobian is not. The volumes are those of the two solids; they count with [`EnergyOptions::normalize`] only.
+///
+/// # Errors
+///
+/// [`EnergyError::Volume`] for a volume that cannot be scaled to one.
+pub fn densities(
+    map: &dyn VolumeMap,
+    points: &[Point],
+    domain_volume: f64,
+    target_volume: f64,
+    options: &EnergyOptions,
+) -> Result<Densities, EnergyError> {
+    let scale = options.scale(domain_volume, target_volume)?;
+    let mut densities = Densities::default();
+    for jacobian in map.jacobian(points) {
+        densities.push(&jacobian, scale.jacobian, &options.lame);
+    }
+    Ok(densities)
 }
 
 /// Harmonic and deformation energy of a map over a domain, with their distributions.
@@ -177,13 +219,9 @@ fn measure(
     jacobians: impl Fn(Range<usize>) -> Vec<Matrix3>,
 ) -> Result<EnergyReport, EnergyError> {
     unit_volume::require_volume("domain", domain_volume)?;
-    let scale = if options.normalize {
-        UnitVolumeScale::new(domain_volume, target_volume)?
-    } else {
-        UnitVolumeScale::NONE
-    };
+    let scale = options.scale(domain_volume, target_volume)?;
 
-    let densities = densities(quadrature.points(), scale.jacobian, &options.lame, jacobians)?;
+    let densities = finite_densities(quadrature.points(), scale.jacobian, &options.lame, jacobians)?;
     let weights = quadrature.weights();
     let distribution = |values: &[f64]| {
         let empty = EnergyError::Volume {
@@ -216,8 +254,8 @@ fn measure(
     })
 }
 
-/// Energy densities of the Jacobians times `jacobian_scale`, and determinants of the Jacobians themselves.
-fn densities(
+/// Densities of a map whose Jacobians are finite at all points.
+fn finite_densities(
     points: &[Point],
     jacobian_scale: f64,
     lame: &Lame,
@@ -232,10 +270,7 @@ fn densities(
             if jacobian.iter().any(|entry| !entry.is_finite()) {
                 return Err(EnergyError::NonFiniteJacobian { point });
             }
-            let scaled = jacobian * jacobian_scale;
-            densities.harmonic.push(harmonic_density(&scaled));
-            densities.deformation.push(deformation_density(&scaled, lame));
-            densities.det_jacobian.push(jacobian.determinant());
+            densities.push(jacobian, jacobian_scale, lame);
         }
     }
     Ok(densities)
@@ -417,6 +452,19 @@ mod tests {
         assert!((report.inverted_fraction - 0.375).abs() < 1e-13);
         assert!((report.det_jacobian.min - -0.625).abs() < 1e-13);
         assert!((report.det_jacobian.max - 1.125).abs() < 1e-13);
+    }
+
+    #[test]
+    fn densities_at_other_points_are_those_of_the_formulas() {
+        let points = [Point::new(0.5, 0.25, 0.0), Point::new(f64::NAN, 0.0, 0.0)];
+        let raw = densities(&squaring(), &points, 2.0, 16.0, &RAW).unwrap();
+        assert_eq!([raw.harmonic[0], raw.det_jacobian[0]], [3.5, 1.25]);
+        assert!(raw.harmonic[1].is_nan() && raw.deformation[1].is_nan());
+        let at_unit_volume = densities(&squaring(), &points, 2.0, 16.0, &EnergyOptions::default()).unwrap();
+        assert_eq!(
+            [at_unit_volume.harmonic[0], at_unit_volume.det_jacobian[0]],
+            [3.5 / 4.0, 1.25]
+        );
     }
 
     #[test]

@@ -1,4 +1,7 @@
+use std::collections::HashMap;
+
 use super::clipped_grid::GridResolution;
+use crate::mesh::HEXAHEDRON;
 use crate::{Point, Vector};
 
 /// Why a solid has no quadrature.
@@ -182,6 +185,25 @@ impl Grid {
         [cell / (y * z), cell / z % y, cell % z]
     }
 
+    /// Cells as hexahedra with their corners, shared between neighbours, in the order of [`HEXAHEDRON`].
+    pub fn hexahedra(&self, cells: &[u32]) -> (Vec<Point>, Vec<[u32; 8]>) {
+        let mut index = HashMap::new();
+        let mut points = Vec::new();
+        let hexes = cells.iter().map(|&cell| {
+            let steps = self.steps(cell);
+            HEXAHEDRON.map(|corner| {
+                let key: [usize; 3] = std::array::from_fn(|k| steps[k] + usize::from(corner[k]));
+                *index.entry(key).or_insert_with(|| {
+                    let along = |k: usize| self.origin[k] + key[k] as f64 * self.cell_size;
+                    points.push(Point::new(along(0), along(1), along(2)));
+                    (points.len() - 1) as u32
+                })
+            })
+        });
+        let hexes = hexes.collect();
+        (points, hexes)
+    }
+
     /// Lowest corner of a cell.
     pub fn corner(&self, cell: u32) -> Point {
         let [i, j, k] = self.steps(cell).map(|s| s as f64);
@@ -208,6 +230,22 @@ pub(super) fn sum(terms: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn neighbouring_cells_share_the_corners_of_their_face() {
+        let grid = Grid {
+            origin: Point::new(1.0, 2.0, 3.0),
+            cell_size: 0.5,
+            dims: [2, 3, 4],
+        };
+        // The first cell, and the next along z.
+        let (points, hexes) = grid.hexahedra(&[0, 1]);
+        assert_eq!((points.len(), hexes.len()), (12, 2));
+        let shared = hexes[0].iter().filter(|v| hexes[1].contains(v)).count();
+        assert_eq!(shared, 4);
+        let mean = hexes[1].iter().map(|&v| points[v as usize].coords).sum::<Vector>() / 8.0;
+        assert_eq!(mean, grid.corner(1).coords + Vector::repeat(0.25));
+    }
 
     #[test]
     fn a_sum_of_many_equal_terms_is_exact_to_rounding() {

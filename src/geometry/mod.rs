@@ -1,4 +1,4 @@
-//! Distance, inside and winding number queries on surfaces, and exact orientation of tetrahedra.
+//! Distance, inside and winding number queries on surfaces, plane sections, and exact orientation of tetrahedra.
 //!
 //! [`SurfaceQuery`] is built once per surface and asked often; the other items are what it is made of.
 
@@ -6,8 +6,10 @@ mod aabb;
 mod bvh;
 pub(crate) mod clip;
 mod closest_point;
+mod distance_field;
 mod predicates;
 mod procrustes;
+mod section;
 mod surface_query;
 #[cfg(test)]
 pub(crate) mod test_models;
@@ -16,9 +18,11 @@ mod winding_number;
 pub use aabb::Aabb;
 pub use bvh::{Bvh, BvhNode};
 pub use closest_point::{Feature, TrianglePoint, closest_point_on_triangle};
+pub use distance_field::{count_outside, distance_field};
 pub use predicates::{FlipCounts, flipped_tets, orientation};
 pub(crate) use procrustes::similarity;
 pub use procrustes::{Similarity, SphereRotation, sphere_rotation};
+pub use section::{Axis, AxisPlane, PlaneSection, SectionError};
 pub(crate) use surface_query::morton_order;
 pub use surface_query::{ClosestPoint, QueryError, SurfaceQuery};
 pub use winding_number::{solid_angle, winding_number};

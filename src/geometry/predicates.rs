@@ -29,6 +29,12 @@ impl FlipCounts {
     pub fn count(&self) -> usize {
         self.negative + self.degenerate + self.not_finite
     }
+
+    /// Tetrahedra, of `tets` in all, that have not the orientation of the most: a map that mirrors the whole domain turns
+    /// over none. Those that are flat in the domain count too.
+    pub fn against_most(&self, tets: usize) -> usize {
+        (self.count() + self.flat_in_domain).min(tets - self.negative)
+    }
 }
 
 /// The sign of `det(b − a, c − a, d − a)`: `Greater` for a right-handed tetrahedron, `Equal` when the points lie
@@ -125,6 +131,17 @@ mod tests {
 
     fn unit() -> [Point; 4] {
         [p(0., 0., 0.), p(1., 0., 0.), p(0., 1., 0.), p(0., 0., 1.)]
+    }
+
+    #[test]
+    fn tetrahedra_against_the_most_are_those_that_a_mirror_leaves() {
+        let found = FlipCounts {
+            negative: 7,
+            degenerate: 1,
+            not_finite: 0,
+            flat_in_domain: 1,
+        };
+        assert_eq!([found.against_most(10), found.against_most(30)], [3, 9]);
     }
 
     #[test]

@@ -51,8 +51,9 @@ impl Default for InverseOptions {
     }
 }
 
-/// What was found for a point.
+/// What was found for a point. Files and other languages have the number of the variant, from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u8)]
 pub enum PreimageStatus {
     /// One preimage, where the map keeps its hand, of a point of the target or of the gap at its boundary.
     Ok,
@@ -84,6 +85,16 @@ pub struct Preimage {
     /// The preimage lies outside of the domain: the point is in the gap between the target's boundary and the image of
     /// the domain's, no farther from the latter than twice the boundary error there and its root mean square.
     pub beyond_boundary: bool,
+}
+
+impl Preimage {
+    /// The preimage, NaN where there is none.
+    pub fn position(&self) -> Point {
+        match self.status {
+            PreimageStatus::Ok | PreimageStatus::Folded => self.point,
+            _ => Point::from([f64::NAN; 3]),
+        }
+    }
 }
 
 /// What a search of many preimages came to.

@@ -14,6 +14,7 @@ mod lbfgs;
 mod planes;
 mod quality;
 mod repair;
+mod self_intersections;
 mod slide;
 
 use std::ops::ControlFlow;
@@ -35,6 +36,7 @@ pub use inversion_causes::{InversionCause, InversionCauses, inversion_causes};
 pub use planes::{Polycube, PolycubeError};
 pub use quality::{CellQuality, InvalidCells, determinants, invalid_cells, quality, scaled_jacobians};
 pub use repair::RepairReport;
+pub use self_intersections::BoundaryIntersections;
 pub use slide::SlideReport;
 
 /// What is carried.

@@ -38,6 +38,18 @@ pub struct Cycles {
 }
 
 impl Cycles {
+    /// First frames of each whole cycle and of the one after it, for a curve of so many frames. Broken cycles at the ends
+    /// are left out; the last frame lasts until the next would begin.
+    pub fn spans(&self, frames: usize) -> Vec<[f64; 2]> {
+        let last = frames as f64 - 1.0;
+        let begins = |k: i32| self.first + f64::from(k) * self.period;
+        (-1..)
+            .map(|k| [begins(k), begins(k + 1)])
+            .take_while(|span| span[0] < last)
+            .filter(|span| span[0] >= -0.5 && span[1] <= last + 1.5)
+            .collect()
+    }
+
     /// The count to the nearest whole number.
     pub fn whole(&self) -> usize {
         self.count.round() as usize
@@ -269,6 +281,23 @@ mod tests {
 
     fn sum(a: &[f64], b: &[f64]) -> Vec<f64> {
         a.iter().zip(b).map(|(a, b)| a + b).collect()
+    }
+
+    #[test]
+    fn whole_cycles_have_spans_and_broken_ones_have_none() {
+        let cycles = Cycles {
+            period: 10.0,
+            count: 2.5,
+            strength: 1.0,
+            first: 3.0,
+        };
+        assert_eq!(cycles.spans(25), [[3.0, 13.0], [13.0, 23.0]]);
+        assert_eq!(
+            cycles.spans(33).len(),
+            3,
+            "the last frame lasts until the next would begin"
+        );
+        assert!(cycles.spans(0).is_empty());
     }
 
     #[test]

@@ -204,6 +204,16 @@ impl SolidTexture {
         nearest.iter().map(|source| source.distance).collect()
     }
 
+    /// How thick the layer is at the vertices of the surface, over its diagonal: at the median and at most.
+    pub fn layer_thickness(&self) -> [f64; 2] {
+        let surface = self.coloured_surface.surface();
+        let mut thickness = self.layer(surface.vertices());
+        thickness.sort_by(f64::total_cmp);
+        let diagonal = surface.diagonal();
+        let median = thickness.get(thickness.len() / 2).copied().unwrap_or_default();
+        [median, thickness.last().copied().unwrap_or_default()].map(|t| t / diagonal)
+    }
+
     /// How far the harmonic part alone is from the picture, at `count` points of the surface that are spread evenly.
     ///
     /// The sum of both parts is off by rounding only; see [`Self::surface_error`].

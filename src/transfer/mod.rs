@@ -8,7 +8,7 @@
 mod checks;
 mod sampler;
 
-use crate::inverse::{InverseMap, InverseReport, Preimage, PreimageStatus};
+use crate::inverse::{InverseMap, InverseReport, Preimage};
 use crate::map::VolumeMap;
 use crate::{Matrix3, Point, Vector};
 
@@ -208,7 +208,7 @@ pub fn resample(
 ) -> Result<ResampledFields, TransferError> {
     let sampler = FieldSampler::new(field_mesh)?;
     let (preimages, report) = inverse.preimages(points);
-    let places: Vec<Point> = preimages.iter().map(place).collect();
+    let places: Vec<Point> = preimages.iter().map(Preimage::position).collect();
     let (mut fields, beyond) = sampler.sample(&places);
     if fields.iter().any(|field| field.kind == FieldKind::Vector) {
         let jacobians = map.jacobian(&places);
@@ -222,14 +222,6 @@ pub fn resample(
         inverse: report,
         outside_mesh: beyond.iter().filter(|&&beyond| beyond).count(),
     })
-}
-
-/// The preimage, NaN where there is none.
-fn place(preimage: &Preimage) -> Point {
-    match preimage.status {
-        PreimageStatus::Ok | PreimageStatus::Folded => preimage.point,
-        _ => Point::from([f64::NAN; 3]),
-    }
 }
 
 fn push_forward_vectors(field: &TransferField, jacobians: &[Matrix3]) -> TransferField {

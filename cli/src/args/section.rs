@@ -1,7 +1,7 @@
 //! Of everything that makes pictures of sections.
 
-use crate::drawing::Axis;
 use clap::{Args, ValueEnum};
+use solidmap::geometry::Axis;
 
 /// Where pictures cut the domain.
 #[derive(Debug, Args)]

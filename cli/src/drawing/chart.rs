@@ -4,7 +4,7 @@ use super::canvas::{Canvas, GREY_INK, INK, RULE, Rgb, WHITE};
 use super::panel::{LEAST_SIDE, check_size};
 use super::text::{Anchor, TextStyle, Weight};
 use super::ticks::{Ticks, linear_ticks};
-use super::{ReportError, png};
+use super::{DrawingError, png};
 
 /// The paper draws its energies as red circles.
 const CURVE: Rgb = [196, 30, 30];
@@ -69,14 +69,14 @@ impl Chart {
     ///
     /// # Errors
     ///
-    /// [`ReportError::NoFiniteValue`], [`ReportError::TooSmall`] when the texts leave no room for the curve,
-    /// [`ReportError::TooLarge`], [`ReportError::Encode`].
-    pub fn to_png(&self, [width, height]: [usize; 2]) -> Result<Vec<u8>, ReportError> {
+    /// [`DrawingError::NoFiniteValue`], [`DrawingError::TooSmall`] when the texts leave no room for the curve,
+    /// [`DrawingError::TooLarge`], [`DrawingError::Encode`].
+    pub fn to_png(&self, [width, height]: [usize; 2]) -> Result<Vec<u8>, DrawingError> {
         check_size(width, height)?;
         let finite = self.points.iter().filter(|p| p.iter().all(|c| c.is_finite()));
         let highest = finite.map(|p| p[1]).reduce(f64::max);
         let label = || self.axes[1].clone();
-        let highest = highest.ok_or_else(|| ReportError::NoFiniteValue { label: label() })?;
+        let highest = highest.ok_or_else(|| DrawingError::NoFiniteValue { label: label() })?;
         let places = || {
             self.points
                 .iter()
@@ -94,7 +94,7 @@ impl Chart {
         let drawing = Drawing::new(self, [width, height], [low - margin, high + margin], top);
         let [left, above, right, below] = drawing.frame;
         if right - left < LEAST_SIDE as f64 || below - above < LEAST_SIDE as f64 {
-            return Err(ReportError::TooSmall { least: LEAST_SIDE });
+            return Err(DrawingError::TooSmall { least: LEAST_SIDE });
         }
         drawing.draw(&mut canvas);
         png::encode(&canvas)
@@ -331,14 +331,14 @@ mod tests {
             let chart = Chart::new(none, ["frame", "energy"]);
             assert!(matches!(
                 chart.to_png([640, 400]),
-                Err(ReportError::NoFiniteValue { .. })
+                Err(DrawingError::NoFiniteValue { .. })
             ));
         }
         let lone = Chart::new(vec![[3.0, 0.0]], ["frame", "energy"])
             .with_spans(vec![[0.0, 9.0]])
             .with_missing(vec![1.0]);
         assert!(lone.to_png([640, 400]).is_ok());
-        assert!(matches!(lone.to_png([4, 4]), Err(ReportError::TooSmall { .. })));
+        assert!(matches!(lone.to_png([4, 4]), Err(DrawingError::TooSmall { .. })));
     }
 
     #[test]
@@ -348,7 +348,7 @@ mod tests {
             .with_spans(vec![[0.0, 3.0], [3.0, 6.0]]);
         for size in [[16, 16], [40, 40], [40, 400], [400, 40]] {
             let drawn = chart.to_png(size);
-            assert!(matches!(drawn, Err(ReportError::TooSmall { .. })), "{size:?}");
+            assert!(matches!(drawn, Err(DrawingError::TooSmall { .. })), "{size:?}");
         }
         assert!(chart.to_png([200, 200]).is_ok());
     }

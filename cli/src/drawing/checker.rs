@@ -1,8 +1,8 @@
 //! A chequered pattern that is evaluated at every sample, and so stays sharp across triangles.
 
 use super::canvas::Rgb;
-use super::section::Axis;
 use solidmap::Point;
+use solidmap::geometry::Axis;
 
 /// A chequered field in space, coloured by position, and where each vertex of a surface stands in it.
 ///

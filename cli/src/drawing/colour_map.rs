@@ -1,4 +1,4 @@
-use super::ReportError;
+use super::DrawingError;
 use super::canvas::Rgb;
 use solidmap::statistics::quantiles;
 
@@ -57,18 +57,18 @@ impl ColourBar {
     ///
     /// # Errors
     ///
-    /// [`ReportError::NoFiniteValue`], [`ReportError::NoPositiveValue`] for a logarithmic scale, and
-    /// [`ReportError::BadRange`] for a range that is empty, not finite or (logarithmic) not positive.
+    /// [`DrawingError::NoFiniteValue`], [`DrawingError::NoPositiveValue`] for a logarithmic scale, and
+    /// [`DrawingError::BadRange`] for a range that is empty, not finite or (logarithmic) not positive.
     pub fn new(
         label: impl Into<String>,
         values: impl IntoIterator<Item = f64>,
         range: ValueRange,
         scale: Scale,
-    ) -> Result<Self, ReportError> {
+    ) -> Result<Self, DrawingError> {
         let label = label.into();
         let finite: Vec<f64> = values.into_iter().filter(|x| x.is_finite()).collect();
         let Some([data_low, data_high]) = quantiles(&finite, [0.0, 1.0]) else {
-            return Err(ReportError::NoFiniteValue { label });
+            return Err(DrawingError::NoFiniteValue { label });
         };
         let shown: Vec<f64> = match scale {
             Scale::Linear => finite,
@@ -80,11 +80,11 @@ impl ColourBar {
             ValueRange::Quantiles(low, high) if 0.0 <= low && low < high && high <= 1.0 => {
                 widened(ends(&shown, [low, high], &label)?, scale)
             }
-            ValueRange::Quantiles(low, high) => return Err(ReportError::BadRange { label, low, high }),
+            ValueRange::Quantiles(low, high) => return Err(DrawingError::BadRange { label, low, high }),
         };
         let possible = low < high && (high - low).is_finite() && (scale == Scale::Linear || low > 0.0);
         if !possible {
-            return Err(ReportError::BadRange { label, low, high });
+            return Err(DrawingError::BadRange { label, low, high });
         }
         let quantiles = match range {
             ValueRange::Quantiles(low, high) => Some((low, high)),
@@ -143,10 +143,10 @@ impl ColourBar {
     }
 }
 
-fn ends(shown: &[f64], fractions: [f64; 2], label: &str) -> Result<(f64, f64), ReportError> {
+fn ends(shown: &[f64], fractions: [f64; 2], label: &str) -> Result<(f64, f64), DrawingError> {
     quantiles(shown, fractions)
         .map(|[low, high]| (low, high))
-        .ok_or_else(|| ReportError::NoPositiveValue {
+        .ok_or_else(|| DrawingError::NoPositiveValue {
             label: label.to_owned(),
         })
 }
@@ -246,11 +246,11 @@ mod tests {
         let nan = [f64::NAN; 2];
         assert!(matches!(
             bar(nan, ValueRange::Full, Scale::Linear),
-            ReportError::NoFiniteValue { .. }
+            DrawingError::NoFiniteValue { .. }
         ));
         assert!(matches!(
             bar([-1.0, 0.0], ValueRange::Full, Scale::Log),
-            ReportError::NoPositiveValue { .. }
+            DrawingError::NoPositiveValue { .. }
         ));
         for (range, scale) in [
             (ValueRange::Fixed(2.0, 2.0), Scale::Linear),
@@ -259,7 +259,7 @@ mod tests {
             (ValueRange::Quantiles(0.9, 0.1), Scale::Linear),
             (ValueRange::Quantiles(0.5, 1.5), Scale::Linear),
         ] {
-            assert!(matches!(bar([1.0, 2.0], range, scale), ReportError::BadRange { .. }));
+            assert!(matches!(bar([1.0, 2.0], range, scale), DrawingError::BadRange { .. }));
         }
     }
 }

@@ -4,7 +4,7 @@ use super::colour_map::ColourBar;
 use super::panel::{LEAST_SIDE, Panel, PanelAxis, check_size};
 use super::text::{Anchor, TextStyle, Weight};
 use super::ticks::{Ticks, linear_ticks};
-use super::{ReportError, png};
+use super::{DrawingError, png};
 
 /// Lengths in ems.
 const BORDER: f64 = 1.0;
@@ -51,13 +51,13 @@ impl Figure {
     ///
     /// # Errors
     ///
-    /// [`ReportError::TooSmall`] without panels, [`ReportError::TooLarge`], [`ReportError::Encode`].
-    pub fn to_png(&self) -> Result<Vec<u8>, ReportError> {
+    /// [`DrawingError::TooSmall`] without panels, [`DrawingError::TooLarge`], [`DrawingError::Encode`].
+    pub fn to_png(&self) -> Result<Vec<u8>, DrawingError> {
         png::encode(&self.draw()?)
     }
 
-    fn draw(&self) -> Result<Canvas, ReportError> {
-        let layout = Layout::of(self).ok_or(ReportError::TooSmall { least: LEAST_SIDE })?;
+    fn draw(&self) -> Result<Canvas, DrawingError> {
+        let layout = Layout::of(self).ok_or(DrawingError::TooSmall { least: LEAST_SIDE })?;
         let (width, height) = (layout.width.ceil() as usize, layout.height.ceil() as usize);
         check_size(width, height)?;
         let mut canvas = Canvas::new(width, height, WHITE);
@@ -364,17 +364,18 @@ fn axis_name(axis: &PanelAxis, factor: Option<String>) -> String {
 #[cfg(test)]
 mod tests {
     use super::super::png::decode;
-    use super::super::{Axis, Camera, Plane, Scale, Section, SurfaceStyle, ValueRange};
+    use super::super::{Camera, Scale, SurfaceStyle, ValueRange};
     use super::*;
+    use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
     use solidmap::mesh::shapes;
 
     /// The section of the unit ball at z = 0.1, coloured by x, and its bar.
-    fn ball_by_x() -> (Section, Vec<f64>, ColourBar) {
-        let plane = Plane {
+    fn ball_by_x() -> (PlaneSection, Vec<f64>, ColourBar) {
+        let plane = AxisPlane {
             axis: Axis::Z,
             position: 0.1,
         };
-        let section = Section::new(&shapes::sphere(1.0, 4), plane, 200).unwrap();
+        let section = PlaneSection::new(&shapes::sphere(1.0, 4), plane, Axis::Z, 200).unwrap();
         let values: Vec<f64> = section.points().iter().map(|p| p.x).collect();
         let bar = ColourBar::new("x", [-1.0, 1.0], ValueRange::Full, Scale::Linear).unwrap();
         (section, values, bar)
@@ -432,13 +433,13 @@ mod tests {
         let rod = shapes::deformed(&shapes::cube(2.0, 1), |p| {
             solidmap::Point::new(6.0 * p.x, p.y, 0.3 * p.z)
         });
-        let plane = Plane {
+        let plane = AxisPlane {
             axis: Axis::Y,
             position: 0.0,
         };
         let label = "elastic potential density of the deformation [J/m³]";
         for size in [16, 60, 300] {
-            let section = Section::new(&rod, plane, size).unwrap();
+            let section = PlaneSection::new(&rod, plane, Axis::Z, size).unwrap();
             let values: Vec<f64> = section.points().iter().map(|p| 1e7 + 3e6 * p.x).collect();
             let bar = ColourBar::new(label, values.clone(), ValueRange::Quantiles(0.1, 0.9), Scale::Linear).unwrap();
             let panel = Panel::of_section(&section, &values, &bar).unwrap();
@@ -463,19 +464,19 @@ mod tests {
     fn figures_without_panels_and_beyond_the_limit_are_refused() {
         assert!(matches!(
             Figure::row(Vec::new()).to_png(),
-            Err(ReportError::TooSmall { .. })
+            Err(DrawingError::TooSmall { .. })
         ));
         assert!(matches!(
             Figure::grid(vec![Vec::new()]).to_png(),
-            Err(ReportError::TooSmall { .. })
+            Err(DrawingError::TooSmall { .. })
         ));
         let (section, values, bar) = ball_by_x();
         let panel = Panel::of_section(&section, &values, &bar).unwrap();
         let far_too_many = Figure::row(vec![panel; 2000]);
-        assert!(matches!(far_too_many.to_png(), Err(ReportError::TooLarge { .. })));
+        assert!(matches!(far_too_many.to_png(), Err(DrawingError::TooLarge { .. })));
         assert!(matches!(
             Panel::of_section(&section, &values[1..], &bar),
-            Err(ReportError::ValueCount { .. })
+            Err(DrawingError::ValueCount { .. })
         ));
     }
 }

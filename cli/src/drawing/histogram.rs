@@ -1,6 +1,6 @@
 //! How values are distributed: columns over a logarithmic axis, several fields over each other.
 
-use super::ReportError;
+use super::DrawingError;
 use super::canvas::{Canvas, GREY_INK, INK, RULE, Rgb, WHITE};
 use super::colour_map::{Scale, widened};
 use super::number::typeset;
@@ -40,13 +40,13 @@ impl Histogram {
     ///
     /// # Errors
     ///
-    /// [`ReportError::NoPositiveValue`] when no value is positive.
-    pub fn logarithmic(label: impl Into<String>, fields: &[(&str, &[f64])]) -> Result<Self, ReportError> {
+    /// [`DrawingError::NoPositiveValue`] when no value is positive.
+    pub fn logarithmic(label: impl Into<String>, fields: &[(&str, &[f64])]) -> Result<Self, DrawingError> {
         let label = label.into();
         let positive = |x: &&f64| x.is_finite() && **x > 0.0;
         let all = || fields.iter().flat_map(|(_, values)| values.iter()).filter(positive);
         let (Some(least), Some(most)) = (all().copied().reduce(f64::min), all().copied().reduce(f64::max)) else {
-            return Err(ReportError::NoPositiveValue { label });
+            return Err(DrawingError::NoPositiveValue { label });
         };
         let (low, high) = widened((least.max(most / 10f64.powf(DECADES)), most), Scale::Log);
         let shares = |(name, values): &(&str, &[f64])| {
@@ -81,8 +81,8 @@ impl Panel {
     ///
     /// # Errors
     ///
-    /// [`ReportError::TooSmall`] and [`ReportError::TooLarge`].
-    pub fn of_histogram(histogram: &Histogram, [width, height]: [usize; 2]) -> Result<Self, ReportError> {
+    /// [`DrawingError::TooSmall`] and [`DrawingError::TooLarge`].
+    pub fn of_histogram(histogram: &Histogram, [width, height]: [usize; 2]) -> Result<Self, DrawingError> {
         check_size(width, height)?;
         let mut canvas = Canvas::new(width, height, WHITE);
         let em = (height as f64 / 34.0).max(9.0);
@@ -218,14 +218,14 @@ mod tests {
         assert!((histogram.fields[0].columns[COLUMNS - 1] - 1.0 / 6.0).abs() < 1e-15);
         assert!(matches!(
             Histogram::logarithmic("x", &[("a", &[-1.0, f64::NAN])]),
-            Err(ReportError::NoPositiveValue { .. })
+            Err(DrawingError::NoPositiveValue { .. })
         ));
         assert!(Histogram::logarithmic("x", &[("a", &[3.0; 5])]).is_ok(), "one value");
         let panel = Panel::of_histogram(&histogram, [400, 300]).unwrap();
         assert!(panel.canvas.pixels().iter().any(|p| *p != WHITE));
         assert!(matches!(
             Panel::of_histogram(&histogram, [4, 4]),
-            Err(ReportError::TooSmall { .. })
+            Err(DrawingError::TooSmall { .. })
         ));
     }
 }

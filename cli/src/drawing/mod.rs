@@ -1,4 +1,4 @@
-//! Results for people: summary statistics, plain-text tables and pictures.
+//! Pictures, charts and plain-text tables.
 //!
 //! Pictures are cross-sections coloured by any field, in the manner of figures 2 and 7 of Li et al., *Harmonic
 //! volumetric mapping for solid modeling applications* (2007), and shaded views of surfaces; a [`Figure`] sets them
@@ -7,16 +7,17 @@
 //!
 //! ```
 //! use solidmap::mesh::shapes;
-//! use crate::drawing::{Axis, ColourBar, Figure, Panel, Plane, Scale, Section, ValueRange};
+//! use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
+//! use solidmap_cli::drawing::{ColourBar, Figure, Panel, Scale, ValueRange};
 //!
 //! let solid = shapes::spherical_shell(1.0, 0.4, 3);
-//! let section = Section::new(&solid, Plane { axis: Axis::Z, position: 0.1 }, 200)?;
+//! let section = PlaneSection::new(&solid, AxisPlane { axis: Axis::Z, position: 0.1 }, Axis::Z, 200)?;
 //! let field: Vec<f64> = section.points().iter().map(|p| p.coords.norm()).collect();
 //! let bar = ColourBar::new("distance", field.iter().copied(), ValueRange::Quantiles(0.01, 0.99), Scale::Linear)?;
 //! let panel = Panel::of_section(&section, &field, &bar)?.titled("Shell");
 //! let png: Vec<u8> = Figure::row(vec![panel]).with_bar(&bar).to_png()?;
 //! # assert!(!png.is_empty());
-//! # Ok::<(), crate::drawing::ReportError>(())
+//! # Ok::<(), solidmap_cli::drawing::DrawingError>(())
 //! ```
 //!
 //! Text is set in DejaVu Sans, embedded in the binary under the Bitstream Vera font licence (permissive; its notice
@@ -31,10 +32,8 @@ mod figure;
 mod histogram;
 mod light;
 mod number;
-mod outline;
 mod panel;
 mod png;
-mod section;
 mod surface_render;
 mod table;
 mod text;
@@ -48,53 +47,18 @@ pub use figure::Figure;
 pub use histogram::Histogram;
 pub use number::significant;
 pub use panel::Panel;
-pub use section::{Axis, Plane, Section};
 pub use surface_render::{Camera, Edges, Shading, SurfaceColour, SurfaceStyle};
 pub use table::{Align, Table};
+
+use solidmap::geometry::SectionError;
 
 /// Why a picture cannot be drawn.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum ReportError {
-    /// The plane passes beside the solid, or between its parts.
-    #[error(
-        "the plane {axis} = {position} cuts nothing: the solid extends from {low} to {high} in {axis}; choose a position where there is material"
-    )]
-    PlaneMissesSolid {
-        /// The axis that the plane is perpendicular to.
-        axis: Axis,
-        /// Where it was wanted.
-        position: f64,
-        /// Lowest coordinate of the solid along the axis.
-        low: f64,
-        /// Highest coordinate of the solid along the axis.
-        high: f64,
-    },
-    /// The plane grazes the solid, or cuts parts thinner than a pixel.
-    #[error(
-        "the section {axis} = {position} covers no pixel of size {pixel:.3e}; move the plane into the solid or ask for more pixels"
-    )]
-    SectionBelowPixel {
-        /// The axis that the plane is perpendicular to.
-        axis: Axis,
-        /// Where it was wanted.
-        position: f64,
-        /// Side of a pixel in model units.
-        pixel: f64,
-    },
-    /// The section's outline does not close, because the surface has holes or triangles that disagree in
-    /// orientation.
-    #[error(
-        "the surface does not bound a solid near ({x}, {y}, {z}): its section there does not close; close its holes and orient it first"
-    )]
-    OpenSurface {
-        /// First coordinate of a point near the gap.
-        x: f64,
-        /// Second coordinate.
-        y: f64,
-        /// Third coordinate.
-        z: f64,
-    },
+pub enum DrawingError {
+    /// There is no section to draw.
+    #[error(transparent)]
+    Section(#[from] SectionError),
     /// A coordinate that cannot be drawn.
     #[error("vertex {vertex} has a coordinate that is not a number, infinite or beyond 1e70 (0-based)")]
     NotFinite {

@@ -1,9 +1,9 @@
-use super::ReportError;
+use super::DrawingError;
 use super::canvas::{Canvas, INK, Rgb, WHITE, mixed};
 use super::colour_map::ColourBar;
 use super::number::typeset;
-use super::section::Section;
 use super::surface_render::{Camera, SurfaceStyle, render};
+use solidmap::geometry::PlaneSection;
 use solidmap::mesh::SurfaceMesh;
 
 /// Least width and height of a panel, in pixels.
@@ -32,24 +32,24 @@ pub(super) struct PanelAxis {
 }
 
 impl Panel {
-    /// A section coloured by `values`, one for each of [`Section::points`], with coordinates along its edges and a
+    /// A section coloured by `values`, one for each of [`PlaneSection::points`], with coordinates along its edges and a
     /// caption that names the plane. Values that are not a number show grey.
     ///
     /// # Errors
     ///
-    /// [`ReportError::ValueCount`].
-    pub fn of_section(section: &Section, values: &[f64], bar: &ColourBar) -> Result<Self, ReportError> {
+    /// [`DrawingError::ValueCount`].
+    pub fn of_section(section: &PlaneSection, values: &[f64], bar: &ColourBar) -> Result<Self, DrawingError> {
         let colours: Vec<Rgb> = values.iter().map(|&value| bar.colour(value)).collect();
         Self::of_painted_section(section, &colours)
     }
 
-    /// A section in these colours, one for each of [`Section::points`], with coordinates along its edges and a caption that
+    /// A section in these colours, one for each of [`PlaneSection::points`], with coordinates along its edges and a caption that
     /// names the plane.
     ///
     /// # Errors
     ///
-    /// [`ReportError::ValueCount`].
-    pub fn of_painted_section(section: &Section, colours: &[Rgb]) -> Result<Self, ReportError> {
+    /// [`DrawingError::ValueCount`].
+    pub fn of_painted_section(section: &PlaneSection, colours: &[Rgb]) -> Result<Self, DrawingError> {
         check_count("section point", section.points().len(), colours.len())?;
         let [width, height] = section.size();
         let mut canvas = Canvas::new(width, height, WHITE);
@@ -85,14 +85,14 @@ impl Panel {
     ///
     /// # Errors
     ///
-    /// [`ReportError::EmptySurface`], [`ReportError::NotFinite`], [`ReportError::ValueCount`],
-    /// [`ReportError::TooSmall`] and [`ReportError::TooLarge`].
+    /// [`DrawingError::EmptySurface`], [`DrawingError::NotFinite`], [`DrawingError::ValueCount`],
+    /// [`DrawingError::TooSmall`] and [`DrawingError::TooLarge`].
     pub fn of_surface(
         surface: &SurfaceMesh,
         style: &SurfaceStyle,
         camera: &Camera,
         [width, height]: [usize; 2],
-    ) -> Result<Self, ReportError> {
+    ) -> Result<Self, DrawingError> {
         check_size(width, height)?;
         Ok(Self::of_canvas(render(surface, style, camera, [width, height])?))
     }
@@ -127,22 +127,22 @@ impl Panel {
 }
 
 /// Refuses panels too small to see and pictures too large to hold.
-pub(super) fn check_size(width: usize, height: usize) -> Result<(), ReportError> {
+pub(super) fn check_size(width: usize, height: usize) -> Result<(), DrawingError> {
     if width < LEAST_SIDE || height < LEAST_SIDE {
-        return Err(ReportError::TooSmall { least: LEAST_SIDE });
+        return Err(DrawingError::TooSmall { least: LEAST_SIDE });
     }
     if width.saturating_mul(height) > MOST_PIXELS {
         let limit = MOST_PIXELS;
-        return Err(ReportError::TooLarge { width, height, limit });
+        return Err(DrawingError::TooLarge { width, height, limit });
     }
     Ok(())
 }
 
-pub(super) fn check_count(element: &'static str, expected: usize, found: usize) -> Result<(), ReportError> {
+pub(super) fn check_count(element: &'static str, expected: usize, found: usize) -> Result<(), DrawingError> {
     if found == expected {
         Ok(())
     } else {
-        Err(ReportError::ValueCount {
+        Err(DrawingError::ValueCount {
             element,
             expected,
             found,

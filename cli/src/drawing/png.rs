@@ -1,8 +1,8 @@
-use super::ReportError;
+use super::DrawingError;
 use super::canvas::Canvas;
 
 /// The canvas as a PNG file of 8-bit sRGB.
-pub(super) fn encode(canvas: &Canvas) -> Result<Vec<u8>, ReportError> {
+pub(super) fn encode(canvas: &Canvas) -> Result<Vec<u8>, DrawingError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, canvas.width() as u32, canvas.height() as u32);
     encoder.set_color(png::ColorType::Rgb);

@@ -2,14 +2,13 @@
 
 use rayon::prelude::*;
 
-use super::ReportError;
+use super::DrawingError;
 use super::canvas::{Canvas, Rgb};
 use super::checker::{Checker, Pattern};
 use super::colour_map::ColourBar;
 use super::light::{lighting, to_linear, to_srgb};
-use super::outline::finite_box;
 use super::panel::check_count;
-use super::section::Axis;
+use solidmap::geometry::Axis;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::{Point, Vector};
 
@@ -159,8 +158,8 @@ pub(super) fn render(
     style: &SurfaceStyle,
     camera: &Camera,
     [width, height]: [usize; 2],
-) -> Result<Canvas, ReportError> {
-    finite_box(surface)?;
+) -> Result<Canvas, DrawingError> {
+    check_surface(surface)?;
     check_style(surface, style)?;
     let scene = scene(surface, style, camera, [width, height]);
     let mut canvas = Canvas::new(width, height, BACKGROUND[0]);
@@ -174,7 +173,28 @@ pub(super) fn render(
     Ok(canvas)
 }
 
-fn check_style(surface: &SurfaceMesh, style: &SurfaceStyle) -> Result<(), ReportError> {
+fn check_surface(surface: &SurfaceMesh) -> Result<(), DrawingError> {
+    const LARGEST: f64 = 1e70; // Squared areas stay finite.
+    let is_bad = |vertex: u32| {
+        let p = surface.vertices()[vertex as usize];
+        p.iter().any(|c| c.is_nan() || c.abs() > LARGEST)
+    };
+    let bad = surface
+        .triangles()
+        .iter()
+        .flatten()
+        .copied()
+        .find(|&vertex| is_bad(vertex));
+    match bad {
+        Some(vertex) => Err(DrawingError::NotFinite {
+            vertex: vertex as usize,
+        }),
+        None if surface.triangles().is_empty() => Err(DrawingError::EmptySurface),
+        None => Ok(()),
+    }
+}
+
+fn check_style(surface: &SurfaceMesh, style: &SurfaceStyle) -> Result<(), DrawingError> {
     match &style.colour {
         SurfaceColour::Uniform(_) => {}
         SurfaceColour::PerVertex(values, _) => check_count("vertex", surface.vertices().len(), values.len())?,
@@ -494,7 +514,7 @@ mod tests {
         };
         assert!(matches!(
             render(&cube, &wrong, &FRONT, [30, 30]),
-            Err(ReportError::ValueCount { .. })
+            Err(DrawingError::ValueCount { .. })
         ));
     }
 
@@ -550,7 +570,7 @@ mod tests {
         };
         assert!(matches!(
             render(&ball, &style, &FRONT, [30, 30]),
-            Err(ReportError::ValueCount { .. })
+            Err(DrawingError::ValueCount { .. })
         ));
     }
 }

@@ -187,6 +187,15 @@ struct EnergyReport {
 EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options = {});
 EnergyReport energies(const HarmonicMap& map, const CellMesh& tets, const EnergyOptions& options = {});
 
+/// Densities of the two energies, and the determinant of the map's Jacobian in model units, one for each point.
+struct EnergyDensities {
+  std::vector<double> harmonic, deformation, det_jacobian;
+};
+
+/// Energy densities at any points of the domain, such as those of a PlaneSection; not finite where the Jacobian is not.
+/// `options.cells` does not count. Throws Error (invalid_input; unsupported: no boundary map).
+EnergyDensities energy_densities(const HarmonicMap& map, Span<const Point> points, const EnergyOptions& options = {});
+
 /// Means of the metrics of Cherchi & Livesu, VOLMAP (2023), over the volume where the map is regular.
 struct Distortion {
   /// A rigid motion has 1, 3, 6, 0 and 1. NaN when the map is regular nowhere.

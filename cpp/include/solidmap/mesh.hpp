@@ -139,6 +139,30 @@ Surface torus(double major, double minor, std::size_t around, std::size_t across
 
 }  // namespace shapes
 
+/// A coordinate axis.
+enum class Axis : std::uint8_t { x, y, z };
+
+/// Where a plane perpendicular to a coordinate axis cuts a solid: a point of the solid for each pixel of a picture of it.
+/// The picture frames the whole solid as seen along the axis.
+struct PlaneSection {
+  /// Width and height of the picture in pixels, and the side of a pixel in model units.
+  std::array<std::size_t, 2> size = {};
+  double pixel = 0;
+  /// Area of the section in squared model units.
+  double area = 0;
+  /// One point for each pixel that the section covers: fields are evaluated here.
+  std::vector<Point> points;
+  /// Column and row (the first at the top) of each point's pixel, and the part of it that is covered, up to 1.
+  std::vector<std::array<std::uint32_t, 2>> pixels;
+  std::vector<float> coverage;
+};
+
+/// The section of the solid at `position` along `axis`, `pixels` (16 to 8192) along the longer side of the picture, with
+/// `up` pointing up in it, or the later of the two other axes where that is `axis`. Throws Error (invalid_input) when the
+/// plane cuts nothing, or the surface is open there.
+PlaneSection plane_section(const Surface& surface, Axis axis, double position, std::size_t pixels = 512,
+                           Axis up = Axis::z);
+
 /// What the cells of a CellMesh are.
 enum class CellKind { tets, hexes };
 

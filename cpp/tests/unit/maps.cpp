@@ -267,6 +267,27 @@ TEST_CASE("the identity has its energies, a twist has more") {
   CHECK(thrown_by([&] { energies(twisted, none); }) == "invalid_input");
 }
 
+TEST_CASE("a section shows the energy densities of a map") {
+  const Surface ball = shapes::sphere(1.0, 4);
+  const PlaneSection section = plane_section(ball, Axis::x, 0.6, 100);
+  CHECK(section.area == doctest::Approx(0.64 * 3.14159).epsilon(0.01));
+  CHECK(section.points.size() == section.pixels.size());
+  double covered = 0;
+  for (std::size_t i = 0; i < section.points.size(); ++i) {
+    CHECK(section.points[i][0] == 0.6);
+    CHECK(section.pixels[i][0] < section.size[0]);
+    covered += section.coverage[i];
+  }
+  CHECK(covered * section.pixel * section.pixel == doctest::Approx(section.area).epsilon(0.01));
+  const HarmonicMap identity = fit(BoundaryMap(ball, ball.vertices()));
+  const EnergyDensities densities = energy_densities(identity, section.points);
+  CHECK(densities.harmonic.size() == section.points.size());
+  CHECK(densities.harmonic.front() == doctest::Approx(3.0));
+  CHECK(densities.deformation.front() == doctest::Approx(0.0));
+  CHECK(densities.det_jacobian.front() == doctest::Approx(1.0));
+  CHECK(thrown_by([&] { plane_section(ball, Axis::z, 2.0); }) == "invalid_input");
+}
+
 TEST_CASE("boundary maps go by the sphere, there and back") {
   const Surface cube = shapes::cube(2.0, 6);
   const BoundaryMap sphere = BoundaryMap::to_sphere(cube);

@@ -1,0 +1,105 @@
+//! `solidmap boundary check`: is a boundary map one to one, and how far does it distort?
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Context;
+use serde::Serialize;
+use solidmap::boundary_map::check::{BoundaryCheck, BoundaryCheckOptions, check};
+use solidmap::io;
+
+use super::pictures;
+use crate::Outcome;
+use crate::args::BoundaryCheckArgs;
+use crate::shared::input;
+use crate::shared::input::BoundarySource;
+use crate::shared::output::{Output, peak_rss_bytes, write_file};
+use crate::shared::self_intersections::finder;
+
+/// What `boundary check --json` prints.
+#[derive(Serialize)]
+struct BoundaryCheckSummary {
+    domain: Option<PathBuf>,
+    image: Option<PathBuf>,
+    boundary_file: Option<PathBuf>,
+    target: Option<PathBuf>,
+    #[serde(flatten)]
+    check: BoundaryCheck,
+    seconds: f64,
+    peak_rss_bytes: u64,
+}
+
+/// Reads, checks, draws and reports; findings make the exit code 1.
+pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<Outcome> {
+    let start = Instant::now();
+    anyhow::ensure!(
+        args.tolerance.is_finite() && args.tolerance >= 0.0,
+        "--tolerance is {}, but must be a fraction of the target's diagonal, such as 0.01",
+        args.tolerance
+    );
+    let source = source(args)?;
+    if let Some(png) = &args.png {
+        let mut inputs = source.files();
+        inputs.extend(args.target.as_deref());
+        input::require_writable(png, &["png"], &inputs)?;
+    }
+    output.progress("reading");
+    let map = source.read()?;
+    let target = args.target.as_deref().map(input::read_surface).transpose()?;
+    output.progress("checking");
+    let options = BoundaryCheckOptions {
+        tolerance: args.tolerance,
+        seed: args.seed,
+        ..BoundaryCheckOptions::default()
+    };
+    let check = check(&map, target.as_ref(), &options, finder())
+        .with_context(|| format!("cannot check `{}`", source.image().display()))?;
+    if let Some(png) = &args.png {
+        output.progress("drawing");
+        let figure = pictures::boundary(&map, &check, args.up)?;
+        write_file(png, &figure.to_png()?)?;
+        output.note(format_args!("picture in {}", png.display()));
+    }
+    let (domain, image, boundary_file) = match &source {
+        BoundarySource::Image { domain, image } => (Some(domain.clone()), Some(image.clone()), None),
+        BoundarySource::File { file, domain } => (domain.clone(), None, Some(file.clone())),
+    };
+    let report = BoundaryCheckSummary {
+        domain,
+        image,
+        boundary_file,
+        target: args.target.clone(),
+        check,
+        seconds: start.elapsed().as_secs_f64(),
+        peak_rss_bytes: peak_rss_bytes(),
+    };
+    output.result(&report, || {
+        let files: Vec<String> = source.files().iter().map(|path| path.display().to_string()).collect();
+        format!("{}\n{}", files.join(" → "), report.check)
+    })?;
+    Ok(if report.check.findings.is_empty() {
+        Outcome::Done
+    } else {
+        Outcome::CheckFailed
+    })
+}
+
+/// Files that are no meshes are boundary files, which hold their domain.
+fn source(args: &BoundaryCheckArgs) -> anyhow::Result<BoundarySource> {
+    let (first, second) = (args.domain.clone(), args.image.clone());
+    Ok(match second {
+        Some(image) if io::is_mesh(&image) => BoundarySource::Image { domain: first, image },
+        Some(file) => BoundarySource::File {
+            file,
+            domain: Some(first),
+        },
+        None if io::is_mesh(&first) => anyhow::bail!(
+            "`{}` is a mesh, not a map of one: name its image after it, or a boundary file",
+            first.display()
+        ),
+        None => BoundarySource::File {
+            file: first,
+            domain: None,
+        },
+    })
+}

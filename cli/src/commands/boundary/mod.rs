@@ -1,0 +1,20 @@
+//! `solidmap boundary`: maps of boundary surfaces.
+
+mod check;
+pub mod pair;
+mod pictures;
+pub mod sphere;
+mod write;
+
+use crate::Outcome;
+use crate::args::BoundaryCommand;
+use crate::shared::output::Output;
+
+/// Runs the subcommand.
+pub fn run(command: &BoundaryCommand, output: &Output) -> anyhow::Result<Outcome> {
+    match command {
+        BoundaryCommand::Pair(args) => pair::run(args, output),
+        BoundaryCommand::Check(args) => check::run(args, output),
+        BoundaryCommand::Sphere(args) => sphere::run(args, output),
+    }
+}

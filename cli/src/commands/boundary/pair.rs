@@ -1,0 +1,124 @@
+//! `solidmap boundary pair`: a bijection between the boundaries of two solids.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
+use solidmap::boundary_map::pair::{PairMethod, PairReport};
+use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
+
+use super::write;
+use crate::Outcome;
+use crate::args::BoundaryPairArgs;
+use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
+use crate::shared::{boundary_map, input};
+
+/// What `boundary pair --json` prints.
+#[derive(Serialize)]
+struct PairSummary {
+    domain: PathBuf,
+    target: PathBuf,
+    image: PathBuf,
+    boundary_file: Option<PathBuf>,
+    png: Option<PathBuf>,
+    vtu: Option<PathBuf>,
+    #[serde(flatten)]
+    pair: PairReport,
+    peak_rss_bytes: u64,
+}
+
+/// Maps the pair and writes the image, and the map itself where it is asked for.
+pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<Outcome> {
+    let mut inputs: Vec<&Path> = vec![&args.domain, &args.target];
+    inputs.extend(args.pair.landmarks.iter().map(PathBuf::as_path));
+    args.outputs.require_writable(&inputs)?;
+    output.progress("reading");
+    let domain = input::read_surface(&args.domain)?;
+    let (map, report) = boundary_map::to_model(&domain, [&args.domain, &args.target], &args.pair, output)?;
+    output.progress("writing");
+    let mut read: Vec<(&str, &Path)> = vec![("domain", &args.domain), ("target", &args.target)];
+    read.extend(args.pair.landmarks.iter().map(|file| ("landmarks", file.as_path())));
+    write::outputs(&map, &args.outputs, &read, output)?;
+    let folded = plain_image_flipped(&map)?;
+    if folded > 0 {
+        output.note(format_args!(
+            "the plain image, straight between the images of vertices, has {folded} triangles that face against the \
+             target; the map has none: write it with --boundary"
+        ));
+    }
+    let report = PairSummary {
+        domain: args.domain.clone(),
+        target: args.target.clone(),
+        image: args.outputs.output.clone(),
+        boundary_file: args.outputs.boundary.clone(),
+        png: args.outputs.png.clone(),
+        vtu: args.outputs.vtu.clone(),
+        pair: report,
+        peak_rss_bytes: peak_rss_bytes(),
+    };
+    output.result(&report, || summary(&report))?;
+    Ok(Outcome::Done)
+}
+
+/// Triangles of the plain image that face against the target.
+fn plain_image_flipped(map: &BoundaryMap) -> anyhow::Result<usize> {
+    let checked = check(map, None, &BoundaryCheckOptions::default(), None)?;
+    Ok(checked.composition.map_or(0, |found| found.plain_image_flipped))
+}
+
+fn summary(report: &PairSummary) -> String {
+    let pair = &report.pair;
+    let seconds = pair.timings;
+    let way = match (pair.method, pair.schedule) {
+        (PairMethod::SoftTargets, Some(schedule)) => format!(
+            "{} coarse drawings over {} alignments; taken: alignment {}, springs of {} up to {} vertices",
+            pair.coarse_embeddings,
+            pair.alignments.len(),
+            pair.alignment + 1,
+            schedule.strength,
+            schedule.until_vertices
+        ),
+        _ => format!(
+            "conformal maps of both; the best of {} rotations, by areas",
+            pair.rotations.len()
+        ),
+    };
+    let mut rows = vec![
+        [
+            "map".into(),
+            "one to one: no triangle flipped on the sphere, degree 1, decided exactly".into(),
+        ],
+        ["way".into(), way],
+    ];
+    if pair.landmarks > 0 {
+        rows.push(["landmarks".into(), format!("{}, all met exactly", pair.landmarks)]);
+    }
+    rows.push([
+        "time".into(),
+        format!(
+            "{:.1} s: spheres {:.1}, alignment {:.1}, coarse drawings {:.1}, refinement {:.1}",
+            seconds.total, seconds.sphere, seconds.align, seconds.coarse, seconds.improve
+        ),
+    ]);
+    rows.push(memory_row(report.peak_rss_bytes));
+    rows.push(["image".into(), report.image.display().to_string()]);
+    if let Some(file) = &report.boundary_file {
+        rows.push([
+            "boundary map".into(),
+            format!("{}, for `solidmap fit --boundary`", file.display()),
+        ]);
+    }
+    format!(
+        "{}\n\n{}",
+        two_columns(rows),
+        distortions(&[("before", &pair.before), ("after", &pair.after)])
+    )
+}
+
+/// Distortion of several maps, side by side.
+fn distortions(maps: &[(&str, &SurfaceDistortion)]) -> String {
+    maps.iter()
+        .map(|(name, distortion)| format!("{name}\n{distortion}"))
+        .collect::<Vec<_>>()
+        .join("\n")
+}

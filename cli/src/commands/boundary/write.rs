@@ -1,0 +1,85 @@
+//! What the commands that make boundary maps write.
+
+use std::path::{Path, PathBuf};
+
+use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
+use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
+use solidmap::files::{self, BoundaryFile, BoundaryMetadata};
+use solidmap::io::{self, Cells, VtkFields};
+
+use super::pictures;
+use crate::args::BoundaryOutputs;
+use crate::shared::fields::{positions, scalar};
+use crate::shared::input;
+use crate::shared::output::{Output, write_file};
+
+impl BoundaryOutputs {
+    /// Refuses outputs that cannot be written, or that are inputs, before any work is done.
+    pub fn require_writable(&self, inputs: &[&Path]) -> anyhow::Result<()> {
+        let outputs: [(Option<&PathBuf>, &[&str]); 4] = [
+            (Some(&self.output), &["obj", "ply", "off"]),
+            (self.boundary.as_ref(), &["safetensors"]),
+            (self.png.as_ref(), &["png"]),
+            (self.vtu.as_ref(), &["vtu"]),
+        ];
+        input::require_all_writable(&outputs, inputs)
+    }
+}
+
+/// Writes the image, and where asked for the map itself and its picture. `inputs` are files by their roles.
+pub fn outputs(
+    map: &BoundaryMap,
+    outputs: &BoundaryOutputs,
+    inputs: &[(&str, &Path)],
+    output: &Output,
+) -> anyhow::Result<()> {
+    if let Some(path) = &outputs.boundary {
+        let origins: anyhow::Result<_> = inputs
+            .iter()
+            .map(|(role, path)| input::provenance(role, path))
+            .collect();
+        let file = BoundaryFile {
+            boundary: map.clone(),
+            metadata: BoundaryMetadata::new(origins?),
+        };
+        files::write_boundary(path, &file)?;
+    }
+    if let Some(path) = &outputs.vtu {
+        write_fields(path, map)?;
+    }
+    if let Some(path) = &outputs.png {
+        output.progress("drawing");
+        let checked = check(map, None, &BoundaryCheckOptions::default(), None)?;
+        let figure = pictures::boundary(map, &checked, outputs.up)?;
+        write_file(path, &figure.to_png()?)?;
+    }
+    io::write_surface(&outputs.output, &map.target())?;
+    Ok(())
+}
+
+/// The domain with the image of each vertex and the distortion of each triangle.
+fn write_fields(path: &Path, map: &BoundaryMap) -> anyhow::Result<()> {
+    let domain = map.domain();
+    let distortions = triangle_distortions(domain, map.image());
+    let distortions = distortions.unwrap_or_else(|| vec![None; domain.triangles().len()]);
+    let per_triangle = |name: &str, of: fn(&TriangleDistortion) -> f64| {
+        scalar(
+            name,
+            distortions.iter().map(|d| d.as_ref().map_or(f64::NAN, of)).collect(),
+        )
+    };
+    let fields = VtkFields {
+        point: vec![positions("image", map.image())],
+        cell: vec![
+            per_triangle("area ratio", TriangleDistortion::area_ratio),
+            per_triangle("angle distortion", TriangleDistortion::angle),
+        ],
+        ..VtkFields::default()
+    };
+    Ok(io::write_vtu(
+        path,
+        domain.vertices(),
+        Cells::Triangles(domain.triangles()),
+        &fields,
+    )?)
+}

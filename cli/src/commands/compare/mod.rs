@@ -1,0 +1,289 @@
+//! `solidmap compare`: one boundary map through every method, measured alike.
+
+mod export;
+mod job;
+mod pictures;
+mod process;
+mod runner;
+mod tables;
+mod verdict;
+pub mod worker;
+mod worker_sequence;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+use serde::Serialize;
+use solidmap::boundary_map::BoundaryMapError;
+use solidmap::compare::{ComparedMethod, MapDifference};
+use solidmap::mesh::SurfaceMesh;
+
+use crate::Outcome;
+use crate::args::{CompareArgs, MapMethod};
+use crate::shared::input::BoundarySource;
+use crate::shared::interrupt;
+use crate::shared::output::{Output, describe};
+use job::{Figures, Row, SequenceFigures};
+use runner::{Runner, methods_of};
+use worker::Reference;
+
+/// All that was found.
+#[derive(Serialize)]
+struct Comparison {
+    domain: Option<PathBuf>,
+    image: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    boundary_file: Option<PathBuf>,
+    reference: Option<Reference>,
+    methods: Vec<Row>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    equal_accuracy: Vec<Step>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    mesh_study: Vec<Study>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    sequence: Vec<SequenceRow>,
+}
+
+/// A refinement of the finite elements, or of mfs.
+#[derive(Serialize)]
+struct Step {
+    what: String,
+    #[serde(flatten)]
+    row: Row,
+}
+
+/// How much the maps of one method differ.
+#[derive(Serialize)]
+struct Study {
+    method: ComparedMethod,
+    /// What was varied, and what came of it.
+    runs: Vec<StudyRun>,
+    /// Distances of the maps from their mean.
+    spread: Option<MapDifference>,
+}
+
+#[derive(Serialize)]
+struct StudyRun {
+    what: String,
+    #[serde(flatten)]
+    row: Row,
+}
+
+#[derive(Serialize)]
+struct SequenceRow {
+    method: ComparedMethod,
+    error: Option<String>,
+    #[serde(flatten)]
+    figures: Option<SequenceFigures>,
+}
+
+/// Compares the methods on one boundary map.
+pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow::Result<Outcome> {
+    require_valid(args)?;
+    output.progress("reading");
+    let source = source(args)?;
+    let boundary = match source.read() {
+        // Files that can be read, but no map between them: every row says so.
+        Err(error) if error.is::<BoundaryMapError>() => return none_possible(args, &error, output),
+        read => worker::outward(read?)?,
+    };
+    require_solvable(boundary.domain(), source.domain())?;
+    if let Some(folder) = &args.out {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{}`", folder.display()))?;
+        // Before the work, not after it. This file has no name.
+        tempfile::tempfile_in(folder).with_context(|| format!("cannot write to the folder `{}`", folder.display()))?;
+    }
+    let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
+    interrupt::remove_folder(scratch.path());
+    let runner = Runner {
+        args,
+        source: &source,
+        threads,
+        output,
+        domain: boundary.domain(),
+        diagonal: boundary.target_diagonal(),
+        scratch: scratch.path(),
+    };
+    let section = match &args.out {
+        Some(folder) => {
+            clear(folder)?;
+            Some(pictures::section(runner.cut(), &boundary)?)
+        }
+        None => None,
+    };
+    let reference = if args.measure.no_reference {
+        None
+    } else {
+        runner.reference()
+    };
+    let methods: Vec<Row> = runner
+        .methods()
+        .map(|method| runner.row(method, reference.is_some()))
+        .collect();
+    let comparison = Comparison {
+        domain: args.domain.clone(),
+        image: args.image.clone(),
+        boundary_file: args.boundary.clone(),
+        equal_accuracy: runner.equal_accuracy(&methods),
+        mesh_study: runner.mesh_study(reference.is_some()),
+        sequence: runner.sequence(),
+        reference,
+        methods,
+    };
+    output.progress("writing");
+    if let Some(folder) = &args.out {
+        export::write(folder, &comparison)?;
+    }
+    // The contract: a list of the methods. All else is in the folder.
+    output.result(&comparison.methods, || export::text(&comparison))?;
+    let remarks = comparison
+        .methods
+        .iter()
+        .filter_map(|row| Some((&row.name, row.figures.as_ref()?)));
+    for (name, figures) in remarks {
+        figures
+            .remarks
+            .iter()
+            .for_each(|remark| output.warn(format!("{name}: {remark}")));
+    }
+    if comparison.is_reference_poor() {
+        output.warn("the reference meets the boundary no better than mfs; differences to it mean little");
+    }
+    if let (Some(folder), Some(section)) = (&args.out, &section) {
+        let path = folder.join("comparison.png");
+        if pictures::write(&path, section, &runner, &comparison)? {
+            output.note(format!("Look at {}", path.display()));
+        }
+    }
+    Ok(if comparison.has_all(args) {
+        Outcome::Done
+    } else {
+        Outcome::CheckFailed
+    })
+}
+
+fn source(args: &CompareArgs) -> anyhow::Result<BoundarySource> {
+    match (args.domain.clone(), args.image.clone(), args.boundary.clone()) {
+        (domain, None, Some(file)) => Ok(BoundarySource::File { file, domain }),
+        (Some(domain), Some(image), None) => Ok(BoundarySource::Image { domain, image }),
+        _ => anyhow::bail!("name a DOMAIN with its --image, or a --boundary"),
+    }
+}
+
+/// A table of rows that all have the same reason to be empty.
+fn none_possible(args: &CompareArgs, error: &anyhow::Error, output: &Output) -> anyhow::Result<Outcome> {
+    let error = describe(error);
+    let row = |method: ComparedMethod| Row {
+        name: method.name().to_owned(),
+        error: Some(error.clone()),
+        figures: None,
+    };
+    let rows: Vec<Row> = methods_of(args).map(row).collect();
+    output.warn(&error);
+    output.result(&rows, || {
+        let line = |row: &Row| format!("{}: {error}", row.name);
+        rows.iter().map(line).collect::<Vec<_>>().join("\n")
+    })?;
+    Ok(Outcome::CheckFailed)
+}
+
+/// Removes what an earlier comparison left: its maps would stand among the new ones.
+fn clear(folder: &Path) -> anyhow::Result<()> {
+    let tables = ["txt", "md", "csv", "json", "png"].map(|extension| format!("comparison.{extension}"));
+    let maps = ComparedMethod::ALL.map(|method| method.name());
+    let maps = maps.iter().flat_map(|name| {
+        [
+            format!("{name}.csv"),
+            format!("{name}.vtu"),
+            format!("{name}_energies.csv"),
+        ]
+    });
+    let others = ["points.csv", "times.json"].map(String::from);
+    for name in tables.into_iter().chain(maps).chain(others) {
+        let path = folder.join(name);
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("cannot remove `{}`", path.display()));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn require_valid(args: &CompareArgs) -> anyhow::Result<()> {
+    let measure = &args.measure;
+    measure.section.require_valid()?;
+    ensure!(
+        measure.threshold > 0.0 && measure.threshold < 1.0,
+        "--threshold is {}, but must be a fraction between 0 and 1",
+        measure.threshold
+    );
+    ensure!(
+        (1..=1000).contains(&measure.resolution),
+        "--resolution is {}, but must be from 1 to 1000",
+        measure.resolution
+    );
+    ensure!(
+        args.tets.quality >= 1.1 && args.tets.quality.is_finite(),
+        "--quality is {}, but must be a ratio of at least 1.1 (1.4 to 2 is usual)",
+        args.tets.quality
+    );
+    ensure!(
+        !args.equal_accuracy || args.methods.contains(&MapMethod::Mfs),
+        "--equal-accuracy holds finite elements against mfs, which must be among the --methods"
+    );
+    ensure!(
+        measure.tolerance > 0.0 && measure.tolerance.is_finite(),
+        "--tolerance is {}, but must be a positive fraction of the target's diagonal",
+        measure.tolerance
+    );
+    ensure!(
+        (1..=10_000_000).contains(&measure.interior),
+        "--interior is {}, but must be from 1 to 10 million",
+        measure.interior
+    );
+    if let Some(size) = args.tets.mesh_size {
+        ensure!(
+            size > 0.0 && size.is_finite(),
+            "--mesh-size is {size}, but must be a positive fraction of the domain's diagonal"
+        );
+    }
+    Ok(())
+}
+
+/// No method can do anything with a surface that bounds no solid.
+fn require_solvable(domain: &SurfaceMesh, path: &Path) -> anyhow::Result<()> {
+    let report = solidmap::check::check(domain, None);
+    ensure!(
+        report.is_solvable(),
+        "cannot map `{}`: {}",
+        path.display(),
+        solidmap::fit::FitError::DefectiveDomain(Box::new(report))
+    );
+    Ok(())
+}
+
+impl Comparison {
+    /// Whether every figure that was asked for is there. Refinement may end with a mesh over budget: that is its way to end.
+    fn has_all(&self, args: &CompareArgs) -> bool {
+        let runs = self
+            .mesh_study
+            .iter()
+            .flat_map(|study| study.runs.iter().map(|run| &run.row));
+        let mut rows = self.methods.iter().chain(runs);
+        let mut frames = self.sequence.iter();
+        rows.all(|row| row.error.is_none())
+            && (self.reference.is_some() || args.measure.no_reference)
+            && (!self.equal_accuracy.is_empty() || !args.equal_accuracy)
+            && frames.all(|row| row.figures.as_ref().is_some_and(|f| f.skipped.is_empty()))
+    }
+
+    /// Whether the reference is further from the boundary map than a map that is held against it.
+    fn is_reference_poor(&self) -> bool {
+        let mfs = self.methods.iter().find(|row| row.name == ComparedMethod::Mfs.name());
+        let mfs = mfs.and_then(|row| row.figures.as_ref());
+        let worse = |(reference, mfs): (&Reference, &Figures)| reference.boundary_error.rms > mfs.boundary_error.rms;
+        self.reference.as_ref().zip(mfs).is_some_and(worse)
+    }
+}

@@ -1,0 +1,109 @@
+//! Maps side by side in one colour scale: figure 6 of the paper.
+
+use std::path::Path;
+
+use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange};
+use solidmap::Point;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
+use solidmap::io;
+
+use super::Comparison;
+use super::job::{Cut, SECTION_DENSITY, SECTION_IMAGES, SECTION_PIXELS};
+use super::runner::Runner;
+use crate::shared::output::write_file;
+
+/// The cross-section of the domain that all maps are shown on.
+pub fn section(cut: Cut, boundary: &BoundaryMap) -> anyhow::Result<PlaneSection> {
+    let axis = |i: usize| [Axis::X, Axis::Y, Axis::Z][i];
+    let plane = AxisPlane {
+        axis: axis(cut.axis),
+        position: cut.position,
+    };
+    Ok(PlaneSection::new(
+        boundary.domain(),
+        plane,
+        axis(cut.up),
+        SECTION_PIXELS,
+    )?)
+}
+
+/// The harmonic energy density of every map on the section, and its distance to the reference. `false` when there is
+/// nothing to show.
+pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &Comparison) -> anyhow::Result<bool> {
+    let mut densities = Vec::new();
+    let mut distances = Vec::new();
+    let reference = read_points(&runner.reference_files()[1], section);
+    for row in comparison.methods.iter().filter(|row| row.figures.is_some()) {
+        let own = runner.scratch.join(&row.name);
+        let Some(values) = read_values(&own.join(SECTION_DENSITY), section) else {
+            continue;
+        };
+        densities.push((row.name.clone(), values));
+        let images = read_points(&own.join(SECTION_IMAGES), section);
+        if let (Some(images), Some(reference)) = (images, &reference) {
+            let pairs = images.iter().zip(reference);
+            let distance = pairs.map(|(a, b)| (a - b).norm() / runner.diagonal).collect::<Vec<_>>();
+            distances.push((row.name.clone(), distance));
+        }
+    }
+    if densities.is_empty() {
+        return Ok(false);
+    }
+    let most = ValueRange::Quantiles(0.0, 0.99);
+    let mut rows = vec![panels(
+        section,
+        &densities,
+        "harmonic energy density",
+        most,
+        Scale::Linear,
+    )?];
+    if !distances.is_empty() {
+        let range = ValueRange::Fixed(1e-6, 1e-2);
+        rows.push(panels(
+            section,
+            &distances,
+            "distance to the reference / diagonal",
+            range,
+            Scale::Log,
+        )?);
+    }
+    let png = Figure::grid(rows).titled("One boundary map, every method").to_png()?;
+    write_file(path, &png)?;
+    Ok(true)
+}
+
+/// One colour bar for all, at the last.
+fn panels(
+    section: &PlaneSection,
+    fields: &[(String, Vec<f64>)],
+    label: &str,
+    range: ValueRange,
+    scale: Scale,
+) -> anyhow::Result<Vec<Panel>> {
+    let all = fields.iter().flat_map(|(_, values)| values.iter().copied());
+    let bar = ColourBar::new(label, all, range, scale)?;
+    let panel = |(k, (name, values)): (usize, &(String, Vec<f64>))| {
+        let panel = Panel::of_section(section, values, &bar)?.titled(name);
+        Ok(if k + 1 == fields.len() {
+            panel.with_bar(&bar)
+        } else {
+            panel
+        })
+    };
+    fields.iter().enumerate().map(panel).collect()
+}
+
+fn read_points(path: &Path, section: &PlaneSection) -> Option<Vec<Point>> {
+    let points = io::read_points(path).ok()?;
+    (points.len() == section.points().len()).then_some(points)
+}
+
+fn read_values(path: &Path, section: &PlaneSection) -> Option<Vec<f64>> {
+    let bytes = std::fs::read(path).ok()?;
+    let count = section.points().len();
+    // The numbers stand at the end of the file.
+    let numbers = bytes.len().checked_sub(8 * count)?;
+    let value = |chunk: &[u8]| Some(f64::from_le_bytes(chunk.try_into().ok()?));
+    bytes[numbers..].chunks_exact(8).map(value).collect()
+}

@@ -1,0 +1,317 @@
+//! The jobs of a comparison, one at a time: they take all cores.
+
+use std::path::{Path, PathBuf};
+
+use solidmap::compare::{ComparedMethod, InteriorImages, MeshSpec, TetMesher, spread};
+use solidmap::geometry::Axis;
+use solidmap::io;
+use solidmap::mesh::SurfaceMesh;
+
+use super::job::{Cut, Figures, Job, Row, SAMPLES, SECTION_IMAGES, SequenceFigures, Task};
+use super::process;
+use super::worker::Reference;
+use super::{SequenceRow, Step, Study, StudyRun};
+use crate::args::{CompareArgs, Mesher};
+use crate::shared::input::BoundarySource;
+use crate::shared::output::Output;
+
+/// Finite elements are refined so often at most, each time to about twice the tetrahedra.
+const MOST_REFINEMENTS: usize = 14;
+/// Tolerances of mfs beside them, over the one asked for.
+const TIGHTER: [f64; 2] = [0.5, 0.25];
+/// Qualities of TetGen's meshes in the study of what they matter.
+const QUALITIES: [f64; 3] = [2.0, 1.414, 1.15];
+/// Source distances of the same study, over the sources' spacing.
+const ALPHAS: [f64; 4] = [0.8, 1.0, 1.25, 1.5];
+
+/// The methods asked for, in the order of tables.
+pub fn methods_of(args: &CompareArgs) -> impl Iterator<Item = ComparedMethod> + use<> {
+    let asked: Vec<ComparedMethod> = args.methods.iter().map(|&method| method.into()).collect();
+    ComparedMethod::ALL
+        .into_iter()
+        .filter(move |method| asked.contains(method))
+}
+
+/// Runs jobs in processes of their own.
+pub struct Runner<'a> {
+    pub args: &'a CompareArgs,
+    pub source: &'a BoundarySource,
+    pub threads: Option<u16>,
+    pub output: &'a Output,
+    pub domain: &'a SurfaceMesh,
+    /// Diagonal of the target.
+    pub diagonal: f64,
+    pub scratch: &'a Path,
+}
+
+impl Runner<'_> {
+    /// The methods asked for.
+    pub fn methods(&self) -> impl Iterator<Item = ComparedMethod> {
+        methods_of(self.args)
+    }
+
+    fn job(&self, task: Task, name: &str) -> Job {
+        let (args, measure) = (self.args, &self.args.measure);
+        Job {
+            source: self.source.clone(),
+            task,
+            mesh: Some(self.mesh_spec()),
+            given: args.tets.mesh.clone(),
+            tolerance: measure.tolerance,
+            alpha: 1.0,
+            memory: args.budget.memory,
+            threshold: measure.threshold,
+            resolution: measure.resolution,
+            interior: measure.interior,
+            seed: measure.seed,
+            section: args.out.as_ref().map(|_| self.cut()),
+            reference: None,
+            scratch: self.scratch.join(name),
+            keep: None,
+        }
+    }
+
+    /// Where to cut for the pictures.
+    pub fn cut(&self) -> Cut {
+        let section = &self.args.measure.section;
+        let plane = section.plane(self.domain);
+        Cut {
+            axis: plane.axis.index(),
+            up: Axis::from(section.up).index(),
+            position: plane.position,
+        }
+    }
+
+    fn mesh_spec(&self) -> MeshSpec {
+        let default = MeshSpec::of(self.domain);
+        let tets = &self.args.tets;
+        MeshSpec {
+            source: match tets.mesher {
+                Mesher::Tetgen => TetMesher::Tetgen,
+                Mesher::Cgal => TetMesher::Mesh3,
+            },
+            edge: tets.mesh_size.or(default.edge),
+            quality: tets.quality,
+            most_tets: self.args.budget.max_tets,
+            ..default
+        }
+    }
+
+    fn run<T: serde::de::DeserializeOwned>(&self, job: &Job, label: &str) -> Result<T, String> {
+        process::run(job, label, self.threads, self.args.budget.time_limit, self.output)
+    }
+
+    /// A finer map that the others are held against.
+    pub fn reference(&self) -> Option<Reference> {
+        let mut job = self.job(Task::Reference, "reference");
+        job.keep = self.args.out.clone();
+        match self.run(&job, "reference") {
+            Ok(reference) => Some(reference),
+            Err(error) => {
+                self.output
+                    .warn(format!("there is no reference to hold maps against inside: {error}"));
+                None
+            }
+        }
+    }
+
+    /// Images by the reference: of the points inside, and of those of the section.
+    pub fn reference_files(&self) -> [PathBuf; 2] {
+        let folder = self.scratch.join("reference");
+        [folder.join(SAMPLES), folder.join(SECTION_IMAGES)]
+    }
+
+    /// Does a job of one method, which writes its figures.
+    fn figures(&self, job: &Job, label: &str) -> Row {
+        let method = match &job.task {
+            Task::Method(method) => method.name(),
+            _ => "",
+        };
+        let found: Result<Figures, String> = self.run(job, label);
+        let name = method.to_owned();
+        match found {
+            Ok(figures) => Row {
+                name,
+                error: None,
+                figures: Some(figures),
+            },
+            Err(error) => {
+                self.output.warn(format!("{label}: {error}"));
+                Row {
+                    name,
+                    error: Some(error),
+                    figures: None,
+                }
+            }
+        }
+    }
+
+    /// The figures of a method.
+    pub fn row(&self, method: ComparedMethod, has_reference: bool) -> Row {
+        let mut job = self.job(Task::Method(method), method.name());
+        job.reference = has_reference.then(|| self.reference_files());
+        job.keep = self.args.out.clone();
+        self.figures(&job, method.name())
+    }
+
+    /// Finer and finer elements, until they are as near to the reference as the method of fundamental solutions is; and
+    /// that method at tighter tolerances.
+    pub fn equal_accuracy(&self, methods: &[Row]) -> Vec<Step> {
+        if !self.args.equal_accuracy {
+            return Vec::new();
+        }
+        let difference = |row: &Row| Some(row.figures.as_ref()?.interior_difference?.rms);
+        let mfs = methods.iter().find(|row| row.name == ComparedMethod::Mfs.name());
+        let Some((mfs, goal)) = mfs.and_then(|row| Some((row, difference(row)?))) else {
+            self.output
+                .warn("there is no difference of mfs to the reference that finite elements could reach");
+            return Vec::new();
+        };
+        let tolerance = self.args.measure.tolerance;
+        let at = |tolerance: f64| format!("tolerance {tolerance:.1e}");
+        let mut steps = vec![Step {
+            what: at(tolerance),
+            row: mfs.clone(),
+        }];
+        for factor in TIGHTER {
+            let mut job = self.refined(ComparedMethod::Mfs, steps.len());
+            job.tolerance = factor * tolerance;
+            let what = at(job.tolerance);
+            let row = self.figures(&job, &format!("mfs, {what}"));
+            steps.push(Step { what, row });
+        }
+        for k in 0..MOST_REFINEMENTS {
+            let (what, spec) = self.finer_mesh(k);
+            let mut job = self.refined(ComparedMethod::Fem, steps.len());
+            job.mesh = Some(spec);
+            let row = self.figures(&job, &format!("fem, {what}"));
+            let is_last = difference(&row).is_none_or(|rms| rms <= goal);
+            let tets = |row: &Row| Some((row.name.clone(), row.figures.as_ref()?.tets));
+            if !is_last && steps.last().is_some_and(|before| tets(&before.row) == tets(&row)) {
+                continue;
+            }
+            steps.push(Step { what, row });
+            if is_last {
+                break;
+            }
+        }
+        steps
+    }
+
+    fn refined(&self, method: ComparedMethod, number: usize) -> Job {
+        let mut job = self.job(Task::Method(method), &format!("refined-{number}"));
+        job.reference = Some(self.reference_files());
+        job.section = None;
+        job
+    }
+
+    /// Coarse inside at first, then with edges that shrink so that the tetrahedra double. A mesh keeps the triangles of the
+    /// surface, which are cut where they are larger than the tetrahedra.
+    fn finer_mesh(&self, k: usize) -> (String, MeshSpec) {
+        let spec = self.mesh_spec();
+        if k == 0 {
+            let coarse = MeshSpec { edge: None, ..spec };
+            return ("as coarse as can be".into(), coarse);
+        }
+        let coarsest = MeshSpec::of(self.domain).edge.unwrap_or(0.1);
+        let edge = coarsest * 0.5f64.powf((k - 1) as f64 / 3.0);
+        let surface = 0.5 * coarsest;
+        let subdivisions = (surface / edge).log2().ceil().max(0.0) as u32;
+        let spec = MeshSpec {
+            subdivisions,
+            edge: Some(edge),
+            ..spec
+        };
+        (format!("edge {edge:.2e}"), spec)
+    }
+
+    /// The same solid on several meshes.
+    pub fn mesh_study(&self, has_reference: bool) -> Vec<Study> {
+        if !self.args.mesh_study {
+            return Vec::new();
+        }
+        let on_meshes = |job: &mut Job, k: usize| {
+            let spec = self.mesh_spec();
+            let (spec, what) = match QUALITIES.get(k) {
+                Some(&quality) => (
+                    MeshSpec {
+                        source: TetMesher::Tetgen,
+                        quality,
+                        ..spec
+                    },
+                    format!("TetGen, quality {quality}"),
+                ),
+                None => (
+                    MeshSpec {
+                        source: TetMesher::Mesh3,
+                        ..spec
+                    },
+                    "Mesh_3".into(),
+                ),
+            };
+            job.mesh = Some(spec);
+            what
+        };
+        let with_sources = |job: &mut Job, k: usize| {
+            job.alpha = ALPHAS[k];
+            format!("sources at {} spacings", ALPHAS[k])
+        };
+        self.methods()
+            .filter(|&method| method != ComparedMethod::MeanValue)
+            .map(|method| {
+                let runs = (0..4).map(|k| {
+                    let mut job = self.job(Task::Method(method), &format!("study-{}-{k}", method.name()));
+                    job.section = None;
+                    job.reference = has_reference.then(|| self.reference_files());
+                    let what = match method {
+                        ComparedMethod::Mfs => with_sources(&mut job, k),
+                        _ => on_meshes(&mut job, k),
+                    };
+                    let row = self.figures(&job, &format!("{}, {what}", method.name()));
+                    let samples = row
+                        .figures
+                        .as_ref()
+                        .and_then(|_| io::read_points(job.scratch.join(SAMPLES)).ok());
+                    (StudyRun { what, row }, samples)
+                });
+                let (runs, samples): (Vec<_>, Vec<_>) = runs.unzip();
+                let samples: Vec<InteriorImages> = samples
+                    .into_iter()
+                    .flatten()
+                    .map(|images| InteriorImages { images })
+                    .collect();
+                Study {
+                    method,
+                    runs,
+                    spread: spread(&samples, self.diagonal),
+                }
+            })
+            .collect()
+    }
+
+    /// What each frame costs by each method.
+    pub fn sequence(&self) -> Vec<SequenceRow> {
+        if self.args.frames.is_empty() {
+            return Vec::new();
+        }
+        let frames = &self.args.frames;
+        let methods = self.methods().filter(|&method| method != ComparedMethod::MeanValue);
+        methods
+            .map(|method| {
+                let job = self.job(
+                    Task::Sequence(method, frames.clone()),
+                    &format!("sequence-{}", method.name()),
+                );
+                let label = format!("sequence, {}", method.name());
+                let (figures, error) = match self.run::<SequenceFigures>(&job, &label) {
+                    Ok(figures) => (Some(figures), None),
+                    Err(error) => {
+                        self.output.warn(format!("{label}: {error}"));
+                        (None, Some(error))
+                    }
+                };
+                SequenceRow { method, error, figures }
+            })
+            .collect()
+    }
+}

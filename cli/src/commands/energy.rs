@@ -1,0 +1,176 @@
+//! `solidmap energy`: the energies of a map, and how they are distributed.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+use serde::Serialize;
+use solidmap::energy::{
+    DensityQuantiles, EnergyOptions, EnergyReport, GridResolution, Lame, clipped_grid, energies, tet_quadrature,
+};
+use solidmap::geometry::distance_field;
+use solidmap::io;
+use solidmap::map::VolumeMap;
+use solidmap::mesh::SurfaceMesh;
+
+use crate::Outcome;
+use crate::args::EnergyArgs;
+use crate::drawing::{Figure, significant};
+use crate::shared::output::{Output, two_columns, write_file};
+use crate::shared::pictures::Pictured;
+use crate::shared::{density_file, input};
+
+/// Pixels along the longer side of a section.
+const SECTION_PIXELS: usize = 640;
+
+/// What `energy --json` prints.
+#[derive(Serialize)]
+struct EnergySummary {
+    map: PathBuf,
+    cells: usize,
+    points: usize,
+    #[serde(flatten)]
+    energy: EnergyReport,
+}
+
+/// Measures the energies of a map and writes their distribution.
+pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
+    args.section.require_valid()?;
+    ensure!(
+        args.lame.iter().all(|constant| constant.is_finite()),
+        "--lame is {} {}, but must be two finite numbers",
+        args.lame[0],
+        args.lame[1]
+    );
+    let inputs: Vec<&Path> = std::iter::once(&args.map)
+        .chain(&args.mesh)
+        .map(PathBuf::as_path)
+        .collect();
+    input::require_all_writable(&[(args.vtu.as_ref(), &["vtu"]), (args.png.as_ref(), &["png"])], &inputs)?;
+    output.progress("reading");
+    let (file, boundary) = input::read_fitted_map(&args.map)?;
+    let target = boundary.outward_target();
+    let options = EnergyOptions {
+        normalize: !args.no_normalize,
+        lame: Lame {
+            lambda: args.lame[0],
+            mu: args.lame[1],
+        },
+    };
+    let mesh = args.mesh.as_ref().map(io::read_tets).transpose()?;
+
+    ensure!(
+        args.no_normalize || target.volume() > 1e-12 * target.diagonal().powi(3),
+        "the target of `{}` encloses no volume that could be scaled to one; use --no-normalize",
+        args.map.display()
+    );
+    output.progress("integrating");
+    let unfit = |what: &str, path: &Path| format!("cannot measure {what} `{}`", path.display());
+    let quadrature = match (&mesh, &args.mesh) {
+        (Some(mesh), Some(path)) => tet_quadrature(mesh).with_context(|| unfit("in", path))?,
+        _ => clipped_grid(
+            boundary.domain(),
+            GridResolution::CellsAlongLongestSide(args.resolution),
+        )
+        .with_context(|| unfit("over the domain of", &args.map))?,
+    };
+    if let Some(path) = &args.mesh {
+        require_same_solid(path, quadrature.volume(), boundary.domain())?;
+    }
+    let energy = energies(
+        &file.map,
+        &quadrature,
+        quadrature.volume(),
+        boundary.target_volume(),
+        &options,
+    )
+    .with_context(|| format!("cannot measure `{}`", args.map.display()))?;
+
+    if let Some(path) = &args.vtu {
+        output.progress("writing");
+        let distances = distance_field(&target, &file.map.evaluate(quadrature.points()))?;
+        let fields = density_file::fields(&energy.densities, &distances);
+        density_file::write(path, &quadrature, mesh.as_ref(), &fields)?;
+    }
+    if let Some(path) = &args.png {
+        output.progress("drawing");
+        let pictured = Pictured {
+            map: &file.map,
+            domain: boundary.domain(),
+            target: &target,
+            options,
+            up: args.section.up.into(),
+        };
+        let panels = pictured.section(args.section.plane(boundary.domain()), SECTION_PIXELS)?;
+        write_file(path, &Figure::row(panels).to_png()?)?;
+    }
+
+    let cells = quadrature.cell_means(&energy.densities.harmonic).len();
+    let report = EnergySummary {
+        map: args.map.clone(),
+        cells,
+        points: quadrature.points().len(),
+        energy,
+    };
+    output.result(&report, || two_columns(energy_rows(&report.energy)))?;
+    Ok(Outcome::Done)
+}
+
+/// The lines of the summary that say what energies a map has.
+fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
+    let scaled = if energy.normalized {
+        "both solids at unit volume"
+    } else {
+        "in model units"
+    };
+    let (harmonic, deformation, det) = (
+        &energy.harmonic_density,
+        &energy.deformation_density,
+        &energy.det_jacobian,
+    );
+    let row = |name: &str, total: f64, d: &DensityQuantiles| {
+        [
+            name.to_owned(),
+            format!(
+                "{total:<12.6} density {:.3e} to {:.3e}, median {:.3e}",
+                d.min, d.max, d.median
+            ),
+        ]
+    };
+    vec![
+        row("harmonic energy", energy.harmonic, harmonic),
+        row("deformation energy", energy.deformation, deformation),
+        [String::new(), scaled.into()],
+        [
+            "volume".into(),
+            format!(
+                "{} → {}",
+                significant(energy.volume, 6),
+                significant(energy.target_volume, 6)
+            ),
+        ],
+        [
+            "det J".into(),
+            format!("{:.3e} to {:.3e}, median {:.3e}", det.min, det.max, det.median),
+        ],
+        [
+            "folded".into(),
+            format!(
+                "{} points, {:.2} % of the volume",
+                energy.inverted_points,
+                100.0 * energy.inverted_fraction
+            ),
+        ],
+    ]
+}
+
+/// A mesh of another solid reaches beyond the domain, where the map means nothing.
+fn require_same_solid(mesh: &Path, volume: f64, domain: &SurfaceMesh) -> anyhow::Result<()> {
+    let expected = domain.volume();
+    ensure!(
+        (volume / expected - 1.0).abs() < 0.05,
+        "`{}` has a volume of {volume:.6}, and the domain of the map {expected:.6}; give a tet mesh of the domain \
+         (`solidmap tet`)",
+        mesh.display()
+    );
+    Ok(())
+}

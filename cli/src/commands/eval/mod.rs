@@ -1,0 +1,169 @@
+//! `solidmap eval`: images of points, or with `--inverse` their preimages.
+
+mod inverse;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use serde::Serialize;
+use solidmap::files;
+use solidmap::geometry::{count_outside, flipped_tets};
+use solidmap::io::{self, Solid};
+use solidmap::map::VolumeMap;
+use solidmap::{Matrix3, Point};
+
+use crate::Outcome;
+use crate::args::EvalArgs;
+use crate::shared::input::{self, extension};
+use crate::shared::output::{Output, two_columns};
+use crate::shared::points::{is_table, read_points, write_table};
+
+/// Columns of a Jacobian's entries.
+const JACOBIAN: [&str; 9] = ["j00", "j01", "j02", "j10", "j11", "j12", "j20", "j21", "j22"];
+/// Extensions that results are written to.
+const OUTPUTS: [&str; 8] = ["csv", "npy", "obj", "ply", "off", "mesh", "vtk", "vtu"];
+
+/// What `eval --json` prints.
+#[derive(Serialize)]
+struct EvalSummary {
+    map: PathBuf,
+    points: usize,
+    output: PathBuf,
+    /// Points with NaN or infinite coordinates, and points at sources: they have no image.
+    not_finite: usize,
+    /// Points outside the domain, where the formula still has a value but it means nothing. Unknown without the domain.
+    outside: Option<usize>,
+    /// Tetrahedra of a carried tet mesh that the map inverts or flattens.
+    flipped_tets: Option<usize>,
+    seconds: f64,
+}
+
+/// Maps points and writes their images.
+pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
+    input::require_writable(&args.output, &OUTPUTS, &[&args.map, &args.points])?;
+    require_matching_output(args)?;
+    if args.inverse {
+        return inverse::run(args, output);
+    }
+    output.progress("reading");
+    let file = files::read_map(&args.map)?;
+    let writes_mesh = !is_table(&args.output);
+    let (solid, points) = read_points(&args.points)?;
+
+    output.progress(format!("mapping {} points", points.len()));
+    let start = std::time::Instant::now();
+    let images = file.map.evaluate(&points);
+    let jacobians = args.jacobian.then(|| file.map.jacobian(&points));
+    let seconds = start.elapsed().as_secs_f64();
+    let not_finite = images.iter().filter(|p| !is_finite(p)).count();
+
+    output.progress(format!("writing {}", args.output.display()));
+    let mut flipped_tets = None;
+    match solid {
+        Some(solid) if writes_mesh => flipped_tets = write_mesh(&args.output, &solid, images.clone())?,
+        _ => write_images(&args.output, &points, &images, jacobians.as_deref())?,
+    }
+    if not_finite > 0 {
+        let first = images.iter().position(|p| !is_finite(p)).unwrap_or_default();
+        output.warn(format!(
+            "{not_finite} points have no finite image, the first is point {first} (from 0): their coordinates are not \
+             finite, or they lie at sources"
+        ));
+    }
+    output.progress("looking for points outside the domain");
+    let outside = file
+        .boundary
+        .as_ref()
+        .map(|boundary| count_outside(boundary.domain(), &points))
+        .transpose()
+        .with_context(|| format!("the domain in `{}` cannot be searched", args.map.display()))?;
+    if outside.is_some_and(|count| count > 0) {
+        output.warn(format!(
+            "{} points lie outside the domain; the formula has values there, but they are no map",
+            outside.unwrap_or_default()
+        ));
+    }
+    let report = EvalSummary {
+        map: args.map.clone(),
+        points: points.len(),
+        output: args.output.clone(),
+        not_finite,
+        outside,
+        flipped_tets,
+        seconds,
+    };
+    output.result(&report, || two_columns(rows(&report)))?;
+    Ok(Outcome::Done)
+}
+
+/// Refuses an output that cannot hold what is to be written.
+fn require_matching_output(args: &EvalArgs) -> anyhow::Result<()> {
+    let writes_mesh = !is_table(&args.output);
+    if writes_mesh && is_table(&args.points) {
+        bail!(
+            "`{}` holds points without a mesh; write them to .csv or .npy instead of `{}`",
+            args.points.display(),
+            args.output.display()
+        );
+    }
+    if writes_mesh && args.jacobian {
+        bail!(
+            "Jacobians go into .csv or .npy; `{}` would lose them",
+            args.output.display()
+        );
+    }
+    Ok(())
+}
+
+fn is_finite(p: &Point) -> bool {
+    p.iter().all(|c| c.is_finite())
+}
+
+fn rows(report: &EvalSummary) -> Vec<[String; 2]> {
+    let mut rows = vec![
+        ["points".into(), format!("{} in {:.3} s", report.points, report.seconds)],
+        ["written".into(), report.output.display().to_string()],
+    ];
+    if let Some(flipped) = report.flipped_tets {
+        rows.push(["flipped tets".into(), flipped.to_string()]);
+    }
+    rows
+}
+
+/// Writes the mesh with its vertices at their images; counts the tetrahedra whose orientation is not that of the most.
+fn write_mesh(path: &Path, solid: &Solid, images: Vec<Point>) -> anyhow::Result<Option<usize>> {
+    let mismatch = "the map gave another number of images than points";
+    match solid {
+        Solid::Surface(surface) => {
+            io::write_surface(path, &surface.with_vertices(images).context(mismatch)?)?;
+            Ok(None)
+        }
+        Solid::Tets(tets) => {
+            let flipped = flipped_tets(tets, &images).context(mismatch)?;
+            io::write_tets(path, &tets.with_vertices(images).context(mismatch)?)?;
+            Ok(Some(flipped.against_most(tets.tets().len())))
+        }
+    }
+}
+
+/// CSV: the points, their images and the Jacobians' entries. NPY has no names: the images, then the entries.
+fn write_images(path: &Path, points: &[Point], images: &[Point], jacobians: Option<&[Matrix3]>) -> anyhow::Result<()> {
+    let csv = extension(path) == "csv";
+    let mut names = if csv { vec!["x", "y", "z"] } else { vec![] };
+    names.extend(["fx", "fy", "fz"]);
+    if jacobians.is_some() {
+        names.extend(JACOBIAN);
+    }
+    let mut values = Vec::with_capacity(points.len() * names.len());
+    for (p, (point, image)) in points.iter().zip(images).enumerate() {
+        if csv {
+            values.extend_from_slice(point.coords.as_slice());
+        }
+        values.extend_from_slice(image.coords.as_slice());
+        if let Some(all) = jacobians {
+            // Matrices are stored by columns.
+            values.extend_from_slice(all[p].transpose().as_slice());
+        }
+    }
+    write_table(path, &names, &values)
+}

@@ -1,0 +1,328 @@
+//! `solidmap fit`: the harmonic map of a solid, from a map of its boundary.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde::Serialize;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::files::{self, MapFile, MapMetadata};
+use solidmap::fit::{FitReport, Placement, RefinementEnd};
+use solidmap::io::{self, Cells, VtkFields};
+use solidmap::map::{HarmonicMap, VolumeMap};
+use solidmap::solver::SchwarzStop;
+use solidmap::spherical::SphereOptions;
+
+use crate::Outcome;
+use crate::args::{FitArgs, PairArgs};
+use crate::shared::fields::{positions, scalar};
+use crate::shared::fitting::{fit_options, fit_with_progress};
+use crate::shared::input::BoundarySource;
+use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
+use crate::shared::self_intersections::finder;
+use crate::shared::{boundary_map, input};
+
+/// What `fit --json` prints.
+#[derive(Serialize)]
+struct FitSummary {
+    domain: Option<PathBuf>,
+    image: Option<PathBuf>,
+    boundary_file: Option<PathBuf>,
+    target: Option<PathBuf>,
+    map: PathBuf,
+    #[serde(flatten)]
+    fit: FitReport,
+    tolerance: f64,
+    tolerance_met: bool,
+    peak_rss_bytes: u64,
+}
+
+/// Where the boundary map comes from: files, or it is made.
+enum BoundaryInput<'a> {
+    Files(BoundarySource),
+    ToSphere {
+        domain: &'a Path,
+    },
+    ToModel {
+        domain: &'a Path,
+        target: &'a Path,
+        pair: &'a PairArgs,
+    },
+}
+
+/// What `--target` calls the unit sphere.
+const SPHERE: &str = "sphere";
+
+impl<'a> BoundaryInput<'a> {
+    fn new(args: &'a FitArgs) -> anyhow::Result<Self> {
+        let domain = args.domain.as_deref();
+        let target = args.target.as_deref();
+        let to_model = target.is_some_and(|target| target != Path::new(SPHERE));
+        anyhow::ensure!(
+            to_model || args.pair.is_default(),
+            "--landmarks, --via and --no-improve say how a solid is mapped to another: they need --target MODEL"
+        );
+        match (domain, args.image.as_deref(), args.boundary.as_deref(), target) {
+            (_, None, Some(file), None) => Ok(Self::Files(BoundarySource::File {
+                file: file.into(),
+                domain: args.domain.clone(),
+            })),
+            (Some(domain), Some(image), None, None) => Ok(Self::Files(BoundarySource::Image {
+                domain: domain.into(),
+                image: image.into(),
+            })),
+            (Some(domain), None, None, Some(target)) if target == Path::new(SPHERE) => Ok(Self::ToSphere { domain }),
+            (Some(domain), None, None, Some(target)) => {
+                let pair = &args.pair;
+                Ok(Self::ToModel { domain, target, pair })
+            }
+            _ => anyhow::bail!("name a DOMAIN with its --image or --target, or a --boundary"),
+        }
+    }
+
+    /// The files that are read, by their roles; the first is, or holds, the domain.
+    fn files_by_role(&self) -> Vec<(&'static str, &Path)> {
+        match self {
+            Self::Files(source) => source.files_by_role(),
+            Self::ToSphere { domain } => vec![("domain", domain)],
+            Self::ToModel { domain, target, pair } => {
+                let landmarks = pair.landmarks.iter().map(|file| ("landmarks", file.as_path()));
+                [("domain", *domain), ("target", *target)]
+                    .into_iter()
+                    .chain(landmarks)
+                    .collect()
+            }
+        }
+    }
+
+    /// Reads the boundary map, or makes it.
+    fn boundary_map(&self, output: &Output) -> anyhow::Result<BoundaryMap> {
+        match self {
+            Self::Files(source) => source.read(),
+            Self::ToSphere { domain } => {
+                let surface = input::read_surface(domain)?;
+                let (map, _) = boundary_map::to_sphere(&surface, domain, &SphereOptions::default(), output)?;
+                BoundaryMap::onto_sphere(map).with_context(|| boundary_map::cannot_map(domain))
+            }
+            Self::ToModel { domain, target, pair } => to_model(domain, target, pair, output),
+        }
+    }
+}
+
+/// The map of a solid's boundary to another's.
+fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> anyhow::Result<BoundaryMap> {
+    let surface = input::read_surface(domain)?;
+    let (map, report) = boundary_map::to_model(&surface, [domain, target], args, output)?;
+    output.note(format_args!(
+        "boundary map in {:.1} s: one to one; symmetric Dirichlet energy {:.2} at the median and {:.3e} at most, 4 of an \
+         isometry. See `solidmap boundary pair`",
+        report.timings.total, report.after.symmetric_dirichlet.p50, report.after.symmetric_dirichlet.max
+    ));
+    Ok(map)
+}
+
+/// Fits a map and writes it.
+pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
+    let source = BoundaryInput::new(args)?;
+    let files = source.files_by_role();
+    let paths: Vec<&Path> = files.iter().map(|(_, path)| *path).collect();
+    input::require_all_writable(&[(Some(&args.output), &[]), (args.vtu.as_ref(), &["vtu"])], &paths)?;
+    output.progress("reading");
+    let options = fit_options(&args.method, args.tolerance)?;
+    let boundary = source.boundary_map(output)?;
+    let inputs: anyhow::Result<_> = files.iter().map(|(role, path)| input::provenance(role, path)).collect();
+    let inputs = inputs?;
+    let name = paths[0];
+    output.progress("looking for self-intersections");
+    let intersections = self_intersections(&boundary, name);
+    let mut fit =
+        fit_with_progress(&boundary, &options, output).with_context(|| format!("cannot map `{}`", name.display()))?;
+    fit.report.warnings.extend(intersections);
+    fit.report.warnings.iter().for_each(|warning| output.warn(warning));
+
+    output.progress("writing");
+    let metadata = MapMetadata::new(fit.report.clone(), inputs);
+    let file = MapFile {
+        map: fit.map,
+        boundary: Some(fit.boundary),
+        metadata,
+    };
+    files::write_map(&args.output, &file)?;
+    if let (Some(path), Some(boundary)) = (&args.vtu, &file.boundary) {
+        write_boundary(path, boundary, &file.map)?;
+    }
+
+    let tolerance_met = fit.report.boundary_error.p99 <= args.tolerance;
+    let report = FitSummary {
+        domain: args.domain.clone(),
+        image: args.image.clone(),
+        boundary_file: args.boundary.clone(),
+        target: args.target.clone(),
+        map: args.output.clone(),
+        fit: fit.report,
+        tolerance: args.tolerance,
+        tolerance_met,
+        peak_rss_bytes: peak_rss_bytes(),
+    };
+    output.result(&report, || summary(&report))?;
+    if tolerance_met {
+        return Ok(Outcome::Done);
+    }
+    output.warn(format!(
+        "99 % of the boundary is met only to {:.1e} of the target's diagonal, and the tolerance is {:.1e}; the map was \
+         written all the same. {}",
+        report.fit.boundary_error.p99,
+        args.tolerance,
+        advice(&report.fit)
+    ));
+    Ok(Outcome::CheckFailed)
+}
+
+/// The lines of the summary that say how good a fit is.
+fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
+    let error = report.boundary_error;
+    vec![
+        [
+            "boundary".into(),
+            format!("{} vertices, {} triangles", report.vertices, report.faces),
+        ],
+        [
+            "system".into(),
+            format!("{} sources, {} collocation points", report.sources, report.collocation),
+        ],
+        ["solver".into(), solver(report)],
+        ["refinement".into(), refinement(report)],
+        [
+            "boundary error".into(),
+            format!("rms {:.2e}   99 % {:.2e}   max {:.2e}", error.rms, error.p99, error.max),
+        ],
+        [
+            "".into(),
+            "at held-out points, as fractions of the target's diagonal".into(),
+        ],
+        [
+            "residual".into(),
+            format!(
+                "rms {:.2e} at the collocation points (C-Error {:.2e})",
+                report.residual_rms, report.c_error
+            ),
+        ],
+    ]
+}
+
+fn solver(report: &FitReport) -> String {
+    match (report.rank, report.stop) {
+        (Some(rank), _) => {
+            let condition = report.condition.map_or("singular".into(), |c| format!("{c:.1e}"));
+            format!("{}, rank {rank}, condition {condition}", report.method)
+        }
+        (None, Some(stop)) => {
+            let why = match stop {
+                SchwarzStop::Goal => "far below the tolerance",
+                SchwarzStop::Plateau => "at the least-squares optimum",
+                SchwarzStop::Iterations => "before it converged",
+            };
+            format!(
+                "{}, stopped after {} iterations {why}",
+                report.method, report.iterations
+            )
+        }
+        (None, None) => report.method.clone(),
+    }
+}
+
+fn refinement(report: &FitReport) -> String {
+    let rounds = match report.refinements {
+        0 => "none".into(),
+        1 => "1 round".into(),
+        rounds => format!("{rounds} rounds"),
+    };
+    let end = report.refinement_end.map(|end| match end {
+        RefinementEnd::Tolerance => "the tolerance is met",
+        RefinementEnd::Off => "not asked for",
+        RefinementEnd::Fixed => "this method has none",
+        RefinementEnd::MaxSources => "ended by --max-sources",
+        RefinementEnd::Memory => "ended by --memory",
+        RefinementEnd::InVain => "more sources did not help",
+        RefinementEnd::NoRoom => "no room for more sources",
+    });
+    [rounds]
+        .into_iter()
+        .chain(end.map(Into::into))
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+fn summary(report: &FitSummary) -> String {
+    let mut rows = fit_rows(&report.fit);
+    rows.push([
+        "tolerance".into(),
+        format!(
+            "{:.1e}, {}",
+            report.tolerance,
+            if report.tolerance_met { "met" } else { "missed" }
+        ),
+    ]);
+    if let Some(seconds) = report.fit.seconds {
+        rows.push([
+            "time".into(),
+            format!("{:.2} s, of which factoring {:.2} s", seconds.total, seconds.factor),
+        ]);
+    }
+    rows.push(memory_row(report.peak_rss_bytes));
+    rows.push(["map".into(), report.map.display().to_string()]);
+    two_columns(rows)
+}
+
+/// What most likely helps.
+fn advice(fit: &FitReport) -> &'static str {
+    let is_adaptive = matches!(fit.placement, Placement::Adaptive { .. });
+    match fit.refinement_end {
+        Some(RefinementEnd::MaxSources) => "Raise --max-sources, or the tolerance",
+        Some(RefinementEnd::Memory) => "Raise --memory, or the tolerance",
+        Some(RefinementEnd::Off) => "Leave out --no-refine: sources are then added where the error is large",
+        Some(RefinementEnd::Fixed) if is_adaptive => "Use --method schwarz: it adds sources where the error is large",
+        Some(RefinementEnd::Fixed) => "Use the adaptive placement: it adds sources where the error is large",
+        Some(RefinementEnd::NoRoom) => {
+            "No finer source finds a place outside the domain where the error is large (see --vtu): widen the gaps there"
+        }
+        Some(RefinementEnd::InVain | RefinementEnd::Tolerance) | None => {
+            "More sources did not help: see with --vtu where the boundary map jumps, folds, or is too coarse"
+        }
+    }
+}
+
+/// A remark when the domain intersects itself. The boundary can be fitted all the same, but there is no inside there.
+fn self_intersections(boundary: &BoundaryMap, path: &Path) -> Option<String> {
+    let shown = path.display();
+    match finder()?(boundary.domain()) {
+        Ok(pairs) => pairs.first().map(|[a, b]| {
+            format!(
+                "`{shown}` intersects itself: {} pairs of triangles, the first {a} and {b}; the map is wrong there. See \
+                 `solidmap check`",
+                pairs.len()
+            )
+        }),
+        Err(error) => Some(format!("self-intersections of `{shown}` could not be looked for: {error}")),
+    }
+}
+
+/// The domain's surface with the image, the map's value and the error at each vertex.
+fn write_boundary(path: &Path, boundary: &BoundaryMap, map: &HarmonicMap) -> anyhow::Result<()> {
+    let domain = boundary.domain();
+    let mapped = map.evaluate(domain.vertices());
+    let errors = mapped.iter().zip(boundary.image()).map(|(f, exact)| (f - exact).norm());
+    let fields = VtkFields {
+        point: vec![
+            positions("image", boundary.image()),
+            positions("mapped", &mapped),
+            scalar("error", errors.collect()),
+        ],
+        ..VtkFields::default()
+    };
+    Ok(io::write_vtu(
+        path,
+        domain.vertices(),
+        Cells::Triangles(domain.triangles()),
+        &fields,
+    )?)
+}

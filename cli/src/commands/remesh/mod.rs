@@ -1,0 +1,167 @@
+//! `solidmap remesh`: a regular mesh of a polycube, or a given mesh, carried into the target without inverted cells.
+
+mod summary;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+use serde::Serialize;
+use solidmap::files::MapMetadata;
+use solidmap::io;
+use solidmap::remesh::{
+    BoundaryIntersections, CellKind, CellSize, RemeshOptions, RemeshReport, RemeshSource, Remeshed, remesh,
+};
+
+use summary::Reasons;
+
+use crate::Outcome;
+use crate::args::{CellShape, RemeshArgs};
+use crate::shared::carried_mesh_file;
+use crate::shared::carried_mesh_picture::{self, show_phase};
+use crate::shared::input::{self, extension};
+use crate::shared::output::{Output, peak_rss_bytes, write_file};
+use crate::shared::self_intersections::finder;
+
+/// Extensions of meshes that can be written.
+const OUTPUTS: [&str; 4] = ["vtu", "vtk", "mesh", "msh"];
+
+/// What `remesh --json` prints.
+#[derive(Serialize)]
+struct RemeshSummary {
+    map: PathBuf,
+    mesh: Option<PathBuf>,
+    output: PathBuf,
+    domain_mesh: Option<PathBuf>,
+    /// Bad cells of the result.
+    flipped_cells: usize,
+    /// Why they are, and how many for each reason.
+    reasons: Reasons,
+    /// Of the result.
+    min_scaled_jacobian: Option<f64>,
+    /// Where the boundary passes through itself.
+    crossings: BoundaryIntersections,
+    #[serde(flatten)]
+    remesh: RemeshReport,
+    peak_rss_bytes: u64,
+}
+
+/// Meshes, repairs, counts again and writes.
+pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
+    let outputs: [(Option<&PathBuf>, &[&str]); 3] = [
+        (Some(&args.output), &OUTPUTS),
+        (args.domain_mesh.as_ref(), &OUTPUTS),
+        (args.png.as_ref(), &["png"]),
+    ];
+    let inputs: Vec<&Path> = std::iter::once(&args.map)
+        .chain(&args.mesh)
+        .map(PathBuf::as_path)
+        .collect();
+    input::require_all_writable(&outputs, &inputs)?;
+    ensure!(args.cells > 0, "--cells is 0, but must be at least 1");
+    let options = RemeshOptions {
+        repair: !args.no_repair,
+        slide: !args.fix_boundary,
+        polish: args.polish,
+        memory: args.memory.or_else(input::most_memory),
+    };
+    output.progress("reading");
+    let source = source(args)?;
+    let (file, boundary) = input::read_fitted_map(&args.map)?;
+    let progress = |phase| show_phase(phase, output);
+    let remeshed = remesh(&boundary, &file.map, source, &options, &progress).with_context(|| match &args.mesh {
+        Some(mesh) => format!("cannot carry `{}` by `{}`", mesh.display(), args.map.display()),
+        None => format!("cannot remesh by `{}`", args.map.display()),
+    })?;
+    output.progress("writing");
+    let origin = origin(args, &file.metadata)?;
+    carried_mesh_file::write(&args.output, &remeshed, &remeshed.images, &origin)?;
+    if let Some(path) = &args.domain_mesh {
+        carried_mesh_file::write(path, &remeshed, remeshed.mesh.nodes(), &origin)?;
+    }
+    let flipped = remeshed.report.after.cells.len();
+    let reasons = Reasons::of(&remeshed.report);
+    if flipped > 0 {
+        output.warn(format!(
+            "{flipped} cells stay inverted: {}. In {}, {}. Smaller cells may help, or a boundary map that distorts less there",
+            reasons.words(),
+            args.output.display(),
+            match extension(&args.output).as_str() {
+                "msh" => "groups called \"inverted\" hold them",
+                "mesh" => "they have references that its head explains",
+                _ => "`inverted` is 1 there",
+            }
+        ));
+    }
+    let crossings = remeshed.boundary_intersections(finder());
+    if let Some(warning) = summary::warning(&crossings) {
+        output.warn(warning);
+    }
+    let picture = args.png.as_ref().and_then(|_| picture(&remeshed, args, output));
+    let report = RemeshSummary {
+        map: args.map.clone(),
+        mesh: args.mesh.clone(),
+        output: args.output.clone(),
+        domain_mesh: args.domain_mesh.clone(),
+        flipped_cells: flipped,
+        reasons,
+        min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),
+        crossings,
+        remesh: remeshed.report,
+        peak_rss_bytes: peak_rss_bytes(),
+    };
+    output.result(&report, || summary::table(&report))?;
+    if let (Some(path), Some(png)) = (&args.png, picture) {
+        write_file(path, &png)?;
+        output.note(format_args!("picture in {}", path.display()));
+    }
+    Ok(if flipped > 0 || report.crossings.found() {
+        Outcome::CheckFailed
+    } else {
+        Outcome::Done
+    })
+}
+
+/// A mesh with nodes that are nowhere has no picture; that is no reason to withhold the rest.
+fn picture(remeshed: &Remeshed, args: &RemeshArgs, output: &Output) -> Option<Vec<u8>> {
+    let repaired = if args.no_repair { "Not repaired" } else { "Repaired" };
+    let drawn = carried_mesh_picture::figure(remeshed, repaired, args.up).and_then(|figure| Ok(figure.to_png()?));
+    drawn
+        .inspect_err(|error| output.warn(format_args!("no picture: {error}")))
+        .ok()
+}
+
+/// What is carried.
+fn source(args: &RemeshArgs) -> anyhow::Result<RemeshSource> {
+    Ok(match &args.mesh {
+        Some(path) => RemeshSource::Given(io::read_cells(path)?),
+        None => RemeshSource::Regular {
+            kind: match args.kind {
+                CellShape::Tet => CellKind::Tets,
+                CellShape::Hex => CellKind::Hexes,
+            },
+            size: match args.cell_size {
+                Some(length) => CellSize::Length(length),
+                None => CellSize::Along(args.cells),
+            },
+            most_cells: args.max_cells,
+        },
+    })
+}
+
+/// Where the mesh comes from, in one line.
+fn origin(args: &RemeshArgs, map: &MapMetadata) -> anyhow::Result<String> {
+    let mut origin = format!("solidmap {}: mesh", env!("CARGO_PKG_VERSION"));
+    let mut add = |role: &str, file: &str, sha256: &str| {
+        origin += &format!(" {role} {file} (SHA-256 {})", sha256.get(..16).unwrap_or(sha256));
+    };
+    if let Some(path) = &args.mesh {
+        let mesh = input::provenance("mesh", path)?;
+        add("from", &mesh.file, &mesh.sha256);
+    }
+    let by = input::provenance("map", &args.map)?;
+    add("carried by", &by.file, &by.sha256);
+    for input in &map.inputs {
+        add(&format!("of {}", input.role), &input.file, &input.sha256);
+    }
+    Ok(origin)
+}

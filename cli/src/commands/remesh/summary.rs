@@ -1,0 +1,235 @@
+//! A remeshing in words.
+
+use crate::drawing::significant;
+use serde::Serialize;
+use solidmap::memory::readable;
+use solidmap::remesh::{
+    BoundaryIntersections, CellKind, CellQuality, InvalidCells, InversionCause, InversionCauses, RemeshReport,
+};
+
+use super::RemeshSummary;
+use crate::shared::output::{mebibytes, two_columns};
+
+/// Cells that stay inverted, by what keeps them.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Reasons {
+    boundary: usize,
+    blocked_node: usize,
+    folded_quad: usize,
+    unknown: usize,
+}
+
+impl Reasons {
+    pub fn of(report: &RemeshReport) -> Self {
+        let mut reasons = Self::default();
+        for &cell in &report.after.cells {
+            match report.causes_after.of_cells[cell as usize] {
+                InversionCause::Boundary => reasons.boundary += 1,
+                InversionCause::BlockedNode => reasons.blocked_node += 1,
+                InversionCause::FoldedQuad => reasons.folded_quad += 1,
+                InversionCause::Unknown => reasons.unknown += 1,
+            }
+        }
+        reasons
+    }
+
+    /// In words.
+    pub fn words(&self) -> String {
+        let known = [
+            (
+                self.boundary,
+                "with a corner on the boundary alone that is turned over there (proved)",
+            ),
+            (
+                self.blocked_node,
+                "at an inner node for which no place is right while the boundary stays (proved)",
+            ),
+            (self.folded_quad, "on a folded boundary quad"),
+            (self.unknown, "for no reason known"),
+        ];
+        let known = known.into_iter().filter(|(count, _)| *count > 0);
+        let known: Vec<String> = known.map(|(count, words)| format!("{count} {words}")).collect();
+        known.join(", ")
+    }
+}
+
+/// What stands in the way, in words; empty when nothing does.
+fn obstacles(found: &InversionCauses) -> String {
+    let of = [
+        (
+            "cells with an inverted corner on the boundary alone",
+            found.boundary_cells,
+        ),
+        ("inner nodes for which no place is right", found.blocked_nodes),
+        ("folded boundary quads", found.folded_quads),
+    ];
+    let of = of.into_iter().filter(|(_, count)| *count > 0);
+    let of: Vec<String> = of.map(|(words, count)| format!("{words}: {count}")).collect();
+    of.join(", ")
+}
+
+/// What is printed.
+pub fn table(report: &RemeshSummary) -> String {
+    let found = &report.remesh;
+    let (cells, per_cell) = match found.kind {
+        CellKind::Tets => ("tetrahedra", ""),
+        CellKind::Hexes => (
+            "hexahedra",
+            " at their corners, and at 125 points of each in floating point",
+        ),
+    };
+    let seconds = found.seconds;
+    let bad = |bad: &InvalidCells| {
+        let inside = match bad.inverted_inside {
+            0 => String::new(),
+            count => format!(" and {count} inside only"),
+        };
+        format!("{}{inside}", bad.inverted)
+    };
+    let mut rows = vec![
+        [
+            "mesh".to_owned(),
+            format!(
+                "{} {cells}, {} nodes, {} of them on the boundary",
+                found.cells, found.nodes, found.boundary_nodes
+            ),
+        ],
+        [
+            "inverted".into(),
+            format!(
+                "{} as mapped, {} now, decided exactly{per_cell}",
+                bad(&found.before),
+                bad(&found.after)
+            ),
+        ],
+    ];
+    if report.mesh.is_some() {
+        let off = significant(found.off_surface, 2);
+        let split = match found.kind {
+            CellKind::Tets => format!(
+                "{} tetrahedra with all nodes on the boundary split; ",
+                found.split_cells
+            ),
+            CellKind::Hexes => String::new(),
+        };
+        rows.push([
+            "given".into(),
+            format!("{split}boundary within {off} of the domain's diagonal"),
+        ]);
+    }
+    let in_the_way = obstacles(&found.causes_before);
+    if !in_the_way.is_empty() {
+        rows.push(["in the way".into(), in_the_way]);
+    }
+    let quality = |q: &CellQuality| {
+        format!(
+            "at least {}, 1 % below {}, mean {}; dihedral angles {:.1}° to {:.1}°",
+            significant(q.min_scaled_jacobian, 3),
+            significant(q.p01_scaled_jacobian, 3),
+            significant(q.mean_scaled_jacobian, 3),
+            q.min_dihedral,
+            q.max_dihedral
+        )
+    };
+    for (name, of) in [
+        ("scaled Jacobian", &found.quality),
+        ("in the domain", &found.domain_quality),
+    ] {
+        rows.extend(of.as_ref().map(|of| [name.to_owned(), quality(of)]));
+    }
+    if let Some([least, _, low, middle, high, _, most]) = found.determinants {
+        rows.push([
+            "det J".into(),
+            format!(
+                "over that of the whole: {} to {}, 10 % {}, 50 % {}, 90 % {}",
+                significant(least, 3),
+                significant(most, 3),
+                significant(low, 3),
+                significant(middle, 3),
+                significant(high, 3)
+            ),
+        ]);
+    }
+    if found.repair.iterations + found.repair.polish_iterations > 0 {
+        let repair = &found.repair;
+        rows.push([
+            "repair".into(),
+            format!(
+                "{} rounds, {} iterations, {} to polish; inner nodes moved by {} of the diagonal at most",
+                repair.rounds + repair.slide.rounds,
+                repair.iterations + repair.slide.iterations,
+                repair.polish_iterations,
+                significant(found.largest_shift, 2)
+            ),
+        ]);
+        rows.push([
+            "boundary".into(),
+            match found.slid_nodes {
+                0 => "every node exactly where the boundary map puts it".into(),
+                slid => format!(
+                    "{slid} nodes slid along the target, by {} of a cell at most, {} of the diagonal; the others did not move",
+                    significant(found.largest_slide_in_cells, 2),
+                    significant(found.largest_slide, 2)
+                ),
+            },
+        ]);
+    }
+    rows.push(["crossings".into(), intersections(&report.crossings)]);
+    rows.push([
+        "target".into(),
+        format!(
+            "to the mesh {} of the diagonal at most, {} in the mean; from it {} and {}; volume {} of {}",
+            significant(found.target_to_mesh.max, 2),
+            significant(found.target_to_mesh.mean, 2),
+            significant(found.mesh_to_target.max, 2),
+            significant(found.mesh_to_target.mean, 2),
+            significant(found.volume, 5),
+            significant(found.target_volume, 5)
+        ),
+    ]);
+    rows.push([
+        "time".into(),
+        format!(
+            "{:.1} s: mesh {:.1}, map {:.1}, repair {:.1}, counting {:.1}",
+            seconds.total, seconds.mesh, seconds.map, seconds.repair, seconds.verify
+        ),
+    ]);
+    rows.push([
+        "memory".into(),
+        format!(
+            "{:.0} MiB at most, {} by the estimate beforehand",
+            mebibytes(report.peak_rss_bytes),
+            readable(found.memory_estimate)
+        ),
+    ]);
+    rows.push(["written".into(), report.output.display().to_string()]);
+    two_columns(rows)
+}
+
+/// What there is to warn of.
+pub fn warning(crossings: &BoundaryIntersections) -> Option<String> {
+    match crossings {
+        BoundaryIntersections::Counted { as_mapped, result } if result > as_mapped => Some(format!(
+            "the boundary of the mesh passes through itself: {result} pairs of triangles, {as_mapped} before nodes slid \
+             along the target. `--fix-boundary` keeps them where they are mapped; smaller cells need less sliding"
+        )),
+        BoundaryIntersections::Counted { result, .. } if *result > 0 => Some(format!(
+            "the boundary of the mesh passes through itself where the boundary map sends it: {result} pairs of triangles. \
+             Smaller cells follow the target more closely"
+        )),
+        _ => None,
+    }
+}
+
+fn intersections(crossings: &BoundaryIntersections) -> String {
+    match crossings {
+        BoundaryIntersections::Counted {
+            as_mapped: 0,
+            result: 0,
+        } => "none: the boundary does not pass through itself".into(),
+        BoundaryIntersections::Counted { as_mapped, result } => {
+            format!("{result} pairs of boundary triangles now, {as_mapped} as mapped")
+        }
+        BoundaryIntersections::NotCounted { reason } => format!("of the boundary not looked for: {reason}"),
+    }
+}

@@ -1,0 +1,156 @@
+//! `solidmap sequence`: the deformation energy of frames, one factorisation for all.
+
+mod folder;
+mod frame_names;
+mod measure;
+mod results;
+mod series;
+mod summary;
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::ensure;
+use solidmap::check::MOST_RIM_EDGES;
+use solidmap::energy::{GridResolution, Lame};
+use solidmap::fit::FitError;
+use solidmap::geometry::count_outside;
+use solidmap::sequence::{Sequence, SequenceError, SequenceOptions};
+
+use crate::Outcome;
+use crate::args::SequenceArgs;
+use crate::shared::fields::MeshWithFields;
+use crate::shared::fitting::{fit_options, show_phase};
+use crate::shared::input;
+use crate::shared::output::Output;
+use folder::{CELLS, MATERIAL, ResultFolder, SURFACE};
+use measure::Measurement;
+use summary::SequenceTimings;
+
+/// Measures every frame, block by block, and writes what was found.
+pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
+    let start = Instant::now();
+    require_valid(args)?;
+    let inputs = std::iter::once(&args.reference)
+        .chain(&args.frames)
+        .chain(&args.material);
+    let energies = if args.no_vtu { &[][..] } else { &[CELLS, SURFACE] };
+    let material = if args.material.is_some() { &[MATERIAL][..] } else { &[] };
+    let results = ResultFolder::new(&args.output, inputs, &[energies, material].concat(), args.frames.len())?;
+    if let Some([before, after]) = frame_names::misordered(&args.frames) {
+        output.warn(format!(
+            "frames are taken in the order given, and `{}` comes before `{}`; a shell sorts numbers by their digits: give them \
+             leading zeros, or sort with `ls -v`",
+            before.display(),
+            after.display()
+        ));
+    }
+    output.progress("reading the reference");
+    let reference = input::read_surface(&args.reference)?;
+    let options = options(args)?;
+    let sequence = Sequence::new(&reference, &options, &|phase| show_phase(phase, "", output));
+    let sequence = sequence.map_err(|error| advised(error, args))?;
+    let material = args
+        .material
+        .as_deref()
+        .map(|path| read_material(path, &sequence, output));
+    let material = material.transpose()?;
+    for hole in sequence.holes() {
+        output.note(format_args!(
+            "closed a hole of {} edges at vertex {} by triangles over its rim, in the reference and in all frames",
+            hole.rim.len(),
+            hole.rim[0]
+        ));
+    }
+    let mut seconds = SequenceTimings {
+        setup: start.elapsed().as_secs_f64(),
+        ..SequenceTimings::default()
+    };
+    let mut measurement = Measurement::new(args, results.scratch(), sequence, material, output)?;
+    let per_block = measurement.sequence.frames_per_block();
+    for first in (0..args.frames.len()).step_by(per_block) {
+        measurement.block(first..args.frames.len().min(first + per_block), &mut seconds)?;
+    }
+    measurement.require_one_frame()?;
+    let drawing = Instant::now();
+    let cycles = measurement.cycles();
+    output.progress("drawing");
+    measurement.write_results(&cycles)?;
+    results.publish()?;
+    seconds.drawing += drawing.elapsed().as_secs_f64();
+    seconds.total = start.elapsed().as_secs_f64();
+    measurement.finish(cycles, per_block, seconds)
+}
+
+/// The mesh that moves along.
+fn read_material(path: &Path, sequence: &Sequence, output: &Output) -> anyhow::Result<MeshWithFields> {
+    let given = MeshWithFields::read_mesh(path)?;
+    let points = &given.carrier.points;
+    let beyond = count_outside(sequence.domain(), points)?;
+    if beyond > 0 {
+        output.warn(format!(
+            "{beyond} of the {} points of `{}` lie outside the reference; the formula has values there, but they are no map",
+            points.len(),
+            path.display()
+        ));
+    }
+    Ok(given)
+}
+
+fn require_valid(args: &SequenceArgs) -> anyhow::Result<()> {
+    args.section.require_valid()?;
+    ensure!(
+        args.lame.iter().all(|constant| constant.is_finite()),
+        "--lame is {} {}, but must be two finite numbers",
+        args.lame[0],
+        args.lame[1]
+    );
+    ensure!(
+        args.fps > 0.0 && args.fps.is_finite(),
+        "--fps is {}, but must be positive",
+        args.fps
+    );
+    ensure!(
+        args.frames_per_block != Some(0),
+        "--frames-per-block is 0, but must be at least 1"
+    );
+    ensure!(
+        args.mend.is_none_or(|edges| edges <= MOST_RIM_EDGES),
+        "--mend is {}, but must be at most {MOST_RIM_EDGES}",
+        args.mend.unwrap_or_default()
+    );
+    let most = args.frames.len();
+    let beyond = args.show.iter().find(|&&frame| frame >= most);
+    ensure!(
+        beyond.is_none(),
+        "--show names frame {}, but there are {most}, counted from 0",
+        beyond.copied().unwrap_or_default()
+    );
+    Ok(())
+}
+
+fn options(args: &SequenceArgs) -> anyhow::Result<SequenceOptions> {
+    Ok(SequenceOptions {
+        fit: fit_options(&args.method, args.tolerance)?,
+        resolution: GridResolution::CellsAlongLongestSide(args.resolution),
+        lame: Lame {
+            lambda: args.lame[0],
+            mu: args.lame[1],
+        },
+        own_volume: args.own_volume,
+        close_holes: args.mend,
+        frames_per_block: args.frames_per_block,
+    })
+}
+
+/// An error of the reference, with its file and what helps.
+fn advised(error: SequenceError, args: &SequenceArgs) -> anyhow::Error {
+    let is_open = |report: &solidmap::check::CheckReport| !report.closed;
+    let open = matches!(&error, SequenceError::Fit(FitError::DefectiveDomain(report)) if is_open(report));
+    let hint = if open && args.mend.is_none() {
+        "; --mend closes small holes and slits, in all frames alike"
+    } else {
+        ""
+    };
+    anyhow::anyhow!("cannot use `{}`: {error}{hint}", args.reference.display())
+}

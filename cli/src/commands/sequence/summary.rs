@@ -1,0 +1,301 @@
+//! What was found of a sequence, as JSON and in words.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use solidmap::check::ClosedHole;
+use solidmap::energy::DensityQuantiles;
+use solidmap::fit::BoundaryError;
+use solidmap::sequence::{Cycles, MeasuredFrame, NoCycles};
+
+use super::measure::Measurement;
+use super::series::Series;
+use crate::Outcome;
+use crate::drawing::significant;
+use crate::shared::output::{memory_row, peak_rss_bytes, two_columns};
+
+/// A frame of more than this times the reference's volume, or less than its part, may be in another unit.
+const OTHER_UNIT: f64 = 4.0;
+/// Frames that a message lists.
+const LISTED: usize = 20;
+
+/// What `sequence --json` prints.
+#[derive(Serialize)]
+struct SequenceSummary {
+    reference: PathBuf,
+    output: PathBuf,
+    material: Option<PathBuf>,
+    vertices: usize,
+    faces: usize,
+    closed_holes: Vec<ClosedHole>,
+    /// Volume of the reference.
+    volume: f64,
+    /// Points that energies are integrated at.
+    points: usize,
+    frames_per_block: usize,
+    own_volume: bool,
+    frames: Vec<FrameRow>,
+    skipped: usize,
+    tolerance: f64,
+    tolerance_met: bool,
+    cycles: Option<Cycles>,
+    no_cycles: Option<String>,
+    seconds: SequenceTimings,
+    peak_rss_bytes: u64,
+}
+
+/// Wall-clock seconds.
+#[derive(Serialize, Default)]
+pub struct SequenceTimings {
+    pub total: f64,
+    /// Reading and factoring the reference.
+    pub setup: f64,
+    /// Reading, solving and measuring the frames.
+    pub frames: f64,
+    /// Pictures and the series.
+    pub drawing: f64,
+}
+
+/// A frame, in the order given.
+#[derive(Serialize)]
+pub struct FrameRow {
+    pub frame: usize,
+    pub time: f64,
+    pub file: PathBuf,
+    #[serde(flatten)]
+    pub found: Option<MeasuredRow>,
+    /// Why it was skipped.
+    pub skipped: Option<String>,
+}
+
+/// What was measured of a frame.
+#[derive(Serialize)]
+pub struct MeasuredRow {
+    pub deformation_energy: f64,
+    pub harmonic_energy: f64,
+    pub deformation_density: DensityQuantiles,
+    pub boundary_error: BoundaryError,
+    pub inverted_fraction: f64,
+    pub volume: f64,
+}
+
+impl MeasuredRow {
+    pub fn new(measured: &MeasuredFrame) -> Self {
+        Self {
+            deformation_energy: measured.deformation,
+            harmonic_energy: measured.harmonic,
+            deformation_density: measured.deformation_density,
+            boundary_error: measured.boundary_error,
+            inverted_fraction: measured.inverted_fraction,
+            volume: measured.volume,
+        }
+    }
+}
+
+impl Measurement<'_> {
+    /// Prints the report and says how it went.
+    pub fn finish(
+        self,
+        cycles: Result<Cycles, NoCycles>,
+        per_block: usize,
+        seconds: SequenceTimings,
+    ) -> anyhow::Result<Outcome> {
+        self.warn_of_units();
+        let tolerance = self.args.tolerance;
+        let missed: Vec<&FrameRow> = self
+            .rows
+            .iter()
+            .filter(|row| row.found.as_ref().is_some_and(|f| f.boundary_error.p99 > tolerance))
+            .collect();
+        if let Some(worst) = missed
+            .iter()
+            .filter_map(|row| Some(row.found.as_ref()?.boundary_error.p99))
+            .reduce(f64::max)
+        {
+            self.output.warn(format!(
+                "99 % of the boundary is met only to {worst:.1e} of the frame's diagonal, and the tolerance is {tolerance:.1e}, in {}; \
+                 energies there are less certain. Raise --tolerance, or see where the frames jump or fold",
+                listed(missed.iter().map(|row| row.frame))
+            ));
+        }
+        let tolerance_met = missed.is_empty();
+        let skipped = self.rows.iter().filter(|row| row.skipped.is_some()).count();
+        let (found, none) = match cycles {
+            Ok(cycles) => (Some(cycles), None),
+            Err(none) => (None, Some(none.to_string())),
+        };
+        let domain = self.sequence.domain();
+        let report = SequenceSummary {
+            reference: self.args.reference.clone(),
+            output: self.args.output.clone(),
+            vertices: domain.vertices().len(),
+            faces: domain.triangles().len(),
+            closed_holes: self.sequence.holes().to_vec(),
+            volume: self.sequence.quadrature().volume(),
+            points: self.sequence.quadrature().points().len(),
+            frames_per_block: per_block,
+            material: self.args.material.clone(),
+            own_volume: self.args.own_volume,
+            frames: self.rows,
+            skipped,
+            tolerance,
+            tolerance_met,
+            cycles: found,
+            no_cycles: none,
+            seconds,
+            peak_rss_bytes: peak_rss_bytes(),
+        };
+        self.output.result(&report, || summary(&report, self.series.as_ref()))?;
+        Ok(if skipped == 0 && tolerance_met {
+            Outcome::Done
+        } else {
+            Outcome::CheckFailed
+        })
+    }
+
+    fn warn_of_units(&self) {
+        let own = self.sequence.quadrature().volume();
+        let found = || {
+            self.rows
+                .iter()
+                .filter_map(|row| Some((row.frame, row.found.as_ref()?.volume / own)))
+        };
+        let mirrored: Vec<usize> = found()
+            .filter(|(_, ratio)| *ratio < 0.0)
+            .map(|(frame, _)| frame)
+            .collect();
+        if !mirrored.is_empty() {
+            self.output.warn(format!(
+                "mirror images of the reference, or turned inside out, which strain does not see: {}",
+                listed(mirrored.into_iter())
+            ));
+        }
+        let is_other = |ratio: f64| !(1.0 / OTHER_UNIT..=OTHER_UNIT).contains(&ratio.abs());
+        let other: Vec<usize> = found()
+            .filter(|(_, ratio)| is_other(*ratio))
+            .map(|(frame, _)| frame)
+            .collect();
+        if !other.is_empty() && !self.args.own_volume {
+            self.output.warn(format!(
+                "a volume far from the reference's, so that most of the energy is change of size: {}; if the unit is another, use \
+                 --own-volume",
+                listed(other.into_iter())
+            ));
+        }
+    }
+}
+
+/// Numbers of frames, not too many.
+fn listed(frames: impl ExactSizeIterator<Item = usize>) -> String {
+    let count = frames.len();
+    let mut text: Vec<String> = frames.take(LISTED).map(|frame| frame.to_string()).collect();
+    if count > LISTED {
+        text.push(format!("and {} more", count - LISTED));
+    }
+    format!("{} {}", if count == 1 { "frame" } else { "frames" }, text.join(", "))
+}
+
+/// Cycles in words.
+pub fn describe(cycles: &Cycles) -> String {
+    format!(
+        "{} cycles of {} frames ({:.1} in all; correlation {:.2})",
+        cycles.whole(),
+        significant(cycles.period, 3),
+        cycles.count,
+        cycles.strength
+    )
+}
+
+fn summary(report: &SequenceSummary, series: Option<&Series>) -> String {
+    let found: Vec<(usize, &MeasuredRow)> = report
+        .frames
+        .iter()
+        .filter_map(|row| Some((row.frame, row.found.as_ref()?)))
+        .collect();
+    let energy = |(_, found): &&(usize, &MeasuredRow)| found.deformation_energy;
+    let least = found.iter().min_by(|a, b| energy(a).total_cmp(&energy(b)));
+    let most = found.iter().max_by(|a, b| energy(a).total_cmp(&energy(b)));
+    let worst = |of: fn(&MeasuredRow) -> f64| found.iter().map(|(_, f)| of(f)).fold(0.0, f64::max);
+    let extreme = |frame: Option<&(usize, &MeasuredRow)>| {
+        frame.map_or(String::new(), |(frame, f)| {
+            format!("{} (frame {frame})", significant(f.deformation_energy, 4))
+        })
+    };
+    let mut rows = vec![
+        [
+            "reference".to_owned(),
+            format!(
+                "{} vertices, {} triangles, volume {}",
+                report.vertices,
+                report.faces,
+                significant(report.volume, 5)
+            ),
+        ],
+        [
+            "frames".into(),
+            format!(
+                "{}, of which {} could not be used; {} in a block",
+                report.frames.len(),
+                report.skipped,
+                report.frames_per_block.min(report.frames.len())
+            ),
+        ],
+        [
+            "deformation energy".into(),
+            format!("{} to {}", extreme(least), extreme(most)),
+        ],
+        [
+            String::new(),
+            if report.own_volume {
+                "mean density over the reference, every frame scaled to its volume".into()
+            } else {
+                "mean density over the reference; a frame that moves as a whole has none".into()
+            },
+        ],
+        [
+            "cycles".into(),
+            report.cycles.as_ref().map_or_else(
+                || format!("none: {}", report.no_cycles.as_deref().unwrap_or_default()),
+                describe,
+            ),
+        ],
+        [
+            "boundary error".into(),
+            format!(
+                "99 % within {:.2e} of the diagonal in the worst frame, {:.2e} at most; tolerance {:.1e}",
+                worst(|f| f.boundary_error.p99),
+                worst(|f| f.boundary_error.max),
+                report.tolerance
+            ),
+        ],
+        [
+            "folded".into(),
+            format!(
+                "{:.2} % of the volume in the worst frame",
+                100.0 * worst(|f| f.inverted_fraction)
+            ),
+        ],
+        [
+            "time".into(),
+            format!(
+                "{:.1} s: reference {:.1}, frames {:.1}, pictures and series {:.1}",
+                report.seconds.total, report.seconds.setup, report.seconds.frames, report.seconds.drawing
+            ),
+        ],
+        memory_row(report.peak_rss_bytes),
+        [
+            "written".into(),
+            format!("{}: energy.csv, energy.png, sections.png", report.output.display()),
+        ],
+    ];
+    if let Some(series) = series {
+        rows.push([String::new(), series.describe()]);
+    }
+    if let Some(material) = &report.material {
+        rows.push([
+            String::new(),
+            format!("material.pvd: `{}` in every frame", material.display()),
+        ]);
+    }
+    two_columns(rows)
+}

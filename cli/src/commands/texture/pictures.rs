@@ -1,0 +1,215 @@
+//! The solid cut open, and sections of it.
+
+use solidmap::geometry::{Axis, AxisPlane, PlaneSection, SectionError};
+use solidmap::mesh::{SurfaceMesh, SurfacePoint};
+use solidmap::texture::{SolidTexture, to_srgb};
+use solidmap::{Point, Vector};
+
+use crate::args::TextureOutputArgs;
+use crate::drawing::{Camera, Figure, Panel, Rgb, SurfaceColour, SurfaceStyle};
+use crate::shared::output::Output;
+use crate::shared::pictures::plane_across;
+
+/// Pixels along the longer side of a section, and width and height of a view.
+const SECTION: usize = 480;
+const VIEW: [usize; 2] = [520, 480];
+
+/// Triangles that the surface is cut into for the views, so that they show the picture and not the triangles.
+const TRIANGLES: usize = 400_000;
+
+/// The surface, the solid cut open, and sections across the three axes.
+pub fn figure(texture: &SolidTexture, args: &TextureOutputArgs, output: &Output) -> anyhow::Result<Figure> {
+    let up = Axis::from(args.up);
+    let axes = [Axis::X, Axis::Y, Axis::Z];
+    let mut panels = vec![];
+    for axis in axes {
+        match section(texture, axis, up, args.position, SECTION) {
+            Ok(section) => panels.push(painted(texture, &section)?),
+            // The middle of a ring is empty.
+            Err(error @ (SectionError::PlaneMissesSolid { .. } | SectionError::BelowPixel { .. })) => {
+                output.warn(format!("left out of the picture: {error} (--position)"));
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    let whole = skin_of(texture);
+    let cut = largest_cut(texture, up, args.position);
+    let camera = Camera {
+        azimuth: cut.as_ref().map_or(FRONT, |cut| cut.azimuth),
+        elevation: 22.0,
+        up,
+        upside_down: false,
+    };
+    let mut views = vec![view(&whole, &camera)?.titled("Surface")];
+    if let Some(Cut { section, towards, .. }) = cut {
+        let axis = section.plane().axis;
+        let open = joined(whole.behind(section.plane(), towards), cap(texture, &section, towards));
+        views.push(view(&open, &camera)?.titled(format!("Cut open across {axis}")));
+    }
+    Ok(Figure::grid(vec![views, panels]))
+}
+
+/// Where the solid is cut open, and from where that is seen.
+struct Cut {
+    section: PlaneSection,
+    /// The sign of the direction along the axis in which the viewer is.
+    towards: f64,
+    azimuth: f64,
+}
+
+/// Turns of the camera to the right, in degrees, that look at the front and at the right more than at the other.
+const FRONT: f64 = 32.0;
+const RIGHT: f64 = 58.0;
+
+/// The larger one of the upright sections that the camera sees: from the front or from the right.
+fn largest_cut(texture: &SolidTexture, up: Axis, position: f64) -> Option<Cut> {
+    let sides = match up {
+        Axis::X => [(Axis::Z, -1.0, FRONT), (Axis::Y, 1.0, RIGHT)],
+        Axis::Y => [(Axis::Z, 1.0, FRONT), (Axis::X, 1.0, RIGHT)],
+        Axis::Z => [(Axis::Y, -1.0, FRONT), (Axis::X, 1.0, RIGHT)],
+    };
+    let cuts = sides.into_iter().filter_map(|(axis, towards, azimuth)| {
+        Some(Cut {
+            section: section(texture, axis, up, position, 2 * SECTION).ok()?,
+            towards,
+            azimuth,
+        })
+    });
+    cuts.max_by(|a, b| a.section.area().total_cmp(&b.section.area()))
+}
+
+fn section(
+    texture: &SolidTexture,
+    axis: Axis,
+    up: Axis,
+    position: f64,
+    pixels: usize,
+) -> Result<PlaneSection, SectionError> {
+    let surface = texture.coloured_surface().surface();
+    PlaneSection::new(surface, plane_across(axis, position, surface), up, pixels)
+}
+
+fn colours(texture: &SolidTexture, points: &[Point]) -> Vec<Rgb> {
+    texture.sample(points).into_iter().map(to_srgb).collect()
+}
+
+fn painted(texture: &SolidTexture, section: &PlaneSection) -> anyhow::Result<Panel> {
+    Ok(Panel::of_painted_section(section, &colours(texture, section.points()))?)
+}
+
+/// A surface with the colours of its corners.
+struct Painted {
+    mesh: SurfaceMesh,
+    colours: Vec<[Rgb; 3]>,
+}
+
+fn view(painted: &Painted, camera: &Camera) -> anyhow::Result<Panel> {
+    let style = SurfaceStyle {
+        colour: SurfaceColour::PerCorner(painted.colours.clone()),
+        ..SurfaceStyle::default()
+    };
+    Ok(Panel::of_surface(&painted.mesh, &style, camera, VIEW)?)
+}
+
+/// The surface in small triangles, painted with the picture.
+fn skin_of(texture: &SolidTexture) -> Painted {
+    let skin = texture.coloured_surface();
+    let surface = skin.surface();
+    let triangles = surface.triangles().len().max(1);
+    let parts = ((TRIANGLES as f64 / triangles as f64).sqrt() as usize).clamp(1, 256);
+    let (mut vertices, mut corners, mut colours) = (vec![], vec![], vec![]);
+    for t in 0..surface.triangles().len() {
+        let first = vertices.len() as u32;
+        // Rows of places, the one with `i` steps from corner 0 having `i + 1` of them.
+        let place = |i: usize, j: usize| SurfacePoint {
+            triangle: t as u32,
+            barycentric: [parts - i, i - j, j].map(|n| n as f64 / parts as f64),
+        };
+        let places: Vec<SurfacePoint> = (0..=parts)
+            .flat_map(|i| (0..=i).map(move |j| (i, j)))
+            .map(|(i, j)| place(i, j))
+            .collect();
+        let rgb: Vec<Rgb> = places.iter().map(|p| to_srgb(skin.colour(p))).collect();
+        vertices.extend(places.iter().map(|p| p.position(surface, surface.vertices())));
+        let at = |i: usize, j: usize| i * (i + 1) / 2 + j;
+        let mut add = |three: [usize; 3]| {
+            corners.push(three.map(|k| first + k as u32));
+            colours.push(three.map(|k| rgb[k]));
+        };
+        for i in 0..parts {
+            for j in 0..=i {
+                add([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+                if j < i {
+                    add([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+                }
+            }
+        }
+    }
+    Painted {
+        mesh: SurfaceMesh::new(vertices, corners).expect("corners are vertices"),
+        colours,
+    }
+}
+
+impl Painted {
+    /// What lies behind a plane, seen from the side of its axis that `towards` points to. Triangles across it end at it.
+    fn behind(&self, plane: AxisPlane, towards: f64) -> Self {
+        let k = plane.axis.index();
+        let depth = |p: &Point| towards * (plane.position - p[k]);
+        let mut vertices = self.mesh.vertices().to_vec();
+        let kept = (0..self.mesh.triangles().len()).filter(|&t| self.mesh.corners(t).iter().any(|p| depth(p) > 0.0));
+        let kept: Vec<usize> = kept.collect();
+        for p in &mut vertices {
+            if depth(p) < 0.0 {
+                p[k] = plane.position;
+            }
+        }
+        let triangles = kept.iter().map(|&t| self.mesh.triangles()[t]).collect();
+        Self {
+            mesh: SurfaceMesh::new(vertices, triangles).expect("corners are vertices"),
+            colours: kept.iter().map(|&t| self.colours[t]).collect(),
+        }
+    }
+}
+
+/// A section as a surface: a square for each of its pixels.
+fn cap(texture: &SolidTexture, section: &PlaneSection, towards: f64) -> Painted {
+    let plane = section.plane();
+    let [right, upward] = section
+        .axes()
+        .map(|axis| Vector::ith(axis.index(), 0.5 * section.pixel()));
+    let along = Vector::ith(plane.axis.index(), towards);
+    let colours = colours(texture, section.points());
+    let (mut vertices, mut triangles, mut painted) = (vec![], vec![], vec![]);
+    let faces_viewer = right.cross(&upward).dot(&along) > 0.0;
+    for (p, rgb) in section.points().iter().zip(colours) {
+        let first = vertices.len() as u32;
+        vertices.extend([
+            p - right - upward,
+            p + right - upward,
+            p + right + upward,
+            p - right + upward,
+        ]);
+        for three in [[0, 1, 2], [0, 2, 3]] {
+            let [a, b, c] = three.map(|k: u32| first + k);
+            triangles.push(if faces_viewer { [a, b, c] } else { [a, c, b] });
+            painted.push([rgb; 3]);
+        }
+    }
+    Painted {
+        mesh: SurfaceMesh::new(vertices, triangles).expect("corners are vertices"),
+        colours: painted,
+    }
+}
+
+fn joined(first: Painted, second: Painted) -> Painted {
+    let (mut vertices, mut triangles) = first.mesh.into_parts();
+    let offset = vertices.len() as u32;
+    let (more, corners) = second.mesh.into_parts();
+    vertices.extend(more);
+    triangles.extend(corners.into_iter().map(|t| t.map(|v| v + offset)));
+    Painted {
+        mesh: SurfaceMesh::new(vertices, triangles).expect("corners are vertices"),
+        colours: [first.colours, second.colours].concat(),
+    }
+}

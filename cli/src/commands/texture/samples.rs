@@ -1,0 +1,156 @@
+//! What a texture is sampled to: volumes, and colours of points.
+
+use std::path::Path;
+
+use anyhow::bail;
+use solidmap::Point;
+use solidmap::io::{self, Cells, Field, ImageGrid, Solid, VtkFields};
+use solidmap::texture::{LinearRgb, SolidTexture, VoxelGrid, to_srgb};
+
+use super::summary::{PointsSummary, VolumeSummary};
+use crate::shared::input::extension;
+use crate::shared::output::Output;
+use crate::shared::points::write_table;
+
+/// Samples the texture on a grid and writes the volume.
+pub fn write_volume(
+    path: &Path,
+    texture: &SolidTexture,
+    grid: &VoxelGrid,
+    output: &Output,
+) -> anyhow::Result<VolumeSummary> {
+    let of = grid.voxels();
+    output.progress_of("sampling voxels", 0, of);
+    let volume = texture.volume(grid, &|done| output.progress_of("sampling voxels", done, of));
+    output.progress(format!("writing {}", path.display()));
+    let image = ImageGrid {
+        origin: grid.origin,
+        spacing: grid.spacing,
+        size: grid.size,
+    };
+    io::write_vti(path, &image, "rgba", 4, volume.rgba.as_flattened())?;
+    Ok(VolumeSummary {
+        file: path.to_owned(),
+        size: grid.size,
+        spacing: grid.spacing,
+        inside: volume.inside,
+        bytes: std::fs::metadata(path).map(|file| file.len()).unwrap_or_default(),
+    })
+}
+
+/// The points of a file, or the vertices of a mesh, and where their colours go.
+pub struct PointsToColour<'a> {
+    points: &'a Path,
+    path: &'a Path,
+    solid: Option<Solid>,
+    positions: Vec<Point>,
+}
+
+impl<'a> PointsToColour<'a> {
+    /// Refuses a file of colours that cannot hold them.
+    pub fn read(points: &'a Path, path: &'a Path) -> anyhow::Result<Self> {
+        let solid = io::is_mesh(points).then(|| io::read_solid(points)).transpose()?;
+        let shown = points.display();
+        let positions = match (&solid, extension(path).as_str()) {
+            (None, "vtu") => {
+                bail!("`{shown}` holds points without a mesh; write their colours to .csv, .npy or .ply")
+            }
+            (Some(Solid::Tets(_)), "ply") => bail!("`{shown}` holds tetrahedra; write their colours to .vtu"),
+            (None, _) => io::read_points(points)?,
+            (Some(Solid::Surface(surface)), _) => surface.vertices().to_vec(),
+            (Some(Solid::Tets(tets)), _) => tets.vertices().to_vec(),
+        };
+        Ok(Self {
+            points,
+            path,
+            solid,
+            positions,
+        })
+    }
+
+    fn cells(&self) -> Cells<'_> {
+        match &self.solid {
+            None => Cells::Triangles(&[]),
+            Some(Solid::Surface(surface)) => Cells::Triangles(surface.triangles()),
+            Some(Solid::Tets(tets)) => Cells::Tets(tets.tets()),
+        }
+    }
+}
+
+/// Writes the colours of points.
+pub fn write_points(
+    to_colour: &PointsToColour,
+    texture: &SolidTexture,
+    output: &Output,
+) -> anyhow::Result<PointsSummary> {
+    let PointsToColour {
+        points,
+        path,
+        positions,
+        ..
+    } = to_colour;
+    output.progress(format!("colouring {}", points.display()));
+    let colours = texture.sample(positions);
+    let outside = colours.iter().filter(|colour| colour[0].is_nan()).count();
+    match (extension(path).as_str(), to_colour.cells()) {
+        ("ply", Cells::Triangles(triangles)) => {
+            let rgba: Vec<[u8; 4]> = colours.iter().map(with_opacity).collect();
+            io::write_coloured_ply(path, positions, &rgba, triangles)?;
+        }
+        ("vtu", cells) => write_cells(path, cells, positions, &colours)?,
+        _ => write_colours(path, positions, &colours)?,
+    }
+    if outside > 0 {
+        output.warn(format!(
+            "{outside} of {} points lie outside of the solid and have no colour",
+            positions.len()
+        ));
+    }
+    Ok(PointsSummary {
+        file: path.to_path_buf(),
+        points: positions.len(),
+        outside,
+    })
+}
+
+fn with_opacity(light: &LinearRgb) -> [u8; 4] {
+    let [r, g, b] = to_srgb(*light);
+    if light[0].is_nan() { [0; 4] } else { [r, g, b, 255] }
+}
+
+/// sRGB codes from 0 to 1, as programs expect of colours in floating point; NaN outside.
+fn codes(light: &LinearRgb) -> [f64; 3] {
+    if light[0].is_nan() {
+        return [f64::NAN; 3];
+    }
+    to_srgb(*light).map(|code| f64::from(code) / 255.0)
+}
+
+fn write_cells(path: &Path, cells: Cells, positions: &[Point], colours: &[LinearRgb]) -> anyhow::Result<()> {
+    let fields = VtkFields {
+        point: vec![Field {
+            name: "rgb".into(),
+            components: 3,
+            values: colours.iter().flat_map(codes).collect(),
+        }],
+        cell: vec![],
+        ..VtkFields::default()
+    };
+    Ok(io::write_vtu(path, positions, cells, &fields)?)
+}
+
+/// CSV: the points and their colours. NPY has no names: the colours.
+fn write_colours(path: &Path, positions: &[Point], colours: &[LinearRgb]) -> anyhow::Result<()> {
+    if extension(path) != "csv" {
+        let values: Vec<f64> = colours.iter().flat_map(codes).collect();
+        return write_table(path, &["red", "green", "blue"], &values);
+    }
+    let rows = positions.iter().zip(colours);
+    let values: Vec<f64> = rows
+        .flat_map(|(p, light)| {
+            let [r, g, b] = codes(light);
+            [p.x, p.y, p.z, r, g, b]
+        })
+        .collect();
+    write_table(path, &["x", "y", "z", "red", "green", "blue"], &values)
+}

@@ -1,0 +1,146 @@
+//! What was made, as JSON and in words.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use solidmap::fit::FitReport;
+use solidmap::texture::{ColourError, ExtendedQuantity, SeamReport};
+
+use crate::drawing::significant;
+use crate::shared::output::{mebibytes, two_columns};
+
+/// What `texture --json` prints.
+#[derive(Serialize)]
+pub struct TextureSummary {
+    pub model: PathBuf,
+    pub image: Option<PathBuf>,
+    pub extended: ExtendedQuantity,
+    pub fit: FitReport,
+    /// Lowest and highest texture coordinates.
+    pub uv_box: Option<[[f64; 2]; 2]>,
+    pub seams: SeamReport,
+    /// The harmonic part alone against the picture, on the surface.
+    pub harmonic_error: Option<ColourError>,
+    /// The texture against the picture, on the surface.
+    pub surface_error: Option<ColourError>,
+    /// How thick the layer is that carries the difference, over the diagonal: at the median and at most.
+    pub layer: [f64; 2],
+    pub tolerance: Option<f64>,
+    pub tolerance_met: Option<bool>,
+    pub volume: Option<VolumeSummary>,
+    pub points: Option<PointsSummary>,
+    pub picture: Option<PathBuf>,
+    pub map: Option<PathBuf>,
+    pub seconds: TextureTimings,
+    pub peak_rss_bytes: u64,
+}
+
+#[derive(Serialize)]
+pub struct VolumeSummary {
+    pub file: PathBuf,
+    pub size: [usize; 3],
+    pub spacing: f64,
+    pub inside: usize,
+    pub bytes: u64,
+}
+
+#[derive(Serialize)]
+pub struct PointsSummary {
+    pub file: PathBuf,
+    pub points: usize,
+    pub outside: usize,
+}
+
+#[derive(Serialize, Default)]
+pub struct TextureTimings {
+    pub texture: f64,
+    pub measure: f64,
+    pub volume: f64,
+    pub points: f64,
+    pub picture: f64,
+}
+
+/// What is printed.
+pub fn text(report: &TextureSummary) -> String {
+    let fit = &report.fit;
+    let mut rows = vec![
+        [
+            "surface".into(),
+            format!("{} vertices, {} triangles where it was fitted", fit.vertices, fit.faces),
+        ],
+        [
+            "system".into(),
+            format!("{} sources, {} collocation points", fit.sources, fit.collocation),
+        ],
+    ];
+    if report.seams.seams > 0 {
+        let seams = &report.seams;
+        rows.push([
+            "seams".into(),
+            format!(
+                "{} of {} edges; colours differ by {:.4} in the mean (rms), {:.4} at most",
+                seams.seams, seams.edges, seams.rms_colour_jump, seams.largest_colour_jump
+            ),
+        ]);
+    }
+    let errors = [
+        ("harmonic part", &report.harmonic_error),
+        ("texture", &report.surface_error),
+    ];
+    for (name, error) in errors {
+        if let Some(error) = error {
+            rows.push([
+                name.into(),
+                format!("rms {:.2e}   99 % {:.2e}   max {:.2e}", error.rms, error.p99, error.max),
+            ]);
+        }
+    }
+    rows.push([
+        String::new(),
+        "off the picture at held-out points of the surface, as light: 1 from black to white".into(),
+    ]);
+    let [median, most] = report.layer.map(|t| 100.0 * t);
+    rows.push([
+        "layer".into(),
+        format!("{median:.2} % of the diagonal thick at the median, {most:.2} % at most"),
+    ]);
+    if let Some(volume) = &report.volume {
+        let [x, y, z] = volume.size;
+        rows.push([
+            "volume".into(),
+            format!(
+                "{x} × {y} × {z} voxels of {}, {} inside, {:.1} MiB",
+                significant(volume.spacing, 4),
+                volume.inside,
+                mebibytes(volume.bytes)
+            ),
+        ]);
+    }
+    if let Some(points) = &report.points {
+        rows.push([
+            "points".into(),
+            format!("{}, {} outside", points.points, points.outside),
+        ]);
+    }
+    let seconds = &report.seconds;
+    rows.push([
+        "time".into(),
+        format!(
+            "texture {:.2} s, volume {:.2} s, picture {:.2} s",
+            seconds.texture, seconds.volume, seconds.picture
+        ),
+    ]);
+    let files = [
+        report.volume.as_ref().map(|volume| &volume.file),
+        report.points.as_ref().map(|points| &points.file),
+        report.picture.as_ref(),
+        report.map.as_ref(),
+    ];
+    let files: Vec<String> = files
+        .into_iter()
+        .flatten()
+        .map(|path| path.display().to_string())
+        .collect();
+    rows.push(["written".into(), files.join(", ")]);
+    two_columns(rows)
+}

@@ -1,0 +1,256 @@
+//! `solidmap transfer`
+
+mod checks;
+mod fields;
+mod picture;
+mod summary;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde::Serialize;
+use solidmap::Point;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::geometry::count_outside;
+use solidmap::inverse::{InverseMap, InverseOptions, InverseReport, Preimage};
+use solidmap::io::{self, Field, Solid};
+use solidmap::map::VolumeMap;
+use solidmap::transfer::{FieldMesh, VolumeCheck, resample};
+
+use crate::Outcome;
+use crate::args::TransferArgs;
+use crate::shared::fields::{MeshWithFields, fields_of, scalar};
+use crate::shared::input;
+use crate::shared::output::{Output, write_file};
+use crate::shared::points::{is_table, read_points, status_number, warn_of_preimages};
+use checks::{FieldSummary, TransferChecks};
+
+/// What `transfer --json` prints.
+#[derive(Serialize)]
+struct TransferSummary {
+    map: PathBuf,
+    output: PathBuf,
+    /// Points that carry the fields.
+    points: usize,
+    /// Tetrahedra between them.
+    tets: usize,
+    /// Points that got values: images, or those of `--at`.
+    written_points: usize,
+    /// Points without a finite image or without a preimage.
+    without_value: usize,
+    /// Points of FIELD outside the domain, where the formula still has a value but it means nothing. Not with `--at`.
+    outside: Option<usize>,
+    fields: Vec<FieldSummary>,
+    volume: VolumeCheck,
+    /// Share of the domain's volume beyond FIELD's tetrahedra, which shares and distributions leave out.
+    volume_beyond_field: f64,
+    /// Of `--at`.
+    inverse: Option<InverseReport>,
+    /// Of `--at`: preimages beyond FIELD's tetrahedra, which got what is at the closest point of their boundary.
+    beyond_carrier: usize,
+    seconds: f64,
+}
+
+/// Values at points of the target, and what joins the points.
+struct Carried {
+    on: MeshWithFields,
+    preimages: Option<Vec<Preimage>>,
+    inverse: Option<InverseReport>,
+    beyond_carrier: usize,
+}
+
+/// Carries fields through a map.
+pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
+    args.section.require_valid()?;
+    let inputs: Vec<&Path> = std::iter::once(&args.map)
+        .chain(&args.field)
+        .chain(&args.at)
+        .map(PathBuf::as_path)
+        .collect();
+    let outputs: [(Option<&PathBuf>, &[&str]); 2] = [
+        (Some(&args.output), &["csv", "vtu", "vtk"]),
+        (args.png.as_ref(), &["png"]),
+    ];
+    input::require_all_writable(&outputs, &inputs)?;
+    output.progress("reading");
+    let (file, boundary) = input::read_fitted_map(&args.map)?;
+    let given = fields::read(args, &boundary)?;
+    let drawn = args
+        .png
+        .is_some()
+        .then(|| fields::drawn(args, &given.carrier))
+        .transpose()?;
+    let carrier = &given.carrier;
+
+    output.progress(format!("carrying {} points", carrier.points.len()));
+    let start = std::time::Instant::now();
+    // Sums as accurate as an inverse needs.
+    let exact = (args.at.is_some() || args.png.is_some()).then(|| file.map.clone().with_error(0.0));
+    let inverse = exact
+        .as_ref()
+        .map(|map| InverseMap::new(map, &boundary, &InverseOptions::default()))
+        .transpose()
+        .with_context(|| format!("cannot invert `{}`", args.map.display()))?;
+    let carried = match (&args.at, &inverse) {
+        (Some(at), Some(inverse)) => resampled(at, args, &file.map, inverse, &boundary, carrier)?,
+        _ => Carried {
+            on: given.carried(&file.map)?,
+            preimages: None,
+            inverse: None,
+            beyond_carrier: 0,
+        },
+    };
+    let seconds = start.elapsed().as_secs_f64();
+    let outside = (args.field.is_some() && args.at.is_none())
+        .then(|| count_outside(boundary.domain(), &carrier.points))
+        .transpose()?;
+
+    output.progress("checking volumes");
+    let checks = checks::check(args, &file.map, &boundary, carrier)?;
+    let png = match (drawn, &inverse) {
+        (Some(which), Some(inverse)) => {
+            output.progress("drawing");
+            Some(picture::draw(which, args, &boundary, inverse, carrier)?)
+        }
+        _ => None,
+    };
+    output.progress("writing");
+    write(&args.output, &carried)?;
+    if let (Some(path), Some(png)) = (&args.png, png) {
+        write_file(path, &png)?;
+    }
+    let without_value = match &carried.preimages {
+        Some(preimages) => preimages.iter().filter(|p| !p.position().x.is_finite()).count(),
+        None => carried.on.carrier.points.iter().filter(|p| !is_finite(p)).count(),
+    };
+    let mut complete = true;
+    match &carried.inverse {
+        Some(report) => {
+            warn_of_preimages(output, report);
+            complete = report.folded + report.not_converged == 0;
+        }
+        None if without_value > 0 => output.warn(format!(
+            "{without_value} points have no finite image: their coordinates are not finite, or they lie at sources"
+        )),
+        None => {}
+    }
+    warn(output, args, outside.unwrap_or(0), &checks);
+    let report = TransferSummary {
+        map: args.map.clone(),
+        output: args.output.clone(),
+        points: carrier.points.len(),
+        tets: carrier.tets.len(),
+        written_points: carried.on.carrier.points.len(),
+        without_value,
+        outside,
+        fields: checks.fields,
+        volume: checks.volume,
+        volume_beyond_field: checks.volume_beyond_field,
+        inverse: carried.inverse,
+        beyond_carrier: carried.beyond_carrier,
+        seconds,
+    };
+    output.result(&report, || summary::text(&report))?;
+    Ok(if complete { Outcome::Done } else { Outcome::CheckFailed })
+}
+
+/// Says what was carried without meaning, or not at all.
+fn warn(output: &Output, args: &TransferArgs, outside: usize, checks: &TransferChecks) {
+    if outside > 0 {
+        output.warn(format!(
+            "{outside} points of FIELD lie outside the domain; the formula has values there, but they are no map"
+        ));
+    }
+    let lost: Vec<&str> = checks
+        .fields
+        .iter()
+        .filter(|field| !field.written)
+        .map(|field| field.name.as_str())
+        .collect();
+    if !lost.is_empty() {
+        output.warn(format!(
+            "cell data are not written: {}; `{}` holds points only, write a .vtu or .vtk",
+            lost.join(", "),
+            args.output.display()
+        ));
+    }
+    if checks.volume.not_finite > 0 {
+        output.warn(format!(
+            "the map has no finite Jacobian at {} points of the grid; the volumes leave them out",
+            checks.volume.not_finite
+        ));
+    }
+}
+
+/// The fields at given points of the target.
+fn resampled(
+    at: &Path,
+    args: &TransferArgs,
+    map: &dyn VolumeMap,
+    inverse: &InverseMap,
+    boundary: &BoundaryMap,
+    carrier: &FieldMesh,
+) -> anyhow::Result<Carried> {
+    let (solid, points) = read_points(at)?;
+    let found = resample(map, inverse, carrier, &points);
+    let mut found = found.with_context(|| format!("cannot carry `{}`", fields::shown(args)))?;
+    if let Some(field) = found.fields.iter_mut().find(|field| fields::is_distance(args, field)) {
+        let places: Vec<Point> = found.preimages.iter().map(Preimage::position).collect();
+        field.values = fields::distances(boundary, &places)?;
+    }
+    let (tets, triangles) = match solid {
+        Some(Solid::Tets(mesh)) => (mesh.tets().to_vec(), vec![]),
+        Some(Solid::Surface(mesh)) => (vec![], mesh.triangles().to_vec()),
+        None => (vec![], vec![]),
+    };
+    Ok(Carried {
+        on: MeshWithFields {
+            carrier: FieldMesh {
+                points,
+                tets,
+                point_fields: found.fields,
+                cell_fields: vec![],
+            },
+            triangles,
+        },
+        preimages: Some(found.preimages),
+        inverse: Some(found.inverse),
+        // The mesh made for --distance is no field.
+        beyond_carrier: args.field.as_ref().map_or(0, |_| found.outside_mesh),
+    })
+}
+
+/// A table of points, or a mesh with fields.
+fn write(path: &Path, carried: &Carried) -> anyhow::Result<()> {
+    let preimages = carried.preimages.as_ref();
+    let status = preimages.map(|preimages| scalar(fields::STATUS, preimages.iter().map(status_number).collect()));
+    let carrier = &carried.on.carrier;
+    if is_table(path) {
+        let fields: Vec<Field> = fields_of(&carrier.point_fields).chain(status).collect();
+        return write_table(path, &carrier.points, &fields);
+    }
+    carried.on.write_mesh(path, status.into_iter().collect())
+}
+
+/// Columns x, y, z, and those of each field.
+fn write_table(path: &Path, points: &[Point], fields: &[Field]) -> anyhow::Result<()> {
+    let mut names: Vec<String> = ["x", "y", "z"].map(String::from).to_vec();
+    names.extend(
+        fields
+            .iter()
+            .flat_map(|field| fields::columns(&field.name, field.components)),
+    );
+    let mut values = Vec::with_capacity(points.len() * names.len());
+    for (row, point) in points.iter().enumerate() {
+        values.extend_from_slice(point.coords.as_slice());
+        for field in fields {
+            values.extend_from_slice(&field.values[row * field.components..][..field.components]);
+        }
+    }
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    Ok(io::write_csv(path, &names, &values)?)
+}
+
+fn is_finite(p: &Point) -> bool {
+    p.iter().all(|c| c.is_finite())
+}

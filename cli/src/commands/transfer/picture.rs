@@ -1,0 +1,62 @@
+//! A field on cross-sections of domain and target.
+
+use anyhow::Context;
+use solidmap::Point;
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::geometry::PlaneSection;
+use solidmap::inverse::{InverseMap, PreimageStatus};
+use solidmap::transfer::{FieldMesh, FieldSampler};
+
+use super::fields::{all_fields, distances, is_distance};
+use crate::args::TransferArgs;
+use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange};
+
+/// Pixels along the longer side of a section.
+const SECTION_PIXELS: usize = 480;
+
+/// Cross-sections of domain and target in the colours of one bar, as a PNG.
+pub fn draw(
+    which: usize,
+    args: &TransferArgs,
+    boundary: &BoundaryMap,
+    inverse: &InverseMap,
+    carrier: &FieldMesh,
+) -> anyhow::Result<Vec<u8>> {
+    let (_, field) = all_fields(carrier).nth(which).context("there is no such field")?;
+    let sampler = FieldSampler::new(carrier)?;
+    let values_at = |points: &[Point]| -> anyhow::Result<Vec<f64>> {
+        Ok(match is_distance(args, field) {
+            true => distances(boundary, points)?,
+            false => sampler.sample(points).0.swap_remove(which).values,
+        })
+    };
+    let target = boundary.outward_target();
+    let plane = args.section.plane(boundary.domain());
+    let of_domain = PlaneSection::new(boundary.domain(), plane, args.section.up.into(), SECTION_PIXELS)?;
+    let of_target = PlaneSection::new(
+        &target,
+        args.section.plane(&target),
+        args.section.up.into(),
+        SECTION_PIXELS,
+    )?;
+    let before = values_at(of_domain.points())?;
+    let (preimages, _) = inverse.preimages(of_target.points());
+    let places: Vec<Point> = preimages
+        .iter()
+        .map(|preimage| match preimage.status {
+            PreimageStatus::NotFinite => Point::from([f64::NAN; 3]),
+            // On the rim of the picture: the nearest there is.
+            _ => preimage.point,
+        })
+        .collect();
+    let after = values_at(&places)?;
+    let all = before.iter().chain(&after).copied();
+    let bar = ColourBar::new(&field.name, all, ValueRange::Quantiles(0.0, 1.0), Scale::Linear)?;
+    let domain = Panel::of_section(&of_domain, &before, &bar)?
+        .titled("domain")
+        .with_bar(&bar);
+    let target = Panel::of_section(&of_target, &after, &bar)?
+        .titled("target")
+        .with_bar(&bar);
+    Ok(Figure::row(vec![domain, target]).to_png()?)
+}

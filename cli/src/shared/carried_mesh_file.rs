@@ -1,0 +1,135 @@
+//! Carried meshes in files: with labels, or with fields.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use solidmap::Point;
+use solidmap::io::{self, CellGroup, Cells, VtkFields};
+use solidmap::remesh::{BoundedMesh, InversionCause, Remeshed, determinants, scaled_jacobians};
+
+use super::fields::{positions as field_of_points, scalar};
+use super::input::extension;
+
+/// Writes the mesh with its nodes at `positions`; `origin` says in one line where it comes from.
+pub fn write(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str) -> anyhow::Result<()> {
+    let mesh = &remeshed.mesh;
+    let cells = Cells::from(mesh.cells());
+    let extension = extension(path);
+    if matches!(extension.as_str(), "mesh" | "msh") {
+        let (quads, names) = (mesh.quads(), names(mesh.part_names()));
+        let (faces, of_faces): (Cells, Vec<i32>) = match &quads {
+            // Two triangles stand for each quad.
+            Some(quads) => (Cells::Quads(quads), mesh.parts().iter().step_by(2).copied().collect()),
+            None => (Cells::Triangles(mesh.boundary()), mesh.parts().to_vec()),
+        };
+        let faces = CellGroup {
+            cells: faces,
+            labels: &of_faces,
+            names: &names,
+        };
+        let (labels, inverted) = labels(remeshed);
+        let solid = CellGroup {
+            cells,
+            labels: &labels,
+            names: &inverted,
+        };
+        let explained = inverted
+            .iter()
+            .map(|(label, name)| format!("\ncells of reference {label}: {name}"));
+        let comment = match extension.as_str() {
+            "mesh" => origin.to_owned() + &explained.collect::<String>(),
+            // Gmsh has names for them.
+            _ => origin.to_owned(),
+        };
+        return Ok(io::write_groups(path, positions, &[faces, solid], &comment)?);
+    }
+    let report = &remeshed.report;
+    let mut inverted = vec![0.0; cells.count()];
+    let mut obstacle = vec![0.0; cells.count()];
+    for &cell in &report.after.cells {
+        inverted[cell as usize] = 1.0;
+        obstacle[cell as usize] = f64::from(number_and_name(report.causes_after.of_cells[cell as usize]).0);
+    }
+    let on_boundary = mesh.on_boundary().iter().map(|&is| f64::from(u8::from(is))).collect();
+    let fields = VtkFields {
+        point: vec![
+            field_of_points("domain", mesh.nodes()),
+            field_of_points("image", &remeshed.images),
+            scalar("on_boundary", on_boundary),
+        ],
+        cell: vec![
+            scalar("region", mesh.regions().iter().map(|&r| f64::from(r)).collect()),
+            scalar("scaled_jacobian", scaled_jacobians(mesh.cells(), positions)),
+            scalar(
+                "det_jacobian",
+                per_cell(mesh, &determinants(mesh.cells(), mesh.nodes(), &remeshed.images)),
+            ),
+            scalar("inverted", inverted),
+            scalar("obstacle", obstacle),
+        ],
+        comment: origin.to_owned(),
+    };
+    if extension == "vtk" {
+        io::write_vtk(path, positions, cells, &fields, io::VtkEncoding::Binary)?;
+    } else {
+        io::write_vtu(path, positions, cells, &fields)?;
+    }
+    Ok(())
+}
+
+/// The region of each cell, where those that stay inverted have labels of their own, one for each region and obstacle, and
+/// the names of these. They are the least numbers that neither a region nor a part of the boundary has.
+fn labels(remeshed: &Remeshed) -> (Vec<i32>, Vec<(i32, String)>) {
+    let (mesh, report) = (&remeshed.mesh, &remeshed.report);
+    let regions: BTreeSet<i32> = mesh.regions().iter().copied().collect();
+    let parts: BTreeSet<i32> = mesh.parts().iter().copied().collect();
+    let mut groups: BTreeMap<(i32, u8), (&str, Vec<usize>)> = BTreeMap::new();
+    for cell in report.after.cells.iter().map(|&cell| cell as usize) {
+        let (number, obstacle) = number_and_name(report.causes_after.of_cells[cell]);
+        let (_, cells) = groups
+            .entry((mesh.regions()[cell], number))
+            .or_insert((obstacle, vec![]));
+        cells.push(cell);
+    }
+    let mut labels = mesh.regions().to_vec();
+    let mut names = Vec::new();
+    let free = (1..).filter(|label| !regions.contains(label) && !parts.contains(label));
+    for (((region, number), (obstacle, cells)), label) in groups.into_iter().zip(free) {
+        let mut name = String::from("inverted");
+        if number > 0 {
+            name += &format!(", obstacle {number} ({obstacle})");
+        }
+        if regions.len() > 1 {
+            name += &format!(", of region {region}");
+        }
+        cells.into_iter().for_each(|cell| labels[cell] = label);
+        names.push((label, name));
+    }
+    (labels, names)
+}
+
+/// The number and the name that an obstacle has in files.
+fn number_and_name(obstacle: InversionCause) -> (u8, &'static str) {
+    match obstacle {
+        InversionCause::Unknown => (0, "unknown"),
+        InversionCause::Boundary => (1, "corner on the boundary alone"),
+        InversionCause::BlockedNode => (2, "node without a right place"),
+        InversionCause::FoldedQuad => (3, "folded boundary quad"),
+    }
+}
+
+/// Names with their numbers, from 1.
+fn names(names: &[String]) -> Vec<(i32, String)> {
+    (1..).zip(names.iter().cloned()).collect()
+}
+
+/// The least of each cell's determinants.
+fn per_cell(mesh: &BoundedMesh, determinants: &[f64]) -> Vec<f64> {
+    let corners = determinants.len() / mesh.cells().len().max(1);
+    let least = |dets: &[f64]| {
+        dets.iter()
+            .copied()
+            .fold(f64::INFINITY, |a: f64, b| if a.is_nan() || a < b { a } else { b })
+    };
+    determinants.chunks(corners.max(1)).map(least).collect()
+}

@@ -1,0 +1,121 @@
+//! Pictures of carried meshes: cut open in domain and target, before and after the repair, and how volumes are distributed.
+
+use crate::drawing::{
+    Camera, ColourBar, Edges, Figure, Histogram, Panel, Scale, Shading, SurfaceColour, SurfaceStyle, ValueRange,
+};
+use solidmap::geometry::Axis;
+use solidmap::mesh::SurfaceMesh;
+use solidmap::remesh::{
+    CellKind, CellSetBoundary, InvalidCells, RemeshPhase, Remeshed, determinants, scaled_jacobians,
+};
+use solidmap::{Point, Vector};
+
+use super::output::Output;
+use crate::args::UpKind;
+
+/// Width and height of a view.
+const PIXELS: [usize; 2] = [620, 580];
+
+/// Domain, target as mapped, and target as it is now, cut open along the same cells and coloured by their scaled Jacobian;
+/// the whole of it from two sides; and the determinants of the map of the cells. `now` says what was done.
+pub fn figure(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Figure> {
+    let (up, upside_down) = up.axis();
+    let [front, back] = [32.0, 212.0].map(|azimuth| Camera {
+        azimuth,
+        elevation: 18.0,
+        up,
+        upside_down,
+    });
+    let (mesh, report) = (&remeshed.mesh, &remeshed.report);
+    let kept = behind(remeshed, towards_front(up));
+    let open = mesh.boundary_of(|cell| kept[cell as usize]);
+    let whole = mesh.boundary_of(|_| true);
+    let places = [mesh.nodes(), &remeshed.carried, &remeshed.images];
+    let qualities = places.map(|x| scaled_jacobians(mesh.cells(), x));
+    let bar = ColourBar::new(
+        "scaled Jacobian, 0 and less is inverted",
+        qualities[2].iter().copied(),
+        ValueRange::Fixed(0.0, 1.0),
+        Scale::Linear,
+    )?;
+    let [domain, as_mapped, repaired] = [0, 1, 2].map(|k| view(&open, places[k], &qualities[k], &bar, &front));
+    let [from_front, from_behind] = [&front, &back].map(|camera| view(&whole, places[2], &qualities[2], &bar, camera));
+    let mut below = vec![from_front?.titled("Target"), from_behind?.titled("Target, from behind")];
+    let dets = [1, 2].map(|k| determinants(mesh.cells(), mesh.nodes(), places[k]));
+    let what = match report.kind {
+        CellKind::Tets => "det J of cells, 1 is that of the whole",
+        CellKind::Hexes => "det J at corners of cells, 1 is the mean",
+    };
+    let fields = [("as mapped", &dets[0][..]), (&now.to_lowercase(), &dets[1])];
+    // Of a mesh that is all inverted, there is none.
+    if let Ok(histogram) = Histogram::logarithmic(what, &fields) {
+        below.push(Panel::of_histogram(&histogram, PIXELS)?.titled("How volumes change"));
+    }
+    let count = |words: &str, cells: &InvalidCells| format!("{words}: {} inverted", cells.cells.len());
+    let above = vec![
+        domain?.titled("Domain, cut open"),
+        as_mapped?.titled(count("As mapped", &report.before)),
+        repaired?.titled(count(now, &report.after)).with_bar(&bar),
+    ];
+    Ok(Figure::grid(vec![above, below]))
+}
+
+/// Towards the viewer, level, as seen at azimuth 0.
+fn towards_front(up: Axis) -> Vector {
+    match up {
+        Axis::X => -Vector::z(),
+        Axis::Y => Vector::z(),
+        Axis::Z => -Vector::y(),
+    }
+}
+
+/// Cells of which the middle in the target lies behind its middle; all, if none does.
+fn behind(remeshed: &Remeshed, front: Vector) -> Vec<bool> {
+    let mesh = &remeshed.mesh;
+    let along = |v: u32| remeshed.images[v as usize].coords.dot(&front);
+    let on_boundary = (0..).zip(mesh.on_boundary()).filter(|(_, on)| **on);
+    let (low, high) = on_boundary.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (v, _)| {
+        (low.min(along(v)), high.max(along(v)))
+    });
+    let middle = |cell: &[u32]| cell.iter().map(|&v| along(v)).sum::<f64>() / cell.len() as f64;
+    let behind: Vec<bool> = mesh
+        .cells()
+        .iter()
+        .map(|cell| middle(cell) <= 0.5 * (low + high))
+        .collect();
+    if behind.contains(&true) {
+        behind
+    } else {
+        vec![true; behind.len()]
+    }
+}
+
+/// The faces of cells, coloured by their quality.
+fn view(
+    skin: &CellSetBoundary,
+    positions: &[Point],
+    quality: &[f64],
+    bar: &ColourBar,
+    camera: &Camera,
+) -> anyhow::Result<Panel> {
+    let values = skin.cells.iter().map(|&cell| quality[cell as usize]).collect();
+    let surface = SurfaceMesh::new(positions.to_vec(), skin.triangles.clone())?;
+    let style = SurfaceStyle {
+        colour: SurfaceColour::PerTriangle(values, bar.clone()),
+        shading: Shading::Flat,
+        edges: Edges::Marked(skin.edges.clone()),
+    };
+    Ok(Panel::of_surface(&surface, &style, camera, PIXELS)?)
+}
+
+/// Shows how far a remeshing is.
+pub fn show_phase(phase: RemeshPhase, output: &Output) {
+    output.progress(match phase {
+        RemeshPhase::Meshing => "meshing the domain".into(),
+        RemeshPhase::Mapping { nodes } => format!("mapping {nodes} nodes"),
+        RemeshPhase::Repairing { round, inverted } => {
+            format!("repairing: round {round}, {inverted} inverted")
+        }
+        RemeshPhase::Verifying => "counting and measuring".into(),
+    });
+}

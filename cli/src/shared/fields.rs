@@ -1,0 +1,116 @@
+//! Fields on points and meshes: read from files, carried by maps, and written.
+
+use std::path::Path;
+
+use anyhow::{Context, ensure};
+use solidmap::Point;
+use solidmap::io::{self, Cells, Field, FieldFile, VtkEncoding, VtkFields};
+use solidmap::map::VolumeMap;
+use solidmap::transfer::{FieldKind, FieldMesh, TransferField, push_forward};
+
+use super::input::extension;
+
+/// Fields of three components that are no vectors of the material, in small letters.
+const NO_VECTORS: [&str; 7] = ["rgb", "color", "colors", "colour", "colours", "normal", "normals"];
+
+/// A mesh with fields: the carrier, and triangles between its points where it has no tetrahedra.
+pub struct MeshWithFields {
+    pub carrier: FieldMesh,
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl MeshWithFields {
+    /// Fields that are carried as their names say, but for those named here.
+    pub fn new(file: FieldFile, labels: &[String], plain_vectors: Option<&[String]>) -> Self {
+        let is_plain = |name: &String| {
+            plain_vectors.is_some_and(|names| names.is_empty() || names.contains(name))
+                || NO_VECTORS.contains(&name.to_lowercase().as_str())
+        };
+        let named = |field: Field| TransferField {
+            kind: match field.components {
+                _ if labels.contains(&field.name) => FieldKind::Label,
+                3 if !is_plain(&field.name) => FieldKind::Vector,
+                _ => FieldKind::Values,
+            },
+            name: field.name,
+            components: field.components,
+            values: field.values,
+        };
+        Self {
+            carrier: FieldMesh {
+                points: file.points,
+                tets: file.tets,
+                point_fields: file.point.into_iter().map(named).collect(),
+                cell_fields: file.cell.into_iter().map(named).collect(),
+            },
+            triangles: file.triangles,
+        }
+    }
+
+    /// Fields on a mesh.
+    pub fn read_mesh(path: &Path) -> anyhow::Result<Self> {
+        let given = Self::new(io::read_fields(path)?, &[], None);
+        let (carrier, shown) = (&given.carrier, path.display());
+        ensure!(
+            !(carrier.tets.is_empty() && given.triangles.is_empty()),
+            "`{shown}` has no triangles and no tetrahedra between its points; give a .vtu or .vtk that has"
+        );
+        carrier.check().with_context(|| format!("cannot carry `{shown}`"))?;
+        Ok(given)
+    }
+
+    /// The same moved by a map.
+    pub fn carried(&self, map: &dyn VolumeMap) -> anyhow::Result<Self> {
+        Ok(Self {
+            carrier: push_forward(map, &self.carrier)?,
+            triangles: self.triangles.clone(),
+        })
+    }
+
+    /// Writes the mesh with its fields and these at the points.
+    pub fn write_mesh(&self, path: &Path, more: Vec<Field>) -> anyhow::Result<()> {
+        let fields = VtkFields {
+            point: fields_of(&self.carrier.point_fields).chain(more).collect(),
+            cell: fields_of(&self.carrier.cell_fields).collect(),
+            ..VtkFields::default()
+        };
+        let cells = match self.carrier.tets.is_empty() {
+            true => Cells::Triangles(&self.triangles),
+            false => Cells::Tets(&self.carrier.tets),
+        };
+        let points = &self.carrier.points;
+        if extension(path) == "vtk" {
+            io::write_vtk(path, points, cells, &fields, VtkEncoding::Binary)?;
+        } else {
+            io::write_vtu(path, points, cells, &fields)?;
+        }
+        Ok(())
+    }
+}
+
+/// Fields as files have them.
+pub fn fields_of(fields: &[TransferField]) -> impl Iterator<Item = Field> {
+    fields.iter().map(|field| Field {
+        name: field.name.clone(),
+        components: field.components,
+        values: field.values.clone(),
+    })
+}
+
+/// A field of one component.
+pub fn scalar(name: &str, values: Vec<f64>) -> Field {
+    Field {
+        name: name.into(),
+        components: 1,
+        values,
+    }
+}
+
+/// A field of points.
+pub fn positions(name: &str, points: &[Point]) -> Field {
+    Field {
+        name: name.into(),
+        components: 3,
+        values: points.iter().flat_map(|p| [p.x, p.y, p.z]).collect(),
+    }
+}

@@ -1,0 +1,104 @@
+//! Fits: options as they are typed, and phases as they are shown.
+
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::fit::{Fit, FitMethod, FitOptions, Phase, Placement, fit};
+use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
+
+use super::output::Output;
+use crate::args::{MethodArgs, MethodKind, PlacementKind};
+
+/// Fits with the phases shown.
+pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &Output) -> anyhow::Result<Fit> {
+    Ok(fit(boundary, options, &|phase| show_phase(phase, "", output))?)
+}
+
+/// Shows a phase of a fit, after the name of what is fitted.
+pub fn show_phase(phase: Phase, what: &str, output: &Output) {
+    let step = match phase {
+        Phase::Checking => "checking".into(),
+        Phase::Sampling => "placing sources".into(),
+        Phase::Decomposing { rows, columns } => format!("decomposing a {rows} × {columns} matrix"),
+        Phase::Factoring { done, of } => {
+            return output.progress_of(format!("{what}factoring local problems"), done, of);
+        }
+        Phase::Solving => "solving".into(),
+        Phase::Iterating { iteration, residual } => format!("iteration {iteration}: residual {residual:.1e}"),
+        Phase::Measuring => "measuring the boundary error".into(),
+        Phase::Refining { round, error, sources } => {
+            format!("refinement {round}: error {error:.1e}, {sources} sources")
+        }
+    };
+    output.progress(format!("{what}{step}"));
+}
+
+/// The library's options, from those of the method as they are typed.
+pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> {
+    let placement = args.placement.unwrap_or(match (args.offset, args.radius) {
+        (Some(_), _) => PlacementKind::Offset,
+        (None, Some(_)) => PlacementKind::Sphere,
+        (None, None) if args.paper => PlacementKind::Offset,
+        (None, None) => PlacementKind::Adaptive,
+    });
+    for (given, flag, kind) in [
+        (args.alpha.is_some(), "--alpha", PlacementKind::Adaptive),
+        (args.offset.is_some(), "--offset", PlacementKind::Offset),
+        (args.radius.is_some(), "--radius", PlacementKind::Sphere),
+    ] {
+        anyhow::ensure!(
+            !given || placement == kind,
+            "{flag} has no meaning with the placement {placement:?}"
+        );
+    }
+    // The paper's ratios belong to its placements; the overdetermined default to the adaptive one.
+    let base = if args.paper || placement != PlacementKind::Adaptive {
+        FitOptions::paper()
+    } else {
+        FitOptions::adaptive()
+    };
+    let placement = match placement {
+        PlacementKind::Adaptive => Placement::Adaptive {
+            alpha: args.alpha.unwrap_or(Placement::DEFAULT_ALPHA),
+        },
+        PlacementKind::Offset => Placement::Offset {
+            distance: args.offset.unwrap_or(Placement::DEFAULT_DISTANCE),
+        },
+        PlacementKind::Sphere => Placement::Sphere {
+            radius: args.radius.unwrap_or(Placement::DEFAULT_RADIUS),
+        },
+    };
+    let kind = args.method.unwrap_or(match base.method {
+        FitMethod::Schwarz { .. } => MethodKind::Schwarz,
+        FitMethod::Dense { options, .. } if options.decomposition == Decomposition::Qr => MethodKind::Dense,
+        FitMethod::Dense { .. } => MethodKind::Svd,
+    });
+    let dense = |decomposition| FitMethod::Dense {
+        placement,
+        options: DenseOptions {
+            decomposition,
+            truncation: args.truncation.unwrap_or(DenseOptions::default().truncation),
+        },
+    };
+    let method = match kind {
+        MethodKind::Dense => dense(Decomposition::Qr),
+        MethodKind::Svd => dense(Decomposition::Svd),
+        MethodKind::Schwarz => {
+            anyhow::ensure!(
+                args.truncation.is_none(),
+                "--truncation has a meaning with --method dense or svd only"
+            );
+            FitMethod::schwarz(placement, SchwarzOptions::default())?
+        }
+    };
+    Ok(FitOptions {
+        method,
+        source_ratio: args.s_ratio.unwrap_or(base.source_ratio),
+        collocation_ratio: args.c_ratio.unwrap_or(base.collocation_ratio),
+        max_sources: args.max_sources.unwrap_or(method.default_max_sources()),
+        affine: !args.no_affine,
+        tolerance,
+        refine: !args.no_refine,
+        memory: args.memory,
+        held_out: args.held_out,
+        seed: args.seed,
+    })
+}

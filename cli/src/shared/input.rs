@@ -1,0 +1,153 @@
+//! Files that commands read, and checks of those that they will write.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde::{Deserialize, Serialize};
+use solidmap::boundary_map::BoundaryMap;
+use solidmap::check;
+use solidmap::files::{self, MapFile, Provenance};
+use solidmap::io::{self, Solid};
+use solidmap::mesh::SurfaceMesh;
+
+/// A closed surface, or the boundary of a tet mesh.
+pub fn read_surface(path: &Path) -> anyhow::Result<SurfaceMesh> {
+    Ok(match io::read_solid(path)? {
+        Solid::Surface(surface) => surface,
+        Solid::Tets(tets) => tets.boundary().surface,
+    })
+}
+
+/// Where a boundary map comes from.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub enum BoundarySource {
+    /// Two meshes of one connectivity.
+    Image { domain: PathBuf, image: PathBuf },
+    /// A boundary file, and its domain if that is named.
+    File { file: PathBuf, domain: Option<PathBuf> },
+}
+
+impl BoundarySource {
+    pub fn read(&self) -> anyhow::Result<BoundaryMap> {
+        match self {
+            Self::Image { domain, image } => read_boundary_map(domain, image),
+            Self::File { file, domain } => read_boundary_file(file, domain.as_deref()),
+        }
+    }
+
+    /// The files that are read, by their roles.
+    pub fn files_by_role(&self) -> Vec<(&'static str, &Path)> {
+        match self {
+            Self::Image { domain, image } => vec![("domain", domain), ("image", image)],
+            Self::File { file, domain } => {
+                let domain = domain.as_deref().map(|domain| ("domain", domain));
+                domain.into_iter().chain([("boundary", file.as_path())]).collect()
+            }
+        }
+    }
+
+    /// The files that are read.
+    pub fn files(&self) -> Vec<&Path> {
+        self.files_by_role().into_iter().map(|(_, path)| path).collect()
+    }
+
+    /// The domain, or the file that it comes in.
+    pub fn domain(&self) -> &Path {
+        self.files()[0]
+    }
+
+    /// The image, or the boundary file.
+    pub fn image(&self) -> &Path {
+        match self {
+            Self::Image { image, .. } => image,
+            Self::File { file, .. } => file,
+        }
+    }
+}
+
+/// The boundary map from one file to another of the same connectivity.
+pub fn read_boundary_map(domain: &Path, image: &Path) -> anyhow::Result<BoundaryMap> {
+    let (domain_solid, image_solid) = rayon::join(|| io::read_solid(domain), || io::read_solid(image));
+    let map = match (domain_solid?, image_solid?) {
+        (Solid::Tets(domain), Solid::Tets(image)) => BoundaryMap::between_tets(&domain, &image),
+        (Solid::Tets(domain), Solid::Surface(image)) => BoundaryMap::between(domain.boundary().surface, &image),
+        (Solid::Surface(domain), Solid::Tets(image)) => BoundaryMap::between(domain, &image.boundary().surface),
+        (Solid::Surface(domain), Solid::Surface(image)) => BoundaryMap::between(domain, &image),
+    };
+    map.with_context(|| format!("cannot map `{}` to `{}`", domain.display(), image.display()))
+}
+
+/// The boundary map of a boundary file; of this domain, if one is named.
+pub fn read_boundary_file(path: &Path, domain: Option<&Path>) -> anyhow::Result<BoundaryMap> {
+    let boundary = files::read_boundary(path)?.boundary;
+    let Some(domain) = domain else {
+        return Ok(boundary);
+    };
+    let (repaired, _) = check::repair(&read_surface(domain)?);
+    boundary.over(repaired).with_context(|| {
+        format!(
+            "`{}` is not the domain of `{}`; name the model that the boundary map was made for, or leave it out",
+            domain.display(),
+            path.display()
+        )
+    })
+}
+
+/// A map file and the boundary map it was fitted to.
+pub fn read_fitted_map(path: &Path) -> anyhow::Result<(MapFile, BoundaryMap)> {
+    let file = files::read_map(path)?;
+    let boundary = file
+        .boundary
+        .clone()
+        .with_context(|| format!("`{}` holds a map without its domain; fit it again", path.display()))?;
+    Ok((file, boundary))
+}
+
+/// Refuses an output before any work is done for it: a folder, a file in a folder that is not there, one of the files
+/// `others` that are read or written too, or an extension that is not one of `extensions` (any when there are none).
+pub fn require_writable(path: &Path, extensions: &[&str], others: &[&Path]) -> anyhow::Result<()> {
+    let shown = path.display();
+    anyhow::ensure!(!path.is_dir(), "cannot write `{shown}`: it is a folder");
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        anyhow::bail!("cannot write `{shown}`: there is no folder `{}`", folder.display());
+    }
+    let whole = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    anyhow::ensure!(
+        !others.iter().any(|other| whole(other) == whole(path)),
+        "`{shown}` would be overwritten: it is named twice, as an output and as another file"
+    );
+    anyhow::ensure!(
+        extensions.is_empty() || extensions.contains(&extension(path).as_str()),
+        "cannot write `{shown}`: name it .{}",
+        extensions.join(" or .")
+    );
+    Ok(())
+}
+
+/// As [`require_writable`], for each of several outputs that are given; none may be another, or one of `inputs`.
+pub fn require_all_writable(outputs: &[(Option<&PathBuf>, &[&str])], inputs: &[&Path]) -> anyhow::Result<()> {
+    let mut others = inputs.to_vec();
+    for (path, extensions) in outputs {
+        if let Some(path) = path {
+            require_writable(path, extensions, &others)?;
+            others.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// The extension in lower case; empty when there is none.
+pub fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
+}
+
+/// A file in the list of inputs of a result.
+pub fn provenance(role: &str, path: &Path) -> anyhow::Result<Provenance> {
+    Provenance::of(role, path).with_context(|| format!("cannot read `{}`", path.display()))
+}
+
+/// What a run may take unless told otherwise: a tenth of the available memory stays free.
+pub fn most_memory() -> Option<u64> {
+    solidmap::memory::default_budget()
+}

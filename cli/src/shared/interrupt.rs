@@ -1,0 +1,62 @@
+//! Ctrl-C, the other signals that ask a program to end, and the end of its time.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use indicatif::ProgressBar;
+
+use super::output::{Output, to_stderr};
+use solidmap::io;
+
+/// What a shell shows for a program that was interrupted.
+const INTERRUPTED: i32 = 130;
+/// Could not run to its end.
+const OUT_OF_TIME: i32 = 2;
+
+static SCRATCH: Mutex<Option<PathBuf>> = Mutex::new(None);
+
+fn scratch() -> MutexGuard<'static, Option<PathBuf>> {
+    SCRATCH.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A temporary folder that an interrupt removes as well.
+pub fn remove_folder(folder: &Path) {
+    *scratch() = Some(folder.to_owned());
+}
+
+/// Does work that an interrupt must not stop half-way: it waits for the end. The work may write nothing by
+/// [`io::atomic_write`], which an interrupt stops.
+pub fn hold_off<T>(work: impl FnOnce() -> T) -> T {
+    let _held = scratch();
+    work()
+}
+
+/// From now on an interrupt removes what is half written and ends the program. One that is ignored, as under `nohup`,
+/// stays so.
+pub fn end_cleanly(output: &Output) {
+    let line = output.progress_line();
+    // Without a handler the system ends the program; no more than a temporary file is left.
+    let _ = ctrlc::try_set_handler(move || end(&line, "interrupted", INTERRUPTED));
+}
+
+/// Ends the program so many seconds from now, as an interrupt does.
+pub fn end_after(seconds: f64, output: &Output) {
+    let line = output.progress_line();
+    std::thread::spawn(move || {
+        std::thread::sleep(Duration::from_secs_f64(seconds));
+        let message = format!("error: not done within the time limit of {seconds} s (--time-limit)");
+        end(&line, &message, OUT_OF_TIME);
+    });
+}
+
+/// The worker of CGAL and TetGen sees the end of this process, and ends too.
+fn end(line: &ProgressBar, message: &str, code: i32) {
+    io::abandon_writes();
+    if let Some(folder) = scratch().take() {
+        let _ = std::fs::remove_dir_all(folder);
+    }
+    line.finish_and_clear();
+    to_stderr(format_args!("{message}"));
+    std::process::exit(code);
+}

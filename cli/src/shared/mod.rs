@@ -1,0 +1,17 @@
+//! What several commands share.
+
+pub mod boundary_map;
+pub mod carried_mesh_file;
+pub mod carried_mesh_picture;
+pub mod density_file;
+pub mod fields;
+pub mod fitting;
+pub mod input;
+pub mod interrupt;
+#[cfg(feature = "native")]
+pub mod isolation;
+pub mod output;
+pub mod picture_file;
+pub mod pictures;
+pub mod points;
+pub mod self_intersections;

@@ -1,0 +1,179 @@
+//! What goes to the terminal: results to stdout, messages and progress to stderr, bars only on a terminal.
+
+use std::cell::Cell;
+use std::io::{self, IsTerminal, Write};
+use std::path::Path;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+/// Where results and messages go.
+pub struct Output {
+    json: bool,
+    bar: ProgressBar,
+    ticking: Cell<bool>,
+}
+
+const SPINNER: &str = "{spinner} {msg} [{elapsed}]";
+const BAR: &str = "{spinner} {msg} {bar:30} {human_pos}/{human_len} [{elapsed}]";
+
+impl Output {
+    /// Results as JSON, or as text.
+    pub fn new(json: bool) -> Self {
+        let bar = if io::stderr().is_terminal() {
+            ProgressBar::new_spinner()
+        } else {
+            ProgressBar::hidden()
+        };
+        bar.set_style(style(SPINNER));
+        Self {
+            json,
+            bar,
+            ticking: Cell::new(false),
+        }
+    }
+
+    /// Shows what is being done now, with the time since the command began.
+    pub fn progress(&self, step: impl Into<String>) {
+        if self.bar.length().is_some() {
+            self.bar.set_style(style(SPINNER));
+            self.bar.unset_length();
+        }
+        self.show(step.into());
+    }
+
+    /// Shows how far a step is.
+    pub fn progress_of(&self, step: impl Into<String>, done: usize, of: usize) {
+        self.show(step.into());
+        if self.bar.length().is_none() {
+            self.bar.set_style(style(BAR));
+        }
+        self.bar.set_position(done as u64);
+        self.bar.set_length(of as u64);
+    }
+
+    fn show(&self, step: String) {
+        self.bar.set_message(step);
+        if !self.ticking.replace(true) {
+            // A line that was cleared comes back with the time since the beginning.
+            let elapsed = self.bar.elapsed();
+            self.bar.reset();
+            self.bar.set_elapsed(elapsed);
+            self.bar.enable_steady_tick(Duration::from_millis(100));
+        }
+    }
+
+    /// Takes the progress line away, until there is more to show.
+    pub fn finish(&self) {
+        self.ticking.set(false);
+        self.bar.finish_and_clear();
+    }
+
+    /// The progress line, for the thread that ends the program.
+    pub fn progress_line(&self) -> ProgressBar {
+        self.bar.clone()
+    }
+
+    /// A remark to the user, such as what was repaired.
+    pub fn warn(&self, message: impl std::fmt::Display) {
+        let message = with_option_names(message.to_string());
+        self.bar.suspend(|| to_stderr(format_args!("warning: {message}")));
+    }
+
+    /// What else happened, such as a file written. Not shown with `--json`.
+    pub fn note(&self, message: impl std::fmt::Display) {
+        if !self.json {
+            self.bar.suspend(|| to_stderr(format_args!("{message}")));
+        }
+    }
+
+    /// The result: `report` as JSON, or `text`.
+    pub fn result(&self, report: &impl Serialize, text: impl FnOnce() -> String) -> anyhow::Result<()> {
+        self.finish();
+        let content = if self.json {
+            serde_json::to_string_pretty(report)?
+        } else {
+            text()
+        };
+        let mut stdout = io::stdout().lock();
+        match writeln!(stdout, "{}", content.trim_end()).and_then(|()| stdout.flush()) {
+            // A reader such as `head` that has seen enough is no error.
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+            written => Ok(written?),
+        }
+    }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_spinner())
+}
+
+/// A message of the library with the names of its settings replaced by those of the options.
+pub fn with_option_names(message: String) -> String {
+    const OPTIONS: [[&str; 2]; 8] = [
+        ["`max_sources`", "--max-sources"],
+        ["`source_ratio`", "--s-ratio"],
+        ["`collocation_ratio`", "--c-ratio"],
+        ["`held_out`", "--held-out"],
+        ["`memory`", "--memory"],
+        ["`alpha`", "--alpha"],
+        ["`offset`", "--offset"],
+        ["`radius`", "--radius"],
+    ];
+    OPTIONS
+        .iter()
+        .fold(message, |text, [field, option]| text.replace(field, option))
+}
+
+/// A line on stderr. Nobody can be told when that fails.
+pub fn to_stderr(message: std::fmt::Arguments<'_>) {
+    let _ = writeln!(io::stderr(), "{message}");
+}
+
+/// Largest resident set of this process so far, in bytes; 0 where the system does not say.
+pub fn peak_rss_bytes() -> u64 {
+    let Ok(status) = std::fs::read_to_string("/proc/self/status") else {
+        return 0;
+    };
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    line.and_then(|rest| rest.trim().trim_end_matches("kB").trim().parse::<u64>().ok())
+        .map_or(0, |kib| kib * 1024)
+}
+
+/// The error and its causes, each once: many of our errors quote their cause.
+pub fn describe(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if text.is_empty() {
+            text = cause;
+        } else if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
+}
+
+/// Writes a file, whole or not at all.
+pub fn write_file(path: impl AsRef<Path>, bytes: &[u8]) -> anyhow::Result<()> {
+    Ok(solidmap::io::atomic_write(path, |writer| writer.write_all(bytes))?)
+}
+
+/// A number of bytes in MiB.
+pub fn mebibytes(bytes: u64) -> f64 {
+    bytes as f64 / f64::from(1 << 20)
+}
+
+/// The summary's line on memory.
+pub fn memory_row(peak_rss_bytes: u64) -> [String; 2] {
+    ["memory".into(), format!("{:.0} MiB at most", mebibytes(peak_rss_bytes))]
+}
+
+/// Lines of a name and a text, the texts aligned.
+pub fn two_columns(rows: Vec<[String; 2]>) -> String {
+    let width = rows.iter().map(|[name, _]| name.chars().count()).max().unwrap_or(0);
+    let lines = rows
+        .into_iter()
+        .map(|[name, text]| format!("{name:<width$}  {text}").trim_end().to_owned());
+    lines.collect::<Vec<_>>().join("\n")
+}

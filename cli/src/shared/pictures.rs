@@ -1,0 +1,97 @@
+//! Pictures of plane sections, and where they are cut.
+
+use anyhow::ensure;
+use solidmap::energy::{EnergyOptions, densities};
+use solidmap::geometry::{Axis, AxisPlane, PlaneSection, distance_field};
+use solidmap::map::VolumeMap;
+use solidmap::mesh::SurfaceMesh;
+
+use crate::args::SectionArgs;
+use crate::drawing::{ColourBar, Panel, Scale, ValueRange};
+
+/// Refuses a position of a section that is not between the ends of the solid.
+pub fn require_position(position: f64) -> anyhow::Result<()> {
+    ensure!(
+        (0.0..=1.0).contains(&position),
+        "--position is {position}, but must be from 0 to 1"
+    );
+    Ok(())
+}
+
+/// The plane across an axis at a position from 0 to 1 along a solid's box.
+pub fn plane_across(axis: Axis, position: f64, solid: &SurfaceMesh) -> AxisPlane {
+    let (low, high) = solid.bounding_box().unwrap_or_default();
+    let (low, high) = (low[axis.index()], high[axis.index()]);
+    let position = low + position * (high - low);
+    AxisPlane { axis, position }
+}
+
+impl SectionArgs {
+    /// Refuses a position that is not between the ends of the solid.
+    pub fn require_valid(&self) -> anyhow::Result<()> {
+        require_position(self.position)
+    }
+
+    /// The plane through a solid.
+    pub fn plane(&self, solid: &SurfaceMesh) -> AxisPlane {
+        plane_across(self.axis.map_or(Axis::Z, Axis::from), self.position, solid)
+    }
+}
+
+/// Name of the distance field's colour bar.
+const DISTANCE: &str = "distance from the boundary";
+
+/// A map between two solids, as pictures need it.
+pub struct Pictured<'a> {
+    /// The map.
+    pub map: &'a dyn VolumeMap,
+    /// Boundary of its domain.
+    pub domain: &'a SurfaceMesh,
+    /// Boundary of its target.
+    pub target: &'a SurfaceMesh,
+    /// How energies are measured.
+    pub options: EnergyOptions,
+    /// The axis that points up in pictures.
+    pub up: Axis,
+}
+
+impl Pictured<'_> {
+    /// Harmonic energy density, deformation energy density, and the target's distance field seen through the map, on a
+    /// cross-section of the domain: figures 2 (c)–(e) and 7 (d) of the paper.
+    pub fn section(&self, plane: AxisPlane, pixels: usize) -> anyhow::Result<Vec<Panel>> {
+        let section = PlaneSection::new(self.domain, plane, self.up, pixels)?;
+        let volumes = [self.domain.volume(), self.target.volume()];
+        let densities = densities(self.map, section.points(), volumes[0], volumes[1], &self.options)?;
+        // A few points at creases have densities far above all others; the bar says that it clamps.
+        let most = ValueRange::Quantiles(0.0, 0.99);
+        let distances = distance_field(self.target, &self.map.evaluate(section.points()))?;
+        let from_zero = from_zero(&distances);
+        let fields = [
+            (["harmonic energy density", "‖J‖²"], densities.harmonic, most),
+            (["deformation energy density", "½ σ:ε"], densities.deformation, most),
+            (["target's distance field, transferred", DISTANCE], distances, from_zero),
+        ];
+        fields
+            .iter()
+            .map(|(name, values, range)| panel(&section, *name, values, *range))
+            .collect()
+    }
+
+    /// The target's own distance field on a cross-section of the target.
+    pub fn target_section(&self, plane: AxisPlane, pixels: usize) -> anyhow::Result<Panel> {
+        let section = PlaneSection::new(self.target, plane, self.up, pixels)?;
+        let distances = distance_field(self.target, section.points())?;
+        let range = from_zero(&distances);
+        panel(&section, ["distance field of the target", DISTANCE], &distances, range)
+    }
+}
+
+/// Blue is the boundary; the boundary error puts some points a little outside of it.
+fn from_zero(distances: &[f64]) -> ValueRange {
+    ValueRange::Fixed(0.0, distances.iter().copied().fold(0.0, f64::max).max(f64::EPSILON))
+}
+
+fn panel(section: &PlaneSection, [name, label]: [&str; 2], values: &[f64], range: ValueRange) -> anyhow::Result<Panel> {
+    let bar = ColourBar::new(label, values.iter().copied(), range, Scale::Linear)?;
+    Ok(Panel::of_section(section, values, &bar)?.titled(name).with_bar(&bar))
+}

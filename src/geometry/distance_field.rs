@@ -1,0 +1,65 @@
+//! The distance field of a solid, and points that lie outside of it.
+
+use super::{QueryError, SurfaceQuery};
+use crate::Point;
+use crate::mesh::SurfaceMesh;
+
+/// Distance of each point from the boundary of a solid, negative outside.
+///
+/// The surface may overlap itself, as a target does where its boundary map folds: the winding number gives the sign.
+///
+/// # Errors
+///
+/// As [`SurfaceQuery::with_winding_sign`].
+pub fn distance_field(surface: &SurfaceMesh, points: &[Point]) -> Result<Vec<f64>, QueryError> {
+    let query = SurfaceQuery::with_winding_sign(surface)?;
+    Ok(query.signed_distances(points).into_iter().map(|d| -d).collect())
+}
+
+/// Distance from the solid, over its diagonal, from which on a point counts as outside: rounding puts points of the
+/// boundary closer.
+const MARGIN: f64 = 1e-6;
+
+/// How many points with finite coordinates lie outside of a solid.
+///
+/// # Errors
+///
+/// As [`SurfaceQuery::new`].
+pub fn count_outside(surface: &SurfaceMesh, points: &[Point]) -> Result<usize, QueryError> {
+    let query = SurfaceQuery::new(surface)?;
+    let finite: Vec<Point> = points
+        .iter()
+        .copied()
+        .filter(|p| p.iter().all(|c| c.is_finite()))
+        .collect();
+    // Distances take several times longer than the test for inside, and few points need one.
+    let not_inside = finite.iter().zip(query.contains_all(&finite));
+    let not_inside: Vec<Point> = not_inside.filter(|(_, inside)| !inside).map(|(p, _)| *p).collect();
+    let margin = MARGIN * surface.diagonal();
+    let distances = query.signed_distances(&not_inside);
+    Ok(distances.into_iter().filter(|&d| d > margin).count())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+
+    #[test]
+    fn distances_are_positive_inside_and_points_outside_are_counted() {
+        let cube = shapes::cube(2.0, 2);
+        let points = [
+            [0.0, 0.0, 0.0],
+            [0.5, 0.0, 0.0],
+            [1.0 + 1e-9, 0.0, 0.0],
+            [0.0, 3.0, 0.0],
+        ]
+        .map(Point::from);
+        let distances = distance_field(&cube, &points).unwrap();
+        for (found, exact) in distances.iter().zip([1.0, 0.5, -1e-9, -2.0]) {
+            assert!((found - exact).abs() < 1e-12, "{found} {exact}");
+        }
+        let nowhere = Point::new(f64::NAN, 0.0, 0.0);
+        assert_eq!(count_outside(&cube, &[&points[..], &[nowhere]].concat()), Ok(1));
+    }
+}
