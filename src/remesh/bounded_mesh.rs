@@ -1,4 +1,4 @@
-//! A mesh with its boundary: which nodes are on it, its faces, and the parts that they belong to.
+//! A mesh with its boundary: the nodes on it, its triangles, and the parts that they form.
 
 use std::collections::HashMap;
 
@@ -19,12 +19,12 @@ pub struct BoundedMesh {
     pub(super) part_names: Vec<String>,
 }
 
-/// The faces between some cells of a mesh and everything else.
+/// The boundary of a set of cells of a mesh.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct CellSetBoundary {
     /// Triangles, facing out of the cells.
     pub triangles: Vec<[u32; 3]>,
-    /// The cell that each triangle belongs to.
+    /// The cell of each triangle.
     pub cells: Vec<u32>,
     /// For each triangle `[a, b, c]` whether `ab`, `bc` and `ca` are edges of cells, not diagonals of quads.
     pub edges: Vec<[bool; 3]>,
@@ -40,21 +40,22 @@ const HEX_FACES: [[usize; 4]; 6] = [
     [3, 0, 4, 7],
 ];
 
-/// A face as a cell sees it.
+/// A face of a cell, which its neighbour has with the opposite orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct CellFace {
-    /// Its nodes, ascending; the last is `u32::MAX` of a triangle.
+    /// Its nodes, ascending; the last is `u32::MAX` for a triangle.
     pub nodes: [u32; 4],
     pub cell: u32,
     /// Which face of the cell.
     pub side: u8,
-    /// Whether the cell sees it run the one way or the other; two cells at a face see different ones.
-    pub turns: bool,
-    /// Of a quad, the node across from the least one: four nodes make three quads.
-    pub across: u32,
+    /// Its orientation as seen from outside the cell; cells of the same orientation see different ones at their common
+    /// face.
+    pub reversed: bool,
+    /// The node of a quad opposite to the least one: four nodes can form three quads.
+    pub opposite: u32,
 }
 
-/// The faces of all cells, those between two cells beside each other.
+/// The faces of all cells, sorted so that the two of neighbours follow each other.
 pub(super) fn faces(cells: &CellList) -> Vec<CellFace> {
     let mut faces: Vec<CellFace> = match cells {
         CellList::Tets(tets) => (0..tets.len() as u32)
@@ -64,13 +65,13 @@ pub(super) fn faces(cells: &CellList) -> Vec<CellFace> {
                     let [a, b, c] = TET_FACES[side as usize].map(|k| tets[cell as usize][k]);
                     let mut nodes = [a, b, c, u32::MAX];
                     nodes.sort_unstable();
-                    let turns = [[a, b], [b, c], [c, a]].contains(&[nodes[0], nodes[1]]);
+                    let reversed = [[a, b], [b, c], [c, a]].contains(&[nodes[0], nodes[1]]);
                     CellFace {
                         nodes,
                         cell,
                         side,
-                        turns,
-                        across: 0,
+                        reversed,
+                        opposite: 0,
                     }
                 })
             })
@@ -87,8 +88,8 @@ pub(super) fn faces(cells: &CellList) -> Vec<CellFace> {
                         nodes,
                         cell,
                         side,
-                        turns: around[(first + 1) % 4] < around[(first + 3) % 4],
-                        across: around[(first + 2) % 4],
+                        reversed: around[(first + 1) % 4] < around[(first + 3) % 4],
+                        opposite: around[(first + 2) % 4],
                     }
                 })
             })
@@ -98,7 +99,7 @@ pub(super) fn faces(cells: &CellList) -> Vec<CellFace> {
     faces
 }
 
-/// Of sorted faces, those that belong to one cell only.
+/// The sorted faces that belong to one cell only.
 pub(super) fn outer(faces: &[CellFace]) -> impl Iterator<Item = &CellFace> {
     let groups = faces.chunk_by(|a, b| a.nodes == b.nodes);
     groups.filter(|group| group.len() == 1).map(|group| &group[0])
@@ -171,13 +172,13 @@ impl BoundedMesh {
         &self.on_boundary
     }
 
-    /// Boundary triangles, facing outward; those of hexahedra are their quads, split, two after each other.
+    /// Boundary triangles, facing outward. Quads of hexahedra are split into two consecutive triangles.
     pub fn boundary(&self) -> &[[u32; 3]] {
         &self.boundary
     }
 
-    /// The part of the boundary that every triangle belongs to, from 1. Parts hang together across edges and face one way
-    /// along an axis, or along none.
+    /// The part of the boundary that each triangle belongs to, from 1. A part is connected across edges; its triangles
+    /// all face the same way along an axis, or none faces along an axis.
     pub fn parts(&self) -> &[i32] {
         &self.parts
     }
@@ -187,27 +188,27 @@ impl BoundedMesh {
         &self.part_names
     }
 
-    /// The faces around the cells that are `kept`. Takes time for sorting the faces of all cells.
+    /// The boundary of the cells that are `kept`. Sorts the faces of all cells.
     pub fn boundary_of(&self, kept: impl Fn(u32) -> bool) -> CellSetBoundary {
         let mut faces = faces(&self.cells);
         faces.retain(|face| kept(face.cell));
         let outer = faces
             .chunk_by(|a, b| a.nodes == b.nodes)
             .filter(|group| group.len() == 1);
-        let mut skin = CellSetBoundary::default();
+        let mut boundary = CellSetBoundary::default();
         for face in outer.map(|group| &group[0]) {
-            let halves: &[[bool; 3]] = match self.cells {
+            let edges: &[[bool; 3]] = match self.cells {
                 CellList::Tets(_) => &[[true; 3]],
                 CellList::Hexes(_) => &[[true, true, false], [false, true, true]],
             };
-            skin.triangles.extend(face.triangles(&self.cells));
-            skin.cells.extend(halves.iter().map(|_| face.cell));
-            skin.edges.extend(halves);
+            boundary.triangles.extend(face.triangles(&self.cells));
+            boundary.cells.extend(edges.iter().map(|_| face.cell));
+            boundary.edges.extend(edges);
         }
-        skin
+        boundary
     }
 
-    /// The boundary's quads, of a mesh of hexahedra.
+    /// The quads of the boundary; `None` unless the cells are hexahedra.
     pub fn quads(&self) -> Option<Vec<[u32; 4]>> {
         matches!(self.cells, CellList::Hexes(_)).then(|| {
             let pairs = self.boundary.as_chunks::<2>().0;
@@ -216,12 +217,12 @@ impl BoundedMesh {
     }
 }
 
-/// Sides of a box, as normals.
+/// Directions along the axes, as in the names of parts.
 const SIDES: [&str; 6] = ["-x", "+x", "-y", "+y", "-z", "+z"];
 
 /// Each boundary triangle's part, and the names of the parts.
 fn parts(nodes: &[Point], boundary: &[[u32; 3]]) -> (Vec<i32>, Vec<String>) {
-    // Within this of an axis counts as along it.
+    // Angle to an axis below which a normal counts as along it.
     const ALIGNED: f64 = 1e-6;
     let facing = |t: &[u32; 3]| -> Option<usize> {
         let [a, b, c] = t.map(|v| nodes[v as usize]);

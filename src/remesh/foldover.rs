@@ -1,24 +1,23 @@
 //! The foldover-free energy of Garanzha, Kaporin, Kudryavtseva, Protais, Ray, Sokolov, *Foldover-free maps in 50 lines of
 //! code*, ACM Transactions on Graphics 40 (2021), and its gradient.
 //!
-//! Of a linear map with Jacobian `J` and determinant `d`, the energy is `|J|² / χ^(2/3) + λ (d² + 1) / χ`, where
-//! `χ = (d + √(ε² + d²)) / 2` is positive also for inverted cells, and goes to `d` or 0 as `ε` does. It is finite
-//! wherever cells are inverted, and grows there without bound as `ε` falls: lowering it in turns with `ε` turns them
-//! back.
+//! The energy of a linear map with Jacobian `J` and determinant `d` is `|J|² / χ^(2/3) + λ (d² + 1) / χ`, where `χ = (d
+//! + √(ε² + d²)) / 2` is positive also for inverted cells, and tends to `d` or 0 as `ε` tends to 0. The energy is
+//! finite for inverted cells, and grows without bound as `ε` decreases: minimising it for decreasing `ε` repairs them.
 
 use std::sync::LazyLock;
 
 use rayon::prelude::*;
 
-use super::quality::{HEX_CORNERS, is_positive, lesser, tet_scaled_jacobians, trilinear_slopes};
+use super::quality::{HEX_CORNERS, is_positive, lesser, tet_scaled_jacobians, trilinear_gradients};
 use crate::{Matrix3, Point, Vector};
 
-/// Cells as linear maps of reference shapes: tetrahedra, or the corners of hexahedra.
+/// The energy of a mesh. Each cell is a linear map of a reference shape, each hexahedron eight of them, one per corner.
 #[derive(Debug)]
 pub(super) struct FoldoverEnergy {
     cells: ReferenceCells,
-    /// Uses of each node: those of node `v` are `uses[starts[v]..starts[v + 1]]`, each a cell times its corners plus a
-    /// corner.
+    /// Corners of cells at each node: those at node `v` are `uses[starts[v]..starts[v + 1]]`, each the index of a cell
+    /// times its number of corners plus the corner.
     starts: Vec<u32>,
     uses: Vec<u32>,
 }
@@ -29,27 +28,28 @@ enum ReferenceCells {
         corners: Vec<[u32; 4]>,
         /// Inverse of the matrix of reference edges, scaled so that the mean determinant of all maps is 1.
         rest: Vec<Matrix3>,
-        /// Shares of the energy, with sum 1.
+        /// Weights in the energy, with sum 1.
         weights: Vec<f64>,
     },
-    /// Corners of cubes.
+    /// Corners of hexahedra, relative to a cube's.
     Hexes {
         corners: Vec<[u32; 8]>,
-        /// Of a cube's side, inverted.
+        /// One over the cube's edge length.
         scale: f64,
-        /// Which are examined inside too; empty for none.
+        /// Which ones are evaluated inside too; empty for none.
         inside: Vec<bool>,
     },
 }
 
 /// Weight of the determinants against the shapes.
 const LAMBDA: f64 = 1.0;
-/// Scaled Jacobian of a reference, below which it is none: far below that of cells that are thin on purpose.
+/// Scaled Jacobian below which a tetrahedron is not used as a reference: far below that of cells that are thin on
+/// purpose.
 const SLIVER: f64 = 2e-3;
-/// Cells that one task takes.
+/// Cells per task.
 const RUN: usize = 2048;
 
-/// The energy and what goes with it.
+/// The energy, the least determinant and the number of inverted corners.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EnergyValue {
     pub energy: f64,
@@ -60,26 +60,27 @@ pub(super) struct EnergyValue {
 }
 
 impl FoldoverEnergy {
-    /// Tetrahedra against those between the nodes `reference`, or, where these are slivers or inverted, against regular ones
-    /// of the mean volume. `volume` is the sum of the signed volumes of the image.
+    /// Tetrahedra relative to those between the nodes `reference` or, where these are slivers or inverted, relative to
+    /// regular ones of the mean volume. `volume` is the sum of the signed volumes of the image.
     pub fn of_tets(tets: &[[u32; 4]], reference: &[Point], volume: f64) -> Self {
         let mut shapes: Vec<Matrix3> = tets
             .par_iter()
             .map(|t| edges(t.map(|v| reference[v as usize])))
             .collect();
-        // Of a sliver, J would be more than any mesh can follow; of an inverted one, it would ask for inversion.
+        // The inverse of a sliver would be too large for any mesh to follow; an inverted reference would ask for
+        // inversion.
         let quality = tet_scaled_jacobians(tets, reference);
         let sound = |t: usize| quality[t] > SLIVER;
         let volumes = shapes.iter().enumerate().filter(|(t, _)| sound(*t));
         let volumes: Vec<f64> = volumes.map(|(_, e)| e.determinant() / 6.0).collect();
         let mean = volumes.iter().sum::<f64>() / volumes.len().max(1) as f64;
-        let regular = regular_edges() * usable(mean.cbrt());
+        let regular = regular_edges() * length_or_one(mean.cbrt());
         let slivers = shapes.iter_mut().enumerate().filter(|(t, _)| !sound(*t));
         slivers.for_each(|(_, e)| *e = regular);
         let volumes: Vec<f64> = shapes.iter().map(|e| e.determinant().abs() / 6.0).collect();
         let total: f64 = volumes.iter().sum();
-        // Lengths of the reference are multiplied by this: then it has the volume of the image.
-        let scale = usable((volume.abs() / total).cbrt());
+        // Scales the reference to the volume of the image.
+        let scale = length_or_one((volume.abs() / total).cbrt());
         let inverse = |e: &Matrix3| e.try_inverse().unwrap_or_else(Matrix3::identity) / scale;
         Self::new(
             ReferenceCells::Tets {
@@ -91,9 +92,9 @@ impl FoldoverEnergy {
         )
     }
 
-    /// Hexahedra against cubes, over `nodes` nodes.
+    /// Hexahedra relative to cubes, over `nodes` nodes.
     pub fn of_hexes(hexes: &[[u32; 8]], nodes: usize, volume: f64) -> Self {
-        let side = usable((volume.abs() / hexes.len() as f64).cbrt());
+        let side = length_or_one((volume.abs() / hexes.len() as f64).cbrt());
         Self::new(
             ReferenceCells::Hexes {
                 corners: hexes.to_vec(),
@@ -140,9 +141,9 @@ impl FoldoverEnergy {
         }
     }
 
-    /// From now on the energy looks inside of these hexahedra too: at the midpoints of their edges and faces, and at the
-    /// centre. Positive corners do not make a trilinear map positive.
-    pub fn look_inside(&mut self, cells: &[u32]) {
+    /// From now on the energy is evaluated inside these hexahedra too: at the midpoints of their edges and faces, and
+    /// at the centre. A trilinear map with positive corners need not be positive inside.
+    pub fn check_inside(&mut self, cells: &[u32]) {
         if let ReferenceCells::Hexes { corners, inside, .. } = &mut self.cells {
             inside.resize(corners.len(), false);
             cells.iter().for_each(|&c| inside[c as usize] = true);
@@ -177,7 +178,7 @@ impl FoldoverEnergy {
         found
     }
 
-    /// The energy, and its gradient by the nodes `free` into `gradient`. `parts` is scratch.
+    /// The energy, and its gradient with respect to the nodes `free` into `gradient`. `parts` is scratch space.
     pub fn evaluate(
         &self,
         x: &[Point],
@@ -188,7 +189,7 @@ impl FoldoverEnergy {
     ) -> EnergyValue {
         parts.resize(self.uses.len(), Vector::zeros());
         let per_cell = self.cells.corners();
-        // Runs of one length, added in order: the same for any number of threads.
+        // Runs of fixed length, added in order: the result does not depend on the number of threads.
         let values: Vec<EnergyValue> = parts
             .par_chunks_mut(RUN * per_cell)
             .enumerate()
@@ -204,7 +205,7 @@ impl FoldoverEnergy {
         for value in values {
             sum.energy += value.energy;
             sum.inverted += value.inverted;
-            sum.meet(value.least);
+            sum.add_determinant(value.least);
         }
         sum
     }
@@ -225,7 +226,8 @@ impl ReferenceCells {
         }
     }
 
-    /// Of cells from `first` on, as many as there are `parts` for: the derivatives by their corners.
+    /// Evaluates cells from `first` on, as many as there are `parts` for: the derivatives with respect to their
+    /// corners.
     fn evaluate(&self, first: usize, x: &[Point], epsilon: f64, parts: &mut [Vector]) -> EnergyValue {
         let mut value = EnergyValue::NONE;
         match self {
@@ -278,14 +280,14 @@ impl EnergyValue {
         inverted: 0,
     };
 
-    /// Adds a Jacobian; returns the derivative by it.
+    /// Adds the energy of a Jacobian; returns the derivative with respect to it.
     #[inline]
     fn add(&mut self, jacobian: &Matrix3, weight: f64, epsilon: f64) -> Matrix3 {
         let [a, b, c] = [0, 1, 2].map(|k| jacobian.column(k).into_owned());
         let cofactors = Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)]);
         let det = a.dot(&cofactors.column(0));
         let root = (det * det + epsilon * epsilon).sqrt();
-        // The sum would cancel.
+        // Rewritten, because the sum would cancel.
         let chi = if det < 0.0 {
             epsilon * epsilon / (2.0 * (root - det))
         } else {
@@ -299,11 +301,11 @@ impl EnergyValue {
         let by_det = -2.0 / 3.0 * norm * shape * slope / chi + LAMBDA * (2.0 * det - size * slope) / chi;
         self.energy += weight * (norm * shape + LAMBDA * size);
         self.inverted += usize::from(!is_positive(det));
-        self.meet(det);
+        self.add_determinant(det);
         jacobian * (2.0 * weight * shape) + cofactors * (weight * by_det)
     }
 
-    fn meet(&mut self, det: f64) {
+    fn add_determinant(&mut self, det: f64) {
         self.least = lesser(self.least, det);
     }
 }
@@ -336,13 +338,13 @@ fn between_corners() -> &'static [[Vector; 8]] {
     static SLOPES: LazyLock<Vec<[Vector; 8]>> = LazyLock::new(|| {
         let lattice = (0..27).map(|i| [i % 3, i / 3 % 3, i / 9].map(|k| 0.5 * k as f64));
         let between = lattice.filter(|at| at.contains(&0.5));
-        between.map(trilinear_slopes).collect()
+        between.map(trilinear_gradients).collect()
     });
     &SLOPES
 }
 
-/// A length, or 1 if it is none.
-fn usable(length: f64) -> f64 {
+/// The length, or 1 if it is not positive and finite.
+fn length_or_one(length: f64) -> f64 {
     if length > 0.0 && length.is_finite() {
         length
     } else {
@@ -384,15 +386,15 @@ mod tests {
 
     #[test]
     fn gradient_matches_central_differences_also_of_inverted_cells() {
-        let (mut looking, x) = hex();
-        looking.look_inside(&[0]);
-        for (energy, x) in [tets(), hex(), (looking, x)] {
+        let (mut checked_inside, x) = hex();
+        checked_inside.check_inside(&[0]);
+        for (energy, x) in [tets(), hex(), (checked_inside, x)] {
             let free: Vec<u32> = (0..x.len() as u32).collect();
             let mut gradient = vec![Vector::zeros(); x.len()];
             for epsilon in [1.0, 0.1, 1e-2] {
                 let value = energy.evaluate(&x, epsilon, &free, &mut vec![], &mut gradient);
                 let dets = energy.determinants(&x);
-                // Those inside come on top.
+                // Evaluations inside come on top.
                 let least = dets.iter().copied().fold(f64::INFINITY, f64::min);
                 assert!(value.inverted >= dets.iter().filter(|d| **d <= 0.0).count());
                 assert!(value.inverted > 0 && value.least < least + 1e-14);
@@ -426,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_counted() {
+    fn determinants_that_are_not_finite_count_as_inverted() {
         let (energy, mut x) = tets();
         x[4].x = f64::NAN;
         let value = energy.evaluate(&x, 0.1, &[], &mut vec![], &mut []);

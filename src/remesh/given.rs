@@ -1,23 +1,23 @@
-//! A mesh that is given instead of made: its boundary is found, and tetrahedra on the boundary alone are split.
+//! Meshes that are given: their boundary is found, and tetrahedra with all nodes on the boundary are split.
 
 use std::collections::{HashMap, HashSet};
 
 use rayon::prelude::*;
 
 use super::bounded_mesh::{BoundedMesh, CellFace, faces};
-use super::grid::MOST_CELLS;
+use super::grid::MAX_CELLS;
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::{CellList, CellMesh, SurfaceMesh};
 use crate::{Point, Vector};
 
-/// Why a given mesh cannot be carried by a map.
+/// Why a given mesh cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GivenMeshError {
-    /// There is nothing to carry.
+    /// The mesh has no cells.
     #[error("it has no cells")]
     Empty,
-    /// A node is nowhere.
+    /// A node has a NaN or infinite coordinate.
     #[error("node {node} (0-based) is at {at}; every node needs finite coordinates")]
     NotFinite {
         /// Which, 0-based.
@@ -25,7 +25,7 @@ pub enum GivenMeshError {
         /// Its coordinates.
         at: Point,
     },
-    /// A cell has a corner twice.
+    /// A cell has the same node at two corners.
     #[error("cell {cell} (0-based) names node {node} twice; remove collapsed cells")]
     Collapsed {
         /// Which, 0-based.
@@ -41,25 +41,27 @@ pub enum GivenMeshError {
         /// Its nodes, 0-based.
         nodes: Vec<u32>,
     },
-    /// Hexahedra meet at the same four nodes, but take them for different quads.
-    #[error("cells {cells:?} (0-based) connect the four nodes of their common face in different ways; mend the mesh")]
+    /// Two hexahedra share the four nodes of a face, but connect them to different quads.
+    #[error("cells {cells:?} (0-based) connect the four nodes of their common face in different ways; repair the mesh")]
     OtherQuad {
         /// Which, 0-based.
         cells: [u32; 2],
     },
-    /// The cells cannot all be turned the same way.
-    #[error("cells {cells:?} (0-based) lie on the same side of their face, however cells are turned; mend the mesh")]
-    Hands {
+    /// The cells cannot be oriented consistently.
+    #[error(
+        "cells {cells:?} (0-based) lie on the same side of their face, however cells are oriented; repair the mesh"
+    )]
+    NotOrientable {
         /// Which, 0-based.
         cells: [u32; 2],
     },
-    /// There are more cells than can be counted.
-    #[error("it has {cells} cells, more than the limit of {limit:.0}", limit = MOST_CELLS)]
+    /// There are more cells than the limit.
+    #[error("it has {cells} cells, more than the limit of {limit:.0}", limit = MAX_CELLS)]
     TooMany {
-        /// How many, with those that splitting adds.
+        /// How many, including those that splitting adds.
         cells: usize,
     },
-    /// The mesh is not one of the map's domain.
+    /// The boundary of the mesh is not the surface of the map's domain.
     #[error(
         "node {node} (0-based) of its boundary is {distance:.2e} of the diagonal away from the surface of the map's domain; \
          give a mesh of the domain, in the same place and units"
@@ -70,7 +72,7 @@ pub enum GivenMeshError {
         /// How far, as a fraction of the domain's diagonal.
         distance: f64,
     },
-    /// The mesh fills another volume than the domain.
+    /// The mesh does not have the volume of the domain.
     #[error("it has a volume of {mesh}, the map's domain {domain}; give a mesh that fills the domain")]
     OtherVolume {
         /// Of the mesh.
@@ -83,42 +85,42 @@ pub enum GivenMeshError {
     Query(#[from] QueryError),
 }
 
-/// A given mesh, ready to be carried.
+/// A given mesh, ready to be mapped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GivenMesh {
-    /// The mesh. Its nodes are those given, and behind them those that splitting added.
+    /// The mesh. Its nodes are those given, followed by those that splitting added.
     pub mesh: BoundedMesh,
-    /// Tetrahedra that had all their nodes on the boundary.
+    /// Number of tetrahedra that had all their nodes on the boundary.
     pub on_boundary_alone: usize,
-    /// Largest distance of a boundary node from the domain's surface, as a fraction of its diagonal. Such nodes go where the
-    /// nearest point of the surface goes.
+    /// Largest distance of a boundary node from the domain's surface, as a fraction of its diagonal. Such nodes are
+    /// mapped like the nearest point of the surface.
     pub off_surface: f64,
 }
 
-/// Farthest that a boundary node may be from the domain's surface, as a fraction of the diagonal.
+/// Largest allowed distance of a boundary node from the domain's surface, as a fraction of the diagonal.
 const OFF_SURFACE: f64 = 0.01;
-/// Difference of volumes, as a fraction.
+/// Largest allowed relative difference of volumes.
 const OTHER_VOLUME: f64 = 0.1;
 
-/// Finds the boundary of a mesh of `domain`, turns its cells right-handed, and splits tetrahedra with all nodes on the
-/// boundary: their orientation would be that of the boundary map for good. The split goes through an edge inside, through a
-/// face where there is none, through the middle where there is no face inside either.
+/// Finds the boundary of a mesh of `domain`, orients its cells, and splits tetrahedra with all nodes on the boundary,
+/// whose orientation no inner node could change. An inner edge is split, or an inner face where there is none, or else
+/// the tetrahedron itself.
 ///
 /// # Errors
 ///
-/// When cells do not make a conforming mesh, or not of this domain.
+/// When the cells do not form a conforming mesh of this domain.
 pub fn given_mesh(mesh: CellMesh, domain: &SurfaceMesh) -> Result<GivenMesh, GivenMeshError> {
     check_cells(&mesh)?;
     let mut seen = faces(mesh.cells());
     check_faces(&seen)?;
-    let (mesh, turned) = turned(mesh, &seen)?;
-    if turned {
+    let (mesh, oriented) = oriented(mesh, &seen)?;
+    if oriented {
         seen = faces(mesh.cells());
     }
     let mut mesh = BoundedMesh::of(mesh, &seen);
     let off_surface = check_place(&mesh, domain)?;
     let on_boundary_alone = split(&mut mesh);
-    if mesh.cells.len() as f64 > MOST_CELLS {
+    if mesh.cells.len() as f64 > MAX_CELLS {
         return Err(GivenMeshError::TooMany {
             cells: mesh.cells.len(),
         });
@@ -134,7 +136,7 @@ fn check_cells(mesh: &CellMesh) -> Result<(), GivenMeshError> {
     if mesh.cells().is_empty() {
         return Err(GivenMeshError::Empty);
     }
-    if mesh.cells().len() as f64 > MOST_CELLS {
+    if mesh.cells().len() as f64 > MAX_CELLS {
         return Err(GivenMeshError::TooMany {
             cells: mesh.cells().len(),
         });
@@ -160,12 +162,12 @@ fn find_cell<const N: usize>(cells: &[[u32; N]], corner: impl Fn(&[u32]) -> Opti
     cells.iter().enumerate().find_map(found)
 }
 
-/// At most two cells meet at a face, in the same way.
+/// Requires that at most two cells meet at a face, and agree on its quad.
 fn check_faces(faces: &[CellFace]) -> Result<(), GivenMeshError> {
     for group in faces.chunk_by(|a, b| a.nodes == b.nodes) {
         match group {
             [_] => {}
-            [a, b] if a.across == b.across => {}
+            [a, b] if a.opposite == b.opposite => {}
             [a, b] => {
                 return Err(GivenMeshError::OtherQuad {
                     cells: [a.cell, b.cell],
@@ -182,9 +184,9 @@ fn check_faces(faces: &[CellFace]) -> Result<(), GivenMeshError> {
     Ok(())
 }
 
-/// The mesh with its cells turned right-handed: neighbours alike, and each part that hangs together by its volume, so that
-/// cells that are inverted stay what they are; and whether there was anything to turn.
-fn turned(mesh: CellMesh, faces: &[CellFace]) -> Result<(CellMesh, bool), GivenMeshError> {
+/// The mesh with its cells oriented, and whether any was reversed. Neighbours are made consistent, and each connected
+/// part gets a positive volume, so that inverted cells stay inverted.
+fn oriented(mesh: CellMesh, faces: &[CellFace]) -> Result<(CellMesh, bool), GivenMeshError> {
     let (nodes, mut cells, regions) = mesh.into_parts();
     let det = |[a, b, c, d]: [u32; 4]| {
         let [a, b, c, d] = [a, b, c, d].map(|v| nodes[v as usize]);
@@ -199,30 +201,30 @@ fn turned(mesh: CellMesh, faces: &[CellFace]) -> Result<(CellMesh, bool), GivenM
         }
     };
     let neighbours = neighbours(faces, cells.len());
-    let mut is_left: Vec<Option<bool>> = vec![None; cells.len()];
+    let mut is_reversed: Vec<Option<bool>> = vec![None; cells.len()];
     for first in 0..cells.len() as u32 {
-        if is_left[first as usize].is_some() {
+        if is_reversed[first as usize].is_some() {
             continue;
         }
-        is_left[first as usize] = Some(false);
+        is_reversed[first as usize] = Some(false);
         let (mut part, mut next) = (vec![first], 0);
         while let Some(&at) = part.get(next) {
             next += 1;
-            let left = is_left[at as usize] == Some(true);
-            for &(other, alike) in neighbours.of(at) {
-                let wanted = left == alike;
-                match is_left[other as usize] {
+            let reversed = is_reversed[at as usize] == Some(true);
+            for &(other, consistent) in neighbours.of(at) {
+                let expected = reversed == consistent;
+                match is_reversed[other as usize] {
                     None => {
-                        is_left[other as usize] = Some(wanted);
+                        is_reversed[other as usize] = Some(expected);
                         part.push(other);
                     }
-                    Some(is) if is != wanted => return Err(GivenMeshError::Hands { cells: [at, other] }),
+                    Some(is) if is != expected => return Err(GivenMeshError::NotOrientable { cells: [at, other] }),
                     Some(_) => {}
                 }
             }
         }
         let signed = |&c: &u32| {
-            if is_left[c as usize] == Some(true) {
+            if is_reversed[c as usize] == Some(true) {
                 -volume(c)
             } else {
                 volume(c)
@@ -230,22 +232,22 @@ fn turned(mesh: CellMesh, faces: &[CellFace]) -> Result<(CellMesh, bool), GivenM
         };
         if part.iter().map(signed).sum::<f64>() < 0.0 {
             part.iter()
-                .for_each(|&c| is_left[c as usize] = is_left[c as usize].map(|is| !is));
+                .for_each(|&c| is_reversed[c as usize] = is_reversed[c as usize].map(|is| !is));
         }
     }
-    let left: Vec<usize> = (0..cells.len()).filter(|c| is_left[*c] == Some(true)).collect();
+    let reversed: Vec<usize> = (0..cells.len()).filter(|c| is_reversed[*c] == Some(true)).collect();
     match &mut cells {
-        CellList::Tets(tets) => left.iter().for_each(|&c| tets[c].swap(2, 3)),
-        CellList::Hexes(hexes) => left.iter().for_each(|&c| hexes[c].rotate_left(4)),
+        CellList::Tets(tets) => reversed.iter().for_each(|&c| tets[c].swap(2, 3)),
+        CellList::Hexes(hexes) => reversed.iter().for_each(|&c| hexes[c].rotate_left(4)),
     }
     let mesh = CellMesh::new(nodes, cells, regions).expect("the same counts");
-    Ok((mesh, !left.is_empty()))
+    Ok((mesh, !reversed.is_empty()))
 }
 
 /// The cells across the faces of each cell.
 struct CellNeighbours {
     starts: Vec<usize>,
-    /// A cell, and whether it has the same hand.
+    /// A cell, and whether it is oriented consistently.
     cells: Vec<(u32, bool)>,
 }
 
@@ -260,7 +262,7 @@ fn neighbours(faces: &[CellFace], cells: usize) -> CellNeighbours {
         faces
             .chunk_by(|a, b| a.nodes == b.nodes)
             .filter_map(|group| match group {
-                [a, b] => Some((a.cell, b.cell, a.turns != b.turns)),
+                [a, b] => Some((a.cell, b.cell, a.reversed != b.reversed)),
                 _ => None,
             })
     };
@@ -274,16 +276,16 @@ fn neighbours(faces: &[CellFace], cells: usize) -> CellNeighbours {
     }
     let mut next = starts.clone();
     let mut found = vec![(0, false); starts[cells]];
-    for (a, b, alike) in pairs() {
+    for (a, b, consistent) in pairs() {
         for (from, to) in [(a, b), (b, a)] {
-            found[next[from as usize]] = (to, alike);
+            found[next[from as usize]] = (to, consistent);
             next[from as usize] += 1;
         }
     }
     CellNeighbours { starts, cells: found }
 }
 
-/// Whether the mesh fills the domain; returns how far its boundary nodes are from the surface.
+/// Requires that the mesh fills the domain; returns how far its boundary nodes are from the surface.
 fn check_place(mesh: &BoundedMesh, domain: &SurfaceMesh) -> Result<f64, GivenMeshError> {
     let query = SurfaceQuery::with_winding_sign(domain)?;
     let diagonal = domain.diagonal();
@@ -311,7 +313,7 @@ fn check_place(mesh: &BoundedMesh, domain: &SurfaceMesh) -> Result<f64, GivenMes
     Ok(distance)
 }
 
-/// What a tetrahedron on the boundary alone is split through.
+/// The edge, face or cell at whose centroid a new node is inserted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 enum SplitSimplex {
     Edge([u32; 2]),
@@ -329,8 +331,8 @@ impl SplitSimplex {
     }
 }
 
-/// Splits tetrahedra with all their nodes on the boundary; returns how many there were. A new node is inside, so that no
-/// tetrahedron of the split has to be split again.
+/// Splits tetrahedra with all their nodes on the boundary; returns how many there were. New nodes are inside, so that
+/// none of the new tetrahedra has to be split again.
 fn split(mesh: &mut BoundedMesh) -> usize {
     let CellList::Tets(tets) = &mut mesh.cells else {
         return 0;
@@ -355,34 +357,34 @@ fn split(mesh: &mut BoundedMesh) -> usize {
         if flat.is_empty() {
             break;
         }
-        let mut cuts: Vec<SplitSimplex> = flat
+        let mut simplices: Vec<SplitSimplex> = flat
             .iter()
-            .map(|&t| cut(tets[t], &mesh.nodes, &outer_edges, &outer_faces))
+            .map(|&t| simplex_to_split(tets[t], &mesh.nodes, &outer_edges, &outer_faces))
             .collect();
-        cuts.sort_unstable();
-        cuts.dedup();
-        let around = around(tets, &cuts);
+        simplices.sort_unstable();
+        simplices.dedup();
+        let cells_around = cells_around(tets, &simplices);
         let mut touched = HashSet::new();
-        for (cut, cells) in cuts.iter().zip(around) {
-            // Of cuts through the same cell, the others wait for the next pass.
+        for (simplex, cells) in simplices.iter().zip(cells_around) {
+            // Other splits of the same cell wait for the next pass.
             if cells.iter().any(|c| touched.contains(c)) {
                 continue;
             }
             touched.extend(cells.iter().copied());
-            let corners = cut.corners();
+            let corners = simplex.corners();
             let sum: Vector = corners.iter().map(|&v| mesh.nodes[v as usize].coords).sum();
-            let middle = mesh.nodes.len() as u32;
+            let centre = mesh.nodes.len() as u32;
             mesh.nodes.push(Point::from(sum / corners.len() as f64));
             mesh.on_boundary.push(false);
             for cell in cells {
                 let whole = tets[cell as usize];
-                // One tetrahedron for each corner of the cut, with the middle in its place.
-                let mut halves = corners
+                // One tetrahedron for each corner of the simplex, with the new node in its place.
+                let mut parts = corners
                     .iter()
-                    .map(|gone| whole.map(|v| if v == *gone { middle } else { v }));
-                tets[cell as usize] = halves.next().expect("cuts have corners");
-                for half in halves {
-                    tets.push(half);
+                    .map(|gone| whole.map(|v| if v == *gone { centre } else { v }));
+                tets[cell as usize] = parts.next().expect("simplices have corners");
+                for part in parts {
+                    tets.push(part);
                     mesh.regions.push(mesh.regions[cell as usize]);
                 }
             }
@@ -391,8 +393,13 @@ fn split(mesh: &mut BoundedMesh) -> usize {
     first_count.unwrap_or(0)
 }
 
-/// The longest edge inside, else a face inside, else the cell itself.
-fn cut(t: [u32; 4], nodes: &[Point], outer_edges: &HashSet<[u32; 2]>, outer_faces: &HashSet<[u32; 3]>) -> SplitSimplex {
+/// The longest inner edge, else an inner face, else the cell itself.
+fn simplex_to_split(
+    t: [u32; 4],
+    nodes: &[Point],
+    outer_edges: &HashSet<[u32; 2]>,
+    outer_faces: &HashSet<[u32; 3]>,
+) -> SplitSimplex {
     let mut t = t;
     t.sort_unstable();
     let [a, b, c, d] = t;
@@ -409,10 +416,13 @@ fn cut(t: [u32; 4], nodes: &[Point], outer_edges: &HashSet<[u32; 2]>, outer_face
         .map_or(SplitSimplex::Cell(t), SplitSimplex::Face)
 }
 
-/// The cells around every cut, ascending.
-fn around(tets: &[[u32; 4]], cuts: &[SplitSimplex]) -> Vec<Vec<u32>> {
-    let index: HashMap<SplitSimplex, usize> = cuts.iter().enumerate().map(|(i, cut)| (*cut, i)).collect();
-    let near: HashSet<u32> = cuts.iter().flat_map(|cut| cut.corners().to_vec()).collect();
+/// The cells that contain each simplex, ascending.
+fn cells_around(tets: &[[u32; 4]], simplices: &[SplitSimplex]) -> Vec<Vec<u32>> {
+    let index: HashMap<SplitSimplex, usize> = simplices.iter().enumerate().map(|(i, simplex)| (*simplex, i)).collect();
+    let near: HashSet<u32> = simplices
+        .iter()
+        .flat_map(|simplex| simplex.corners().to_vec())
+        .collect();
     let of_cell = |(cell, t): (usize, &[u32; 4])| -> Vec<(usize, u32)> {
         if t.iter().filter(|v| near.contains(v)).count() < 2 {
             return vec![];
@@ -422,12 +432,14 @@ fn around(tets: &[[u32; 4]], cuts: &[SplitSimplex]) -> Vec<Vec<u32>> {
         let [a, b, c, d] = t;
         let edges = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(SplitSimplex::Edge);
         let faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(SplitSimplex::Face);
-        let cuts = edges.into_iter().chain(faces).chain([SplitSimplex::Cell(t)]);
-        cuts.filter_map(|cut| Some((*index.get(&cut)?, cell as u32))).collect()
+        let simplices = edges.into_iter().chain(faces).chain([SplitSimplex::Cell(t)]);
+        simplices
+            .filter_map(|simplex| Some((*index.get(&simplex)?, cell as u32)))
+            .collect()
     };
     let pairs: Vec<(usize, u32)> = tets.par_iter().enumerate().flat_map_iter(of_cell).collect();
-    let mut found = vec![vec![]; cuts.len()];
-    pairs.into_iter().for_each(|(cut, cell)| found[cut].push(cell));
+    let mut found = vec![vec![]; simplices.len()];
+    pairs.into_iter().for_each(|(simplex, cell)| found[simplex].push(cell));
     found
 }
 
@@ -436,7 +448,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hands_are_turned_as_a_whole_or_one_by_one() {
+    fn single_cells_and_whole_parts_are_oriented() {
         let nodes: Vec<Point> = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0; 3]]
             .map(Point::from)
             .into();
@@ -454,10 +466,10 @@ mod tests {
             });
             let mesh = CellMesh::new(nodes.clone(), CellList::Tets(tets.to_vec()), vec![0, 0]).unwrap();
             let seen = faces(mesh.cells());
-            let CellList::Tets(turned) = turned(mesh, &seen).unwrap().0.cells().clone() else {
+            let CellList::Tets(oriented) = oriented(mesh, &seen).unwrap().0.cells().clone() else {
                 panic!("tets")
             };
-            assert!(turned.iter().all(|t| det(t) > 0.0), "{swaps:?}");
+            assert!(oriented.iter().all(|t| det(t) > 0.0), "{swaps:?}");
         }
     }
 }

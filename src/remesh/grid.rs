@@ -1,4 +1,4 @@
-//! Regular meshes of polycubes: tetrahedra without boundary tetrahedra, hexahedra with a padding layer.
+//! Regular meshes of polycubes: tetrahedra, none with all its nodes on the boundary, or hexahedra with a padding layer.
 
 use std::collections::HashMap;
 
@@ -8,17 +8,17 @@ use super::planes::{Polycube, boxes};
 use crate::mesh::{CellList, KUHN};
 use crate::{Point, Vector};
 
-/// How large the boxes of the grid are.
+/// The size of the grid's boxes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CellSize {
-    /// So many along the longest side of the domain.
+    /// This many along the longest side of the domain.
     Along(usize),
-    /// This length, in the units of the domain.
+    /// Boxes of this edge length, in the units of the domain.
     Length(f64),
 }
 
 impl CellSize {
-    /// The length, in the units of the polycube.
+    /// The edge length, in the units of the polycube.
     pub fn of(self, polycube: &Polycube) -> f64 {
         let spans = polycube.planes().iter().filter_map(|p| Some(p.last()? - p.first()?));
         match self {
@@ -28,32 +28,32 @@ impl CellSize {
     }
 }
 
-/// What cells a mesh has.
+/// The kind of a mesh's cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CellKind {
     /// Six tetrahedra per box of the grid.
     Tets,
-    /// One hexahedron per box, and one under each boundary quad.
+    /// One hexahedron per box, and one in the padding layer at each boundary quad.
     Hexes,
 }
 
-/// How far boundary nodes go inward for the padding, in cells. With a half, cells at edges that point inward would be flat.
-const DEPTH: f64 = 1.0 / 3.0;
+/// Thickness of the padding layer, in cells. With a half, cells at reentrant edges would be flat.
+const PADDING: f64 = 1.0 / 3.0;
 
-/// A grid through all planes of a polycube, with an even number of boxes between neighbouring planes.
+/// A grid that contains all planes of a polycube, with an even number of boxes between neighbouring planes.
 struct PolycubeGrid {
     coordinates: [Vec<f64>; 3],
-    /// Which boxes are inside.
+    /// Which boxes belong to the solid.
     inside: Vec<bool>,
 }
 
-/// Places of a grid at most, inside and outside of the solid.
-const MOST_PLACES: f64 = 1e9;
-/// Cells at most, whatever the limit asked for: corners of cells are counted by 32 bits.
-pub(super) const MOST_CELLS: f64 = (1u32 << 28) as f64;
+/// Largest number of grid points, inside and outside of the solid.
+const MAX_GRID_POINTS: f64 = 1e9;
+/// Largest number of cells, whatever limit is asked for: corners of cells have 32-bit indices.
+pub(super) const MAX_CELLS: f64 = (1u32 << 28) as f64;
 
-/// The cells that a mesh of this size would have, and the places of its grid, before any is made.
+/// The number of cells that a mesh of this size would have, and of its grid's points, before any is made.
 fn counts(polycube: &Polycube, size: f64, kind: CellKind) -> [f64; 2] {
     let along = polycube
         .planes()
@@ -69,14 +69,14 @@ fn counts(polycube: &Polycube, size: f64, kind: CellKind) -> [f64; 2] {
             along[b][at[b]] * along[c][at[c]]
         })
     };
-    let places = along.iter().map(|counts| counts.iter().sum::<f64>() + 1.0).product();
+    let points = along.iter().map(|counts| counts.iter().sum::<f64>() + 1.0).product();
     match kind {
-        CellKind::Tets => [6.0 * cubes, places],
-        CellKind::Hexes => [cubes + quads(), places],
+        CellKind::Tets => [6.0 * cubes, points],
+        CellKind::Hexes => [cubes + quads(), points],
     }
 }
 
-/// The cells that [`regular_mesh`] makes, before any is made.
+/// The number of cells that [`regular_mesh`] makes, before any is made.
 ///
 /// # Errors
 ///
@@ -85,10 +85,10 @@ pub fn cell_count(polycube: &Polycube, size: f64, kind: CellKind, most_cells: us
     if !size.is_finite() || size <= 0.0 {
         return Err(RemeshError::Size(size));
     }
-    let [cells, places] = counts(polycube, size, kind);
+    let [cells, points] = counts(polycube, size, kind);
     for (what, count, limit) in [
-        ("cells", cells, MOST_CELLS.min(most_cells as f64)),
-        ("places in the grid", places, MOST_PLACES),
+        ("cells", cells, MAX_CELLS.min(most_cells as f64)),
+        ("points in the grid", points, MAX_GRID_POINTS),
     ] {
         if count > limit {
             return Err(RemeshError::TooMany { what, count, limit });
@@ -99,14 +99,14 @@ pub fn cell_count(polycube: &Polycube, size: f64, kind: CellKind, most_cells: us
 
 /// A regular mesh with boxes of about `size`.
 ///
-/// Tetrahedra come from Kuhn's split, mirrored with the parity of the box: every tetrahedron has a node whose three
-/// indices are odd. Planes of the polycube have even ones, so that this node is inside, and no tetrahedron has all its
-/// nodes on the boundary.
+/// Tetrahedra come from Kuhn's subdivision, mirrored with the parity of the box: every tetrahedron has a node whose
+/// three indices are odd. Planes of the polycube have even indices, so that this node is inside, and no tetrahedron has
+/// all its nodes on the boundary.
 ///
 /// # Errors
 ///
-/// [`RemeshError::Size`] unless `size` is positive and finite, [`RemeshError::TooMany`] when there would be more cells than
-/// `most_cells` (2²⁸ in any case), or more than 10⁹ places in the grid over the polycube's box.
+/// [`RemeshError::Size`] unless `size` is positive and finite, [`RemeshError::TooMany`] when there would be more cells
+/// than `most_cells` (2²⁸ in any case), or more than 10⁹ grid points over the polycube's box.
 pub fn regular_mesh(
     polycube: &Polycube,
     size: f64,
@@ -123,14 +123,14 @@ pub fn regular_mesh(
 
 /// An even number of boxes of about `size` along a length.
 fn divisions(length: f64, size: f64) -> f64 {
-    // A little less, so that a size that divides the length does.
+    // Less a little, so that rounding adds no boxes where the size divides the length.
     2.0 * (length / (2.0 * size) - 1e-9).ceil().max(1.0)
 }
 
 impl PolycubeGrid {
     fn new(polycube: &Polycube, size: f64) -> Self {
         let mut coordinates: [Vec<f64>; 3] = Default::default();
-        // The box between planes that each box of the grid lies in.
+        // The box of the polycube that each box of the grid lies in, along each axis.
         let mut parents: [Vec<usize>; 3] = Default::default();
         for k in 0..3 {
             let planes = &polycube.planes()[k];
@@ -168,23 +168,24 @@ impl PolycubeGrid {
         boxes(self.counts()).filter(|at| self.is_inside(at.map(|i| i as isize)))
     }
 
-    /// Numbers of the nodes that boxes inside have, by their place in the grid; the nodes; which are on the boundary.
+    /// Node of each grid point, `u32::MAX` where there is none; grid indices of the nodes; which nodes are on the
+    /// boundary.
     fn nodes(&self) -> (Vec<u32>, Vec<[usize; 3]>, Vec<bool>) {
         let counts = self.counts();
         let size = counts.map(|n| n + 1);
         let mut number = vec![u32::MAX; size.iter().product()];
-        let (mut places, mut on_boundary) = (vec![], vec![]);
+        let (mut points, mut on_boundary) = (vec![], vec![]);
         for at in boxes(size) {
             let inside = (0..8)
                 .filter(|m| self.is_inside(std::array::from_fn(|k| at[k] as isize - (m >> k & 1) as isize)))
                 .count();
             if inside > 0 {
-                number[at[0] + size[0] * (at[1] + size[1] * at[2])] = places.len() as u32;
-                places.push(at);
+                number[at[0] + size[0] * (at[1] + size[1] * at[2])] = points.len() as u32;
+                points.push(at);
                 on_boundary.push(inside < 8);
             }
         }
-        (number, places, on_boundary)
+        (number, points, on_boundary)
     }
 
     fn corner(&self, number: &[u32], at: [usize; 3], m: usize) -> u32 {
@@ -198,11 +199,11 @@ impl PolycubeGrid {
     }
 
     fn tets(&self) -> BoundedMesh {
-        let (number, places, on_boundary) = self.nodes();
+        let (number, points, on_boundary) = self.nodes();
         let mut tets = Vec::new();
         let mut boundary = Vec::new();
         for at in self.filled() {
-            // Paths from the corner whose indices are even to the one where they are odd.
+            // Paths from the corner with even indices to the one with odd ones.
             let even = (0..3).fold(0, |m, k| m | (at[k] & 1) << k);
             let corner = |m: usize| self.corner(&number, at, m ^ even);
             let is_mirrored = even.count_ones() % 2 == 1;
@@ -218,7 +219,7 @@ impl PolycubeGrid {
                 if self.is_inside(beyond) {
                     continue;
                 }
-                // The diagonal of the split goes from the corner with even indices to the one with odd ones.
+                // The diagonal of the face goes from the corner with even indices to the one with odd ones.
                 let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
                 let quad = |i: usize, j: usize| {
                     let m = side << axis | i << b | j << c;
@@ -236,16 +237,17 @@ impl PolycubeGrid {
                 }
             }
         }
-        let nodes = places.iter().map(|&at| self.position(at)).collect();
+        let nodes = points.iter().map(|&at| self.position(at)).collect();
         let regions = vec![1; tets.len()];
         BoundedMesh::new(nodes, CellList::Tets(tets), regions, on_boundary, boundary)
     }
 
     fn hexes(&self) -> BoundedMesh {
-        let (number, places, on_grid_boundary) = self.nodes();
-        let mut nodes: Vec<Point> = places.iter().map(|&at| self.position(at)).collect();
-        // How far boundary nodes go inward from faces that look down and up each axis. Where both do no place is right for
-        // all faces, and cells there are inverted in the domain itself; a map that flattens the corner mends them.
+        let (number, points, on_grid_boundary) = self.nodes();
+        let mut nodes: Vec<Point> = points.iter().map(|&at| self.position(at)).collect();
+        // How far boundary nodes move inward from faces that look down and up each axis. Where there are faces of both
+        // kinds no position suits all of them, and cells there are inverted in the domain itself; a map that flattens
+        // the corner makes them positive.
         let mut depths = vec![[[0.0; 2]; 3]; nodes.len()];
         let mut hexes = Vec::new();
         let mut quads = Vec::new();
@@ -268,8 +270,8 @@ impl PolycubeGrid {
                 } else {
                     [around[0], around[3], around[2], around[1]]
                 };
-                let depth = DEPTH * (self.coordinates[axis][at[axis] + 1] - self.coordinates[axis][at[axis]]);
-                // Of several boxes with faces across this axis, the thinnest decides how far.
+                let depth = PADDING * (self.coordinates[axis][at[axis] + 1] - self.coordinates[axis][at[axis]]);
+                // The thinnest of several boxes with faces across this axis decides.
                 for v in around {
                     let towards = &mut depths[v as usize][axis][side];
                     *towards = if *towards == 0.0 { depth } else { depth.min(*towards) };
@@ -277,10 +279,10 @@ impl PolycubeGrid {
                 quads.push(around);
             }
         }
-        // Boundary nodes of the grid move inward; new ones take their places.
+        // Boundary nodes of the grid move inward; new ones take their positions.
         let mut surface = HashMap::new();
         let mut on_boundary = vec![false; nodes.len()];
-        for v in 0..places.len() {
+        for v in 0..points.len() {
             if on_grid_boundary[v] {
                 surface.insert(v as u32, nodes.len() as u32);
                 let at = nodes[v];

@@ -1,8 +1,9 @@
-//! Why cells cannot be turned back while the boundary stays where it is.
+//! Why cells stay inverted as long as the boundary nodes stay where they are.
 //!
-//! A tetrahedron at a corner is right-handed where its determinant is positive, and that is linear in each of its nodes.
-//! With no free node its sign is the boundary map's. With one, that node has to lie on one side of a plane: an inner node
-//! that several planes ask for what contradicts itself has no right place, whatever the others do.
+//! The tetrahedron at a corner of a cell is right-handed if its determinant is positive, and that is linear in each of
+//! its nodes. Without inner nodes its sign is fixed by the boundary map. With one, that node has to lie on one side of
+//! a plane. If the half-spaces of an inner node have no common point (its kernel is empty), a cell around it is
+//! inverted wherever the other nodes are.
 
 use std::cmp::Ordering;
 
@@ -15,42 +16,43 @@ use crate::geometry::orientation;
 use crate::mesh::CellList;
 use crate::{Point, Vector};
 
-/// What keeps cells from being right side out, while the boundary stays.
+/// Why a cell is inverted, as long as the boundary stays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum InversionCause {
-    /// A corner with its neighbours is on the boundary: proved, exactly.
+    /// The tetrahedron at a corner is inverted and has all its nodes on the boundary. Decided exactly.
     Boundary,
-    /// It has an inner node that has no right place, so that a cell there has to be inverted, this one or another: proved, up
-    /// to rounding.
+    /// An inner node has an empty kernel, so that this cell or another one at the node has to be inverted. Proved up to
+    /// rounding.
     BlockedNode,
-    /// It stands on a boundary quad with a corner that faces against the others: not a proof, but where such cells are found.
+    /// It has a boundary quad with a corner that faces against the others. No proof, but where inverted cells are
+    /// found.
     FoldedQuad,
-    /// None of these.
+    /// None of these is known.
     Unknown,
 }
 
-/// What stands in the way of a mesh without inverted cells as long as the boundary stays.
+/// What prevents a mesh without inverted cells as long as the boundary stays.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
 pub struct InversionCauses {
-    /// Cells with a corner on the boundary alone that is not right-handed.
+    /// Cells that [`InversionCause::Boundary`] holds for.
     pub boundary_cells: usize,
-    /// Inner nodes that have no right place.
+    /// Inner nodes with an empty kernel.
     pub blocked_nodes: usize,
     /// Boundary quads with a corner that faces against their mean.
     pub folded_quads: usize,
-    /// What is in the way of each cell; `Unknown` of most.
+    /// The cause for each cell; [`InversionCause::Unknown`] for most.
     #[serde(skip)]
     pub of_cells: Vec<InversionCause>,
 }
 
-/// Planes that meet closer than this to a contradiction, in units of their own neighbourhood, count as contradicting.
+/// Distance of a convex combination of planes from zero, in units of the node's neighbourhood, that counts as zero.
 const ROUNDING: f64 = 1e-11;
-/// Sine of the angle at a corner, below which a triangle's plane is not known well enough to prove anything.
+/// Sine of the angle at a triangle's corner below which its plane is too inaccurate to prove anything.
 const THIN: f64 = 1e-4;
 
-/// Looks for obstacles with the mesh's nodes at `x`, of which those inside do not matter. Nodes without a place in `x` are
-/// nowhere, and prove nothing.
+/// Looks for causes of inversion with the mesh's nodes at `x`; positions of inner nodes do not matter. Nodes missing in
+/// `x` prove nothing.
 pub fn inversion_causes(mesh: &BoundedMesh, x: &[Point]) -> InversionCauses {
     let cells = mesh.cells.len();
     let mut found = InversionCauses {
@@ -77,7 +79,7 @@ pub fn inversion_causes(mesh: &BoundedMesh, x: &[Point]) -> InversionCauses {
     let of_nodes: Vec<&[(u32, [u32; 3], u32)]> = planes.chunk_by(|a, b| a.0 == b.0).collect();
     let blocked: Vec<&[(u32, [u32; 3], u32)]> = of_nodes
         .into_par_iter()
-        .filter(|planes| has_no_place(planes.iter().map(|(_, face, _)| face.map(|v| at(x, v)))))
+        .filter(|planes| has_empty_kernel(planes.iter().map(|(_, face, _)| face.map(|v| at(x, v)))))
         .collect();
     found.blocked_nodes = blocked.len();
     for (_, _, cell) in blocked.into_iter().flatten() {
@@ -109,16 +111,16 @@ fn corners(mesh: &BoundedMesh) -> Vec<(u32, [u32; 4])> {
     }
 }
 
-/// Which nodes of a tetrahedron are inside.
+/// The inner nodes of a tetrahedron.
 enum InnerNodes {
     None,
-    /// One, and the face under it: the node is on its right side where the four are right-handed, face first.
+    /// One, and the opposite face: the tetrahedron of the face and the node is to be right-handed.
     One(u32, [u32; 3]),
     More,
 }
 
 fn free_node(mesh: &BoundedMesh, t: [u32; 4]) -> InnerNodes {
-    // The faces of a right-handed tetrahedron, seen from the opposite node.
+    // The faces of a right-handed tetrahedron, as seen from the opposite node.
     const OPPOSITE: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
     let mut inside = (0..4).filter(|&k| !mesh.on_boundary[t[k] as usize]);
     match (inside.next(), inside.next()) {
@@ -128,9 +130,9 @@ fn free_node(mesh: &BoundedMesh, t: [u32; 4]) -> InnerNodes {
     }
 }
 
-/// Whether no point is above all triangles: `det(b - a, c - a, p - a) > 0` for every triangle `(a, b, c)`. By Gordan's
-/// theorem that is so if and only if the planes have a convex combination that is zero.
-fn has_no_place(triangles: impl Iterator<Item = [Point; 3]> + Clone) -> bool {
+/// Whether no point is above all triangles, that is, `det(b - a, c - a, p - a) > 0` for every triangle `(a, b, c)`. By
+/// Gordan's theorem there is none if and only if a convex combination of the planes is zero.
+fn has_empty_kernel(triangles: impl Iterator<Item = [Point; 3]> + Clone) -> bool {
     let points: Vec<Point> = triangles.clone().flatten().collect();
     let mean = points.iter().map(|p| p.coords).sum::<Vector>() / points.len().max(1) as f64;
     let size = points.iter().map(|p| (p.coords - mean).norm()).fold(0.0, f64::max);
@@ -138,7 +140,7 @@ fn has_no_place(triangles: impl Iterator<Item = [Point; 3]> + Clone) -> bool {
     if !(size > 0.0 && size.is_finite()) {
         return false;
     }
-    // Planes as (normal, offset), and one that says that the point is not at infinity.
+    // Planes as (normal, offset), and the plane at infinity, which the point is not to lie in.
     let mut planes = vec![[0.0, 0.0, 0.0, 1.0]];
     for [a, b, c] in triangles {
         let edges = [b - a, c - a].map(|edge| edge.normalize());
@@ -154,28 +156,29 @@ fn has_no_place(triangles: impl Iterator<Item = [Point; 3]> + Clone) -> bool {
     least_combination(&planes) < ROUNDING
 }
 
-/// Zero when the origin is in the convex hull, otherwise `d / √(1 + d²)` of its distance `d`, by non-negative least squares (Lawson & Hanson, *Solving Least Squares
-/// Problems*, 1974, chapter 23) for weights that sum to 1 and combine the vectors to 0.
+/// Zero when the origin is in the convex hull of the vectors, otherwise `d / √(1 + d²)` for its distance `d`, by
+/// non-negative least squares (Lawson & Hanson, *Solving Least Squares Problems*, 1974, chapter 23) for weights that
+/// sum to 1 and combine the vectors to 0.
 fn least_combination(vectors: &[[f64; 4]]) -> f64 {
     let count = vectors.len();
     let matrix = DMatrix::from_fn(5, count, |i, k| if i < 4 { vectors[k][i] } else { 1.0 });
-    let wanted = DVector::from_fn(5, |i, _| if i < 4 { 0.0 } else { 1.0 });
+    let right_hand_side = DVector::from_fn(5, |i, _| if i < 4 { 0.0 } else { 1.0 });
     let mut weights = DVector::zeros(count);
     let mut passive: Vec<usize> = Vec::new();
-    let mut residual = wanted.clone();
-    // Every pass lowers the residual; a basis is met once, and few are.
+    let mut residual = right_hand_side.clone();
+    // Every pass lowers the residual, so that no basis comes twice.
     for _ in 0..10 * count {
-        let slopes = matrix.tr_mul(&residual);
+        let gradient = matrix.tr_mul(&residual);
         let best = (0..count)
             .filter(|k| !passive.contains(k))
-            .max_by(|a, b| slopes[*a].total_cmp(&slopes[*b]));
-        let Some(best) = best.filter(|&k| slopes[k] > 1e-14) else {
+            .max_by(|a, b| gradient[*a].total_cmp(&gradient[*b]));
+        let Some(best) = best.filter(|&k| gradient[k] > 1e-14) else {
             break;
         };
         passive.push(best);
         while !passive.is_empty() {
             let columns = matrix.select_columns(&passive);
-            let Ok(solution) = columns.svd(true, true).solve(&wanted, 1e-13) else {
+            let Ok(solution) = columns.svd(true, true).solve(&right_hand_side, 1e-13) else {
                 return f64::INFINITY;
             };
             if solution.iter().all(|w| *w > 0.0) {
@@ -183,7 +186,7 @@ fn least_combination(vectors: &[[f64; 4]]) -> f64 {
                 passive.iter().zip(&solution).for_each(|(&k, w)| weights[k] = *w);
                 break;
             }
-            // Back to where the first weight becomes zero.
+            // Step back to where the first weight becomes zero.
             let step = passive
                 .iter()
                 .zip(&solution)
@@ -195,7 +198,7 @@ fn least_combination(vectors: &[[f64; 4]]) -> f64 {
             }
             passive.retain(|&k| weights[k] > 1e-15);
         }
-        let next = &wanted - &matrix * &weights;
+        let next = &right_hand_side - &matrix * &weights;
         if next.norm() >= residual.norm() {
             break;
         }
@@ -204,7 +207,7 @@ fn least_combination(vectors: &[[f64; 4]]) -> f64 {
     residual.norm()
 }
 
-/// Boundary quads with a corner normal against their mean, each by the hexahedron that it belongs to if it is known.
+/// Boundary quads with a corner normal against their mean normal: the hexahedron of each, if it is known.
 fn folded_quads(mesh: &BoundedMesh, x: &[Point]) -> Vec<Option<u32>> {
     let Some(quads) = mesh.quads() else {
         return vec![];
@@ -250,16 +253,16 @@ mod tests {
     }
 
     #[test]
-    fn a_place_is_found_wherever_there_is_one() {
+    fn a_kernel_is_empty_only_if_no_point_is_above_all_planes() {
         for (low, high, blocked) in [
             (-1.0, 1.0, false),
             (0.1, 0.1 + 1e-6, false),
             (0.1, 0.1, true),
             (0.5, -0.5, true),
         ] {
-            assert_eq!(has_no_place(walls(low, high).into_iter()), blocked, "{low} {high}");
+            assert_eq!(has_empty_kernel(walls(low, high).into_iter()), blocked, "{low} {high}");
         }
-        // Three walls of a prism that close as a fourth pushes its way in.
+        // Three walls at a corner, and a slanted one that moves towards it.
         let open = walls(-1.0, 1.0);
         let slanted = |offset: f64| {
             let normal = Vector::new(1.0, 1.0, 1.0).normalize();
@@ -275,15 +278,15 @@ mod tests {
         let corner = 3.0f64.sqrt();
         for (offset, blocked) in [(0.0, false), (corner - 1e-6, false), (corner + 1e-6, true)] {
             let planes = open.iter().copied().chain([slanted(offset)]);
-            assert_eq!(has_no_place(planes), blocked, "{offset}");
+            assert_eq!(has_empty_kernel(planes), blocked, "{offset}");
         }
         let flat = [Point::origin(), Point::new(1.0, 0.0, 0.0), Point::new(2.0, 0.0, 0.0)];
-        assert!(!has_no_place([flat].into_iter()), "proves nothing");
+        assert!(!has_empty_kernel([flat].into_iter()), "proves nothing");
         let lost = [
             Point::origin(),
             Point::new(1.0, f64::NAN, 0.0),
             Point::new(0.0, 1.0, 0.0),
         ];
-        assert!(!has_no_place([lost].into_iter()));
+        assert!(!has_empty_kernel([lost].into_iter()));
     }
 }

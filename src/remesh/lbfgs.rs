@@ -1,5 +1,5 @@
-//! Descent by L-BFGS (Nocedal, *Updating quasi-Newton matrices with limited storage*, 1980) with a line search for the weak
-//! Wolfe conditions by bisection (Lewis, Overton, *Nonsmooth optimization via quasi-Newton methods*, 2013).
+//! Minimisation by L-BFGS (Nocedal, *Updating quasi-Newton matrices with limited storage*, 1980) with a line search for
+//! the weak Wolfe conditions by bisection (Lewis, Overton, *Nonsmooth optimization via quasi-Newton methods*, 2013).
 
 use std::collections::VecDeque;
 
@@ -9,40 +9,41 @@ use super::foldover::{EnergyValue, FoldoverEnergy};
 use crate::progress::ProgressMonitor;
 use crate::{Point, Vector};
 
-/// Steps that are remembered.
+/// Steps in the memory of the Hessian approximation.
 const MEMORY: usize = 8;
-/// Values that a line search takes at most.
-const MOST_TRIALS: usize = 20;
-/// Of the slope at the start: how much of it the value has to follow, and how much may be left.
+/// Evaluations of a line search at most.
+const MAX_EVALUATIONS: usize = 20;
+/// Constants of the Wolfe conditions, for the value and for the slope.
 const DECREASE: f64 = 1e-4;
 const CURVATURE: f64 = 0.9;
-/// Iterations over which the gain is taken: single ones may be short.
+/// Iterations over which the decrease is measured: single steps may be short.
 const WINDOW: usize = 5;
-/// Numbers per task of dot products, whose order is that of the tasks.
+/// Vectors per task of a dot product. Sums of tasks are added in order, so that the result does not depend on the
+/// threads.
 const RUN: usize = 4096;
 
-/// Moves some nodes of a mesh.
+/// Minimises the energy over the positions of some nodes.
 pub(super) struct Lbfgs<'a> {
     energy: &'a FoldoverEnergy,
     free: &'a [u32],
     /// Constraints on some of the free nodes.
-    tethers: Vec<TangentConstraint>,
+    constraints: Vec<TangentConstraint>,
     parts: Vec<Vector>,
-    /// Length that a first step moves a node at most.
+    /// Largest displacement of a node in a first step.
     step: f64,
-    /// Asked in every iteration whether to go on.
+    /// Asked in every iteration whether to continue.
     monitor: &'a ProgressMonitor<'a, (usize, usize)>,
 }
 
-/// What holds a free node.
+/// Keeps a free node in a tangent plane and near a point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TangentConstraint {
-    /// Its number among the free nodes.
+    /// Its index among the free nodes.
     pub free: usize,
-    /// It moves across this unit vector only.
+    /// Unit normal of the plane that it moves in.
     pub normal: Vector,
-    /// It is pulled there, by the stiffness times the squared distance.
-    pub place: Point,
+    /// A spring pulls it here: `stiffness` times the squared distance is added to the energy.
+    pub anchor: Point,
     pub stiffness: f64,
 }
 
@@ -50,7 +51,7 @@ pub(super) struct TangentConstraint {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StoppingRule {
     pub iterations: usize,
-    /// Fall of the energy over [`WINDOW`] iterations, as a fraction, below which it is done.
+    /// Relative decrease of the energy over [`WINDOW`] iterations below which to stop.
     pub gain: f64,
     /// Stop as soon as all determinants are positive.
     pub until_positive: bool,
@@ -72,29 +73,29 @@ impl<'a> Lbfgs<'a> {
         Self {
             energy,
             free,
-            tethers: vec![],
+            constraints: vec![],
             parts: vec![],
             step,
             monitor,
         }
     }
 
-    /// Keeps some of the free nodes in planes, and near places.
-    pub fn tethered(mut self, tethers: Vec<TangentConstraint>) -> Self {
-        self.tethers = tethers;
+    /// Adds constraints on some of the free nodes.
+    pub fn with_constraints(mut self, constraints: Vec<TangentConstraint>) -> Self {
+        self.constraints = constraints;
         self
     }
 
     /// Lowers the energy; returns its last value and the number of iterations.
-    pub fn run(&mut self, x: &mut Vec<Point>, epsilon: f64, limits: &StoppingRule) -> (EnergyValue, usize) {
+    pub fn run(&mut self, x: &mut Vec<Point>, epsilon: f64, rule: &StoppingRule) -> (EnergyValue, usize) {
         let mut state = self.state(std::mem::take(x), epsilon);
         let mut memory: VecDeque<(Vec<Vector>, Vec<Vector>, f64)> = VecDeque::with_capacity(MEMORY);
         let (mut iterations, mut energies) = (0, VecDeque::with_capacity(WINDOW));
         while self.monitor.should_continue()
-            && iterations < limits.iterations
-            && !(limits.until_positive && state.value.least > 0.0)
+            && iterations < rule.iterations
+            && !(rule.until_positive && state.value.least > 0.0)
         {
-            let mut direction = newton_like(&state.gradient, &memory);
+            let mut direction = search_direction(&state.gradient, &memory);
             let mut slope = dot(&direction, &state.gradient);
             let descends = slope < 0.0;
             if !descends {
@@ -102,7 +103,7 @@ impl<'a> Lbfgs<'a> {
                 direction = state.gradient.iter().map(|g| -g).collect();
                 slope = dot(&direction, &state.gradient);
             }
-            // Neither does it at a minimum, or where the gradient is not finite.
+            // The gradient does not descend either at a minimum, or where it is not finite.
             let descends = slope < 0.0;
             if !descends {
                 break;
@@ -113,7 +114,7 @@ impl<'a> Lbfgs<'a> {
                 1.0
             };
             let Some(next) = self.search(&state, &direction, slope, first, epsilon) else {
-                // Once more from here, straight down.
+                // Once more from here, along the gradient.
                 if memory.is_empty() {
                     break;
                 }
@@ -143,7 +144,7 @@ impl<'a> Lbfgs<'a> {
             state = next;
             if energies.len() == WINDOW {
                 let before = energies.pop_front().unwrap_or(f64::INFINITY);
-                if before - state.value.energy < limits.gain * before.abs() {
+                if before - state.value.energy < rule.gain * before.abs() {
                     break;
                 }
             }
@@ -157,17 +158,17 @@ impl<'a> Lbfgs<'a> {
         let mut value = self
             .energy
             .evaluate(&x, epsilon, self.free, &mut self.parts, &mut gradient);
-        for tether in &self.tethers {
-            let away = x[self.free[tether.free] as usize] - tether.place;
-            value.energy += tether.stiffness * away.norm_squared();
-            let slope = &mut gradient[tether.free];
-            *slope += 2.0 * tether.stiffness * away;
-            *slope -= tether.normal * tether.normal.dot(slope);
+        for constraint in &self.constraints {
+            let away = x[self.free[constraint.free] as usize] - constraint.anchor;
+            value.energy += constraint.stiffness * away.norm_squared();
+            let slope = &mut gradient[constraint.free];
+            *slope += 2.0 * constraint.stiffness * away;
+            *slope -= constraint.normal * constraint.normal.dot(slope);
         }
         LbfgsState { x, gradient, value }
     }
 
-    /// A point along the direction where the weak Wolfe conditions hold, or at least the first of them.
+    /// A point along the direction where both weak Wolfe conditions hold, or at least the one on the value.
     fn search(
         &mut self,
         from: &LbfgsState,
@@ -178,7 +179,7 @@ impl<'a> Lbfgs<'a> {
     ) -> Option<LbfgsState> {
         let (mut low, mut high, mut share) = (0.0, f64::INFINITY, first);
         let mut best: Option<LbfgsState> = None;
-        for _ in 0..MOST_TRIALS {
+        for _ in 0..MAX_EVALUATIONS {
             let mut x = from.x.clone();
             for (&v, d) in self.free.iter().zip(direction) {
                 x[v as usize] += d * share;
@@ -203,8 +204,8 @@ impl<'a> Lbfgs<'a> {
     }
 }
 
-/// The two loops of L-BFGS.
-fn newton_like(gradient: &[Vector], memory: &VecDeque<(Vec<Vector>, Vec<Vector>, f64)>) -> Vec<Vector> {
+/// The search direction: the two-loop recursion of L-BFGS.
+fn search_direction(gradient: &[Vector], memory: &VecDeque<(Vec<Vector>, Vec<Vector>, f64)>) -> Vec<Vector> {
     let mut q: Vec<Vector> = gradient.iter().map(|g| -g).collect();
     let mut shares = Vec::with_capacity(memory.len());
     for (moved, bent, curvature) in memory.iter().rev() {

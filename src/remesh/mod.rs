@@ -1,9 +1,10 @@
-//! Regular meshes of a solid from a polycube, or given meshes, carried by a map, with no cell inverted: section 5.3 of the
-//! paper, and what it leaves to do.
+//! Meshes of the target: a regular mesh of a polycube domain, or a given mesh of the domain, is mapped to the target
+//! and repaired until no cell is inverted. Section 5.3 of the paper, which leaves the repair open.
 //!
-//! Boundary nodes go where the boundary map sends them, inner ones where the volume map does. That inverts some cells:
-//! harmonic maps of solids need not be one-to-one, and cells are straight. Inner nodes are then moved until none is
-//! ([`Garanzha et al. 2021`](https://doi.org/10.1145/3450626.3459847)), and what is left is counted again from positions.
+//! The boundary map maps the boundary nodes, the volume map the inner ones. That inverts some cells: harmonic maps of
+//! solids need not be one-to-one, and cells have straight edges. Inner nodes are then moved until no cell is inverted
+//! ([`Garanzha et al. 2021`](https://doi.org/10.1145/3450626.3459847)), and the result is checked from its node
+//! positions alone.
 
 mod bounded_mesh;
 mod foldover;
@@ -39,14 +40,14 @@ pub use repair::RepairReport;
 pub use self_intersections::BoundaryIntersections;
 pub use slide::SlideReport;
 
-/// What is carried.
+/// Where the mesh of the domain comes from.
 #[derive(Debug, Clone, PartialEq)]
 pub enum RemeshSource {
     /// A regular mesh of the domain, which has to be a polycube.
     Regular {
-        /// What cells.
+        /// Kind of the cells.
         kind: CellKind,
-        /// How large; numbers of boxes between planes are rounded up to even ones.
+        /// Size of the boxes; the number of boxes between two planes is rounded up to an even one.
         size: CellSize,
         /// Cells at most; more are refused before any is made.
         most_cells: usize,
@@ -55,14 +56,14 @@ pub enum RemeshSource {
     Given(CellMesh),
 }
 
-/// What can be chosen.
+/// Options of [`remesh`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RemeshOptions {
     /// Whether inner nodes are moved until no cell is inverted.
     pub repair: bool,
     /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
     pub slide: bool,
-    /// Iterations of the polish of shapes after the repair.
+    /// Iterations of the polish: after the repair, the shapes of cells are improved.
     pub polish: usize,
     /// Bytes that the whole run may take, by [`memory_estimate`]; a regular mesh that needs more is refused before it is
     /// made. No limit when `None`.
@@ -85,19 +86,19 @@ impl Default for RemeshOptions {
 pub enum RemeshPhase {
     /// The grid is made, or a given mesh examined.
     Meshing,
-    /// Nodes are carried by the maps.
+    /// Nodes are mapped.
     Mapping {
         /// How many.
         nodes: usize,
     },
-    /// Inverted cells are turned back.
+    /// Inverted cells are repaired.
     Repairing {
         /// Rounds so far.
         round: usize,
         /// Inverted tetrahedra, or corners of hexahedra.
         inverted: usize,
     },
-    /// Everything is counted and measured again.
+    /// Inverted cells are counted, and the result is measured.
     Verifying,
 }
 
@@ -108,16 +109,16 @@ pub enum RemeshError {
     /// The domain is no polycube.
     #[error("the domain is no polycube: {0}")]
     Polycube(#[from] PolycubeError),
-    /// A given mesh cannot be carried.
+    /// A given mesh cannot be used.
     #[error("the given mesh cannot be used: {0}")]
     Given(#[from] GivenMeshError),
-    /// The size of cells is no size.
+    /// The cell size is not positive and finite.
     #[error("a cell size of {0} makes no mesh")]
     Size(f64),
     /// More cells than allowed.
     #[error("cells of this size would be {count:.0} {what}, more than the limit of {limit:.0}; choose larger ones")]
     TooMany {
-        /// Cells, or places in the grid.
+        /// Cells or grid points.
         what: &'static str,
         /// How many there would be.
         count: f64,
@@ -140,7 +141,7 @@ pub enum RemeshError {
     /// A surface cannot be queried.
     #[error(transparent)]
     Query(#[from] QueryError),
-    /// The progress callback asked for an end.
+    /// The progress callback cancelled the run.
     #[error("cancelled by the progress callback")]
     Cancelled,
 }
@@ -169,38 +170,38 @@ pub struct RemeshTimings {
     pub total: f64,
 }
 
-/// What is known of the result.
+/// What was done, and measurements of the result.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct RemeshReport {
-    /// What cells.
+    /// Kind of the cells.
     pub kind: CellKind,
     /// How many.
     pub cells: usize,
     /// Nodes.
     pub nodes: usize,
-    /// Of them on the boundary.
+    /// Nodes on the boundary.
     pub boundary_nodes: usize,
-    /// Length of the boxes' sides asked for, in the domain; none for a given mesh.
+    /// Requested edge length of the boxes, in the units of the domain; `None` for a given mesh.
     pub cell_size: Option<f64>,
     /// Tetrahedra of a given mesh that had all their nodes on the boundary, and were split.
     pub split_cells: usize,
     /// Largest distance of a given mesh's boundary nodes from the domain's surface, over its diagonal.
     pub off_surface: f64,
-    /// What stands in the way as long as the boundary stays as it is mapped.
+    /// Causes of inversion as long as the boundary stays as it is mapped.
     #[serde(rename = "obstacles")]
     pub causes_before: InversionCauses,
-    /// Bad cells as the maps leave them.
+    /// Invalid cells after mapping, before the repair.
     pub before: InvalidCells,
-    /// Bad cells of the result.
+    /// Invalid cells of the result.
     pub after: InvalidCells,
-    /// What keeps each of them, with the boundary where it is now.
+    /// Causes of inversion with the boundary of the result.
     #[serde(rename = "obstacles_after")]
     pub causes_after: InversionCauses,
-    /// Quality of the grid in the domain.
+    /// Quality of the mesh in the domain.
     pub domain_quality: Option<CellQuality>,
     /// Quality of the result.
     pub quality: Option<CellQuality>,
-    /// [`determinants`] of the map of the cells: 0, 1, 10, 50, 90, 99, 100 %.
+    /// Quantiles of the [`determinants`] of the cells' maps at 0, 1, 10, 50, 90, 99 and 100 %.
     pub determinants: Option<[f64; 7]>,
     /// From vertices of the target to the boundary of the result.
     pub target_to_mesh: SurfaceDistances,
@@ -214,11 +215,11 @@ pub struct RemeshReport {
     pub memory_estimate: u64,
     /// What the repair did.
     pub repair: RepairReport,
-    /// Largest shift of an inner node by the repair, over the target's diagonal.
+    /// Largest displacement of an inner node by the repair, over the target's diagonal.
     pub largest_shift: f64,
     /// Boundary nodes that slid along the target.
     pub slid_nodes: usize,
-    /// Largest shift of a boundary node, over the target's diagonal.
+    /// Largest displacement of a boundary node, over the target's diagonal.
     pub largest_slide: f64,
     /// The same, over the mean edge of the boundary's triangles as mapped.
     pub largest_slide_in_cells: f64,
@@ -231,24 +232,24 @@ pub struct RemeshReport {
 pub struct Remeshed {
     /// The mesh in the domain.
     pub mesh: BoundedMesh,
-    /// Where the maps send its nodes.
+    /// Images of its nodes under the maps.
     pub carried: Vec<Point>,
-    /// Its nodes in the target: the same, but for what the repair moved.
+    /// Node positions in the target: `carried`, changed by the repair.
     pub images: Vec<Point>,
     /// What is known of it.
     pub report: RemeshReport,
 }
 
-/// A mesh of the solid that `boundary` starts from, carried into its target.
+/// Maps a mesh of the domain of `boundary` to its target, and repairs inverted cells.
 ///
-/// Takes, without the map's own sums, some 3 s per 100 000 tetrahedra and 15 s per 100 000 hexahedra on two cores, more if
-/// boundary nodes have to slide; most of it for the polish.
+/// Without the evaluation of the map, it takes some 3 s per 100 000 tetrahedra and 15 s per 100 000 hexahedra on two
+/// cores, more if boundary nodes have to slide; most of it for the polish.
 ///
 /// # Errors
 ///
 /// When the domain is no polycube, there would be too many cells, or a given mesh is not one of the domain;
-/// [`RemeshError::Cancelled`] when `progress` says so ([`ProgressResponse`]). Cells that stay inverted are no error: they are in the
-/// report.
+/// [`RemeshError::Cancelled`] when `progress` says so ([`ProgressResponse`]). Cells that stay inverted are no error;
+/// the report lists them.
 pub fn remesh<A: ProgressResponse>(
     boundary: &BoundaryMap,
     map: &dyn VolumeMap,
@@ -273,7 +274,7 @@ pub fn remesh<A: ProgressResponse>(
     tell(RemeshPhase::Mapping {
         nodes: mesh.nodes.len(),
     })?;
-    let carried = carry(&mesh, boundary, map)?;
+    let carried = mapped_nodes(&mesh, boundary, map)?;
     let mapped = start.elapsed().as_secs_f64();
 
     let target = match boundary.target_surface() {
@@ -281,7 +282,7 @@ pub fn remesh<A: ProgressResponse>(
         None => boundary.target(),
     };
     let (mut images, mut repair) = (carried.clone(), RepairReport::default());
-    let mut energy = energy(&mesh, &carried);
+    let mut energy = foldover_energy(&mesh, &carried);
     if options.repair {
         let free: Vec<u32> = (0..mesh.nodes.len() as u32)
             .filter(|&v| !mesh.on_boundary[v as usize])
@@ -319,7 +320,7 @@ pub fn remesh<A: ProgressResponse>(
     tell(RemeshPhase::Verifying)?;
     let before = invalid_cells(&mesh.cells, &carried);
     let mut after = invalid_cells(&mesh.cells, &images);
-    // What is counted decides, not what the repair believes of itself.
+    // The exact count decides: the repair works with rounded determinants.
     if after.cells.len() > before.cells.len() {
         (images, after) = (carried.clone(), before.clone());
     }
@@ -379,7 +380,7 @@ pub fn remesh<A: ProgressResponse>(
     })
 }
 
-/// A mesh to carry, and what is known of it.
+/// A mesh of the domain, ready to be mapped.
 struct PreparedMesh {
     mesh: BoundedMesh,
     cell_size: Option<f64>,
@@ -421,7 +422,7 @@ fn kind_of(cells: &CellList) -> CellKind {
     }
 }
 
-/// Memory at the peak of a whole run, in bytes, with the program, the map and its surfaces; within 30 % of the peak
+/// Peak memory of a whole run, in bytes, including the program, the map and its surfaces; within 30 % of the peak
 /// resident set of runs of the program with 3000 to 1 600 000 tetrahedra and 900 to 51 000 hexahedra (x86-64, Linux).
 pub fn memory_estimate(kind: CellKind, cells: usize, domain: &SurfaceMesh) -> u64 {
     let per_cell = match kind {
@@ -443,7 +444,7 @@ const PROGRAM: f64 = 13e6;
 const PER_VERTEX: f64 = 1000.0;
 /// Bytes for each tetrahedron with its nodes: connectivity, references for the repair, vectors of the descent.
 const PER_TET: f64 = 375.0;
-/// Bytes for each hexahedron, which has eight corners to repair.
+/// Bytes for each hexahedron; the repair looks at each of its eight corners.
 const PER_HEX: f64 = 1200.0;
 
 fn require_room(
@@ -459,8 +460,8 @@ fn require_room(
     }
 }
 
-/// Nodes where the maps send them: those on the boundary by the boundary map.
-fn carry(mesh: &BoundedMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Result<Vec<Point>, RemeshError> {
+/// Images of the nodes: of those on the boundary by the boundary map, of the others by the volume map.
+fn mapped_nodes(mesh: &BoundedMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Result<Vec<Point>, RemeshError> {
     let select = |on: bool| -> Vec<Point> {
         let nodes = mesh.nodes.iter().zip(&mesh.on_boundary);
         nodes.filter(|(_, is)| **is == on).map(|(p, _)| *p).collect()
@@ -486,8 +487,9 @@ fn carry(mesh: &BoundedMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Res
         .collect())
 }
 
-/// Tetrahedra against the domain's where those are sound, corners of hexahedra against those of cubes.
-fn energy(mesh: &BoundedMesh, images: &[Point]) -> foldover::FoldoverEnergy {
+/// The energy of the repair: tetrahedra relative to those of the domain where these are well-shaped, corners of
+/// hexahedra relative to those of a cube.
+fn foldover_energy(mesh: &BoundedMesh, images: &[Point]) -> foldover::FoldoverEnergy {
     let volume = boundary_of(mesh, images).volume();
     match &mesh.cells {
         CellList::Tets(tets) => foldover::FoldoverEnergy::of_tets(tets, &mesh.nodes, volume),
@@ -495,12 +497,12 @@ fn energy(mesh: &BoundedMesh, images: &[Point]) -> foldover::FoldoverEnergy {
     }
 }
 
-/// The boundary of the mesh with its nodes at these places; inner nodes stay without triangles.
+/// The boundary of the mesh with its nodes at `positions`; inner nodes are vertices without triangles.
 fn boundary_of(mesh: &BoundedMesh, positions: &[Point]) -> SurfaceMesh {
     SurfaceMesh::new(positions.to_vec(), mesh.boundary.clone()).expect("boundary triangles name nodes")
 }
 
-/// Mean length of the sides of boundary triangles, without the diagonals that cut quads.
+/// Mean edge length of the boundary: of each triangle the two shortest sides, which leaves out the diagonals of quads.
 fn mean_boundary_edge(mesh: &BoundedMesh, images: &[Point]) -> f64 {
     let shortest_two = |t: &[u32; 3]| {
         let p = t.map(|v| images[v as usize]);
@@ -532,7 +534,7 @@ fn distances(
         let found = SurfaceQuery::with_winding_sign(surface)?.closest_points(points);
         let (mut max, mut sum) = (0.0f64, 0.0);
         for place in &found {
-            // A NaN must stay one.
+            // NaN must not be lost.
             max = if max.is_nan() || max > place.distance {
                 max
             } else {

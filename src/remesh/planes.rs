@@ -1,10 +1,10 @@
-//! The planes that bound a solid of axis-aligned faces, and which of the boxes between them are inside.
+//! Polycubes: the planes of a solid with axis-aligned faces, and the boxes between them that it fills.
 
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::SurfaceMesh;
 use crate::{Point, Vector};
 
-/// A solid made of boxes between axis-aligned planes, that need not be evenly spaced: a polycube.
+/// A polycube: a solid made of boxes between axis-aligned planes, which need not be evenly spaced.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Polycube {
     /// Coordinates of the planes across each axis, ascending.
@@ -17,7 +17,7 @@ pub struct Polycube {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PolycubeError {
-    /// A face is not across an axis.
+    /// A face is not axis-aligned.
     #[error(
         "{count} triangles are not axis-aligned, the first is triangle {first}, {degrees:.2}° off: a regular mesh takes a \
          polycube; give a mesh of the domain instead"
@@ -33,16 +33,16 @@ pub enum PolycubeError {
     /// The surface faces inward.
     #[error("the surface of the polycube faces inward; turn its triangles around")]
     Inward,
-    /// The boxes do not fill what the surface encloses, or have another surface.
+    /// The boxes do not have the volume that the surface encloses, or its area.
     #[error(
         "the boxes between the planes have a volume of {:.4e} and a surface of {:.4e}, the polycube {:.4e} and {:.4e}: it \
          is not closed, or has slits or parts that touch",
         volumes[0], areas[0], volumes[1], areas[1]
     )]
     Different {
-        /// Of the boxes, and that the surface encloses.
+        /// Volume of the boxes, and that enclosed by the surface.
         volumes: [f64; 2],
-        /// Of the boxes, and of the surface.
+        /// Area of the boxes, and of the surface.
         areas: [f64; 2],
     },
     /// Too many planes.
@@ -51,7 +51,7 @@ pub enum PolycubeError {
         /// Planes across each axis.
         planes: [usize; 3],
     },
-    /// Boxes touch in an edge or a corner only.
+    /// Boxes touch only along an edge or in a corner.
     #[error("two boxes of the solid touch only along an edge or in a corner, at ({:.4}, {:.4}, {:.4})", at[0], at[1], at[2])]
     Pinched {
         /// Where.
@@ -62,15 +62,16 @@ pub enum PolycubeError {
     Query(#[from] QueryError),
 }
 
-/// Planes are as thick as this times the diagonal: faces may be that uneven, and closer planes are one.
-const SAME: f64 = 1e-6;
-/// Difference of volumes and of areas, as a fraction.
-const DIFFERENCE: f64 = 1e-3;
-/// Boxes between planes, inside and outside.
-const MOST_BOXES: usize = 20_000_000;
+/// Thickness of planes, over the diagonal: faces may be as uneven, and planes closer than this are one.
+const THICKNESS: f64 = 1e-6;
+/// Largest relative difference of volumes and of areas.
+const MAX_DIFFERENCE: f64 = 1e-3;
+/// Largest number of boxes between planes, inside and outside.
+const MAX_BOXES: usize = 20_000_000;
 
 impl Polycube {
-    /// The planes of a closed surface whose triangles are all across an axis. Triangles without area are not asked.
+    /// The polycube bounded by a closed surface whose triangles are all axis-aligned. Triangles without area are
+    /// ignored.
     ///
     /// # Errors
     ///
@@ -93,7 +94,7 @@ impl Polycube {
                 heights.iter().copied().fold(f64::INFINITY, f64::min),
                 heights.iter().copied().fold(f64::NEG_INFINITY, f64::max),
             ];
-            if high - low > SAME * diagonal {
+            if high - low > THICKNESS * diagonal {
                 let mut across = area / size;
                 across[axis] = 0.0;
                 skew += 1;
@@ -109,13 +110,13 @@ impl Polycube {
                 degrees,
             });
         }
-        let planes = coordinates.map(|found| merged(found, SAME * diagonal));
+        let planes = coordinates.map(|found| merged(found, THICKNESS * diagonal));
         let mut polycube = Self { planes, inside: vec![] };
         let counts = polycube.counts();
         if counts
             .iter()
             .try_fold(1usize, |product, n| product.checked_mul(*n))
-            .is_none_or(|n| n > MOST_BOXES)
+            .is_none_or(|n| n > MAX_BOXES)
         {
             return Err(PolycubeError::TooManyPlanes {
                 planes: polycube.planes.each_ref().map(Vec::len),
@@ -143,7 +144,7 @@ impl Polycube {
                 surface.area(),
             ],
         ];
-        let is_close = |[a, b]: [f64; 2]| (a - b).abs() <= DIFFERENCE * b && a > 0.0;
+        let is_close = |[a, b]: [f64; 2]| (a - b).abs() <= MAX_DIFFERENCE * b && a > 0.0;
         if !is_close(volumes) || !is_close(areas) {
             return Err(PolycubeError::Different { volumes, areas });
         }
@@ -161,7 +162,7 @@ impl Polycube {
         self.planes.each_ref().map(|p| p.len().saturating_sub(1))
     }
 
-    /// Whether a box belongs to the solid; those beyond the planes do not.
+    /// Whether a box belongs to the solid; those outside the planes do not.
     pub fn contains(&self, at: [isize; 3]) -> bool {
         let counts = self.counts();
         if (0..3).any(|k| at[k] < 0 || at[k] as usize >= counts[k]) {
@@ -176,7 +177,7 @@ impl Polycube {
         boxes(self.counts()).filter(|at| self.contains(at.map(|i| i as isize)))
     }
 
-    /// Sum over the faces of boxes of the solid that others are not behind, of a function of the box and the axis.
+    /// Sum of a function of box and axis over the outer faces of the solid's boxes.
     pub(super) fn outer_faces(&self, value: impl Fn([usize; 3], usize) -> f64) -> f64 {
         let mut sum = 0.0;
         for at in self.filled() {
@@ -203,15 +204,15 @@ impl Polycube {
         std::array::from_fn(|k| self.planes[k][at[k] + 1] - self.planes[k][at[k]])
     }
 
-    /// Refuses solids that are no manifold where planes meet: around every inner edge the boxes inside are neighbours, and
-    /// around every corner both they and those outside hang together by faces.
+    /// Requires that the solid is a manifold: around every corner of the grid, the boxes inside are connected by faces,
+    /// and so are those outside.
     fn require_manifold(&self) -> Result<(), PolycubeError> {
         let counts = self.counts();
         for at in boxes(counts.map(|n| n + 1)) {
             let inside: [bool; 8] = std::array::from_fn(|m| {
                 self.contains(std::array::from_fn(|k| at[k] as isize - 1 + (m >> k & 1) as isize))
             });
-            if !hangs_together(inside, true) || !hangs_together(inside, false) {
+            if !is_connected(inside, true) || !is_connected(inside, false) {
                 return Err(PolycubeError::Pinched {
                     at: std::array::from_fn(|k| self.planes[k][at[k]]),
                 });
@@ -227,7 +228,7 @@ pub(super) fn boxes([x, y, z]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
 }
 
 /// Whether those of the eight boxes around a corner that are `kind` are connected by faces.
-fn hangs_together(inside: [bool; 8], kind: bool) -> bool {
+fn is_connected(inside: [bool; 8], kind: bool) -> bool {
     let members: Vec<usize> = (0..8).filter(|&m| inside[m] == kind).collect();
     let Some(&start) = members.first() else { return true };
     let mut reached = 1u8 << start;
@@ -241,13 +242,13 @@ fn hangs_together(inside: [bool; 8], kind: bool) -> bool {
     members.iter().all(|m| reached >> m & 1 == 1)
 }
 
-/// Weighted means of values that are closer to the next than `tolerance`.
+/// Weighted means of groups of values in which each is closer to the next than `tolerance`.
 fn merged(mut values: Vec<(f64, f64)>, tolerance: f64) -> Vec<f64> {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     values
         .chunk_by(|a, b| b.0 - a.0 <= tolerance)
         .map(|group| {
-            // Not even rounded where all are the same.
+            // Exact where all are the same.
             if group[0].0 == group[group.len() - 1].0 {
                 return group[0].0;
             }

@@ -1,4 +1,4 @@
-//! What is wrong with cells, and how good they are: from positions alone, independent of what moved them.
+//! Invalid cells and cell quality, from node positions alone.
 
 use std::cmp::Ordering;
 
@@ -9,17 +9,16 @@ use crate::mesh::{CellList, TET_FACES};
 use crate::statistics::quantiles;
 use crate::{Matrix3, Point, Vector};
 
-/// Cells that are not right side out.
+/// Cells that are inverted or degenerate.
 #[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
 pub struct InvalidCells {
-    /// Tetrahedra, or corners of hexahedra, of which the orientation is decided exactly.
+    /// Tetrahedra, or corners of hexahedra, whose orientation was decided exactly.
     pub checked: usize,
-    /// Cells with an inverted, flat or not finite tetrahedron at a corner.
+    /// Cells with a tetrahedron at a corner that is inverted, flat or not finite.
     pub inverted: usize,
-    /// Hexahedra that are right at their corners, and have a Jacobian determinant that is not positive at one of 125
-    /// points.
+    /// Hexahedra with positive corners and a Jacobian determinant that is not positive at one of 125 points inside.
     pub inverted_inside: usize,
-    /// Which cells, ascending.
+    /// Indices of the cells, ascending.
     #[serde(skip)]
     pub cells: Vec<u32>,
 }
@@ -27,11 +26,11 @@ pub struct InvalidCells {
 /// Quality of cells.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct CellQuality {
-    /// Scaled Jacobian, 1 of a regular tetrahedron or a cube: the least over the cell.
+    /// Least scaled Jacobian over the cells: 1 for regular tetrahedra and cubes.
     pub min_scaled_jacobian: f64,
-    /// Of it, over the cells: 1 % quantile and mean.
+    /// 1 % quantile of the scaled Jacobian over the cells.
     pub p01_scaled_jacobian: f64,
-    /// Mean over the cells.
+    /// Mean scaled Jacobian over the cells.
     pub mean_scaled_jacobian: f64,
     /// Least dihedral angle, degrees.
     pub min_dihedral: f64,
@@ -53,29 +52,29 @@ pub(super) const HEX_CORNERS: [[usize; 4]; 8] = [
     [6, 5, 7, 2],
     [7, 6, 4, 3],
 ];
-/// A node that is not there is nowhere.
+/// Position of a node; NaN for a missing one.
 pub(super) fn at(x: &[Point], v: u32) -> Point {
     x.get(v as usize)
         .copied()
         .unwrap_or(Point::from(Vector::repeat(f64::NAN)))
 }
 
-/// Not for NaN either.
+/// Whether a determinant is positive; not for NaN.
 pub(super) fn is_positive(det: f64) -> bool {
     det > 0.0
 }
 
-/// The lesser of two numbers; NaN when one is, which `f64::min` would let pass.
+/// The smaller of two numbers; NaN if one is, where `f64::min` would return the other.
 pub(super) fn lesser(a: f64, b: f64) -> f64 {
     if a.is_nan() || a < b { a } else { b }
 }
 
-/// Counts the cells that are not right-handed, decided exactly for the positions as given.
+/// Counts the cells that are not right-handed, exactly for the given positions.
 pub fn invalid_cells(cells: &CellList, x: &[Point]) -> InvalidCells {
     let is_right_handed =
         |t: [u32; 4]| orientation(&at(x, t[0]), &at(x, t[1]), &at(x, t[2]), &at(x, t[3])) == Some(Ordering::Greater);
     // 0 for good, 1 for inverted at a corner, 2 for inverted inside.
-    let verdicts: Vec<u8> = match cells {
+    let states: Vec<u8> = match cells {
         CellList::Tets(tets) => tets.par_iter().map(|t| u8::from(!is_right_handed(*t))).collect(),
         CellList::Hexes(hexes) => hexes
             .par_iter()
@@ -93,13 +92,13 @@ pub fn invalid_cells(cells: &CellList, x: &[Point]) -> InvalidCells {
     let per_cell = if matches!(cells, CellList::Tets(_)) { 1 } else { 8 };
     InvalidCells {
         checked: per_cell * cells.len(),
-        inverted: verdicts.iter().filter(|v| **v == 1).count(),
-        inverted_inside: verdicts.iter().filter(|v| **v == 2).count(),
-        cells: (0..cells.len() as u32).filter(|&c| verdicts[c as usize] > 0).collect(),
+        inverted: states.iter().filter(|v| **v == 1).count(),
+        inverted_inside: states.iter().filter(|v| **v == 2).count(),
+        cells: (0..cells.len() as u32).filter(|&c| states[c as usize] > 0).collect(),
     }
 }
 
-/// Hexahedra with a determinant that is not positive at a lattice of points, ascending; none of tetrahedra.
+/// Hexahedra with a determinant that is not positive at a lattice of points, ascending; none for tetrahedra.
 pub(super) fn inverted_inside(cells: &CellList, x: &[Point]) -> Vec<u32> {
     match cells {
         CellList::Tets(_) => vec![],
@@ -117,7 +116,7 @@ fn least_inside(corners: &[Point; 8]) -> f64 {
     for i in 0..LATTICE {
         for j in 0..LATTICE {
             for k in 0..LATTICE {
-                let slopes = trilinear_slopes([at(i), at(j), at(k)]);
+                let slopes = trilinear_gradients([at(i), at(j), at(k)]);
                 let jacobian: Matrix3 = (0..8).map(|c| corners[c].coords * slopes[c].transpose()).sum();
                 let det = jacobian.determinant();
                 least = lesser(least, det);
@@ -127,8 +126,8 @@ fn least_inside(corners: &[Point; 8]) -> f64 {
     least
 }
 
-/// Gradients of the trilinear functions of a cube's corners.
-pub(super) fn trilinear_slopes(at: [f64; 3]) -> [Vector; 8] {
+/// Gradients of the trilinear shape functions of a cube's corners.
+pub(super) fn trilinear_gradients(at: [f64; 3]) -> [Vector; 8] {
     std::array::from_fn(|k| {
         // Around the bottom, then the top.
         let upper = [matches!(k % 4, 1 | 2), k % 4 > 1, k > 3];
@@ -138,9 +137,9 @@ pub(super) fn trilinear_slopes(at: [f64; 3]) -> [Vector; 8] {
     })
 }
 
-/// Scaled Jacobian of every cell: of a tetrahedron √2 times its determinant over the largest product of the three edges
-/// at a corner, of a hexahedron the least determinant of the three unit edges at a corner (Knupp 2000; Stimpson et al.,
-/// *The Verdict geometric quality library*, 2007).
+/// Scaled Jacobian of every cell: for a tetrahedron √2 times its determinant over the largest product of the lengths of
+/// the three edges at a corner, for a hexahedron the least determinant of the three unit edges at a corner (Knupp 2000;
+/// Stimpson et al., *The Verdict geometric quality library*, 2007).
 pub fn scaled_jacobians(cells: &CellList, x: &[Point]) -> Vec<f64> {
     let edges = |[a, b, c, d]: [Point; 4]| [b - a, c - a, d - a];
     match cells {
@@ -158,7 +157,7 @@ pub fn scaled_jacobians(cells: &CellList, x: &[Point]) -> Vec<f64> {
     }
 }
 
-/// As [`scaled_jacobians`].
+/// [`scaled_jacobians`] of tetrahedra.
 pub(super) fn tet_scaled_jacobians(tets: &[[u32; 4]], x: &[Point]) -> Vec<f64> {
     let of_tet = |t: &[u32; 4]| {
         let p = t.map(|v| at(x, v));
@@ -206,8 +205,8 @@ pub fn determinants(cells: &CellList, from: &[Point], to: &[Point]) -> Vec<f64> 
     }
 }
 
-/// The quality of all cells; `None` without cells. Cells whose quality is no number, because of edges without length, count
-/// with a scaled Jacobian of −1, and have no dihedral angles.
+/// The quality of all cells; `None` without cells. Cells with edges of zero length, whose quality is not defined, count
+/// with a scaled Jacobian of −1 and have no dihedral angles.
 pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
     let known = |s: f64| if s.is_finite() { s } else { -1.0 };
     let scaled: Vec<f64> = scaled_jacobians(cells, x).into_iter().map(known).collect();
@@ -226,7 +225,7 @@ pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
                 range(
                     (0..4)
                         .flat_map(|i| (0..i).map(move |j| [i, j]))
-                        .map(|[i, j]| between(&normals[i], &normals[j])),
+                        .map(|[i, j]| dihedral_angle(&normals[i], &normals[j])),
                 )
             };
             angles(tets.par_iter().map(of_tet).collect())
@@ -234,7 +233,7 @@ pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
         CellList::Hexes(hexes) => {
             let of_hex = |h: &[u32; 8]| {
                 let p = h.map(|v| at(x, v));
-                // At each end of each edge, with the normals of the two faces there.
+                // At each end of each edge, from the normals of the two faces there.
                 let at_corner = |c: &[usize; 4]| {
                     let e = [1, 2, 3].map(|k| p[c[k]] - p[c[0]]);
                     [0, 1, 2].map(|k| {
@@ -257,8 +256,8 @@ pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
     })
 }
 
-/// Angle inside between two faces with outward normals.
-fn between(a: &Vector, b: &Vector) -> f64 {
+/// Interior angle between two faces with outward normals.
+fn dihedral_angle(a: &Vector, b: &Vector) -> f64 {
     180.0 - a.angle(b).to_degrees()
 }
 

@@ -1,4 +1,5 @@
-//! Turns inverted cells back by moving inner nodes, the boundary fixed as long as that helps, and polishes their shapes.
+//! Repairs inverted cells by moving inner nodes, with the boundary fixed as long as that suffices, and then improves
+//! the shapes of all cells.
 
 use super::foldover::FoldoverEnergy;
 use super::lbfgs::{Lbfgs, StoppingRule};
@@ -8,47 +9,47 @@ use crate::Point;
 use crate::mesh::CellList;
 use crate::progress::ProgressMonitor;
 
-/// ε² where no determinant is negative, and share of the least determinant that ε takes.
-const FLOOR: f64 = 1e-6;
-const SHARE: f64 = 0.2;
-/// Fall of ε from one round to the next, at least.
-const FALL: f64 = 0.7;
+/// ε² where no determinant is negative, and the part of the least determinant that ε is set to.
+const LEAST_EPSILON_SQUARED: f64 = 1e-6;
+const DETERMINANT_PART: f64 = 0.2;
+/// Largest ratio of ε to that of the round before.
+const EPSILON_RATIO: f64 = 0.7;
 const ROUND: StoppingRule = StoppingRule {
     iterations: 300,
     gain: 3e-5,
     until_positive: true,
 };
-/// Rounds without fewer inverted corners after which it is given up.
-const STALLED: usize = 10;
-const MOST_ROUNDS: usize = 100;
+/// Rounds without fewer inverted corners before giving up.
+const MAX_STALLED: usize = 10;
+const MAX_ROUNDS: usize = 100;
 /// ε of the polish: a step that inverts a sample costs more than any gain.
 const POLISH_EPSILON: f64 = 1e-9;
 
-/// Fall of the energy over some iterations, as a fraction, below which shapes are as good as they get.
+/// Relative decrease of the energy below which the polish stops.
 const POLISH_GAIN: f64 = 1e-6;
 
-/// Times that hexahedra are looked into and mended.
-const MOST_LOOKS: usize = 10;
+/// How often hexahedra are checked inside and repaired.
+const MAX_INSIDE_CHECKS: usize = 10;
 
 /// What a repair did.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct RepairReport {
-    /// Rounds of falling ε.
+    /// Rounds of decreasing ε.
     pub rounds: usize,
     /// Iterations of descent in all rounds.
     pub iterations: usize,
     /// Iterations of the polish.
     pub polish_iterations: usize,
-    /// What slid on the target, where fixed boundary nodes left inverted cells.
+    /// How boundary nodes slid on the target, where fixed ones left inverted cells.
     pub slide: SlideReport,
 }
 
-/// ε of the next round, by the least determinant so far.
+/// ε of the next round, from the least determinant so far.
 pub(super) fn next_epsilon(epsilon: f64, least: f64) -> f64 {
-    (FALL * epsilon).min((FLOOR + (SHARE * least).powi(2)).sqrt())
+    (EPSILON_RATIO * epsilon).min((LEAST_EPSILON_SQUARED + (DETERMINANT_PART * least).powi(2)).sqrt())
 }
 
-/// The positions with the fewest inverted cells so far.
+/// The node positions with the fewest inverted corners so far.
 pub(super) struct Best {
     pub inverted: usize,
     pub nodes: Vec<Point>,
@@ -65,7 +66,7 @@ impl Best {
         }
     }
 
-    /// Takes the result of a round if it has fewer inverted cells.
+    /// Counts a round, and keeps its positions if they have fewer inverted corners.
     pub fn update(&mut self, inverted: usize, nodes: &[Point]) {
         self.stalled += 1;
         if inverted < self.inverted {
@@ -74,23 +75,23 @@ impl Best {
     }
 }
 
-/// Turns cells back and polishes them.
+/// What a repair works on.
 pub(super) struct Repair<'a> {
     pub cells: &'a CellList,
-    /// Nodes inside.
+    /// Inner nodes.
     pub free: &'a [u32],
-    /// Length that a first step moves a node at most.
+    /// Largest displacement of a node in a first step.
     pub step: f64,
     /// Iterations of each polish.
     pub polish: usize,
-    /// What boundary nodes may slide on.
+    /// The surface that boundary nodes may slide on, if they may.
     pub sliding_surface: Option<&'a SlidingSurface<'a>>,
-    /// Gets rounds and inverted corners, and is asked in every iteration.
+    /// Is told rounds and inverted corners, and is asked in every iteration whether to continue.
     pub monitor: &'a ProgressMonitor<'a, (usize, usize)>,
 }
 
 impl Repair<'_> {
-    /// Moves nodes until no cell is inverted, or as few are as can be reached, and polishes them if there are none.
+    /// Moves nodes until no cell is inverted, or as few as possible; polishes the shapes if there are none.
     pub fn run(&self, energy: &mut FoldoverEnergy, x: &mut Vec<Point>) -> RepairReport {
         let mut report = RepairReport::default();
         if self.free.is_empty() {
@@ -105,7 +106,7 @@ impl Repair<'_> {
             return report;
         }
         self.polish(energy, x, &mut report);
-        for _ in 0..MOST_LOOKS {
+        for _ in 0..MAX_INSIDE_CHECKS {
             if !self.monitor.should_continue() {
                 break;
             }
@@ -113,22 +114,22 @@ impl Repair<'_> {
             if bad.is_empty() {
                 break;
             }
-            energy.look_inside(&bad);
+            energy.check_inside(&bad);
             self.untangle(energy, x, &mut report);
             self.polish(energy, x, &mut report);
         }
         report
     }
 
-    /// Rounds of falling ε; returns the inverted corners that are left.
+    /// Minimises the energy for decreasing ε; returns the inverted corners that are left.
     fn untangle(&self, energy: &FoldoverEnergy, x: &mut Vec<Point>, report: &mut RepairReport) -> usize {
         let start = energy.evaluate(x, 1.0, &[], &mut vec![], &mut []);
         let (mut least, mut inverted) = (start.least, start.inverted);
         let mut descent = Lbfgs::new(energy, self.free, self.step, self.monitor);
         let mut best = Best::new(inverted, x);
         let mut epsilon = 1.0;
-        for round in 0..MOST_ROUNDS {
-            if inverted == 0 || best.stalled == STALLED {
+        for round in 0..MAX_ROUNDS {
+            if inverted == 0 || best.stalled == MAX_STALLED {
                 break;
             }
             if round > 0 {
@@ -149,16 +150,16 @@ impl Repair<'_> {
     }
 
     fn polish(&self, energy: &FoldoverEnergy, x: &mut Vec<Point>, report: &mut RepairReport) {
-        let limits = StoppingRule {
+        let rule = StoppingRule {
             iterations: self.polish,
             gain: POLISH_GAIN,
             until_positive: false,
         };
         let mut descent = Lbfgs::new(energy, self.free, self.step, self.monitor);
         let before = x.clone();
-        let (value, iterations) = descent.run(x, POLISH_EPSILON, &limits);
+        let (value, iterations) = descent.run(x, POLISH_EPSILON, &rule);
         report.polish_iterations += iterations;
-        // Where cells are so small that they hardly count, one may have turned over for the good of others.
+        // A cell so small that it hardly counts may have been inverted in favour of others.
         if value.inverted > 0 {
             *x = before;
         }

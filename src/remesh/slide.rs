@@ -1,4 +1,5 @@
-//! Where the boundary map folds quads, no inner node can help: a few boundary nodes slide along the target.
+//! Sliding of a few boundary nodes along the target, where the boundary map folds quads and moving inner nodes cannot
+//! help.
 
 use super::foldover::FoldoverEnergy;
 use super::lbfgs::{Lbfgs, StoppingRule, TangentConstraint};
@@ -8,35 +9,35 @@ use crate::mesh::SurfaceMesh;
 use crate::progress::ProgressMonitor;
 use crate::{Point, Vector};
 
-/// Rings of cells around bad ones whose boundary nodes slide at first, and at most.
+/// Rings of cells around inverted ones whose boundary nodes slide, at first and at most.
 const FIRST_RINGS: usize = 2;
-const MOST_RINGS: usize = 6;
-/// Share of the boundary nodes that slide at most: to slide all of it would make another boundary map.
-const MOST_SLIDING: f64 = 0.1;
+const MAX_RINGS: usize = 6;
+/// Largest part of the boundary nodes that may slide: if all did, it would be another boundary map.
+const MAX_SLIDING_PART: f64 = 0.1;
 /// Rounds without fewer inverted corners after which another ring slides.
-const STALLED: usize = 4;
-/// Iterations before nodes are put back on the target.
+const MAX_STALLED: usize = 4;
+/// Iterations before nodes are projected back to the target.
 const ROUND: StoppingRule = StoppingRule {
     iterations: 40,
     gain: 1e-5,
     until_positive: true,
 };
-/// Stiffness of the springs that hold sliding nodes: a slide by a whole cell costs this many times the mean energy of a
-/// cell.
+/// Stiffness of the springs that hold sliding nodes: to slide by a whole cell costs this many times the mean energy of
+/// a cell.
 const STIFFNESS: f64 = 100.0;
 
-/// What slid.
+/// How boundary nodes slid.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct SlideReport {
-    /// Boundary nodes that were let go.
+    /// Boundary nodes that were free to slide.
     pub nodes: usize,
-    /// Rounds between the target and its tangent planes.
+    /// Rounds of descent in tangent planes and projection to the target.
     pub rounds: usize,
     /// Iterations of descent in all rounds.
     pub iterations: usize,
 }
 
-/// Stiffness of springs in a mesh of so many cells, with edges of this length at the boundary.
+/// Stiffness of the springs in a mesh of `cells` cells, with boundary edges of length `edge`.
 pub(super) fn stiffness(cells: usize, edge: f64) -> f64 {
     STIFFNESS / (cells as f64 * edge * edge)
 }
@@ -46,12 +47,12 @@ pub(super) struct SlidingSurface<'a> {
     pub target: &'a SurfaceMesh,
     pub query: &'a SurfaceQuery,
     pub on_boundary: &'a [bool],
-    /// Of the springs that hold sliding nodes, in units of the whole energy.
+    /// Stiffness of the springs that hold sliding nodes, in units of the whole energy.
     pub stiffness: f64,
 }
 
-/// Lets boundary nodes near inverted corners slide on the target, until none is inverted or it does not help. Inner nodes
-/// move with them.
+/// Lets boundary nodes near inverted cells slide on the target until no cell is inverted or it stops helping. Inner
+/// nodes move with them.
 pub(super) fn slide(
     energy: &FoldoverEnergy,
     x: &mut Vec<Point>,
@@ -65,21 +66,22 @@ pub(super) fn slide(
     let (mut best, mut rings) = (Best::new(bad.len(), x), FIRST_RINGS);
     let mut epsilon = 1.0;
     let mut sliding = sliding_surface.near(energy, &bad, rings);
-    let most = MOST_SLIDING * sliding_surface.on_boundary.iter().filter(|is| **is).count() as f64;
+    let most = MAX_SLIDING_PART * sliding_surface.on_boundary.iter().filter(|is| **is).count() as f64;
     let mut slid = 0;
-    while monitor.should_continue() && best.inverted > 0 && rings <= MOST_RINGS && sliding.len() as f64 <= most {
+    while monitor.should_continue() && best.inverted > 0 && rings <= MAX_RINGS && sliding.len() as f64 <= most {
         slid = sliding.len();
         let free: Vec<u32> = (0..x.len() as u32)
             .filter(|&v| !sliding_surface.on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
             .collect();
-        let mut descent = Lbfgs::new(energy, &free, step, monitor).tethered(sliding_surface.tethers(x, &start, &free));
+        let mut descent =
+            Lbfgs::new(energy, &free, step, monitor).with_constraints(sliding_surface.constraints(x, &start, &free));
         let (value, iterations) = descent.run(x, epsilon, &ROUND);
         report.rounds += 1;
         report.iterations += iterations;
-        sliding_surface.put_back(x, &sliding);
+        sliding_surface.project(x, &sliding);
         epsilon = next_epsilon(epsilon, value.least);
         best.update(energy.inverted(x).len(), x);
-        if best.stalled == STALLED {
+        if best.stalled == MAX_STALLED {
             (best.stalled, rings, epsilon) = (0, rings + 1, 1.0);
             x.clone_from(&best.nodes);
             sliding = sliding_surface.near(energy, &energy.inverted(x), rings);
@@ -91,30 +93,30 @@ pub(super) fn slide(
 }
 
 impl SlidingSurface<'_> {
-    /// Boundary nodes within `rings` rings of cells, ascending.
+    /// Boundary nodes within `rings` rings of these cells, ascending.
     fn near(&self, energy: &FoldoverEnergy, cells: &[u32], rings: usize) -> Vec<u32> {
         let mut nodes = energy.rings(cells, rings);
         nodes.retain(|&v| self.on_boundary[v as usize]);
         nodes
     }
 
-    /// Tangent planes of the target at the boundary nodes among the free ones, and springs to where they started.
-    fn tethers(&self, x: &[Point], start: &[Point], free: &[u32]) -> Vec<TangentConstraint> {
+    /// For the boundary nodes among the free ones, the tangent planes of the target and springs to their start.
+    fn constraints(&self, x: &[Point], start: &[Point], free: &[u32]) -> Vec<TangentConstraint> {
         let sliding = free.iter().enumerate().filter(|(_, v)| self.on_boundary[**v as usize]);
-        let tether = |(free, &v): (usize, &u32)| {
+        let constraint = |(free, &v): (usize, &u32)| {
             let found = self.query.closest_point(&x[v as usize]);
             let area = self.target.area_vector(found.triangle);
             TangentConstraint {
                 free,
                 normal: area.try_normalize(0.0).unwrap_or_else(Vector::zeros),
-                place: start[v as usize],
+                anchor: start[v as usize],
                 stiffness: self.stiffness,
             }
         };
-        sliding.map(tether).collect()
+        sliding.map(constraint).collect()
     }
 
-    fn put_back(&self, x: &mut [Point], slid: &[u32]) {
+    fn project(&self, x: &mut [Point], slid: &[u32]) {
         for &v in slid {
             x[v as usize] = self.query.closest_point(&x[v as usize]).point;
         }
