@@ -263,121 +263,37 @@ pub fn remesh<A: ProgressResponse>(
         ControlFlow::Break(()) => Err(RemeshError::Cancelled),
     };
     tell(RemeshPhase::Meshing)?;
-    let PreparedMesh {
-        mesh,
-        cell_size,
-        split_cells,
-        off_surface,
-    } = prepare(source, boundary, options)?;
+    let prepared = prepare(source, boundary, options)?;
     let meshed = start.elapsed().as_secs_f64();
 
     tell(RemeshPhase::Mapping {
-        nodes: mesh.nodes.len(),
+        nodes: prepared.mesh.nodes.len(),
     })?;
-    let carried = mapped_nodes(&mesh, boundary, map)?;
+    let carried = mapped_nodes(&prepared.mesh, boundary, map)?;
     let mapped = start.elapsed().as_secs_f64();
 
     let target = match boundary.target_surface() {
         Some(target) => target.clone(),
         None => boundary.target(),
     };
-    let (mut images, mut repair) = (carried.clone(), RepairReport::default());
-    let mut energy = foldover_energy(&mesh, &carried);
-    if options.repair {
-        let free: Vec<u32> = (0..mesh.nodes.len() as u32)
-            .filter(|&v| !mesh.on_boundary[v as usize])
-            .collect();
-        let step = 0.1 * (boundary.target_volume().abs() / mesh.cells.len() as f64).cbrt();
-        let told = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control_flow();
-        let monitor = ProgressMonitor::new((0, 0), &told);
-        let query;
-        let sliding_surface = if options.slide {
-            query = SurfaceQuery::with_winding_sign(&target)?;
-            Some(slide::SlidingSurface {
-                target: &target,
-                query: &query,
-                on_boundary: &mesh.on_boundary,
-                stiffness: slide::stiffness(mesh.cells.len(), mean_boundary_edge(&mesh, &carried)),
-            })
-        } else {
-            None
-        };
-        let repairing = repair::Repair {
-            cells: &mesh.cells,
-            free: &free,
-            step,
-            polish: options.polish,
-            sliding_surface: sliding_surface.as_ref(),
-            monitor: &monitor,
-        };
-        repair = repairing.run(&mut energy, &mut images);
-        if !monitor.should_continue() {
-            return Err(RemeshError::Cancelled);
-        }
-    }
+    let (images, repair) = if options.repair {
+        repaired(&prepared.mesh, &carried, boundary, &target, options, progress)?
+    } else {
+        (carried.clone(), RepairReport::default())
+    };
     let repaired = start.elapsed().as_secs_f64();
 
     tell(RemeshPhase::Verifying)?;
-    let before = invalid_cells(&mesh.cells, &carried);
-    let mut after = invalid_cells(&mesh.cells, &images);
-    // The exact count decides: the repair works with rounded determinants.
-    if after.cells.len() > before.cells.len() {
-        (images, after) = (carried.clone(), before.clone());
-    }
-    let causes_before = inversion_causes(&mesh, &carried);
-    let causes_after = inversion_causes(&mesh, &images);
-    let diagonal = boundary.target_diagonal();
-    let shifts = |of_boundary: bool| -> Vec<f64> {
-        let nodes = (0..images.len()).filter(|&v| mesh.on_boundary[v] == of_boundary);
-        nodes.map(|v| (images[v] - carried[v]).norm()).collect()
-    };
-    let slides = shifts(true);
-    let largest_slide = slides.iter().copied().fold(0.0, f64::max);
-    let edge = mean_boundary_edge(&mesh, &carried);
-    let largest_shift = shifts(false).into_iter().fold(0.0, f64::max) / diagonal;
-    let [target_to_mesh, mesh_to_target] = distances(&mesh, &images, &target, diagonal)?;
-    let determinants = determinants(&mesh.cells, &mesh.nodes, &images);
-    let mut report = RemeshReport {
-        kind: kind_of(&mesh.cells),
-        cells: mesh.cells.len(),
-        nodes: mesh.nodes.len(),
-        boundary_nodes: mesh.on_boundary.iter().filter(|is| **is).count(),
-        cell_size,
-        split_cells,
-        off_surface,
-        causes_before,
-        before,
-        after,
-        causes_after,
-        domain_quality: quality(&mesh.cells, &mesh.nodes),
-        quality: quality(&mesh.cells, &images),
-        determinants: quantiles(&determinants, [0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0]),
-        target_to_mesh,
-        mesh_to_target,
-        volume: boundary_of(&mesh, &images).volume(),
-        target_volume: boundary.target_volume(),
-        memory_estimate: memory_estimate(kind_of(&mesh.cells), mesh.cells.len(), boundary.domain()),
-        repair,
-        largest_shift,
-        slid_nodes: slides.iter().filter(|s| **s > 0.0).count(),
-        largest_slide: largest_slide / diagonal,
-        largest_slide_in_cells: largest_slide / edge,
-        seconds: RemeshTimings::default(),
-    };
+    let mut remeshed = verified(prepared, carried, images, boundary, &target, repair)?;
     let total = start.elapsed().as_secs_f64();
-    report.seconds = RemeshTimings {
+    remeshed.report.seconds = RemeshTimings {
         mesh: meshed,
         map: mapped - meshed,
         repair: repaired - mapped,
         verify: total - repaired,
         total,
     };
-    Ok(Remeshed {
-        mesh,
-        carried,
-        images,
-        report,
-    })
+    Ok(remeshed)
 }
 
 /// A mesh of the domain, ready to be mapped.
@@ -412,6 +328,119 @@ fn prepare(source: RemeshSource, boundary: &BoundaryMap, options: &RemeshOptions
                 off_surface: given.off_surface,
             }
         }
+    })
+}
+
+/// The node positions after the repair.
+fn repaired<A: ProgressResponse>(
+    mesh: &BoundedMesh,
+    carried: &[Point],
+    boundary: &BoundaryMap,
+    target: &SurfaceMesh,
+    options: &RemeshOptions,
+    progress: &dyn Fn(RemeshPhase) -> A,
+) -> Result<(Vec<Point>, RepairReport), RemeshError> {
+    let mut energy = foldover_energy(mesh, carried);
+    let free: Vec<u32> = (0..mesh.nodes.len() as u32)
+        .filter(|&v| !mesh.on_boundary[v as usize])
+        .collect();
+    let told = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control_flow();
+    let monitor = ProgressMonitor::new((0, 0), &told);
+    let query;
+    let sliding_surface = if options.slide {
+        query = SurfaceQuery::with_winding_sign(target)?;
+        Some(slide::SlidingSurface {
+            target,
+            query: &query,
+            on_boundary: &mesh.on_boundary,
+            stiffness: slide::stiffness(mesh.cells.len(), mean_boundary_edge(mesh, carried)),
+        })
+    } else {
+        None
+    };
+    let repair = repair::Repair {
+        cells: &mesh.cells,
+        free: &free,
+        step: 0.1 * (boundary.target_volume().abs() / mesh.cells.len() as f64).cbrt(),
+        polish: options.polish,
+        sliding_surface: sliding_surface.as_ref(),
+        monitor: &monitor,
+    };
+    let mut images = carried.to_vec();
+    let report = repair.run(&mut energy, &mut images);
+    if monitor.should_continue() {
+        Ok((images, report))
+    } else {
+        Err(RemeshError::Cancelled)
+    }
+}
+
+/// The result with all its measurements but the timings.
+fn verified(
+    prepared: PreparedMesh,
+    carried: Vec<Point>,
+    mut images: Vec<Point>,
+    boundary: &BoundaryMap,
+    target: &SurfaceMesh,
+    repair: RepairReport,
+) -> Result<Remeshed, RemeshError> {
+    let PreparedMesh {
+        mesh,
+        cell_size,
+        split_cells,
+        off_surface,
+    } = prepared;
+    let before = invalid_cells(&mesh.cells, &carried);
+    let mut after = invalid_cells(&mesh.cells, &images);
+    // The exact count decides: the repair works with rounded determinants.
+    if after.cells.len() > before.cells.len() {
+        (images, after) = (carried.clone(), before.clone());
+    }
+    let causes_before = inversion_causes(&mesh, &carried);
+    let causes_after = inversion_causes(&mesh, &images);
+    let diagonal = boundary.target_diagonal();
+    let shifts = |of_boundary: bool| -> Vec<f64> {
+        let nodes = (0..images.len()).filter(|&v| mesh.on_boundary[v] == of_boundary);
+        nodes.map(|v| (images[v] - carried[v]).norm()).collect()
+    };
+    let slides = shifts(true);
+    let largest_slide = slides.iter().copied().fold(0.0, f64::max);
+    let edge = mean_boundary_edge(&mesh, &carried);
+    let largest_shift = shifts(false).into_iter().fold(0.0, f64::max) / diagonal;
+    let [target_to_mesh, mesh_to_target] = distances(&mesh, &images, target, diagonal)?;
+    let determinants = determinants(&mesh.cells, &mesh.nodes, &images);
+    let report = RemeshReport {
+        kind: kind_of(&mesh.cells),
+        cells: mesh.cells.len(),
+        nodes: mesh.nodes.len(),
+        boundary_nodes: mesh.on_boundary.iter().filter(|is| **is).count(),
+        cell_size,
+        split_cells,
+        off_surface,
+        causes_before,
+        before,
+        after,
+        causes_after,
+        domain_quality: quality(&mesh.cells, &mesh.nodes),
+        quality: quality(&mesh.cells, &images),
+        determinants: quantiles(&determinants, [0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0]),
+        target_to_mesh,
+        mesh_to_target,
+        volume: boundary_of(&mesh, &images).volume(),
+        target_volume: boundary.target_volume(),
+        memory_estimate: memory_estimate(kind_of(&mesh.cells), mesh.cells.len(), boundary.domain()),
+        repair,
+        largest_shift,
+        slid_nodes: slides.iter().filter(|s| **s > 0.0).count(),
+        largest_slide: largest_slide / diagonal,
+        largest_slide_in_cells: largest_slide / edge,
+        seconds: RemeshTimings::default(),
+    };
+    Ok(Remeshed {
+        mesh,
+        carried,
+        images,
+        report,
     })
 }
 
