@@ -1,31 +1,31 @@
-//! What an expansion of the map proves about its Jacobian over a cell.
+//! Bounds of the Jacobian over a cell, from an expansion of the map.
 //!
 //! Lengths are in units of the cell's circumradius, so that the cell is the cube `|x_k| ≤ 1 / √3` and its ball the unit
 //! ball. The Jacobian is `J(x) = J₀ + L(x) + H(x)` with `L` linear, of the harmonics of degree 2, and `H` of those of
-//! degrees 3 and more and of what the expansion leaves out.
+//! degree 3 and higher and of what the expansion omits.
 
 use super::harmonics::{ORDER, TERMS, terms_of};
 use crate::{Matrix3, Vector};
 
 /// Half the side of a cube with circumradius 1.
 const HALF_SIDE: f64 = 0.577_350_269_189_625_8;
-/// Coefficients beyond this, and Jacobians below its reciprocal, prove nothing: their products might leave the range of
-/// numbers.
+/// Coefficients beyond this, and Jacobians below its reciprocal, prove nothing: their products might overflow or
+/// vanish.
 const LARGEST: f64 = 1e80;
-/// Rounding of the few dozen operations on 3 × 3 matrices that a test takes, relative to the largest of their terms.
+/// Rounding error of the few dozen operations on 3 × 3 matrices of a test, relative to the largest of their terms.
 const ROUNDING: f64 = 1e-13;
 
-/// What is known of the Jacobian over a cell.
+/// Result of the test of a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct JacobianTest {
-    /// `det J` at the centre, as far as the expansion goes.
+    /// `det J` of the expansion at the centre.
     pub(super) det: f64,
-    /// Lower bounds over the cell, if they are positive.
+    /// Lower bounds over the cell, if `det J` is proved not to vanish.
     pub(super) regular: Option<RegularityBounds>,
 }
 
 impl JacobianTest {
-    /// The same for lengths of the domain in other units.
+    /// The same with lengths of the domain in other units.
     pub(super) fn scaled(self, factor: f64) -> Self {
         let regular = self.regular.map(|found| RegularityBounds {
             sigma_min: found.sigma_min * factor,
@@ -38,18 +38,18 @@ impl JacobianTest {
     }
 }
 
-/// Lower bounds of what does not vanish in a cell. The sign of the determinant is that at the centre.
+/// Lower bounds over a cell in which the sign of the determinant is that at the centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct RegularityBounds {
-    /// Of the least singular value.
+    /// Lower bound of the least singular value.
     pub(super) sigma_min: f64,
-    /// Of the absolute determinant.
+    /// Lower bound of the absolute determinant.
     pub(super) det: f64,
 }
 
-/// Examines the expansion of a map, three times [`TERMS`] coefficients, whose Jacobian is off by no more than
-/// `remainder` (spectral norm) anywhere in the ball.
-pub(super) fn examine(expansion: &[f64], remainder: f64) -> JacobianTest {
+/// Tests a cell by the expansion of the map in it, three times [`TERMS`] coefficients, whose Jacobian has an error of
+/// at most `remainder` (spectral norm) anywhere in the ball.
+pub(super) fn test_cell(expansion: &[f64], remainder: f64) -> JacobianTest {
     let centre = at_centre(expansion);
     let det = centre.determinant();
     let within = |x: f64| x.is_finite() && x.abs() < LARGEST;
@@ -95,8 +95,8 @@ fn gram(expansion: &[f64], degree: usize) -> Matrix3 {
 
 /// `J₀⁻¹ J(x) = I + X` with a symmetric part of `I + X` that is positive definite over the ball: then `J` is regular,
 /// with `σ_min(J) ≥ σ_min(J₀) (1 − s)` and `|det J| ≥ |det J₀| (1 − s)³` (Ostrowski and Taussky) for `s ≥ ‖sym X‖`. The
-/// inverse is the adjugate over the determinant, so that both are off by rounding of `‖J₀‖³ / |det J₀|`, which may be the
-/// square of the condition.
+/// inverse is the adjugate over the determinant, so that both have a rounding error relative to `‖J₀‖³ / |det J₀|`,
+/// which may be the square of the condition number.
 fn by_inverse(
     centre: &Matrix3,
     slopes: &[Matrix3; 3],
@@ -114,7 +114,7 @@ fn by_inverse(
         let product = inverse * slope;
         (product + product.transpose()) * (0.5 * HALF_SIDE)
     });
-    // The norm of a linear function is convex and even: over the cube it is largest at one of these corners.
+    // The norm of a linear function is convex and even, so that it is largest at one of these corners of the cube.
     let corners = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]];
     let linear = corners.map(|[y, z]| spectral_norm(&(scaled[0] + scaled[1] * y + scaled[2] * z)));
     let [a, b, c, d] = linear;
@@ -148,7 +148,7 @@ fn by_determinant(
     let (mut first_order, mut second_order, mut third_order) = (0.0, 0.0, 0.0);
     for k in 0..3 {
         first_order += cofactors.dot(&slopes[k]).abs();
-        // Squares only add to one side.
+        // Squares count on one side only.
         second_order += (-sign * second[k].dot(centre)).max(0.0);
         third_order += slopes[k].determinant().abs();
         for l in (0..3).filter(|&l| l != k) {
@@ -205,7 +205,7 @@ mod tests {
         expansion
     }
 
-    /// With entries in multiples of 2⁻⁴⁰ the determinant is an integer of 2⁻¹²⁰.
+    /// With entries that are multiples of 2⁻⁴⁰ the determinant is a multiple of 2⁻¹²⁰.
     fn exact_determinant(j: &Matrix3) -> f64 {
         let m = |i: usize, k: usize| (j[(i, k)] * 2f64.powi(40)) as i128;
         let minor = |a: usize, b: usize| m(1, a) * m(2, b) - m(1, b) * m(2, a);
@@ -238,7 +238,7 @@ mod tests {
                     rotation().matrix() * Matrix3::from_diagonal(&Vector::new(1.0, small, small)) * rotation().matrix();
                 let j = j.map(|x| (x * 2f64.powi(40)).round() * 2f64.powi(-40));
                 let exact = exact_determinant(&j);
-                let found = examine(&affine(&j), 0.0);
+                let found = test_cell(&affine(&j), 0.0);
                 if let Some(regular) = found.regular {
                     proved += 1;
                     assert_eq!(found.det.signum(), exact.signum(), "{j}");
@@ -250,16 +250,16 @@ mod tests {
     }
 
     #[test]
-    fn numbers_out_of_range_prove_nothing() {
+    fn entries_out_of_range_prove_nothing() {
         for size in [1e103, 1e155, 1e300, 1e-108, 1e-300, 0.0, f64::INFINITY, f64::NAN] {
             assert_eq!(
-                examine(&affine(&(Matrix3::identity() * size)), 0.0).regular,
+                test_cell(&affine(&(Matrix3::identity() * size)), 0.0).regular,
                 None,
                 "{size:e}"
             );
         }
-        assert_eq!(examine(&affine(&Matrix3::identity()), f64::NAN).regular, None);
-        assert!(examine(&affine(&Matrix3::identity()), 0.0).regular.is_some());
+        assert_eq!(test_cell(&affine(&Matrix3::identity()), f64::NAN).regular, None);
+        assert!(test_cell(&affine(&Matrix3::identity()), 0.0).regular.is_some());
     }
 
     /// Random polynomials of all degrees: bounds hold at every sample in the cell.
@@ -280,7 +280,7 @@ mod tests {
                         .for_each(|a| *a = decay * random.random_range(-1.0..1.0));
                 }
             }
-            let Some(regular) = examine(&expansion, 0.0).regular else {
+            let Some(regular) = test_cell(&expansion, 0.0).regular else {
                 proved[0] += 1;
                 continue;
             };

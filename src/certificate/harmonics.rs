@@ -9,7 +9,7 @@
 //! ```
 //!
 //! The second line bounds a sum of gradients: `‖Σ_m a_m ∇R_nmᵀ‖ ≤ n |x|ⁿ⁻¹ ‖a‖`, for vectors `a_m` as the columns of a
-//! matrix `a` and spectral norms. Degree 0 is left out everywhere, because it has no derivative.
+//! matrix `a` and spectral norms. Degree 0 is omitted everywhere, because its derivative is zero.
 
 use std::f64::consts::PI;
 
@@ -19,10 +19,10 @@ use crate::Vector;
 pub(super) const ORDER: usize = 8;
 /// Harmonics of degrees 1 to [`ORDER`].
 pub(super) const TERMS: usize = ORDER * (ORDER + 2);
-/// Points whose harmonics are evaluated side by side.
+/// Points per batch, whose harmonics are evaluated together.
 pub(super) const LANES: usize = 8;
 
-/// A coordinate of each of the points side by side.
+/// One coordinate of all points of a batch.
 pub(super) type Batch = [f64; LANES];
 
 /// Range of the terms of degree `n`: `m = 0`, then cosine and sine for every further `m`.
@@ -30,11 +30,11 @@ pub(super) const fn terms_of(n: usize) -> std::ops::Range<usize> {
     n * n - 1..(n + 1) * (n + 1) - 1
 }
 
-/// Values of all harmonics at points side by side.
+/// Values of all harmonics at a batch of points.
 #[inline(always)]
 pub(super) fn harmonics([x, y, z]: &[Batch; 3], out: &mut [Batch; TERMS]) {
     let squared: Batch = std::array::from_fn(|l| x[l] * x[l] + y[l] * y[l] + z[l] * z[l]);
-    // Those with the highest m of their degree, then up the degrees for every m.
+    // First those with the highest m of their degree, then those of higher degree for each m.
     out[1] = *x;
     out[2] = *y;
     for m in 2..=ORDER {
@@ -77,8 +77,8 @@ pub(super) fn harmonics([x, y, z]: &[Batch; 3], out: &mut [Batch; TERMS]) {
 /// The matrix that expands a polynomial about another centre: column by column `T` with
 /// `R_k(offset + scale x) = const + Σ_j T[k TERMS + j] R_j(x)`.
 ///
-/// By orthogonality: the mean of `R_j²` over the unit sphere is `1 / (2n + 1)`, and a rule that integrates polynomials of
-/// degree `2 ORDER` exactly leaves rounding alone.
+/// By orthogonality: the mean of `R_j²` over the unit sphere is `1 / (2n + 1)`. The quadrature is exact for polynomials
+/// of degree `2 ORDER`, so that only rounding errors remain.
 pub(super) fn translation(offset: &Vector, scale: f64) -> Vec<f64> {
     let mut matrix = vec![0.0; TERMS * TERMS];
     for (point, weight) in sphere_rule(2 * ORDER) {
@@ -101,7 +101,8 @@ pub(super) fn translation(offset: &Vector, scale: f64) -> Vec<f64> {
     matrix
 }
 
-/// Points on the unit sphere with weights that add up to 1: exact means of polynomials up to a degree.
+/// Points on the unit sphere and weights with sum 1: a quadrature that is exact for means of polynomials up to this
+/// degree.
 fn sphere_rule(degree: usize) -> Vec<(Vector, f64)> {
     let around = degree + 1;
     let mut rule = Vec::new();
@@ -120,7 +121,7 @@ fn gauss_legendre(count: usize) -> Vec<(f64, f64)> {
     let node = |i: usize| {
         let mut x = (PI * (i as f64 + 0.75) / (count as f64 + 0.5)).cos();
         let mut slope = 1.0;
-        // Convergence is quadratic, and the start is right to two digits.
+        // Convergence is quadratic, and the start has two correct digits.
         for _ in 0..8 {
             let (mut value, mut before) = (1.0, 0.0);
             for n in 1..=count {

@@ -1,17 +1,17 @@
-//! Where a harmonic map is proved to be one to one, and where it is proved to fold.
+//! Certificates: where a harmonic map is proved to be locally one to one, and where it is proved to fold.
 //!
-//! The Jacobian `J` of a [`HarmonicMap`] is known in closed form, and with it bounds over whole regions. An octree is laid
-//! over the domain; in the ball around a cell the map is a harmonic polynomial, and what that leaves out has a
-//! bound. Where the bounds exclude `det J = 0` from a cell, the map is regular everywhere in it, and the sign at its
-//! centre is that of all of it. Other cells are divided, down to a smallest size.
+//! The Jacobian `J` of a [`HarmonicMap`] is known in closed form, and with it bounds over whole regions. An octree is
+//! laid over the domain; in the ball around a cell the map is a harmonic polynomial plus a remainder with a known
+//! bound. Where the bounds exclude `det J = 0` from a cell, the map is regular everywhere in it, with the sign of its
+//! centre. Other cells are divided, down to a smallest size.
 //!
 //! # What is proved
 //!
-//! In a cell that is [`Verdict::Positive`] every point has a neighbourhood that the map carries one to one, with the
-//! orientation of the target; in one that is [`Verdict::Folded`] every point has one that is carried inside out. The
-//! bounds are those of real numbers. Rounding of the sums is allowed for by `(N + 2¹⁴) 2⁻⁵³` of the sum of
-//! the absolute terms, for `N` sources: that is meant to be more than the roundings on a term's way, and is no
-//! interval arithmetic. Nothing is proved by samples.
+//! In a cell that is [`Verdict::Positive`] the map is locally one to one with the orientation of the target; in one
+//! that is [`Verdict::Folded`] it is locally one to one with the opposite orientation. The bounds hold in exact
+//! arithmetic. Rounding of the sums is allowed for by `(N + 2¹⁴) 2⁻⁵³` of the sum of the absolute terms, for `N`
+//! sources: this is meant to exceed the rounding errors of each term, but is no interval arithmetic. Nothing is proved
+//! by samples.
 //!
 //! If no cell is folded or undecided, and the boundary map has degree one, then every point of the target that
 //! is farther from its boundary than the largest boundary error of the map has exactly one preimage: the map and its
@@ -40,15 +40,15 @@ use crate::Point;
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{HEXAHEDRON, SurfaceMesh};
 
-/// How far a certificate goes.
+/// Options of [`certify`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CertificateOptions {
     /// Cells along the longest side of the domain at the finest level; rounded up to a power of two, 2 to 2²⁰.
     pub finest: usize,
-    /// Limit on the number of cells: no level is begun that could bring more. A cell takes some 2 KB while it may be
+    /// Limit on the number of cells: no level is started that could exceed it. A cell takes some 2 KB while it may be
     /// divided, 200 bytes afterwards.
     pub max_cells: usize,
-    /// Ends when no larger share of the volume than this is undecided.
+    /// Stops when at most this fraction of the volume is undecided.
     pub undecided: f64,
 }
 
@@ -62,13 +62,13 @@ impl Default for CertificateOptions {
     }
 }
 
-/// What is known of the sign of `det J` in a cell.
+/// What is proved about the sign of `det J` in a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// It is that of the target's orientation everywhere in the cell.
+    /// Everywhere in the cell that of the target's orientation.
     Positive,
-    /// It is the other one everywhere in the cell.
+    /// Everywhere in the cell the opposite one.
     Folded,
     /// Neither is proved.
     Undecided,
@@ -83,16 +83,16 @@ pub struct CertificateCell {
     pub size: f64,
     /// How often the box was halved.
     pub level: u8,
-    /// The part of its volume in the domain.
+    /// Volume of the part inside the domain.
     pub volume: f64,
-    /// What is proved, of the whole cube.
+    /// What is proved for the whole cube.
     pub verdict: Verdict,
     /// Lower bound of the least singular value of `J` in the cell; 0 where undecided.
     pub sigma_min: f64,
     /// Lower bound of `|det J|` in the cell; 0 where undecided.
     pub det_bound: f64,
-    /// `det J` at the centre, negative where it is folded, also for maps that reflect; no bound. Undecided cells may have
-    /// their centre outside the domain, where it means little.
+    /// `det J` at the centre, negative in folded cells, also for maps that reflect; not a bound. Undecided cells may
+    /// have their centre outside the domain, where it means little.
     pub det_centre: f64,
     steps: [u32; 3],
 }
@@ -104,39 +104,39 @@ impl CertificateCell {
     }
 }
 
-/// Cells with one verdict.
+/// The cells with the same verdict.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct VerdictTotals {
     /// How many.
     pub cells: usize,
     /// Their volume in the domain.
     pub volume: f64,
-    /// That volume over the domain's.
+    /// That volume as a fraction of the domain's.
     pub fraction: f64,
 }
 
-/// Why no cell was divided further.
+/// Why the subdivision stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StopReason {
-    /// None is undecided.
+    /// No cell is undecided.
     AllDecided,
-    /// No more than [`CertificateOptions::undecided`] is.
+    /// At most the fraction [`CertificateOptions::undecided`] is undecided.
     EnoughDecided,
-    /// Those undecided have the size of [`CertificateOptions::finest`].
+    /// Undecided cells have the size of [`CertificateOptions::finest`].
     Finest,
     /// There would be more than [`CertificateOptions::max_cells`].
     CellLimit,
 }
 
-/// What a certificate says as a whole.
+/// Summary of a certificate.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct CertificateReport {
     /// Volume of the domain.
     pub volume: f64,
-    /// Cells proved to keep the orientation.
+    /// Cells proved to preserve the orientation.
     pub positive: VerdictTotals,
-    /// Cells proved to be turned inside out.
+    /// Cells proved to be inverted.
     pub folded: VerdictTotals,
     /// All others.
     pub undecided: VerdictTotals,
@@ -146,36 +146,36 @@ pub struct CertificateReport {
     pub det_bound: Option<f64>,
     /// Least lower bound of the smallest singular value over the positive cells; `None` without any.
     pub sigma_min: Option<f64>,
-    /// The smallest singular value is at least this over 99 % of the domain's volume, where it keeps the orientation;
+    /// The smallest singular value is at least this, and the orientation preserved, over 99 % of the domain's volume;
     /// `None` where less is proved.
     pub sigma_min_99: Option<f64>,
     /// Side of the smallest cell.
     pub finest_cell: f64,
-    /// How often the box was halved for it.
+    /// Level of the smallest cell.
     pub levels: u8,
-    /// Why it ended there.
+    /// Why the subdivision stopped.
     #[serde(rename = "ending")]
     pub stop_reason: StopReason,
     /// Volumes of all cells over the domain's volume, less one.
     pub volume_error: f64,
 }
 
-/// The leaves of an octree over a domain, with what is proved in each.
+/// The leaf cells of an octree over a domain, with what is proved in each.
 #[derive(Debug, Clone)]
 pub struct Certificate {
     /// The summary.
     pub report: CertificateReport,
     low: Point,
     side: f64,
-    leaves: Vec<CertificateCell>,
+    cells: Vec<CertificateCell>,
 }
 
-/// How far the work is.
+/// Progress of [`certify`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CertificateProgress {
-    /// The level whose cells are made.
+    /// The level whose cells are being made.
     pub level: u8,
-    /// Cells of the level above that have been divided.
+    /// Cells of the level above that are divided already.
     pub done: usize,
     /// Cells of the level above to divide.
     pub of: usize,
@@ -187,32 +187,32 @@ pub struct CertificateProgress {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CertificateError {
-    /// The map has a number that is none.
+    /// A source or its coefficients are not finite.
     #[error("source {source_index} of the map, or its coefficients, are not finite; fit the map again")]
     NonFiniteSource {
         /// Which source.
         source_index: usize,
     },
-    /// The affine part has a number that is none.
+    /// The affine part is not finite.
     #[error("the affine part of the map is not finite; fit the map again")]
     NonFiniteAffine,
-    /// The domain is no solid.
+    /// The domain does not bound a solid.
     #[error("the domain has a volume of {volume}; give a closed surface that is oriented outward")]
     NoVolume {
         /// Its volume.
         volume: f64,
     },
-    /// The domain has holes.
+    /// The domain is not closed.
     #[error(
         "the domain does not close: its volume is {volume}, that under its triangles {found}; `solidmap check` says where"
     )]
     Open {
-        /// By the divergence theorem.
+        /// Volume by the divergence theorem.
         volume: f64,
-        /// By prisms between the triangles and the floor of the box.
+        /// Volume of the prisms between the triangles and the floor of the box.
         found: f64,
     },
-    /// The orientation of the target decides which sign of `det J` is a fold.
+    /// The target has no volume, whose sign decides which sign of `det J` is a fold.
     #[error("the target has a volume of {volume}, and so no orientation; give the signed volume of a solid")]
     NoOrientation {
         /// The volume that was given.
@@ -230,21 +230,21 @@ pub enum CertificateError {
     },
 }
 
-/// Deepest level: three coordinates of a cell share 64 bits.
-const MOST_LEVELS: u8 = 20;
+/// Deepest level: the three coordinates of a cell fit into 64 bits.
+const MAX_LEVELS: u8 = 20;
 /// Cells that are divided between two reports of progress.
 const GROUP: usize = 4096;
-/// Relative difference between two ways to measure the volume of a closed surface.
+/// Relative difference between two ways to compute the volume beyond which a surface is not closed.
 const OPEN: f64 = 1e-6;
 
-/// Certifies the sign of `det J` over a domain, as far as `options` allow.
+/// Proves the sign of `det J` over a domain, as far as `options` allow.
 ///
 /// `target_volume` is the signed volume of the target, negative when the map reflects
 /// ([`crate::boundary_map::BoundaryMap::target_volume`]). Cells across the boundary are certified as a whole, also where
 /// they reach out of the domain; their volume is exactly that of the part inside. The result does not depend on the number
 /// of threads.
 ///
-/// Some 20 µs for every cell. Cells have to be smaller than the distance to the nearest source, so that their number
+/// Takes some 20 µs per cell. Cells have to be smaller than the distance to the nearest source, so that their number
 /// grows with that of the sources; where `det J` has zeros it grows fourfold with every level.
 ///
 /// # Errors
@@ -270,52 +270,52 @@ pub fn certify(
         return Err(CertificateError::Open { volume, found });
     }
 
-    let (ended, stop_reason) = descend(&builder, root, options, progress);
-    let mut leaves: Vec<CertificateCell> = ended
+    let (closed, stop_reason) = descend(&builder, root, options, progress);
+    let mut cells: Vec<CertificateCell> = closed
         .iter()
-        .map(|ended| leaf(&builder, ended, target_volume.signum()))
+        .map(|closed| certificate_cell(&builder, closed, target_volume.signum()))
         .collect();
-    leaves.sort_unstable_by_key(|leaf| curve_key(leaf.level, leaf.steps));
-    look_into_undecided(map, target_volume.signum(), &mut leaves);
+    cells.sort_unstable_by_key(|cell| curve_key(cell.level, cell.steps));
+    set_undecided_determinants(map, target_volume.signum(), &mut cells);
     Ok(Certificate {
-        report: summary(&leaves, volume, stop_reason),
+        report: summary(&cells, volume, stop_reason),
         low,
         side,
-        leaves,
+        cells,
     })
 }
 
 impl Certificate {
-    /// All cells that reach into the domain, along a space-filling curve.
+    /// All cells that intersect the domain, along a space-filling curve.
     pub fn cells(&self) -> &[CertificateCell] {
-        &self.leaves
+        &self.cells
     }
 
-    /// The cell that a point is in. `None` where no cell reaches into the domain.
+    /// The cell that contains a point; `None` where no cell intersects the domain.
     pub fn cell_at(&self, point: &Point) -> Option<&CertificateCell> {
         let within = (point - self.low) / self.side;
         if within.iter().any(|x| !(0.0..=1.0).contains(x)) {
             return None;
         }
-        let most = 2f64.powi(MOST_LEVELS.into());
+        let most = 2f64.powi(MAX_LEVELS.into());
         let steps = within.map(|x| (x * most).min(most - 1.0) as u32);
-        let key = curve_key(MOST_LEVELS, steps.into());
+        let key = curve_key(MAX_LEVELS, steps.into());
         let after = self
-            .leaves
-            .partition_point(|leaf| curve_key(leaf.level, leaf.steps) <= key);
-        let leaf = &self.leaves[..after].last()?;
-        let cells = 1u64 << (3 * (MOST_LEVELS - leaf.level));
-        (key - curve_key(leaf.level, leaf.steps) < cells).then_some(leaf)
+            .cells
+            .partition_point(|cell| curve_key(cell.level, cell.steps) <= key);
+        let cell = &self.cells[..after].last()?;
+        let cells = 1u64 << (3 * (MAX_LEVELS - cell.level));
+        (key - curve_key(cell.level, cell.steps) < cells).then_some(cell)
     }
 
-    /// The leaves as hexahedra in VTK's order of corners; equal corners are one point.
+    /// The cells as hexahedra in VTK's order of corners; equal corners are one point.
     pub fn hexahedra(&self) -> (Vec<Point>, Vec<[u32; 8]>) {
-        let unit = self.side / 2f64.powi(MOST_LEVELS.into());
+        let unit = self.side / 2f64.powi(MAX_LEVELS.into());
         let (mut index, mut points) = (HashMap::new(), Vec::new());
-        let hexahedra = self.leaves.iter().map(|leaf| {
+        let hexahedra = self.cells.iter().map(|cell| {
             HEXAHEDRON.map(|corner| {
                 let key: [u32; 3] =
-                    std::array::from_fn(|k| (leaf.steps[k] + u32::from(corner[k])) << (MOST_LEVELS - leaf.level));
+                    std::array::from_fn(|k| (cell.steps[k] + u32::from(corner[k])) << (MAX_LEVELS - cell.level));
                 *index.entry(key).or_insert_with(|| {
                     points.push(Point::from(std::array::from_fn(|k| {
                         self.low[k] + f64::from(key[k]) * unit
@@ -344,7 +344,7 @@ fn require_finite(map: &HarmonicMap) -> Result<(), CertificateError> {
 
 fn require_options(options: &CertificateOptions) -> Result<(), CertificateError> {
     let refuse = |name, value, range| Err(CertificateError::Option { name, value, range });
-    if options.finest < 2 || options.finest > 1 << MOST_LEVELS {
+    if options.finest < 2 || options.finest > 1 << MAX_LEVELS {
         return refuse("the number of finest cells", options.finest as f64, "from 2 to 1048576");
     }
     if options.max_cells < 8 {
@@ -374,7 +374,7 @@ fn cube_around(domain: &SurfaceMesh) -> Result<(Point, f64), CertificateError> {
     let low = used().reduce(|a, b| a.inf(&b)).ok_or_else(|| no_volume.clone())?;
     let high = used().reduce(|a, b| a.sup(&b)).ok_or_else(|| no_volume.clone())?;
     let side = (high - low).max();
-    // Neither volumes nor their reciprocals may leave the range of numbers.
+    // Neither volumes nor their reciprocals may overflow or vanish.
     if side.powi(3).is_normal() && side.powi(-3).is_normal() {
         Ok((low, side))
     } else {
@@ -382,7 +382,7 @@ fn cube_around(domain: &SurfaceMesh) -> Result<(Point, f64), CertificateError> {
     }
 }
 
-/// Divides level by level.
+/// Divides cells level by level.
 fn descend(
     builder: &OctreeBuilder,
     root: OpenCell,
@@ -393,10 +393,10 @@ fn descend(
     let volume = root.volume;
     let (mut found, mut last) = (Subdivision::of(root), false);
     for level in 1..=levels {
-        let cells = std::mem::take(&mut found.cells);
+        let cells = std::mem::take(&mut found.open);
         let undecided = cells.iter().map(|cell| cell.volume).sum::<f64>() / volume;
         if cells.is_empty() || undecided <= options.undecided {
-            found.cells = cells;
+            found.open = cells;
             break;
         }
         last |= level == levels;
@@ -408,15 +408,15 @@ fn descend(
                 undecided,
             });
             found.append(builder.divide(some, last));
-            if found.ended.len() + 8 * found.cells.len() > options.max_cells {
-                // There is no further level, so that nothing is kept for it.
+            if found.closed.len() + 8 * found.open.len() > options.max_cells {
+                // No further level follows, so that nothing is kept for it.
                 last = true;
-                found.end();
+                found.close_all();
             }
         }
         if last && level < levels {
             let stop_reason = ending_of(&found, StopReason::CellLimit);
-            return (found.ended, stop_reason);
+            return (found.closed, stop_reason);
         }
     }
     let stop_reason = ending_of(
@@ -427,23 +427,23 @@ fn descend(
             StopReason::EnoughDecided
         },
     );
-    found.end();
-    (found.ended, stop_reason)
+    found.close_all();
+    (found.closed, stop_reason)
 }
 
 fn ending_of(found: &Subdivision, otherwise: StopReason) -> StopReason {
-    let all = found.cells.is_empty() && found.ended.iter().all(|cell| cell.found.is_some());
+    let all = found.open.is_empty() && found.closed.iter().all(|cell| cell.found.is_some());
     if all { StopReason::AllDecided } else { otherwise }
 }
 
-fn leaf(builder: &OctreeBuilder, ended: &ClosedCell, orientation: f64) -> CertificateCell {
-    let CellIndex { level, steps } = ended.place;
-    let (low, size) = builder.cube(&ended.place);
+fn certificate_cell(builder: &OctreeBuilder, closed: &ClosedCell, orientation: f64) -> CertificateCell {
+    let CellIndex { level, steps } = closed.index;
+    let (low, size) = builder.cube(&closed.index);
     let cube = builder.cube(&CellIndex {
         level: 0,
         steps: [0; 3],
     });
-    let (verdict, det_centre, bounds) = match ended.found {
+    let (verdict, det_centre, bounds) = match closed.found {
         Some((det, bounds)) if det * orientation > 0.0 => (Verdict::Positive, det, Some(bounds)),
         Some((det, bounds)) => (Verdict::Folded, det, Some(bounds)),
         None => (Verdict::Undecided, f64::NAN, None),
@@ -452,7 +452,7 @@ fn leaf(builder: &OctreeBuilder, ended: &ClosedCell, orientation: f64) -> Certif
         low,
         size,
         level,
-        volume: ended.volume * cube.1.powi(3),
+        volume: closed.volume * cube.1.powi(3),
         verdict,
         sigma_min: bounds.map_or(0.0, |b| b.sigma_min),
         det_bound: bounds.map_or(0.0, |b| b.det),
@@ -461,20 +461,21 @@ fn leaf(builder: &OctreeBuilder, ended: &ClosedCell, orientation: f64) -> Certif
     }
 }
 
-/// Determinants at the centres of undecided cells, which many of them are too large to expand.
-fn look_into_undecided(map: &HarmonicMap, orientation: f64, leaves: &mut [CertificateCell]) {
-    let mut undecided: Vec<&mut CertificateCell> = leaves
+/// Sets the determinants at the centres of undecided cells, by the map itself: many of these cells are too large for an
+/// expansion.
+fn set_undecided_determinants(map: &HarmonicMap, orientation: f64, cells: &mut [CertificateCell]) {
+    let mut undecided: Vec<&mut CertificateCell> = cells
         .iter_mut()
-        .filter(|leaf| leaf.verdict == Verdict::Undecided)
+        .filter(|cell| cell.verdict == Verdict::Undecided)
         .collect();
-    let centres: Vec<Point> = undecided.iter().map(|leaf| leaf.centre()).collect();
-    for (leaf, jacobian) in undecided.iter_mut().zip(map.jacobian(&centres)) {
-        leaf.det_centre = jacobian.determinant() * orientation;
+    let centres: Vec<Point> = undecided.iter().map(|cell| cell.centre()).collect();
+    for (cell, jacobian) in undecided.iter_mut().zip(map.jacobian(&centres)) {
+        cell.det_centre = jacobian.determinant() * orientation;
     }
 }
 
-fn summary(leaves: &[CertificateCell], volume: f64, stop_reason: StopReason) -> CertificateReport {
-    let with = |verdict| leaves.iter().filter(move |leaf| leaf.verdict == verdict);
+fn summary(cells: &[CertificateCell], volume: f64, stop_reason: StopReason) -> CertificateReport {
+    let with = |verdict| cells.iter().filter(move |cell| cell.verdict == verdict);
     let share = |verdict| {
         let found = total(&mut with(verdict));
         VerdictTotals {
@@ -484,47 +485,47 @@ fn summary(leaves: &[CertificateCell], volume: f64, stop_reason: StopReason) -> 
         }
     };
     let least = |value: fn(&CertificateCell) -> f64| with(Verdict::Positive).map(value).reduce(f64::min);
-    let finest = leaves.iter().max_by_key(|leaf| leaf.level);
-    let mut negative = with(Verdict::Undecided).filter(|leaf| leaf.det_centre < 0.0);
+    let finest = cells.iter().max_by_key(|cell| cell.level);
+    let mut negative = with(Verdict::Undecided).filter(|cell| cell.det_centre < 0.0);
     CertificateReport {
         volume,
         positive: share(Verdict::Positive),
         folded: share(Verdict::Folded),
         undecided: share(Verdict::Undecided),
         undecided_negative: total(&mut negative) / volume,
-        det_bound: least(|leaf| leaf.det_bound),
-        sigma_min: least(|leaf| leaf.sigma_min),
+        det_bound: least(|cell| cell.det_bound),
+        sigma_min: least(|cell| cell.sigma_min),
         sigma_min_99: bound_over(0.99 * volume, with(Verdict::Positive)),
-        finest_cell: finest.map_or(0.0, |leaf| leaf.size),
-        levels: finest.map_or(0, |leaf| leaf.level),
+        finest_cell: finest.map_or(0.0, |cell| cell.size),
+        levels: finest.map_or(0, |cell| cell.level),
         stop_reason,
-        volume_error: total(&mut leaves.iter()) / volume - 1.0,
+        volume_error: total(&mut cells.iter()) / volume - 1.0,
     }
 }
 
 /// The largest bound of singular values that holds over this volume.
-fn bound_over<'a>(volume: f64, leaves: impl Iterator<Item = &'a CertificateCell>) -> Option<f64> {
-    let mut leaves: Vec<&CertificateCell> = leaves.collect();
-    leaves.sort_by(|a, b| b.sigma_min.total_cmp(&a.sigma_min));
+fn bound_over<'a>(volume: f64, cells: impl Iterator<Item = &'a CertificateCell>) -> Option<f64> {
+    let mut cells: Vec<&CertificateCell> = cells.collect();
+    cells.sort_by(|a, b| b.sigma_min.total_cmp(&a.sigma_min));
     let mut covered = 0.0;
-    let reaches = |leaf: &&&CertificateCell| {
-        covered += leaf.volume;
+    let reaches = |cell: &&&CertificateCell| {
+        covered += cell.volume;
         covered >= volume
     };
-    leaves.iter().find(reaches).map(|leaf| leaf.sigma_min)
+    cells.iter().find(reaches).map(|cell| cell.sigma_min)
 }
 
 /// Volume of cells in the domain.
-fn total(leaves: &mut dyn Iterator<Item = &CertificateCell>) -> f64 {
-    leaves.fold(0.0, |sum, leaf| sum + leaf.volume)
+fn total(cells: &mut dyn Iterator<Item = &CertificateCell>) -> f64 {
+    cells.fold(0.0, |sum, cell| sum + cell.volume)
 }
 
 /// Position of a cell's lowest corner along Morton's curve through the cells of the deepest level.
 fn curve_key(level: u8, steps: [u32; 3]) -> u64 {
     let mut key = 0;
     for (axis, step) in steps.into_iter().enumerate() {
-        let step = step << (MOST_LEVELS - level);
-        for bit in 0..MOST_LEVELS {
+        let step = step << (MAX_LEVELS - level);
+        for bit in 0..MAX_LEVELS {
             key |= u64::from(step >> bit & 1) << (3 * u32::from(bit) + axis as u32);
         }
     }

@@ -1,44 +1,45 @@
-//! The octree: cells from the whole box down, and in each the expansion of the map.
+//! The octree, built from the whole box down, with an expansion of the map in each cell.
 //!
 //! A source at distance `d` from the centre of a cell with circumradius `r` is absorbed into the cell's expansion once
-//! `q = r / d` is small. Of its gradient the expansion to degree `p` leaves out at most
+//! `q = r / d` is small. The expansion to degree `p` omits at most this of its gradient,
 //!
 //! ```text
 //! |w| / (4π d²) Σ_{n > p} n qⁿ⁻¹ = |w| / (4π d²) q^p (p + 1 − p q) / (1 − q)²
 //! ```
 //!
-//! anywhere in the ball around the cell. The balls of its parts lie in that ball, polynomials are expanded about other
-//! centres exactly, and so the bound holds for them too: what is absorbed once is never looked at again. Sources that
-//! are not absorbed go down to the parts of the cell; for its own examination a cell expands them as well, as far as
-//! they converge.
+//! anywhere in the ball around the cell. The balls of its children lie in that ball, and polynomials are expanded about
+//! other centres exactly, so that the bound holds for the children too: each source is absorbed once. Sources that are
+//! not absorbed are passed to the children; to test a cell, they are expanded as well as far as the expansion
+//! converges.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
-use super::bounds::{JacobianTest, RegularityBounds, examine, size_at_centre};
+use super::bounds::{JacobianTest, RegularityBounds, size_at_centre, test_cell};
 use super::harmonics::{Batch, LANES, ORDER, TERMS, harmonics, translation};
 use super::volume::{CellClipper, InsidePart};
 use crate::map::HarmonicMap;
 use crate::{Point, Vector};
 
-/// Largest `q` of sources that are absorbed for good.
+/// Largest `q` of sources that are absorbed.
 const ABSORBED: f64 = 0.3;
-/// Largest `q` of sources that a cell expands to be examined. Beyond, the remainder is far too large.
+/// Largest `q` of sources that are expanded to test a cell. Beyond it the remainder is far too large.
 const EXPANDED: f64 = 0.75;
-/// Cells of a task at most, divided together so that translations are matrix products.
-const MOST_CELLS_OF_A_TASK: usize = 16;
-/// Tasks of a level at least, if it has as many cells.
+/// Cells per task at most, divided together so that translations are matrix products.
+const MAX_CELLS_PER_TASK: usize = 16;
+/// Tasks per level at least, if it has as many cells.
 const TASKS: usize = 64;
 /// Half the distance between two roundings at 1.
 const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
-/// Roundings of a term on its way into a coefficient, beside those of the sum over sources: some hundred in the
-/// recurrences of the harmonics, and 3 `TERMS` in each of up to 20 translations, each relative to a bound of all terms.
+/// Rounding errors of a term in a coefficient, besides those of the sum over sources: some hundred in the recurrences
+/// of the harmonics, and 3 `TERMS` in each of up to 20 translations, each relative to a bound of all terms.
 const ROUNDINGS_OF_A_TERM: f64 = 16_384.0;
-/// Units of last place that source and centre may be off, times the growth of a gradient's error.
+/// Rounding errors of the positions of source and centre, in units in the last index, times the amplification of the
+/// gradient's error.
 const SHIFTS: f64 = 16.0;
 
-/// The place of a cell: `steps` cells of its level from the lowest corner of the box.
+/// The position of a cell: `steps` cells of its level from the lowest corner of the box.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct CellIndex {
     pub(super) level: u8,
@@ -56,7 +57,7 @@ impl CellIndex {
 
 /// A cell that may be divided.
 pub(super) struct OpenCell {
-    place: CellIndex,
+    index: CellIndex,
     /// Volume inside the domain, in cubes of the box's side.
     pub(super) volume: f64,
     triangles: Vec<u32>,
@@ -64,79 +65,79 @@ pub(super) struct OpenCell {
     expansion: Vec<f64>,
     /// Sources that are not in the expansion.
     sources: Vec<u32>,
-    /// What the expansion leaves out of the Jacobian: its largest spectral norm.
+    /// Bound of the spectral norm of what the expansion omits of the Jacobian.
     remainder: f64,
-    /// Sum of the sizes of all terms of the Jacobian: what roundings are relative to.
+    /// Sum of the norms of all terms of the Jacobian, to which rounding errors are relative.
     magnitude: f64,
 }
 
-/// A cell that is not divided.
+/// A cell that is not divided further.
 pub(super) struct ClosedCell {
-    pub(super) place: CellIndex,
+    pub(super) index: CellIndex,
     pub(super) volume: f64,
-    /// The determinant at the centre and lower bounds, if its sign is certain.
+    /// The determinant at the centre and lower bounds, if the sign is proved.
     pub(super) found: Option<(f64, RegularityBounds)>,
 }
 
-/// The parts of cells: those that ended, and those that may be divided further.
+/// Cells that are not divided further, and cells that may be.
 #[derive(Default)]
 pub(super) struct Subdivision {
-    pub(super) ended: Vec<ClosedCell>,
-    pub(super) cells: Vec<OpenCell>,
+    pub(super) closed: Vec<ClosedCell>,
+    pub(super) open: Vec<OpenCell>,
 }
 
 impl Subdivision {
     pub(super) fn of(cell: OpenCell) -> Self {
         Self {
-            ended: Vec::new(),
-            cells: vec![cell],
+            closed: Vec::new(),
+            open: vec![cell],
         }
     }
 
-    /// None goes on.
-    pub(super) fn end(&mut self) {
-        self.ended.extend(self.cells.drain(..).map(ClosedCell::from));
-        self.cells.shrink_to_fit();
+    /// Closes all open cells.
+    pub(super) fn close_all(&mut self) {
+        self.closed.extend(self.open.drain(..).map(ClosedCell::from));
+        self.open.shrink_to_fit();
     }
 
     pub(super) fn append(&mut self, mut other: Self) {
-        self.ended.append(&mut other.ended);
-        self.cells.append(&mut other.cells);
+        self.closed.append(&mut other.closed);
+        self.open.append(&mut other.open);
     }
 }
 
 impl From<OpenCell> for ClosedCell {
-    /// Undecided.
+    /// An undecided cell.
     fn from(cell: OpenCell) -> Self {
         Self {
-            place: cell.place,
+            index: cell.index,
             volume: cell.volume,
             found: None,
         }
     }
 }
 
-/// What all cells share.
+/// What all cells of the octree share.
 pub(super) struct OctreeBuilder {
     low: Point,
     side: f64,
     clipper: CellClipper,
-    /// Of the sources, from the lowest corner: cells far from the origin are no worse than others.
+    /// Positions of the sources relative to the lowest corner: domains far from the origin lose no accuracy.
     positions: Vec<Vector>,
-    /// Coefficients over 4π, and their lengths.
+    /// Coefficients over 4π, and their norms.
     weights: Vec<[f64; 4]>,
     translations: Vec<Vec<f64>>,
     rounding: f64,
 }
 
 impl OctreeBuilder {
-    /// In the cube with this lowest corner and side.
+    /// For the cube with this lowest corner and side.
     pub(super) fn new(map: &HarmonicMap, clipper: CellClipper, low: Point, side: f64) -> Self {
         let weight = |w: &[f64; 3]| {
             let [x, y, z] = w.map(|w| w / (4.0 * std::f64::consts::PI));
             [x, y, z, Vector::new(x, y, z).norm()]
         };
-        // In units of the parent's circumradius a child's centre is a quarter of the side away along each axis.
+        // A child's centre is a quarter of the side away along each axis, here in units of the parent's circumradius.
         let quarter = 0.5 / 3f64.sqrt();
         let translations = (0..8).into_par_iter().map(|octant: usize| {
             let offset = Vector::from_fn(|k, _| if octant >> k & 1 == 1 { quarter } else { -quarter });
@@ -155,11 +156,11 @@ impl OctreeBuilder {
 
     /// The whole box, with the affine part of the map.
     pub(super) fn root(&self, map: &HarmonicMap) -> OpenCell {
-        let place = CellIndex {
+        let index = CellIndex {
             level: 0,
             steps: [0; 3],
         };
-        let (_, radius) = self.ball(&place);
+        let (_, radius) = self.ball(&index);
         let mut expansion = vec![0.0; 3 * TERMS];
         for (coordinate, terms) in expansion.chunks_mut(TERMS).enumerate() {
             // The harmonics of degree 1 are z, x, y.
@@ -169,93 +170,95 @@ impl OctreeBuilder {
         }
         let all: Vec<u32> = (0..self.positions.len() as u32).collect();
         let magnitude = size_at_centre(&expansion) / radius;
-        let filling = self.filling(&place, &self.clipper.triangles());
-        self.absorbed(place, filling, expansion, &all, [0.0, magnitude])
+        let inside_part = self.inside_part(&index, &self.clipper.triangles());
+        self.absorbed(index, inside_part, expansion, &all, [0.0, magnitude])
     }
 
     /// Lowest corner and side of a cell.
-    pub(super) fn cube(&self, place: &CellIndex) -> (Point, f64) {
-        let side = self.side / 2f64.powi(place.level.into());
-        (self.low + Vector::from(place.steps.map(f64::from)) * side, side)
+    pub(super) fn cube(&self, index: &CellIndex) -> (Point, f64) {
+        let side = self.side / 2f64.powi(index.level.into());
+        (self.low + Vector::from(index.steps.map(f64::from)) * side, side)
     }
 
-    /// Centre, from the lowest corner of the box, and circumradius.
-    fn ball(&self, place: &CellIndex) -> (Vector, f64) {
-        let side = self.side / 2f64.powi(place.level.into());
-        let centre = place.steps.map(|step| (f64::from(step) + 0.5) * side);
+    /// Centre relative to the lowest corner of the box, and circumradius.
+    fn ball(&self, index: &CellIndex) -> (Vector, f64) {
+        let side = self.side / 2f64.powi(index.level.into());
+        let centre = index.steps.map(|step| (f64::from(step) + 0.5) * side);
         (Vector::from(centre), 0.5 * 3f64.sqrt() * side)
     }
 
-    /// The parts that reach into the domain of cells of one level, in order. None goes on if they are the `last`.
+    /// The children of cells of one level that intersect the domain, in order. All are closed if they are the `last`.
     pub(super) fn divide(&self, cells: &[OpenCell], last: bool) -> Subdivision {
-        // Few cells have many sources each: then one is enough for a task. Tasks do not depend on the threads.
-        let task = (cells.len() / TASKS).clamp(1, MOST_CELLS_OF_A_TASK);
+        // Where cells are few, each has many sources, and one is enough for a task. Tasks do not depend on the number
+        // of threads.
+        let task = (cells.len() / TASKS).clamp(1, MAX_CELLS_PER_TASK);
         let tasks: Vec<Subdivision> = cells
             .par_chunks(task)
-            .map(|cells| self.divide_some(cells, last))
+            .map(|cells| self.divide_task(cells, last))
             .collect();
         let mut parts = Subdivision::default();
         tasks.into_iter().for_each(|task| parts.append(task));
         parts
     }
 
-    fn divide_some(&self, cells: &[OpenCell], last: bool) -> Subdivision {
+    fn divide_task(&self, cells: &[OpenCell], last: bool) -> Subdivision {
         let expansions: Vec<f64> = cells.iter().flat_map(|cell| &cell.expansion).copied().collect();
         let translated: Vec<Vec<f64>> = self.translations.iter().map(|t| translated(t, &expansions)).collect();
         let mut parts = Subdivision::default();
         for (i, parent) in cells.iter().enumerate() {
             for (octant, translated) in translated.iter().enumerate() {
-                let place = parent.place.child(octant);
-                let filling = self.filling(&place, &parent.triangles);
-                if filling.is_empty() {
+                let index = parent.index.child(octant);
+                let inside_part = self.inside_part(&index, &parent.triangles);
+                if inside_part.is_empty() {
                     continue;
                 }
                 let expansion = translated[3 * TERMS * i..][..3 * TERMS].to_vec();
                 let inherited = [parent.remainder, parent.magnitude];
-                let cell = self.absorbed(place, filling, expansion, &parent.sources, inherited);
-                match self.examined(&cell) {
-                    Some(JacobianTest { det, regular }) if regular.is_some() || last => parts.ended.push(ClosedCell {
+                let cell = self.absorbed(index, inside_part, expansion, &parent.sources, inherited);
+                match self.test(&cell) {
+                    Some(JacobianTest { det, regular }) if regular.is_some() || last => parts.closed.push(ClosedCell {
                         found: regular.map(|regular| (det, regular)),
                         ..cell.into()
                     }),
-                    None if last => parts.ended.push(cell.into()),
-                    _ => parts.cells.push(cell),
+                    None if last => parts.closed.push(cell.into()),
+                    _ => parts.open.push(cell),
                 }
             }
         }
         parts
     }
 
-    /// What a cell has of the domain, by the triangles of its parent; without any it is inside as a whole.
-    fn filling(&self, place: &CellIndex, triangles: &[u32]) -> InsidePart {
-        let side = 0.5f64.powi(place.level.into());
-        let low = Point::from(Vector::from(place.steps.map(f64::from)) * side);
+    /// The part of a cell inside the domain, from the triangles of its parent; without any the cell is inside as a
+    /// whole.
+    fn inside_part(&self, index: &CellIndex, triangles: &[u32]) -> InsidePart {
+        let side = 0.5f64.powi(index.level.into());
+        let low = Point::from(Vector::from(index.steps.map(f64::from)) * side);
         if triangles.is_empty() {
             return InsidePart::whole();
         }
-        self.clipper.filling(&low, side, triangles)
+        self.clipper.inside_part(&low, side, triangles)
     }
 
-    /// A cell with this expansion after it has absorbed all of these sources that are far enough. Remainder and magnitude
-    /// are those of what is in the expansion already.
+    /// A cell with this expansion, after absorbing those of `sources` that are far enough. Remainder and magnitude are
+    /// those of the expansion so far.
     fn absorbed(
         &self,
-        place: CellIndex,
-        filling: InsidePart,
+        index: CellIndex,
+        inside_part: InsidePart,
         mut expansion: Vec<f64>,
         sources: &[u32],
         [remainder, magnitude]: [f64; 2],
     ) -> OpenCell {
-        let (centre, radius) = self.ball(&place);
+        let (centre, radius) = self.ball(&index);
         let nearest = radius / ABSORBED;
         let is_far = |s: &&u32| (self.positions[**s as usize] - centre).norm_squared() >= nearest * nearest;
         let (far, near): (Vec<u32>, Vec<u32>) = sources.iter().partition(is_far);
-        let [further, larger] = self.sizes(&far, &centre, radius);
+        let [further, larger] = self.remainder_and_magnitude(&far, &centre, radius);
         self.expand(&far, &centre, radius, &mut expansion);
         OpenCell {
-            place,
-            volume: filling.fraction * 0.125f64.powi(place.level.into()),
-            triangles: filling.triangles,
+            index,
+            volume: inside_part.fraction * 0.125f64.powi(index.level.into()),
+            triangles: inside_part.triangles,
             expansion,
             sources: near,
             remainder: remainder + further,
@@ -263,24 +266,24 @@ impl OctreeBuilder {
         }
     }
 
-    /// What a cell proves, if anything can be told at its size.
-    fn examined(&self, cell: &OpenCell) -> Option<JacobianTest> {
-        let (centre, radius) = self.ball(&cell.place);
+    /// Tests a cell; `None` if it is too large for its nearest sources.
+    fn test(&self, cell: &OpenCell) -> Option<JacobianTest> {
+        let (centre, radius) = self.ball(&cell.index);
         let nearest = radius / EXPANDED;
         let is_near = |&s: &u32| (self.positions[s as usize] - centre).norm_squared() < nearest * nearest;
         if cell.sources.iter().any(is_near) {
             return None;
         }
-        let [remainder, magnitude] = self.sizes(&cell.sources, &centre, radius);
+        let [remainder, magnitude] = self.remainder_and_magnitude(&cell.sources, &centre, radius);
         let remainder = cell.remainder + remainder + self.rounding * (cell.magnitude + magnitude);
         let mut expansion = cell.expansion.clone();
         self.expand(&cell.sources, &centre, radius, &mut expansion);
         // Back from units of the circumradius.
-        Some(examine(&expansion, remainder * radius).scaled(1.0 / radius))
+        Some(test_cell(&expansion, remainder * radius).scaled(1.0 / radius))
     }
 
-    /// Bounds of what the expansion of sources leaves out of the Jacobian, and of the sum of its terms' sizes.
-    fn sizes(&self, sources: &[u32], centre: &Vector, radius: f64) -> [f64; 2] {
+    /// Bounds of what the expansion of these sources omits of the Jacobian, and of the sum of its terms' norms.
+    fn remainder_and_magnitude(&self, sources: &[u32], centre: &Vector, radius: f64) -> [f64; 2] {
         let p = ORDER as f64;
         let (mut remainder, mut magnitude) = (0.0, 0.0);
         for &s in sources {
@@ -289,7 +292,7 @@ impl OctreeBuilder {
             let distance = squared.sqrt();
             let q = radius / distance;
             let all = self.weights[s as usize][3] / (squared * (1.0 - q) * (1.0 - q));
-            // Rounded, places are off by some units of their size, and a gradient by four times that over the distance.
+            // Positions have rounding errors relative to their size, and gradients four times that over the distance.
             let shifted = SHIFTS * (position.norm() + self.side) / distance;
             magnitude += all * (1.0 + shifted * UNIT_ROUNDOFF / self.rounding);
             remainder += all * q.powi(ORDER as i32) * (p + 1.0 - p * q);
@@ -297,7 +300,7 @@ impl OctreeBuilder {
         [remainder, magnitude]
     }
 
-    /// Adds sources to an expansion.
+    /// Adds these sources to an expansion.
     fn expand(&self, sources: &[u32], centre: &Vector, radius: f64, expansion: &mut [f64]) {
         if sources.is_empty() {
             return;
@@ -325,7 +328,7 @@ impl OctreeBuilder {
     }
 }
 
-/// Expansions about the centre of a child.
+/// The expansions about the centre of a child.
 fn translated(translation: &[f64], expansions: &[f64]) -> Vec<f64> {
     let columns = expansions.len() / TERMS;
     let mut children = vec![0.0; expansions.len()];
@@ -395,7 +398,7 @@ mod tests {
     }
 
     fn largest_error(map: &HarmonicMap, builder: &OctreeBuilder, cell: &OpenCell, rng: &mut StdRng) -> f64 {
-        let (centre, radius) = builder.ball(&cell.place);
+        let (centre, radius) = builder.ball(&cell.index);
         let centre = builder.low + centre;
         // Only what is in the expansion is compared.
         let kept: Vec<usize> = (0..map.sources().len())
@@ -418,8 +421,8 @@ mod tests {
         errors.fold(0.0, f64::max)
     }
 
-    /// Down four levels, with many sources of random signs: the bound is of absolute values, and so too large by what
-    /// cancels. With one source it is the least possible where that was just absorbed.
+    /// Over four levels, with many sources of random signs: the bound is a sum of absolute values, and so too large by
+    /// what cancels. With one source it is sharp where that was just absorbed.
     #[test]
     fn remainders_bound_what_expansions_leave_out() {
         let mut rng = StdRng::seed_from_u64(9);
@@ -453,8 +456,8 @@ mod tests {
                             .collect();
                         let children = translated.into_iter().enumerate().map(|(octant, expansion)| {
                             let inherited = [cell.remainder, cell.magnitude];
-                            let place = cell.place.child(octant);
-                            builder.absorbed(place, InsidePart::whole(), expansion, &cell.sources, inherited)
+                            let index = cell.index.child(octant);
+                            builder.absorbed(index, InsidePart::whole(), expansion, &cell.sources, inherited)
                         });
                         children.collect::<Vec<_>>()
                     })

@@ -1,34 +1,34 @@
-//! Which part of a cell the solid fills, exactly but for rounding.
+//! The part of a cell inside the solid, exact up to rounding.
 //!
 //! A point lies in the solid when more upward than downward triangles are above it. So the volume of a cell inside is
-//! the signed sum, over the triangles above its square, of the prisms that they cut from it. Cells are divided from
-//! the whole box down, and a cell asks only the triangles over its parent's square.
+//! the signed sum, over the triangles above its square, of the prisms that they cut from it. Cells are divided from the
+//! whole box down, and a cell needs only the triangles over its parent's square.
 
 use crate::Point;
 use crate::geometry::clip::{Polygon, between, fan, projected_area, split};
 use crate::mesh::SurfaceMesh;
 
-/// Cells whose volume inside is this close to their own, as a fraction, are inside as a whole.
+/// Cells whose fraction inside is this close to 1 are inside as a whole.
 const NEGLIGIBLE: f64 = 1e-12;
-/// Lengths below this, in units of the whole cube, are taken for rounding.
+/// Lengths below this, in units of the whole cube, count as rounding errors.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-/// The boundary of a solid, in units in which the cube around it has side 1.
+/// The boundary of a solid, in units of the side of the cube around it.
 pub(super) struct CellClipper {
     corners: Vec<[Point; 3]>,
 }
 
-/// How much of a cell is inside, and which triangles tell it.
+/// How much of a cell is inside, and which triangles determine it.
 #[derive(Default)]
 pub(super) struct InsidePart {
     /// Volume inside, as a fraction of the cell.
     pub(super) fraction: f64,
-    /// Triangles above or in the cell; none when it is inside or outside as a whole.
+    /// Triangles above or in the cell; none if it is inside or outside as a whole.
     pub(super) triangles: Vec<u32>,
 }
 
 impl CellClipper {
-    /// Triangles that stand upright bound no volume from above and are left out.
+    /// Vertical triangles bound no volume from above and are left out.
     pub(super) fn new(surface: &SurfaceMesh, low: &Point, side: f64) -> Self {
         let scaled = |p: Point| Point::from((p - low) / side);
         let corners = (0..surface.triangles().len()).map(|t| surface.corners(t).map(scaled));
@@ -41,10 +41,10 @@ impl CellClipper {
         (0..self.corners.len() as u32).collect()
     }
 
-    /// The filling of a cube, by the triangles of a cube that contains it.
-    pub(super) fn filling(&self, low: &Point, side: f64, candidates: &[u32]) -> InsidePart {
+    /// The part inside of a cube, from the triangles of a cube that contains it.
+    pub(super) fn inside_part(&self, low: &Point, side: f64, candidates: &[u32]) -> InsidePart {
         let (mut volume, mut triangles) = (0.0, Vec::new());
-        // Of all parts with either sign, and whether the surface passes through the cell.
+        // Sum of the absolute volumes, and whether the surface passes through the cell.
         let (mut absolute, mut is_crossed) = (0.0, false);
         for &t in candidates {
             let corners = &self.corners[t as usize];
@@ -79,7 +79,7 @@ impl CellClipper {
         }
         let cell = side * side * side;
         let fraction = volume / cell;
-        // A sliver as thick as rounding of a side, and rounding of the sum.
+        // Rounding errors of the side, and of the sum.
         let rounding = ROUNDING * (1.0 / side + absolute / cell);
         match fraction {
             _ if !is_crossed && fraction < rounding => InsidePart::default(),
@@ -94,12 +94,12 @@ impl CellClipper {
 }
 
 impl InsidePart {
-    /// Whether the solid does not reach into the cell. What is inside of it may have a volume that rounds to 0.
+    /// Whether the solid does not intersect the cell. A part inside may have a volume that rounds to 0.
     pub(super) fn is_empty(&self) -> bool {
         self.fraction == 0.0 && self.triangles.is_empty()
     }
 
-    /// Of a cell that is inside as a whole.
+    /// A cell that is inside as a whole.
     pub(super) fn whole() -> Self {
         Self {
             fraction: 1.0,
@@ -108,7 +108,7 @@ impl InsidePart {
     }
 }
 
-/// Whether a part of the surface is inside of a cell, and not only on its faces.
+/// Whether a polygon of the surface is inside a cell, and not only on its faces.
 fn reaches_into(polygon: &Polygon, low: &Point, side: f64) -> bool {
     let ends = |axis: usize| {
         let along = polygon.iter().map(|p| p[axis] - low[axis]);
