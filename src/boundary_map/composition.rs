@@ -1,86 +1,145 @@
-//! The ways of the points between vertices: where a boundary map that goes by the sphere takes them.
+//! Compositions of spherical embeddings: a point goes to its direction on the domain's embedding, and from there to the
+//! point of the target that has the same direction.
 //!
-//! Two surfaces on the sphere, each one to one, make a bijection between them: a point goes to its direction on the one,
-//! and to the point of that direction on the other. Both are the gnomonic maps of triangles, so that neighbours agree on
-//! the edge they share and the way back has the same form.
+//! Both embeddings are gnomonic maps of triangles and bijective, so that the composition is continuous across edges,
+//! bijective, and its inverse is a composition too.
 
 use std::sync::{Arc, OnceLock};
 
-use crate::mesh::SurfacePoint;
+use rayon::prelude::*;
+
+use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::spherical::{Locator, SphericalEmbedding};
 use crate::{Point, Vector};
 
-/// Ways by the sphere; data are shared between copies.
+/// The composition of the domain's spherical embedding with the inverse of the target's. Copies share the embeddings.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Composition {
-    pub domain: Arc<LocatedEmbedding>,
+    domain: Arc<LocatedEmbedding>,
     /// `None` when the unit sphere itself is the target.
-    pub target: Option<Arc<LocatedEmbedding>>,
-    /// How often the triangles of the drawn domain are cut into four to get those of the boundary map's.
-    pub subdivisions: u32,
+    target: Option<Arc<LocatedEmbedding>>,
+    /// How often each triangle of the embedded domain has been cut into four to make those of the boundary map's domain.
+    subdivisions: u32,
 }
 
-/// A surface on the sphere. What it takes to find points there is made when it is first asked for.
+/// A spherical embedding, with the search structure of its inverse, which is built when it is first needed.
 #[derive(Debug)]
-pub(super) struct LocatedEmbedding {
-    pub map: SphericalEmbedding,
+struct LocatedEmbedding {
+    embedding: SphericalEmbedding,
     locator: OnceLock<Locator>,
 }
 
 impl PartialEq for LocatedEmbedding {
     fn eq(&self, other: &Self) -> bool {
-        self.map == other.map
+        self.embedding == other.embedding
     }
 }
 
 impl LocatedEmbedding {
-    pub fn new(map: SphericalEmbedding) -> Self {
+    fn new(embedding: SphericalEmbedding) -> Self {
         Self {
-            map,
+            embedding,
             locator: OnceLock::new(),
         }
     }
 
     fn locator(&self) -> &Locator {
-        self.locator.get_or_init(|| Locator::new(&self.map))
+        self.locator.get_or_init(|| Locator::new(&self.embedding))
     }
 }
 
 impl Composition {
-    pub fn direction(&self, point: &SurfacePoint) -> Vector {
-        let point = undivided(point, self.subdivisions);
-        let [l, m, n] = point.barycentric;
-        let zeros = [m, n, l].map(|c| c == 0.0);
-        // A vertex has the direction that it was given, bit for bit, so that it meets a vertex of the target exactly.
-        let corner = (0..3).find(|&k| zeros[k] && zeros[(k + 1) % 3] && point.barycentric[k] > 0.0);
-        match corner {
-            Some(k) => {
-                let vertex = self.domain.map.surface().triangles()[point.triangle as usize][k];
-                self.domain.map.directions()[vertex as usize]
-            }
-            None => self.domain.map.direction(&point),
+    /// The map to the target, or to the unit sphere without one.
+    pub fn new(domain: SphericalEmbedding, target: Option<SphericalEmbedding>) -> Self {
+        Self {
+            domain: Arc::new(LocatedEmbedding::new(domain)),
+            target: target.map(|target| Arc::new(LocatedEmbedding::new(target))),
+            subdivisions: 0,
         }
     }
 
-    /// Where the point goes on the target's surface; `None` when that is the unit sphere.
+    /// The domain's embedding, as it was before subdivision.
+    pub fn domain(&self) -> &SphericalEmbedding {
+        &self.domain.embedding
+    }
+
+    pub fn target(&self) -> Option<&SphericalEmbedding> {
+        self.target.as_ref().map(|target| &target.embedding)
+    }
+
+    pub fn subdivisions(&self) -> u32 {
+        self.subdivisions
+    }
+
+    /// The same map over a domain whose triangles are each cut into four.
+    pub fn subdivided(&self) -> Self {
+        Self {
+            subdivisions: self.subdivisions + 1,
+            ..self.clone()
+        }
+    }
+
+    /// The map back to the domain as it was before subdivision; `None` from the unit sphere.
+    pub fn inverse(&self) -> Option<Self> {
+        Some(Self {
+            domain: self.target.clone()?,
+            target: Some(self.domain.clone()),
+            subdivisions: 0,
+        })
+    }
+
+    pub fn direction(&self, point: &SurfacePoint) -> Vector {
+        let point = before_subdivision(point, self.subdivisions);
+        let [l, m, n] = point.barycentric;
+        let zeros = [m, n, l].map(|c| c == 0.0);
+        // A vertex has its own direction, bit for bit, so that it goes exactly to a vertex of the target with the same.
+        let corner = (0..3).find(|&k| zeros[k] && zeros[(k + 1) % 3] && point.barycentric[k] > 0.0);
+        match corner {
+            Some(k) => {
+                let vertex = self.domain().surface().triangles()[point.triangle as usize][k];
+                self.domain().directions()[vertex as usize]
+            }
+            None => self.domain().direction(&point),
+        }
+    }
+
+    /// The image on the target's surface; `None` when the unit sphere is the target.
     pub fn on_target(&self, point: &SurfacePoint) -> Option<SurfacePoint> {
         let target = self.target.as_ref()?;
         Some(target.locator().locate(&self.direction(point)))
     }
 
     pub fn image(&self, point: &SurfacePoint) -> Point {
-        match (&self.target, self.on_target(point)) {
-            (Some(target), Some(found)) => {
-                let surface = target.map.surface();
-                found.position(surface, surface.vertices())
-            }
+        match (self.target(), self.on_target(point)) {
+            (Some(target), Some(found)) => found.position(target.surface(), target.surface().vertices()),
             _ => Point::from(self.direction(point)),
         }
     }
+
+    /// Images of the vertices of `domain`, from index `first` on.
+    pub fn images_of_vertices(&self, domain: &SurfaceMesh, first: usize) -> Vec<Point> {
+        let places = vertex_places(domain);
+        places[first..]
+            .par_iter()
+            .with_min_len(256)
+            .map(|p| self.image(p))
+            .collect()
+    }
 }
 
-/// The same point over the triangles that there were before so many subdivisions.
-pub(super) fn undivided(point: &SurfacePoint, subdivisions: u32) -> SurfacePoint {
+/// Each vertex as a corner of a triangle; vertices without triangles as the first corner of the first.
+pub(super) fn vertex_places(mesh: &SurfaceMesh) -> Vec<SurfacePoint> {
+    let mut places = vec![SurfacePoint::corner(0, 0); mesh.vertices().len()];
+    for (t, corners) in mesh.triangles().iter().enumerate() {
+        for (k, &v) in corners.iter().enumerate() {
+            places[v as usize] = SurfacePoint::corner(t as u32, k);
+        }
+    }
+    places
+}
+
+/// The same point as one of the triangles before so many subdivisions.
+pub(super) fn before_subdivision(point: &SurfacePoint, subdivisions: u32) -> SurfacePoint {
     (0..subdivisions).fold(*point, |child, _| {
         let [l, m, n] = child.barycentric;
         let part = child.triangle as usize % 4;

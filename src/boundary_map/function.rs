@@ -1,23 +1,24 @@
-//! Where a function takes the points of a surface.
+//! A boundary map given by a function of surface points.
 
 use std::fmt;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::composition::undivided;
+use super::composition::before_subdivision;
 use crate::Point;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 
-/// A function of the points of a surface that may have been subdivided since, and the box that its values are measured by.
+/// A function of the points of a surface, which may have been subdivided since, and the box in the place of the target's
+/// bounding box.
 #[derive(Clone)]
-pub(super) struct Function {
+pub(super) struct PointFunction {
     image: Arc<dyn Fn(&SurfacePoint) -> Point + Send + Sync>,
     target_box: (Point, Point),
     subdivisions: u32,
 }
 
-impl Function {
+impl PointFunction {
     pub fn new(image: impl Fn(&SurfacePoint) -> Point + Send + Sync + 'static, target_box: (Point, Point)) -> Self {
         Self {
             image: Arc::new(image),
@@ -31,10 +32,10 @@ impl Function {
     }
 
     pub fn image(&self, point: &SurfacePoint) -> Point {
-        (self.image)(&undivided(point, self.subdivisions))
+        (self.image)(&before_subdivision(point, self.subdivisions))
     }
 
-    /// Images of all vertices, each asked for at a corner of a triangle; a corner of the box for those without one.
+    /// Images of all vertices, each as a corner of its first triangle; a corner of the box for vertices without triangles.
     pub fn images_of_vertices(&self, domain: &SurfaceMesh) -> Vec<Point> {
         let mut places = vec![None; domain.vertices().len()];
         for (t, corners) in domain.triangles().iter().enumerate() {
@@ -55,17 +56,17 @@ impl Function {
     }
 }
 
-impl fmt::Debug for Function {
+impl fmt::Debug for PointFunction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Function")
+        f.debug_struct("PointFunction")
             .field("target_box", &self.target_box)
             .field("subdivisions", &self.subdivisions)
             .finish_non_exhaustive()
     }
 }
 
-/// Functions are equal when they are the same one.
-impl PartialEq for Function {
+/// Equal if they are the same closure.
+impl PartialEq for PointFunction {
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.image, &other.image)
             && (self.target_box, self.subdivisions) == (other.target_box, other.subdivisions)

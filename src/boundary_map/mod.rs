@@ -1,13 +1,14 @@
-//! Maps of boundary surfaces: where each point of the domain's surface goes, whether it is one to one, and how far it
-//! distorts.
+//! Boundary maps: the image of each point of the domain's surface, whether the map is bijective, and its distortion.
 
 pub mod check;
 mod composition;
 mod correspondence;
 mod distortion;
+mod error;
 pub mod examples;
 mod function;
 pub mod pair;
 
-pub use correspondence::{BoundaryMap, BoundaryMapError};
+pub use correspondence::BoundaryMap;
 pub use distortion::{DistortionQuantiles, SurfaceDistortion, TriangleDistortion, triangle_distortions};
+pub use error::BoundaryMapError;

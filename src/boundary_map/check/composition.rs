@@ -13,6 +13,7 @@ use super::{
     look_for_self_intersections,
 };
 use crate::Point;
+use crate::boundary_map::composition::vertex_places;
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
 use crate::check::{FindSelfIntersections, repair};
 use crate::geometry::SurfaceQuery;
@@ -176,7 +177,7 @@ fn of_own_target(
         distances(&back.positions(points), &there.evaluate(&sources))
     };
     let spread = Collocation::even(back.domain(), options.samples, options.seed).points;
-    let target_to_image = SurfaceDistance::known(missed(&spread), missed(&vertices_of(back.domain())), diagonal);
+    let target_to_image = SurfaceDistance::known(missed(&spread), missed(&vertex_places(back.domain())), diagonal);
     Coverage {
         image_to_target,
         target_to_image,
@@ -200,7 +201,7 @@ impl SurfaceDistance {
 impl RoundTrip {
     fn measure(map: &BoundaryMap, drawn: &SphericalEmbedding, options: &BoundaryCheckOptions) -> Self {
         let domain = map.domain();
-        let mut points = vertices_of(domain);
+        let mut points = vertex_places(domain);
         points.extend(Collocation::even(domain, options.samples, options.seed).points);
         let returned = match (map.evaluate_on_target(&points), map.inverse()) {
             (Some(on_target), Some(back)) => back.evaluate(&on_target),
@@ -221,17 +222,6 @@ impl RoundTrip {
             max: part(|s| s.max),
         }
     }
-}
-
-/// Each vertex once, as a corner of a triangle.
-fn vertices_of(mesh: &SurfaceMesh) -> Vec<SurfacePoint> {
-    let mut places = vec![SurfacePoint::corner(0, 0); mesh.vertices().len()];
-    for (t, corners) in mesh.triangles().iter().enumerate() {
-        for (k, &v) in corners.iter().enumerate() {
-            places[v as usize] = SurfacePoint::corner(t as u32, k);
-        }
-    }
-    places
 }
 
 fn distances(a: &[Point], b: &[Point]) -> Vec<f64> {
