@@ -1,20 +1,20 @@
-//! Colours as amounts of light, and their 8-bit sRGB codes (IEC 61966-2-1).
+//! Linear colours and their 8-bit sRGB codes (IEC 61966-2-1).
 
-/// Red, green and blue as amounts of light from 0 to 1. Averages of light are what eyes and cameras average, so that
-/// everything is interpolated and extended in these, not in codes.
+/// Red, green and blue as linear intensities from 0 to 1. Intensities are what eyes and cameras average, so that
+/// colours are interpolated and extended in these, not in sRGB codes.
 pub type LinearRgb = [f64; 3];
 
-/// The light of an 8-bit sRGB code.
+/// The linear colour of an 8-bit sRGB code.
 pub fn from_srgb(code: [u8; 3]) -> LinearRgb {
     code.map(|c| LIGHT[c as usize])
 }
 
-/// The light of an sRGB code from 0 to 1; other numbers count as the nearer of the two.
+/// The linear colour of an sRGB code from 0 to 1, clamped to that range.
 pub fn decoded(code: [f64; 3]) -> LinearRgb {
     code.map(|c| decode(c.clamp(0.0, 1.0)))
 }
 
-/// The nearest 8-bit sRGB code; light beyond 0 and 1 is cut off, and what is no number gives 0.
+/// The nearest 8-bit sRGB code; intensities are clamped to 0 to 1, and NaN gives 0.
 pub fn to_srgb(light: LinearRgb) -> [u8; 3] {
     light.map(|l| (255.0 * encode(l.clamp(0.0, 1.0))).round() as u8)
 }
@@ -49,7 +49,7 @@ mod tests {
         }
     }
 
-    /// The standard's own example of a middle grey: half of the light has the code 188.
+    /// The standard's own example of a middle grey: half of the intensity has the code 188.
     #[test]
     fn half_of_the_light_is_coded_as_188() {
         assert_eq!(to_srgb([0.5; 3]), [188; 3]);

@@ -1,4 +1,4 @@
-//! What colours a surface, and whether it does so without jumps.
+//! Coloured surfaces and their seams.
 
 use rayon::prelude::*;
 
@@ -14,7 +14,7 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColouredSurface {
     surface: SurfaceMesh,
-    paint: ColourSource,
+    source: ColourSource,
 }
 
 /// Where the colours of a surface come from.
@@ -25,40 +25,40 @@ pub enum ColourSource {
         /// Texture coordinates of the three corners of each triangle; `v` points up. Each triangle has its own, so that
         /// they may jump at an edge, as they do at the seams of an atlas.
         uv: Vec<[[f64; 2]; 3]>,
-        /// What is looked up there.
+        /// The picture.
         picture: Picture,
-        /// What is beyond its edges.
+        /// How it continues beyond its edges.
         wrap: Wrap,
     },
     /// A colour of each vertex, linear between them.
     Vertices(Vec<LinearRgb>),
 }
 
-/// How the coordinates and colours of the two triangles at each edge agree.
+/// Jumps of texture coordinates and colours between the two triangles at an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct SeamReport {
     /// Edges between two triangles.
     pub edges: usize,
     /// Those at which the texture coordinates jump.
     pub seams: usize,
-    /// The length of those, as a part of the length of all edges.
+    /// Their length as a fraction of the length of all edges.
     pub length_fraction: f64,
     /// The largest jump of `u` or `v`.
     pub largest_uv_jump: f64,
-    /// Root mean square jump of the colour along the seams, the largest of red, green and blue, as an amount of light: 1 from
-    /// black to white.
+    /// Root mean square jump of the colour along the seams: the largest of red, green and blue, in linear colours, 1
+    /// from black to white.
     pub rms_colour_jump: f64,
     /// The largest such jump.
     pub largest_colour_jump: f64,
 }
 
-/// Texture coordinates that differ by less are the same, written with fewer digits.
+/// Texture coordinates that differ by less are equal, but for the digits that they were written with.
 const SAME_UV: f64 = 1e-6;
-/// Places along an edge, and most of them, at which colours are compared: one in each pixel that the edge crosses.
-const PLACES: (usize, usize) = (5, 200);
+/// Least and largest number of points along an edge at which colours are compared: one per pixel that the edge crosses.
+const COMPARED_POINTS: (usize, usize) = (5, 200);
 
 impl ColouredSurface {
-    /// The surface with a picture laid over it. Its triangles are turned outward, and their coordinates with them.
+    /// The surface with a picture laid over it. Its triangles are oriented outward, and their coordinates with them.
     ///
     /// # Errors
     ///
@@ -86,11 +86,11 @@ impl ColouredSurface {
         }
         Ok(Self {
             surface: repaired,
-            paint: ColourSource::Picture { uv, picture, wrap },
+            source: ColourSource::Picture { uv, picture, wrap },
         })
     }
 
-    /// The surface with a colour at each vertex. Its triangles are turned outward.
+    /// The surface with a colour at each vertex. Its triangles are oriented outward.
     ///
     /// # Errors
     ///
@@ -107,7 +107,7 @@ impl ColouredSurface {
         }
         Ok(Self {
             surface: check::repair(surface).0,
-            paint: ColourSource::Vertices(colours),
+            source: ColourSource::Vertices(colours),
         })
     }
 
@@ -116,25 +116,25 @@ impl ColouredSurface {
         &self.surface
     }
 
-    /// What colours it.
+    /// Where its colours come from.
     pub fn colour_source(&self) -> &ColourSource {
-        &self.paint
+        &self.source
     }
 
     /// The colour at a point of the surface.
     pub fn colour(&self, point: &SurfacePoint) -> LinearRgb {
-        match &self.paint {
+        match &self.source {
             ColourSource::Picture { uv, picture, wrap } => picture.light(uv_at(uv, point), *wrap),
             ColourSource::Vertices(colours) => {
                 let corners = self.surface.triangles()[point.triangle as usize];
-                blended(corners.map(|v| colours[v as usize]), point.barycentric)
+                interpolated(corners.map(|v| colours[v as usize]), point.barycentric)
             }
         }
     }
 
     /// The texture coordinates at a point of the surface; `None` where colours come from vertices.
     pub fn uv(&self, point: &SurfacePoint) -> Option<[f64; 2]> {
-        match &self.paint {
+        match &self.source {
             ColourSource::Picture { uv, .. } => Some(uv_at(uv, point)),
             ColourSource::Vertices(_) => None,
         }
@@ -142,7 +142,7 @@ impl ColouredSurface {
 
     /// Lowest and highest texture coordinates; `None` where colours come from vertices.
     pub fn uv_box(&self) -> Option<[[f64; 2]; 2]> {
-        let ColourSource::Picture { uv, .. } = &self.paint else {
+        let ColourSource::Picture { uv, .. } = &self.source else {
             return None;
         };
         let start = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
@@ -160,7 +160,7 @@ impl ColouredSurface {
         let edges: Vec<usize> = (0..topology.edges().len())
             .filter(|&e| topology.sides(e).len() == 2)
             .collect();
-        let ColourSource::Picture { uv, .. } = &self.paint else {
+        let ColourSource::Picture { uv, .. } = &self.source else {
             return SeamReport {
                 edges: edges.len(),
                 ..SeamReport::default()
@@ -208,8 +208,8 @@ impl ColouredSurface {
         corners.iter().position(|&v| v == vertex).unwrap_or_default()
     }
 
-    /// How far the two triangles disagree along an edge, whose ends are these corners of each; `None` where their
-    /// coordinates are the same.
+    /// The jump between the two triangles along an edge, whose ends are these corners of each; `None` if their
+    /// coordinates are equal.
     fn jump(&self, uv: &[[[f64; 2]; 3]], sides: [usize; 2], ends: [[usize; 2]; 2]) -> Option<SeamJump> {
         let at = |side: usize, end: usize| uv[sides[side]][ends[side][end]];
         let differences = [0, 1].map(|end| distance(at(0, end), at(1, end)));
@@ -217,15 +217,15 @@ impl ColouredSurface {
         if largest_uv <= SAME_UV {
             return None;
         }
-        let pixels = match &self.paint {
+        let pixels = match &self.source {
             ColourSource::Picture { picture, .. } => picture.width().max(picture.height()) as f64,
             ColourSource::Vertices(_) => 1.0,
         };
         let crossed = [0, 1].map(|side| distance(at(side, 0), at(side, 1)) * pixels);
-        let places = (crossed[0].max(crossed[1]).ceil() as usize).clamp(PLACES.0, PLACES.1);
+        let points = (crossed[0].max(crossed[1]).ceil() as usize).clamp(COMPARED_POINTS.0, COMPARED_POINTS.1);
         let (mut largest, mut squares) = (0f64, 0.0);
-        for k in 0..places {
-            let t = (k as f64 + 0.5) / places as f64;
+        for k in 0..points {
+            let t = (k as f64 + 0.5) / points as f64;
             let [one, other] = [0, 1].map(|side| {
                 let mut barycentric = [0.0; 3];
                 barycentric[ends[side][0]] = 1.0 - t;
@@ -242,12 +242,12 @@ impl ColouredSurface {
         Some(SeamJump {
             uv: largest_uv,
             largest,
-            mean_square: squares / places as f64,
+            mean_square: squares / points as f64,
         })
     }
 }
 
-/// A disagreement along an edge.
+/// The jump at an edge.
 struct SeamJump {
     uv: f64,
     largest: f64,
@@ -259,14 +259,14 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
 }
 
 fn uv_at(uv: &[[[f64; 2]; 3]], point: &SurfacePoint) -> [f64; 2] {
-    blended(uv[point.triangle as usize], point.barycentric)
+    interpolated(uv[point.triangle as usize], point.barycentric)
 }
 
-fn blended<const N: usize>(corners: [[f64; N]; 3], weights: [f64; 3]) -> [f64; N] {
+fn interpolated<const N: usize>(corners: [[f64; N]; 3], weights: [f64; 3]) -> [f64; N] {
     std::array::from_fn(|k| (0..3).map(|corner| corners[corner][k] * weights[corner]).sum())
 }
 
-/// The point of colour space that a boundary map carries a point of the surface to.
+/// A colour as a point of the target of a boundary map.
 pub(super) fn as_point(colour: LinearRgb) -> Point {
     Point::from(colour)
 }

@@ -6,7 +6,7 @@ use crate::geometry::QueryError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TextureError {
-    /// A picture without pixels, or with another number of them than its size says.
+    /// A picture has no pixels, or a number of them that does not match its size.
     #[error(
         "a picture of {width} × {height} pixels was given {pixels} pixels; it needs at least one, and as many as that"
     )]
@@ -18,18 +18,18 @@ pub enum TextureError {
         /// Pixels given.
         pixels: usize,
     },
-    /// A checker of no squares, or of more than pixels.
+    /// A checkerboard of no squares or of too many.
     #[error("a checker has from 1 to 1024 squares along a side, not {squares}")]
     CheckerSquares {
         /// Squares asked for.
         squares: usize,
     },
-    /// Three texture coordinates are needed for each triangle.
+    /// The number of texture coordinates is not that of the triangles.
     #[error("the surface has {triangles} triangles, but {found} of them have texture coordinates")]
     UvCount {
         /// Triangles of the surface.
         triangles: usize,
-        /// Triples of coordinates.
+        /// Triangles with coordinates.
         found: usize,
     },
     /// A texture coordinate is NaN or infinite.
@@ -38,7 +38,7 @@ pub enum TextureError {
         /// The first such triangle.
         triangle: usize,
     },
-    /// One colour is needed for each vertex.
+    /// The number of colours is not that of the vertices.
     #[error("the surface has {vertices} vertices, but {found} colours were given")]
     ColourCount {
         /// Vertices of the surface.
@@ -57,7 +57,7 @@ pub enum TextureError {
         "the surface has colours at its vertices and no texture coordinates that could be extended; extend the colours"
     )]
     NoUv,
-    /// Texture coordinates that jump have no smooth extension.
+    /// Texture coordinates jump at seams, and have no smooth extension.
     #[error(
         "the texture coordinates jump at {seams} of {edges} edges, by up to {jump:.3}; between the two sides of a seam the \
          whole picture would be squeezed in. Extend the colours, which need not jump, or allow it"
@@ -78,7 +78,7 @@ pub enum TextureError {
         /// Sources at most.
         most: usize,
     },
-    /// Triangles would have to be cut into more than there is room for.
+    /// The number of sources asked for needs more memory than allowed.
     #[error("{sources} sources or more need about {need:.1} GiB, and {allowed:.1} GiB are allowed; ask for fewer")]
     TooManySources {
         /// Sources at least.
@@ -88,7 +88,7 @@ pub enum TextureError {
         /// Memory that they may take, in GiB.
         allowed: f64,
     },
-    /// Fewer voxels than one.
+    /// A volume of no voxels.
     #[error("a volume needs at least one voxel along its longest side")]
     NoVoxels,
     /// The volume would not fit into memory.
@@ -104,19 +104,19 @@ pub enum TextureError {
         /// Memory that it may take, in GiB.
         allowed: f64,
     },
-    /// A stored texture does not hold together.
+    /// A stored texture is inconsistent.
     #[error("the texture does not hold together: {problem}")]
     Inconsistent {
         /// What contradicts what.
         problem: String,
     },
-    /// The surface cannot be asked for closest points.
+    /// The surface cannot be queried.
     #[error(transparent)]
     Query(#[from] QueryError),
     /// The boundary values cannot be used.
     #[error(transparent)]
     BoundaryMap(#[from] BoundaryMapError),
-    /// No harmonic function was found.
+    /// The harmonic function could not be fitted.
     #[error(transparent)]
     Fit(#[from] FitError),
 }

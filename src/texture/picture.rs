@@ -1,4 +1,4 @@
-//! Pictures, and the colour between their pixels.
+//! Pictures, and interpolation between their pixels.
 
 use super::TextureError;
 use super::colour::{LinearRgb, from_srgb};
@@ -12,11 +12,11 @@ pub struct Picture {
     pixels: Vec<[u8; 3]>,
 }
 
-/// What lies beyond the edges of a picture.
+/// How a picture continues beyond its edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Wrap {
-    /// The same picture again and again, as material files have it by default.
+    /// It repeats, the default of material files.
     #[default]
     Repeat,
     /// The colour of the nearest edge.
@@ -40,8 +40,8 @@ impl Picture {
         Ok(Self { width, height, pixels })
     }
 
-    /// `squares` squares along each side, light and dark in turn. The dark ones tell where they are: from blue on the left
-    /// to red on the right, greener towards the top.
+    /// A checkerboard of `squares` squares along each side. The dark ones show where they are: from blue on the left to
+    /// red on the right, greener towards the top.
     ///
     /// # Errors
     ///
@@ -84,8 +84,8 @@ impl Picture {
         &self.pixels
     }
 
-    /// The light at `(u, v)`: `u` runs from the left edge (0) to the right (1), `v` from the bottom up. Bilinear between the
-    /// centres of the four pixels around, in light, not in codes. Not a number where `u` or `v` is none.
+    /// The linear colour at `(u, v)`: `u` runs from the left edge (0) to the right (1), `v` from the bottom up.
+    /// Bilinear between the centres of the four nearest pixels, in linear colours. NaN where `u` or `v` is not finite.
     pub fn light(&self, [u, v]: [f64; 2], wrap: Wrap) -> LinearRgb {
         if !(u.is_finite() && v.is_finite()) {
             return [f64::NAN; 3];
@@ -106,12 +106,12 @@ impl Picture {
     }
 }
 
-/// Squares along a side at most.
+/// Largest number of squares along a side.
 const MOST_SQUARES: usize = 1024;
 /// Pixels along a side of a checker, or a few more.
 const CHECKER_SIDE: usize = 1024;
 
-/// Two neighbouring pixels of a row or column, and how far from the first to the second.
+/// Two neighbouring pixels of a row or column, and the weight of the second.
 struct PixelPair {
     pixels: [usize; 2],
     fraction: f64,

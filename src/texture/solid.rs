@@ -1,4 +1,4 @@
-//! The solid texture: fitted, and sampled anywhere.
+//! The solid texture: fit and evaluation.
 
 use std::sync::Arc;
 
@@ -17,15 +17,15 @@ use crate::sampling;
 use crate::solver::SchwarzOptions;
 use crate::{Point, Vector};
 
-/// What is extended into the solid.
+/// The quantity that is extended into the solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExtendedQuantity {
-    /// Colours, as amounts of light: they mix towards the middle.
+    /// Linear colours, which mix towards the middle.
     #[default]
     Colours,
-    /// Texture coordinates, as the paper has it; the picture is looked up after, and keeps its contrast to the middle.
-    /// Coordinates have no business in a solid unless they are continuous on its surface.
+    /// Texture coordinates, as in the paper: the picture is looked up afterwards, and keeps its contrast to the middle.
+    /// Only for coordinates that are continuous on the surface.
     Coordinates,
 }
 
@@ -36,7 +36,7 @@ pub struct TextureOptions {
     pub extended: ExtendedQuantity,
     /// Whether coordinates are extended although they jump at seams.
     pub across_seams: bool,
-    /// Sources at least: triangles are cut into four until the surface has as many vertices. No more than
+    /// Least number of sources: triangles are divided into four until the surface has as many vertices. No more than
     /// [`FitOptions::max_sources`].
     pub least_sources: usize,
     /// How the harmonic function is fitted. A tolerance is a fraction of the diagonal of the cube of colours (√3), or of the
@@ -44,12 +44,12 @@ pub struct TextureOptions {
     pub fit: FitOptions,
 }
 
-/// Iterations end when one leaves more than this part of the residual. Most of that is detail finer than the sources, beside
-/// which what is still to be gained deep inside weighs little: at the usual 0.85, colours there are off by twice as much.
+/// Iterations stop when one leaves more than this fraction of the residual. Most of the residual is detail finer than
+/// the sources, which hides the convergence deep inside: with the usual 0.85, colours there have twice the error.
 const PLATEAU: f64 = 0.9998;
 
 impl Default for TextureOptions {
-    /// Colours, by one source per vertex or 2000, without refinement.
+    /// Colours, one source per vertex but at least 2000, no refinement.
     fn default() -> Self {
         Self {
             extended: ExtendedQuantity::Colours,
@@ -71,8 +71,8 @@ impl Default for TextureOptions {
     }
 }
 
-/// How far colours are from the picture at points of the surface that no fit has seen: the largest difference in red,
-/// green or blue, as an amount of light (1 from black to white). A point without colour is infinitely far off.
+/// Error of the colours at points of the surface that the fit has not seen: the largest difference in red, green or
+/// blue, in linear colours (1 from black to white). A point without colour has an infinite error.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct ColourError {
     /// Root mean square over the area.
@@ -83,7 +83,7 @@ pub struct ColourError {
     pub max: f64,
 }
 
-/// A colour at every point of a solid, which on its surface is that of the picture there.
+/// A colour at every point of a solid, on its surface that of the picture.
 #[derive(Debug, Clone)]
 pub struct SolidTexture {
     coloured_surface: Arc<ColouredSurface>,
@@ -92,23 +92,23 @@ pub struct SolidTexture {
     report: FitReport,
     surface: SurfaceQuery,
     sources: SurfaceQuery,
-    /// The layer is nowhere thicker.
+    /// Upper bound of the layer's thickness.
     thickest: f64,
 }
 
-/// Distance from the surface, over the diagonal, at which a point counts as being on it.
+/// Distance from the surface, over the diagonal, up to which a point counts as being on it.
 const ON_SURFACE: f64 = 1e-9;
-/// The same over the largest coordinate: a point of a triangle is rounded in each of a few products and sums.
+/// The same over the largest coordinate: rounding error of a few products and sums for a point of a triangle.
 const ROUNDED: f64 = 16.0 * f64::EPSILON;
 
 impl SolidTexture {
-    /// Extends what colours a surface into the solid that it bounds.
+    /// Extends the colours of a surface into the solid that it bounds.
     ///
     /// # Errors
     ///
     /// When the surface does not bound a solid, and as [`fit`]; [`TextureError::NoUv`] and [`TextureError::Seams`] when
     /// texture coordinates are to be extended and cannot be; [`TextureError::SourceLimit`] and
-    /// [`TextureError::TooManySources`], before anything is cut.
+    /// [`TextureError::TooManySources`], before any triangle is divided.
     pub fn fit(
         coloured_surface: ColouredSurface,
         options: &TextureOptions,
@@ -124,7 +124,7 @@ impl SolidTexture {
         Self::from_parts(coloured_surface, options.extended, fit.map, fit.report)
     }
 
-    /// The texture with this harmonic part, as it was stored.
+    /// The texture with this harmonic part, as stored in a file.
     ///
     /// # Errors
     ///
@@ -168,7 +168,7 @@ impl SolidTexture {
         self.extended
     }
 
-    /// The harmonic part: light of red, green and blue, or texture coordinates and 0.
+    /// The harmonic part: linear red, green and blue, or texture coordinates and 0.
     pub fn map(&self) -> &HarmonicMap {
         &self.map
     }
@@ -178,9 +178,10 @@ impl SolidTexture {
         &self.report
     }
 
-    /// Colours of points, as amounts of light; NaN outside of the solid and for points that are not finite. Points within
-    /// rounding of the surface count as inside. On the surface they are those of [`ColouredSurface::colour`]. By the maximum principle
-    /// they leave the range of the picture's by no more than the harmonic part does on the surface, and deeper by much less.
+    /// Linear colours of points; NaN outside of the solid and for points that are not finite. Points within rounding of
+    /// the surface count as inside. On the surface the colours are those of [`ColouredSurface::colour`]. By the maximum
+    /// principle they leave the range of the picture's colours by no more than the harmonic part does on the surface,
+    /// and deeper by much less.
     pub fn sample(&self, points: &[Point]) -> Vec<LinearRgb> {
         let inside = self.inside(points);
         let at: Vec<Point> = inside.iter().map(|&k| points[k as usize]).collect();
@@ -191,14 +192,13 @@ impl SolidTexture {
         colours
     }
 
-    /// As [`Self::sample`], from the harmonic part alone, wherever the points are: the picture as far as the sources
-    /// resolve it.
+    /// Colours of the harmonic part alone, at points anywhere: the picture as far as the sources resolve it.
     pub fn harmonic(&self, points: &[Point]) -> Vec<LinearRgb> {
         let values = self.map.evaluate(points);
-        values.par_iter().map(|value| self.shown(value)).collect()
+        values.par_iter().map(|value| self.colour_of(value)).collect()
     }
 
-    /// How thick the layer is under each point of the surface: the spacing of the sources there.
+    /// Thickness of the layer under each point of the surface: the spacing of the sources there.
     pub fn layer(&self, surface_points: &[Point]) -> Vec<f64> {
         let nearest = self.sources.closest_points(surface_points);
         nearest.iter().map(|source| source.distance).collect()
@@ -214,20 +214,20 @@ impl SolidTexture {
         [median, thickness.last().copied().unwrap_or_default()].map(|t| t / diagonal)
     }
 
-    /// How far the harmonic part alone is from the picture, at `count` points of the surface that are spread evenly.
+    /// Error of the harmonic part alone at `count` evenly spread points of the surface.
     ///
-    /// The sum of both parts is off by rounding only; see [`Self::surface_error`].
+    /// The sum of both parts has only rounding errors; see [`Self::surface_error`].
     pub fn harmonic_error(&self, count: usize, seed: u64) -> Option<ColourError> {
-        self.residual(count, seed, |points| self.harmonic(points))
+        self.error(count, seed, |points| self.harmonic(points))
     }
 
-    /// How far the texture is from the picture, at `count` points of the surface that are spread evenly. At the seams of an
-    /// atlas that does not match there, the colour of either side may come out.
+    /// Error of the texture at `count` evenly spread points of the surface. At the seams of an atlas, the colour may be
+    /// that of either side.
     pub fn surface_error(&self, count: usize, seed: u64) -> Option<ColourError> {
-        self.residual(count, seed, |points| self.sample(points))
+        self.error(count, seed, |points| self.sample(points))
     }
 
-    fn residual(&self, count: usize, seed: u64, colours: impl Fn(&[Point]) -> Vec<LinearRgb>) -> Option<ColourError> {
+    fn error(&self, count: usize, seed: u64, colours: impl Fn(&[Point]) -> Vec<LinearRgb>) -> Option<ColourError> {
         let surface = self.coloured_surface.surface();
         let places = sampling::held_out(surface, count, 0, seed);
         let positions: Vec<Point> = places.iter().map(|p| p.position(surface, surface.vertices())).collect();
@@ -276,39 +276,39 @@ impl SolidTexture {
     /// Colours of points that are in the solid or on its surface.
     pub(super) fn sample_inside(&self, points: &[Point]) -> Vec<LinearRgb> {
         let layer = self.in_layer(points);
-        let feet = layer.iter().map(|(_, foot, _)| foot.point);
-        let everywhere: Vec<Point> = points.iter().copied().chain(feet).collect();
+        let closest_points = layer.iter().map(|(_, closest, _)| closest.point);
+        let everywhere: Vec<Point> = points.iter().copied().chain(closest_points).collect();
         let mut values = self.map.evaluate(&everywhere);
-        let harmonic_at_feet = values.split_off(points.len());
-        for ((k, foot, weight), harmonic) in layer.iter().zip(harmonic_at_feet) {
+        let harmonic_at_closest = values.split_off(points.len());
+        for ((k, closest, weight), harmonic) in layer.iter().zip(harmonic_at_closest) {
             let place = SurfacePoint {
-                triangle: foot.triangle as u32,
-                barycentric: foot.barycentric,
+                triangle: closest.triangle as u32,
+                barycentric: closest.barycentric,
             };
             values[*k as usize] += (boundary_value(&self.coloured_surface, self.extended, &place) - harmonic) * *weight;
         }
-        values.par_iter().map(|value| self.shown(value)).collect()
+        values.par_iter().map(|value| self.colour_of(value)).collect()
     }
 
-    /// The points in the layer, the closest point of the surface, and the weight of what the harmonic part leaves there.
+    /// The points in the layer, with the closest point of the surface and the weight of the correction.
     fn in_layer(&self, points: &[Point]) -> Vec<(u32, ClosestPoint, f64)> {
         let closest = self.surface.closest_points(points);
         let near = closest
             .iter()
             .enumerate()
-            .filter(|(_, foot)| foot.distance < self.thickest);
-        let near: Vec<(u32, ClosestPoint)> = near.map(|(k, foot)| (k as u32, *foot)).collect();
-        let feet: Vec<Point> = near.iter().map(|(_, foot)| foot.point).collect();
-        let thickness = self.layer(&feet);
+            .filter(|(_, closest)| closest.distance < self.thickest);
+        let near: Vec<(u32, ClosestPoint)> = near.map(|(k, closest)| (k as u32, *closest)).collect();
+        let closest_points: Vec<Point> = near.iter().map(|(_, closest)| closest.point).collect();
+        let thickness = self.layer(&closest_points);
         near.into_iter()
             .zip(thickness)
-            .map(|((k, foot), thickness)| (k, foot, wendland(foot.distance / thickness)))
+            .map(|((k, closest), thickness)| (k, closest, wendland(closest.distance / thickness)))
             .filter(|&(_, _, weight)| weight > 0.0)
             .collect()
     }
 
     /// The colour of an extended value.
-    fn shown(&self, value: &Point) -> LinearRgb {
+    fn colour_of(&self, value: &Point) -> LinearRgb {
         match (self.extended, self.coloured_surface.colour_source()) {
             (ExtendedQuantity::Coordinates, ColourSource::Picture { picture, wrap, .. }) => {
                 picture.light([value.x, value.y], *wrap)
@@ -318,7 +318,7 @@ impl SolidTexture {
     }
 }
 
-/// How often triangles are cut into four until there are vertices enough for the sources.
+/// How often triangles are divided into four until there are enough vertices for the sources.
 fn subdivisions(surface: &SurfaceMesh, options: &TextureOptions) -> Result<usize, TextureError> {
     let (least, most) = (options.least_sources, options.fit.max_sources);
     if least > most {
@@ -353,7 +353,7 @@ fn subdivisions(surface: &SurfaceMesh, options: &TextureOptions) -> Result<usize
     Ok(times)
 }
 
-/// The boundary map into the space of what is extended.
+/// The boundary map to the colours or texture coordinates.
 fn boundary_values(
     coloured_surface: &Arc<ColouredSurface>,
     options: &TextureOptions,
@@ -390,7 +390,7 @@ fn boundary_value(coloured_surface: &ColouredSurface, extended: ExtendedQuantity
     }
 }
 
-/// Answers which point is closest: triangles may be as small as a point.
+/// Closest-point queries on points, as triangles without extent.
 fn points_query(points: &[Point]) -> Result<SurfaceQuery, TextureError> {
     let triangles = (0..points.len() as u32).map(|k| [k; 3]).collect();
     let mesh = SurfaceMesh::new(points.to_vec(), triangles).map_err(|error| TextureError::Inconsistent {
@@ -399,8 +399,8 @@ fn points_query(points: &[Point]) -> Result<SurfaceQuery, TextureError> {
     Ok(SurfaceQuery::with_winding_sign(&mesh)?)
 }
 
-/// The layer is as thick as the nearest source is far, which changes no faster than the place; no point of a triangle is
-/// farther from a corner than its longest side.
+/// Upper bound of the distance to the nearest source over the surface: that distance is 1-Lipschitz, and no point of a
+/// triangle is farther from a corner than its longest side.
 fn thickest_layer(surface: &SurfaceMesh, sources: &SurfaceQuery) -> f64 {
     let at_vertices = sources.closest_points(surface.vertices());
     let sides = (0..surface.triangles().len()).flat_map(|t| {
@@ -411,7 +411,7 @@ fn thickest_layer(surface: &SurfaceMesh, sources: &SurfaceQuery) -> f64 {
     farthest + sides.fold(0.0, f64::max)
 }
 
-/// From 1 at 0 to 0 at 1, twice continuously differentiable.
+/// Wendland's function: from 1 at 0 to 0 at 1, twice continuously differentiable.
 fn wendland(s: f64) -> f64 {
     if s < 1.0 {
         (1.0 - s).powi(4) * (4.0 * s + 1.0)

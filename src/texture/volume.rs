@@ -29,20 +29,20 @@ pub struct VoxelTexture {
     pub inside: usize,
 }
 
-/// Memory that a voxel takes at the peak: its colour, and its part of a compressed copy.
+/// Peak memory per voxel: its colour, and its part of a compressed copy.
 const BYTES_PER_VOXEL: f64 = 8.0;
-/// Points sampled at a time, and the memory that each takes.
+/// Points evaluated at a time, and the memory that each takes.
 const POINTS_AT_ONCE: usize = 1 << 19;
 const BYTES_PER_POINT: f64 = 600.0;
 pub(super) const GIB: f64 = 1024.0 * 1024.0 * 1024.0;
 
-/// Bytes that may be taken: even where the system does not say what is available, no more than can be counted.
+/// Bytes that may be used; no limit where the available memory is unknown.
 pub(super) fn allowed_memory() -> f64 {
     memory::default_budget().map_or(isize::MAX as f64, |bytes| bytes as f64)
 }
 
 impl VoxelGrid {
-    /// `resolution` voxels along the longest side of the solid's box, and as many of the same size as cover the others.
+    /// `resolution` voxels along the longest side of the solid's box, and as many as needed along the others.
     ///
     /// # Errors
     ///
@@ -55,7 +55,7 @@ impl VoxelGrid {
             return Err(TextureError::NoVoxels);
         }
         let spacing = longest / resolution as f64;
-        // A side that is a whole number of voxels may come out longer by rounding.
+        // Rounding must not add a voxel to a side that is a whole number of voxels.
         let size = [0, 1, 2].map(|k| ((sides[k] / spacing - 1e-9).ceil() as usize).clamp(1, resolution));
         let grid = Self {
             origin: low

@@ -1,4 +1,4 @@
-//! What a map does to volumes, and to how much of a solid has which value.
+//! How a map changes volumes, and the distribution of a field's values over them.
 
 use std::collections::BTreeMap;
 
@@ -13,24 +13,24 @@ pub struct VolumeCheck {
     pub domain: f64,
     /// Volume of the target.
     pub target: f64,
-    /// `|∫ det J dV|` over the domain: the volume of its image, where folded parts count negative.
+    /// `|∫ det J dV|` over the domain: the volume of its image, in which folded parts count negative.
     pub carried: f64,
     /// `carried / target − 1`.
     pub relative_error: f64,
-    /// Share of the domain's volume where the map is turned against the most of it.
+    /// Fraction of the domain's volume where the map has the opposite orientation to the whole.
     pub folded_share: f64,
-    /// Points of the quadrature without a finite Jacobian, which the volume carried and the folded share leave out.
+    /// Points of the quadrature without a finite Jacobian, which `carried` and `folded_share` leave out.
     pub not_finite: usize,
 }
 
-/// How much of the solids has a label.
+/// How much of each solid has a label.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LabelShare {
     /// The label.
     pub label: f64,
-    /// Share of the domain's volume.
+    /// Fraction of the domain's volume.
     pub before: f64,
-    /// Share of the volume of the image.
+    /// Fraction of the volume of the image.
     pub after: f64,
 }
 
@@ -43,20 +43,20 @@ pub struct ValueDistribution {
     pub quantiles: [f64; 5],
 }
 
-/// The distribution of a field over the domain, and over the target when every piece of volume takes its value with it.
+/// The distribution of a field over the domain, and over the target when every volume element keeps its value.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct DistributionCheck {
     /// Over the domain's volume.
     pub before: ValueDistribution,
     /// Over the volume of the image: weighted by `|det J|`.
     pub after: ValueDistribution,
-    /// Largest difference between the two cumulative distributions (Kolmogorov–Smirnov), from 0 to 1: 0 for a map that
-    /// keeps volumes.
+    /// Largest difference between the two cumulative distributions (Kolmogorov–Smirnov), from 0 to 1: 0 for a
+    /// volume-preserving map.
     pub largest_shift: f64,
 }
 
-/// Integrates `det J` over the domain. Also gives the weights of the quadrature's points after the map, `w |det J|`; 0
-/// where the Jacobian is not finite.
+/// Integrates `det J` over the domain. Also returns the weights of the quadrature's points in the target, `w |det J|`,
+/// which are 0 where the Jacobian is not finite.
 pub fn volume_check(map: &dyn VolumeMap, quadrature: &Quadrature, target_volume: f64) -> (VolumeCheck, Vec<f64>) {
     let det: Vec<f64> = map
         .jacobian(quadrature.points())
@@ -66,7 +66,7 @@ pub fn volume_check(map: &dyn VolumeMap, quadrature: &Quadrature, target_volume:
     let not_finite = det.iter().filter(|d| !d.is_finite()).count();
     let or_zero = |d: f64| if d.is_finite() { d } else { 0.0 };
     let whole = quadrature.integrate(&det.iter().map(|&d| or_zero(d)).collect::<Vec<_>>());
-    let turned = det
+    let folded = det
         .iter()
         .map(|&d| if d.is_finite() && d * whole <= 0.0 { 1.0 } else { 0.0 });
     let (domain, target) = (quadrature.volume(), target_volume.abs());
@@ -75,7 +75,7 @@ pub fn volume_check(map: &dyn VolumeMap, quadrature: &Quadrature, target_volume:
         target,
         carried: whole.abs(),
         relative_error: whole.abs() / target - 1.0,
-        folded_share: quadrature.integrate(&turned.collect::<Vec<_>>()) / domain,
+        folded_share: quadrature.integrate(&folded.collect::<Vec<_>>()) / domain,
         not_finite,
     };
     let weights = quadrature
@@ -86,8 +86,8 @@ pub fn volume_check(map: &dyn VolumeMap, quadrature: &Quadrature, target_volume:
     (check, weights.collect())
 }
 
-/// The share of each label, in ascending order, from the labels at points that stand for `before` of the domain's volume and
-/// for `after` of the image's. NaN is no label.
+/// The fraction of each label, in ascending order, from the labels at points that represent the volumes `before` in the
+/// domain and `after` in the image. NaN is no label.
 ///
 /// # Panics
 ///
@@ -116,14 +116,14 @@ pub fn label_shares(labels: &[f64], before: &[f64], after: &[f64]) -> Vec<LabelS
     volumes.into_values().map(share).collect()
 }
 
-/// Bits in the order of the numbers.
+/// An integer in the order of the floating-point numbers.
 fn ascending(x: f64) -> u64 {
     let bits = x.to_bits();
     if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
 }
 
-/// Compares how values at points are distributed over the volumes `before` and `after` that the points stand for. `None`
-/// without finite values that have volume.
+/// Compares the distributions of values at points over the volumes `before` and `after` that the points represent.
+/// `None` without finite values that have volume.
 ///
 /// # Panics
 ///
@@ -142,7 +142,7 @@ pub fn distribution_check(values: &[f64], before: &[f64], after: &[f64]) -> Opti
     let mut largest_shift: f64 = 0.0;
     for i in 0..values.len() {
         below = [below[0] + before[i], below[1] + after[i]];
-        // Between equal values nothing is below one and not the other.
+        // The distribution functions jump after the last of several equal values.
         if values.get(i + 1) != Some(&values[i]) {
             largest_shift = largest_shift.max((below[0] / total[0] - below[1] / total[1]).abs());
         }

@@ -1,9 +1,9 @@
-//! Fields that go from the domain of a map to its target: Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for
-//! solid modeling applications* (2007), section 5.1.
+//! Transfer of fields from the domain of a map to its target: Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping
+//! for solid modeling applications* (2007), section 5.1.
 //!
-//! [`push_forward`] moves what carries the field, points or a mesh: exact at the nodes. [`resample`] asks for the field at given
-//! points of the target, by way of the inverse map and linear interpolation where the field is known. [`volume_check`] and
-//! [`distribution_check`] say what the map does to volumes, and so to how much of the solid has which value.
+//! [`push_forward`] maps the points or the mesh that a field is given on, and is exact at the nodes. [`resample`]
+//! evaluates a field at given points of the target, by the inverse map and linear interpolation. [`volume_check`] and
+//! [`distribution_check`] measure how the map changes volumes, and with them the distribution of a field's values.
 
 mod checks;
 mod sampler;
@@ -17,14 +17,14 @@ pub use checks::{
 };
 pub use sampler::FieldSampler;
 
-/// How the values of a field go to the target.
+/// How the values of a field are transferred.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FieldKind {
-    /// As they are; linear between nodes.
+    /// Unchanged, and linear between nodes.
     Values,
-    /// Three components that are pushed forward, `J v`: velocities, fibres, directions that move with the material.
+    /// Vectors that are pushed forward, `J v`: velocities, fibres, directions that move with the material.
     Vector,
-    /// As they are, and between nodes those of the corner that has the largest weight: never averaged.
+    /// Labels, unchanged and never averaged: between nodes that of the corner with the largest weight.
     Label,
 }
 
@@ -33,15 +33,15 @@ pub enum FieldKind {
 pub struct TransferField {
     /// Its name.
     pub name: String,
-    /// Numbers in a value.
+    /// Components of a value.
     pub components: usize,
     /// `n × components`, row-major.
     pub values: Vec<f64>,
-    /// How it goes to the target.
+    /// How it is transferred.
     pub kind: FieldKind,
 }
 
-/// Points with fields, and the tetrahedra between them, if any.
+/// Points with fields, and tetrahedra over them, if any.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FieldMesh {
     /// The points, in the domain or in the target.
@@ -58,21 +58,21 @@ pub struct FieldMesh {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TransferError {
-    /// A field has not a value for each point or tetrahedron.
-    #[error("the field `{name}` has {found} numbers, but {expected} are needed for {count} {element}")]
+    /// A field does not have a value for each point or tetrahedron.
+    #[error("the field `{name}` has {found} entries, but {expected} are needed for {count} {element}")]
     ValueCount {
         /// Name of the field.
         name: String,
         /// Points or tetrahedra.
         element: &'static str,
-        /// How many of them.
+        /// Number of them.
         count: usize,
-        /// Numbers that they need.
+        /// Entries that they need.
         expected: usize,
-        /// Numbers that there are.
+        /// Entries that there are.
         found: usize,
     },
-    /// A vector field whose values have not three components.
+    /// The values of a vector field do not have three components.
     #[error("the field `{name}` has {components} components, but a vector that is pushed forward has 3")]
     NotAVector {
         /// Name of the field.
@@ -80,7 +80,7 @@ pub enum TransferError {
         /// Its components.
         components: usize,
     },
-    /// A tetrahedron names a point that is not there.
+    /// A tetrahedron refers to a point that is not there.
     #[error("tetrahedron {tet} names point {point} of {points}")]
     IndexOutOfRange {
         /// The tetrahedron.
@@ -90,7 +90,7 @@ pub enum TransferError {
         /// How many points there are.
         points: usize,
     },
-    /// Nothing has a value.
+    /// No point with a field has finite coordinates.
     #[error("no point with finite coordinates carries the fields")]
     Empty,
 }
@@ -98,23 +98,23 @@ pub enum TransferError {
 /// Fields at points of the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResampledFields {
-    /// The mesh's fields over points, then those over its tetrahedra; NaN at points without preimage.
+    /// The fields over points, then those over tetrahedra; NaN at points without preimage.
     pub fields: Vec<TransferField>,
-    /// Where the points come from.
+    /// Preimages of the points.
     pub preimages: Vec<Preimage>,
-    /// What the inverse map has to say.
+    /// Report of the inverse map.
     pub inverse: InverseReport,
-    /// Preimages beyond the mesh's tetrahedra, which got what is at the closest point of their boundary; 0 without
+    /// Preimages outside the tetrahedra, which got the value at the closest point of their boundary; 0 without
     /// tetrahedra.
     pub outside_mesh: usize,
 }
 
 impl FieldMesh {
-    /// Whether indices and counts fit.
+    /// Checks that indices are in range and that the counts fit.
     ///
     /// # Errors
     ///
-    /// [`TransferError`] with the first that does not.
+    /// [`TransferError`] for the first that does not.
     pub fn check(&self) -> Result<(), TransferError> {
         for (tet, corners) in self.tets.iter().enumerate() {
             if let Some(&point) = corners.iter().find(|&&v| v as usize >= self.points.len()) {
@@ -162,8 +162,8 @@ impl FieldMesh {
     }
 }
 
-/// The mesh in the target: every point at its image, with its values, and the same tetrahedra. Vectors over tetrahedra are
-/// pushed forward at the centroids.
+/// Maps a mesh with its fields to the target: every point to its image, with its values, and the same tetrahedra.
+/// Vectors over tetrahedra are pushed forward at the centroids.
 ///
 /// # Errors
 ///
@@ -195,7 +195,7 @@ pub fn push_forward(map: &dyn VolumeMap, field_mesh: &FieldMesh) -> Result<Field
     })
 }
 
-/// The mesh's fields at points of the target: what is at their preimages.
+/// The fields at points of the target: their values at the preimages.
 ///
 /// # Errors
 ///
@@ -209,7 +209,7 @@ pub fn resample(
     let sampler = FieldSampler::new(field_mesh)?;
     let (preimages, report) = inverse.preimages(points);
     let places: Vec<Point> = preimages.iter().map(Preimage::position).collect();
-    let (mut fields, beyond) = sampler.sample(&places);
+    let (mut fields, outside) = sampler.sample(&places);
     if fields.iter().any(|field| field.kind == FieldKind::Vector) {
         let jacobians = map.jacobian(&places);
         for field in fields.iter_mut().filter(|field| field.kind == FieldKind::Vector) {
@@ -220,7 +220,7 @@ pub fn resample(
         fields,
         preimages,
         inverse: report,
-        outside_mesh: beyond.iter().filter(|&&beyond| beyond).count(),
+        outside_mesh: outside.iter().filter(|&&outside| outside).count(),
     })
 }
 
