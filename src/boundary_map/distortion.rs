@@ -1,4 +1,4 @@
-//! How far a map of surfaces is from preserving angles, areas and lengths.
+//! Distortion of angles, areas and lengths by a map of surfaces.
 //!
 //! Over a triangle the map is linear, and everything follows from the singular values `σ₁ ≥ σ₂` of its 2 × 2 Jacobian:
 //! Sander, Snyder, Gortler & Hoppe, *Texture mapping progressive meshes*, SIGGRAPH 2001; the symmetric Dirichlet energy
@@ -31,11 +31,11 @@ pub struct TriangleDistortion {
 /// of the domain; they are infinite (`null` in JSON) where the image of a triangle has no area.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SurfaceDistortion {
-    /// Triangles that were measured.
+    /// Number of triangles measured.
     pub triangles: usize,
     /// Triangles of the domain without an area up to rounding, or with a corner or image that is not finite; left out.
     pub left_out: usize,
-    /// Length in the target over length in the domain, as the areas have it: what images were divided by.
+    /// The factor that images were divided by: the square root of the ratio of the total areas.
     pub scale: f64,
     /// `σ₁ / σ₂`: 1 where angles are kept.
     pub angle: DistortionQuantiles,
@@ -51,14 +51,14 @@ pub struct SurfaceDistortion {
     pub mean_symmetric_dirichlet: f64,
 }
 
-/// Values that 50, 90, 99 and 100 % of the domain's area do not exceed.
+/// Quantiles over the domain's area.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DistortionQuantiles {
-    /// Half of the area has this or less.
+    /// Median.
     pub p50: f64,
-    /// 90 % have.
+    /// 90th percentile.
     pub p90: f64,
-    /// 99 % have.
+    /// 99th percentile.
     pub p99: f64,
     /// The largest value.
     pub max: f64,
@@ -172,7 +172,7 @@ fn areas(positions: &[Point], mesh: &SurfaceMesh) -> Vec<f64> {
 }
 
 fn of_one(domain: &[Point; 3], image: &[Point; 3], scale: f64) -> Option<TriangleDistortion> {
-    // Along the longest side, so that the frame of a needle is as well conditioned as its corners.
+    // In a frame along the longest side, which is well conditioned also for needles.
     let side = |k: usize| (domain[(k + 1) % 3] - domain[k]).norm();
     let start = (0..3).max_by(|&i, &j| side(i).total_cmp(&side(j)))?;
     let along = |p: &[Point; 3], scale: f64| {
@@ -198,8 +198,8 @@ fn of_one(domain: &[Point; 3], image: &[Point; 3], scale: f64) -> Option<Triangl
     })
 }
 
-/// Of the matrix with these columns. From the sum and the difference of the two, so that neither loses its digits where
-/// they are nearly equal or one is far smaller.
+/// Singular values of the matrix with these columns. By their sum and difference, so that neither loses digits where they
+/// are nearly equal or one is far smaller.
 fn singular_values(first: &Vector, second: &Vector) -> [f64; 2] {
     let (a, b, c) = (first.norm_squared(), second.norm_squared(), first.dot(second));
     let product = first.cross(second).norm();

@@ -11,7 +11,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Conj, MatMut, Par, Side, Spec};
 
-/// The parts that dense blocks are cut into: a number of its own, so that the last digits do not depend on the threads.
+/// Parts that dense blocks are divided into: fixed, so that results do not depend on the number of threads.
 const PARTS: usize = 4;
 
 /// A factorisation whose order and pattern are kept while the values change.

@@ -1,8 +1,8 @@
-//! Mean curvature flow that becomes a conformal map to the sphere.
+//! Conformalised mean curvature flow (cMCF), which converges to a conformal map to the sphere.
 //!
 //! Kazhdan, Solomon & Ben-Chen, *Can mean-curvature flow be modified to be non-singular?*, Computer Graphics Forum 31
-//! (2012): the stiffness is that of the surface at the start, the masses are those of the surface as it moves. It is known
-//! to converge for many shapes, with no guarantee, and the drawing that it ends with may have flips.
+//! (2012): the stiffness matrix is that of the initial surface, the mass matrix that of the moving one. It converges for
+//! many shapes, without guarantee, and the result may have flipped triangles.
 
 use super::check_embedding;
 use super::cholesky::Cholesky;
@@ -14,7 +14,7 @@ pub(crate) struct FlowOptions {
     /// Time of one implicit step, for a surface of area 4π.
     pub(crate) step: f64,
     pub(crate) most_iterations: usize,
-    /// Change of a vertex in one step, as a fraction of the radius, at which the flow has settled.
+    /// Largest change of a vertex in one step, as a fraction of the radius, at which the flow has converged.
     pub(crate) tolerance: f64,
 }
 
@@ -28,15 +28,15 @@ impl Default for FlowOptions {
     }
 }
 
-/// Largest weight of an edge: cotangents of needles have no bound.
+/// Largest cotangent weight: those of needles are unbounded.
 const MOST_WEIGHT: f64 = 1e4;
-/// Smallest one: that of obtuse angles is negative, and the drawing then folds.
+/// Smallest cotangent weight: negative ones, of obtuse angles, fold the result.
 const LEAST_WEIGHT: f64 = 1e-4;
 
-/// The directions that vertices of a closed surface flow to, if these draw it on the sphere one to one (decided exactly).
+/// The directions that the vertices of a closed surface converge to, if these are an embedding (decided exactly).
 ///
-/// `None` also when the flow breaks down: a triangle names a vertex that is not there, a coordinate is not finite, the
-/// surface has no area, or memory is short.
+/// `None` also when the flow fails: a vertex of a triangle is out of range, a coordinate is not finite, the surface has no
+/// area, or memory is short.
 pub(crate) fn flow(triangles: &[[u32; 3]], positions: &[Point], options: &FlowOptions) -> Option<Vec<Vector>> {
     let in_range = |t: &[u32; 3]| t.iter().all(|&v| (v as usize) < positions.len());
     if triangles.is_empty() || !triangles.iter().all(in_range) || options.step.is_nan() || options.step <= 0.0 {
@@ -74,7 +74,7 @@ pub(crate) fn flow(triangles: &[[u32; 3]], positions: &[Point], options: &FlowOp
 
 /// Moves the centroid to the origin and scales to the area 4π; `None` when there is no area, or it is not finite.
 fn normalise(triangles: &[[u32; 3]], x: &mut [Vector]) -> Option<()> {
-    // Twice: areas of coordinates of any size must stay in the range of f64.
+    // Scaled to size 1 first, so that areas neither over- nor underflow.
     let size = x.iter().map(|x| x.amax()).fold(0.0, f64::max);
     if !(size > 0.0 && size.is_finite()) || x.iter().any(|x| x.iter().any(|c| !c.is_finite())) {
         return None;
@@ -100,7 +100,7 @@ fn masses(triangles: &[[u32; 3]], x: &[Vector]) -> Vec<f64> {
         let area = 0.5 * (b - a).cross(&(c - a)).norm();
         t.iter().for_each(|&v| masses[v as usize] += area / 3.0);
     }
-    // Keeps the matrix definite where triangles are flat, and at vertices without any.
+    // Keeps the matrix definite at vertices with flat triangles or none.
     let least = 1e-12 * masses.iter().sum::<f64>() / masses.len() as f64;
     masses.iter().map(|m: &f64| m.max(least)).collect()
 }
@@ -121,13 +121,13 @@ impl Stiffness {
                 let [p, q, apex] = [i, j, opposite].map(|v| x[v as usize]);
                 let (u, v) = (p - apex, q - apex);
                 let cotangent = 0.5 * u.dot(&v) / u.cross(&v).norm();
-                // Zero over zero where corners coincide.
+                // NaN where corners coincide.
                 let cotangent = if cotangent.is_nan() { 0.0 } else { cotangent };
                 weights.push(([i.min(j), i.max(j)], cotangent.clamp(-MOST_WEIGHT, MOST_WEIGHT)));
             }
         }
         weights.retain(|([i, j], _)| i != j);
-        // Stable, so that sums are always in the same order.
+        // A stable sort, so that sums are always in the same order.
         weights.sort_by_key(|(edge, _)| *edge);
         let mut edges = weights.chunk_by(|a, b| a.0 == b.0).peekable();
         let mut diagonal = vec![0.0; x.len()];
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn gives_none_instead_of_a_drawing_that_is_none() {
+    fn gives_none_instead_of_directions_that_are_no_embedding() {
         let sphere = shapes::sphere(1.0, 2);
         let flow = |mesh: &crate::mesh::SurfaceMesh| flow(mesh.triangles(), mesh.vertices(), &FlowOptions::default());
         assert_eq!(flow(&shapes::deformed(&sphere, |_| Point::origin())), None);

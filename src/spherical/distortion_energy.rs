@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn is_infinite_for_anything_that_is_no_drawing() {
+    fn is_infinite_unless_all_triangles_are_positive() {
         let mesh = shapes::sphere(1.0, 2);
         let rest = RestShapes::new(mesh.triangles(), mesh.vertices());
         let energy = DistortionEnergy {

@@ -1,4 +1,4 @@
-//! Whether triangles on the sphere cover it once.
+//! Whether geodesic triangles cover the sphere once.
 
 use std::cmp::Ordering;
 
@@ -7,13 +7,12 @@ use rayon::prelude::*;
 use crate::geometry::{orientation, solid_angle};
 use crate::{Point, Vector};
 
-/// What a drawing of a closed, consistently oriented surface on the unit sphere is.
+/// Whether a map of a closed, consistently oriented surface to the unit sphere is an embedding.
 ///
-/// Triangles that are all positive make a covering, whose number of sheets is the degree; so that with degree 1 the
-/// drawing is a bijection.
+/// Positive triangles make a covering, whose number of sheets is the degree: with degree 1 it is a bijection.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct EmbeddingCheck {
-    /// Geodesic triangles that are turned over, flat, or have a corner that is not finite; decided exactly for the
+    /// Number of geodesic triangles that are inverted, flat, or have a corner that is not finite; decided exactly for the
     /// directions as given.
     pub flipped: usize,
     /// The first of them.
@@ -23,17 +22,17 @@ pub struct EmbeddingCheck {
 }
 
 impl EmbeddingCheck {
-    /// No triangle is flipped, and the sphere is covered once.
+    /// Whether no triangle is flipped and the sphere is covered once.
     pub fn is_bijective(&self) -> bool {
         self.flipped == 0 && (self.degree - 1.0).abs() < 0.5
     }
 }
 
-/// Examines directions (of any positive length) of the vertices of these triangles.
+/// Checks directions, of any positive length, of the vertices of these triangles.
 ///
 /// # Panics
 ///
-/// When a triangle names a vertex without a direction.
+/// When a triangle has a vertex without a direction.
 pub fn check_embedding(triangles: &[[u32; 3]], directions: &[Vector]) -> EmbeddingCheck {
     let corners = |t: &[u32; 3]| t.map(|v| Point::from(directions[v as usize]));
     let is_flipped = |t: &[u32; 3]| {

@@ -1,8 +1,8 @@
-//! A surface of genus 0 taken down to a tetrahedron, one vertex at a time, and how to put the vertices back.
+//! Progressive simplification of a surface of genus 0 to a tetrahedron, and the inverse vertex insertions.
 //!
 //! Half-edge collapses under the link condition (Dey, Edelsbrunner, Guha, Nekhayev, *Topology preserving edge
-//! contraction*, 1999) keep the surface a sphere. They are made in levels: no two vertices of one level are neighbours,
-//! and a level takes a fixed share of what is left, so that the number of levels grows with the logarithm of the size.
+//! contraction*, 1999) keep the topology. They are grouped in levels: the vertices that a level removes are an independent
+//! set of a fixed share of the rest, so that the number of levels grows with the logarithm of the size.
 
 use rayon::prelude::*;
 use smallvec::SmallVec;
@@ -12,29 +12,29 @@ use crate::{Point, Vector};
 /// The neighbours of a vertex, counter-clockwise seen from outside.
 pub(super) type Ring = SmallVec<[u32; 10]>;
 
-/// Share of the vertices that one level may take.
+/// A level removes one of this many vertices at most.
 const SHARE: usize = 4;
-/// Valence above which vertices stay, until nothing else can go.
+/// Vertices of higher valence are removed only when no others are left.
 const MOST_VALENCE: usize = 8;
-/// A collapse that leaves a vertex of higher valence is a last resort.
-const CROWDED: usize = 12;
+/// Collapses that leave a vertex of higher valence are made only when there is no other.
+const MOST_VALENCE_AFTER: usize = 12;
 
 /// The collapses from a surface to a tetrahedron.
 #[derive(Debug, Clone)]
 pub(crate) struct Hierarchy {
-    /// The triangles that are left: a tetrahedron.
+    /// The triangles of the tetrahedron at the bottom.
     pub base: [[u32; 3]; 4],
     /// Number of vertices of the surface.
     vertices: usize,
     removed: Vec<u32>,
-    /// The ring of `removed[i]` is `rings[first[i]..first[i + 1]]`, starting with the vertex it was collapsed to.
+    /// The ring of `removed[i]` is `rings[first[i]..first[i + 1]]`, starting with the vertex that it was collapsed to.
     rings: Vec<u32>,
     first: Vec<usize>,
     /// Level `l` removed `levels[l]..levels[l + 1]`.
     levels: Vec<usize>,
 }
 
-/// A vertex to put back.
+/// A vertex to insert: the inverse of a collapse.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Insertion<'a> {
     pub vertex: u32,
@@ -43,10 +43,10 @@ pub(crate) struct Insertion<'a> {
 }
 
 impl Hierarchy {
-    /// Takes vertices away until four are left, `late` ones after all others.
+    /// Removes vertices until four are left, those of `late` after all others.
     ///
-    /// The triangles must be a closed oriented manifold of genus 0 over all of the points. `None` when there is no
-    /// vertex left to take away, which is not so for such a surface.
+    /// The triangles must be a closed oriented manifold of genus 0 over all of the points. `None` when no
+    /// vertex can be removed, which does not happen for such a surface.
     pub fn new(points: &[Point], triangles: &[[u32; 3]], late: &[u32]) -> Option<Self> {
         let mut coarsening = Coarsening::new(points, triangles, late);
         coarsening.run()?;
@@ -68,12 +68,12 @@ impl Hierarchy {
         })
     }
 
-    /// Number of vertices of the whole surface.
+    /// Number of vertices of the surface.
     pub fn vertices(&self) -> usize {
         self.vertices
     }
 
-    /// The levels, coarsest first, each as the vertices to put back in order.
+    /// The levels, coarsest first, each as its vertices in the order of insertion.
     pub fn refinements(&self) -> impl Iterator<Item = impl Iterator<Item = Insertion<'_>>> {
         self.levels.windows(2).rev().map(|level| {
             (level[0]..level[1]).rev().map(|i| Insertion {
@@ -84,29 +84,29 @@ impl Hierarchy {
     }
 }
 
-/// Who is next to whom, while vertices are put back.
+/// The ring of neighbours of each vertex of a simplified mesh.
 #[derive(Debug, Clone)]
 pub(crate) struct VertexRings {
-    /// Empty for vertices that are not there.
+    /// Empty for vertices that are not inserted.
     rings: Vec<Ring>,
 }
 
 impl VertexRings {
-    /// Of the tetrahedron at the bottom of a hierarchy.
+    /// The rings of the tetrahedron at the bottom of a hierarchy.
     pub fn of_base(hierarchy: &Hierarchy) -> Self {
         Self {
             rings: rings_of(hierarchy.vertices, &hierarchy.base),
         }
     }
 
-    /// Of a closed oriented surface.
+    /// The rings of a closed oriented surface.
     pub fn of_surface(vertices: usize, triangles: &[[u32; 3]]) -> Self {
         Self {
             rings: rings_of(vertices, triangles),
         }
     }
 
-    /// The neighbours of a vertex, counter-clockwise; none while it is not there.
+    /// The neighbours of a vertex, counter-clockwise; none before it is inserted.
     pub fn of(&self, vertex: u32) -> &[u32] {
         &self.rings[vertex as usize]
     }
@@ -122,12 +122,12 @@ impl VertexRings {
         triangles
     }
 
-    /// Puts a vertex back.
+    /// Inserts a vertex.
     pub fn insert(&mut self, insertion: &Insertion) {
         let (v, ring) = (insertion.vertex, insertion.ring);
         let (u, k) = (ring[0], ring.len());
         self.rings[v as usize] = Ring::from_slice(ring);
-        // Seen from u, the first neighbour of the ring is followed by the others; v takes the place of all but two.
+        // The ring of u holds the vertices of `ring` in order; v replaces all but the first and the last of them.
         let of_u = &mut self.rings[u as usize];
         rotate_to(of_u, ring[1]);
         of_u.drain(1..k - 2);
@@ -143,7 +143,7 @@ impl VertexRings {
     }
 }
 
-/// A surface in the course of being coarsened.
+/// The state of the simplification.
 struct Coarsening<'a> {
     points: &'a [Point],
     rings: Vec<Ring>,
@@ -190,7 +190,7 @@ impl<'a> Coarsening<'a> {
                 left.iter().for_each(|&v| locked[v as usize] = false);
                 continue;
             }
-            // Nothing could go: allow more.
+            // No vertex could be removed: relax the conditions.
             if most_valence < left.len() {
                 most_valence = if most_valence < 4 * MOST_VALENCE {
                     most_valence + 2
@@ -206,7 +206,7 @@ impl<'a> Coarsening<'a> {
         Some(())
     }
 
-    /// Removes vertices that are not neighbours, the least important first. Returns how many.
+    /// Removes an independent set of vertices, those of the lowest priority first. Returns their number.
     fn take_level(&mut self, left: &[u32], locked: &mut [bool], most_valence: usize, with_late: bool) -> usize {
         let candidates = left
             .par_iter()
@@ -231,8 +231,8 @@ impl<'a> Coarsening<'a> {
         taken
     }
 
-    /// Length of the shortest edge times the valence, in steps far above rounding, so that vertices that are alike stay
-    /// so when the surface is turned or scaled.
+    /// Logarithm of the shortest edge times the valence, rounded so that ties stay ties when the surface is rotated or
+    /// scaled.
     fn priority(&self, v: u32) -> i64 {
         let p = self.points[v as usize];
         let ring = &self.rings[v as usize];
@@ -244,7 +244,7 @@ impl<'a> Coarsening<'a> {
         (length.ln() * 1e6).round() as i64
     }
 
-    /// Where in its ring the neighbour stands that `v` is best collapsed to.
+    /// Position in the ring of `v` of the neighbour that it is best collapsed to.
     fn best_collapse(&self, v: u32) -> Option<usize> {
         let ring = &self.rings[v as usize];
         let normal = self.normal(v);
@@ -271,7 +271,7 @@ impl<'a> Coarsening<'a> {
         sides.iter().all(|&s| self.rings[s as usize].len() > 3) && (k > 3 || of_u.len() > 3) && (2..k - 1).all(is_free)
     }
 
-    /// Quality of the worst triangle that the collapse makes: 1 of equilateral ones, negative of those turned over.
+    /// Quality of the worst triangle that the collapse makes: 1 for an equilateral one, negative for an inverted one.
     fn quality(&self, ring: &Ring, place: usize, normal: &Vector) -> f64 {
         let k = ring.len();
         let at = |i: usize| self.points[ring[(place + i) % k] as usize];
@@ -289,7 +289,7 @@ impl<'a> Coarsening<'a> {
             worst = worst.min(if cross.dot(normal) < 0.0 { shape - 1.0 } else { shape });
         }
         let valence = self.rings[ring[place] as usize].len() + k - 4;
-        worst - valence.saturating_sub(CROWDED) as f64
+        worst - valence.saturating_sub(MOST_VALENCE_AFTER) as f64
     }
 
     fn normal(&self, v: u32) -> Vector {
@@ -335,7 +335,7 @@ fn rings_of(vertices: usize, triangles: &[[u32; 3]]) -> Vec<Ring> {
         .into_par_iter()
         .map(|mut links| {
             let mut ring = Ring::with_capacity(links.len());
-            // A star of many triangles would be walked in quadratic time.
+            // Sorted for binary search: a linear search is quadratic in the valence.
             links[..].sort_unstable();
             let Some(&[first, mut next]) = links.first() else {
                 return ring;
@@ -354,7 +354,7 @@ fn rings_of(vertices: usize, triangles: &[[u32; 3]]) -> Vec<Ring> {
 fn place_of(ring: &[u32], vertex: u32) -> usize {
     ring.iter()
         .position(|&r| r == vertex)
-        .expect("rings of neighbours name each other")
+        .expect("neighbours are in each other's rings")
 }
 
 fn rotate_to(ring: &mut Ring, first: u32) {
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn putting_all_vertices_back_gives_the_surface() {
+    fn inserting_all_vertices_gives_the_surface() {
         for mesh in [
             shapes::sphere(1.0, 4),
             shapes::cube(1.0, 9),
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vertex_with_two_hundred_neighbours_is_taken_apart() {
+    fn a_vertex_with_two_hundred_neighbours_is_removed() {
         let mesh = shapes::sphere(1.0, 0);
         let (mut vertices, mut triangles) = (mesh.vertices().to_vec(), Vec::new());
         // A double cone over 200 points of a circle.

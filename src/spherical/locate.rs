@@ -1,4 +1,4 @@
-//! Which triangle of a surface on the sphere covers a direction, and where: the inverse of [`SphericalEmbedding::direction`].
+//! The inverse of a spherical embedding: the triangle that covers a direction, and the point in it.
 //!
 //! A direction `x` in the geodesic triangle of the unit vectors `a`, `b`, `c` is `m₀ a + m₁ b + m₂ c` up to length, with
 //! `m₀ = det(x, b, c)` and so on by Cramer's rule. [`SphericalEmbedding::direction`] normalises `l₀ a + l₁ b + l₂ c`, so that
@@ -14,48 +14,47 @@ use crate::mesh::topology::Topology;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::{Point, Vector};
 
-/// Finds the point of a surface that a [`SphericalEmbedding`] sends to a direction. Built once per map and asked often;
-/// some 200 bytes and 0.7 µs per triangle.
+/// Evaluates the inverse of a [`SphericalEmbedding`]. Construction takes some 200 bytes and 0.7 µs per triangle.
 ///
-/// Every direction has a point: where rounding leaves several triangles or none, it is in the one that is the nearest to
-/// contain it, and of equals in the first. The direction of a vertex, bit for bit, is exactly at that vertex.
+/// Every direction has a point: where rounding leaves several triangles or none, it is in the one with the largest least
+/// barycentric coordinate, of equals in the first. The direction of a vertex, bit for bit, gives exactly that vertex.
 #[derive(Debug, Clone)]
 pub struct Locator {
     tree: Bvh,
     /// In the order of the tree's leaves.
     triangles: Vec<Triangle>,
-    /// Where each triangle of the surface stands in that order.
-    places: Vec<u32>,
+    /// Index in `triangles` of each triangle of the surface.
+    leaf_of_triangle: Vec<u32>,
 }
 
 #[derive(Debug, Clone)]
 struct Triangle {
     corners: [Vector; 3],
-    /// Places of the triangles across the sides opposite to the corners.
+    /// Indices of the triangles across the sides opposite to the corners.
     neighbours: [u32; 3],
-    /// Number in the surface.
+    /// Index in the surface.
     index: u32,
 }
 
-/// A direction against a triangle.
+/// The determinants `m` of a direction and a triangle.
 struct Determinants {
     m: [f64; 3],
     /// Above the rounding errors of `m`.
     noise: f64,
-    /// The corner that the direction is, bit for bit.
+    /// The corner that has the direction, bit for bit.
     corner: Option<usize>,
 }
 
 /// Rounding errors of a determinant `x · (p × q)`, as a part of the larger of `|p|²` and `|q|²`: about ten roundings,
 /// several times over.
 const NOISE: f64 = 64.0 * f64::EPSILON;
-/// How far rounding puts a direction outside of the boxes of its triangle.
+/// Boxes are enlarged by this for rounding errors of directions.
 const MARGIN: f64 = 64.0 * f64::EPSILON;
-/// Triangles to walk through from a hint; beyond that a search is faster.
-const WALK: usize = 16;
+/// Triangles to walk through from a hint; a search from scratch is faster than a longer walk.
+const MOST_WALK: usize = 16;
 
 impl Locator {
-    /// Prepares the search in a map.
+    /// The inverse of an embedding.
     pub fn new(map: &SphericalEmbedding) -> Self {
         Self::of_directions(map.surface(), map.directions())
     }
@@ -69,16 +68,16 @@ impl Locator {
             .map(|t| geodesic_box(&corners(t)))
             .collect();
         let tree = Bvh::new(&boxes);
-        let mut places = vec![0; boxes.len()];
+        let mut leaf_of_triangle = vec![0; boxes.len()];
         for (place, &t) in tree.order().iter().enumerate() {
-            places[t as usize] = place as u32;
+            leaf_of_triangle[t as usize] = place as u32;
         }
         let topology = Topology::new(surface);
         let across = |t: u32, side: usize| {
             let edges = topology.edges_of_triangle(t as usize).expect("three vertices");
             let mut sides = topology.sides(edges[side] as usize).iter();
             let other = sides.find(|side| side.triangle != t).expect("a closed surface");
-            places[other.triangle as usize]
+            leaf_of_triangle[other.triangle as usize]
         };
         let triangle = |&t: &u32| Triangle {
             corners: corners(&surface.triangles()[t as usize]),
@@ -90,18 +89,18 @@ impl Locator {
         Self {
             tree,
             triangles,
-            places,
+            leaf_of_triangle,
         }
     }
 
-    /// The point that the map sends to a direction, of any positive length. Some 1 µs with 60 000 triangles.
+    /// The point that has a direction, given by a vector of any positive length. Some 1 µs with 60 000 triangles.
     ///
-    /// A vector of length 0 or not finite is the direction of no point: its coordinates are NaN.
+    /// For a vector of length 0 or not finite, barycentric coordinates are NaN.
     pub fn locate(&self, direction: &Vector) -> SurfacePoint {
         unit_of(direction).map_or(NOWHERE, |x| self.search(&x))
     }
 
-    /// As [`Self::locate`], several times faster when the point is in the triangle `hint` or near it: the answer is the same.
+    /// The same as [`Self::locate`], several times faster when the point is in the triangle `hint` or near it.
     pub fn locate_from(&self, direction: &Vector, hint: u32) -> SurfacePoint {
         let Some(x) = unit_of(direction) else {
             return NOWHERE;
@@ -109,7 +108,7 @@ impl Locator {
         self.walk(&x, hint).unwrap_or_else(|| self.search(&x))
     }
 
-    /// As [`Self::locate`] for each direction, in parallel.
+    /// [`Self::locate`] for each direction, in parallel.
     pub fn locate_all(&self, directions: &[Vector]) -> Vec<SurfacePoint> {
         directions
             .par_iter()
@@ -118,10 +117,10 @@ impl Locator {
             .collect()
     }
 
-    /// `None` when the walk is long or ends where rounding decides.
+    /// `None` when the walk is too long or the point is on an edge up to rounding.
     fn walk(&self, x: &Vector, hint: u32) -> Option<SurfacePoint> {
-        let mut at = *self.places.get(hint as usize)?;
-        for _ in 0..WALK {
+        let mut at = *self.leaf_of_triangle.get(hint as usize)?;
+        for _ in 0..MOST_WALK {
             let triangle = &self.triangles[at as usize];
             let weights = triangle.weights(x);
             if weights.are_inside() {
@@ -143,7 +142,7 @@ impl Locator {
                 let weights = triangle.weights(x);
                 if weights.are_inside() {
                     best = Some((f64::INFINITY, triangle, weights));
-                    // No box is as near as that: the search ends.
+                    // A negative limit ends the search.
                     return -1.0;
                 }
                 let rating = weights.rating();
@@ -168,7 +167,7 @@ const NOWHERE: SurfacePoint = SurfacePoint {
 fn unit_of(direction: &Vector) -> Option<Vector> {
     let size = direction.amax();
     let is_usable = size > 0.0 && direction.iter().all(|c| c.is_finite());
-    // Nothing that is nearly of length 1 is scaled: it would lose the bits that it may share with a vertex.
+    // A vector of about length 1 is not scaled, so that it keeps the bits that it may share with a vertex.
     let scale = if (0.5..2.0).contains(&size) { 1.0 } else { size };
     is_usable.then(|| unit(&(direction / scale)))
 }
@@ -222,8 +221,8 @@ impl Triangle {
         }
     }
 
-    /// Coefficients `l` such that `l₀ a + l₁ b + l₂ c` is the direction, also where the triangle is so thin that rounding
-    /// errors of the determinants would move the point along it: one step of iterative refinement.
+    /// Coefficients `l` such that `l₀ a + l₁ b + l₂ c` is the direction. One step of iterative refinement: in thin triangles
+    /// rounding errors of the determinants would move the point.
     fn refined(&self, weights: &Determinants, x: &Vector) -> [f64; 3] {
         let [a, b, c] = &self.corners;
         let [l, m, n] = weights.m;
@@ -235,7 +234,7 @@ impl Triangle {
         [l + correction(b, c), m + correction(c, a), n + correction(a, b)]
     }
 
-    /// Barycentric coordinates of the point of the side opposite to a corner that is the nearest to a direction.
+    /// Barycentric coordinates of the point closest to a direction on the side opposite to a corner.
     fn on_side(&self, corner: usize, x: &Vector) -> [f64; 3] {
         let (i, j) = ((corner + 1) % 3, (corner + 2) % 3);
         let (p, q) = (&self.corners[i], &self.corners[j]);
@@ -256,13 +255,13 @@ impl Triangle {
 }
 
 impl Determinants {
-    /// Whether the direction is inside of the triangle, beyond all doubt of rounding: then it is in no other.
+    /// Whether the direction is inside the triangle, beyond rounding errors: then it is in no other.
     #[inline]
     fn are_inside(&self) -> bool {
         self.m.iter().all(|&m| m > self.noise)
     }
 
-    /// The smallest barycentric coordinate, or so: negative outside, −1/3 and less on the other side of the sphere.
+    /// The least determinant, normalised: negative outside, −1/3 and less on the other side of the sphere.
     fn rating(&self) -> f64 {
         let sum: f64 = self.m.iter().map(|m| m.abs()).sum();
         let least = self.m.iter().copied().fold(f64::INFINITY, f64::min);

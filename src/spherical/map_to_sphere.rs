@@ -106,10 +106,11 @@ const COARSE_SHARES: [usize; 3] = [64, 16, 4];
 /// Maximum iterations on such a level, and the relative decrease of the energy that ends them.
 const COARSE_ITERATIONS: usize = 25;
 const COARSE_TOLERANCE: f64 = 1e-3;
-/// Weight of areas where they are to be kept in bounds: on bodies with limbs areas then shrink to a hundredth at most, and
-/// half of the triangles are stretched by less than 2.
+/// Weight of areas in [`SphereEnergy::Balanced`]: on solids with limbs, areas shrink to a hundredth at most, and half of
+/// the triangles are stretched by less than 2.
 const AREA_WEIGHT: f64 = 0.1;
-/// Weight of areas while a conformal drawing is built: without it, coarse drawings may contract to a point of the sphere.
+/// Weight of areas during the progressive embedding for [`SphereEnergy::Conformal`]: without it, coarse embeddings can
+/// contract to a point.
 const AREA_WEIGHT_OF_START: f64 = 0.01;
 
 /// Maps a closed surface of genus 0 to the unit sphere, rotated so that directions are close to those from the surface's

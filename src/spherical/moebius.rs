@@ -1,9 +1,9 @@
-//! Möbius transformations of the sphere: its maps onto itself that keep angles and orientation.
+//! Möbius transformations: the conformal, orientation-preserving maps of the sphere onto itself.
 //!
 //! Centring is Newton's method of Baden, Crane & Kazhdan, *Möbius registration*, Computer Graphics Forum 37 (2018).
 //!
-//! They carry circles to circles, and the sides of a geodesic triangle, great circles, in general to other ones: a
-//! drawing without flips must be checked again afterwards.
+//! They map circles to circles, but great circles in general not to great circles: geodesic triangles may flip when only
+//! their corners are transformed, so an embedding must be checked again afterwards.
 
 use nalgebra::{Complex, Matrix2};
 
@@ -27,16 +27,16 @@ pub(crate) struct Centring {
 }
 
 const MOST_ITERATIONS: usize = 200;
-/// Distance from the centre that counts as none.
+/// Distance from the centre that counts as zero.
 const CENTRED: f64 = 1e-12;
-/// Longest inversion centre of one step, and halvings of one that would turn over a triangle or lead away.
+/// Longest step, and halvings of one that would invert a triangle or not come closer to the centre.
 const LONGEST_STEP: f64 = 0.5;
 const MOST_HALVINGS: usize = 20;
-/// Sine of the least angle between landmarks that are told apart.
+/// Landmarks closer than this angle coincide.
 const LEAST_ANGLE: f64 = 1e-12;
 
 impl Moebius {
-    /// The only transformation that carries each of three directions to its image; exact up to rounding.
+    /// The unique transformation that maps three directions to three images; exact up to rounding.
     ///
     /// `None` when two of the directions, or of the images, coincide, or one is zero or not finite.
     pub(crate) fn of_three(from: &[Vector; 3], to: &[Vector; 3]) -> Option<Self> {
@@ -62,12 +62,12 @@ impl Moebius {
     }
 }
 
-/// Moves the mean of unit vectors, with these weights, to the centre by Möbius transformations, as far as no triangle
-/// turns over (decided exactly). The mean never moves away from the centre.
+/// Moves the weighted mean of unit vectors to the centre by Möbius transformations, as far as no triangle is inverted
+/// (decided exactly). The mean never moves away from the centre.
 ///
-/// Nothing moves when the lengths differ or the weights are negative, not finite, or all zero; nor when a triangle is
-/// turned over at the start. There is no transformation that centres when one vertex carries half of the weight: the
-/// mean then comes as near as the steps go.
+/// Does nothing when the lengths differ, the weights are negative, not finite, or all zero, or a triangle is inverted at
+/// the start. If one vertex has half of the weight, no transformation centres, and the mean comes as close as the steps
+/// reach.
 pub(crate) fn centre(triangles: &[[u32; 3]], weights: &[f64], x: &mut [Vector]) -> Centring {
     let total: f64 = weights.iter().sum();
     let mut mean = mean_of(weights, x, total);
@@ -93,7 +93,7 @@ pub(crate) fn centre(triangles: &[[u32; 3]], weights: &[f64], x: &mut [Vector]) 
     report
 }
 
-/// The vectors a step nearer to the centre, with their mean, if there is such a step.
+/// One step: the transformed vectors and their mean, which is closer to the centre; `None` when no step is.
 fn step(
     triangles: &[[u32; 3]],
     weights: &[f64],
@@ -246,14 +246,14 @@ mod tests {
         let report = centre(&triangles, &weights, &mut x);
         assert!(report.before > 0.5 && report.after <= CENTRED, "{report:?}");
         assert!(check_embedding(&triangles, &x).is_bijective());
-        // The centred drawing is unique up to rotation: dot products are those of the sphere.
+        // The centred embedding is unique up to rotation: dot products are those of the sphere.
         for (k, m) in [(0, 100), (7, 1000), (500, 2000)] {
             assert!((x[k].dot(&x[m]) - directions[k].dot(&directions[m])).abs() < 1e-9);
         }
     }
 
     #[test]
-    fn centring_stops_before_a_triangle_turns_over() {
+    fn centring_stops_before_a_triangle_inverts() {
         // Six triangles' ring about a vertex that is nearly on a side opposite: inversions bend the side over it.
         let mesh = shapes::sphere(1.0, 1);
         let mut x: Vec<Vector> = mesh.vertices().iter().map(|p| p.coords).collect();

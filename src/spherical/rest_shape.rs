@@ -181,7 +181,7 @@ mod tests {
     fn rest_shapes_within_bounds_are_kept() {
         let positions = [[0.0, 0.0, 1.0], [3.0, 0.0, 1.0], [1.0, 0.2, 1.0], [0.0, -1.0, 1.0]].map(Point::from);
         let rest = RestShapes::new(&[[0, 1, 2], [0, 3, 1]], &positions);
-        // Areas 0.3 and 1.5; drawn in its own plane a triangle has the identity as its Jacobian.
+        // Areas 0.3 and 1.5; the Jacobian of a triangle to its own plane is the identity.
         let areas: Vec<f64> = rest.areas().collect();
         assert!((areas[1] / areas[0] - 5.0).abs() < 1e-12);
         let scale = (areas[0] / 0.3).sqrt();

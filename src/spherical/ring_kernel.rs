@@ -1,15 +1,15 @@
-//! Where a vertex can stand inside the ring of its neighbours so that all its triangles are positive.
+//! The kernel of the ring of a vertex's neighbours: the directions of the vertex for which all its triangles are positive.
 
 use crate::Vector;
 
-/// Rings of more neighbours are not searched for the best place: the search takes the fourth power of their number.
+/// Larger rings are not searched for the best point: the search costs the fourth power of their size.
 const MOST_SEARCHED: usize = 14;
 
 /// Rounding errors of a determinant, over the product of the lengths of two sides: a few units in the last place.
 const NOISE: f64 = 1e-14;
 
-/// Six times the volume between the origin and a triangle: positive when it is seen counter-clockwise from outside.
-/// Differences come first, so that small triangles keep their sign.
+/// Determinant of three directions, positive when they are counter-clockwise seen from outside. By differences, which
+/// keeps the sign for small triangles.
 pub(crate) fn det(a: &Vector, b: &Vector, c: &Vector) -> f64 {
     a.dot(&(b - a).cross(&(c - a)))
 }
@@ -34,11 +34,11 @@ pub(super) fn smallest_det(x: &Vector, ring: &[Vector]) -> f64 {
     smallest
 }
 
-/// A place for a vertex whose neighbours stand at `ring`, where all its triangles are positive: the centre of the largest
-/// cap that the great circles of all sides leave, or else a place near `ring[0]`.
+/// A direction for a vertex with neighbours at `ring`, for which all its triangles are positive: the centre of the largest
+/// spherical cap inside the great circles of all sides, or else a point near `ring[0]`.
 ///
-/// The triangles that the vertex replaces are a fan about `ring[0]` and all positive, so that there is such a place;
-/// `None` when rounding leaves none.
+/// The triangles that the vertex replaces are a fan about `ring[0]` and all positive, so that the kernel is not empty;
+/// `None` when it is empty up to rounding.
 pub(super) fn point_in_kernel(ring: &[Vector]) -> Option<Vector> {
     let is_inside = |x: &Vector| smallest_det(x, ring) > 0.0;
     let centre = (ring.len() <= MOST_SEARCHED).then(|| cap_centre(ring)).flatten();
@@ -86,11 +86,11 @@ fn cap_centre(ring: &[Vector]) -> Option<Vector> {
     best.map(|(_, x)| x)
 }
 
-/// Goes from the first neighbour into the ring, ever less far.
+/// A point of the kernel near the first neighbour, by backtracking from a step into the ring.
 fn near_first(ring: &[Vector]) -> Option<Vector> {
     let (first, k) = (ring[0], ring.len());
     let (left, right) = (ring[1] - first, ring[k - 1] - first);
-    // Inward of both sides at the first neighbour, also where they make an angle of more than a half turn.
+    // Inward of both sides at the first neighbour, also at a reflex corner.
     let inward = first.cross(&left).normalize() - first.cross(&right).normalize();
     let mut step = left.norm().min(right.norm());
     for _ in 0..200 {
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_star_shaped_ring_with_a_tiny_kernel_has_a_place() {
+    fn a_star_shaped_ring_with_a_tiny_kernel_has_a_point() {
         // Spikes: the kernel is the small polygon in the middle.
         for k in [5, 10, 14, 40] {
             let angles: Vec<f64> = (0..2 * k).map(|i| std::f64::consts::PI * i as f64 / k as f64).collect();
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reflex_corner_at_the_first_neighbour_has_a_place() {
+    fn a_reflex_corner_at_the_first_neighbour_has_a_point() {
         // A thin arrow head about the origin's direction: the kernel touches its inner corner.
         let at = |x: f64, y: f64| Vector::new(x, y, 1.0).normalize();
         let ring = [at(0.0, 0.0), at(-1.0, -1.0), at(1.0, 0.0), at(-1.0, 1.0)];

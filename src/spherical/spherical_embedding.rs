@@ -1,4 +1,4 @@
-//! A surface drawn on the unit sphere, one to one.
+//! A triangulated surface embedded on the unit sphere.
 
 use super::{EmbeddingCheck, check_embedding};
 use crate::Vector;
@@ -6,23 +6,23 @@ use crate::check::repair;
 use crate::mesh::topology::Topology;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 
-/// A bijection of a closed surface of genus 0 with the unit sphere: a direction per vertex, and over each triangle the
-/// direction of the linear combination of its corners' (the gnomonic map of its geodesic triangle). Neighbours agree on
-/// the edge they share, so the map is continuous.
+/// A bijection of a closed surface of genus 0 with the unit sphere: a direction per vertex, and within each triangle the
+/// normalised linear interpolation of its corners' directions (the gnomonic map of its geodesic triangle), which is
+/// continuous across edges.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SphericalEmbedding {
     surface: SurfaceMesh,
     directions: Vec<Vector>,
 }
 
-/// Why a surface has no map to the sphere, or a drawing is none.
+/// Why a surface has no spherical embedding, or directions are not one.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SphericalError {
     /// The progress callback asked for an end.
     #[error("cancelled by the progress callback")]
     Cancelled,
-    /// Only a closed surface covers the sphere.
+    /// The surface has a boundary.
     #[error(
         "the surface is open: {open_edges} edges have one triangle, the first joins vertices {} and {}; close the \
          holes first", first[0], first[1]
@@ -39,37 +39,37 @@ pub enum SphericalError {
         /// What was found, and where.
         found: String,
     },
-    /// One solid is mapped at a time.
+    /// The surface is not connected.
     #[error("the surface has {components} components, and a map to the sphere has one; map them one by one")]
     Components {
-        /// How many there are; 0 without triangles.
+        /// Number of components; 0 without triangles.
         components: usize,
     },
-    /// The sphere has no handles.
+    /// The surface has handles.
     #[error("the surface has genus {genus} (handles), and only a surface of genus 0 maps to the sphere one to one")]
     Genus {
         /// Number of handles.
         genus: u64,
     },
-    /// One side only.
+    /// The surface has only one side.
     #[error("the surface cannot be oriented: going round edge {} {} turns it over", edge[0], edge[1])]
     NotOrientable {
         /// An edge where the sides meet.
         edge: [u32; 2],
     },
-    /// All vertices are in one place, or areas leave the range of numbers.
+    /// All vertices coincide, or areas would over- or underflow.
     #[error("the surface has a size of {diagonal:e}; scale it to between 1e-60 and 1e60")]
     OutOfScale {
-        /// Of the bounding box.
+        /// Diagonal of the bounding box.
         diagonal: f64,
     },
-    /// Coordinates must be numbers.
+    /// A coordinate is NaN or infinite.
     #[error("vertex {vertex} is not finite")]
     NonFinite {
         /// The first such vertex.
         vertex: usize,
     },
-    /// A vertex without a triangle has no place on the sphere.
+    /// A vertex belongs to no triangle.
     #[error("{count} vertices belong to no triangle, the first is {first}; remove them")]
     Unreferenced {
         /// How many there are.
@@ -77,7 +77,7 @@ pub enum SphericalError {
         /// The first of them.
         first: u32,
     },
-    /// One direction per vertex.
+    /// There must be one direction per vertex.
     #[error("the surface has {vertices} vertices, and {directions} directions were given")]
     Count {
         /// Vertices of the surface.
@@ -85,10 +85,10 @@ pub enum SphericalError {
         /// Directions given.
         directions: usize,
     },
-    /// Vertices come closer together on the sphere than numbers tell apart.
+    /// Vertices come closer together on the sphere than the resolution of coordinates.
     #[error(
-        "the surface cannot be drawn on the sphere: its vertices come too close together to be told apart; use a coarser \
-         surface"
+        "the surface cannot be embedded on the sphere: its vertices come too close together for the precision of \
+         coordinates; use a coarser surface"
     )]
     TooFine,
     /// The optimisation needs more memory than there is.
@@ -97,9 +97,9 @@ pub enum SphericalError {
         /// Vertices of the surface.
         vertices: usize,
     },
-    /// The drawing folds, or covers the sphere several times.
+    /// Triangles on the sphere are flipped, or cover it several times.
     #[error(
-        "the drawing on the sphere is not one to one: {} of its triangles are flipped, and it covers the sphere {:.3} \
+        "the map to the sphere is not one to one: {} of its triangles are flipped, and it covers the sphere {:.3} \
          times", .0.flipped, .0.degree
     )]
     NotBijective(EmbeddingCheck),
@@ -111,7 +111,7 @@ impl SphericalEmbedding {
     ///
     /// # Errors
     ///
-    /// As [`require_genus_0`], and when the drawing is no bijection; decided exactly.
+    /// As [`require_genus_0`], and when the map is not a bijection; decided exactly.
     pub fn new(surface: SurfaceMesh, directions: &[Vector]) -> Result<Self, SphericalError> {
         let surface = require_genus_0(&surface)?;
         let (vertices, given) = (surface.vertices().len(), directions.len());
@@ -122,9 +122,9 @@ impl SphericalEmbedding {
             });
         }
         let directions: Vec<Vector> = directions.iter().map(unit).collect();
-        let certificate = check_embedding(surface.triangles(), &directions);
-        if !certificate.is_bijective() {
-            return Err(SphericalError::NotBijective(certificate));
+        let check = check_embedding(surface.triangles(), &directions);
+        if !check.is_bijective() {
+            return Err(SphericalError::NotBijective(check));
         }
         Ok(Self { surface, directions })
     }
@@ -139,7 +139,7 @@ impl SphericalEmbedding {
         &self.directions
     }
 
-    /// Where a point of the surface goes: a unit vector. Only the vertices of its triangle count, not their order.
+    /// The image of a point of the surface: a unit vector.
     pub fn direction(&self, point: &SurfacePoint) -> Vector {
         let corners = self.surface.triangles()[point.triangle as usize];
         let [a, b, c] = corners.map(|v| self.directions[v as usize]);
@@ -148,8 +148,8 @@ impl SphericalEmbedding {
     }
 }
 
-/// The vector made to length 1. One that has it but for rounding keeps its bits, so that directions that are stored and
-/// read again stay what they were.
+/// The normalised vector. One that has length 1 up to rounding keeps its bits, so that directions stay the same when they
+/// are written to a file and read again.
 pub(super) fn unit(x: &Vector) -> Vector {
     if (x.norm_squared() - 1.0).abs() <= 8.0 * f64::EPSILON {
         *x
@@ -162,8 +162,8 @@ pub(super) fn unit(x: &Vector) -> Vector {
 ///
 /// # Errors
 ///
-/// Unless it is one closed, orientable manifold of genus 0 with finite vertices, all of them used. Where it passes
-/// through itself is no matter.
+/// Unless it is one closed, orientable manifold of genus 0 with finite vertices, all of them used. It may intersect
+/// itself.
 pub fn require_genus_0(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalError> {
     if let Some(vertex) = surface.vertices().iter().position(|p| p.iter().any(|c| !c.is_finite())) {
         return Err(SphericalError::NonFinite { vertex });
@@ -210,7 +210,9 @@ pub fn require_genus_0(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalEr
     Ok(repair(surface).0)
 }
 
-/// A size at which areas and their squares are numbers.
+/// # Errors
+///
+/// [`SphericalError::OutOfScale`] when squares of areas could over- or underflow.
 pub(crate) fn require_scale(surface: &SurfaceMesh) -> Result<(), SphericalError> {
     let diagonal = surface.diagonal();
     if (1e-60..=1e60).contains(&diagonal) {
@@ -224,7 +226,7 @@ fn require_manifold(surface: &SurfaceMesh, topology: &Topology) -> Result<(), Sp
     let found = |found: String| Err(SphericalError::NotManifold { found });
     let repeated = (0..surface.triangles().len()).find(|&t| topology.edges_of_triangle(t).is_none());
     if let Some(triangle) = repeated {
-        return found(format!("triangle {triangle} names a vertex twice"));
+        return found(format!("triangle {triangle} has the same vertex twice"));
     }
     let edges = topology.non_manifold_edges();
     if let Some([a, b]) = edges.first() {

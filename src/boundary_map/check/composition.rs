@@ -1,13 +1,14 @@
-//! Maps by way of the sphere: that they are one to one is known from the embeddings, exactly. What is measured beyond that
-//! is the map itself, not the straight triangles over the images of vertices.
+//! Checks of compositions of spherical embeddings: bijectivity follows exactly from the embeddings. Everything else is
+//! measured on the map itself, not on the straight triangles between the images of vertices.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::covering::{
-    ComparedWith, Covering, Degree, Facing, FoldedEdges, facings_on_sphere, facings_on_target, is_flat, those,
+    ComparedWith, Covering, Degree, Facing, FoldedEdges, facings_on_sphere, facings_on_target, is_flat,
+    triangles_facing,
 };
-use super::findings::Evidence;
+use super::findings::Measurements;
 use super::{
     BoundaryCheck, BoundaryCheckError, BoundaryCheckOptions, Coverage, SurfaceDistance, exact_verdict,
     look_for_self_intersections,
@@ -22,46 +23,44 @@ use crate::sampling::Collocation;
 use crate::spherical::{EmbeddingCheck, Locator, SphericalEmbedding, check_embedding};
 use crate::statistics::Summary;
 
-/// What is known of a map by way of the sphere, beyond what can be said of any.
+/// Results of [`super::check`] for a map onto or through the sphere.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompositionCheck {
-    /// The domain on the sphere, and the target where it is a surface of its own. Without flipped triangles, and with
-    /// degree 1, each is a bijection, and so is the map.
+    /// The domain's embedding, and the target's where it has a mesh of its own. If each is a bijection, so is the map.
     #[serde(rename = "drawings")]
     pub embeddings: Vec<EmbeddingCheck>,
     /// Triangles of the target with corners exactly on a line: a bijection of the triangles, but not of the points.
     pub flat_in_target: usize,
-    /// From the domain to the target and back.
+    /// Distances between points and their images under the map and its inverse.
     pub round_trip: RoundTrip,
-    /// How often the domain's triangles were cut into four before distortion was measured, for the images of the new
-    /// vertices lie on the target.
+    /// How often the domain's triangles were cut into four before distortion was measured.
     pub cuts: u32,
-    /// Triangles of the plain image, straight between the images of vertices, that face against the target. They are no
-    /// defect of the map, but of whoever takes the plain image for it.
+    /// Triangles of the plain image, straight between the images of vertices, that face against the target: defects of the
+    /// plain image, not of the map.
     pub plain_image_flipped: usize,
 }
 
-/// How far points come back from where they were, as fractions of the domain's diagonal: rounding errors.
+/// Distances between points and their round trips, as fractions of the domain's diagonal: rounding errors.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RoundTrip {
-    /// Vertices, and points spread by area.
+    /// Number of points: vertices, and samples uniform by area.
     pub points: usize,
     /// Root mean square.
     pub rms: f64,
-    /// What 99 % do not exceed.
+    /// 99th percentile.
     pub p99: f64,
     /// The largest.
     pub max: f64,
 }
 
-/// Triangles that the domain is cut into at most, unless it has more.
+/// The domain is not subdivided beyond this number of triangles.
 const MOST_TRIANGLES: usize = 2_000_000;
 pub(super) const MOST_CUTS: u32 = 2;
 
-/// As [`super::check`], of a map that knows its sphere.
+/// [`super::check`] for compositions; `embedding` is the domain's.
 pub(super) fn check(
     map: &BoundaryMap,
-    drawn: &SphericalEmbedding,
+    embedding: &SphericalEmbedding,
     target: Option<&SurfaceMesh>,
     options: &BoundaryCheckOptions,
     self_intersections: Option<FindSelfIntersections>,
@@ -75,7 +74,7 @@ pub(super) fn check(
     let mut coverage = None;
     if let Some(own) = map.target_surface() {
         let query = queried(own)?;
-        plain_image_flipped = those(Facing::Inward, &facings_on_target(&plain, own, &query)).len();
+        plain_image_flipped = triangles_facing(Facing::Inward, &facings_on_target(&plain, own, &query)).len();
         coverage = map.inverse().map(|back| of_own_target(&fine, &back, &query, options));
     }
     if let Some(given) = &given {
@@ -84,10 +83,10 @@ pub(super) fn check(
         let pair = (given, &queried(given)?);
         coverage = Some(Coverage::measure((&covered, &covered_query), pair, options));
     }
-    let embeddings: Vec<EmbeddingCheck> = [Some(drawn), map.target_embedding()]
+    let embeddings: Vec<EmbeddingCheck> = [Some(embedding), map.target_embedding()]
         .into_iter()
         .flatten()
-        .map(|drawn| check_embedding(drawn.surface().triangles(), drawn.directions()))
+        .map(|embedding| check_embedding(embedding.surface().triangles(), embedding.directions()))
         .collect();
     let flat = |mesh: &SurfaceMesh| {
         let triangles = (0..mesh.triangles().len()).into_par_iter();
@@ -103,16 +102,19 @@ pub(super) fn check(
             },
         },
         degree: Some(Degree {
-            value: embeddings.iter().map(|drawing| drawing.degree.round() as i64).product(),
+            value: embeddings.iter().map(|check| check.degree.round() as i64).product(),
             agreement: 1.0,
             points: 0,
         }),
-        flipped: those(Facing::Inward, &facings_on_sphere(drawn.surface(), drawn.directions())),
+        flipped: triangles_facing(
+            Facing::Inward,
+            &facings_on_sphere(embedding.surface(), embedding.directions()),
+        ),
         degenerate: vec![],
         flat_in_domain: flat(domain),
     };
     let (self_intersections, _) = look_for_self_intersections(&plain, self_intersections);
-    let findings = Evidence {
+    let findings = Measurements {
         domain,
         target: given.as_ref(),
         covering: &covering,
@@ -139,7 +141,7 @@ pub(super) fn check(
         composition: Some(CompositionCheck {
             embeddings,
             flat_in_target: map.target_surface().map_or(0, flat),
-            round_trip: RoundTrip::measure(map, drawn, options),
+            round_trip: RoundTrip::measure(map, embedding, options),
             cuts,
             plain_image_flipped,
         }),
@@ -147,7 +149,7 @@ pub(super) fn check(
     })
 }
 
-/// The map over a domain of smaller triangles, and how often these were cut.
+/// The map over a subdivided domain, and the number of subdivisions.
 fn cut(map: &BoundaryMap) -> (BoundaryMap, u32) {
     let (mut fine, mut cuts) = (map.clone(), 0);
     while cuts < MOST_CUTS && 4 * fine.domain().triangles().len() <= MOST_TRIANGLES {
@@ -157,8 +159,8 @@ fn cut(map: &BoundaryMap) -> (BoundaryMap, u32) {
     (fine, cuts)
 }
 
-/// Distances between the target and the points that the map makes of the domain's, and of those that it sends to points
-/// of the target. All are rounding errors.
+/// Distances from images to the map's own target, and from points of the target to the images of their preimages: rounding
+/// errors.
 fn of_own_target(
     fine: &BoundaryMap,
     back: &BoundaryMap,
@@ -169,15 +171,17 @@ fn of_own_target(
     let there = back.inverse().expect("it goes to a surface");
     let spread = Collocation::even(fine.domain(), options.samples, options.seed).points;
     let off = |images: &[Point]| query.closest_points(images).iter().map(|c| c.distance).collect();
-    let image_to_target = SurfaceDistance::known(off(&fine.evaluate(&spread)), off(fine.image()), diagonal);
+    let image_to_target =
+        SurfaceDistance::of_rounding_errors(off(&fine.evaluate(&spread)), off(fine.image()), diagonal);
 
-    // On `back` the target is the domain.
+    // The domain of `back` is the target.
     let missed = |points: &[SurfacePoint]| -> Vec<f64> {
         let sources = back.evaluate_on_target(points).unwrap_or_default();
         distances(&back.positions(points), &there.evaluate(&sources))
     };
     let spread = Collocation::even(back.domain(), options.samples, options.seed).points;
-    let target_to_image = SurfaceDistance::known(missed(&spread), missed(&vertex_places(back.domain())), diagonal);
+    let target_to_image =
+        SurfaceDistance::of_rounding_errors(missed(&spread), missed(&vertex_places(back.domain())), diagonal);
     Coverage {
         image_to_target,
         target_to_image,
@@ -185,8 +189,9 @@ fn of_own_target(
 }
 
 impl SurfaceDistance {
-    /// Of distances that are known to be rounding errors everywhere: over points spread by area, and of others.
-    fn known(spread: Vec<f64>, others: Vec<f64>, diagonal: f64) -> Self {
+    /// From distances that are rounding errors everywhere, so that the largest needs no search: at samples uniform by area,
+    /// and at other points.
+    fn of_rounding_errors(spread: Vec<f64>, others: Vec<f64>, diagonal: f64) -> Self {
         let even = Summary::of(&spread);
         let largest = [&spread, &others].into_iter().flatten().copied().fold(0.0, f64::max);
         Self {
@@ -199,7 +204,7 @@ impl SurfaceDistance {
 }
 
 impl RoundTrip {
-    fn measure(map: &BoundaryMap, drawn: &SphericalEmbedding, options: &BoundaryCheckOptions) -> Self {
+    fn measure(map: &BoundaryMap, embedding: &SphericalEmbedding, options: &BoundaryCheckOptions) -> Self {
         let domain = map.domain();
         let mut points = vertex_places(domain);
         points.extend(Collocation::even(domain, options.samples, options.seed).points);
@@ -207,8 +212,8 @@ impl RoundTrip {
             (Some(on_target), Some(back)) => back.evaluate(&on_target),
             _ => {
                 let directions = map.directions(&points).unwrap_or_default();
-                let surface = drawn.surface();
-                let found = Locator::new(drawn).locate_all(&directions);
+                let surface = embedding.surface();
+                let found = Locator::new(embedding).locate_all(&directions);
                 found.iter().map(|p| p.position(surface, surface.vertices())).collect()
             }
         };

@@ -1,8 +1,8 @@
 //! Hausdorff distances between surfaces, with bounds.
 //!
 //! The largest distance is sought by branch and bound, as in Tang, Lee & Kim, *Interactive Hausdorff distance
-//! computation for general polygonal models*, SIGGRAPH 2009: the distance to one triangle is convex, so that over a
-//! piece of the surface it is largest at a corner, and the distance to the other surface is no larger than that.
+//! computation for general polygonal models*, SIGGRAPH 2009: the distance to one triangle is a convex function, so that over
+//! a triangle it is largest at a corner, and bounds the distance to the other surface.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -16,29 +16,29 @@ use crate::mesh::SurfaceMesh;
 use crate::sampling::Collocation;
 use crate::statistics::Summary;
 
-/// How far image and target are from each other.
+/// Distances between image and target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Coverage {
-    /// From points of the image to the target: does the image stay on it?
+    /// From points of the image to the target: large where the image leaves it.
     pub image_to_target: SurfaceDistance,
-    /// From points of the target to the image: is all of it covered?
+    /// From points of the target to the image: large where the target is not covered.
     pub target_to_image: SurfaceDistance,
 }
 
 /// Distances of the points of a surface from another, as fractions of the target's diagonal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SurfaceDistance {
-    /// Root mean square over points spread by area.
+    /// Root mean square over samples uniform by area.
     pub rms: f64,
-    /// What 99 % of these points do not exceed.
+    /// 99th percentile over these samples.
     pub p99: f64,
-    /// The largest distance found: the one-sided Hausdorff distance is at least this...
+    /// Lower bound of the largest distance, the one-sided Hausdorff distance.
     pub max: f64,
-    /// ...and exceeds it by no more than this.
+    /// The largest distance is at most `max + max_error`.
     pub max_error: f64,
 }
 
-/// Distances asked for at most in the search for the largest, beyond those of the vertices.
+/// Distance queries in the search for the largest, beyond those of the vertices, at most.
 const MOST_QUERIES: usize = 100_000;
 
 impl Coverage {
@@ -85,7 +85,7 @@ impl SurfaceDistance {
         let spread = Collocation::even(from, options.samples, options.seed).points;
         let spread: Vec<Point> = spread.iter().map(|p| p.position(from, from.vertices())).collect();
         let distances: Vec<f64> = query.closest_points(&spread).iter().map(|c| c.distance).collect();
-        // A surface without area has no such points.
+        // A surface without area has no samples.
         let (rms, p99, found) = Summary::of(&distances).map_or((least, least, least), |s| (s.rms, s.p99, s.max));
         let max = least.max(found);
         Self {
@@ -105,11 +105,12 @@ struct Probe {
     closest: usize,
 }
 
-/// A part of a triangle, ordered by the bound of its distances.
+/// A part of a triangle, ordered by the upper bound of its distances.
 struct TrianglePart {
     most: f64,
     corners: [Probe; 3],
-    /// The triangle closest to the middle of the whole triangle. That of a corner on an edge is any of several.
+    /// The other surface's triangle closest to the centroid of the whole triangle. The closest triangles of the corners may
+    /// be the wrong ones of several that meet at an edge.
     facing: usize,
     number: usize,
 }

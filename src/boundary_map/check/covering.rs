@@ -1,4 +1,4 @@
-//! How often an image covers what it is held against, and which of its triangles are turned over.
+//! The degree of a map, and which triangles it inverts.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ use crate::mesh::topology::Topology;
 use crate::spherical::check_embedding;
 use crate::{Point, Vector};
 
-/// What an image was held against.
+/// What an image was compared with.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "surface")]
 pub enum ComparedWith {
@@ -33,32 +33,32 @@ pub enum ComparedWith {
     Itself,
 }
 
-/// How often the target is covered, those parts that are turned over counting negatively.
+/// How often, with sign, a map covers its target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Degree {
-    /// The degree: 1 for a map that is one to one, −1 when it mirrors.
+    /// The degree: 1 for a bijection, −1 if it reverses the orientation.
     pub value: i64,
-    /// Share of the points inside that the image goes round this often; 1 for a map onto the target.
+    /// Fraction of the points inside that have this winding number; 1 for a map onto the target.
     pub agreement: f64,
-    /// Points inside that were asked; 0 on or by way of a sphere, where solid angles are summed.
+    /// Number of points inside; 0 for a map onto or through a sphere, whose degree is a sum of solid angles.
     pub points: usize,
 }
 
-/// How a drawing covers what it is held against.
+/// The degree of a map, and its defective triangles.
 pub(super) struct Covering {
     pub compared_with: ComparedWith,
     pub degree: Option<Degree>,
-    /// Triangles that are turned over, in order.
+    /// Inverted triangles, ascending.
     pub flipped: Vec<u32>,
-    /// Triangles whose images have no area, while they have one.
+    /// Triangles with an area whose images have none.
     pub degenerate: Vec<u32>,
     pub flat_in_domain: usize,
 }
 
-/// Edges at which an image turns back on itself.
+/// Edges at which an image is folded.
 pub(super) struct FoldedEdges {
     pub edges: Vec<[u32; 2]>,
-    /// Triangles beside them that face against their surroundings.
+    /// Triangles at these edges that face against the triangles around them.
     pub reversed: Vec<u32>,
 }
 
@@ -69,13 +69,13 @@ pub(super) enum Facing {
     Flat,
 }
 
-/// Points wanted inside.
+/// Points inside that are enough.
 const INSIDE: usize = 256;
-/// Points tried for them.
+/// Random points to find them among.
 const TRIED: usize = 20_000;
-/// When none is deep enough, this many of the deepest are asked.
+/// When none is deep enough, this many of the deepest are used.
 const DEEPEST: usize = 32;
-/// Distance from the sphere, over its radius, that is taken for rounding of files.
+/// Distance from a sphere, over its radius, that counts as rounding of coordinates in files.
 const ON_SPHERE: f64 = 1e-6;
 
 impl Covering {
@@ -150,8 +150,8 @@ impl Covering {
                 }
             })
             .collect();
-        let with_area = |wanted: Facing| {
-            let mut found = those(wanted, &facing);
+        let with_area = |which: Facing| {
+            let mut found = triangles_facing(which, &facing);
             found.retain(|&t| !flat_in_domain[t as usize]);
             found
         };
@@ -164,7 +164,7 @@ impl Covering {
         }
     }
 
-    /// The map turns everything inside out.
+    /// Whether the map reverses the orientation.
     pub fn is_mirrored(&self) -> bool {
         self.degree.is_some_and(|degree| degree.value < 0)
     }
@@ -209,10 +209,10 @@ impl FoldedEdges {
     }
 }
 
-/// The triangles that face like this.
-pub(super) fn those(wanted: Facing, facings: &[Facing]) -> Vec<u32> {
-    let is_wanted = |t: &u32| facings[*t as usize] == wanted;
-    (0..facings.len() as u32).filter(is_wanted).collect()
+/// The triangles with this facing, ascending.
+pub(super) fn triangles_facing(facing: Facing, facings: &[Facing]) -> Vec<u32> {
+    let has_facing = |t: &u32| facings[*t as usize] == facing;
+    (0..facings.len() as u32).filter(has_facing).collect()
 }
 
 /// Whether the normals of two triangles differ by more than 150°.
@@ -222,13 +222,13 @@ fn turns_back(normals: &[Vector], [a, b]: [usize; 2]) -> bool {
     a.dot(&b) < COSINE * (a.norm() * b.norm())
 }
 
-/// Closed, and neighbours agree which side is out.
+/// Whether the mesh is closed and consistently oriented.
 pub(super) fn bounds_a_solid(mesh: &SurfaceMesh) -> bool {
     let topology = Topology::new(mesh);
     topology.is_closed() && topology.orientation().inconsistent_edges.is_empty()
 }
 
-/// Corners exactly on a line: on one in each of the three coordinate planes.
+/// Whether the corners are exactly on a line, as they are if their projections to the three coordinate planes are.
 pub(super) fn is_flat(corners: &[Point; 3]) -> bool {
     (0..3).all(|k| {
         let [a, b, c] = corners.map(|p| Coord {
@@ -239,7 +239,7 @@ pub(super) fn is_flat(corners: &[Point; 3]) -> bool {
     })
 }
 
-/// The sphere that the vertices of the image lie on, and those of the target if there is one.
+/// Centre and radius of the sphere that the vertices of the image, and of the target if there is one, lie on.
 fn common_sphere(image: &SurfaceMesh, target: Option<&SurfaceMesh>) -> Option<(Point, f64)> {
     let (centre, radius) = fitted_sphere(image)?;
     let lies_on = |mesh: &SurfaceMesh| {
@@ -278,8 +278,8 @@ pub(super) fn facings_on_sphere(mesh: &SurfaceMesh, directions: &[Vector]) -> Ve
     mesh.triangles().par_iter().map(facing).collect()
 }
 
-/// A triangle faces inward when the target's normals do at the points closest to all four of its samples. Where a
-/// triangle spans a crease, some samples see one side and some the other; it faces both, or neither.
+/// A triangle faces inward if it faces against the target's normals at the points closest to all four of its samples. All
+/// four must agree because a triangle may span a crease of the target.
 pub(super) fn facings_on_target(image: &SurfaceMesh, target: &SurfaceMesh, query: &SurfaceQuery) -> Vec<Facing> {
     const SAMPLES: [[f64; 3]; 4] = {
         let (far, near) = (1.0 / 6.0, 2.0 / 3.0);
@@ -301,7 +301,7 @@ pub(super) fn facings_on_target(image: &SurfaceMesh, target: &SurfaceMesh, query
     closest.chunks_exact(SAMPLES.len()).enumerate().map(facing).collect()
 }
 
-/// Random points of the box of a surface that it winds about, with what is known of them.
+/// Random points of the bounding box with a winding number other than 0.
 fn points_inside(query: &SurfaceQuery, seed: u64, winding: impl Fn(&Point) -> f64 + Sync) -> Vec<Point> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let bounds = query.bounds();
@@ -319,8 +319,8 @@ fn points_inside(query: &SurfaceQuery, seed: u64, winding: impl Fn(&Point) -> f6
         .collect()
 }
 
-/// Those farther from the surface than `off`: an image that is nowhere farther off the surface than that goes round
-/// them as often as its closest points on the surface do. When there are none, the deepest.
+/// Points that are further from the surface than `off`: an image within this distance of the surface can be deformed onto it
+/// without changing their winding number. When there are none, the deepest points.
 fn deep(points: Vec<Point>, query: &SurfaceQuery, off: f64) -> Vec<Point> {
     let depths = query.closest_points(&points).into_iter().map(|c| c.distance);
     let mut ordered: Vec<(f64, Point)> = depths.zip(points).collect();

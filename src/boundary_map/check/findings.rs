@@ -1,4 +1,4 @@
-//! What is wrong with a map, and what to do about it.
+//! Findings: the defects of a map, and what to do about them.
 
 use super::coverage::Coverage;
 use super::covering::{ComparedWith, Covering, Degree, FoldedEdges, bounds_a_solid};
@@ -7,23 +7,23 @@ use crate::check::Severity;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
 
-/// How many ids a finding lists.
+/// Ids listed by a finding, at most.
 const LISTED: usize = 20;
 
-/// What was measured.
-pub(super) struct Evidence<'a> {
+/// The measurements that findings follow from.
+pub(super) struct Measurements<'a> {
     pub domain: &'a SurfaceMesh,
     pub target: Option<&'a SurfaceMesh>,
     pub covering: &'a Covering,
     pub folded: &'a FoldedEdges,
     pub coverage: Option<Coverage>,
-    /// The image is too far from the target to be held against it.
+    /// Whether the image is too far from the target to be compared with it.
     pub elsewhere: bool,
     pub crossing: &'a [[u32; 2]],
     pub tolerance: f64,
 }
 
-impl Evidence<'_> {
+impl Measurements<'_> {
     /// Errors first.
     pub fn findings(&self) -> Vec<MapFinding> {
         let found = [
@@ -122,7 +122,7 @@ impl Evidence<'_> {
             faces: vec![],
             message: match self.covering.compared_with {
                 ComparedWith::Target => {
-                    format!("of the points inside the target, {share:.2} % are gone round another number of times")
+                    format!("of the points inside the target, {share:.2} % are covered another number of times")
                 }
                 _ => format!("the image overlaps itself in {share:.2} % of what it encloses"),
             },
@@ -157,7 +157,7 @@ impl Evidence<'_> {
             count: wrong.len(),
             edges: vec![],
             faces: listed(&wrong),
-            message: format!("{} turned over in the image", are(wrong.len(), "triangle")),
+            message: format!("{} inverted in the image", are(wrong.len(), "triangle")),
             advice: "move their vertices back into the rings of their neighbours, or make the map by `solidmap \
                      boundary`, whose maps cannot fold"
                 .into(),
@@ -183,7 +183,7 @@ impl Evidence<'_> {
     fn folded_edges(&self) -> Option<MapFinding> {
         let edges = &self.folded.edges;
         let by_itself = matches!(self.covering.compared_with, ComparedWith::Itself);
-        // ComparedWith a surface, triangles that are turned over say it better, and a sharp rim is no defect.
+        // Compared with a surface, flipped triangles are the better evidence, and a sharp rim is no defect.
         (by_itself && !edges.is_empty()).then(|| MapFinding {
             kind: MapFindingKind::FoldedEdges,
             severity: Severity::Warning,

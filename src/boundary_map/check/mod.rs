@@ -1,10 +1,10 @@
-//! Whether a boundary map is one to one, as far as can be told, and how well its image covers the target.
+//! Checks whether a boundary map is a bijection, as far as can be decided, and how well its image covers the target.
 //!
-//! The map is a drawing of the domain's triangles in space, of any genus, from any program. What can be said of it
-//! depends on what it is held against ([`ComparedWith`]). A drawing on a sphere is decided exactly ([`crate::spherical`]), and
-//! so is a map by way of the sphere, which is examined as it is and not as the mesh of its vertices' images.
-//! One near a target surface has its triangles compared with the target's normals, its degree from winding numbers
-//! inside the target, and both Hausdorff distances bounded. By itself, an image shows folds, and where it overlaps.
+//! The image is the domain's triangulation in space, of any genus and from any program. What can be decided depends on
+//! what it is compared with ([`ComparedWith`]). On a sphere bijectivity is decided exactly ([`crate::spherical`]), and so it
+//! is for a composition of spherical embeddings, which is checked itself instead of the mesh of its vertices' images.
+//! Near a target surface, triangles are compared with the target's normals, the degree follows from winding numbers
+//! inside the target, and both Hausdorff distances are bounded. An image on its own shows folds and overlaps.
 
 mod composition;
 mod coverage;
@@ -58,44 +58,44 @@ pub struct BoundaryCheck {
     pub vertices: usize,
     /// Number of triangles of the domain.
     pub faces: usize,
-    /// What the image was held against.
+    /// What the image was compared with.
     #[serde(rename = "against")]
     pub compared_with: ComparedWith,
-    /// Whether the map is one to one.
+    /// Whether the map is a bijection.
     pub verdict: BijectivityVerdict,
     /// How often the image covers the target; `None` for domains that are open or have no orientation.
     pub degree: Option<Degree>,
-    /// Triangles whose images are turned over. On a sphere: exactly. ComparedWith a target: those that face against the
-    /// target's outward normals at the points closest to four points of theirs. By itself: those beside a folded edge
-    /// that face against the triangles around them. With a degree below zero all are expected to be.
+    /// Triangles whose images are inverted. On a sphere: exactly. Against a target: those that face against the target's
+    /// outward normals at the points closest to four samples of the triangle. Otherwise: those beside a folded edge that
+    /// face against the triangles around them. With a negative degree, all triangles are inverted if the map is a
+    /// bijection.
     pub flipped: usize,
     /// Triangles with an area whose images have none: corners exactly on a line (on a sphere: on a great circle).
     pub degenerate: usize,
-    /// Triangles of the domain with corners exactly on a line; not held against the map.
+    /// Triangles of the domain with corners exactly on a line; they are no defect of the map.
     pub flat_in_domain: usize,
-    /// Edges across which the image (by way of the sphere: the plain one) turns back by more than 150°, and the domain does
-    /// not.
+    /// Edges at which the image (for a composition: the plain image) is folded by more than 150°, and the domain is not.
     pub folded_edges: usize,
     /// Distances between image and target; `None` without a target.
     pub coverage: Option<Coverage>,
     /// How far the map is from an isometry; `None` when a surface has no area.
     pub distortion: Option<SurfaceDistortion>,
-    /// Pairs of image triangles (by way of the sphere: of the plain image) that pass through each other.
+    /// Pairs of triangles of the image (for a composition: of the plain image) that intersect.
     pub self_intersections: SelfIntersections,
-    /// What more is known of a map by way of the sphere; `None` for others.
+    /// Results for a map onto or through the sphere; `None` for others.
     #[serde(rename = "by_sphere")]
     pub composition: Option<CompositionCheck>,
-    /// What is wrong, errors first.
+    /// Defects, errors first.
     pub findings: Vec<MapFinding>,
 }
 
-/// Whether a map is one to one.
+/// Whether a map is a bijection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BijectivityVerdict {
-    /// A bijection with the sphere, or by way of it, decided exactly; perhaps one that mirrors.
+    /// A bijection with or through the sphere, decided exactly; it may reverse the orientation.
     Bijective,
-    /// Nothing speaks against it.
+    /// No error and no warning was found.
     NoDefectFound,
     /// There are warnings.
     Doubtful,
@@ -103,18 +103,18 @@ pub enum BijectivityVerdict {
     NotBijective,
 }
 
-/// One thing that is wrong with a map.
+/// A defect of a map.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MapFinding {
-    /// What sort of thing.
+    /// The kind of defect.
     pub kind: MapFindingKind,
     /// [`Severity::Error`] when the map cannot be one to one.
     pub severity: Severity,
-    /// How many of them there are.
+    /// Number of places.
     pub count: usize,
-    /// The first edges concerned, 20 at most, by their vertices.
+    /// The first 20 edges concerned, by their vertices.
     pub edges: Vec<[u32; 2]>,
-    /// The first triangles concerned, 20 at most.
+    /// The first 20 triangles concerned.
     pub faces: Vec<u32>,
     /// What was found.
     pub message: String,
@@ -122,7 +122,7 @@ pub struct MapFinding {
     pub advice: String,
 }
 
-/// Sorts of findings.
+/// Kinds of findings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
@@ -131,15 +131,15 @@ pub enum MapFindingKind {
     DomainBoundsNothing,
     /// The target is open, or cannot be oriented.
     TargetBoundsNothing,
-    /// Domain and target have other numbers of components or handles.
+    /// Domain and target differ in their numbers of components or handles.
     Topology,
-    /// The target is covered not once.
+    /// The degree of the map is not 1 or −1.
     Degree,
-    /// Parts of the target's inside are gone round another number of times than others.
+    /// The winding number of the image differs between points inside.
     UnevenCovering,
-    /// The map turns everything inside out.
+    /// The map reverses the orientation.
     Mirrored,
-    /// Triangles are turned over.
+    /// Triangles are inverted.
     Flipped,
     /// Triangles have no area.
     Degenerate,
@@ -157,10 +157,10 @@ pub enum MapFindingKind {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BoundaryCheckError {
-    /// There is nothing to map, or a corner of it is nowhere.
+    /// The domain has no triangles, or a corner that is not finite.
     #[error("the domain cannot be examined: {0}")]
     Domain(QueryError),
-    /// There is nothing to map to, or a corner of it is nowhere.
+    /// The target has no triangles, or a corner that is not finite.
     #[error("the target cannot be examined: {0}")]
     Target(QueryError),
     /// No triangle has an image with finite corners.
@@ -168,13 +168,13 @@ pub enum BoundaryCheckError {
     Image(QueryError),
 }
 
-/// Examines a boundary map: whether it is one to one, and how far it distorts.
+/// Checks a boundary map: whether it is a bijection, and its distortion.
 ///
-/// `target` is the surface that the image is meant to cover; without it, the map's own target, if it goes by way of the
-/// sphere, or the sphere that the image lies on to 1e-6 of its radius, if it does. An image that is farther than a tenth
-/// of the diagonal off its target is examined by itself. Surfaces are taken as [`repair()`] turns them. `self_intersections`
-/// finds triangles that pass through each other, as CGAL does in builds with the `native` feature. Takes seconds per
-/// 100 000 triangles with a target, and a fraction of one without.
+/// `target` is the surface that the image should cover. Without it, the image is compared with the map's own target, if
+/// it is a composition, or with the sphere that its vertices lie on to 1e-6 of the radius, if there is one. An image that
+/// is further than a tenth of the diagonal off its target is checked on its own. Surfaces are oriented as by [`repair`].
+/// `self_intersections` finds triangles that intersect, as CGAL does in builds with the `native` feature. Takes seconds
+/// per 100 000 triangles with a target, and a fraction of one without.
 ///
 /// # Errors
 ///
@@ -201,12 +201,12 @@ pub fn check(
 
     let coverage = pair.map(|pair| Coverage::measure((&image, &image_query), pair, options));
     let off = coverage.map_or(0.0, |coverage| coverage.image_to_target.most());
-    // Elsewhere, normals at closest points and points inside say nothing of the image.
+    // Further away, closest points and points inside do not correspond to the image.
     let near = pair.filter(|_| coverage.is_none_or(|coverage| coverage.image_to_target.p99 <= ELSEWHERE));
     let folded = FoldedEdges::find(&domain, &image);
     let covering = Covering::new(&domain, (&image, &image_query), near, &folded, off, options.seed);
     let (self_intersections, crossing) = look_for_self_intersections(&image, self_intersections);
-    let evidence = findings::Evidence {
+    let measurements = findings::Measurements {
         domain: &domain,
         target: target.as_ref(),
         covering: &covering,
@@ -216,7 +216,7 @@ pub fn check(
         crossing: &crossing,
         tolerance: options.tolerance,
     };
-    let findings = evidence.findings();
+    let findings = measurements.findings();
     Ok(BoundaryCheck {
         vertices: domain.vertices().len(),
         faces: domain.triangles().len(),
@@ -249,7 +249,7 @@ fn verdict(findings: &[MapFinding]) -> BijectivityVerdict {
     }
 }
 
-/// Of a map that has been decided: only errors speak against it.
+/// The verdict where bijectivity is decided exactly, so that warnings raise no doubt.
 fn exact_verdict(findings: &[MapFinding]) -> BijectivityVerdict {
     match verdict(findings) {
         BijectivityVerdict::NotBijective => BijectivityVerdict::NotBijective,

@@ -1,4 +1,4 @@
-//! Closest points of a surface among those that face the same way.
+//! Closest points in a metric of position and normal.
 
 use rayon::prelude::*;
 
@@ -6,14 +6,14 @@ use crate::geometry::{Aabb, Bvh, closest_point_on_triangle};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::{Point, Vector};
 
-/// Answers which point `y` of a surface is closest to a point `p` with a unit normal `n` in the metric
+/// Finds the point `y` of a surface that is closest to a point `p` with a unit normal `n` in the metric
 /// `|p − y|² + β² |n − n(y)|²`, where `n(y)` is interpolated from normals at the vertices.
 ///
-/// Unlike the closest point in space it does not jump to the far side of a thin limb.
+/// Unlike the closest point in space, it stays on the same side of a thin limb.
 #[derive(Debug, Clone)]
 pub struct OrientedQuery {
     bvh: Bvh,
-    /// Corners of the triangles in the order of the tree's leaves: the position in this order is a triangle's slot.
+    /// Corners of the triangles in the order of the tree's leaves. A triangle's index in this order is its slot.
     corners: Vec<[Point; 3]>,
     /// Normals at these corners.
     normals: Vec<[Vector; 3]>,
@@ -22,7 +22,7 @@ pub struct OrientedQuery {
 /// The point of a surface closest in position and normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OrientedPoint {
-    /// Where it is.
+    /// Its position.
     pub point: Point,
     /// Its place on the surface.
     pub place: SurfacePoint,
@@ -58,13 +58,13 @@ impl OrientedQuery {
         Some(Self { bvh, corners, normals })
     }
 
-    /// The closest point; `reach` is the length `β` that a normal is worth. `near` is what an earlier query found: the
-    /// closer it still is, the faster the answer, which does not depend on it but for ties.
-    pub fn closest(&self, p: &Point, normal: &Vector, reach: f64, near: Option<&OrientedPoint>) -> OrientedPoint {
-        let mut best = self.on_triangle(near.map_or(0, |found| found.slot), p, normal, reach);
+    /// The closest point, with the weight `β` of normals, a length. `hint` is the result of an earlier query: the closer it
+    /// is, the faster the search. The result depends on it only in ties.
+    pub fn closest(&self, p: &Point, normal: &Vector, beta: f64, hint: Option<&OrientedPoint>) -> OrientedPoint {
+        let mut best = self.on_triangle(hint.map_or(0, |found| found.slot), p, normal, beta);
         self.bvh.visit_nearest(p, best.distance_squared, |slots, _| {
             for slot in slots {
-                let here = self.on_triangle(slot as u32, p, normal, reach);
+                let here = self.on_triangle(slot as u32, p, normal, beta);
                 let lower = || self.bvh.order()[slot] < self.bvh.order()[best.slot as usize];
                 if here.distance_squared < best.distance_squared
                     || (here.distance_squared == best.distance_squared && lower())
@@ -77,9 +77,10 @@ impl OrientedQuery {
         best
     }
 
-    /// [`Self::closest`] of every point with its normal, in parallel; `near` is empty, or holds one point for each.
-    pub fn closest_of_all(&self, points: &[(Point, Vector)], reach: f64, near: &[OrientedPoint]) -> Vec<OrientedPoint> {
-        let answer = |(i, (p, n)): (usize, &(Point, Vector))| self.closest(p, n, reach, near.get(i));
+    /// [`Self::closest`] of every point with its normal, in parallel; `hints` is empty, or has one
+    /// point for each.
+    pub fn closest_of_all(&self, points: &[(Point, Vector)], beta: f64, hints: &[OrientedPoint]) -> Vec<OrientedPoint> {
+        let answer = |(i, (p, n)): (usize, &(Point, Vector))| self.closest(p, n, beta, hints.get(i));
         points.par_iter().enumerate().map(answer).collect()
     }
 
@@ -89,7 +90,7 @@ impl OrientedQuery {
         unit_or_zero(&(b - a).cross(&(c - a)))
     }
 
-    fn on_triangle(&self, slot: u32, p: &Point, normal: &Vector, reach: f64) -> OrientedPoint {
+    fn on_triangle(&self, slot: u32, p: &Point, normal: &Vector, beta: f64) -> OrientedPoint {
         let corners = &self.corners[slot as usize];
         let closest = closest_point_on_triangle(p, corners);
         let [u, v, w] = closest.barycentric;
@@ -102,7 +103,7 @@ impl OrientedQuery {
                 barycentric: closest.barycentric,
             },
             normal: here,
-            distance_squared: closest.offset.norm_squared() + reach * reach * (normal - here).norm_squared(),
+            distance_squared: closest.offset.norm_squared() + beta * beta * (normal - here).norm_squared(),
             slot,
         }
     }
@@ -119,7 +120,7 @@ pub fn vertex_normals(surface: &SurfaceMesh) -> Vec<Vector> {
 }
 
 pub(super) fn unit_or_zero(v: &Vector) -> Vector {
-    // Scaled first: squares of very small lengths leave the range of f64.
+    // Scaled first: squares of very small lengths underflow.
     let largest = v.amax();
     if largest > 0.0 && largest.is_finite() {
         (v / largest).normalize()
@@ -136,7 +137,7 @@ mod tests {
     use crate::mesh::shapes;
 
     #[test]
-    fn finds_the_least_of_all_triangles_whatever_it_starts_from() {
+    fn finds_the_minimum_over_all_triangles_for_any_hint() {
         let surface = shapes::bumpy_sphere(6);
         let query = OrientedQuery::new(&surface, &vertex_normals(&surface)).unwrap();
         let mut random = StdRng::seed_from_u64(3);
@@ -156,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_has_no_place_or_no_normal() {
+    fn refuses_surfaces_and_normals_that_are_not_finite() {
         let surface = shapes::sphere(1.0, 1);
         let mut normals = vertex_normals(&surface);
         assert!(OrientedQuery::new(&surface, &normals[1..]).is_none());

@@ -1,8 +1,8 @@
-//! The rotation between two drawings on the sphere under which their surfaces look most alike.
+//! Registration of two spherical embeddings by rotation.
 //!
-//! What is compared is by how much the drawings shrink areas: limbs and bumps are where it is most. The logarithm of that
-//! factor is laid on rings of cells and smoothed, correlated over rotations spread evenly (Alexa, *Super-Fibonacci
-//! spirals*, CVPR 2022), and the best of them are improved (compass search: Kolda, Lewis & Torczon, SIAM Review 45, 2003).
+//! The score is the correlation of the area distortions, which are large at limbs and bumps. Their logarithms are
+//! rasterised and smoothed on the sphere, and compared under uniformly spread rotations (Alexa, *Super-Fibonacci spirals*,
+//! CVPR 2022); the best are refined by compass search (Kolda, Lewis & Torczon, SIAM Review 45, 2003).
 
 use std::f64::consts::PI;
 
@@ -17,20 +17,20 @@ use crate::sampling::bounding_sphere;
 use crate::spherical::SphericalEmbedding;
 use crate::{Matrix3, Point, Vector};
 
-/// A rotation of the domain's drawing, and how alike the surfaces are under it.
+/// A rotation of the domain's embedding, and its score.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RotationMatch {
-    /// Carries directions of the domain to directions of the target.
+    /// Maps directions of the domain to directions of the target.
     pub rotation: Matrix3,
-    /// Correlation of the logarithms of the area factors, 1 for equal ones; with an alignment the mean of that and of
-    /// the cosine between the normals.
+    /// Correlation of the logarithms of the area distortions; with an alignment, the mean of that and of the cosine
+    /// between the normals.
     pub score: f64,
 }
 
-/// The best rotations, at least 15° apart, the highest score first: at least one, at most four. A second that scores like
-/// the first says that the solids are symmetric or have too little in common.
+/// The best rotations, at least 15° apart, the highest score first: at least one, at most four. Two of about the same score
+/// mean that the solids are symmetric or have too little in common.
 ///
-/// With an `alignment` of the solids their normals count too. Costs about half a second of one core.
+/// With an `alignment` of the solids, their normals are compared too. Costs about half a second of one core.
 pub fn search_rotations(
     domain: &SphericalEmbedding,
     target: &SphericalEmbedding,
@@ -58,10 +58,10 @@ pub fn search_rotations(
     distinct(refined.collect(), FINALISTS)
 }
 
-/// Rotations tried, and about how far in radians any other is from the nearest of them.
+/// Number of rotations to start from, and their spacing in radians.
 const STARTS: usize = 4608;
 const SPACING: f64 = 0.2;
-/// Directions at which the drawings are compared: to choose, and at last.
+/// Directions at which the embeddings are compared: at first, and for the finalists.
 const FEW: usize = 700;
 const MANY: usize = 6000;
 const CANDIDATES: usize = 20;
@@ -72,17 +72,17 @@ const RINGS: usize = 128;
 /// Angle at which the weight of the smoothing has fallen to zero.
 const SMOOTHING: f64 = 0.12;
 
-/// What is known at a direction: the logarithm of the area factor, and the normal of the surface.
+/// What is compared at a direction: the logarithm of the area distortion, and the normal of the surface.
 type Feature = nalgebra::Vector4<f64>;
 
-/// Values in cells of about equal area between circles of latitude.
+/// Features in cells of about equal area between circles of latitude.
 struct Raster {
-    /// First cell of each ring, and the number of cells after the last.
+    /// First cell of each ring, and after the last one the number of cells.
     starts: Vec<usize>,
     values: Vec<Feature>,
 }
 
-/// Compares the drawings at fixed directions of the domain.
+/// Compares the embeddings at fixed directions of the domain.
 struct Matcher<'a> {
     at: Vec<(Vector, Feature)>,
     target: &'a Raster,
@@ -118,7 +118,7 @@ impl<'a> Matcher<'a> {
         }
     }
 
-    /// Climbs by small turns about the axes, halving them from `step` to `least` radians where none helps.
+    /// Compass search by rotations about the axes, whose angle is halved from `step` to `least` radians.
     fn improve(&self, start: RotationMatch, mut step: f64, least: f64) -> RotationMatch {
         let mut best = start;
         while step > least {
@@ -158,11 +158,12 @@ fn distinct(mut matches: Vec<RotationMatch>, count: usize) -> Vec<RotationMatch>
 }
 
 impl Raster {
-    /// The drawing's values, smoothed; area factors shifted and scaled to mean 0 and variance 1, normals turned by `turn`.
+    /// The features of an embedding, smoothed; area distortions are standardised to mean 0 and variance 1, normals rotated
+    /// by `turn`.
     fn new(map: &SphericalEmbedding, turn: &Matrix3) -> Self {
         let mut raster = Self::empty();
-        let drawn = raster.drawn(map, &vertex_values(map, turn));
-        raster.values = raster.smoothed(&drawn);
+        let sampled = raster.rasterise(map, &vertex_features(map, turn));
+        raster.values = raster.smoothed(&sampled);
         raster.standardise();
         raster
     }
@@ -239,9 +240,9 @@ impl Raster {
         }
     }
 
-    /// Values at the centres of the cells, and whether some triangle covers them, which rounding may deny.
-    fn drawn(&self, map: &SphericalEmbedding, values: &[Feature]) -> Vec<Option<Feature>> {
-        let mut drawn = vec![None; self.values.len()];
+    /// Features at the centres of the cells; `None` where rounding leaves no triangle.
+    fn rasterise(&self, map: &SphericalEmbedding, values: &[Feature]) -> Vec<Option<Feature>> {
+        let mut sampled = vec![None; self.values.len()];
         for corners in map.surface().triangles() {
             let [a, b, c] = corners.map(|v| map.directions()[v as usize]);
             let middle = (a + b + c).try_normalize(0.0).unwrap_or(a);
@@ -253,14 +254,14 @@ impl Raster {
                 let sum: f64 = weights.iter().sum();
                 if sum > 0.0 && weights.iter().all(|&w| w >= -1e-12) {
                     let weighted = (0..3).map(|k| values[corners[k] as usize] * (weights[k] / sum));
-                    drawn[cell] = Some(weighted.sum());
+                    sampled[cell] = Some(weighted.sum());
                 }
             });
         }
-        drawn
+        sampled
     }
 
-    fn smoothed(&self, drawn: &[Option<Feature>]) -> Vec<Feature> {
+    fn smoothed(&self, sampled: &[Option<Feature>]) -> Vec<Feature> {
         let centres = (0..RINGS).flat_map(|ring| (0..self.cells_of(ring)).map(move |cell| (ring, cell)));
         let centres: Vec<(usize, usize)> = centres.collect();
         let (near, scale) = (SMOOTHING.cos(), 1.0 / (1.0 - SMOOTHING.cos()));
@@ -270,7 +271,7 @@ impl Raster {
             let mut total = 0.0;
             self.visit_cap(&centre, SMOOTHING, |other, x| {
                 let cosine = centre.dot(&x);
-                if let Some(value) = drawn[other].filter(|_| cosine > near) {
+                if let Some(value) = sampled[other].filter(|_| cosine > near) {
                     let weight = ((cosine - near) * scale).powi(2);
                     sum += weight * value;
                     total += weight;
@@ -285,35 +286,35 @@ impl Raster {
         let count = self.values.len() as f64;
         let mean = self.values.iter().map(|v| v[0]).sum::<f64>() / count;
         let variance = self.values.iter().map(|v| (v[0] - mean).powi(2)).sum::<f64>() / count;
-        // A drawing without any distortion correlates with nothing.
+        // Without any distortion all scores are 0.
         let scale = if variance > 1e-20 { 1.0 / variance.sqrt() } else { 0.0 };
         self.values.iter_mut().for_each(|v| v[0] = (v[0] - mean) * scale);
     }
 }
 
-/// At each vertex the logarithm of area on the surface over area on the sphere of the triangles around it, and its normal.
-fn vertex_values(map: &SphericalEmbedding, turn: &Matrix3) -> Vec<Feature> {
+/// Features of each vertex: the logarithm of the area of its triangles on the surface over that on the sphere, and the normal.
+fn vertex_features(map: &SphericalEmbedding, turn: &Matrix3) -> Vec<Feature> {
     let surface = map.surface();
     let unit = 1.0 / surface.area().max(f64::MIN_POSITIVE);
     let mut areas = vec![(0.0, 0.0); surface.vertices().len()];
     for (t, corners) in surface.triangles().iter().enumerate() {
         let area = surface.area_vector(t).norm() * unit;
-        let drawn = solid_angle(
+        let on_sphere = solid_angle(
             &Point::origin(),
             &corners.map(|v| Point::from(map.directions()[v as usize])),
         );
         for &v in corners {
             areas[v as usize].0 += area;
-            areas[v as usize].1 += drawn;
+            areas[v as usize].1 += on_sphere;
         }
     }
-    // The smallest areas that differ from none; a logarithm of zero would spoil every mean.
+    // Bounded below: the logarithm of zero would make every mean infinite.
     let logarithm = |x: f64| x.max(1e-30).ln();
-    let value = |(&(area, drawn), normal): (&(f64, f64), &Vector)| {
+    let feature = |(&(area, on_sphere), normal): (&(f64, f64), &Vector)| {
         let normal = turn * normal;
-        Feature::new(logarithm(area) - logarithm(drawn), normal.x, normal.y, normal.z)
+        Feature::new(logarithm(area) - logarithm(on_sphere), normal.x, normal.y, normal.z)
     };
-    areas.iter().zip(&vertex_normals(surface)).map(value).collect()
+    areas.iter().zip(&vertex_normals(surface)).map(feature).collect()
 }
 
 #[cfg(test)]
@@ -326,9 +327,9 @@ mod tests {
         SphericalEmbedding::new(surface.clone(), &directions).unwrap()
     }
 
-    /// AlternationLimits of every size; the smoothed values change by a tenth over a cell of 0.03 rad, and thousands of them average.
+    /// The smoothed values change by a tenth over a cell of 0.03 rad, and are averaged over thousands of cells.
     #[test]
-    fn recovers_a_turned_drawing() {
+    fn recovers_a_rotation() {
         let surface = shapes::bumpy_sphere(20);
         for axis in [
             Vector::new(0.3, -0.1, 0.2),
@@ -366,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drawing_without_distortion_has_some_rotation_and_no_correlation() {
+    fn an_embedding_without_distortion_has_some_rotation_and_no_correlation() {
         let map = from_within(&shapes::sphere(1.0, 0), &Matrix3::identity());
         let found = search_rotations(&map, &map, None);
         assert!(!found.is_empty() && found.iter().all(|m| m.score.abs() < 1e-9));
@@ -377,9 +378,9 @@ mod tests {
         let raster = Raster::empty();
         for surface in [shapes::sphere(1.0, 0), shapes::bumpy_sphere(30), shapes::cube(1.0, 1)] {
             let map = from_within(&surface, &Rotation3::new(Vector::new(0.1, 0.2, 0.3)).into_inner());
-            let drawn = raster.drawn(&map, &vec![Feature::repeat(2.0); surface.vertices().len()]);
+            let sampled = raster.rasterise(&map, &vec![Feature::repeat(2.0); surface.vertices().len()]);
             assert!(
-                drawn
+                sampled
                     .iter()
                     .all(|v| v.is_some_and(|v| (v - Feature::repeat(2.0)).amax() < 1e-12))
             );

@@ -1,18 +1,18 @@
-//! Where each vertex of the domain would go by shape alone: the closest point of the target that faces the same way.
+//! A correspondence by shape alone: for each vertex of the aligned domain the closest point of the target that faces the
+//! same way.
 
 use rayon::prelude::*;
 
-use super::alignment::{AlignmentSurface, REACH};
+use super::alignment::{AlignmentSurface, NORMAL_WEIGHT};
 use crate::geometry::Similarity;
 use crate::mesh::SurfacePoint;
 
-/// A place to pull a vertex to.
+/// The point of the target that corresponds to a vertex, with a confidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VertexTarget {
-    /// The point of the target's surface.
+    /// Point of the target's surface.
     pub place: SurfacePoint,
-    /// How much it is to be trusted: from 1 where the aligned surfaces meet down to 0 where they are far apart or face
-    /// apart.
+    /// Confidence: from 1 where the aligned surfaces coincide down to 0 where they are far apart or normals disagree.
     pub weight: f64,
     /// Distance to it from the aligned vertex, as a fraction of the target's size (twice the largest distance from its centroid).
     pub distance: f64,
@@ -20,11 +20,11 @@ pub struct VertexTarget {
 
 /// Distance at which the weight has fallen to 1/e, as a fraction of the target's size.
 const FAR: f64 = 0.1;
-/// EnergyWeights below this count for nothing.
+/// Vertices of lower weight have no target.
 const LEAST_WEIGHT: f64 = 0.01;
 
 /// For each vertex of the domain, in its order, the closest point of the target in the metric of position and normal once
-/// the domain is laid over it by `alignment`. `None` where that point is far, or faces another way, and for vertices
+/// the domain is moved by `alignment`. `None` where that point is far, or faces another way, and for vertices
 /// without a normal. The correspondence is neither continuous nor one to one.
 pub fn vertex_targets(
     domain: &AlignmentSurface,
@@ -33,7 +33,7 @@ pub fn vertex_targets(
 ) -> Vec<Option<VertexTarget>> {
     let vertices = domain.vertices_in(target, alignment);
     let size = target.size();
-    let found = target.query().closest_of_all(&vertices, REACH * size, &[]);
+    let found = target.query().closest_of_all(&vertices, NORMAL_WEIGHT * size, &[]);
     let target_of = |((p, n), found): (&(_, crate::Vector), &super::OrientedPoint)| {
         let distance = nalgebra::distance(p, &found.point) / size;
         let agreement = n.dot(&found.normal).max(0.0);

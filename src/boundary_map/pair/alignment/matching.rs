@@ -1,23 +1,23 @@
-//! How far apart two solids are under a similarity, and steps that bring them together.
+//! Correspondences between two surfaces under a similarity, its residual, and Gauss-Newton steps.
 
 use nalgebra::{Rotation3, SMatrix, SVector};
 use rayon::prelude::*;
 
-use super::surface::{AlignmentSurface, CANDIDATES, REACH, SAMPLES};
+use super::surface::{AlignmentSurface, CANDIDATES, NORMAL_WEIGHT, SAMPLES};
 use super::{Alignment, AlignmentStart};
 use crate::boundary_map::pair::oriented_query::OrientedPoint;
 use crate::geometry::Similarity;
 use crate::{Matrix3, Point, Vector};
 
-/// Two bodies, each in its frame; similarities here go from the one frame to the other.
+/// Two surfaces, each in its frame; similarities here map the domain's frame to the target's.
 pub(super) struct Registration<'a> {
     pub(super) domain: &'a AlignmentSurface,
     pub(super) target: &'a AlignmentSurface,
-    /// What a normal is worth in the frame of the target.
-    pub(super) reach: f64,
+    /// Weight of normals in the frame of the target.
+    pub(super) beta: f64,
 }
 
-/// For each sample of the domain its partner on the target, and the other way round.
+/// For each sample of the domain its closest point on the target, and vice versa.
 #[derive(Clone, Default)]
 pub(super) struct Correspondences {
     forward: Vec<Correspondence>,
@@ -28,63 +28,63 @@ pub(super) struct Correspondences {
 struct Correspondence {
     point: Point,
     normal: Vector,
-    /// Normal of the plane that the distance is measured from to first order.
+    /// Normal of the plane that distances are measured from.
     plane: Vector,
     distance_squared: f64,
-    /// On the triangles, if it was sought there.
+    /// The result of the query, if the triangles were searched.
     found: Option<OrientedPoint>,
 }
 
-/// Where correspondences are sought.
+/// Where closest points are sought.
 #[derive(Clone, Copy)]
 pub(super) enum SearchedOn {
     Samples,
     Triangles,
 }
 
-/// How far an alignment is refined.
+/// Settings of a refinement.
 #[derive(Clone, Copy)]
 pub(super) struct Refinement {
-    among: SearchedOn,
+    searched: SearchedOn,
     count: usize,
     steps: usize,
 }
 
-/// A point carried over from the domain and a point of the target that it should meet, with the normal that the distance
-/// counts along.
+/// A point of the domain under the similarity, and the corresponding point of the target, with the direction that their
+/// distance is measured along.
 pub(super) struct MatchedPoints {
     pub(super) moved: Point,
     pub(super) fixed: Point,
     pub(super) normal: Vector,
-    /// How far both face the same way: 0 to 1.
+    /// Agreement of the normals: 0 to 1.
     pub(super) weight: f64,
 }
 
-/// Points that look for correspondences on the triangles.
+/// Samples whose closest points are sought on the triangles.
 const ON_TRIANGLES: usize = 150;
-/// Points that an alignment is measured with at last.
+/// Samples for the reported residual.
 const DESCRIBED: usize = 250;
 const FINE_STEPS: usize = 12;
-/// Steps on triangles.
+/// Steps with closest points on triangles.
 const LAST_STEPS: usize = 4;
-/// The scale stays within this factor of that which the sizes give.
+/// The scale stays within this factor of the ratio of sizes.
 const SCALES: f64 = 1.5;
-/// Share of the landmarks in what an alignment with landmarks minimises.
+/// Weight of the landmarks in the cost, of 1 in total.
 const LANDMARK_SHARE: f64 = 0.9;
 
 impl Refinement {
     pub(super) const SAMPLES: Self = Self {
-        among: SearchedOn::Samples,
+        searched: SearchedOn::Samples,
         count: SAMPLES / 2,
         steps: FINE_STEPS,
     };
     pub(super) const TRIANGLES: Self = Self {
-        among: SearchedOn::Triangles,
+        searched: SearchedOn::Triangles,
         count: ON_TRIANGLES,
         steps: LAST_STEPS,
     };
     pub(super) const LANDMARKS: Self = Self {
-        among: SearchedOn::Triangles,
+        searched: SearchedOn::Triangles,
         count: SAMPLES,
         steps: FINE_STEPS,
     };
@@ -95,20 +95,20 @@ impl<'a> Registration<'a> {
         Self {
             domain,
             target,
-            reach: REACH * target.size,
+            beta: NORMAL_WEIGHT * target.size,
         }
     }
 
-    /// Damped Gauss-Newton steps on distances along normals (Levenberg-Marquardt), as long as the residual falls.
+    /// Levenberg-Marquardt steps on point-to-plane distances, as long as the cost falls.
     pub(super) fn refine(
         &self,
         start: &Similarity,
         landmarks: &[(Point, Point, f64)],
         effort: Refinement,
     ) -> Similarity {
-        let Refinement { among, count, steps } = effort;
+        let Refinement { searched, count, steps } = effort;
         let mut best = *start;
-        let mut correspondences = self.correspondences(&best, count, among, &Correspondences::default());
+        let mut correspondences = self.correspondences(&best, count, searched, &Correspondences::default());
         let mut cost = self.cost(&best, &correspondences, landmarks);
         let mut damping = 1e-3;
         for _ in 0..steps {
@@ -116,7 +116,7 @@ impl<'a> Registration<'a> {
             let Some(next) = step(&best, &hessian, &gradient, damping) else {
                 break;
             };
-            let found = self.correspondences(&next, count, among, &correspondences);
+            let found = self.correspondences(&next, count, searched, &correspondences);
             let next_cost = self.cost(&next, &found, landmarks);
             if next_cost < cost {
                 let gain = (cost - next_cost) / cost;
@@ -138,15 +138,29 @@ impl<'a> Registration<'a> {
         &self,
         s: &Similarity,
         count: usize,
-        among: SearchedOn,
-        near: &Correspondences,
+        searched: SearchedOn,
+        hints: &Correspondences,
     ) -> Correspondences {
         let inverse = s.inverse();
-        // The way back in lengths of the domain's frame, so that both use one metric.
-        let back = self.reach / s.scale;
+        // In lengths of the domain's frame, so that both directions have the same metric.
+        let backward_beta = self.beta / s.scale;
         Correspondences {
-            forward: partners_on(self.target, self.domain, s, self.reach, (count, among), &near.forward),
-            backward: partners_on(self.domain, self.target, &inverse, back, (count, among), &near.backward),
+            forward: correspondences_on(
+                self.target,
+                self.domain,
+                s,
+                self.beta,
+                (count, searched),
+                &hints.forward,
+            ),
+            backward: correspondences_on(
+                self.domain,
+                self.target,
+                &inverse,
+                backward_beta,
+                (count, searched),
+                &hints.backward,
+            ),
         }
     }
 
@@ -176,7 +190,7 @@ impl<'a> Registration<'a> {
         forward.chain(backward).collect()
     }
 
-    /// Root mean square over both directions, in lengths of the target's frame.
+    /// Root mean square distance in both directions, in lengths of the target's frame.
     pub(super) fn residual(&self, s: &Similarity, correspondences: &Correspondences) -> f64 {
         let mean = |found: &[Correspondence]| {
             found.iter().map(|f| f.distance_squared).sum::<f64>() / found.len().max(1) as f64
@@ -222,7 +236,7 @@ impl<'a> Registration<'a> {
         (hessian, gradient)
     }
 
-    /// The similarity in coordinates of the two solids, and its residuals with all samples.
+    /// The similarity in the coordinates of the two solids, with its residuals.
     pub(super) fn describe(&self, s: &Similarity, start: AlignmentStart) -> Alignment {
         let correspondences = self.correspondences(s, DESCRIBED, SearchedOn::Triangles, &Correspondences::default());
         let gaps = |points: &[(Point, Vector)], map: &Similarity, found: &[Correspondence]| {
@@ -248,20 +262,20 @@ impl<'a> Registration<'a> {
 type Unknowns = SVector<f64, 7>;
 type NormalMatrix = SMatrix<f64, 7, 7>;
 
-/// For each of so many samples of `from`, carried over by `map`, its partner on `onto`.
-fn partners_on(
+/// For each of the first `count` samples of `from`, moved by `map`, its closest point on `onto`.
+fn correspondences_on(
     onto: &AlignmentSurface,
     from: &AlignmentSurface,
     map: &Similarity,
-    reach: f64,
-    (count, among): (usize, SearchedOn),
-    near: &[Correspondence],
+    beta: f64,
+    (count, searched): (usize, SearchedOn),
+    hints: &[Correspondence],
 ) -> Vec<Correspondence> {
-    let partner = |(i, (p, n)): (usize, &(Point, Vector))| {
+    let correspondence = |(i, (p, n)): (usize, &(Point, Vector))| {
         let (p, n) = (map.apply(p), map.rotation * n);
-        match among {
+        match searched {
             SearchedOn::Samples => {
-                let (index, distance_squared) = closest_sample(onto, &p, &n, reach);
+                let (index, distance_squared) = closest_sample(onto, &p, &n, beta);
                 let (point, normal) = onto.samples[index];
                 Correspondence {
                     point,
@@ -272,9 +286,9 @@ fn partners_on(
                 }
             }
             SearchedOn::Triangles => {
-                let near = near.get(i).and_then(|partner| partner.found);
-                let near = near.or_else(|| onto.found.get(closest_sample(onto, &p, &n, reach).0).copied());
-                let found = onto.query.closest(&p, &n, reach, near.as_ref());
+                let hint = hints.get(i).and_then(|correspondence| correspondence.found);
+                let hint = hint.or_else(|| onto.hints.get(closest_sample(onto, &p, &n, beta).0).copied());
+                let found = onto.query.closest(&p, &n, beta, hint.as_ref());
                 Correspondence {
                     point: found.point,
                     normal: found.normal,
@@ -286,12 +300,17 @@ fn partners_on(
         }
     };
     let samples = &from.samples[..count.min(from.samples.len())];
-    samples.par_iter().enumerate().with_min_len(64).map(partner).collect()
+    samples
+        .par_iter()
+        .enumerate()
+        .with_min_len(64)
+        .map(correspondence)
+        .collect()
 }
 
-/// Index of the closest of the first samples, and the square of its distance.
-fn closest_sample(onto: &AlignmentSurface, p: &Point, n: &Vector, reach: f64) -> (usize, f64) {
-    let squared = |(q, m): &(Point, Vector)| (p - q).norm_squared() + reach * reach * (n - m).norm_squared();
+/// Index of the closest of the first [`CANDIDATES`] samples, and the square of its distance.
+fn closest_sample(onto: &AlignmentSurface, p: &Point, n: &Vector, beta: f64) -> (usize, f64) {
+    let squared = |(q, m): &(Point, Vector)| (p - q).norm_squared() + beta * beta * (n - m).norm_squared();
     let candidates = onto.samples[..CANDIDATES.min(onto.samples.len())].iter().enumerate();
     candidates.fold((0, f64::INFINITY), |best, (index, sample)| {
         let here = squared(sample);
@@ -299,8 +318,8 @@ fn closest_sample(onto: &AlignmentSurface, p: &Point, n: &Vector, reach: f64) ->
     })
 }
 
-/// The direction to the closest point, along which the distance changes. On an edge several triangles have that point, and
-/// rounding would choose among their normals; they count only where the direction is lost to rounding.
+/// The gradient of the distance: the direction from the closest point, or the triangle's normal where the distance is zero
+/// up to rounding. The normal is ambiguous on edges.
 fn plane_of(onto: &AlignmentSurface, p: &Point, found: &OrientedPoint) -> Vector {
     let offset = p - found.point;
     if offset.norm() > 1e-6 * onto.size {
@@ -310,7 +329,7 @@ fn plane_of(onto: &AlignmentSurface, p: &Point, found: &OrientedPoint) -> Vector
     }
 }
 
-/// How the distance along `normal` changes as a point turns about the origin, moves and grows.
+/// Derivative of the distance along `normal` with respect to rotation, translation and logarithm of the scale.
 fn derivative(p: &Point, normal: &Vector) -> Unknowns {
     let turn = p.coords.cross(normal);
     Unknowns::from([
@@ -324,7 +343,7 @@ fn derivative(p: &Point, normal: &Vector) -> Unknowns {
     ])
 }
 
-/// The step of a system damped by a part of its mean diagonal entry; `None` when it has none, as without correspondences.
+/// The step of the normal equations, damped by a fraction of the mean diagonal entry; `None` when they are singular.
 fn step(s: &Similarity, hessian: &NormalMatrix, gradient: &Unknowns, damping: f64) -> Option<Similarity> {
     let damped = hessian + NormalMatrix::identity() * (damping * hessian.trace() / 7.0);
     let change = -damped.cholesky()?.solve(gradient);
@@ -342,7 +361,7 @@ fn step(s: &Similarity, hessian: &NormalMatrix, gradient: &Unknowns, damping: f6
     })
 }
 
-/// One step of Newton's method towards the orthogonal matrix next to it, which rounding has led away.
+/// Removes rounding errors from an orthogonal matrix by one step of Newton's method for the polar factor.
 fn orthogonal(r: &Matrix3) -> Matrix3 {
     0.5 * r * (Matrix3::from_diagonal_element(3.0) - r.transpose() * r)
 }

@@ -1,11 +1,11 @@
-//! Similarities that lay one solid over another of any connectivity.
+//! Alignment (registration) of two solids of different meshes by similarities.
 //!
-//! Principal axes of the surfaces and the coordinates as given are starts, which the iterated closest point method
-//! improves (Besl & McKay, *A method for registration of 3-D shapes*, IEEE PAMI 14, 1992), at the end with distances to
-//! tangent planes (Chen & Medioni, *Object modelling by registration of multiple range images*, Image Vis. Comput. 10,
-//! 1992). Points of either surface look for correspondences on the other, so that a limb that only one of them has is not passed
-//! over; correspondences face the same way as far as there are such. Where the principal axes are ambiguous, rotations spread
-//! evenly (Alexa, *Super-Fibonacci spirals*, CVPR 2022) are starts too.
+//! The iterated closest point method (Besl & McKay, *A method for registration of 3-D shapes*, IEEE PAMI 14, 1992), started
+//! from the principal axes of the surfaces and from the coordinates as given, and finished with point-to-plane distances
+//! (Chen & Medioni, *Object modelling by registration of multiple range images*, Image Vis. Comput. 10, 1992).
+//! Correspondences are sought from each surface to the other, so that a limb that only one of them has counts, and in a
+//! metric that includes normals. Where the principal axes are ambiguous, uniformly spread rotations (Alexa,
+//! *Super-Fibonacci spirals*, CVPR 2022) are starts too.
 
 mod matching;
 mod starts;
@@ -22,7 +22,7 @@ use crate::{Matrix3, Point, Vector};
 
 pub(super) use starts::spread_rotations;
 pub use surface::AlignmentSurface;
-pub(super) use surface::REACH;
+pub(super) use surface::NORMAL_WEIGHT;
 
 use matching::{Correspondences, Refinement, Registration, SearchedOn};
 use surface::principal_axes;
@@ -31,25 +31,25 @@ use surface::principal_axes;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum AlignError {
-    /// A coordinate is not a number.
+    /// A coordinate is NaN or infinite.
     #[error("the {side} has a vertex that is not finite; see `solidmap check`")]
     NonFinite {
         /// `"domain"` or `"target"`.
         side: &'static str,
     },
-    /// There is no surface to align.
+    /// The surface has no area.
     #[error("the surface of the {side} has no area")]
     NoArea {
         /// `"domain"` or `"target"`.
         side: &'static str,
     },
-    /// Two pairs leave a rotation free.
+    /// Fewer than three pairs leave a rotation free.
     #[error("{count} landmarks do not fix an alignment: give at least 3")]
     FewLandmarks {
-        /// How many were given.
+        /// Number of landmarks given.
         count: usize,
     },
-    /// Landmarks in one place or on a line leave a rotation free.
+    /// Coincident or collinear landmarks leave a rotation free.
     #[error("the landmarks of the {side} lie on a line, so that they do not fix a rotation; add one beside it")]
     CollinearLandmarks {
         /// `"domain"` or `"target"`.
@@ -57,20 +57,20 @@ pub enum AlignError {
     },
 }
 
-/// Where an alignment was found from.
+/// What an alignment started from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum AlignmentStart {
-    /// The solids as they lie, moved and scaled only.
+    /// The coordinates as given, translated and scaled only.
     AsGiven,
-    /// The domain turned so that coordinate axes meet coordinate axes.
+    /// A rotation of the domain that maps coordinate axes to coordinate axes.
     CoordinateAxes,
-    /// Principal axes laid on principal axes.
+    /// A rotation that maps principal axes to principal axes.
     PrincipalAxes,
-    /// One of the rotations spread evenly.
+    /// One of the uniformly spread rotations.
     Spread,
-    /// Pairs of points.
+    /// Pairs of landmarks.
     Landmarks,
 }
 
@@ -82,26 +82,26 @@ pub struct Alignment {
     /// Root mean square of distance and difference of normals (a right angle counts like 0.14 sizes), from points of
     /// each surface to the other, as a fraction of the target's size: twice the largest distance from its centroid. What alignments are ordered by.
     pub residual: f64,
-    /// The same of the distance alone.
+    /// Root mean square of the distance alone, in the same unit.
     pub distance: f64,
-    /// Where it was found from.
+    /// What it started from.
     pub start: AlignmentStart,
 }
 
 /// The best alignments of two solids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignments {
-    /// Proper ones, at least 20° apart, the least residual first; at least one, at most six. What the solids as they lie
-    /// lead to is among them. Those that come close to the first say that it is ambiguous.
+    /// Orientation-preserving alignments, at least 20° apart, the least residual first; at least one, at most six. That
+    /// from the coordinates as given is among them. The best is ambiguous if others have about the same residual.
     pub best: Vec<Alignment>,
-    /// The best one with a reflection. Where its residual is much less than that of the best proper one, the target looks
-    /// like the mirror image of the domain.
+    /// The best one with a reflection. If its residual is much lower than that of `best[0]`, the target looks like the
+    /// mirror image of the domain.
     pub mirrored: Alignment,
 }
 
 impl AlignmentStart {
-    /// Whether it depends on the coordinates that the solids are given in.
-    fn is_given(self) -> bool {
+    /// Whether it depends on the coordinate frames of the solids.
+    fn depends_on_frames(self) -> bool {
         matches!(self, Self::AsGiven | Self::CoordinateAxes)
     }
 }
@@ -119,25 +119,25 @@ impl Alignments {
     }
 }
 
-/// Points of a surface that look for correspondences: to choose among the starts, and to improve them.
+/// Samples of a surface for the choice of starts, and for their coarse improvement.
 const FEW: usize = 120;
 const SOME: usize = 250;
-/// Starts kept by their residual as they are, and alignments kept after the first stage.
+/// Starts kept by their initial residual, and alignments kept after the coarse improvement.
 const STARTS: usize = 20;
 const FINALISTS: usize = 6;
-/// Starts of the mirrored search.
+/// Starts kept in the search with reflections.
 const MIRRORED_STARTS: usize = 6;
 const COARSE_STEPS: usize = 8;
-/// Alignments closer than this angle are one.
+/// Alignments closer than this angle are the same.
 const APART: f64 = 20.0 * PI / 180.0;
 const MIRRORED: f64 = 0.8;
 const AMBIGUOUS: f64 = 1.05;
-/// Residual below which two alignments are both exact.
+/// Alignments with residuals below this are all exact.
 const EXACT: f64 = 1e-6;
 
-/// Lays the domain over the target by shape alone. The result is the same for any number of threads. Alignments found from
-/// principal axes turn, move and grow with the solids; those found from the coordinates as given do not. Costs up to a
-/// second or two of processor time.
+/// Aligns the domain with the target by shape alone. The result is the same for any number of threads. Alignments started
+/// from principal axes are equivariant under similarities of the solids; those from the coordinates as given are not.
+/// Costs up to two seconds of processor time.
 pub fn align(domain: &AlignmentSurface, target: &AlignmentSurface) -> Alignments {
     let pair = Registration::new(domain, target);
     let (best, mirrored) = rayon::join(|| pair.search(1.0), || pair.search(-1.0));
@@ -147,8 +147,8 @@ pub fn align(domain: &AlignmentSurface, target: &AlignmentSurface) -> Alignments
     }
 }
 
-/// Lays the domain over the target by pairs of points, in their own coordinates, that are to meet; then by shape, as far
-/// as the pairs stay about as close. The reflection is of the pairs alone.
+/// Aligns the domain with the target by pairs of corresponding points, then by shape as well unless that moves the pairs
+/// apart. The mirrored alignment is by the pairs alone.
 ///
 /// # Errors
 ///
@@ -176,7 +176,7 @@ pub fn align_by_landmarks(
         }
     }
     let pair = Registration::new(domain, target);
-    // Sides that are far from similar have no positive scale; the sizes of the solids give one then.
+    // Point sets that are far from similar have no positive scale: then the sizes of the solids give it.
     let fitted = |sign: f64| {
         similarity(&framed, sign, None)
             .or_else(|| similarity(&framed, sign, Some(1.0)))
@@ -206,7 +206,7 @@ pub fn align_by_landmarks(
     })
 }
 
-/// A similarity with its residual and where it was found from.
+/// A similarity with its residual and what it started from.
 #[derive(Clone, Copy)]
 struct AlignmentCandidate {
     residual: f64,
@@ -217,7 +217,7 @@ struct AlignmentCandidate {
 impl Registration<'_> {
     /// Distinct alignments with orthogonal parts of determinant `sign`, the best first.
     fn search(&self, sign: f64) -> Vec<Alignment> {
-        // Only the best reflection is asked for.
+        // Only the best alignment with a reflection is needed.
         let (most_starts, most) = if sign > 0.0 {
             (STARTS, FINALISTS)
         } else {
@@ -260,7 +260,7 @@ impl Registration<'_> {
         best.into_iter().map(|(alignment, _)| alignment).collect()
     }
 
-    /// A few steps with few points, by distances between points: it comes from far.
+    /// A few point-to-point steps with few samples, which converge from far.
     fn improve_coarsely(&self, start: &AlignmentCandidate) -> AlignmentCandidate {
         let sign = start.similarity.rotation.determinant().signum();
         let mut correspondences = self.correspondences(
@@ -298,15 +298,15 @@ impl Registration<'_> {
     }
 }
 
-/// The best `count` of those that are not close to a better one, and what began with the solids as given. Where starts
-/// that turn with the solids lead to the same place as others, they stand for it.
+/// The best `count` that are not close to a better one, always including that from the coordinates as given. Of close ones,
+/// those that do not depend on the coordinate frames are preferred.
 fn distinct(mut candidates: Vec<AlignmentCandidate>, count: usize) -> Vec<AlignmentCandidate> {
     // Stable, so that equals stay in the order of the starts.
     candidates.sort_by(|a, b| a.residual.total_cmp(&b.residual));
-    let (given, turning): (Vec<AlignmentCandidate>, Vec<AlignmentCandidate>) =
-        candidates.into_iter().partition(|c| c.start.is_given());
-    let mut kept: Vec<AlignmentCandidate> = Vec::with_capacity(turning.len() + given.len());
-    for next in turning.iter().chain(&given) {
+    let (given, equivariant): (Vec<AlignmentCandidate>, Vec<AlignmentCandidate>) =
+        candidates.into_iter().partition(|c| c.start.depends_on_frames());
+    let mut kept: Vec<AlignmentCandidate> = Vec::with_capacity(equivariant.len() + given.len());
+    for next in equivariant.iter().chain(&given) {
         if !kept.iter().any(|other| is_same(other, next)) {
             kept.push(*next);
         }
@@ -326,7 +326,7 @@ fn is_same(a: &AlignmentCandidate, b: &AlignmentCandidate) -> bool {
     angle_between(&a.similarity.rotation, &b.similarity.rotation) <= APART
 }
 
-/// Angle of the rotation from one orthogonal matrix to another of the same determinant.
+/// Angle of the rotation between two orthogonal matrices of the same determinant.
 pub(super) fn angle_between(a: &Matrix3, b: &Matrix3) -> f64 {
     (((a.transpose() * b).trace() - 1.0) / 2.0).clamp(-1.0, 1.0).acos()
 }

@@ -1,4 +1,4 @@
-//! Rotations that alignments begin with.
+//! Rotations that alignments start from.
 
 use std::f64::consts::PI;
 
@@ -8,10 +8,10 @@ use super::{AlignmentStart, AlignmentSurface};
 use crate::geometry::Similarity;
 use crate::{Matrix3, Vector};
 
-/// Starts added where axes are alike: every rotation is within 57° of one of them.
+/// Starts added where principal axes are ambiguous: every rotation is within 57° of one of them.
 const SPREAD: usize = 72;
 
-/// Orthogonal matrices of determinant `sign`, between the frames of both.
+/// Orthogonal matrices of determinant `sign`, between the frames of the two surfaces.
 pub(super) fn starts(
     domain: &AlignmentSurface,
     target: &AlignmentSurface,
@@ -28,8 +28,8 @@ pub(super) fn starts(
     };
     let mut rotations: Vec<(AlignmentStart, Matrix3)> = choices.iter().map(|r| (as_given(r), *r)).collect();
     rotations.extend(choices.iter().map(|r| (AlignmentStart::PrincipalAxes, turned(r))));
-    if domain.has_axes_alike() || target.has_axes_alike() {
-        // In the axes too, so that the result turns with the solids.
+    if domain.has_ambiguous_axes() || target.has_ambiguous_axes() {
+        // Relative to the axes too, so that the result is equivariant under rotations.
         let spread = spread_rotations(SPREAD);
         rotations.extend(spread.iter().map(|r| (AlignmentStart::Spread, turned(&(sign * r)))));
     }
@@ -43,7 +43,7 @@ pub(super) fn starts(
     rotations.into_iter().map(start).collect()
 }
 
-/// The 24 matrices of determinant `sign` that carry axes to axes.
+/// The 24 signed permutation matrices of determinant `sign`.
 fn axis_choices(sign: f64) -> Vec<Matrix3> {
     let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     let choices = orders.iter().flat_map(|order| {
@@ -55,7 +55,7 @@ fn axis_choices(sign: f64) -> Vec<Matrix3> {
     choices.filter(|m| m.determinant() * sign > 0.0).collect()
 }
 
-/// Rotations spread evenly over all of them, on a spiral in the space of unit quaternions.
+/// Rotations spread uniformly over all rotations, on a spiral in the space of unit quaternions.
 pub(in crate::boundary_map::pair) fn spread_rotations(count: usize) -> Vec<Matrix3> {
     /// The positive root of `x⁴ = x + 4`: with the square root of 2 the best spiral (Alexa, section 4).
     const PSI: f64 = 1.533_751_168_755_204_3;

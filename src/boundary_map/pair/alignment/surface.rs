@@ -1,4 +1,4 @@
-//! A solid as alignments need it.
+//! A surface prepared for alignment.
 
 use nalgebra::SymmetricEigen;
 
@@ -9,20 +9,20 @@ use crate::mesh::SurfaceMesh;
 use crate::sampling::{Collocation, thin};
 use crate::{Matrix3, Point, Vector};
 
-/// A solid as alignments need it: built once, aligned to any number of others.
+/// A closed surface prepared for alignment with any number of others: normalised, sampled, and in a search tree.
 #[derive(Debug, Clone)]
 pub struct AlignmentSurface {
-    /// Its own coordinates to those in which its surface has the centroid 0 and the root mean square radius 1.
+    /// From its coordinates to the frame in which the surface has centroid 0 and root mean square radius 1.
     pub(super) to_frame: Similarity,
     /// In the frame.
     pub(super) query: OrientedQuery,
-    /// Well-spread points with their normals, in the frame; every prefix is a coarser choice.
+    /// Farthest-point samples with their normals, in the frame; every prefix is a coarser sampling.
     pub(super) samples: Vec<(Point, Vector)>,
-    /// What the query answers for the samples that correspondences are sought among: where other queries near them begin.
-    pub(super) found: Vec<OrientedPoint>,
+    /// The closest points of the first [`CANDIDATES`] samples: hints for queries near them.
+    pub(super) hints: Vec<OrientedPoint>,
     /// Principal axes as columns, right-handed, the longest first.
     pub(super) axes: Matrix3,
-    /// Mean squares along them.
+    /// Variances along them.
     pub(super) extents: Vector,
     /// Twice the distance of the farthest vertex from the centroid, in the frame.
     pub(super) size: f64,
@@ -30,18 +30,18 @@ pub struct AlignmentSurface {
     pub(super) normals: Vec<Vector>,
 }
 
-/// Length that a normal is worth, as a fraction of the target's size.
-pub(in crate::boundary_map::pair) const REACH: f64 = 0.1;
+/// Weight of normals in the metric of closest points (`β` of [`OrientedQuery`]), as a fraction of the target's size.
+pub(in crate::boundary_map::pair) const NORMAL_WEIGHT: f64 = 0.1;
 /// Samples of a surface.
 pub(super) const SAMPLES: usize = 1000;
-/// Points that correspondences are sought among.
+/// Samples of the other surface that closest points are sought among.
 pub(super) const CANDIDATES: usize = 600;
-/// Mean squares along two axes closer than this factor leave it open which is which.
-const ALIKE: f64 = 1.25;
+/// Principal axes are ambiguous if the variances along two of them are closer than this factor.
+const AMBIGUOUS_RATIO: f64 = 1.25;
 const SEED: u64 = 1;
 
 impl AlignmentSurface {
-    /// Prepares a closed surface, its triangles facing outward; `side` names it in errors. Costs a tree of its triangles.
+    /// Prepares a closed surface, its triangles facing outward; `side` names it in errors.
     ///
     /// # Errors
     ///
@@ -73,12 +73,12 @@ impl AlignmentSurface {
         let corners = framed.triangles().iter().flatten();
         let radii = corners.map(|&v| framed.vertices()[v as usize].coords.norm());
         let size = 2.0 * radii.fold(0.0, f64::max);
-        let found = query.closest_of_all(&samples[..CANDIDATES.min(samples.len())], REACH * size, &[]);
+        let hints = query.closest_of_all(&samples[..CANDIDATES.min(samples.len())], NORMAL_WEIGHT * size, &[]);
         Ok(Self {
             to_frame,
             query,
-            found,
-            axes: towards_the_long_end(&axes, &samples),
+            hints,
+            axes: oriented_by_skewness(&axes, &samples),
             samples,
             extents,
             size,
@@ -102,21 +102,21 @@ impl AlignmentSurface {
         &self.query
     }
 
-    /// Twice the distance of the farthest vertex from the centroid, in the frame: unlike the diagonal of a box it stays
-    /// as the solid turns.
+    /// Twice the distance of the farthest vertex from the centroid, in the frame: unlike the diagonal of the bounding box,
+    /// invariant under rotations.
     pub(in crate::boundary_map::pair) fn size(&self) -> f64 {
         self.size
     }
 
-    pub(super) fn has_axes_alike(&self) -> bool {
-        (0..2).any(|k| self.extents[k] < ALIKE * self.extents[k + 1])
+    pub(super) fn has_ambiguous_axes(&self) -> bool {
+        (0..2).any(|k| self.extents[k] < AMBIGUOUS_RATIO * self.extents[k + 1])
     }
 }
 
 /// Centroid and covariance of the surface, exact for its triangles; `None` without area.
 fn moments(surface: &SurfaceMesh) -> Option<(Point, Matrix3)> {
     let (low, high) = surface.bounding_box()?;
-    // About the middle of the box: far from the origin the squares would cancel.
+    // About the middle of the box: far from the origin the variances would cancel.
     let middle = nalgebra::center(&low, &high);
     let mut area = 0.0;
     let mut first = Vector::zeros();
@@ -136,7 +136,7 @@ fn moments(surface: &SurfaceMesh) -> Option<(Point, Matrix3)> {
     is_sound.then_some((middle + mean, covariance))
 }
 
-/// Right-handed principal axes as columns and the mean squares along them, the largest first.
+/// Right-handed principal axes as columns and the variances along them, the largest first.
 pub(super) fn principal_axes(covariance: &Matrix3) -> (Matrix3, Vector) {
     let eigen = SymmetricEigen::new(*covariance);
     let mut order = [0, 1, 2];
@@ -146,8 +146,9 @@ pub(super) fn principal_axes(covariance: &Matrix3) -> (Matrix3, Vector) {
     (axes, Vector::from(order.map(|k| eigen.eigenvalues[k].max(0.0))))
 }
 
-/// The first two axes turned to the side on which the samples reach farther, so that axes turn with the solid.
-fn towards_the_long_end(axes: &Matrix3, samples: &[(Point, Vector)]) -> Matrix3 {
+/// The axes with the signs of the first two chosen so that the samples have positive skewness along them: the axes are then
+/// equivariant under rotations.
+fn oriented_by_skewness(axes: &Matrix3, samples: &[(Point, Vector)]) -> Matrix3 {
     let [a, b] = [0, 1].map(|k| {
         let axis = axes.column(k).into_owned();
         let skewness: f64 = samples.iter().map(|(p, _)| axis.dot(&p.coords).powi(3)).sum();
