@@ -8,7 +8,7 @@ use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::energy::{GridResolution, Lame, deformation_density};
 use solidmap::fit::{FitOptions, FitSize};
 use solidmap::mesh::{SurfaceMesh, shapes};
-use solidmap::sequence::{MeasuredFrame, Sequence, SequenceError, SequenceOptions, cycles};
+use solidmap::sequence::{FrameMeasurement, Sequence, SequenceError, SequenceOptions, cycles};
 use solidmap::{Matrix3, Point, Vector};
 
 fn options() -> SequenceOptions {
@@ -31,7 +31,7 @@ fn frames(sequence: &Sequence, reference: &SurfaceMesh, images: &[Vec<Point>]) -
     images.iter().map(frame).collect()
 }
 
-fn measured(reference: &SurfaceMesh, options: &SequenceOptions, images: &[Vec<Point>]) -> Vec<MeasuredFrame> {
+fn measured(reference: &SurfaceMesh, options: &SequenceOptions, images: &[Vec<Point>]) -> Vec<FrameMeasurement> {
     let mut sequence = prepared(reference, options);
     let frames = frames(&sequence, reference, images);
     sequence
@@ -157,7 +157,7 @@ fn frames_in_blocks_are_measured_as_frames_alone() {
     let images: Vec<Vec<Point>> = [0.3, 0.0, 0.8, 0.1, 1.2].map(twisted).into();
     let mut sequence = prepared(&reference, &options());
     let all = frames(&sequence, &reference, &images);
-    let together: Vec<MeasuredFrame> = sequence
+    let together: Vec<FrameMeasurement> = sequence
         .measure(&all, &|_| {})
         .into_iter()
         .map(Result::unwrap)
@@ -309,7 +309,7 @@ fn poses_of_the_horse_are_measured_after_its_slit_is_closed() {
             .unwrap()
     };
     let frames = [read("horse_ref.obj"), read("horse-10.obj")];
-    let found: Vec<MeasuredFrame> = sequence
+    let found: Vec<FrameMeasurement> = sequence
         .measure(&frames, &|_| {})
         .into_iter()
         .map(Result::unwrap)

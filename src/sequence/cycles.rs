@@ -1,37 +1,37 @@
 //! Cycles of a curve of equally spaced values, by autocorrelation.
 //!
-//! A parabola is taken off the curve, so that a slow drift is no cycle. What remains, `x`, is held against itself `lag`
-//! frames later, `r(lag) = Σ xᵢ xᵢ₊ₗ / √(Σ xᵢ² Σ xᵢ₊ₗ²)` over the frames that have both: 1 where a curve repeats, about
+//! A parabola is subtracted from the curve, so that a slow drift is no cycle. The rest, `x`, is compared with itself `lag`
+//! frames later: `r(lag) = Σ xᵢ xᵢ₊ₗ / √(Σ xᵢ² Σ xᵢ₊ₗ²)` over the frames that have both, 1 where a curve repeats and about
 //! `±1/√m` over `m` pairs of frames of noise. The period is the first lag at which `r` has a peak about as high as any.
 
 use std::fmt;
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Frames below which no curve shows that it repeats.
+/// Fewest frames that can show a cycle.
 const LEAST_FRAMES: usize = 10;
-/// Correlation that a period needs: in general, and when fewer than three cycles are there to compare, where a curve that
-/// wanders at random looks periodic easily.
+/// Correlation that a period needs: in general, and with fewer than three cycles, where a random walk easily looks
+/// periodic.
 const LEAST_CORRELATION: f64 = 0.6;
 const LEAST_CORRELATION_OF_FEW: f64 = 0.8;
-/// How many standard deviations of the correlation of noise a period stands out by. With the number of lags that are
-/// tried, noise passes once in some two hundred curves.
+/// Standard deviations of the correlation of noise that a period must exceed. With the number of lags that are tried, noise
+/// passes once in some two hundred curves.
 const DEVIATIONS: f64 = 3.0;
-/// More than this is not asked even of short curves, since a perfect repetition has 1.
-const MOST_ASKED: f64 = 0.95;
-/// A peak counts as high as the highest from this part of it on: multiples of a period correlate as well as the period.
+/// Upper bound on the correlation that is needed, also of short curves: a perfect repetition has 1.
+const MOST_NEEDED: f64 = 0.95;
+/// The period is the first peak above this part of the highest: multiples of a period correlate as well as the period.
 const AS_HIGH: f64 = 0.85;
-/// Several periods later the curve must still correlate, on average by this part of what the period needs.
+/// At multiples of the period, the curve must correlate on average by this part of what the period needs.
 const LASTING: f64 = 0.8;
 
 /// A period that a curve was found to have.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Cycles {
-    /// Frames from one cycle to the next; not whole as a rule.
+    /// Frames from one cycle to the next; in general not whole.
     pub period: f64,
     /// Cycles in the curve: its frames over the period.
     pub count: f64,
-    /// Correlation of the curve, its drift taken off, with itself a period later; 1 when it repeats exactly.
+    /// Correlation of the curve without its drift with itself a period later; 1 when it repeats exactly.
     pub strength: f64,
     /// The first frame, within the first period, at which the curve is lowest on average over the cycles.
     pub first: f64,
@@ -50,34 +50,34 @@ impl Cycles {
             .collect()
     }
 
-    /// The count to the nearest whole number.
+    /// The count rounded to a whole number.
     pub fn whole(&self) -> usize {
         self.count.round() as usize
     }
 }
 
-/// Why a curve has no cycles, as far as can be told.
+/// Why no cycles were found in a curve.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 #[serde(rename_all = "snake_case", tag = "reason")]
 #[non_exhaustive]
-pub enum NoCycles {
-    /// Too few values to tell.
+pub enum CycleError {
+    /// Too few values.
     TooFew {
-        /// Values there are.
+        /// Number of values.
         found: usize,
         /// Values needed.
         needed: usize,
     },
-    /// The values agree but for rounding.
+    /// The values are equal but for rounding.
     Constant,
-    /// No lag up to half of the curve brings it back onto itself.
+    /// The curve does not correlate with itself at any lag up to half of its length.
     NoRepetition {
         /// The largest correlation at a peak, if there is a peak.
         strongest: Option<f64>,
     },
 }
 
-impl fmt::Display for NoCycles {
+impl fmt::Display for CycleError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::TooFew { found, needed } => {
@@ -92,20 +92,20 @@ impl fmt::Display for NoCycles {
     }
 }
 
-/// The cycles of a curve, one value for each frame, NaN where there is none; at least two must be there, each of at least
-/// three frames. Differences up to `resolution` count as rounding.
+/// The cycles of a curve of one value for each frame, NaN where there is none. At least two cycles are needed, of at least
+/// three frames each. Differences up to `resolution` count as rounding.
 ///
-/// A single drift, however bent, is no cycle, and noise passes for one in less than a hundredth of all cases. What
-/// wanders at random may do so for a while: the strength tells. Costs the square of the number of frames.
+/// A drift is no cycle, and noise is taken for one in less than a hundredth of all cases. A random walk may be more often:
+/// look at the strength. Costs the square of the number of frames.
 ///
 /// # Errors
 ///
-/// [`NoCycles`] says why there are none.
-pub fn cycles(values: &[f64], resolution: f64) -> Result<Cycles, NoCycles> {
+/// [`CycleError`] when there are none.
+pub fn cycles(values: &[f64], resolution: f64) -> Result<Cycles, CycleError> {
     let found = values.iter().filter(|v| v.is_finite()).count();
     if found < LEAST_FRAMES {
         let needed = LEAST_FRAMES;
-        return Err(NoCycles::TooFew { found, needed });
+        return Err(CycleError::TooFew { found, needed });
     }
     let rest = without_drift(values);
     let largest = |values: &[f64]| {
@@ -116,7 +116,7 @@ pub fn cycles(values: &[f64], resolution: f64) -> Result<Cycles, NoCycles> {
             .fold(0.0, |a: f64, v| a.max(v.abs()))
     };
     if largest(&rest) <= resolution.max(1e-9 * largest(values)) {
-        return Err(NoCycles::Constant);
+        return Err(CycleError::Constant);
     }
     // A twentieth more than half, so that the peak of two cycles has a far side.
     let longest = values.len() / 2 + values.len() / 20;
@@ -129,12 +129,12 @@ pub fn cycles(values: &[f64], resolution: f64) -> Result<Cycles, NoCycles> {
     let strongest = (!peaks.is_empty()).then_some(highest);
     let first_peak = peaks.into_iter().find(|&lag| correlations[lag].r >= AS_HIGH * highest);
     let Some(lag) = first_peak.filter(|_| highest > 0.0) else {
-        return Err(NoCycles::NoRepetition { strongest });
+        return Err(CycleError::NoRepetition { strongest });
     };
     let (period, lasting) = refined(&correlations, lag, longest);
     let needed = needed_correlation(values.len() as f64 / period, correlations[lag].pairs);
     if correlations[lag].r < needed || lasting < LASTING * needed {
-        return Err(NoCycles::NoRepetition { strongest });
+        return Err(CycleError::NoRepetition { strongest });
     }
     Ok(Cycles {
         period,
@@ -150,7 +150,7 @@ fn needed_correlation(count: f64, pairs: usize) -> f64 {
     } else {
         LEAST_CORRELATION
     };
-    (DEVIATIONS / (pairs.max(1) as f64).sqrt()).min(MOST_ASKED).max(least)
+    (DEVIATIONS / (pairs.max(1) as f64).sqrt()).min(MOST_NEEDED).max(least)
 }
 
 /// The values without their parabola of least squares; NaN stays.
@@ -210,7 +210,7 @@ fn peaks(correlations: &[Correlation], longest: usize) -> Vec<usize> {
     let mut peaks = Vec::new();
     for lag in 2..=longest {
         lowest = lowest.min(r(lag - 1));
-        // Two frames are no cycle that could be told from a jitter.
+        // A cycle of two frames cannot be told from jitter.
         if lag >= 3 && r(lag) >= r(lag - 1) && r(lag) > r(lag + 1) && lowest <= 0.0 {
             peaks.push(lag);
         }
@@ -236,7 +236,7 @@ fn refined(correlations: &[Correlation], lag: usize, longest: usize) -> (f64, f6
     (period, sum / f64::from(multiples))
 }
 
-/// Where the parabola through a peak and its neighbours is highest.
+/// The lag at which the parabola through a peak and its neighbours is highest.
 fn vertex(correlations: &[Correlation], lag: usize) -> f64 {
     let [before, at, after] = [lag - 1, lag, lag + 1].map(|lag| correlations[lag].r);
     let bend = before - 2.0 * at + after;
@@ -244,7 +244,7 @@ fn vertex(correlations: &[Correlation], lag: usize) -> f64 {
     lag as f64 + shift.clamp(-0.5, 0.5)
 }
 
-/// Where in the period the curve is lowest, from its first harmonic.
+/// The frame within the period at which the first harmonic of the curve is lowest.
 fn lowest_phase(rest: &[f64], period: f64) -> f64 {
     let turn = std::f64::consts::TAU / period;
     let (mut cosine, mut sine) = (0.0, 0.0);
@@ -301,12 +301,12 @@ mod tests {
     }
 
     #[test]
-    fn cycles_are_counted_whole_and_broken() {
+    fn whole_and_broken_numbers_of_cycles_are_found() {
         for frames in [24, 48, 61, 200] {
-            // Two short cycles are too little to tell from noise.
+            // Two short cycles cannot be told from noise.
             for count in [2.0, 3.0, 3.4, 4.0, 6.0].into_iter().skip(usize::from(frames < 30)) {
                 let found = cycles(&gait(frames, count), 0.0).unwrap();
-                // The parabola that is taken off bends the curve: a few percent of the period.
+                // Subtracting the parabola bends the curve: a few percent of the period.
                 assert!((found.count / count - 1.0).abs() < 0.06, "{frames} {count}: {found:?}");
                 assert!(found.strength > 0.8);
             }
@@ -376,19 +376,19 @@ mod tests {
     }
 
     #[test]
-    fn constant_and_short_curves_say_so() {
-        assert_eq!(cycles(&[0.7; 40], 0.0), Err(NoCycles::Constant));
-        assert_eq!(cycles(&[0.0; 40], 0.0), Err(NoCycles::Constant));
+    fn constant_and_short_curves_have_no_cycles() {
+        assert_eq!(cycles(&[0.7; 40], 0.0), Err(CycleError::Constant));
+        assert_eq!(cycles(&[0.0; 40], 0.0), Err(CycleError::Constant));
         let rounding: Vec<f64> = gait(40, 4.0).iter().map(|v| 1e-28 * v).collect();
-        assert_eq!(cycles(&rounding, 1e-15), Err(NoCycles::Constant));
+        assert_eq!(cycles(&rounding, 1e-15), Err(CycleError::Constant));
         assert_eq!(
             cycles(&gait(9, 3.0), 0.0),
-            Err(NoCycles::TooFew { found: 9, needed: 10 })
+            Err(CycleError::TooFew { found: 9, needed: 10 })
         );
-        assert!(matches!(cycles(&[], 0.0), Err(NoCycles::TooFew { .. })));
+        assert!(matches!(cycles(&[], 0.0), Err(CycleError::TooFew { .. })));
         let mut few = vec![f64::NAN; 50];
         few[0] = 1.0;
-        assert!(matches!(cycles(&few, 0.0), Err(NoCycles::TooFew { found: 1, .. })));
+        assert!(matches!(cycles(&few, 0.0), Err(CycleError::TooFew { found: 1, .. })));
         let huge = gait(40, 4.0).iter().map(|v| 1e300 * v).collect::<Vec<_>>();
         let _ = cycles(&huge, 0.0);
     }

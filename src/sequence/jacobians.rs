@@ -6,20 +6,20 @@ use crate::kernel::Sums;
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::{Matrix3, Point};
 
-/// Accuracy of the sums, relative to the potential; gradients have a digit less. Energies of fits that meet their
-/// boundary to 1e-5 and worse are not known that well.
+/// Relative accuracy of the potential; gradients have a digit less. Fits have boundary errors of 1e-5 and more, and their
+/// energies are less accurate than that.
 const ACCURACY: f64 = 1e-7;
-/// Bytes that the sums and Jacobians of frames may take at a time.
+/// Bytes for the sums and Jacobians of frames that are evaluated together.
 const MOST_BYTES: usize = 256 << 20;
-/// For each point and frame: potential and gradient, the Jacobian, and densities.
+/// Bytes for each point and frame: potential and gradient, the Jacobian, and densities.
 const BYTES: usize = 200;
 
-/// How many frames to ask for at once, at so many points.
+/// Number of frames whose Jacobians at so many points fit into [`MOST_BYTES`].
 pub(super) fn frames_at_a_time(points: usize) -> usize {
     (MOST_BYTES / (BYTES * points.max(1))).max(1)
 }
 
-/// A list of Jacobians for each map. Maps over the sources of the first that has any share every kernel value.
+/// The Jacobians of each map. Maps with the same sources as the first that has any share every kernel value.
 pub(super) fn jacobians(maps: &[&HarmonicMap], points: &[Point]) -> Vec<Vec<Matrix3>> {
     let sources = maps
         .iter()

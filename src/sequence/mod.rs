@@ -1,22 +1,22 @@
 //! Sequences of deformed solids: section 5.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling
 //! applications* (2007).
 //!
-//! The surface of every frame has the vertices of a reference's, and the boundary map takes each vertex to its like. The
-//! system depends on the reference alone (section 4.6): it is factored once, and frames are solved for in blocks that
+//! The surface of every frame has the connectivity of the reference's, and the boundary map takes each vertex to its
+//! position in the frame. The system depends on the reference alone (section 4.6): it is factored once, and frames are solved for in blocks that
 //! share every kernel value. The deformation energy of the maps (section 4.3.2) says how far each frame is from the
 //! reference, and its density where.
 //!
-//! # What the energy is measured in
+//! # Units of the energy
 //!
 //! Energies are means of the density over the reference's volume, so that they do not depend on the unit of length, which
 //! must be the same for all. The paper scales both solids to unit volume. Here that is a choice
-//! ([`SequenceOptions::own_volume`]): a frame that swells and shrinks would have no energy then. Green's strain does not
-//! see rigid motions, so that nothing needs to be taken off a frame that has moved.
+//! ([`SequenceOptions::own_volume`]): uniform growth would have no energy then. Green's strain is invariant under rigid
+//! motions, so that frames need not be aligned.
 
 mod cycles;
 mod jacobians;
 
-pub use cycles::{Cycles, NoCycles, cycles};
+pub use cycles::{CycleError, Cycles, cycles};
 
 use std::sync::Arc;
 
@@ -34,13 +34,13 @@ use crate::solver::Coefficients;
 use crate::{Matrix3, Point, Vector};
 use jacobians::{frames_at_a_time, jacobians};
 
-/// Frames in a block unless told otherwise: more share little more.
+/// Frames in a block unless told otherwise: larger blocks save little more.
 const FRAMES: usize = 32;
 /// Bytes of the densities that a frame keeps for each point of the quadrature.
 const BYTES_PER_POINT: u64 = 24;
-/// Rounds of new sources for one block, each for the frame that is worst.
+/// Rounds of refinement at most for one block, each for the frame with the largest error.
 const MOST_ROUNDS: usize = 8;
-/// An affine function that is as near to the data as this part of the tolerance is a solution: solvers end there too.
+/// A frame is an affine image of the reference when an affine map meets it to this part of the tolerance.
 const AFFINE: f64 = 0.01;
 
 /// How sequences are measured.
@@ -48,15 +48,15 @@ const AFFINE: f64 = 0.01;
 pub struct SequenceOptions {
     /// How maps are fitted.
     pub fit: FitOptions,
-    /// The grid that energies are integrated on, the same for all frames.
+    /// The grid for integrating energies, the same for all frames.
     pub resolution: GridResolution,
     /// Material of the deformation energy.
     pub lame: Lame,
     /// Scale each frame to the reference's volume first, so that change of size has no energy.
     pub own_volume: bool,
-    /// Close holes of up to so many edges in the reference, and in all frames alike; `None` to leave it as it is.
+    /// Close holes of up to so many edges in the reference, and the same in all frames; `None` to close none.
     pub close_holes: Option<usize>,
-    /// Frames that are solved for at once; `None` for 32, or as many as there is memory for.
+    /// Frames to solve for at once; `None` for 32, or as many as fit into memory.
     pub frames_per_block: Option<usize>,
 }
 
@@ -77,7 +77,7 @@ impl Default for SequenceOptions {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SequenceError {
-    /// Holes that were to be closed stay open.
+    /// The holes cannot be closed.
     #[error("cannot close the reference: {0}")]
     Hole(#[from] HoleError),
     /// The reference has no inside to integrate over.
@@ -94,38 +94,38 @@ pub enum SequenceError {
         /// Diagonal of its bounding box.
         diagonal: f64,
     },
-    /// There is no map, of the reference or of the frame.
+    /// The reference cannot be factored or the frame not be fitted.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// The map has no energy.
+    /// The energy of the map cannot be computed.
     #[error(transparent)]
     Energy(#[from] EnergyError),
 }
 
-/// What was measured of a frame.
+/// Energies of a frame, and the map they are measured of.
 #[derive(Debug, Clone)]
-pub struct MeasuredFrame {
+pub struct FrameMeasurement {
     /// Mean of the deformation energy's density over the reference.
     pub deformation: f64,
     /// Mean of the harmonic energy's density over the reference: 3 for a rigid motion.
     pub harmonic: f64,
-    /// How the deformation energy is spread.
+    /// Distribution of the deformation energy's density.
     pub deformation_density: DensityQuantiles,
     /// Volume of the frame; negative when it is a mirror image.
     pub volume: f64,
     /// Share of the reference's volume where the map is folded.
     pub inverted_fraction: f64,
-    /// How well the map meets the frame's surface.
+    /// Error of the map on the frame's surface.
     pub boundary_error: BoundaryError,
     /// Densities at the points of [`Sequence::quadrature`].
     pub densities: Densities,
     /// The map from the reference to the frame.
     pub map: HarmonicMap,
-    /// What Jacobians are multiplied by before energies are taken.
+    /// Factor on Jacobians before densities are computed.
     stretch: f64,
 }
 
-/// A reference made ready: holes closed, the system factored, the grid cut.
+/// A reference with its holes closed, the system factored and the grid clipped.
 pub struct Sequence {
     reference: Arc<SurfaceMesh>,
     domain: Arc<SurfaceMesh>,
@@ -164,28 +164,27 @@ impl Sequence {
         })
     }
 
-    /// The reference with its holes closed and its triangles turned outward.
+    /// The reference with its holes closed and its triangles oriented outward.
     pub fn domain(&self) -> &SurfaceMesh {
         &self.domain
     }
 
-    /// The holes that were closed.
+    /// The closed holes.
     pub fn holes(&self) -> &[ClosedHole] {
         &self.holes
     }
 
-    /// Where densities are measured.
+    /// The points and weights for integrating energies.
     pub fn quadrature(&self) -> &Quadrature {
         &self.quadrature
     }
 
-    /// Why no more sources are added where frames miss the tolerance, once one has in vain asked for them.
+    /// Why no more sources are added where frames miss the tolerance, once refinement has failed for one.
     pub fn refinement_end(&self) -> Option<RefinementEnd> {
         self.refinement_end
     }
 
-    /// How many frames to measure at once: as many as asked for, as far as there is memory for their solution
-    /// and their densities.
+    /// Number of frames to measure at once: as many as asked for, as far as their solution and densities fit into memory.
     pub fn frames_per_block(&self) -> usize {
         let budget = self.options.fit.memory.or_else(memory::default_solver_budget);
         let allowed = budget.unwrap_or(u64::MAX);
@@ -203,7 +202,7 @@ impl Sequence {
     ///
     /// # Errors
     ///
-    /// When the frame has not the reference's vertices and triangles, positions that are not finite, no extent or no volume.
+    /// When the frame has other triangles or another number of vertices than the reference, positions that are not finite, no extent or no volume.
     pub fn frame(&self, surface: &SurfaceMesh) -> Result<BoundaryMap, SequenceError> {
         let image = BoundaryMap::between(self.reference.clone(), surface)?.image().to_vec();
         let boundary = BoundaryMap::new(self.domain.clone(), image)?;
@@ -214,15 +213,15 @@ impl Sequence {
         Ok(boundary)
     }
 
-    /// Fits and measures frames, all at once. Sources are added where one misses the tolerance, and serve all frames that
-    /// come later. One that cannot be solved or measured does not stop the others.
+    /// Fits and measures frames, all at once. Sources are added where one misses the tolerance, and serve all later frames. A
+    /// frame that cannot be solved or measured does not stop the others.
     ///
     /// Memory grows with the number of frames: see [`Self::frames_per_block`].
     pub fn measure(
         &mut self,
         frames: &[BoundaryMap],
         progress: &dyn Fn(Phase),
-    ) -> Vec<Result<MeasuredFrame, SequenceError>> {
+    ) -> Vec<Result<FrameMeasurement, SequenceError>> {
         let solved = self.solve(frames, progress);
         progress(Phase::Measuring);
         let mut measured = Vec::with_capacity(frames.len());
@@ -243,11 +242,11 @@ impl Sequence {
     }
 
     /// Densities of the deformation energy at other points of the reference: a list for each frame.
-    pub fn densities_at(&self, frames: &[&MeasuredFrame], points: &[Point]) -> Vec<Vec<f64>> {
+    pub fn densities_at(&self, frames: &[&FrameMeasurement], points: &[Point]) -> Vec<Vec<f64>> {
         let mut densities = Vec::with_capacity(frames.len());
         for part in frames.chunks(frames_at_a_time(points.len())) {
             let maps: Vec<&HarmonicMap> = part.iter().map(|frame| &frame.map).collect();
-            let density = |frame: &MeasuredFrame, jacobian: &Matrix3| {
+            let density = |frame: &FrameMeasurement, jacobian: &Matrix3| {
                 deformation_density(&(jacobian * frame.stretch), &self.options.lame)
             };
             let lists = jacobians(&maps, points).into_iter().zip(part);
@@ -256,7 +255,7 @@ impl Sequence {
         densities
     }
 
-    /// The smallest difference of energies that is more than rounding: that of strains of a millionth.
+    /// The smallest difference of energies that is more than rounding, as for strains of a millionth.
     pub fn resolution_of_energy(&self) -> f64 {
         let Lame { lambda, mu } = self.options.lame;
         1e-12 * (lambda.abs() + mu.abs())
@@ -283,7 +282,7 @@ impl Sequence {
             .collect()
     }
 
-    /// Fits of frames, in smaller blocks where all together fail.
+    /// Fits of frames, in smaller blocks where the whole block fails.
     fn solve_block(&mut self, frames: &[BoundaryMap], progress: &dyn Fn(Phase)) -> Vec<Result<Fit, FitError>> {
         match self.factor.solve_block(frames, progress) {
             Ok(fits) => self.refined(frames, fits, progress).into_iter().map(Ok).collect(),
@@ -297,7 +296,7 @@ impl Sequence {
         }
     }
 
-    /// The fits, with sources added for the frame that is worst until all meet the tolerance, or one has asked in vain.
+    /// The fits, with sources added for the frame with the largest error until all meet the tolerance or refinement fails.
     fn refined(&mut self, frames: &[BoundaryMap], mut fits: Vec<Fit>, progress: &dyn Fn(Phase)) -> Vec<Fit> {
         let p99 = |fit: &Fit| fit.report.boundary_error.p99;
         let tolerance = self.options.fit.tolerance;
@@ -316,7 +315,7 @@ impl Sequence {
                 self.refinement_end = best.report.refinement_end;
             }
             if let Ok(again) = self.factor.solve_block(frames, progress) {
-                // A solution with more sources is as a rule the better one, but not for every frame.
+                // More sources make most frames better, but not all.
                 for (fit, again) in fits.iter_mut().zip(again) {
                     if p99(&again) < p99(fit) {
                         *fit = again;
@@ -336,7 +335,7 @@ impl Sequence {
         boundary_error: BoundaryError,
         volume: f64,
         jacobians: &[Matrix3],
-    ) -> Result<MeasuredFrame, SequenceError> {
+    ) -> Result<FrameMeasurement, SequenceError> {
         let own = self.quadrature.volume();
         let options = EnergyOptions {
             normalize: self.options.own_volume,
@@ -356,7 +355,7 @@ impl Sequence {
             densities,
             ..
         } = report;
-        Ok(MeasuredFrame {
+        Ok(FrameMeasurement {
             deformation: deformation * per_volume,
             harmonic: harmonic * per_volume,
             deformation_density,
@@ -370,8 +369,8 @@ impl Sequence {
     }
 }
 
-/// The affine map of least squares, where it takes every vertex to its image but for this part of the target's diagonal.
-/// It is harmonic, so that its error inside is no larger.
+/// The affine map of least squares, if its error at every vertex is at most `tolerance` of the target's diagonal. It is
+/// harmonic, so that its error inside is no larger.
 fn affine_map(frame: &BoundaryMap, tolerance: f64) -> Option<(HarmonicMap, BoundaryError)> {
     let (from, to) = (frame.domain().vertices(), frame.image());
     let count = from.len().max(1) as f64;

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use solidmap::fit::FitOptions;
 
 use super::cgal_tetgen::Mesher;
 use super::section::SectionArgs;
@@ -77,7 +78,7 @@ pub struct CompareTets {
 #[command(next_help_heading = "Measuring")]
 pub struct CompareMeasure {
     /// Boundary error that mfs aims at over 99 % of the area, as a fraction of the target's diagonal
-    #[arg(long, value_name = "FRACTION", default_value_t = 0.001)]
+    #[arg(long, value_name = "FRACTION", default_value_t = FitOptions::adaptive().tolerance)]
     pub tolerance: f64,
     /// Cells of the integration grid along the longest side of the domain
     #[arg(long, default_value_t = 40, value_name = "N")]
@@ -92,7 +93,7 @@ pub struct CompareMeasure {
     #[arg(long, conflicts_with = "equal_accuracy")]
     pub no_reference: bool,
     /// Seed of all random choices
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = FitOptions::adaptive().seed)]
     pub seed: u64,
     #[command(flatten)]
     pub section: SectionArgs,

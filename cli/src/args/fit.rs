@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use solidmap::fit::{FitOptions, Placement};
+use solidmap::solver::DenseOptions;
 
 use super::boundary::PairArgs;
 use super::values::bytes;
@@ -34,7 +36,7 @@ pub struct FitArgs {
     pub output: PathBuf,
     /// Boundary error to reach over 99 % of the area, as a fraction of the target's diagonal. Sources are added where it
     /// is larger; if it cannot be reached, the best map is written and the exit code is 1
-    #[arg(long, value_name = "FRACTION", default_value_t = 0.001)]
+    #[arg(long, value_name = "FRACTION", default_value_t = FitOptions::adaptive().tolerance)]
     pub tolerance: f64,
     /// Also write the boundary with its images and errors, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
@@ -53,25 +55,60 @@ pub struct MethodArgs {
     /// Where the sources stand [default: adaptive]
     #[arg(long, value_enum)]
     pub placement: Option<PlacementKind>,
-    /// Adaptive placement: source distance over local spacing [default: 1]
-    #[arg(long, conflicts_with_all = ["offset", "radius", "paper"])]
+    #[arg(
+        long,
+        help = format!(
+            "Adaptive placement: source distance over local spacing [default: {}]",
+            Placement::DEFAULT_ALPHA
+        ),
+        conflicts_with_all = ["offset", "radius", "paper"],
+    )]
     pub alpha: Option<f64>,
-    /// Offset placement: distance over the domain's diagonal [default: 0.1]
-    #[arg(long, value_name = "FRACTION", conflicts_with = "radius")]
+    #[arg(
+        long,
+        help = format!("Offset placement: distance over the domain's diagonal [default: {}]", Placement::DEFAULT_DISTANCE),
+        value_name = "FRACTION",
+        conflicts_with = "radius",
+    )]
     pub offset: Option<f64>,
-    /// Sphere placement: radius over the domain's diagonal [default: 1]
-    #[arg(long, value_name = "FRACTION")]
+    #[arg(
+        long,
+        help = format!("Sphere placement: radius over the domain's diagonal [default: {}]", Placement::DEFAULT_RADIUS),
+        value_name = "FRACTION",
+    )]
     pub radius: Option<f64>,
-    /// Sources per boundary vertex [default: 1; offset and sphere: 0.6]
-    #[arg(long, value_name = "RATIO")]
+    #[arg(
+        long,
+        help = format!(
+            "Sources per boundary vertex [default: {}; offset and sphere: {}]",
+            FitOptions::adaptive().source_ratio,
+            FitOptions::paper().source_ratio
+        ),
+        value_name = "RATIO",
+    )]
     pub s_ratio: Option<f64>,
-    /// Collocation points per boundary vertex: up to 1, vertices; 3, vertices and centroids; else spread around the
-    /// sources [default: 3; offset and sphere: 1]
-    #[arg(long, value_name = "RATIO")]
+    #[arg(
+        long,
+        help = format!(
+            "Collocation points per boundary vertex: up to 1, vertices; 3, vertices and centroids; else spread around the \
+             sources [default: {}; offset and sphere: {}]",
+            FitOptions::adaptive().collocation_ratio,
+            FitOptions::paper().collocation_ratio
+        ),
+        value_name = "RATIO",
+    )]
     pub c_ratio: Option<f64>,
-    /// Limit on the sources, also of refinement; larger models get fewer than asked for [default: 2000000; dense: 5000;
-    /// svd: 3000]
-    #[arg(long, value_name = "N")]
+    #[arg(
+        long,
+        help = format!(
+            "Limit on the sources, also of refinement; larger models get fewer than asked for [default: {}; dense: {}; \
+             svd: {}]",
+            FitOptions::adaptive().max_sources,
+            FitOptions::dense().max_sources,
+            FitOptions::paper().max_sources
+        ),
+        value_name = "N",
+    )]
     pub max_sources: Option<usize>,
     /// Limit on the memory, such as 500MB, 4GiB or a number of bytes: a fit that needs more is refused before it starts,
     /// and refinement ends there [default: 9/10 of what is available now]
@@ -80,8 +117,13 @@ pub struct MethodArgs {
     /// How the coefficients are solved for [default: schwarz with the adaptive placement, else svd]
     #[arg(long, value_enum)]
     pub method: Option<MethodKind>,
-    /// Dense methods: singular values or pivots below this fraction of the largest are cut off [default: 1e-10]
-    #[arg(long)]
+    #[arg(
+        long,
+        help = format!(
+            "Dense methods: singular values or pivots below this fraction of the largest are cut off [default: {:e}]",
+            DenseOptions::default().truncation
+        ),
+    )]
     pub truncation: Option<f64>,
     /// Leave the affine functions out of the basis, as the paper does
     #[arg(long)]
@@ -90,10 +132,10 @@ pub struct MethodArgs {
     #[arg(long)]
     pub no_refine: bool,
     /// Held-out boundary points that the error is averaged over
-    #[arg(long, default_value_t = 20_000, value_name = "N")]
+    #[arg(long, default_value_t = FitOptions::adaptive().held_out, value_name = "N")]
     pub held_out: usize,
     /// Seed of all random choices
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = FitOptions::adaptive().seed)]
     pub seed: u64,
 }
 

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use solidmap::fit::FitOptions;
 
 use super::fit::MethodArgs;
 use super::section::SectionArgs;
@@ -22,7 +23,7 @@ pub struct SequenceArgs {
     pub output: PathBuf,
     /// Boundary error to reach over 99 % of the area, as a fraction of each frame's diagonal. Sources are added where it is
     /// larger; frames where it cannot be reached are measured all the same, and the exit code is 1
-    #[arg(long, value_name = "FRACTION", default_value_t = 0.001)]
+    #[arg(long, value_name = "FRACTION", default_value_t = FitOptions::adaptive().tolerance)]
     pub tolerance: f64,
     /// Cells of the integration grid along the longest side of REF, the same for all frames
     #[arg(long, default_value_t = 48, value_name = "N")]

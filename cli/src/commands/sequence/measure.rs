@@ -8,7 +8,7 @@ use anyhow::ensure;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::geometry::{Axis, PlaneSection};
 use solidmap::mesh::SurfaceMesh;
-use solidmap::sequence::{Cycles, MeasuredFrame, NoCycles, Sequence, cycles};
+use solidmap::sequence::{Cycles, FrameMeasurement, CycleError, Sequence, cycles};
 
 use super::series::{Material, Series};
 use super::summary::{FrameRow, MeasuredRow, SequenceTimings};
@@ -139,8 +139,8 @@ impl<'a> Measurement<'a> {
         self.sequence.frame(&surface).map_err(|error| error.to_string())
     }
 
-    fn add_to_sections(&mut self, frames: &[(usize, &BoundaryMap, MeasuredFrame)]) {
-        let measured: Vec<&MeasuredFrame> = frames.iter().map(|(_, _, measured)| measured).collect();
+    fn add_to_sections(&mut self, frames: &[(usize, &BoundaryMap, FrameMeasurement)]) {
+        let measured: Vec<&FrameMeasurement> = frames.iter().map(|(_, _, measured)| measured).collect();
         let densities = self.sequence.densities_at(&measured, self.section.points());
         for ((frame, _, measured), densities) in frames.iter().zip(densities) {
             self.sum
@@ -161,7 +161,7 @@ impl<'a> Measurement<'a> {
         }
     }
 
-    fn add_to_series(&mut self, frames: &[(usize, &BoundaryMap, MeasuredFrame)]) -> anyhow::Result<()> {
+    fn add_to_series(&mut self, frames: &[(usize, &BoundaryMap, FrameMeasurement)]) -> anyhow::Result<()> {
         let fps = self.args.fps;
         if let Some(material) = &mut self.material {
             for (frame, _, measured) in frames {
@@ -169,7 +169,7 @@ impl<'a> Measurement<'a> {
             }
         }
         let Some(series) = &mut self.series else { return Ok(()) };
-        let measured: Vec<&MeasuredFrame> = frames.iter().map(|(_, _, measured)| measured).collect();
+        let measured: Vec<&FrameMeasurement> = frames.iter().map(|(_, _, measured)| measured).collect();
         let surfaces = self.sequence.densities_at(&measured, series.middles());
         for ((frame, map, measured), surface) in frames.iter().zip(surfaces) {
             let time = *frame as f64 / fps;
@@ -204,7 +204,7 @@ impl<'a> Measurement<'a> {
         self.rows.iter().map(energy).collect()
     }
 
-    pub fn cycles(&self) -> Result<Cycles, NoCycles> {
+    pub fn cycles(&self) -> Result<Cycles, CycleError> {
         cycles(&self.energies(), self.sequence.resolution_of_energy())
     }
 

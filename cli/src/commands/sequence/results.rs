@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
-use solidmap::sequence::{Cycles, NoCycles};
+use solidmap::sequence::{Cycles, CycleError};
 
 use super::measure::Measurement;
 use super::summary::describe;
@@ -17,7 +17,7 @@ const DENSITY: &str = "deformation energy density";
 
 impl Measurement<'_> {
     /// Writes what was found of all frames.
-    pub fn write_results(&self, cycles: &Result<Cycles, NoCycles>) -> anyhow::Result<()> {
+    pub fn write_results(&self, cycles: &Result<Cycles, CycleError>) -> anyhow::Result<()> {
         self.write_csv()?;
         self.write_chart(cycles)?;
         self.write_sections()?;
@@ -78,7 +78,7 @@ impl Measurement<'_> {
         write_file(self.folder.join("energy.csv"), &bytes)
     }
 
-    fn write_chart(&self, cycles: &Result<Cycles, NoCycles>) -> anyhow::Result<()> {
+    fn write_chart(&self, cycles: &Result<Cycles, CycleError>) -> anyhow::Result<()> {
         let fps = self.args.fps;
         let points = self
             .energies()

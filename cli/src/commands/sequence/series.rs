@@ -8,7 +8,7 @@ use solidmap::Point;
 use solidmap::io::{self, Cells, VtkFields};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
-use solidmap::sequence::{MeasuredFrame, Sequence};
+use solidmap::sequence::{FrameMeasurement, Sequence};
 
 use super::folder::{CELLS, MATERIAL, SURFACE, collection_name, frame_name};
 use crate::shared::density_file;
@@ -51,7 +51,7 @@ impl Series {
     pub fn add(
         &mut self,
         (frame, time): (usize, f64),
-        measured: &MeasuredFrame,
+        measured: &FrameMeasurement,
         image: &[Point],
         surface: Vec<f64>,
         sequence: &Sequence,

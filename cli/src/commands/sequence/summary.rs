@@ -6,7 +6,7 @@ use serde::Serialize;
 use solidmap::check::ClosedHole;
 use solidmap::energy::DensityQuantiles;
 use solidmap::fit::BoundaryError;
-use solidmap::sequence::{Cycles, MeasuredFrame, NoCycles};
+use solidmap::sequence::{Cycles, FrameMeasurement, CycleError};
 
 use super::measure::Measurement;
 use super::series::Series;
@@ -80,7 +80,7 @@ pub struct MeasuredRow {
 }
 
 impl MeasuredRow {
-    pub fn new(measured: &MeasuredFrame) -> Self {
+    pub fn new(measured: &FrameMeasurement) -> Self {
         Self {
             deformation_energy: measured.deformation,
             harmonic_energy: measured.harmonic,
@@ -96,7 +96,7 @@ impl Measurement<'_> {
     /// Prints the report and says how it went.
     pub fn finish(
         self,
-        cycles: Result<Cycles, NoCycles>,
+        cycles: Result<Cycles, CycleError>,
         per_block: usize,
         seconds: SequenceTimings,
     ) -> anyhow::Result<Outcome> {
