@@ -3,7 +3,7 @@
 use criterion::{BenchmarkId, Criterion, Throughput};
 use solidmap::geometry::SurfaceQuery;
 use solidmap::mesh::{SurfaceMesh, shapes};
-use solidmap::sampling::{self, Anchors, Cells};
+use solidmap::sampling::{self, Anchors, SurfaceCells};
 use solidmap::{Point, check};
 
 const QUERIES: usize = 20_000;
@@ -55,7 +55,7 @@ pub fn prepare(criterion: &mut Criterion) {
     let mesh = shapes::bumpy_sphere(100);
     let anchors = Anchors::choose(&mesh, usize::MAX);
     let query = SurfaceQuery::with_winding_sign(&mesh).expect("the sphere is finite");
-    let cells = Cells::of_anchors(&mesh, &anchors);
+    let cells = SurfaceCells::of_anchors(&mesh, &anchors);
     let marked: Vec<bool> = (0..cells.len()).map(|cell| cell % 10 == 0).collect();
     let mut group = criterion.benchmark_group("sampling");
     group.sample_size(10);

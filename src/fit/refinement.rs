@@ -4,7 +4,7 @@ use super::levels::placed_level;
 use super::{FitError, FitOptions};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
-use crate::sampling::{Anchors, Cells, SiteLevel};
+use crate::sampling::{Anchors, SiteLevel, SurfaceCells};
 use crate::solver::Level;
 
 /// Part of the area left unrefined though the error there exceeds the tolerance: less than the hundredth that
@@ -17,7 +17,7 @@ const PROBES: usize = 50_000;
 
 /// Adds sources round by round, in cells of the surface that know the spacing of their sources.
 pub(super) struct Refiner {
-    cells: Cells,
+    cells: SurfaceCells,
     query: SurfaceQuery,
     alpha: f64,
     rounds: u64,
@@ -33,7 +33,7 @@ pub(super) struct FinerLevel {
 impl Refiner {
     pub fn new(domain: &SurfaceMesh, anchors: &Anchors, alpha: f64) -> Result<Self, FitError> {
         Ok(Self {
-            cells: Cells::of_anchors(domain, anchors),
+            cells: SurfaceCells::of_anchors(domain, anchors),
             query: SurfaceQuery::with_winding_sign(domain)?,
             alpha,
             rounds: 0,

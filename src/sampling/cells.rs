@@ -1,10 +1,10 @@
-//! Graded refinement: the surface cut into cells that know how finely the sources stand there, and the new sources and
-//! equations where some of the cells are marked (error-driven refinement with fixed bulk, as in Dörfler, *A convergent
+//! Graded refinement: a partition of the surface into cells with the local spacing of the sources, and the new sources and
+//! collocation points in marked cells (error-driven refinement with fixed bulk, as in Dörfler, *A convergent
 //! adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996; longest-edge bisection of Rivara,
 //! *Algorithms for refining triangular grids suitable for adaptive and multigrid techniques*, IJNME 20, 1984).
 //!
-//! The triangles stay as they are, and so does the boundary map: a cell is a part of a triangle. Nothing keeps neighbours
-//! of a cell from being finer, for cells are never used as a mesh.
+//! A cell is a part of a triangle: the mesh and the boundary map do not change. Neighbouring cells need not match, since they
+//! are never used as a mesh.
 
 use std::collections::HashSet;
 
@@ -20,13 +20,13 @@ use crate::{Point, Vector};
 
 /// A partition of the surface into triangles and parts of triangles, each with the spacing of the finest sources there.
 ///
-/// The functions that take a `domain` want the one that the cells were made of.
+/// `domain` is in all functions the surface that the cells were made of.
 #[derive(Debug, Clone)]
-pub struct Cells {
+pub struct SurfaceCells {
     cells: Vec<Cell>,
     /// Barycentric corners of the cells that are parts. Bisection makes them multiples of powers of two: exact.
     parts: Vec<Corners>,
-    /// Triangle across each side, [`NONE`] where there is no one such.
+    /// Neighbour at each side of each triangle, [`NONE`] unless there is exactly one.
     across: Vec<[u32; 3]>,
 }
 
@@ -41,10 +41,10 @@ struct Cell {
     spacing: f64,
 }
 
-/// New sources and equations.
+/// Sites of new sources, and their collocation points.
 #[derive(Debug, Clone)]
-pub struct Refinement {
-    /// Where new sources are wanted.
+pub struct RefinedSites {
+    /// Sites of the new sources.
     pub sites: Vec<SourceSite>,
     /// The same points of the surface, for their images.
     pub points: Vec<SurfacePoint>,
@@ -54,7 +54,7 @@ pub struct Refinement {
     pub owner: Vec<u32>,
 }
 
-/// A new cell, and the square of the spacing wanted there.
+/// A new cell, with the square of its target spacing.
 #[derive(Clone, Copy)]
 struct Piece {
     triangle: u32,
@@ -63,15 +63,15 @@ struct Piece {
     wanted: f64,
 }
 
-/// Pieces come within this factor of the area wanted: halving can do no better.
+/// Largest area of a piece over the target: halving comes no nearer.
 const TOLERANCE: f64 = std::f64::consts::SQRT_2;
 /// Sides longer than this many spacings are halved even when the area is small enough.
 const LONG: f64 = 3.0;
-/// But not below this part of the area wanted: of the thinnest needles there would be no end.
+/// But not below this part of the target area: the thinnest needles would be halved for ever.
 const NEEDLE: f64 = 0.05;
 /// Small pieces farther apart than this many spacings do not share a site.
 const APART: f64 = 3.0;
-/// Least cosine between a site's normal and its triangle's: a source that leans more stays too near its own triangle.
+/// Least cosine between a site's normal and its triangle's: with a larger angle, the source is too near the triangle.
 const UPRIGHT: f64 = 0.75;
 const WHOLE: Corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 /// The points of the rule of degree 2 (Strang & Fix 1973).
@@ -81,7 +81,7 @@ const INTERIOR: Corners = [
     [1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0],
 ];
 
-impl Cells {
+impl SurfaceCells {
     /// One cell per triangle with an area, of the mean spacing of the anchors nearest to its corners.
     pub fn of_anchors(domain: &SurfaceMesh, anchors: &Anchors) -> Self {
         let spacing_at = |v: u32| Some(anchors.spacing[anchors.nearest[v as usize]? as usize]);
@@ -107,12 +107,12 @@ impl Cells {
         }
     }
 
-    /// How many there are.
+    /// Number of cells.
     pub fn len(&self) -> usize {
         self.cells.len()
     }
 
-    /// Whether there are none: the surface has no area.
+    /// Whether there are none, because the surface has no area.
     pub fn is_empty(&self) -> bool {
         self.cells.is_empty()
     }
@@ -122,12 +122,12 @@ impl Cells {
         self.cells[cell].area
     }
 
-    /// Spacing of the finest sources that stand off a cell.
+    /// Spacing of the finest sources at a cell.
     pub fn spacing(&self, cell: usize) -> f64 {
         self.cells[cell].spacing
     }
 
-    /// Triangle that a cell is, or is a part of. Cells are in the order of their triangles.
+    /// The triangle that contains a cell. Cells are in the order of their triangles.
     pub fn triangle(&self, cell: usize) -> u32 {
         self.cells[cell].triangle
     }
@@ -143,7 +143,7 @@ impl Cells {
     /// `per_cell` points at random in each cell, and the cell of each, for estimating the error cell by cell.
     pub fn probes(&self, per_cell: usize, seed: u64) -> (Vec<SurfacePoint>, Vec<u32>) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        // Neither the held-out points (stream 1) nor the collocation points (stream 0).
+        // Collocation points are drawn from stream 0 and held-out points from stream 1.
         random.set_stream(2);
         let of_cells = (0..self.len()).flat_map(|cell| std::iter::repeat_n(cell, per_cell));
         of_cells
@@ -155,7 +155,7 @@ impl Cells {
             .unzip()
     }
 
-    /// The marks, and those of the cells that have a corner in common with a marked one.
+    /// Marks also the cells that share a corner with a marked one.
     ///
     /// # Panics
     ///
@@ -182,17 +182,17 @@ impl Cells {
         (0..self.len()).map(|cell| marked[cell] || touches(cell)).collect()
     }
 
-    /// Halves the spacing of the marked cells: cuts them by bisection of their longest sides until each piece is about
-    /// the square of the new spacing, and returns one site for each. Cells far smaller than that, as there are where
-    /// anchors are fewer than vertices, share sites instead.
+    /// Halves the spacing of the marked cells: bisects their longest sides until the area of each piece is about the square
+    /// of the new spacing, and returns one site for each. Cells far smaller than that, which exist where there are fewer
+    /// anchors than vertices, share sites instead.
     ///
-    /// A quarter of the spacing squared is met within a factor of `√2`, and a site's new spacing is the square root of
-    /// what it got.
+    /// Areas are within a factor of `√2` of a quarter of the old spacing squared, and the new spacing is the square root of
+    /// the area.
     ///
     /// # Panics
     ///
     /// When there are fewer marks than cells.
-    pub fn refine(&mut self, domain: &SurfaceMesh, marked: &[bool]) -> Refinement {
+    pub fn refine(&mut self, domain: &SurfaceMesh, marked: &[bool]) -> RefinedSites {
         let pieces: Vec<Vec<Piece>> = (0..self.len())
             .into_par_iter()
             .map(|cell| {
@@ -241,8 +241,8 @@ impl Cells {
         done
     }
 
-    fn refinement(&self, domain: &SurfaceMesh, pieces: &[Piece], groups: &[Group]) -> Refinement {
-        let mut refinement = Refinement {
+    fn refinement(&self, domain: &SurfaceMesh, pieces: &[Piece], groups: &[Group]) -> RefinedSites {
+        let mut refinement = RefinedSites {
             sites: Vec::with_capacity(groups.len()),
             points: Vec::with_capacity(groups.len()),
             collocation: Collocation {
@@ -266,8 +266,8 @@ impl Cells {
         refinement
     }
 
-    /// The triangle's normal, turned towards that of a neighbour the nearer their common side: half-way on the side and
-    /// not at all one spacing from it. So sources keep clear of re-entrant creases and spread around convex ones.
+    /// The triangle's normal, rotated towards a neighbour's near their common side: half-way on the side, not at all one
+    /// spacing from it. This keeps sources clear of re-entrant creases and spreads them around convex ones.
     fn normal(&self, domain: &SurfaceMesh, point: &SurfacePoint, spacing: f64) -> Vector {
         let unit = |t: u32| domain.area_vector(t as usize).try_normalize(0.0).unwrap_or_default();
         let own = unit(point.triangle);
@@ -317,7 +317,7 @@ impl Cells {
         Some(domain.triangles()[self.cells[cell].triangle as usize][k])
     }
 
-    /// Where a corner is: the same bits from either triangle at a side, whose weights are exact.
+    /// Bits of the corner's position, the same from either triangle at a side: weights there are exact.
     fn place(&self, domain: &SurfaceMesh, cell: usize, corner: [f64; 3]) -> [u64; 3] {
         let point = SurfacePoint {
             triangle: self.cells[cell].triangle,
@@ -329,7 +329,7 @@ impl Cells {
 }
 
 impl Piece {
-    /// Side from this corner to the next, and the square of its length.
+    /// The longest side, from the corner of this index to the next, and the square of its length.
     fn longest_side(&self, domain: &SurfaceMesh) -> (usize, f64) {
         let corners = self.corners.map(|barycentric| {
             let point = SurfacePoint {
@@ -396,7 +396,7 @@ impl Group {
     }
 }
 
-/// Each piece alone, but small ones with those next to them on a space-filling curve.
+/// One group per piece, but small pieces together with their neighbours on a space-filling curve.
 fn grouped(domain: &SurfaceMesh, pieces: &[Piece]) -> Vec<Group> {
     let is_small = |k: &u32| pieces[*k as usize].area * TOLERANCE < pieces[*k as usize].wanted;
     let (small, alone): (Vec<u32>, Vec<u32>) = (0..pieces.len() as u32).partition(is_small);
@@ -410,7 +410,7 @@ fn grouped(domain: &SurfaceMesh, pieces: &[Piece]) -> Vec<Group> {
         .collect();
     let centroid = |&k: &u32| pieces[k as usize].centroid().position(domain, domain.vertices());
     let centroids: Vec<Point> = small.iter().map(centroid).collect();
-    // How much of a site the group holds, and where it began.
+    // The group's area over its target, and its first centroid.
     let (mut held, mut start) = (f64::INFINITY, Point::origin());
     for i in morton_order(&centroids) {
         let (k, centroid) = (small[i as usize], centroids[i as usize]);
@@ -445,7 +445,7 @@ fn at(triangle: u32, corners: &Corners, weights: [f64; 3]) -> SurfacePoint {
     }
 }
 
-/// The unit vector in this direction, or as near to it as [`UPRIGHT`] lets it be.
+/// The unit vector in this direction, or the nearest that [`UPRIGHT`] allows.
 fn upright(direction: &Vector, normal: &Vector) -> Vector {
     let unit = direction.try_normalize(1e-9).unwrap_or(*normal);
     let along = unit.dot(normal);
@@ -475,15 +475,15 @@ mod tests {
     use crate::mesh::shapes;
     use crate::sampling::{held_out, place_sources};
 
-    fn all_anchors(domain: &SurfaceMesh) -> Cells {
-        Cells::of_anchors(domain, &Anchors::choose(domain, usize::MAX))
+    fn all_anchors(domain: &SurfaceMesh) -> SurfaceCells {
+        SurfaceCells::of_anchors(domain, &Anchors::choose(domain, usize::MAX))
     }
 
-    fn total_area(cells: &Cells) -> f64 {
+    fn total_area(cells: &SurfaceCells) -> f64 {
         (0..cells.len()).map(|cell| cells.area(cell)).sum()
     }
 
-    fn area_of(domain: &SurfaceMesh, cells: &Cells, cell: usize) -> f64 {
+    fn area_of(domain: &SurfaceMesh, cells: &SurfaceCells, cell: usize) -> f64 {
         let [a, b, c] = cells.corners(cell).map(|barycentric| {
             let triangle = cells.triangle(cell);
             SurfacePoint { triangle, barycentric }.position(domain, domain.vertices())
@@ -521,7 +521,7 @@ mod tests {
     }
 
     /// Whether the point is in the cell: all three parts that it cuts it into turn the same way.
-    fn holds(cells: &Cells, cell: usize, point: &SurfacePoint) -> bool {
+    fn holds(cells: &SurfaceCells, cell: usize, point: &SurfacePoint) -> bool {
         let corners = cells.corners(cell).map(Vector::from);
         let p = Vector::from(point.barycentric);
         let turn = |k: usize| p.dot(&corners[k].cross(&corners[(k + 1) % 3]));
@@ -604,7 +604,7 @@ mod tests {
     fn needles_share_sites() {
         let domain = shapes::torus(1.0, 0.3, 3, 600);
         let anchors = Anchors::choose(&domain, 300);
-        let mut cells = Cells::of_anchors(&domain, &anchors);
+        let mut cells = SurfaceCells::of_anchors(&domain, &anchors);
         for _ in 0..3 {
             let spacing = (0..cells.len()).map(|c| cells.area(c) / (cells.spacing(c) / 2.0).powi(2));
             let expected: f64 = spacing.sum();
@@ -622,7 +622,7 @@ mod tests {
     fn few_anchors_among_many_triangles_refine_like_a_coarse_mesh() {
         let domain = shapes::sphere(1.0, 5);
         let anchors = Anchors::choose(&domain, 300);
-        let mut cells = Cells::of_anchors(&domain, &anchors);
+        let mut cells = SurfaceCells::of_anchors(&domain, &anchors);
         let refinement = cells.refine(&domain, &vec![true; domain.triangles().len()]);
         let ratio = refinement.sites.len() as f64 / 1200.0;
         assert!((0.8..1.6).contains(&ratio), "{ratio}");

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::Anchors;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 
-/// Boundary points at which the map is asked to meet its data, each with its share of the surface area.
+/// Boundary points at which the map is fitted to its data, each with its share of the surface area.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Collocation {
     /// The points.
@@ -25,10 +25,10 @@ impl Collocation {
         Self { points, areas }
     }
 
-    /// Every vertex and every triangle's centroid, about three points per vertex. Each takes its share of the area,
-    /// half of it given to the vertices and half to the centroids.
+    /// Every vertex and every triangle's centroid, about three points per vertex. Half of each triangle's area is shared by its
+    /// vertices, the other half is its centroid's.
     ///
-    /// With the vertices alone, a map with as many sources as vertices meets them exactly and swings between them: the
+    /// With the vertices alone, a map with as many sources as vertices interpolates them and oscillates in between: the
     /// held-out error is four times that with the centroids (square systems in `docs/method.md`).
     pub fn vertices_and_centroids(domain: &SurfaceMesh) -> Self {
         let mut vertex_areas = vec![0.0; domain.vertices().len()];
@@ -52,8 +52,8 @@ impl Collocation {
     }
 
     /// Each anchor's vertex, and `extra` points at random in the triangles nearest to it, one in each of `extra` parts of
-    /// equal area. Every source so has its `1 + extra` equations in its own neighbourhood, however uneven the anchors
-    /// are: points spread by area alone leave crowded sources undetermined, and their coefficients explode.
+    /// equal area. Every source then has `1 + extra` equations near it, however uneven the anchors are: with points spread by
+    /// area alone, crowded sources are undetermined and their coefficients explode.
     pub fn around(domain: &SurfaceMesh, anchors: &Anchors, extra: usize, seed: u64) -> Self {
         let mut regions = vec![Vec::new(); anchors.vertices.len()];
         for t in 0..domain.triangles().len() {
@@ -85,12 +85,12 @@ impl Collocation {
 }
 
 /// Points for measuring the boundary error: `count` at random by area (stratified, so that the shares are right), and
-/// one in each of up to `per_triangle` triangles, so that small triangles, where creases are, are not passed over in
-/// the maximum. The first `count` are those to average over.
+/// one in each of up to `per_triangle` triangles, so that the maximum includes the small triangles at creases. The first
+/// `count` are those to average over.
 pub fn held_out(domain: &SurfaceMesh, count: usize, per_triangle: usize, seed: u64) -> Vec<SurfacePoint> {
     let triangles = domain.triangles().len();
     let all: Vec<u32> = (0..triangles as u32).collect();
-    // A stream of its own: a fit with the same seed must not have seen these points.
+    // A stream of its own, so that no point is a collocation point of a fit with the same seed.
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(1);
     let mut points = stratified(domain, &all, count, &mut random);

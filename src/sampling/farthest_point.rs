@@ -9,23 +9,22 @@ use crate::geometry::Aabb;
 use crate::mesh::{SurfaceMesh, lowest_coincident_vertices};
 use crate::{Point, Vector};
 
-/// Vertices that carry a source each, with the area and the outward normal of their neighbourhood.
+/// Vertices with a source each, with the area and the outward normal of their neighbourhood.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Anchors {
-    /// Vertex indices. A selection is in the order of choice, so that every prefix is a coarser one; all vertices come
-    /// in their own order, of which that does not hold.
+    /// Vertex indices: all vertices in order, or a selection in the order of choice, every prefix of which is a coarser one.
     pub vertices: Vec<u32>,
     /// Local spacing `h`: the square root of the area that is nearest to each anchor.
     pub spacing: Vec<f64>,
     /// Unit vertex normals, triangles weighted by their angle.
     pub normals: Vec<Vector>,
-    /// For each vertex of the surface, which anchor is nearest; `None` for vertices that could not carry one.
+    /// For each vertex of the surface, the nearest anchor; `None` for vertices that cannot be anchors.
     pub nearest: Vec<Option<u32>>,
 }
 
 impl Anchors {
     /// Up to `count` anchors among the vertices of the surface's triangles, well spread. Coincident vertices and vertices
-    /// without area carry none.
+    /// without area are left out.
     ///
     /// For `n` vertices costs time `n log n`, whatever the count, and a third of that when the count is `n` or more.
     pub fn choose(domain: &SurfaceMesh, count: usize) -> Self {
@@ -54,7 +53,7 @@ impl Anchors {
         }
     }
 
-    /// Those anchors whose vertex is wanted. `nearest` keeps only the vertices that belong to one of them.
+    /// The anchors at `wanted` vertices. `nearest` is `None` for the vertices of the others.
     pub fn only(&self, wanted: impl Fn(u32) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.vertices.len()).filter(|&k| wanted(self.vertices[k])).collect();
         let mut renumbered = vec![None; self.vertices.len()];
@@ -85,7 +84,7 @@ struct Selection {
     nearest: Vec<u32>,
 }
 
-/// Every point, in order, but of coincident ones the first only.
+/// All points in order, but only the first of coincident ones.
 fn all_distinct(points: &[Point]) -> Selection {
     let mut chosen = Vec::with_capacity(points.len());
     let mut nearest = Vec::with_capacity(points.len());
@@ -129,8 +128,8 @@ fn farthest(distances: impl Iterator<Item = f64>) -> Option<(usize, f64)> {
     })
 }
 
-/// Points with their distance to the nearest chosen one, in a tree that knows the farthest of each part. A new choice
-/// visits only the parts of which some point may be nearer to it: after `k` choices about `n/k` points.
+/// Points with their distance to the nearest chosen one, in a tree whose nodes know their farthest point. A new choice visits
+/// only nodes with points that may be nearer to it: after `k` choices about `n/k` points.
 struct DistanceTree {
     nodes: Vec<DistanceNode>,
     /// In the order of the leaves.
@@ -142,7 +141,7 @@ struct Candidate {
     position: Point,
     /// Square of the distance to the nearest chosen point.
     distance: f64,
-    /// Place of that one among the chosen.
+    /// Index of that one among the chosen.
     nearest: u32,
     index: u32,
 }
@@ -157,14 +156,14 @@ struct DistanceNode {
     second: u32,
 }
 
-/// Points of a leaf: fewer cost more in boxes than they save.
+/// Points in a leaf; with fewer, tests of boxes cost more than they save.
 const LEAF: usize = 8;
 
 impl DistanceTree {
     fn new(points: &[Point]) -> Self {
         let candidate = |(index, position): (usize, &Point)| Candidate {
             position: *position,
-            // A point that is nowhere is farthest from nothing.
+            // Points that are not finite are never chosen.
             distance: if is_finite(position) { f64::INFINITY } else { -1.0 },
             nearest: 0,
             index: index as u32,
@@ -189,7 +188,7 @@ impl DistanceTree {
 
     fn visit(&mut self, at: usize, centre: &Point, order: u32) {
         let node = &self.nodes[at];
-        // Rounding is monotone: what a box is too far for, so is each of its points.
+        // Rounding is monotone: where the box is too far, so are its points.
         if node.bounds.distance_squared(centre) >= node.most.0 {
             return;
         }
@@ -253,7 +252,7 @@ fn is_finite(p: &Point) -> bool {
     p.coords.iter().all(|x| x.is_finite())
 }
 
-/// The sum in the order in which [`Aabb::distance_squared`] has it.
+/// In the order of summation of [`Aabb::distance_squared`].
 fn distance_squared(p: &Point, q: &Point) -> f64 {
     let (x, y, z) = (p.x - q.x, p.y - q.y, p.z - q.z);
     x * x + y * y + z * z

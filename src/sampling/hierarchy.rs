@@ -5,12 +5,12 @@ use super::SourceSite;
 use crate::partition::Partition;
 use crate::{Point, Vector};
 
-/// Sites of one spacing, and boundary points to fit their sources to.
+/// Sites of one spacing, and the collocation points of their sources.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SiteLevel {
-    /// Where sources are wanted.
+    /// The sites of the sources.
     pub sites: Vec<SourceSite>,
-    /// Collocation points in use, as indices into all of them.
+    /// Collocation points of the level, as indices into all of them.
     pub rows: Vec<u32>,
     /// For each of `rows`, the site it is nearest to.
     pub owner: Vec<u32>,
@@ -18,14 +18,14 @@ pub struct SiteLevel {
     pub areas: Vec<f64>,
 }
 
-/// How a hierarchy is built.
+/// Sizes of the levels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HierarchyOptions {
-    /// Sites that become one of the next coarser level.
+    /// Sites for each site of the next coarser level.
     pub ratio: usize,
-    /// Up to so many sites are small enough to have no coarser level.
+    /// Up to so many sites need no coarser level.
     pub dense: usize,
-    /// Below more than that, the coarsest level has at most so many sites, and at least a third of them.
+    /// With more than that, the coarsest level has at most so many sites, and at least a third of it.
     pub coarsest: usize,
     /// Collocation points kept for each site of a coarser level.
     pub rows_per_site: usize,
@@ -43,8 +43,8 @@ impl Default for HierarchyOptions {
 }
 
 /// Levels coarser than the given one, coarsest first; none when it is small enough itself. The rows of each are among
-/// those of the next finer. Spacing grows by the square
-/// root of the ratio from one to the next, everywhere in proportion to the finest. Costs `n log n`.
+/// those of the next finer. Spacing grows by the square root of the ratio from one to the next, everywhere in proportion to
+/// the finest. Costs `n log n`.
 pub fn coarser_levels(finest: &SiteLevel, options: &HierarchyOptions) -> Vec<SiteLevel> {
     let mut levels: Vec<SiteLevel> = Vec::new();
     let mut fine = finest;
@@ -52,7 +52,7 @@ pub fn coarser_levels(finest: &SiteLevel, options: &HierarchyOptions) -> Vec<Sit
         return levels;
     }
     while fine.sites.len() > options.coarsest {
-        // A coarsest level of a few sources would be of little use.
+        // A smaller ratio where the coarsest level would otherwise have very few sources.
         let ratio = options
             .ratio
             .min((2 * fine.sites.len()).div_ceil(options.coarsest))
@@ -80,7 +80,7 @@ fn coarsen(sites: &[SourceSite], ratio: usize) -> (Vec<SourceSite>, Vec<u32>) {
             .sum();
         let centre = Point::from(moment / area);
         let distance = |m: &u32| (positions[*m as usize] - centre).norm_squared();
-        // The middle one of the group, not its mean: it lies on the surface and has a normal of its own.
+        // The site nearest to the mean, since it is on the surface and has a normal.
         let middle = members
             .iter()
             .min_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)));

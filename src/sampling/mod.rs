@@ -1,6 +1,6 @@
-//! Where equations are posed and where sources stand (the paper's sections 4.1 and 4.5).
+//! Collocation points, held-out points and sources (the paper's sections 4.1 and 4.5).
 //!
-//! Points on the boundary are made as [`crate::mesh::SurfacePoint`]s, so that their images follow from the boundary map, and points
+//! Points on the boundary are [`crate::mesh::SurfacePoint`]s, so that their images follow from the boundary map, and points
 //! in space only where they leave the surface.
 
 mod cells;
@@ -9,7 +9,7 @@ mod farthest_point;
 mod hierarchy;
 mod sources;
 
-pub use cells::{Cells, Refinement};
+pub use cells::{RefinedSites, SurfaceCells};
 pub use collocation::{Collocation, held_out};
 pub use farthest_point::{Anchors, thin};
 pub use hierarchy::{HierarchyOptions, SiteLevel, coarser_levels};

@@ -6,15 +6,15 @@ use super::farthest_point::{Anchors, thin};
 use crate::mesh::SurfaceMesh;
 use crate::{Point, Vector};
 
-/// A source that cannot reach this fraction of its intended distance is dropped: so near the surface, its field is a
-/// spike that no collocation point sees.
+/// A source that has no room at this fraction of its distance is dropped: nearer to the surface, its field would peak between
+/// the collocation points.
 const LEAST_DISTANCE: f64 = 0.15;
 /// Factor by which a blocked source steps back towards the surface.
 const STEP_BACK: f64 = 0.7;
 /// A source at distance `d` along the normal must be at least this part of `d` away from the whole surface.
 const CLEARANCE: f64 = 0.7;
 
-/// Where a source is wanted: a point of the surface, what it stands for and which way is out.
+/// A point of the surface at which a source is to be placed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SourceSite {
     /// The point of the surface.
@@ -25,12 +25,12 @@ pub struct SourceSite {
     pub spacing: f64,
 }
 
-/// Sources, and how many of those asked for found no place.
+/// Sources, and the number of sites where there was no place for one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedSources {
     /// Positions outside the solid.
     pub positions: Vec<Point>,
-    /// Index of the site, or anchor, that each source stands off; ascending.
+    /// Index of the site, or anchor, of each source; ascending.
     pub sites: Vec<u32>,
     /// Sites left without a source, as in a gap narrower than the spacing.
     pub dropped: usize,
