@@ -8,7 +8,7 @@ use anyhow::ensure;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::geometry::{Axis, PlaneSection};
 use solidmap::mesh::SurfaceMesh;
-use solidmap::sequence::{Cycles, FrameMeasurement, CycleError, Sequence, cycles};
+use solidmap::sequence::{CycleError, Cycles, FrameMeasurement, Sequence, cycles};
 
 use super::series::{Material, Series};
 use super::summary::{FrameRow, MeasuredRow, SequenceTimings};

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
-use solidmap::sequence::{Cycles, CycleError};
+use solidmap::sequence::{CycleError, Cycles};
 
 use super::measure::Measurement;
 use super::summary::describe;

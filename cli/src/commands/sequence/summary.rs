@@ -6,7 +6,7 @@ use serde::Serialize;
 use solidmap::check::ClosedHole;
 use solidmap::energy::DensityQuantiles;
 use solidmap::fit::BoundaryError;
-use solidmap::sequence::{Cycles, FrameMeasurement, CycleError};
+use solidmap::sequence::{CycleError, Cycles, FrameMeasurement};
 
 use super::measure::Measurement;
 use super::series::Series;
