@@ -1,9 +1,6 @@
 //! `solidmap boundary` from outside: files in, a verdict and pictures out.
 
-use std::path::PathBuf;
-use std::process::Output;
-
-use assert_cmd::Command;
+use crate::workplace::{Workplace, json, text};
 use serde_json::Value;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata};
@@ -12,56 +9,18 @@ use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::spherical::SphericalEmbedding;
 use solidmap::{Point, Vector};
 
-struct Workplace {
-    folder: tempfile::TempDir,
-}
-
-impl Workplace {
-    fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        Self { folder }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn surface(&self, name: &str, mesh: &SurfaceMesh) {
-        io::write_surface(self.path(name), mesh).unwrap();
-    }
-
-    /// Runs in the folder; words are separated by blanks.
-    fn run(&self, line: &str) -> Output {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        command.timeout(std::time::Duration::from_secs(120)).output().unwrap()
-    }
-
-    fn ends_with(&self, code: i32, line: &str) -> Output {
-        let output = self.run(line);
-        assert_eq!(
-            output.status.code(),
-            Some(code),
-            "{line}: {}{}",
-            text(&output.stdout),
-            text(&output.stderr)
-        );
-        output
-    }
-
-    /// A bumpy ball and its projection to the unit sphere.
-    fn with_ball() -> Self {
-        let place = Self::new();
-        let domain = shapes::bumpy_sphere(8);
-        place.surface("domain.obj", &domain);
-        place.surface("sphere.ply", &shapes::projected_to_sphere(&domain, 1.0));
-        place
-    }
+/// A bumpy ball and its projection to the unit sphere.
+fn with_ball() -> Workplace {
+    let place = Workplace::new();
+    let domain = shapes::bumpy_sphere(8);
+    place.surface("domain.obj", &domain);
+    place.surface("sphere.ply", &shapes::projected_to_sphere(&domain, 1.0));
+    place
 }
 
 /// Boundary files from a bumpy ball, `domain.obj`, through and onto the sphere, by rays from the centres.
 fn with_boundary_files() -> Workplace {
-    let place = Workplace::with_ball();
+    let place = with_ball();
     let by_rays = |mesh: SurfaceMesh| {
         let directions: Vec<Vector> = mesh.vertices().iter().map(|p| p.coords).collect();
         SphericalEmbedding::new(mesh, &directions).unwrap()
@@ -82,17 +41,9 @@ fn with_boundary_files() -> Workplace {
     place
 }
 
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn json(output: &Output) -> Value {
-    serde_json::from_slice(&output.stdout).unwrap()
-}
-
 #[test]
 fn a_map_to_the_sphere_is_reported_one_to_one_in_words_numbers_and_pictures() {
-    let place = Workplace::with_ball();
+    let place = with_ball();
     let output = place.ends_with(0, "boundary check domain.obj sphere.ply --png map.png");
     let words = text(&output.stdout);
     for fragment in [
@@ -116,7 +67,7 @@ fn a_map_to_the_sphere_is_reported_one_to_one_in_words_numbers_and_pictures() {
 
 #[test]
 fn a_target_adds_coverage_both_ways() {
-    let place = Workplace::with_ball();
+    let place = with_ball();
     place.surface("fine.obj", &shapes::bumpy_sphere(24));
     let line = "boundary check domain.obj domain.obj --target fine.obj";
     let report = json(&place.ends_with(0, &format!("{line} --json")));
@@ -137,7 +88,7 @@ fn a_target_adds_coverage_both_ways() {
 
 #[test]
 fn folds_and_mirror_images_end_with_1() {
-    let place = Workplace::with_ball();
+    let place = with_ball();
     let domain = shapes::bumpy_sphere(8);
     let mut vertices = domain.vertices().to_vec();
     vertices[0] = -vertices[0];
@@ -213,7 +164,7 @@ fn methods_are_compared_by_a_boundary_file() {
 
 #[test]
 fn what_cannot_be_checked_ends_with_2_and_says_why() {
-    let place = Workplace::with_ball();
+    let place = with_ball();
     place.surface("other.obj", &shapes::sphere(1.0, 2));
     let good = std::fs::read_to_string(place.path("domain.obj")).unwrap();
     let bad = good.replacen(good.lines().find(|l| l.starts_with("v ")).unwrap(), "v nan 0 0", 1);
@@ -268,7 +219,7 @@ fn the_bird_and_its_polycube_are_told_apart_from_their_mirror_images() {
 
 #[test]
 fn a_model_is_mapped_to_the_sphere_in_every_form_asked_for() {
-    let place = Workplace::with_ball();
+    let place = with_ball();
     let line = "boundary sphere domain.obj -o image.ply --boundary way.safetensors --png map.png --vtu map.vtu";
     let words = text(&place.ends_with(0, line).stdout);
     for fragment in [
@@ -305,7 +256,7 @@ fn a_model_is_mapped_to_the_sphere_in_every_form_asked_for() {
 
 #[test]
 fn conformal_maps_keep_angles_better_and_may_start_from_the_flow() {
-    let place = Workplace::with_ball();
+    let place = with_ball();
     let report =
         |options: &str| json(&place.ends_with(0, &format!("boundary sphere domain.obj -o i.obj --json {options}")));
     let (balanced, conformal) = (report(""), report("--energy conformal --start flow"));
@@ -324,7 +275,7 @@ fn conformal_maps_keep_angles_better_and_may_start_from_the_flow() {
 
 #[test]
 fn a_fit_to_the_sphere_is_the_fit_to_its_boundary_file() {
-    let place = Workplace::with_ball();
+    let place = with_ball();
     place.ends_with(0, "boundary sphere domain.obj -o image.obj --boundary way.safetensors");
     let direct = json(&place.run("fit domain.obj --target sphere -o direct.map --json"));
     let by_file = json(&place.run("fit --boundary way.safetensors -o by_file.map --json"));
@@ -342,7 +293,7 @@ fn a_fit_to_the_sphere_is_the_fit_to_its_boundary_file() {
 
 /// `domain.obj` and another body, `target.obj`, that it can be laid over.
 fn with_two_bodies() -> Workplace {
-    let place = Workplace::with_ball();
+    let place = with_ball();
     let stretched = |p: &Point| Point::new(1.4 * p.x + 0.2 * p.y * p.y, 0.9 * p.y, 1.1 * p.z - 0.1 * p.x);
     place.surface("target.obj", &shapes::deformed(&shapes::sphere(1.0, 3), stretched));
     std::fs::write(place.path("pairs.txt"), "# domain target\n0 3\n100 200\n").unwrap();
@@ -458,7 +409,7 @@ fn pairs_that_cannot_be_mapped_end_with_2_and_name_the_side() {
 
 #[test]
 fn what_does_not_go_to_the_sphere_ends_with_2_and_is_named() {
-    let place = Workplace::with_ball();
+    let place = with_ball();
     let sphere = shapes::sphere(1.0, 1);
     place.surface("ring.obj", &shapes::torus(1.0, 0.3, 12, 6));
     place.surface(

@@ -1,59 +1,30 @@
 //! `solidmap certify` from outside: a map file in, what is proved and pictures out.
 
-use std::path::PathBuf;
-use std::process::Output;
-
-use assert_cmd::Command;
+use crate::workplace::{Workplace, text};
 use serde_json::Value;
 use solidmap::Point;
-use solidmap::io;
 use solidmap::mesh::shapes;
 
-struct Workplace {
-    folder: tempfile::TempDir,
-}
-
-impl Workplace {
-    /// A cube that is made round, `good.map`, and one whose halves are pushed through each other, `folded.map`.
-    fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let place = Self { folder };
-        let cube = shapes::cube(1.0, 8);
-        let round = shapes::deformed(&cube, |p| Point::from(p.coords.normalize()));
-        let pushed = shapes::deformed(&cube, |p| Point::new(4.0 * p.x.powi(3) - 0.2 * p.x, p.y, p.z));
-        for (name, domain, image) in [("good", &cube, round), ("folded", &cube, pushed)] {
-            io::write_surface(place.path("domain.obj"), domain).unwrap();
-            io::write_surface(place.path("image.obj"), &image).unwrap();
-            place.ends_with(
-                0,
-                &format!("fit domain.obj --image image.obj -o {name}.map --tolerance 0.05"),
-            );
-        }
-        place
+/// A cube that is made round, `good.map`, and one whose halves are pushed through each other, `folded.map`.
+fn with_maps() -> Workplace {
+    let place = Workplace::new();
+    let cube = shapes::cube(1.0, 8);
+    let round = shapes::deformed(&cube, |p| Point::from(p.coords.normalize()));
+    let pushed = shapes::deformed(&cube, |p| Point::new(4.0 * p.x.powi(3) - 0.2 * p.x, p.y, p.z));
+    place.surface("domain.obj", &cube);
+    for (name, image) in [("good", round), ("folded", pushed)] {
+        place.surface("image.obj", &image);
+        place.ends_with(
+            0,
+            &format!("fit domain.obj --image image.obj -o {name}.map --tolerance 0.05"),
+        );
     }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    /// Runs in the folder; words are separated by blanks.
-    fn ends_with(&self, code: i32, line: &str) -> Output {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        let output = command.timeout(std::time::Duration::from_secs(120)).output().unwrap();
-        let said = text(&output.stdout) + &text(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
-        output
-    }
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
+    place
 }
 
 #[test]
 fn proofs_are_told_in_words_numbers_cells_and_pictures() {
-    let place = Workplace::new();
+    let place = with_maps();
     let said = text(&place.ends_with(0, "certify good.map").stdout);
     for fragment in [
         "folded",
@@ -101,7 +72,7 @@ fn proofs_are_told_in_words_numbers_cells_and_pictures() {
 
 #[test]
 fn what_cannot_run_is_refused_before_any_work() {
-    let place = Workplace::new();
+    let place = with_maps();
     for (line, fragment) in [
         ("certify good.map -o cells.obj", "name it .vtu"),
         ("certify good.map --png good.vtu", "name it .png"),

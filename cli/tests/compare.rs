@@ -1,10 +1,11 @@
 //! `solidmap compare` from outside: tables and files, rows that fail while the others go on, processes that end.
 
-use std::path::{Path, PathBuf};
+use std::ops::Deref;
+use std::path::Path;
 use std::process::{Output, Stdio};
 use std::time::{Duration, Instant};
 
-use assert_cmd::Command;
+use crate::workplace::{Workplace, stderr};
 use serde_json::Value;
 use solidmap::compare::ComparedMethod;
 use solidmap::geometry::SurfaceQuery;
@@ -16,38 +17,33 @@ use solidmap::{Point, Vector};
 const SMALL: &str = "--resolution 12 --interior 200";
 const METHODS: [&str; 4] = ["mfs", "fem", "variational", "mean_value"];
 
-struct Workplace {
-    folder: tempfile::TempDir,
+struct ComparePlace {
+    place: Workplace,
 }
 
-impl Workplace {
+impl Deref for ComparePlace {
+    type Target = Workplace;
+
+    fn deref(&self) -> &Workplace {
+        &self.place
+    }
+}
+
+impl ComparePlace {
     /// A long ellipsoid and a bent one: a cross-section along it has few pixels, and takes little time.
     fn new() -> Self {
         let place = Self {
-            folder: tempfile::tempdir().unwrap(),
+            place: Workplace::new(),
         };
         place.surface("domain.obj", &domain());
         place.surface("image.obj", &shapes::deformed(&domain(), bend));
         place
     }
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn surface(&self, name: &str, mesh: &SurfaceMesh) {
-        io::write_surface(self.path(name), mesh).unwrap();
-    }
-
     /// Compares `domain.obj` and `image.obj`; words are separated by blanks.
     fn run(&self, options: &str) -> Output {
-        self.run_line(&format!("compare domain.obj --image image.obj {SMALL} {options}"))
-    }
-
-    fn run_line(&self, line: &str) -> Output {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        command.timeout(Duration::from_secs(60)).output().unwrap()
+        self.place
+            .run(&format!("compare domain.obj --image image.obj {SMALL} {options}"))
     }
 
     /// The rows that it prints as JSON.
@@ -81,10 +77,6 @@ fn bend(p: &Point) -> Point {
         1.5 * p.y + 0.02 * p.x * p.x,
         p.z - 0.1 * p.y * p.x,
     )
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 fn name(row: &Value) -> &str {
@@ -135,7 +127,7 @@ fn numbers(path: &Path) -> Vec<f64> {
 
 #[test]
 fn every_method_gets_a_row_and_files_that_can_be_read() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     let rows = place.rows("--out all", 0);
     assert_eq!(rows.iter().map(name).collect::<Vec<_>>(), METHODS);
     for row in &rows {
@@ -191,7 +183,7 @@ fn every_method_gets_a_row_and_files_that_can_be_read() {
 
 #[test]
 fn only_the_methods_asked_for_are_compared() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     let rows = place.rows("--methods mean_value,mfs --no-reference", 0);
     assert_eq!(rows.iter().map(name).collect::<Vec<_>>(), ["mfs", "mean_value"]);
     for row in &rows {
@@ -204,7 +196,7 @@ fn only_the_methods_asked_for_are_compared() {
 /// One vertex is pushed through the other side of the surface; TetGen refuses, and the others do not care.
 #[test]
 fn a_mesher_that_fails_takes_its_own_rows_only() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     let mut vertices = domain().vertices().to_vec();
     let lowest = (0..vertices.len())
         .min_by(|&a, &b| vertices[a].y.total_cmp(&vertices[b].y))
@@ -229,7 +221,7 @@ fn a_mesher_that_fails_takes_its_own_rows_only() {
 
 #[test]
 fn a_mesh_of_another_solid_is_refused_by_all_that_need_one() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     for (file, scale, shift, fragment) in [
         ("larger.mesh", 1.5, 0.0, "volume"),
         ("elsewhere.mesh", 1.0, 9.0, "away from the domain's surface"),
@@ -238,11 +230,11 @@ fn a_mesh_of_another_solid_is_refused_by_all_that_need_one() {
             "other.obj",
             &shapes::deformed(&domain(), |p| p * scale + Vector::repeat(shift)),
         );
-        let made = place.run_line(&format!("tet other.obj -o {file}"));
+        let made = place.place.run(&format!("tet other.obj -o {file}"));
         assert_eq!(made.status.code(), Some(0), "{}", stderr(&made));
         assert_only_tets_fail(&place.rows(&format!("--no-reference --mesh {file}"), 1), fragment);
     }
-    let made = place.run_line("tet domain.obj -o own.mesh");
+    let made = place.place.run("tet domain.obj -o own.mesh");
     assert_eq!(made.status.code(), Some(0), "{}", stderr(&made));
     let tets = io::read_tets(place.path("own.mesh")).unwrap().tets().len() as u64;
     for row in place.rows("--no-reference --mesh own.mesh", 0) {
@@ -253,7 +245,7 @@ fn a_mesh_of_another_solid_is_refused_by_all_that_need_one() {
 
 #[test]
 fn too_many_tets_take_their_own_rows_only() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     assert_only_tets_fail(&place.rows("--no-reference --max-tets 10", 1), "10 are allowed");
     let output = place.run("--no-reference --max-tets 10 --out few");
     assert_eq!(output.status.code(), Some(1));
@@ -265,7 +257,7 @@ fn too_many_tets_take_their_own_rows_only() {
 
 #[test]
 fn rows_that_take_too_long_say_so() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     let rows = place.rows("--time-limit 0.001 --out late", 1);
     assert_eq!(rows.len(), 4);
     for row in &rows {
@@ -280,7 +272,7 @@ fn rows_that_take_too_long_say_so() {
 /// Where the rows are whole but the reference is not, a figure is missing.
 #[test]
 fn a_missing_reference_is_a_failed_check() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     // Enough for the map, not for the reference, which has sixteen times the sources.
     let rows = place.rows("--methods mean_value --memory 1", 1);
     assert_has_figures(&rows[0]);
@@ -289,7 +281,7 @@ fn a_missing_reference_is_a_failed_check() {
 
 #[test]
 fn surfaces_of_different_connectivity_are_named() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     place.surface("finer.obj", &shapes::sphere(1.0, 3));
     let mut triangles = domain().triangles().to_vec();
     triangles.swap(0, 5);
@@ -298,7 +290,7 @@ fn surfaces_of_different_connectivity_are_named() {
         &SurfaceMesh::new(domain().vertices().to_vec(), triangles).unwrap(),
     );
     for (image, fragment) in [("finer.obj", "642"), ("shuffled.obj", "triangle 0 joins")] {
-        let output = place.run_line(&format!("compare domain.obj --image {image} {SMALL}"));
+        let output = place.place.run(&format!("compare domain.obj --image {image} {SMALL}"));
         let text = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{text}");
         let rows = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -311,13 +303,15 @@ fn surfaces_of_different_connectivity_are_named() {
             assert!(rows.contains(method.name()), "no {method:?} in: {rows}");
         }
     }
-    let missing = place.run_line(&format!("compare domain.obj --image missing.obj {SMALL}"));
+    let missing = place
+        .place
+        .run(&format!("compare domain.obj --image missing.obj {SMALL}"));
     assert_eq!(missing.status.code(), Some(2), "{}", stderr(&missing));
 }
 
 #[test]
 fn finite_elements_are_refined_to_equal_accuracy() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     let rows = place.rows("--methods mfs --equal-accuracy --out equal", 0);
     let goal = rows[0]["interior_difference"]["rms"].as_f64().unwrap();
     let comparison = place.comparison("equal");
@@ -344,7 +338,7 @@ fn finite_elements_are_refined_to_equal_accuracy() {
 
 #[test]
 fn the_mesh_study_varies_meshes_and_sources() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     place.rows("--methods mfs,fem --mesh-study --no-reference --out study", 0);
     let comparison = place.comparison("study");
     let studies = comparison["mesh_study"].as_array().unwrap();
@@ -371,7 +365,7 @@ fn the_mesh_study_varies_meshes_and_sources() {
 
 #[test]
 fn frames_that_cannot_be_used_are_named_and_passed_over() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     let frame = |k: usize| shapes::deformed(&domain(), move |p| p + (bend(p) - p) * (0.5 * k as f64));
     place.surface("frame1.obj", &frame(1));
     place.surface("frame2.obj", &frame(2));
@@ -411,7 +405,7 @@ fn frames_that_cannot_be_used_are_named_and_passed_over() {
 /// Figures that say what the map is, and not how long it took, are the same to the last bit on as many threads.
 #[test]
 fn the_same_comparison_gives_the_same_bytes() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     for options in [
         "--threads 2 --out first",
         "--threads 2 --out second",
@@ -441,7 +435,7 @@ fn the_same_comparison_gives_the_same_bytes() {
 
 #[test]
 fn a_folder_that_cannot_be_written_is_found_at_once() {
-    let place = Workplace::new();
+    let place = ComparePlace::new();
     std::fs::write(place.path("file"), "text").unwrap();
     let mut folders = vec!["file", "file/below"];
     if cfg!(target_os = "linux") {
@@ -481,7 +475,7 @@ fn workers(folder: &Path) -> Vec<u32> {
 #[test]
 fn processes_end_with_the_program() {
     for signal in ["KILL", "INT"] {
-        let place = Workplace::new();
+        let place = ComparePlace::new();
         // Long enough to be met at work.
         place.surface("domain.obj", &shapes::sphere(1.0, 5));
         place.surface("image.obj", &shapes::deformed(&shapes::sphere(1.0, 5), bend));

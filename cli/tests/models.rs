@@ -4,35 +4,20 @@ use std::path::Path;
 use std::process::Output;
 
 use crate::common::models;
-use assert_cmd::Command;
+use crate::workplace::{json, solidmap};
 use serde_json::Value;
 use solidmap::Point;
 use solidmap::mesh::{SurfaceMesh, shapes};
 
-fn solidmap(arguments: &[&str]) -> Output {
-    Command::cargo_bin("solidmap")
-        .unwrap()
-        .args(arguments)
-        .timeout(std::time::Duration::from_secs(300))
-        .output()
-        .unwrap()
-}
-
-fn json(output: &Output) -> Value {
-    serde_json::from_slice(&output.stdout).unwrap_or_else(|e| {
-        panic!(
-            "{e}: {}{}",
-            String::from_utf8_lossy(&output.stdout),
-            String::from_utf8_lossy(&output.stderr)
-        )
-    })
+fn run(arguments: &[&str]) -> Output {
+    solidmap().args(arguments).output().unwrap()
 }
 
 /// Fits through the program and returns its report.
 fn fit(domain: &Path, image: &Path, folder: &Path, options: &[&str]) -> Value {
     let map = folder.join("fitted.map");
     let (domain, image, map) = (domain.to_str().unwrap(), image.to_str().unwrap(), map.to_str().unwrap());
-    let output = solidmap(&[&["fit", domain, "--image", image, "-o", map, "--json"], options].concat());
+    let output = run(&[&["fit", domain, "--image", image, "-o", map, "--json"], options].concat());
     assert_eq!(
         output.status.code(),
         Some(0),
@@ -71,7 +56,7 @@ fn polycubes_map_to_their_objects() {
             "-o",
             carried.to_str().unwrap(),
         ];
-        assert_eq!(solidmap(&arguments).status.code(), Some(0));
+        assert_eq!(run(&arguments).status.code(), Some(0));
         let (carried, object) = (
             solidmap::io::read_tets(&carried).unwrap(),
             solidmap::io::read_tets(maps.join(image)).unwrap(),
@@ -126,7 +111,7 @@ fn real_solids_follow_a_smooth_map() {
         assert!(report["seconds"]["total"].as_f64().unwrap() > 0.0 && report["peak_rss_bytes"].as_u64().unwrap() > 0);
 
         let map = folder.path().join("fitted.map");
-        let output = solidmap(&["energy", map.to_str().unwrap(), "--json", "--resolution", "24"]);
+        let output = run(&["energy", map.to_str().unwrap(), "--json", "--resolution", "24"]);
         assert_eq!(
             output.status.code(),
             Some(0),
@@ -193,7 +178,7 @@ fn every_bad_model_gets_its_diagnosis() {
     let Some(models) = models() else { return };
     for (file, expected) in BAD {
         let path = models.join("bad").join(file);
-        let output = solidmap(&["check", path.to_str().unwrap(), "--json"]);
+        let output = run(&["check", path.to_str().unwrap(), "--json"]);
         let report = json(&output);
         let findings = report["models"][0]["findings"].as_array().unwrap();
         let kinds: Vec<&str> = findings.iter().map(|f| f["kind"].as_str().unwrap()).collect();
@@ -221,7 +206,7 @@ fn every_bad_model_gets_its_diagnosis() {
     let unreadable = [("empty.obj", "no faces"), ("not_enough_indices.obj", "2 corners")];
     for (file, reason) in unreadable {
         let path = models.join("bad").join(file);
-        let output = solidmap(&["check", path.to_str().unwrap()]);
+        let output = run(&["check", path.to_str().unwrap()]);
         assert_eq!(output.status.code(), Some(2), "{file}");
         assert!(String::from_utf8_lossy(&output.stdout).contains(reason), "{file}");
     }
@@ -249,7 +234,7 @@ fn fitting_bad_models_ends_in_a_named_error_or_a_map() {
     for entry in std::fs::read_dir(models.join("bad")).unwrap() {
         let path = entry.unwrap().path();
         let name = path.to_str().unwrap();
-        let output = solidmap(&[
+        let output = run(&[
             "fit",
             name,
             "--image",

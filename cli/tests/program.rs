@@ -1,9 +1,9 @@
 //! The command line from outside: files in, files out, exit codes.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Output;
 
-use assert_cmd::Command;
+use crate::workplace::{Workplace, json, solidmap, stderr};
 use serde_json::Value;
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
@@ -12,69 +12,17 @@ use solidmap::io::{self, read_points};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::spherical::SphericalEmbedding;
 
-struct Workplace {
-    folder: tempfile::TempDir,
-}
-
-impl Workplace {
-    fn new() -> Self {
-        Self {
-            folder: tempfile::tempdir().unwrap(),
-        }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn surface(&self, name: &str, mesh: &SurfaceMesh) -> String {
-        io::write_surface(self.path(name), mesh).unwrap();
-        name.into()
-    }
-
-    /// Runs in the folder; words are separated by blanks.
-    fn run(&self, line: &str) -> Output {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
-        command.current_dir(self.folder.path()).args(line.split_whitespace());
-        command.timeout(std::time::Duration::from_secs(120)).output().unwrap()
-    }
-
-    fn must(&self, line: &str) -> Output {
-        let output = self.run(line);
-        assert_eq!(output.status.code(), Some(0), "{line}: {}", stderr(&output));
-        output
-    }
-
-    fn fails(&self, line: &str, fragments: &[&str]) {
-        let output = self.run(line);
-        let text = stderr(&output);
-        assert_eq!(output.status.code(), Some(2), "{line}: {text}");
-        assert!(text.contains("error: "), "{line}: {text}");
-        for fragment in fragments {
-            assert!(text.contains(fragment), "{line}: no `{fragment}` in: {text}");
-        }
-    }
-
-    /// A ball and its affine image, fitted.
-    fn with_fitted_ball() -> Self {
-        let place = Self::new();
-        place.surface("ball.obj", &shapes::sphere(1.0, 2));
-        place.surface("image.ply", &shapes::deformed(&shapes::sphere(1.0, 2), affine));
-        place.must("fit ball.obj --image image.ply -o ball.map");
-        place
-    }
+/// A ball and its affine image, fitted.
+fn with_affine_map() -> Workplace {
+    let place = Workplace::new();
+    place.surface("ball.obj", &shapes::sphere(1.0, 2));
+    place.surface("image.ply", &shapes::deformed(&shapes::sphere(1.0, 2), affine));
+    place.ends_with(0, "fit ball.obj --image image.ply -o ball.map");
+    place
 }
 
 fn affine(p: &Point) -> Point {
     Point::new(2.0 * p.x + 1.0, p.y - 0.5 * p.z, 0.5 * p.z)
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-fn json(output: &Output) -> Value {
-    serde_json::from_slice(&output.stdout).unwrap()
 }
 
 fn columns(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
@@ -91,8 +39,11 @@ fn columns(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
 
 #[test]
 fn fit_reports_what_the_contract_names() {
-    let place = Workplace::with_fitted_ball();
-    let report = json(&place.must("fit ball.obj --image image.ply -o again.map --json --vtu boundary.vtu"));
+    let place = with_affine_map();
+    let report = json(&place.ends_with(
+        0,
+        "fit ball.obj --image image.ply -o again.map --json --vtu boundary.vtu",
+    ));
     for key in [
         "vertices",
         "faces",
@@ -113,7 +64,7 @@ fn fit_reports_what_the_contract_names() {
     }
     assert!(report["peak_rss_bytes"].as_u64().unwrap() > 1_000_000);
     let again = std::fs::read(place.path("again.map")).unwrap();
-    let twice = json(&place.must("fit ball.obj --image image.ply -o twice.map --json"));
+    let twice = json(&place.ends_with(0, "fit ball.obj --image image.ply -o twice.map --json"));
     assert_eq!(twice["boundary_error"], report["boundary_error"]);
     assert!(
         again == std::fs::read(place.path("twice.map")).unwrap(),
@@ -147,10 +98,13 @@ fn with_boundary_file() -> (Workplace, BoundaryMap) {
 #[test]
 fn fit_takes_a_boundary_file_with_or_without_its_domain() {
     let (place, boundary) = with_boundary_file();
-    let report = json(&place.must("fit ball.obj --boundary ball.boundary -o ball.map --tolerance 0.02 --json"));
+    let report = json(&place.ends_with(
+        0,
+        "fit ball.obj --boundary ball.boundary -o ball.map --tolerance 0.02 --json",
+    ));
     assert_eq!(report["boundary_file"], "ball.boundary");
     assert!(report["image"].is_null());
-    let alone = json(&place.must("fit --boundary ball.boundary -o alone.map --tolerance 0.02 --json"));
+    let alone = json(&place.ends_with(0, "fit --boundary ball.boundary -o alone.map --tolerance 0.02 --json"));
     assert!(alone["domain"].is_null());
     assert_eq!(alone["boundary_error"], report["boundary_error"]);
     let (with_domain, alone) = ["ball.map", "alone.map"]
@@ -161,12 +115,15 @@ fn fit_takes_a_boundary_file_with_or_without_its_domain() {
     let roles = |file: &files::MapFile| file.metadata.inputs.iter().map(|i| i.role.clone()).collect::<Vec<_>>();
     assert_eq!(roles(&with_domain), ["domain", "boundary"]);
     assert_eq!(roles(&alone), ["boundary"]);
-    place.must("energy ball.map --json");
-    place.must("eval ball.map ball.obj -o mapped.obj");
+    place.ends_with(0, "energy ball.map --json");
+    place.ends_with(0, "eval ball.map ball.obj -o mapped.obj");
 
     // A domain whose triangles face inward is the same one.
     place.surface("inward.obj", &shapes::bumpy_sphere(8).reversed());
-    place.must("fit inward.obj --boundary ball.boundary -o inward.map --tolerance 0.02");
+    place.ends_with(
+        0,
+        "fit inward.obj --boundary ball.boundary -o inward.map --tolerance 0.02",
+    );
 }
 
 #[test]
@@ -202,9 +159,9 @@ fn fit_refuses_boundary_files_that_do_not_fit() {
 
 #[test]
 fn eval_maps_points_and_meshes_and_gives_jacobians() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     std::fs::write(place.path("points.csv"), "name,z,y,x\na,0.1,0.2,0.3\nb,-0.5,0,0\n").unwrap();
-    place.must("eval ball.map points.csv -o images.csv --jacobian");
+    place.ends_with(0, "eval ball.map points.csv -o images.csv --jacobian");
     let (names, rows) = columns(&place.path("images.csv"));
     assert_eq!(names.join(","), "x,y,z,fx,fy,fz,j00,j01,j02,j10,j11,j12,j20,j21,j22");
     for row in &rows {
@@ -218,11 +175,11 @@ fn eval_maps_points_and_meshes_and_gives_jacobians() {
     }
     assert_eq!(rows[0][..3], [0.3, 0.2, 0.1]);
 
-    place.must("eval ball.map points.csv -o images.npy");
+    place.ends_with(0, "eval ball.map points.csv -o images.npy");
     let from_npy = read_points(place.path("images.npy")).unwrap();
     assert_eq!(from_npy[1], Point::new(rows[1][3], rows[1][4], rows[1][5]));
 
-    place.must("eval ball.map ball.obj -o mapped.obj");
+    place.ends_with(0, "eval ball.map ball.obj -o mapped.obj");
     let (mapped, image) = (
         io::read_surface(place.path("mapped.obj")).unwrap(),
         io::read_surface(place.path("image.ply")).unwrap(),
@@ -252,16 +209,16 @@ fn eval_maps_points_and_meshes_and_gives_jacobians() {
 /// direction, scaled back to unit volume, has `c²(4 + 1 + 1 + ¼ + ¼)` with `c³ = V₁/V₂ = 1` here.
 #[test]
 fn energy_measures_and_pictures() {
-    let place = Workplace::with_fitted_ball();
-    place.must("fit ball.obj --image ball.obj -o identity.map");
-    let identity = json(&place.must("energy identity.map --json"));
+    let place = with_affine_map();
+    place.ends_with(0, "fit ball.obj --image ball.obj -o identity.map");
+    let identity = json(&place.ends_with(0, "energy identity.map --json"));
     assert!(
         (identity["harmonic"].as_f64().unwrap() - 3.0).abs() < 1e-9,
         "{identity}"
     );
     assert!(identity["deformation"].as_f64().unwrap() < 1e-12);
 
-    let report = json(&place.must("energy ball.map --json --png section.png --axis x --vtu cells.vtu"));
+    let report = json(&place.ends_with(0, "energy ball.map --json --png section.png --axis x --vtu cells.vtu"));
     assert!((report["harmonic"].as_f64().unwrap() - 5.5).abs() < 1e-8, "{report}");
     assert_eq!(report["inverted_points"], Value::from(0));
     let png = std::fs::read(place.path("section.png")).unwrap();
@@ -285,8 +242,8 @@ fn a_missed_tolerance_exits_with_1_and_still_writes_the_map() {
     assert_eq!(output.status.code(), Some(1));
     assert_eq!(json(&output)["tolerance_met"], Value::from(false));
     assert!(stderr(&output).contains("tolerance"));
-    place.must("eval bent.map ball.obj -o out.csv");
-    place.must("fit ball.obj --image bent.obj -o bent.map --tolerance 0.5");
+    place.ends_with(0, "eval bent.map ball.obj -o out.csv");
+    place.ends_with(0, "fit ball.obj --image bent.obj -o bent.map --tolerance 0.5");
 }
 
 #[test]
@@ -338,7 +295,7 @@ fn a_missed_tolerance_comes_with_advice_that_fits() {
         assert_eq!(json(&output)["refinement_end"], end, "{options}");
         assert!(stderr(&output).contains(advice), "{options}: {}", stderr(&output));
     }
-    let output = place.must("fit ball.obj --image bent.obj -o out.map --tolerance 0.5 --json");
+    let output = place.ends_with(0, "fit ball.obj --image bent.obj -o out.map --tolerance 0.5 --json");
     assert_eq!(json(&output)["refinement_end"], "tolerance");
 }
 
@@ -394,7 +351,7 @@ fn an_interrupted_fit_ends_at_once_and_leaves_nothing() {
 #[cfg(unix)]
 #[test]
 fn an_interrupted_write_keeps_the_old_file_and_leaves_no_other() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     let points: Vec<f64> = (0..1_500_000).map(|k| 0.3 * f64::from(k).sin()).collect();
     io::write_npy(place.path("points.npy"), 3, &points).unwrap();
     std::fs::write(place.path("out.csv"), "old").unwrap();
@@ -408,7 +365,7 @@ fn an_interrupted_write_keeps_the_old_file_and_leaves_no_other() {
 
 #[test]
 fn what_cannot_run_says_why_and_exits_with_2() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     place.surface("cube.obj", &shapes::cube(1.0, 3));
     place.surface("open.obj", &{
         let (vertices, mut triangles) = shapes::cube(1.0, 3).into_parts();
@@ -463,7 +420,7 @@ fn what_cannot_run_says_why_and_exits_with_2() {
 /// The cause stands in the message once, and no temporary name does.
 #[test]
 fn errors_are_said_once() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     let lines = [
         "fit none.obj --image ball.obj -o out.map",
         "eval none.map ball.obj -o out.csv",
@@ -486,7 +443,7 @@ fn errors_are_said_once() {
 
 #[test]
 fn options_out_of_range_are_refused_at_once() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     for (line, fragment) in [
         (
             "fit ball.obj --image ball.obj -o out.map --held-out 1000000000000",
@@ -521,9 +478,9 @@ fn energies_are_those_of_the_mended_domain() {
     place.surface("inward.obj", &outer.reversed());
     place.surface("nested.obj", &shapes::joined(&outer, &inner));
     for (model, volume) in [("inward", outer.volume()), ("nested", outer.volume() - inner.volume())] {
-        let fit = place.must(&format!("fit {model}.obj --image {model}.obj -o {model}.map"));
+        let fit = place.ends_with(0, &format!("fit {model}.obj --image {model}.obj -o {model}.map"));
         assert!(stderr(&fit).contains("warning"), "{model}: {}", stderr(&fit));
-        let report = json(&place.must(&format!("energy {model}.map --json")));
+        let report = json(&place.ends_with(0, &format!("energy {model}.map --json")));
         assert!(
             (report["volume"].as_f64().unwrap() / volume - 1.0).abs() < 1e-9,
             "{model}: {report}"
@@ -539,13 +496,13 @@ fn energies_are_those_of_the_mended_domain() {
 /// A reflection turns all of space over, which is no fold.
 #[test]
 fn a_reflecting_map_is_not_folded() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     place.surface(
         "mirror.obj",
         &shapes::deformed(&shapes::sphere(1.0, 2), |p| Point::new(-p.x, p.y, p.z)),
     );
-    place.must("fit ball.obj --image mirror.obj -o mirror.map");
-    let report = json(&place.must("energy mirror.map --json --png mirror.png"));
+    place.ends_with(0, "fit ball.obj --image mirror.obj -o mirror.map");
+    let report = json(&place.ends_with(0, "energy mirror.map --json --png mirror.png"));
     assert_eq!(report["inverted_points"], Value::from(0));
     assert_eq!(report["inverted_fraction"], Value::from(0.0));
     assert!((report["harmonic"].as_f64().unwrap() - 3.0).abs() < 1e-9);
@@ -556,7 +513,7 @@ fn extreme_sizes_are_mapped_or_refused_never_passed_unmeasured() {
     let place = Workplace::new();
     for (name, scale) in [("tiny", 1e-9), ("huge", 1e9)] {
         place.surface(&format!("{name}.obj"), &shapes::sphere(scale, 2));
-        let report = json(&place.must(&format!("fit {name}.obj --image {name}.obj -o {name}.map --json")));
+        let report = json(&place.ends_with(0, &format!("fit {name}.obj --image {name}.obj -o {name}.map --json")));
         assert!(report["boundary_error"]["max"].as_f64().unwrap() < 1e-9);
     }
     for (name, scale) in [("absurd", 1e160), ("nothing", 1e-160)] {
@@ -570,7 +527,7 @@ fn extreme_sizes_are_mapped_or_refused_never_passed_unmeasured() {
 /// Every choice of the method reaches the library: on smooth data each meets its own bound.
 #[test]
 fn methods_and_placements_can_be_chosen() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     let bent = |p: &Point| Point::new(p.x + 0.2 * p.y * p.y, p.y, p.z + 0.1 * p.x * p.y);
     place.surface("bent.obj", &shapes::deformed(&shapes::sphere(1.0, 2), bent));
     for (options, method, bound) in [
@@ -581,9 +538,10 @@ fn methods_and_placements_can_be_chosen() {
         ("--no-affine", "schwarz", 2e-2),
         ("--c-ratio 5 --seed 7 --held-out 5000", "schwarz", 5e-3),
     ] {
-        let report = json(&place.must(&format!(
-            "fit ball.obj --image bent.obj -o bent.map --json --tolerance 1 {options}"
-        )));
+        let report = json(&place.ends_with(
+            0,
+            &format!("fit ball.obj --image bent.obj -o bent.map --json --tolerance 1 {options}"),
+        ));
         assert_eq!(report["method"], Value::from(method), "{options}");
         let rms = report["boundary_error"]["rms"].as_f64().unwrap();
         assert!(rms < bound, "{options}: {rms:e}");
@@ -605,20 +563,20 @@ fn unused_vertices_do_not_stretch_the_unit_of_errors() {
     place.surface("bent.obj", &bent);
     place.surface("ball_far.obj", &with_unused(&ball, 100.0));
     place.surface("bent_far.obj", &with_unused(&bent, -1e4));
-    let plain = json(&place.must("fit ball.obj --image bent.obj -o m.map --json"));
-    let output = place.must("fit ball_far.obj --image bent_far.obj -o far.map --json");
+    let plain = json(&place.ends_with(0, "fit ball.obj --image bent.obj -o m.map --json"));
+    let output = place.ends_with(0, "fit ball_far.obj --image bent_far.obj -o far.map --json");
     assert_eq!(json(&output)["boundary_error"], plain["boundary_error"]);
     assert!(
         stderr(&output).contains("belongs to no triangle"),
         "{}",
         stderr(&output)
     );
-    place.must("energy far.map --png far.png");
+    place.ends_with(0, "energy far.map --png far.png");
 }
 
 #[test]
 fn outputs_do_not_overwrite_inputs() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     for line in [
         "fit ball.obj --image image.ply -o ball.obj",
         "fit ball.obj --image image.ply -o out.map --vtu image.ply",
@@ -633,28 +591,28 @@ fn outputs_do_not_overwrite_inputs() {
 
 #[test]
 fn targets_that_are_no_solids_are_remarked_on() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     place.surface(
         "flat.obj",
         &shapes::deformed(&shapes::sphere(1.0, 2), |p| Point::new(p.x, p.y, 0.0)),
     );
-    let flat = place.must("fit ball.obj --image flat.obj -o flat.map");
+    let flat = place.ends_with(0, "fit ball.obj --image flat.obj -o flat.map");
     assert!(stderr(&flat).contains("no volume"), "{}", stderr(&flat));
     place.fails("energy flat.map", &["flat.map", "volume"]);
-    place.must("energy flat.map --no-normalize");
+    place.ends_with(0, "energy flat.map --no-normalize");
     place.surface(
         "mirror.obj",
         &shapes::deformed(&shapes::sphere(1.0, 2), |p| Point::new(-p.x, p.y, p.z)),
     );
-    let mirror = place.must("fit ball.obj --image mirror.obj -o mirror.map");
+    let mirror = place.ends_with(0, "fit ball.obj --image mirror.obj -o mirror.map");
     assert!(stderr(&mirror).contains("inside out"), "{}", stderr(&mirror));
 }
 
 #[test]
 fn points_without_an_image_and_points_outside_are_counted() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     std::fs::write(place.path("points.csv"), "x,y,z\n0,0,0\nnan,0,0\n5,0,0\n").unwrap();
-    let output = place.must("eval ball.map points.csv -o images.csv --json");
+    let output = place.ends_with(0, "eval ball.map points.csv -o images.csv --json");
     let report = json(&output);
     assert_eq!(
         (&report["not_finite"], &report["outside"]),
@@ -665,9 +623,9 @@ fn points_without_an_image_and_points_outside_are_counted() {
 
 #[test]
 fn check_exits_with_0_1_or_2() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     place.surface("inward.obj", &shapes::sphere(1.0, 1).reversed());
-    assert!(String::from_utf8_lossy(&place.must("check ball.obj").stdout).contains("ball.obj"));
+    assert!(String::from_utf8_lossy(&place.ends_with(0, "check ball.obj").stdout).contains("ball.obj"));
     let output = place.run("check ball.obj inward.obj --json");
     assert_eq!(output.status.code(), Some(1));
     assert_eq!(json(&output)["models"][1]["findings"][0]["kind"], Value::from("inward"));
@@ -691,8 +649,11 @@ fn the_number_of_threads_does_not_change_the_map() {
         }),
     );
     let images = [1, 2].map(|threads| {
-        place.must(&format!("fit torus.obj --image image.obj -o t.map --threads {threads}"));
-        place.must(&format!("eval t.map torus.obj -o out.npy --threads {threads}"));
+        place.ends_with(
+            0,
+            &format!("fit torus.obj --image image.obj -o t.map --threads {threads}"),
+        );
+        place.ends_with(0, &format!("eval t.map torus.obj -o out.npy --threads {threads}"));
         read_points(place.path("out.npy")).unwrap()
     });
     assert!(images[0].iter().zip(&images[1]).all(|(a, b)| (a - b).norm() < 1e-9));
@@ -700,7 +661,7 @@ fn the_number_of_threads_does_not_change_the_map() {
 
 #[test]
 fn version_names_the_licence_of_the_binary() {
-    let text = String::from_utf8(Workplace::new().must("--version").stdout).unwrap();
+    let text = String::from_utf8(Workplace::new().ends_with(0, "--version").stdout).unwrap();
     let licence = if cfg!(feature = "native") {
         "AGPL"
     } else {
@@ -712,28 +673,29 @@ fn version_names_the_licence_of_the_binary() {
 #[cfg(feature = "native")]
 #[test]
 fn tet_and_offset_write_meshes() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     for mesher in ["tetgen", "cgal"] {
         for extension in ["mesh", "vtk", "vtu"] {
-            let report = json(&place.must(&format!("tet ball.obj -o tets.{extension} --mesher {mesher} --json")));
+            let report =
+                json(&place.ends_with(0, &format!("tet ball.obj -o tets.{extension} --mesher {mesher} --json")));
             let tets = io::read_tets(place.path(&format!("tets.{extension}"))).unwrap();
             assert_eq!(report["tets"], Value::from(tets.tets().len()));
             assert!((tets.volume() - report["volume"].as_f64().unwrap()).abs() < 1e-9);
         }
     }
-    place.must("tet ball.obj -o tets.vtu");
-    place.must("eval ball.map tets.vtu -o carried.vtu");
-    let report = json(&place.must("energy ball.map --mesh tets.vtu --vtu energy.vtu --json"));
+    place.ends_with(0, "tet ball.obj -o tets.vtu");
+    place.ends_with(0, "eval ball.map tets.vtu -o carried.vtu");
+    let report = json(&place.ends_with(0, "energy ball.map --mesh tets.vtu --vtu energy.vtu --json"));
     assert!((report["harmonic"].as_f64().unwrap() - 5.5).abs() < 1e-8, "{report}");
     place.surface("large.obj", &shapes::sphere(3.0, 2));
-    place.must("tet large.obj -o large.vtu");
+    place.ends_with(0, "tet large.obj -o large.vtu");
     place.fails(
         "energy ball.map --mesh tets.vtu --vtu tets.vtu",
         &["tets.vtu", "overwritten"],
     );
     place.fails("energy ball.map --mesh large.vtu", &["large.vtu", "volume"]);
     place.fails("tet ball.obj -o tets.xyz", &["tets.xyz", ".vtu"]);
-    let report = json(&place.must("offset ball.obj --distance 0.1 --relative -o offset.ply --json"));
+    let report = json(&place.ends_with(0, "offset ball.obj --distance 0.1 --relative -o offset.ply --json"));
     let offset = io::read_surface(place.path("offset.ply")).unwrap();
     assert_eq!(report["triangles"], Value::from(offset.triangles().len()));
     let distance = report["distance"].as_f64().unwrap();
@@ -743,14 +705,14 @@ fn tet_and_offset_write_meshes() {
             .iter()
             .all(|p| (p.coords.norm() - 1.0 - distance).abs() < 0.1 * distance)
     );
-    place.must("fit ball.obj --image image.ply --paper -o paper.map");
+    place.ends_with(0, "fit ball.obj --image image.ply --paper -o paper.map");
     place.fails("tet ball.obj -o tets.obj", &["tets.obj"]);
 }
 
 #[cfg(not(feature = "native"))]
 #[test]
 fn without_the_bridge_its_commands_say_so() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     place.fails("tet ball.obj -o tets.mesh", &["native"]);
     place.fails("offset ball.obj --distance 0.1 -o offset.ply", &["native"]);
     place.fails(
@@ -762,7 +724,7 @@ fn without_the_bridge_its_commands_say_so() {
 #[test]
 fn demo_writes_maps_and_pictures() {
     let place = Workplace::new();
-    let report = json(&place.must("demo --out shown --json"));
+    let report = json(&place.ends_with(0, "demo --out shown --json"));
     for (k, name) in ["animal", "knot"].iter().enumerate() {
         assert!(report["pairs"][k]["fit"]["boundary_error"]["rms"].as_f64().unwrap() < 2e-3);
         for file in [
@@ -796,7 +758,7 @@ fn a_polycube_is_remeshed_in_every_format() {
     place.surface("ball.obj", &shapes::projected_to_sphere(&cube, 1.0));
     place.run("fit cube.obj --image ball.obj -o cube.map");
     let words = |output: &Output| String::from_utf8_lossy(&output.stdout).into_owned();
-    let tets = place.must("remesh cube.map --cells 6 -o tets.mesh --domain-mesh grid.vtu");
+    let tets = place.ends_with(0, "remesh cube.map --cells 6 -o tets.mesh --domain-mesh grid.vtu");
     for fragment in [
         "1296 tetrahedra",
         "0 now, decided exactly",
@@ -817,7 +779,7 @@ fn a_polycube_is_remeshed_in_every_format() {
             .all(|p| p.coords.norm() < 1.0 + 1e-12)
     );
 
-    let hexes = json(&place.must("remesh cube.map --cell-size 0.334 --kind hex -o hexes.vtu --json"));
+    let hexes = json(&place.ends_with(0, "remesh cube.map --cell-size 0.334 --kind hex -o hexes.vtu --json"));
     assert_eq!((&hexes["cells"], &hexes["flipped_cells"]), (&432.into(), &0.into()));
     assert!(hexes["min_scaled_jacobian"].as_f64().unwrap() > 0.2, "{hexes}");
     assert!(hexes["seconds"]["total"].as_f64().unwrap() > 0.0);
@@ -836,7 +798,7 @@ fn a_polycube_is_remeshed_in_every_format() {
             "{field}"
         );
     }
-    place.must("remesh cube.map --cells 2 --kind hex -o hexes.msh");
+    place.ends_with(0, "remesh cube.map --cells 2 --kind hex -o hexes.msh");
     let msh = std::fs::read_to_string(place.path("hexes.msh")).unwrap();
     assert!(msh.starts_with("$MeshFormat\n2.2") && msh.contains("cube.map") && msh.contains("\"face 1 ("));
     let elements = msh.split("$Elements\n").nth(1).unwrap();
@@ -859,7 +821,7 @@ fn a_polycube_is_remeshed_in_every_format() {
         grid.vertices().len()
     );
     std::fs::write(place.path("given.mesh"), text).unwrap();
-    let given = place.must("remesh cube.map --mesh given.mesh -o carried.mesh --png carried.png");
+    let given = place.ends_with(0, "remesh cube.map --mesh given.mesh -o carried.mesh --png carried.png");
     assert!(
         words(&given).contains("0 now") && words(&given).contains("given"),
         "{}",
@@ -881,7 +843,7 @@ fn a_polycube_is_remeshed_in_every_format() {
 
 #[test]
 fn what_cannot_be_remeshed_is_named() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     place.fails(
         "remesh ball.map -o m.vtu",
         &["ball.map", "no polycube", "not axis-aligned"],
@@ -903,7 +865,7 @@ fn what_cannot_be_remeshed_is_named() {
         &["given.mesh", "overwrit"],
     );
     place.surface("cube.obj", &shapes::cube(2.0, 2));
-    place.must("fit cube.obj --image cube.obj -o cube.map");
+    place.ends_with(0, "fit cube.obj --image cube.obj -o cube.map");
     place.fails("remesh cube.map -o m.vtu --cell-size -1", &["cell size of -1"]);
     place.fails("remesh cube.map -o m.vtu --cell-size 0", &["cell size of 0"]);
     place.fails(
@@ -953,10 +915,10 @@ fn a_boundary_that_passes_through_itself_is_told_though_no_cell_is_inverted() {
 
 #[test]
 fn names_of_any_length_are_written() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     // The longest that the system has, in characters of one byte and of four.
     for name in [format!("{}.obj", "a".repeat(251)), format!("{}.obj", "𝄞".repeat(62))] {
-        place.must(&format!("eval ball.map ball.obj -o {name}"));
+        place.ends_with(0, &format!("eval ball.map ball.obj -o {name}"));
         assert!(place.path(&name).exists());
     }
 }
@@ -965,9 +927,9 @@ fn names_of_any_length_are_written() {
 #[test]
 fn names_that_json_cannot_hold_are_refused_before_the_work() {
     use std::os::unix::ffi::OsStrExt;
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     let run = |json: bool| {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
+        let mut command = solidmap();
         command
             .current_dir(place.folder.path())
             .args(["eval", "ball.map", "ball.obj", "-o"]);
@@ -984,7 +946,7 @@ fn names_that_json_cannot_hold_are_refused_before_the_work() {
 
 #[test]
 fn settings_of_the_library_are_called_as_they_are_typed() {
-    let place = Workplace::with_fitted_ball();
+    let place = with_affine_map();
     let fit = "fit ball.obj --image image.ply -o x.map";
     for (option, said) in [
         ("--max-sources 0", "--max-sources is 0"),

@@ -4,37 +4,33 @@ use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use crate::common::{bent, with_hole};
-use crate::workplace::{json, text};
+use crate::workplace::{Workplace, json, text};
 use solidmap::Point;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
 
-struct Workplace {
-    place: crate::workplace::Workplace,
+struct SequencePlace {
+    place: Workplace,
     ball: SurfaceMesh,
 }
 
-impl Deref for Workplace {
-    type Target = crate::workplace::Workplace;
+impl Deref for SequencePlace {
+    type Target = Workplace;
 
-    fn deref(&self) -> &crate::workplace::Workplace {
+    fn deref(&self) -> &Workplace {
         &self.place
     }
 }
 
-impl Workplace {
+impl SequencePlace {
     /// A ball, `ref.obj`.
     fn new() -> Self {
         let place = Self {
-            place: crate::workplace::Workplace::new(),
+            place: Workplace::new(),
             ball: shapes::sphere(1.0, 2),
         };
         place.surface("ref.obj", &place.ball);
         place
-    }
-
-    fn surface(&self, name: &str, mesh: &SurfaceMesh) {
-        io::write_surface(self.path(name), mesh).unwrap();
     }
 
     fn frame(&self, name: &str, f: impl Fn(&Point) -> Point) {
@@ -67,7 +63,7 @@ fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 #[test]
 fn a_sequence_gives_its_energies_cycles_chart_table_and_series() {
-    let place = Workplace::new();
+    let place = SequencePlace::new();
     let names = place.bends(24, 3.0);
     let line =
         format!("sequence ref.obj {names} -o out --resolution 12 --fps 25 --show 4,1 --frames-per-block 7 --json");
@@ -112,7 +108,7 @@ fn a_sequence_gives_its_energies_cycles_chart_table_and_series() {
 
 #[test]
 fn frames_that_cannot_be_used_are_named_and_skipped() {
-    let place = Workplace::new();
+    let place = SequencePlace::new();
     place.frame("good.obj", |p| Point::new(p.x + 0.1 * p.z * p.z, p.y, p.z));
     place.surface("fewer.obj", &shapes::sphere(1.0, 1));
     place.surface("turned.ply", &{
@@ -173,7 +169,7 @@ fn frames_that_cannot_be_used_are_named_and_skipped() {
 
 #[test]
 fn a_slit_is_closed_when_asked_for() {
-    let place = Workplace::new();
+    let place = SequencePlace::new();
     place.surface("open.obj", &with_hole(&place.ball));
     let moved = shapes::deformed(&place.ball, |p| Point::new(p.x + 3.0, -p.y, -p.z));
     place.surface("moved.obj", &with_hole(&moved));
@@ -189,7 +185,7 @@ fn a_slit_is_closed_when_asked_for() {
 
 #[test]
 fn order_units_and_mirror_images_are_remarked_on() {
-    let place = Workplace::new();
+    let place = SequencePlace::new();
     for name in ["f1.obj", "f2.obj", "f10.obj"] {
         place.frame(name, |p| Point::new(p.x, 1.1 * p.y, p.z));
     }
@@ -215,7 +211,7 @@ fn order_units_and_mirror_images_are_remarked_on() {
 
 #[test]
 fn bad_requests_are_refused_before_any_work() {
-    let place = Workplace::new();
+    let place = SequencePlace::new();
     place.frame("f.obj", |p| *p);
     std::fs::create_dir_all(place.path("out/surface")).unwrap();
     place.frame("out/surface/frame_00000.vtu", |p| *p);
@@ -248,7 +244,7 @@ fn bad_requests_are_refused_before_any_work() {
 
 #[test]
 fn results_stay_until_new_ones_are_complete_and_other_files_for_ever() {
-    let place = Workplace::new();
+    let place = SequencePlace::new();
     place.frame("good.obj", |p| Point::new(p.x + 0.1 * p.z * p.z, p.y, p.z));
     place.surface("fewer.obj", &shapes::sphere(1.0, 1));
     place.ends_with(0, "sequence ref.obj good.obj -o out --resolution 8");
@@ -291,7 +287,7 @@ fn results_stay_until_new_ones_are_complete_and_other_files_for_ever() {
 fn an_interrupt_leaves_the_results_of_an_earlier_run() {
     use std::process::{Command, Stdio};
 
-    let place = Workplace::new();
+    let place = SequencePlace::new();
     place.ends_with(0, "sequence ref.obj ref.obj -o out --resolution 8");
     let before = contents(&place.path("out"));
     place.surface("fine.ply", &shapes::sphere(1.0, 6));
@@ -323,7 +319,7 @@ fn an_interrupt_leaves_the_results_of_an_earlier_run() {
 
 #[test]
 fn the_largest_cross_section_is_pictured_unless_an_axis_is_named() {
-    let place = Workplace::new();
+    let place = SequencePlace::new();
     let thin = |p: &Point| Point::new(0.2 * p.x, p.y, p.z);
     place.frame("thin.obj", thin);
     place.frame("bent.obj", |p| thin(p) + 0.1 * p.z * p.z * solidmap::Vector::y());
@@ -340,7 +336,7 @@ fn the_largest_cross_section_is_pictured_unless_an_axis_is_named() {
 
 #[test]
 fn material_moves_with_every_frame() {
-    let place = Workplace::new();
+    let place = SequencePlace::new();
     // Linear on the facets too, so that the map inside is known.
     let frame = |k: usize, p: &Point| {
         let a = 0.1 * k as f64;

@@ -3,24 +3,33 @@
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::io::Read;
-use std::path::PathBuf;
+use std::ops::Deref;
 use std::process::Output;
 
-use assert_cmd::Command;
+use crate::workplace::Workplace;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use serde_json::Value;
 use solidmap::Point;
 use solidmap::mesh::{SurfaceMesh, shapes};
 
-struct Workplace {
-    folder: tempfile::TempDir,
+struct TexturePlace {
+    place: Workplace,
 }
 
-impl Workplace {
+impl Deref for TexturePlace {
+    type Target = Workplace;
+
+    fn deref(&self) -> &Workplace {
+        &self.place
+    }
+}
+
+impl TexturePlace {
     /// A ball with longitude and latitude as texture coordinates, and a picture of waves.
     fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let place = Self { folder };
+        let place = Self {
+            place: Workplace::new(),
+        };
         place.write("ball.obj", &with_uv(&shapes::geodesic_sphere(1.0, 10)));
         place.picture("waves.png", 64, |u, v| {
             [
@@ -30,10 +39,6 @@ impl Workplace {
             ]
         });
         place
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
     }
 
     fn write(&self, name: &str, text: &str) {
@@ -52,17 +57,9 @@ impl Workplace {
         std::fs::write(self.path(name), bytes).unwrap();
     }
 
-    /// Runs in the folder; words are separated by blanks.
+    /// Runs `solidmap texture` in the folder.
     fn ends_with(&self, code: i32, line: &str) -> Output {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
-        command
-            .current_dir(self.folder.path())
-            .arg("texture")
-            .args(line.split_whitespace());
-        let output = command.timeout(std::time::Duration::from_secs(120)).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
-        output
+        self.place.ends_with(code, &format!("texture {line}"))
     }
 
     fn refuses(&self, line: &str, words: &[&str]) {
@@ -166,7 +163,7 @@ fn read_vti(text: &str) -> ImageData {
 
 #[test]
 fn volume_points_picture_and_texture_file_agree() {
-    let place = Workplace::new();
+    let place = TexturePlace::new();
     // Centres of voxels of the volume, and a point outside.
     place.write(
         "points.csv",
@@ -228,7 +225,7 @@ fn volume_points_picture_and_texture_file_agree() {
 /// Triangles across the seam reach beyond the picture; what is there is in the file.
 #[test]
 fn a_stored_texture_keeps_what_is_beyond_its_picture() {
-    let place = Workplace::new();
+    let place = TexturePlace::new();
     for line in [
         "ball.obj --checker 8 --wrap clamp --map clamped.safetensors",
         "clamped.safetensors --at ball.obj --colours x.csv",
@@ -240,7 +237,7 @@ fn a_stored_texture_keeps_what_is_beyond_its_picture() {
 
 #[test]
 fn outputs_are_refused_before_the_fit() {
-    let place = Workplace::new();
+    let place = TexturePlace::new();
     place.write("points.csv", "x,y,z\n0,0,0\n");
     let tets = "# vtk DataFile Version 3.0\ntet\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n0 0 0 1 0 0 0 1 0 0 0 1\n\
          CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n10\n";
@@ -260,7 +257,7 @@ fn outputs_are_refused_before_the_fit() {
 
 #[test]
 fn colours_are_written_to_meshes() {
-    let place = Workplace::new();
+    let place = TexturePlace::new();
     place.ends_with(0, "ball.obj --checker 8 --at ball.obj --colours ball.ply");
     let ply = std::fs::read(place.path("ball.ply")).unwrap();
     let header = "ply\nformat binary_little_endian 1.0\nelement vertex 1002\nproperty double x\nproperty double y\n\
@@ -284,7 +281,7 @@ fn colours_are_written_to_meshes() {
 
 #[test]
 fn coloured_vertices_need_no_picture() {
-    let place = Workplace::new();
+    let place = TexturePlace::new();
     let ball = shapes::geodesic_sphere(1.0, 8);
     let mut text = String::new();
     for p in ball.vertices() {
@@ -313,7 +310,7 @@ fn coloured_vertices_need_no_picture() {
 
 #[test]
 fn refusals_name_the_file_and_the_way_out() {
-    let place = Workplace::new();
+    let place = TexturePlace::new();
     place.refuses("ball.obj --checker", &["nothing would be written", "--png"]);
     place.refuses("ball.obj --checker -o ball.txt", &["ball.txt", ".vti"]);
     place.refuses("ball.obj -o x.vti", &["ball.obj", "--image", "--checker"]);
@@ -349,7 +346,7 @@ fn refusals_name_the_file_and_the_way_out() {
 
 #[test]
 fn a_missed_tolerance_is_a_failed_check() {
-    let place = Workplace::new();
+    let place = TexturePlace::new();
     let line = "ball.obj --checker 16 --tolerance 1e-4 --max-sources 3000 -o x.vti --resolution 8";
     let output = place.ends_with(1, line);
     let said = String::from_utf8_lossy(&output.stderr);

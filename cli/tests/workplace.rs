@@ -8,7 +8,7 @@ use assert_cmd::Command;
 use serde_json::Value;
 use solidmap::Point;
 use solidmap::io;
-use solidmap::mesh::shapes;
+use solidmap::mesh::{SurfaceMesh, shapes};
 
 /// A folder that is removed at the end.
 pub struct Workplace {
@@ -25,11 +25,16 @@ impl Workplace {
         self.folder.path().join(name)
     }
 
+    /// Writes a surface to the folder.
+    pub fn surface(&self, name: &str, mesh: &SurfaceMesh) {
+        io::write_surface(self.path(name), mesh).unwrap();
+    }
+
     /// Runs `solidmap` in the folder, whatever comes of it; words are separated by blanks.
     pub fn run(&self, line: &str) -> Output {
-        let mut command = Command::cargo_bin("solidmap").unwrap();
+        let mut command = solidmap();
         command.current_dir(self.folder.path()).args(line.split_whitespace());
-        command.timeout(Duration::from_secs(120)).output().unwrap()
+        command.output().unwrap()
     }
 
     /// The same, with this exit code.
@@ -40,18 +45,34 @@ impl Workplace {
         output
     }
 
+    /// The same for what cannot be run: exit code 2, and an error with these fragments.
+    pub fn fails(&self, line: &str, fragments: &[&str]) {
+        let said = text(&self.ends_with(2, line).stderr);
+        assert!(said.contains("error: "), "{line}: {said}");
+        for fragment in fragments {
+            assert!(said.contains(fragment), "{line}: no `{fragment}` in: {said}");
+        }
+    }
+
     /// What `--json` prints.
     pub fn report(&self, code: i32, line: &str) -> Value {
         json(&self.ends_with(code, line))
     }
 }
 
+/// The program, which is ended when it takes minutes.
+pub fn solidmap() -> Command {
+    let mut command = Command::cargo_bin("solidmap").unwrap();
+    command.timeout(Duration::from_secs(300));
+    command
+}
+
 /// With `map.safetensors`, the map of a ball whose surface goes by a formula.
 pub fn with_fitted_ball(image: impl Fn(&Point) -> Point) -> Workplace {
     let place = Workplace::new();
     let domain = shapes::sphere(1.0, 3);
-    io::write_surface(place.path("domain.ply"), &domain).unwrap();
-    io::write_surface(place.path("target.ply"), &shapes::deformed(&domain, image)).unwrap();
+    place.surface("domain.ply", &domain);
+    place.surface("target.ply", &shapes::deformed(&domain, image));
     place.ends_with(
         0,
         "fit domain.ply --image target.ply --tolerance 0.01 -o map.safetensors",
@@ -59,10 +80,16 @@ pub fn with_fitted_ball(image: impl Fn(&Point) -> Point) -> Workplace {
     place
 }
 
+/// What the program says on stderr.
+pub fn stderr(output: &Output) -> String {
+    text(&output.stderr)
+}
+
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
 pub fn json(output: &Output) -> Value {
-    serde_json::from_slice(&output.stdout).unwrap()
+    let said = || format!("{}{}", text(&output.stdout), stderr(output));
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", said()))
 }

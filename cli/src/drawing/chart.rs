@@ -2,6 +2,7 @@
 
 use super::canvas::{Canvas, GREY_INK, INK, RULE, Rgb, WHITE};
 use super::panel::{LEAST_SIDE, check_size};
+use super::plot::{GRID, PlotArea, TICK, regular};
 use super::text::{Anchor, TextStyle, Weight};
 use super::ticks::{Ticks, linear_ticks};
 use super::{DrawingError, png};
@@ -9,11 +10,9 @@ use super::{DrawingError, png};
 /// The paper draws its energies as red circles.
 const CURVE: Rgb = [196, 30, 30];
 const MARK: Rgb = [205, 214, 228];
-const GRID: Rgb = [232, 234, 238];
 /// More points than this have no circles.
 const MOST_CIRCLES: usize = 150;
 /// Lengths in ems.
-const TICK: f64 = 0.35;
 const CIRCLE: f64 = 0.32;
 
 /// A line chart from zero up, with circles at its points.
@@ -91,9 +90,15 @@ impl Chart {
         let margin = if high > low { 0.02 * (high - low) } else { 0.5 };
         let top = if highest > 0.0 { 1.1 * highest } else { 1.0 };
         let mut canvas = Canvas::new(width, height, WHITE);
-        let drawing = Drawing::new(self, [width, height], [low - margin, high + margin], top);
-        let [left, above, right, below] = drawing.frame;
-        if right - left < LEAST_SIDE as f64 || below - above < LEAST_SIDE as f64 {
+        let drawing = ChartDrawing::new(self, [width, height], [low - margin, high + margin], top);
+        let PlotArea {
+            left,
+            top,
+            right,
+            bottom,
+            ..
+        } = drawing.area;
+        if right - left < LEAST_SIDE as f64 || bottom - top < LEAST_SIDE as f64 {
             return Err(DrawingError::TooSmall { least: LEAST_SIDE });
         }
         drawing.draw(&mut canvas);
@@ -101,38 +106,38 @@ impl Chart {
     }
 }
 
-/// A chart with the place of its frame.
-struct Drawing<'a> {
+/// A chart with the place of its axes.
+struct ChartDrawing<'a> {
     chart: &'a Chart,
-    em: f64,
-    /// Left, top, right and bottom edge of the frame in pixels.
-    frame: [f64; 4],
+    area: PlotArea,
+    /// Values at the left and right edge.
     across: [f64; 2],
-    top: f64,
+    /// Value at the upper edge.
+    highest: f64,
     ticks: [Ticks; 2],
     /// Width of the picture.
     width: f64,
     notes: Vec<String>,
 }
 
-impl<'a> Drawing<'a> {
-    fn new(chart: &'a Chart, [width, height]: [usize; 2], across: [f64; 2], top: f64) -> Self {
+impl<'a> ChartDrawing<'a> {
+    fn new(chart: &'a Chart, [width, height]: [usize; 2], across: [f64; 2], highest: f64) -> Self {
         let (width, height) = (width as f64, height as f64);
         let em = (width.min(1.6 * height) / 52.0).max(9.0);
-        let text = style(em, INK);
+        let text = regular(em, INK);
         let notes: Vec<String> = chart
             .notes
             .iter()
             .flat_map(|note| text.wrapped(note, width - 2.0 * em))
             .collect();
-        let above = (2.6 + 1.4 * notes.len() as f64 + if chart.spans.is_empty() { 0.4 } else { 1.6 }) * em;
-        let below = height - 4.2 * em;
-        let up = linear_ticks(0.0, top, ((below - above) / (3.0 * em)).clamp(2.0, 8.0) as usize);
+        let top = (2.6 + 1.4 * notes.len() as f64 + if chart.spans.is_empty() { 0.4 } else { 1.6 }) * em;
+        let bottom = height - 4.2 * em;
+        let up = linear_ticks(0.0, highest, ((bottom - top) / (3.0 * em)).clamp(2.0, 8.0) as usize);
         let widest = up.labels.iter().map(|label| text.width(label)).fold(0.0, f64::max);
         let left = widest + (TICK + 2.8) * em;
         let right = width - 1.5 * em;
         let most = ((right - left) / (5.0 * em)).clamp(2.0, 16.0);
-        // Frames have no halves.
+        // Numbers of frames are whole.
         let is_whole = chart.points.iter().all(|p| p[0].fract() == 0.0);
         let most = if is_whole {
             most.min((across[1] - across[0]).ceil())
@@ -141,10 +146,15 @@ impl<'a> Drawing<'a> {
         };
         Self {
             chart,
-            em,
-            frame: [left, above, right, below],
+            area: PlotArea {
+                em,
+                left,
+                top,
+                right,
+                bottom,
+            },
             across,
-            top,
+            highest,
             ticks: [linear_ticks(across[0], across[1], most as usize), up],
             width,
             notes,
@@ -152,11 +162,11 @@ impl<'a> Drawing<'a> {
     }
 
     fn place(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let [left, top, right, bottom] = self.frame;
+        let PlotArea { left, right, .. } = self.area;
         let [low, high] = self.across;
         [
             left + (x - low) / (high - low) * (right - left),
-            bottom - y / self.top * (bottom - top),
+            self.area.height_of(y, self.highest),
         ]
     }
 
@@ -165,26 +175,34 @@ impl<'a> Drawing<'a> {
         self.draw_axes(canvas);
         self.draw_curve(canvas);
         let title = TextStyle {
-            size: 1.25 * self.em,
+            size: 1.25 * self.area.em,
             weight: Weight::Bold,
             colour: INK,
         };
         title.draw(
             canvas,
             &self.chart.title,
-            [self.width / 2.0, 1.9 * self.em],
+            [self.width / 2.0, 1.9 * self.area.em],
             Anchor::Middle,
         );
         for (k, note) in self.notes.iter().enumerate() {
-            let baseline = (3.5 + 1.4 * k as f64) * self.em;
-            style(self.em, GREY_INK).draw(canvas, note, [self.width / 2.0, baseline], Anchor::Middle);
+            let baseline = (3.5 + 1.4 * k as f64) * self.area.em;
+            self.area
+                .text(GREY_INK)
+                .draw(canvas, note, [self.width / 2.0, baseline], Anchor::Middle);
         }
     }
 
     /// Where cycles begin and end, and their numbers above where there is room.
     fn draw_spans(&self, canvas: &mut Canvas) {
-        let [left, top, right, bottom] = self.frame;
-        let text = style(0.9 * self.em, GREY_INK);
+        let PlotArea {
+            left,
+            top,
+            right,
+            bottom,
+            ..
+        } = self.area;
+        let text = regular(0.9 * self.area.em, GREY_INK);
         for (k, span) in self.chart.spans.iter().enumerate() {
             let [from, to] = span.map(|x| self.place([x, 0.0])[0]);
             let [begin, end] = [from, to].map(|x| x.clamp(left, right));
@@ -203,7 +221,7 @@ impl<'a> Drawing<'a> {
                 text.draw(
                     canvas,
                     &name,
-                    [(begin + end) / 2.0, top - 0.5 * self.em],
+                    [(begin + end) / 2.0, top - 0.5 * self.area.em],
                     Anchor::Middle,
                 );
             }
@@ -211,8 +229,14 @@ impl<'a> Drawing<'a> {
     }
 
     fn draw_axes(&self, canvas: &mut Canvas) {
-        let (em, text) = (self.em, style(self.em, INK));
-        let [left, top, right, bottom] = self.frame;
+        let PlotArea {
+            em,
+            left,
+            top,
+            right,
+            bottom,
+        } = self.area;
+        let text = self.area.text(INK);
         let [across, up] = &self.ticks;
         for (value, label) in up.positions.iter().zip(&up.labels) {
             let y = self.place([0.0, *value])[1];
@@ -220,34 +244,16 @@ impl<'a> Drawing<'a> {
                 canvas.stroke(&[[[left, y], [right, y]]], 1.0, GRID);
             }
             canvas.stroke(&[[[left - TICK * em, y], [left, y]]], 1.0, RULE);
-            text.draw(
-                canvas,
-                label,
-                [left - (TICK + 0.25) * em, y + text.cap_height() / 2.0],
-                Anchor::End,
-            );
+            let place = [left - (TICK + 0.25) * em, y + text.cap_height() / 2.0];
+            text.draw(canvas, label, place, Anchor::End);
         }
-        for (value, label) in across.positions.iter().zip(&across.labels) {
-            let x = self.place([*value, 0.0])[0];
-            canvas.stroke(&[[[x, bottom], [x, bottom + TICK * em]]], 1.0, RULE);
-            text.draw(canvas, label, [x, bottom + (TICK + 1.1) * em], Anchor::Middle);
-        }
-        canvas.stroke(
-            &[[[left, top], [left, bottom]], [[left, bottom], [right, bottom]]],
-            1.0,
-            RULE,
-        );
-        let name = |k: usize| match &self.ticks[k].factor {
-            Some(factor) => format!("{} ({factor})", self.chart.axes[k]),
-            None => self.chart.axes[k].clone(),
-        };
-        text.draw(
-            canvas,
-            &name(0),
-            [(left + right) / 2.0, bottom + (TICK + 2.9) * em],
-            Anchor::Middle,
-        );
-        text.draw_upward(canvas, &name(1), [1.4 * em, (top + bottom) / 2.0], Anchor::Middle);
+        let [name_across, name_up] = &self.chart.axes;
+        let place = |value: f64| self.place([value, 0.0])[0];
+        self.area
+            .draw_ticks_across(canvas, across, place, name_across, TICK + 2.9);
+        self.area.draw_axes(canvas);
+        let place = [1.4 * em, (top + bottom) / 2.0];
+        text.draw_upward(canvas, &up.named(name_up), place, Anchor::Middle);
     }
 
     fn draw_curve(&self, canvas: &mut Canvas) {
@@ -256,17 +262,17 @@ impl<'a> Drawing<'a> {
             let places: Vec<[f64; 2]> = run.iter().filter(|p| is_there(p)).map(|&p| self.place(p)).collect();
             let segments: Vec<[[f64; 2]; 2]> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
             if !segments.is_empty() {
-                canvas.stroke(&segments, 0.12 * self.em, CURVE);
+                canvas.stroke(&segments, 0.12 * self.area.em, CURVE);
             }
             if self.chart.points.len() <= MOST_CIRCLES || segments.is_empty() {
                 for &place in &places {
                     // A stroke of no length is a disc.
-                    canvas.stroke(&[[place, place]], 2.0 * CIRCLE * self.em, CURVE);
-                    canvas.stroke(&[[place, place]], 1.2 * CIRCLE * self.em, WHITE);
+                    canvas.stroke(&[[place, place]], 2.0 * CIRCLE * self.area.em, CURVE);
+                    canvas.stroke(&[[place, place]], 1.2 * CIRCLE * self.area.em, WHITE);
                 }
             }
         }
-        let arm = 0.3 * self.em;
+        let arm = 0.3 * self.area.em;
         for &x in self.chart.missing.iter().filter(|x| x.is_finite()) {
             let [x, y] = self.place([x, 0.0]);
             let y = y - 1.6 * arm;
@@ -274,16 +280,8 @@ impl<'a> Drawing<'a> {
                 [[x - arm, y - arm], [x + arm, y + arm]],
                 [[x - arm, y + arm], [x + arm, y - arm]],
             ];
-            canvas.stroke(&cross, 0.12 * self.em, GREY_INK);
+            canvas.stroke(&cross, 0.12 * self.area.em, GREY_INK);
         }
-    }
-}
-
-fn style(size: f64, colour: Rgb) -> TextStyle {
-    TextStyle {
-        size,
-        weight: Weight::Regular,
-        colour,
     }
 }
 

@@ -57,7 +57,7 @@ impl Figure {
     }
 
     fn draw(&self) -> Result<Canvas, DrawingError> {
-        let layout = Layout::of(self).ok_or(DrawingError::TooSmall { least: LEAST_SIDE })?;
+        let layout = FigureLayout::of(self).ok_or(DrawingError::TooSmall { least: LEAST_SIDE })?;
         let (width, height) = (layout.width.ceil() as usize, layout.height.ceil() as usize);
         check_size(width, height)?;
         let mut canvas = Canvas::new(width, height, WHITE);
@@ -81,11 +81,11 @@ impl Figure {
 
 /// Sizes of text.
 #[derive(Debug, Clone, Copy)]
-struct Style {
+struct TextSizes {
     em: f64,
 }
 
-impl Style {
+impl TextSizes {
     fn text(&self) -> TextStyle {
         TextStyle {
             size: self.em,
@@ -131,7 +131,7 @@ struct Cell<'a> {
 }
 
 impl<'a> Cell<'a> {
-    fn new(panel: &'a Panel, style: &Style) -> Self {
+    fn new(panel: &'a Panel, style: &TextSizes) -> Self {
         let em = style.em;
         let size = [panel.canvas.width() as f64, panel.canvas.height() as f64];
         let bar = panel.bar.as_ref().map(|bar| BarLayout::new(bar, em, size[1]));
@@ -183,7 +183,7 @@ impl<'a> Cell<'a> {
     }
 
     /// Draws the panel with the top left corner of its picture at `(x, y)`.
-    fn draw(&self, canvas: &mut Canvas, style: &Style, x: f64, y: f64) {
+    fn draw(&self, canvas: &mut Canvas, style: &TextSizes, x: f64, y: f64) {
         let em = style.em;
         let (width, height) = (self.panel.canvas.width() as f64, self.panel.canvas.height() as f64);
         canvas.paste(&self.panel.canvas, x as usize, y as usize);
@@ -211,8 +211,8 @@ impl<'a> Cell<'a> {
 }
 
 /// Where everything goes, in pixels.
-struct Layout<'a> {
-    style: Style,
+struct FigureLayout<'a> {
+    style: TextSizes,
     width: f64,
     height: f64,
     title: Vec<String>,
@@ -224,12 +224,12 @@ struct Layout<'a> {
     bar: Option<(BarLayout<'a>, f64, f64)>,
 }
 
-impl<'a> Layout<'a> {
+impl<'a> FigureLayout<'a> {
     /// `None` without panels.
     fn of(figure: &'a Figure) -> Option<Self> {
         let panels = || figure.rows.iter().flatten();
         let longest = panels().map(|p| p.canvas.width().max(p.canvas.height())).max()?;
-        let style = Style {
+        let style = TextSizes {
             em: (longest as f64 / 30.0).clamp(11.0, 48.0),
         };
         let em = style.em;
@@ -318,7 +318,7 @@ fn ticks_along(axes: &[PanelAxis; 2], direction: usize, length: f64, em: f64) ->
 }
 
 /// Lines along the left and lower edge of a picture, with round coordinates and the names of the axes.
-fn draw_axes(canvas: &mut Canvas, style: &Style, axes: &[PanelAxis; 2], [x, y, width, height]: [f64; 4]) {
+fn draw_axes(canvas: &mut Canvas, style: &TextSizes, axes: &[PanelAxis; 2], [x, y, width, height]: [f64; 4]) {
     let em = style.em;
     let text = style.text();
     let [across, up] = axes;
@@ -331,7 +331,7 @@ fn draw_axes(canvas: &mut Canvas, style: &Style, axes: &[PanelAxis; 2], [x, y, w
         lines.push([[place, bottom], [place, bottom + TICK * em]]);
         text.draw(canvas, label, [place, bottom + (TICK + 1.05) * em], Anchor::Middle);
     }
-    let name = axis_name(across, ticks.factor);
+    let name = ticks.named(&across.name);
     text.draw(
         canvas,
         &name,
@@ -349,16 +349,9 @@ fn draw_axes(canvas: &mut Canvas, style: &Style, axes: &[PanelAxis; 2], [x, y, w
         widest = widest.max(text.width(label));
     }
     let end = left - (TICK + 0.6) * em - widest;
-    let name = axis_name(up, ticks.factor);
+    let name = ticks.named(&up.name);
     text.draw_upward(canvas, &name, [end, y + height / 2.0], Anchor::Middle);
     canvas.stroke(&lines, 1.0, RULE);
-}
-
-fn axis_name(axis: &PanelAxis, factor: Option<String>) -> String {
-    match factor {
-        Some(factor) => format!("{} ({factor})", axis.name),
-        None => axis.name.clone(),
-    }
 }
 
 #[cfg(test)]

@@ -1,20 +1,20 @@
 //! How values are distributed: columns over a logarithmic axis, several fields over each other.
 
 use super::DrawingError;
-use super::canvas::{Canvas, GREY_INK, INK, RULE, Rgb, WHITE};
+use super::canvas::{Canvas, GREY_INK, INK, Rgb, WHITE};
 use super::colour_map::{Scale, widened};
 use super::number::typeset;
 use super::panel::{Panel, check_size};
-use super::text::{Anchor, TextStyle, Weight};
+use super::plot::{GRID, PlotArea};
+use super::text::Anchor;
 use super::ticks::{linear_ticks, logarithmic_ticks};
 
 /// Columns along the axis.
 const COLUMNS: usize = 60;
 /// Decades shown at most, down from the largest value.
 const DECADES: f64 = 8.0;
-/// Of the fields, in order.
+/// Colours of the fields, in order.
 const COLOURS: [Rgb; 3] = [[214, 96, 77], [67, 117, 180], [90, 160, 90]];
-const GRID: Rgb = [232, 234, 238];
 
 /// Shares of values in intervals of equal ratio.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,34 +86,37 @@ impl Panel {
         check_size(width, height)?;
         let mut canvas = Canvas::new(width, height, WHITE);
         let em = (height as f64 / 34.0).max(9.0);
-        let frame = [4.0 * em, 1.5 * em, width as f64 - 1.5 * em, height as f64 - 3.6 * em];
+        let area = PlotArea {
+            em,
+            left: 4.0 * em,
+            top: 1.5 * em,
+            right: width as f64 - 1.5 * em,
+            bottom: height as f64 - 3.6 * em,
+        };
         let highest = histogram
             .fields
             .iter()
             .flat_map(|f| &f.columns)
             .fold(0.0, |a: f64, b| a.max(*b));
-        let drawing = Drawing {
+        let drawing = HistogramDrawing {
             histogram,
-            em,
-            frame,
+            area,
             // Room for the legend.
-            top: if highest > 0.0 { 1.2 * highest } else { 1.0 },
+            highest: if highest > 0.0 { 1.2 * highest } else { 1.0 },
         };
         drawing.draw(&mut canvas);
         Ok(Self::of_canvas(canvas))
     }
 }
 
-struct Drawing<'a> {
+struct HistogramDrawing<'a> {
     histogram: &'a Histogram,
-    em: f64,
-    /// Left, top, right, bottom.
-    frame: [f64; 4],
-    /// Share at the top of the frame.
-    top: f64,
+    area: PlotArea,
+    /// Share at the upper edge.
+    highest: f64,
 }
 
-impl Drawing<'_> {
+impl HistogramDrawing<'_> {
     fn draw(&self, canvas: &mut Canvas) {
         self.draw_axes(canvas);
         for (field, colour) in self.histogram.fields.iter().zip(COLOURS.into_iter().cycle()) {
@@ -123,39 +126,30 @@ impl Drawing<'_> {
     }
 
     fn height_of(&self, share: f64) -> f64 {
-        let [_, top, _, bottom] = self.frame;
-        bottom - share / self.top * (bottom - top)
+        self.area.height_of(share, self.highest)
     }
 
     fn draw_axes(&self, canvas: &mut Canvas) {
-        let (em, text) = (self.em, style(self.em, INK));
-        let [left, top, right, bottom] = self.frame;
-        let up = linear_ticks(0.0, 100.0 * self.top, 5);
+        let PlotArea { em, left, right, .. } = self.area;
+        let text = self.area.text(INK);
+        let up = linear_ticks(0.0, 100.0 * self.highest, 5);
         for (percent, label) in up.positions.iter().zip(&up.labels) {
             let y = self.height_of(percent / 100.0);
             canvas.stroke(&[[[left, y], [right, y]]], 1.0, GRID);
             let place = [left - 0.4 * em, y + text.cap_height() / 2.0];
             text.draw(canvas, &format!("{label} %"), place, Anchor::End);
         }
-        let Histogram { low, high, .. } = *self.histogram;
-        let across = logarithmic_ticks(low, high, 8);
-        for (value, label) in across.positions.iter().zip(&across.labels) {
-            let x = left + (value / low).ln() / (high / low).ln() * (right - left);
-            canvas.stroke(&[[[x, bottom], [x, bottom + 0.35 * em]]], 1.0, RULE);
-            text.draw(canvas, label, [x, bottom + 1.45 * em], Anchor::Middle);
-        }
-        let name = match &across.factor {
-            Some(factor) => format!("{} ({factor})", self.histogram.label),
-            None => self.histogram.label.clone(),
-        };
-        let place = [(left + right) / 2.0, bottom + 3.0 * em];
-        text.draw(canvas, &name, place, Anchor::Middle);
-        let axes = [[[left, top], [left, bottom]], [[left, bottom], [right, bottom]]];
-        canvas.stroke(&axes, 1.0, RULE);
+        let Histogram { low, high, label, .. } = self.histogram;
+        let across = logarithmic_ticks(*low, *high, 8);
+        let place = |value: f64| left + (value / low).ln() / (high / low).ln() * (right - left);
+        self.area.draw_ticks_across(canvas, &across, place, label, 3.0);
+        self.area.draw_axes(canvas);
     }
 
     fn draw_columns(&self, canvas: &mut Canvas, field: &Shares, colour: Rgb) {
-        let [left, _, right, bottom] = self.frame;
+        let PlotArea {
+            left, right, bottom, ..
+        } = self.area;
         let edge = |k: usize| left + k as f64 / COLUMNS as f64 * (right - left);
         let mut outline = Vec::new();
         let mut last = bottom;
@@ -168,11 +162,11 @@ impl Drawing<'_> {
             last = y;
         }
         outline.push([[right, last], [right, bottom]]);
-        canvas.stroke(&outline, 0.14 * self.em, colour);
+        canvas.stroke(&outline, 0.14 * self.area.em, colour);
     }
 
     fn draw_legend(&self, canvas: &mut Canvas) {
-        let (em, [_, top, right, _]) = (self.em, self.frame);
+        let PlotArea { em, top, right, .. } = self.area;
         for (k, (field, colour)) in self
             .histogram
             .fields
@@ -186,20 +180,12 @@ impl Drawing<'_> {
                 count => format!("{} not positive", typeset(count as f64, 6)),
             };
             let text = format!("{}: {below}", field.name);
-            let ink = style(em, if field.outside == 0 { GREY_INK } else { INK });
+            let ink = self.area.text(if field.outside == 0 { GREY_INK } else { INK });
             ink.draw(canvas, &text, [right - 0.5 * em, y], Anchor::End);
             let x = right - 1.0 * em - ink.width(&text);
             let middle = y - ink.cap_height() / 2.0;
             canvas.stroke(&[[[x - 1.2 * em, middle], [x, middle]]], 0.5 * em, colour);
         }
-    }
-}
-
-fn style(size: f64, colour: Rgb) -> TextStyle {
-    TextStyle {
-        size,
-        weight: Weight::Regular,
-        colour,
     }
 }
 

@@ -33,6 +33,7 @@ mod histogram;
 mod light;
 mod number;
 mod panel;
+mod plot;
 mod png;
 mod surface_render;
 mod table;

@@ -9,6 +9,16 @@ pub(super) struct Ticks {
     pub(super) factor: Option<String>,
 }
 
+impl Ticks {
+    /// The name of an axis with the factor of its labels.
+    pub(super) fn named(&self, name: &str) -> String {
+        match &self.factor {
+            Some(factor) => format!("{name} ({factor})"),
+            None => name.to_owned(),
+        }
+    }
+}
+
 /// At most about `count` round positions in `[low, high]`, in steps of 1, 2 or 5 times a power of ten; none when the
 /// interval is empty or not finite.
 pub(super) fn linear_ticks(low: f64, high: f64, count: usize) -> Ticks {

@@ -1,0 +1,70 @@
+//! The area between the axes of a chart or a histogram.
+
+use super::canvas::{Canvas, INK, RULE, Rgb};
+use super::text::{Anchor, TextStyle, Weight};
+use super::ticks::Ticks;
+
+/// Lines across the area at the ticks of the upward axis.
+pub(super) const GRID: Rgb = [232, 234, 238];
+/// Length of a tick in ems.
+pub(super) const TICK: f64 = 0.35;
+
+/// Where the axes are, and the size of their texts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct PlotArea {
+    /// Size of text in pixels.
+    pub(super) em: f64,
+    pub(super) left: f64,
+    pub(super) top: f64,
+    pub(super) right: f64,
+    pub(super) bottom: f64,
+}
+
+impl PlotArea {
+    /// Regular text in this colour.
+    pub(super) fn text(&self, colour: Rgb) -> TextStyle {
+        regular(self.em, colour)
+    }
+
+    /// Height in pixels of a value above the lower edge, where the upper one is at `top`.
+    pub(super) fn height_of(&self, value: f64, top: f64) -> f64 {
+        self.bottom - value / top * (self.bottom - self.top)
+    }
+
+    /// The left and the lower edge.
+    pub(super) fn draw_axes(&self, canvas: &mut Canvas) {
+        let corner = [self.left, self.bottom];
+        let axes = [[[self.left, self.top], corner], [corner, [self.right, self.bottom]]];
+        canvas.stroke(&axes, 1.0, RULE);
+    }
+
+    /// Ticks and labels along the lower edge, and `baseline` ems below it the name of the axis; `place` gives the pixel of
+    /// a value.
+    pub(super) fn draw_ticks_across(
+        &self,
+        canvas: &mut Canvas,
+        ticks: &Ticks,
+        place: impl Fn(f64) -> f64,
+        name: &str,
+        baseline: f64,
+    ) {
+        let (em, bottom, text) = (self.em, self.bottom, self.text(INK));
+        for (value, label) in ticks.positions.iter().zip(&ticks.labels) {
+            let x = place(*value);
+            canvas.stroke(&[[[x, bottom], [x, bottom + TICK * em]]], 1.0, RULE);
+            text.draw(canvas, label, [x, bottom + (TICK + 1.1) * em], Anchor::Middle);
+        }
+        let middle = (self.left + self.right) / 2.0;
+        let name = ticks.named(name);
+        text.draw(canvas, &name, [middle, bottom + baseline * em], Anchor::Middle);
+    }
+}
+
+/// Regular text of this size and colour.
+pub(super) fn regular(size: f64, colour: Rgb) -> TextStyle {
+    TextStyle {
+        size,
+        weight: Weight::Regular,
+        colour,
+    }
+}
