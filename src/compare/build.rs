@@ -1,4 +1,4 @@
-//! A map by any method, phase by phase.
+//! Computes a map by any method, and times its phases.
 
 use std::time::Instant;
 
@@ -12,7 +12,7 @@ use crate::fit::{FitOptions, FitReport, Phase, fit};
 use crate::map::VolumeMap;
 use crate::mesh::{SurfaceMesh, TetMesh};
 
-/// A way from a boundary map to a map of the solid.
+/// A method that extends a boundary map to the solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ComparedMethod {
@@ -30,7 +30,7 @@ impl ComparedMethod {
     /// All of them, in the order of tables.
     pub const ALL: [Self; 4] = [Self::Mfs, Self::Fem, Self::Variational, Self::MeanValue];
 
-    /// The name in reports.
+    /// Its name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Mfs => "mfs",
@@ -40,13 +40,13 @@ impl ComparedMethod {
         }
     }
 
-    /// Whether it takes a tetrahedral mesh.
+    /// Whether it needs a tetrahedral mesh.
     pub fn is_on_tets(self) -> bool {
         matches!(self, Self::Fem | Self::Variational)
     }
 }
 
-/// Who makes tetrahedra.
+/// The program that makes a tetrahedral mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TetMesher {
@@ -56,24 +56,25 @@ pub enum TetMesher {
     Mesh3,
 }
 
-/// A tetrahedral mesh of the domain.
+/// How the domain is meshed by tetrahedra.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MeshSpec {
-    /// Who makes it.
+    /// The mesher.
     pub source: TetMesher,
-    /// Edge length of the tetrahedra inside, over the domain's diagonal; `None` leaves them as coarse as their shape allows.
+    /// Edge length of the tetrahedra inside, over the domain's diagonal; `None` for tetrahedra as large as their
+    /// quality allows.
     pub edge: Option<f64>,
     /// Largest ratio of circumradius to shortest edge (TetGen).
     pub quality: f64,
-    /// How often every triangle of the surface is cut into four first. A mesh that keeps the surface is refined at the
-    /// boundary in no other way.
+    /// How often every triangle of the surface is divided into four first: the only way to refine the boundary of a
+    /// mesh that keeps the surface.
     pub subdivisions: u32,
-    /// Tetrahedra at most, by an estimate before they are made.
+    /// Largest number of tetrahedra, by an estimate before meshing.
     pub most_tets: usize,
 }
 
 impl MeshSpec {
-    /// TetGen's, at its usual quality, with edges inside of twice the mean length of those on the surface.
+    /// By TetGen at its usual quality, with edges inside of twice the mean length of those on the surface.
     pub fn of(domain: &SurfaceMesh) -> Self {
         Self {
             source: TetMesher::Tetgen,
@@ -85,37 +86,37 @@ impl MeshSpec {
     }
 }
 
-/// What to build.
+/// Options of [`build`].
 #[derive(Debug, Clone)]
 pub struct BuildOptions<'a> {
-    /// By which method.
+    /// The method.
     pub method: ComparedMethod,
-    /// How the method of fundamental solutions is set.
+    /// Options of the method of fundamental solutions.
     pub fit: FitOptions,
     /// How the linear system of finite elements is solved.
     pub harmonic: HarmonicOptions,
     /// How the variational method descends.
     pub descent: DescentOptions,
-    /// How the domain is meshed, for methods that need it.
+    /// How the domain is meshed, for methods that need a mesh.
     pub mesh: MeshSpec,
-    /// A mesh of the domain to take instead.
+    /// A mesh of the domain to use instead.
     pub given: Option<&'a TetMesh>,
 }
 
-/// Wall time of the phases, in seconds; zero for those that a method does not have.
+/// Wall time of the phases, in seconds; zero for phases that a method does not have.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct BuildTimings {
     /// Tetrahedra.
     pub mesh: f64,
-    /// All that a second boundary map would not cost: placing points, assembling, factoring.
+    /// What depends on the domain alone: placing points, assembling, factoring.
     pub factor: f64,
-    /// All that it would.
+    /// What depends on the boundary map.
     pub solve: f64,
     /// Images and Jacobians at the points of the quadrature.
     pub evaluate: f64,
 }
 
-/// A map and what it cost.
+/// A map and its cost.
 pub struct BuiltMap {
     /// The map.
     pub map: Box<dyn VolumeMap>,
@@ -133,11 +134,11 @@ pub struct BuiltMap {
     pub seconds: BuildTimings,
 }
 
-/// Makes the map. `progress` is told what is being done.
+/// Computes a map. `progress` is told what is being done.
 ///
 /// # Errors
 ///
-/// [`CompareError`], by the method at fault.
+/// [`CompareError`] of the method.
 pub fn build(
     boundary: &BoundaryMap,
     options: &BuildOptions,
@@ -151,7 +152,7 @@ pub fn build(
     }
 }
 
-/// The mesh that is given, if it is one of the domain, or else [`make_mesh`]'s; and the boundary map that belongs to it.
+/// The given mesh if there is one, else that of [`make_mesh`], and the boundary map that belongs to it.
 ///
 /// # Errors
 ///
@@ -165,21 +166,21 @@ pub fn mesh_for(
         return make_mesh(boundary, spec);
     };
     let (found, expected) = (mesh.volume().abs(), boundary.domain().volume().abs());
-    if (found / expected - 1.0).abs() <= MOST_OFF {
+    if (found / expected - 1.0).abs() <= MAX_VOLUME_DIFFERENCE {
         Ok((mesh.clone(), boundary.clone()))
     } else {
         Err(CompareError::OtherSolid { found, expected })
     }
 }
 
-/// Part by which the volume of a given mesh may differ from the domain's.
-const MOST_OFF: f64 = 0.05;
+/// Largest relative difference between the volumes of a given mesh and the domain.
+const MAX_VOLUME_DIFFERENCE: f64 = 0.05;
 
 /// A tetrahedral mesh of the boundary map's domain, and the boundary map that belongs to it.
 ///
 /// # Errors
 ///
-/// When it would have too many tetrahedra, there is no mesher, or it fails.
+/// When it would have too many tetrahedra, or there is no mesher, or meshing fails.
 pub fn make_mesh(boundary: &BoundaryMap, spec: &MeshSpec) -> Result<(TetMesh, BoundaryMap), CompareError> {
     let mut boundary = boundary.clone();
     for _ in 0..spec.subdivisions {
@@ -239,7 +240,7 @@ fn mesh_of(_: &SurfaceMesh, _: &MeshSpec) -> Result<TetMesh, CompareError> {
     Err(CompareError::NoMesher)
 }
 
-/// Of a regular tetrahedron.
+/// Volume of a regular tetrahedron.
 fn tet_volume(edge: f64) -> f64 {
     edge.powi(3) / (6.0 * 2f64.sqrt())
 }
@@ -273,7 +274,7 @@ fn by_fundamental_solutions(
         energies: Vec::new(),
         seconds: BuildTimings {
             factor: seconds.sampling + seconds.factor,
-            // Refinement goes by the error that the check measures, so that the check is part of it.
+            // Refinement needs the error that the check measures, so that the check is part of it.
             solve: seconds.solve + seconds.check,
             ..BuildTimings::default()
         },
@@ -281,7 +282,7 @@ fn by_fundamental_solutions(
     })
 }
 
-/// The mesh for a method on tetrahedra, images of its boundary vertices, and how long that took.
+/// The mesh for a method on tetrahedra, images of its boundary vertices, and the seconds that it took.
 fn meshed(
     boundary: &BoundaryMap,
     options: &BuildOptions,
@@ -294,18 +295,18 @@ fn meshed(
     Ok((mesh, images, start.elapsed().as_secs_f64()))
 }
 
-/// By which part of the domain's diagonal the boundary of its mesh may be away from its surface.
-const FAR: f64 = 0.05;
+/// Largest distance of the boundary of a mesh from the domain's surface, as a fraction of the diagonal.
+const MAX_DISTANCE: f64 = 0.05;
 
-/// Images of the boundary vertices of a mesh that is where the domain is.
+/// Images of the boundary vertices of a mesh of the domain.
 ///
 /// # Errors
 ///
-/// When it is elsewhere.
+/// When its boundary is too far from the domain's surface.
 pub(super) fn images_of(mesh: &TetMesh, boundary: &BoundaryMap) -> Result<BoundaryImages, CompareError> {
     let images = boundary_images(mesh, boundary)?;
     let (distance, diagonal) = (images.farthest, boundary.domain().diagonal());
-    if distance > FAR * diagonal {
+    if distance > MAX_DISTANCE * diagonal {
         return Err(CompareError::Elsewhere { distance, diagonal });
     }
     Ok(images)

@@ -1,4 +1,4 @@
-//! What is measured of every map, and where.
+//! Measurements of maps, the same for all methods.
 
 use std::time::Instant;
 
@@ -21,7 +21,7 @@ use crate::sampling;
 use crate::statistics::Summary;
 use crate::{Matrix3, Point};
 
-/// How finely maps are measured.
+/// Options of [`MapEvaluator`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EvaluationOptions {
     /// Cells of the integration grid along the longest side of the domain.
@@ -45,12 +45,13 @@ impl Default for EvaluationOptions {
     }
 }
 
-/// Where maps are measured, the same for all of one boundary map.
+/// Measures maps at the same points for all maps of one boundary map.
 pub struct MapEvaluator<'a> {
     boundary: &'a BoundaryMap,
     quadrature: Quadrature,
     interior: Vec<Point>,
-    /// Boundary points to average over, and their seed: another than a fit's, which may have stopped by its own.
+    /// Boundary points to average over, and their seed: not that of a fit, which may have used its points to decide
+    /// when to stop.
     held_out: usize,
     seed: u64,
 }
@@ -60,21 +61,21 @@ pub struct MapEvaluator<'a> {
 pub struct MapDifference {
     /// Root mean square.
     pub rms: f64,
-    /// Not exceeded at 99 % of the points.
+    /// 99 % quantile.
     pub p99: f64,
     /// Largest.
     pub max: f64,
 }
 
-/// What is known of a map.
+/// Measurements of a map.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct MapMeasurements {
-    /// Distance from the boundary map at points of the boundary that no method is fitted at. By the maximum principle a harmonic map errs no more inside than at its worst point of the
-    /// boundary.
+    /// Distance from the boundary map at points of the boundary that no method was fitted to. By the maximum principle
+    /// a harmonic map errs no more inside than at its worst point of the boundary.
     pub boundary_error: BoundaryError,
-    /// Energies on the quadrature that all maps share.
+    /// Energies, by the quadrature that all maps share.
     pub energy: EnergyReport,
-    /// Quality on that quadrature.
+    /// Distortion, by the same quadrature.
     pub distortion: DistortionReport,
     /// Seconds for images and Jacobians at the quadrature's points.
     pub evaluate_seconds: f64,
@@ -89,22 +90,23 @@ pub struct InteriorImages {
     pub images: Vec<Point>,
 }
 
-/// Tetrahedra carried by a map.
+/// Tetrahedra that a map inverts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct FoldCount {
     /// Tetrahedra of the mesh.
     pub tets: usize,
-    /// Those that are flat or turned against the whole, decided exactly: a map that mirrors the solid folds nothing.
+    /// Those that are flat or have the opposite orientation to the whole, decided exactly: a map that mirrors the solid
+    /// as a whole folds nothing.
     pub flipped: usize,
 }
 
-/// Triangles at most that are visited for the largest boundary error.
+/// Largest number of triangles that the largest boundary error is taken over.
 const TRIANGLES: usize = 100_000;
-/// Random points that are tried for each point inside.
+/// Random points to try for each point inside.
 const TRIES: usize = 1000;
 
 impl<'a> MapEvaluator<'a> {
-    /// Places the points.
+    /// Chooses the quadrature and the points.
     ///
     /// # Errors
     ///
@@ -125,7 +127,7 @@ impl<'a> MapEvaluator<'a> {
         &self.interior
     }
 
-    /// What all energies are integrated by.
+    /// The quadrature that all energies are integrated by.
     pub fn quadrature(&self) -> &Quadrature {
         &self.quadrature
     }
@@ -163,7 +165,7 @@ impl<'a> MapEvaluator<'a> {
         Ok(InteriorImages { images })
     }
 
-    /// How far two maps are apart inside.
+    /// The distance between two maps inside.
     pub fn difference(&self, a: &InteriorImages, b: &InteriorImages) -> MapDifference {
         let diagonal = self.boundary.target_diagonal();
         let distances: Vec<f64> = a
@@ -207,7 +209,7 @@ pub fn boundary_error(
 }
 
 impl FoldCount {
-    /// Counts them for a mesh and the images of its vertices.
+    /// Counts inverted tetrahedra, from a mesh and the images of its vertices.
     pub fn of(mesh: &TetMesh, images: &[Point]) -> Self {
         let tets = mesh.tets().len();
         let flipped = flipped_tets(mesh, images).map_or(tets, |found| {
@@ -226,7 +228,7 @@ impl FoldCount {
     }
 }
 
-/// Images of the vertices of a mesh of the domain: of its boundary by the boundary map, inside by the map.
+/// Images of the vertices of a mesh of the domain: on its boundary by the boundary map, inside by the map.
 ///
 /// # Errors
 ///
@@ -240,8 +242,8 @@ pub fn carried(mesh: &TetMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> R
     Ok(images)
 }
 
-/// How far the maps of one method are apart from their mean, over all of them: the root mean square and the largest, as
-/// fractions of `diagonal`. `None` for fewer than two.
+/// The distance of the maps of one method from their mean, over all maps and points, as a fraction of `diagonal`.
+/// `None` for fewer than two maps.
 pub fn spread(samples: &[InteriorImages], diagonal: f64) -> Option<MapDifference> {
     let [first, _, ..] = samples else { return None };
     let points = first.images.len();
@@ -267,7 +269,7 @@ fn interior_points(boundary: &BoundaryMap, count: usize, seed: u64) -> Result<Ve
     let domain = boundary.domain();
     let query = SurfaceQuery::with_winding_sign(domain)?;
     let (low, high) = domain.bounding_box().unwrap_or_default();
-    // A stream of its own: not the points that a fit is checked at.
+    // A stream of its own, so that these are not the points that a fit is checked at.
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(2);
     let mut points = Vec::with_capacity(count);

@@ -1,8 +1,8 @@
-//! One boundary map through every method, measured alike (section 4.7 of the paper, and beyond it).
+//! Comparison of methods: maps of the same boundary map, measured in the same way (extends section 4.7 of the paper).
 //!
-//! [`build`] makes a map by one [`ComparedMethod`] and says what it cost, phase by phase. [`MapEvaluator`] fixes where maps are
-//! measured: one quadrature for all energies, one set of points inside, one tetrahedral mesh to be carried. What it
-//! gives is a [`MapMeasurements`] for each map. [`spread`] says how much the maps of one method differ among themselves.
+//! [`build`] computes a map by one [`ComparedMethod`] and times its phases. [`MapEvaluator`] holds what all maps are
+//! measured at: one quadrature for all energies and one set of points inside. It returns [`MapMeasurements`] for each
+//! map. [`spread`] measures how much the maps of one method differ among themselves.
 
 mod build;
 mod measure;
@@ -20,17 +20,17 @@ use crate::energy::{EnergyError, QuadratureError};
 use crate::fit::FitError;
 use crate::geometry::QueryError;
 
-/// Why a method has no row in a comparison.
+/// Why a method gives no map, or the map no measurements.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CompareError {
-    /// The harmonic map by fundamental solutions.
+    /// The fit by fundamental solutions failed.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// A map on tetrahedra.
+    /// A method on tetrahedra failed.
     #[error(transparent)]
     Baseline(#[from] BaselineError),
-    /// Mean value coordinates.
+    /// Mean value coordinates failed.
     #[error(transparent)]
     MeanValue(#[from] MeanValueError),
     /// The mesher failed.
@@ -48,12 +48,12 @@ pub enum CompareError {
     TooManyTets {
         /// An estimate.
         tets: f64,
-        /// What was asked for.
+        /// The edge length asked for.
         edge: f64,
         /// The limit.
         most: usize,
     },
-    /// A tet mesh of something else.
+    /// The tet mesh does not have the volume of the domain.
     #[error(
         "the tet mesh has a volume of {found:.6}, and the domain {expected:.6}; give a mesh of the domain (`solidmap tet`)"
     )]
@@ -63,7 +63,7 @@ pub enum CompareError {
         /// Of the domain.
         expected: f64,
     },
-    /// A tet mesh in another place, or of another shape.
+    /// The tet mesh has another position or shape than the domain.
     #[error(
         "the boundary of the tet mesh is up to {distance:.3e} away from the domain's surface, whose diagonal is \
          {diagonal:.3e}; give a mesh of the domain (`solidmap tet`)"
@@ -74,23 +74,23 @@ pub enum CompareError {
         /// Of the domain's bounding box.
         diagonal: f64,
     },
-    /// A size that is none.
+    /// An option is out of its range.
     #[error("the {what} is {value}, but must be {range}")]
     Option {
-        /// What was set.
+        /// The option.
         what: &'static str,
-        /// To what.
+        /// Its value.
         value: f64,
-        /// What it may be.
+        /// What is allowed.
         range: &'static str,
     },
-    /// No grid over the domain.
+    /// The domain has no quadrature.
     #[error(transparent)]
     Quadrature(#[from] QuadratureError),
-    /// A map without a finite energy.
+    /// The map has no finite energy.
     #[error(transparent)]
     Energy(#[from] EnergyError),
-    /// A domain without an inside.
+    /// The domain cannot be queried.
     #[error(transparent)]
     Query(#[from] QueryError),
     /// No point of the domain was found.
@@ -99,12 +99,12 @@ pub enum CompareError {
         /// How many.
         tries: usize,
     },
-    /// A map without a finite value at a point inside or on the boundary.
+    /// The map is not finite at points inside or on the boundary.
     #[error("the map has no finite value at {points} of {of} points")]
     NonFinite {
-        /// How many have none.
+        /// Points without a finite value.
         points: usize,
-        /// Of how many.
+        /// Points that were evaluated.
         of: usize,
     },
 }

@@ -10,13 +10,13 @@
 //!
 //! and the first moments likewise. Triangles are cut along the grid planes, so that the integrand is a polynomial on
 //! every part: a part inside the cell adds its own prism, one above it adds the full height over its projection, one
-//! below it nothing. Each column is swept once from the top with the projections summed so far. Vertical triangles
-//! project to nothing and drop out; faces on grid planes need no special case, because the prism of a part that lies
-//! on the floor of one cell equals that of a part on the ceiling of the next.
+//! below it nothing. Each column is swept once from the top with the projections summed so far. Vertical triangles have
+//! no projection and drop out; faces on grid planes need no special case, because the prism of a part on the floor of
+//! one cell equals that of a part on the ceiling of the next.
 //!
 //! The map's singularities lie just outside the solid, so a density must not be taken outside. Every cell is evaluated
-//! at the centroid of its clipped part (exact for linear densities); where that is outside, because the part is bent
-//! or falls in two, the cell is divided and each piece gets its own point.
+//! at the centroid of its clipped part (exact for linear densities); where that is outside, because the part is not
+//! convex or not connected, the cell is divided and each piece gets its own point.
 
 use rayon::prelude::*;
 
@@ -35,7 +35,7 @@ use crate::{
 pub enum GridResolution {
     /// Cells along the longest side of the bounding box; 32 to 128 is usual.
     CellsAlongLongestSide(usize),
-    /// Edge length of a cell. It grows by up to a part in 10⁹ where a side is a multiple of it but for rounding.
+    /// Edge length of a cell. It grows by up to 10⁻⁹ of itself where a side is a multiple of it up to rounding.
     CellSize(f64),
 }
 
@@ -51,18 +51,18 @@ impl std::fmt::Display for GridResolution {
 /// Quadrature on a regular grid over the bounding box of a closed surface, every weight the exact volume of the part
 /// of a cell that the surface encloses.
 ///
-/// Takes any closed, consistently oriented surface: several components, cavities, handles, faces on grid planes.
-/// Where components overlap, the overlap counts twice, as in [`SurfaceMesh::volume`]. The weights add up to that
-/// volume but for rounding, linear densities are integrated exactly where no cell needs a fallback point, smooth ones
-/// with an error of second order in the cell size. Parts below 10⁻⁹ of a cell are spread over the others. The result
-/// does not depend on the number of threads.
+/// Takes any closed, consistently oriented surface: several components, cavities, handles, faces on grid planes. Where
+/// components overlap, the overlap counts twice, as in [`SurfaceMesh::volume`]. The weights sum up to that volume up to
+/// rounding. Linear densities are integrated exactly where no cell needs a fallback point, smooth ones with an error of
+/// second order in the cell size. Parts below 10⁻⁹ of a cell are distributed over the others. The result does not
+/// depend on the number of threads.
 ///
 /// The cost is linear in the triangles, the cells that the surface crosses and the cells of the grid.
 ///
 /// # Errors
 ///
-/// [`QuadratureError`], for surfaces that bound no solid and grids of no or too many cells. Holes in walls
-/// parallel to z change no volume and go unnoticed.
+/// [`QuadratureError`], for surfaces that bound no solid and grids of no or too many cells. Holes in walls parallel to
+/// z change no volume and are not noticed.
 pub fn clipped_grid(surface: &SurfaceMesh, resolution: GridResolution) -> Result<Quadrature, QuadratureError> {
     if surface.triangles().is_empty() {
         return Err(QuadratureError::Empty { element: "triangle" });
@@ -83,17 +83,17 @@ pub fn clipped_grid(surface: &SurfaceMesh, resolution: GridResolution) -> Result
     assembled(&slabs, grid)
 }
 
-/// Parts of a cell below this fraction of it are not told from rounding: coordinates count in cells, up to `2¹⁶` of
-/// them, and so err by `10⁻¹¹` at most.
+/// Parts below this fraction of a cell cannot be distinguished from rounding errors: coordinates are in units of cells,
+/// up to `2¹⁶`, with an error of at most `10⁻¹¹`.
 const NEGLIGIBLE: f64 = 1e-9;
-/// Projected area, in cells, by which up and down may differ in a column of a closed surface; unwelded seams of
-/// single-precision files stay below it.
+/// Largest net projected area, in cells, in a column of a closed surface; unwelded seams of single-precision files stay
+/// below it.
 const OPENING: f64 = 1e-6;
-/// Largest share of negative cell volumes that counts as rounding or as a harmless self-intersection.
+/// Largest fraction of negative cell volumes that counts as rounding or as a harmless self-intersection.
 const INSIDE_OUT: f64 = 1e-6;
 /// How often a cell with its centroid outside is halved before its point is put on the surface.
 const MAX_DIVISIONS: u32 = 5;
-/// Some 8 GB of points and densities when all of them are inside.
+/// Some 8 GB of points and densities if all cells are inside.
 const MAX_CELLS: u64 = 1 << 26;
 const MAX_CELLS_ALONG_AXIS: u64 = 1 << 16;
 
@@ -117,20 +117,20 @@ struct Moments {
     first: Vector,
 }
 
-/// Signed area of the projection of surface pieces, and its first moments about the column's corner.
+/// Signed area of the projection of surface pieces along z, and its first moments about the column's corner.
 #[derive(Clone, Copy)]
 struct ProjectedMoments {
     area: f64,
     first: [f64; 2],
 }
 
-/// What is found between two neighbouring planes across the x axis.
+/// The points between two neighbouring grid planes across the x axis.
 #[derive(Default)]
 struct Slab {
     points: Vec<Point>,
     weights: Vec<f64>,
     cells: Vec<u32>,
-    /// Sum over all cells, also those without points.
+    /// Sum over all cells, including those without points.
     volume: f64,
     negative: f64,
     /// A column, as `[i, j]`, where the surface is not closed.
@@ -145,7 +145,7 @@ struct GridClipper<'a> {
 }
 
 fn grid_around(surface: &SurfaceMesh, resolution: GridResolution) -> Result<Grid, QuadratureError> {
-    // Over the vertices in use: stray ones would waste cells.
+    // Only vertices in use: unused ones would waste cells.
     let mut used = surface
         .triangles()
         .iter()
@@ -166,7 +166,7 @@ fn grid_around(surface: &SurfaceMesh, resolution: GridResolution) -> Result<Grid
         GridResolution::CellSize(size) if size > 0.0 && size.is_finite() => size,
         impossible => return Err(QuadratureError::NoCells(impossible)),
     };
-    // A side that is a whole number of cells but for rounding must not get one cell more.
+    // Rounding must not add a cell to a side that is a whole number of cells.
     let cells = sides.map(|side| (side / wanted * (1.0 - 1e-9)).ceil().max(1.0));
     if cells.product() > MAX_CELLS as f64 || cells.max() > MAX_CELLS_ALONG_AXIS as f64 {
         return Err(QuadratureError::TooManyCells {
@@ -183,7 +183,7 @@ fn grid_around(surface: &SurfaceMesh, resolution: GridResolution) -> Result<Grid
     })
 }
 
-/// The slabs one after the other, in model units.
+/// The quadrature of all slabs, in model units.
 fn assembled(slabs: &[Slab], grid: Grid) -> Result<Quadrature, QuadratureError> {
     if let Some([i, j]) = slabs.iter().find_map(|slab| slab.open) {
         let centre = grid.origin + Vector::new(i as f64 + 0.5, j as f64 + 0.5, 0.0) * grid.cell_size;
@@ -335,39 +335,39 @@ impl<'a> GridClipper<'a> {
 }
 
 impl CellColumn {
-    /// Moments of the lowest `count` cells, and the shadow of all pieces, which is empty below a closed surface.
+    /// Moments of the lowest `count` cells, and the projection of all pieces, which has no area below a closed surface.
     fn cells(&self, count: usize) -> (Vec<Moments>, ProjectedMoments) {
         let mut cells = vec![Moments::ZERO; count];
-        let mut shadows = vec![ProjectedMoments::ZERO; count + 1];
-        let mut underneath = ProjectedMoments::ZERO;
+        let mut projections = vec![ProjectedMoments::ZERO; count + 1];
+        let mut below_floor = ProjectedMoments::ZERO;
         for piece in &self.pieces {
             let mut rest: Polygon = piece.polygon.iter().map(|p| Point::from(p - self.corner)).collect();
             let lowest = rest.iter().fold(f64::INFINITY, |low, p| low.min(p.z));
             if lowest < 0.0 {
                 let (under, above) = split(rest, 2, 0.0);
-                underneath.add(&under);
+                below_floor.add(&under);
                 rest = above;
             }
             let first = ((lowest / self.size).max(0.0) as usize).min(count);
             for k in first..count {
                 let (part, above) = split(rest, 2, (k + 1) as f64 * self.size);
                 cells[k].add_prisms(&part, k as f64 * self.size);
-                shadows[k].add(&part);
+                projections[k].add(&part);
                 rest = above;
                 if rest.is_empty() {
                     break;
                 }
             }
-            shadows[count].add(&rest);
+            projections[count].add(&rest);
         }
 
-        let mut shadow = shadows[count];
+        let mut projection = projections[count];
         for k in (0..count).rev() {
-            cells[k].add_full_height(&shadow, self.size);
-            shadow += shadows[k];
+            cells[k].add_full_height(&projection, self.size);
+            projection += projections[k];
         }
-        shadow += underneath;
-        (cells, shadow)
+        projection += below_floor;
+        (cells, projection)
     }
 
     /// The column over each quarter of the square, from `floor` up.
@@ -390,7 +390,7 @@ impl CellColumn {
         })
     }
 
-    /// Among the middles of the pieces inside the cell at `floor`, the one nearest to `point`.
+    /// Among the midpoints of the pieces inside the cell at `floor`, the one nearest to `point`.
     fn nearest_surface_point(&self, floor: f64, point: &Point) -> Option<Point> {
         self.pieces
             .iter()
@@ -420,10 +420,10 @@ impl Moments {
         }
     }
 
-    /// Adds the cell's full height over the shadow of what is above it.
-    fn add_full_height(&mut self, shadow: &ProjectedMoments, size: f64) {
-        self.volume += shadow.area * size;
-        self.first += Vector::new(shadow.first[0], shadow.first[1], shadow.area * size / 2.0) * size;
+    /// Adds the cell's full height over the projection of what is above it.
+    fn add_full_height(&mut self, projection: &ProjectedMoments, size: f64) {
+        self.volume += projection.area * size;
+        self.first += Vector::new(projection.first[0], projection.first[1], projection.area * size / 2.0) * size;
     }
 }
 

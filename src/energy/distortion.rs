@@ -1,9 +1,9 @@
-//! How far a map is from preserving angles, lengths and volumes: the five metrics of Cherchi & Livesu, *VOLMAP: a large
-//! scale benchmark for volume mappings to simple base domains*, Computer Graphics Forum 42 (2023), with the
-//! normalisation of the program published there.
+//! Distortion of angles, lengths and volumes: the five metrics of Cherchi & Livesu, *VOLMAP: a large scale benchmark
+//! for volume mappings to simple base domains*, Computer Graphics Forum 42 (2023), with the normalisation of the
+//! program published there.
 //!
-//! All are functions of the principal stretches `σ₁ ≥ σ₂ ≥ |σ₃|`, the singular values of the Jacobian, of which the
-//! smallest carries the sign of the determinant.
+//! All metrics are functions of the principal stretches `σ₁ ≥ σ₂ ≥ |σ₃|`, the singular values of the Jacobian, of which
+//! the smallest carries the sign of the determinant.
 
 use rayon::prelude::*;
 
@@ -35,35 +35,36 @@ pub struct DistortionMetrics {
 /// Distortion of a map over a domain.
 ///
 /// Means are over the part of the domain where the map is regular: the Jacobian finite and `det J` of the sign of the
-/// target's volume. Three of the metrics are infinite elsewhere, and VOLMAP too leaves folded elements out; how much
-/// that is stands beside the means, and they are to be read together.
+/// target's volume. Three of the metrics are infinite elsewhere, and VOLMAP leaves folded elements out too.
+/// `left_out_fraction` says how much the means leave out.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct DistortionReport {
-    /// Means over the volume of the domain, of the map as it is. `None` when the map is regular nowhere.
+    /// Means over the volume of the domain, in model units. `None` when the map is regular nowhere.
     pub mean: Option<DistortionMetrics>,
     /// The same with the target scaled to the volume of the domain, as [`super::EnergyOptions::normalize`] scales both
     /// to 1: how Dirichlet, symmetric Dirichlet and ARAP of different targets compare. The other two do not change.
     pub mean_normalized: Option<DistortionMetrics>,
-    /// Means as VOLMAP's program forms them: over the volume of the *image*, of values clamped to between the value of
-    /// a rigid motion and [`VOLMAP_BOUND`], of the map as it is.
+    /// Means as VOLMAP's program forms them: over the volume of the *image*, of values clamped to the range from that
+    /// of a rigid motion to [`VOLMAP_BOUND`], in model units.
     pub volmap: Option<DistortionMetrics>,
     /// Determinants of the Jacobians that are finite, in model units. `None` when none is.
     pub determinants: Option<Determinants>,
-    /// Share of the domain's volume that the means leave out.
+    /// Fraction of the domain's volume that the means leave out.
     pub left_out_fraction: f64,
     /// Points or tetrahedra whose Jacobian is not finite; left out, also by `determinants`.
     pub not_finite: usize,
-    /// Volume of the domain that those stand for.
+    /// Volume of the domain that those represent.
     pub not_finite_volume: f64,
 }
 
 /// Determinants of a map's Jacobians, times −1 when the target's volume is negative, so that they are positive where a
-/// map that mirrors as a whole is not folded. Quantiles count volume of the domain, as [`super::DensityQuantiles`] does.
+/// map that mirrors as a whole is not folded. Quantiles are over the volume of the domain, as in
+/// [`super::DensityQuantiles`].
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Determinants {
     /// Points or tetrahedra where the map is folded: zero or negative.
     pub negative: usize,
-    /// Volume of the domain that those stand for.
+    /// Volume of the domain that those represent.
     pub negative_volume: f64,
     /// Smallest value.
     pub min: f64,
@@ -76,7 +77,7 @@ pub struct Determinants {
 }
 
 impl DistortionMetrics {
-    /// What a rigid motion has: the least value of every metric but Dirichlet, whose least is 0.
+    /// The values of a rigid motion: the least of every metric but Dirichlet, whose least is 0.
     pub const RIGID: Self = Self {
         conformal: 1.0,
         dirichlet: 3.0,
@@ -120,7 +121,7 @@ pub fn stretches(jacobian: &Matrix3) -> [f64; 3] {
     if size == 0.0 {
         return [0.0; 3];
     }
-    // Divided by the largest entry: squares and products of three then stay in range.
+    // Divided by the largest entry, so that squares and products of three stay in range.
     let scaled = jacobian / size;
     let mut columns = scaled;
     for _ in 0..MAX_SWEEPS {
@@ -142,7 +143,7 @@ pub fn conformal([a, b, c]: &[f64; 3]) -> f64 {
     if folded(*c) {
         return f64::INFINITY;
     }
-    // By ratios to the middle stretch, so that the scale cannot leave the range.
+    // By ratios to the middle stretch, so that nothing overflows.
     let (large, small) = (a / b, c / b);
     (large * large + 1.0 + small * small) / (3.0 * (large * small).cbrt().powi(2))
 }
@@ -236,7 +237,7 @@ fn add_samples(
 }
 
 /// Distortion of the map that is linear over each tetrahedron of a mesh and carries its vertices to `images`: one
-/// Jacobian a tetrahedron, weighted by its volume without regard to its hand.
+/// Jacobian per tetrahedron, weighted by its absolute volume.
 ///
 /// The volume of the target is that of the images; so a map that mirrors the domain is not folded. Tetrahedra that are
 /// flat in the domain have no Jacobian and no volume, and count as not finite.
@@ -273,9 +274,9 @@ pub fn tet_distortion(domain: &TetMesh, images: &[Point]) -> Result<DistortionRe
     Ok(report(&samples, scale))
 }
 
-/// What is kept of one Jacobian.
+/// The stretches, determinant and weight of one Jacobian.
 struct StretchSample {
-    /// With the sign of `determinant` on the last.
+    /// The last one with the sign of `determinant`.
     stretches: [f64; 3],
     /// Times the orientation of the target.
     determinant: f64,
@@ -369,16 +370,16 @@ fn determinants(samples: &[StretchSample]) -> Option<Determinants> {
     })
 }
 
-/// Rotates each pair of columns to a right angle, in turn; whether any was not at one, to rounding.
+/// Rotates each pair of columns in turn until they are orthogonal; returns whether any pair was not, up to rounding.
 fn orthogonalize_columns(columns: &mut Matrix3) -> bool {
-    let mut turned = false;
+    let mut rotated = false;
     for (p, q) in [(0, 1), (0, 2), (1, 2)] {
         let (first, second) = (columns.column(p).into_owned(), columns.column(q).into_owned());
         let (dot, product) = (first.dot(&second), first.norm() * second.norm());
         if dot.abs() <= f64::EPSILON * product {
             continue;
         }
-        turned = true;
+        rotated = true;
         let cotangent = (second.norm_squared() - first.norm_squared()) / (2.0 * dot);
         let tangent = 1f64.copysign(cotangent) / (cotangent.abs() + cotangent.hypot(1.0));
         let cosine = tangent.hypot(1.0).recip();
@@ -386,7 +387,7 @@ fn orthogonalize_columns(columns: &mut Matrix3) -> bool {
         columns.set_column(p, &(first * cosine - second * sine));
         columns.set_column(q, &(first * sine + second * cosine));
     }
-    turned
+    rotated
 }
 
 #[cfg(test)]

@@ -2,8 +2,8 @@ use crate::statistics::weighted_quantiles;
 
 /// Quantiles of a density over the volume of a solid.
 ///
-/// `median` is the smallest value such that half of the volume has it or less, `p99` that 99 percent have; points of
-/// small cells therefore count little.
+/// `median` is the smallest value that half of the volume does not exceed, `p99` that 99 percent do not exceed; points
+/// of small cells count little.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct DensityQuantiles {
     /// Smallest value.
@@ -17,8 +17,7 @@ pub struct DensityQuantiles {
 }
 
 impl DensityQuantiles {
-    /// Quantiles of parallel values and weights, as [`weighted_quantiles`] has them. `None` when there are none. Costs a
-    /// sort.
+    /// Quantiles of parallel values and weights, by [`weighted_quantiles`]. `None` if there are none. Takes a sort.
     ///
     /// # Panics
     ///

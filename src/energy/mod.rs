@@ -27,14 +27,14 @@ use std::ops::Range;
 
 use crate::{Matrix3, Point, map::VolumeMap};
 
-/// Points whose Jacobians are held at a time: enough for every core, little beside the densities.
+/// Points whose Jacobians are held at a time: enough for all cores, and small compared with the densities.
 const CHUNK: usize = 1 << 16;
 
-/// How energies are measured.
+/// Options of [`energies`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EnergyOptions {
     /// Scale domain and target to unit volume first, as the paper does, so that energies of different solids compare:
-    /// the identity then has harmonic energy 3. Off, energies are the plain integrals in model units.
+    /// the identity then has harmonic energy 3. Otherwise energies are the plain integrals in model units.
     pub normalize: bool,
     /// Material of the deformation energy.
     pub lame: Lame,
@@ -66,14 +66,14 @@ pub struct EnergyReport {
     pub harmonic_density: DensityQuantiles,
     /// Deformation energy density over the domain.
     pub deformation_density: DensityQuantiles,
-    /// `det J` of the map as it is, in model units also when energies are normalised. Where its sign is not that of
-    /// `target_volume`, the map is folded.
+    /// `det J` in model units, also when energies are normalised. Where its sign is not that of `target_volume`, the
+    /// map is folded.
     pub det_jacobian: DensityQuantiles,
-    /// Points where the map is folded: `det J` is zero, or has not the sign of `target_volume`.
+    /// Points where the map is folded: `det J` is zero or does not have the sign of `target_volume`.
     pub inverted_points: usize,
-    /// Share of the domain's volume that those points stand for.
+    /// Fraction of the domain's volume that those points represent.
     pub inverted_fraction: f64,
-    /// The values behind the distributions.
+    /// The values at the points of the quadrature.
     #[serde(skip)]
     pub densities: Densities,
 }
@@ -110,11 +110,11 @@ impl Densities {
     }
 }
 
-/// Why a map has no energy.
+/// Why the energy of a map cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EnergyError {
-    /// A volume that cannot be scaled to one.
+    /// A volume is not positive and finite, so that it cannot be scaled to one.
     #[error("the {solid} has a volume of {volume}; give a closed solid that is oriented outward")]
     Volume {
         /// `"domain"` or `"target"`.
@@ -130,7 +130,7 @@ pub enum EnergyError {
         /// The point.
         point: Point,
     },
-    /// The map did not answer for every point.
+    /// The map did not return a Jacobian for every point.
     #[error("the map gave {found} Jacobians for {expected} points; its `jacobian` must give one for each, in order")]
     JacobianCount {
         /// Points asked for.
@@ -138,7 +138,7 @@ pub enum EnergyError {
         /// Jacobians given.
         found: usize,
     },
-    /// Vertices of a tetrahedral mesh and their images are not parallel.
+    /// The number of images is not that of the mesh's vertices.
     #[error("{found} images for the {expected} vertices of the domain; give the image of every vertex, in order")]
     ImageCount {
         /// Vertices of the domain.
@@ -230,7 +230,7 @@ fn measure(
         };
         DensityQuantiles::weighted(values, weights).ok_or(empty)
     };
-    // A reflecting map turns all of space over, and is folded where it does not.
+    // A map that reflects as a whole is folded where it preserves the orientation.
     let orientation = if target_volume < 0.0 { -1.0 } else { 1.0 };
     let inverted = |det: &&f64| **det * orientation <= 0.0;
     let folded = densities

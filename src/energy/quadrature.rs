@@ -22,10 +22,10 @@ pub enum QuadratureError {
         /// Its position.
         position: Point,
     },
-    /// A grid of no cells, or of cells of no size.
+    /// The grid has no cells, or cells without size.
     #[error("a grid cannot have {0}; ask for at least one cell, of positive finite size")]
     NoCells(GridResolution),
-    /// More cells than can be handled.
+    /// The grid has too many cells.
     #[error(
         "the grid would have {} × {} × {} cells, more than {limit} in all or {axis_limit} along one side; choose larger cells",
         cells[0], cells[1], cells[2]
@@ -38,7 +38,7 @@ pub enum QuadratureError {
         /// Most cells along an axis.
         axis_limit: u64,
     },
-    /// A vertical line enters the solid without leaving it.
+    /// The surface is open: a vertical line enters the solid without leaving it.
     #[error(
         "the surface is open: near x = {x}, y = {y} it is entered and left unequally often along z; close its holes and orient its triangles consistently"
     )]
@@ -66,10 +66,10 @@ pub enum QuadratureError {
     },
 }
 
-/// Points inside a solid and the volume each stands for: `∫ g ≈ Σ weights · g(points)`.
+/// Points inside a solid and the volume that each represents: `∫ g ≈ Σ weights · g(points)`.
 ///
-/// The points lie in cells, boxes of a [`Grid`] or tetrahedra, so that a density at the points has a distribution over
-/// cells to look at; all points of a cell follow each other.
+/// The points lie in cells, boxes of a [`Grid`] or tetrahedra, so that a density at the points also gives means over
+/// cells; the points of a cell are consecutive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quadrature {
     points: Vec<Point>,
@@ -105,7 +105,7 @@ pub struct Grid {
 /// Mean of a density over one cell's part of the solid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CellMean {
-    /// Number of the cell, as [`CellLayout`] has it.
+    /// Index of the cell, as in [`CellLayout`].
     pub cell: u32,
     /// Volume of the part of the cell inside the solid.
     pub volume: f64,
@@ -114,7 +114,7 @@ pub struct CellMean {
 }
 
 impl Quadrature {
-    /// A rule of these points, their weights and their cells; the three slices are parallel, `cells` ascends.
+    /// A quadrature from parallel arrays of points, weights and cells; `cells` ascends.
     pub(super) fn new(points: Vec<Point>, weights: Vec<f64>, cells: Vec<u32>, layout: CellLayout) -> Self {
         debug_assert!(points.len() == weights.len() && points.len() == cells.len());
         debug_assert!(cells.is_sorted());
@@ -131,7 +131,7 @@ impl Quadrature {
         &self.points
     }
 
-    /// Volume that each point stands for; positive.
+    /// Volume that each point represents; positive.
     pub fn weights(&self) -> &[f64] {
         &self.weights
     }
@@ -156,7 +156,7 @@ impl Quadrature {
         sum(self.weights.iter().zip(density).map(|(w, d)| w * d))
     }
 
-    /// The distribution of a density at the points over the cells, for export: cells without points are left out.
+    /// Means over the cells of a density at the points; cells without points are left out.
     pub fn cell_means(&self, density: &[f64]) -> Vec<CellMean> {
         let mut means = Vec::new();
         let mut first = 0;
@@ -211,8 +211,8 @@ impl Grid {
     }
 }
 
-/// Sum with the rounding of every addition carried along (Neumaier 1974). A plain sum of a million equal weights rounds
-/// the same way again and again and is off by `10⁻¹¹`.
+/// Compensated sum (Neumaier 1974). A plain sum of a million equal weights always rounds the same way, and has an error
+/// of `10⁻¹¹`.
 pub(super) fn sum(terms: impl Iterator<Item = f64>) -> f64 {
     let (mut sum, mut lost) = (0.0_f64, 0.0);
     for term in terms {

@@ -3,7 +3,7 @@ use crate::{Point, Vector, mesh::TetMesh};
 
 /// Quadrature over the tetrahedra of a mesh: four points each, exact for polynomials of degree 2.
 ///
-/// Every tetrahedron counts with its absolute volume, whatever its hand. Flat tetrahedra have no points.
+/// Every tetrahedron counts with its absolute volume. Flat tetrahedra have no points.
 ///
 /// # Errors
 ///
@@ -48,7 +48,7 @@ pub(super) fn first_non_finite<const N: usize>(vertices: &[Point], elements: &[[
         .find(|&v| vertices[v].iter().any(|c| !c.is_finite()))
 }
 
-/// Each point leans to one corner: barycentric weights `(5 + 3√5) / 20` and thrice `(5 − √5) / 20`.
+/// Each point is nearest to one corner: barycentric weights `(5 + 3√5) / 20` and thrice `(5 − √5) / 20`.
 fn rule_points(corners: [Point; 4]) -> [Point; 4] {
     let near = (5.0 + 3.0 * 5f64.sqrt()) / 20.0;
     let far = (5.0 - 5f64.sqrt()) / 20.0;
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn either_hand_counts_positively_and_flat_tets_not_at_all() {
+    fn either_orientation_counts_positively_and_flat_tets_not_at_all() {
         let rule = tet_quadrature(&unit(&[[0, 1, 1, 3], [0, 1, 2, 3], [0, 2, 1, 3]])).unwrap();
         assert!((rule.volume() - 1.0 / 3.0).abs() < 1e-16);
         assert_eq!(rule.cells(), [1, 1, 1, 1, 2, 2, 2, 2]);

@@ -27,7 +27,7 @@ pub struct BvhNode {
     size: u32,
 }
 
-/// Items of a leaf: below 4 the boxes cost more than the triangles they save.
+/// Items per leaf: with fewer than 4, boxes cost more than the triangles they save.
 const LEAF: usize = 4;
 const BINS: usize = 16;
 /// Below this depth ranges are halved, so that no arrangement of boxes makes the tree deeper than [`STACK`].
@@ -56,7 +56,7 @@ impl BvhNode {
         self.second == 0
     }
 
-    /// How many nodes follow before the first that is not below this one, counting itself.
+    /// Number of nodes in its subtree, including itself.
     pub fn size(&self) -> usize {
         self.size as usize
     }
@@ -89,8 +89,8 @@ impl Bvh {
         &self.order
     }
 
-    /// Visits the leaves whose box is no farther from `p` than a squared distance `limit`, nearest first as far as
-    /// boxes tell. `visit` gets the items, as a range of [`Bvh::order`], and returns the new limit.
+    /// Visits the leaves whose box is no farther from `p` than a squared distance `limit`, nearest boxes first. `visit`
+    /// gets the items, as a range of [`Bvh::order`], and returns the new limit.
     #[inline]
     pub fn visit_nearest(&self, p: &Point, mut limit: f64, mut visit: impl FnMut(Range<usize>, f64) -> f64) {
         let mut stack = [(0u32, 0.0f64); STACK];

@@ -46,7 +46,7 @@ pub(crate) fn fan(polygon: &[Point]) -> impl Iterator<Item = [Point; 3]> {
     polygon.windows(2).skip(1).map(|edge| [polygon[0], edge[0], edge[1]])
 }
 
-/// Area of the projection of a triangle along z, positive where it looks up.
+/// Area of the projection of a triangle along z, positive where it faces up.
 pub(crate) fn projected_area(a: &Point, b: &Point, c: &Point) -> f64 {
     ((b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)) / 2.0
 }

@@ -1,4 +1,4 @@
-//! On which side of a plane a point lies, and which tetrahedra a map turns over, decided without rounding errors.
+//! Exact predicates: on which side of a plane a point lies, and which tetrahedra a map inverts.
 //!
 //! Shewchuk, *Adaptive precision floating-point arithmetic and fast robust geometric predicates*, Discrete &
 //! Computational Geometry 18 (1997).
@@ -10,22 +10,21 @@ use robust::{Coord3D, orient3d};
 
 use crate::{Point, mesh::TetMesh};
 
-/// What a map does to the tetrahedra of a mesh; those in none of these groups keep their orientation.
+/// Numbers of tetrahedra whose orientation a map does not preserve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct FlipCounts {
     /// The image has the opposite orientation.
     pub negative: usize,
     /// The four images lie exactly in a plane.
     pub degenerate: usize,
-    /// An image, or a corner in the domain, has a coordinate that is NaN or infinite.
+    /// A corner in the domain, or an image, has a NaN or infinite coordinate.
     pub not_finite: usize,
-    /// The tetrahedron is exactly flat already in the domain, so that it has no orientation to keep; counted here
-    /// only.
+    /// The tetrahedron is exactly flat in the domain, so that it has no orientation; counted only here.
     pub flat_in_domain: usize,
 }
 
 impl FlipCounts {
-    /// Tetrahedra of the domain with an orientation whose images do not have it.
+    /// Tetrahedra with an orientation in the domain whose images do not have it.
     pub fn count(&self) -> usize {
         self.negative + self.degenerate + self.not_finite
     }
@@ -40,8 +39,8 @@ impl FlipCounts {
 /// The sign of `det(b − a, c − a, d − a)`: `Greater` for a right-handed tetrahedron, `Equal` when the points lie
 /// exactly in a plane, `None` when a coordinate is NaN or infinite.
 ///
-/// Exact for the coordinates as given, whatever their common size. Only coordinates that differ among themselves by
-/// more than about a hundred orders of magnitude can underflow to `Equal`.
+/// Exact for the given coordinates, whatever their common size. Only coordinates that differ among themselves by more
+/// than about a hundred orders of magnitude can underflow to `Equal`.
 pub fn orientation(a: &Point, b: &Point, c: &Point, d: &Point) -> Option<Ordering> {
     let points = [a, b, c, d];
     if points.iter().any(|p| p.iter().any(|x| !x.is_finite())) {
@@ -58,10 +57,10 @@ pub fn orientation(a: &Point, b: &Point, c: &Point, d: &Point) -> Option<Orderin
     0.0.partial_cmp(&orient3d(a, b, c, d))
 }
 
-/// Counts the tetrahedra that a map turns over or flattens, each against its own orientation in the domain, with
+/// Counts the tetrahedra that a map inverts or flattens, each relative to its own orientation in the domain, with
 /// [`orientation`]. `images` are those of the vertices of `domain`; `None` when the counts differ.
 ///
-/// A map that mirrors the whole domain turns over every tetrahedron.
+/// A map that mirrors the whole domain inverts every tetrahedron.
 pub fn flipped_tets(domain: &TetMesh, images: &[Point]) -> Option<FlipCounts> {
     if images.len() != domain.vertices().len() {
         return None;
@@ -145,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn right_handed_is_greater_and_a_swap_changes_the_hand() {
+    fn right_handed_is_greater_and_a_swap_changes_the_orientation() {
         let [a, b, c, d] = unit();
         assert_eq!(sign(&[a, b, c, d]), Some(Ordering::Greater));
         assert_eq!(sign(&[b, a, c, d]), Some(Ordering::Less));

@@ -1,4 +1,4 @@
-//! Rotations and similarities that carry points closest to other points (Umeyama, *Least-squares estimation of
+//! Rotations and similarities that fit points to other points best (Umeyama, *Least-squares estimation of
 //! transformation parameters between two point patterns*, IEEE PAMI 13, 1991).
 
 use nalgebra::SVD;
@@ -10,14 +10,14 @@ use crate::{Matrix3, Point, Vector};
 pub struct Similarity {
     /// Ratio of lengths; positive.
     pub scale: f64,
-    /// Orthogonal: a rotation, or a reflection where that is said.
+    /// Orthogonal: a rotation, or a reflection where one was asked for.
     pub rotation: Matrix3,
     /// Where the origin goes.
     pub translation: Vector,
 }
 
 impl Similarity {
-    /// Leaves every point where it is.
+    /// The identity.
     pub fn identity() -> Self {
         Self {
             scale: 1.0,
@@ -56,19 +56,19 @@ impl Similarity {
     }
 }
 
-/// What fits, and how well.
+/// The best rotation, and how well it fits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SphereRotation {
     /// The proper rotation that fits best.
     pub rotation: Matrix3,
     /// Weighted root mean square of `|R a − b|`.
     pub residual: f64,
-    /// The same of the best reflection: where it is much less, the one side is the mirror image of the other.
+    /// The residual of the best reflection: if it is much smaller, one set is the mirror image of the other.
     pub mirrored_residual: f64,
 }
 
-/// The rotation `R` with the least `Σ w |R a − b|²` over unit vectors `a` of `from` and `b` of `to`. With fewer than two
-/// independent vectors many fit equally well, and one of them comes out.
+/// The rotation `R` with the least `Σ w |R a − b|²` over unit vectors `a` of `from` and `b` of `to`. With fewer than
+/// two independent vectors many fit equally well, and one of them is returned.
 ///
 /// `None` unless there are as many of each, at least one, and all are finite with weights that are not negative and have
 /// a sum.
@@ -135,7 +135,7 @@ fn closest_orthogonal(covariance: &Matrix3, sign: f64) -> Option<Matrix3> {
     let scaled = covariance / largest.max(f64::MIN_POSITIVE);
     let SVD { u, v_t, .. } = SVD::try_new(scaled, true, true, f64::EPSILON, 1000)?;
     let (mut u, v_t) = (u?, v_t?);
-    // The singular values come sorted: to turn over the last direction costs least.
+    // The singular values are sorted: to flip the last direction costs least.
     if u.determinant() * v_t.determinant() * sign < 0.0 {
         u.column_mut(2).neg_mut();
     }

@@ -16,11 +16,11 @@ use crate::mesh::topology::{NONE, Topology};
 use crate::mesh::{SurfaceMesh, welded};
 use crate::{Point, Vector};
 
-/// Answers where the surface is closest, how far, and on which side, of any number of points.
+/// Closest points, signed distances and inside tests on a surface, for any number of points.
 ///
-/// The surface is to be oriented outward, cavities into the cavity, as [`crate::check::repair()`] makes it. Building
+/// The surface must be oriented outward, cavities into the cavity, as [`crate::check::repair()`] makes it. Building
 /// takes a fraction of a second per million triangles, a query near the surface microseconds. Copies what it needs of
-/// the mesh; shared between threads as it is.
+/// the mesh; can be shared between threads.
 #[derive(Debug, Clone)]
 pub struct SurfaceQuery {
     bvh: Bvh,
@@ -37,7 +37,7 @@ pub struct SurfaceQuery {
 pub struct ClosestPoint {
     /// Where it is.
     pub point: Point,
-    /// The triangle it lies on; of several with exactly the same distance, the lowest.
+    /// The triangle it lies on; of several at exactly the same distance, the one with the lowest index.
     pub triangle: usize,
     /// Weights of the triangle's corners: not negative, with sum 1.
     pub barycentric: [f64; 3],
@@ -51,10 +51,10 @@ pub struct ClosestPoint {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum QueryError {
-    /// There is nothing to be close to.
+    /// The surface has no triangles.
     #[error("the surface has no triangles")]
     Empty,
-    /// A corner is nowhere.
+    /// A corner has a NaN or infinite coordinate.
     #[error("vertex {vertex} of triangle {triangle} has an infinite or undefined coordinate; remove or repair it")]
     NonFinite {
         /// The vertex.
@@ -64,7 +64,7 @@ pub enum QueryError {
     },
 }
 
-/// Directions off the surface, by slot. A zero stands where they do not decide.
+/// Pseudonormals, by slot; zero where they do not decide.
 #[derive(Debug, Clone)]
 struct Pseudonormals {
     of_face: Vec<Vector>,
@@ -92,7 +92,7 @@ impl SurfaceQuery {
         Ok(query)
     }
 
-    /// Prepares queries on any surface, the winding number deciding everywhere what is inside: also right where parts
+    /// Prepares queries on any surface. The winding number decides everywhere what is inside: also correct where parts
     /// overlap, but several times slower.
     ///
     /// # Errors
@@ -126,13 +126,13 @@ impl SurfaceQuery {
         self.describe(p, self.nearest(p, self.slot_of_first_triangle))
     }
 
-    /// Distance to the surface: negative inside, positive outside. Within rounding of the surface either sign comes
-    /// out; NaN when the point has a NaN coordinate.
+    /// Distance to the surface: negative inside, positive outside. Within rounding of the surface it may have either
+    /// sign; NaN when the point has a NaN coordinate.
     pub fn signed_distance(&self, p: &Point) -> f64 {
         self.sign(p, self.nearest(p, self.slot_of_first_triangle))
     }
 
-    /// Whether the point is inside: whether the surface winds about it more than half a time.
+    /// Whether the point is inside: whether the winding number exceeds one half.
     ///
     /// Away from the surface this is several times faster than [`Self::signed_distance`]. Both agree on the surface of
     /// a solid; where parts overlap, or the surface has holes, this is the one to trust.
@@ -140,18 +140,19 @@ impl SurfaceQuery {
         self.bounds().contains(p) && self.winding_number(p) > 0.5
     }
 
-    /// The generalised winding number about `p` by expansions of far parts: off by a few hundredths at most, where an
-    /// inside test can bear a half, in a time that grows with the logarithm of the number of triangles.
+    /// The generalised winding number about `p` by expansions of far parts: with an error of a few hundredths at most,
+    /// where an inside test tolerates a half, in a time that grows with the logarithm of the number of triangles.
     pub fn winding_number(&self, p: &Point) -> f64 {
         self.far_field.winding_number(&self.bvh, &self.corners, p)
     }
 
-    /// Whether each ball (centre and radius) lies outside the solid: no part of the surface is nearer to its centre than
-    /// its radius, and the surface does not wind about it. Right also where parts of the surface overlap, however the
-    /// query was made. `false` for balls without a finite centre. In parallel.
+    /// Whether each ball (centre and radius) lies outside the solid: no part of the surface is nearer to its centre
+    /// than its radius, and the winding number about it is zero. Correct also where parts of the surface overlap,
+    /// however the query was made. `false` for balls without a finite centre. In parallel.
     ///
     /// Several times faster than the signed distances of the centres: the search ends with the first triangle in the
-    /// ball, and balls that overlap are on the same side of the surface, so that in a crowd few need a winding number.
+    /// ball, and balls that overlap are on the same side of the surface, so that few of many close balls need a winding
+    /// number.
     pub fn are_outside(&self, balls: &[(Point, f64)]) -> Vec<bool> {
         let centres: Vec<Point> = balls.iter().map(|ball| ball.0).collect();
         self.each(&centres, RecentBalls::default, |i, known| {
@@ -191,9 +192,9 @@ impl SurfaceQuery {
         self.each(points, || (), |i, _| self.contains(&points[i]))
     }
 
-    /// Answers along a space-filling curve: neighbours read the same part of the tree, and what is known of one, such as
-    /// its closest triangle, is a good start for the next. `answer` gets the index of a point and what the one before
-    /// it left; `begin` makes that for the first of a run.
+    /// Answers queries along a space-filling curve: neighbours read the same part of the tree, and the state after one,
+    /// such as its closest triangle, is a good start for the next. `answer` gets the index of a point and the state;
+    /// `begin` makes the state for the first point of a run.
     fn each<K, T: Send>(
         &self,
         points: &[Point],
@@ -224,10 +225,10 @@ impl SurfaceQuery {
         free
     }
 
-    /// Slot of the closest triangle. `start` is tried first: the closer it is, the faster.
+    /// Slot of the closest triangle. The search starts from `start`, and is faster the closer that is.
     ///
-    /// The answer does not depend on it, nor on the shape of the tree: every triangle whose distance as computed could
-    /// be least is visited, and the lowest index wins a tie.
+    /// The result does not depend on it, nor on the shape of the tree: every triangle whose computed distance could be
+    /// least is visited, and the lowest index wins a tie.
     fn nearest(&self, p: &Point, start: u32) -> u32 {
         let distance_to = |slot: usize| closest_point_on_triangle(p, &self.corners[slot]).offset.norm_squared();
         let mut best = start;
@@ -246,8 +247,8 @@ impl SurfaceQuery {
         best
     }
 
-    /// Squared distance of the boxes that may hold a triangle at squared distance `least` as computed: a triangle's
-    /// offset is off by a few roundings of its distance and its sides.
+    /// Squared distance of boxes that may contain a triangle at the computed squared distance `least`: a triangle's
+    /// offset has rounding errors relative to its distance and its sides.
     fn limit(&self, least: f64) -> f64 {
         let distance = least.sqrt();
         let slack = 32.0 * f64::EPSILON * (distance + self.longest_side);
@@ -290,7 +291,7 @@ impl SurfaceQuery {
         };
         let normal = sides.at(slot as usize, closest.feature);
         let along = -normal.dot(&closest.offset);
-        // As close as rounding, no method decides, and the dot product is as good a guess as any.
+        // Within rounding of the surface no method decides, and the dot product is as good as any.
         let on_surface = distance < 32.0 * f64::EPSILON * self.longest_side;
         if on_surface || along.abs() > DECISIVE * normal.norm() * distance {
             along < 0.0
@@ -300,20 +301,21 @@ impl SurfaceQuery {
     }
 }
 
-/// The last few balls that were found free of the surface, and whether they are outside.
+/// The last few balls that do not touch the surface, and whether they are outside.
 #[derive(Default)]
 struct RecentBalls {
     balls: [(Point, f64, bool); REMEMBERED],
     next: usize,
 }
 
-/// Balls remembered: along the curve, few points have all their neighbours farther back than this.
+/// Number of remembered balls: along the curve, few points have all their neighbours farther back.
 const REMEMBERED: usize = 16;
 
 impl RecentBalls {
-    /// Whether a ball free of the surface is outside: as a known one that it overlaps, else as `find_out` says.
+    /// Whether a ball that does not touch the surface is outside: as a remembered one that it overlaps, or else by
+    /// `find_out`.
     fn is_outside(&mut self, centre: &Point, radius: f64, find_out: impl FnOnce() -> bool) -> bool {
-        // Balls that only touch might do so through the surface.
+        // Balls that only touch might touch across the surface.
         let overlaps = |ball: &&(Point, f64, bool)| {
             let reach = (1.0 - 1e-6) * (ball.1 + radius);
             ball.1 > 0.0 && (ball.0 - centre).norm_squared() < reach * reach
@@ -337,7 +339,7 @@ impl Pseudonormals {
         let mut of_face: Vec<Vector> = order.iter().map(|&t| unit_normal(&mesh.corners(t as usize))).collect();
         let across = triangles_across(&topology, &slot_of, &of_face)?;
         let of_vertex = vertex_normals(&welded, &slot_of, &of_face, &across);
-        // Without one plain side, a triangle is at best a wall between two parts that touch.
+        // A triangle without any regular side is at best a wall between two parts that touch.
         for (normal, across) in of_face.iter_mut().zip(&across) {
             if across.iter().all(|&slot| slot == NONE) {
                 *normal = Vector::zeros();
@@ -369,7 +371,7 @@ pub(crate) fn morton_order(points: &[Point]) -> Vec<u32> {
     let bounds = Aabb::around(points);
     let scale = bounds.extent().map(|e| f64::from(1 << 21) / e);
     let key = |p: &Point| {
-        // NaN and what is infinite for want of an extent saturate.
+        // NaN and infinite values, from boxes without extent, saturate.
         let at = (p - bounds.low)
             .component_mul(&scale)
             .map(|x| spread((x as u64).min((1 << 21) - 1)));

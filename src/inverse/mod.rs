@@ -1,12 +1,12 @@
-//! The inverse of a map of a solid: which point of the domain goes to a given point of the target.
+//! The inverse of a map of a solid: the point of the domain that is mapped to a given point of the target.
 //!
-//! Newton's method with the map's Jacobian (see [`VolumeMap`]), all points together. A mesh of the domain and its image
-//! say where to start: a point that several mapped tetrahedra hold has several starts, so that folds larger than a cell of
-//! that mesh are seen. Over its preimages the signs of `det J` add up to how often the boundary's image winds about a
-//! point (the degree of the map); where they do not, and near folds, more starts are tried.
+//! Newton's method with the map's Jacobian (see [`VolumeMap`]), all points together. A mapped mesh of the domain
+//! supplies the start points: a point in several mapped tetrahedra has several starts, so that folds larger than a cell
+//! of that mesh are found. The signs of `det J` at its preimages sum up to the winding number of the boundary's image
+//! about the point (the degree of the map); where they do not, and near folds, more starts are tried.
 //!
-//! A map meets its boundary data up to an error. Between the image of the domain's boundary and the target's there is a
-//! gap as wide as this error, and the points of the target in it come from outside of the domain by as little.
+//! A map has a boundary error. Between the image of the domain's boundary and that of the target there is a gap as wide
+//! as this error, and points of the target in the gap have preimages slightly outside of the domain.
 
 mod newton;
 mod seeds;
@@ -27,16 +27,16 @@ use seeds::SeedMesh;
 pub(crate) use seeds::barycentric;
 pub use seeds::lattice_mesh;
 
-/// How preimages are searched.
+/// Options of [`InverseMap`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct InverseOptions {
-    /// Distance between `f(x)` and `y` at which `x` counts as the preimage, as a fraction of the target's diagonal, at most
-    /// 1e-3. What rounding of the target's coordinates leaves counts too, and sums over many sources do not reach less
+    /// Distance between `f(x)` and `y` at which `x` counts as the preimage, as a fraction of the target's diagonal, at
+    /// most 1e-3. Rounding errors of the target's coordinates are added, and sums over many sources do not reach less
     /// than 1e-10.
     pub tolerance: f64,
-    /// Nodes of the mesh that the search starts from, at most a million: folds smaller than its cells go unseen.
+    /// Nodes of the mesh that the search starts from, at most a million: folds smaller than its cells may be missed.
     pub seed_nodes: usize,
-    /// Limit on the steps of Newton's method, from every start.
+    /// Largest number of steps of Newton's method from each start.
     pub iterations: usize,
 }
 
@@ -51,18 +51,19 @@ impl Default for InverseOptions {
     }
 }
 
-/// What was found for a point. Files and other languages have the number of the variant, from 0.
+/// Result of the search for a preimage. Files and other languages have the number of the variant, from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum PreimageStatus {
-    /// One preimage, where the map keeps its hand, of a point of the target or of the gap at its boundary.
+    /// One preimage, at which the map preserves the orientation, of a point of the target or of the gap at its
+    /// boundary.
     Ok,
-    /// Several preimages in the domain, or one where the map is turned inside out against the most of the domain, or one
-    /// where there must be another: farther outside of the target than the boundary error allows, or where the target
-    /// overlaps itself. Of several the one is returned where the map keeps its hand, and of these the one with the largest
-    /// `|det J|`.
+    /// Several preimages in the domain; or one at which the map has the opposite orientation to most of the domain; or
+    /// one where there must be another, because the point is farther outside of the target than the boundary error
+    /// allows, or the target overlaps itself there. Of several preimages, the one with the largest oriented `det J` is
+    /// returned.
     Folded,
-    /// Not in the target, and nothing in the domain goes there.
+    /// Not in the target, and no preimage in the domain.
     Outside,
     /// In the target, but no preimage was found in the domain.
     NotConverged,
@@ -70,17 +71,17 @@ pub enum PreimageStatus {
     NotFinite,
 }
 
-/// A preimage, or what there is instead of one.
+/// The result for one point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Preimage {
-    /// What was found.
+    /// The kind of result.
     pub status: PreimageStatus,
     /// The preimage. [`PreimageStatus::Outside`] and [`PreimageStatus::NotConverged`]: a point of the domain whose image
     /// is near; [`PreimageStatus::NotFinite`]: NaN.
     pub point: Point,
     /// `|f(x) − y|` over the target's diagonal at the preimage; infinite without one.
     pub round_trip: f64,
-    /// How many different preimages were found in the domain; where there is none, in the gap.
+    /// Number of different preimages found in the domain or, if there is none, in the gap.
     pub preimages: usize,
     /// The preimage lies outside of the domain: the point is in the gap between the target's boundary and the image of
     /// the domain's, no farther from the latter than twice the boundary error there and its root mean square.
@@ -97,53 +98,53 @@ impl Preimage {
     }
 }
 
-/// What a search of many preimages came to.
+/// Summary of the search for many preimages.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct InverseReport {
     /// Points asked for.
     pub points: usize,
-    /// One preimage.
+    /// Points with one preimage.
     pub ok: usize,
-    /// Several preimages, or one that is turned or cannot be the only one.
+    /// Points with several preimages, or one that is inverted or cannot be the only one.
     pub folded: usize,
-    /// Of these, those with several.
+    /// Points with several preimages.
     pub several: usize,
-    /// Not in the target.
+    /// Points outside of the target.
     pub outside: usize,
-    /// In the target, no preimage found.
+    /// Points in the target without a preimage found.
     pub not_converged: usize,
     /// Points with NaN or infinite coordinates.
     pub not_finite: usize,
-    /// Preimages outside of the domain, of points in the gap that the boundary error leaves.
+    /// Preimages outside of the domain, of points in the gap.
     pub beyond_boundary: usize,
     /// Largest distance of these from the domain, as a fraction of the domain's diagonal.
     pub farthest_beyond: f64,
     /// Largest error of the map at the domain's vertices, as a fraction of the target's diagonal.
     pub boundary_error: f64,
-    /// Largest `|f(x) − y|` of all that are ok, as a fraction of the target's diagonal.
+    /// Largest `|f(x) − y|` of points with one preimage, as a fraction of the target's diagonal.
     pub round_trip_max: f64,
     /// Root mean square of the same.
     pub round_trip_rms: f64,
-    /// Rounds of Newton's method until the last point was done.
+    /// Rounds of Newton's method until all points were done.
     pub iterations: usize,
-    /// Points at which the map was evaluated, the nodes of the seed mesh too.
+    /// Evaluations of the map, including the nodes of the seed mesh.
     pub evaluations: usize,
     /// Nodes of the seed mesh.
     pub seed_nodes: usize,
-    /// Seconds, those for the seed mesh included.
+    /// Seconds, including those for the seed mesh.
     pub seconds: f64,
     /// Seconds for the seed mesh.
     pub seed_seconds: f64,
 }
 
-/// Why there is no inverse.
+/// Why the map cannot be inverted.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InverseError {
-    /// The domain cannot be asked for its inside.
+    /// The domain cannot be queried.
     #[error("the domain cannot be searched: {0}")]
     Domain(#[source] QueryError),
-    /// The target cannot be asked for its inside.
+    /// The target cannot be queried.
     #[error("the target cannot be searched: {0}")]
     Target(#[source] QueryError),
     /// A setting is out of range.
@@ -156,12 +157,12 @@ pub enum InverseError {
         /// What is allowed.
         range: &'static str,
     },
-    /// A surface is a point, or too large or small for squares of its size.
+    /// A surface has no extent, or squares of its size overflow or vanish.
     #[error("the diagonal of the {surface}'s box is {diagonal}, but must be positive and finite; scale the model")]
     Extent {
         /// `"domain"` or `"target"`.
         surface: &'static str,
-        /// What was found.
+        /// The kind of result.
         diagonal: f64,
     },
     /// No node of the domain has a finite image.
@@ -169,14 +170,14 @@ pub enum InverseError {
     NoValues,
 }
 
-/// The inverse of a map, made once and asked for many points.
+/// The inverse of a map, prepared once and evaluated at many points.
 pub struct InverseMap<'a> {
     map: &'a dyn VolumeMap,
     boundary: &'a BoundaryMap,
     domain: SurfaceQuery,
     target: SurfaceQuery,
     seeds: SeedMesh,
-    /// How far the map misses its boundary data at the domain's vertices, in units of the target.
+    /// Boundary error at the domain's vertices, in units of the target.
     gap_rms: f64,
     gap_max: f64,
     seed_seconds: f64,
@@ -187,28 +188,28 @@ pub struct InverseMap<'a> {
     tolerance: f64,
 }
 
-/// Points searched together: enough to share all costs, few enough to keep what a search remembers small.
+/// Points searched together: enough to share all costs, few enough to limit memory.
 const BATCH: usize = 1 << 17;
-/// Starts of a point inside of mapped tetrahedra, and of one that none of them holds or led home.
-const MOST_HOLDING: usize = 8;
-const MOST_NEAREST: usize = 6;
-/// `det J` over its mean, below which a fold may be near enough for more preimages.
+/// Most starts from the mapped tetrahedra that contain a point, and from the nearest mapped nodes.
+const MAX_CONTAINING: usize = 8;
+const MAX_NEAREST: usize = 6;
+/// `det J` over its mean below which a fold may be so near that there are more preimages.
 const NEAR_FOLD: f64 = 0.1;
-/// Residual over the target's diagonal below which the last Jacobian serves on, and at most how many tolerances that is:
-/// it costs as much again as the value.
+/// Residual over the target's diagonal below which the last Jacobian is kept, because a new one costs as much as the
+/// value; and the largest multiple of the tolerance for this.
 const NEAR: f64 = 1e-5;
 const NEAR_TOLERANCES: f64 = 1e5;
-/// Largest tolerance: with more a preimage says little.
+/// Largest tolerance: beyond it preimages are meaningless.
 const MAX_TOLERANCE: f64 = 1e-3;
-/// Beyond, seeds take more than a gigabyte and gain nothing.
+/// Beyond, the seed mesh takes more than a gigabyte and gains nothing.
 const MAX_SEED_NODES: f64 = 1e6;
-/// Residual that rounding leaves, over the target's largest coordinate.
+/// Residual from rounding errors, over the target's largest coordinate.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
-/// Preimages closer than this part of the domain's diagonal are one, and so are those closer than so many times what
-/// their residuals leave open.
+/// Preimages closer than this, as a fraction of the domain's diagonal, are the same; so are those closer than this
+/// multiple of their uncertainty.
 const SAME: f64 = 1e-6;
-const SAME_BLURS: f64 = 4.0;
-/// Distance from the domain, over its diagonal, that is none: residuals leave as much.
+const SAME_UNCERTAINTIES: f64 = 4.0;
+/// Distance from the domain, over its diagonal, that counts as zero: residuals cause as much.
 const ON_BOUNDARY: f64 = 1e-9;
 /// Longest step over the domain's diagonal.
 const LONGEST_STEP: f64 = 0.1;
@@ -216,13 +217,13 @@ const LONGEST_STEP: f64 = 0.1;
 impl<'a> InverseMap<'a> {
     /// Maps the seed mesh. `boundary` is the boundary map that the map was fitted to.
     ///
-    /// A map that sums approximately, such as [`crate::map::HarmonicMap`] over many sources, is to be as accurate as the
-    /// tolerance asks.
+    /// A map that sums approximately, such as [`crate::map::HarmonicMap`] over many sources, must be as accurate as the
+    /// tolerance.
     ///
     /// # Errors
     ///
     /// [`InverseError`]: surfaces without triangles, without extent or with NaN among their corners, options out of
-    /// range, a map without values.
+    /// range, a map that is finite nowhere.
     pub fn new(
         map: &'a dyn VolumeMap,
         boundary: &'a BoundaryMap,
@@ -268,7 +269,8 @@ impl<'a> InverseMap<'a> {
         })
     }
 
-    /// Preimages of the points, in order, and a report. The same for any number of threads, if the map is.
+    /// Preimages of the points, in order, and a report. They do not depend on the number of threads, if the map does
+    /// not.
     pub fn preimages(&self, points: &[Point]) -> (Vec<Preimage>, InverseReport) {
         let start = Instant::now();
         let mut found = Vec::with_capacity(points.len());
@@ -290,14 +292,14 @@ impl<'a> InverseMap<'a> {
         (found, report)
     }
 
-    /// First from the mapped tetrahedra that hold the points, then, where the preimages found do not add up to the
-    /// degree of the map, from the nodes that go nearest to them.
+    /// Searches first from the mapped tetrahedra that contain the points, then, where the preimages found do not sum up
+    /// to the degree of the map, from the nodes with the nearest images.
     fn batch(&self, points: &[Point]) -> (Vec<Preimage>, NewtonEffort) {
         let starts: Vec<Vec<Point>> = points
             .par_iter()
             .map(|y| {
                 if is_finite(y) {
-                    self.seeds.holding(y, MOST_HOLDING)
+                    self.seeds.containing(y, MAX_CONTAINING)
                 } else {
                     vec![]
                 }
@@ -309,24 +311,25 @@ impl<'a> InverseMap<'a> {
         let doubtful = self.doubtful(points, &found, &windings);
         let starts: Vec<Vec<Point>> = doubtful
             .par_iter()
-            .map(|&i| self.seeds.nearest(&points[i], MOST_NEAREST))
+            .map(|&i| self.seeds.nearest(&points[i], MAX_NEAREST))
             .collect();
         let ys: Vec<Point> = doubtful.iter().map(|&i| points[i]).collect();
         let (more, further) = self.search(&ys, &starts);
         effort.add(further);
         for (i, more) in doubtful.into_iter().zip(more) {
             more.into_iter().for_each(|new| self.add(&mut found[i], new));
-            prefer_inner(&mut found[i]);
+            prefer_inside(&mut found[i]);
         }
         let incomplete = self.incomplete(points, &found, &windings);
         let preimages = (0..points.len())
             .into_par_iter()
-            .map(|i| self.verdict(&points[i], &found[i], windings[i] != 0.0, incomplete[i]))
+            .map(|i| self.result(&points[i], &found[i], windings[i] != 0.0, incomplete[i]))
             .collect();
         (preimages, effort)
     }
 
-    /// How often the target's surface winds about each point: 1 inside and 0 outside, where it does not overlap itself.
+    /// Winding number of the target's surface about each point: 1 inside and 0 outside, where it does not overlap
+    /// itself.
     fn windings(&self, points: &[Point]) -> Vec<f64> {
         let bounds = self.target.bounds();
         let winding = |y: &Point| match bounds.contains(y) {
@@ -336,8 +339,8 @@ impl<'a> InverseMap<'a> {
         points.par_iter().map(winding).collect()
     }
 
-    /// Points whose preimages do not add up to how often the target winds about them, or that are near a fold. Of those
-    /// outside without any preimage only the ones that the boundary error could have put there.
+    /// Points whose preimages do not sum up to the winding number, or that are near a fold. Of points outside without a
+    /// preimage only those that the boundary error could have moved there.
     fn doubtful(&self, points: &[Point], found: &[Vec<FoundPreimage>], windings: &[f64]) -> Vec<usize> {
         let is_near_fold = |f: &FoundPreimage| self.is_near_fold(self.oriented(&f.root));
         let adds_up = |i: usize| self.degree(&found[i]) == windings[i] && !found[i].iter().any(is_near_fold);
@@ -358,7 +361,7 @@ impl<'a> InverseMap<'a> {
         doubtful
     }
 
-    /// The different preimages in the domain that Newton's method finds from the starts of each point.
+    /// The different preimages that Newton's method finds from the starts of each point.
     fn search(&self, points: &[Point], starts: &[Vec<Point>]) -> (Vec<Vec<FoundPreimage>>, NewtonEffort) {
         let pairs: Vec<(Point, Point)> = points
             .iter()
@@ -373,7 +376,7 @@ impl<'a> InverseMap<'a> {
             iterations: self.options.iterations,
         };
         let (mut roots, mut effort) = newton::solve(self.map, &pairs, &limits);
-        effort.evaluations += self.refresh(&mut roots);
+        effort.evaluations += self.update_jacobians(&mut roots);
         let (beyond, evaluations) = self.beyond(&pairs, &roots);
         effort.evaluations += evaluations;
         let mut all = roots.iter().zip(beyond);
@@ -384,15 +387,15 @@ impl<'a> InverseMap<'a> {
                     self.add(&mut found, FoundPreimage { root: *root, beyond });
                 }
             }
-            prefer_inner(&mut found);
+            prefer_inside(&mut found);
             found
         };
         (starts.iter().map(different).collect(), effort)
     }
 
-    /// Takes the Jacobian at the roots near folds, where a small step may change its sign. How many points this took to
-    /// evaluate.
-    fn refresh(&self, roots: &mut [NewtonRoot]) -> usize {
+    /// Evaluates the Jacobian anew at roots near folds, where the last step may have changed its sign. Returns the
+    /// number of evaluations.
+    fn update_jacobians(&self, roots: &mut [NewtonRoot]) -> usize {
         let is_stale =
             |root: &&mut NewtonRoot| root.converged && !root.is_fresh && self.is_near_fold(self.oriented(root).abs());
         let stale: Vec<&mut NewtonRoot> = roots.iter_mut().filter(is_stale).collect();
@@ -408,8 +411,8 @@ impl<'a> InverseMap<'a> {
         count
     }
 
-    /// How far each root lies outside of the domain: 0 inside, `None` where it is no preimage: not converged, or outside
-    /// and not in the gap. Also how many points this took to evaluate.
+    /// Distance of each root from the domain: 0 inside, `None` for roots that are not converged, or outside and not in
+    /// the gap. Also the number of evaluations.
     fn beyond(&self, pairs: &[(Point, Point)], roots: &[NewtonRoot]) -> (Vec<Option<f64>>, usize) {
         let converged: Vec<usize> = (0..roots.len()).filter(|&i| roots[i].converged).collect();
         let places: Vec<Point> = converged.iter().map(|&i| roots[i].x).collect();
@@ -435,7 +438,7 @@ impl<'a> InverseMap<'a> {
         (beyond, outer.len())
     }
 
-    /// The gap at the points of the domain's boundary that are closest to the places.
+    /// The gap at the points of the domain's boundary that are closest to `places`.
     fn gaps_next_to(&self, places: &[Point]) -> Vec<BoundaryGap> {
         let closest = self.domain.closest_points(places);
         let images = self
@@ -445,17 +448,17 @@ impl<'a> InverseMap<'a> {
             triangle: closest.triangle as u32,
             barycentric: closest.barycentric,
         });
-        let wanted = self.boundary.evaluate(&on_boundary.collect::<Vec<_>>());
-        let gap = |((closest, image), wanted): ((&ClosestPoint, Point), Point)| BoundaryGap {
+        let expected = self.boundary.evaluate(&on_boundary.collect::<Vec<_>>());
+        let gap = |((closest, image), expected): ((&ClosestPoint, Point), Point)| BoundaryGap {
             distance: closest.distance,
             image,
-            width: 2.0 * (wanted - image).norm() + self.gap_rms,
+            width: 2.0 * (expected - image).norm() + self.gap_rms,
         };
-        closest.iter().zip(images).zip(wanted).map(gap).collect()
+        closest.iter().zip(images).zip(expected).map(gap).collect()
     }
 
-    /// Whether a point must have more preimages than the one found, in the domain and not turned: the target's boundary
-    /// winds about it another number of times, and it is farther from it than the gap there is wide.
+    /// Whether a point must have more preimages than the one found in the domain: the winding number of the target
+    /// differs, and the point is farther from the target's boundary than the gap is wide there.
     fn incomplete(&self, points: &[Point], found: &[Vec<FoundPreimage>], windings: &[f64]) -> Vec<bool> {
         let is_alone = |i: usize| matches!(&found[i][..], [only] if only.beyond == 0.0);
         let suspects: Vec<usize> = (0..points.len())
@@ -473,10 +476,10 @@ impl<'a> InverseMap<'a> {
         incomplete
     }
 
-    /// Adds a preimage that is not there yet.
+    /// Adds a preimage unless it is known already.
     fn add(&self, found: &mut Vec<FoundPreimage>, new: FoundPreimage) {
-        // What the seed mesh can tell apart is different, however large the blur at a fold.
-        let reach = |root: &NewtonRoot| (SAME_BLURS * root.blur()).min(self.seeds.spacing);
+        // What the seed mesh resolves is different, however large the uncertainty at a fold.
+        let reach = |root: &NewtonRoot| (SAME_UNCERTAINTIES * root.uncertainty()).min(self.seeds.spacing);
         let is_new = |known: &FoundPreimage| {
             let same = (SAME * self.domain_diagonal)
                 .max(reach(&known.root))
@@ -488,7 +491,7 @@ impl<'a> InverseMap<'a> {
         }
     }
 
-    /// `det J` as seen from most of the domain.
+    /// `det J` relative to the orientation of most of the domain.
     fn oriented(&self, root: &NewtonRoot) -> f64 {
         self.seeds.orientation * root.jacobian.determinant()
     }
@@ -501,7 +504,7 @@ impl<'a> InverseMap<'a> {
         found.iter().map(|f| self.oriented(&f.root).signum()).sum()
     }
 
-    fn verdict(&self, y: &Point, found: &[FoundPreimage], in_target: bool, incomplete: bool) -> Preimage {
+    fn result(&self, y: &Point, found: &[FoundPreimage], in_target: bool, incomplete: bool) -> Preimage {
         let best = found
             .iter()
             .max_by(|a, b| self.oriented(&a.root).total_cmp(&self.oriented(&b.root)));
@@ -561,24 +564,24 @@ impl<'a> InverseMap<'a> {
     }
 }
 
-/// A root in the domain, or outside of it in the gap.
+/// A preimage in the domain, or outside of it in the gap.
 struct FoundPreimage {
     root: NewtonRoot,
     beyond: f64,
 }
 
-/// What the boundary error leaves open next to a place.
+/// The gap next to a point.
 struct BoundaryGap {
-    /// Of the place from the domain's boundary.
+    /// Distance of the point from the domain's boundary.
     distance: f64,
-    /// Of the closest point of the domain's boundary.
+    /// Image of the closest point of the domain's boundary.
     image: Point,
     /// Twice the boundary error there and its root mean square, in units of the target.
     width: f64,
 }
 
-/// Points in the gap with a preimage in the domain need none outside.
-fn prefer_inner(found: &mut Vec<FoundPreimage>) {
+/// Drops preimages outside of the domain where there is one inside.
+fn prefer_inside(found: &mut Vec<FoundPreimage>) {
     if found.iter().any(|f| f.beyond == 0.0) {
         found.retain(|f| f.beyond == 0.0);
     }
@@ -598,13 +601,13 @@ fn largest_coordinate(query: &SurfaceQuery) -> f64 {
     bounds.low.coords.amax().max(bounds.high.coords.amax())
 }
 
-/// How far the map misses its boundary data at the domain's vertices.
+/// Boundary errors at the domain's vertices.
 fn gaps_at_vertices(map: &dyn VolumeMap, boundary: &BoundaryMap) -> Vec<f64> {
     let images = map.evaluate(boundary.domain().vertices());
     let gaps = images
         .iter()
         .zip(boundary.image())
-        .map(|(found, wanted)| (found - wanted).norm());
+        .map(|(found, expected)| (found - expected).norm());
     gaps.filter(|gap| gap.is_finite()).collect()
 }
 

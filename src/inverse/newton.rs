@@ -1,7 +1,7 @@
 //! Newton's method for many points together.
 //!
 //! `x ← x − J⁻¹ (f(x) − y)`, the step no longer than a trust length, halved until the residual falls (Armijo's rule:
-//! Nocedal & Wright, *Numerical Optimization*, 2006, chapters 3 and 11). The points of a round are evaluated in one
+//! Nocedal & Wright, *Numerical Optimization*, 2006, chapters 3 and 11). All points of a round are evaluated in one
 //! call, which costs far less than one by one; those that are done drop out.
 
 use rayon::prelude::*;
@@ -9,42 +9,42 @@ use rayon::prelude::*;
 use crate::map::VolumeMap;
 use crate::{Matrix3, Point, Vector};
 
-/// How long to go on, in model units.
+/// Tolerances and limits, in model units.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NewtonLimits {
-    /// Residual that is small enough, in units of the target.
+    /// Residual at which a search has converged, in units of the target.
     pub tolerance: f64,
-    /// Residual below which the last Jacobian serves on, in units of the target.
+    /// Residual below which the last Jacobian is kept, in units of the target.
     pub near: f64,
     /// Longest first step, in units of the domain; it may double with every step that succeeds.
     pub first_step: f64,
-    /// Longest step at all.
+    /// Longest step.
     pub longest_step: f64,
     pub iterations: usize,
 }
 
-/// Where the search for a point ended.
+/// Result of a search.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NewtonRoot {
-    /// The place with the smallest residual that was met.
+    /// The point with the smallest residual that was found.
     pub x: Point,
-    /// `|f(x) − y|`; infinite when no finite value was met.
+    /// `|f(x) − y|`; infinite if no value was finite.
     pub residual: f64,
-    /// At `x`, or not fresh: a last small step away from it.
+    /// The Jacobian at `x`, or unless `is_fresh` that at an earlier point near it.
     pub jacobian: Matrix3,
     pub is_fresh: bool,
     pub converged: bool,
 }
 
 impl NewtonRoot {
-    /// How far the preimage may be from `x`, where the map is linear over as much.
-    pub fn blur(&self) -> f64 {
+    /// Bound of the distance from `x` to the preimage, to first order.
+    pub fn uncertainty(&self) -> f64 {
         let inverse = self.jacobian.try_inverse();
         self.residual * inverse.map_or(f64::INFINITY, |inverse| inverse.norm())
     }
 }
 
-/// What a batch took.
+/// Cost of a batch.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct NewtonEffort {
     /// Rounds of the batch.
@@ -54,18 +54,18 @@ pub(super) struct NewtonEffort {
 }
 
 impl NewtonEffort {
-    /// Together with what was done after it.
+    /// Adds the cost of further work.
     pub fn add(&mut self, next: Self) {
         self.iterations += next.iterations;
         self.evaluations += next.evaluations;
     }
 }
 
-/// A decrease of the residual that counts, as a part of what the step promises.
+/// Required decrease of the residual, as a fraction of what the step predicts.
 const ARMIJO: f64 = 1e-4;
-/// A step shorter than this part of the first is none.
+/// A search stops when its step is shorter than this fraction of the first.
 const SHORTEST: f64 = 1e-9;
-/// Determinant over the cube of the norm below which a Jacobian counts as singular, and the damping it then gets.
+/// Determinant over the cube of the norm below which a Jacobian counts as singular, and the damping used then.
 const SINGULAR: f64 = 1e-12;
 const DAMPING: f64 = 1e-3;
 
@@ -75,7 +75,7 @@ struct NewtonSearch {
     residual: f64,
     jacobian: Matrix3,
     is_fresh: bool,
-    /// The next step to try, which part of the whole step it is, and the longest that may follow it.
+    /// The next step to try, as which fraction of the Newton step, and the largest length of the step after it.
     step: Vector,
     part: f64,
     trust: f64,
@@ -85,13 +85,13 @@ struct NewtonSearch {
 #[derive(Clone, Copy, PartialEq)]
 enum SearchState {
     Running,
-    /// The Jacobian is near enough: only values are needed.
+    /// So near that the Jacobian is kept: only values are needed.
     Near,
     Converged,
     Stuck,
 }
 
-/// Searches a preimage of each `y` from its seed, pairs `(y, seed)`.
+/// Searches preimages from pairs `(y, seed)` of a point and a start.
 pub(super) fn solve(
     map: &dyn VolumeMap,
     starts: &[(Point, Point)],
@@ -109,7 +109,7 @@ pub(super) fn solve(
         }
         effort.iterations += 1;
         effort.evaluations += running.len() + near.len();
-        // Not even an empty list: a map may spend time on its preparations.
+        // Maps may take time to prepare, also for an empty list.
         if !running.is_empty() {
             let (images, jacobians) = map.evaluate_with_jacobian(&trials(&running));
             let found = running.into_par_iter().zip(images).zip(jacobians);
@@ -153,7 +153,7 @@ impl NewtonSearch {
         matches!(self.state, SearchState::Converged | SearchState::Stuck)
     }
 
-    /// Goes on with what the map gives at the place tried.
+    /// Continues with the value of the map at the point tried.
     fn take(&mut self, image: Point, jacobian: Option<Matrix3>, limits: &NewtonLimits) {
         let difference = image - self.y;
         let residual = difference.norm();
@@ -171,7 +171,7 @@ impl NewtonSearch {
             self.state = SearchState::Converged;
             return;
         }
-        // An old Jacobian that gains little is worth its renewal.
+        // A kept Jacobian that gains little is evaluated anew.
         let near = residual <= limits.near && (jacobian.is_some() || gain < 0.05);
         self.state = if near { SearchState::Near } else { SearchState::Running };
         self.advance(&difference, limits);
@@ -243,7 +243,8 @@ mod tests {
         }
     }
 
-    /// From 0.5 to 0.3 with a residual of 1e-9, where the old Jacobian may serve, and of 1e-3, where it may not.
+    /// From 0.5 to 0.3 with a residual of 1e-9, for which the last Jacobian may be kept, and of 1e-3, for which it may
+    /// not.
     #[test]
     fn jacobians_said_to_be_fresh_are_those_at_the_root() {
         let start = [(Point::new(0.09, 0.0, 0.0), Point::new(0.5, 0.0, 0.0))];
@@ -261,7 +262,7 @@ mod tests {
                 root.converged && root.is_fresh == fresh && (error == 0.0) == fresh,
                 "{error}"
             );
-            assert!((root.x.x - 0.3).abs() <= 1.01 * root.blur());
+            assert!((root.x.x - 0.3).abs() <= 1.01 * root.uncertainty());
         }
     }
 }

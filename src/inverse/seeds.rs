@@ -1,10 +1,10 @@
-//! Where Newton starts: a mesh of the domain that needs no mesher, and its image.
+//! Start points for Newton's method: a mesh of the domain that needs no mesher, and its image.
 //!
-//! A lattice is laid over the domain. Every cell with a corner inside is cut into six tetrahedra by Kuhn's split, its
-//! outer corners moved to the closest point of the boundary. Where the Jacobian's determinant changes its sign or nearly
-//! vanishes, tetrahedra are cut into eight, twice. The domain's vertices are added as single nodes, so that parts too thin
-//! for the lattice have some. All nodes are mapped, and a tree over the mapped tetrahedra finds those
-//! that hold a point.
+//! A lattice is laid over the domain. Every cell with a corner inside is divided into six tetrahedra by Kuhn's
+//! subdivision, its outer corners moved to the closest point of the boundary. Where the Jacobian's determinant changes
+//! its sign or nearly vanishes, tetrahedra are divided into eight, twice. The domain's vertices are added as isolated
+//! nodes, so that parts too thin for the lattice have nodes. All nodes are mapped, and a tree over the mapped
+//! tetrahedra finds those that contain a point.
 
 use std::collections::HashMap;
 
@@ -18,19 +18,19 @@ use super::{InverseError, finite_diagonal};
 /// The mapped mesh.
 pub(super) struct SeedMesh {
     mesh: MappedMesh,
-    by_tet: Bvh,
-    by_node: Bvh,
-    /// Node of each item of `by_node`.
+    tet_tree: Bvh,
+    node_tree: Bvh,
+    /// Node of each item of `node_tree`.
     node_of_item: Vec<u32>,
     /// Length of a cell's edge.
     pub spacing: f64,
-    /// 1 when the map keeps the hand of most of the volume, -1 when it turns it.
+    /// 1 if the map preserves the orientation of most of the volume, -1 if it reverses it.
     pub orientation: f64,
     /// Volume of the image over that of the mesh, positive.
     pub mean_det: f64,
 }
 
-/// Tetrahedra over nodes with their images; not all nodes have tetrahedra.
+/// Nodes, their images, and tetrahedra over them; some nodes are isolated.
 struct MappedMesh {
     nodes: Vec<Point>,
     images: Vec<Point>,
@@ -38,22 +38,22 @@ struct MappedMesh {
     tets: Vec<[u32; 4]>,
 }
 
-/// Points of the lattice over the box of a thin domain: a coarser one is taken before there are more.
+/// Largest number of lattice points over the domain's box: for thin domains the lattice is coarsened until it fits.
 const MAX_LATTICE: f64 = 4e6;
-/// Vertices of the domain that become nodes; of more, every so many.
+/// Largest number of the domain's vertices that become nodes; of more, an even selection.
 const MAX_BOUNDARY_NODES: usize = 40_000;
-/// How often a tetrahedron is cut into eight where the map may fold, and how many there may be in all.
+/// How often tetrahedra are divided into eight where the map may fold, and the largest number of all tetrahedra.
 const REFINEMENTS: usize = 2;
 const MAX_TETS: usize = 2_000_000;
-/// Part of the largest `det J` at a tetrahedron's corners, below which the least says that it may vanish between them.
+/// `det J` may vanish in a tetrahedron if the least at its corners is below this fraction of the largest.
 const VANISHING: f64 = 0.1;
-/// Volume of a mapped tetrahedron over the product of three of its edges that is none but rounding.
+/// Volume of a mapped tetrahedron over the product of three of its edges that counts as zero.
 const FLAT: f64 = 1e-14;
-/// How far outside of a mapped tetrahedron, in barycentric coordinates, a point still counts as held: no point may fall
-/// through the faces.
+/// Negative barycentric coordinates up to this count as inside, so that no point falls between tetrahedra.
 const SLACK: f64 = 1e-9;
 
-/// The edges of a tetrahedron, and its eight parts over its corners (0 to 3) and the midpoints of these (4 to 9).
+/// The edges of a tetrahedron, and the eight tetrahedra that it is divided into, over its corners (0 to 3) and edge
+/// midpoints (4 to 9).
 const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 const EIGHTHS: [[usize; 4]; 8] = [
     [0, 4, 5, 6],
@@ -67,7 +67,7 @@ const EIGHTHS: [[usize; 4]; 8] = [
 ];
 
 impl SeedMesh {
-    /// A mesh of about so many `nodes` inside of the domain, mapped, and finer where the map may fold.
+    /// A mapped mesh with about `nodes` nodes inside of the domain, and finer where the map may fold.
     pub fn new(map: &dyn VolumeMap, domain: &SurfaceMesh, query: &SurfaceQuery, nodes: usize) -> Self {
         let lattice = SeedLattice::over(domain, query, nodes);
         let (mut nodes, tets) = lattice.tetrahedra(query);
@@ -79,7 +79,7 @@ impl SeedMesh {
         for _ in 0..REFINEMENTS {
             mesh.refine(map, orientation);
         }
-        // Those without volume hold nothing, and where a map collapses they would all have to be asked.
+        // Tetrahedra without volume contain nothing, and where a map is degenerate they would all be searched.
         let images = &mesh.images;
         mesh.tets.retain(|tet| !is_flat(&corners(images, tet)));
 
@@ -96,8 +96,8 @@ impl SeedMesh {
             .map(|&v| Aabb::around(&[mesh.images[v as usize]]))
             .collect();
         Self {
-            by_tet: Bvh::new(&boxes),
-            by_node: Bvh::new(&points),
+            tet_tree: Bvh::new(&boxes),
+            node_tree: Bvh::new(&points),
             node_of_item,
             spacing: lattice.size,
             orientation,
@@ -116,11 +116,11 @@ impl SeedMesh {
         self.node_of_item.is_empty()
     }
 
-    /// Where `y` comes from if the map were linear over each tetrahedron: a point for every mapped tetrahedron that holds
+    /// Preimages of `y` if the map were linear over each tetrahedron: one for every mapped tetrahedron that contains
     /// it, at most `most`.
-    pub fn holding(&self, y: &Point, most: usize) -> Vec<Point> {
+    pub fn containing(&self, y: &Point, most: usize) -> Vec<Point> {
         let mut found = Vec::new();
-        let (all, mut at) = (self.by_tet.nodes(), 0);
+        let (all, mut at) = (self.tet_tree.nodes(), 0);
         while at < all.len() && found.len() < most {
             let node = &all[at];
             if !node.bounds.contains(y) {
@@ -128,7 +128,7 @@ impl SeedMesh {
                 continue;
             }
             if node.is_leaf() {
-                let items = &self.by_tet.order()[node.items()];
+                let items = &self.tet_tree.order()[node.items()];
                 found.extend(items.iter().filter_map(|&t| self.preimage_in(t, y)));
             }
             at += 1;
@@ -140,8 +140,8 @@ impl SeedMesh {
     /// The nodes whose images are nearest to `y`, nearest first.
     pub fn nearest(&self, y: &Point, most: usize) -> Vec<Point> {
         let mut best: Vec<(f64, u32)> = Vec::with_capacity(most + 1);
-        self.by_node.visit_nearest(y, f64::INFINITY, |items, limit| {
-            for &item in &self.by_node.order()[items] {
+        self.node_tree.visit_nearest(y, f64::INFINITY, |items, limit| {
+            for &item in &self.node_tree.order()[items] {
                 let node = self.node_of_item[item as usize];
                 let candidate = ((self.mesh.images[node as usize] - y).norm_squared(), node);
                 let place = best.partition_point(|known| known < &candidate);
@@ -170,7 +170,7 @@ impl SeedMesh {
 }
 
 impl MappedMesh {
-    /// Maps the nodes; tetrahedra with a corner that has no finite image are left out.
+    /// Maps the nodes; leaves out tetrahedra with a corner whose image is not finite.
     fn new(map: &dyn VolumeMap, nodes: Vec<Point>, mut tets: Vec<[u32; 4]>) -> Self {
         let (images, jacobians) = map.evaluate_with_jacobian(&nodes);
         tets.retain(|tet| corners(&images, tet).iter().all(is_finite));
@@ -182,7 +182,7 @@ impl MappedMesh {
         }
     }
 
-    /// Volume of the image over that of the mesh: negative when the map turns most of it inside out.
+    /// Volume of the image over that of the mesh; negative if the map inverts most of it.
     fn mean_det(&self) -> f64 {
         let volumes = |tet: &[u32; 4]| [&self.nodes, &self.images].map(|points| volume(&corners(points, tet)));
         let sums = self
@@ -195,7 +195,7 @@ impl MappedMesh {
         if sums[0] > 0.0 { sums[1] / sums[0] } else { 1.0 }
     }
 
-    /// Whether the map is turned, or may be, somewhere in the tetrahedron.
+    /// Whether the map has, or may have, the opposite orientation somewhere in the tetrahedron.
     fn may_fold(&self, tet: &[u32; 4], orientation: f64) -> bool {
         let det = tet.map(|v| orientation * self.det[v as usize]);
         let most = det.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -204,7 +204,7 @@ impl MappedMesh {
         det.iter().any(is_small) || orientation * before * after < 0.0
     }
 
-    /// Cuts the tetrahedra where the map may fold.
+    /// Divides the tetrahedra where the map may fold.
     fn refine(&mut self, map: &dyn VolumeMap, orientation: f64) {
         let tets = std::mem::take(&mut self.tets);
         let (doubtful, mut kept): (Vec<_>, Vec<_>) = tets.into_iter().partition(|tet| self.may_fold(tet, orientation));
@@ -255,7 +255,7 @@ fn is_flat([a, b, c, d]: &[Point; 4]) -> bool {
     volume(&[*a, *b, *c, *d]).abs() <= FLAT * edges
 }
 
-/// Barycentric coordinates of `y` in a tetrahedron of either hand; `None` in one without volume.
+/// Barycentric coordinates of `y` in a tetrahedron of either orientation; `None` if it has no volume.
 pub(crate) fn barycentric(corners: &[Point; 4], y: &Point) -> Option<[f64; 4]> {
     let whole = volume(corners);
     let weights = std::array::from_fn(|k| {
@@ -266,9 +266,9 @@ pub(crate) fn barycentric(corners: &[Point; 4], y: &Point) -> Option<[f64; 4]> {
     weights.iter().all(|w: &f64| w.is_finite()).then_some(weights)
 }
 
-/// A mesh of the domain of about so many nodes inside: the cells of a lattice that have a corner inside, each cut into six
-/// tetrahedra, its outer corners moved to the closest point of the boundary. It follows the boundary to less than a cell, and
-/// tetrahedra there may be flat or turned over; parts thinner than a cell may be missing.
+/// A mesh of the domain with about `nodes` nodes inside: the cells of a lattice that have a corner inside, each divided
+/// into six tetrahedra, its outer corners moved to the closest point of the boundary. It approximates the boundary to
+/// less than a cell, and tetrahedra there may be flat or inverted; parts thinner than a cell may be missing.
 ///
 /// # Errors
 ///
@@ -290,15 +290,16 @@ struct SeedLattice {
 }
 
 impl SeedLattice {
-    /// The box of the domain is to have a finite diagonal, not 0.
+    /// The diagonal of the domain's box must be finite and not 0.
     fn over(domain: &SurfaceMesh, query: &SurfaceQuery, nodes: usize) -> Self {
         let bounds = query.bounds();
         let extent = bounds.extent();
         let longest = extent.max();
         let wanted = (domain.volume().abs() / nodes.max(1) as f64).cbrt();
-        // A surface that encloses nothing gets a lattice too, and one whose volume overflows the coarsest.
+        // Surfaces without volume get a lattice too; those whose volume overflows get the coarsest.
         let mut size = wanted.min(longest).max(longest / 512.0);
-        // Two more than the box takes, and the box in the middle: no plane of the lattice lies in a face of the box.
+        // Two points more than the box needs, and the box in the middle, so that no plane of the lattice lies in a face
+        // of the box.
         let count = |length: f64, size: f64| (length / size).ceil() + 2.0;
         while extent.iter().map(|&e| count(e, size)).product::<f64>() > MAX_LATTICE {
             size *= 1.1;
@@ -366,7 +367,7 @@ mod tests {
     use crate::Matrix3;
     use crate::mesh::shapes;
 
-    /// Everything goes into a plane.
+    /// Maps everything to a plane.
     struct Flattening;
 
     impl VolumeMap for Flattening {
@@ -386,7 +387,7 @@ mod tests {
         let seeds = SeedMesh::new(&Flattening, &domain, &query, 200);
         assert!(seeds.mesh.tets.is_empty());
         let y = Point::new(0.1, 0.2, 0.13);
-        assert!(seeds.holding(&y, 8).is_empty() && seeds.nearest(&y, 6).len() == 6);
+        assert!(seeds.containing(&y, 8).is_empty() && seeds.nearest(&y, 6).len() == 6);
     }
 
     #[test]
@@ -404,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn eight_parts_fill_their_tetrahedron_and_keep_its_hand() {
+    fn eight_parts_fill_their_tetrahedron_and_have_its_orientation() {
         let corners = [[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [0.2, 0.9, 0.1], [0.1, 0.3, 1.2]].map(Point::from);
         let middles = EDGES.map(|[a, b]| nalgebra::center(&corners[a], &corners[b]));
         let all: Vec<Point> = corners.into_iter().chain(middles).collect();
@@ -414,9 +415,10 @@ mod tests {
         }
     }
 
-    /// The lattice follows the boundary to a fraction of a cell: the volume errs by less than a cell's width of surface.
+    /// The lattice approximates the boundary to a fraction of a cell, and the volume to a fraction of a cell's size
+    /// times the area.
     #[test]
-    fn the_lattice_fills_a_solid_with_tetrahedra_of_one_hand() {
+    fn the_lattice_fills_a_solid_with_tetrahedra_of_one_orientation() {
         for domain in [
             shapes::cube(1.0, 4),
             shapes::sphere(1.0, 3),

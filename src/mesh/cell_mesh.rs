@@ -26,7 +26,7 @@ pub const HEXAHEDRON: [[u8; 3]; 8] = [
 pub(crate) const TET_FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
 
 impl CellList {
-    /// How many there are.
+    /// Number of cells.
     pub fn len(&self) -> usize {
         match self {
             Self::Tets(cells) => cells.len(),
@@ -49,7 +49,7 @@ impl CellList {
     }
 }
 
-/// A solid cut into cells, in regions.
+/// A mesh of a solid by cells, each in a region.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellMesh {
     nodes: Vec<Point>,
@@ -58,7 +58,7 @@ pub struct CellMesh {
 }
 
 impl CellMesh {
-    /// A mesh of these nodes and cells (0-based), with the number of the region that every cell belongs to.
+    /// A mesh of these nodes and cells (0-based), with the region that every cell belongs to.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! Kuhn's split of a cube.
+//! Kuhn's subdivision of a cube.
 
 /// The six tetrahedra along the axes from one corner of a cube to the opposite one, all right-handed. Bit `k` of a corner
 /// says that it is the further one along axis `k`.

@@ -71,8 +71,8 @@ impl SurfaceMesh {
         (self.vertices, self.triangles)
     }
 
-    /// The same triangles over other vertex positions, as a boundary map's image has them. `None` when the count of
-    /// positions is not that of the vertices.
+    /// The same triangles over other vertex positions, such as their images. `None` when the count of positions is not
+    /// that of the vertices.
     pub fn with_vertices(&self, vertices: Vec<Point>) -> Option<Self> {
         (vertices.len() == self.vertices.len()).then(|| Self {
             vertices,
@@ -80,7 +80,7 @@ impl SurfaceMesh {
         })
     }
 
-    /// The same surface with every triangle turned over.
+    /// The same surface with every triangle reversed.
     pub fn reversed(&self) -> Self {
         let triangles = self.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
         Self {

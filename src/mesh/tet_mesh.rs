@@ -4,8 +4,9 @@ use super::cell_mesh::TET_FACES;
 use super::surface_mesh::{MeshError, SurfaceMesh, bounding_box, check_counts};
 use crate::Point;
 
-/// A tetrahedral mesh. A tetrahedron `[a, b, c, d]` is right-handed when `det(b-a, c-a, d-a) > 0`; both hands are
-/// accepted and none is changed, because in a pair of meshes that describe a map the sign of a tetrahedron is data.
+/// A tetrahedral mesh. A tetrahedron `[a, b, c, d]` is right-handed when `det(b-a, c-a, d-a) > 0`; both orientations
+/// are accepted and none is changed, because in a pair of meshes that describes a map the sign of a tetrahedron is
+/// data.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TetMesh {
     vertices: Vec<Point>,
@@ -42,7 +43,7 @@ impl TetMesh {
         &self.tets
     }
 
-    /// The same tetrahedra over other vertex positions, as a map carries them. `None` when the count differs.
+    /// The same tetrahedra over other vertex positions, such as their images. `None` when the count differs.
     pub fn with_vertices(&self, vertices: Vec<Point>) -> Option<Self> {
         (vertices.len() == self.vertices.len()).then(|| Self {
             vertices,
@@ -79,14 +80,13 @@ impl TetMesh {
     /// The triangles that belong to one tetrahedron only, oriented outward.
     ///
     /// Outward is decided for the mesh as a whole by the sign of its volume, so that a few inverted tetrahedra do not
-    /// punch holes; only where neighbours disagree in hand (a mesh written without care) each tetrahedron's own sign
-    /// decides.
+    /// punch holes; only where neighbours are oriented inconsistently each tetrahedron's own sign decides.
     pub fn boundary(&self) -> BoundarySurface {
         let consistent = self.boundary_faces(|_| false);
         let faces = match consistent {
             Some(faces) if self.volume() >= 0.0 => faces,
             Some(faces) => faces.into_iter().map(|[a, b, c]| [a, c, b]).collect(),
-            None => self.boundary_faces_of_any_hand(),
+            None => self.boundary_faces_by_sign(),
         };
 
         let mut on_boundary = vec![false; self.vertices.len()];
@@ -126,7 +126,7 @@ impl TetMesh {
         )
     }
 
-    fn boundary_faces_of_any_hand(&self) -> Vec<[u32; 3]> {
+    fn boundary_faces_by_sign(&self) -> Vec<[u32; 3]> {
         let mut count: HashMap<[u32; 3], u32> = HashMap::with_capacity(2 * self.tets.len());
         let oriented = |t: usize| self.faces(t, self.signed_volume(t) < 0.0);
         for face in (0..self.tets.len()).flat_map(oriented) {
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn boundary_is_outward_for_left_handed_and_for_mixed_hands() {
+    fn boundary_is_outward_for_left_handed_and_for_mixed_orientations() {
         let right = two_tets([2, 3, 4, 5]);
         let volume = right.volume();
         let left = TetMesh::new(

@@ -1,14 +1,14 @@
-//! How the triangles of a surface hang together: edges, fans, holes, orientation, components and genus.
+//! Connectivity of a surface: edges, fans, holes, orientation, components and genus.
 //!
-//! Only indices count here, never positions: vertices that coincide are different vertices. A triangle that names a
-//! vertex twice has no area whatever the positions are; it takes no part in any of this and belongs to no component.
+//! Only indices matter, never positions: coincident vertices are different vertices. A triangle that names a vertex
+//! twice has no area whatever the positions are; it is ignored, and belongs to no component.
 
 use super::SurfaceMesh;
 
 /// Marks a triangle without a component, or a side without an edge.
 pub const NONE: u32 = u32::MAX;
 
-/// The connectivity of a surface, found once and asked often. Linear in the size of the mesh, in time and memory.
+/// The connectivity of a surface. Linear in the size of the mesh, in time and memory.
 ///
 /// Everything is listed in an order that depends on the mesh alone: edges by their vertices, components by their
 /// lowest triangle.
@@ -23,7 +23,7 @@ pub struct Topology<'a> {
     edge_of_side: Vec<[u32; 3]>,
 }
 
-/// One side of a triangle: from its corner `corner` to the next, `(corner + 1) % 3`.
+/// A side of a triangle: from its corner `corner` to the next, `(corner + 1) % 3`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct HalfEdge {
     /// Which triangle.
@@ -32,16 +32,16 @@ pub struct HalfEdge {
     pub corner: u8,
 }
 
-/// Triangles that hang together across edges.
+/// Connected components across edges.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Components {
     /// Component of each triangle, [`NONE`] for those that name a vertex twice.
     pub of_triangle: Vec<u32>,
-    /// What each component is.
+    /// Properties of each component.
     pub shapes: Vec<ComponentShape>,
 }
 
-/// What kind of surface a component is.
+/// Properties of a component.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ComponentShape {
     /// Number of triangles.
@@ -56,15 +56,15 @@ pub struct ComponentShape {
     pub manifold: bool,
 }
 
-/// Which triangles are turned against their neighbours.
+/// Inconsistencies of orientation, and how to remove them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Orientation {
     /// Whether to flip each triangle, so that neighbours agree; of the two ways the one that flips fewer. Triangles of
     /// a non-orientable patch are never flipped.
     pub flip: Vec<bool>,
-    /// Numbers of the edges between two triangles that disagree.
+    /// Indices of the edges between two triangles that disagree.
     pub inconsistent_edges: Vec<u32>,
-    /// Number of one edge per non-orientable patch: where going round the patch first comes back the wrong way up.
+    /// Index of one edge per non-orientable patch, at which orientations propagated through the patch first disagree.
     pub twisted_edges: Vec<u32>,
 }
 
@@ -124,7 +124,7 @@ impl<'a> Topology<'a> {
         corners[side.corner as usize] < corners[(side.corner as usize + 1) % 3]
     }
 
-    /// Edges with one triangle: the rim of the holes.
+    /// Edges with one triangle: the boundaries of the holes.
     pub fn open_edges(&self) -> Vec<[u32; 2]> {
         self.edges_where(|sides| sides == 1)
     }
@@ -134,7 +134,7 @@ impl<'a> Topology<'a> {
         self.edges_where(|sides| sides > 2)
     }
 
-    /// There are triangles, and no edge has only one.
+    /// Whether there are triangles, and no edge has only one.
     pub fn is_closed(&self) -> bool {
         !self.edges.is_empty() && self.side_counts().all(|sides| sides > 1)
     }
@@ -170,8 +170,8 @@ impl<'a> Topology<'a> {
         indices_where(&unreferenced)
     }
 
-    /// The rim of each hole: its vertices in order, against the direction of the triangles, so that a fan over them
-    /// closes the hole with the orientation of its surroundings.
+    /// The boundary of each hole: its vertices in order, opposite to the direction of the triangles, so that a fan over
+    /// them closes the hole with the orientation of its surroundings.
     ///
     /// Each is a closed loop where the surface is edge-manifold; elsewhere it may be a path that ends.
     pub fn boundary_loops(&self) -> Vec<Vec<u32>> {
@@ -242,7 +242,7 @@ impl<'a> Topology<'a> {
         counted.filter(|&(_, sides)| wanted(sides)).map(|(&e, _)| e).collect()
     }
 
-    /// Number `3 t + k` and vertex of the corners of all triangles but those that name a vertex twice.
+    /// Index `3 t + k` and vertex of the corners of all triangles but those that name a vertex twice.
     fn proper_corners(&self) -> impl Iterator<Item = (u32, u32)> {
         let triangles = self.mesh.triangles().iter().zip(&self.edge_of_side).enumerate();
         triangles
@@ -321,7 +321,7 @@ impl<'a> Topology<'a> {
         others.sort_unstable();
         others.dedup();
         for (i, &(component, vertex, _)) in others.iter().enumerate() {
-            // A fan is named by one of its corners.
+            // A fan is represented by one of its corners.
             let of_first = of_triangle[first_fan[vertex as usize] as usize / 3];
             let again = of_first == component || i > 0 && others[i - 1].0 == component && others[i - 1].1 == vertex;
             let shape = &mut shapes[component as usize];
@@ -431,10 +431,10 @@ fn indices_where(marks: &[bool]) -> Vec<u32> {
     (0..marks.len()).filter(|&i| marks[i]).map(|i| i as u32).collect()
 }
 
-/// The open edges as a graph whose nodes are fans rather than vertices: at a pinched vertex the rims of different
-/// fans stay apart, and each passes straight through.
+/// The open edges as a graph whose nodes are fans rather than vertices, so that at a pinched vertex the boundary loops
+/// of different fans stay separate.
 struct OpenEdgeGraph {
-    /// Vertices at both ends, against the direction of the triangle.
+    /// Vertices at both ends, opposite to the direction of the triangle.
     edges: Vec<[u32; 2]>,
     /// Fans at both ends.
     nodes: Vec<[u32; 2]>,

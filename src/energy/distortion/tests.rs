@@ -22,7 +22,7 @@ fn assert_close(found: &DistortionMetrics, expected: [f64; 5], tolerance: f64) {
     }
 }
 
-/// The cube [0, 1]³ as six tetrahedra about its diagonal, of both hands.
+/// The cube [0, 1]³ as six tetrahedra about its diagonal, of both orientations.
 fn cube() -> TetMesh {
     let corner = |n: usize| [n & 1, n >> 1 & 1, n >> 2 & 1].map(|bit| bit as f64);
     let vertices = (0..8).map(|n| Point::from(corner(n))).collect();
