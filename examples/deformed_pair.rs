@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 
 use solidmap::Point;
-use solidmap::io::{self, Solid};
+use solidmap::io::{self, SolidMesh};
 use solidmap::mesh::shapes;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -17,8 +17,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = PathBuf::from(folder);
     std::fs::create_dir_all(&folder)?;
     let model = match io::read_solid(model)? {
-        Solid::Surface(surface) => surface,
-        Solid::Tets(tets) => tets.boundary().surface,
+        SolidMesh::Surface(surface) => surface,
+        SolidMesh::Tets(tets) => tets.boundary().surface,
     };
     let (low, high) = model.bounding_box().ok_or("the model has no vertices")?;
     let (centre, diagonal) = (nalgebra::center(&low, &high), (high - low).norm());

@@ -9,7 +9,7 @@ use solidmap::cgal_tetgen::{
     CgalTetgenError, InputDefect, Mesh3Options, OffsetOptions, SignedDistanceField, TetOptions, offset_surface,
     self_intersections, self_test, tetrahedralize, tetrahedralize_mesh3,
 };
-use solidmap::io::{Solid, read_solid};
+use solidmap::io::{SolidMesh, read_solid};
 use solidmap::mesh::{SurfaceMesh, TetMesh, shapes};
 use solidmap::{Point, Vector};
 
@@ -631,8 +631,8 @@ fn offset_of_a_shell_is_outside_only() {
 /// The surface in a file, or the boundary of its tetrahedra.
 fn read(folder: &Path, name: &str) -> SurfaceMesh {
     match read_solid(folder.join(name)).unwrap_or_else(|error| panic!("{error}")) {
-        Solid::Surface(surface) => surface,
-        Solid::Tets(tets) => tets.boundary().surface,
+        SolidMesh::Surface(surface) => surface,
+        SolidMesh::Tets(tets) => tets.boundary().surface,
     }
 }
 

@@ -8,7 +8,7 @@ use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::{
     Point,
     io::{
-        Cells, Field, IoError, Solid, VtkEncoding, VtkFields, read_cells, read_points, read_solid, read_surface,
+        Cells, Field, IoError, SolidMesh, VtkEncoding, VtkFields, read_cells, read_points, read_solid, read_surface,
         read_tets, write_cells, write_csv, write_npy, write_surface, write_tets, write_vtk, write_vtu,
     },
     mesh::{CellList, SurfaceMesh, TetMesh},
@@ -71,7 +71,10 @@ fn surfaces_read_back_to_the_same_bits() {
         assert_eq!(bits(read.vertices()), bits(mesh.vertices()), "{extension}");
         assert_eq!(read.triangles(), mesh.triangles(), "{extension}");
         assert_eq!(bits(&read_points(&path).unwrap()), bits(mesh.vertices()), "{extension}");
-        assert!(matches!(read_solid(&path).unwrap(), Solid::Surface(_)), "{extension}");
+        assert!(
+            matches!(read_solid(&path).unwrap(), SolidMesh::Surface(_)),
+            "{extension}"
+        );
     }
 }
 
@@ -83,7 +86,7 @@ fn tets_read_back_to_the_same_bits() {
         let read = read_tets(path).unwrap();
         assert_eq!(bits(read.vertices()), bits(mesh.vertices()), "{path:?}");
         assert_eq!(read.tets(), mesh.tets(), "{path:?}");
-        assert!(matches!(read_solid(path).unwrap(), Solid::Tets(_)), "{path:?}");
+        assert!(matches!(read_solid(path).unwrap(), SolidMesh::Tets(_)), "{path:?}");
     };
     for extension in ["mesh", "vtk", "vtu"] {
         let path = folder.path().join(format!("a.{extension}"));
@@ -296,7 +299,7 @@ fn real_volumes_have_their_known_counts_and_hands() {
         ("maps/bird_object.vtk", 5650, 20203, 8658, false),
         ("maps/bird_polycube.vtk", 5650, 20203, 8658, false),
     ] {
-        let Solid::Tets(mesh) = read_solid(models.join(name)).unwrap_or_else(|error| panic!("{error}")) else {
+        let SolidMesh::Tets(mesh) = read_solid(models.join(name)).unwrap_or_else(|error| panic!("{error}")) else {
             panic!("{name} was read as a surface");
         };
         assert_eq!((mesh.vertices().len(), mesh.tets().len()), (vertices, tets), "{name}");

@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{FitOptions, fit};
 use solidmap::geometry::SurfaceQuery;
-use solidmap::io::{self, Solid};
+use solidmap::io::{self, SolidMesh};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, shapes};
 use solidmap::remesh::{
@@ -784,8 +784,8 @@ fn the_bird_has_no_bad_hexahedron_once_a_few_boundary_nodes_slide() {
 fn pair(domain: &str, image: &str) -> Option<BoundaryMap> {
     let models = models()?.join("maps");
     let [domain, image] = [domain, image].map(|name| match io::read_solid(models.join(name)).unwrap() {
-        Solid::Tets(tets) => tets,
-        Solid::Surface(_) => panic!("{name} is a surface"),
+        SolidMesh::Tets(tets) => tets,
+        SolidMesh::Surface(_) => panic!("{name} is a surface"),
     });
     Some(BoundaryMap::between_tets(&domain, &image).unwrap())
 }

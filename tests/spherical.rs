@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::Rotation3;
 use solidmap::boundary_map::SurfaceDistortion;
-use solidmap::io::{self, Solid};
+use solidmap::io::{self, SolidMesh};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::spherical::{
     SphereEnergy, SphereOptions, SphereReport, SphereStart, SphericalEmbedding, SphericalError, check_embedding,
@@ -48,8 +48,8 @@ const CLOSED: [&str; 31] = [
 
 fn surface(path: &Path) -> SurfaceMesh {
     match io::read_solid(path).unwrap() {
-        Solid::Surface(surface) => surface,
-        Solid::Tets(tets) => tets.boundary().surface,
+        SolidMesh::Surface(surface) => surface,
+        SolidMesh::Tets(tets) => tets.boundary().surface,
     }
 }
 

@@ -205,8 +205,8 @@ fn the_bird_and_its_polycube_are_told_apart_from_their_mirror_images() {
         "{report}"
     );
     let image = match io::read_solid(&polycube).unwrap() {
-        io::Solid::Surface(surface) => surface,
-        io::Solid::Tets(tets) => tets.boundary().surface,
+        io::SolidMesh::Surface(surface) => surface,
+        io::SolidMesh::Tets(tets) => tets.boundary().surface,
     };
     place.surface(
         "mirrored.ply",

@@ -99,8 +99,8 @@ fn real_solids_follow_a_smooth_map() {
     for (file, vertices) in [("volumes/cup_g1_tet.mesh", 5000), ("surfaces/kitten_g1_9k.obj", 9447)] {
         let path = models.join(file);
         let domain = match solidmap::io::read_solid(&path).unwrap() {
-            solidmap::io::Solid::Surface(surface) => surface,
-            solidmap::io::Solid::Tets(tets) => tets.boundary().surface,
+            solidmap::io::SolidMesh::Surface(surface) => surface,
+            solidmap::io::SolidMesh::Tets(tets) => tets.boundary().surface,
         };
         let image = folder.path().join("image.ply");
         solidmap::io::write_surface(&image, &bent(&domain)).unwrap();

@@ -1,7 +1,7 @@
 //! Whatever can be read goes to the input doctor. The first byte chooses the format.
 #![no_main]
 
-use solidmap::io::{Solid, read_solid};
+use solidmap::io::{SolidMesh, read_solid};
 use solidmap_fuzz::{examine, with_file};
 
 const FORMATS: [&str; 7] = ["obj", "off", "ply", "stl", "mesh", "vtk", "vtu"];
@@ -12,8 +12,8 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     };
     let extension = FORMATS[usize::from(format) % FORMATS.len()];
     match with_file(extension, bytes, |path| read_solid(path)) {
-        Ok(Solid::Surface(surface)) => examine(&surface, 16),
-        Ok(Solid::Tets(tets)) => examine(&tets.boundary().surface, 16),
+        Ok(SolidMesh::Surface(surface)) => examine(&surface, 16),
+        Ok(SolidMesh::Tets(tets)) => examine(&tets.boundary().surface, 16),
         Err(_) => {}
     }
 });

@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Writing files completely or not at all.
 
 use std::{
     fs::{self, File},
@@ -12,13 +12,13 @@ use super::IoError;
 /// Writes a file so that `path` holds either all that `write` wrote or what it held before: into a temporary file in
 /// the same folder, which is then renamed. The writer is buffered.
 ///
-/// A new file gets the permissions of any file newly made under the umask; one that is replaced passes its own on. A
-/// symbolic link is followed; a device or pipe, which has nothing to keep whole, is written directly.
+/// A new file gets the default permissions under the umask; a replaced file's permissions are kept. A symbolic link is
+/// followed; a device or pipe is written directly.
 ///
 /// # Errors
 ///
-/// [`IoError::Write`], also when `write` fails; the temporary file is then removed. A kill may leave it behind, as
-/// `.NAME.XXXXXX.tmp`; a program that gets to know of its end calls [`abandon_writes`].
+/// [`IoError::Write`], also when `write` fails; the temporary file is then removed. A killed process may leave it
+/// behind, as `.NAME.XXXXXX.tmp`; a program that catches its interrupt calls [`abandon_writes`].
 pub fn atomic_write(
     path: impl AsRef<Path>,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -30,26 +30,26 @@ pub fn atomic_write(
     })
 }
 
-/// Removes the temporary files of all [`atomic_write`]s that have begun. None ends or begins any more: their threads wait
-/// for ever, so this is for a program that is about to exit, as after an interrupt.
+/// Removes the temporary files of all [`atomic_write`]s in progress and blocks them and later ones for ever. For a program
+/// that is about to exit, as after an interrupt.
 pub fn abandon_writes() {
     let unfinished = unfinished();
     for path in unfinished.iter() {
-        // Whoever removed it meanwhile did what was wanted.
+        // It may have been removed already.
         let _ = fs::remove_file(path);
     }
-    // Held for ever, so that no half-written file is given its name and no new one appears.
+    // Locked for ever, so that no unfinished file is renamed and no new one is made.
     std::mem::forget(unfinished);
 }
 
-/// Temporary files that are being written. Files are made, renamed and removed while this is held.
+/// Temporary files in progress. Files are made, renamed and removed under this lock.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 fn unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The system's own error: `tempfile` wraps it to add the temporary name, which says nothing to the user.
+/// The system's own error: `tempfile` adds the temporary name, which means nothing to the user.
 fn without_path(error: io::Error) -> io::Error {
     let system = error
         .get_ref()
@@ -61,8 +61,8 @@ fn without_path(error: io::Error) -> io::Error {
     }
 }
 
-/// Characters of a name that the temporary name has too: names have 255 bytes at most, and a character up to four.
-const MOST_OF_NAME: usize = 50;
+/// Characters of the name that the temporary name repeats: names have at most 255 bytes, and a character up to four.
+const NAME_CHARACTERS: usize = 50;
 
 fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     // Renaming onto a symbolic link would replace the link, and onto `/dev/stdout` the device.
@@ -79,7 +79,7 @@ fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) ->
     let name = target
         .file_name()
         .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "the path names no file"))?;
-    let name: String = name.to_string_lossy().chars().take(MOST_OF_NAME).collect();
+    let name: String = name.to_string_lossy().chars().take(NAME_CHARACTERS).collect();
     let mut temporary = Temporary::new(&format!(".{name}."), folder)?;
     if let Some(existing) = existing.filter(|m| m.is_file()) {
         temporary.file().set_permissions(existing.permissions())?;
@@ -88,7 +88,7 @@ fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) ->
     temporary.persist(&target)
 }
 
-/// A temporary file that [`abandon_writes`] knows of. Dropped, it is removed.
+/// A temporary file registered in [`UNFINISHED`]. Removed on drop.
 struct Temporary(Option<tempfile::NamedTempFile>);
 
 impl Temporary {
@@ -125,7 +125,7 @@ impl Temporary {
 
 impl Drop for Temporary {
     fn drop(&mut self) {
-        // A file that cannot be removed is left to the user.
+        // There is nobody to report a failure to.
         let _ = self.end(tempfile::NamedTempFile::close);
     }
 }
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn failure_leaves_the_old_content_and_no_litter() {
+    fn failure_leaves_the_old_content_and_no_temporary_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         atomic_write(&path, |w| w.write_all(b"old")).unwrap();
@@ -166,7 +166,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn permissions_are_those_of_a_plain_file_or_of_the_file_replaced() {
+    fn permissions_are_those_of_a_plain_or_of_the_replaced_file() {
         use std::os::unix::fs::PermissionsExt;
 
         let folder = tempfile::tempdir().unwrap();
@@ -183,7 +183,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_are_followed_and_what_is_no_file_is_not_replaced() {
+    fn links_are_followed_and_only_files_are_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let [real, link, socket] = ["real", "link", "socket"].map(|name| folder.path().join(name));
         fs::write(&real, b"old").unwrap();

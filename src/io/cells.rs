@@ -1,4 +1,4 @@
-//! Cells of one kind, as they are written.
+//! Cells of one kind, for writing.
 
 use crate::mesh::CellList;
 
@@ -36,7 +36,7 @@ pub struct CellGroup<'a> {
 }
 
 impl<'a> Cells<'a> {
-    /// How many cells there are.
+    /// Number of cells.
     pub fn count(self) -> usize {
         self.flat().len() / self.corners()
     }
@@ -46,7 +46,7 @@ impl<'a> Cells<'a> {
         self.flat().chunks_exact(self.corners())
     }
 
-    /// Corners of one cell.
+    /// Number of corners of a cell.
     pub(super) fn corners(self) -> usize {
         match self {
             Self::Triangles(_) => 3,
@@ -55,7 +55,7 @@ impl<'a> Cells<'a> {
         }
     }
 
-    /// The corners of all cells, one cell after the other.
+    /// The corners of all cells, concatenated.
     pub(super) fn flat(self) -> &'a [u32] {
         match self {
             Self::Triangles(cells) => cells.as_flattened(),
@@ -64,7 +64,7 @@ impl<'a> Cells<'a> {
         }
     }
 
-    /// What a cell is called, in the singular.
+    /// The cell's name, in the singular.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Triangles(_) => "triangle",

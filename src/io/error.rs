@@ -4,14 +4,14 @@ use std::{fmt, io, path::PathBuf};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum IoError {
-    /// The extension names no format that serves here.
+    /// The extension is not one of the usable formats.
     #[error("`{path}` has none of the extensions known for {purpose}: {known}; give the file one of them")]
     UnknownExtension {
         /// The file.
         path: PathBuf,
-        /// What the file was wanted for, as in `"a surface"`.
+        /// The purpose, as in `"a surface"`.
         purpose: &'static str,
-        /// The extensions that serve.
+        /// The usable extensions.
         known: String,
     },
     /// The file cannot be opened or read.
@@ -19,18 +19,18 @@ pub enum IoError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
-    /// The file cannot be written; what stood there before is unchanged.
+    /// The file cannot be written; a previous file is unchanged.
     #[error("cannot write `{path}`: {source}")]
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
-    /// The content is not what the format asks for.
+    /// The content violates the format.
     #[error("`{path}` is not a valid {format} file: {place}: {found}")]
     Malformed {
         /// The file.
@@ -52,7 +52,7 @@ pub enum IoError {
         /// What was being read.
         within: String,
     },
-    /// A count in the file promises more than the rest of the file could hold.
+    /// A count in the file is larger than the rest of the file could hold.
     #[error(
         "`{path}` ({format}) promises {count} {element}, which the {available} bytes that follow cannot hold: the \
          count is wrong or the file is cut off; copy or export it again"
@@ -69,9 +69,9 @@ pub enum IoError {
         /// Bytes after the count.
         available: usize,
     },
-    /// Compressed data, or data that many parts of the file share, which are far more than the file.
+    /// Compressed or shared data expand to far more than the size of the file.
     #[error(
-        "`{path}` ({format}) unpacks to more than {limit} bytes, which no sound file of {size} bytes does; if it is one, \
+        "`{path}` ({format}) unpacks to more than {limit} bytes, which no valid file of {size} bytes does; if it is valid, \
          save it without compression"
     )]
     Expands {
@@ -81,10 +81,10 @@ pub enum IoError {
         format: &'static str,
         /// Bytes of the file.
         size: usize,
-        /// Bytes that it may unpack to.
+        /// The limit in bytes.
         limit: usize,
     },
-    /// A face with one or two corners, or none, cannot be cut into triangles.
+    /// A face has fewer than three corners.
     #[error("face {face} (0-based) of `{path}` has {corners} corners, and a face needs at least 3; remove it")]
     FewCorners {
         /// The file.
@@ -94,7 +94,7 @@ pub enum IoError {
         /// How many corners it has.
         corners: usize,
     },
-    /// A face or cell refers to a vertex that is not there.
+    /// A face or cell refers to a missing vertex.
     #[error(
         "{element} {index} (0-based) of `{path}` refers to vertex {vertex}, but there are {vertices} vertices, counted from {base}"
     )]
@@ -105,14 +105,14 @@ pub enum IoError {
         element: &'static str,
         /// Which one, 0-based.
         index: usize,
-        /// The vertex it names, as the file writes it.
+        /// The index as written in the file.
         vertex: i64,
         /// How many vertices there are.
         vertices: usize,
-        /// The number of the first vertex in this format: 0 or 1.
+        /// The index of the first vertex in this format: 0 or 1.
         base: i64,
     },
-    /// The file is sound but holds neither faces nor tetrahedra.
+    /// The file is valid but has neither faces nor tetrahedra.
     #[error("`{path}` holds {vertices} vertices but no faces or tetrahedra: it is no solid")]
     NoGeometry {
         /// The file.
@@ -120,7 +120,7 @@ pub enum IoError {
         /// How many vertices it holds.
         vertices: usize,
     },
-    /// The file is sound but uses a part of its format that is not supported.
+    /// The file is valid but uses an unsupported part of its format.
     #[error("`{path}` holds {found}, which is not supported: {remedy}")]
     Unsupported {
         /// The file.
@@ -130,7 +130,7 @@ pub enum IoError {
         /// What to do about it.
         remedy: &'static str,
     },
-    /// A surface where tetrahedra are needed, or the other way round.
+    /// A surface where tetrahedra are needed, or vice versa.
     #[error("`{path}` holds {found}, but {wanted}")]
     WrongKind {
         /// The file.
@@ -153,7 +153,7 @@ pub enum IoError {
         /// How many there are.
         count: usize,
     },
-    /// Values do not fit the mesh or the columns they belong to.
+    /// The number of values does not match the mesh or the columns.
     #[error("`{path}`: `{name}` has {found} values, but {expected} are needed")]
     ValueCount {
         /// The file.

@@ -1,4 +1,4 @@
-//! Values that go with a mesh, and whether they fit it.
+//! Fields on a mesh.
 
 use std::path::Path;
 
@@ -16,18 +16,18 @@ pub struct Field {
     pub values: Vec<f64>,
 }
 
-/// The fields that go with a mesh.
+/// The fields of a mesh.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct VtkFields {
     /// Fields with values at the points.
     pub point: Vec<Field>,
     /// Fields with values in the cells.
     pub cell: Vec<Field>,
-    /// Where all of it comes from, in one line at the head of the file.
+    /// Origin of the data, written to the head of the file.
     pub comment: String,
 }
 
-/// Refuses cells that name missing points and fields that do not fit: viewers crash on such files.
+/// Refuses cells with missing points and fields of the wrong length: viewers crash on such files.
 pub(super) fn check(path: &Path, points: &[Point], cells: Cells, fields: &VtkFields) -> Result<(), IoError> {
     let missing = |v: &&u32| **v as usize >= points.len();
     for (index, cell) in cells.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Gmsh's mesh format 2.2 (`.msh`), in text: the version that all readers know.
+//! Gmsh's mesh format 2.2 (`.msh`), in text: the version that all readers support.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
@@ -39,7 +39,7 @@ pub(super) fn write(writer: &mut dyn Write, points: &[Point], groups: &[CellGrou
     writeln!(writer, "$EndElements")
 }
 
-/// Gmsh's number for a kind of cell, and its dimension. Corners are in the order of VTK.
+/// Gmsh's element type and dimension. The order of corners is that of VTK.
 fn element(cells: Cells) -> [u8; 2] {
     match cells {
         Cells::Triangles(_) => [2, 2],
@@ -49,8 +49,8 @@ fn element(cells: Cells) -> [u8; 2] {
     }
 }
 
-/// The labels that occur, with their physical tags. Tags have to be positive: labels that are not get the least numbers that
-/// are free.
+/// The labels that occur, with their physical tags. Tags must be positive: labels that are not get the smallest unused
+/// numbers.
 fn tags(group: &CellGroup) -> BTreeMap<i32, i32> {
     let labels: BTreeSet<i32> = group.labels.iter().copied().collect();
     let mut free = (1..).filter(|tag| !labels.contains(tag));

@@ -4,48 +4,46 @@ use std::io::{self, Write};
 
 use super::{
     CellGroup, Cells, IoError,
-    contents::Contents,
-    source::{Source, TEXT_NUMBER, Tokens, excerpt, parsed},
+    input::{InputFile, TEXT_NUMBER, Tokens, excerpt, parsed},
+    raw_mesh::RawMesh,
 };
 use crate::Point;
 
 /// Vertices, triangles, quadrilaterals, tetrahedra and hexahedra in file order, with the references (labels) of cells; all
-/// other sections are passed over.
-pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
-    let mut tokens = source.tokens().without_comments();
+/// other sections are skipped.
+pub(super) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
+    let mut tokens = file.tokens().without_comments();
     if tokens.word("the keyword MeshVersionFormatted")? != "MeshVersionFormatted" {
         return Err(tokens.malformed("the first word is not MeshVersionFormatted"));
     }
     tokens.integer("the version")?;
 
-    let mut contents = Contents {
+    let mut raw = RawMesh {
         base: 1,
-        ..Contents::default()
+        ..RawMesh::default()
     };
     while let Some(keyword) = tokens.next() {
         match keyword {
             b"Dimension" => {
                 let dimension = tokens.integer("the dimension")?;
                 if dimension != 3 {
-                    return Err(source.unsupported(format!("a mesh of dimension {dimension}"), "save it with three"));
+                    return Err(file.unsupported(format!("a mesh of dimension {dimension}"), "save it with three"));
                 }
             }
             b"Vertices" => {
                 let count = tokens.count("vertices", 4 * TEXT_NUMBER)?;
-                contents.vertices.reserve(count);
+                raw.vertices.reserve(count);
                 for _ in 0..count {
-                    contents.vertices.push(tokens.point()?);
+                    raw.vertices.push(tokens.point()?);
                     tokens.float("the reference of a vertex")?;
                 }
             }
-            b"Triangles" => each(&mut tokens, "triangles", |t: [i64; 3], _| contents.polygons.push(t))?,
-            b"Quadrilaterals" => each(&mut tokens, "quadrilaterals", |q: [i64; 4], _| {
-                contents.polygons.push(q)
-            })?,
-            b"Tetrahedra" => labelled(&mut tokens, "tetrahedra", &mut contents.tets, &mut contents.labels[0])?,
-            b"Hexahedra" => labelled(&mut tokens, "hexahedra", &mut contents.hexes, &mut contents.labels[1])?,
-            b"Prisms" => other_cells(&mut tokens, "prisms", &mut contents)?,
-            b"Pyramids" => other_cells(&mut tokens, "pyramids", &mut contents)?,
+            b"Triangles" => read_section(&mut tokens, "triangles", |t: [i64; 3], _| raw.polygons.push(t))?,
+            b"Quadrilaterals" => read_section(&mut tokens, "quadrilaterals", |q: [i64; 4], _| raw.polygons.push(q))?,
+            b"Tetrahedra" => read_labelled(&mut tokens, "tetrahedra", &mut raw.tets, &mut raw.labels[0])?,
+            b"Hexahedra" => read_labelled(&mut tokens, "hexahedra", &mut raw.hexes, &mut raw.labels[1])?,
+            b"Prisms" => skip_other_cells(&mut tokens, "prisms", &mut raw)?,
+            b"Pyramids" => skip_other_cells(&mut tokens, "pyramids", &mut raw)?,
             b"End" => break,
             _ if is_keyword(keyword) => skip_section(&mut tokens),
             _ => {
@@ -54,7 +52,7 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
             }
         }
     }
-    Ok(contents)
+    Ok(raw)
 }
 
 /// Writes vertices with reference 0, and cells with their labels as references; coordinates read back to the same bits.
@@ -86,7 +84,11 @@ pub(super) fn write(writer: &mut dyn Write, points: &[Point], groups: &[CellGrou
 }
 
 /// Reads a section of elements with `N` corners and a reference.
-fn each<const N: usize>(tokens: &mut Tokens, element: &str, mut add: impl FnMut([i64; N], f64)) -> Result<(), IoError> {
+fn read_section<const N: usize>(
+    tokens: &mut Tokens,
+    element: &str,
+    mut add: impl FnMut([i64; N], f64),
+) -> Result<(), IoError> {
     for _ in 0..tokens.count(element, (N + 1) * TEXT_NUMBER)? {
         let mut corners = [0; N];
         for corner in &mut corners {
@@ -98,14 +100,14 @@ fn each<const N: usize>(tokens: &mut Tokens, element: &str, mut add: impl FnMut(
     Ok(())
 }
 
-/// Reads cells and their references; `i64::MAX` stands for one that is no integer.
-fn labelled<const N: usize>(
+/// Reads cells and their references; one that is not an integer becomes `i64::MAX`.
+fn read_labelled<const N: usize>(
     tokens: &mut Tokens,
     element: &str,
     cells: &mut Vec<[i64; N]>,
     labels: &mut Vec<i64>,
 ) -> Result<(), IoError> {
-    each(tokens, element, |corners, reference| {
+    read_section(tokens, element, |corners, reference| {
         cells.push(corners);
         labels.push(if reference.fract() == 0.0 {
             reference as i64
@@ -115,10 +117,10 @@ fn labelled<const N: usize>(
     })
 }
 
-fn other_cells(tokens: &mut Tokens, kind: &str, contents: &mut Contents) -> Result<(), IoError> {
+fn skip_other_cells(tokens: &mut Tokens, kind: &str, raw: &mut RawMesh) -> Result<(), IoError> {
     let count = tokens.count(kind, TEXT_NUMBER)?;
     if count > 0 {
-        contents.add_other_cells(kind, count);
+        raw.add_other_cells(kind, count);
     }
     skip_section(tokens);
     Ok(())
@@ -140,7 +142,7 @@ fn is_keyword(token: &[u8]) -> bool {
 mod tests {
     use super::*;
     use crate::io::{
-        Place, Solid,
+        Place, SolidMesh,
         testing::{cells, place_of, solid, surface, tets},
     };
     use crate::mesh::CellList;
@@ -155,7 +157,7 @@ mod tests {
         assert_eq!(mesh.tets(), [[0, 1, 2, 3], [1, 0, 2, 3]]);
         assert_eq!(mesh.vertices().len(), 5);
         assert!(mesh.vertices()[4].x.is_nan() && mesh.vertices()[4].y.is_infinite());
-        assert!(matches!(solid("mesh", TETS.as_bytes()), Ok(Solid::Tets(_))));
+        assert!(matches!(solid("mesh", TETS.as_bytes()), Ok(SolidMesh::Tets(_))));
         assert!(matches!(
             surface("mesh", TETS.as_bytes()),
             Err(IoError::WrongKind { .. })
@@ -167,7 +169,7 @@ mod tests {
         let text = TETS.split("Tetrahedra").next().unwrap().to_owned() + "Quadrilaterals\n1\n1 2 3 4 0\n";
         let mesh = surface("mesh", text.as_bytes()).unwrap();
         assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 1, 2], [0, 2, 3]]);
-        assert!(matches!(solid("mesh", text.as_bytes()), Ok(Solid::Surface(_))));
+        assert!(matches!(solid("mesh", text.as_bytes()), Ok(SolidMesh::Surface(_))));
         assert!(matches!(tets("mesh", text.as_bytes()), Err(IoError::WrongKind { .. })));
     }
 

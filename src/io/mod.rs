@@ -1,8 +1,8 @@
 //! Meshes, fields and point lists in files.
 //!
 //! The extension names the format. Files are read whole and in their own order: no function here renumbers, merges
-//! or drops vertices, except that STL, which has none, gets its vertices from equal corner positions. Coordinates
-//! that are NaN or infinite are read as they are; to find them is for [`crate::check`].
+//! or drops vertices; only STL, which has no vertices, gets them by merging equal corner positions. NaN and infinite
+//! coordinates are read as they are; [`crate::check`] finds them.
 //!
 //! | extension | read | written |
 //! |---|---|---|
@@ -17,31 +17,31 @@
 //! | `.vti` | fields on a grid (encodings as `.vtu`) | bytes on a grid, compressed |
 //! | `.csv`, `.npy` | points | tables |
 //!
-//! Polygons become fans of triangles about their first corner, whatever their shape, so that two meshes with the same
+//! CornerLists become fans of triangles about their first corner, whatever their shape, so that two meshes with the same
 //! faces get the same triangles. Files are written whole or not at all ([`atomic_write`]).
 
 mod atomic;
 mod cells;
-mod contents;
 mod error;
 mod fields;
 mod gmsh;
+mod input;
 mod medit;
 mod obj;
 mod off;
 mod ply;
 mod points;
 mod pvd;
-mod source;
+mod raw_mesh;
 mod stl;
 mod textured_obj;
 mod vtk;
 
 use std::{fs, path::Path};
 
-use contents::Contents;
-use source::Source;
-pub(crate) use source::printable;
+use input::InputFile;
+pub(crate) use input::printable;
+use raw_mesh::RawMesh;
 
 pub use atomic::{abandon_writes, atomic_write};
 pub use cells::{CellGroup, Cells};
@@ -58,16 +58,16 @@ use crate::{
     mesh::{CellMesh, SurfaceMesh, TetMesh},
 };
 
-/// What a mesh file may hold.
+/// A solid, given by its surface or filled with tetrahedra.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Solid {
+pub enum SolidMesh {
     /// A surface that bounds the solid.
     Surface(SurfaceMesh),
-    /// A solid filled with tetrahedra.
+    /// Tetrahedra that fill the solid.
     Tets(TetMesh),
 }
 
-/// Points with fields, and what joins them.
+/// Points with fields, and the mesh between them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FieldFile {
     /// The points, or the vertices of the mesh.
@@ -99,8 +99,8 @@ pub fn read_surface(path: impl AsRef<Path>) -> Result<SurfaceMesh, IoError> {
     read_mesh(path, "a surface")?.into_surface(path)
 }
 
-/// Reads a tetrahedral mesh (`.mesh`, `.vtk`, `.vtu`), both hands of tetrahedra as they are. Triangles, lines and
-/// points beside the tetrahedra are passed over.
+/// Reads a tetrahedral mesh (`.mesh`, `.vtk`, `.vtu`), inverted tetrahedra included. Triangles, lines and points are
+/// skipped.
 ///
 /// # Errors
 ///
@@ -110,8 +110,8 @@ pub fn read_tets(path: impl AsRef<Path>) -> Result<TetMesh, IoError> {
     read_mesh(path, "a tetrahedral mesh")?.into_tets(path)
 }
 
-/// Reads a mesh of tetrahedra or of hexahedra (`.mesh`, `.vtk`, `.vtu`), both hands as they are. Regions are the references
-/// of `.mesh` files, and 0 in others. What stands beside the cells is passed over.
+/// Reads a mesh of tetrahedra or of hexahedra (`.mesh`, `.vtk`, `.vtu`), inverted cells included. Regions are the
+/// references of `.mesh` files, and 0 in others. Everything but the cells is skipped.
 ///
 /// # Errors
 ///
@@ -121,19 +121,19 @@ pub fn read_cells(path: impl AsRef<Path>) -> Result<CellMesh, IoError> {
     let path = path.as_ref();
     const PURPOSE: &str = "a mesh of tetrahedra or hexahedra";
     match read_mesh(path, PURPOSE) {
-        // Surfaces are read to be refused by what is missing, but not recommended.
+        // Surface formats are parsed for a better error message, but not recommended.
         Err(IoError::UnknownExtension { .. }) => Err(unknown_extension(path, PURPOSE, CELL_EXTENSIONS)),
-        contents => contents?.into_cells(path),
+        raw => raw?.into_cells(path),
     }
 }
 
-/// Reads a surface or a tetrahedral mesh, as the content has it: a file with tetrahedra is a tetrahedral mesh even
-/// when it lists triangles too.
+/// Reads a surface or a tetrahedral mesh, by content: a file with tetrahedra is a tetrahedral mesh even if it has triangles
+/// too.
 ///
 /// # Errors
 ///
 /// Any [`IoError`] but those of writing.
-pub fn read_solid(path: impl AsRef<Path>) -> Result<Solid, IoError> {
+pub fn read_solid(path: impl AsRef<Path>) -> Result<SolidMesh, IoError> {
     let path = path.as_ref();
     read_mesh(path, "a solid")?.into_solid(path)
 }
@@ -146,14 +146,14 @@ pub fn read_solid(path: impl AsRef<Path>) -> Result<Solid, IoError> {
 /// Any [`IoError`] but those of writing.
 pub fn read_points(path: impl AsRef<Path>) -> Result<Vec<Point>, IoError> {
     let formats = MESH_FORMATS.iter().chain(&POINT_FORMATS);
-    read(path.as_ref(), "points", formats).map(|contents| contents.vertices)
+    read(path.as_ref(), "points", formats).map(|raw| raw.vertices)
 }
 
 /// Reads points with fields: the columns beside `x`, `y` and `z` of a CSV table (three in a row whose names differ in a
 /// last x, y and z alone are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, triangles
-/// or points, and of at most 2²² structured points in a `.vtk` or `.vti` file, whose cells become six tetrahedra each. Of
-/// triangles and of flat grids the cell data are passed over. All other formats have no fields, and give their vertices;
-/// labels of cells in a `.mesh` are none.
+/// or points, and of at most 2²² structured points in a `.vtk` or `.vti` file, whose cells become six tetrahedra each. Cell
+/// data of triangles and of flat grids are skipped. All other formats have no fields; labels in a `.mesh` are not read as
+/// fields.
 ///
 /// # Errors
 ///
@@ -224,8 +224,8 @@ pub fn write_cells(path: impl AsRef<Path>, points: &[Point], cells: Cells) -> Re
 }
 
 /// Writes groups of cells with their labels: as references in `.mesh`, as physical groups with names in Gmsh's `.msh` (format
-/// 2.2), where labels that are not positive get the least free numbers. `comment` may say where they come from,
-/// in lines of `.mesh`, in one line of `.msh`.
+/// 2.2), where labels that are not positive get the least free numbers. `comment` is written to the head of
+/// the file.
 ///
 /// # Errors
 ///
@@ -260,13 +260,13 @@ pub fn write_groups(
 struct Format {
     extension: &'static str,
     name: &'static str,
-    parse: fn(&Source) -> Result<Contents, IoError>,
+    parse: fn(&InputFile) -> Result<RawMesh, IoError>,
 }
 
 const fn format(
     extension: &'static str,
     name: &'static str,
-    parse: fn(&Source) -> Result<Contents, IoError>,
+    parse: fn(&InputFile) -> Result<RawMesh, IoError>,
 ) -> Format {
     Format { extension, name, parse }
 }
@@ -286,7 +286,7 @@ static POINT_FORMATS: [Format; 2] = [
     format("npy", "NPY", points::parse_npy),
 ];
 
-/// The formats that hold fields; the first of an extension counts.
+/// The formats with fields; they take precedence over those without.
 static FIELD_FORMATS: [Format; 4] = [
     format("csv", "CSV", points::parse_csv_with_fields),
     format("vtk", "VTK", vtk::parse_legacy_with_fields),
@@ -294,10 +294,10 @@ static FIELD_FORMATS: [Format; 4] = [
     format("vti", "VTI", vtk::parse_vti_with_fields),
 ];
 
-/// The formats that hold any kind of cell.
+/// The formats for any kind of cell.
 const CELL_EXTENSIONS: [&str; 3] = ["mesh", "vtk", "vtu"];
 
-fn read_mesh(path: &Path, purpose: &'static str) -> Result<Contents, IoError> {
+fn read_mesh(path: &Path, purpose: &'static str) -> Result<RawMesh, IoError> {
     read(path, purpose, MESH_FORMATS.iter())
 }
 
@@ -305,7 +305,7 @@ fn read(
     path: &Path,
     purpose: &'static str,
     mut formats: impl Iterator<Item = &'static Format> + Clone,
-) -> Result<Contents, IoError> {
+) -> Result<RawMesh, IoError> {
     let extension = extension(path);
     let known = formats.clone().map(|format| format.extension);
     let Some(format) = formats.find(|format| format.extension == extension) else {
@@ -315,16 +315,16 @@ fn read(
         path: path.to_owned(),
         source,
     })?;
-    let source = Source {
+    let file = InputFile {
         path,
         format: format.name,
         bytes: &bytes,
     };
-    // The header of a binary STL file may begin with anything.
+    // The header of a binary STL file may begin with any bytes.
     if extension != "stl" && (bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff")) {
-        return Err(source.unsupported("text in UTF-16", "save it as UTF-8"));
+        return Err(file.unsupported("text in UTF-16", "save it as UTF-8"));
     }
-    (format.parse)(&source)
+    (format.parse)(&file)
 }
 
 /// The extension in lower case; empty when there is none.
@@ -359,12 +359,12 @@ mod testing {
         parse(extension, bytes)?.into_cells(&file(extension))
     }
 
-    pub fn solid(extension: &str, bytes: &[u8]) -> Result<Solid, IoError> {
+    pub fn solid(extension: &str, bytes: &[u8]) -> Result<SolidMesh, IoError> {
         parse(extension, bytes)?.into_solid(&file(extension))
     }
 
     pub fn points(extension: &str, bytes: &[u8]) -> Result<Vec<Point>, IoError> {
-        parse(extension, bytes).map(|contents| contents.vertices)
+        parse(extension, bytes).map(|raw| raw.vertices)
     }
 
     pub fn place_of<T>(result: Result<T, IoError>) -> Place {
@@ -375,10 +375,10 @@ mod testing {
         }
     }
 
-    fn parse(extension: &str, bytes: &[u8]) -> Result<Contents, IoError> {
+    fn parse(extension: &str, bytes: &[u8]) -> Result<RawMesh, IoError> {
         let mut formats = MESH_FORMATS.iter().chain(&POINT_FORMATS);
         let format = formats.find(|format| format.extension == extension).unwrap();
-        (format.parse)(&Source {
+        (format.parse)(&InputFile {
             path: &file(extension),
             format: format.name,
             bytes,
@@ -449,7 +449,7 @@ mod tests {
         files
     }
 
-    /// Makes all that can be made of a file.
+    /// Reads a file in every way.
     fn read_without_panic(extension: &str, bytes: &[u8]) {
         let read = || {
             let _ = testing::surface(extension, bytes);

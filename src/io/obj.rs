@@ -1,8 +1,8 @@
 //! Wavefront OBJ, read through the crate `tobj`.
 //!
-//! `tobj` numbers vertices anew in the order in which faces first use them, drops the unused ones and returns objects
-//! and groups apart. It is therefore given only the `v` and `f` statements, headed by one face that names all
-//! vertices in order: what it numbers anew is then what stood in the file.
+//! `tobj` renumbers vertices in the order in which faces first use them, drops unused ones and returns objects and groups
+//! separately. It is therefore given only the `v` and `f` statements, after one face that lists all vertices in order:
+//! this keeps the numbering of the file.
 
 use std::{
     borrow::Cow,
@@ -11,21 +11,21 @@ use std::{
 
 use super::{
     IoError,
-    contents::Contents,
-    source::{Source, excerpt, parsed},
+    input::{InputFile, excerpt, parsed},
+    raw_mesh::RawMesh,
 };
 use crate::{Point, mesh::SurfaceMesh};
 
 /// All objects and groups as one mesh, vertices and faces in file order. Normals, texture coordinates, colours,
-/// weights, materials, lines, points and free-form curves are passed over.
-pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
-    contents(source, &Statements::of(source.bytes, Part::Shape))
+/// weights, materials, lines, points and free-form curves are skipped.
+pub(super) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
+    raw(file, &Statements::of(file.bytes, ObjPart::Shape))
 }
 
-/// The faces over the texture coordinates, which take the place of the vertices; their third coordinate is 0. `None` when
-/// no face has any.
-pub(super) fn parse_uv(source: &Source) -> Result<Option<Contents>, IoError> {
-    let statements = Statements::of(source.bytes, Part::Texture);
+/// A mesh of the faces with texture coordinates as vertices, whose third coordinate is 0. `None` without texture
+/// coordinates.
+pub(super) fn parse_uv(file: &InputFile) -> Result<Option<RawMesh>, IoError> {
+    let statements = Statements::of(file.bytes, ObjPart::Texture);
     let is_textured = statements
         .text
         .lines()
@@ -35,14 +35,14 @@ pub(super) fn parse_uv(source: &Source) -> Result<Option<Contents>, IoError> {
     }
     if let Some(line) = statements.text.lines().position(|line| line == UNTEXTURED) {
         let found = "a face without texture coordinates for all its corners, among others that have them";
-        return Err(source.malformed(statements.offsets[line], found));
+        return Err(file.malformed(statements.offsets[line], found));
     }
-    contents(source, &statements).map(Some)
+    raw(file, &statements).map(Some)
 }
 
-fn contents(source: &Source, statements: &Statements) -> Result<Contents, IoError> {
+fn raw(file: &InputFile, statements: &Statements) -> Result<RawMesh, IoError> {
     let heading = statements.face_of_all_vertices();
-    let mut reader = Lines {
+    let mut reader = LineCounter {
         rest: statements.text.as_bytes(),
         read: 0,
     };
@@ -51,15 +51,15 @@ fn contents(source: &Source, statements: &Statements) -> Result<Contents, IoErro
     let loaded = tobj::load_obj_buf(&mut heading.as_bytes().chain(&mut reader), &options, no_materials);
     let mesh = match loaded {
         Ok((models, _)) => models.into_iter().next().map(|model| model.mesh).unwrap_or_default(),
-        Err(tobj::LoadError::FaceVertexOutOfBounds) => return Err(statements.first_missing_vertex(source)),
-        Err(error) => return Err(statements.malformed(source, reader.read.saturating_sub(1), &error)),
+        Err(tobj::LoadError::FaceVertexOutOfBounds) => return Err(statements.first_missing_vertex(file)),
+        Err(error) => return Err(statements.malformed(file, reader.read.saturating_sub(1), &error)),
     };
 
     let vertices = mesh.positions.chunks_exact(3).map(|p| Point::new(p[0], p[1], p[2]));
-    let mut contents = Contents {
+    let mut raw = RawMesh {
         vertices: vertices.collect(),
         base: 1,
-        ..Contents::default()
+        ..RawMesh::default()
     };
     let mut corners = mesh.indices.as_slice();
     let arities = match mesh.face_arities {
@@ -71,10 +71,10 @@ fn contents(source: &Source, statements: &Statements) -> Result<Contents, IoErro
         let (these, others) = corners.split_at(arity as usize);
         corners = others;
         if face > 0 || heading.is_empty() {
-            contents.polygons.push(these.iter().map(|&v| i64::from(v)));
+            raw.polygons.push(these.iter().map(|&v| i64::from(v)));
         }
     }
-    Ok(contents)
+    Ok(raw)
 }
 
 /// Writes vertices and triangles; coordinates read back to the same bits.
@@ -89,21 +89,21 @@ pub(super) fn write(writer: &mut dyn Write, mesh: &SurfaceMesh) -> io::Result<()
     Ok(())
 }
 
-/// What is read of a file.
+/// The statements to read.
 #[derive(Clone, Copy, PartialEq)]
-enum Part {
+enum ObjPart {
     /// Vertices, and the faces over them.
     Shape,
     /// Texture coordinates, and the faces over them.
     Texture,
 }
 
-/// Stands for a face without texture coordinates where they are read.
+/// Placeholder for a face without texture coordinates.
 const UNTEXTURED: &str = "f -";
 
-/// All statements of a file and where they begin.
+/// All statements of a file with their offsets.
 pub(super) fn statements(bytes: &[u8]) -> impl Iterator<Item = (Cow<'_, [u8]>, usize)> {
-    // The mark that some editors begin with would hide the first statement.
+    // A byte order mark would hide the first statement.
     let mut offset = if bytes.starts_with("\u{feff}".as_bytes()) { 3 } else { 0 };
     std::iter::from_fn(move || {
         if offset >= bytes.len() {
@@ -116,8 +116,8 @@ pub(super) fn statements(bytes: &[u8]) -> impl Iterator<Item = (Cow<'_, [u8]>, u
     })
 }
 
-/// The `v` and `f` statements of a file, one a line, without comments, colours and texture or normal indices; or the `vt`
-/// and `f` statements in their form, without those of vertices and normals.
+/// The `v` and `f` statements of a file, one per line, without comments, colours and texture or normal indices; or the `vt`
+/// and `f` statements in the same form, without vertex and normal indices.
 #[derive(Default)]
 struct Statements {
     text: String,
@@ -127,7 +127,7 @@ struct Statements {
 }
 
 impl Statements {
-    fn of(bytes: &[u8], part: Part) -> Self {
+    fn of(bytes: &[u8], part: ObjPart) -> Self {
         let mut collected = Self::default();
         for (statement, offset) in statements(bytes) {
             collected.add(&statement, offset, part);
@@ -135,7 +135,7 @@ impl Statements {
         collected
     }
 
-    /// A face statement that names the vertices in order; none without vertices.
+    /// A face statement that lists all vertices in order; empty without vertices.
     fn face_of_all_vertices(&self) -> String {
         let mut face = String::with_capacity(8 * self.vertices);
         for v in 1..=self.vertices {
@@ -146,26 +146,26 @@ impl Statements {
         face
     }
 
-    fn add(&mut self, statement: &[u8], offset: usize, part: Part) {
+    fn add(&mut self, statement: &[u8], offset: usize, part: ObjPart) {
         let code = statement.split(|&b| b == b'#').next().unwrap_or_default();
         let mut words = code.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
         match (words.next(), part) {
-            (Some(b"v"), Part::Shape) => {
+            (Some(b"v"), ObjPart::Shape) => {
                 self.text.push('v');
                 words.take(3).for_each(|word| self.add_word(word));
                 self.vertices += 1;
             }
-            (Some(b"vt"), Part::Texture) => {
+            (Some(b"vt"), ObjPart::Texture) => {
                 self.text.push('v');
                 let [u, v] = [words.next(), words.next()].map(|word| word.unwrap_or(b"0"));
                 [u, v, b"0"].into_iter().for_each(|word| self.add_word(word));
                 self.vertices += 1;
             }
-            (Some(b"f"), Part::Shape) => {
+            (Some(b"f"), ObjPart::Shape) => {
                 self.text.push('f');
                 words.for_each(|word| self.add_word(vertex_part(word)));
             }
-            (Some(b"f"), Part::Texture) => match words.map(texture_part).collect::<Option<Vec<_>>>() {
+            (Some(b"f"), ObjPart::Texture) => match words.map(texture_part).collect::<Option<Vec<_>>>() {
                 Some(parts) => {
                     self.text.push('f');
                     parts.into_iter().for_each(|word| self.add_word(word));
@@ -183,9 +183,9 @@ impl Statements {
         self.text.push_str(&String::from_utf8_lossy(word));
     }
 
-    fn malformed(&self, source: &Source, line: usize, error: &tobj::LoadError) -> IoError {
-        let offset = self.offsets.get(line).copied().unwrap_or(source.bytes.len());
-        let (statement, _) = logical_line(&source.bytes[offset..]);
+    fn malformed(&self, file: &InputFile, line: usize, error: &tobj::LoadError) -> IoError {
+        let offset = self.offsets.get(line).copied().unwrap_or(file.bytes.len());
+        let (statement, _) = logical_line(&file.bytes[offset..]);
         let wanted = match error {
             tobj::LoadError::PositionParseError if statement.trim_ascii().starts_with(b"vt") => {
                 "texture coordinates need numbers".to_owned()
@@ -194,11 +194,11 @@ impl Statements {
             tobj::LoadError::FaceParseError => "a face needs whole numbers".to_owned(),
             other => other.to_string(),
         };
-        source.malformed(offset, format!("found `{}`: {wanted}", excerpt(statement.trim_ascii())))
+        file.malformed(offset, format!("found `{}`: {wanted}", excerpt(statement.trim_ascii())))
     }
 
-    /// `tobj` says that some face names a missing vertex; this says which.
-    fn first_missing_vertex(&self, source: &Source) -> IoError {
+    /// Finds the missing vertex that `tobj` reports without its place.
+    fn first_missing_vertex(&self, file: &InputFile) -> IoError {
         let (mut vertices, mut faces) = (0, 0);
         for (line, statement) in self.text.lines().enumerate() {
             let mut words = statement.split(' ');
@@ -208,7 +208,7 @@ impl Statements {
             }
             for word in words {
                 let Some(index) = parsed::<i64>(word.as_bytes()) else {
-                    return self.malformed(source, line, &tobj::LoadError::FaceParseError);
+                    return self.malformed(file, line, &tobj::LoadError::FaceParseError);
                 };
                 let from_first = if index < 0 {
                     index.saturating_add(vertices + 1)
@@ -217,7 +217,7 @@ impl Statements {
                 };
                 if from_first < 1 || from_first > self.vertices as i64 {
                     return IoError::IndexOutOfRange {
-                        path: source.path.to_owned(),
+                        path: file.path.to_owned(),
                         element: "face",
                         index: faces,
                         vertex: index,
@@ -228,11 +228,11 @@ impl Statements {
             }
             faces += 1;
         }
-        source.malformed(source.bytes.len(), tobj::LoadError::FaceVertexOutOfBounds.to_string())
+        file.malformed(file.bytes.len(), tobj::LoadError::FaceVertexOutOfBounds.to_string())
     }
 }
 
-/// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`; a corner without a vertex stays as it is, to be refused.
+/// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`; a corner without a vertex is returned whole and refused later.
 fn vertex_part(corner: &[u8]) -> &[u8] {
     match corner.iter().position(|&b| b == b'/') {
         Some(end) if end > 0 => &corner[..end],
@@ -245,8 +245,8 @@ fn texture_part(corner: &[u8]) -> Option<&[u8]> {
     corner.split(|&b| b == b'/').nth(1).filter(|part| !part.is_empty())
 }
 
-/// The first line of `bytes`, joined with those that a backslash at its end continues it by, and the length of all
-/// that. A comment is not continued: it may well end in a path such as `C:\models\`.
+/// The first line of `bytes`, joined with its continuation lines (after a backslash), and their total length. A comment is
+/// not continued: it may end in a path such as `C:\models\`.
 fn logical_line(bytes: &[u8]) -> (Cow<'_, [u8]>, usize) {
     let mut length = 0;
     let mut joined = Vec::new();
@@ -254,7 +254,7 @@ fn logical_line(bytes: &[u8]) -> (Cow<'_, [u8]>, usize) {
     loop {
         let rest = &bytes[length..];
         let end = rest.iter().position(|b| b"\r\n".contains(b)).unwrap_or(rest.len());
-        // Lines may end as those of any system.
+        // Line ends of any system.
         let ending = if rest[end..].starts_with(b"\r\n") { 2 } else { 1 };
         length += (end + ending).min(rest.len());
         let line = rest[..end].trim_ascii_end();
@@ -273,13 +273,13 @@ fn logical_line(bytes: &[u8]) -> (Cow<'_, [u8]>, usize) {
     }
 }
 
-/// Hands out bytes and counts the lines that were taken.
-struct Lines<'a> {
+/// Counts the lines that were read.
+struct LineCounter<'a> {
     rest: &'a [u8],
     read: usize,
 }
 
-impl Read for Lines<'_> {
+impl Read for LineCounter<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let length = self.rest.len().min(buffer.len());
         buffer[..length].copy_from_slice(&self.rest[..length]);
@@ -288,7 +288,7 @@ impl Read for Lines<'_> {
     }
 }
 
-impl BufRead for Lines<'_> {
+impl BufRead for LineCounter<'_> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         Ok(self.rest)
     }

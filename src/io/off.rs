@@ -4,26 +4,26 @@ use std::io::{self, Write};
 
 use super::{
     IoError,
-    contents::Contents,
-    source::{Source, TEXT_NUMBER, Tokens, excerpt, parsed},
+    input::{InputFile, TEXT_NUMBER, Tokens, excerpt, parsed},
+    raw_mesh::RawMesh,
 };
 use crate::mesh::SurfaceMesh;
 
 /// Vertices and faces in file order. Colours, normals and texture coordinates, which follow the coordinates on the
-/// line of their vertex or the corners on that of their face, are passed over.
-pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
-    let mut tokens = source.tokens().without_comments();
-    skip_keyword(source, &mut tokens)?;
+/// line of their vertex or the corners on that of their face, are skipped.
+pub(super) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
+    let mut tokens = file.tokens().without_comments();
+    skip_keyword(file, &mut tokens)?;
 
     let vertices = tokens.count("vertices", 3 * TEXT_NUMBER)?;
     let faces = tokens.count("faces", TEXT_NUMBER)?;
     skip_count_of_edges(&mut tokens);
-    let mut contents = Contents {
+    let mut raw = RawMesh {
         vertices: Vec::with_capacity(vertices),
-        ..Contents::default()
+        ..RawMesh::default()
     };
     for _ in 0..vertices {
-        contents.vertices.push(tokens.point()?);
+        raw.vertices.push(tokens.point()?);
         tokens.line();
     }
     let mut polygon = Vec::new();
@@ -34,9 +34,9 @@ pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
             polygon.push(tokens.integer("the corners of a face")?);
         }
         tokens.line();
-        contents.polygons.push(polygon.iter().copied());
+        raw.polygons.push(polygon.iter().copied());
     }
-    Ok(contents)
+    Ok(raw)
 }
 
 /// Writes vertices and triangles; coordinates read back to the same bits.
@@ -51,10 +51,10 @@ pub(super) fn write(writer: &mut dyn Write, mesh: &SurfaceMesh) -> io::Result<()
     Ok(())
 }
 
-/// Reads the keyword, which the format allows to be left out.
-fn skip_keyword(source: &Source, tokens: &mut Tokens) -> Result<(), IoError> {
+/// Reads the optional keyword.
+fn skip_keyword(file: &InputFile, tokens: &mut Tokens) -> Result<(), IoError> {
     let Some(first) = tokens.peek() else {
-        return Err(source.truncated("the keyword OFF"));
+        return Err(file.truncated("the keyword OFF"));
     };
     if parsed::<u64>(first).is_some() {
         return Ok(());
@@ -64,13 +64,13 @@ fn skip_keyword(source: &Source, tokens: &mut Tokens) -> Result<(), IoError> {
         return Err(tokens.malformed(format!("found `{}` where the keyword OFF was expected", excerpt(first))));
     };
     if prefix.iter().any(|b| matches!(b, b'4' | b'n')) {
-        return Err(source.unsupported("vertices that are not three-dimensional", "save it as plain OFF"));
+        return Err(file.unsupported("vertices that are not three-dimensional", "save it as plain OFF"));
     }
     if !prefix.iter().all(|b| b"STCN".contains(b)) {
         return Err(tokens.malformed(format!("found `{}` where the keyword OFF was expected", excerpt(first))));
     }
     if tokens.peek().is_some_and(|next| next.eq_ignore_ascii_case(b"BINARY")) {
-        return Err(source.unsupported("binary OFF data", "save it as OFF in text, or as PLY"));
+        return Err(file.unsupported("binary OFF data", "save it as OFF in text, or as PLY"));
     }
     Ok(())
 }

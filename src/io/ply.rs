@@ -1,31 +1,31 @@
 //! Stanford PLY, in text and both binary orders.
 //!
-//! Own code: `ply-rs-bw` keeps every number as a tagged value in a map, which takes several times as long on a scan,
-//! and its errors name no place.
+//! Own code: `ply-rs-bw` keeps every number as a tagged value in a map, which takes several times as long on large scans,
+//! and its errors have no positions.
 
 use std::io::{self, Write};
 use std::path::Path;
 
 use super::{
     IoError, Place, atomic_write,
-    contents::Contents,
-    source::{ByteOrder, Scalar, Source, TEXT_NUMBER, Tokens, excerpt},
+    input::{ByteOrder, InputFile, Scalar, TEXT_NUMBER, Tokens, excerpt},
+    raw_mesh::RawMesh,
 };
 use crate::{Point, mesh::SurfaceMesh};
 
-/// The elements `vertex`, `face` and `tristrips` in file order; all other elements and properties are passed over.
-pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
-    let (header, body) = Header::parse(source)?;
+/// The elements `vertex`, `face` and `tristrips` in file order; all other elements and properties are skipped.
+pub(super) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
+    let (header, body) = PlyHeader::parse(file)?;
     let mut values = Values {
-        source,
-        tokens: source.tokens_in(body..source.bytes.len()),
+        file,
+        tokens: file.tokens_in(body..file.bytes.len()),
         order: header.order,
     };
-    let mut contents = Contents::default();
+    let mut raw = RawMesh::default();
     for element in &header.elements {
-        read_element(element, &mut values, &mut contents)?;
+        read_element(element, &mut values, &mut raw)?;
     }
-    Ok(contents)
+    Ok(raw)
 }
 
 /// Writes binary little-endian PLY with coordinates in double precision.
@@ -97,46 +97,46 @@ fn write_triangles(writer: &mut dyn Write, triangles: &[[u32; 3]]) -> io::Result
     Ok(())
 }
 
-struct Header {
+struct PlyHeader {
     /// `None` for text.
     order: Option<ByteOrder>,
-    elements: Vec<Element>,
+    elements: Vec<PlyElement>,
 }
 
-struct Element {
+struct PlyElement {
     name: String,
     count: u64,
-    properties: Vec<Property>,
+    properties: Vec<PlyProperty>,
 }
 
-struct Property {
+struct PlyProperty {
     name: String,
     /// The type of the length, when the property is a list.
     length: Option<Scalar>,
     value: Scalar,
 }
 
-impl Header {
-    /// The header, and where the body begins.
-    fn parse(source: &Source) -> Result<(Self, usize), IoError> {
-        let mut tokens = source.tokens();
+impl PlyHeader {
+    /// The header, and the offset of the body.
+    fn parse(file: &InputFile) -> Result<(Self, usize), IoError> {
+        let mut tokens = file.tokens();
         if tokens.line() != b"ply" {
-            let found = excerpt(source.bytes);
-            return Err(source.malformed(0, format!("found `{found}` where `ply` was expected")));
+            let found = excerpt(file.bytes);
+            return Err(file.malformed(0, format!("found `{found}` where `ply` was expected")));
         }
         let mut order = None;
-        let mut elements: Vec<Element> = Vec::new();
+        let mut elements: Vec<PlyElement> = Vec::new();
         loop {
             if tokens.rest().is_empty() {
-                return Err(source.truncated("the header"));
+                return Err(file.truncated("the header"));
             }
             let line = String::from_utf8_lossy(tokens.line()).into_owned();
             let words: Vec<&str> = line.split_ascii_whitespace().collect();
-            let understood = match words[..] {
+            let parsed = match words[..] {
                 [] | ["comment" | "obj_info", ..] => Some(()),
                 ["format", format, _] => format_order(format).map(|o| order = Some(o)),
                 ["element", name, count] => count.parse().ok().map(|count| {
-                    elements.push(Element {
+                    elements.push(PlyElement {
                         name: name.to_owned(),
                         count,
                         properties: vec![],
@@ -152,7 +152,7 @@ impl Header {
                 ["end_header"] => break,
                 _ => None,
             };
-            if understood.is_none() {
+            if parsed.is_none() {
                 return Err(tokens.malformed(format!("the header line `{}` has no meaning", excerpt(line.as_bytes()))));
             }
         }
@@ -163,26 +163,31 @@ impl Header {
     }
 }
 
-impl Element {
+impl PlyElement {
     fn add(&mut self, name: &str, length: Option<Scalar>, value: Scalar) {
-        self.properties.push(Property {
+        self.properties.push(PlyProperty {
             name: name.to_owned(),
             length,
             value,
         });
     }
 
-    /// Fewest bytes that one of these takes.
-    fn least_size(&self, text: bool) -> usize {
-        let size = |p: &Property| p.length.unwrap_or(p.value).size();
+    /// Fewest bytes of one element.
+    fn min_size(&self, text: bool) -> usize {
+        let size = |p: &PlyProperty| p.length.unwrap_or(p.value).size();
         let sizes = self.properties.iter().map(|p| if text { TEXT_NUMBER } else { size(p) });
         sizes.sum()
     }
 
-    fn position(&self, source: &Source, accept: impl Fn(&Property) -> bool, wanted: &str) -> Result<usize, IoError> {
+    fn position(
+        &self,
+        file: &InputFile,
+        accept: impl Fn(&PlyProperty) -> bool,
+        wanted: &str,
+    ) -> Result<usize, IoError> {
         self.properties.iter().position(accept).ok_or_else(|| {
             let element = excerpt(self.name.as_bytes());
-            source.malformed(0, format!("element `{element}` has no property {wanted}"))
+            file.malformed(0, format!("element `{element}` has no property {wanted}"))
         })
     }
 }
@@ -212,36 +217,36 @@ fn scalar(name: &str) -> Option<Scalar> {
     })
 }
 
-fn read_element(element: &Element, values: &mut Values, contents: &mut Contents) -> Result<(), IoError> {
-    // Without properties there is nothing to read, however large the count.
+fn read_element(element: &PlyElement, values: &mut Values, raw: &mut RawMesh) -> Result<(), IoError> {
+    // Without properties there is nothing to read, whatever the count.
     if element.properties.is_empty() {
         return Ok(());
     }
     let count = values.count(element)?;
-    let mut row = Row::default();
+    let mut row = ElementValues::default();
     match element.name.as_str() {
         "vertex" => {
             let mut at = [0; 3];
             for (place, name) in at.iter_mut().zip(["x", "y", "z"]) {
-                let single = |p: &Property| p.length.is_none() && p.name == name;
-                *place = element.position(values.source, single, &format!("`{name}`"))?;
+                let single = |p: &PlyProperty| p.length.is_none() && p.name == name;
+                *place = element.position(values.file, single, &format!("`{name}`"))?;
             }
-            contents.vertices.reserve(count);
+            raw.vertices.reserve(count);
             for _ in 0..count {
                 values.read_row(element, None, &mut row)?;
-                contents.vertices.push(Point::from(at.map(|k| row.singles[k])));
+                raw.vertices.push(Point::from(at.map(|k| row.singles[k])));
             }
         }
         "face" | "tristrips" => {
             let is_corners =
-                |p: &Property| p.length.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
-            let corners = element.position(values.source, is_corners, "list `vertex_indices`")?;
+                |p: &PlyProperty| p.length.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
+            let corners = element.position(values.file, is_corners, "list `vertex_indices`")?;
             for _ in 0..count {
                 values.read_row(element, Some(corners), &mut row)?;
                 if element.name == "face" {
-                    contents.polygons.push(row.list.iter().copied());
+                    raw.polygons.push(row.list.iter().copied());
                 } else {
-                    contents.polygons.push_strip(&row.list);
+                    raw.polygons.push_strip(&row.list);
                 }
             }
         }
@@ -254,31 +259,36 @@ fn read_element(element: &Element, values: &mut Values, contents: &mut Contents)
     Ok(())
 }
 
-/// The properties of one element; kept from one to the next to save allocations.
+/// The properties of one element, reused to save allocations.
 #[derive(Default)]
-struct Row {
+struct ElementValues {
     /// One value per property; 0 for lists.
     singles: Vec<f64>,
-    /// The list that was asked for.
+    /// The requested list.
     list: Vec<i64>,
 }
 
 /// The numbers of the body, in text or binary.
 struct Values<'a> {
-    source: &'a Source<'a>,
+    file: &'a InputFile<'a>,
     tokens: Tokens<'a>,
     order: Option<ByteOrder>,
 }
 
 impl Values<'_> {
-    fn count(&self, element: &Element) -> Result<usize, IoError> {
+    fn count(&self, element: &PlyElement) -> Result<usize, IoError> {
         let available = self.tokens.rest().len() + usize::from(self.order.is_none());
-        let least = element.least_size(self.order.is_none());
+        let least = element.min_size(self.order.is_none());
         let name = format!("elements `{}`", excerpt(element.name.as_bytes()));
-        self.source.checked_count(element.count, &name, least, available)
+        self.file.checked_count(element.count, &name, least, available)
     }
 
-    fn read_row(&mut self, element: &Element, wanted: Option<usize>, row: &mut Row) -> Result<(), IoError> {
+    fn read_row(
+        &mut self,
+        element: &PlyElement,
+        wanted: Option<usize>,
+        row: &mut ElementValues,
+    ) -> Result<(), IoError> {
         let within = if element.name == "vertex" {
             "the vertices"
         } else {
@@ -298,7 +308,7 @@ impl Values<'_> {
                 let found = format!("found a list of length {length}");
                 return Err(match self.order {
                     None => self.tokens.malformed(found),
-                    Some(_) => self.source.malformed_at(Place::Byte(position), found),
+                    Some(_) => self.file.malformed_at(Place::Byte(position), found),
                 });
             };
             for _ in 0..length {
@@ -318,7 +328,7 @@ impl Values<'_> {
         }
     }
 
-    /// A whole number; one of a floating-point property (other data in lists) is cut off.
+    /// A whole number; a floating-point value is truncated.
     fn integer(&mut self, scalar: Scalar, within: &str) -> Result<i64, IoError> {
         match self.order {
             None if matches!(scalar, Scalar::F32 | Scalar::F64) => Ok(self.tokens.float(within)? as i64),

@@ -1,6 +1,6 @@
 //! Point lists and tables: CSV with a header, and NumPy's NPY.
 //!
-//! NPY is own code: `npyz` allocates by an unchecked length of the header, and brings a parser of Python literals.
+//! NPY is own code: `npyz` allocates by an unchecked length in the header, and depends on a parser of Python literals.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -9,8 +9,8 @@ use rayon::prelude::*;
 
 use super::{
     Field, IoError, Place, atomic_write,
-    contents::Contents,
-    source::{ByteOrder, Scalar, Source, excerpt, parsed, printable},
+    input::{ByteOrder, InputFile, Scalar, excerpt, parsed, printable},
+    raw_mesh::RawMesh,
 };
 use crate::Point;
 
@@ -24,7 +24,7 @@ pub fn write_csv(path: impl AsRef<Path>, names: &[&str], values: &[f64]) -> Resu
     check_rows(path.as_ref(), names.len(), values.len())?;
     atomic_write(path, |writer| {
         csv::Writer::from_writer(&mut *writer).write_record(names)?;
-        // Forming the digits takes longer than writing them.
+        // Formatting takes longer than writing.
         let columns = names.len().max(1);
         for rows in values.chunks(ROWS_AT_ONCE * columns) {
             let texts: Vec<String> = rows
@@ -40,7 +40,7 @@ pub fn write_csv(path: impl AsRef<Path>, names: &[&str], values: &[f64]) -> Resu
 const ROWS_PER_TASK: usize = 1 << 10;
 const ROWS_AT_ONCE: usize = 1 << 16;
 
-/// A line of numbers, which never need quotes.
+/// A line of numbers, which need no quotes.
 fn csv_row(row: &[f64]) -> String {
     let mut line = String::with_capacity(20 * row.len());
     for (k, x) in row.iter().enumerate() {
@@ -72,32 +72,29 @@ pub fn write_npy(path: impl AsRef<Path>, columns: usize, values: &[f64]) -> Resu
     })
 }
 
-/// The columns `x`, `y` and `z` of a CSV table, wherever they stand.
-pub(super) fn parse_csv(source: &Source) -> Result<Contents, IoError> {
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(source.bytes);
-    let header = reader
-        .byte_headers()
-        .map_err(|error| csv_error(source, &error))?
-        .clone();
+/// The columns `x`, `y` and `z` of a CSV table, in any position.
+pub(super) fn parse_csv(file: &InputFile) -> Result<RawMesh, IoError> {
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.bytes);
+    let header = reader.byte_headers().map_err(|error| csv_error(file, &error))?.clone();
     let mut columns = [0; 3];
     for (column, name) in columns.iter_mut().zip(["x", "y", "z"]) {
         let found = header
             .iter()
             .position(|field| field.eq_ignore_ascii_case(name.as_bytes()));
         *column = found.ok_or_else(|| {
-            let found = excerpt(source.bytes.split(|&b| b == b'\n').next().unwrap_or_default());
+            let found = excerpt(file.bytes.split(|&b| b == b'\n').next().unwrap_or_default());
             let place = Place::Line(1);
-            source.malformed_at(
+            file.malformed_at(
                 place,
                 format!("found the header `{found}`, which needs columns x, y and z"),
             )
         })?;
     }
-    let mut contents = Contents::default();
+    let mut raw = RawMesh::default();
     let mut record = csv::ByteRecord::new();
     while reader
         .read_byte_record(&mut record)
-        .map_err(|error| csv_error(source, &error))?
+        .map_err(|error| csv_error(file, &error))?
     {
         let mut point = Point::origin();
         for (coordinate, &column) in point.iter_mut().zip(&columns) {
@@ -105,36 +102,36 @@ pub(super) fn parse_csv(source: &Source) -> Result<Contents, IoError> {
             *coordinate = parsed(field).ok_or_else(|| {
                 let line = record.position().map_or(0, |p| p.line() as usize);
                 let found = format!("found `{}` where a number was expected", excerpt(field));
-                source.malformed_at(Place::Line(line), found)
+                file.malformed_at(Place::Line(line), found)
             })?;
         }
-        contents.vertices.push(point);
+        raw.vertices.push(point);
     }
-    Ok(contents)
+    Ok(raw)
 }
 
-/// As [`parse_csv`], with the other columns as fields: three in a row whose names differ in a last x, y and z alone are a
-/// vector.
-pub(super) fn parse_csv_with_fields(source: &Source) -> Result<Contents, IoError> {
-    let mut contents = parse_csv(source)?;
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(source.bytes);
-    let header = reader.byte_headers().map_err(|error| csv_error(source, &error))?;
+/// As [`parse_csv`], with the other columns as fields: three consecutive ones whose names differ only in a final x, y and z
+/// are a vector.
+pub(super) fn parse_csv_with_fields(file: &InputFile) -> Result<RawMesh, IoError> {
+    let mut raw = parse_csv(file)?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.bytes);
+    let header = reader.byte_headers().map_err(|error| csv_error(file, &error))?;
     let names: Vec<String> = header
         .iter()
         .map(|name| String::from_utf8_lossy(name).into_owned())
         .collect();
-    // As the points are found: the first column of each name.
+    // As in `parse_csv`: the first column of each name.
     let is_coordinate = |k: usize| {
         let is_named = |wanted: &str| names[k].eq_ignore_ascii_case(wanted);
         let is_first = || !names[..k].iter().any(|name| name.eq_ignore_ascii_case(&names[k]));
         ["x", "y", "z"].into_iter().any(is_named) && is_first()
     };
     let columns: Vec<usize> = (0..names.len()).filter(|&k| !is_coordinate(k)).collect();
-    let mut values = vec![Vec::with_capacity(contents.vertices.len()); columns.len()];
+    let mut values = vec![Vec::with_capacity(raw.vertices.len()); columns.len()];
     let mut record = csv::ByteRecord::new();
     while reader
         .read_byte_record(&mut record)
-        .map_err(|error| csv_error(source, &error))?
+        .map_err(|error| csv_error(file, &error))?
     {
         for (values, &column) in values.iter_mut().zip(&columns) {
             let field = record.get(column).unwrap_or_default();
@@ -142,7 +139,7 @@ pub(super) fn parse_csv_with_fields(source: &Source) -> Result<Contents, IoError
                 let line = record.position().map_or(0, |p| p.line() as usize);
                 let (found, name) = (excerpt(field), excerpt(names[column].as_bytes()));
                 let found = format!("found `{found}` in the column `{name}` where a number was expected");
-                source.malformed_at(Place::Line(line), found)
+                file.malformed_at(Place::Line(line), found)
             })?);
         }
     }
@@ -158,18 +155,18 @@ pub(super) fn parse_csv_with_fields(source: &Source) -> Result<Contents, IoError
             None => (names[columns[k]].clone(), 1),
         };
         let parts = &values[k..k + components];
-        let rows = (0..contents.vertices.len()).flat_map(|row| parts.iter().map(move |part| part[row]));
-        contents.point_fields.push(Field {
+        let rows = (0..raw.vertices.len()).flat_map(|row| parts.iter().map(move |part| part[row]));
+        raw.point_fields.push(Field {
             name,
             components,
             values: rows.collect(),
         });
         k += components;
     }
-    Ok(contents)
+    Ok(raw)
 }
 
-/// What names such as `vx, vy, vz` or `v_x, v_y, v_z` have in common.
+/// The common part of names such as `vx, vy, vz` or `v_x, v_y, v_z`.
 fn vector_name(names: &[&str]) -> Option<String> {
     let &[x, y, z] = names else { return None };
     let stem = x.strip_suffix(['x', 'X'])?;
@@ -181,9 +178,9 @@ fn vector_name(names: &[&str]) -> Option<String> {
 const MAGIC: &[u8] = b"\x93NUMPY";
 
 /// The rows of an NPY array of shape `n × 3`, in single or double precision.
-pub(super) fn parse_npy(source: &Source) -> Result<Contents, IoError> {
-    let (header, data) = npy_parts(source)?;
-    let wrong = |found: String| source.malformed_at(Place::Byte(MAGIC.len() + 4), found);
+pub(super) fn parse_npy(file: &InputFile) -> Result<RawMesh, IoError> {
+    let (header, data) = npy_parts(file)?;
+    let wrong = |found: String| file.malformed_at(Place::Byte(MAGIC.len() + 4), found);
     let entry = |key: &str| {
         let value = npy_entry(header, key);
         value.ok_or_else(|| {
@@ -202,7 +199,7 @@ pub(super) fn parse_npy(source: &Source) -> Result<Contents, IoError> {
         ">f4" => (Scalar::F32, ByteOrder::Big),
         _ => {
             let found = format!("an array of type {}", excerpt(kind.as_bytes()));
-            return Err(source.unsupported(found, "save it as float64"));
+            return Err(file.unsupported(found, "save it as float64"));
         }
     };
     let by_columns = entry("fortran_order")? == "True";
@@ -220,7 +217,7 @@ pub(super) fn parse_npy(source: &Source) -> Result<Contents, IoError> {
     };
 
     let size = scalar.size();
-    let rows = source.checked_count(*rows, "rows of three numbers", 3 * size, data.len())?;
+    let rows = file.checked_count(*rows, "rows of three numbers", 3 * size, data.len())?;
     let at = |k: usize| scalar.float(&data[k * size..], order);
     let point = |row: usize| {
         Point::from([0, 1, 2].map(|column| {
@@ -231,31 +228,31 @@ pub(super) fn parse_npy(source: &Source) -> Result<Contents, IoError> {
             })
         }))
     };
-    Ok(Contents {
+    Ok(RawMesh {
         vertices: (0..rows).map(point).collect(),
-        ..Contents::default()
+        ..RawMesh::default()
     })
 }
 
 /// The text of the header, and the data.
-fn npy_parts<'a>(source: &Source<'a>) -> Result<(&'a str, &'a [u8]), IoError> {
-    let Some(rest) = source.bytes.strip_prefix(MAGIC) else {
-        return Err(source.malformed_at(Place::Byte(0), "the file does not begin with \\x93NUMPY"));
+fn npy_parts<'a>(file: &InputFile<'a>) -> Result<(&'a str, &'a [u8]), IoError> {
+    let Some(rest) = file.bytes.strip_prefix(MAGIC) else {
+        return Err(file.malformed_at(Place::Byte(0), "the file does not begin with \\x93NUMPY"));
     };
-    let cut_off = || source.truncated("the header");
+    let cut_off = || file.truncated("the header");
     let (scalar, rest) = match rest {
         [1, _, rest @ ..] => (Scalar::U16, rest),
         [2 | 3, _, rest @ ..] => (Scalar::U32, rest),
         [] | [_] => return Err(cut_off()),
         [version, ..] => {
-            return Err(source.unsupported(format!("NPY version {version}"), "save it with a present NumPy"));
+            return Err(file.unsupported(format!("NPY version {version}"), "save it with a current NumPy"));
         }
     };
     let (length, rest) = rest.split_at_checked(scalar.size()).ok_or_else(cut_off)?;
     let length = scalar.integer(length, ByteOrder::Little) as usize;
     let (header, data) = rest.split_at_checked(length).ok_or_else(cut_off)?;
     let header = std::str::from_utf8(header)
-        .map_err(|_| source.malformed_at(Place::Byte(MAGIC.len() + 4), "the header is not text"))?;
+        .map_err(|_| file.malformed_at(Place::Byte(MAGIC.len() + 4), "the header is not text"))?;
     Ok((header, data))
 }
 
@@ -283,7 +280,7 @@ fn check_rows(path: &Path, columns: usize, values: usize) -> Result<(), IoError>
     })
 }
 
-fn csv_error(source: &Source, error: &csv::Error) -> IoError {
+fn csv_error(file: &InputFile, error: &csv::Error) -> IoError {
     let line = error.position().map_or(1, |p| p.line() as usize);
     let found = match error.kind() {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
@@ -291,7 +288,7 @@ fn csv_error(source: &Source, error: &csv::Error) -> IoError {
         }
         _ => printable(error),
     };
-    source.malformed_at(Place::Line(line), found)
+    file.malformed_at(Place::Line(line), found)
 }
 
 #[cfg(test)]

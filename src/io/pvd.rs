@@ -1,4 +1,4 @@
-//! Collections of VTK files with the time of each (`.pvd`), which ParaView opens as an animation.
+//! Collections of VTK files with times (`.pvd`), which ParaView opens as an animation.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -7,7 +7,7 @@ use quick_xml::escape::escape;
 
 use super::{IoError, atomic_write};
 
-/// Writes a collection: times, ascending, and files, named as they are found from the collection's folder.
+/// Writes a collection of ascending times and files, with paths relative to the collection's folder.
 ///
 /// # Errors
 ///
@@ -24,7 +24,7 @@ fn write(writer: &mut dyn Write, steps: &[(f64, String)]) -> io::Result<()> {
     )?;
     writeln!(writer, "  <Collection>")?;
     for (time, file) in steps {
-        // Windows' separator is no separator to readers elsewhere.
+        // Readers on other systems do not know Windows' separator.
         let file = file.replace('\\', "/");
         writeln!(
             writer,

@@ -1,32 +1,32 @@
 //! STL, in text and binary.
 //!
 //! Own code: `stl_io` rounds text to single precision, takes a binary file that begins with `solid` for text, and its
-//! errors name no place.
+//! errors have no positions.
 
 use std::collections::HashMap;
 
 use super::{
     IoError, Place,
-    contents::Contents,
-    source::{ByteOrder, Scalar, Source, Tokens, excerpt},
+    input::{ByteOrder, InputFile, Scalar, Tokens, excerpt},
+    raw_mesh::RawMesh,
 };
 use crate::Point;
 
 const HEADER: usize = 80;
 const FACET: usize = 50;
 
-/// The facets of all solids in the file as one mesh. STL knows no vertices: corners with equal coordinates become one
-/// vertex, in order of first appearance. Normals and attributes are passed over.
-pub(super) fn parse(source: &Source) -> Result<Contents, IoError> {
-    if is_text(source.bytes) {
-        parse_text(source)
+/// The facets of all solids in the file as one mesh. STL has no vertices: corners with equal coordinates become one
+/// vertex, in order of first appearance. Normals and attributes are skipped.
+pub(super) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
+    if is_text(file.bytes) {
+        parse_text(file)
     } else {
-        parse_binary(source)
+        parse_binary(file)
     }
 }
 
-/// Whether the bytes are STL in text. Many binary files begin with `solid` too: a length that fits the binary count
-/// exactly, or no facet after the first line, gives them away.
+/// Whether the bytes are STL in text. Many binary files begin with `solid` too: they are recognised by a length that
+/// matches the binary count, or no facet after the first line.
 fn is_text(bytes: &[u8]) -> bool {
     if binary_count(bytes).is_some_and(|n| bytes.len() as u64 == (HEADER + 4) as u64 + n * FACET as u64) {
         return false;
@@ -49,33 +49,33 @@ fn binary_count(bytes: &[u8]) -> Option<u64> {
     Some(Scalar::U32.integer(count, ByteOrder::Little) as u64)
 }
 
-fn parse_binary(source: &Source) -> Result<Contents, IoError> {
-    let Some(count) = binary_count(source.bytes) else {
-        if source.bytes.iter().all(|b| b.is_ascii() && *b != 0) {
-            let found = excerpt(source.bytes);
-            return Err(source.malformed_at(Place::Line(1), format!("found `{found}` where `solid` was expected")));
+fn parse_binary(file: &InputFile) -> Result<RawMesh, IoError> {
+    let Some(count) = binary_count(file.bytes) else {
+        if file.bytes.iter().all(|b| b.is_ascii() && *b != 0) {
+            let found = excerpt(file.bytes);
+            return Err(file.malformed_at(Place::Line(1), format!("found `{found}` where `solid` was expected")));
         }
-        return Err(source.truncated("the binary header"));
+        return Err(file.truncated("the binary header"));
     };
-    let facets = &source.bytes[HEADER + 4..];
-    let count = source.checked_count(count, "triangles", FACET, facets.len())?;
-    let mut corners = Corners::default();
+    let facets = &file.bytes[HEADER + 4..];
+    let count = file.checked_count(count, "triangles", FACET, facets.len())?;
+    let mut corners = CornerMerger::default();
     for facet in facets.chunks_exact(FACET).take(count) {
         let coordinate = |k: usize| Scalar::F32.float(&facet[12 + 4 * k..], ByteOrder::Little);
         let triangle = [0, 3, 6].map(|k| Point::new(coordinate(k), coordinate(k + 1), coordinate(k + 2)));
         corners.add_face(&triangle);
     }
-    Ok(corners.contents)
+    Ok(corners.raw)
 }
 
-fn parse_text(source: &Source) -> Result<Contents, IoError> {
-    let mut tokens = source.tokens();
-    let mut corners = Corners::default();
+fn parse_text(file: &InputFile) -> Result<RawMesh, IoError> {
+    let mut tokens = file.tokens();
+    let mut corners = CornerMerger::default();
     let mut inside = false;
     loop {
-        // Between solids the file may end; a solid without its end was cut off.
+        // The file may end between solids; a solid without its end was truncated.
         if !inside && tokens.peek().is_none() {
-            return Ok(corners.contents);
+            return Ok(corners.raw);
         }
         let word = tokens.word("a solid without `endsolid`")?.to_ascii_lowercase();
         match (inside, word.as_str()) {
@@ -98,7 +98,7 @@ fn parse_text(source: &Source) -> Result<Contents, IoError> {
 /// The corners of a facet, from its normal to `endfacet`.
 fn facet(tokens: &mut Tokens) -> Result<Vec<Point>, IoError> {
     expect(tokens, "normal")?;
-    // Not read as numbers: degenerate facets come with normals such as `-1.#IND`.
+    // Not parsed as numbers: degenerate facets may have normals such as `-1.#IND`.
     (0..3).try_for_each(|_| tokens.word("a normal").map(drop))?;
     expect(tokens, "outer")?;
     expect(tokens, "loop")?;
@@ -127,20 +127,20 @@ fn expect(tokens: &mut Tokens, wanted: &str) -> Result<(), IoError> {
     Err(tokens.malformed(format!("found `{found}` where `{wanted}` was expected")))
 }
 
-/// Gathers faces by the positions of their corners.
+/// Merges corners with equal positions.
 #[derive(Default)]
-struct Corners {
-    contents: Contents,
-    known: HashMap<[u64; 3], i64>,
+struct CornerMerger {
+    raw: RawMesh,
+    indices: HashMap<[u64; 3], i64>,
 }
 
-impl Corners {
+impl CornerMerger {
     fn add_face(&mut self, corners: &[Point]) {
-        let Contents { vertices, polygons, .. } = &mut self.contents;
+        let RawMesh { vertices, polygons, .. } = &mut self.raw;
         polygons.push(corners.iter().map(|p| {
             // Adding zero makes -0 equal to 0.
             let key = [p.x, p.y, p.z].map(|x| (x + 0.0).to_bits());
-            *self.known.entry(key).or_insert_with(|| {
+            *self.indices.entry(key).or_insert_with(|| {
                 vertices.push(*p);
                 vertices.len() as i64 - 1
             })

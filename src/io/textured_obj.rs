@@ -1,27 +1,26 @@
-//! What an OBJ file says about colour: texture coordinates of the corners of faces, and colours of vertices.
+//! Texture coordinates and vertex colours of OBJ files.
 
 use std::fs;
 use std::path::Path;
 
+use super::input::{InputFile, excerpt, parsed};
 use super::obj;
-use super::source::{Source, excerpt, parsed};
 use super::{IoError, read_surface};
 use crate::mesh::SurfaceMesh;
 
-/// A surface and what its file says about its colours.
+/// A surface with texture coordinates and colours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TexturedSurface {
     /// The surface, as [`read_surface`] reads it.
     pub surface: SurfaceMesh,
-    /// Texture coordinates of the corners of each triangle: a vertex on a seam has other ones in other triangles. `None`
-    /// when the file has none.
+    /// Texture coordinates of the corners of each triangle; a vertex on a seam has several. `None` when the file has none.
     pub uv: Option<Vec<[[f64; 2]; 3]>>,
     /// Red, green and blue of each vertex as the file has them, usually sRGB from 0 to 1. `None` when it has none.
     pub colours: Option<Vec<[f64; 3]>>,
 }
 
 /// Reads an OBJ file with the texture coordinates of its faces (`f v/vt`) and the colours of its vertices
-/// (`v x y z r g b`). Names of material files and pictures are passed over. Files of other formats are read as
+/// (`v x y z r g b`). Material files are skipped. Files of other formats are read as
 /// [`read_surface`] does, without colours.
 ///
 /// # Errors
@@ -42,31 +41,31 @@ pub fn read_textured_surface(path: impl AsRef<Path>) -> Result<TexturedSurface, 
         path: path.to_owned(),
         source,
     })?;
-    let source = Source {
+    let file = InputFile {
         path,
         format: "OBJ",
         bytes: &bytes,
     };
     Ok(TexturedSurface {
-        uv: uv_of_corners(&source)?,
-        colours: colours(&source)?,
+        uv: uv_of_corners(&file)?,
+        colours: colours(&file)?,
         surface,
     })
 }
 
-/// The faces once more, with their texture coordinates as if those were vertices: so they are cut into the same triangles,
-/// and are checked in the same way.
-fn uv_of_corners(source: &Source) -> Result<Option<Vec<[[f64; 2]; 3]>>, IoError> {
-    let Some(contents) = obj::parse_uv(source)? else {
+/// Reads the faces with texture coordinates as vertices, so that they are split into the same triangles and checked in
+/// the same way.
+fn uv_of_corners(file: &InputFile) -> Result<Option<Vec<[[f64; 2]; 3]>>, IoError> {
+    let Some(raw) = obj::parse_uv(file)? else {
         return Ok(None);
     };
-    let layout = contents.into_surface(source.path).map_err(of_coordinates)?;
+    let layout = raw.into_surface(file.path).map_err(for_texture_coordinates)?;
     let corners = (0..layout.triangles().len()).map(|t| layout.corners(t).map(|p| [p.x, p.y]));
     Ok(Some(corners.collect()))
 }
 
-/// The error, said of texture coordinates.
-fn of_coordinates(error: IoError) -> IoError {
+/// The error, worded for texture coordinates.
+fn for_texture_coordinates(error: IoError) -> IoError {
     match error {
         IoError::IndexOutOfRange {
             path,
@@ -87,10 +86,10 @@ fn of_coordinates(error: IoError) -> IoError {
     }
 }
 
-fn colours(source: &Source) -> Result<Option<Vec<[f64; 3]>>, IoError> {
+fn colours(file: &InputFile) -> Result<Option<Vec<[f64; 3]>>, IoError> {
     let mut colours = Vec::new();
     let mut vertices = 0;
-    for (statement, offset) in obj::statements(source.bytes) {
+    for (statement, offset) in obj::statements(file.bytes) {
         let code = statement.split(|&b| b == b'#').next().unwrap_or_default();
         let mut words = code.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
         if words.next() != Some(b"v") {
@@ -102,7 +101,7 @@ fn colours(source: &Source) -> Result<Option<Vec<[f64; 3]>>, IoError> {
         let [r, g, b, ..] = words[..] else { continue };
         let number = |word: &[u8]| {
             parsed::<f64>(word).ok_or_else(|| {
-                source.malformed(
+                file.malformed(
                     offset,
                     format!("found `{}`: a colour needs three numbers", excerpt(word)),
                 )
@@ -110,7 +109,7 @@ fn colours(source: &Source) -> Result<Option<Vec<[f64; 3]>>, IoError> {
         };
         colours.push([number(r)?, number(g)?, number(b)?]);
         if colours.len() < vertices {
-            return Err(source.malformed(offset, "this vertex has a colour, and one before it has none"));
+            return Err(file.malformed(offset, "this vertex has a colour, and one before it has none"));
         }
     }
     if !colours.is_empty() && colours.len() < vertices {
@@ -118,7 +117,7 @@ fn colours(source: &Source) -> Result<Option<Vec<[f64; 3]>>, IoError> {
             "{} of {vertices} vertices have a colour; give it to all or none",
             colours.len()
         );
-        return Err(source.malformed(source.bytes.len(), found));
+        return Err(file.malformed(file.bytes.len(), found));
     }
     Ok((!colours.is_empty()).then_some(colours))
 }

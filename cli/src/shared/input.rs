@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::check;
 use solidmap::files::{self, MapFile, Provenance};
-use solidmap::io::{self, Solid};
+use solidmap::io::{self, SolidMesh};
 use solidmap::mesh::SurfaceMesh;
 
 /// A closed surface, or the boundary of a tet mesh.
 pub fn read_surface(path: &Path) -> anyhow::Result<SurfaceMesh> {
     Ok(match io::read_solid(path)? {
-        Solid::Surface(surface) => surface,
-        Solid::Tets(tets) => tets.boundary().surface,
+        SolidMesh::Surface(surface) => surface,
+        SolidMesh::Tets(tets) => tets.boundary().surface,
     })
 }
 
@@ -69,10 +69,10 @@ impl BoundarySource {
 pub fn read_boundary_map(domain: &Path, image: &Path) -> anyhow::Result<BoundaryMap> {
     let (domain_solid, image_solid) = rayon::join(|| io::read_solid(domain), || io::read_solid(image));
     let map = match (domain_solid?, image_solid?) {
-        (Solid::Tets(domain), Solid::Tets(image)) => BoundaryMap::between_tets(&domain, &image),
-        (Solid::Tets(domain), Solid::Surface(image)) => BoundaryMap::between(domain.boundary().surface, &image),
-        (Solid::Surface(domain), Solid::Tets(image)) => BoundaryMap::between(domain, &image.boundary().surface),
-        (Solid::Surface(domain), Solid::Surface(image)) => BoundaryMap::between(domain, &image),
+        (SolidMesh::Tets(domain), SolidMesh::Tets(image)) => BoundaryMap::between_tets(&domain, &image),
+        (SolidMesh::Tets(domain), SolidMesh::Surface(image)) => BoundaryMap::between(domain.boundary().surface, &image),
+        (SolidMesh::Surface(domain), SolidMesh::Tets(image)) => BoundaryMap::between(domain, &image.boundary().surface),
+        (SolidMesh::Surface(domain), SolidMesh::Surface(image)) => BoundaryMap::between(domain, &image),
     };
     map.with_context(|| format!("cannot map `{}` to `{}`", domain.display(), image.display()))
 }

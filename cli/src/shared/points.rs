@@ -4,7 +4,7 @@ use std::path::Path;
 
 use solidmap::Point;
 use solidmap::inverse::{InverseReport, Preimage};
-use solidmap::io::{self, Solid};
+use solidmap::io::{self, SolidMesh};
 
 use super::input::extension;
 use super::output::Output;
@@ -15,14 +15,14 @@ pub fn is_table(path: &Path) -> bool {
 }
 
 /// The points of a table, or the vertices of a mesh with the mesh.
-pub fn read_points(path: &Path) -> anyhow::Result<(Option<Solid>, Vec<Point>)> {
+pub fn read_points(path: &Path) -> anyhow::Result<(Option<SolidMesh>, Vec<Point>)> {
     if is_table(path) {
         return Ok((None, io::read_points(path)?));
     }
     let solid = io::read_solid(path)?;
     let points = match &solid {
-        Solid::Surface(surface) => surface.vertices().to_vec(),
-        Solid::Tets(tets) => tets.vertices().to_vec(),
+        SolidMesh::Surface(surface) => surface.vertices().to_vec(),
+        SolidMesh::Tets(tets) => tets.vertices().to_vec(),
     };
     Ok((Some(solid), points))
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use serde::Serialize;
 use solidmap::inverse::{InverseMap, InverseOptions, InverseReport, Preimage};
-use solidmap::io::{self, Cells, Solid, VtkEncoding, VtkFields};
+use solidmap::io::{self, Cells, SolidMesh, VtkEncoding, VtkFields};
 use solidmap::map::VolumeMap;
 use solidmap::{Matrix3, Point};
 
@@ -156,11 +156,11 @@ fn write_preimages(
 
 /// The mesh with its vertices at their preimages; those without one at the node of the seed mesh whose image is nearest,
 /// with a status that says so.
-fn write_mesh(path: &Path, solid: &Solid, preimages: &[Preimage]) -> anyhow::Result<()> {
+fn write_mesh(path: &Path, solid: &SolidMesh, preimages: &[Preimage]) -> anyhow::Result<()> {
     let places: Vec<Point> = preimages.iter().map(|preimage| preimage.point).collect();
     let cells = match solid {
-        Solid::Surface(surface) => Cells::Triangles(surface.triangles()),
-        Solid::Tets(tets) => Cells::Tets(tets.tets()),
+        SolidMesh::Surface(surface) => Cells::Triangles(surface.triangles()),
+        SolidMesh::Tets(tets) => Cells::Tets(tets.tets()),
     };
     let field = |name: &str, value: fn(&Preimage) -> f64| scalar(name, preimages.iter().map(value).collect());
     let fields = VtkFields {
@@ -175,11 +175,11 @@ fn write_mesh(path: &Path, solid: &Solid, preimages: &[Preimage]) -> anyhow::Res
         "vtu" => io::write_vtu(path, &places, cells, &fields)?,
         "vtk" => io::write_vtk(path, &places, cells, &fields, VtkEncoding::Binary)?,
         _ => match solid {
-            Solid::Surface(surface) => {
+            SolidMesh::Surface(surface) => {
                 let moved = surface.with_vertices(places);
                 io::write_surface(path, &moved.context("another number of preimages than points")?)?;
             }
-            Solid::Tets(_) => io::write_cells(path, &places, cells)?,
+            SolidMesh::Tets(_) => io::write_cells(path, &places, cells)?,
         },
     }
     Ok(())

@@ -8,7 +8,7 @@ use anyhow::{Context, bail};
 use serde::Serialize;
 use solidmap::files;
 use solidmap::geometry::{count_outside, flipped_tets};
-use solidmap::io::{self, Solid};
+use solidmap::io::{self, SolidMesh};
 use solidmap::map::VolumeMap;
 use solidmap::{Matrix3, Point};
 
@@ -131,14 +131,14 @@ fn rows(report: &EvalSummary) -> Vec<[String; 2]> {
 }
 
 /// Writes the mesh with its vertices at their images; counts the tetrahedra whose orientation is not that of the most.
-fn write_mesh(path: &Path, solid: &Solid, images: Vec<Point>) -> anyhow::Result<Option<usize>> {
+fn write_mesh(path: &Path, solid: &SolidMesh, images: Vec<Point>) -> anyhow::Result<Option<usize>> {
     let mismatch = "the map gave another number of images than points";
     match solid {
-        Solid::Surface(surface) => {
+        SolidMesh::Surface(surface) => {
             io::write_surface(path, &surface.with_vertices(images).context(mismatch)?)?;
             Ok(None)
         }
-        Solid::Tets(tets) => {
+        SolidMesh::Tets(tets) => {
             let flipped = flipped_tets(tets, &images).context(mismatch)?;
             io::write_tets(path, &tets.with_vertices(images).context(mismatch)?)?;
             Ok(Some(flipped.against_most(tets.tets().len())))

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::bail;
 use solidmap::Point;
-use solidmap::io::{self, Cells, Field, ImageGrid, Solid, VtkFields};
+use solidmap::io::{self, Cells, Field, ImageGrid, SolidMesh, VtkFields};
 use solidmap::texture::{LinearRgb, SolidTexture, VoxelGrid, to_srgb};
 
 use super::summary::{PointsSummary, VolumeSummary};
@@ -42,7 +42,7 @@ pub fn write_volume(
 pub struct PointsToColour<'a> {
     points: &'a Path,
     path: &'a Path,
-    solid: Option<Solid>,
+    solid: Option<SolidMesh>,
     positions: Vec<Point>,
 }
 
@@ -55,10 +55,10 @@ impl<'a> PointsToColour<'a> {
             (None, "vtu") => {
                 bail!("`{shown}` holds points without a mesh; write their colours to .csv, .npy or .ply")
             }
-            (Some(Solid::Tets(_)), "ply") => bail!("`{shown}` holds tetrahedra; write their colours to .vtu"),
+            (Some(SolidMesh::Tets(_)), "ply") => bail!("`{shown}` holds tetrahedra; write their colours to .vtu"),
             (None, _) => io::read_points(points)?,
-            (Some(Solid::Surface(surface)), _) => surface.vertices().to_vec(),
-            (Some(Solid::Tets(tets)), _) => tets.vertices().to_vec(),
+            (Some(SolidMesh::Surface(surface)), _) => surface.vertices().to_vec(),
+            (Some(SolidMesh::Tets(tets)), _) => tets.vertices().to_vec(),
         };
         Ok(Self {
             points,
@@ -71,8 +71,8 @@ impl<'a> PointsToColour<'a> {
     fn cells(&self) -> Cells<'_> {
         match &self.solid {
             None => Cells::Triangles(&[]),
-            Some(Solid::Surface(surface)) => Cells::Triangles(surface.triangles()),
-            Some(Solid::Tets(tets)) => Cells::Tets(tets.tets()),
+            Some(SolidMesh::Surface(surface)) => Cells::Triangles(surface.triangles()),
+            Some(SolidMesh::Tets(tets)) => Cells::Tets(tets.tets()),
         }
     }
 }

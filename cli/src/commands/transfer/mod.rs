@@ -13,7 +13,7 @@ use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::geometry::count_outside;
 use solidmap::inverse::{InverseMap, InverseOptions, InverseReport, Preimage};
-use solidmap::io::{self, Field, Solid};
+use solidmap::io::{self, Field, SolidMesh};
 use solidmap::map::VolumeMap;
 use solidmap::transfer::{FieldMesh, VolumeCheck, resample};
 
@@ -199,8 +199,8 @@ fn resampled(
         field.values = fields::distances(boundary, &places)?;
     }
     let (tets, triangles) = match solid {
-        Some(Solid::Tets(mesh)) => (mesh.tets().to_vec(), vec![]),
-        Some(Solid::Surface(mesh)) => (vec![], mesh.triangles().to_vec()),
+        Some(SolidMesh::Tets(mesh)) => (mesh.tets().to_vec(), vec![]),
+        Some(SolidMesh::Surface(mesh)) => (vec![], mesh.triangles().to_vec()),
         None => (vec![], vec![]),
     };
     Ok(Carried {

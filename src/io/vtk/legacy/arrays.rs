@@ -2,20 +2,20 @@
 
 use crate::io::{
     Field, IoError,
-    source::{ByteOrder, Scalar, Source, TEXT_NUMBER, Tokens, excerpt},
+    input::{ByteOrder, InputFile, Scalar, TEXT_NUMBER, Tokens, excerpt},
 };
 
-/// A legacy file on the way from its header to its end.
+/// Reads a legacy file after its header.
 pub(super) struct LegacyReader<'a> {
-    pub source: &'a Source<'a>,
+    pub file: &'a InputFile<'a>,
     pub tokens: Tokens<'a>,
     pub binary: bool,
 }
 
 impl<'a> LegacyReader<'a> {
     /// Reads the version, the title and the encoding.
-    pub fn new(source: &'a Source<'a>) -> Result<Self, IoError> {
-        let mut tokens = source.tokens();
+    pub fn new(file: &'a InputFile<'a>) -> Result<Self, IoError> {
+        let mut tokens = file.tokens();
         let first = tokens.line();
         if !first.starts_with(b"# vtk DataFile Version") {
             let found = excerpt(first);
@@ -23,7 +23,7 @@ impl<'a> LegacyReader<'a> {
         }
         tokens.line();
         if tokens.rest().is_empty() {
-            return Err(source.truncated("the header"));
+            return Err(file.truncated("the header"));
         }
         let binary = match tokens.line().trim_ascii() {
             b"ASCII" => false,
@@ -33,7 +33,7 @@ impl<'a> LegacyReader<'a> {
                 return Err(tokens.malformed(format!("found `{found}` where ASCII or BINARY was expected")));
             }
         };
-        Ok(Self { source, tokens, binary })
+        Ok(Self { file, tokens, binary })
     }
 
     /// Skips lines to the next blank one.
@@ -42,14 +42,14 @@ impl<'a> LegacyReader<'a> {
         while !self.tokens.rest().is_empty() && !self.tokens.line().is_empty() {}
     }
 
-    /// An attribute of this many components.
+    /// An attribute with a fixed number of components.
     pub fn attribute(&mut self, components: usize, count: usize) -> Result<Field, IoError> {
         let name = self.tokens.word("a field")?;
         let scalar = self.scalar()?;
         self.field(name, scalar, components, count)
     }
 
-    /// Scalars name their colours before their values.
+    /// `SCALARS`, which name a lookup table before their values.
     pub fn scalars(&mut self, count: usize) -> Result<Field, IoError> {
         let name = self.tokens.word("a field")?;
         let scalar = self.scalar()?;
@@ -63,7 +63,7 @@ impl<'a> LegacyReader<'a> {
         self.field(name, scalar, components, count)
     }
 
-    /// Arrays with counts of their own.
+    /// `FIELD`: arrays with their own counts.
     pub fn field_arrays(&mut self) -> Result<Vec<Field>, IoError> {
         let mut fields = Vec::new();
         self.tokens.word("a field")?;
@@ -91,7 +91,7 @@ impl<'a> LegacyReader<'a> {
         })
     }
 
-    /// A type of number by its name.
+    /// A data type.
     pub fn scalar(&mut self) -> Result<Scalar, IoError> {
         let name = self.tokens.word("a data type")?;
         match name.to_ascii_lowercase().as_str() {
@@ -102,7 +102,7 @@ impl<'a> LegacyReader<'a> {
             "int" | "vtktypeint32" => Ok(Scalar::I32),
             "unsigned_int" | "vtktypeuint32" => Ok(Scalar::U32),
             "long" | "vtktypeint64" => Ok(Scalar::I64),
-            // VTK writes its ids as 32-bit integers to legacy files, however wide they are in memory.
+            // VTK writes ids to legacy files as 32-bit integers, whatever their size in memory.
             "vtkidtype" => Ok(Scalar::I32),
             "unsigned_long" | "vtktypeuint64" => Ok(Scalar::U64),
             "float" => Ok(Scalar::F32),
@@ -148,12 +148,12 @@ impl<'a> LegacyReader<'a> {
             // The data begin after the line of the keyword, even when there are none.
             self.tokens.line();
             let available = self.tokens.rest().len();
-            let count = self.source.checked_count(count, element, scalar.size(), available)?;
+            let count = self.file.checked_count(count, element, scalar.size(), available)?;
             let bytes = self.tokens.take(count * scalar.size(), element)?;
             Ok(bytes.chunks_exact(scalar.size()).map(from_bytes).collect())
         } else {
             let available = self.tokens.rest().len() + 1;
-            let count = self.source.checked_count(count, element, TEXT_NUMBER, available)?;
+            let count = self.file.checked_count(count, element, TEXT_NUMBER, available)?;
             (0..count).map(|_| from_text(&mut self.tokens)).collect()
         }
     }

@@ -1,8 +1,8 @@
-//! Legacy files, read: grids, polygonal data and structured points.
+//! Reading legacy files: unstructured grids, polygonal data and structured points.
 
 use super::{
     super::{
-        cells::{CellLists, list_ends, sort_cells},
+        cells::{add_cells, list_ends},
         lattice::Lattice,
     },
     arrays::LegacyReader,
@@ -11,25 +11,25 @@ use crate::{
     Point, Vector,
     io::{
         IoError, Place,
-        contents::Contents,
-        source::{Scalar, Source, excerpt},
+        input::{InputFile, Scalar, excerpt},
+        raw_mesh::{CornerLists, RawMesh},
     },
 };
 
-/// The points and cells of an unstructured grid or of polygonal data, in file order. Fields are passed over.
-pub(in crate::io) fn parse(source: &Source) -> Result<Contents, IoError> {
-    read(source, false)
+/// The points and cells of an unstructured grid or of polygonal data, in file order. Fields are skipped.
+pub(in crate::io) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
+    read(file, false)
 }
 
-/// As [`parse`], with the fields; also structured points, whose cells become six tetrahedra each.
-pub(in crate::io) fn parse_with_fields(source: &Source) -> Result<Contents, IoError> {
-    read(source, true)
+/// As [`parse`], with the fields; also structured points, whose cells are split into six tetrahedra each.
+pub(in crate::io) fn parse_with_fields(file: &InputFile) -> Result<RawMesh, IoError> {
+    read(file, true)
 }
 
-fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
-    let mut reader = LegacyReader::new(source)?;
-    let mut contents = Contents::default();
-    let mut cells: Option<CellLists> = None;
+fn read(file: &InputFile, with_fields: bool) -> Result<RawMesh, IoError> {
+    let mut reader = LegacyReader::new(file)?;
+    let mut raw = RawMesh::default();
+    let mut cells: Option<CornerLists> = None;
     let mut types: Option<Vec<i64>> = None;
     let mut end_of_types = Place::Byte(0);
     let (mut grid, mut datasets) = (true, 0);
@@ -42,13 +42,13 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
                     .malformed("found a second DATASET; give it a file of its own"));
             }
             b"DATASET" if with_fields && reader.tokens.peek() == Some(b"STRUCTURED_POINTS") => {
-                reader.structured_points(&mut contents)?;
+                reader.structured_points(&mut raw)?;
                 grid = false;
             }
             b"DATASET" => grid = reader.dataset_is_grid()?,
             b"METADATA" => reader.skip_metadata(),
             b"FIELD" => drop(reader.field_arrays()?),
-            b"POINTS" => contents.vertices = reader.points()?,
+            b"POINTS" => raw.vertices = reader.points()?,
             b"CELLS" if grid => cells = Some(reader.cell_lists("cells")?),
             b"CELL_TYPES" if grid => {
                 types = Some(reader.cell_types()?);
@@ -56,15 +56,15 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
             }
             b"POLYGONS" if !grid => {
                 let polygons = reader.cell_lists("polygons")?;
-                polygons.iter().for_each(|p| contents.polygons.push(p.iter().copied()));
+                polygons.iter().for_each(|p| raw.polygons.push(p.iter().copied()));
             }
             b"TRIANGLE_STRIPS" if !grid => {
                 let strips = reader.cell_lists("triangle strips")?;
-                strips.iter().for_each(|s| contents.polygons.push_strip(s));
+                strips.iter().for_each(|s| raw.polygons.push_strip(s));
             }
             b"VERTICES" | b"LINES" if !grid => drop(reader.cell_lists("vertices and lines")?),
             b"POINT_DATA" | b"CELL_DATA" if with_fields => {
-                reader.all_fields(word == b"POINT_DATA", &mut contents)?;
+                reader.all_fields(word == b"POINT_DATA", &mut raw)?;
                 break;
             }
             b"POINT_DATA" | b"CELL_DATA" => break,
@@ -77,17 +77,17 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
         }
     }
     if !grid {
-        return Ok(contents);
+        return Ok(raw);
     }
     let Some((cells, types)) = cells.zip(types) else {
-        return Err(source.truncated("an unstructured grid without CELLS or CELL_TYPES"));
+        return Err(file.truncated("an unstructured grid without CELLS or CELL_TYPES"));
     };
     if cells.ends.len() != types.len() {
         let found = format!("{} cells have {} cell types", cells.ends.len(), types.len());
-        return Err(source.malformed_at(end_of_types, found));
+        return Err(file.malformed_at(end_of_types, found));
     }
-    sort_cells(source, end_of_types, &mut contents, types.into_iter().zip(cells.iter()))?;
-    Ok(contents)
+    add_cells(file, end_of_types, &mut raw, types.into_iter().zip(cells.iter()))?;
+    Ok(raw)
 }
 
 impl LegacyReader<'_> {
@@ -95,7 +95,7 @@ impl LegacyReader<'_> {
         match self.tokens.word("the kind of data set")?.as_str() {
             "UNSTRUCTURED_GRID" => Ok(true),
             "POLYDATA" => Ok(false),
-            other => Err(self.source.unsupported(
+            other => Err(self.file.unsupported(
                 format!("a VTK data set of kind `{}`", excerpt(other.as_bytes())),
                 "save it as an unstructured grid or as polygonal data",
             )),
@@ -103,7 +103,7 @@ impl LegacyReader<'_> {
     }
 
     /// Points on a lattice, and the tetrahedra of its cells.
-    fn structured_points(&mut self, contents: &mut Contents) -> Result<(), IoError> {
+    fn structured_points(&mut self, raw: &mut RawMesh) -> Result<(), IoError> {
         self.tokens.next();
         let (mut counts, mut origin, mut spacing) = ([0; 3], Point::origin(), Point::new(1.0, 1.0, 1.0));
         while let Some(word) = self.tokens.peek() {
@@ -123,7 +123,7 @@ impl LegacyReader<'_> {
         }
         let total = counts.iter().try_fold(1u64, |total, &n| total.checked_mul(n as u64));
         let (total, available) = (total.unwrap_or(u64::MAX), self.tokens.rest().len());
-        self.source
+        self.file
             .checked_count(total, "values of structured points", 1, available)?;
         let lattice = Lattice {
             counts,
@@ -131,13 +131,13 @@ impl LegacyReader<'_> {
             origin,
             steps: [0, 1, 2].map(|k| Vector::ith(k, spacing[k])),
         };
-        lattice.require_few(self.source)?;
-        lattice.fill(contents);
+        lattice.check_size(self.file)?;
+        lattice.fill(raw);
         Ok(())
     }
 
-    /// The fields over points and cells up to the end of the file, first those over points or cells as `at_points` says.
-    fn all_fields(&mut self, mut at_points: bool, contents: &mut Contents) -> Result<(), IoError> {
+    /// The point and cell fields up to the end of the file; `at_points` says which of them the first section has.
+    fn all_fields(&mut self, mut at_points: bool, raw: &mut RawMesh) -> Result<(), IoError> {
         let mut count = self.tokens.count("values of a field", 0)?;
         while let Some(word) = self.tokens.next() {
             let fields = match word {
@@ -156,13 +156,13 @@ impl LegacyReader<'_> {
                 b"TENSORS" => vec![self.attribute(9, count)?],
                 _ => {
                     let found = format!("a field of the kind `{}`", excerpt(word));
-                    return Err(self.source.unsupported(found, "save it as SCALARS, VECTORS or FIELD"));
+                    return Err(self.file.unsupported(found, "save it as SCALARS, VECTORS or FIELD"));
                 }
             };
             if at_points {
-                contents.point_fields.extend(fields);
+                raw.point_fields.extend(fields);
             } else {
-                contents.cell_fields.extend(fields);
+                raw.cell_fields.extend(fields);
             }
         }
         Ok(())
@@ -178,15 +178,15 @@ impl LegacyReader<'_> {
             .collect())
     }
 
-    /// Lists of corners, each after its length (to VTK 4) or as offsets and corners (from VTK 5).
-    fn cell_lists(&mut self, element: &str) -> Result<CellLists, IoError> {
+    /// Lists of corners, each preceded by its length (up to VTK 4), or as offsets and corners (from VTK 5).
+    fn cell_lists(&mut self, element: &str) -> Result<CornerLists, IoError> {
         let cells = self.tokens.count(element, 1)?;
         let size = self.tokens.count(element, 1)?;
         if self.tokens.rest().trim_ascii_start().starts_with(b"OFFSETS") {
             return self.offset_lists(cells, size, element);
         }
         let values = self.integers(Scalar::I32, size as u64, element)?;
-        let mut lists = CellLists {
+        let mut lists = CornerLists {
             corners: Vec::with_capacity(values.len()),
             ends: Vec::with_capacity(cells.min(values.len())),
         };
@@ -206,7 +206,7 @@ impl LegacyReader<'_> {
         Ok(lists)
     }
 
-    fn offset_lists(&mut self, offsets: usize, corners: usize, element: &str) -> Result<CellLists, IoError> {
+    fn offset_lists(&mut self, offsets: usize, corners: usize, element: &str) -> Result<CornerLists, IoError> {
         self.tokens.next();
         let scalar = self.scalar()?;
         let offsets = self.integers(scalar, offsets as u64, element)?;
@@ -216,7 +216,7 @@ impl LegacyReader<'_> {
         let scalar = self.scalar()?;
         let corners = self.integers(scalar, corners as u64, element)?;
         match list_ends(offsets.into_iter().skip(1), corners.len()) {
-            Some(ends) => Ok(CellLists { corners, ends }),
+            Some(ends) => Ok(CornerLists { corners, ends }),
             None => Err(self
                 .tokens
                 .malformed(format!("the offsets of {element} do not ascend within CONNECTIVITY"))),
@@ -233,7 +233,7 @@ impl LegacyReader<'_> {
 mod tests {
     use super::*;
     use crate::io::{
-        Solid,
+        SolidMesh,
         testing::{place_of, solid, surface, tets},
     };
 
@@ -286,7 +286,7 @@ mod tests {
             assert_eq!(mesh.vertices()[3], Point::new(0., 0., 1.));
             let odd = mesh.vertices()[4];
             assert!(odd.x.is_nan() && odd.y == f64::INFINITY && odd.z == f64::NEG_INFINITY);
-            assert!(matches!(solid("vtk", &bytes), Ok(Solid::Tets(_))));
+            assert!(matches!(solid("vtk", &bytes), Ok(SolidMesh::Tets(_))));
             assert!(matches!(surface("vtk", &bytes), Err(IoError::WrongKind { .. })));
         }
     }
@@ -302,7 +302,7 @@ mod tests {
             mesh.triangles(),
             [&[[0, 1, 2]], &quad[..], &quad, &strip, &[[3, 2, 1]]].concat()
         );
-        assert!(matches!(solid("vtk", text.as_bytes()), Ok(Solid::Surface(_))));
+        assert!(matches!(solid("vtk", text.as_bytes()), Ok(SolidMesh::Surface(_))));
         assert!(matches!(tets("vtk", text.as_bytes()), Err(IoError::WrongKind { .. })));
     }
 

@@ -1,4 +1,4 @@
-//! Legacy files, written.
+//! Writing legacy files.
 
 use std::{
     borrow::Cow,
@@ -12,16 +12,16 @@ use crate::{
     io::{Cells, Field, IoError, VtkFields, atomic_write, fields::check},
 };
 
-/// How numbers are written.
+/// The encoding of numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VtkEncoding {
-    /// As text, of which every number reads back to the same bits.
+    /// Text; every number reads back to the same bits.
     Text,
-    /// As big-endian bytes, as the format has it.
+    /// Big-endian bytes.
     Binary,
 }
 
-/// Writes a legacy VTK file (version 3.0, which all readers know) with double-precision coordinates and fields.
+/// Writes a legacy VTK file (version 3.0, which all readers support) with double-precision coordinates and fields.
 /// Blanks in field names become `_`.
 ///
 /// # Errors
@@ -138,7 +138,7 @@ impl LegacyWriter<'_> {
     }
 }
 
-/// Names in a legacy file are single words.
+/// Names in a legacy file must be single words.
 fn legacy_name(name: &str) -> Cow<'_, str> {
     if name.is_empty() {
         return Cow::Borrowed("_");

@@ -1,25 +1,25 @@
-//! Numbers of arrays: decoded, decompressed and counted.
+//! Decoding and decompression of arrays.
 
 use std::{borrow::Cow, collections::HashMap, io::Read};
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use flate2::read::ZlibDecoder;
 
-use super::document::{Array, Document, Encoding, Piece};
+use super::document::{Array, Document, Encoding, XmlPiece};
 use crate::io::{
     Field, IoError, Place,
-    source::{ByteOrder, Scalar, Tokens, excerpt},
+    input::{ByteOrder, Scalar, Tokens, excerpt},
 };
 
-/// How many bytes a byte of deflated data stands for at most: a match of 258 bytes takes two bits.
-const MOST_DEFLATION: usize = 1032;
+/// Largest expansion of deflate: a match of 258 bytes takes two bits.
+const MAX_DEFLATION: usize = 1032;
 
 impl<'a> Document<'a> {
-    /// The fields that every piece has, one piece after the other.
-    pub fn fields<'d>(&'d self, data: impl Fn(&'d Piece<'a>) -> &'d Vec<Array<'a>>) -> Result<Vec<Field>, IoError> {
+    /// The fields that every piece has, concatenated over the pieces.
+    pub fn fields<'d>(&'d self, data: impl Fn(&'d XmlPiece<'a>) -> &'d Vec<Array<'a>>) -> Result<Vec<Field>, IoError> {
         let mut fields = Vec::new();
         let key = |array: &'d Array<'a>| (&*array.name, array.components);
-        // The first array of a name counts.
+        // The first of several arrays with one name is used.
         let of_pieces: Vec<HashMap<_, _>> = self
             .pieces
             .iter()
@@ -59,7 +59,7 @@ impl<'a> Document<'a> {
         from_text: impl Fn(&mut Tokens<'a>) -> Result<T, IoError>,
     ) -> Result<Vec<T>, IoError> {
         if let Encoding::Text = array.encoding {
-            let mut tokens = self.source.tokens_in(array.text.clone());
+            let mut tokens = self.file.tokens_in(array.text.clone());
             let mut values = Vec::new();
             while tokens.peek().is_some() {
                 values.push(from_text(&mut tokens)?);
@@ -67,35 +67,33 @@ impl<'a> Document<'a> {
             return Ok(values);
         }
         let bytes = self.decoded(array)?;
-        self.take_room(bytes.len() / array.scalar.size() * size_of::<T>())?;
+        self.spend_budget(bytes.len() / array.scalar.size() * size_of::<T>())?;
         let values = bytes.chunks_exact(array.scalar.size());
         Ok(values.map(|b| from_bytes(array.scalar, b, self.order)).collect())
     }
 
     /// The bytes of an array, decoded and decompressed.
     fn decoded(&self, array: &Array) -> Result<Cow<'a, [u8]>, IoError> {
-        let invalid = |found: String| self.source.malformed_at(self.place(array), found);
+        let invalid = |found: String| self.file.malformed_at(self.place(array), found);
         let cut_off = || {
-            self.source
+            self.file
                 .truncated(format!("the array `{}`", excerpt(array.name.as_bytes())))
         };
         let stored = match array.encoding {
             Encoding::Appended(offset) => {
-                let (data, base64) = self
-                    .appended
-                    .ok_or_else(|| self.source.truncated("the appended data"))?;
+                let (data, base64) = self.appended.ok_or_else(|| self.file.truncated("the appended data"))?;
                 let data = data.get(offset..).ok_or_else(cut_off)?;
                 if base64 {
                     let next = self.offsets.partition_point(|&next| next <= offset);
                     let next = self.offsets.get(next);
                     let length = next.map_or(data.len(), |next| data.len().min(next - offset));
-                    self.take_room(length)?;
+                    self.spend_budget(length)?;
                     Cow::Owned(decode_base64(&data[..length]).map_err(invalid)?)
                 } else {
                     Cow::Borrowed(data)
                 }
             }
-            _ => Cow::Owned(decode_base64(&self.source.bytes[array.text.clone()]).map_err(invalid)?),
+            _ => Cow::Owned(decode_base64(&self.file.bytes[array.text.clone()]).map_err(invalid)?),
         };
         // An empty array may lack even its length.
         if stored.is_empty() {
@@ -118,7 +116,7 @@ impl<'a> Document<'a> {
         .ok_or_else(cut_off)
     }
 
-    /// Lengths (number of blocks, size of a block, size of the last or 0, compressed size of each) and then the blocks.
+    /// A header (number of blocks, size of a block, size of the last or 0, compressed size of each), then the blocks.
     fn decompressed(
         &self,
         stored: &[u8],
@@ -139,10 +137,10 @@ impl<'a> Document<'a> {
                     "a compressed block does not hold the {expected} bytes announced"
                 ))
             };
-            if expected > compressed.len().saturating_mul(MOST_DEFLATION) {
+            if expected > compressed.len().saturating_mul(MAX_DEFLATION) {
                 return Err(other());
             }
-            self.take_room(expected)?;
+            self.spend_budget(expected)?;
             let before = bytes.len();
             let mut decoder = ZlibDecoder::new(compressed).take(expected as u64 + 1);
             decoder
@@ -168,7 +166,7 @@ impl<'a> Document<'a> {
         }
         let wanted = expected.map_or_else(|| "too many".to_owned(), |n| n.to_string());
         let found = format!("the array holds {found} values, but its piece needs {wanted}");
-        Err(self.source.malformed_at(self.place(array), found))
+        Err(self.file.malformed_at(self.place(array), found))
     }
 
     pub fn place(&self, array: &Array) -> Place {
@@ -176,8 +174,7 @@ impl<'a> Document<'a> {
     }
 }
 
-/// Decodes base64 up to the first `<` or the end. Lengths and data may be encoded apart, so that padding stands in
-/// the middle.
+/// Decodes base64 up to the first `<` or the end. Header and data may be encoded separately, with padding in the middle.
 fn decode_base64(text: &[u8]) -> Result<Vec<u8>, String> {
     let text = text.split(|&b| b == b'<').next().unwrap_or_default();
     let text: Vec<u8> = text.iter().copied().filter(|b| !b.is_ascii_whitespace()).collect();

@@ -1,4 +1,4 @@
-//! The structure of a file: pieces, arrays and where their numbers stand.
+//! The structure of a file: pieces, arrays and the locations of their data.
 
 use std::{borrow::Cow, cell::Cell, ops::Range, str::FromStr};
 
@@ -10,22 +10,22 @@ use quick_xml::{
 
 use crate::io::{
     IoError, Place,
-    source::{ByteOrder, Scalar, Source, excerpt, printable},
+    input::{ByteOrder, InputFile, Scalar, excerpt, printable},
 };
 
-/// What a file may hold.
+/// The kinds of data set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum DataSet {
     UnstructuredGrid,
     ImageData,
 }
 
-/// Where the points of image data stand.
+/// The lattice of image data.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Image {
     /// First and last index along each axis, over all pieces.
     pub whole: [i32; 6],
-    /// The point whose indices are 0.
+    /// The point with indices 0.
     pub origin: [f64; 3],
     pub spacing: [f64; 3],
     /// Unit vectors along the axes, in columns; row by row.
@@ -33,8 +33,8 @@ pub(super) struct Image {
 }
 
 /// A part of the data set with points of its own.
-pub(super) struct Piece<'a> {
-    /// How many points and cells there are, in grids.
+pub(super) struct XmlPiece<'a> {
+    /// Numbers of points and cells, in unstructured grids.
     pub point_count: u64,
     pub cell_count: u64,
     /// First and last index along each axis, in image data.
@@ -50,7 +50,7 @@ pub(super) struct Array<'a> {
     pub scalar: Scalar,
     pub components: usize,
     pub encoding: Encoding,
-    /// What stands between the tags, up to elements that VTK adds after the numbers.
+    /// The text between the tags, up to elements that VTK adds after the numbers.
     pub text: Range<usize>,
 }
 
@@ -63,32 +63,32 @@ pub(super) enum Encoding {
 
 /// The structure of a file, before any numbers are decoded.
 pub(super) struct Document<'a> {
-    pub source: &'a Source<'a>,
+    pub file: &'a InputFile<'a>,
     pub order: ByteOrder,
     /// The type of the lengths before each block of binary data.
     pub header: Scalar,
     pub compressed: bool,
     pub image: Option<Image>,
-    pub pieces: Vec<Piece<'a>>,
+    pub pieces: Vec<XmlPiece<'a>>,
     /// Appended data after the `_`, and whether they are in base64.
     pub appended: Option<(&'a [u8], bool)>,
-    /// Where in the appended data any array begins, in ascending order.
+    /// The offsets of all arrays in the appended data, ascending.
     pub offsets: Vec<usize>,
-    /// Bytes that may still be unpacked.
-    room: Cell<usize>,
+    /// Bytes that may still be allocated for unpacked data.
+    budget: Cell<usize>,
 }
 
-/// What is unpacked of a file, in bytes: so much, which is enough for three bytes at every point of an image, and so many
-/// times the file. Meshes are compressed to a twentieth at best.
-const LEAST_ROOM: usize = 128 << 20;
-const MOST_EXPANSION: usize = 200;
+/// Limit of unpacked data: [`MIN_BUDGET`] bytes, enough for three bytes at every point of an image, plus [`MAX_EXPANSION`]
+/// times the size of the file. Meshes are compressed to a twentieth at best.
+const MIN_BUDGET: usize = 128 << 20;
+const MAX_EXPANSION: usize = 200;
 
 impl<'a> Document<'a> {
-    /// The structure of a file that has to hold such a data set.
-    pub fn parse(source: &'a Source<'a>, data_set: DataSet) -> Result<Self, IoError> {
-        let (xml, appended) = split_appended(source)?;
+    /// The structure of a file with this kind of data set.
+    pub fn parse(file: &'a InputFile<'a>, data_set: DataSet) -> Result<Self, IoError> {
+        let (xml, appended) = split_appended(file)?;
         let mut document = Self {
-            source,
+            file,
             order: ByteOrder::Little,
             header: Scalar::U32,
             compressed: false,
@@ -96,15 +96,15 @@ impl<'a> Document<'a> {
             pieces: vec![],
             appended: None,
             offsets: vec![],
-            room: Cell::new(room_of(source)),
+            budget: Cell::new(unpacking_budget(file)),
         };
-        let mut tags = Tags::new(source, xml);
+        let mut tags = Tags::new(file, xml);
         let (mut rooted, mut ended) = (false, false);
         let mut section = None;
         while let Some(step) = tags.next()? {
             let tag = match step {
-                Step::Begin(tag) => tag,
-                Step::End(tag) => {
+                TagEvent::Begin(tag) => tag,
+                TagEvent::End(tag) => {
                     let name = tag.name();
                     ended |= name.as_ref() == "VTKFile";
                     section = section.filter(|within: &Section| name.as_ref() != within.name());
@@ -138,24 +138,24 @@ impl<'a> Document<'a> {
             }
         }
         if !rooted {
-            return Err(source.malformed(0, "there is no element `VTKFile`"));
+            return Err(file.malformed(0, "there is no element `VTKFile`"));
         }
         if !ended || document.pieces.is_empty() {
-            return Err(source.truncated("the XML structure"));
+            return Err(file.truncated("the XML structure"));
         }
         document.offsets.sort_unstable();
         Ok(document)
     }
 
-    /// Counts bytes that are about to be unpacked.
-    pub fn take_room(&self, bytes: usize) -> Result<(), IoError> {
-        let room = self.room.get().checked_sub(bytes).ok_or_else(|| IoError::Expands {
-            path: self.source.path.to_owned(),
-            format: self.source.format,
-            size: self.source.bytes.len(),
-            limit: room_of(self.source),
+    /// Counts bytes that are about to be allocated against the limit.
+    pub fn spend_budget(&self, bytes: usize) -> Result<(), IoError> {
+        let budget = self.budget.get().checked_sub(bytes).ok_or_else(|| IoError::Expands {
+            path: self.file.path.to_owned(),
+            format: self.file.format,
+            size: self.file.bytes.len(),
+            limit: unpacking_budget(self.file),
         })?;
-        self.room.set(room);
+        self.budget.set(budget);
         Ok(())
     }
 
@@ -168,7 +168,7 @@ impl<'a> Document<'a> {
         };
         if kind != wanted {
             let found = format!("a VTK data set of type `{}`", excerpt(kind.as_bytes()));
-            return Err(self.source.unsupported(found, remedy));
+            return Err(self.file.unsupported(found, remedy));
         }
         self.order = match attribute("byte_order")?.as_ref() {
             "BigEndian" => ByteOrder::Big,
@@ -183,33 +183,30 @@ impl<'a> Document<'a> {
             "vtkZLibDataCompressor" => true,
             other => {
                 let found = format!("data compressed by `{}`", excerpt(other.as_bytes()));
-                return Err(self
-                    .source
-                    .unsupported(found, "save it with ZLib or without compression"));
+                return Err(self.file.unsupported(found, "save it with ZLib or without compression"));
             }
         };
         Ok(())
     }
 }
 
-fn room_of(source: &Source) -> usize {
-    source
-        .bytes
+fn unpacking_budget(file: &InputFile) -> usize {
+    file.bytes
         .len()
-        .saturating_mul(MOST_EXPANSION)
-        .saturating_add(LEAST_ROOM)
+        .saturating_mul(MAX_EXPANSION)
+        .saturating_add(MIN_BUDGET)
 }
 
 /// The XML up to and including the tag `AppendedData`, and what follows its `_`.
-fn split_appended<'a>(source: &Source<'a>) -> Result<(&'a str, Option<&'a [u8]>), IoError> {
+fn split_appended<'a>(file: &InputFile<'a>) -> Result<(&'a str, Option<&'a [u8]>), IoError> {
     const TAG: &[u8] = b"<AppendedData";
-    let bytes = source.bytes;
+    let bytes = file.bytes;
     let (xml, appended) = match bytes.windows(TAG.len()).position(|window| window == TAG) {
         None => (bytes, None),
         Some(start) => {
             let find = |from: usize, wanted: u8| {
                 let found = bytes[from..].iter().position(|&b| b == wanted).map(|k| from + k + 1);
-                found.ok_or_else(|| source.truncated("the appended data"))
+                found.ok_or_else(|| file.truncated("the appended data"))
             };
             let tag_end = find(start, b'>')?;
             (&bytes[..tag_end], Some(&bytes[find(tag_end, b'_')?..]))
@@ -217,11 +214,11 @@ fn split_appended<'a>(source: &Source<'a>) -> Result<(&'a str, Option<&'a [u8]>)
     };
     match std::str::from_utf8(xml) {
         Ok(xml) => Ok((xml, appended)),
-        Err(error) => Err(source.malformed_at(Place::Byte(error.valid_up_to()), "the XML is not UTF-8 text")),
+        Err(error) => Err(file.malformed_at(Place::Byte(error.valid_up_to()), "the XML is not UTF-8 text")),
     }
 }
 
-/// An element whose arrays are wanted.
+/// An element whose arrays are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Section {
     Points,
@@ -247,12 +244,12 @@ impl Section {
     }
 }
 
-impl<'a> Piece<'a> {
+impl<'a> XmlPiece<'a> {
     fn add(&mut self, section: Section, array: Result<Array<'a>, IoError>) -> Result<(), IoError> {
         match section {
             Section::Points => self.points = Some(array?),
             Section::Cells => self.cells.push(array?),
-            // Of fields those of numbers count; others, such as texts, are passed over.
+            // Fields that are not numeric, such as strings, are skipped.
             Section::PointData => self.point_data.extend(array.ok()),
             Section::CellData => self.cell_data.extend(array.ok()),
         }
@@ -260,58 +257,58 @@ impl<'a> Piece<'a> {
     }
 }
 
-/// The tags of a text, one after the other.
+/// Iterates over the tags of an XML text.
 struct Tags<'a> {
-    source: &'a Source<'a>,
+    file: &'a InputFile<'a>,
     reader: Reader<&'a [u8]>,
-    /// Bytes before those that the reader counts.
+    /// Bytes before the reader's start.
     shift: usize,
 }
 
-enum Step<'a> {
+enum TagEvent<'a> {
     Begin(Tag<'a>),
     End(BytesEnd<'a>),
 }
 
 impl<'a> Tags<'a> {
-    fn new(source: &'a Source<'a>, xml: &'a str) -> Self {
-        // The reader would leave out a byte order mark, but not count it.
+    fn new(file: &'a InputFile<'a>, xml: &'a str) -> Self {
+        // The reader would skip a byte order mark without counting it.
         let shift = if xml.starts_with('\u{feff}') { 3 } else { 0 };
         Self {
-            source,
+            file,
             reader: Reader::from_str(&xml[shift..]),
             shift,
         }
     }
 
-    fn next(&mut self) -> Result<Option<Step<'a>>, IoError> {
+    fn next(&mut self) -> Result<Option<TagEvent<'a>>, IoError> {
         loop {
             let at = self.position();
             let event = self.reader.read_event();
             let event = event.map_err(|error| {
                 let position = self.shift + self.reader.error_position() as usize;
-                xml_error(self.source, position, &error)
+                xml_error(self.file, position, &error)
             })?;
             let (tag, empty) = match event {
                 Event::Start(tag) => (tag, false),
                 Event::Empty(tag) => (tag, true),
-                Event::End(tag) => return Ok(Some(Step::End(tag))),
+                Event::End(tag) => return Ok(Some(TagEvent::End(tag))),
                 Event::Eof => return Ok(None),
                 _ => continue,
             };
-            let source = self.source;
-            return Ok(Some(Step::Begin(Tag { source, tag, empty, at })));
+            let file = self.file;
+            return Ok(Some(TagEvent::Begin(Tag { file, tag, empty, at })));
         }
     }
 
-    /// The bytes between a tag that was just read and its end, which are passed over.
+    /// Skips to the end of the element of `tag`, which was just read; returns the range of its content.
     fn inside(&mut self, tag: &Tag) -> Result<Range<usize>, IoError> {
         let start = self.position();
         if tag.empty {
             return Ok(start..start);
         }
         let span = self.reader.read_to_end(tag.tag.name());
-        let span = span.map_err(|error| xml_error(self.source, start, &error))?;
+        let span = span.map_err(|error| xml_error(self.file, start, &error))?;
         Ok(start..self.shift + span.end as usize)
     }
 
@@ -320,30 +317,30 @@ impl<'a> Tags<'a> {
     }
 }
 
-/// What is not closed at the end of the file was cut off.
-fn xml_error(source: &Source, position: usize, error: &quick_xml::Error) -> IoError {
+/// An element that is not closed at the end of the file means that the file was truncated.
+fn xml_error(file: &InputFile, position: usize, error: &quick_xml::Error) -> IoError {
     match error {
         quick_xml::Error::Syntax(_) | quick_xml::Error::IllFormed(IllFormedError::MissingEndTag(_)) => {
-            source.truncated("the XML structure")
+            file.truncated("the XML structure")
         }
-        _ => source.malformed(position, printable(error)),
+        _ => file.malformed(position, printable(error)),
     }
 }
 
 /// A start tag at the byte `at`.
 struct Tag<'a> {
-    source: &'a Source<'a>,
+    file: &'a InputFile<'a>,
     tag: BytesStart<'a>,
-    /// Whether it is its own end.
+    /// Whether the element is `<.../>`.
     empty: bool,
     at: usize,
 }
 
 impl<'a> Tag<'a> {
     fn attribute(&self, name: &str) -> Result<Option<Cow<'a, str>>, IoError> {
-        // Looking for attributes that stand twice takes time with the square of their number.
+        // Checking for duplicate attributes takes quadratic time.
         for attribute in self.tag.attributes().with_checks(false) {
-            let attribute = attribute.map_err(|error| self.source.malformed(self.at, printable(error)))?;
+            let attribute = attribute.map_err(|error| self.file.malformed(self.at, printable(error)))?;
             if attribute.key.as_ref() == name {
                 return Ok(Some(Cow::Owned(attribute.value.into_owned())));
             }
@@ -354,7 +351,7 @@ impl<'a> Tag<'a> {
     fn required(&self, name: &str) -> Result<Cow<'a, str>, IoError> {
         self.attribute(name)?.ok_or_else(|| {
             let tag = excerpt(self.tag.name().as_ref().as_bytes());
-            self.source
+            self.file
                 .malformed(self.at, format!("the element `{tag}` lacks the attribute `{name}`"))
         })
     }
@@ -390,8 +387,8 @@ impl<'a> Tag<'a> {
         })
     }
 
-    fn piece(&self, data_set: DataSet) -> Result<Piece<'a>, IoError> {
-        let mut piece = Piece {
+    fn piece(&self, data_set: DataSet) -> Result<XmlPiece<'a>, IoError> {
+        let mut piece = XmlPiece {
             point_count: 0,
             cell_count: 0,
             extent: [0; 6],
@@ -413,7 +410,7 @@ impl<'a> Tag<'a> {
     fn array(&self, text: Range<usize>) -> Result<Array<'a>, IoError> {
         let kind = self.required("type")?;
         let format = self.required("format")?;
-        let inner = &self.source.bytes[text.clone()];
+        let inner = &self.file.bytes[text.clone()];
         let length = inner.iter().position(|&b| b == b'<').unwrap_or(inner.len());
         let components = self.attribute("NumberOfComponents")?;
         Ok(Array {
@@ -439,7 +436,7 @@ impl<'a> Tag<'a> {
 
     fn refused(&self, name: &str, value: &str) -> IoError {
         let value = excerpt(value.as_bytes());
-        self.source
+        self.file
             .malformed(self.at, format!("the attribute {name}=\"{value}\" has no meaning"))
     }
 }

@@ -1,7 +1,7 @@
 //! VTK's formats in XML, which ParaView reads and writes: unstructured grids (`.vtu`) and image data (`.vti`).
 //!
-//! Reading: numbers as text, base64 or appended (raw or base64), plain or compressed by zlib. Writing: base64 in
-//! place, which every reader of the format takes and which is valid XML.
+//! Reading: numbers as text, base64 or appended (raw or base64), plain or compressed by zlib. Writing: inline
+//! base64, which every reader supports and which is valid XML.
 
 mod arrays;
 mod document;

@@ -1,30 +1,34 @@
-//! Unstructured grids, read.
+//! Reading unstructured grids.
 
 use super::{
-    super::cells::{CellLists, list_ends, sort_cells},
+    super::cells::{add_cells, list_ends},
     document::{DataSet, Document},
 };
 use crate::{
     Point,
-    io::{IoError, contents::Contents, source::Source},
+    io::{
+        IoError,
+        input::InputFile,
+        raw_mesh::{CornerLists, RawMesh},
+    },
 };
 
-/// The points and cells of all pieces, one after the other, in file order. Fields are passed over.
-pub(in crate::io) fn parse(source: &Source) -> Result<Contents, IoError> {
-    read(source, false)
+/// The points and cells of all pieces, concatenated in file order. Fields are skipped.
+pub(in crate::io) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
+    read(file, false)
 }
 
 /// As [`parse`], with the fields that all pieces have.
-pub(in crate::io) fn parse_with_fields(source: &Source) -> Result<Contents, IoError> {
-    read(source, true)
+pub(in crate::io) fn parse_with_fields(file: &InputFile) -> Result<RawMesh, IoError> {
+    read(file, true)
 }
 
-fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
-    let document = Document::parse(source, DataSet::UnstructuredGrid)?;
-    let mut contents = Contents::default();
+fn read(file: &InputFile, with_fields: bool) -> Result<RawMesh, IoError> {
+    let document = Document::parse(file, DataSet::UnstructuredGrid)?;
+    let mut raw = RawMesh::default();
     for piece in &document.pieces {
-        let first = contents.vertices.len() as i64;
-        let within = |kind: &str| source.truncated(format!("a piece without {kind}"));
+        let first = raw.vertices.len() as i64;
+        let within = |kind: &str| file.truncated(format!("a piece without {kind}"));
         let points = piece.points.as_ref().ok_or_else(|| within("Points"))?;
         let cell_array = |name: &str| {
             let named = piece.cells.iter().find(|array| array.name == name);
@@ -34,7 +38,7 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
         let coordinates = document.floats(points)?;
         document.expect_length(points, coordinates.len() as u64, piece.point_count.checked_mul(3))?;
         let triples = coordinates.chunks_exact(3);
-        contents.vertices.extend(triples.map(|p| Point::new(p[0], p[1], p[2])));
+        raw.vertices.extend(triples.map(|p| Point::new(p[0], p[1], p[2])));
 
         let offset_array = cell_array("offsets")?;
         let offsets = document.integers(offset_array)?;
@@ -46,29 +50,29 @@ fn read(source: &Source, with_fields: bool) -> Result<Contents, IoError> {
         corners.iter_mut().for_each(|v| *v = v.saturating_add(first));
         let Some(ends) = list_ends(offsets, corners.len()) else {
             let place = document.place(offset_array);
-            return Err(source.malformed_at(place, "the offsets do not ascend within the connectivity"));
+            return Err(file.malformed_at(place, "the offsets do not ascend within the connectivity"));
         };
-        let lists = CellLists { corners, ends };
+        let lists = CornerLists { corners, ends };
         let place = document.place(type_array);
-        sort_cells(source, place, &mut contents, types.into_iter().zip(lists.iter()))?;
+        add_cells(file, place, &mut raw, types.into_iter().zip(lists.iter()))?;
     }
     if with_fields {
-        contents.point_fields = document.fields(|piece| &piece.point_data)?;
-        contents.cell_fields = document.fields(|piece| &piece.cell_data)?;
+        raw.point_fields = document.fields(|piece| &piece.point_data)?;
+        raw.cell_fields = document.fields(|piece| &piece.cell_data)?;
     }
-    Ok(contents)
+    Ok(raw)
 }
 
 #[cfg(test)]
 mod tests {
     use super::{super::test_files::Builder, *};
     use crate::io::{
-        Cells, Field, Place, Solid, VtkFields,
+        Cells, Field, Place, SolidMesh, VtkFields,
         testing::{place_of, solid, surface, tets},
         write_vtu,
     };
 
-    /// Two pieces: a tetrahedron with a triangle, and a tetrahedron of the other hand.
+    /// Two pieces: a tetrahedron with a triangle, and an inverted tetrahedron.
     fn file(mut builder: Builder) -> Vec<u8> {
         let mut xml = String::from("<UnstructuredGrid>\n<FieldData>\n");
         xml += &builder.array("type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\"", &[0.5]);
@@ -120,7 +124,7 @@ mod tests {
                 "{name}"
             );
             assert_eq!(mesh.vertices()[7].z, -1.5, "{name}");
-            assert!(matches!(solid("vtu", &bytes), Ok(Solid::Tets(_))));
+            assert!(matches!(solid("vtu", &bytes), Ok(SolidMesh::Tets(_))));
         }
     }
 

@@ -1,43 +1,43 @@
-//! Image data, read: fields on a lattice.
+//! Reading image data: fields on a lattice.
 
 use super::{
     super::lattice::Lattice,
-    document::{Array, DataSet, Document, Image, Piece},
+    document::{Array, DataSet, Document, Image, XmlPiece},
 };
 use crate::{
     Point, Vector,
-    io::{Field, IoError, contents::Contents, source::Source},
+    io::{Field, IoError, input::InputFile, raw_mesh::RawMesh},
 };
 
-/// The points of the one piece with their fields, and six tetrahedra to each cell. The axes may be turned.
-pub(in crate::io) fn parse_with_fields(source: &Source) -> Result<Contents, IoError> {
-    let document = Document::parse(source, DataSet::ImageData)?;
+/// The points of the single piece with their fields, and six tetrahedra per cell. The axes may be rotated.
+pub(in crate::io) fn parse_with_fields(file: &InputFile) -> Result<RawMesh, IoError> {
+    let document = Document::parse(file, DataSet::ImageData)?;
     let image = document
         .image
-        .ok_or_else(|| source.truncated("the element `ImageData`"))?;
+        .ok_or_else(|| file.truncated("the element `ImageData`"))?;
     let [piece] = document.pieces.as_slice() else {
         let found = format!("image data in {} pieces", document.pieces.len());
-        return Err(source.unsupported(found, "save it in one piece"));
+        return Err(file.unsupported(found, "save it in one piece"));
     };
     if piece.point_data.is_empty() && piece.cell_data.is_empty() {
-        return Err(source.unsupported(
+        return Err(file.unsupported(
             "image data without an array of numbers",
             "give it the values that are wanted, at its points or in its cells",
         ));
     }
-    let lattice = lattice(source, &image, piece)?;
-    lattice.require_few(source)?;
+    let lattice = lattice(file, &image, piece)?;
+    lattice.check_size(file)?;
     let [points, cells] = lattice.sizes();
-    let mut contents = Contents {
+    let mut raw = RawMesh {
         point_fields: fields(&document, &piece.point_data, points)?,
         cell_fields: fields(&document, &piece.cell_data, cells)?,
-        ..Contents::default()
+        ..RawMesh::default()
     };
-    lattice.fill(&mut contents);
-    Ok(contents)
+    lattice.fill(&mut raw);
+    Ok(raw)
 }
 
-fn lattice(source: &Source, image: &Image, piece: &Piece) -> Result<Lattice, IoError> {
+fn lattice(file: &InputFile, image: &Image, piece: &XmlPiece) -> Result<Lattice, IoError> {
     let ends = |extent: &[i32; 6], k: usize| [extent[2 * k], extent[2 * k + 1]].map(i64::from);
     let mut counts = [0; 3];
     for (k, count) in counts.iter_mut().enumerate() {
@@ -45,7 +45,7 @@ fn lattice(source: &Source, image: &Image, piece: &Piece) -> Result<Lattice, IoE
         if first < lowest || last > highest || last < first {
             let (piece, whole) = (piece.extent, image.whole);
             let found = format!("the piece's Extent {piece:?} is no part of the WholeExtent {whole:?}");
-            return Err(source.malformed(0, found));
+            return Err(file.malformed(0, found));
         }
         *count = (last - first + 1) as usize;
     }
@@ -58,7 +58,7 @@ fn lattice(source: &Source, image: &Image, piece: &Piece) -> Result<Lattice, IoE
     })
 }
 
-/// Arrays of which each has values for `count` points or cells.
+/// Arrays with values for `count` points or cells each.
 fn fields(document: &Document, arrays: &[Array], count: usize) -> Result<Vec<Field>, IoError> {
     let field = |array: &Array| {
         let values = document.floats(array)?;
@@ -105,12 +105,12 @@ mod tests {
 
     fn read(bytes: &[u8]) -> Result<FieldFile, IoError> {
         let path = Path::new("a.vti");
-        let source = Source {
+        let file = InputFile {
             path,
             format: "VTI",
             bytes,
         };
-        parse_with_fields(&source)?.into_fields(path)
+        parse_with_fields(&file)?.into_fields(path)
     }
 
     fn volumes(read: &FieldFile) -> Vec<f64> {
@@ -210,7 +210,7 @@ mod tests {
                 ["RectilinearGrid", "save it as image data"],
             ),
             ("WholeExtent", "Extent", ["ImageData", "`WholeExtent`"]),
-            ("<Piece Extent", "<Piece Part", ["`Piece`", "`Extent`"]),
+            ("<Piece Extent", "<Piece Part", ["`XmlPiece`", "`Extent`"]),
             ("0.5 2 4", "0.5 2", ["Spacing=\"0.5 2\"", "line 4"]),
             ("Origin='1 2 3'", "Origin='1 2 x'", ["Origin=\"1 2 x\"", "line 4"]),
             (

@@ -1,11 +1,11 @@
-//! Files in XML as other programs write them, for the tests of the readers.
+//! XML files in all encodings, for the tests of the readers.
 
 use std::io::Write;
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use flate2::{Compression, write::ZlibEncoder};
 
-use crate::io::source::ByteOrder;
+use crate::io::input::ByteOrder;
 
 /// How a test file stores its arrays.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,7 +27,7 @@ pub(super) struct Builder {
 }
 
 impl Builder {
-    fn turned(&self, mut bytes: Vec<u8>) -> Vec<u8> {
+    fn in_order(&self, mut bytes: Vec<u8>) -> Vec<u8> {
         if self.order == ByteOrder::Big {
             bytes.reverse();
         }
@@ -36,8 +36,8 @@ impl Builder {
 
     fn lengths(&self, lengths: &[usize]) -> Vec<u8> {
         let bytes = |&n: &usize| match self.wide_header {
-            true => self.turned((n as u64).to_le_bytes().to_vec()),
-            false => self.turned((n as u32).to_le_bytes().to_vec()),
+            true => self.in_order((n as u64).to_le_bytes().to_vec()),
+            false => self.in_order((n as u32).to_le_bytes().to_vec()),
         };
         lengths.iter().flat_map(bytes).collect()
     }
@@ -47,7 +47,7 @@ impl Builder {
         let bytes: Vec<u8> = values
             .iter()
             .flat_map(|&x| {
-                self.turned(match attributes {
+                self.in_order(match attributes {
                     a if a.contains("Float64") => x.to_le_bytes().to_vec(),
                     a if a.contains("Float32") => (x as f32).to_le_bytes().to_vec(),
                     a if a.contains("Int64") => (x as i64).to_le_bytes().to_vec(),

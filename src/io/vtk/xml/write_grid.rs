@@ -1,4 +1,4 @@
-//! Unstructured grids, written: base64 in place, uncompressed.
+//! Writing unstructured grids: inline base64, uncompressed.
 
 use std::{
     io::{self, Write},
@@ -28,7 +28,7 @@ fn write(writer: &mut dyn Write, points: &[Point], cells: Cells, fields: &VtkFie
     let corners = cells.corners();
     writeln!(writer, "<?xml version=\"1.0\"?>")?;
     if !fields.comment.is_empty() {
-        // Two hyphens beside each other would end a comment.
+        // Two consecutive hyphens would end the comment.
         let mut comment = String::new();
         for c in fields.comment.chars() {
             if c == '-' && comment.ends_with('-') {

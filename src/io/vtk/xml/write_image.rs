@@ -1,8 +1,7 @@
-//! VTK's XML format for image data (`.vti`): values on a regular grid of points, as ParaView reads and shows them.
+//! Writing image data (`.vti`): values on a regular grid of points.
 //!
-//! The values are compressed by zlib in blocks, each on its own, and stand in base64 in place: first the header (number
-//! of blocks, their size, the size of the last, their compressed sizes, all as 64-bit numbers), then the blocks, each of
-//! the two encoded on its own.
+//! The values are compressed by zlib in independent blocks and written as inline base64: a header (number of blocks,
+//! their size, the size of the last, their compressed sizes, all as 64-bit integers) and the blocks, encoded separately.
 
 use std::io::Write;
 use std::path::Path;
@@ -22,7 +21,7 @@ use crate::{
 pub struct ImageGrid {
     /// The first point, of lowest coordinates.
     pub origin: Point,
-    /// Distance of neighbours along every axis.
+    /// Distance between neighbours along every axis.
     pub spacing: f64,
     /// Points along x, y and z.
     pub size: [usize; 3],
@@ -31,8 +30,8 @@ pub struct ImageGrid {
 /// Bytes of a block before it is compressed.
 const BLOCK: usize = 1 << 20;
 
-/// Writes one array of bytes, `components` for each point of the grid: points along x follow each other, then rows along
-/// y, then layers along z.
+/// Writes one array of bytes, `components` for each point of the grid: x varies fastest, then y,
+/// then z.
 ///
 /// # Errors
 ///

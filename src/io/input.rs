@@ -1,19 +1,19 @@
-//! What the parsers share: a file in memory that makes its own errors, text tokens, binary numbers.
+//! Shared by the parsers: a file in memory with constructors of its errors, text tokens, binary numbers.
 
 use std::{ops::Range, path::Path};
 
 use super::{IoError, Place};
 use crate::Point;
 
-/// A file read as `format`.
-pub(super) struct Source<'a> {
+/// The bytes of a file that is parsed as `format`.
+pub(super) struct InputFile<'a> {
     pub path: &'a Path,
     pub format: &'static str,
     pub bytes: &'a [u8],
 }
 
-impl<'a> Source<'a> {
-    /// `found` at the line that holds the byte at `offset`.
+impl<'a> InputFile<'a> {
+    /// An error at the line that holds the byte at `offset`.
     pub fn malformed(&self, offset: usize, found: impl Into<String>) -> IoError {
         let before = &self.bytes[..offset.min(self.bytes.len())];
         self.malformed_at(Place::Line(1 + before.iter().filter(|&&b| b == b'\n').count()), found)
@@ -44,7 +44,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// `count` as a size for allocation, once `available` bytes are known to have room for it at `least` bytes each.
+    /// `count` as a size for allocation, if `available` bytes can hold that many elements of at least `least` bytes.
     pub fn checked_count(&self, count: u64, element: &str, least: usize, available: usize) -> Result<usize, IoError> {
         match usize::try_from(count) {
             Ok(n) if n.checked_mul(least).is_some_and(|bytes| bytes <= available) => Ok(n),
@@ -64,7 +64,7 @@ impl<'a> Source<'a> {
 
     pub fn tokens_in(&'a self, range: Range<usize>) -> Tokens<'a> {
         Tokens {
-            source: self,
+            file: self,
             position: range.start,
             end: range.end,
             start: range.start,
@@ -73,21 +73,21 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Least number of bytes that a number takes in text: a digit and a separator, which the last one may lack.
+/// Fewest bytes of a number in text: a digit and a separator, which the last number may lack.
 pub(super) const TEXT_NUMBER: usize = 2;
 
-/// Reads words and numbers separated by white space, and blocks of bytes between them.
+/// Reads words and numbers separated by white space, and blocks of bytes.
 pub(super) struct Tokens<'a> {
-    source: &'a Source<'a>,
+    file: &'a InputFile<'a>,
     position: usize,
     end: usize,
-    /// Where the last token began.
+    /// Start of the last token.
     start: usize,
     comments: bool,
 }
 
 impl<'a> Tokens<'a> {
-    /// The same tokens without those between `#` and the end of a line.
+    /// Skips everything from `#` to the end of a line.
     pub fn without_comments(self) -> Self {
         Self { comments: true, ..self }
     }
@@ -96,9 +96,9 @@ impl<'a> Tokens<'a> {
         self.position
     }
 
-    /// What has not been read yet.
+    /// The unread bytes.
     pub fn rest(&self) -> &'a [u8] {
-        &self.source.bytes[self.position..self.end]
+        &self.file.bytes[self.position..self.end]
     }
 
     pub fn next(&mut self) -> Option<&'a [u8]> {
@@ -120,7 +120,7 @@ impl<'a> Tokens<'a> {
 
     /// The next token as text, for keywords.
     pub fn word(&mut self, within: &str) -> Result<String, IoError> {
-        let token = self.next().ok_or_else(|| self.source.truncated(within))?;
+        let token = self.next().ok_or_else(|| self.file.truncated(within))?;
         Ok(String::from_utf8_lossy(token).into_owned())
     }
 
@@ -142,11 +142,11 @@ impl<'a> Tokens<'a> {
         ))
     }
 
-    /// A count of elements of which each takes at least `least` bytes of what follows.
+    /// A count of elements, each of which takes at least `least` of the following bytes.
     pub fn count(&mut self, element: &str, least: usize) -> Result<usize, IoError> {
         let count: u64 = self.number(element, "a count")?;
         // The last number of a file needs no separator, hence one byte more than there is.
-        self.source
+        self.file
             .checked_count(count, element, least, self.rest().len().saturating_add(1))
     }
 
@@ -161,18 +161,18 @@ impl<'a> Tokens<'a> {
 
     /// The next `length` bytes.
     pub fn take(&mut self, length: usize, within: &str) -> Result<&'a [u8], IoError> {
-        let taken = self.rest().get(..length).ok_or_else(|| self.source.truncated(within))?;
+        let taken = self.rest().get(..length).ok_or_else(|| self.file.truncated(within))?;
         self.position += length;
         Ok(taken)
     }
 
-    /// `found` at the line of the last token.
+    /// An error at the line of the last token.
     pub fn malformed(&self, found: impl Into<String>) -> IoError {
-        self.source.malformed(self.start, found)
+        self.file.malformed(self.start, found)
     }
 
     fn number<T: std::str::FromStr>(&mut self, within: &str, wanted: &str) -> Result<T, IoError> {
-        let token = self.next().ok_or_else(|| self.source.truncated(within))?;
+        let token = self.next().ok_or_else(|| self.file.truncated(within))?;
         parsed(token).ok_or_else(|| {
             let found = excerpt(token);
             self.malformed(format!("found `{found}` where {wanted} was expected, in {within}"))
@@ -192,12 +192,12 @@ impl<'a> Tokens<'a> {
     }
 }
 
-/// The number that these bytes spell; `nan`, `inf` and their like included.
+/// These bytes as a number, `nan` and `inf` included.
 pub(super) fn parsed<T: std::str::FromStr>(token: &[u8]) -> Option<T> {
     std::str::from_utf8(token).ok()?.parse().ok()
 }
 
-/// The beginning of `bytes` as printable text, for messages.
+/// The beginning of `bytes` as printable text, for error messages.
 pub(super) fn excerpt(bytes: &[u8]) -> String {
     const LONGEST: usize = 40;
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * LONGEST)]);
@@ -208,7 +208,7 @@ pub(super) fn excerpt(bytes: &[u8]) -> String {
     shown
 }
 
-/// What a library says of a file, which may quote it: cut short, and without characters that a terminal would obey.
+/// A library's error message, which may quote the file: shortened, with control characters escaped.
 pub(crate) fn printable(message: impl ToString) -> String {
     const LONGEST: usize = 300;
     let message = message.to_string();
@@ -261,7 +261,7 @@ impl Scalar {
         }
     }
 
-    /// The number in the first `size()` bytes; fractions are cut off and what is out of range saturates.
+    /// The number in the first `size()` bytes, truncated to an integer and saturated.
     pub fn integer(self, bytes: &[u8], order: ByteOrder) -> i64 {
         let bits = order.bits(bytes, self.size());
         match self {
@@ -275,7 +275,7 @@ impl Scalar {
     }
 }
 
-/// The order of the bytes of a number.
+/// The byte order of numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ByteOrder {
     Little,

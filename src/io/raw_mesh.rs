@@ -1,54 +1,54 @@
-//! What any mesh file comes down to, and how it becomes a surface, a tetrahedral mesh or points.
+//! The unchecked content of any mesh file, and its conversion to a surface, a volume mesh or points with fields.
 
 use std::path::Path;
 
-use super::{Field, FieldFile, IoError, Solid, source::excerpt};
+use super::{Field, FieldFile, IoError, SolidMesh, input::excerpt};
 use crate::{
     Point,
     mesh::{CellList, CellMesh, MeshError, SurfaceMesh, TetMesh},
 };
 
-/// The vertices, faces and cells of a file in its own order; indices are 0-based and not yet checked.
+/// The vertices, faces and cells of a file in file order; indices are 0-based and not yet checked.
 #[derive(Debug, Default)]
-pub(super) struct Contents {
+pub(super) struct RawMesh {
     pub vertices: Vec<Point>,
-    pub polygons: Polygons,
+    pub polygons: CornerLists,
     pub tets: Vec<[i64; 4]>,
     pub hexes: Vec<[i64; 8]>,
-    /// Labels of tetrahedra and of hexahedra, one for each, in formats that have them; empty in others.
+    /// Labels of the tetrahedra and of the hexahedra, empty in formats without them.
     pub labels: [Vec<i64>; 2],
-    /// Three-dimensional cells other than linear tetrahedra and hexahedra: the first kind met, in the plural, and how many of it.
+    /// Unsupported three-dimensional cells: the first kind found, in the plural, and their number.
     pub other_cells: Option<(String, usize)>,
-    /// The number of the first vertex in the file, for messages.
+    /// The file's index of the first vertex, 0 or 1, for messages.
     pub base: i64,
-    /// Of each tetrahedron its number among all cells of the file, where cells have fields.
+    /// The index of each tetrahedron among all cells of the file, in formats with cell fields.
     pub cell_of_tet: Vec<usize>,
-    /// Cells of any kind so far.
+    /// Number of cells of any kind so far.
     pub cells: usize,
-    /// Fields over the vertices and over all cells of the file, where they were asked for.
+    /// Fields over the vertices and over all cells of the file, if they were asked for.
     pub point_fields: Vec<Field>,
     pub cell_fields: Vec<Field>,
 }
 
-/// Faces with any number of corners.
+/// The corners of faces or cells, any number for each.
 #[derive(Debug, Default)]
-pub(super) struct Polygons {
-    corners: Vec<i64>,
-    /// Where the corners of each face end.
-    ends: Vec<usize>,
+pub(super) struct CornerLists {
+    pub corners: Vec<i64>,
+    /// The end of each list in `corners`.
+    pub ends: Vec<usize>,
 }
 
-/// More numbers in a value are a mistake in a file's header.
+/// More components per value are taken for an error in the file's header.
 const MAX_COMPONENTS: usize = 4096;
 
-impl Polygons {
+impl CornerLists {
     pub fn push(&mut self, corners: impl IntoIterator<Item = i64>) {
         self.corners.extend(corners);
         self.ends.push(self.corners.len());
     }
 
-    /// The triangles of a strip, which turn alternately. A negative index starts a new strip. Triangles that name a
-    /// vertex twice are left out: they only stitch strips together.
+    /// The triangles of a strip, whose orientation alternates. A negative index starts a new strip. Triangles with a
+    /// repeated vertex only connect strips and are left out.
     pub fn push_strip(&mut self, corners: &[i64]) {
         for strip in corners.split(|&v| v < 0) {
             for (k, triangle) in strip.windows(3).enumerate() {
@@ -60,13 +60,13 @@ impl Polygons {
         }
     }
 
-    fn iter(&self) -> impl Iterator<Item = &[i64]> {
+    pub fn iter(&self) -> impl Iterator<Item = &[i64]> {
         let starts = std::iter::once(0).chain(self.ends.iter().copied());
         starts.zip(&self.ends).map(|(start, &end)| &self.corners[start..end])
     }
 }
 
-impl Contents {
+impl RawMesh {
     pub fn add_other_cells(&mut self, kind: &str, count: usize) {
         let (name, total) = self.other_cells.get_or_insert_with(|| (kind.to_owned(), 0));
         if name == kind {
@@ -150,7 +150,7 @@ impl Contents {
             let region = |label: &i64| {
                 i32::try_from(*label).map_err(|_| IoError::Unsupported {
                     path: path.to_owned(),
-                    found: "a cell whose reference is no integer of 32 bits".into(),
+                    found: "a cell whose reference is not a 32-bit integer".into(),
                     remedy: "number the regions by smaller integers",
                 })
             };
@@ -161,16 +161,15 @@ impl Contents {
         CellMesh::new(self.vertices, cells, regions).map_err(|error| with_path(error, path))
     }
 
-    pub fn into_solid(self, path: &Path) -> Result<Solid, IoError> {
+    pub fn into_solid(self, path: &Path) -> Result<SolidMesh, IoError> {
         if self.tets.is_empty() {
-            self.into_surface(path).map(Solid::Surface)
+            self.into_surface(path).map(SolidMesh::Surface)
         } else {
-            self.into_tets(path).map(Solid::Tets)
+            self.into_tets(path).map(SolidMesh::Tets)
         }
     }
 
-    /// Points with their fields, and the tetrahedra or triangles between them if there are any. Fields over cells are kept
-    /// for tetrahedra.
+    /// Points with their fields, and the tetrahedra or else the triangles. Cell fields are kept only for tetrahedra.
     pub fn into_fields(mut self, path: &Path) -> Result<FieldFile, IoError> {
         let point = std::mem::take(&mut self.point_fields);
         let cell = std::mem::take(&mut self.cell_fields);
@@ -231,9 +230,8 @@ impl Contents {
 
     /// Cuts each polygon into the fan of triangles about its first corner.
     ///
-    /// The cut depends on the order of the corners alone, never on positions. A boundary map is a pair of meshes with
-    /// the same faces, and only so do both get the same triangles. The price: a strongly concave polygon gets
-    /// triangles that overlap.
+    /// The cut depends only on the order of the corners, not on positions, so that two meshes with the same faces, as in a
+    /// boundary map, get the same triangles. A strongly concave polygon therefore gets overlapping triangles.
     fn triangles(&self, path: &Path) -> Result<Vec<[u32; 3]>, IoError> {
         let mut triangles = Vec::with_capacity(self.polygons.ends.len());
         for (face, corners) in self.polygons.iter().enumerate() {
@@ -268,7 +266,7 @@ impl Contents {
                 vertices,
                 base: self.base,
             }),
-            // Counts beyond 31 bits are refused when the mesh is built, whatever the cast makes of them.
+            // The cast may truncate, but more than 31 bits are refused when the mesh is built.
             None => Ok(corners.map(|v| v as u32)),
         }
     }
@@ -355,16 +353,16 @@ mod tests {
     /// Twice 2⁶³ is 0 in 64 bits: as many values as there are.
     #[test]
     fn absurdly_many_components_are_refused() {
-        let contents = Contents {
+        let raw = RawMesh {
             vertices: vec![Point::origin(); 2],
             point_fields: vec![Field {
                 name: "a".into(),
                 components: 1 << 63,
                 values: vec![],
             }],
-            ..Contents::default()
+            ..RawMesh::default()
         };
-        let message = contents.into_fields(Path::new("a.vtu")).unwrap_err().to_string();
+        let message = raw.into_fields(Path::new("a.vtu")).unwrap_err().to_string();
         let expected = "`a.vtu` holds the field `a` of 9223372036854775808 components, which is not supported: leave it \
                         out, or cut it into fields of at most 4096 components";
         assert_eq!(message, expected);
@@ -373,19 +371,19 @@ mod tests {
     #[test]
     fn the_cut_of_a_polygon_depends_on_its_corners_alone() {
         let polygons = || {
-            let mut polygons = Polygons::default();
+            let mut polygons = CornerLists::default();
             polygons.push([2, 4, 3, 1, 0]);
             polygons
         };
         let surface = |height: f64| {
-            let contents = Contents {
+            let raw = RawMesh {
                 vertices: (0..5)
                     .map(|k| Point::new(f64::from(k), height * f64::from(k % 2), 0.0))
                     .collect(),
                 polygons: polygons(),
-                ..Contents::default()
+                ..RawMesh::default()
             };
-            contents.into_surface(Path::new("a.obj")).unwrap()
+            raw.into_surface(Path::new("a.obj")).unwrap()
         };
         let [flat, bent] = [surface(0.0), surface(7.0)];
         assert_eq!(flat.triangles(), [[2, 4, 3], [2, 3, 1], [2, 1, 0]]);
