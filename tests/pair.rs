@@ -1,4 +1,4 @@
-//! Maps between two solids of genus 0: one to one, there and back, true to landmarks, and the same however solids lie.
+//! Maps between two solids of genus 0: bijective, invertible, through landmarks, and equivariant under similarities.
 
 use std::path::Path;
 
@@ -22,9 +22,9 @@ fn pair(domain: &SurfaceMesh, target: &SurfaceMesh, options: &PairOptions) -> (B
 /// Exactly positive triangles on both spheres, and there and back within 1e-9 of the diagonals at random points.
 fn assert_one_to_one(map: &BoundaryMap, target: &SurfaceMesh) {
     for sphere in [map.domain_embedding().unwrap(), map.target_embedding().unwrap()] {
-        let certificate = check_embedding(sphere.surface().triangles(), sphere.directions());
-        assert!(certificate.is_bijective(), "{certificate:?}");
-        assert!((certificate.degree - 1.0).abs() < 1e-9, "{certificate:?}");
+        let check = check_embedding(sphere.surface().triangles(), sphere.directions());
+        assert!(check.is_bijective(), "{check:?}");
+        assert!((check.degree - 1.0).abs() < 1e-9, "{check:?}");
     }
     let inverse = map.inverse().unwrap();
     for (there, back, from) in [(map, &inverse, map.domain()), (&inverse, map, target)] {
@@ -54,8 +54,8 @@ fn moved(surface: &SurfaceMesh, turn: [f64; 3], scale: f64, shift: [f64; 3]) -> 
     shapes::deformed(surface, |p| rotation * p * scale + Vector::from(shift))
 }
 
-/// A lumpy body without a symmetry.
-fn body(frequency: usize) -> SurfaceMesh {
+/// A lumpy solid without symmetries.
+fn lumpy(frequency: usize) -> SurfaceMesh {
     let stretched = |p: &Point| {
         Point::new(
             1.5 * p.x + 0.3 * p.y * p.y,
@@ -66,8 +66,8 @@ fn body(frequency: usize) -> SurfaceMesh {
     shapes::deformed(&shapes::bumpy_sphere(frequency), stretched)
 }
 
-/// Another such body, of other triangles.
-fn other_body() -> SurfaceMesh {
+/// Another such solid with another mesh.
+fn other_lumpy() -> SurfaceMesh {
     let stretched = |p: &Point| {
         Point::new(
             1.3 * p.x + 0.2 * p.y * p.y,
@@ -86,8 +86,8 @@ fn with_landmarks(pairs: Vec<[u32; 2]>, domain: &SurfaceMesh, target: &SurfaceMe
 }
 
 #[test]
-fn a_body_goes_to_its_moved_copy_rigidly_from_any_start() {
-    let domain = body(10);
+fn a_solid_goes_to_its_moved_copy_rigidly_from_any_start() {
+    let domain = lumpy(10);
     for (turn, scale, shift) in [
         ([0.0, 0.0, 0.0], 1.0, [0.0, 0.0, 0.0]),
         ([1.0, 2.0, 0.5], 3.0, [5.0, -2.0, 1.0]),
@@ -102,9 +102,9 @@ fn a_body_goes_to_its_moved_copy_rigidly_from_any_start() {
 }
 
 #[test]
-fn another_mesh_of_the_same_body_is_found_again() {
+fn another_mesh_of_the_same_solid_is_found_again() {
     // The exact map is the identity; the two meshes differ from each other by their edges squared.
-    let (domain, target) = (body(16), moved(&body(13), [0.4, -1.0, 2.0], 2.0, [1.0, 0.0, 0.0]));
+    let (domain, target) = (lumpy(16), moved(&lumpy(13), [0.4, -1.0, 2.0], 2.0, [1.0, 0.0, 0.0]));
     let (map, report) = pair(&domain, &target, &PairOptions::default());
     let expected = moved(&domain, [0.4, -1.0, 2.0], 2.0, [1.0, 0.0, 0.0]);
     let farthest = crate::common::largest_distance(map.image(), expected.vertices()) / target.diagonal();
@@ -115,7 +115,7 @@ fn another_mesh_of_the_same_body_is_found_again() {
 
 #[test]
 fn landmarks_are_met_exactly_and_the_rest_follows() {
-    let (domain, target) = (body(12), other_body());
+    let (domain, target) = (lumpy(12), other_lumpy());
     let ends = |surface: &SurfaceMesh| -> Vec<u32> {
         let extreme = |axis: usize, sign: f64| {
             let along = |v: &u32| sign * surface.vertices()[*v as usize][axis];
@@ -146,8 +146,8 @@ fn landmarks_are_met_exactly_and_the_rest_follows() {
 }
 
 #[test]
-fn landmarks_that_turn_a_triangle_over_are_refused_by_number() {
-    let (domain, target) = (body(6), other_body());
+fn landmarks_that_invert_a_triangle_are_refused_by_index() {
+    let (domain, target) = (lumpy(6), other_lumpy());
     let [a, b, c] = domain.triangles()[40];
     let [d, e, f] = target.triangles()[500];
     let options = with_landmarks(vec![[a, d], [b, f], [c, e]], &domain, &target);
@@ -166,7 +166,7 @@ fn landmarks_that_turn_a_triangle_over_are_refused_by_number() {
 
 #[test]
 fn a_mirror_image_is_flagged() {
-    let domain = body(8);
+    let domain = lumpy(8);
     let mirrored = shapes::deformed(&domain, |p| Point::new(-p.x, p.y, p.z)).reversed();
     let (_, report) = pair(&domain, &mirrored, &PairOptions::default());
     assert!(
@@ -188,7 +188,7 @@ fn a_mirror_image_is_flagged() {
 
 #[test]
 fn the_map_is_the_same_for_any_number_of_threads() {
-    let (domain, target) = (body(9), other_body());
+    let (domain, target) = (lumpy(9), other_lumpy());
     let image = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| pair(&domain, &target, &PairOptions::default()).0.image().to_vec())
@@ -198,7 +198,7 @@ fn the_map_is_the_same_for_any_number_of_threads() {
 
 #[test]
 fn the_image_moves_with_the_solids() {
-    let (domain, target) = (body(9), other_body());
+    let (domain, target) = (lumpy(9), other_lumpy());
     let image = pair(&domain, &target, &PairOptions::default()).0.image().to_vec();
     let (turn, scale, shift) = ([0.3, -0.9, 2.2], 7.0, [1.0, 2.0, 3.0]);
     let turned = pair(
@@ -213,18 +213,18 @@ fn the_image_moves_with_the_solids() {
         .iter()
         .zip(expected.vertices())
         .map(|(p, q)| (p - q).norm());
-    let mean = distances.sum::<f64>() / image_count(&domain) / (scale * target.diagonal());
+    let mean = distances.sum::<f64>() / vertex_count(&domain) / (scale * target.diagonal());
     // Both descents end within their tolerance of the same minimum.
     assert!(mean < 2e-3, "{mean}");
 }
 
-fn image_count(domain: &SurfaceMesh) -> f64 {
+fn vertex_count(domain: &SurfaceMesh) -> f64 {
     domain.vertices().len() as f64
 }
 
 #[test]
 fn improvement_lowers_distortion_and_can_be_left_out() {
-    let (domain, target) = (body(10), other_body());
+    let (domain, target) = (lumpy(10), other_lumpy());
     for method in [PairMethod::SoftTargets, PairMethod::Conformal] {
         let options = |improve| PairOptions {
             method,
@@ -270,7 +270,7 @@ fn the_smallest_solids_are_mapped() {
 
 #[test]
 fn landmarks_where_the_map_goes_anyway_change_nothing() {
-    let domain = body(8);
+    let domain = lumpy(8);
     let target = moved(&domain, [1.0, 0.5, 0.0], 2.0, [0.0; 3]);
     let pairs = [3, 100, 200, 300, 400].map(|v| [v, v]);
     let options = with_landmarks(pairs.into(), &domain, &target);
@@ -287,8 +287,8 @@ fn landmarks_where_the_map_goes_anyway_change_nothing() {
 }
 
 #[test]
-fn solids_that_are_no_sphere_are_refused_with_their_side() {
-    let (ball, torus) = (body(4), shapes::torus(1.0, 0.4, 20, 10));
+fn solids_of_other_genus_are_refused_with_their_side() {
+    let (ball, torus) = (lumpy(4), shapes::torus(1.0, 0.4, 20, 10));
     for (domain, target, at) in [(&torus, &ball, "domain"), (&ball, &torus, "target")] {
         match map_pair(domain, target, &PairOptions::default(), &|_| ()) {
             Err(PairError::Sphere { side, error }) => {
@@ -297,7 +297,7 @@ fn solids_that_are_no_sphere_are_refused_with_their_side() {
             other => panic!("{:?}", other.map(|(_, report)| report)),
         }
     }
-    let wrong = with_landmarks(vec![[0, 0], [1, 1]], &ball, &other_body());
+    let wrong = with_landmarks(vec![[0, 0], [1, 1]], &ball, &other_lumpy());
     let few = shapes::sphere(1.0, 0);
     let beyond = PairOptions {
         landmarks: Landmarks::new(vec![[0, 100]], 200, 200).unwrap(),

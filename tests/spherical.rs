@@ -1,4 +1,4 @@
-//! Maps to the sphere: one to one on everything, the same however the input lies, and as good as they claim.
+//! Maps to the sphere: bijective on all models, equivariant under similarities, and of bounded distortion.
 
 use std::path::Path;
 
@@ -74,17 +74,17 @@ fn exactly(options: SphereOptions) -> SphereOptions {
     }
 }
 
-fn drawn(mesh: &SurfaceMesh, options: &SphereOptions) -> (SphericalEmbedding, SphereReport) {
+fn embedding(mesh: &SurfaceMesh, options: &SphereOptions) -> (SphericalEmbedding, SphereReport) {
     map_to_sphere(mesh, options, &|_| {}).unwrap()
 }
 
-/// The drawing, held against the predicates whatever its maker says.
-fn drawn_one_to_one(name: &str, mesh: &SurfaceMesh, options: &SphereOptions) -> (SphericalEmbedding, SphereReport) {
+/// The embedding, after an independent check.
+fn checked_embedding(name: &str, mesh: &SurfaceMesh, options: &SphereOptions) -> (SphericalEmbedding, SphereReport) {
     let (map, report) = map_to_sphere(mesh, options, &|_| {}).unwrap_or_else(|e| panic!("{name}: {e}"));
-    let certificate = check_embedding(map.surface().triangles(), map.directions());
+    let check = check_embedding(map.surface().triangles(), map.directions());
     assert!(
-        certificate.flipped == 0 && (certificate.degree - 1.0).abs() < 1e-9,
-        "{name}: {certificate:?}"
+        check.flipped == 0 && (check.degree - 1.0).abs() < 1e-9,
+        "{name}: {check:?}"
     );
     assert!(
         map.directions().iter().all(|x| (x.norm() - 1.0).abs() < 1e-15),
@@ -114,39 +114,39 @@ fn egg(level: u32) -> SurfaceMesh {
     })
 }
 
-/// Of the models, `self_intersect.obj` has the longest limbs, and 63 as its largest ratio of areas.
+/// `self_intersect.obj` has the longest limbs of the models, and a largest area distortion of 63.
 #[test]
-fn every_closed_model_of_genus_0_is_drawn_one_to_one_with_areas_in_bounds() {
+fn every_closed_model_of_genus_0_is_embedded_with_bounded_area_distortion() {
     let Some(models) = crate::common::models() else { return };
     for name in CLOSED {
-        let (map, _) = drawn_one_to_one(name, &surface(&models.join(name)), &BALANCED);
+        let (map, _) = checked_embedding(name, &surface(&models.join(name)), &BALANCED);
         let area = distortion(&map).area;
         assert!(area.p50 < 5.0 && area.p99 < 100.0, "{name}: {area:?}");
     }
 }
 
-/// Where limbs are long a conformal drawing has areas below rounding errors, and must be one to one all the same.
+/// Long limbs have areas below rounding errors in a conformal embedding, which must be bijective all the same.
 #[test]
-fn models_are_drawn_one_to_one_without_regard_to_areas_and_from_the_flow() {
+fn conformal_embeddings_of_models_are_bijective_from_both_starts() {
     let Some(models) = crate::common::models() else { return };
     for name in CLOSED {
         let mesh = surface(&models.join(name));
         if mesh.vertices().len() > 8500 {
             continue;
         }
-        let (map, _) = drawn_one_to_one(name, &mesh, &CONFORMAL);
+        let (map, _) = checked_embedding(name, &mesh, &CONFORMAL);
         let angle = distortion(&map).angle;
         assert!(angle.p50 < 1.25, "{name}: {angle:?}");
         let flowing = SphereOptions {
             start: SphereStart::Flow,
             ..CONFORMAL
         };
-        drawn_one_to_one(name, &mesh, &flowing);
+        checked_embedding(name, &mesh, &flowing);
     }
 }
 
 #[test]
-fn spikes_plates_needles_fingers_and_faces_without_area_are_drawn_one_to_one() {
+fn spikes_plates_needles_fingers_and_faces_without_area_are_embedded() {
     for (name, mesh) in crate::common::stress::shapes_of_genus_0() {
         for energy in [SphereEnergy::Balanced, SphereEnergy::Conformal] {
             for start in [SphereStart::Progressive, SphereStart::Flow] {
@@ -155,15 +155,14 @@ fn spikes_plates_needles_fingers_and_faces_without_area_are_drawn_one_to_one() {
                     start,
                     ..BALANCED
                 };
-                drawn_one_to_one(&format!("{name}, {energy:?}, {start:?}"), &mesh, &options);
+                checked_embedding(&format!("{name}, {energy:?}, {start:?}"), &mesh, &options);
             }
         }
     }
 }
 
-/// No shape to speak of: an answer or an error, and no panic.
 #[test]
-fn surfaces_without_area_have_a_drawing_or_an_error() {
+fn surfaces_without_area_have_an_embedding_or_an_error() {
     let sphere = shapes::sphere(1.0, 2);
     for flat in [
         shapes::deformed(&sphere, |p| Point::new(p.x, p.y, 0.0)),
@@ -183,7 +182,7 @@ fn the_number_of_threads_changes_no_bit() {
     let mesh = shapes::bumpy_sphere(20);
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        [BALANCED, CONFORMAL].map(|options| pool.install(|| drawn(&mesh, &options)))
+        [BALANCED, CONFORMAL].map(|options| pool.install(|| embedding(&mesh, &options)))
     };
     let one = with(1);
     assert_eq!(one, with(2));
@@ -192,14 +191,14 @@ fn the_number_of_threads_changes_no_bit() {
 
 /// The optimum is the same, and found to a fall of energy below 1e-13 of it, about the square of the distance from it.
 #[test]
-fn directions_turn_with_the_surface_and_do_not_see_its_place_and_size() {
+fn directions_are_equivariant_under_similarities() {
     let mesh = egg(3);
     let turn = Rotation3::from_euler_angles(0.4, -1.2, 2.5);
     for options in [BALANCED, CONFORMAL].map(exactly) {
-        let (still, _) = drawn(&mesh, &options);
+        let (still, _) = embedding(&mesh, &options);
         for size in [1e-3, 1.0, 1e4] {
             let moved = shapes::deformed(&mesh, |p| turn * p * size + Vector::new(3.0, -7.0, 1.0) * size);
-            let (moved, _) = drawn(&moved, &options);
+            let (moved, _) = embedding(&moved, &options);
             let off = farthest(moved.directions(), still.directions().iter().map(|x| turn * x));
             assert!(off < 1e-5, "{options:?} {size}: {off:e}");
         }
@@ -213,8 +212,8 @@ fn a_mirrored_surface_has_the_mirrored_map_and_is_not_turned_inside_out() {
     let mirrored = shapes::deformed(&mesh, |p| Point::from(mirror(&p.coords)));
     assert!(mirrored.volume() < 0.0);
     let options = exactly(BALANCED);
-    let (map, _) = drawn(&mesh, &options);
-    let (image, _) = drawn_one_to_one("mirrored", &mirrored, &options);
+    let (map, _) = embedding(&mesh, &options);
+    let (image, _) = checked_embedding("mirrored", &mirrored, &options);
     assert!(image.surface().volume() > 0.0);
     let off = farthest(image.directions(), map.directions().iter().map(mirror));
     assert!(off < 1e-5, "{off:e}");
@@ -225,7 +224,7 @@ fn a_sphere_stays_where_it_is() {
     let sphere = shapes::deformed(&shapes::sphere(2.5, 4), |p| p + Vector::new(1.0, 2.0, 3.0));
     let own: Vec<Vector> = shapes::sphere(1.0, 4).vertices().iter().map(|p| p.coords).collect();
     for options in [BALANCED, CONFORMAL].map(exactly) {
-        let (map, _) = drawn(&sphere, &options);
+        let (map, _) = embedding(&sphere, &options);
         let off = farthest(map.directions(), own.iter().copied());
         // The triangles are 0.07 across, and nowhere is a vertex off by a hundredth of that.
         assert!(off < 7e-4, "{options:?}: {off:e}");
@@ -236,7 +235,7 @@ fn a_sphere_stays_where_it_is() {
 #[test]
 fn angles_are_kept_better_on_finer_meshes_of_a_smooth_surface() {
     let errors = [3, 4, 5].map(|level| {
-        let angle = distortion(&drawn(&egg(level), &exactly(CONFORMAL)).0).angle;
+        let angle = distortion(&embedding(&egg(level), &exactly(CONFORMAL)).0).angle;
         [angle.p50, angle.p99].map(|ratio| ratio - 1.0)
     });
     for pair in errors.windows(2) {
@@ -247,16 +246,16 @@ fn angles_are_kept_better_on_finer_meshes_of_a_smooth_surface() {
     assert!(errors[2][1] < 0.05, "{errors:?}");
 }
 
-/// Conformal maps form a family of Möbius transformations, of which centring takes one: the optimiser drifts along none.
+/// Conformal maps are unique up to Möbius transformations, and centring makes them unique up to rotation.
 #[test]
 fn a_conformal_map_does_not_depend_on_the_start() {
     let mesh = egg(4);
-    let (progressive, _) = drawn(&mesh, &exactly(CONFORMAL));
+    let (progressive, _) = embedding(&mesh, &exactly(CONFORMAL));
     let flowing = SphereOptions {
         start: SphereStart::Flow,
         ..exactly(CONFORMAL)
     };
-    let (flow, report) = drawn(&mesh, &flowing);
+    let (flow, report) = embedding(&mesh, &flowing);
     assert_eq!(report.start, SphereStart::Flow);
     let off = farthest(progressive.directions(), flow.directions().iter().copied());
     assert!(off < 1e-3, "{off:e}");
@@ -265,7 +264,7 @@ fn a_conformal_map_does_not_depend_on_the_start() {
 }
 
 #[test]
-fn files_that_are_no_sphere_are_refused_for_what_they_are() {
+fn files_of_other_topology_are_refused_with_the_reason() {
     let Some(models) = crate::common::models() else { return };
     let error = |name: &str| map_to_sphere(&surface(&models.join(name)), &BALANCED, &|_| {}).unwrap_err();
     assert!(matches!(
@@ -290,7 +289,7 @@ fn files_that_are_no_sphere_are_refused_for_what_they_are() {
 }
 
 #[test]
-fn sizes_at_which_areas_are_no_numbers_are_refused_and_others_not() {
+fn sizes_at_which_areas_over_or_underflow_are_refused_and_others_not() {
     let sized = |size: f64| map_to_sphere(&shapes::sphere(size, 1), &BALANCED, &|_| {});
     assert!(sized(1e-59).is_ok() && sized(1e59).is_ok());
     for size in [1e-61, 1e61, 0.0] {

@@ -123,7 +123,7 @@ fn boundary_files_are_decided_exactly_with_and_without_their_domain() {
         "One to one with the target, decided exactly",
         "domain, target, domain",
         "true images",
-        "by way of the sphere",
+        "through the sphere",
     ] {
         assert!(words.contains(fragment), "{words}");
     }

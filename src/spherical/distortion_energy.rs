@@ -21,9 +21,9 @@ use crate::{Point, Vector};
 /// How much the parts of the energy count. Each part is 1 per unit of area where it is least, of 4π in total.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct EnergyWeights {
-    /// Of `q / 2d`, which is least where angles are kept.
+    /// Weight of `q / 2d`, which is least where angles are kept.
     pub(crate) angle: f64,
-    /// Of `(d + 1/d) / 2`, which is least where areas are kept; 0 for embeddings that are as conformal as possible.
+    /// Weight of `(d + 1/d) / 2`, which is least where areas are kept; 0 for embeddings that are as conformal as possible.
     pub(crate) area: f64,
 }
 
@@ -250,7 +250,7 @@ impl ElementDerivatives {
     };
 }
 
-/// The matrix without its negative eigenvalues; a matrix that is not finite, as it is.
+/// The closest positive semidefinite matrix: negative eigenvalues are set to 0. Matrices that are not finite are unchanged.
 pub(crate) fn semidefinite(matrix: ElementHessian) -> ElementHessian {
     let size = matrix.trace().abs();
     if !size.is_finite() || nalgebra::Cholesky::new(matrix).is_some() {

@@ -141,7 +141,7 @@ fn all_positive(triangles: &[[u32; 3]], x: &[Vector]) -> bool {
         })
 }
 
-/// Of the two charts at the poles the one where the direction is not near its infinity.
+/// In the stereographic chart from the pole that the direction is further from.
 fn homogeneous(direction: &Vector) -> [Complex<f64>; 2] {
     let x = direction.normalize();
     let across = Complex::new(x.x, x.y);

@@ -193,7 +193,7 @@ mod tests {
         );
     }
 
-    /// Of any triangle with angles `α, β, γ`: `cot α cot β + cot β cot γ + cot γ cot α = 1`.
+    /// The angles `α, β, γ` of any triangle satisfy `cot α cot β + cot β cot γ + cot γ cot α = 1`.
     #[test]
     fn thin_triangles_become_triangles_of_the_least_height_on_their_longest_side() {
         let [a, b] = [Point::origin(), Point::new(2.0, 0.0, 0.0)];

@@ -65,7 +65,7 @@ impl BoundaryCheck {
     fn write_facts(&self, f: &mut Formatter) -> fmt::Result {
         let against = match self.compared_with {
             _ if self.composition.is_some() => match self.compared_with {
-                ComparedWith::Target => "the target, by way of the sphere".into(),
+                ComparedWith::Target => "the target, through the sphere".into(),
                 _ => "the unit sphere".into(),
             },
             ComparedWith::Sphere {
@@ -104,7 +104,7 @@ impl BoundaryCheck {
         let (folded, crossing) = (format!("folded edges{plain}"), format!("self-intersections{plain}"));
         for (name, fact) in [
             ("triangles", self.faces.to_string()),
-            ("held against", against),
+            ("compared with", against),
             ("degree", degree),
             ("flipped triangles", self.flipped.to_string()),
             ("degenerate triangles", format!("{}{flat}", self.degenerate)),

@@ -185,8 +185,8 @@ pub fn check(
     options: &BoundaryCheckOptions,
     self_intersections: Option<FindSelfIntersections>,
 ) -> Result<BoundaryCheck, BoundaryCheckError> {
-    if let Some(drawn) = map.domain_embedding() {
-        return composition::check(map, drawn, target, options, self_intersections);
+    if let Some(embedding) = map.domain_embedding() {
+        return composition::check(map, embedding, target, options, self_intersections);
     }
     let (domain, _) = repair(map.domain());
     SurfaceQuery::with_winding_sign(&domain).map_err(BoundaryCheckError::Domain)?;

@@ -357,9 +357,9 @@ fn a_map_through_the_sphere_is_decided_exactly_and_covers_its_target() {
     }
 }
 
-/// A slab twisted by two turns: coarse triangles through it face anywhere, and its drawing is that of a ball.
+/// A slab twisted by two turns: coarse triangles between its points face anywhere. It has the embedding of a ball.
 #[test]
-fn folds_of_the_plain_image_are_remarked_and_not_held_against_the_map() {
+fn folds_of_the_plain_image_are_remarks_and_no_defects_of_the_map() {
     let ball = shapes::geodesic_sphere(1.0, 40);
     let directions: Vec<Vector> = ball.vertices().iter().map(|p| p.coords).collect();
     let twisted = shapes::deformed(&ball, |p| {
@@ -388,8 +388,8 @@ fn folds_of_the_plain_image_are_remarked_and_not_held_against_the_map() {
 
 #[test]
 fn distortion_through_the_sphere_is_that_of_the_true_map() {
-    let drawn = radial_embedding(shapes::bumpy_sphere(5));
-    let map = BoundaryMap::through_sphere(drawn.clone(), drawn).unwrap();
+    let bumpy = radial_embedding(shapes::bumpy_sphere(5));
+    let map = BoundaryMap::through_sphere(bumpy.clone(), bumpy).unwrap();
     let report = checked(&map, None);
     assert_eq!(report.composition.as_ref().unwrap().cuts, MOST_CUTS);
     assert!((report.distortion.unwrap().length.max - 1.0).abs() < 1e-9, "{report}");
@@ -408,7 +408,7 @@ fn distortion_through_the_sphere_is_that_of_the_true_map() {
 }
 
 #[test]
-fn a_given_target_is_held_against_the_surface_that_is_mapped_to() {
+fn a_given_target_is_compared_with_the_surface_that_is_mapped_to() {
     let [domain, target] = [shapes::bumpy_sphere(5), shapes::cube(2.0, 4)].map(radial_embedding);
     let map = BoundaryMap::through_sphere(domain, target).unwrap();
     let report = checked(&map, Some(&shapes::cube(2.0, 1)));

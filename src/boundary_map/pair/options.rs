@@ -1,0 +1,38 @@
+//! Options of [`map_pair`](super::map_pair).
+
+use serde::Serialize;
+
+use super::Landmarks;
+
+/// How the domain is embedded on the target's sphere.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PairMethod {
+    /// Pulled towards the closest points of the target, after the solids have been aligned.
+    #[serde(rename = "targets")]
+    SoftTargets,
+    /// Centred conformal maps of both surfaces to the sphere, and the rotation under which their area distortions
+    /// correlate best: the method of Li et al. (2007).
+    Conformal,
+}
+
+/// How a pair is mapped.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PairOptions {
+    /// How the domain is embedded on the target's sphere.
+    pub method: PairMethod,
+    /// Vertices of the domain that must go to given vertices of the target.
+    pub landmarks: Landmarks,
+    /// Whether the distortion of the map is minimised.
+    pub improve: bool,
+}
+
+impl Default for PairOptions {
+    fn default() -> Self {
+        Self {
+            method: PairMethod::SoftTargets,
+            landmarks: Landmarks::default(),
+            improve: true,
+        }
+    }
+}

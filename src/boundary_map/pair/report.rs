@@ -1,0 +1,132 @@
+//! Progress, results and errors of [`map_pair`].
+
+use serde::Serialize;
+
+#[cfg(doc)]
+use super::map_pair;
+use super::{AlignError, LandmarkError, PairMethod, SoftTargetSchedule};
+use crate::boundary_map::{BoundaryMapError, SurfaceDistortion};
+use crate::spherical::{SpherePhase, SphericalError};
+
+/// The current step of [`map_pair`], for progress callbacks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PairPhase {
+    /// A solid (`"domain"` or `"target"`) is mapped to the sphere.
+    Sphere(&'static str, SpherePhase),
+    /// The solids are aligned in space, or their conformal embeddings by a rotation.
+    Aligning,
+    /// Coarse embeddings of the domain are compared.
+    CoarseEmbeddings {
+        /// Number of combinations of alignments and schedules.
+        count: usize,
+    },
+    /// The best coarse embedding is refined.
+    Refining {
+        /// Vertices embedded so far.
+        vertices: usize,
+        /// Vertices of the domain.
+        total: usize,
+        /// Mean symmetric Dirichlet energy, 4 for an isometry.
+        energy: f64,
+    },
+    /// The distortion of the map with all vertices is minimised.
+    Improving,
+    /// Distortion is measured.
+    Measuring,
+}
+
+/// What [`map_pair`] did and found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PairReport {
+    /// How the domain was embedded on the target's sphere.
+    #[serde(rename = "via")]
+    pub method: PairMethod,
+    /// Number of landmarks; all are met exactly.
+    pub landmarks: usize,
+    /// Number of coarse embeddings that were compared.
+    #[serde(rename = "drawings")]
+    pub coarse_embeddings: usize,
+    /// For each alignment the lowest mean symmetric Dirichlet energy (4 for an isometry) of its coarse embeddings, when
+    /// they were last compared; protrusions of the target inside a triangle count. Empty with
+    /// [`PairMethod::Conformal`].
+    pub alignments: Vec<f64>,
+    /// Index of the alignment, or of the rotation, that was taken.
+    pub alignment: usize,
+    /// Correlation of the area distortions under each rotation of the spheres, best first. Empty with
+    /// [`PairMethod::SoftTargets`].
+    pub rotations: Vec<f64>,
+    /// The schedule that was taken; `None` with [`PairMethod::Conformal`].
+    pub schedule: Option<SoftTargetSchedule>,
+    /// Distortion of the map before its distortion was minimised.
+    pub before: SurfaceDistortion,
+    /// Distortion of the map.
+    pub after: SurfaceDistortion,
+    /// Wall time by phase.
+    #[serde(rename = "seconds")]
+    pub timings: PairTimings,
+    /// What is unusual about the pair, for the user to read.
+    pub warnings: Vec<String>,
+}
+
+/// Wall time of [`map_pair`] by phase, in seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct PairTimings {
+    /// Maps to the sphere.
+    pub sphere: f64,
+    /// Alignments and soft targets.
+    pub align: f64,
+    /// Coarse embeddings.
+    #[serde(rename = "sketch")]
+    pub coarse: f64,
+    /// Refinement and optimisation of the best embedding.
+    pub improve: f64,
+    /// All phases.
+    pub total: f64,
+}
+
+/// Why there is no map between two solids.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PairError {
+    /// A solid has no map to the sphere.
+    #[error("the {side} has no map to the sphere: {error}")]
+    Sphere {
+        /// `"domain"` or `"target"`.
+        side: &'static str,
+        /// Why not.
+        error: SphericalError,
+    },
+    /// The solids cannot be aligned.
+    #[error(transparent)]
+    Align(#[from] AlignError),
+    /// Landmarks are not pairs of vertices of these solids.
+    #[error(transparent)]
+    Landmarks(#[from] LandmarkError),
+    /// No bijection was found that meets all landmarks.
+    #[error(
+        "{} of {landmarks} landmarks cannot be met without inverting triangles, the first is pair {}, counted from 0 \
+         (domain vertex {}, target vertex {}): do they go round in the same order on both solids? Leave it out, or \
+         correct it",
+        missed.len(), missed[0], first[0], first[1]
+    )]
+    LandmarksMissed {
+        /// Number of landmarks.
+        landmarks: usize,
+        /// Indices of the pairs that are not met.
+        missed: Vec<usize>,
+        /// The vertices of the first of them.
+        first: [u32; 2],
+    },
+    /// The distortion of every coarse embedding overflowed, because triangles of the target are nearly flat.
+    #[error(
+        "no embedding of the domain on the target's sphere has a finite distortion; look for flat triangles with \
+         `solidmap check`"
+    )]
+    NoEmbedding,
+    /// A surface is out of scale.
+    #[error(transparent)]
+    Boundary(#[from] BoundaryMapError),
+    /// The progress callback asked for an end.
+    #[error("cancelled by the progress callback")]
+    Cancelled,
+}
