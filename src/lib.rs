@@ -1,9 +1,9 @@
 //! Harmonic volumetric maps between solids by the method of fundamental solutions.
 //!
-//! Given a solid bounded by a closed triangle mesh, the *domain*, and an image for every vertex of that mesh, this crate
-//! computes the map of everything inside whose coordinates are harmonic and that carries the boundary as asked. No
-//! tetrahedra are needed: the map is a sum of point sources outside the domain, fitted to the boundary, and has a value
-//! and a derivative at any point.
+//! Given a solid bounded by a closed triangle mesh, the *domain*, and an image for every vertex of that mesh, this
+//! crate computes the map of everything inside whose coordinates are harmonic and that carries the boundary as asked.
+//! No tetrahedra are needed: the map is a sum of point sources outside the domain, fitted to the boundary, and has a
+//! value and a derivative at any point.
 //!
 //! ```
 //! use solidmap::boundary_map::BoundaryMap;
@@ -66,6 +66,7 @@ pub mod progress;
 pub mod remesh;
 pub mod sampling;
 pub mod sequence;
+mod simd;
 pub mod solver;
 pub mod spherical;
 pub mod statistics;

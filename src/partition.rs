@@ -1,15 +1,15 @@
-//! Points cut into compact parts of nearly equal size by recursive coordinate bisection (Berger and Bokhari, *A
-//! partitioning strategy for nonuniform problems on multiprocessors*, IEEE Trans. Comput. C-36, 1987).
+//! Partition of points into compact parts of nearly equal size, by recursive coordinate bisection (Berger and Bokhari,
+//! *A partitioning strategy for nonuniform problems on multiprocessors*, IEEE Trans. Comput. C-36, 1987).
 
 use std::cmp::Ordering;
 use std::ops::Range;
 
 use crate::Point;
 
-/// Below this many points a part is cut on the same thread.
+/// Parts with fewer points are divided on the same thread.
 const POINTS_PER_TASK: usize = 1 << 14;
 
-/// Points cut into parts.
+/// A partition of points.
 #[derive(Debug, Clone)]
 pub struct Partition {
     /// Indices of the points, part after part.
@@ -22,12 +22,12 @@ pub struct Partition {
 struct Node {
     range: Range<usize>,
     bounds: Bounds,
-    /// The largest reach of its points.
+    /// The largest radius of its points.
     reach: f64,
     children: Option<[Box<Node>; 2]>,
 }
 
-/// A box along the axes.
+/// An axis-aligned box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// The corner of least coordinates.
@@ -65,15 +65,14 @@ impl Bounds {
 }
 
 impl Partition {
-    /// Parts of at most `most` points (at least one), equal to within one point or two. Costs `n log n`; the same points
-    /// give the same parts.
+    /// Parts of at most `most` points (at least one), equal to within one point or two. Costs `n log n`; deterministic.
     pub fn equal(points: &[Point], most: usize) -> Self {
         Self::new(points, &vec![0.0; points.len()], most, None)
     }
 
-    /// Parts of at most `most` points (at least one) that reach as far as `radii` (as many as points). Parts are equal as
-    /// those of [`Self::equal`], but for those with a gap that their points do not reach across from both sides, as between
-    /// two sheets of a flat solid: they are cut there, lest a box around a few points spans much that is none of theirs.
+    /// Parts of at most `most` points (at least one), for points with these radii. As [`Self::equal`], but parts with a
+    /// gap wider than the radii on both sides, as between the two sheets of a flat solid, are divided there: their
+    /// bounding boxes would be mostly empty.
     pub fn compact(points: &[Point], radii: &[f64], most: usize) -> Self {
         debug_assert_eq!(points.len(), radii.len());
         Self::new(points, radii, most, Some(2.0))
@@ -83,12 +82,12 @@ impl Partition {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let root = (!points.is_empty()).then(|| {
             let parts = points.len().div_ceil(most.max(1));
-            let cut = Bisection {
+            let bisection = Bisection {
                 points,
                 radii,
                 widest_gap,
             };
-            Box::new(cut.node(&mut order, 0, parts))
+            Box::new(bisection.node(&mut order, 0, parts))
         });
         let mut parts = Vec::new();
         if let Some(root) = &root {
@@ -102,8 +101,7 @@ impl Partition {
         self.parts.iter().map(|range| &self.order[range.clone()])
     }
 
-    /// The points `j` whose reach `radii[j]` touches the box, in increasing order. Both slices are those
-    /// that the parts were made of.
+    /// The points `j` within `radii[j]` of the box, in increasing order. Points and radii are those of the partition.
     pub fn reaching(&self, points: &[Point], radii: &[f64], bounds: &Bounds) -> Vec<u32> {
         let mut found = Vec::new();
         let mut pending: Vec<&Node> = self.root.as_deref().into_iter().collect();
@@ -127,12 +125,12 @@ impl Partition {
 struct Bisection<'a> {
     points: &'a [Point],
     radii: &'a [f64],
-    /// In units of the reach of a part's points; `None` for parts with whatever gaps they have.
+    /// In units of a part's largest radius; `None` to leave gaps alone.
     widest_gap: Option<f64>,
 }
 
 impl Bisection<'_> {
-    /// So many parts of these points, or a few more.
+    /// A subtree with `parts` leaves, or more where gaps divide them.
     fn node(&self, order: &mut [u32], start: usize, parts: usize) -> Node {
         let bounds = Bounds::around(order.iter().map(|&i| self.points[i as usize]));
         let reach = order.iter().map(|&i| self.radii[i as usize]).fold(0.0, f64::max);
@@ -165,7 +163,8 @@ impl Bisection<'_> {
         }
     }
 
-    /// Sorts the points along the axis of their widest gap and finds the first behind it, if it is wider than this.
+    /// Sorts the points along the axis of their widest gap and returns the index of the first behind it, if it is wider
+    /// than this.
     fn gap(&self, order: &mut [u32], wider_than: f64) -> Option<usize> {
         let mut widest = |axis: usize| {
             order.sort_unstable_by(self.along(axis));
@@ -218,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn points_that_reach_a_box_are_those_found_one_by_one() {
+    fn points_within_reach_of_a_box_are_those_found_one_by_one() {
         let points = shapes::torus(1.0, 0.4, 40, 20).vertices().to_vec();
         let radii: Vec<f64> = (0..points.len()).map(|i| 0.02 * (i % 17) as f64).collect();
         let partition = Partition::compact(&points, &radii, 11);
@@ -235,8 +234,8 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_two_sheets_are_cut_between_them() {
-        // An odd number of parts: halves of equal parts would end within a sheet.
+    fn parts_of_two_sheets_are_divided_between_them() {
+        // With an odd number of equal parts, one would span both sheets.
         let sheet = |z: f64| (0..150).map(move |k| Point::new(f64::from(k % 15), f64::from(k / 15), z));
         let points: Vec<Point> = sheet(0.0).chain(sheet(100.0)).collect();
         let spans = |partition: &Partition| {
@@ -250,9 +249,9 @@ mod tests {
         let partition = Partition::compact(&points, &[3.0; 300], 100);
         assert_eq!(spans(&partition), 0.0);
         assert_eq!(partition.parts().map(<[u32]>::len).sum::<usize>(), 300);
-        // Points that reach across the gap are better kept together.
+        // Radii across the gap keep the sheets together.
         assert_eq!(Partition::compact(&points, &[50.0; 300], 100).parts().len(), 3);
-        // Nothing but gaps.
+        // Without radii every gap divides.
         assert_eq!(Partition::compact(&points, &[0.0; 300], 100).parts().len(), 300);
     }
 }

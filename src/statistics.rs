@@ -1,6 +1,6 @@
 //! Summary statistics of errors, energies and qualities.
 
-/// What a report says of a list of numbers. Values that are not finite are counted and otherwise left out.
+/// Summary of a list of values. Those that are not finite are counted and otherwise ignored.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Summary {
     /// How many finite values there are.
@@ -53,10 +53,10 @@ pub fn quantiles<const N: usize>(values: &[f64], fractions: [f64; N]) -> Option<
     (!sorted.is_empty()).then(|| fractions.map(|p| quantile_of_sorted(&sorted, p)))
 }
 
-/// The quantiles of `values`, each with the weight beside it in `weights`, at `shares` of the total weight in `[0, 1]`
-/// (clamped to it): the smallest value that, together with all that are smaller, has that share, so that 0 gives the
-/// smallest and 1 the largest. Infinite values count like others; values that are NaN, and those whose weight is not
-/// positive and finite, are left out. `None` when nothing is left.
+/// The weighted quantiles of `values` at `shares` of the total weight in `[0, 1]` (clamped to it): the smallest value
+/// such that it and all smaller ones have that share of the weight; 0 gives the smallest and 1 the largest. Infinite
+/// values are allowed; values that are NaN, and those whose weight is not positive and finite, are ignored. `None` when
+/// nothing is left.
 ///
 /// # Panics
 ///
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn weighted_quantiles_count_weight_and_not_values() {
+    fn weighted_quantiles_sum_weights() {
         let values = [5.0, 1.0, f64::INFINITY, 2.0, f64::NAN, 3.0];
         let weights = [1.0, 1.0, 1.0, 6.0, 9.0, 1.0];
         let found = weighted_quantiles(&values, &weights, [0.0, 0.09, 0.11, 0.69, 0.71, 0.89, 0.91, 1.0]);

@@ -24,12 +24,12 @@ use crate::geometry::{Aabb, Bvh, ClosestPoint, QueryError, SurfaceQuery, morton_
 use crate::map::VolumeMap;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
+use crate::simd::Instructions;
 use crate::{Matrix3, Point, Vector};
 
-mod lanes;
 mod sums;
 
-use sums::{BlockSums, Instructions, LANES, PatchEdge, PatchTriangle, PointBlock, TrianglePatch};
+use sums::{BlockSums, LANES, PatchEdge, PatchTriangle, PointBlock, TrianglePatch};
 
 /// The map of a solid by mean value coordinates of its boundary.
 ///
@@ -113,7 +113,7 @@ impl MeanValueMap {
             domain,
             image: boundary.image().to_vec(),
             patches,
-            instructions: Instructions::available().next().unwrap_or(Instructions::Portable),
+            instructions: Instructions::detect(),
         })
     }
 
@@ -142,7 +142,7 @@ impl MeanValueMap {
             .collect();
         samples.par_chunks_mut(LANES * BLOCKS).for_each(|samples| {
             let blocks: Vec<PointBlock> = samples.chunks(LANES).map(gather).collect();
-            let sums = self.instructions.sum(&self.patches, &blocks, with_gradient);
+            let sums = sums::sum(self.instructions, &self.patches, &blocks, with_gradient);
             for (samples, sums) in samples.chunks_mut(LANES).zip(&sums) {
                 scatter(sums, samples);
             }

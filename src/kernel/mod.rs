@@ -21,7 +21,7 @@ pub enum KernelError {
     LengthMismatch {
         /// What is counted.
         what: &'static str,
-        /// How many the other arrays call for.
+        /// How many are needed.
         expected: usize,
         /// How many there are.
         found: usize,

@@ -1,4 +1,4 @@
-//! Sums by whichever way is cheaper: term by term, exact but for rounding, or by the fast multipole method.
+//! Sums by the cheaper way: term by term, exact to rounding, or by the fast multipole method.
 
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ pub struct Sums {
     fmm: Option<Fmm>,
 }
 
-/// What is summed, as far as costs go.
+/// What the cost of a sum depends on.
 #[derive(Debug, Clone, Copy)]
 struct Work {
     sources: usize,
@@ -28,10 +28,10 @@ struct Work {
 impl Work {
     /// Whether summing term by term costs less.
     ///
-    /// A direct sum costs a unit for each pair and each three columns. The fast sum costs some hundred units for each
-    /// point, on top of an overhead, and these grow with the digits asked for: the tables were measured, at three columns,
-    /// as the number of points at which the two take equal time for as many targets as sources on a surface. For many
-    /// columns both work by matrix products and the cost for a column falls by about as much.
+    /// A direct sum costs a unit per pair and three columns. The fast sum costs some hundred units per point and an
+    /// overhead, which grow with the digits asked for. The table has measured numbers of points, with as many targets
+    /// as sources on a surface and three columns, at which the two take equal time. For many columns both work by
+    /// matrix products, and gain about as much.
     fn is_small(&self) -> bool {
         const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 2e3), (1e-6, 5e3), (1e-8, 1.2e4), (1e-9, 2e4), (0.0, 2.5e4)];
         let reaches = |&(accuracy, _): &(f64, f64)| self.accuracy >= accuracy;
@@ -45,7 +45,7 @@ impl Work {
 }
 
 impl Sums {
-    /// Takes the points, and sorts them into a tree if that is going to pay. `accuracy` is as [`Fmm::new`] has it.
+    /// Takes the points, and sorts them into a tree if that pays. `accuracy` is as for [`Fmm::new`].
     ///
     /// # Errors
     ///

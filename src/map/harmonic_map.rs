@@ -9,9 +9,9 @@ use crate::{Matrix3, Point, Vector};
 
 /// A harmonic map `f(x) = A·(1, x) + Σ_s w_s / (4π |x − Q_s|)`, in model units of its domain and target.
 ///
-/// Every coordinate of `f` is harmonic wherever no source stands, whatever the coefficients; how well `f` meets its
-/// boundary map is what the fit reports. Outside the domain the values are those of the formula and mean nothing, and at
-/// a source they are not finite.
+/// Every coordinate of `f` is harmonic wherever no source stands, whatever the coefficients; the fit
+/// reports how closely `f` agrees with its boundary map. Outside the domain the values are meaningless, and at a source
+/// they are not finite.
 #[derive(Debug, Clone)]
 pub struct HarmonicMap {
     sources: Vec<Point>,
@@ -19,10 +19,10 @@ pub struct HarmonicMap {
     accuracy: f64,
 }
 
-/// Relative accuracy of sums over many sources unless told otherwise.
+/// Default relative accuracy of sums over many sources.
 const ACCURACY: f64 = 1e-8;
-/// Part of a map's own error that its sums may add.
-const PART_OF_ERROR: f64 = 0.03;
+/// Error of the sums as a fraction of the map's own error.
+const SHARE_OF_ERROR: f64 = 0.03;
 
 impl HarmonicMap {
     /// The map with these sources and coefficients. `None` when their counts differ.
@@ -34,9 +34,9 @@ impl HarmonicMap {
         })
     }
 
-    /// The same map, summed no more accurately than it deserves when it meets its boundary data to this error, a fraction of the
-    /// target's diagonal. Sums over a few thousand sources are exact to rounding in any case; those over more cost two
-    /// to five times as much at 1e-8, the default, as at 1e-6.
+    /// The same map with the accuracy of its sums suited to its boundary error, a fraction of the target's diagonal.
+    /// Sums over up to a few thousand sources are exact to rounding in any case; those over more cost two to five times
+    /// as much at 1e-8, the default, as at 1e-6.
     pub fn with_error(self, boundary_error: f64) -> Self {
         Self {
             accuracy: accuracy_for(boundary_error),
@@ -68,9 +68,9 @@ impl HarmonicMap {
     }
 }
 
-/// Accuracy of sums that adds little to an error.
+/// Accuracy of the sums that adds little to the error.
 fn accuracy_for(boundary_error: f64) -> f64 {
-    (PART_OF_ERROR * boundary_error).clamp(1e-10, 1e-6)
+    (SHARE_OF_ERROR * boundary_error).clamp(1e-10, 1e-6)
 }
 
 impl VolumeMap for HarmonicMap {

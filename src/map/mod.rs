@@ -1,4 +1,4 @@
-//! Maps of solids: what every one of them offers, and the harmonic map itself.
+//! Maps of solids: the trait that all implement, and the harmonic map.
 
 mod harmonic_map;
 mod volume_map;

@@ -11,7 +11,8 @@ use crate::{Point, kernel};
 pub struct CollocationSystem<'a> {
     /// The points `P` on the boundary, one row each.
     pub collocation: &'a [Point],
-    /// A weight per row; the square root of the point's share of the area makes the residual an integral.
+    /// A weight per row. The square root of the surface area that a point stands for makes the squared residual an
+    /// integral over the boundary.
     pub row_weights: &'a [f64],
     /// The points `Q` outside the solid, one column each.
     pub sources: &'a [Point],
@@ -27,8 +28,8 @@ impl CollocationSystem<'_> {
 
     /// The weighted matrix with columns scaled to unit norm, and the scales: `A = scaled · diag(scales)`.
     ///
-    /// Sources at different distances have columns of different size; scaled, they are equally likely to be kept by a
-    /// truncation, and the condition number speaks of directions only.
+    /// Columns of distant sources are small; without scaling a truncation would drop them first, and the condition
+    /// number would measure distances.
     pub(super) fn matrix(&self) -> Result<(Mat<f64>, Vec<f64>), SolveError> {
         let (rows, columns) = (self.collocation.len(), self.unknowns());
         let mut matrix = Mat::<f64>::zeros(rows, columns);

@@ -1,5 +1,5 @@
-//! Dense least squares: the paper's truncated singular value decomposition (section 4.2), and a QR decomposition that
-//! costs a tenth of it. Either is computed once and answers any number of right-hand sides (section 4.6).
+//! Dense least squares: the paper's truncated singular value decomposition (section 4.2), and a QR decomposition at a
+//! tenth of the cost. Either is computed once and solves for any number of right-hand sides (section 4.6).
 //!
 //! Cost for `m` rows and `n` columns: QR `2mn²` flops in matrix products; SVD some `4mn² + 22n³`, a good part of them
 //! bound by memory. Memory `8mn` bytes for QR, about three times that for the SVD.
@@ -20,15 +20,16 @@ use super::{Coefficients, CollocationSystem, SolveError, Values};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Decomposition {
-    /// Householder QR; when its condition exceeds the truncation, a column-pivoted QR of the triangular factor follows
-    /// and small pivots are cut off. The same as pivoting throughout, but the large part stays in matrix products.
+    /// Householder QR. When the condition number exceeds the reciprocal of the truncation, a column-pivoted QR of the
+    /// triangular factor follows and small pivots are cut off: equivalent to pivoting throughout, but most of the work
+    /// stays in matrix products.
     #[default]
     Qr,
-    /// Thin singular value decomposition, small singular values cut off.
+    /// Thin singular value decomposition; small singular values are cut off.
     Svd,
 }
 
-/// Settings of [`DenseFactor`].
+/// Options of [`DenseFactor`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DenseOptions {
     /// Which decomposition.
@@ -171,7 +172,8 @@ impl DenseFactor {
         Ok(solution)
     }
 
-    /// `(AᵀA)⁻¹ gradient`, for gradients `Aᵀr` that were formed elsewhere, up to one common factor; `None` when the decomposition was truncated.
+    /// `(AᵀA)⁻¹ gradient` up to a common factor, for given `gradient = Aᵀr`; `None` when the decomposition was
+    /// truncated.
     pub(super) fn solve_normal(&self, gradient: &Values) -> Option<Values> {
         let Factors::Qr {
             factored,
@@ -191,8 +193,8 @@ impl DenseFactor {
         triangular_solve::solve_lower_triangular_in_place(triangle.transpose(), solution.as_mut(), par);
         triangular_solve::solve_upper_triangular_in_place(triangle, solution.as_mut(), par);
         let rows = self.scales.iter().enumerate();
-        let numbers = rows.flat_map(|(c, scale)| (0..columns).map(|k| solution[(c, k)] / scale).collect::<Vec<_>>());
-        Some(Values::new(columns, numbers.collect()))
+        let entries = rows.flat_map(|(c, scale)| (0..columns).map(|k| solution[(c, k)] / scale).collect::<Vec<_>>());
+        Some(Values::new(columns, entries.collect()))
     }
 }
 
@@ -255,14 +257,14 @@ fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Factors, usize, f64) {
     )
 }
 
-/// Condition number of an upper triangle by power iterations on `RᵀR` and its inverse. Ten steps bound it
-/// from below, as a rule to a few per cent, which is what a condition number is worth. Infinite when a diagonal entry is zero.
+/// Condition number of an upper triangle by power iterations on `RᵀR` and its inverse. Ten steps give
+/// a lower bound, usually within a few per cent, which is accurate enough. Infinite when a diagonal entry is zero.
 fn triangular_condition(r: MatRef<'_, f64>) -> f64 {
     let n = r.ncols();
     if (0..n).any(|k| r[(k, k)] == 0.0) {
         return f64::INFINITY;
     }
-    // A fixed start without symmetry: an eigenvector of a symmetric shape would be missed by a constant one.
+    // Not constant: for a symmetric domain, a constant start can be orthogonal to the wanted eigenvector.
     let start = || Mat::from_fn(n, 1, |i, _| 1.0 + 0.5 * ((i * i % 101) as f64).sin());
     let par = faer::get_global_parallelism();
     let (mut largest, mut smallest) = (0.0, f64::INFINITY);
@@ -334,7 +336,7 @@ fn solve_upper(factored: MatRef<'_, f64>, mut rhs: Mat<f64>) -> Mat<f64> {
     rhs
 }
 
-/// The basic solution: the unknowns whose pivots were cut off are zero.
+/// The basic solution: unknowns whose pivots were cut off are set to zero.
 fn solve_pivoted(pivoted: &ColPivQr<f64>, rank: usize, rhs: Mat<f64>) -> Mat<f64> {
     let columns = rhs.nrows();
     let basis = pivoted.Q_basis().to_owned();
@@ -356,7 +358,7 @@ mod tests {
     use crate::mesh::shapes;
     use crate::{Point, kernel};
 
-    /// A ball of radius 1 with `sources` evenly at `distance` from it, and data from three charges farther out.
+    /// A ball of radius 1 with `sources` evenly at `distance` from it, and data from three sources farther out.
     struct Ball {
         collocation: Vec<Point>,
         weights: Vec<f64>,
@@ -386,14 +388,14 @@ mod tests {
         }
 
         fn data(&self) -> Vec<[f64; 3]> {
-            let charges = [
+            let outer = [
                 Point::new(3.0, 0.5, 0.0),
                 Point::new(-1.0, 2.8, 1.0),
                 Point::new(0.2, -0.4, -3.1),
             ];
             self.collocation
                 .iter()
-                .map(|p| charges.map(|q| kernel::laplace_potential(*p, q)))
+                .map(|p| outer.map(|q| kernel::laplace_potential(*p, q)))
                 .collect()
         }
 
@@ -425,8 +427,7 @@ mod tests {
         .unwrap()
     }
 
-    /// In the well-conditioned case both give the one least-squares solution, to the rounding that the condition number
-    /// of about 200 allows.
+    /// Both give the least-squares solution up to rounding, amplified by the condition number of about 200.
     #[test]
     fn svd_and_qr_agree_on_a_well_conditioned_system() {
         let ball = Ball::new(200, 0.3);
@@ -448,8 +449,8 @@ mod tests {
         );
     }
 
-    /// Far sources make the matrix singular to working precision. Truncation must take columns away, and what is kept
-    /// must still resolve these smooth data: they need some tens of functions, so a residual of 1e-6 is generous.
+    /// Far sources make the matrix singular to working precision. Truncation must lower the rank and still
+    /// resolve these smooth data, which take some tens of functions: a residual of 1e-6 is generous.
     #[test]
     fn truncation_solves_a_numerically_singular_system() {
         let ball = Ball::new(400, 4.0);

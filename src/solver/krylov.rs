@@ -1,24 +1,24 @@
-//! Flexible minimisation of a residual over given directions, one after the other: GCR (Eisenstat, Elman, Schultz,
-//! *Variational iterative methods for nonsymmetric systems of linear equations*, SIAM J. Numer. Anal. 20, 1983), which
-//! has the iterates of flexible GMRES. It lives in the space of the data, where a rectangular system has its residual,
-//! as the AB-GMRES of Hayami, Yin and Ito (*GMRES methods for least squares problems*, SIAM J. Matrix Anal. Appl. 31,
-//! 2010); the preconditioner may change from step to step.
+//! GCR, flexible minimisation of a residual over given directions one after the other (Eisenstat, Elman, Schultz,
+//! *Variational iterative methods for nonsymmetric systems of linear equations*, SIAM J. Numer. Anal. 20, 1983), with
+//! the iterates of flexible GMRES. Directions are orthogonalised in the space of the data, as a rectangular system
+//! requires; compare the AB-GMRES of Hayami, Yin and Ito (*GMRES methods for least squares problems*, SIAM J. Matrix
+//! Anal. Appl. 31, 2010); the preconditioner may change from step to step.
 
 use super::Values;
 
 /// Directions kept; older ones are dropped.
 const MOST_DIRECTIONS: usize = 24;
 
-/// A direction whose image is below this part of the residual, in squares, is made of rounding errors, as when a level has
-/// nothing to gain any more. Going along it would make the result depend on the order of sums.
+/// A direction whose squared image is below this fraction of the squared residual consists of rounding errors, as when
+/// a level can correct no more. A step along it would make the result depend on the order of summation.
 const NOISE: f64 = 1e-12;
 
-/// Right-hand sides in lock-step: each column has its own step lengths, all share directions' cost.
+/// The minimisation for several right-hand sides at a time: each column has its own step lengths.
 pub(super) struct Gcr<'a> {
     weights: &'a [f64],
     /// Data minus the images of the solution.
     pub residual: Values,
-    /// What the steps taken sum to.
+    /// The sum of all steps.
     pub solution: Values,
     directions: Vec<Direction>,
 }
@@ -41,14 +41,14 @@ impl<'a> Gcr<'a> {
         }
     }
 
-    /// Goes along a step, whose image under the system's matrix is `image`, to the least residual over it and all the
-    /// directions before.
+    /// Adds a direction with its image under the system's matrix, and minimises the residual over it and all directions
+    /// before.
     pub fn advance(&mut self, mut step: Values, mut image: Values) {
-        for known in &self.directions {
-            let overlap = image.dot(&known.image, self.weights);
-            let factors = ratios(&overlap, &known.squares, -1.0);
-            image.add_scaled(&factors, &known.image);
-            step.add_scaled(&factors, &known.step);
+        for earlier in &self.directions {
+            let overlap = image.dot(&earlier.image, self.weights);
+            let factors = ratios(&overlap, &earlier.squares, -1.0);
+            image.add_scaled(&factors, &earlier.image);
+            step.add_scaled(&factors, &earlier.step);
         }
         let mut squares = image.dot(&image, self.weights);
         for (square, left) in squares.iter_mut().zip(self.squares()) {
@@ -66,7 +66,7 @@ impl<'a> Gcr<'a> {
         self.directions.push(Direction { step, image, squares });
     }
 
-    /// Starts anew from the present solution, whose residual was computed afresh.
+    /// Forgets all directions; `residual` is that of the current solution, recomputed.
     pub fn restart(&mut self, residual: Values) {
         self.residual = residual;
         self.directions.clear();
@@ -121,47 +121,45 @@ mod tests {
 
     fn after(directions: usize) -> Gcr<'static> {
         let weights: &'static [f64] = weights().leak();
-        let mut search = Gcr::new(weights, data(), Values::zeros(UNKNOWNS, 2));
+        let mut gcr = Gcr::new(weights, data(), Values::zeros(UNKNOWNS, 2));
         for i in 0..directions {
-            search.advance(direction(i), times_matrix(&direction(i)));
+            gcr.advance(direction(i), times_matrix(&direction(i)));
         }
-        search
+        gcr
     }
 
     /// Then the directions span all there is, and the residual is orthogonal to every column of the matrix.
     #[test]
     fn as_many_directions_as_unknowns_give_least_squares() {
-        let search = after(UNKNOWNS);
+        let gcr = after(UNKNOWNS);
         for c in 0..UNKNOWNS {
             for k in 0..2 {
                 let rows = 0..ROWS;
-                let slope: f64 = rows
-                    .map(|r| weights()[r] * matrix(r, c) * search.residual.row(r)[k])
-                    .sum();
+                let slope: f64 = rows.map(|r| weights()[r] * matrix(r, c) * gcr.residual.row(r)[k]).sum();
                 assert!(slope.abs() < 1e-12, "{slope:e}");
             }
         }
         let mut expected = data();
-        expected.add_scaled(&[-1.0, -1.0], &times_matrix(&search.solution));
-        let pairs = expected.as_slice().iter().zip(search.residual.as_slice());
+        expected.add_scaled(&[-1.0, -1.0], &times_matrix(&gcr.solution));
+        let pairs = expected.as_slice().iter().zip(gcr.residual.as_slice());
         assert!(pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) < 1e-13);
     }
 
     #[test]
-    fn every_direction_lowers_the_residual_and_a_known_one_changes_nothing() {
+    fn every_direction_lowers_the_residual_and_a_repeated_one_changes_nothing() {
         let squares: Vec<Vec<f64>> = (0..=UNKNOWNS).map(|count| after(count).squares()).collect();
         assert!(squares.windows(2).all(|pair| (0..2).all(|k| pair[1][k] < pair[0][k])));
-        let mut search = after(3);
-        search.advance(direction(1), times_matrix(&direction(1)));
-        let pairs = search.squares().into_iter().zip(&squares[3]);
+        let mut gcr = after(3);
+        gcr.advance(direction(1), times_matrix(&direction(1)));
+        let pairs = gcr.squares().into_iter().zip(&squares[3]);
         assert!(pairs.into_iter().all(|(a, b)| (a / b - 1.0).abs() < 1e-12));
     }
 
     #[test]
-    fn a_direction_without_an_image_is_passed_over() {
-        let mut search = after(2);
-        let before = search.solution.clone();
-        search.advance(direction(9), Values::zeros(ROWS, 2));
-        assert_eq!(search.solution, before);
+    fn a_direction_with_zero_image_is_ignored() {
+        let mut gcr = after(2);
+        let before = gcr.solution.clone();
+        gcr.advance(direction(9), Values::zeros(ROWS, 2));
+        assert_eq!(gcr.solution, before);
     }
 }

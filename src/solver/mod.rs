@@ -1,7 +1,7 @@
 //! Least-squares systems for the coefficients: points come in as slices, coefficients go out.
 //!
-//! The unknowns are one coefficient per source and coordinate, and by default the twelve numbers of an affine map. The
-//! affine functions are harmonic, so the map stays so; with them the identity and every affine map are reproduced
+//! The unknowns are one coefficient per source and coordinate, and by default the twelve coefficients of an affine map.
+//! The affine functions are harmonic, so the map stays so; with them the identity and every affine map are reproduced
 //! exactly, which point sources at a finite distance cannot do.
 
 mod assemble;
@@ -28,8 +28,8 @@ pub struct Coefficients {
 }
 
 impl Coefficients {
-    /// Those of the map whose coordinates are three columns of a solution, from `first` on: one row per source, then the
-    /// rows of the affine functions, if it has them.
+    /// The coefficients in three columns of a solution, from `first` on. The solution has one row per source, then the
+    /// rows of the affine functions if the basis has them.
     pub fn of_columns(solution: &Values, first: usize, sources: usize) -> Self {
         let row = |r: usize| std::array::from_fn(|k| solution.row(r)[first + k]);
         let mut affine = [[0.0; 3]; 4];
@@ -66,7 +66,7 @@ pub enum SolveError {
         /// The first such column.
         column: usize,
     },
-    /// Boundary data of another length than the rows.
+    /// The number of boundary values is not that of the rows.
     #[error("{data} boundary values were given for {collocation} collocation points")]
     DataLength {
         /// Values given.
@@ -77,19 +77,19 @@ pub enum SolveError {
     /// The singular value iteration failed.
     #[error("the singular value decomposition did not converge; use the QR method instead")]
     NoConvergence,
-    /// A coarse level sees a collocation point that the next finer level does not.
+    /// A coarse level has a collocation point that the next finer level lacks.
     #[error("collocation point {row} is in a coarse level, but not in the next finer one")]
     RowsNotNested {
         /// The first such point.
         row: u32,
     },
-    /// The progress callback asked for an end.
+    /// The progress callback asked to stop.
     #[error("cancelled by the progress callback")]
     Cancelled,
     /// A sum over the sources could not be formed.
     #[error(transparent)]
     Sum(#[from] crate::kernel::KernelError),
-    /// Nothing was kept.
+    /// No singular value or pivot was kept.
     #[error("no singular value or pivot exceeds the truncation {truncation:e}; the boundary points may all coincide")]
     RankZero {
         /// The relative truncation.

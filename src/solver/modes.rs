@@ -1,8 +1,8 @@
-//! Many right-hand sides by few: proper orthogonal decomposition (Sirovich, *Turbulence and the dynamics of coherent
-//! structures*, Quart. Appl. Math. 45, 1987).
+//! Many right-hand sides expanded in few basis modes: proper orthogonal decomposition (Sirovich, *Turbulence and the
+//! dynamics of coherent structures*, Quart. Appl. Math. 45, 1987).
 //!
-//! The frames of an animation move alike, and a system is linear: solutions for the modes of the data, mixed as the data
-//! are, are solutions for the data.
+//! The frames of an animation resemble each other, and the system is linear: solving for the modes of the data and
+//! combining the solutions with the same coefficients solves for all frames.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
@@ -14,16 +14,17 @@ use crate::Point;
 
 /// Rows that make a task worth handing to another thread.
 const ROWS_PER_TASK: usize = 1 << 11;
-/// Modes are known to about this part of the largest.
-const KNOWN: f64 = 1e-14;
-/// Modes are used when they are fewer than this part of the columns.
+/// Relative accuracy of the singular values.
+const SVD_ACCURACY: f64 = 1e-14;
+/// Modes are used when there are at most this many per column of data.
 const WORTHWHILE: f64 = 0.9;
 
-/// How data follow from their modes: an affine function of the points for each column, which the basis has, and a row of
-/// factors for each mode of what is left. The rows are orthonormal, so that norms over all modes are those over all data.
+/// An orthonormal basis for many right-hand sides: each column of the data is an affine function of the points, which
+/// the solver reproduces exactly, plus a combination of the modes. The rows of factors are orthonormal, so that the
+/// norm over all modes equals that over all data.
 ///
-/// Without their affine part, data that are nearly affine weigh as little as they are hard to fit, and do not take their
-/// share of the others' errors.
+/// The affine parts are removed first: nearly affine data are easy to fit, and would otherwise dominate the norm in
+/// which the modes are truncated.
 #[derive(Debug, Clone)]
 pub struct BasisModes {
     factors: Values,
@@ -32,9 +33,9 @@ pub struct BasisModes {
 }
 
 impl BasisModes {
-    /// The modes of data at points with these weights, and how to mix them. Left out is what no column has more of than a
-    /// root mean square of `truncation`; `None` where that saves little. `affine` says whether the affine functions are in
-    /// the basis.
+    /// The modes of data at weighted points, and the basis that recovers the data from them. Every column is recovered
+    /// within a root mean square of `truncation`; `None` where that takes nearly as many modes as columns. `affine`
+    /// says whether the solver has the affine functions.
     ///
     /// Costs some `6 · rows · columns²` flops, about as much as one product with a block of `columns` sources.
     pub fn of(
@@ -62,26 +63,26 @@ impl BasisModes {
         Some((modes, Self { factors, affine }))
     }
 
-    /// The coefficients for the data, from those for the modes: rows for the sources, then for the affine functions if the
-    /// basis has them.
+    /// The coefficients for the data from those for the modes: rows for the sources, then for the affine functions if
+    /// the solver has them.
     pub fn coefficients(&self, modes: &Values) -> Values {
-        let mut mixed = product(modes, as_matrix(&self.factors));
+        let mut combined = product(modes, as_matrix(&self.factors));
         if let Some(affine) = &self.affine {
-            let first = mixed.rows() - affine.rows();
+            let first = combined.rows() - affine.rows();
             for function in 0..affine.rows() {
-                let row = mixed.row_mut(first + function).iter_mut();
+                let row = combined.row_mut(first + function).iter_mut();
                 row.zip(affine.row(function)).for_each(|(sum, a)| *sum += a);
             }
         }
-        mixed
+        combined
     }
 
     /// The values at points, from those of the modes there.
     pub fn values(&self, modes: &Values, points: &[Point]) -> Values {
-        let mixed = product(modes, as_matrix(&self.factors));
+        let combined = product(modes, as_matrix(&self.factors));
         match &self.affine {
-            Some(affine) => with_affine(&mixed, affine, points),
-            None => mixed,
+            Some(affine) => with_affine(&combined, affine, points),
+            None => combined,
         }
     }
 }
@@ -90,7 +91,7 @@ fn functions_at(p: &Point) -> [f64; 4] {
     [1.0, p.x, p.y, p.z]
 }
 
-/// The affine functions nearest to the columns of data; `None` where the points do not tell them apart.
+/// The least-squares affine function for each column of data; `None` where the points do not determine it.
 fn affine_part(data: &Values, points: &[Point], weights: &[f64]) -> Option<Values> {
     let columns = data.columns();
     let mut normal = Matrix4::zeros();
@@ -144,7 +145,7 @@ fn factors_of(data: &Values, weights: &[f64], truncation: f64) -> Option<Values>
     let decomposed = triangle.thin_svd().ok()?;
     let sizes = decomposed.S().column_vector();
     let allowed = total * truncation * truncation;
-    if allowed <= (KNOWN * sizes[0]).powi(2) {
+    if allowed <= (SVD_ACCURACY * sizes[0]).powi(2) {
         return None;
     }
     let mut left_out = 0.0;
@@ -164,9 +165,9 @@ fn factors_of(data: &Values, weights: &[f64], truncation: f64) -> Option<Values>
     Some(Values::new(columns, entries.collect()))
 }
 
-/// The triangular factor of the weighted data, which has their singular values and right singular vectors: part by part,
-/// and then of all parts' factors (Demmel, Grigori, Hoemmen, Langou, *Communication-optimal parallel and sequential QR
-/// and LU factorizations*, SIAM J. Sci. Comput. 34, 2012).
+/// The triangular QR factor of the weighted data, with the same singular values and right singular vectors: of parts of
+/// the rows, then of the stacked factors (Demmel, Grigori, Hoemmen, Langou, *Communication-optimal parallel and
+/// sequential QR and LU factorizations*, SIAM J. Sci. Comput. 34, 2012).
 fn triangle_of(data: &Values, weights: &[f64]) -> Mat<f64> {
     let columns = data.columns();
     let part = |(rows, weights): (&[f64], &[f64])| {
@@ -233,7 +234,7 @@ mod tests {
             .collect()
     }
 
-    /// Columns made of `count` waves, and of a wave of its own of size `own` for each.
+    /// Columns that combine `count` waves, each with another wave of size `own` added.
     fn data(columns: usize, count: usize, own: f64) -> Values {
         let wave = |r: usize, i: usize| (r as f64 * (0.01 + 0.37 * i as f64)).sin();
         let entry = |r: usize, c: usize| {
@@ -259,24 +260,24 @@ mod tests {
     }
 
     #[test]
-    fn data_made_of_few_waves_have_as_few_modes() {
+    fn data_of_few_waves_have_as_many_modes() {
         let data = data(30, 4, 0.0);
         for affine in [false, true] {
-            let (modes, mixing) = modes_of(&data, affine, 1e-6).unwrap();
+            let (modes, basis) = modes_of(&data, affine, 1e-6).unwrap();
             assert_eq!(modes.columns(), 4);
-            assert!(largest_rms(&mixing.values(&modes, &points()), &data) < 1e-7);
+            assert!(largest_rms(&basis.values(&modes, &points()), &data) < 1e-7);
         }
     }
 
-    /// Without the waves that each column has of its own, every column is off by their root mean square, `own / √2`.
+    /// The modes leave out the wave that only one column has; its root mean square is `own / √2`.
     #[test]
     fn no_column_loses_more_than_the_truncation() {
         let own = 1e-4;
         let data = data(30, 4, own);
         let truncation = 30f64.sqrt() * own;
-        let (modes, mixing) = modes_of(&data, true, truncation).unwrap();
+        let (modes, basis) = modes_of(&data, true, truncation).unwrap();
         assert_eq!(modes.columns(), 4);
-        let lost = largest_rms(&mixing.values(&modes, &points()), &data);
+        let lost = largest_rms(&basis.values(&modes, &points()), &data);
         assert!(lost > 0.5 * own && lost <= truncation, "{lost:e}");
         assert!(modes_of(&data, true, 0.1 * own).is_none());
     }
@@ -289,25 +290,25 @@ mod tests {
         assert!((square(&modes) / square(&data) - 1.0).abs() < 1e-12);
     }
 
-    /// Whatever is made of the modes, nothing of it goes into an affine column.
+    /// Errors of the modes do not enter an affine column.
     #[test]
-    fn affine_columns_take_no_part_in_the_modes() {
+    fn affine_columns_have_no_part_in_the_modes() {
         let (mut data, points) = (data(9, 2, 0.0), points());
         let affine = |p: &Point| 3.0 - p.x + 2.0 * p.z;
         (0..ROWS).for_each(|r| data.row_mut(r)[4] = affine(&points[r]));
-        let (modes, mixing) = modes_of(&data, true, 1e-6).unwrap();
+        let (modes, basis) = modes_of(&data, true, 1e-6).unwrap();
         assert_eq!(modes.columns(), 2);
         let wrong = Values::new(2, modes.as_slice().iter().map(|v| v + 1.0).collect());
-        let values = mixing.values(&wrong, &points);
+        let values = basis.values(&wrong, &points);
         assert!((0..ROWS).all(|r| (values.row(r)[4] - affine(&points[r])).abs() < 1e-12));
-        let coefficients = mixing.coefficients(&Values::zeros(7, 2));
+        let coefficients = basis.coefficients(&Values::zeros(7, 2));
         for (function, expected) in [3.0, -1.0, 0.0, 2.0].into_iter().enumerate() {
             assert!((coefficients.row(3 + function)[4] - expected).abs() < 1e-12);
         }
     }
 
     #[test]
-    fn data_that_are_not_finite_or_wanted_to_the_last_digits_have_no_modes() {
+    fn data_that_are_not_finite_or_needed_to_the_last_digits_have_no_modes() {
         let mut bad = data(6, 2, 0.0);
         bad.row_mut(7)[3] = f64::NAN;
         assert!(modes_of(&bad, true, 1e-3).is_none());

@@ -1,6 +1,6 @@
-//! Local least-squares solves: sources in overlapping patches, each with the boundary points around it (a restricted
-//! additive Schwarz method; Cai and Sarkis, *A restricted additive Schwarz preconditioner for general sparse linear
-//! systems*, SIAM J. Sci. Comput. 21, 1999, with rectangular local problems).
+//! Least-squares solves on overlapping patches of sources, each with the collocation points around it: a restricted
+//! additive Schwarz method (Cai and Sarkis, *A restricted additive Schwarz preconditioner for general sparse linear
+//! systems*, SIAM J. Sci. Comput. 21, 1999) with rectangular matrices.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
@@ -17,12 +17,12 @@ use crate::kernel::direct;
 use crate::partition::{Bounds, Partition};
 use crate::progress::ProgressResponse;
 
-/// Added to the unit diagonal of a local normal matrix; raised a hundredfold until it is positive definite.
+/// Added to the unit diagonal of a patch's normal matrix; raised a hundredfold until that is positive definite.
 const RIDGE: f64 = 1e-13;
-/// Patches that are made between two reports of progress.
+/// Patches factored between two reports of progress.
 const PATCHES_PER_REPORT: usize = 64;
 
-/// The local problems of one level.
+/// The patches of one level.
 pub(super) struct Patches {
     patches: Vec<Patch>,
     sources: Vec<Point>,
@@ -32,7 +32,7 @@ pub(super) struct Patches {
 }
 
 struct Patch {
-    /// Overlap first, then the core, whose coefficients alone are kept.
+    /// Overlap first, then the core. Solutions are kept in the core only.
     sources: Vec<u32>,
     core: usize,
     /// Among the level's rows.
@@ -42,8 +42,8 @@ struct Patch {
 }
 
 impl Patches {
-    /// Cuts the level's sources into cores of at most `core` and factors the problem of each with the sources up to
-    /// `overlap` spacings around it.
+    /// Partitions the level's sources into cores of at most `core`, and factors each with the sources up to `overlap`
+    /// spacings around it.
     ///
     /// Costs about `rows · sources²` flops per patch; keeps `8 · core · sources` bytes of each.
     pub fn new<A: ProgressResponse>(
@@ -81,23 +81,23 @@ impl Patches {
         })
     }
 
-    /// How many numbers [`Self::new`] keeps, found without making them: the larger overlaps are where spacings change, the
-    /// more.
-    pub fn patch_entries(level: &Level, core: usize, overlap: f64) -> u64 {
+    /// Number of matrix entries that [`Self::new`] keeps, found without factoring. Overlaps grow where spacings change.
+    pub fn count_entries(level: &Level, core: usize, overlap: f64) -> u64 {
         let radii: Vec<f64> = level.spacing.iter().map(|h| overlap * h).collect();
         let partition = Partition::compact(&level.sources, &radii, core);
         let cores: Vec<&[u32]> = partition.parts().collect();
-        let kept = |core: &&[u32]| {
+        let entries = |core: &&[u32]| {
             let bounds = Bounds::around(core.iter().map(|&s| level.sources[s as usize]));
             let sources = partition.reaching(&level.sources, &radii, &bounds);
             (core.len() * sources.len()) as u64
         };
-        cores.par_iter().map(kept).sum()
+        cores.par_iter().map(entries).sum()
     }
 
-    /// Coefficients that lower a residual given at the level's rows: one row per source. Every patch sees its own rows only.
+    /// Corrections for a residual at the level's rows: coefficients, one row per source. Each patch takes its own rows
+    /// only.
     pub fn solve(&self, residual: &Values) -> Values {
-        self.on_cores(residual.columns(), |patch| patch.project(self, residual))
+        self.solve_cores(residual.columns(), |patch| patch.project(self, residual))
     }
 
     /// The same for the gradient `Aᵀ W r` of the whole residual, given at the level's sources.
@@ -107,11 +107,11 @@ impl Patches {
                 gradient.row(patch.sources[i] as usize)[k]
             })
         };
-        self.on_cores(gradient.columns(), local)
+        self.solve_cores(gradient.columns(), local)
     }
 
-    /// Solves the local normal equations for right-hand sides at each patch's sources, and keeps the cores' part.
-    fn on_cores(&self, columns: usize, rhs: impl Fn(&Patch) -> Mat<f64> + Sync) -> Values {
+    /// Solves the normal equations of each patch for a right-hand side at its sources, and keeps the cores' part.
+    fn solve_cores(&self, columns: usize, rhs: impl Fn(&Patch) -> Mat<f64> + Sync) -> Values {
         let solve = |patch: &Patch| {
             let mut solution = Mat::zeros(patch.core, columns);
             matmul(
@@ -172,8 +172,8 @@ impl Patch {
             // The kernel is symmetric: the transposed product is the potential of the rows at the sources.
             let weight = |&r: &u32| std::array::from_fn(|k| if k < columns { weighted(r, k) } else { 0.0 });
             let weights: Vec<[f64; 3]> = self.rows.iter().map(weight).collect();
-            let charges = direct::Sources::new(&from, &weights).expect("a weight for each row");
-            for (i, sums) in direct::potential(&charges, &at).iter().enumerate() {
+            let reversed = direct::Sources::new(&from, &weights).expect("a weight for each row");
+            for (i, sums) in direct::potential(&reversed, &at).iter().enumerate() {
                 (0..columns).for_each(|k| projected[(i, k)] = sums[k]);
             }
         } else {
@@ -246,7 +246,7 @@ fn core_inverse(matrix: MatRef<'_, f64>, core: usize) -> Mat<f64> {
     let mut inverse = Mat::<f64>::zeros(n, core);
     (0..core).for_each(|c| inverse[(n - core + c, c)] = 1.0);
     let overlap = n - core;
-    // The right-hand sides are zero above the core, and so is what the forward substitution makes of them.
+    // The right-hand sides vanish above the core, and so do they after the forward substitution.
     let trailing = factor.submatrix(overlap, overlap, core, core);
     triangular_solve::solve_lower_triangular_in_place(trailing, inverse.as_mut().subrows_mut(overlap, core), Par::Seq);
     triangular_solve::solve_upper_triangular_in_place(factor.transpose(), inverse.as_mut(), Par::Seq);
@@ -320,10 +320,10 @@ mod tests {
         Values::new(columns, values.collect())
     }
 
-    /// The condition number is about 1e3, so the normal equations lose six of sixteen digits. Up to three columns and more
-    /// go by different sums.
+    /// The condition number is about 1e3, so the normal equations lose six of sixteen digits. Up to three columns take
+    /// another way than more.
     #[test]
-    fn one_patch_that_holds_everything_is_dense_least_squares() {
+    fn a_single_patch_is_dense_least_squares() {
         let (level, points) = level();
         let patches = Patches::new(&level, points.clone(), level.sources.len(), 3.0, &|_, _| {}).unwrap();
         assert_eq!(patches.patches.len(), 1);
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn cores_share_out_the_sources_and_patches_overlap() {
+    fn cores_partition_the_sources_and_patches_overlap() {
         let (level, points) = level();
         let patches = Patches::new(&level, points, 20, 2.0, &|_, _| {}).unwrap();
         let mut cores: Vec<u32> = Vec::new();
@@ -359,8 +359,8 @@ mod tests {
         assert!(cores.into_iter().eq(0..162));
     }
 
-    /// A source that owns no row has the column of its neighbours' rows; one that coincides with another makes the normal
-    /// matrix singular. Neither may bring forth anything that is not finite.
+    /// A source without rows of its own has a column at its neighbours' rows; coinciding sources make the normal matrix
+    /// singular. Either way solutions are finite.
     #[test]
     fn doubled_and_empty_sources_stay_finite() {
         let (mut level, points) = level();

@@ -1,10 +1,10 @@
 use rayon::prelude::*;
 
-/// Several right-hand sides, solutions or residuals side by side: `rows × columns` numbers, row after row.
+/// Several right-hand sides, solutions or residuals side by side: a row-major matrix of `rows × columns` entries.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Values {
     columns: usize,
-    numbers: Vec<f64>,
+    entries: Vec<f64>,
 }
 
 impl Values {
@@ -13,14 +13,14 @@ impl Values {
         Self::new(columns, vec![0.0; rows * columns])
     }
 
-    /// Rows of `columns` numbers each.
+    /// From the entries, row after row.
     ///
     /// # Panics
     ///
-    /// When the numbers do not fill whole rows.
-    pub fn new(columns: usize, numbers: Vec<f64>) -> Self {
-        assert!(columns > 0 && numbers.len().is_multiple_of(columns), "rows are whole");
-        Self { columns, numbers }
+    /// When the number of entries is not a multiple of `columns`.
+    pub fn new(columns: usize, entries: Vec<f64>) -> Self {
+        assert!(columns > 0 && entries.len().is_multiple_of(columns), "rows are whole");
+        Self { columns, entries }
     }
 
     /// Rows of three.
@@ -30,7 +30,7 @@ impl Values {
 
     /// How many rows there are.
     pub fn rows(&self) -> usize {
-        self.numbers.len() / self.columns
+        self.entries.len() / self.columns
     }
 
     /// How many columns there are.
@@ -40,22 +40,22 @@ impl Values {
 
     /// One row.
     pub fn row(&self, row: usize) -> &[f64] {
-        &self.numbers[row * self.columns..(row + 1) * self.columns]
+        &self.entries[row * self.columns..(row + 1) * self.columns]
     }
 
-    /// One row, to write to.
+    /// One row, mutable.
     pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
-        &mut self.numbers[row * self.columns..(row + 1) * self.columns]
+        &mut self.entries[row * self.columns..(row + 1) * self.columns]
     }
 
-    /// All numbers, row after row.
+    /// All entries, row after row.
     pub fn as_slice(&self) -> &[f64] {
-        &self.numbers
+        &self.entries
     }
 
-    /// All numbers, to write to.
+    /// All entries, mutable.
     pub(super) fn as_mut_slice(&mut self) -> &mut [f64] {
-        &mut self.numbers
+        &mut self.entries
     }
 
     /// `self − other`, of the same size.
@@ -64,24 +64,24 @@ impl Values {
     ///
     /// When the sizes differ.
     pub fn minus(&self, other: &Self) -> Self {
-        assert_eq!((self.columns, self.numbers.len()), (other.columns, other.numbers.len()));
-        let pairs = self.numbers.par_iter().zip(&other.numbers);
+        assert_eq!((self.columns, self.entries.len()), (other.columns, other.entries.len()));
+        let pairs = self.entries.par_iter().zip(&other.entries);
         Self::new(self.columns, pairs.with_min_len(1 << 14).map(|(a, b)| a - b).collect())
     }
 
     /// The chosen rows, in that order.
     pub(super) fn gather(&self, rows: &[u32]) -> Self {
-        let mut numbers = Vec::with_capacity(rows.len() * self.columns);
+        let mut entries = Vec::with_capacity(rows.len() * self.columns);
         rows.iter()
-            .for_each(|&r| numbers.extend_from_slice(self.row(r as usize)));
-        Self::new(self.columns, numbers)
+            .for_each(|&r| entries.extend_from_slice(self.row(r as usize)));
+        Self::new(self.columns, entries)
     }
 
     /// Adds `factors[c] · other` to column `c`.
     pub(super) fn add_scaled(&mut self, factors: &[f64], other: &Self) {
-        debug_assert_eq!(self.numbers.len(), other.numbers.len());
+        debug_assert_eq!(self.entries.len(), other.entries.len());
         let chunk = self.columns * ROWS_PER_TASK;
-        let parts = self.numbers.par_chunks_mut(chunk).zip(other.numbers.par_chunks(chunk));
+        let parts = self.entries.par_chunks_mut(chunk).zip(other.entries.par_chunks(chunk));
         parts.for_each(|(mine, others)| {
             let rows = mine
                 .chunks_exact_mut(factors.len())
@@ -98,9 +98,9 @@ impl Values {
     pub(super) fn dot(&self, other: &Self, weights: &[f64]) -> Vec<f64> {
         let chunk = self.columns * ROWS_PER_TASK;
         let parts: Vec<Vec<f64>> = self
-            .numbers
+            .entries
             .par_chunks(chunk)
-            .zip(other.numbers.par_chunks(chunk))
+            .zip(other.entries.par_chunks(chunk))
             .zip(weights.par_chunks(ROWS_PER_TASK))
             .map(|((mine, others), weights)| {
                 let mut sums = vec![0.0; self.columns];
@@ -128,8 +128,8 @@ mod tests {
     use super::*;
 
     fn waves(rows: usize, columns: usize, phase: f64) -> Values {
-        let numbers = (0..rows * columns).map(|i| (i as f64 * 0.7 + phase).sin());
-        Values::new(columns, numbers.collect())
+        let entries = (0..rows * columns).map(|i| (i as f64 * 0.7 + phase).sin());
+        Values::new(columns, entries.collect())
     }
 
     /// Over more rows than one task takes; the sums differ by their order, so by the rounding of as many terms.

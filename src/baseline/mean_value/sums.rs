@@ -18,9 +18,7 @@
 //! `m` and `s` are Ju et al.'s; their weights follow from `Σ w_j d_j = m`. Shares of an edge serve both its triangles:
 //! those of `G m` are summed by edges with the difference of the two `G`.
 
-use super::lanes::Lanes;
-#[cfg(target_arch = "x86_64")]
-use super::lanes::{Avx2, Avx512, F64x4, F64x8};
+use crate::simd::{Computation, Instructions, Portable, Simd};
 use crate::{Matrix3, Point, Vector};
 
 /// Points of a [`PointBlock`]: a multiple of every vector width.
@@ -130,87 +128,58 @@ const NO_HEIGHT: f64 = 1e-10;
 /// `ε/FLAT²`, and the series is off by `3 FLAT⁴`: 2e-10 and 3e-12.
 const FLAT: f64 = 1e-3;
 
-/// Which inner loops to run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Instructions {
-    #[cfg(target_arch = "x86_64")]
-    Avx512(Avx512),
-    #[cfg(target_arch = "x86_64")]
-    Avx2(Avx2),
-    Portable,
-}
-
-impl Instructions {
-    /// All that this machine has, fastest first; the portable ones always.
-    pub(super) fn available() -> impl Iterator<Item = Self> {
-        [
-            #[cfg(target_arch = "x86_64")]
-            Avx512::detect().map(Self::Avx512),
-            #[cfg(target_arch = "x86_64")]
-            Avx2::detect().map(Self::Avx2),
-            Some(Self::Portable),
-        ]
-        .into_iter()
-        .flatten()
-    }
-
-    /// Sums over all patches for each block; gradients only if asked for.
-    pub(super) fn sum(self, patches: &[TrianglePatch], blocks: &[PointBlock], with_gradient: bool) -> Vec<BlockSums> {
-        match (self, with_gradient) {
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: the token exists only where AVX-512F was found.
-            (Self::Avx512(token), false) => unsafe { sum_avx512::<false>(token, patches, blocks) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above.
-            (Self::Avx512(token), true) => unsafe { sum_avx512::<true>(token, patches, blocks) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: the token exists only where AVX2 and FMA were found.
-            (Self::Avx2(token), false) => unsafe { sum_avx2::<false>(token, patches, blocks) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above.
-            (Self::Avx2(token), true) => unsafe { sum_avx2::<true>(token, patches, blocks) },
-            (Self::Portable, false) => sum_patches::<f64, false>((), patches, blocks),
-            (Self::Portable, true) => sum_patches::<f64, true>((), patches, blocks),
-        }
+/// Sums over all patches for each block; gradients only if asked for.
+pub(super) fn sum(
+    instructions: Instructions,
+    patches: &[TrianglePatch],
+    blocks: &[PointBlock],
+    with_gradient: bool,
+) -> Vec<BlockSums> {
+    if with_gradient {
+        instructions.run(PatchSums::<true> { patches, blocks })
+    } else {
+        instructions.run(PatchSums::<false> { patches, blocks })
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-fn sum_avx512<const GRADIENT: bool>(token: Avx512, patches: &[TrianglePatch], blocks: &[PointBlock]) -> Vec<BlockSums> {
-    sum_patches::<F64x8, GRADIENT>(token, patches, blocks)
+struct PatchSums<'a, const GRADIENT: bool> {
+    patches: &'a [TrianglePatch],
+    blocks: &'a [PointBlock],
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn sum_avx2<const GRADIENT: bool>(token: Avx2, patches: &[TrianglePatch], blocks: &[PointBlock]) -> Vec<BlockSums> {
-    sum_patches::<F64x4, GRADIENT>(token, patches, blocks)
+impl<const GRADIENT: bool> Computation for PatchSums<'_, GRADIENT> {
+    type Output = Vec<BlockSums>;
+
+    #[inline(always)]
+    fn run<V: Simd>(self, token: V::Token) -> Vec<BlockSums> {
+        sum_patches::<V, GRADIENT>(token, self.patches, self.blocks)
+    }
 }
 
 /// Patch after patch, each for all points while it is in the cache. Every patch is summed on its own, which also keeps
 /// rounding errors from growing with the number of triangles.
 #[inline(always)]
-fn sum_patches<L: Lanes, const GRADIENT: bool>(
-    token: L::Token,
+fn sum_patches<V: Simd, const GRADIENT: bool>(
+    token: V::Token,
     patches: &[TrianglePatch],
     blocks: &[PointBlock],
 ) -> Vec<BlockSums> {
     let mut sums = vec![[[0.0; LANES]; 16]; blocks.len()];
     let most_edges = patches.iter().map(|patch| patch.edges.len()).max().unwrap_or(0);
-    let mut along_edges = vec![[L::splat(token, 0.0); 2]; most_edges];
+    let mut along_edges = vec![[V::splat(token, 0.0); 2]; most_edges];
     for patch in patches {
         for (block, sums) in blocks.iter().zip(&mut sums) {
-            for first in (0..LANES).step_by(L::WIDTH) {
-                let load = |axis: &[f64; LANES]| L::load(token, &axis[first..]);
+            for first in (0..LANES).step_by(V::WIDTH) {
+                let load = |axis: &[f64; LANES]| V::load(token, &axis[first..]);
                 let at = block.points.each_ref().map(load);
                 let origin = block.origins.each_ref().map(load);
-                let mut sum = [L::splat(token, 0.0); 16];
-                add_edges::<L, GRADIENT>(token, &patch.edges, at, &mut along_edges, &mut sum);
-                add_triangles::<L, GRADIENT>(token, &patch.triangles, at, origin, &along_edges, &mut sum);
+                let mut sum = [V::splat(token, 0.0); 16];
+                add_edges::<V, GRADIENT>(token, &patch.edges, at, &mut along_edges, &mut sum);
+                add_triangles::<V, GRADIENT>(token, &patch.triangles, at, origin, &along_edges, &mut sum);
                 let count = if GRADIENT { 16 } else { 4 };
                 for (sum, sums) in sum[..count].iter().zip(&mut *sums) {
                     let sums = &mut sums[first..];
-                    (L::load(token, sums) + *sum).store(sums);
+                    (V::load(token, sums) + *sum).store(sums);
                 }
             }
         }
@@ -220,22 +189,22 @@ fn sum_patches<L: Lanes, const GRADIENT: bool>(
 
 /// Adds the shares of edges in `Σ G m`, and writes `κ` and, with gradients, `κ₄`.
 #[inline(always)]
-fn add_edges<L: Lanes, const GRADIENT: bool>(
-    token: L::Token,
+fn add_edges<V: Simd, const GRADIENT: bool>(
+    token: V::Token,
     edges: &[PatchEdge],
-    at: [L; 3],
-    along_edges: &mut [[L; 2]],
-    sum: &mut [L; 16],
+    at: [V; 3],
+    along_edges: &mut [[V; 2]],
+    sum: &mut [V; 16],
 ) {
-    let splat = |value| L::splat(token, value);
+    let splat = |value| V::splat(token, value);
     let mut part = *sum;
     for (edge, integrals) in edges.iter().zip(along_edges) {
         let along = edge.along.map(splat);
         let length_squared = splat(edge.length_squared);
-        let d: [L; 3] = std::array::from_fn(|k| splat(edge.start[k]) - at[k]);
+        let d: [V; 3] = std::array::from_fn(|k| splat(edge.start[k]) - at[k]);
         let forward = dot(d, along);
-        let Segment { kappa, r, slope } = segment::<L, GRADIENT>(token, d, along, forward);
-        let turned: [L; 3] = std::array::from_fn(|i| row(token, &edge.turn, i, d));
+        let Segment { kappa, r, slope } = segment::<V, GRADIENT>(token, d, along, forward);
+        let turned: [V; 3] = std::array::from_fn(|i| row(token, &edge.turn, i, d));
         let minus_kappa = -kappa;
         for i in 0..3 {
             part[i] = turned[i].mul_add(minus_kappa, part[i]);
@@ -246,7 +215,7 @@ fn add_edges<L: Lanes, const GRADIENT: bool>(
             let of_d = r + r + across;
             let of_along = r - forward * slope;
             // `∇κ`, negative.
-            let gradient: [L; 3] = std::array::from_fn(|k| -d[k].mul_add(of_d, along[k] * of_along));
+            let gradient: [V; 3] = std::array::from_fn(|k| -d[k].mul_add(of_d, along[k] * of_along));
             for i in 0..3 {
                 for k in 0..3 {
                     let entry = &mut part[NUMERATOR_GRADIENT + 3 * i + k];
@@ -263,17 +232,17 @@ fn add_edges<L: Lanes, const GRADIENT: bool>(
 
 /// What the integrals over an edge are made of, with `A = d_i · d_j` and `C = |d_i × d_j|²`.
 #[derive(Clone, Copy)]
-struct Segment<L> {
+struct Segment<V> {
     /// `κ`.
-    kappa: L,
+    kappa: V,
     /// `1 / (A² + C) = 1 / r_i² r_j²`.
-    r: L,
+    r: V,
     /// `(κ − A / (A² + C)) / C`: `κ₄ = r + ½ |E|² slope`.
-    slope: L,
+    slope: V,
 }
 
 #[inline(always)]
-fn segment<L: Lanes, const GRADIENT: bool>(token: L::Token, d: [L; 3], along: [L; 3], forward: L) -> Segment<L> {
+fn segment<V: Simd, const GRADIENT: bool>(token: V::Token, d: [V; 3], along: [V; 3], forward: V) -> Segment<V> {
     let c = cross(d, along);
     let c = dot(c, c);
     let a = dot(d, d) + forward;
@@ -294,8 +263,8 @@ fn segment<L: Lanes, const GRADIENT: bool>(token: L::Token, d: [L; 3], along: [L
         // `arctan − z · difference` is `1 / (1 + z)`.
         result.r = squared * (-z).mul_add(difference, arctan);
     }
-    let limit = a * a.abs() * L::splat(token, SERIES);
-    if c.less(limit) != (1 << L::WIDTH) - 1 {
+    let limit = a * a.abs() * V::splat(token, SERIES);
+    if c.less(limit) != (1 << V::WIDTH) - 1 {
         let wide = wide_segment(token, a, c);
         result.kappa = c.if_less(limit, result.kappa, wide.kappa);
         result.r = c.if_less(limit, result.r, wide.r);
@@ -304,12 +273,24 @@ fn segment<L: Lanes, const GRADIENT: bool>(token: L::Token, d: [L; 3], along: [L
     result
 }
 
+/// [`segment`] for a single point.
+fn scalar_segment(d: Vector, along: Vector) -> Segment<f64> {
+    let vector = |v: Vector| [v.x, v.y, v.z].map(|c| Portable([c]));
+    let forward = Portable([d.dot(&along)]);
+    let Segment { kappa, r, slope } = segment::<_, true>((), vector(d), vector(along), forward);
+    Segment {
+        kappa: kappa.0[0],
+        r: r.0[0],
+        slope: slope.0[0],
+    }
+}
+
 /// Limit of the series in `z`: their eighth power is below the rounding error.
 const SERIES: f64 = 1.0 / 64.0;
 
 /// `arctan(√z) / √z = 1 − z/3 + z²/5 − …`
 #[inline(always)]
-fn arctan_over_argument<L: Lanes>(token: L::Token, z: L) -> L {
+fn arctan_over_argument<V: Simd>(token: V::Token, z: V) -> V {
     const TERMS: [f64; 8] = [
         -1.0 / 15.0,
         1.0 / 13.0,
@@ -325,7 +306,7 @@ fn arctan_over_argument<L: Lanes>(token: L::Token, z: L) -> L {
 
 /// `(arctan(√z) / √z − 1 / (1 + z)) / z = 2/3 − 4z/5 + 6z²/7 − …`
 #[inline(always)]
-fn arctan_minus_rational<L: Lanes>(token: L::Token, z: L) -> L {
+fn arctan_minus_rational<V: Simd>(token: V::Token, z: V) -> V {
     const TERMS: [f64; 8] = [
         -16.0 / 17.0,
         14.0 / 15.0,
@@ -340,20 +321,20 @@ fn arctan_minus_rational<L: Lanes>(token: L::Token, z: L) -> L {
 }
 
 #[inline(always)]
-fn horner<L: Lanes>(token: L::Token, terms: &[f64; 8], z: L) -> L {
-    terms[1..].iter().fold(L::splat(token, terms[0]), |sum, &term| {
-        sum.mul_add(z, L::splat(token, term))
+fn horner<V: Simd>(token: V::Token, terms: &[f64; 8], z: V) -> V {
+    terms[1..].iter().fold(V::splat(token, terms[0]), |sum, &term| {
+        sum.mul_add(z, V::splat(token, term))
     })
 }
 
 /// The integrals where the angle is not small.
 #[inline(always)]
-fn wide_segment<L: Lanes>(token: L::Token, a: L, c: L) -> Segment<L> {
-    let splat = |value| L::splat(token, value);
+fn wide_segment<V: Simd>(token: V::Token, a: V, c: V) -> Segment<V> {
+    let splat = |value| V::splat(token, value);
     let sine = c.sqrt();
     let lengths = a.mul_add(a, c);
     // The tangent of half the angle between `d_i` and `± d_j`, at most one, less the nearest quarter.
-    let tangent = sine.over(lengths.sqrt() + a.abs());
+    let tangent = sine / (lengths.sqrt() + a.abs());
     let (mut quarter, mut turned) = (splat(0.0), splat(0.0));
     for k in 1..=4 {
         let nearest = 0.25 * f64::from(k);
@@ -361,37 +342,37 @@ fn wide_segment<L: Lanes>(token: L::Token, a: L, c: L) -> Segment<L> {
         quarter = beyond.if_less(tangent, splat(nearest), quarter);
         turned = beyond.if_less(tangent, splat(nearest.atan()), turned);
     }
-    let rest = (tangent - quarter).over(tangent.mul_add(quarter, splat(1.0)));
+    let rest = (tangent - quarter) / tangent.mul_add(quarter, splat(1.0));
     let half = rest.mul_add(arctan_over_argument(token, rest * rest), turned);
     let angle = half + half;
     let angle = a.if_less(splat(0.0), splat(std::f64::consts::PI) - angle, angle);
-    let kappa = angle.over(sine);
-    let r = splat(1.0).over(lengths);
+    let kappa = angle / sine;
+    let r = splat(1.0) / lengths;
     Segment {
         kappa,
         r,
-        slope: (kappa - a * r).over(c),
+        slope: (kappa - a * r) / c,
     }
 }
 
 /// Adds the shares `φ s` and `s` of triangles.
 #[inline(always)]
-fn add_triangles<L: Lanes, const GRADIENT: bool>(
-    token: L::Token,
+fn add_triangles<V: Simd, const GRADIENT: bool>(
+    token: V::Token,
     triangles: &[PatchTriangle],
-    at: [L; 3],
-    origin: [L; 3],
-    along_edges: &[[L; 2]],
-    sum: &mut [L; 16],
+    at: [V; 3],
+    origin: [V; 3],
+    along_edges: &[[V; 2]],
+    sum: &mut [V; 16],
 ) {
-    let splat = |value| L::splat(token, value);
+    let splat = |value| V::splat(token, value);
     let mut part = *sum;
     for triangle in triangles {
         let normal = triangle.normal.map(splat);
         let [b0, b2] = triangle.side_normals.map(|b| b.map(splat));
         let twice_area = splat(triangle.twice_area);
         let corner: [f64; 3] = triangle.corners[0].coords.into();
-        let d: [L; 3] = std::array::from_fn(|k| splat(corner[k]) - at[k]);
+        let d: [V; 3] = std::array::from_fn(|k| splat(corner[k]) - at[k]);
         let h = dot(normal, d);
         let (alpha0, alpha2) = (dot(b0, d), dot(b2, d));
         let [e0, e1, e2] = triangle.edges.map(|edge| along_edges[edge as usize]);
@@ -404,7 +385,7 @@ fn add_triangles<L: Lanes, const GRADIENT: bool>(
             j = replace_flat(token, triangle, at, flat, j);
         }
         let s = h * j;
-        let phi: [L; 3] =
+        let phi: [V; 3] =
             std::array::from_fn(|i| splat(triangle.first_image[i]) - origin[i] - row(token, &triangle.gradient, i, d));
         for i in 0..3 {
             part[i] = phi[i].mul_add(s, part[i]);
@@ -431,20 +412,20 @@ fn add_triangles<L: Lanes, const GRADIENT: bool>(
 /// `J` with the series in place of the closed form in those of the `flat` lanes that call for it.
 #[cold]
 #[inline(never)]
-fn replace_flat<L: Lanes>(token: L::Token, triangle: &PatchTriangle, at: [L; 3], flat: u32, j: L) -> L {
+fn replace_flat<V: Simd>(token: V::Token, triangle: &PatchTriangle, at: [V; 3], flat: u32, j: V) -> V {
     let mut points = [[0.0; LANES]; 3];
     let mut values = [0.0; LANES];
     for (axis, points) in at.iter().zip(&mut points) {
         axis.store(points);
     }
     j.store(&mut values);
-    for lane in (0..L::WIDTH).filter(|lane| flat >> lane & 1 == 1) {
+    for lane in (0..V::WIDTH).filter(|lane| flat >> lane & 1 == 1) {
         let point = Point::from(points.map(|axis| axis[lane]));
         if let Some(value) = flat_integral(triangle, point) {
             values[lane] = value;
         }
     }
-    L::load(token, &values)
+    V::load(token, &values)
 }
 
 /// `J` to second order in the height, by the divergence theorem in the plane: `J = −½ Σ α κ₄ + 2 h² ∫ dA / r⁶` and
@@ -459,7 +440,7 @@ fn flat_integral(triangle: &PatchTriangle, point: Point) -> Option<f64> {
         let alpha = d.dot(&along.cross(&normal));
         let length_squared = along.norm_squared();
         beside = beside.max(-alpha / length_squared.sqrt());
-        let segment = segment::<f64, true>((), d.into(), along.into(), d.dot(&along));
+        let segment = scalar_segment(d, along);
         let kappa4 = segment.r + 0.5 * length_squared * segment.slope;
         fourth -= alpha * kappa4;
         sixth -= alpha * sixth_power_integral(d, end - point, length_squared, segment.kappa, kappa4);
@@ -487,12 +468,12 @@ fn sixth_power_integral(from: Vector, to: Vector, length_squared: f64, kappa: f6
 }
 
 #[inline(always)]
-fn dot<L: Lanes>(a: [L; 3], b: [L; 3]) -> L {
+fn dot<V: Simd>(a: [V; 3], b: [V; 3]) -> V {
     a[2].mul_add(b[2], a[1].mul_add(b[1], a[0] * b[0]))
 }
 
 #[inline(always)]
-fn cross<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
+fn cross<V: Simd>(a: [V; 3], b: [V; 3]) -> [V; 3] {
     std::array::from_fn(|k| {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
         a[i].mul_add(b[j], -(a[j] * b[i]))
@@ -501,8 +482,8 @@ fn cross<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
 
 /// Row `i` of a row-major matrix times a vector.
 #[inline(always)]
-fn row<L: Lanes>(token: L::Token, matrix: &[f64; 9], i: usize, d: [L; 3]) -> L {
-    dot(std::array::from_fn(|k| L::splat(token, matrix[3 * i + k])), d)
+fn row<V: Simd>(token: V::Token, matrix: &[f64; 9], i: usize, d: [V; 3]) -> V {
+    dot(std::array::from_fn(|k| V::splat(token, matrix[3 * i + k])), d)
 }
 
 #[cfg(test)]
@@ -580,7 +561,7 @@ mod tests {
                 .map(|k| {
                     let (start, end) = (triangle.corners[k], triangle.corners[(k + 1) % 3]);
                     let (d, along) = (start - point, end - start);
-                    let kappa = segment::<f64, false>((), d.into(), along.into(), d.dot(&along)).kappa;
+                    let kappa = scalar_segment(d, along).kappa;
                     kappa * d.dot(&along.cross(&Vector::from(triangle.normal)))
                 })
                 .sum();
@@ -609,7 +590,7 @@ mod tests {
                 let inner: f64 = (1..n).map(|k| at(k) * if k % 2 == 1 { 4.0 } else { 2.0 }).sum();
                 (at(0) + inner + at(n)) / (3 * n) as f64
             };
-            let integrals = segment::<f64, true>((), from.into(), along.into(), from.dot(&along));
+            let integrals = scalar_segment(from, along);
             let kappa4 = integrals.r + 0.5 * along.norm_squared() * integrals.slope;
             let kappa6 = sixth_power_integral(from, from + along, along.norm_squared(), integrals.kappa, kappa4);
             assert!((integrals.kappa / numeric(2) - 1.0).abs() < 1e-10);

@@ -437,7 +437,7 @@ fn a_real_model_keeps_affine_maps_and_digits() {
 
     let bent = map(&mesh, |p| bend(&(p / size)));
     let portable = MeanValueMap {
-        instructions: Instructions::Portable,
+        instructions: Instructions::PORTABLE,
         ..bent.clone()
     };
     let jacobians = bent.jacobian(&points).into_iter().zip(portable.jacobian(&points));

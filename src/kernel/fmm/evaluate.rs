@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::expansions::Pass;
 use super::lists::TargetLeaf;
 use super::tree::TreeCell;
-use crate::kernel::direct::{BlockValues, LANES, PackedSource, TargetBlock};
+use crate::kernel::direct::{self, BlockValues, LANES, PackedSource, TargetBlock};
 
 /// Sums at all targets in the order of the tree: potentials, `targets × columns`, and gradients, `× 3`.
 pub(super) struct TargetSums {
@@ -36,7 +36,7 @@ struct Gradient;
 
 impl SumKind<3> for Potential {
     fn add(self, pass: &Pass, sources: &[PackedSource], targets: &[TargetBlock], sums: &mut [[BlockValues; 3]]) {
-        pass.instructions.add_potential(sources, targets, sums);
+        direct::add_potential(pass.instructions, sources, targets, sums);
     }
 
     fn scale(self, _: usize, up: f64) -> f64 {
@@ -46,7 +46,7 @@ impl SumKind<3> for Potential {
 
 impl SumKind<12> for Gradient {
     fn add(self, pass: &Pass, sources: &[PackedSource], targets: &[TargetBlock], sums: &mut [[BlockValues; 12]]) {
-        pass.instructions.add_gradient(sources, targets, sums);
+        direct::add_gradient(pass.instructions, sources, targets, sums);
     }
 
     fn scale(self, value: usize, up: f64) -> f64 {

@@ -15,7 +15,7 @@ use super::lists::{GROUP, Lists, Transfer};
 use super::operators::{Operators, Transfers};
 use super::tree::{Tree, TreeCell};
 use super::weights::PassWeights;
-use crate::kernel::direct::{Instructions, LANES, TargetBlock};
+use crate::kernel::direct::{self, Instructions, LANES, TargetBlock};
 
 /// What a pass over the tree works with.
 #[derive(Clone, Copy)]
@@ -134,7 +134,7 @@ impl Pass<'_> {
                 })
                 .collect();
             let mut sums = vec![[[0.0; LANES]; 3]; blocks.len()];
-            self.instructions.add_potential(&local, blocks, &mut sums);
+            direct::add_potential(self.instructions, &local, blocks, &mut sums);
             for (column, out) in out.chunks_mut(points).enumerate() {
                 for (out, sums) in out.chunks_mut(LANES).zip(&sums) {
                     for (out, sum) in out.iter_mut().zip(&sums[column]) {
@@ -169,7 +169,7 @@ impl Pass<'_> {
         for (tile, points) in points.chunks(TILE).enumerate() {
             let kernel = &mut kernel[..rows * points.len()];
             for (point, column) in points.iter().zip(kernel.chunks_mut(rows)) {
-                self.instructions.write_column(*point, targets, column);
+                direct::write_column(self.instructions, *point, 1.0, targets, column);
             }
             matmul(
                 out.as_mut(),

@@ -39,7 +39,7 @@ pub struct Fmm {
     resolution: usize,
 }
 
-/// What does not depend on weights or accuracy.
+/// What depends on the points alone.
 #[derive(Debug)]
 struct Geometry {
     tree: Tree,
@@ -56,11 +56,10 @@ struct Geometry {
     has_bad_source: bool,
 }
 
-/// Largest scaled coordinate of a target in the tree: what is farther from the origin than 2³⁰ times the sources has
-/// nothing to gain from it.
+/// Largest scaled coordinate of a target in the tree; targets farther away are summed term by term.
 const FAR: f64 = (1u64 << 30) as f64;
 
-/// Right-hand sides of a pass; more are taken in turn, as their expansions would need much memory.
+/// Most columns of a pass, to bound the memory of the expansions.
 const COLUMNS: usize = 48;
 
 impl Fmm {
@@ -128,7 +127,7 @@ impl Fmm {
             let scaled = *p * scale.up;
             scaled.iter().all(|c| c.abs() <= FAR) && !(has_minute && is_minute(scaled))
         };
-        // Sums with a source that is nowhere are not finite anywhere, and those of no sources are zero: no tree.
+        // Sums with a source that is not finite are NaN everywhere, and those of no sources are zero: no tree.
         let has_tree = !has_bad_source && !sources.is_empty();
         let (inside, outside): (Vec<u32>, Vec<u32>) =
             (0..targets.len() as u32).partition(|&t| has_tree && in_tree(&targets[t as usize]));

@@ -1,0 +1,439 @@
+//! Vectors of `f64` in AVX-512, AVX2 or portable Rust, chosen at run time.
+//!
+//! An inner loop is written once, as a [`Computation`] generic over [`Simd`], and [`Instructions::run`] compiles it for
+//! each set of instructions. Vectors are made through a token that exists only where the processor has the
+//! instructions, so that code which holds a vector may calculate with it.
+//!
+//! pulp, on which faer is built, was tried in place of this. It has no estimates of reciprocals and square roots, which
+//! are half of the kernel sums' speed, and its AVX-512 is a cargo feature that changes the results of faer too.
+
+use std::array::from_fn;
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// A set of vector instructions that this machine has been found to have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Instructions(Level);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Level {
+    #[cfg(target_arch = "x86_64")]
+    Avx512(x86::Avx512),
+    #[cfg(target_arch = "x86_64")]
+    Avx2(x86::Avx2),
+    Portable,
+}
+
+impl Instructions {
+    /// Those of plain Rust, which are always there.
+    pub(crate) const PORTABLE: Self = Self(Level::Portable);
+
+    /// The fastest of [`Self::available`].
+    pub fn detect() -> Self {
+        Self::available().next().unwrap_or(Self::PORTABLE)
+    }
+
+    /// All that this machine has, fastest first; the last is the portable one.
+    pub fn available() -> impl Iterator<Item = Self> {
+        [
+            #[cfg(target_arch = "x86_64")]
+            x86::Avx512::detect().map(Level::Avx512),
+            #[cfg(target_arch = "x86_64")]
+            x86::Avx2::detect().map(Level::Avx2),
+            Some(Level::Portable),
+        ]
+        .into_iter()
+        .flatten()
+        .map(Self)
+    }
+
+    /// `"avx512"`, `"avx2"` or `"portable"`.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512(_) => "avx512",
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2(_) => "avx2",
+            Level::Portable => "portable",
+        }
+    }
+
+    pub(crate) fn run<C: Computation>(self, computation: C) -> C::Output {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the token exists only where AVX-512F was found.
+            Level::Avx512(token) => unsafe { x86::run_avx512(token, computation) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the token exists only where AVX2 and FMA were found.
+            Level::Avx2(token) => unsafe { x86::run_avx2(token, computation) },
+            Level::Portable => computation.run::<Portable<4>>(()),
+        }
+    }
+}
+
+/// A loop over vectors of any set of instructions.
+///
+/// `run` and all that it calls with vectors must be `#[inline(always)]`: only what is inlined into
+/// [`Instructions::run`] is compiled for the instructions.
+pub(crate) trait Computation {
+    type Output;
+
+    fn run<V: Simd>(self, token: V::Token) -> Self::Output;
+}
+
+/// A vector of [`Self::WIDTH`] values.
+pub(crate) trait Simd:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+{
+    /// Proof that the processor can calculate with these.
+    type Token: Copy;
+    const WIDTH: usize;
+    /// How many vectors the processor can hold in registers.
+    const REGISTERS: usize;
+
+    fn splat(token: Self::Token, value: f64) -> Self;
+    /// The first [`Self::WIDTH`] values.
+    fn load(token: Self::Token, values: &[f64]) -> Self;
+    fn store(self, values: &mut [f64]);
+    /// `self * factor + summand`, rounded once where the processor can.
+    fn mul_add(self, factor: Self, summand: Self) -> Self;
+    /// `1 / self` to a unit in the last place; infinite or NaN for zero.
+    fn reciprocal(self) -> Self;
+    /// `1 / √self` to a unit in the last place. Not finite for zero, NaN for infinity; AVX2 has the range of `f32`
+    /// only.
+    fn reciprocal_sqrt(self) -> Self;
+    fn sqrt(self) -> Self;
+    fn abs(self) -> Self;
+    /// A bit for each value where `self < other`; never for NaN.
+    fn less(self, other: Self) -> u32;
+    /// `yes` where `self < other`, else `no`.
+    fn if_less(self, other: Self, yes: Self, no: Self) -> Self;
+}
+
+/// `N` values in plain Rust, which compilers turn into whatever vectors the target has by default.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Portable<const N: usize>(pub(crate) [f64; N]);
+
+impl<const N: usize> Portable<N> {
+    #[inline(always)]
+    fn zip(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+        Self(from_fn(|i| f(self.0[i], other.0[i])))
+    }
+}
+
+impl<const N: usize> Add for Portable<N> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        self.zip(other, |a, b| a + b)
+    }
+}
+
+impl<const N: usize> Sub for Portable<N> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        self.zip(other, |a, b| a - b)
+    }
+}
+
+impl<const N: usize> Mul for Portable<N> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        self.zip(other, |a, b| a * b)
+    }
+}
+
+impl<const N: usize> Div for Portable<N> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        self.zip(other, |a, b| a / b)
+    }
+}
+
+impl<const N: usize> Neg for Portable<N> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0.map(|a| -a))
+    }
+}
+
+impl<const N: usize> Simd for Portable<N> {
+    type Token = ();
+    const WIDTH: usize = N;
+    const REGISTERS: usize = 8;
+
+    #[inline(always)]
+    fn splat((): (), value: f64) -> Self {
+        Self([value; N])
+    }
+
+    #[inline(always)]
+    fn load((): (), values: &[f64]) -> Self {
+        let values = &values[..N];
+        Self(from_fn(|i| values[i]))
+    }
+
+    #[inline(always)]
+    fn store(self, values: &mut [f64]) {
+        values[..N].copy_from_slice(&self.0);
+    }
+
+    // Where the instruction is missing, a call to emulate it costs more than the digit is worth.
+    #[inline(always)]
+    fn mul_add(self, factor: Self, summand: Self) -> Self {
+        self * factor + summand
+    }
+
+    #[inline(always)]
+    fn reciprocal(self) -> Self {
+        Self(self.0.map(|a| 1.0 / a))
+    }
+
+    #[inline(always)]
+    fn reciprocal_sqrt(self) -> Self {
+        Self(self.0.map(|a| 1.0 / a.sqrt() + 0.0 * a))
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.map(f64::sqrt))
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.map(f64::abs))
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> u32 {
+        (0..N).fold(0, |bits, i| bits | u32::from(self.0[i] < other.0[i]) << i)
+    }
+
+    #[inline(always)]
+    fn if_less(self, other: Self, yes: Self, no: Self) -> Self {
+        Self(from_fn(|i| if self.0[i] < other.0[i] { yes.0[i] } else { no.0[i] }))
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use std::arch::x86_64::*;
+    use std::ops::{Add, Div, Mul, Neg, Sub};
+
+    use super::{Computation, Simd};
+
+    /// Proof that the processor has AVX-512F.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub(super) struct Avx512(());
+
+    impl Avx512 {
+        pub(super) fn detect() -> Option<Self> {
+            is_x86_feature_detected!("avx512f").then_some(Self(()))
+        }
+    }
+
+    /// Proof that the processor has AVX2 and FMA.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub(super) struct Avx2(());
+
+    impl Avx2 {
+        pub(super) fn detect() -> Option<Self> {
+            (is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")).then_some(Self(()))
+        }
+    }
+
+    #[target_feature(enable = "avx512f")]
+    pub(super) fn run_avx512<C: Computation>(token: Avx512, computation: C) -> C::Output {
+        computation.run::<F64x8>(token)
+    }
+
+    #[target_feature(enable = "avx2,fma")]
+    pub(super) fn run_avx2<C: Computation>(token: Avx2, computation: C) -> C::Output {
+        computation.run::<F64x4>(token)
+    }
+
+    macro_rules! operator {
+        ($name:ident, $operator:ident, $function:ident, $instruction:ident) => {
+            impl $operator for $name {
+                type Output = Self;
+
+                #[inline(always)]
+                fn $function(self, other: Self) -> Self {
+                    // SAFETY: the token that made these vectors proves that the processor has the instruction.
+                    Self(unsafe { $instruction(self.0, other.0) })
+                }
+            }
+        };
+    }
+
+    macro_rules! simd {
+        (
+            $name:ident, $token:ident, $vector:ty, $width:literal, $registers:literal,
+            $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident,
+            $sqrt:ident, $reciprocal:expr, $reciprocal_sqrt:expr, $abs:expr, $less:expr, $if_less:expr
+        ) => {
+            /// Made from a token only, hence only where the instructions are.
+            #[derive(Debug, Clone, Copy)]
+            pub(super) struct $name($vector);
+
+            operator!($name, Add, add, $add);
+            operator!($name, Sub, sub, $sub);
+            operator!($name, Mul, mul, $mul);
+            operator!($name, Div, div, $div);
+
+            impl Neg for $name {
+                type Output = Self;
+
+                #[inline(always)]
+                fn neg(self) -> Self {
+                    // SAFETY: the token that made these vectors proves that the processor has the instructions.
+                    Self(unsafe { $sub($set1(-0.0), self.0) })
+                }
+            }
+
+            impl Simd for $name {
+                type Token = $token;
+                const WIDTH: usize = $width;
+                const REGISTERS: usize = $registers;
+
+                #[inline(always)]
+                fn splat(_: $token, value: f64) -> Self {
+                    // SAFETY: the token proves that the processor has the instruction.
+                    Self(unsafe { $set1(value) })
+                }
+
+                #[inline(always)]
+                fn load(_: $token, values: &[f64]) -> Self {
+                    let values = &values[..$width];
+                    // SAFETY: the token proves that the processor has the instruction; the slice covers what it reads.
+                    Self(unsafe { $loadu(values.as_ptr()) })
+                }
+
+                #[inline(always)]
+                fn store(self, values: &mut [f64]) {
+                    let values = &mut values[..$width];
+                    // SAFETY: as for loading; the slice covers what is written.
+                    unsafe { $storeu(values.as_mut_ptr(), self.0) }
+                }
+
+                #[inline(always)]
+                fn mul_add(self, factor: Self, summand: Self) -> Self {
+                    // SAFETY: the token that made these vectors proves that the processor has the instruction.
+                    Self(unsafe { $fma(self.0, factor.0, summand.0) })
+                }
+
+                #[inline(always)]
+                fn reciprocal(self) -> Self {
+                    // SAFETY: the token that made these vectors proves that the processor has the instructions.
+                    Self(unsafe { $reciprocal(self.0) })
+                }
+
+                #[inline(always)]
+                fn reciprocal_sqrt(self) -> Self {
+                    // SAFETY: the token that made these vectors proves that the processor has the instructions.
+                    Self(unsafe { $reciprocal_sqrt(self.0) })
+                }
+
+                #[inline(always)]
+                fn sqrt(self) -> Self {
+                    // SAFETY: the token that made these vectors proves that the processor has the instruction.
+                    Self(unsafe { $sqrt(self.0) })
+                }
+
+                #[inline(always)]
+                fn abs(self) -> Self {
+                    // SAFETY: the token that made these vectors proves that the processor has the instructions.
+                    Self(unsafe { $abs(self.0) })
+                }
+
+                #[inline(always)]
+                fn less(self, other: Self) -> u32 {
+                    // SAFETY: the token that made these vectors proves that the processor has the instructions.
+                    unsafe { $less(self.0, other.0) }
+                }
+
+                #[inline(always)]
+                fn if_less(self, other: Self, yes: Self, no: Self) -> Self {
+                    // SAFETY: the token that made these vectors proves that the processor has the instructions.
+                    Self(unsafe { $if_less(self.0, other.0, yes.0, no.0) })
+                }
+            }
+        };
+    }
+
+    simd!(
+        F64x8,
+        Avx512,
+        __m512d,
+        8,
+        32,
+        _mm512_set1_pd,
+        _mm512_loadu_pd,
+        _mm512_storeu_pd,
+        _mm512_add_pd,
+        _mm512_sub_pd,
+        _mm512_mul_pd,
+        _mm512_div_pd,
+        _mm512_fmadd_pd,
+        _mm512_sqrt_pd,
+        // Newton's method on an estimate of 14 bits: division takes several times as long.
+        |a| {
+            let one = _mm512_set1_pd(1.0);
+            let estimate = _mm512_rcp14_pd(a);
+            let estimate = _mm512_fmadd_pd(estimate, _mm512_fnmadd_pd(a, estimate, one), estimate);
+            _mm512_fmadd_pd(estimate, _mm512_fnmadd_pd(a, estimate, one), estimate)
+        },
+        // From an estimate `y` with `h = 1 − s y²`, `|h| ≤ 2⁻¹³`, Householder's step of fourth order
+        // `y (1 + h/2 + 3h²/8 + 5h³/16)` leaves `35 h⁴/128`.
+        |s| {
+            let y = _mm512_rsqrt14_pd(s);
+            let h = _mm512_fnmadd_pd(_mm512_mul_pd(s, y), y, _mm512_set1_pd(1.0));
+            let series = _mm512_fmadd_pd(h, _mm512_set1_pd(5.0 / 16.0), _mm512_set1_pd(3.0 / 8.0));
+            let series = _mm512_fmadd_pd(h, series, _mm512_set1_pd(0.5));
+            _mm512_fmadd_pd(_mm512_mul_pd(y, h), series, y)
+        },
+        _mm512_abs_pd,
+        |a, b| u32::from(_mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b)),
+        |a, b, yes, no| _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b), no, yes)
+    );
+
+    simd!(
+        F64x4,
+        Avx2,
+        __m256d,
+        4,
+        16,
+        _mm256_set1_pd,
+        _mm256_loadu_pd,
+        _mm256_storeu_pd,
+        _mm256_add_pd,
+        _mm256_sub_pd,
+        _mm256_mul_pd,
+        _mm256_div_pd,
+        _mm256_fmadd_pd,
+        _mm256_sqrt_pd,
+        |a| _mm256_div_pd(_mm256_set1_pd(1.0), a),
+        // From an estimate `y` in single precision with `h = 1 − s y²`, `|h| ≤ 3·2⁻¹²`, the step of fifth order `y (1 +
+        // h/2 + 3h²/8 + 5h³/16 + 35h⁴/128)` leaves `63 h⁵/256`. Below the range of `f32`, NaN or infinite; above it,
+        // zero.
+        |s| {
+            let y = _mm256_cvtps_pd(_mm_rsqrt_ps(_mm256_cvtpd_ps(s)));
+            let h = _mm256_fnmadd_pd(_mm256_mul_pd(s, y), y, _mm256_set1_pd(1.0));
+            let series = _mm256_fmadd_pd(h, _mm256_set1_pd(35.0 / 128.0), _mm256_set1_pd(5.0 / 16.0));
+            let series = _mm256_fmadd_pd(h, series, _mm256_set1_pd(3.0 / 8.0));
+            let series = _mm256_fmadd_pd(h, series, _mm256_set1_pd(0.5));
+            _mm256_fmadd_pd(_mm256_mul_pd(y, h), series, y)
+        },
+        |a| _mm256_andnot_pd(_mm256_set1_pd(-0.0), a),
+        |a, b| _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(a, b)) as u32,
+        |a, b, yes, no| _mm256_blendv_pd(no, yes, _mm256_cmp_pd::<_CMP_LT_OQ>(a, b))
+    );
+}
