@@ -154,9 +154,7 @@ fn landmarks_that_invert_a_triangle_are_refused_by_index() {
     match map_pair(&domain, &target, &options, &|_| ()) {
         Err(error @ PairError::LandmarksMissed { landmarks: 3, .. }) => {
             assert!(
-                error
-                    .to_string()
-                    .contains("cannot be met without turning triangles over"),
+                error.to_string().contains("cannot be met without inverting triangles"),
                 "{error}"
             );
         }

@@ -310,7 +310,7 @@ fn a_pair_is_mapped_in_every_form_asked_for_and_landmarks_are_met() {
     let words = text(&place.ends_with(0, line).stdout);
     for fragment in [
         "one to one",
-        "coarse drawings",
+        "coarse embeddings",
         "2, all met exactly",
         "before",
         "after",

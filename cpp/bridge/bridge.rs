@@ -259,7 +259,7 @@ pub(super) mod ffi {
         fn volume(self: &Surface) -> f64;
         fn bounding_box(self: &Surface) -> [f64; 6];
         fn check(self: &Surface, self_intersections: bool) -> Result<CheckReport>;
-        fn mended(self: &Surface, done: &mut Vec<String>) -> Result<Box<Surface>>;
+        fn repaired(self: &Surface, done: &mut Vec<String>) -> Result<Box<Surface>>;
         fn with_holes_closed(self: &Surface, most_edges: usize, closed: &mut usize) -> Result<Box<Surface>>;
     }
 

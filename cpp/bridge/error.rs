@@ -87,7 +87,7 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     })
 }
 
-/// Errors of a stage, as C++ is told of them.
+/// Errors of a stage, in the categories of C++.
 pub trait Categorised: StdError {
     fn category(&self) -> Category;
 }

@@ -201,7 +201,7 @@ impl Boundary {
             Some(inverse) => boxed_boundary(inverse),
             None => Err(Error::new(
                 Category::Unsupported,
-                "only a boundary map between two surfaces by way of the sphere has an inverse",
+                "only a boundary map between two surfaces composed of spherical embeddings has an inverse",
             )),
         })
     }
@@ -260,7 +260,7 @@ pub fn fit_defaults(preset: u8) -> ffi::FitOptions {
 
 pub fn fit(boundary: &Boundary, options: &ffi::FitOptions, watcher: &Watcher) -> Result<Box<Map>, Error> {
     guarded(|| {
-        let fit = fit::fit(&boundary.0, &fit_options(options)?, &|phase| told(watcher, phase))?;
+        let fit = fit::fit(&boundary.0, &fit_options(options)?, &|phase| converted(watcher, phase))?;
         Ok(Box::new(Map::of(fit)))
     })
 }
@@ -401,7 +401,7 @@ impl Maps {
 
 pub fn factor_new(domain: &Surface, options: &ffi::FitOptions, watcher: &Watcher) -> Result<Box<Factor>, Error> {
     guarded(|| {
-        let factor = DomainFactor::new(&domain.0, &fit_options(options)?, &|phase| told(watcher, phase))?;
+        let factor = DomainFactor::new(&domain.0, &fit_options(options)?, &|phase| converted(watcher, phase))?;
         Ok(Box::new(Factor {
             domain: domain.0.clone(),
             factor,
@@ -413,8 +413,8 @@ pub fn factor_new(domain: &Surface, options: &ffi::FitOptions, watcher: &Watcher
 pub fn factor_refined(boundary: &Boundary, options: &ffi::FitOptions, watcher: &Watcher) -> Result<Box<Factor>, Error> {
     guarded(|| {
         let domain = boundary.0.domain();
-        let mut factor = DomainFactor::new(domain, &fit_options(options)?, &|phase| told(watcher, phase))?;
-        let first = factor.solve_refined(&boundary.0, &|phase| told(watcher, phase))?;
+        let mut factor = DomainFactor::new(domain, &fit_options(options)?, &|phase| converted(watcher, phase))?;
+        let first = factor.solve_refined(&boundary.0, &|phase| converted(watcher, phase))?;
         Ok(Box::new(Factor {
             domain: domain.clone(),
             factor,
@@ -469,12 +469,14 @@ impl Factor {
     }
 
     fn solved(&self, boundary: &BoundaryMap, watcher: &Watcher) -> Result<Box<Map>, Error> {
-        let fit = self.factor.solve(boundary, &|phase| told(watcher, phase))?;
+        let fit = self.factor.solve(boundary, &|phase| converted(watcher, phase))?;
         Ok(Box::new(Map::of(fit)))
     }
 
     fn solved_together(&self, boundaries: &[BoundaryMap], watcher: &Watcher) -> Result<Box<Maps>, Error> {
-        let fits = self.factor.solve_block(boundaries, &|phase| told(watcher, phase))?;
+        let fits = self
+            .factor
+            .solve_block(boundaries, &|phase| converted(watcher, phase))?;
         Ok(Box::new(Maps(fits.into_iter().map(Some).collect())))
     }
 }
@@ -506,14 +508,14 @@ impl Inverse {
     pub fn preimages(&self, points: &[f64]) -> Result<Vec<ffi::Preimage>, Error> {
         guarded(|| {
             let (found, _) = self.inverse.preimages(whole_points("points", points)?);
-            let told = found.into_iter().map(|preimage| ffi::Preimage {
+            let converted = found.into_iter().map(|preimage| ffi::Preimage {
                 point: preimage.point.into(),
                 round_trip: preimage.round_trip,
                 preimages: preimage.preimages,
                 status: preimage.status as u8,
                 beyond_boundary: preimage.beyond_boundary,
             });
-            Ok(told.collect())
+            Ok(converted.collect())
         })
     }
 }
@@ -603,7 +605,7 @@ fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
     })
 }
 
-fn told(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
+fn converted(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
     let (step, fraction, detail) = match phase {
         Phase::Checking => ("checking", f64::NAN, String::new()),
         Phase::Sampling => ("sampling", f64::NAN, String::new()),

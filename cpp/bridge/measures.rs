@@ -120,7 +120,7 @@ fn energies_over(
     let options = energy_options(normalize, lambda, mu)?;
     let target_volume = map.boundary_map()?.target_volume();
     let report: EnergyReport = energies(map.map(), quadrature, quadrature.volume(), target_volume, &options)?;
-    let told = |d: &DensityQuantiles| ffi::Distribution {
+    let converted = |d: &DensityQuantiles| ffi::Distribution {
         min: d.min,
         median: d.median,
         p99: d.p99,
@@ -131,9 +131,9 @@ fn energies_over(
         deformation: report.deformation,
         volume: report.volume,
         target_volume: report.target_volume,
-        harmonic_density: told(&report.harmonic_density),
-        deformation_density: told(&report.deformation_density),
-        det_jacobian: told(&report.det_jacobian),
+        harmonic_density: converted(&report.harmonic_density),
+        deformation_density: converted(&report.deformation_density),
+        det_jacobian: converted(&report.det_jacobian),
         inverted_points: report.inverted_points,
         inverted_fraction: report.inverted_fraction,
     })
@@ -144,7 +144,7 @@ fn distortion_over(map: &Map, quadrature: &Quadrature) -> Result<ffi::Distortion
     let report: DistortionReport = distortion(map.map(), quadrature, quadrature.volume(), target_volume)?;
     let value =
         |of: &Option<DistortionMetrics>, metric: fn(&DistortionMetrics) -> f64| of.as_ref().map_or(f64::NAN, metric);
-    let told = |mean: &Option<DistortionMetrics>| ffi::Distortion {
+    let converted = |mean: &Option<DistortionMetrics>| ffi::Distortion {
         conformal: value(mean, |d| d.conformal),
         dirichlet: value(mean, |d| d.dirichlet),
         symmetric_dirichlet: value(mean, |d| d.symmetric_dirichlet),
@@ -152,8 +152,8 @@ fn distortion_over(map: &Map, quadrature: &Quadrature) -> Result<ffi::Distortion
         mips: value(mean, |d| d.mips),
     };
     Ok(ffi::DistortionReport {
-        mean: told(&report.mean),
-        mean_normalized: told(&report.mean_normalized),
+        mean: converted(&report.mean),
+        mean_normalized: converted(&report.mean_normalized),
         folded_points: report.determinants.map_or(0, |d| d.negative) + report.not_finite,
         left_out_fraction: report.left_out_fraction,
     })

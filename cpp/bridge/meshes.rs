@@ -123,25 +123,25 @@ impl Surface {
     pub fn check(&self, self_intersections: bool) -> Result<ffi::CheckReport, Error> {
         guarded(|| {
             if !self_intersections {
-                return Ok(told(&check::check(&self.0, None)));
+                return Ok(converted(&check::check(&self.0, None)));
             }
             #[cfg(feature = "native")]
             {
                 let find = |surface: &SurfaceMesh| {
                     solidmap::cgal_tetgen::self_intersections(surface).map_err(|error| error.to_string())
                 };
-                Ok(told(&check::check(&self.0, Some(&find))))
+                Ok(converted(&check::check(&self.0, Some(&find))))
             }
             #[cfg(not(feature = "native"))]
             Err(super::solids::needs_native("looking for self-intersections"))
         })
     }
 
-    pub fn mended(&self, done: &mut Vec<String>) -> Result<Box<Surface>, Error> {
+    pub fn repaired(&self, done: &mut Vec<String>) -> Result<Box<Surface>, Error> {
         guarded(|| {
-            let (mended, repairs) = check::repair(&self.0);
+            let (repaired, repairs) = check::repair(&self.0);
             done.extend(repairs.iter().map(ToString::to_string));
-            boxed(mended)
+            boxed(repaired)
         })
     }
 
@@ -322,7 +322,7 @@ fn require_divisions(name: &str, value: usize, least: usize) -> Result<(), Error
     )))
 }
 
-fn told(report: &CheckReport) -> ffi::CheckReport {
+fn converted(report: &CheckReport) -> ffi::CheckReport {
     let component = |c: &check::ComponentReport| ffi::Component {
         triangles: c.faces,
         vertices: c.vertices,

@@ -153,7 +153,7 @@ fn carried(
         polish: options.polish,
         memory: (options.memory > 0).then_some(options.memory),
     };
-    let told = |phase| {
+    let converted = |phase| {
         let (step, detail) = match phase {
             RemeshPhase::Meshing => ("meshing", String::new()),
             RemeshPhase::Mapping { nodes } => ("mapping", format!("{nodes} nodes")),
@@ -162,7 +162,7 @@ fn carried(
         };
         answer(watcher, step, f64::NAN, &detail)
     };
-    let remeshed = remesh::remesh(map.boundary_map()?, map.map(), source, &options, &told)?;
+    let remeshed = remesh::remesh(map.boundary_map()?, map.map(), source, &options, &converted)?;
     Ok(Box::new(Remeshed(remeshed)))
 }
 

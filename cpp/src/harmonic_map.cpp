@@ -108,41 +108,41 @@ std::vector<Preimage> Inverse::operator()(Span<const Point> points) const {
 
 namespace {
 
-Distribution told(const ffi::Distribution& found) { return {found.min, found.median, found.p99, found.max}; }
+Distribution converted(const ffi::Distribution& found) { return {found.min, found.median, found.p99, found.max}; }
 
-EnergyReport told(const ffi::EnergyReport& found) {
+EnergyReport converted(const ffi::EnergyReport& found) {
   EnergyReport report;
   report.harmonic = found.harmonic;
   report.deformation = found.deformation;
   report.volume = found.volume;
   report.target_volume = found.target_volume;
-  report.harmonic_density = told(found.harmonic_density);
-  report.deformation_density = told(found.deformation_density);
-  report.det_jacobian = told(found.det_jacobian);
+  report.harmonic_density = converted(found.harmonic_density);
+  report.deformation_density = converted(found.deformation_density);
+  report.det_jacobian = converted(found.det_jacobian);
   report.inverted_points = found.inverted_points;
   report.inverted_fraction = found.inverted_fraction;
   return report;
 }
 
-Distortion told(const ffi::Distortion& found) {
+Distortion converted(const ffi::Distortion& found) {
   return {found.conformal, found.dirichlet, found.symmetric_dirichlet, found.arap, found.mips};
 }
 
-DistortionReport told(const ffi::DistortionReport& found) {
-  return {told(found.mean), told(found.mean_normalized), found.folded_points, found.left_out_fraction};
+DistortionReport converted(const ffi::DistortionReport& found) {
+  return {converted(found.mean), converted(found.mean_normalized), found.folded_points, found.left_out_fraction};
 }
 
 }  // namespace
 
 EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options) {
   return guarded([&] {
-    return told(ffi::energies_on_grid(Access::of(map), options.cells, options.normalize, options.lambda, options.mu));
+    return converted(ffi::energies_on_grid(Access::of(map), options.cells, options.normalize, options.lambda, options.mu));
   });
 }
 
 EnergyReport energies(const HarmonicMap& map, const CellMesh& tets, const EnergyOptions& options) {
   return guarded([&] {
-    return told(ffi::energies_in_tets(Access::of(map), Access::of(tets), options.normalize, options.lambda, options.mu));
+    return converted(ffi::energies_in_tets(Access::of(map), Access::of(tets), options.normalize, options.lambda, options.mu));
   });
 }
 
@@ -155,11 +155,11 @@ EnergyDensities energy_densities(const HarmonicMap& map, Span<const Point> point
 }
 
 DistortionReport distortion(const HarmonicMap& map, std::size_t cells) {
-  return guarded([&] { return told(ffi::distortion_on_grid(Access::of(map), cells)); });
+  return guarded([&] { return converted(ffi::distortion_on_grid(Access::of(map), cells)); });
 }
 
 DistortionReport distortion(const HarmonicMap& map, const CellMesh& tets) {
-  return guarded([&] { return told(ffi::distortion_in_tets(Access::of(map), Access::of(tets))); });
+  return guarded([&] { return converted(ffi::distortion_in_tets(Access::of(map), Access::of(tets))); });
 }
 
 }  // namespace solidmap

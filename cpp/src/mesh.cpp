@@ -75,13 +75,13 @@ CheckReport Surface::check(bool self_intersections) const {
   return report;
 }
 
-Surface Surface::mended(std::vector<std::string>* done) const {
-  rust::Vec<rust::String> told;
-  Surface mended = guarded([&] { return make_surface(Access::of(*this).mended(told)); });
+Surface Surface::repaired(std::vector<std::string>* done) const {
+  rust::Vec<rust::String> converted;
+  Surface repaired = guarded([&] { return make_surface(Access::of(*this).repaired(converted)); });
   if (done != nullptr) {
-    for (std::string& what : copied(told)) done->push_back(std::move(what));
+    for (std::string& what : copied(converted)) done->push_back(std::move(what));
   }
-  return mended;
+  return repaired;
 }
 
 Surface Surface::with_holes_closed(std::size_t most_edges, std::size_t* closed) const {

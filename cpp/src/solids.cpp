@@ -39,7 +39,7 @@ namespace {
 
 ffi::RemeshOptions for_rust(const RemeshOptions& options) { return {options.repair, options.slide, options.polish, options.memory}; }
 
-Remeshed told(const rust::Box<ffi::Remeshed>& remeshed) {
+Remeshed converted(const rust::Box<ffi::Remeshed>& remeshed) {
   const ffi::RemeshReport found = remeshed->report();
   RemeshReport report;
   report.nodes = found.nodes;
@@ -68,7 +68,7 @@ Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOp
   // One of the two says the size.
   const std::size_t along = cells.length != 0 ? 0 : cells.along;
   return watched(progress, [&](const Watcher& watcher) {
-    return told(ffi::remesh_regular(Access::of(map), cells.kind == CellKind::hexes, along, cells.length,
+    return converted(ffi::remesh_regular(Access::of(map), cells.kind == CellKind::hexes, along, cells.length,
                                     cells.max_cells, for_rust(options), watcher));
   });
 }
@@ -76,7 +76,7 @@ Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOp
 Remeshed remesh(const HarmonicMap& map, const CellMesh& mesh, const RemeshOptions& options,
                 const ProgressCallback& progress) {
   return watched(progress, [&](const Watcher& watcher) {
-    return told(ffi::remesh_given(Access::of(map), Access::of(mesh), for_rust(options), watcher));
+    return converted(ffi::remesh_given(Access::of(map), Access::of(mesh), for_rust(options), watcher));
   });
 }
 

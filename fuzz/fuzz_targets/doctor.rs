@@ -1,4 +1,4 @@
-//! The input doctor, with surfaces of any shape and any coordinates.
+//! `check`, with surfaces of any shape and any coordinates.
 #![no_main]
 
 use solidmap_fuzz::{examine, surface};

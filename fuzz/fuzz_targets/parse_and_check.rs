@@ -1,4 +1,4 @@
-//! Whatever can be read goes to the input doctor. The first byte chooses the format.
+//! Whatever can be read goes to `check`. The first byte chooses the format.
 #![no_main]
 
 use solidmap::io::{SolidMesh, read_solid};

@@ -43,7 +43,7 @@ pub fn named<T, E: std::error::Error>(path: &Path, result: Result<T, E>) -> Opti
     }
 }
 
-/// Everything the input doctor does.
+/// Everything that `check` does.
 pub fn examine(surface: &SurfaceMesh, most_edges: usize) {
     let report = check(surface, None);
     assert!(!report.to_string().is_empty());
@@ -52,7 +52,7 @@ pub fn examine(surface: &SurfaceMesh, most_edges: usize) {
     assert_eq!(
         report.is_solvable(),
         again.is_solvable(),
-        "mending makes no difference to what is solvable"
+        "repair makes no difference to what is solvable"
     );
     assert!(repair(&repaired).1.is_empty(), "what is repaired needs no repair");
     if let Ok((closed, holes)) = close_holes(surface, most_edges) {

@@ -50,11 +50,6 @@ impl IncompleteCholesky {
         }
     }
 
-    /// Numbers held.
-    pub fn len(&self) -> usize {
-        self.blocks.iter().map(|b| b.entries.len() + b.pivots.len()).sum()
-    }
-
     /// The residual times the inverse of the factorisation.
     fn applied(&self, residual: &[Vector]) -> UnknownValues {
         let mut values = residual.to_vec();

@@ -33,7 +33,7 @@ pub struct TetStiffness {
 }
 
 impl TetStiffness {
-    /// The edge weights of a mesh. Tetrahedra of either hand count alike.
+    /// The edge weights of a mesh. Tetrahedra of either orientation count alike.
     ///
     /// # Errors
     ///
@@ -222,7 +222,7 @@ struct RowChunk {
     ends: Vec<usize>,
     neighbours: Vec<u32>,
     weights: Vec<f64>,
-    /// The neighbours in each tetrahedron around the vertex at hand, and the weight there.
+    /// The neighbours in each tetrahedron around the vertex, and the weight there.
     terms: Vec<(u32, f64)>,
     /// Neighbour and place in `terms`.
     order: Vec<u64>,

@@ -115,14 +115,6 @@ impl TetHarmonic {
         self.system.free.len()
     }
 
-    /// Numbers that the factorisation holds, complete or not; 8 bytes each.
-    pub fn factor_len(&self) -> usize {
-        match &self.factor {
-            HarmonicFactor::Complete(factor) => factor.values.len(),
-            HarmonicFactor::Incomplete(factor) => factor.len(),
-        }
-    }
-
     /// The map that carries each of [`Self::boundary_vertices`] to its image and has the least energy.
     ///
     /// Vertices that no tetrahedron uses go to the mean of the images.

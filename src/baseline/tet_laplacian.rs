@@ -101,7 +101,7 @@ impl TetLaplacian {
         &self.system.fixed
     }
 
-    /// Descends to the map that carries each of [`Self::boundary_vertices`] to its image. `progress` is told the number
+    /// Descends to the map that carries each of [`Self::boundary_vertices`] to its image. `progress` receives the number
     /// of steps made and the energy, also of the initial map.
     ///
     /// # Errors
@@ -219,12 +219,12 @@ mod tests {
                 descent,
                 ..Default::default()
             };
-            let told = RefCell::new(Vec::new());
-            let progress = |iteration, energy| told.borrow_mut().push((iteration, energy));
+            let reported = RefCell::new(Vec::new());
+            let progress = |iteration, energy| reported.borrow_mut().push((iteration, energy));
             let found = laplacian.solve(&images(&laplacian), &options, &progress).unwrap();
             assert!(found.energies.windows(2).all(|pair| pair[1] <= pair[0]));
             let expected: Vec<_> = found.energies.iter().copied().enumerate().collect();
-            assert_eq!(told.into_inner(), expected);
+            assert_eq!(reported.into_inner(), expected);
             assert_eq!(found.stop, DescentStop::Threshold);
             let [.., before, last] = found.energies[..] else {
                 panic!("no step was made");
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn starts_at_the_centroid_of_the_targets_boundary_or_where_told() {
+    fn starts_at_the_centroid_of_the_targets_boundary_or_where_given() {
         let laplacian = TetLaplacian::new(cube(4)).unwrap();
         // Bounded by planes, the box has its centroid in its middle however it is triangulated.
         let stretched: Vec<Point> = laplacian

@@ -67,8 +67,8 @@ pub fn write_boundary(path: &Path, file: &BoundaryFile) -> Result<(), TensorFile
 ///
 /// # Errors
 ///
-/// When it cannot be read, is no boundary file or not whole, is of a newer major version, or holds a map by way of the
-/// sphere that is not one to one, which is decided exactly.
+/// When it cannot be read, is no boundary file or not whole, is of a newer major version, or holds spherical
+/// embeddings that are not one to one, which is decided exactly.
 pub fn read_boundary(path: &Path) -> Result<BoundaryFile, TensorFileError> {
     let content = read_bytes(path)?;
     let reader = Reader::new(&BOUNDARY, path, &content)?;

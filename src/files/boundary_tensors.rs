@@ -4,10 +4,10 @@
 //! |---|---|---|
 //! | `domain_vertices`, `image_vertices` | f64, n × 3 | vertices of the domain and their images |
 //! | `domain_triangles` | u32, m × 3 | triangles of the domain |
-//! | `domain_directions` | f64, n × 3 | by way of the sphere: the unit vector of each vertex |
+//! | `domain_directions` | f64, n × 3 | compositions: the unit vector of each vertex |
 //! | `target_vertices`, `target_triangles`, `target_directions` | the same | through it: the target and its unit vectors |
 //!
-//! The object `boundary` of the metadata says which of them count. Images by way of the sphere follow from the directions;
+//! The object `boundary` of the metadata says which of them count. Images of compositions follow from the directions;
 //! they are stored for readers that want no more than the vertices, and compared when the map is read. A subdivided domain
 //! is stored as it was before, with the number of subdivisions.
 
@@ -104,7 +104,7 @@ fn directions(names: &Names, drawn: &SphericalEmbedding) -> Tensor {
     Tensor::rows(names.directions, drawn.directions().iter().map(|x| x.as_ref()))
 }
 
-/// The boundary map of a file. That a map by way of the sphere is one to one is decided anew, exactly.
+/// The boundary map of a file. That its spherical embeddings are one to one is decided again, exactly.
 pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
     let BoundaryHeader { way, subdivisions } = reader.metadata::<Headers>()?.boundary;
     for (tensor, is_due) in [

@@ -6,8 +6,6 @@
 //! A cell is a part of a triangle: the mesh and the boundary map do not change. Neighbouring cells need not match, since they
 //! are never used as a mesh.
 
-use std::collections::HashSet;
-
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -155,33 +153,6 @@ impl SurfaceCells {
             .unzip()
     }
 
-    /// Marks also the cells that share a corner with a marked one.
-    ///
-    /// # Panics
-    ///
-    /// When there are fewer marks than cells.
-    pub fn grow(&self, domain: &SurfaceMesh, marked: &[bool]) -> Vec<bool> {
-        let mut touched = vec![false; domain.vertices().len()];
-        let mut places = HashSet::new();
-        for cell in (0..self.len()).filter(|&cell| marked[cell]) {
-            for corner in self.corners(cell) {
-                match self.vertex(domain, cell, &corner) {
-                    Some(vertex) => touched[vertex as usize] = true,
-                    None => drop(places.insert(self.place(domain, cell, corner))),
-                }
-            }
-        }
-        let touches = |cell: usize| {
-            self.corners(cell)
-                .iter()
-                .any(|corner| match self.vertex(domain, cell, corner) {
-                    Some(vertex) => touched[vertex as usize],
-                    None => places.contains(&self.place(domain, cell, *corner)),
-                })
-        };
-        (0..self.len()).map(|cell| marked[cell] || touches(cell)).collect()
-    }
-
     /// Halves the spacing of the marked cells: bisects their longest sides until the area of each piece is about the square
     /// of the new spacing, and returns one site for each. Cells far smaller than that, which exist where there are fewer
     /// anchors than vertices, share sites instead.
@@ -309,22 +280,6 @@ impl SurfaceCells {
             }
         }
         (self.cells, self.parts) = (cells, parts);
-    }
-
-    /// The vertex of the mesh at this corner, if there is one.
-    fn vertex(&self, domain: &SurfaceMesh, cell: usize, corner: &[f64; 3]) -> Option<u32> {
-        let k = corner.iter().position(|&weight| weight == 1.0)?;
-        Some(domain.triangles()[self.cells[cell].triangle as usize][k])
-    }
-
-    /// Bits of the corner's position, the same from either triangle at a side: weights there are exact.
-    fn place(&self, domain: &SurfaceMesh, cell: usize, corner: [f64; 3]) -> [u64; 3] {
-        let point = SurfacePoint {
-            triangle: self.cells[cell].triangle,
-            barycentric: corner,
-        };
-        let position = point.position(domain, domain.vertices());
-        [position.x, position.y, position.z].map(|x| (x + 0.0).to_bits())
     }
 }
 
@@ -643,29 +598,5 @@ mod tests {
         }
         assert_eq!(points, cells.probes(3, 7).0);
         assert_ne!(points, cells.probes(3, 8).0);
-    }
-
-    #[test]
-    fn marks_grow_to_what_touches_them() {
-        let domain = shapes::sphere(1.0, 2);
-        let cells = all_anchors(&domain);
-        let mut marked = vec![false; cells.len()];
-        marked[100] = true;
-        let grown = cells.grow(&domain, &marked);
-        let shares = |t: usize| {
-            domain.triangles()[t]
-                .iter()
-                .any(|v| domain.triangles()[100].contains(v))
-        };
-        assert!((0..cells.len()).all(|cell| grown[cell] == shares(cell)));
-
-        // Also where the common corner is none of the mesh's: the middle of a face of the cube.
-        let cube = shapes::cube(1.0, 1);
-        let mut cells = all_anchors(&cube);
-        cells.refine(&cube, &[true; 12]);
-        let marked: Vec<bool> = (0..24).map(|cell| cell == 0).collect();
-        let grown = cells.grow(&cube, &marked);
-        let on_same_face = (0..24).filter(|&c| grown[c] && cells.triangle(c) / 2 == cells.triangle(0) / 2);
-        assert_eq!(on_same_face.count(), 4);
     }
 }

@@ -40,7 +40,7 @@ pub enum SphereEnergyKind {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SphereStartKind {
-    /// A drawing that grows vertex by vertex and never folds
+    /// An embedding that grows vertex by vertex and never folds
     Progressive,
     /// The conformalised mean curvature flow, where it neither folds nor shrinks limbs to specks
     Flow,

@@ -64,7 +64,7 @@ Surfaces are read from .obj .ply .off .stl, and from the boundary of tet meshes 
 pub enum Command {
     /// Show the main job on built-in models: maps, energies, carried meshes, pictures
     Demo(DemoArgs),
-    /// Say what is wrong with a model, where, and how to mend it
+    /// Say what is wrong with a model, where, and how to repair it
     Check(CheckArgs),
     /// Fill a closed surface with tetrahedra
     Tet(TetArgs),

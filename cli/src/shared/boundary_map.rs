@@ -22,7 +22,7 @@ pub fn to_sphere(
 ) -> anyhow::Result<(SphericalEmbedding, SphereReport)> {
     let progress = |phase| match phase {
         SpherePhase::Coarsening => output.progress("coarsening"),
-        SpherePhase::Embedding { vertices, total } => output.progress_of("drawing on the sphere", vertices, total),
+        SpherePhase::Embedding { vertices, total } => output.progress_of("embedding in the sphere", vertices, total),
         SpherePhase::Flowing => output.progress("flowing to the sphere"),
         SpherePhase::Optimising => output.progress("optimising"),
     };
@@ -76,7 +76,9 @@ fn show_phase(phase: PairPhase, output: &Output) {
         PairPhase::Sphere(side, _) => format!("mapping the {side} to the sphere: optimising"),
         PairPhase::Aligning => "aligning".into(),
         PairPhase::CoarseEmbeddings { count } => format!("trying {count} coarse embeddings"),
-        PairPhase::Refining { vertices, total, .. } => return output.progress_of("drawing", vertices, total),
+        PairPhase::Refining { vertices, total, .. } => {
+            return output.progress_of("refining the embedding", vertices, total);
+        }
         PairPhase::Improving => "lowering the distortion".into(),
         PairPhase::Measuring => "measuring".into(),
     });

@@ -38,7 +38,7 @@ enum class SphereEnergy {
 struct PairOptions {
   /// Vertices of the domain that go to vertices of the target.
   std::vector<std::array<std::uint32_t, 2>> landmarks;
-  /// By way of conformal maps, as the paper has it, instead of closest points.
+  /// Conformal maps to the sphere, as in the paper, instead of closest points.
   bool conformal = false;
   /// Whether the map is made to distort less once it is there.
   bool improve = true;
@@ -54,7 +54,7 @@ struct PairReport {
 
 /// Where every point of a domain's surface goes. Immutable; copies share their data and cost nothing.
 ///
-/// Given by the images of the vertices it is linear over the triangles. By way of the sphere (to_sphere(), pair()) it is a
+/// Given by the images of the vertices it is linear over the triangles. Composed of spherical embeddings (to_sphere(), pair()) it is a
 /// bijection, decided exactly, and points between vertices go onto the target's surface, not onto chords.
 class BoundaryMap {
  public:
@@ -89,7 +89,7 @@ class BoundaryMap {
   double target_volume() const;
   double target_diagonal() const;
 
-  /// Images of points of the domain's surface. By way of the sphere each costs some microseconds, on all cores.
+  /// Images of points of the domain's surface. Compositions of spherical embeddings take some microseconds each, on all cores.
   /// Throws Error (invalid_input) for a triangle that is not there.
   std::vector<Point> evaluate(Span<const SurfacePoint> points) const;
 

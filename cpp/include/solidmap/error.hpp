@@ -21,7 +21,7 @@ enum class Category {
   unsupported,
   /// The numbers went wrong: a singular system, a map that is not finite.
   numerical,
-  /// It would need more memory than allowed (`memory` of its options) or more elements than allowed. Told before it is taken.
+  /// It would need more memory than allowed (`memory` of its options) or more elements than allowed. Known before it is taken.
   memory,
   /// A progress callback returned false.
   cancelled,

@@ -47,7 +47,7 @@ struct FitReport {
   double residual_rms = 0, c_error = 0;
   /// Wall times; 0 for a map from a file.
   double seconds = 0, seconds_sampling = 0, seconds_factor = 0, seconds_solve = 0, seconds_check = 0;
-  /// What was mended or left out.
+  /// What was repaired or left out.
   std::vector<std::string> warnings;
 };
 
@@ -78,7 +78,7 @@ class HarmonicMap {
   /// Both for little more than the Jacobians alone. The two ranges of results must not overlap.
   void evaluate_with_jacobian(Span<const Point> points, Span<Point> images, Span<Matrix3> jacobians) const;
 
-  /// The boundary map that was fitted, its domain mended. Throws Error (unsupported) when the file has none.
+  /// The boundary map that was fitted, its domain repaired. Throws Error (unsupported) when the file has none.
   BoundaryMap boundary() const;
   /// How it was made and how good it is. Throws Error (unsupported) when the file does not say.
   FitReport report() const;

@@ -28,7 +28,7 @@ enum class Severity { error, warning };
 struct Finding {
   /// What sort of thing, as `"open_edges"`, `"non_manifold_edges"`, `"self_intersections"`, `"duplicate_vertices"`.
   std::string kind;
-  /// Errors stand in the way; warnings are borne, or mended by Surface::mended().
+  /// Errors stand in the way; warnings do not prevent a fit, and many are repaired by Surface::repaired().
   Severity severity = Severity::error;
   /// How many of them there are.
   std::size_t count = 0;
@@ -36,7 +36,7 @@ struct Finding {
   std::vector<std::uint32_t> vertices;
   std::vector<std::array<std::uint32_t, 2>> edges;
   std::vector<std::uint32_t> triangles;
-  /// What was found and where, and how to mend it.
+  /// What was found and where, and how to repair it.
   std::string message;
   std::string advice;
 };
@@ -57,7 +57,7 @@ struct Component {
 
 /// What Surface::check() found.
 struct CheckReport {
-  /// Whether the surface, once mended, bounds a solid: no findings are errors. fit() mends by itself.
+  /// Whether the surface, once repaired, bounds a solid: no findings are errors. fit() repairs by itself.
   bool solvable = false;
   /// Every edge has two triangles or more; none has more; the triangles at each vertex form one fan.
   bool closed = false;
@@ -69,7 +69,7 @@ struct CheckReport {
   /// Number of pairs of triangles that intersect; -1 when nobody looked.
   std::int64_t self_intersections = -1;
   double area = 0;
-  /// Volume of the solid, cavities taken out, once mended; NaN when there is none.
+  /// Volume of the solid, cavities taken out, once repaired; NaN when there is none.
   double volume = std::numeric_limits<double>::quiet_NaN();
   std::vector<Component> components;
   /// Errors first.
@@ -108,12 +108,12 @@ class Surface {
   /// Diagonal of the bounding box: the unit of reported errors.
   double diagonal() const;
 
-  /// The input doctor: what is wrong, where, and how to mend it. Linear in the size but for nested components.
+  /// What is wrong, where, and how to repair it. Linear in the size but for nested components.
   /// `self_intersections` needs a build with CGAL; throws Error (unsupported) without.
   CheckReport check(bool self_intersections = false) const;
   /// The same surface with triangles turned over so that neighbours agree, solids face outward and cavities into the
   /// cavity; vertices and triangles keep their numbers. What was done is added to `done`.
-  Surface mended(std::vector<std::string>* done = nullptr) const;
+  Surface repaired(std::vector<std::string>* done = nullptr) const;
   /// The same surface with holes of up to `most_edges` edges (at most 1000) closed by triangles over the vertices of
   /// their rims, appended; cubic in the edges. `closed` gets their number. Throws Error (invalid_input) when a hole is
   /// larger, or all together are more than a hundredth of the area; nothing is closed then.

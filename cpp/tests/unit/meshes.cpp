@@ -80,7 +80,7 @@ TEST_CASE("what cannot be a surface is an error with a category") {
   CHECK(!empty.check().solvable);
 }
 
-TEST_CASE("the doctor finds a hole, and it is closed") {
+TEST_CASE("the check finds a hole, and it is closed") {
   const Surface cube = shapes::cube(2.0, 8);
   CHECK(cube.check().solvable);
   CHECK(cube.check().components.at(0).genus == 0);
@@ -103,7 +103,7 @@ TEST_CASE("the doctor finds a hole, and it is closed") {
   std::vector<Triangle> turned(cube.triangles().begin(), cube.triangles().end());
   for (Triangle& t : turned) std::swap(t[1], t[2]);
   std::vector<std::string> done;
-  CHECK(Surface(cube.vertices(), turned).mended(&done).volume() == doctest::Approx(8.0));
+  CHECK(Surface(cube.vertices(), turned).repaired(&done).volume() == doctest::Approx(8.0));
   CHECK(done.size() == 1);
 }
 

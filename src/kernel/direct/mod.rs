@@ -23,6 +23,7 @@ use std::f64::consts::PI;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
+use smallvec::SmallVec;
 
 use super::{KernelError, laplace_potential};
 pub use crate::simd::Instructions;
@@ -81,7 +82,7 @@ impl Sources {
         self.packed.is_empty()
     }
 
-    fn blocks(&self, targets: &[Point]) -> Vec<TargetBlock> {
+    fn blocks(&self, targets: &[Point]) -> SmallVec<[TargetBlock; BLOCKS]> {
         targets.chunks(LANES).map(|t| scaled_block(t, self.scale)).collect()
     }
 }

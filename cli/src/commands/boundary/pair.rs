@@ -71,7 +71,7 @@ fn summary(report: &PairSummary) -> String {
     let seconds = pair.timings;
     let way = match (pair.method, pair.schedule) {
         (PairMethod::SoftTargets, Some(schedule)) => format!(
-            "{} coarse drawings over {} alignments; taken: alignment {}, springs of {} up to {} vertices",
+            "{} coarse embeddings over {} alignments; taken: alignment {}, soft targets of weight {} up to {} vertices",
             pair.coarse_embeddings,
             pair.alignments.len(),
             pair.alignment + 1,
@@ -96,7 +96,7 @@ fn summary(report: &PairSummary) -> String {
     rows.push([
         "time".into(),
         format!(
-            "{:.1} s: spheres {:.1}, alignment {:.1}, coarse drawings {:.1}, refinement {:.1}",
+            "{:.1} s: spheres {:.1}, alignment {:.1}, coarse embeddings {:.1}, refinement {:.1}",
             seconds.total, seconds.sphere, seconds.align, seconds.coarse, seconds.improve
         ),
     ]);

@@ -210,7 +210,7 @@ mod tests {
                 ["RectilinearGrid", "save it as image data"],
             ),
             ("WholeExtent", "Extent", ["ImageData", "`WholeExtent`"]),
-            ("<Piece Extent", "<Piece Part", ["`XmlPiece`", "`Extent`"]),
+            ("<Piece Extent", "<Piece Part", ["`Piece`", "`Extent`"]),
             ("0.5 2 4", "0.5 2", ["Spacing=\"0.5 2\"", "line 4"]),
             ("Origin='1 2 3'", "Origin='1 2 x'", ["Origin=\"1 2 x\"", "line 4"]),
             (
