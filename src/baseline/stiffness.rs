@@ -3,7 +3,7 @@
 //! Wang, Gu, Thompson & Yau, *3D harmonic mapping and tetrahedral meshing of brain imaging data* (2004), write it as a
 //! sum over edges, `E(f) = Σ k_uv |f(u) − f(v)|²` with `k_uv = Σ l cot θ / 12` over the tetrahedra around the edge `uv`:
 //! `l` is the length of the edge opposite to `uv` in the tetrahedron, `θ` the dihedral angle there. That is
-//! `½ ∫ ‖J‖²`, the usual Dirichlet energy and half of [`crate::energy::harmonic`]'s. The matrix of linear finite
+//! `½ ∫ ‖J‖²`, the usual Dirichlet energy and half of [`crate::energy::harmonic_density`]. The matrix of linear finite
 //! elements has `∫ ∇φ_u · ∇φ_v = −Σ l cot θ / 6 = −2 k_uv` off its diagonal, so that the two have the same minimiser.
 //! Weights are negative where obtuse angles prevail; the energy of a mesh without flat tetrahedra is positive all the
 //! same, since it is that of the gradient in each.
