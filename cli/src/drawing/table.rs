@@ -13,7 +13,7 @@ pub enum Align {
 /// lines, each ended, with columns two spaces apart and nothing after the last.
 ///
 /// ```
-/// use crate::drawing::{Align, Table};
+/// use solidmap_cli::drawing::{Align, Table};
 ///
 /// let mut table = Table::new([("method", "", Align::Left), ("time", "s", Align::Right)]);
 /// table.row(["mfs".into(), "0.41".into()]);
