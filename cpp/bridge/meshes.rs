@@ -283,7 +283,7 @@ pub fn quality_of(cells: &CellList, nodes: &[solidmap::Point]) -> ffi::CellQuali
     }
 }
 
-/// Numbers in groups of `N`, none left over.
+/// Values in groups of `N`; an error when some are left over.
 pub fn whole<'a, T, const N: usize>(what: &str, numbers: &'a [T]) -> Result<&'a [[T; N]], Error> {
     match numbers.as_chunks::<N>() {
         (whole, []) => Ok(whole),

@@ -45,7 +45,7 @@ use sums::{BlockSums, LANES, PatchEdge, PatchTriangle, PointBlock, TrianglePatch
 #[derive(Debug, Clone)]
 pub struct MeanValueMap {
     frame: Normalisation,
-    /// Of the domain in the frame.
+    /// Queries on the domain, in its normalised frame.
     query: SurfaceQuery,
     domain: SurfaceMesh,
     image: Vec<Point>,

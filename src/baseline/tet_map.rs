@@ -173,7 +173,7 @@ impl TetLocator {
         self.holding(mesh, p).or_else(|| self.closest(mesh, p))
     }
 
-    /// Of several, such as those that share a side on which the point lies, the first in the order of the tree.
+    /// The tet that holds the point: where several share a side on which it lies, the first in the order of the tree.
     fn holding(&self, mesh: &TetMesh, p: &Point) -> Option<Located> {
         const STOP: f64 = -1.0;
         let mut found = None;

@@ -58,9 +58,9 @@ pub enum CompareError {
         "the tet mesh has a volume of {found:.6}, and the domain {expected:.6}; give a mesh of the domain (`solidmap tet`)"
     )]
     OtherSolid {
-        /// Of the mesh.
+        /// The mesh's volume.
         found: f64,
-        /// Of the domain.
+        /// The domain's volume.
         expected: f64,
     },
     /// The tet mesh has another position or shape than the domain.
@@ -71,7 +71,7 @@ pub enum CompareError {
     Elsewhere {
         /// Largest distance of a boundary vertex, in model units.
         distance: f64,
-        /// Of the domain's bounding box.
+        /// The diagonal of the domain's bounding box.
         diagonal: f64,
     },
     /// An option is out of its range.

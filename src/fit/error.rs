@@ -14,7 +14,7 @@ pub enum FitError {
     /// Volumes and areas would leave the range of numbers.
     #[error("the domain has a size of {diagonal:e}; scale it to between 1e-60 and 1e60")]
     OutOfScale {
-        /// Of the bounding box.
+        /// The diagonal of the bounding box, in model units.
         diagonal: f64,
     },
     /// A setting is out of range.

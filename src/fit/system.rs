@@ -312,7 +312,7 @@ impl SystemSolution {
     }
 }
 
-/// Of every three columns.
+/// The norms of every three columns.
 fn residual_norms(residual: &Values) -> Vec<ResidualNorm> {
     let norm = |first: usize| {
         let square = |r: usize| residual.row(r)[first..first + 3].iter().map(|v| v * v).sum::<f64>();

@@ -75,9 +75,9 @@ pub enum GivenMeshError {
     /// The mesh does not have the volume of the domain.
     #[error("it has a volume of {mesh}, the map's domain {domain}; give a mesh that fills the domain")]
     OtherVolume {
-        /// Of the mesh.
+        /// The mesh's volume.
         mesh: f64,
-        /// Of the domain.
+        /// The domain's volume.
         domain: f64,
     },
     /// The domain cannot be queried.

@@ -492,7 +492,7 @@ mod tests {
                 let before: Vec<f64> = (0..cells.len()).map(|cell| cells.spacing(cell)).collect();
                 let triangle_of: Vec<u32> = (0..cells.len()).map(|cell| cells.triangle(cell)).collect();
                 let refinement = cells.refine(&domain, &vec![true; before.len()]);
-                // Of whole triangles, a spacing is the mean of three neighbourhoods.
+                // The spacing of a whole triangle is the mean of three neighbourhoods.
                 let (mean_before, mean_after) = (
                     before.iter().sum::<f64>() / before.len() as f64,
                     (domain.area() / refinement.sites.len() as f64).sqrt(),

@@ -1,4 +1,4 @@
-//! Of the commands for boundary maps.
+//! Arguments of the commands for boundary maps.
 
 use std::path::PathBuf;
 

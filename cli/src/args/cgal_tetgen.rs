@@ -1,4 +1,4 @@
-//! Of the commands that make meshes and surfaces by CGAL and TetGen.
+//! Arguments of the commands that make meshes and surfaces by CGAL and TetGen.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Of `compare`.
+//! Arguments of `compare`.
 
 use std::path::PathBuf;
 

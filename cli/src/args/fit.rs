@@ -1,4 +1,4 @@
-//! Of `fit`, and of every command that fits.
+//! Arguments of `fit`, and of every command that fits.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Of the commands that look into a map: `eval`, `energy`, `certify`.
+//! Arguments of the commands that examine a map: `eval`, `energy`, `certify`.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Of `remesh`.
+//! Arguments of `remesh`.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Of everything that makes pictures of sections.
+//! Arguments of everything that makes pictures of sections.
 
 use clap::{Args, ValueEnum};
 use solidmap::geometry::Axis;

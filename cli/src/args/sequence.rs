@@ -1,4 +1,4 @@
-//! Of `sequence`.
+//! Arguments of `sequence`.
 
 use std::path::PathBuf;
 

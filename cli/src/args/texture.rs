@@ -1,4 +1,4 @@
-//! Of `texture`.
+//! Arguments of `texture`.
 
 use std::path::PathBuf;
 

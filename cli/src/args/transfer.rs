@@ -1,4 +1,4 @@
-//! Of `transfer`.
+//! Arguments of `transfer`.
 
 use std::path::PathBuf;
 

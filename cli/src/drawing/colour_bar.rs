@@ -22,7 +22,7 @@ pub(super) struct BarLayout<'a> {
     name: Vec<String>,
     notes: Vec<String>,
     em: f64,
-    /// Of the ramp.
+    /// Height of the ramp.
     height: f64,
     /// By how much the ramp stands out above the picture, and below it.
     overhang: f64,

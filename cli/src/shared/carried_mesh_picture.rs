@@ -47,7 +47,7 @@ pub fn figure(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Figu
         CellKind::Hexes => "det J at corners of cells, 1 is the mean",
     };
     let fields = [("as mapped", &dets[0][..]), (&now.to_lowercase(), &dets[1])];
-    // Of a mesh that is all inverted, there is none.
+    // A mesh with inverted cells alone has no histogram.
     if let Ok(histogram) = Histogram::logarithmic(what, &fields) {
         below.push(Panel::of_histogram(&histogram, PIXELS)?.titled("How volumes change"));
     }

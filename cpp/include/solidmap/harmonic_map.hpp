@@ -167,14 +167,14 @@ struct Distribution {
 
 /// Integrals over the domain, and how the densities are distributed.
 struct EnergyReport {
-  /// Of the squared Jacobian norm.
+  /// Integral of the squared Jacobian norm.
   double harmonic = 0;
-  /// Of Hooke's law for the strain of the map.
+  /// Integral of the energy of Hooke's law for the strain of the map.
   double deformation = 0;
   /// Volumes of the domain and of the target, model units.
   double volume = 0, target_volume = 0;
   Distribution harmonic_density, deformation_density;
-  /// Of the map as it is, in model units.
+  /// Determinants of the map as it is, in model units.
   Distribution det_jacobian;
   /// Points where the map is folded, and their share of the domain's volume.
   std::size_t inverted_points = 0;
@@ -203,7 +203,7 @@ struct Distortion {
 };
 
 struct DistortionReport {
-  /// Of the map as it is, and with the target scaled to the volume of the domain.
+  /// Means for the map as it is, and with the target scaled to the volume of the domain.
   Distortion mean, mean_normalized;
   /// Points where the map is folded or not finite, and the share of the volume that the means leave out.
   std::size_t folded_points = 0;

@@ -63,7 +63,7 @@ struct OffsetSurface {
   double vertex_error = 0, centroid_error = 0, min_distance = 0;
   /// Handles and components; bodies closer than twice the distance share one.
   std::size_t genus = 0, components = 0;
-  /// Of the wrap it was made from.
+  /// The wrap's parameter alpha, in model units.
   double alpha = 0;
   /// No projected surface passed its checks, so that this is the wrap as it came.
   bool raw_wrap = false;

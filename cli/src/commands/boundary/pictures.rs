@@ -31,7 +31,7 @@ struct Shown {
     distortion: Option<Distortion>,
 }
 
-/// Of the map, per triangle of a surface.
+/// Distortion of the map, per triangle of a surface.
 struct Distortion {
     area: Vec<f64>,
     angle: Vec<f64>,

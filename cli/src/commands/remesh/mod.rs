@@ -36,7 +36,7 @@ struct RemeshSummary {
     flipped_cells: usize,
     /// Why they are, and how many for each reason.
     reasons: Reasons,
-    /// Of the result.
+    /// The least scaled Jacobian of the result.
     min_scaled_jacobian: Option<f64>,
     /// Where the boundary passes through itself.
     crossings: BoundaryIntersections,

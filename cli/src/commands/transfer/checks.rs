@@ -24,7 +24,7 @@ pub struct FieldSummary {
     pub carry: &'static str,
     /// Whether the output has it: a table holds no cell data.
     pub written: bool,
-    /// Of fields of one component that are no labels.
+    /// For fields of one component that are not labels.
     pub distribution: Option<DistributionCheck>,
     pub labels: Option<Vec<LabelShare>>,
 }

@@ -44,9 +44,9 @@ struct TransferSummary {
     volume: VolumeCheck,
     /// Share of the domain's volume beyond FIELD's tetrahedra, which shares and distributions leave out.
     volume_beyond_field: f64,
-    /// Of `--at`.
+    /// The preimages of the points of `--at`.
     inverse: Option<InverseReport>,
-    /// Of `--at`: preimages beyond FIELD's tetrahedra, which got what is at the closest point of their boundary.
+    /// Preimages of `--at` beyond FIELD's tetrahedra, which got the value at the closest point of their boundary.
     beyond_carrier: usize,
     seconds: f64,
 }
