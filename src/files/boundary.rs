@@ -8,7 +8,7 @@ use std::path::Path;
 
 use super::Provenance;
 use super::boundary_tensors::{self, BoundaryHeader};
-use super::tensor_file::{BOUNDARY, Reader, TensorFileError, read_bytes};
+use super::tensor_file::{BOUNDARY, GENERATOR, Reader, TensorFileError, read_bytes};
 use crate::boundary_map::BoundaryMap;
 
 /// A boundary map as stored.
@@ -37,7 +37,7 @@ impl BoundaryMetadata {
     pub fn new(inputs: Vec<Provenance>) -> Self {
         Self {
             format_version: BOUNDARY.format_version(),
-            generator: concat!("solidmap ", env!("CARGO_PKG_VERSION")).into(),
+            generator: GENERATOR.into(),
             inputs,
         }
     }

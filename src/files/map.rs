@@ -16,7 +16,7 @@ use std::path::Path;
 
 use super::Provenance;
 use super::boundary_tensors::{self, BoundaryHeader, Way};
-use super::tensor_file::{MAP, Reader, Tensor, TensorFileError, read_bytes};
+use super::tensor_file::{GENERATOR, MAP, Reader, Tensor, TensorFileError, read_bytes};
 use crate::boundary_map::BoundaryMap;
 use crate::fit::FitReport;
 use crate::map::HarmonicMap;
@@ -54,7 +54,7 @@ impl MapMetadata {
         let fit = FitReport { seconds: None, ..fit };
         Self {
             format_version: MAP.format_version(),
-            generator: concat!("solidmap ", env!("CARGO_PKG_VERSION")).into(),
+            generator: GENERATOR.into(),
             fit: Some(fit),
             inputs,
         }
@@ -75,12 +75,7 @@ struct Header<'a> {
 ///
 /// When the file cannot be written.
 pub fn write_map(path: &Path, file: &MapFile) -> Result<(), TensorFileError> {
-    let coefficients = file.map.coefficients();
-    let mut tensors = vec![
-        Tensor::points("sources", file.map.sources()),
-        Tensor::rows("coefficients", coefficients.sources.iter()),
-        Tensor::rows("affine", coefficients.affine.iter()),
-    ];
+    let mut tensors = Vec::from(tensors_of(&file.map));
     tensors.extend(file.boundary.iter().flat_map(boundary_tensors::tensors_of));
     let boundary = file.boundary.as_ref().map(boundary_tensors::header_of);
     let header = Header {
@@ -95,21 +90,13 @@ pub fn write_map(path: &Path, file: &MapFile) -> Result<(), TensorFileError> {
 ///
 /// # Errors
 ///
-/// When it cannot be read, is not a map or not whole, or is of a newer major version; and when it holds a boundary map by
-/// way of the sphere that is not one to one.
+/// When it cannot be read, is not a map or not whole, or is of a newer major version; and when it holds a boundary map
+/// whose spherical embeddings are not one to one.
 pub fn read_map(path: &Path) -> Result<MapFile, TensorFileError> {
     let content = read_bytes(path)?;
     let reader = Reader::new(&MAP, path, &content)?;
     let metadata: MapMetadata = reader.metadata()?;
-    let sources = reader.points("sources")?;
-    let rows = reader.rows("coefficients")?;
-    let affine = reader.rows("affine")?;
-    let affine = <[[f64; 3]; 4]>::try_from(affine)
-        .map_err(|rows| reader.problem("affine", format!("has {} rows instead of 4", rows.len())))?;
-    let count = rows.len();
-    let coefficients = Coefficients { sources: rows, affine };
-    let mut map = HarmonicMap::new(sources, coefficients)
-        .ok_or_else(|| reader.problem("coefficients", format!("has {count} rows, which is not one per source")))?;
+    let mut map = read_tensors(&reader)?;
     if let Some(fit) = &metadata.fit {
         map = map.with_error(fit.residual_rms);
     }
@@ -122,6 +109,26 @@ pub fn read_map(path: &Path) -> Result<MapFile, TensorFileError> {
         boundary,
         metadata,
     })
+}
+
+/// The tensors of a harmonic map.
+pub(super) fn tensors_of(map: &HarmonicMap) -> [Tensor; 3] {
+    let coefficients = map.coefficients();
+    [
+        Tensor::points("sources", map.sources()),
+        Tensor::rows("coefficients", coefficients.sources.iter()),
+        Tensor::rows("affine", coefficients.affine.iter()),
+    ]
+}
+
+/// The harmonic map whose [`tensors_of`] a file holds.
+pub(super) fn read_tensors(reader: &Reader) -> Result<HarmonicMap, TensorFileError> {
+    let sources = reader.rows("coefficients")?;
+    let count = sources.len();
+    let affine = <[[f64; 3]; 4]>::try_from(reader.rows("affine")?)
+        .map_err(|rows| reader.problem("affine", format!("has {} rows instead of 4", rows.len())))?;
+    HarmonicMap::new(reader.points("sources")?, Coefficients { sources, affine })
+        .ok_or_else(|| reader.problem("coefficients", format!("has {count} rows, which is not one per source")))
 }
 
 #[cfg(test)]

@@ -56,6 +56,9 @@ pub enum TensorFileError {
     },
 }
 
+/// Program and version, as files name what wrote them.
+pub(super) const GENERATOR: &str = concat!("solidmap ", env!("CARGO_PKG_VERSION"));
+
 /// A kind of file. A reader refuses a newer major version; a newer minor one only adds.
 #[derive(Debug, PartialEq)]
 pub(super) struct Kind {

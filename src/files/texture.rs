@@ -12,13 +12,10 @@
 
 use std::path::Path;
 
-use super::Provenance;
-use super::TensorFileError;
-use super::tensor_file::{Reader, TEXTURE, Tensor, read_bytes};
+use super::tensor_file::{GENERATOR, Reader, TEXTURE, Tensor, read_bytes};
+use super::{Provenance, TensorFileError, map};
 use crate::fit::FitReport;
-use crate::map::HarmonicMap;
 use crate::mesh::SurfaceMesh;
-use crate::solver::Coefficients;
 use crate::texture::{ColourSource, ColouredSurface, ExtendedQuantity, Picture, SolidTexture, Wrap};
 
 /// A solid texture as stored.
@@ -49,7 +46,7 @@ impl TextureMetadata {
     pub fn new(fit: FitReport, inputs: Vec<Provenance>) -> Self {
         Self {
             format_version: TEXTURE.format_version(),
-            generator: concat!("solidmap ", env!("CARGO_PKG_VERSION")).into(),
+            generator: GENERATOR.into(),
             fit: FitReport { seconds: None, ..fit },
             inputs,
         }
@@ -79,14 +76,10 @@ struct PictureHeader {
 /// When the file cannot be written.
 pub fn write_texture(path: &Path, file: &TextureFile) -> Result<(), TensorFileError> {
     let texture = &file.texture;
-    let (surface, coefficients) = (texture.coloured_surface().surface(), texture.map().coefficients());
-    let mut tensors = vec![
-        Tensor::points("sources", texture.map().sources()),
-        Tensor::rows("coefficients", coefficients.sources.iter()),
-        Tensor::rows("affine", coefficients.affine.iter()),
-        Tensor::points("vertices", surface.vertices()),
-        Tensor::triangles("triangles", surface.triangles()),
-    ];
+    let surface = texture.coloured_surface().surface();
+    let mut tensors = Vec::from(map::tensors_of(texture.map()));
+    tensors.push(Tensor::points("vertices", surface.vertices()));
+    tensors.push(Tensor::triangles("triangles", surface.triangles()));
     let mut header = Header {
         metadata: file.metadata.clone(),
         extended: texture.extended(),
@@ -119,7 +112,7 @@ pub fn read_texture(path: &Path) -> Result<TextureFile, TensorFileError> {
     let content = read_bytes(path)?;
     let reader = Reader::new(&TEXTURE, path, &content)?;
     let header: Header = reader.metadata()?;
-    let map = read_map(&reader)?.with_error(header.metadata.fit.residual_rms);
+    let map = map::read_tensors(&reader)?.with_error(header.metadata.fit.residual_rms);
     let coloured = read_coloured_surface(&reader, header.picture)?;
     let texture = SolidTexture::from_parts(coloured, header.extended, map, header.metadata.fit.clone())
         .map_err(|error| reader.problem("sources", format!("cannot be used: {error}")))?;
@@ -127,16 +120,6 @@ pub fn read_texture(path: &Path) -> Result<TextureFile, TensorFileError> {
         texture,
         metadata: header.metadata,
     })
-}
-
-fn read_map(reader: &Reader) -> Result<HarmonicMap, TensorFileError> {
-    let rows = reader.rows("coefficients")?;
-    let count = rows.len();
-    let affine = <[[f64; 3]; 4]>::try_from(reader.rows("affine")?)
-        .map_err(|rows| reader.problem("affine", format!("has {} rows instead of 4", rows.len())))?;
-    let coefficients = Coefficients { sources: rows, affine };
-    HarmonicMap::new(reader.points("sources")?, coefficients)
-        .ok_or_else(|| reader.problem("coefficients", format!("has {count} rows, which is not one per source")))
 }
 
 fn read_coloured_surface(reader: &Reader, picture: Option<PictureHeader>) -> Result<ColouredSurface, TensorFileError> {
