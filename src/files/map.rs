@@ -123,11 +123,12 @@ pub(super) fn tensors_of(map: &HarmonicMap) -> [Tensor; 3] {
 
 /// The harmonic map whose [`tensors_of`] a file holds.
 pub(super) fn read_tensors(reader: &Reader) -> Result<HarmonicMap, TensorFileError> {
+    let positions = reader.points("sources")?;
     let sources = reader.rows("coefficients")?;
     let count = sources.len();
     let affine = <[[f64; 3]; 4]>::try_from(reader.rows("affine")?)
         .map_err(|rows| reader.problem("affine", format!("has {} rows instead of 4", rows.len())))?;
-    HarmonicMap::new(reader.points("sources")?, Coefficients { sources, affine })
+    HarmonicMap::new(positions, Coefficients { sources, affine })
         .ok_or_else(|| reader.problem("coefficients", format!("has {count} rows, which is not one per source")))
 }
 
