@@ -12,10 +12,10 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A set of vector instructions that this machine has been found to have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Instructions(Level);
+pub struct Instructions(InstructionSet);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Level {
+enum InstructionSet {
     #[cfg(target_arch = "x86_64")]
     Avx512(x86::Avx512),
     #[cfg(target_arch = "x86_64")]
@@ -25,7 +25,7 @@ enum Level {
 
 impl Instructions {
     /// Those of plain Rust, which are always there.
-    pub(crate) const PORTABLE: Self = Self(Level::Portable);
+    pub(crate) const PORTABLE: Self = Self(InstructionSet::Portable);
 
     /// The fastest of [`Self::available`].
     pub fn detect() -> Self {
@@ -36,10 +36,10 @@ impl Instructions {
     pub fn available() -> impl Iterator<Item = Self> {
         [
             #[cfg(target_arch = "x86_64")]
-            x86::Avx512::detect().map(Level::Avx512),
+            x86::Avx512::detect().map(InstructionSet::Avx512),
             #[cfg(target_arch = "x86_64")]
-            x86::Avx2::detect().map(Level::Avx2),
-            Some(Level::Portable),
+            x86::Avx2::detect().map(InstructionSet::Avx2),
+            Some(InstructionSet::Portable),
         ]
         .into_iter()
         .flatten()
@@ -50,10 +50,10 @@ impl Instructions {
     pub fn name(self) -> &'static str {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512(_) => "avx512",
+            InstructionSet::Avx512(_) => "avx512",
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2(_) => "avx2",
-            Level::Portable => "portable",
+            InstructionSet::Avx2(_) => "avx2",
+            InstructionSet::Portable => "portable",
         }
     }
 
@@ -61,11 +61,11 @@ impl Instructions {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the token exists only where AVX-512F was found.
-            Level::Avx512(token) => unsafe { x86::run_avx512(token, computation) },
+            InstructionSet::Avx512(token) => unsafe { x86::run_avx512(token, computation) },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the token exists only where AVX2 and FMA were found.
-            Level::Avx2(token) => unsafe { x86::run_avx2(token, computation) },
-            Level::Portable => computation.run::<Portable<4>>(()),
+            InstructionSet::Avx2(token) => unsafe { x86::run_avx2(token, computation) },
+            InstructionSet::Portable => computation.run::<Portable<4>>(()),
         }
     }
 }

@@ -42,8 +42,8 @@ impl ComparePlace {
 
     /// Compares `domain.obj` and `image.obj`; words are separated by blanks.
     fn run(&self, options: &str) -> Output {
-        self.place
-            .run(&format!("compare domain.obj --image image.obj {SMALL} {options}"))
+        let line = format!("compare domain.obj --image image.obj {SMALL} {options}");
+        self.place.run_within(Duration::from_secs(60), &line)
     }
 
     /// The rows that it prints as JSON.

@@ -10,7 +10,8 @@ use solidmap::Point;
 use solidmap::mesh::{SurfaceMesh, shapes};
 
 fn run(arguments: &[&str]) -> Output {
-    solidmap().args(arguments).output().unwrap()
+    let limit = std::time::Duration::from_secs(300);
+    solidmap().args(arguments).timeout(limit).output().unwrap()
 }
 
 /// Fits through the program and returns its report.

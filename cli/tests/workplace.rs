@@ -10,6 +10,9 @@ use solidmap::Point;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
 
+/// How long a command on small models may take.
+const LONGEST: Duration = Duration::from_secs(120);
+
 /// A folder that is removed at the end.
 pub struct Workplace {
     pub folder: tempfile::TempDir,
@@ -32,9 +35,14 @@ impl Workplace {
 
     /// Runs `solidmap` in the folder, whatever comes of it; words are separated by blanks.
     pub fn run(&self, line: &str) -> Output {
+        self.run_within(LONGEST, line)
+    }
+
+    /// The same, ended when it takes longer than `limit`.
+    pub fn run_within(&self, limit: Duration, line: &str) -> Output {
         let mut command = solidmap();
         command.current_dir(self.folder.path()).args(line.split_whitespace());
-        command.output().unwrap()
+        command.timeout(limit).output().unwrap()
     }
 
     /// The same, with this exit code.
@@ -60,10 +68,10 @@ impl Workplace {
     }
 }
 
-/// The program, which is ended when it takes minutes.
+/// The program, ended when it takes longer than [`LONGEST`].
 pub fn solidmap() -> Command {
     let mut command = Command::cargo_bin("solidmap").unwrap();
-    command.timeout(Duration::from_secs(300));
+    command.timeout(LONGEST);
     command
 }
 

@@ -131,7 +131,7 @@ pub(super) fn enclosed_solid(surface: &SurfaceMesh, topology: &Topology) -> Resu
     Ok(solid_of_shells(&shells(surface, topology)?))
 }
 
-fn solid_of_shells(shells: &[Shell]) -> EnclosedSolid {
+fn solid_of_shells(shells: &[ClosedShell]) -> EnclosedSolid {
     let mut solid = EnclosedSolid {
         volume: 0.0,
         outer_genus: Some(0),
@@ -151,7 +151,7 @@ fn solid_of_shells(shells: &[Shell]) -> EnclosedSolid {
     solid
 }
 
-struct Shell {
+struct ClosedShell {
     triangles: Vec<[Point; 3]>,
     bounds: Aabb,
     volume: f64,
@@ -160,7 +160,7 @@ struct Shell {
     interior_point: Point,
 }
 
-impl Shell {
+impl ClosedShell {
     fn encloses(&self, p: &Point) -> bool {
         let angle = || {
             self.triangles
@@ -173,19 +173,19 @@ impl Shell {
 }
 
 /// The components of the surface, each consistently oriented.
-fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<Shell>, InputDefect> {
+fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<ClosedShell>, InputDefect> {
     let flipped = triangles_to_flip(topology)?;
     let (low, high) = surface.bounding_box().ok_or(InputDefect::Empty)?;
     let centre = nalgebra::center(&low, &high);
     let components = topology.components();
-    let empty = |genus| Shell {
+    let empty = |genus| ClosedShell {
         triangles: Vec::new(),
         bounds: Aabb::empty(),
         volume: 0.0,
         genus,
         interior_point: centre,
     };
-    let mut shells: Vec<Shell> = components.shapes.iter().map(|shape| empty(shape.genus())).collect();
+    let mut shells: Vec<ClosedShell> = components.shapes.iter().map(|shape| empty(shape.genus())).collect();
     for (t, &component) in components.of_triangle.iter().enumerate() {
         if component == NONE {
             continue;

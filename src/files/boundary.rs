@@ -44,7 +44,7 @@ impl BoundaryMetadata {
 }
 
 #[derive(serde::Serialize)]
-struct Header<'a> {
+struct BoundaryFileHeader<'a> {
     #[serde(flatten)]
     metadata: &'a BoundaryMetadata,
     boundary: BoundaryHeader,
@@ -56,7 +56,7 @@ struct Header<'a> {
 ///
 /// When the file cannot be written.
 pub fn write_boundary(path: &Path, file: &BoundaryFile) -> Result<(), TensorFileError> {
-    let header = Header {
+    let header = BoundaryFileHeader {
         metadata: &file.metadata,
         boundary: boundary_tensors::header_of(&file.boundary),
     };

@@ -124,13 +124,13 @@ pub fn read_landmark_files(
     })
 }
 
-struct Row<const N: usize> {
+struct LandmarkRow<const N: usize> {
     numbers: [u32; N],
     /// Counted from 1.
     line: usize,
 }
 
-fn read_rows<const N: usize>(path: &Path) -> Result<Vec<Row<N>>, LandmarkFileError> {
+fn read_rows<const N: usize>(path: &Path) -> Result<Vec<LandmarkRow<N>>, LandmarkFileError> {
     let bytes = std::fs::read(path).map_err(|source| IoError::Read {
         path: path.to_owned(),
         source,
@@ -149,7 +149,7 @@ fn read_rows<const N: usize>(path: &Path) -> Result<Vec<Row<N>>, LandmarkFileErr
                 place: Place::Line(k + 1),
                 found,
             })?;
-            rows.push(Row { numbers, line: k + 1 });
+            rows.push(LandmarkRow { numbers, line: k + 1 });
         }
     }
     if rows.is_empty() {

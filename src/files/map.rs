@@ -62,7 +62,7 @@ impl MapMetadata {
 }
 
 #[derive(serde::Serialize)]
-struct Header<'a> {
+struct MapHeader<'a> {
     #[serde(flatten)]
     metadata: &'a MapMetadata,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -78,7 +78,7 @@ pub fn write_map(path: &Path, file: &MapFile) -> Result<(), TensorFileError> {
     let mut tensors = Vec::from(tensors_of(&file.map));
     tensors.extend(file.boundary.iter().flat_map(boundary_tensors::tensors_of));
     let boundary = file.boundary.as_ref().map(boundary_tensors::header_of);
-    let header = Header {
+    let header = MapHeader {
         metadata: &file.metadata,
         // Straight maps are written as they always were.
         boundary: boundary.filter(|header| header.way != Way::Straight),

@@ -61,7 +61,7 @@ pub(super) const GENERATOR: &str = concat!("solidmap ", env!("CARGO_PKG_VERSION"
 
 /// A kind of file. A reader refuses a newer major version; a newer minor one only adds.
 #[derive(Debug, PartialEq)]
-pub(super) struct Kind {
+pub(super) struct FileKind {
     pub name: &'static str,
     /// The entry of the container's metadata that holds ours, a JSON object.
     pub key: &'static str,
@@ -70,21 +70,21 @@ pub(super) struct Kind {
     pub purpose: &'static str,
 }
 
-pub(super) static MAP: Kind = Kind {
+pub(super) static MAP: FileKind = FileKind {
     name: "map file",
     key: "solidmap",
     version: (1, 1),
     purpose: "it holds a fitted map, for `solidmap eval` and `energy`",
 };
 
-pub(super) static BOUNDARY: Kind = Kind {
+pub(super) static BOUNDARY: FileKind = FileKind {
     name: "boundary file",
     key: "solidmap_boundary",
     version: (1, 0),
     purpose: "it holds a boundary map, for `solidmap fit --boundary`",
 };
 
-pub(super) static TEXTURE: Kind = Kind {
+pub(super) static TEXTURE: FileKind = FileKind {
     name: "texture file",
     key: "solidmap_texture",
     version: (1, 0),
@@ -132,7 +132,7 @@ impl Tensor {
     }
 }
 
-impl Kind {
+impl FileKind {
     pub fn format_version(&self) -> String {
         format!("{}.{}", self.version.0, self.version.1)
     }
@@ -167,14 +167,14 @@ pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
 }
 
 pub(super) struct Reader<'a> {
-    kind: &'static Kind,
+    kind: &'static FileKind,
     path: &'a Path,
     tensors: SafeTensors<'a>,
     metadata: serde_json::Value,
 }
 
 impl<'a> Reader<'a> {
-    pub fn new(kind: &'static Kind, path: &'a Path, content: &'a [u8]) -> Result<Self, TensorFileError> {
+    pub fn new(kind: &'static FileKind, path: &'a Path, content: &'a [u8]) -> Result<Self, TensorFileError> {
         let tensors = SafeTensors::deserialize(content).map_err(|e| kind.foreign(path, &e))?;
         let (_, header) = SafeTensors::read_metadata(content).map_err(|e| kind.foreign(path, &e))?;
         let empty = HashMap::new();

@@ -54,7 +54,7 @@ impl TextureMetadata {
 }
 
 #[derive(serde::Serialize, serde::Deserialize)]
-struct Header {
+struct TextureHeader {
     #[serde(flatten)]
     metadata: TextureMetadata,
     extended: ExtendedQuantity,
@@ -80,7 +80,7 @@ pub fn write_texture(path: &Path, file: &TextureFile) -> Result<(), TensorFileEr
     let mut tensors = Vec::from(map::tensors_of(texture.map()));
     tensors.push(Tensor::points("vertices", surface.vertices()));
     tensors.push(Tensor::triangles("triangles", surface.triangles()));
-    let mut header = Header {
+    let mut header = TextureHeader {
         metadata: file.metadata.clone(),
         extended: texture.extended(),
         picture: None,
@@ -111,7 +111,7 @@ pub fn write_texture(path: &Path, file: &TextureFile) -> Result<(), TensorFileEr
 pub fn read_texture(path: &Path) -> Result<TextureFile, TensorFileError> {
     let content = read_bytes(path)?;
     let reader = Reader::new(&TEXTURE, path, &content)?;
-    let header: Header = reader.metadata()?;
+    let header: TextureHeader = reader.metadata()?;
     let map = map::read_tensors(&reader)?.with_error(header.metadata.fit.residual_rms);
     let coloured = read_coloured_surface(&reader, header.picture)?;
     let texture = SolidTexture::from_parts(coloured, header.extended, map, header.metadata.fit.clone())

@@ -16,7 +16,7 @@ use crate::{Point, mesh::SurfaceMesh};
 /// The elements `vertex`, `face` and `tristrips` in file order; all other elements and properties are skipped.
 pub(super) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
     let (header, body) = PlyHeader::parse(file)?;
-    let mut values = Values {
+    let mut values = PropertyValues {
         file,
         tokens: file.tokens_in(body..file.bytes.len()),
         order: header.order,
@@ -217,7 +217,7 @@ fn scalar(name: &str) -> Option<Scalar> {
     })
 }
 
-fn read_element(element: &PlyElement, values: &mut Values, raw: &mut RawMesh) -> Result<(), IoError> {
+fn read_element(element: &PlyElement, values: &mut PropertyValues, raw: &mut RawMesh) -> Result<(), IoError> {
     // Without properties there is nothing to read, whatever the count.
     if element.properties.is_empty() {
         return Ok(());
@@ -269,13 +269,13 @@ struct ElementValues {
 }
 
 /// The numbers of the body, in text or binary.
-struct Values<'a> {
+struct PropertyValues<'a> {
     file: &'a InputFile<'a>,
     tokens: Tokens<'a>,
     order: Option<ByteOrder>,
 }
 
-impl Values<'_> {
+impl PropertyValues<'_> {
     fn count(&self, element: &PlyElement) -> Result<usize, IoError> {
         let available = self.tokens.rest().len() + usize::from(self.order.is_none());
         let least = element.min_size(self.order.is_none());

@@ -21,7 +21,7 @@ use crate::{Point, Vector};
 /// `domain` is in all functions the surface that the cells were made of.
 #[derive(Debug, Clone)]
 pub struct SurfaceCells {
-    cells: Vec<Cell>,
+    cells: Vec<SurfaceCell>,
     /// Barycentric corners of the cells that are parts. Bisection makes them multiples of powers of two: exact.
     parts: Vec<Corners>,
     /// Neighbour at each side of each triangle, [`NONE`] unless there is exactly one.
@@ -31,7 +31,7 @@ pub struct SurfaceCells {
 type Corners = [[f64; 3]; 3];
 
 #[derive(Debug, Clone, Copy)]
-struct Cell {
+struct SurfaceCell {
     triangle: u32,
     /// Index of its corners, [`NONE`] for a whole triangle.
     part: u32,
@@ -87,7 +87,7 @@ impl SurfaceCells {
             let area = domain.area_vector(t).norm();
             let known = domain.triangles()[t].iter().filter_map(|&v| spacing_at(v));
             let (sum, count) = known.fold((0.0, 0), |(sum, count), h| (sum + h, count + 1));
-            (area > 0.0).then_some(Cell {
+            (area > 0.0).then_some(SurfaceCell {
                 triangle: t as u32,
                 part: NONE,
                 area,
@@ -186,7 +186,7 @@ impl SurfaceCells {
     }
 
     fn cut(&self, domain: &SurfaceMesh, cell: usize) -> Vec<Piece> {
-        let Cell {
+        let SurfaceCell {
             triangle,
             area,
             spacing,
@@ -270,7 +270,7 @@ impl SurfaceCells {
             }
             for (piece, &spacing) in pieces[cell].iter().zip(&mut spacing) {
                 let is_whole = piece.corners == WHOLE;
-                cells.push(Cell {
+                cells.push(SurfaceCell {
                     triangle: piece.triangle,
                     part: if is_whole { NONE } else { parts.len() as u32 },
                     area: piece.area,

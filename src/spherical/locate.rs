@@ -2,7 +2,7 @@
 //!
 //! A direction `x` in the geodesic triangle of the unit vectors `a`, `b`, `c` is `m₀ a + m₁ b + m₂ c` up to length, with
 //! `m₀ = det(x, b, c)` and so on by Cramer's rule. [`SphericalEmbedding::direction`] normalises `l₀ a + l₁ b + l₂ c`, so that
-//! `l = m / Σm` are the barycentric coordinates that it came from: the gnomonic ones. Determinants are those of `b − x`
+//! `l = m / Σm` are the barycentric coordinates that it came from: the gnomonic ones. EdgeDeterminants are those of `b − x`
 //! and `c − x`, which are the same but do not cancel in small triangles.
 
 use rayon::prelude::*;
@@ -37,7 +37,7 @@ struct Triangle {
 }
 
 /// The determinants `m` of a direction and a triangle.
-struct Determinants {
+struct EdgeDeterminants {
     m: [f64; 3],
     /// Above the rounding errors of `m`.
     noise: f64,
@@ -136,7 +136,7 @@ impl Locator {
     }
 
     fn search(&self, x: &Vector) -> SurfacePoint {
-        let mut best: Option<(f64, &Triangle, Determinants)> = None;
+        let mut best: Option<(f64, &Triangle, EdgeDeterminants)> = None;
         self.tree.visit_nearest(&Point::from(*x), 0.0, |leaf, limit| {
             for triangle in &self.triangles[leaf] {
                 let weights = triangle.weights(x);
@@ -192,17 +192,17 @@ fn geodesic_box(corners: &[Vector; 3]) -> Aabb {
 
 impl Triangle {
     #[inline]
-    fn weights(&self, x: &Vector) -> Determinants {
+    fn weights(&self, x: &Vector) -> EdgeDeterminants {
         let [a, b, c] = self.corners.map(|corner| corner - x);
         let squares = [a, b, c].map(|d| d.norm_squared());
-        Determinants {
+        EdgeDeterminants {
             m: [x.dot(&b.cross(&c)), x.dot(&c.cross(&a)), x.dot(&a.cross(&b))],
             noise: NOISE * squares[0].max(squares[1]).max(squares[2]),
             corner: squares.iter().position(|&square| square == 0.0),
         }
     }
 
-    fn point(&self, weights: &Determinants, x: &Vector) -> SurfacePoint {
+    fn point(&self, weights: &EdgeDeterminants, x: &Vector) -> SurfacePoint {
         if let Some(corner) = weights.corner {
             return SurfacePoint::corner(self.index, corner);
         }
@@ -223,7 +223,7 @@ impl Triangle {
 
     /// Coefficients `l` such that `l₀ a + l₁ b + l₂ c` is the direction. One step of iterative refinement: in thin triangles
     /// rounding errors of the determinants would move the point.
-    fn refined(&self, weights: &Determinants, x: &Vector) -> [f64; 3] {
+    fn refined(&self, weights: &EdgeDeterminants, x: &Vector) -> [f64; 3] {
         let [a, b, c] = &self.corners;
         let [l, m, n] = weights.m;
         let scale = l * a.dot(x) + m * b.dot(x) + n * c.dot(x);
@@ -254,7 +254,7 @@ impl Triangle {
     }
 }
 
-impl Determinants {
+impl EdgeDeterminants {
     /// Whether the direction is inside the triangle, beyond rounding errors: then it is in no other.
     #[inline]
     fn are_inside(&self) -> bool {

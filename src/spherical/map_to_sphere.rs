@@ -4,7 +4,7 @@ use super::cmcf::{FlowOptions, flow};
 use super::distortion_energy::{DistortionEnergy, EnergyWeights, Objective};
 use super::hierarchy::Hierarchy;
 use super::moebius::centre;
-use super::newton::{Newton, NewtonError, NewtonOptions, StopReason};
+use super::newton::{Newton, NewtonError, NewtonOptions, NewtonStop};
 use super::progressive::PartialEmbedding;
 use super::relax::Relaxation;
 use super::rest_shape::RestShapes;
@@ -174,7 +174,7 @@ pub fn map_to_sphere<A: ProgressResponse>(
         energy_before: descent.energy_before / (4.0 * std::f64::consts::PI),
         energy_after: descent.energy_after / (4.0 * std::f64::consts::PI),
         iterations: descent.iterations,
-        converged: descent.stop != StopReason::MostIterations,
+        converged: descent.stop != NewtonStop::MostIterations,
     };
     Ok((SphericalEmbedding::new(surface, &directions)?, report))
 }

@@ -36,12 +36,12 @@ pub(crate) struct NewtonReport {
     pub(crate) energy_before: f64,
     /// Never above `energy_before`.
     pub(crate) energy_after: f64,
-    pub(crate) stop: StopReason,
+    pub(crate) stop: NewtonStop,
 }
 
 /// Why [`Newton::minimise`] ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum StopReason {
+pub(crate) enum NewtonStop {
     /// The energy falls by less than the tolerance.
     Converged,
     MostIterations,
@@ -168,14 +168,14 @@ impl Newton {
             iterations: 0,
             energy_before,
             energy_after: energy_before,
-            stop: StopReason::MostIterations,
+            stop: NewtonStop::MostIterations,
         };
         let mut shift = LEAST_SHIFT;
         while report.iterations < options.most_iterations && goes_on() {
             let frames: Vec<[Vector; 2]> = x.par_iter().map(tangents).collect();
             let gradient = self.assemble(energy, x, &frames);
             let Some(step) = self.descend(energy, x, &frames, &gradient, report.energy_after, &mut shift) else {
-                report.stop = StopReason::Stalled;
+                report.stop = NewtonStop::Stalled;
                 break;
             };
             x.copy_from_slice(&step.directions);
@@ -183,7 +183,7 @@ impl Newton {
             let fall = report.energy_after - step.energy;
             report.energy_after = step.energy;
             if fall <= options.tolerance * step.energy.abs() {
-                report.stop = StopReason::Converged;
+                report.stop = NewtonStop::Converged;
                 break;
             }
         }

@@ -53,7 +53,7 @@ pub(in crate::kernel) fn add_potential(
     targets: &[TargetBlock],
     sums: &mut [[BlockValues; 3]],
 ) {
-    instructions.run(Potential(sources, targets, sums));
+    instructions.run(PotentialLoop(sources, targets, sums));
 }
 
 /// Adds the potential of three weights, then `Σ w d_k / r³` with `d = x − y` for weight after weight: the gradient's
@@ -64,7 +64,7 @@ pub(in crate::kernel) fn add_gradient(
     targets: &[TargetBlock],
     sums: &mut [[BlockValues; 12]],
 ) {
-    instructions.run(Gradient(sources, targets, sums));
+    instructions.run(GradientLoop(sources, targets, sums));
 }
 
 /// Writes `factor / r` for the targets of all blocks, `column.len()` in all; returns `true` only when all entries are
@@ -76,7 +76,7 @@ pub(in crate::kernel) fn write_column(
     targets: &[TargetBlock],
     column: &mut [f64],
 ) -> bool {
-    instructions.run(Column {
+    instructions.run(ColumnLoop {
         source,
         factor,
         targets,
@@ -84,10 +84,10 @@ pub(in crate::kernel) fn write_column(
     })
 }
 
-struct Potential<'a>(&'a [PackedSource], &'a [TargetBlock], &'a mut [[BlockValues; 3]]);
-struct Gradient<'a>(&'a [PackedSource], &'a [TargetBlock], &'a mut [[BlockValues; 12]]);
+struct PotentialLoop<'a>(&'a [PackedSource], &'a [TargetBlock], &'a mut [[BlockValues; 3]]);
+struct GradientLoop<'a>(&'a [PackedSource], &'a [TargetBlock], &'a mut [[BlockValues; 12]]);
 
-impl Computation for Potential<'_> {
+impl Computation for PotentialLoop<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -110,7 +110,7 @@ impl Computation for Potential<'_> {
     }
 }
 
-impl Computation for Gradient<'_> {
+impl Computation for GradientLoop<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -183,14 +183,14 @@ fn add_gradient_of<V: Simd>(
     add(token, &sum, sums, vector);
 }
 
-struct Column<'a> {
+struct ColumnLoop<'a> {
     source: [f64; 3],
     factor: f64,
     targets: &'a [TargetBlock],
     column: &'a mut [f64],
 }
 
-impl Computation for Column<'_> {
+impl Computation for ColumnLoop<'_> {
     type Output = bool;
 
     #[inline(always)]

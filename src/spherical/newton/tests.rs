@@ -127,7 +127,7 @@ fn ends_with_quadratic_convergence() {
     let mut x = directions(&mesh);
     let report = minimise(&mesh, BALANCED, &mut x, &EXACT);
     assert!(
-        report.stop != StopReason::MostIterations && report.iterations <= 10,
+        report.stop != NewtonStop::MostIterations && report.iterations <= 10,
         "{report:?}"
     );
 }

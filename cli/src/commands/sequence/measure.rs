@@ -29,7 +29,7 @@ fn section(asked: &SectionArgs, domain: &SurfaceMesh) -> anyhow::Result<PlaneSec
     if let Some(axis) = asked.axis {
         return Ok(across(Axis::from(axis))?);
     }
-    // Of several alike the last is taken.
+    // `max_by` takes the last of equal sections: z before y before x.
     let sections = [Axis::X, Axis::Y].map(across).into_iter().flatten();
     let last = across(Axis::Z);
     let largest = sections
