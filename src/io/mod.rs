@@ -17,7 +17,7 @@
 //! | `.vti` | fields on a grid (encodings as `.vtu`) | bytes on a grid, compressed |
 //! | `.csv`, `.npy` | points | tables |
 //!
-//! CornerLists become fans of triangles about their first corner, whatever their shape, so that two meshes with the same
+//! Polygons become fans of triangles about their first corner, whatever their shape, so that two meshes with the same
 //! faces get the same triangles. Files are written whole or not at all ([`atomic_write`]).
 
 mod atomic;

@@ -3,7 +3,7 @@
 //! The energy of a triangle is infinite where it inverts, so that a descent from an embedding never inverts one. Its angle term is that of Hormann & Greiner, *MIPS: an efficient global parametrization method*,
 //! Curve and Surface Design (2000); with the area term beside it, on the sphere and minimised by Newton's method, it is
 //! used by Schmidt, Pieper & Kobbelt, *Surface maps via adaptive triangulations*, Computer Graphics Forum 42 (2023).
-//! ElementDerivatives Hessians are made semidefinite as in Teran, Sifakis, Irving & Fedkiw, *Robust quasistatic finite elements and
+//! Element Hessians are made semidefinite as in Teran, Sifakis, Irving & Fedkiw, *Robust quasistatic finite elements and
 //! flesh simulation*, Symposium on Computer Animation (2005).
 //!
 //! Notation: a triangle with corners `a, b, c` on the sphere has the Jacobian `z = [b − a, c − a] D` of the linear map

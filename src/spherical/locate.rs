@@ -2,7 +2,7 @@
 //!
 //! A direction `x` in the geodesic triangle of the unit vectors `a`, `b`, `c` is `m₀ a + m₁ b + m₂ c` up to length, with
 //! `m₀ = det(x, b, c)` and so on by Cramer's rule. [`SphericalEmbedding::direction`] normalises `l₀ a + l₁ b + l₂ c`, so that
-//! `l = m / Σm` are the barycentric coordinates that it came from: the gnomonic ones. EdgeDeterminants are those of `b − x`
+//! `l = m / Σm` are the barycentric coordinates that it came from: the gnomonic ones. Determinants are those of `b − x`
 //! and `c − x`, which are the same but do not cancel in small triangles.
 
 use rayon::prelude::*;

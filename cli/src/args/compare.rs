@@ -103,7 +103,7 @@ pub struct CompareMeasure {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Budget of each map")]
 pub struct CompareBudget {
-    /// BuildTimings, with measuring
+    /// Seconds, with measuring
     #[arg(long, default_value_t = 600.0, value_name = "SECONDS", value_parser = seconds)]
     pub time_limit: f64,
     /// Tetrahedra, by an estimate
@@ -121,7 +121,7 @@ pub struct CompareWorkerArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MapMethod {
-    /// ComparedMethod of fundamental solutions
+    /// Method of fundamental solutions
     Mfs,
     /// Linear finite elements on tets, factored
     Fem,

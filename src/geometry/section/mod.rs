@@ -1,4 +1,4 @@
-//! AxisPlane sections of solids on a grid of pixels.
+//! Plane sections of solids on a grid of pixels.
 //!
 //! Each triangle that the plane crosses gives a directed segment of the outline; along a row of the grid the segments
 //! crossed so far give the winding number, and the solid is where it is not zero. Cavities, several components and

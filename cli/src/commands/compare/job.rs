@@ -88,7 +88,7 @@ pub struct Figures {
     pub unknowns: usize,
     pub iterations: Option<usize>,
     pub boundary_error: BoundaryError,
-    /// MapDifference to the reference.
+    /// Difference to the reference.
     pub interior_difference: Option<MapDifference>,
     /// With both solids at unit volume, as the deformation energy.
     pub harmonic_energy: f64,
@@ -109,7 +109,7 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// BuildTimings to make the map.
+    /// Seconds to make the map.
     pub fn total_seconds(&self) -> f64 {
         self.seconds.mesh + self.seconds.factor + self.seconds.solve
     }

@@ -90,7 +90,7 @@ fn error(value: f64) -> String {
     format!("{value:.1e}")
 }
 
-/// BuildTimings with the digits that mean something.
+/// Seconds with the digits that mean something.
 pub fn seconds(value: f64) -> String {
     match value {
         0.0 => DASH.into(),

@@ -5,7 +5,7 @@ use super::job::Figures;
 use super::tables::{count, seconds};
 use crate::shared::output::mebibytes;
 
-/// MapDifference inside to the reference.
+/// Difference inside to the reference.
 fn inside(figures: &Figures) -> f64 {
     figures.interior_difference.map_or(f64::NAN, |d| d.rms)
 }
