@@ -1,7 +1,7 @@
 //! Meshes the target of a map from a polycube with hexahedra, none of them inverted where that can be reached.
 //!
 //! `cargo run --release --example remesh_polycube -- MAP MESH [CELLS]`: a map file whose domain is a polycube, the mesh to write
-//! (.mesh, .msh, .vtk, .vtu), and the number of cells along the longest side. `docs/remeshing.md` says how it works.
+//! (.mesh, .vtk, .vtu), and the number of cells along the longest side. `docs/remeshing.md` says how it works.
 
 use solidmap::files;
 use solidmap::io;
