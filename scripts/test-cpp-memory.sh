@@ -33,6 +33,18 @@ inward=$(bridge "$root")
 archive=$CARGO_TARGET_DIR/release/libsolidmap_cpp.a
 cp "$archive" "$work/libsolidmap.a"
 
+# compile FOLDER FLAGS...: the sources that are listed on the input, on all cores.
+compile() {
+    into=$1
+    shift
+    # shellcheck disable=SC2016 # the inner shell expands it
+    xargs -P "$(nproc 2>/dev/null || echo 2)" -I SOURCE sh -c '
+        source=$1
+        into=$2
+        shift 2
+        c++ "$@" -c "$source" -o "$into/$(echo "$source" | tr / _).o"' compile SOURCE "$into" "$@"
+}
+
 # objects FOLDER FLAGS...: the C++ side with these checks.
 objects() {
     folder=$work/$1
@@ -42,14 +54,13 @@ objects() {
         -I"$generated/include" -I"$generated/crate" -I"$inward/include" -I"$inward/crate"
     glue=""
     [ -z "$features" ] || glue="src/cgal_tetgen/cpp/glue.cpp $inward/sources/solidmap/src/cgal_tetgen/bridge.rs.cc"
-    for source in cpp/src/*.cpp cpp/tests/unit/*.cpp "$generated"/sources/solidmap-cpp/bridge/bridge.rs.cc $glue; do
-        c++ "$@" -DEXPECTED_NATIVE="$(echo "$features" | grep -c native)" -DEXPECTED_VERSION="\"$version\"" \
-            -c "$source" -o "$folder/$(echo "$source" | tr / _).o"
-    done
+    # shellcheck disable=SC2086 # the sources are words
+    printf '%s\n' cpp/src/*.cpp cpp/tests/unit/*.cpp "$generated"/sources/solidmap-cpp/bridge/bridge.rs.cc $glue |
+        compile "$folder" "$@" -DEXPECTED_NATIVE="$(echo "$features" | grep -c native)" -DEXPECTED_VERSION="\"$version\""
+    # Without -g: the templates' names alone would fill gigabytes.
     [ -z "$features" ] || for source in distance mesh3 remesh self_intersections tetgen wrap; do
-        # Without -g: the templates' names alone would fill gigabytes.
-        c++ "$@" -g0 -frounding-math -DTETLIBRARY -I/usr/include/eigen3 -c "src/cgal_tetgen/cpp/$source.cpp" -o "$folder/$source.o"
-    done
+        echo "src/cgal_tetgen/cpp/$source.cpp"
+    done | compile "$folder" "$@" -g0 -frounding-math -DTETLIBRARY -I/usr/include/eigen3
 }
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 

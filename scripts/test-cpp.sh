@@ -43,10 +43,10 @@ for native in ${1:-on off}; do
     for standard in 17 20; do
         for header in "$work/prefix-$native"/include/solidmap/*.hpp; do
             case $header in */cgal.hpp | */eigen.hpp) continue ;; esac
-            echo "#include \"$header\"" | run c++ -std=c++$standard -fsyntax-only -Wall -Wextra -Wpedantic -Werror \
-                -I"$work/prefix-$native/include" -x c++ -
+            echo "$standard $header"
         done
-    done
+    done | run xargs -P "$jobs" -L 1 sh -c 'echo "#include \"$2\"" |
+        c++ "-std=c++$1" -fsyntax-only -Wall -Wextra -Wpedantic -Werror -I"$0" -x c++ -' "$work/prefix-$native/include"
     # A program whose vectors have another layout must not link, and be told why.
     archive=$(find "$work/prefix-$native" -name libsolidmap.a)
     printf '#include <solidmap/solidmap.hpp>\nint main() { return solidmap::version().empty(); }\n' >"$work/debug.cpp"
