@@ -1,6 +1,6 @@
 use std::fmt::{self, Display, Formatter};
 
-use super::text::{write_ids, write_wrapped};
+use super::text::{counted, write_ids, write_wrapped};
 use super::{CheckReport, ComponentKind, ComponentReport, Finding, SelfIntersections, Severity};
 
 /// Components listed one by one; the rest are counted.
@@ -30,13 +30,9 @@ impl Display for Finding {
         };
         writeln!(f, "{label}: {}", self.message)?;
         let edges: Vec<String> = self.edges.iter().map(|[a, b]| format!("{a}-{b}")).collect();
-        for (name, ids) in [
-            ("vertices", self.vertices.iter().map(u32::to_string).collect()),
-            ("edges", edges),
-            ("triangles", self.faces.iter().map(u32::to_string).collect()),
-        ] {
-            write_ids(f, name, &ids, ids.len())?;
-        }
+        write_ids(f, "vertices", &self.vertices, self.vertices.len())?;
+        write_ids(f, "edges", &edges, edges.len())?;
+        write_ids(f, "triangles", &self.faces, self.faces.len())?;
         write_wrapped(f, "  repair: ", &self.advice)
     }
 }
@@ -44,7 +40,6 @@ impl Display for Finding {
 impl CheckReport {
     fn verdict(&self) -> String {
         let (errors, warnings) = (self.errors().count(), self.warnings().count());
-        let plural = |count: usize, word: &str| format!("{count} {word}{}", if count == 1 { "" } else { "s" });
         match (errors, warnings) {
             (0, 0) => match &self.self_intersections {
                 SelfIntersections::NotChecked { .. } => {
@@ -52,12 +47,12 @@ impl CheckReport {
                 }
                 SelfIntersections::Checked { .. } => "Healthy: the surface bounds a solid.".to_string(),
             },
-            (0, _) => format!("Solvable, with {}.", plural(warnings, "warning")),
-            (_, 0) => format!("Not solvable: {}.", plural(errors, "error")),
+            (0, _) => format!("Solvable, with {}.", counted(warnings, "warning")),
+            (_, 0) => format!("Not solvable: {}.", counted(errors, "error")),
             _ => format!(
                 "Not solvable: {}, {}.",
-                plural(errors, "error"),
-                plural(warnings, "warning")
+                counted(errors, "error"),
+                counted(warnings, "warning")
             ),
         }
     }

@@ -1,7 +1,7 @@
 use super::anatomy::{Anatomy, Shell, is_finite};
 use super::{
-    CheckReport, ComponentKind, ComponentReport, FindSelfIntersections, Finding, FindingKind, SelfIntersections,
-    Severity,
+    CheckReport, ComponentKind, ComponentReport, FindSelfIntersections, Finding, FindingKind, Severity,
+    look_for_self_intersections,
 };
 use crate::Point;
 use crate::geometry::Aabb;
@@ -21,7 +21,15 @@ const NO_HEIGHT: f64 = 1e-12;
 /// indices into the whole surface. Takes about a second per million triangles.
 pub fn check(mesh: &SurfaceMesh, self_intersections: Option<FindSelfIntersections>) -> CheckReport {
     let anatomy = Anatomy::of(mesh);
-    let (self_intersections, intersecting) = look_for_self_intersections(mesh, self_intersections);
+    // Only among the triangles that the finder can handle; the pairs are indices into the whole surface.
+    let in_proper_part = self_intersections.map(|find| {
+        move |mesh: &SurfaceMesh| {
+            let (proper, original) = proper_part(mesh);
+            let pair = |[a, b]: [u32; 2]| Some([*original.get(a as usize)?, *original.get(b as usize)?]);
+            Ok(find(&proper)?.into_iter().filter_map(pair).collect())
+        }
+    });
+    let (self_intersections, intersecting) = look_for_self_intersections(mesh, in_proper_part);
     let mut findings: Vec<Finding> = [
         empty(&anatomy),
         non_finite_vertices(mesh),
@@ -99,28 +107,6 @@ fn component_reports(anatomy: &Anatomy) -> Vec<ComponentReport> {
             inside: shell.inside,
         })
         .collect()
-}
-
-/// Runs the finder on the triangles that it can handle, and returns pairs by indices into the whole surface.
-fn look_for_self_intersections(
-    mesh: &SurfaceMesh,
-    find: Option<FindSelfIntersections>,
-) -> (SelfIntersections, Vec<[u32; 2]>) {
-    let not_checked = |reason: String| (SelfIntersections::NotChecked { reason }, Vec::new());
-    let Some(find) = find else {
-        return not_checked("built without `native`".to_string());
-    };
-    let (proper, original) = proper_part(mesh);
-    let pairs = match find(&proper) {
-        Ok(pairs) => pairs,
-        Err(reason) => return not_checked(reason),
-    };
-    let original = |pair: [u32; 2]| {
-        let [a, b] = pair.map(|t| original.get(t as usize).copied());
-        Some([a?, b?])
-    };
-    let pairs: Vec<[u32; 2]> = pairs.into_iter().filter_map(original).collect();
-    (SelfIntersections::Checked { pairs: pairs.len() }, pairs)
 }
 
 /// The triangles with an area and finite corners, over the vertices they name, and their indices in the whole.

@@ -10,12 +10,11 @@ mod display;
 mod examine;
 mod holes;
 mod repair;
+#[cfg(test)]
+mod tests;
 pub(crate) mod text;
 
 use serde::Serialize;
-
-#[cfg(test)]
-mod tests;
 
 pub use examine::check;
 pub use holes::{ClosedHole, HoleError, MOST_RIM_EDGES, close_holes};
@@ -110,6 +109,19 @@ pub enum SelfIntersections {
         /// Intersecting pairs.
         pairs: usize,
     },
+}
+
+/// The pairs of triangles that `find` returns, and what a report says of them.
+pub(crate) fn look_for_self_intersections(
+    mesh: &SurfaceMesh,
+    find: Option<impl Fn(&SurfaceMesh) -> Result<Vec<[u32; 2]>, String>>,
+) -> (SelfIntersections, Vec<[u32; 2]>) {
+    let not_checked = |reason: String| (SelfIntersections::NotChecked { reason }, Vec::new());
+    match find.map(|find| find(mesh)) {
+        None => not_checked("built without `native`".to_string()),
+        Some(Err(reason)) => not_checked(reason),
+        Some(Ok(pairs)) => (SelfIntersections::Checked { pairs: pairs.len() }, pairs),
+    }
 }
 
 /// A defect of the surface.

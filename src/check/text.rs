@@ -2,17 +2,17 @@
 
 use std::fmt::{self, Formatter};
 
-/// Ids shown in a list.
+/// The first ids of a list, as many as are shown.
 const SHOWN: usize = 8;
 
 /// A line with the first of the listed ids, where there are any; `count` is how many there are in all.
-pub(crate) fn write_ids(f: &mut Formatter, name: &str, ids: &[String], count: usize) -> fmt::Result {
+pub(crate) fn write_ids(f: &mut Formatter, name: &str, ids: &[impl ToString], count: usize) -> fmt::Result {
     if ids.is_empty() {
         return Ok(());
     }
-    let shown = ids.len().min(SHOWN);
-    let more = if count > shown { ", ..." } else { "" };
-    writeln!(f, "  {name}: {}{more}", ids[..shown].join(", "))
+    let shown: Vec<String> = ids.iter().take(SHOWN).map(ToString::to_string).collect();
+    let more = if count > shown.len() { ", ..." } else { "" };
+    writeln!(f, "  {name}: {}{more}", shown.join(", "))
 }
 
 /// Lines of 100 characters, the first begun by `label` and the others indented as far.
@@ -27,4 +27,9 @@ pub(crate) fn write_wrapped(f: &mut Formatter, label: &str, text: &str) -> fmt::
         line += " ";
     }
     writeln!(f, "{}", line.trim_end())
+}
+
+/// A number with a noun that takes an s in the plural.
+pub(crate) fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }

@@ -9,14 +9,11 @@ use super::covering::{
     triangles_facing,
 };
 use super::findings::Measurements;
-use super::{
-    BoundaryCheck, BoundaryCheckError, BoundaryCheckOptions, Coverage, SurfaceDistance, exact_verdict,
-    look_for_self_intersections,
-};
+use super::{BoundaryCheck, BoundaryCheckError, BoundaryCheckOptions, Coverage, SurfaceDistance};
 use crate::Point;
 use crate::boundary_map::composition::vertex_places;
 use crate::boundary_map::{BoundaryMap, SurfaceDistortion};
-use crate::check::{FindSelfIntersections, repair};
+use crate::check::{FindSelfIntersections, look_for_self_intersections, repair};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::Collocation;
@@ -114,7 +111,7 @@ pub(super) fn check(
         flat_in_domain: flat(domain),
     };
     let (self_intersections, _) = look_for_self_intersections(&plain, self_intersections);
-    let findings = Measurements {
+    let measurements = Measurements {
         domain,
         target: given.as_ref(),
         covering: &covering,
@@ -123,30 +120,16 @@ pub(super) fn check(
         elsewhere: false,
         crossing: &[],
         tolerance: options.tolerance,
-    }
-    .findings();
-    Ok(BoundaryCheck {
-        vertices: domain.vertices().len(),
-        faces: domain.triangles().len(),
-        compared_with: covering.compared_with,
-        verdict: exact_verdict(&findings),
-        degree: covering.degree,
-        flipped: covering.flipped.len(),
-        degenerate: covering.degenerate.len(),
-        flat_in_domain: covering.flat_in_domain,
-        folded_edges: folded.edges.len(),
-        coverage,
-        distortion: SurfaceDistortion::of(fine.domain(), fine.image()),
-        self_intersections,
-        composition: Some(CompositionCheck {
-            embeddings,
-            flat_in_target: map.target_surface().map_or(0, flat),
-            round_trip: RoundTrip::measure(map, embedding, options),
-            cuts,
-            plain_image_flipped,
-        }),
-        findings,
-    })
+    };
+    let composition = CompositionCheck {
+        embeddings,
+        flat_in_target: map.target_surface().map_or(0, flat),
+        round_trip: RoundTrip::measure(map, embedding, options),
+        cuts,
+        plain_image_flipped,
+    };
+    let distortion = SurfaceDistortion::of(fine.domain(), fine.image());
+    Ok(measurements.report(distortion, self_intersections, Some(composition)))
 }
 
 /// The map over a subdivided domain, and the number of subdivisions.
@@ -192,11 +175,11 @@ impl SurfaceDistance {
     /// From distances that are rounding errors everywhere, so that the largest needs no search: at samples uniform by area,
     /// and at other points.
     fn of_rounding_errors(spread: Vec<f64>, others: Vec<f64>, diagonal: f64) -> Self {
-        let even = Summary::of(&spread);
+        let (rms, p99) = Summary::of(&spread).map_or((0.0, 0.0), |s| (s.rms, s.p99));
         let largest = [&spread, &others].into_iter().flatten().copied().fold(0.0, f64::max);
         Self {
-            rms: even.map_or(0.0, |s| s.rms) / diagonal,
-            p99: even.map_or(0.0, |s| s.p99) / diagonal,
+            rms: rms / diagonal,
+            p99: p99 / diagonal,
             max: largest / diagonal,
             max_error: 0.0,
         }
@@ -218,14 +201,10 @@ impl RoundTrip {
             }
         };
         let errors = distances(&map.positions(&points), &returned);
-        let summary = Summary::of(&errors);
-        let part = |of: fn(&Summary) -> f64| summary.as_ref().map_or(0.0, of) / domain.diagonal();
-        Self {
-            points: points.len(),
-            rms: part(|s| s.rms),
-            p99: part(|s| s.p99),
-            max: part(|s| s.max),
-        }
+        let summary = Summary::of(&errors).map_or([0.0; 3], |s| [s.rms, s.p99, s.max]);
+        let [rms, p99, max] = summary.map(|error| error / domain.diagonal());
+        let points = points.len();
+        Self { points, rms, p99, max }
     }
 }
 

@@ -151,12 +151,9 @@ impl DistanceSearch<'_> {
             let (middle, halves) = self.halved(&piece.corners);
             least = least.max(middle.distance);
             let number = self.from.triangles().len() + 2 * query;
-            pieces.extend(
-                halves
-                    .into_iter()
-                    .enumerate()
-                    .map(|(k, half)| self.piece(half, piece.facing, number + k)),
-            );
+            let [first, second] = halves;
+            pieces.push(self.piece(first, piece.facing, number));
+            pieces.push(self.piece(second, piece.facing, number + 1));
         }
         let most = pieces.peek().map_or(least, |piece| piece.most.max(least));
         (least, most)
@@ -183,16 +180,11 @@ impl DistanceSearch<'_> {
             let distance = |p: &Probe| closest_point_on_triangle(&p.place, &triangle).offset.norm();
             corners.iter().map(distance).fold(0.0, f64::max)
         };
-        let convex = corners
-            .iter()
-            .map(|p| p.closest)
-            .chain([facing])
-            .map(to_triangle)
-            .fold(f64::INFINITY, f64::min);
+        let nearby = corners.iter().map(|p| p.closest).chain([facing]);
+        let convex = nearby.map(to_triangle).fold(f64::INFINITY, f64::min);
         // No point of a triangle is farther from its nearest corner than the longest side over √3.
-        let longest = (0..3)
-            .map(|k| (corners[(k + 1) % 3].place - corners[k].place).norm())
-            .fold(0.0, f64::max);
+        let sides = (0..3).map(|k| (corners[(k + 1) % 3].place - corners[k].place).norm());
+        let longest = sides.fold(0.0, f64::max);
         let farthest = corners.iter().map(|p| p.distance).fold(0.0, f64::max);
         TrianglePart {
             most: convex.min(farthest + longest / 3f64.sqrt()),

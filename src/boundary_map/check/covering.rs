@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use robust::{Coord, orient2d};
 use serde::Serialize;
 
-use crate::geometry::{SurfaceQuery, orientation};
+use crate::geometry::{ClosestPoint, SurfaceQuery, orientation};
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
 use crate::spherical::check_embedding;
@@ -88,9 +88,8 @@ impl Covering {
         off: f64,
         seed: u64,
     ) -> Self {
-        let closed = bounds_a_solid(domain);
         let sphere = common_sphere(image, target.map(|(mesh, _)| mesh));
-        let (compared_with, facings, degree) = match (sphere, target) {
+        let (compared_with, mut facings, degree) = match (sphere, target) {
             (Some((centre, radius)), _) => {
                 let compared_with = ComparedWith::Sphere {
                     centre: centre.into(),
@@ -102,62 +101,37 @@ impl Covering {
                     agreement: 1.0,
                     points: 0,
                 };
-                (compared_with, facings_on_sphere(image, &directions), Some(degree))
+                (compared_with, facings_on_sphere(image, &directions), degree)
             }
             (None, Some((mesh, query))) => {
-                let points = points_inside(query, seed, |p| query.winding_number(p));
-                let points = deep(points, query, off * mesh.diagonal());
-                let degree = degree(points.iter().map(|p| image_query.winding_number(p)));
-                (
-                    ComparedWith::Target,
-                    facings_on_target(image, mesh, query),
-                    Some(degree),
-                )
+                let points = deep(points_inside(query, seed), query, off * mesh.diagonal());
+                let facings = facings_on_target(image, mesh, query);
+                (ComparedWith::Target, facings, degree(&points, image_query))
             }
             (None, None) => {
-                let points = points_inside(image_query, seed, |p| image_query.winding_number(p));
-                let degree = degree(points.iter().map(|p| image_query.winding_number(p)));
                 let mut facings = vec![Facing::Outward; image.triangles().len()];
-                folded
-                    .reversed
-                    .iter()
-                    .for_each(|&t| facings[t as usize] = Facing::Inward);
-                (ComparedWith::Itself, facings, Some(degree))
+                for &t in &folded.reversed {
+                    facings[t as usize] = Facing::Inward;
+                }
+                let degree = degree(&points_inside(image_query, seed), image_query);
+                (ComparedWith::Itself, facings, degree)
             }
         };
-        Self::of_facings(domain, image, compared_with, &facings, degree.filter(|_| closed))
-    }
-
-    fn of_facings(
-        domain: &SurfaceMesh,
-        image: &SurfaceMesh,
-        compared_with: ComparedWith,
-        facings: &[Facing],
-        degree: Option<Degree>,
-    ) -> Self {
-        let count = domain.triangles().len();
-        let flat_in_domain: Vec<bool> = (0..count)
-            .into_par_iter()
-            .map(|t| is_flat(&domain.corners(t)))
-            .collect();
-        let facing: Vec<Facing> = (0..count)
-            .into_par_iter()
-            .map(|t| {
-                if is_flat(&image.corners(t)) {
-                    Facing::Flat
-                } else {
-                    facings[t]
-                }
-            })
-            .collect();
+        facings.par_iter_mut().enumerate().for_each(|(t, facing)| {
+            if is_flat(&image.corners(t)) {
+                *facing = Facing::Flat;
+            }
+        });
+        let triangles = (0..domain.triangles().len()).into_par_iter();
+        let flat_in_domain: Vec<bool> = triangles.map(|t| is_flat(&domain.corners(t))).collect();
         let with_area = |which: Facing| {
-            let mut found = triangles_facing(which, &facing);
+            let mut found = triangles_facing(which, &facings);
             found.retain(|&t| !flat_in_domain[t as usize]);
             found
         };
         Self {
             compared_with,
-            degree,
+            degree: bounds_a_solid(domain).then_some(degree),
             flipped: with_area(Facing::Inward),
             degenerate: with_area(Facing::Flat),
             flat_in_domain: flat_in_domain.iter().filter(|flat| **flat).count(),
@@ -196,10 +170,8 @@ impl FoldedEdges {
             let others = corners.iter().map(|&v| around[v as usize]).sum::<Vector>() - 3.0 * own;
             own.dot(&others) < 0.0
         };
-        let beside = folded
-            .iter()
-            .flat_map(|&e| topology.sides(e).iter().map(|side| side.triangle));
-        let mut reversed: Vec<u32> = beside.filter(|&t| opposes(t)).collect();
+        let sides = folded.iter().flat_map(|&e| topology.sides(e));
+        let mut reversed: Vec<u32> = sides.map(|side| side.triangle).filter(|&t| opposes(t)).collect();
         reversed.sort_unstable();
         reversed.dedup();
         Self {
@@ -291,18 +263,20 @@ pub(super) fn facings_on_target(image: &SurfaceMesh, target: &SurfaceMesh, query
     };
     let places: Vec<Point> = (0..image.triangles().len()).flat_map(samples).collect();
     let closest = query.closest_points(&places);
-    let facing = |(t, closest): (usize, &[crate::geometry::ClosestPoint])| {
+    let facing = |(t, closest): (usize, &[ClosestPoint])| {
         let normal = image.area_vector(t);
-        let against = closest
-            .iter()
-            .all(|c| target.area_vector(c.triangle).dot(&normal) < 0.0);
-        if against { Facing::Inward } else { Facing::Outward }
+        let faces_against = |c: &ClosestPoint| target.area_vector(c.triangle).dot(&normal) < 0.0;
+        if closest.iter().all(faces_against) {
+            Facing::Inward
+        } else {
+            Facing::Outward
+        }
     };
     closest.chunks_exact(SAMPLES.len()).enumerate().map(facing).collect()
 }
 
 /// Random points of the bounding box with a winding number other than 0.
-fn points_inside(query: &SurfaceQuery, seed: u64, winding: impl Fn(&Point) -> f64 + Sync) -> Vec<Point> {
+fn points_inside(query: &SurfaceQuery, seed: u64) -> Vec<Point> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let bounds = query.bounds();
     let tried: Vec<Point> = (0..TRIED)
@@ -311,12 +285,8 @@ fn points_inside(query: &SurfaceQuery, seed: u64, winding: impl Fn(&Point) -> f6
             bounds.low + bounds.extent().component_mul(&t)
         })
         .collect();
-    let inside: Vec<bool> = tried.par_iter().map(|p| winding(p).abs() > 0.5).collect();
-    tried
-        .into_iter()
-        .zip(inside)
-        .filter_map(|(p, inside)| inside.then_some(p))
-        .collect()
+    let is_inside = |p: &Point| query.winding_number(p).abs() > 0.5;
+    tried.into_par_iter().filter(is_inside).collect()
 }
 
 /// Points that are further from the surface than `off`: an image within this distance of the surface can be deformed onto it
@@ -324,12 +294,8 @@ fn points_inside(query: &SurfaceQuery, seed: u64, winding: impl Fn(&Point) -> f6
 fn deep(points: Vec<Point>, query: &SurfaceQuery, off: f64) -> Vec<Point> {
     let depths = query.closest_points(&points).into_iter().map(|c| c.distance);
     let mut ordered: Vec<(f64, Point)> = depths.zip(points).collect();
-    let far: Vec<Point> = ordered
-        .iter()
-        .filter(|(d, _)| *d > off)
-        .map(|(_, p)| *p)
-        .take(INSIDE)
-        .collect();
+    let far = ordered.iter().filter(|(depth, _)| *depth > off).map(|(_, p)| *p);
+    let far: Vec<Point> = far.take(INSIDE).collect();
     if !far.is_empty() {
         return far;
     }
@@ -337,15 +303,16 @@ fn deep(points: Vec<Point>, query: &SurfaceQuery, off: f64) -> Vec<Point> {
     ordered.into_iter().take(DEEPEST).map(|(_, p)| p).collect()
 }
 
-/// The most frequent of these winding numbers.
-fn degree(winding: impl Iterator<Item = f64>) -> Degree {
+/// The most frequent of the winding numbers about these points.
+fn degree(points: &[Point], image: &SurfaceQuery) -> Degree {
     let mut counts = BTreeMap::new();
-    winding.for_each(|w| *counts.entry(w.round() as i64).or_insert(0usize) += 1);
-    let points: usize = counts.values().sum();
+    for p in points {
+        *counts.entry(image.winding_number(p).round() as i64).or_insert(0usize) += 1;
+    }
     let most = counts.iter().max_by_key(|(_, count)| **count);
     Degree {
         value: most.map_or(0, |(value, _)| *value),
-        agreement: most.map_or(1.0, |(_, count)| *count as f64 / points as f64),
-        points,
+        agreement: most.map_or(1.0, |(_, count)| *count as f64 / points.len() as f64),
+        points: points.len(),
     }
 }

@@ -1,8 +1,10 @@
 use std::fmt::{self, Display, Formatter};
 
-use super::findings::counted;
-use super::{BijectivityVerdict, BoundaryCheck, ComparedWith, CompositionCheck, MapFinding, SurfaceDistance};
-use crate::check::text::{write_ids, write_wrapped};
+use super::{
+    BijectivityVerdict, BoundaryCheck, ComparedWith, CompositionCheck, Coverage, Degree, MapFinding, RoundTrip,
+    SurfaceDistance,
+};
+use crate::check::text::{counted, write_ids, write_wrapped};
 use crate::check::{SelfIntersections, Severity};
 
 impl Display for BoundaryCheck {
@@ -10,7 +12,7 @@ impl Display for BoundaryCheck {
         writeln!(f, "{}\n", self.headline())?;
         self.write_facts(f)?;
         if let Some(coverage) = &self.coverage {
-            self.write_coverage(f, [&coverage.image_to_target, &coverage.target_to_image])?;
+            coverage.write_table(f)?;
         }
         if let Some(composition) = &self.composition {
             composition.write_round_trip(f)?;
@@ -23,10 +25,9 @@ impl Display for BoundaryCheck {
                     "  Measured over triangles of the domain cut into smaller ones, by their true images:"
                 )?;
             }
-            distortion
-                .to_string()
-                .lines()
-                .try_for_each(|line| writeln!(f, "  {line}"))?;
+            for line in distortion.to_string().lines() {
+                writeln!(f, "  {line}")?;
+            }
         }
         for finding in &self.findings {
             write!(f, "\n{finding}")?;
@@ -34,11 +35,8 @@ impl Display for BoundaryCheck {
         if let Some(composition) = &self.composition {
             composition.write_remarks(f)?;
         }
-        if self
-            .findings
-            .iter()
-            .any(|found| !found.faces.is_empty() || !found.edges.is_empty())
-        {
+        let names_ids = |finding: &MapFinding| !finding.faces.is_empty() || !finding.edges.is_empty();
+        if self.findings.iter().any(names_ids) {
             writeln!(f, "\nVertices and triangles are counted from 0.")?;
         }
         Ok(())
@@ -63,28 +61,24 @@ impl BoundaryCheck {
     }
 
     fn write_facts(&self, f: &mut Formatter) -> fmt::Result {
+        let (is_composition, plain) = match self.composition {
+            Some(_) => (true, ", plain image"),
+            None => (false, ""),
+        };
         let against = match self.compared_with {
-            _ if self.composition.is_some() => match self.compared_with {
-                ComparedWith::Target => "the target, through the sphere".into(),
-                _ => "the unit sphere".into(),
-            },
-            ComparedWith::Sphere {
-                centre: [x, y, z],
-                radius,
-            } => {
+            ComparedWith::Target if is_composition => "the target, through the sphere".into(),
+            ComparedWith::Target => "the target".into(),
+            _ if is_composition => "the unit sphere".into(),
+            ComparedWith::Sphere { centre, radius } => {
+                let [x, y, z] = centre;
                 format!("the sphere that it lies on: centre ({x:.4}, {y:.4}, {z:.4}), radius {radius:.4}")
             }
-            ComparedWith::Target => "the target".into(),
             ComparedWith::Itself => "nothing but itself; a target tells more (--target)".into(),
         };
         let degree = match self.degree {
             None => "none".into(),
-            Some(degree) if degree.agreement < 1.0 => {
-                format!(
-                    "{} ({:.1} % of the points inside)",
-                    degree.value,
-                    100.0 * degree.agreement
-                )
+            Some(Degree { value, agreement, .. }) if agreement < 1.0 => {
+                format!("{value} ({:.1} % of the points inside)", 100.0 * agreement)
             }
             Some(degree) => degree.value.to_string(),
         };
@@ -95,11 +89,6 @@ impl BoundaryCheck {
         let flat = match self.flat_in_domain {
             0 => String::new(),
             count => format!(" (and {count} in the domain)"),
-        };
-        let plain = if self.composition.is_some() {
-            ", plain image"
-        } else {
-            ""
         };
         let (folded, crossing) = (format!("folded edges{plain}"), format!("self-intersections{plain}"));
         for (name, fact) in [
@@ -115,50 +104,45 @@ impl BoundaryCheck {
         }
         Ok(())
     }
+}
 
-    fn write_coverage(&self, f: &mut Formatter, distances: [&SurfaceDistance; 2]) -> fmt::Result {
-        let [rms, p99, max, error] = ["rms", "99 %", "max", "+ at most"];
-        let head = "distance / diagonal";
-        writeln!(f, "\n  {head:<24}  {rms:>9}  {p99:>9}  {max:>9}  {error:>9}")?;
-        for (name, d) in ["from image to target", "from target to image"]
-            .into_iter()
-            .zip(distances)
-        {
-            let [rms, p99, max, error] = [d.rms, d.p99, d.max, d.max_error].map(small);
-            writeln!(f, "  {name:<24}  {rms:>9}  {p99:>9}  {max:>9}  {error:>9}")?;
-        }
-        Ok(())
+impl Coverage {
+    fn write_table(&self, f: &mut Formatter) -> fmt::Result {
+        writeln!(f)?;
+        write_row(f, "distance / diagonal", &["rms", "99 %", "max", "+ at most"])?;
+        let row = |d: &SurfaceDistance| [d.rms, d.p99, d.max, d.max_error].map(small);
+        write_row(f, "from image to target", &row(&self.image_to_target))?;
+        write_row(f, "from target to image", &row(&self.target_to_image))
     }
 }
 
 impl CompositionCheck {
     fn write_round_trip(&self, f: &mut Formatter) -> fmt::Result {
-        let trip = &self.round_trip;
-        let [rms, p99, max] = [trip.rms, trip.p99, trip.max].map(small);
-        let head = "round trip / diagonal";
-        writeln!(f, "\n  {head:<24}  {:>9}  {:>9}  {:>9}", "rms", "99 %", "max")?;
+        let RoundTrip { rms, p99, max, .. } = self.round_trip;
         let name = match self.embeddings[..] {
             [_] => "domain, sphere, domain",
             _ => "domain, target, domain",
         };
-        writeln!(f, "  {name:<24}  {rms:>9}  {p99:>9}  {max:>9}")
+        writeln!(f)?;
+        write_row(f, "round trip / diagonal", &["rms", "99 %", "max"])?;
+        write_row(f, name, &[rms, p99, max].map(small))
     }
 
     fn write_remarks(&self, f: &mut Formatter) -> fmt::Result {
-        if self.flat_in_target > 0 {
-            let remark = format!(
+        let flat = (self.flat_in_target > 0).then(|| {
+            format!(
                 "{} of the target have no area, so that several points of the domain go to the same point there.",
                 counted(self.flat_in_target, "triangle")
-            );
-            writeln!(f)?;
-            write_wrapped(f, "remark: ", &remark)?;
-        }
-        if self.plain_image_flipped > 0 {
-            let remark = format!(
-                "the plain image mesh, straight between the images of vertices, has {} that face against the target. The \
-                 map itself has none: use the boundary file.",
+            )
+        });
+        let flipped = (self.plain_image_flipped > 0).then(|| {
+            format!(
+                "the plain image mesh, straight between the images of vertices, has {} that face against the target. \
+                 The map itself has none: use the boundary file.",
                 counted(self.plain_image_flipped, "triangle")
-            );
+            )
+        });
+        for remark in flat.into_iter().chain(flipped) {
             writeln!(f)?;
             write_wrapped(f, "remark: ", &remark)?;
         }
@@ -174,12 +158,19 @@ impl Display for MapFinding {
         };
         write_wrapped(f, &format!("{label}: "), &self.message)?;
         let edges: Vec<String> = self.edges.iter().map(|[a, b]| format!("{a}-{b}")).collect();
-        let faces: Vec<String> = self.faces.iter().map(u32::to_string).collect();
-        for (name, ids) in [("edges", edges), ("triangles", faces)] {
-            write_ids(f, name, &ids, self.count.max(ids.len()))?;
-        }
+        write_ids(f, "edges", &edges, self.count.max(edges.len()))?;
+        write_ids(f, "triangles", &self.faces, self.count.max(self.faces.len()))?;
         write_wrapped(f, "  repair: ", &self.advice)
     }
+}
+
+/// A row of a table: its name, and right-aligned columns.
+fn write_row(f: &mut Formatter, name: &str, columns: &[impl Display]) -> fmt::Result {
+    write!(f, "  {name:<24}")?;
+    for column in columns {
+        write!(f, "  {column:>9}")?;
+    }
+    writeln!(f)
 }
 
 /// Rounding errors of coordinates are no distances.

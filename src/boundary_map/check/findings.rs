@@ -4,6 +4,7 @@ use super::coverage::Coverage;
 use super::covering::{ComparedWith, Covering, Degree, FoldedEdges, bounds_a_solid};
 use super::{MapFinding, MapFindingKind};
 use crate::check::Severity;
+use crate::check::text::counted;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
 
@@ -46,47 +47,26 @@ impl Measurements<'_> {
     }
 
     fn domain_bounds_nothing(&self) -> Option<MapFinding> {
-        (!bounds_a_solid(self.domain)).then(|| MapFinding {
-            kind: MapFindingKind::DomainBoundsNothing,
-            severity: Severity::Warning,
-            count: 1,
-            edges: vec![],
-            faces: vec![],
-            message: "the domain is open or cannot be oriented, so that the image has no degree".into(),
-            advice: "see `solidmap check DOMAIN`; a boundary map needs a closed surface".into(),
-        })
+        let message = "the domain is open or cannot be oriented, so that the image has no degree";
+        let advice = "see `solidmap check DOMAIN`; a boundary map needs a closed surface";
+        (!bounds_a_solid(self.domain)).then(|| warning(MapFindingKind::DomainBoundsNothing, message, advice))
     }
 
     fn target_bounds_nothing(&self) -> Option<MapFinding> {
-        let target = self.target?;
-        (!bounds_a_solid(target)).then(|| MapFinding {
-            kind: MapFindingKind::TargetBoundsNothing,
-            severity: Severity::Warning,
-            count: 1,
-            edges: vec![],
-            faces: vec![],
-            message: "the target is open or cannot be oriented, so that degree and flips are not to be relied on"
-                .into(),
-            advice: "see `solidmap check TARGET`".into(),
-        })
+        let message = "the target is open or cannot be oriented, so that degree and flips are not to be relied on";
+        let advice = "see `solidmap check TARGET`";
+        (!bounds_a_solid(self.target?)).then(|| warning(MapFindingKind::TargetBoundsNothing, message, advice))
     }
 
     fn topology(&self) -> Option<MapFinding> {
-        let target = self.target?;
-        let (ours, theirs) = (shape(self.domain), shape(target));
-        (ours != theirs).then(|| MapFinding {
-            kind: MapFindingKind::Topology,
-            severity: Severity::Error,
-            count: 1,
-            edges: vec![],
-            faces: vec![],
-            message: format!(
-                "no map between them is one to one: the domain is {}, the target {}",
-                described(&ours),
-                described(&theirs)
-            ),
-            advice: "map to a target with as many parts and handles; `solidmap check` counts them".into(),
-        })
+        let (ours, theirs) = (shape(self.domain), shape(self.target?));
+        let message = format!(
+            "no map between them is one to one: the domain is {}, the target {}",
+            described(&ours),
+            described(&theirs)
+        );
+        let advice = "map to a target with as many parts and handles; `solidmap check` counts them";
+        (ours != theirs).then(|| error(MapFindingKind::Topology, message, advice))
     }
 
     fn degree(&self) -> Option<MapFinding> {
@@ -96,138 +76,88 @@ impl Measurements<'_> {
             ComparedWith::Target => "the target",
             ComparedWith::Itself => "its inside",
         };
+        let message = format!("the image covers {what} {value} times");
         let advice = match value {
             0 => "the image encloses nothing, or as much inside out as not: look at it, it may be flat or folded over",
             _ => "the image wraps round several times; a bijection has degree 1",
         };
-        (value.abs() != 1).then(|| MapFinding {
-            kind: MapFindingKind::Degree,
-            severity: Severity::Error,
-            count: 1,
-            edges: vec![],
-            faces: vec![],
-            message: format!("the image covers {what} {value} times"),
-            advice: advice.into(),
-        })
+        (value.abs() != 1).then(|| error(MapFindingKind::Degree, message, advice))
     }
 
     fn uneven_covering(&self) -> Option<MapFinding> {
         let degree = self.covering.degree?;
         let share = 100.0 * (1.0 - degree.agreement);
+        let message = match self.covering.compared_with {
+            ComparedWith::Target => {
+                format!("of the points inside the target, {share:.2} % are covered another number of times")
+            }
+            _ => format!("the image overlaps itself in {share:.2} % of what it encloses"),
+        };
+        let advice = "parts of the image are folded over, inside out, or pass through each other";
         (degree.agreement < 1.0).then(|| MapFinding {
-            kind: MapFindingKind::UnevenCovering,
-            severity: Severity::Error,
             count: ((1.0 - degree.agreement) * degree.points as f64).round() as usize,
-            edges: vec![],
-            faces: vec![],
-            message: match self.covering.compared_with {
-                ComparedWith::Target => {
-                    format!("of the points inside the target, {share:.2} % are covered another number of times")
-                }
-                _ => format!("the image overlaps itself in {share:.2} % of what it encloses"),
-            },
-            advice: "parts of the image are folded over, inside out, or pass through each other".into(),
+            ..error(MapFindingKind::UnevenCovering, message, advice)
         })
     }
 
     fn mirrored(&self) -> Option<MapFinding> {
-        self.covering.is_mirrored().then(|| MapFinding {
-            kind: MapFindingKind::Mirrored,
-            severity: Severity::Warning,
-            count: 1,
-            edges: vec![],
-            faces: vec![],
-            message: "the map mirrors: the image of the outward side faces inward".into(),
-            advice: "if that is not wanted, negate one coordinate of the image, or align with a proper rotation".into(),
-        })
+        let message = "the map mirrors: the image of the outward side faces inward";
+        let advice = "if that is not wanted, negate one coordinate of the image, or align with a proper rotation";
+        let is_mirrored = self.covering.is_mirrored();
+        is_mirrored.then(|| warning(MapFindingKind::Mirrored, message, advice))
     }
 
     fn flipped(&self) -> Option<MapFinding> {
-        let covering = self.covering;
-        let reversed = covering.flipped.iter().copied();
-        let decided = !matches!(covering.compared_with, ComparedWith::Itself);
-        let wrong: Vec<u32> = if covering.is_mirrored() && decided {
-            others(self.domain.triangles().len(), [&covering.flipped, &covering.degenerate])
+        let Covering {
+            flipped, degenerate, ..
+        } = self.covering;
+        let decided = !matches!(self.covering.compared_with, ComparedWith::Itself);
+        let wrong = if self.covering.is_mirrored() && decided {
+            others(self.domain.triangles().len(), [flipped, degenerate])
         } else {
-            reversed.collect()
+            flipped.clone()
         };
-        (!wrong.is_empty()).then(|| MapFinding {
-            kind: MapFindingKind::Flipped,
-            severity: Severity::Error,
-            count: wrong.len(),
-            edges: vec![],
-            faces: listed(&wrong),
-            message: format!("{} inverted in the image", are(wrong.len(), "triangle")),
-            advice: "move their vertices back into the rings of their neighbours, or make the map by `solidmap \
-                     boundary`, whose maps cannot fold"
-                .into(),
-        })
+        let message = format!("{} inverted in the image", are(wrong.len(), "triangle"));
+        let advice = "move their vertices back into the rings of their neighbours, or make the map by `solidmap \
+                      boundary`, whose maps cannot fold";
+        (!wrong.is_empty()).then(|| at_faces(&wrong, error(MapFindingKind::Flipped, message, advice)))
     }
 
     fn degenerate(&self) -> Option<MapFinding> {
         let flat = &self.covering.degenerate;
-        (!flat.is_empty()).then(|| MapFinding {
-            kind: MapFindingKind::Degenerate,
-            severity: Severity::Error,
-            count: flat.len(),
-            edges: vec![],
-            faces: listed(flat),
-            message: format!(
-                "{} flat in the image: their corners lie on a line",
-                are(flat.len(), "triangle")
-            ),
-            advice: "spread the images of their corners; what collapses cannot be mapped back".into(),
-        })
+        let are_flat = are(flat.len(), "triangle");
+        let message = format!("{are_flat} flat in the image: their corners lie on a line");
+        let advice = "spread the images of their corners; what collapses cannot be mapped back";
+        (!flat.is_empty()).then(|| at_faces(flat, error(MapFindingKind::Degenerate, message, advice)))
     }
 
     fn folded_edges(&self) -> Option<MapFinding> {
         let edges = &self.folded.edges;
-        let by_itself = matches!(self.covering.compared_with, ComparedWith::Itself);
+        let message = format!(
+            "the image turns back by more than 150 degrees across {} at which the domain does not",
+            counted(edges.len(), "edge")
+        );
+        let advice = "a fold, unless the target has a rim as sharp: name it by `--target` to find out";
         // Compared with a surface, flipped triangles are the better evidence, and a sharp rim is no defect.
+        let by_itself = matches!(self.covering.compared_with, ComparedWith::Itself);
         (by_itself && !edges.is_empty()).then(|| MapFinding {
-            kind: MapFindingKind::FoldedEdges,
-            severity: Severity::Warning,
             count: edges.len(),
             edges: edges.iter().take(LISTED).copied().collect(),
-            faces: vec![],
-            message: format!(
-                "the image turns back by more than 150 degrees across {} at which the domain does not",
-                counted(edges.len(), "edge")
-            ),
-            advice: "a fold, unless the target has a rim as sharp: name it by `--target` to find out".into(),
+            ..warning(MapFindingKind::FoldedEdges, message, advice)
         })
     }
 
     fn not_covered(&self) -> Option<MapFinding> {
-        let distance = self.coverage?.target_to_image;
-        (distance.max > self.tolerance).then(|| MapFinding {
-            kind: MapFindingKind::NotCovered,
-            severity: Severity::Error,
-            count: 1,
-            edges: vec![],
-            faces: vec![],
-            message: format!(
-                "the target is not covered: a point of it is {:.4} of its diagonal away from the image",
-                distance.max
-            ),
-            advice: self.distance_advice(),
-        })
+        let max = self.coverage?.target_to_image.max;
+        let message =
+            format!("the target is not covered: a point of it is {max:.4} of its diagonal away from the image");
+        (max > self.tolerance).then(|| error(MapFindingKind::NotCovered, message, self.distance_advice()))
     }
 
     fn off_target(&self) -> Option<MapFinding> {
-        let distance = self.coverage?.image_to_target;
-        (distance.max > self.tolerance).then(|| MapFinding {
-            kind: MapFindingKind::OffTarget,
-            severity: Severity::Warning,
-            count: 1,
-            edges: vec![],
-            faces: vec![],
-            message: format!(
-                "the image leaves the target: a point of it is {:.4} of the target's diagonal away",
-                distance.max
-            ),
-            advice: self.distance_advice(),
-        })
+        let max = self.coverage?.image_to_target.max;
+        let message = format!("the image leaves the target: a point of it is {max:.4} of the target's diagonal away");
+        (max > self.tolerance).then(|| warning(MapFindingKind::OffTarget, message, self.distance_advice()))
     }
 
     fn distance_advice(&self) -> String {
@@ -245,21 +175,44 @@ impl Measurements<'_> {
 
     fn self_intersections(&self) -> Option<MapFinding> {
         let pairs = self.crossing;
-        let mut faces: Vec<u32> = pairs.iter().flatten().copied().collect();
+        let mut faces = pairs.concat();
         faces.sort_unstable();
         faces.dedup();
+        let counted_pairs = counted(pairs.len(), "pair");
+        let message = format!("{counted_pairs} of image triangles pass through each other");
+        let advice = "a fold, or straight triangles between thin parts of the target: refine the domain there";
         (!pairs.is_empty()).then(|| MapFinding {
-            kind: MapFindingKind::SelfIntersections,
-            severity: Severity::Warning,
             count: pairs.len(),
-            edges: vec![],
-            faces: listed(&faces),
-            message: format!(
-                "{} of image triangles pass through each other",
-                counted(pairs.len(), "pair")
-            ),
-            advice: "a fold, or straight triangles between thin parts of the target: refine the domain there".into(),
+            ..at_faces(&faces, warning(MapFindingKind::SelfIntersections, message, advice))
         })
+    }
+}
+
+fn error(kind: MapFindingKind, message: impl Into<String>, advice: impl Into<String>) -> MapFinding {
+    MapFinding {
+        kind,
+        severity: Severity::Error,
+        count: 1,
+        edges: vec![],
+        faces: vec![],
+        message: message.into(),
+        advice: advice.into(),
+    }
+}
+
+fn warning(kind: MapFindingKind, message: impl Into<String>, advice: impl Into<String>) -> MapFinding {
+    MapFinding {
+        severity: Severity::Warning,
+        ..error(kind, message, advice)
+    }
+}
+
+/// The finding with these triangles counted and listed.
+fn at_faces(faces: &[u32], finding: MapFinding) -> MapFinding {
+    MapFinding {
+        count: faces.len(),
+        faces: faces.iter().take(LISTED).copied().collect(),
+        ..finding
     }
 }
 
@@ -285,14 +238,6 @@ fn described(shape: &[i64]) -> String {
 fn others(count: usize, lists: [&[u32]; 2]) -> Vec<u32> {
     let is_listed = |t: &u32| lists.iter().any(|list| list.binary_search(t).is_ok());
     (0..count as u32).filter(|t| !is_listed(t)).collect()
-}
-
-fn listed(ids: &[u32]) -> Vec<u32> {
-    ids.iter().take(LISTED).copied().collect()
-}
-
-pub(super) fn counted(count: usize, noun: &str) -> String {
-    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 fn are(count: usize, noun: &str) -> String {

@@ -21,10 +21,11 @@ pub use coverage::{Coverage, SurfaceDistance};
 pub use covering::{ComparedWith, Degree};
 
 use super::{BoundaryMap, SurfaceDistortion};
-use crate::check::{FindSelfIntersections, SelfIntersections, Severity, repair};
+use crate::check::{FindSelfIntersections, SelfIntersections, Severity, look_for_self_intersections, repair};
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::SurfaceMesh;
 use covering::{Covering, FoldedEdges};
+use findings::Measurements;
 
 /// How [`check`] looks.
 #[derive(Debug, Clone, PartialEq)]
@@ -206,7 +207,7 @@ pub fn check(
     let folded = FoldedEdges::find(&domain, &image);
     let covering = Covering::new(&domain, (&image, &image_query), near, &folded, off, options.seed);
     let (self_intersections, crossing) = look_for_self_intersections(&image, self_intersections);
-    let measurements = findings::Measurements {
+    let measurements = Measurements {
         domain: &domain,
         target: target.as_ref(),
         covering: &covering,
@@ -216,55 +217,48 @@ pub fn check(
         crossing: &crossing,
         tolerance: options.tolerance,
     };
-    let findings = measurements.findings();
-    Ok(BoundaryCheck {
-        vertices: domain.vertices().len(),
-        faces: domain.triangles().len(),
-        compared_with: covering.compared_with,
-        verdict: match covering.compared_with {
-            ComparedWith::Sphere { .. } => exact_verdict(&findings),
-            ComparedWith::Target | ComparedWith::Itself => verdict(&findings),
-        },
-        degree: covering.degree,
-        flipped: covering.flipped.len(),
-        degenerate: covering.degenerate.len(),
-        flat_in_domain: covering.flat_in_domain,
-        folded_edges: folded.edges.len(),
-        coverage,
-        distortion: SurfaceDistortion::of(&domain, image.vertices()),
-        self_intersections,
-        composition: None,
-        findings,
-    })
+    let distortion = SurfaceDistortion::of(&domain, image.vertices());
+    Ok(measurements.report(distortion, self_intersections, None))
 }
 
 /// Distance from the target, over its diagonal, beyond which an image is at another place or of another size.
 const ELSEWHERE: f64 = 0.1;
 
-fn verdict(findings: &[MapFinding]) -> BijectivityVerdict {
+impl Measurements<'_> {
+    /// The report on a map, with the results that only a composition has.
+    fn report(
+        &self,
+        distortion: Option<SurfaceDistortion>,
+        self_intersections: SelfIntersections,
+        composition: Option<CompositionCheck>,
+    ) -> BoundaryCheck {
+        let findings = self.findings();
+        let on_sphere = matches!(self.covering.compared_with, ComparedWith::Sphere { .. });
+        BoundaryCheck {
+            vertices: self.domain.vertices().len(),
+            faces: self.domain.triangles().len(),
+            compared_with: self.covering.compared_with,
+            verdict: verdict(&findings, composition.is_some() || on_sphere),
+            degree: self.covering.degree,
+            flipped: self.covering.flipped.len(),
+            degenerate: self.covering.degenerate.len(),
+            flat_in_domain: self.covering.flat_in_domain,
+            folded_edges: self.folded.edges.len(),
+            coverage: self.coverage,
+            distortion,
+            self_intersections,
+            composition,
+            findings,
+        }
+    }
+}
+
+/// Where bijectivity is decided exactly, warnings raise no doubt.
+fn verdict(findings: &[MapFinding], is_exact: bool) -> BijectivityVerdict {
     match findings.iter().map(|finding| finding.severity).min() {
         Some(Severity::Error) => BijectivityVerdict::NotBijective,
+        _ if is_exact => BijectivityVerdict::Bijective,
         Some(Severity::Warning) => BijectivityVerdict::Doubtful,
         None => BijectivityVerdict::NoDefectFound,
-    }
-}
-
-/// The verdict where bijectivity is decided exactly, so that warnings raise no doubt.
-fn exact_verdict(findings: &[MapFinding]) -> BijectivityVerdict {
-    match verdict(findings) {
-        BijectivityVerdict::NotBijective => BijectivityVerdict::NotBijective,
-        _ => BijectivityVerdict::Bijective,
-    }
-}
-
-fn look_for_self_intersections(
-    image: &SurfaceMesh,
-    find: Option<FindSelfIntersections>,
-) -> (SelfIntersections, Vec<[u32; 2]>) {
-    let not_checked = |reason: String| (SelfIntersections::NotChecked { reason }, Vec::new());
-    match find.map(|find| find(image)) {
-        None => not_checked("built without `native`".to_string()),
-        Some(Err(reason)) => not_checked(reason),
-        Some(Ok(pairs)) => (SelfIntersections::Checked { pairs: pairs.len() }, pairs),
     }
 }
