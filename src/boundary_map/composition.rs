@@ -119,11 +119,8 @@ impl Composition {
     /// Images of the vertices of `domain`, from index `first` on.
     pub fn images_of_vertices(&self, domain: &SurfaceMesh, first: usize) -> Vec<Point> {
         let places = vertex_places(domain);
-        places[first..]
-            .par_iter()
-            .with_min_len(256)
-            .map(|p| self.image(p))
-            .collect()
+        let new = places[first..].par_iter().with_min_len(256);
+        new.map(|p| self.image(p)).collect()
     }
 }
 

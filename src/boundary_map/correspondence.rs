@@ -1,6 +1,5 @@
 //! A boundary map: the image of every vertex of the domain, and of every point between them.
 
-use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -8,8 +7,9 @@ use rayon::prelude::*;
 
 use super::BoundaryMapError;
 use super::composition::Composition;
-use super::error::{extent, require_extent, require_finite, require_same_elements};
+use super::error::{extent, require_extent, require_finite, require_same_count, require_same_elements};
 use super::function::PointFunction;
+use crate::mesh::shapes::quartered;
 use crate::mesh::{SurfaceMesh, SurfacePoint, TetMesh};
 use crate::spherical::SphericalEmbedding;
 use crate::{Point, Vector};
@@ -47,12 +47,7 @@ impl BoundaryMap {
     /// When the counts differ, or the image is not finite or has no extent.
     pub fn new(domain: impl Into<Arc<SurfaceMesh>>, image: Vec<Point>) -> Result<Self, BoundaryMapError> {
         let domain = domain.into();
-        if domain.vertices().len() != image.len() {
-            return Err(BoundaryMapError::VertexCount {
-                domain: domain.vertices().len(),
-                image: image.len(),
-            });
-        }
+        require_same_count(domain.vertices(), &image)?;
         require_finite(&image)?;
         require_extent(&domain, &image, extent(&domain, &image))?;
         Ok(Self {
@@ -151,11 +146,8 @@ impl BoundaryMap {
         let other = |difference: String| BoundaryMapError::OtherDomain { difference };
         let (own, given) = (self.domain.vertices(), domain.vertices());
         if own.len() != given.len() {
-            return Err(other(format!(
-                "it has {} vertices, and this {}",
-                own.len(),
-                given.len()
-            )));
+            let (own, given) = (own.len(), given.len());
+            return Err(other(format!("it has {own} vertices, and this {given}")));
         }
         let show = |p: &Point| format!("({}, {}, {})", p.x, p.y, p.z);
         if let Some(v) = (0..own.len()).find(|&v| own[v] != given[v]) {
@@ -179,10 +171,7 @@ impl BoundaryMap {
     /// in any order: a reflecting map turns its image inside out, and that is no defect of the files.
     pub fn between(domain: impl Into<Arc<SurfaceMesh>>, image: &SurfaceMesh) -> Result<Self, BoundaryMapError> {
         let domain = domain.into();
-        if domain.vertices().len() != image.vertices().len() {
-            let (domain, image) = (domain.vertices().len(), image.vertices().len());
-            return Err(BoundaryMapError::VertexCount { domain, image });
-        }
+        require_same_count(domain.vertices(), image.vertices())?;
         require_same_elements("triangle", domain.triangles(), image.triangles())?;
         Self::new(domain, image.vertices().to_vec())
     }
@@ -194,18 +183,11 @@ impl BoundaryMap {
     ///
     /// As [`BoundaryMap::between`].
     pub fn between_tets(domain: &TetMesh, image: &TetMesh) -> Result<Self, BoundaryMapError> {
-        if domain.vertices().len() != image.vertices().len() {
-            let (domain, image) = (domain.vertices().len(), image.vertices().len());
-            return Err(BoundaryMapError::VertexCount { domain, image });
-        }
+        require_same_count(domain.vertices(), image.vertices())?;
         require_same_elements("tetrahedron", domain.tets(), image.tets())?;
         let boundary = domain.boundary();
-        let images = boundary
-            .vertex_ids
-            .iter()
-            .map(|&v| image.vertices()[v as usize])
-            .collect();
-        Self::new(boundary.surface, images)
+        let images = boundary.vertex_ids.iter().map(|&v| image.vertices()[v as usize]);
+        Self::new(boundary.surface, images.collect())
     }
 
     /// The surface being mapped.
@@ -297,40 +279,22 @@ impl BoundaryMap {
     }
 
     /// The same map over a domain whose triangles are each cut into four at the midpoints of their edges: triangle `t`
-    /// becomes `4t` to `4t + 3`. The old vertices come first; the new ones go
-    /// where the map takes the midpoints.
+    /// becomes `4t` to `4t + 3`. The old vertices come first; the new ones go where the map takes the midpoints.
     pub fn subdivided(&self) -> Self {
-        let mut vertices = self.domain.vertices().to_vec();
-        let mut image = self.image.clone();
-        let mut middles = HashMap::new();
-        let mut middle = |a: u32, b: u32| {
-            *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
-                for points in [&mut vertices, &mut image] {
-                    let between = nalgebra::center(&points[a as usize], &points[b as usize]);
-                    points.push(between);
-                }
-                vertices.len() as u32 - 1
-            })
-        };
-        let mut triangles = Vec::with_capacity(4 * self.domain.triangles().len());
-        for &[a, b, c] in self.domain.triangles() {
-            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
-            triangles.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
-        }
-        let domain = SurfaceMesh::new(vertices, triangles).expect("corners are vertices");
-        let interpolation = match &self.interpolation {
-            Interpolation::Linear => Interpolation::Linear,
+        let domain = quartered(&self.domain);
+        let (image, interpolation) = match &self.interpolation {
+            Interpolation::Linear => (quartered(&self.target()).into_parts().0, Interpolation::Linear),
             Interpolation::Composition(composition) => {
                 let composition = composition.subdivided();
-                let old = self.image.len();
-                image.truncate(old);
-                image.extend(composition.images_of_vertices(&domain, old));
-                Interpolation::Composition(composition)
+                let new = composition.images_of_vertices(&domain, self.image.len());
+                (
+                    [&self.image[..], &new].concat(),
+                    Interpolation::Composition(composition),
+                )
             }
             Interpolation::Function(function) => {
                 let function = function.subdivided();
-                image = function.images_of_vertices(&domain);
-                Interpolation::Function(function)
+                (function.images_of_vertices(&domain), Interpolation::Function(function))
             }
         };
         Self {
@@ -342,10 +306,8 @@ impl BoundaryMap {
 
     /// Positions of surface points in the domain.
     pub fn positions(&self, points: &[SurfacePoint]) -> Vec<Point> {
-        points
-            .iter()
-            .map(|p| p.position(&self.domain, self.domain.vertices()))
-            .collect()
+        let position = |p: &SurfacePoint| p.position(&self.domain, self.domain.vertices());
+        points.iter().map(position).collect()
     }
 
     /// Images of surface points. For a composition each costs some microseconds; they are computed in parallel.

@@ -9,7 +9,7 @@ use std::fmt;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::mesh::SurfaceMesh;
+use crate::mesh::{SurfaceMesh, triangle_area};
 use crate::statistics::weighted_quantiles;
 use crate::{Point, Vector};
 
@@ -164,10 +164,7 @@ fn measured(domain: &SurfaceMesh, image: &[Point]) -> Option<(Vec<Option<Triangl
 }
 
 fn areas(positions: &[Point], mesh: &SurfaceMesh) -> Vec<f64> {
-    let area = |&[a, b, c]: &[u32; 3]| {
-        let [a, b, c] = [a, b, c].map(|v| positions[v as usize]);
-        (b - a).cross(&(c - a)).norm() / 2.0
-    };
+    let area = |t: &[u32; 3]| triangle_area(&t.map(|v| positions[v as usize]));
     mesh.triangles().par_iter().map(area).collect()
 }
 

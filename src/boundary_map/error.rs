@@ -88,6 +88,18 @@ pub(super) fn extent(surface: &SurfaceMesh, positions: &[Point]) -> f64 {
 
 /// # Errors
 ///
+/// [`BoundaryMapError::VertexCount`] unless every vertex of the domain has one image.
+pub(super) fn require_same_count(domain: &[Point], image: &[Point]) -> Result<(), BoundaryMapError> {
+    let (domain, image) = (domain.len(), image.len());
+    if domain == image {
+        Ok(())
+    } else {
+        Err(BoundaryMapError::VertexCount { domain, image })
+    }
+}
+
+/// # Errors
+///
 /// [`BoundaryMapError::NonFinite`] for the first such vertex.
 pub(super) fn require_finite(image: &[Point]) -> Result<(), BoundaryMapError> {
     match image.iter().position(|p| p.iter().any(|c| !c.is_finite())) {

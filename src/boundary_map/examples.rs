@@ -1,6 +1,7 @@
 //! Boundary maps that need no file: for the demonstration, examples and benchmarks.
 
 use std::f64::consts::PI;
+use std::ops::Range;
 
 use super::BoundaryMap;
 use crate::mesh::{SurfaceMesh, shapes};
@@ -34,14 +35,11 @@ pub fn ring_to_knot(around: usize, across: usize) -> BoundaryMap {
 /// Without divisions.
 pub fn polycube_to_animal(divisions: usize) -> BoundaryMap {
     let mut cubes = Vec::new();
-    let mut block = |x: std::ops::Range<i32>, y: std::ops::Range<i32>, z: std::ops::Range<i32>| {
-        for (i, j, k) in x.flat_map(|i| {
-            y.clone().flat_map({
-                let z = z.clone();
-                move |j| z.clone().map(move |k| (i, j, k))
-            })
-        }) {
-            cubes.push([i, j, k]);
+    let mut block = |x: Range<i32>, y: Range<i32>, z: Range<i32>| {
+        for i in x {
+            for j in y.clone() {
+                cubes.extend(z.clone().map(|k| [i, j, k]));
+            }
         }
     };
     block(0..6, 0..3, 2..4);
@@ -53,10 +51,8 @@ pub fn polycube_to_animal(divisions: usize) -> BoundaryMap {
     block(-2..0, 1..2, 3..4);
     let domain = shapes::polycube(&cubes, divisions);
     // The number of steps that rounds by a given length grows with the square of the resolution.
-    let image = rounded(&domain, 5 * divisions * divisions)
-        .into_iter()
-        .map(pose)
-        .collect();
+    let image = rounded(&domain, 5 * divisions * divisions).into_iter().map(pose);
+    let image = image.collect();
     BoundaryMap::new(domain, image).expect("a rounded polycube is finite and extended")
 }
 

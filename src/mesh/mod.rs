@@ -15,6 +15,7 @@ mod weld;
 pub(crate) use cell_mesh::TET_FACES;
 pub use cell_mesh::{CellList, CellMesh, HEXAHEDRON};
 pub(crate) use kuhn::KUHN;
+pub(crate) use surface_mesh::triangle_area;
 pub use surface_mesh::{MeshError, SurfaceMesh};
 pub use surface_point::SurfacePoint;
 pub use tet_mesh::{BoundarySurface, TetMesh};

@@ -82,10 +82,9 @@ impl SurfaceMesh {
 
     /// The same surface with every triangle reversed.
     pub fn reversed(&self) -> Self {
-        let triangles = self.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
         Self {
             vertices: self.vertices.clone(),
-            triangles,
+            triangles: self.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(),
         }
     }
 
@@ -113,12 +112,11 @@ impl SurfaceMesh {
             return 0.0;
         };
         let centre = nalgebra::center(&low, &high);
-        (0..self.triangles.len())
-            .map(|t| {
-                let [a, b, c] = self.corners(t).map(|p| p - centre);
-                a.dot(&b.cross(&c)) / 6.0
-            })
-            .sum()
+        let volume = |t: usize| {
+            let [a, b, c] = self.corners(t).map(|p| p - centre);
+            a.dot(&b.cross(&c)) / 6.0
+        };
+        (0..self.triangles.len()).map(volume).sum()
     }
 
     /// Lowest and highest corner of the axis-aligned box of the triangles: vertices that none of them uses do not count.
@@ -131,6 +129,10 @@ impl SurfaceMesh {
     pub fn diagonal(&self) -> f64 {
         self.bounding_box().map_or(0.0, |(low, high)| (high - low).norm())
     }
+}
+
+pub(crate) fn triangle_area([a, b, c]: &[Point; 3]) -> f64 {
+    (b - a).cross(&(c - a)).norm() / 2.0
 }
 
 pub(super) fn bounding_box<'a>(mut points: impl Iterator<Item = &'a Point>) -> Option<(Point, Point)> {

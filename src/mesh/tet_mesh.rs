@@ -82,11 +82,13 @@ impl TetMesh {
     /// Outward is decided for the mesh as a whole by the sign of its volume, so that a few inverted tetrahedra do not
     /// punch holes; only where neighbours are oriented inconsistently each tetrahedron's own sign decides.
     pub fn boundary(&self) -> BoundarySurface {
-        let consistent = self.boundary_faces(|_| false);
-        let faces = match consistent {
-            Some(faces) if self.volume() >= 0.0 => faces,
-            Some(faces) => faces.into_iter().map(|[a, b, c]| [a, c, b]).collect(),
-            None => self.boundary_faces_by_sign(),
+        let (faces, are_consistent) = self.boundary_faces(|_| false);
+        let faces = if !are_consistent {
+            self.boundary_faces(|t| self.signed_volume(t) < 0.0).0
+        } else if self.volume() >= 0.0 {
+            faces
+        } else {
+            faces.into_iter().map(|[a, b, c]| [a, c, b]).collect()
         };
 
         let mut on_boundary = vec![false; self.vertices.len()];
@@ -104,38 +106,19 @@ impl TetMesh {
         BoundarySurface { surface, vertex_ids }
     }
 
-    /// Faces without a partner of opposite orientation, in order of their tetrahedra; `None` when two tetrahedra
-    /// show the same face with the same orientation.
-    fn boundary_faces(&self, reversed: impl Fn(usize) -> bool) -> Option<Vec<[u32; 3]>> {
+    /// Faces of a single tetrahedron, in the order of these; and whether no two tetrahedra show the same face with the
+    /// same orientation.
+    fn boundary_faces(&self, reversed: impl Fn(usize) -> bool) -> (Vec<[u32; 3]>, bool) {
+        let faces = || (0..self.tets.len()).flat_map(|t| self.faces(t, reversed(t)));
         let mut seen: HashMap<[u32; 3], (bool, u32)> = HashMap::with_capacity(2 * self.tets.len());
-        for t in 0..self.tets.len() {
-            for face in self.faces(t, reversed(t)) {
-                let (key, even) = sorted_with_parity(face);
-                let entry = seen.entry(key).or_insert((even, 0));
-                entry.1 += 1;
-                if entry.1 == 2 && entry.0 == even {
-                    return None;
-                }
-            }
+        let mut are_consistent = true;
+        for (key, even) in faces().map(sorted_with_parity) {
+            let (first, count) = seen.entry(key).or_insert((even, 0));
+            *count += 1;
+            are_consistent &= *count != 2 || *first != even;
         }
-        Some(
-            (0..self.tets.len())
-                .flat_map(|t| self.faces(t, reversed(t)))
-                .filter(|&face| seen[&sorted_with_parity(face).0].1 == 1)
-                .collect(),
-        )
-    }
-
-    fn boundary_faces_by_sign(&self) -> Vec<[u32; 3]> {
-        let mut count: HashMap<[u32; 3], u32> = HashMap::with_capacity(2 * self.tets.len());
-        let oriented = |t: usize| self.faces(t, self.signed_volume(t) < 0.0);
-        for face in (0..self.tets.len()).flat_map(oriented) {
-            *count.entry(sorted_with_parity(face).0).or_default() += 1;
-        }
-        (0..self.tets.len())
-            .flat_map(oriented)
-            .filter(|&face| count[&sorted_with_parity(face).0] == 1)
-            .collect()
+        let is_boundary = |&face: &[u32; 3]| seen[&sorted_with_parity(face).0].1 == 1;
+        (faces().filter(is_boundary).collect(), are_consistent)
     }
 
     fn faces(&self, tet: usize, reversed: bool) -> [[u32; 3]; 4] {

@@ -257,10 +257,8 @@ impl<'a> Topology<'a> {
             let sides = self.sides(edge);
             for side in &sides[1..] {
                 for vertex in self.edges[edge] {
-                    fans.unite(
-                        self.corner_of_side_at(sides[0], vertex),
-                        self.corner_of_side_at(*side, vertex),
-                    );
+                    let [first, other] = [sides[0], *side].map(|side| self.corner_of_side_at(side, vertex));
+                    fans.unite(first, other);
                 }
             }
         }
@@ -330,15 +328,17 @@ impl<'a> Topology<'a> {
         }
     }
 
-    fn agree(&self, sides: &[HalfEdge]) -> bool {
-        self.start(sides[0]) != self.start(sides[1])
+    /// Whether two sides run along their edge in opposite directions.
+    fn agree(&self, first: HalfEdge, second: HalfEdge) -> bool {
+        self.start(first) != self.start(second)
     }
 
     fn inconsistent_edges(&self) -> Vec<u32> {
-        (0..self.edges.len())
-            .filter(|&edge| self.sides(edge).len() == 2 && !self.agree(self.sides(edge)))
-            .map(|edge| edge as u32)
-            .collect()
+        let is_inconsistent = |&edge: &u32| match self.sides(edge as usize) {
+            &[first, second] => !self.agree(first, second),
+            _ => false,
+        };
+        (0..self.edges.len() as u32).filter(is_inconsistent).collect()
     }
 
     /// Breadth first from `start` over edges with two triangles.
@@ -351,17 +351,11 @@ impl<'a> Topology<'a> {
         while let Some(&triangle) = patch.get(next) {
             next += 1;
             for edge in self.edge_of_side[triangle as usize] {
-                let sides = self.sides(edge as usize);
-                if sides.len() != 2 {
+                let &[first, second] = self.sides(edge as usize) else {
                     continue;
-                }
-                let other = if sides[0].triangle == triangle {
-                    sides[1]
-                } else {
-                    sides[0]
-                }
-                .triangle;
-                let flipped = flip[triangle as usize] == self.agree(sides);
+                };
+                let other = if first.triangle == triangle { second } else { first }.triangle;
+                let flipped = flip[triangle as usize] == self.agree(first, second);
                 if !seen[other as usize] {
                     seen[other as usize] = true;
                     flip[other as usize] = flipped;
@@ -428,7 +422,7 @@ fn proper_sides(mesh: &SurfaceMesh) -> impl Iterator<Item = ([u32; 2], HalfEdge)
 }
 
 fn indices_where(marks: &[bool]) -> Vec<u32> {
-    (0..marks.len()).filter(|&i| marks[i]).map(|i| i as u32).collect()
+    (0..marks.len() as u32).filter(|&i| marks[i as usize]).collect()
 }
 
 /// The open edges as a graph whose nodes are fans rather than vertices, so that at a pinched vertex the boundary loops

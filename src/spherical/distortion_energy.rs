@@ -1,6 +1,7 @@
 //! The distortion energy of a spherical embedding, with derivatives.
 //!
-//! The energy of a triangle is infinite where it inverts, so that a descent from an embedding never inverts one. Its angle term is that of Hormann & Greiner, *MIPS: an efficient global parametrization method*,
+//! The energy of a triangle is infinite where it inverts, so that a descent from an embedding never inverts one. Its angle
+//! term is that of Hormann & Greiner, *MIPS: an efficient global parametrization method*,
 //! Curve and Surface Design (2000); with the area term beside it, on the sphere and minimised by Newton's method, it is
 //! used by Schmidt, Pieper & Kobbelt, *Surface maps via adaptive triangulations*, Computer Graphics Forum 42 (2023).
 //! Element Hessians are made semidefinite as in Teran, Sifakis, Irving & Fedkiw, *Robust quasistatic finite elements and
@@ -82,14 +83,9 @@ impl Objective for DistortionEnergy<'_> {
             let triangle = SphericalTriangle::new(shape, t.map(|v| x[v as usize]));
             triangle.map_or(f64::INFINITY, |triangle| shape.area * triangle.energy(self.weights))
         };
-        let rest = self.rest;
         // Summed in order, so that the sum is the same for any number of threads.
-        let values: Vec<f64> = rest
-            .triangles()
-            .par_iter()
-            .zip(rest.shapes())
-            .map(of_triangle)
-            .collect();
+        let triangles = self.rest.triangles().par_iter().zip(self.rest.shapes());
+        let values: Vec<f64> = triangles.map(of_triangle).collect();
         let sum = values.iter().sum::<f64>();
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
@@ -101,12 +97,8 @@ impl Objective for DistortionEnergy<'_> {
                 triangle.element(self.weights, &frames)
             })
         };
-        let rest = self.rest;
-        rest.triangles()
-            .par_iter()
-            .zip(rest.shapes())
-            .map(of_triangle)
-            .collect()
+        let triangles = self.rest.triangles().par_iter().zip(self.rest.shapes());
+        triangles.map(of_triangle).collect()
     }
 }
 

@@ -39,15 +39,11 @@ pub fn check_embedding(triangles: &[[u32; 3]], directions: &[Vector]) -> Embeddi
         let [a, b, c] = corners(t);
         orientation(&Point::origin(), &a, &b, &c) != Some(Ordering::Greater)
     };
-    let flipped: Vec<u32> = (0..triangles.len() as u32)
-        .into_par_iter()
-        .filter(|&t| is_flipped(&triangles[t as usize]))
-        .collect();
+    let all = (0..triangles.len() as u32).into_par_iter();
+    let flipped: Vec<u32> = all.filter(|&t| is_flipped(&triangles[t as usize])).collect();
     // In order, so that the sum is the same for any number of threads.
-    let angles: Vec<f64> = triangles
-        .par_iter()
-        .map(|t| solid_angle(&Point::origin(), &corners(t)))
-        .collect();
+    let angle = |t: &[u32; 3]| solid_angle(&Point::origin(), &corners(t));
+    let angles: Vec<f64> = triangles.par_iter().map(angle).collect();
     EmbeddingCheck {
         flipped: flipped.len(),
         first_flipped: flipped.first().copied(),

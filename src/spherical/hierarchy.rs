@@ -25,7 +25,7 @@ pub(crate) struct Hierarchy {
     /// The triangles of the tetrahedron at the bottom.
     pub base: [[u32; 3]; 4],
     /// Number of vertices of the surface.
-    vertices: usize,
+    pub vertices: usize,
     removed: Vec<u32>,
     /// The ring of `removed[i]` is `rings[first[i]..first[i + 1]]`, starting with the vertex that it was collapsed to.
     rings: Vec<u32>,
@@ -50,11 +50,8 @@ impl Hierarchy {
     pub fn new(points: &[Point], triangles: &[[u32; 3]], late: &[u32]) -> Option<Self> {
         let mut coarsening = Coarsening::new(points, triangles, late);
         coarsening.run()?;
-        let base: Vec<u32> = (0..points.len() as u32)
-            .filter(|&v| !coarsening.rings[v as usize].is_empty())
-            .collect();
-        let ring = &coarsening.rings[base[0] as usize];
-        let v = base[0];
+        let v = coarsening.rings.iter().position(|ring| !ring.is_empty())?;
+        let (v, ring) = (v as u32, &coarsening.rings[v]);
         let base = [
             [v, ring[0], ring[1]],
             [v, ring[1], ring[2]],
@@ -63,14 +60,8 @@ impl Hierarchy {
         ];
         Some(Self {
             base,
-            vertices: points.len(),
             ..coarsening.record
         })
-    }
-
-    /// Number of vertices of the surface.
-    pub fn vertices(&self) -> usize {
-        self.vertices
     }
 
     /// The levels, coarsest first, each as its vertices in the order of insertion.
@@ -92,15 +83,8 @@ pub(crate) struct VertexRings {
 }
 
 impl VertexRings {
-    /// The rings of the tetrahedron at the bottom of a hierarchy.
-    pub fn of_base(hierarchy: &Hierarchy) -> Self {
-        Self {
-            rings: rings_of(hierarchy.vertices, &hierarchy.base),
-        }
-    }
-
-    /// The rings of a closed oriented surface.
-    pub fn of_surface(vertices: usize, triangles: &[[u32; 3]]) -> Self {
+    /// The rings of a closed oriented surface, which need not use all of the vertices.
+    pub fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
         Self {
             rings: rings_of(vertices, triangles),
         }
@@ -129,17 +113,20 @@ impl VertexRings {
         self.rings[v as usize] = Ring::from_slice(ring);
         // The ring of u holds the vertices of `ring` in order; v replaces all but the first and the last of them.
         let of_u = &mut self.rings[u as usize];
-        rotate_to(of_u, ring[1]);
+        let place = place_of(of_u, ring[1]);
+        of_u.rotate_left(place);
         of_u.drain(1..k - 2);
         of_u.insert(1, v);
-        insert_before(&mut self.rings[ring[1] as usize], u, v);
+        let second = &mut self.rings[ring[1] as usize];
+        let place = place_of(second, u);
+        second.insert(place, v);
         for &r in &ring[2..k - 1] {
             let place = place_of(&self.rings[r as usize], u);
             self.rings[r as usize][place] = v;
         }
         let last = &mut self.rings[ring[k - 1] as usize];
-        let after = place_of(last, u) + 1;
-        last.insert(after, v);
+        let place = place_of(last, u);
+        last.insert(place + 1, v);
     }
 }
 
@@ -236,10 +223,8 @@ impl<'a> Coarsening<'a> {
     fn priority(&self, v: u32) -> i64 {
         let p = self.points[v as usize];
         let ring = &self.rings[v as usize];
-        let shortest = ring
-            .iter()
-            .map(|&r| (self.points[r as usize] - p).norm_squared())
-            .fold(f64::INFINITY, f64::min);
+        let squares = ring.iter().map(|&r| (self.points[r as usize] - p).norm_squared());
+        let shortest = squares.fold(f64::INFINITY, f64::min);
         let length = (shortest / self.area).sqrt().max(1e-30) * ring.len() as f64;
         (length.ln() * 1e6).round() as i64
     }
@@ -295,10 +280,9 @@ impl<'a> Coarsening<'a> {
     fn normal(&self, v: u32) -> Vector {
         let p = self.points[v as usize];
         let ring = &self.rings[v as usize];
+        let offset = |v: &u32| self.points[*v as usize] - p;
         let pairs = ring.iter().zip(ring.iter().cycle().skip(1));
-        pairs
-            .map(|(&a, &b)| (self.points[a as usize] - p).cross(&(self.points[b as usize] - p)))
-            .sum()
+        pairs.map(|(a, b)| offset(a).cross(&offset(b))).sum()
     }
 
     fn collapse(&mut self, v: u32, place: usize) {
@@ -357,16 +341,6 @@ fn place_of(ring: &[u32], vertex: u32) -> usize {
         .expect("neighbours are in each other's rings")
 }
 
-fn rotate_to(ring: &mut Ring, first: u32) {
-    let place = place_of(ring, first);
-    ring.rotate_left(place);
-}
-
-fn insert_before(ring: &mut Ring, next: u32, vertex: u32) {
-    let place = place_of(ring, next);
-    ring.insert(place, vertex);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -394,7 +368,7 @@ mod tests {
             shapes::polycube(&[[0, 0, 0], [1, 0, 0]], 5),
         ] {
             let hierarchy = Hierarchy::new(mesh.vertices(), mesh.triangles(), &[]).unwrap();
-            let mut neighbours = VertexRings::of_base(&hierarchy);
+            let mut neighbours = VertexRings::new(hierarchy.vertices, &hierarchy.base);
             let mut vertices = 4;
             for level in hierarchy.refinements() {
                 for insertion in level {

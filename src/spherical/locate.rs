@@ -62,11 +62,8 @@ impl Locator {
     /// Prepares the search in a closed surface with these directions, whose triangles must all be positive.
     pub(crate) fn of_directions(surface: &SurfaceMesh, directions: &[Vector]) -> Self {
         let corners = |t: &[u32; 3]| t.map(|v| directions[v as usize]);
-        let boxes: Vec<Aabb> = surface
-            .triangles()
-            .par_iter()
-            .map(|t| geodesic_box(&corners(t)))
-            .collect();
+        let triangles = surface.triangles().par_iter();
+        let boxes: Vec<Aabb> = triangles.map(|t| geodesic_box(&corners(t))).collect();
         let tree = Bvh::new(&boxes);
         let mut leaf_of_triangle = vec![0; boxes.len()];
         for (place, &t) in tree.order().iter().enumerate() {
@@ -110,11 +107,8 @@ impl Locator {
 
     /// [`Self::locate`] for each direction, in parallel.
     pub fn locate_all(&self, directions: &[Vector]) -> Vec<SurfacePoint> {
-        directions
-            .par_iter()
-            .with_min_len(256)
-            .map(|x| self.locate(x))
-            .collect()
+        let directions = directions.par_iter().with_min_len(256);
+        directions.map(|x| self.locate(x)).collect()
     }
 
     /// `None` when the walk is too long or the point is on an edge up to rounding.
@@ -178,10 +172,8 @@ fn unit_of(direction: &Vector) -> Option<Vector> {
 /// most. The geodesic triangle is above it by no more than `1 − |p|`.
 fn geodesic_box(corners: &[Vector; 3]) -> Aabb {
     let [a, b, c] = corners;
-    let longest = [a - b, b - c, c - a]
-        .map(|side| side.norm_squared())
-        .into_iter()
-        .fold(0.0, f64::max);
+    let squares = [a - b, b - c, c - a].map(|side| side.norm_squared());
+    let longest = squares.into_iter().fold(0.0, f64::max);
     let bulge = Vector::repeat(1.0 - (1.0 - longest / 3.0).max(0.0).sqrt() + MARGIN);
     let flat = Aabb::around(&corners.map(Point::from));
     Aabb {

@@ -134,10 +134,9 @@ pub fn map_to_sphere<A: ProgressResponse>(
     let watch = ProgressMonitor::new(SpherePhase::Coarsening, &told);
     let progressive = progressive_embedding(&surface, options, &watch)?;
     let rest = RestShapes::new(surface.triangles(), surface.vertices());
-    let energy = DistortionEnergy {
-        rest: &rest,
-        weights: final_weights(options.energy),
-    };
+    let [_, area] = area_weights(options.energy);
+    let weights = EnergyWeights { angle: 1.0, area };
+    let energy = DistortionEnergy { rest: &rest, weights };
     let (mut directions, start) = match options.start {
         SphereStart::Progressive => (progressive, SphereStart::Progressive),
         SphereStart::Flow => {
@@ -187,13 +186,11 @@ fn require_going_on(watch: &ProgressMonitor<SpherePhase>) -> Result<(), Spherica
     }
 }
 
-fn final_weights(energy: SphereEnergy) -> EnergyWeights {
+/// Weights of areas: during the progressive embedding, and at the end.
+fn area_weights(energy: SphereEnergy) -> [f64; 2] {
     match energy {
-        SphereEnergy::Conformal => EnergyWeights { angle: 1.0, area: 0.0 },
-        SphereEnergy::Balanced => EnergyWeights {
-            angle: 1.0,
-            area: AREA_WEIGHT,
-        },
+        SphereEnergy::Conformal => [AREA_WEIGHT_OF_START, 0.0],
+        SphereEnergy::Balanced => [AREA_WEIGHT; 2],
     }
 }
 
@@ -206,10 +203,7 @@ fn progressive_embedding(
     require_going_on(watch)?;
     let points = surface.vertices();
     let hierarchy = Hierarchy::new(points, surface.triangles(), &[]).ok_or(SphericalError::TooFine)?;
-    let area = match options.energy {
-        SphereEnergy::Conformal => AREA_WEIGHT_OF_START,
-        SphereEnergy::Balanced => AREA_WEIGHT,
-    };
+    let [area, _] = area_weights(options.energy);
     let relaxation = Relaxation {
         points,
         weights: EnergyWeights { angle: 1.0, area },

@@ -28,7 +28,7 @@ pub(crate) use hierarchy::Hierarchy;
 pub use locate::Locator;
 pub use map_to_sphere::{SphereEnergy, SphereOptions, SpherePhase, SphereReport, SphereStart, map_to_sphere};
 pub(crate) use moebius::Moebius;
-pub(crate) use newton::{Newton, NewtonError, NewtonOptions};
+pub(crate) use newton::{Newton, NewtonOptions};
 pub(crate) use progressive::PartialEmbedding;
 pub(crate) use relax::{Relaxation, newton_step};
 pub(crate) use rest_shape::{RestShape, RestShapes};

@@ -76,9 +76,9 @@ pub(crate) fn centre(triangles: &[[u32; 3]], weights: &[f64], x: &mut [Vector]) 
         after: mean.norm(),
         iterations: 0,
     };
-    let usable =
+    let is_usable =
         weights.len() == x.len() && weights.iter().all(|&w| w >= 0.0) && total > 0.0 && mean.norm().is_finite();
-    if !usable || !all_positive(triangles, x) {
+    if !is_usable || !all_positive(triangles, x) {
         return report;
     }
     while report.after > CENTRED && report.iterations < MOST_ITERATIONS {
@@ -101,11 +101,8 @@ fn step(
     total: f64,
     mean: &Vector,
 ) -> Option<(Vec<Vector>, Vector)> {
-    let spread: Matrix3 = weights
-        .iter()
-        .zip(x)
-        .map(|(w, x)| x * x.transpose() * (w / total))
-        .sum();
+    let products = weights.iter().zip(x).map(|(w, x)| x * x.transpose() * (w / total));
+    let spread: Matrix3 = products.sum();
     let jacobian = 2.0 * (Matrix3::identity() - spread);
     // Singular only when all the weight is on one line.
     let newton = jacobian.cholesky().map_or(-0.5 * mean, |factor| -factor.solve(mean));
@@ -133,12 +130,8 @@ fn mean_of(weights: &[f64], x: &[Vector], total: f64) -> Vector {
 
 fn all_positive(triangles: &[[u32; 3]], x: &[Vector]) -> bool {
     let corner = |v: u32| x.get(v as usize).copied();
-    triangles
-        .iter()
-        .all(|&[a, b, c]| match (corner(a), corner(b), corner(c)) {
-            (Some(a), Some(b), Some(c)) => is_positive(&[a, b, c]),
-            _ => false,
-        })
+    let corners = |&[a, b, c]: &[u32; 3]| Some([corner(a)?, corner(b)?, corner(c)?]);
+    triangles.iter().all(|t| corners(t).is_some_and(|t| is_positive(&t)))
 }
 
 /// In the stereographic chart from the pole that the direction is further from.

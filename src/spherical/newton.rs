@@ -201,12 +201,9 @@ impl Newton {
         if let Some(triangle) = self.triangles.par_iter().position_first(is_flipped) {
             return Err(NewtonError::Flipped { triangle });
         }
-        let value = energy.value(x);
-        if value.is_finite() {
-            Ok(value)
-        } else {
-            Err(NewtonError::NotFinite)
-        }
+        Some(energy.value(x))
+            .filter(|value| value.is_finite())
+            .ok_or(NewtonError::NotFinite)
     }
 
     /// Assembles the Hessian, and returns the gradient.
@@ -238,23 +235,21 @@ impl Newton {
         before: f64,
         shift: &mut f64,
     ) -> Option<AcceptedStep> {
-        loop {
+        while *shift <= MOST_SHIFT {
             if let Some(direction) = self.direction(gradient, *shift) {
                 let slope: f64 = gradient.iter().zip(&direction).map(|(g, p)| g * p).sum();
-                if slope < 0.0 {
-                    let tangent = self.displacements(frames, &direction);
-                    if let Some(step) = self.line_search(energy, x, &tangent, before, slope) {
-                        *shift = (*shift * 0.01).max(LEAST_SHIFT);
-                        return Some(step);
-                    }
+                let tangent = self.displacements(frames, &direction);
+                if slope < 0.0
+                    && let Some(step) = self.line_search(energy, x, &tangent, before, slope)
+                {
+                    *shift = (*shift * 0.01).max(LEAST_SHIFT);
+                    return Some(step);
                 }
             }
             // Also after a failed line search: a larger shift gives a shorter step, closer to the gradient.
             *shift *= 100.0;
-            if *shift > MOST_SHIFT {
-                return None;
-            }
         }
+        None
     }
 
     /// The solution of the shifted system, unless it is not positive definite.

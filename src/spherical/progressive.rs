@@ -8,7 +8,7 @@
 use super::hierarchy::{Hierarchy, VertexRings};
 use super::ring_kernel::{point_in_kernel, smallest_det};
 use crate::geometry::sphere_rotation;
-use crate::mesh::SurfaceMesh;
+use crate::mesh::{SurfaceMesh, triangle_area};
 use crate::{Point, Vector};
 
 /// An embedding of a simplified mesh, some of whose vertices are still to be inserted.
@@ -50,7 +50,7 @@ impl PartialEmbedding {
 
     /// The coarsest mesh as a regular tetrahedron, rotated to bring its corners close to their targets.
     pub fn of_base(hierarchy: &Hierarchy, target: impl Fn(u32) -> Option<Vector>) -> Self {
-        let mut directions = vec![Vector::zeros(); hierarchy.vertices()];
+        let mut directions = vec![Vector::zeros(); hierarchy.vertices];
         let third = (1f64 / 3.0).sqrt();
         let corners = [[1.0, 1.0, 1.0], [-1.0, -1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0]];
         let [top, a, b] = hierarchy.base[0];
@@ -62,7 +62,7 @@ impl PartialEmbedding {
             directions[v as usize] = corner;
         }
         Self {
-            rings: VertexRings::of_base(hierarchy),
+            rings: VertexRings::new(hierarchy.vertices, &hierarchy.base),
             directions,
             inserted: base.to_vec(),
             level_start: 0,
@@ -74,7 +74,7 @@ impl PartialEmbedding {
     pub fn complete(surface: &SurfaceMesh, directions: &[Vector]) -> Self {
         let count = surface.vertices().len();
         Self {
-            rings: VertexRings::of_surface(count, surface.triangles()),
+            rings: VertexRings::new(count, surface.triangles()),
             directions: directions.to_vec(),
             inserted: (0..count as u32).collect(),
             level_start: 0,
@@ -95,10 +95,7 @@ impl PartialEmbedding {
 
     /// The factor that scales the area of the simplified mesh, with its vertices at `points`, to 4π.
     pub fn area_scale(&self, points: &[Point]) -> f64 {
-        let area = |t: &[u32; 3]| {
-            let [a, b, c] = t.map(|v| points[v as usize]);
-            0.5 * (b - a).cross(&(c - a)).norm()
-        };
+        let area = |t: &[u32; 3]| triangle_area(&t.map(|v| points[v as usize]));
         let total: f64 = self.rings.triangles().iter().map(area).sum();
         4.0 * std::f64::consts::PI / total.max(f64::MIN_POSITIVE)
     }

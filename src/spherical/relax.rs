@@ -11,7 +11,7 @@ use super::distortion_energy::{EnergyWeights, tangents};
 use super::progressive::PartialEmbedding;
 use super::rest_shape::RestShape;
 use super::ring_kernel::{det, positive_det};
-use crate::{Point, Vector};
+use crate::{Matrix3, Point, Vector};
 
 /// The energy that relaxation lowers, and the vertices that it holds.
 pub(crate) struct Relaxation<'a> {
@@ -67,16 +67,11 @@ fn energy_at(x: &Vector, star: &RelaxationStar, weights: EnergyWeights) -> Optio
     for (i, (a, rest)) in star.iter().enumerate() {
         let b = &star[(i + 1) % star.len()].0;
         let d = positive_det(x, a, b)? / (2.0 * rest.area);
-        let q = jacobian_norm_squared(x, a, b, rest);
+        // Squared norm of the Jacobian from the rest shape to the chord triangle.
+        let q = rest.dirichlet(x, a, b) / (2.0 * rest.area);
         energy += rest.area * (weights.angle * q / (2.0 * d) + weights.area * 0.5 * (d + 1.0 / d));
     }
     Some(energy)
-}
-
-/// Squared norm of the Jacobian from the rest shape to the chord triangle.
-fn jacobian_norm_squared(x: &Vector, a: &Vector, b: &Vector, rest: &RestShape) -> f64 {
-    let [cx, ca, cb] = rest.cotangents;
-    (cx * (b - a).norm_squared() + ca * (b - x).norm_squared() + cb * (a - x).norm_squared()) / (2.0 * rest.area)
 }
 
 /// A direction of lower energy for the vertex at `x`, by a Newton step with backtracking; `None` when there is none.
@@ -90,26 +85,25 @@ fn better_direction(
     let value = |x: &Vector| energy_at(x, star, weights).map(|energy| energy + target_energy(x));
     let before = value(x)?;
     let mut gradient = Vector::zeros();
-    let mut hessian = crate::Matrix3::zeros();
+    let mut hessian = Matrix3::zeros();
     for (i, (a, rest)) in star.iter().enumerate() {
         let b = &star[(i + 1) % star.len()].0;
         let [_, ca, cb] = rest.cotangents;
         let d = det(x, a, b) / (2.0 * rest.area);
-        let q = jacobian_norm_squared(x, a, b, rest);
-        let slope = (ca * (x - b) + cb * (x - a)) / rest.area;
-        let bend = (ca + cb) / rest.area;
+        let q = rest.dirichlet(x, a, b) / (2.0 * rest.area);
+        let dq = (ca * (x - b) + cb * (x - a)) / rest.area;
         let n = a.cross(&(b - a)) / (2.0 * rest.area);
         let (w, v) = (0.5 * rest.area * weights.angle, 0.5 * rest.area * weights.area);
-        gradient += w * (slope / d - q / (d * d) * n) + v * (1.0 - 1.0 / (d * d)) * n;
-        let cross = slope * n.transpose();
+        gradient += w * (dq / d - q / (d * d) * n) + v * (1.0 - 1.0 / (d * d)) * n;
+        let cross = dq * n.transpose();
         let squared = n * n.transpose();
         let cubed = d * d * d;
-        hessian += w * (crate::Matrix3::identity() * (bend / d) - (cross + cross.transpose()) / (d * d))
+        hessian += w * (Matrix3::identity() * ((ca + cb) / rest.area / d) - (cross + cross.transpose()) / (d * d))
             + (2.0 * (w * q + v) / cubed) * squared;
     }
     if let Some((to, weight)) = soft_target {
         gradient += 2.0 * weight * (x - to);
-        hessian += crate::Matrix3::identity() * (2.0 * weight);
+        hessian += Matrix3::identity() * (2.0 * weight);
     }
     let step = newton_step(x, &gradient, &hessian)?;
     let mut share = 1.0;
@@ -124,7 +118,7 @@ fn better_direction(
 }
 
 /// Newton's step in the tangent plane of the sphere at `x`, with the Hessian shifted to be positive definite.
-pub(crate) fn newton_step(x: &Vector, gradient: &Vector, hessian: &crate::Matrix3) -> Option<Vector> {
+pub(crate) fn newton_step(x: &Vector, gradient: &Vector, hessian: &Matrix3) -> Option<Vector> {
     let [s, t] = tangents(x);
     let g = [s.dot(gradient), t.dot(gradient)];
     // The curvature of the sphere turns a radial gradient into curvature of the function; only a positive one is kept.

@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use crate::Point;
+use crate::mesh::triangle_area;
+use crate::{Point, Vector};
 
 /// A triangle up to rigid motions.
 #[derive(Debug, Clone, Copy)]
@@ -45,6 +46,12 @@ impl RestShape {
             cotangents,
             area: 0.5 * floored * area_scale,
         }
+    }
+
+    /// Four times the Dirichlet energy of the linear map of the triangle to one with these corners.
+    pub fn dirichlet(&self, a: &Vector, b: &Vector, c: &Vector) -> f64 {
+        let [ca, cb, cc] = self.cotangents;
+        ca * (c - b).norm_squared() + cb * (c - a).norm_squared() + cc * (b - a).norm_squared()
     }
 
     /// The inverse of the matrix whose columns are the edges from the first corner, to the next and to the last, in the
@@ -93,12 +100,8 @@ impl RestShapes {
                 [Point::origin(); 3]
             }
         };
-        let area = |t: &[u32; 3]| {
-            let [a, b, c] = corners(t);
-            0.5 * (b - a).cross(&(c - a)).norm()
-        };
         // In order, so that sums are the same for any number of threads.
-        let areas: Vec<f64> = triangles.par_iter().map(area).collect();
+        let areas: Vec<f64> = triangles.par_iter().map(|t| triangle_area(&corners(t))).collect();
         let unit = 4.0 * std::f64::consts::PI / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE);
         // Without any area all triangles are alike.
         let unit = unit.min(f64::MAX);
@@ -107,9 +110,9 @@ impl RestShapes {
             .map(|t| RestShape::of_triangle(corners(t).each_ref(), unit))
             .collect();
         let total: f64 = shapes.iter().map(|shape| shape.area).sum();
-        shapes
-            .iter_mut()
-            .for_each(|shape| shape.area *= 4.0 * std::f64::consts::PI / total);
+        for shape in &mut shapes {
+            shape.area *= 4.0 * std::f64::consts::PI / total;
+        }
         Self {
             triangles: triangles.to_vec(),
             shapes,
@@ -136,7 +139,6 @@ impl RestShapes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Vector;
 
     #[test]
     fn rest_shapes_are_finite_whatever_the_triangles() {

@@ -6,18 +6,15 @@
 
 use rayon::prelude::*;
 
+use super::PairPhase;
 use super::inter_surface::{InterSurfaceEnergy, InterSurfaceMap, InverseEmbedding};
 use crate::Vector;
 use crate::mesh::SurfaceMesh;
-use crate::spherical::{
-    EnergyWeights, Hierarchy, Newton, NewtonError, NewtonOptions, PartialEmbedding, Relaxation, RestShapes,
-};
+use crate::progress::ProgressSender;
+use crate::spherical::{EnergyWeights, Hierarchy, Newton, NewtonOptions, PartialEmbedding, Relaxation, RestShapes};
 
-/// Directions on the target's sphere that vertices of the domain are pulled to.
-pub(crate) struct SoftTargets {
-    /// For each vertex a direction and its weight, from 0 to 1.
-    pub of_vertex: Vec<Option<(Vector, f64)>>,
-}
+/// For each vertex of the domain the direction on the target's sphere that it is pulled to, and a weight from 0 to 1.
+pub(crate) type SoftTargets = Vec<Option<(Vector, f64)>>;
 
 /// How strongly, and up to which level, an embedding is pulled to its soft targets. On finer levels the distortion alone
 /// is minimised.
@@ -41,11 +38,9 @@ struct AlternationLimits {
 /// Landmarks: vertices that must go to given directions.
 pub(crate) struct Pins {
     pairs: Vec<(u32, Vector)>,
-    /// Index of each vertex's pin, or [`NO_PIN`].
-    of_vertex: Vec<u32>,
+    /// Index of each vertex's pin.
+    of_vertex: Vec<Option<usize>>,
 }
-
-const NO_PIN: u32 = u32::MAX;
 
 /// An embedding of the domain, perhaps still coarse, with its quality.
 #[derive(Clone)]
@@ -59,12 +54,12 @@ pub(crate) struct EmbeddingCandidate {
 
 /// Embeds a domain on the sphere of a target.
 pub(crate) struct DomainEmbedder<'a> {
-    domain: &'a SurfaceMesh,
-    hierarchy: &'a Hierarchy,
-    inverse: &'a InverseEmbedding<'a>,
-    pins: Pins,
-    /// Polled often. Once it is false, the work is cancelled and results are not used.
-    goes_on: &'a (dyn Fn() -> bool + Sync),
+    pub domain: &'a SurfaceMesh,
+    pub hierarchy: Hierarchy,
+    pub inverse: &'a InverseEmbedding<'a>,
+    pub pins: Pins,
+    /// Polled often. After a cancellation, results are not used.
+    pub reporter: &'a ProgressSender<'a, PairPhase>,
 }
 
 /// Rounds of relaxation towards the soft targets on each level.
@@ -79,7 +74,10 @@ const DISTORTED: f64 = 8.0;
 const MOST_LOCAL_RELAXATIONS: usize = 10;
 /// Newton's method and relaxation alternate: Newton's method moves all vertices together, but only until the first
 /// triangle would invert; relaxation moves the vertices of such triangles away.
-const NEWTON_STEPS: usize = 5;
+const NEWTON: NewtonOptions = NewtonOptions {
+    most_iterations: 5,
+    tolerance: 1e-4,
+};
 /// Limits while embeddings are compared and refined.
 const COARSE: AlternationLimits = AlternationLimits {
     most_rounds: 3,
@@ -98,56 +96,54 @@ const MOST_PIN_ROUNDS: usize = 40;
 /// Weight of an unmet pin, over that of a soft target.
 const PIN_WEIGHT: f64 = 30.0;
 
+impl SoftTargetSchedule {
+    pub(super) const fn new(strength: f64, until_vertices: usize) -> Self {
+        Self {
+            strength,
+            until_vertices,
+        }
+    }
+}
+
 impl Pins {
     /// Pins of distinct vertices below `vertices`.
     pub fn new(pairs: Vec<(u32, Vector)>, vertices: usize) -> Self {
-        let mut of_vertex = vec![NO_PIN; vertices];
+        let mut of_vertex = vec![None; vertices];
         for (i, pair) in pairs.iter().enumerate() {
-            of_vertex[pair.0 as usize] = i as u32;
+            of_vertex[pair.0 as usize] = Some(i);
         }
         Self { pairs, of_vertex }
     }
 
     fn of(&self, vertex: u32) -> Option<usize> {
-        let pin = self.of_vertex[vertex as usize];
-        (pin != NO_PIN).then_some(pin as usize)
+        self.of_vertex[vertex as usize]
+    }
+}
+
+impl EmbeddingCandidate {
+    /// Indices of the pins that are not met.
+    pub fn missed(&self) -> Vec<usize> {
+        (0..self.pinned.len()).filter(|&i| !self.pinned[i]).collect()
+    }
+
+    /// Number of missed pins, and the energy: the order of candidates, best first.
+    fn rating(&self) -> (usize, f64) {
+        (self.missed().len(), self.energy)
     }
 }
 
 impl<'a> DomainEmbedder<'a> {
-    pub fn new(
-        domain: &'a SurfaceMesh,
-        hierarchy: &'a Hierarchy,
-        inverse: &'a InverseEmbedding<'a>,
-        pins: Pins,
-        goes_on: &'a (dyn Fn() -> bool + Sync),
-    ) -> Self {
-        Self {
-            domain,
-            hierarchy,
-            inverse,
-            pins,
-            goes_on,
-        }
-    }
-
-    /// An embedding with at least `enough` vertices. `None` when rounding leaves no position for one.
-    pub fn coarse(
-        &self,
-        soft_targets: &SoftTargets,
-        schedule: &SoftTargetSchedule,
-        enough: usize,
-    ) -> Option<EmbeddingCandidate> {
+    /// The tetrahedron at the bottom of the hierarchy, rotated towards its soft targets.
+    fn tetrahedron(&self, soft_targets: &SoftTargets) -> EmbeddingCandidate {
         let target = |v: u32| match self.pins.of(v) {
             Some(i) => Some(self.pins.pairs[i].1),
-            None => soft_targets.of_vertex[v as usize].map(|target| target.0),
+            None => soft_targets[v as usize].map(|target| target.0),
         };
-        let candidate = EmbeddingCandidate {
-            embedding: PartialEmbedding::of_base(self.hierarchy, target),
+        EmbeddingCandidate {
+            embedding: PartialEmbedding::of_base(&self.hierarchy, target),
             pinned: vec![false; self.pins.pairs.len()],
             energy: f64::INFINITY,
-        };
-        self.refine(candidate, soft_targets, schedule, enough, &|_, _| ())
+        }
     }
 
     /// An embedding of all vertices by the soft targets, without minimising the distortion.
@@ -160,11 +156,12 @@ impl<'a> DomainEmbedder<'a> {
             until_vertices: usize::MAX,
             ..*schedule
         };
-        self.coarse(soft_targets, &to_the_end, usize::MAX)
+        let start = self.tetrahedron(soft_targets);
+        self.refine(start, soft_targets, &to_the_end, usize::MAX, &|_, _| ())
     }
 
     /// Inserts vertices until there are at least `enough`. `progress` gets the number of vertices and the energy of each
-    /// level.
+    /// level. `None` when rounding leaves no position for a vertex.
     pub fn refine(
         &self,
         mut candidate: EmbeddingCandidate,
@@ -179,13 +176,13 @@ impl<'a> DomainEmbedder<'a> {
             energy,
         } = &mut candidate;
         let mut map = InterSurfaceMap::new(self.inverse, self.domain);
-        embedding.refine(self.hierarchy, enough, |embedding| {
-            if !(self.goes_on)() {
+        embedding.refine(&self.hierarchy, enough, |embedding| {
+            if !self.reporter.should_continue() {
                 return;
             }
             let is_pulled = embedding.inserted.len() < schedule.until_vertices;
             if is_pulled || !pinned.iter().all(|&is| is) {
-                self.pull(embedding, pinned, soft_targets, schedule);
+                self.pull(embedding, pinned, soft_targets, schedule.strength);
             }
             if !is_pulled {
                 map.locate(embedding);
@@ -203,19 +200,13 @@ impl<'a> DomainEmbedder<'a> {
             pinned: vec![false; self.pins.pairs.len()],
             energy: f64::INFINITY,
         };
-        let no_targets = SoftTargets {
-            of_vertex: vec![None; directions.len()],
-        };
-        let schedule = SoftTargetSchedule {
-            strength: 1.0,
-            until_vertices: 0,
-        };
+        let no_targets = vec![None; directions.len()];
         self.move_pins(&mut candidate.embedding, &mut candidate.pinned);
         for _ in 0..MOST_PIN_ROUNDS {
-            if candidate.pinned.iter().all(|&is| is) || !(self.goes_on)() {
+            if candidate.pinned.iter().all(|&is| is) || !self.reporter.should_continue() {
                 break;
             }
-            self.pull(&mut candidate.embedding, &mut candidate.pinned, &no_targets, &schedule);
+            self.pull(&mut candidate.embedding, &mut candidate.pinned, &no_targets, 1.0);
         }
         candidate
     }
@@ -235,25 +226,14 @@ impl<'a> DomainEmbedder<'a> {
         candidate.energy = self.improve(&mut candidate.embedding, &mut map, &candidate.pinned, &LAST);
     }
 
-    /// Indices of the pins that are not met.
-    pub fn missed(&self, candidate: &EmbeddingCandidate) -> Vec<usize> {
-        (0..candidate.pinned.len()).filter(|&i| !candidate.pinned[i]).collect()
-    }
-
     /// Relaxation towards the soft targets and the unmet pins.
-    fn pull(
-        &self,
-        embedding: &mut PartialEmbedding,
-        pinned: &mut [bool],
-        soft_targets: &SoftTargets,
-        schedule: &SoftTargetSchedule,
-    ) {
-        let weight = schedule.strength * 4.0 * std::f64::consts::PI / embedding.inserted.len() as f64;
+    fn pull(&self, embedding: &mut PartialEmbedding, pinned: &mut [bool], soft_targets: &SoftTargets, strength: f64) {
+        let weight = strength * 4.0 * std::f64::consts::PI / embedding.inserted.len() as f64;
         for _ in 0..SOFT_TARGET_SWEEPS / 4 {
             self.move_pins(embedding, pinned);
             let soft_target = |v: u32| match self.pins.of(v) {
                 Some(i) => Some((self.pins.pairs[i].1, PIN_WEIGHT * weight.max(0.1))),
-                None => soft_targets.of_vertex[v as usize].map(|(to, trust)| (to, trust * weight)),
+                None => soft_targets[v as usize].map(|(to, trust)| (to, trust * weight)),
             };
             let is_fixed = |v: u32| self.pins.of(v).is_some_and(|i| pinned[i]);
             let relaxation = Relaxation {
@@ -262,7 +242,7 @@ impl<'a> DomainEmbedder<'a> {
                 soft_target: &soft_target,
                 is_fixed: &is_fixed,
             };
-            if (self.goes_on)() {
+            if self.reporter.should_continue() {
                 relaxation.run(embedding, 4);
             }
         }
@@ -303,7 +283,7 @@ impl<'a> DomainEmbedder<'a> {
         let shapes = RestShapes::new(&triangles, self.domain.vertices());
         let mut newton = Newton::new(&triangles, &fixed).ok();
         for round in 0..limits.most_rounds {
-            if !(self.goes_on)() {
+            if !self.reporter.should_continue() {
                 break;
             }
             // Updated only where there were protrusions before: finding them costs as much as a step.
@@ -312,11 +292,13 @@ impl<'a> DomainEmbedder<'a> {
             }
             let before = map.energy(embedding);
             self.relax_distorted(embedding, map, &is_fixed);
-            let stepped = newton
-                .as_mut()
-                .map(|newton| self.newton_steps(newton, embedding, map, &shapes));
-            if stepped.is_some_and(|result| result.is_err()) {
-                newton = None;
+            if let Some(solver) = &mut newton {
+                let energy = InterSurfaceEnergy::new(map, &shapes);
+                let should_continue = || self.reporter.should_continue();
+                match solver.minimise(&energy, &mut embedding.directions, &NEWTON, &should_continue) {
+                    Ok(_) => map.locate(embedding),
+                    Err(_) => newton = None,
+                }
             }
             map.sweep(embedding, &vertices, &is_fixed);
             if map.energy(embedding) > (1.0 - limits.least_decrease) * before {
@@ -327,23 +309,6 @@ impl<'a> DomainEmbedder<'a> {
             map.find_protrusions(embedding);
         }
         map.energy(embedding)
-    }
-
-    fn newton_steps(
-        &self,
-        newton: &mut Newton,
-        embedding: &mut PartialEmbedding,
-        map: &mut InterSurfaceMap,
-        shapes: &RestShapes,
-    ) -> Result<(), NewtonError> {
-        let energy = InterSurfaceEnergy::new(map, shapes);
-        let options = NewtonOptions {
-            most_iterations: NEWTON_STEPS,
-            tolerance: 1e-4,
-        };
-        newton.minimise(&energy, &mut embedding.directions, &options, self.goes_on)?;
-        map.locate(embedding);
-        Ok(())
     }
 
     fn relax_distorted(
@@ -375,45 +340,34 @@ pub(crate) fn best_coarse_embedding(
     sizes: &[usize],
 ) -> Option<(EmbeddingCandidate, [usize; 2], Vec<f64>)> {
     let all = (0..soft_targets.len()).flat_map(|a| (0..schedules.len()).map(move |s| [a, s]));
-    let mut choices: Vec<(Option<EmbeddingCandidate>, [usize; 2])> = all.map(|choice| (None, choice)).collect();
+    let start = |choice: [usize; 2]| (embedder.tetrahedron(&soft_targets[choice[0]]), choice);
+    let mut choices: Vec<(EmbeddingCandidate, [usize; 2])> = all.map(start).collect();
     let mut energies = vec![f64::INFINITY; soft_targets.len()];
     for &size in sizes {
-        let embed = |(candidate, [a, s]): (Option<EmbeddingCandidate>, [usize; 2])| {
-            let (soft_targets, schedule) = (&soft_targets[a], &schedules[s]);
-            let refined = match candidate {
-                Some(candidate) => embedder.refine(candidate, soft_targets, schedule, size, &|_, _| ()),
-                None => embedder.coarse(soft_targets, schedule, size),
-            };
-            let mut refined = refined?;
+        let refined = |(candidate, [a, s]): (EmbeddingCandidate, [usize; 2])| {
+            let mut refined = embedder.refine(candidate, &soft_targets[a], &schedules[s], size, &|_, _| ())?;
             // A small surface has all its vertices before the schedule comes to minimising the distortion.
             if !refined.energy.is_finite() {
                 embedder.finish(&mut refined);
             }
-            Some((Some(refined), [a, s]))
+            Some((refined, [a, s]))
         };
-        choices = choices.into_par_iter().filter_map(embed).collect();
+        choices = choices.into_par_iter().filter_map(refined).collect();
         choices.sort_by(|a, b| {
-            let (a, b) = (rating(&a.0), rating(&b.0));
+            let (a, b) = (a.0.rating(), b.0.rating());
             a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
         });
-        let best = rating(&choices.first()?.0);
+        let best = choices.first()?.0.rating();
         for (candidate, [a, _]) in choices.iter().rev() {
-            energies[*a] = rating(candidate).1;
+            energies[*a] = candidate.energy;
         }
         let mut kept = vec![0; soft_targets.len()];
         choices.retain(|(candidate, [a, _])| {
-            let (missed, energy) = rating(candidate);
+            let (missed, energy) = candidate.rating();
             kept[*a] += 1;
             kept[*a] <= KEPT && missed == best.0 && energy <= MOST_ENERGY_RATIO * best.1
         });
     }
     let (candidate, choice) = choices.into_iter().next()?;
-    Some((candidate?, choice, energies))
-}
-
-/// Number of missed pins, and the energy: the order of candidates, best first.
-fn rating(candidate: &Option<EmbeddingCandidate>) -> (usize, f64) {
-    candidate.as_ref().map_or((usize::MAX, f64::INFINITY), |candidate| {
-        (candidate.pinned.iter().filter(|&&is| !is).count(), candidate.energy)
-    })
+    Some((candidate, choice, energies))
 }

@@ -12,7 +12,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use rayon::prelude::*;
 use smallvec::SmallVec;
 
-use crate::mesh::SurfaceMesh;
+use crate::mesh::{SurfaceMesh, triangle_area};
 use crate::spherical::{
     DistortionEnergy, ElementDerivatives, ElementHessian, EnergyWeights, Locator, Objective, PartialEmbedding,
     RestShape, RestShapes, SphericalEmbedding, det, newton_step, positive_det, semidefinite,
@@ -45,7 +45,7 @@ pub(crate) struct InverseEmbedding<'a> {
 }
 
 /// The image of a vertex.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 struct VertexImage {
     /// Scaled as [`InverseEmbedding::scale`] says.
     point: Point,
@@ -121,24 +121,18 @@ impl<'a> InverseEmbedding<'a> {
         let weights = [det(x, &b, &c), det(x, &c, &a), det(x, &a, &b)];
         let total: f64 = weights.iter().sum();
         let slopes = [b.cross(&(c - b)), c.cross(&(a - c)), a.cross(&(b - a))];
-        let parts = slopes.iter().zip([p, q, r]);
-        parts
-            .map(|(slope, corner)| (corner - image.point) * slope.transpose() / total)
-            .sum()
+        let part = |(slope, corner): (&Vector, Point)| (corner - image.point) * slope.transpose() / total;
+        slopes.iter().zip([p, q, r]).map(part).sum()
     }
 }
 
 impl<'a> InterSurfaceMap<'a> {
     pub fn new(inverse: &'a InverseEmbedding, domain: &'a SurfaceMesh) -> Self {
-        let nowhere = VertexImage {
-            point: Point::origin(),
-            triangle: 0,
-        };
         Self {
             inverse,
             domain: domain.vertices(),
             area_scale: 1.0,
-            images: vec![nowhere; domain.vertices().len()],
+            images: vec![VertexImage::default(); domain.vertices().len()],
             protrusions: HashMap::new(),
         }
     }
@@ -168,8 +162,7 @@ impl<'a> InterSurfaceMap<'a> {
             *sum += stride as f64 * area;
         }
         for (t, (count, area)) in triangles.iter().zip(covered) {
-            let [y, a, b] = t.map(|v| self.images[v as usize].point);
-            let straight = 0.5 * (a - y).cross(&(b - y)).norm();
+            let straight = triangle_area(&t.map(|v| self.images[v as usize].point));
             if count >= FEWEST_SAMPLES && area > LEAST_AREA_RATIO * straight {
                 self.protrusions.insert(*t, (area / straight).min(MOST_AREA_RATIO));
             }
@@ -183,14 +176,10 @@ impl<'a> InterSurfaceMap<'a> {
 
     fn domain_triangle(&self, t: [u32; 3]) -> DomainTriangle {
         let rest = RestShape::of_triangle(t.map(|v| &self.domain[v as usize]), self.area_scale);
-        let area_ratio = if self.protrusions.is_empty() {
-            None
-        } else {
-            self.protrusions.get(&lowest_first(t))
-        };
+        let area_ratio = self.protrusions.get(&lowest_first(t)).unwrap_or(&1.0);
         DomainTriangle {
             rest,
-            reference_area: rest.area / area_ratio.unwrap_or(&1.0),
+            reference_area: rest.area / area_ratio,
         }
     }
 
@@ -198,9 +187,8 @@ impl<'a> InterSurfaceMap<'a> {
     pub fn locate(&mut self, embedding: &PartialEmbedding) {
         self.area_scale = embedding.area_scale(self.domain);
         for &v in &embedding.inserted {
-            self.images[v as usize] = self
-                .inverse
-                .image(&embedding.directions[v as usize], self.images[v as usize].triangle);
+            let image = &mut self.images[v as usize];
+            *image = self.inverse.image(&embedding.directions[v as usize], image.triangle);
         }
     }
 
@@ -270,7 +258,7 @@ impl<'a> InterSurfaceMap<'a> {
             let d = positive_det(x, &a.direction, &b.direction)?;
             let (s, c, _) = jacobian_invariants(y, &a.image, &b.image, &a.triangle);
             let rest = &a.triangle.rest;
-            let shape = chords(x, &a.direction, &b.direction, rest) / (2.0 * d);
+            let shape = rest.dirichlet(x, &a.direction, &b.direction) / (2.0 * d);
             value += rest.area * (0.25 * (s + s / (c * c)) + BARRIER * shape);
         }
         // NaN where the image has no area, as between two coincident sheets of the target.
@@ -280,7 +268,8 @@ impl<'a> InterSurfaceMap<'a> {
     fn better_place(&self, x: &Vector, image: &VertexImage, star: &VertexStar) -> Option<(Vector, VertexImage)> {
         let before = self.value(x, &image.point, star)?;
         let y = image.point;
-        let (mut slope, mut bend) = (Vector::zeros(), Matrix3::zeros());
+        // By the image of the vertex, and by its direction.
+        let (mut image_gradient, mut image_hessian) = (Vector::zeros(), Matrix3::zeros());
         let (mut gradient, mut hessian) = (Vector::zeros(), Matrix3::zeros());
         for (i, a) in star.iter().enumerate() {
             let b = &star[(i + 1) % star.len()];
@@ -291,15 +280,15 @@ impl<'a> InterSurfaceMap<'a> {
             let dc = normal.cross(&(b.image - a.image)) / (2.0 * reference_area);
             let w = 0.25 * rest.area;
             let (c2, c3) = (c * c, c * c * c);
-            slope += w * ((1.0 + 1.0 / c2) * ds - 2.0 * s / c3 * dc);
+            image_gradient += w * ((1.0 + 1.0 / c2) * ds - 2.0 * s / c3 * dc);
             let cross = ds * dc.transpose();
-            bend += w
+            image_hessian += w
                 * (Matrix3::identity() * ((ca + cb) / reference_area * (1.0 + 1.0 / c2))
                     - (cross + cross.transpose()) * (2.0 / c3)
                     + dc * dc.transpose() * (6.0 * s / (c2 * c2)));
             let d = det(x, &a.direction, &b.direction);
             let n = a.direction.cross(&(b.direction - a.direction));
-            let q = chords(x, &a.direction, &b.direction, &rest);
+            let q = rest.dirichlet(x, &a.direction, &b.direction);
             let dq = 2.0 * (ca * (x - b.direction) + cb * (x - a.direction));
             let w = 0.5 * BARRIER * rest.area;
             let cross = dq * n.transpose();
@@ -309,8 +298,8 @@ impl<'a> InterSurfaceMap<'a> {
                     + n * n.transpose() * (2.0 * q / (d * d * d)));
         }
         let chain = self.inverse.derivative(x, image);
-        gradient += chain.transpose() * slope;
-        hessian += chain.transpose() * bend * chain;
+        gradient += chain.transpose() * image_gradient;
+        hessian += chain.transpose() * image_hessian * chain;
         let step = newton_step(x, &gradient, &hessian)?;
         let step_to = |share: f64| {
             let to = (x + share * step).normalize();
@@ -341,19 +330,10 @@ impl<'a> InterSurfaceMap<'a> {
 
 /// Squared norm of the Jacobian, its determinant, and the unit normal of the image triangle.
 fn jacobian_invariants(y: &Point, a: &Point, b: &Point, triangle: &DomainTriangle) -> (f64, f64, Vector) {
-    let [cy, ca, cb] = triangle.rest.cotangents;
-    let (ya, yb) = (a - y, b - y);
-    let s = (cy * (b - a).norm_squared() + ca * yb.norm_squared() + cb * ya.norm_squared())
-        / (2.0 * triangle.reference_area);
-    let cross = ya.cross(&yb);
+    let s = triangle.rest.dirichlet(&y.coords, &a.coords, &b.coords) / (2.0 * triangle.reference_area);
+    let cross = (a - y).cross(&(b - y));
     let area = cross.norm();
     (s, area / (2.0 * triangle.reference_area), cross / area)
-}
-
-/// Four times the Dirichlet energy of the map to the chords of a triangle on the sphere.
-fn chords(x: &Vector, a: &Vector, b: &Vector, rest: &RestShape) -> f64 {
-    let [cx, ca, cb] = rest.cotangents;
-    cx * (b - a).norm_squared() + ca * (b - x).norm_squared() + cb * (a - x).norm_squared()
 }
 
 /// The energy as a function of all directions, for Newton's method.
@@ -388,10 +368,7 @@ impl<'a> InterSurfaceEnergy<'a> {
     fn images(&self, x: &[Vector]) -> Vec<VertexImage> {
         let of_vertex = |(x, hint): (&Vector, &AtomicU32)| {
             if *x == Vector::zeros() {
-                return VertexImage {
-                    point: Point::origin(),
-                    triangle: 0,
-                };
+                return VertexImage::default();
             }
             let image = self.inverse.image(x, hint.load(Relaxed));
             hint.store(image.triangle, Relaxed);
@@ -417,12 +394,8 @@ impl Objective for InterSurfaceEnergy<'_> {
             let (s, c, _) = jacobian_invariants(&y, &a, &b, triangle);
             0.25 * triangle.rest.area * (s + s / (c * c))
         };
-        let values: Vec<f64> = self
-            .triangles()
-            .par_iter()
-            .zip(&self.domain_triangles)
-            .map(of_triangle)
-            .collect();
+        let triangles = self.triangles().par_iter().zip(&self.domain_triangles);
+        let values: Vec<f64> = triangles.map(of_triangle).collect();
         let sum = values.iter().sum::<f64>() + barrier;
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
@@ -439,14 +412,14 @@ impl Objective for InterSurfaceEnergy<'_> {
         };
         let chains: Vec<[Vector; 2]> = (0..x.len()).into_par_iter().map(chain).collect();
         let mut elements = self.barrier().elements(x, frames);
-        let parts = elements
+        let triangles = self.triangles().par_iter().zip(&self.domain_triangles);
+        elements
             .par_iter_mut()
-            .zip(self.triangles())
-            .zip(&self.domain_triangles);
-        parts.for_each(|((element, t), triangle)| {
-            let points = t.map(|v| images[v as usize].point);
-            add_derivatives(element, &points, &t.map(|v| chains[v as usize]), triangle);
-        });
+            .zip(triangles)
+            .for_each(|(element, (t, triangle))| {
+                let points = t.map(|v| images[v as usize].point);
+                add_derivatives(element, &points, &t.map(|v| chains[v as usize]), triangle);
+            });
         elements
     }
 }
@@ -473,7 +446,7 @@ fn add_derivatives(
     let (gs, gc) = (tangent(&ds), tangent(&dc));
     // Cotangent of the angle opposite to two corners.
     let opposite = |m: usize, n: usize| rest.cotangents[3 - m - n];
-    let mut bend = ElementHessian::zeros();
+    let mut hessian = ElementHessian::zeros();
     for i in 0..6 {
         element.gradient[i] += w * ((1.0 + 1.0 / c2) * gs[i] - 2.0 * s / c3 * gc[i]);
         for j in 0..6 {
@@ -485,20 +458,15 @@ fn add_derivatives(
             };
             let metric = weight / reference_area * chains[m][i % 2].dot(&chains[n][j % 2]);
             let cross = gs[i] * gc[j] + gc[i] * gs[j];
-            bend[(i, j)] = w * ((1.0 + 1.0 / c2) * metric - 2.0 / c3 * cross + 6.0 * s / (c2 * c2) * gc[i] * gc[j]);
+            hessian[(i, j)] = w * ((1.0 + 1.0 / c2) * metric - 2.0 / c3 * cross + 6.0 * s / (c2 * c2) * gc[i] * gc[j]);
         }
     }
-    element.hessian += semidefinite(bend);
+    element.hessian += semidefinite(hessian);
 }
 
-fn lowest_first([a, b, c]: [u32; 3]) -> [u32; 3] {
-    if a < b && a < c {
-        [a, b, c]
-    } else if b < c {
-        [b, c, a]
-    } else {
-        [c, a, b]
-    }
+fn lowest_first(t: [u32; 3]) -> [u32; 3] {
+    let [a, b, c] = t;
+    [t, [b, c, a], [c, a, b]].into_iter().min().unwrap_or(t)
 }
 
 #[cfg(test)]

@@ -40,44 +40,20 @@ use crate::spherical::{
     Hierarchy, Locator, Moebius, SphereEnergy, SphereOptions, SphericalEmbedding, SphericalError, check_embedding,
     map_to_sphere, require_genus_0, require_scale,
 };
-use crate::{Point, Vector};
+use crate::{Matrix3, Vector};
 use embedder::{DomainEmbedder, EmbeddingCandidate, Pins, SoftTargets, best_coarse_embedding};
 use inter_surface::InverseEmbedding;
 
 /// Schedules to compare: which one ends best differs from pair to pair, and coarse embeddings are cheap.
 const SCHEDULES: [SoftTargetSchedule; 8] = [
-    SoftTargetSchedule {
-        strength: 1.0,
-        until_vertices: 60,
-    },
-    SoftTargetSchedule {
-        strength: 1.0,
-        until_vertices: 200,
-    },
-    SoftTargetSchedule {
-        strength: 1.0,
-        until_vertices: 800,
-    },
-    SoftTargetSchedule {
-        strength: 10.0,
-        until_vertices: 60,
-    },
-    SoftTargetSchedule {
-        strength: 10.0,
-        until_vertices: 200,
-    },
-    SoftTargetSchedule {
-        strength: 10.0,
-        until_vertices: 800,
-    },
-    SoftTargetSchedule {
-        strength: 100.0,
-        until_vertices: 60,
-    },
-    SoftTargetSchedule {
-        strength: 100.0,
-        until_vertices: 800,
-    },
+    SoftTargetSchedule::new(1.0, 60),
+    SoftTargetSchedule::new(1.0, 200),
+    SoftTargetSchedule::new(1.0, 800),
+    SoftTargetSchedule::new(10.0, 60),
+    SoftTargetSchedule::new(10.0, 200),
+    SoftTargetSchedule::new(10.0, 800),
+    SoftTargetSchedule::new(100.0, 60),
+    SoftTargetSchedule::new(100.0, 800),
 ];
 /// Vertices of the coarse embeddings: of all at first, then of the better ones.
 const COARSE_SIZES: [usize; 2] = [1600, 4000];
@@ -85,6 +61,11 @@ const COARSE_SIZES: [usize; 2] = [1600, 4000];
 const ISOMETRY_ENERGY: f64 = 4.0;
 /// A warning says that the rotation is ambiguous when the second best score is this close to the best.
 const AMBIGUOUS_SCORE: f64 = 0.05;
+/// The domain's vertices come too close together on the sphere.
+const TOO_FINE: PairError = PairError::Sphere {
+    side: "domain",
+    error: SphericalError::TooFine,
+};
 
 /// A bijection from the boundary of one solid to that of another.
 ///
@@ -136,20 +117,6 @@ struct PairMapping<'a> {
     reporter: &'a ProgressSender<'a, PairPhase>,
 }
 
-/// The domain's embedding on the target's sphere before and after optimisation, and how it was found.
-struct PairEmbedding {
-    before: Vec<Vector>,
-    after: Vec<Vector>,
-    before_meets_landmarks: bool,
-    alignments: Vec<f64>,
-    alignment: usize,
-    rotations: Vec<f64>,
-    coarse_embeddings: usize,
-    schedule: Option<SoftTargetSchedule>,
-    timings: PairTimings,
-    warnings: Vec<String>,
-}
-
 impl PairMapping<'_> {
     fn by_soft_targets(&self) -> Result<(BoundaryMap, PairReport), PairError> {
         let target = self.sphere("target", self.target, SphereEnergy::Balanced)?;
@@ -163,19 +130,13 @@ impl PairMapping<'_> {
 
         let count = soft_targets.len() * SCHEDULES.len();
         self.tell(PairPhase::CoarseEmbeddings { count })?;
-        let hierarchy = self.hierarchy()?;
-        let goes_on = || self.reporter.should_continue();
-        let embedder = DomainEmbedder::new(self.domain, &hierarchy, &inverse, self.pins(&target), &goes_on);
-        let too_fine = || PairError::Sphere {
-            side: "domain",
-            error: SphericalError::TooFine,
-        };
+        let embedder = self.embedder(&target, &inverse)?;
         let (coarse, [alignment, schedule], alignments) =
             best_coarse_embedding(&embedder, &soft_targets, &SCHEDULES, &COARSE_SIZES).ok_or(PairError::NoEmbedding)?;
         let compared = self.elapsed();
 
         let (soft_targets, schedule) = (&soft_targets[alignment], SCHEDULES[schedule]);
-        let told = |vertices, energy| {
+        let refining = |vertices, energy| {
             let total = self.domain.vertices().len();
             // A cancellation takes effect at the next level.
             let _ = self.tell(PairPhase::Refining {
@@ -186,36 +147,38 @@ impl PairMapping<'_> {
         };
         let plain = embedder
             .by_soft_targets_alone(soft_targets, &schedule)
-            .ok_or_else(too_fine)?;
+            .ok_or(TOO_FINE)?;
         let mut after = plain.clone();
         if self.improve {
-            let refined = embedder.refine(coarse, soft_targets, &schedule, usize::MAX, &told);
-            after = refined.ok_or_else(too_fine)?;
+            let refined = embedder.refine(coarse, soft_targets, &schedule, usize::MAX, &refining);
+            after = refined.ok_or(TOO_FINE)?;
             self.tell(PairPhase::Improving)?;
             embedder.finish(&mut after);
             self.take_exact_targets(&embedder, soft_targets, &mut after);
         }
-        self.require_landmarks(&embedder, &after)?;
+        self.require_landmarks(&after)?;
         let improved = self.elapsed();
-        let found = PairEmbedding {
-            before_meets_landmarks: embedder.missed(&plain).is_empty(),
-            before: plain.embedding.directions,
-            after: after.embedding.directions,
-            alignments: alignments.iter().map(|energy| ISOMETRY_ENERGY * energy).collect(),
-            rotations: vec![],
-            alignment,
+        let (map, [before, after]) = self.measured(&target, &plain, &after)?;
+        let report = PairReport {
+            method: PairMethod::SoftTargets,
+            landmarks: self.landmarks.pairs().len(),
             coarse_embeddings: count,
+            alignments: alignments.iter().map(|energy| ISOMETRY_ENERGY * energy).collect(),
+            alignment,
+            rotations: vec![],
             schedule: Some(schedule),
+            before,
+            after,
             timings: PairTimings {
                 sphere,
                 align: align - sphere,
                 coarse: compared - align,
                 improve: improved - compared,
-                total: 0.0,
+                total: self.elapsed(),
             },
             warnings,
         };
-        self.report(PairMethod::SoftTargets, target, found)
+        Ok((map, report))
     }
 
     fn by_conformal_maps(&self) -> Result<(BoundaryMap, PairReport), PairError> {
@@ -227,9 +190,8 @@ impl PairMapping<'_> {
         let mut warnings = Vec::new();
         let matches = search_rotations(&domain, &target, None);
         let rotations: Vec<f64> = matches.iter().map(|found| found.score).collect();
-        if rotations
-            .get(1)
-            .is_some_and(|second| *second > rotations[0] - AMBIGUOUS_SCORE)
+        if let [best, second, ..] = rotations[..]
+            && second > best - AMBIGUOUS_SCORE
             && self.landmarks.pairs().len() < 2
         {
             warnings.push(
@@ -241,7 +203,7 @@ impl PairMapping<'_> {
             let rotation = self.rotation_of_landmarks(&domain, &target, &mut warnings);
             let rotation = rotation
                 .or(matches.first().map(|found| found.rotation))
-                .unwrap_or_else(crate::Matrix3::identity);
+                .unwrap_or_else(Matrix3::identity);
             domain.directions().iter().map(|x| (rotation * x).normalize()).collect()
         });
         // Rotating may invert the smallest triangles by rounding. Then the target is rotated instead.
@@ -249,7 +211,7 @@ impl PairMapping<'_> {
             (turned, target)
         } else {
             let back = sphere_rotation(&turned, domain.directions(), &vec![1.0; turned.len()]);
-            let back = back.map_or_else(crate::Matrix3::identity, |back| back.rotation);
+            let back = back.map_or_else(Matrix3::identity, |back| back.rotation);
             let directions: Vec<Vector> = target.directions().iter().map(|x| back * x).collect();
             let turned_target = SphericalEmbedding::new(target.surface().clone(), &directions);
             let error = |error| PairError::Sphere { side: "target", error };
@@ -260,35 +222,35 @@ impl PairMapping<'_> {
         self.tell(PairPhase::Improving)?;
         let locator = Locator::new(&target);
         let inverse = InverseEmbedding::new(&target, &locator);
-        let hierarchy = self.hierarchy()?;
-        let goes_on = || self.reporter.should_continue();
-        let embedder = DomainEmbedder::new(self.domain, &hierarchy, &inverse, self.pins(&target), &goes_on);
+        let embedder = self.embedder(&target, &inverse)?;
         let mut after = embedder.candidate_at(&turned);
-        let (before, before_meets_landmarks) = (after.embedding.directions.clone(), embedder.missed(&after).is_empty());
+        let before = after.clone();
         if self.improve {
             embedder.finish(&mut after);
         }
-        self.require_landmarks(&embedder, &after)?;
+        self.require_landmarks(&after)?;
         let improved = self.elapsed();
-        let found = PairEmbedding {
-            before,
-            after: after.embedding.directions,
-            alignment: 0,
+        let (map, [before, after]) = self.measured(&target, &before, &after)?;
+        let report = PairReport {
+            method: PairMethod::Conformal,
+            landmarks: self.landmarks.pairs().len(),
             coarse_embeddings: 1,
-            schedule: None,
-            before_meets_landmarks,
             alignments: vec![],
+            alignment: 0,
             rotations,
+            schedule: None,
+            before,
+            after,
             timings: PairTimings {
                 sphere,
                 align: align - sphere,
                 coarse: 0.0,
                 improve: improved - align,
-                total: 0.0,
+                total: self.elapsed(),
             },
             warnings,
         };
-        self.report(PairMethod::Conformal, target, found)
+        Ok((map, report))
     }
 
     fn tell(&self, phase: PairPhase) -> Result<(), PairError> {
@@ -322,10 +284,8 @@ impl PairMapping<'_> {
 
     /// The soft targets that each alignment gives, and warnings about the alignments.
     fn soft_targets(&self, target: &SphericalEmbedding) -> Result<(Vec<SoftTargets>, Vec<String>), PairError> {
-        let (from, to) = (
-            AlignmentSurface::new(self.domain, "domain")?,
-            AlignmentSurface::new(self.target, "target")?,
-        );
+        let from = AlignmentSurface::new(self.domain, "domain")?;
+        let to = AlignmentSurface::new(self.target, "target")?;
         let pairs = self.landmarks.positions(self.domain.vertices(), self.target.vertices());
         let alignments = if pairs.len() < 3 {
             align(&from, &to)
@@ -342,26 +302,26 @@ impl PairMapping<'_> {
         let of_alignment = |alignment: &Alignment| {
             let found = vertex_targets(&from, &to, &alignment.similarity);
             let direction = |found: VertexTarget| (target.direction(&found.place), found.weight);
-            SoftTargets {
-                of_vertex: found.into_iter().map(|found| found.map(direction)).collect(),
-            }
+            found.into_iter().map(|found| found.map(direction)).collect()
         };
         Ok((alignments.best.iter().map(of_alignment).collect(), warnings))
     }
 
-    fn hierarchy(&self) -> Result<Hierarchy, PairError> {
-        let late: Vec<u32> = self.landmarks.pairs().iter().map(|pair| pair[0]).collect();
-        let error = SphericalError::TooFine;
-        Hierarchy::new(self.domain.vertices(), self.domain.triangles(), &late)
-            .ok_or(PairError::Sphere { side: "domain", error })
-    }
-
-    fn pins(&self, target: &SphericalEmbedding) -> Pins {
+    fn embedder<'a>(
+        &'a self,
+        target: &SphericalEmbedding,
+        inverse: &'a InverseEmbedding<'a>,
+    ) -> Result<DomainEmbedder<'a>, PairError> {
+        let (vertices, pairs) = (self.domain.vertices(), self.landmarks.pairs());
+        let late: Vec<u32> = pairs.iter().map(|pair| pair[0]).collect();
         let pin = |&[v, w]: &[u32; 2]| (v, target.directions()[w as usize]);
-        Pins::new(
-            self.landmarks.pairs().iter().map(pin).collect(),
-            self.domain.vertices().len(),
-        )
+        Ok(DomainEmbedder {
+            domain: self.domain,
+            hierarchy: Hierarchy::new(vertices, self.domain.triangles(), &late).ok_or(TOO_FINE)?,
+            inverse,
+            pins: Pins::new(pairs.iter().map(pin).collect(), vertices.len()),
+            reporter: self.reporter,
+        })
     }
 
     /// The domain's directions under the Möbius transformation that meets the first three landmarks; `None` if that
@@ -382,7 +342,7 @@ impl PairMapping<'_> {
         domain: &SphericalEmbedding,
         target: &SphericalEmbedding,
         warnings: &mut Vec<String>,
-    ) -> Option<crate::Matrix3> {
+    ) -> Option<Matrix3> {
         let pairs = self.landmarks.pairs();
         if pairs.len() < 2 {
             return None;
@@ -406,20 +366,20 @@ impl PairMapping<'_> {
         soft_targets: &SoftTargets,
         candidate: &mut EmbeddingCandidate,
     ) {
-        let targets = soft_targets.of_vertex.iter().map(|target| target.map(|(to, _)| to));
+        let targets = soft_targets.iter().map(|target| target.map(|(to, _)| to));
         let targets: Option<Vec<Vector>> = targets.collect();
         let Some(targets) = targets.filter(|x| check_embedding(self.domain.triangles(), x).is_bijective()) else {
             return;
         };
         let exact = embedder.candidate_at(&targets);
         let energy = embedder.energy_of(&exact.embedding);
-        if embedder.missed(&exact).is_empty() && energy < candidate.energy {
+        if exact.missed().is_empty() && energy < candidate.energy {
             *candidate = EmbeddingCandidate { energy, ..exact };
         }
     }
 
-    fn require_landmarks(&self, embedder: &DomainEmbedder, candidate: &EmbeddingCandidate) -> Result<(), PairError> {
-        let missed = embedder.missed(candidate);
+    fn require_landmarks(&self, candidate: &EmbeddingCandidate) -> Result<(), PairError> {
+        let missed = candidate.missed();
         match missed.first() {
             None => Ok(()),
             Some(&first) => Err(PairError::LandmarksMissed {
@@ -430,43 +390,30 @@ impl PairMapping<'_> {
         }
     }
 
-    fn report(
+    /// The better one of the maps before and after optimisation, with the distortion before and that of the map itself.
+    fn measured(
         &self,
-        method: PairMethod,
-        target: SphericalEmbedding,
-        found: PairEmbedding,
-    ) -> Result<(BoundaryMap, PairReport), PairError> {
+        target: &SphericalEmbedding,
+        before: &EmbeddingCandidate,
+        after: &EmbeddingCandidate,
+    ) -> Result<(BoundaryMap, [SurfaceDistortion; 2]), PairError> {
         self.tell(PairPhase::Measuring)?;
-        let through = |directions: &[Vector]| -> Result<BoundaryMap, PairError> {
-            let domain = SphericalEmbedding::new(self.domain.clone(), directions)
+        let through = |candidate: &EmbeddingCandidate| -> Result<BoundaryMap, PairError> {
+            let domain = SphericalEmbedding::new(self.domain.clone(), &candidate.embedding.directions)
                 .map_err(|error| PairError::Sphere { side: "domain", error })?;
             Ok(BoundaryMap::through_sphere(domain, target.clone())?)
         };
-        let (first, mut map) = (through(&found.before)?, through(&found.after)?);
-        let (Some(before), Some(mut after)) = (distortion(&first), distortion(&map)) else {
+        let (first, last) = (through(before)?, through(after)?);
+        let (Some(of_first), Some(of_last)) = (distortion(&first), distortion(&last)) else {
             return Err(AlignError::NoArea { side: "domain" }.into());
         };
         // The optimiser lowers the distortion of straight triangles, which can raise that of the map itself. Compared by
         // a quantile: a few triangles across narrow limbs dominate the mean.
-        if found.before_meets_landmarks && before.symmetric_dirichlet.p90 < after.symmetric_dirichlet.p90 {
-            (map, after) = (first, before);
+        if before.missed().is_empty() && of_first.symmetric_dirichlet.p90 < of_last.symmetric_dirichlet.p90 {
+            Ok((first, [of_first; 2]))
+        } else {
+            Ok((last, [of_first, of_last]))
         }
-        let mut timings = found.timings;
-        timings.total = self.elapsed();
-        let report = PairReport {
-            method,
-            landmarks: self.landmarks.pairs().len(),
-            coarse_embeddings: found.coarse_embeddings,
-            alignments: found.alignments,
-            alignment: found.alignment,
-            rotations: found.rotations,
-            schedule: found.schedule,
-            before,
-            after,
-            timings,
-            warnings: found.warnings,
-        };
-        Ok((map, report))
     }
 }
 
@@ -474,6 +421,5 @@ impl PairMapping<'_> {
 /// through the sphere.
 fn distortion(map: &BoundaryMap) -> Option<SurfaceDistortion> {
     let fine = map.subdivided();
-    let image: &[Point] = fine.image();
-    SurfaceDistortion::of(fine.domain(), image)
+    SurfaceDistortion::of(fine.domain(), fine.image())
 }

@@ -9,10 +9,9 @@ use std::f64::consts::PI;
 use nalgebra::Rotation3;
 use rayon::prelude::*;
 
-use super::alignment::{angle_between, spread_rotations};
+use super::alignment::{spread_out, spread_rotations};
 use super::oriented_query::vertex_normals;
-use crate::geometry::Similarity;
-use crate::geometry::solid_angle;
+use crate::geometry::{Similarity, solid_angle};
 use crate::sampling::bounding_sphere;
 use crate::spherical::SphericalEmbedding;
 use crate::{Matrix3, Point, Vector};
@@ -43,18 +42,12 @@ pub fn search_rotations(
     );
     let matcher = |count: usize| Matcher::new(&from, &to, count, turn.is_some());
     let few = matcher(FEW);
-    let coarse = spread_rotations(STARTS)
-        .into_par_iter()
-        .map(|r| few.scored(r))
-        .collect();
-    let improved = distinct(coarse, CANDIDATES)
-        .into_par_iter()
-        .map(|start| few.improve(start, SPACING / 2.0, 5e-3));
+    let starts = spread_rotations(STARTS).into_par_iter().map(|r| few.scored(r));
+    let candidates = distinct(starts.collect(), CANDIDATES).into_par_iter();
+    let improved = candidates.map(|start| few.improve(start, SPACING / 2.0, 5e-3));
     let many = matcher(MANY);
-    let finalists = distinct(improved.collect(), FINALISTS);
-    let refined = finalists
-        .into_par_iter()
-        .map(|start| many.improve(many.scored(start.rotation), 1e-2, 1e-5));
+    let finalists = distinct(improved.collect(), FINALISTS).into_par_iter();
+    let refined = finalists.map(|start| many.improve(many.scored(start.rotation), 1e-2, 1e-5));
     distinct(refined.collect(), FINALISTS)
 }
 
@@ -112,10 +105,8 @@ impl<'a> Matcher<'a> {
         } else {
             areas
         };
-        RotationMatch {
-            rotation,
-            score: sum / self.at.len() as f64,
-        }
+        let score = sum / self.at.len() as f64;
+        RotationMatch { rotation, score }
     }
 
     /// Compass search by rotations about the axes, whose angle is halved from `step` to `least` radians.
@@ -142,19 +133,7 @@ impl<'a> Matcher<'a> {
 /// The best `count` of those that are not close to a better one.
 fn distinct(mut matches: Vec<RotationMatch>, count: usize) -> Vec<RotationMatch> {
     matches.sort_by(|a, b| b.score.total_cmp(&a.score));
-    let mut kept: Vec<RotationMatch> = Vec::with_capacity(count);
-    for next in matches {
-        if kept.len() == count {
-            break;
-        }
-        if kept
-            .iter()
-            .all(|other| angle_between(&next.rotation, &other.rotation) > APART)
-        {
-            kept.push(next);
-        }
-    }
-    kept
+    spread_out(matches, count, |found| found.rotation, APART)
 }
 
 impl Raster {
@@ -172,10 +151,8 @@ impl Raster {
         let height = PI / RINGS as f64;
         let mut starts = vec![0];
         for ring in 0..RINGS {
-            let cells = (2.0 * RINGS as f64 * ((ring as f64 + 0.5) * height).sin())
-                .round()
-                .max(3.0);
-            starts.push(starts[ring] + cells as usize);
+            let circumference = 2.0 * RINGS as f64 * ((ring as f64 + 0.5) * height).sin();
+            starts.push(starts[ring] + circumference.round().max(3.0) as usize);
         }
         Self {
             values: vec![Feature::zeros(); starts[RINGS]],
@@ -320,6 +297,7 @@ fn vertex_features(map: &SphericalEmbedding, turn: &Matrix3) -> Vec<Feature> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::boundary_map::pair::alignment::angle_between;
     use crate::mesh::{SurfaceMesh, shapes};
 
     fn from_within(surface: &SurfaceMesh, turn: &Matrix3) -> SphericalEmbedding {

@@ -32,8 +32,8 @@ pub fn vertex_targets(
     alignment: &Similarity,
 ) -> Vec<Option<VertexTarget>> {
     let vertices = domain.vertices_in(target, alignment);
-    let size = target.size();
-    let found = target.query().closest_of_all(&vertices, NORMAL_WEIGHT * size, &[]);
+    let size = target.size;
+    let found = target.query.closest_of_all(&vertices, NORMAL_WEIGHT * size, &[]);
     let target_of = |((p, n), found): (&(_, crate::Vector), &super::OrientedPoint)| {
         let distance = nalgebra::distance(p, &found.point) / size;
         let agreement = n.dot(&found.normal).max(0.0);

@@ -35,18 +35,16 @@ struct Correspondence {
     found: Option<OrientedPoint>,
 }
 
-/// Where closest points are sought.
+/// Where closest points are sought, and for how many samples of each surface.
 #[derive(Clone, Copy)]
-pub(super) enum SearchedOn {
-    Samples,
-    Triangles,
+pub(super) enum Search {
+    OnSamples(usize),
+    OnTriangles(usize),
 }
 
 /// Settings of a refinement.
-#[derive(Clone, Copy)]
 pub(super) struct Refinement {
-    searched: SearchedOn,
-    count: usize,
+    search: Search,
     steps: usize,
 }
 
@@ -74,18 +72,15 @@ const LANDMARK_SHARE: f64 = 0.9;
 
 impl Refinement {
     pub(super) const SAMPLES: Self = Self {
-        searched: SearchedOn::Samples,
-        count: SAMPLES / 2,
+        search: Search::OnSamples(SAMPLES / 2),
         steps: FINE_STEPS,
     };
     pub(super) const TRIANGLES: Self = Self {
-        searched: SearchedOn::Triangles,
-        count: ON_TRIANGLES,
+        search: Search::OnTriangles(ON_TRIANGLES),
         steps: LAST_STEPS,
     };
     pub(super) const LANDMARKS: Self = Self {
-        searched: SearchedOn::Triangles,
-        count: SAMPLES,
+        search: Search::OnTriangles(SAMPLES),
         steps: FINE_STEPS,
     };
 }
@@ -106,9 +101,9 @@ impl<'a> Registration<'a> {
         landmarks: &[(Point, Point, f64)],
         effort: Refinement,
     ) -> Similarity {
-        let Refinement { searched, count, steps } = effort;
+        let Refinement { search, steps } = effort;
         let mut best = *start;
-        let mut correspondences = self.correspondences(&best, count, searched, &Correspondences::default());
+        let mut correspondences = self.correspondences(&best, search, &Correspondences::default());
         let mut cost = self.cost(&best, &correspondences, landmarks);
         let mut damping = 1e-3;
         for _ in 0..steps {
@@ -116,7 +111,7 @@ impl<'a> Registration<'a> {
             let Some(next) = step(&best, &hessian, &gradient, damping) else {
                 break;
             };
-            let found = self.correspondences(&next, count, searched, &correspondences);
+            let found = self.correspondences(&next, search, &correspondences);
             let next_cost = self.cost(&next, &found, landmarks);
             if next_cost < cost {
                 let gain = (cost - next_cost) / cost;
@@ -134,60 +129,32 @@ impl<'a> Registration<'a> {
         best
     }
 
-    pub(super) fn correspondences(
-        &self,
-        s: &Similarity,
-        count: usize,
-        searched: SearchedOn,
-        hints: &Correspondences,
-    ) -> Correspondences {
-        let inverse = s.inverse();
+    pub(super) fn correspondences(&self, s: &Similarity, search: Search, hints: &Correspondences) -> Correspondences {
+        let (domain, target) = (self.domain, self.target);
         // In lengths of the domain's frame, so that both directions have the same metric.
         let backward_beta = self.beta / s.scale;
         Correspondences {
-            forward: correspondences_on(
-                self.target,
-                self.domain,
-                s,
-                self.beta,
-                (count, searched),
-                &hints.forward,
-            ),
-            backward: correspondences_on(
-                self.domain,
-                self.target,
-                &inverse,
-                backward_beta,
-                (count, searched),
-                &hints.backward,
-            ),
+            forward: correspondences_on(target, domain, s, self.beta, search, &hints.forward),
+            backward: correspondences_on(domain, target, &s.inverse(), backward_beta, search, &hints.backward),
         }
     }
 
     pub(super) fn matches(&self, s: &Similarity, correspondences: &Correspondences) -> Vec<MatchedPoints> {
-        let forward = self
-            .domain
-            .samples
-            .iter()
-            .zip(&correspondences.forward)
-            .map(|((p, n), found)| MatchedPoints {
-                moved: s.apply(p),
-                fixed: found.point,
-                normal: found.plane,
-                weight: (s.rotation * n).dot(&found.normal).max(0.0),
-            });
-        let backward = self
-            .target
-            .samples
-            .iter()
-            .zip(&correspondences.backward)
-            .map(|((p, n), found)| MatchedPoints {
-                moved: s.apply(&found.point),
-                fixed: *p,
-                normal: s.rotation * found.plane,
-                weight: (s.rotation * found.normal).dot(n).max(0.0),
-            });
-        forward.chain(backward).collect()
+        let forward = |((p, n), found): (&(Point, Vector), &Correspondence)| MatchedPoints {
+            moved: s.apply(p),
+            fixed: found.point,
+            normal: found.plane,
+            weight: (s.rotation * n).dot(&found.normal).max(0.0),
+        };
+        let backward = |((p, n), found): (&(Point, Vector), &Correspondence)| MatchedPoints {
+            moved: s.apply(&found.point),
+            fixed: *p,
+            normal: s.rotation * found.plane,
+            weight: (s.rotation * found.normal).dot(n).max(0.0),
+        };
+        let from_domain = self.domain.samples.iter().zip(&correspondences.forward);
+        let from_target = self.target.samples.iter().zip(&correspondences.backward);
+        from_domain.map(forward).chain(from_target.map(backward)).collect()
     }
 
     /// Root mean square distance in both directions, in lengths of the target's frame.
@@ -238,14 +205,13 @@ impl<'a> Registration<'a> {
 
     /// The similarity in the coordinates of the two solids, with its residuals.
     pub(super) fn describe(&self, s: &Similarity, start: AlignmentStart) -> Alignment {
-        let correspondences = self.correspondences(s, DESCRIBED, SearchedOn::Triangles, &Correspondences::default());
+        let correspondences = self.correspondences(s, Search::OnTriangles(DESCRIBED), &Correspondences::default());
         let gaps = |points: &[(Point, Vector)], map: &Similarity, found: &[Correspondence]| {
-            let sum: f64 = points
+            let squares = points
                 .iter()
                 .zip(found)
-                .map(|((p, _), f)| (map.apply(p) - f.point).norm_squared())
-                .sum();
-            sum / found.len().max(1) as f64
+                .map(|((p, _), f)| (map.apply(p) - f.point).norm_squared());
+            squares.sum::<f64>() / found.len().max(1) as f64
         };
         let forward = gaps(&self.domain.samples, s, &correspondences.forward);
         let backward = gaps(&self.target.samples, &s.inverse(), &correspondences.backward) * s.scale * s.scale;
@@ -262,19 +228,19 @@ impl<'a> Registration<'a> {
 type Unknowns = SVector<f64, 7>;
 type NormalMatrix = SMatrix<f64, 7, 7>;
 
-/// For each of the first `count` samples of `from`, moved by `map`, its closest point on `onto`.
+/// For each of the first samples of `from`, moved by `map`, its closest point on `onto`.
 fn correspondences_on(
     onto: &AlignmentSurface,
     from: &AlignmentSurface,
     map: &Similarity,
     beta: f64,
-    (count, searched): (usize, SearchedOn),
+    search: Search,
     hints: &[Correspondence],
 ) -> Vec<Correspondence> {
     let correspondence = |(i, (p, n)): (usize, &(Point, Vector))| {
         let (p, n) = (map.apply(p), map.rotation * n);
-        match searched {
-            SearchedOn::Samples => {
+        match search {
+            Search::OnSamples(_) => {
                 let (index, distance_squared) = closest_sample(onto, &p, &n, beta);
                 let (point, normal) = onto.samples[index];
                 Correspondence {
@@ -285,7 +251,7 @@ fn correspondences_on(
                     found: None,
                 }
             }
-            SearchedOn::Triangles => {
+            Search::OnTriangles(_) => {
                 let hint = hints.get(i).and_then(|correspondence| correspondence.found);
                 let hint = hint.or_else(|| onto.hints.get(closest_sample(onto, &p, &n, beta).0).copied());
                 let found = onto.query.closest(&p, &n, beta, hint.as_ref());
@@ -299,13 +265,9 @@ fn correspondences_on(
             }
         }
     };
-    let samples = &from.samples[..count.min(from.samples.len())];
-    samples
-        .par_iter()
-        .enumerate()
-        .with_min_len(64)
-        .map(correspondence)
-        .collect()
+    let (Search::OnSamples(count) | Search::OnTriangles(count)) = search;
+    let samples = from.samples[..count.min(from.samples.len())].par_iter().enumerate();
+    samples.with_min_len(64).map(correspondence).collect()
 }
 
 /// Index of the closest of the first [`CANDIDATES`] samples, and the square of its distance.
@@ -332,15 +294,8 @@ fn plane_of(onto: &AlignmentSurface, p: &Point, found: &OrientedPoint) -> Vector
 /// Derivative of the distance along `normal` with respect to rotation, translation and logarithm of the scale.
 fn derivative(p: &Point, normal: &Vector) -> Unknowns {
     let turn = p.coords.cross(normal);
-    Unknowns::from([
-        turn.x,
-        turn.y,
-        turn.z,
-        normal.x,
-        normal.y,
-        normal.z,
-        normal.dot(&p.coords),
-    ])
+    let by_scale = normal.dot(&p.coords);
+    Unknowns::from([turn.x, turn.y, turn.z, normal.x, normal.y, normal.z, by_scale])
 }
 
 /// The step of the normal equations, damped by a fraction of the mean diagonal entry; `None` when they are singular.

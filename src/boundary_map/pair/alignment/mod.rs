@@ -24,7 +24,7 @@ pub(super) use starts::spread_rotations;
 pub use surface::AlignmentSurface;
 pub(super) use surface::NORMAL_WEIGHT;
 
-use matching::{Correspondences, Refinement, Registration, SearchedOn};
+use matching::{Correspondences, Refinement, Registration, Search};
 use surface::principal_axes;
 
 /// Why a solid cannot be aligned.
@@ -80,7 +80,8 @@ pub struct Alignment {
     /// From coordinates of the domain to those of the target.
     pub similarity: Similarity,
     /// Root mean square of distance and difference of normals (a right angle counts like 0.14 sizes), from points of
-    /// each surface to the other, as a fraction of the target's size: twice the largest distance from its centroid. What alignments are ordered by.
+    /// each surface to the other, as a fraction of the target's size: twice the largest distance from its centroid. What
+    /// alignments are ordered by.
     pub residual: f64,
     /// Root mean square of the distance alone, in the same unit.
     pub distance: f64,
@@ -188,12 +189,7 @@ pub fn align_by_landmarks(
         &framed,
         Refinement::LANDMARKS,
     );
-    let misfit = |s: &Similarity| {
-        framed
-            .iter()
-            .map(|(a, b, _)| (s.apply(a) - b).norm_squared())
-            .sum::<f64>()
-    };
+    let misfit = |s: &Similarity| -> f64 { framed.iter().map(|(a, b, _)| (s.apply(a) - b).norm_squared()).sum() };
     let allowed = 1.5 * misfit(&start).sqrt() + 0.01 * target.size * (count as f64).sqrt();
     let kept = if misfit(&refined).sqrt() <= allowed {
         refined
@@ -223,13 +219,13 @@ impl Registration<'_> {
         } else {
             (MIRRORED_STARTS, 1)
         };
-        let scored = |(start, similarity)| AlignmentCandidate {
-            residual: self.residual(
-                &similarity,
-                &self.correspondences(&similarity, FEW, SearchedOn::Samples, &Correspondences::default()),
-            ),
-            similarity,
-            start,
+        let scored = |(start, similarity)| {
+            let found = self.correspondences(&similarity, Search::OnSamples(FEW), &Correspondences::default());
+            AlignmentCandidate {
+                residual: self.residual(&similarity, &found),
+                similarity,
+                start,
+            }
         };
         let starts = starts::starts(self.domain, self.target, sign)
             .into_par_iter()
@@ -248,27 +244,15 @@ impl Registration<'_> {
             })
             .collect();
         refined.sort_by(|a, b| a.0.residual.total_cmp(&b.0.residual));
-        let mut best: Vec<(Alignment, Similarity)> = Vec::with_capacity(refined.len());
-        for (alignment, s) in refined {
-            if best
-                .iter()
-                .all(|(_, other)| angle_between(&s.rotation, &other.rotation) > APART)
-            {
-                best.push((alignment, s));
-            }
-        }
+        let best = spread_out(refined, usize::MAX, |(_, s)| s.rotation, APART);
         best.into_iter().map(|(alignment, _)| alignment).collect()
     }
 
     /// A few point-to-point steps with few samples, which converge from far.
     fn improve_coarsely(&self, start: &AlignmentCandidate) -> AlignmentCandidate {
         let sign = start.similarity.rotation.determinant().signum();
-        let mut correspondences = self.correspondences(
-            &start.similarity,
-            SOME,
-            SearchedOn::Samples,
-            &Correspondences::default(),
-        );
+        let search = Search::OnSamples(SOME);
+        let mut correspondences = self.correspondences(&start.similarity, search, &Correspondences::default());
         let mut best = AlignmentCandidate {
             residual: self.residual(&start.similarity, &correspondences),
             ..*start
@@ -276,14 +260,14 @@ impl Registration<'_> {
         for _ in 0..COARSE_STEPS {
             let matches = self.matches(&best.similarity, &correspondences);
             let inverse = best.similarity.inverse();
-            let pairs: Vec<(Point, Point, f64)> = matches
+            let pairs = matches
                 .iter()
-                .map(|m| (inverse.apply(&m.moved), m.fixed, m.weight + 1e-3))
-                .collect();
+                .map(|m| (inverse.apply(&m.moved), m.fixed, m.weight + 1e-3));
+            let pairs: Vec<(Point, Point, f64)> = pairs.collect();
             let Some(next) = similarity(&pairs, sign, Some(best.similarity.scale)) else {
                 break;
             };
-            correspondences = self.correspondences(&next, SOME, SearchedOn::Samples, &correspondences);
+            correspondences = self.correspondences(&next, search, &correspondences);
             let residual = self.residual(&next, &correspondences);
             if residual >= best.residual {
                 break;
@@ -305,25 +289,40 @@ fn distinct(mut candidates: Vec<AlignmentCandidate>, count: usize) -> Vec<Alignm
     candidates.sort_by(|a, b| a.residual.total_cmp(&b.residual));
     let (given, equivariant): (Vec<AlignmentCandidate>, Vec<AlignmentCandidate>) =
         candidates.into_iter().partition(|c| c.start.depends_on_frames());
-    let mut kept: Vec<AlignmentCandidate> = Vec::with_capacity(equivariant.len() + given.len());
-    for next in equivariant.iter().chain(&given) {
-        if !kept.iter().any(|other| is_same(other, next)) {
-            kept.push(*next);
-        }
-    }
+    let as_given = given.iter().copied().find(|c| c.start == AlignmentStart::AsGiven);
+    let rotation = |c: &AlignmentCandidate| c.similarity.rotation;
+    let mut kept = spread_out(equivariant.into_iter().chain(given), usize::MAX, rotation, APART);
     kept.sort_by(|a, b| a.residual.total_cmp(&b.residual));
     kept.truncate(count);
-    if let Some(as_given) = given.iter().find(|c| c.start == AlignmentStart::AsGiven)
-        && !kept.iter().any(|other| is_same(other, as_given))
+    if let Some(as_given) = as_given
+        && !kept
+            .iter()
+            .any(|other| angle_between(&rotation(other), &rotation(&as_given)) <= APART)
     {
         kept.truncate(count - 1);
-        kept.push(*as_given);
+        kept.push(as_given);
     }
     kept
 }
 
-fn is_same(a: &AlignmentCandidate, b: &AlignmentCandidate) -> bool {
-    angle_between(&a.similarity.rotation, &b.similarity.rotation) <= APART
+/// The first `most` whose rotations are more than `apart` radians from those of all before them.
+pub(super) fn spread_out<T>(
+    items: impl IntoIterator<Item = T>,
+    most: usize,
+    rotation: impl Fn(&T) -> Matrix3,
+    apart: f64,
+) -> Vec<T> {
+    let mut kept: Vec<T> = Vec::new();
+    for next in items {
+        if kept.len() == most {
+            break;
+        }
+        let is_close = |other: &T| angle_between(&rotation(&next), &rotation(other)) <= apart;
+        if !kept.iter().any(is_close) {
+            kept.push(next);
+        }
+    }
+    kept
 }
 
 /// Angle of the rotation between two orthogonal matrices of the same determinant.
@@ -334,10 +333,8 @@ pub(super) fn angle_between(a: &Matrix3, b: &Matrix3) -> f64 {
 /// Whether points lie on a line, to a thousandth of their extent.
 fn are_collinear(points: &[Point]) -> bool {
     let mean = points.iter().map(|p| p.coords).sum::<Vector>() / points.len() as f64;
-    let covariance: Matrix3 = points
-        .iter()
-        .map(|p| (p.coords - mean) * (p.coords - mean).transpose())
-        .sum();
+    let offsets = points.iter().map(|p| p.coords - mean);
+    let covariance: Matrix3 = offsets.map(|offset| offset * offset.transpose()).sum();
     let (_, extents) = principal_axes(&covariance);
     extents[1] <= 1e-6 * extents[0]
 }

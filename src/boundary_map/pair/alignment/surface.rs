@@ -5,7 +5,7 @@ use nalgebra::SymmetricEigen;
 use super::AlignError;
 use crate::boundary_map::pair::oriented_query::{OrientedPoint, OrientedQuery, unit_or_zero, vertex_normals};
 use crate::geometry::Similarity;
-use crate::mesh::SurfaceMesh;
+use crate::mesh::{SurfaceMesh, shapes};
 use crate::sampling::{Collocation, thin};
 use crate::{Matrix3, Point, Vector};
 
@@ -15,7 +15,7 @@ pub struct AlignmentSurface {
     /// From its coordinates to the frame in which the surface has centroid 0 and root mean square radius 1.
     pub(super) to_frame: Similarity,
     /// In the frame.
-    pub(super) query: OrientedQuery,
+    pub(in crate::boundary_map::pair) query: OrientedQuery,
     /// Farthest-point samples with their normals, in the frame; every prefix is a coarser sampling.
     pub(super) samples: Vec<(Point, Vector)>,
     /// The closest points of the first [`CANDIDATES`] samples: hints for queries near them.
@@ -24,8 +24,9 @@ pub struct AlignmentSurface {
     pub(super) axes: Matrix3,
     /// Variances along them.
     pub(super) extents: Vector,
-    /// Twice the distance of the farthest vertex from the centroid, in the frame.
-    pub(super) size: f64,
+    /// Twice the distance of the farthest vertex from the centroid, in the frame: unlike the diagonal of the bounding box,
+    /// invariant under rotations.
+    pub(in crate::boundary_map::pair) size: f64,
     pub(super) vertices: Vec<Point>,
     pub(super) normals: Vec<Vector>,
 }
@@ -60,12 +61,7 @@ impl AlignmentSurface {
             rotation: Matrix3::identity(),
             translation: -centre.coords / radius,
         };
-        let vertices = surface
-            .vertices()
-            .iter()
-            .map(|p| Point::from((p - centre) / radius))
-            .collect();
-        let framed = surface.with_vertices(vertices).expect("one position per vertex");
+        let framed = shapes::deformed(surface, |p| Point::from((p - centre) / radius));
         let normals = vertex_normals(&framed);
         let query = OrientedQuery::new(&framed, &normals).ok_or(AlignError::NoArea { side })?;
         let (axes, extents) = principal_axes(&(covariance / (radius * radius)));
@@ -96,16 +92,6 @@ impl AlignmentSurface {
         let to_target = target.to_frame.after(alignment).after(&self.to_frame.inverse());
         let moved = |(p, n): (&Point, &Vector)| (to_target.apply(p), to_target.rotation * n);
         self.vertices.iter().zip(&self.normals).map(moved).collect()
-    }
-
-    pub(in crate::boundary_map::pair) fn query(&self) -> &OrientedQuery {
-        &self.query
-    }
-
-    /// Twice the distance of the farthest vertex from the centroid, in the frame: unlike the diagonal of the bounding box,
-    /// invariant under rotations.
-    pub(in crate::boundary_map::pair) fn size(&self) -> f64 {
-        self.size
     }
 
     pub(super) fn has_ambiguous_axes(&self) -> bool {
@@ -159,10 +145,8 @@ fn oriented_by_skewness(axes: &Matrix3, samples: &[(Point, Vector)]) -> Matrix3 
 
 fn samples(surface: &SurfaceMesh, normals: &[Vector]) -> Vec<(Point, Vector)> {
     let candidates = Collocation::even(surface, 4 * SAMPLES, SEED).points;
-    let positions: Vec<Point> = candidates
-        .iter()
-        .map(|p| p.position(surface, surface.vertices()))
-        .collect();
+    let positions = candidates.iter().map(|p| p.position(surface, surface.vertices()));
+    let positions: Vec<Point> = positions.collect();
     let normals: Vec<Point> = normals.iter().map(|n| Point::from(*n)).collect();
     let sample = |k: usize| {
         let normal = candidates[k].position(surface, &normals).coords;
