@@ -65,11 +65,11 @@ impl<'a> Anatomy<'a> {
         let topology = Topology::new(mesh);
         let orientation = topology.orientation();
         let components = topology.components();
-        let mut shells = measured_shells(mesh, &topology, &orientation, &components);
-        let nesting = nest(mesh, &orientation.flip, &components, &mut shells);
-        let crowd = nesting
-            .is_none()
-            .then(|| shells.iter().filter(|shell| shell.is_sound).count());
+        let boxes = boxes(mesh, &components);
+        let mut shells = measured_shells(mesh, &topology, &orientation, &components, &boxes);
+        let nesting = nest(mesh, &orientation.flip, &components, &boxes, &mut shells);
+        let sound = shells.iter().filter(|shell| shell.is_sound).count();
+        let crowd = nesting.is_none().then_some(sound);
         if crowd.is_some() {
             shells.iter_mut().for_each(|shell| shell.is_sound = false);
         }
@@ -103,13 +103,13 @@ fn measured_shells(
     topology: &Topology,
     orientation: &Orientation,
     components: &Components,
+    boxes: &[Aabb],
 ) -> Vec<Shell> {
-    let bounds = boxes(mesh, components);
     let sound = |(shape, bounds): (&ComponentShape, &Aabb)| Shell {
         is_sound: shape.closed && is_finite(&bounds.low) && is_finite(&bounds.high),
         ..Shell::default()
     };
-    let mut shells: Vec<Shell> = components.shapes.iter().zip(&bounds).map(sound).collect();
+    let mut shells: Vec<Shell> = components.shapes.iter().zip(boxes).map(sound).collect();
     for edge in 0..topology.edges().len() {
         let component = components.of_triangle[topology.sides(edge)[0].triangle as usize];
         shells[component as usize].is_sound &= topology.sides(edge).len() == 2;
@@ -130,7 +130,7 @@ fn measured_shells(
         let shell = &mut shells[component as usize];
         shell.area += mesh.area_vector(triangle).norm();
         // About the component's own centre: far from the origin the volume would drown in rounding.
-        let bounds = &bounds[component as usize];
+        let bounds = &boxes[component as usize];
         let [a, b, c] = corners.map(|p| p - nalgebra::center(&bounds.low, &bounds.high));
         let sign = if orientation.flip[triangle] { -1.0 } else { 1.0 };
         shell.volume += sign * a.dot(&b.cross(&c)) / 6.0;
@@ -151,13 +151,18 @@ fn boxes(mesh: &SurfaceMesh, components: &Components) -> Vec<Aabb> {
 
 /// Finds which sound shells enclose which, and returns those that do so in part; `None` when too many are within each
 /// other's boxes.
-fn nest(mesh: &SurfaceMesh, flip: &[bool], components: &Components, shells: &mut [Shell]) -> Option<Vec<[usize; 2]>> {
+fn nest(
+    mesh: &SurfaceMesh,
+    flip: &[bool],
+    components: &Components,
+    boxes: &[Aabb],
+    shells: &mut [Shell],
+) -> Option<Vec<[usize; 2]>> {
     let sound: Vec<usize> = (0..shells.len()).filter(|&s| shells[s].is_sound).collect();
     if sound.len() < 2 {
         return Some(Vec::new());
     }
-    let all_boxes = boxes(mesh, components);
-    let sound_boxes: Vec<Aabb> = sound.iter().map(|&s| all_boxes[s]).collect();
+    let sound_boxes: Vec<Aabb> = sound.iter().map(|&s| boxes[s]).collect();
     let tree = Bvh::new(&sound_boxes);
     let triangles = triangles_by_component(components);
     let others_around = |own: usize, p: &Point| {
@@ -169,32 +174,26 @@ fn nest(mesh: &SurfaceMesh, flip: &[bool], components: &Components, shells: &mut
     let mut work = 0;
     for (own, &shell) in sound.iter().enumerate() {
         let first = witnesses(mesh, &triangles[shell], 1);
-        let around = first.iter().flat_map(|p| others_around(own, p));
-        work += around
-            .map(|other| work_of(triangles[sound[other]].len()))
-            .sum::<usize>();
+        for other in first.iter().flat_map(|p| others_around(own, p)) {
+            work += work_of(triangles[sound[other]].len());
+        }
         if work > MOST_WORK {
             return None;
         }
     }
     let most = (MOST_WORK / work.max(1)).clamp(1, WITNESSES);
     let witnesses: Vec<Vec<Point>> = sound.iter().map(|&s| witnesses(mesh, &triangles[s], most)).collect();
-    let around: Vec<Vec<Vec<usize>>> = witnesses
-        .par_iter()
-        .enumerate()
-        .map(|(own, witnesses)| witnesses.iter().map(|p| others_around(own, p)).collect())
-        .collect();
+    let around_each = |(own, witnesses): (usize, &Vec<Point>)| -> Vec<Vec<usize>> {
+        witnesses.iter().map(|p| others_around(own, p)).collect()
+    };
+    let around: Vec<Vec<Vec<usize>>> = witnesses.par_iter().enumerate().map(around_each).collect();
     let mut is_asked = vec![false; sound.len()];
-    around
-        .iter()
-        .flatten()
-        .flatten()
-        .for_each(|&other| is_asked[other] = true);
+    for &other in around.iter().flatten().flatten() {
+        is_asked[other] = true;
+    }
     let query = |(&is_asked, &shell): (&bool, &usize)| {
-        let part = || part_of(mesh, flip, &triangles[shell]);
-        is_asked
-            .then(|| SurfaceQuery::with_winding_sign(&part()).ok())
-            .flatten()
+        let query = || SurfaceQuery::with_winding_sign(&part_of(mesh, flip, &triangles[shell])).ok();
+        is_asked.then(query).flatten()
     };
     let queries: Vec<Option<SurfaceQuery>> = is_asked.par_iter().zip(&sound).map(query).collect();
     let winding_number = |other: usize, p: &Point| {
@@ -212,18 +211,14 @@ fn nest(mesh: &SurfaceMesh, flip: &[bool], components: &Components, shells: &mut
     };
     let enclosures: Vec<Enclosure> = witnesses.par_iter().zip(&around).map(votes).collect();
     let mut overlaps = Vec::new();
-    for (&shell, enclosures) in sound.iter().zip(&enclosures) {
-        shells[shell].depth = enclosures.enclosing.len();
-        overlaps.extend(
-            enclosures
-                .overlapping
-                .iter()
-                .map(|&other| sound[other])
-                .map(|other| [shell.min(other), shell.max(other)]),
-        );
+    for (&shell, enclosure) in sound.iter().zip(&enclosures) {
+        shells[shell].depth = enclosure.enclosing.len();
+        for other in enclosure.overlapping.iter().map(|&other| sound[other]) {
+            overlaps.push([shell.min(other), shell.max(other)]);
+        }
     }
-    for (&shell, enclosures) in sound.iter().zip(&enclosures) {
-        let enclosing = enclosures.enclosing.iter().map(|&other| sound[other]);
+    for (&shell, enclosure) in sound.iter().zip(&enclosures) {
+        let enclosing = enclosure.enclosing.iter().map(|&other| sound[other]);
         shells[shell].inside = enclosing.max_by_key(|&other| shells[other].depth);
     }
     overlaps.sort_unstable();

@@ -147,16 +147,13 @@ fn names_a_vertex_twice(&[a, b, c]: &[u32; 3]) -> bool {
 }
 
 fn empty(anatomy: &Anatomy) -> Option<Finding> {
+    let message = match anatomy.mesh.triangles().len() {
+        0 => "the surface has no triangles".to_string(),
+        count => format!("none of the {count} triangles has three different corners"),
+    };
+    let advice = "check that the right file was exported, with its faces";
     let nothing = anatomy.components.shapes.is_empty();
-    nothing.then(|| {
-        let count = anatomy.mesh.triangles().len();
-        finding(FindingKind::Empty, Severity::Error, 1)
-            .says(match count {
-                0 => "the surface has no triangles".to_string(),
-                _ => format!("none of the {count} triangles has three different corners"),
-            })
-            .advises("check that the right file was exported, with its faces")
-    })
+    nothing.then(|| error(FindingKind::Empty, 1, message, advice))
 }
 
 fn non_finite_vertices(mesh: &SurfaceMesh) -> Option<Finding> {
@@ -170,12 +167,8 @@ fn non_finite_vertices(mesh: &SurfaceMesh) -> Option<Finding> {
         place.y,
         place.z
     );
-    let finding = finding(FindingKind::NonFiniteVertices, Severity::Error, vertices.len()).at_vertices(&vertices);
-    Some(
-        finding
-            .says(message)
-            .advises("export the model again; a division by zero in the program that wrote it is the usual cause"),
-    )
+    let advice = "export the model again; a division by zero in the program that wrote it is the usual cause";
+    Some(error(FindingKind::NonFiniteVertices, vertices.len(), message, advice).at_vertices(&vertices))
 }
 
 fn open_edges(anatomy: &Anatomy) -> Option<Finding> {
@@ -207,40 +200,30 @@ fn open_edges(anatomy: &Anatomy) -> Option<Finding> {
          (CGAL: Alpha Wrapping)"
             .to_string()
     };
-    let finding = finding(FindingKind::OpenEdges, Severity::Error, edges.len()).at_edges(&edges);
-    Some(finding.says(message).advises(&advice))
+    Some(error(FindingKind::OpenEdges, edges.len(), message, &advice).at_edges(&edges))
 }
 
 fn non_manifold_edges(anatomy: &Anatomy) -> Option<Finding> {
     let edges = anatomy.topology.non_manifold_edges();
+    let &[first, second] = edges.first()?;
     let message = format!(
-        "{} more than two triangles, first between vertices {} and {}",
+        "{} more than two triangles, first between vertices {first} and {second}",
         counted(edges.len(), "edge has", "edges have"),
-        edges.first()?[0],
-        edges[0][1],
     );
-    let finding = finding(FindingKind::NonManifoldEdges, Severity::Error, edges.len()).at_edges(&edges);
-    Some(finding.says(message).advises(
-        "delete doubled and inner faces and split parts that touch along an edge (MeshLab: Repair Non Manifold Edges; \
-         Blender: Select Non Manifold), or wrap the surface (CGAL: Alpha Wrapping)",
-    ))
+    let advice = "delete doubled and inner faces and split parts that touch along an edge (MeshLab: Repair Non Manifold \
+                  Edges; Blender: Select Non Manifold), or wrap the surface (CGAL: Alpha Wrapping)";
+    Some(error(FindingKind::NonManifoldEdges, edges.len(), message, advice).at_edges(&edges))
 }
 
 fn non_orientable(anatomy: &Anatomy) -> Option<Finding> {
-    let twisted = &anatomy.orientation.twisted_edges;
-    let edges: Vec<[u32; 2]> = twisted.iter().map(|&e| anatomy.topology.edges()[e as usize]).collect();
+    let edges = edges_of(anatomy, &anatomy.orientation.twisted_edges);
+    let &[first, second] = edges.first()?;
     let message = format!(
-        "{} one side only, like a Moebius strip; the twist closes at the edge between vertices {} and {}",
+        "{} one side only, like a Moebius strip; the twist closes at the edge between vertices {first} and {second}",
         counted(edges.len(), "part has", "parts have"),
-        edges.first()?[0],
-        edges[0][1],
     );
-    let finding = finding(FindingKind::NonOrientable, Severity::Error, edges.len()).at_edges(&edges);
-    Some(
-        finding
-            .says(message)
-            .advises("no solid has such a boundary: cut the part open and close it untwisted"),
-    )
+    let advice = "no solid has such a boundary: cut the part open and close it untwisted";
+    Some(error(FindingKind::NonOrientable, edges.len(), message, advice).at_edges(&edges))
 }
 
 fn crowded_components(anatomy: &Anatomy) -> Option<Finding> {
@@ -249,37 +232,28 @@ fn crowded_components(anatomy: &Anatomy) -> Option<Finding> {
         "{count} closed components lie so much within each other's boxes that it was not found out which of them enclose \
          which"
     );
-    let finding = finding(FindingKind::CrowdedComponents, Severity::Error, count);
-    Some(finding.says(message).advises(
-        "delete components that are there several times over, unite those that overlap (Blender: Boolean > Union; MeshLab: \
-         Mesh Boolean), or solve on a part of them",
-    ))
+    let advice = "delete components that are there several times over, unite those that overlap (Blender: Boolean > \
+                  Union; MeshLab: Mesh Boolean), or solve on a part of them";
+    Some(error(FindingKind::CrowdedComponents, count, message, advice))
 }
 
 fn zero_volume(anatomy: &Anatomy) -> Option<Finding> {
     let is_flat = |shell: &Shell| shell.is_sound && !shell.has_volume();
-    let flat: Vec<usize> = (0..anatomy.shells.len())
-        .filter(|&s| is_flat(&anatomy.shells[s]))
-        .collect();
-    let first = *flat.first()?;
+    let first = anatomy.shells.iter().position(is_flat)?;
+    let count = anatomy.shells.iter().filter(|shell| is_flat(shell)).count();
     let faces: Vec<u32> = anatomy.triangles_where(|_, shell| is_flat(shell)).collect();
     let message = format!(
         "{} no volume, first component {first} of {}",
-        counted(flat.len(), "closed component encloses", "closed components enclose"),
+        counted(count, "closed component encloses", "closed components enclose"),
         counted(anatomy.components.shapes[first].triangles, "triangle", "triangles"),
     );
-    let finding = finding(FindingKind::ZeroVolume, Severity::Error, flat.len()).at_faces(&faces);
-    Some(
-        finding
-            .says(message)
-            .advises("delete the flat component, or give it thickness (Blender: Solidify)"),
-    )
+    let advice = "delete the flat component, or give it thickness (Blender: Solidify)";
+    Some(error(FindingKind::ZeroVolume, count, message, advice).at_faces(&faces))
 }
 
 fn inconsistent_orientation(anatomy: &Anatomy) -> Option<Finding> {
     let orientation = &anatomy.orientation;
-    let numbers = &orientation.inconsistent_edges;
-    let edges: Vec<[u32; 2]> = numbers.iter().map(|&e| anatomy.topology.edges()[e as usize]).collect();
+    let edges = edges_of(anatomy, &orientation.inconsistent_edges);
     if edges.is_empty() {
         return None;
     }
@@ -295,47 +269,35 @@ fn inconsistent_orientation(anatomy: &Anatomy) -> Option<Finding> {
         "{} two triangles that disagree which side is out; {remedy}",
         counted(edges.len(), "edge lies between", "edges lie between"),
     );
-    let finding = finding(FindingKind::InconsistentOrientation, Severity::Warning, edges.len());
-    Some(
-        finding
-            .at_edges(&edges)
-            .at_faces(&faces)
-            .says(message)
-            .advises("closed orientable parts are repaired before the solve; others: Blender, Recalculate Outside"),
-    )
+    let advice = "closed orientable parts are repaired before the solve; others: Blender, Recalculate Outside";
+    let finding = warning(FindingKind::InconsistentOrientation, edges.len(), message, advice);
+    Some(finding.at_edges(&edges).at_faces(&faces))
 }
 
 fn inward(anatomy: &Anatomy) -> Option<Finding> {
-    let wrong = |shell: &Shell| shell.faces_wrong_way() && !shell.is_cavity();
-    let (count, faces) = wrong_way_round(anatomy, wrong)?;
-    let finding = finding(FindingKind::Inward, Severity::Warning, count).at_faces(&faces);
+    let (count, faces) = wrong_way_round(anatomy, |shell| !shell.is_cavity())?;
     let message = format!(
         "{} inward: the volume is negative",
         counted(count, "solid component faces", "solid components face")
     );
-    Some(
-        finding
-            .says(message)
-            .advises("nothing to do: the triangles are turned over before the solve"),
-    )
+    let advice = "nothing to do: the triangles are turned over before the solve";
+    Some(warning(FindingKind::Inward, count, message, advice).at_faces(&faces))
 }
 
 fn cavity_orientation(anatomy: &Anatomy) -> Option<Finding> {
-    let wrong = |shell: &Shell| shell.faces_wrong_way() && shell.is_cavity();
-    let (count, faces) = wrong_way_round(anatomy, wrong)?;
-    let finding = finding(FindingKind::CavityOrientation, Severity::Warning, count).at_faces(&faces);
+    let (count, faces) = wrong_way_round(anatomy, Shell::is_cavity)?;
     let message = format!(
         "{} like a solid: a component inside another is the boundary of a cavity and should face into it",
         counted(count, "cavity is oriented", "cavities are oriented")
     );
-    Some(finding.says(message).advises(
-        "nothing to do if a cavity is meant: the triangles are turned over before the solve; if a solid inside the solid \
-         is meant, delete the component or solve on it alone",
-    ))
+    let advice = "nothing to do if a cavity is meant: the triangles are turned over before the solve; if a solid inside \
+                  the solid is meant, delete the component or solve on it alone";
+    Some(warning(FindingKind::CavityOrientation, count, message, advice).at_faces(&faces))
 }
 
-/// Number of shells with the wrong orientation, and their triangles.
-fn wrong_way_round(anatomy: &Anatomy, wrong: impl Fn(&Shell) -> bool) -> Option<(usize, Vec<u32>)> {
+/// Number of the shells of a kind that face the wrong way, and their triangles.
+fn wrong_way_round(anatomy: &Anatomy, kind: impl Fn(&Shell) -> bool) -> Option<(usize, Vec<u32>)> {
+    let wrong = |shell: &Shell| shell.faces_wrong_way() && kind(shell);
     let count = anatomy.shells.iter().filter(|shell| wrong(shell)).count();
     let faces = || anatomy.triangles_where(|_, shell| wrong(shell)).collect();
     (count > 0).then(|| (count, faces()))
@@ -352,10 +314,9 @@ fn overlapping_shells(anatomy: &Anatomy) -> Option<Finding> {
             "pairs of components are partly"
         ),
     );
-    let finding = finding(FindingKind::OverlappingShells, Severity::Warning, overlaps.len());
-    Some(finding.says(message).advises(
-        "unite the parts (Blender: Boolean > Union; MeshLab: Mesh Boolean); the overlap belongs to both of them as it is",
-    ))
+    let advice = "unite the parts (Blender: Boolean > Union; MeshLab: Mesh Boolean); the overlap belongs to both of them \
+                  as it is";
+    Some(warning(FindingKind::OverlappingShells, overlaps.len(), message, advice))
 }
 
 fn self_intersecting(pairs: &[[u32; 2]]) -> Option<Finding> {
@@ -368,11 +329,9 @@ fn self_intersecting(pairs: &[[u32; 2]]) -> Option<Finding> {
         counted(pairs.len(), "pair of triangles", "pairs of triangles"),
         counted(faces.len(), "triangle", "triangles"),
     );
-    let finding = finding(FindingKind::SelfIntersections, Severity::Warning, pairs.len()).at_faces(&faces);
-    Some(finding.says(message).advises(
-        "a map can be fitted, but inside and outside are ambiguous there and the solid cannot be tetrahedralised: smooth \
-         or remesh around these triangles, or wrap the surface (CGAL: Alpha Wrapping)",
-    ))
+    let advice = "a map can be fitted, but inside and outside are ambiguous there and the solid cannot be \
+                  tetrahedralised: smooth or remesh around these triangles, or wrap the surface (CGAL: Alpha Wrapping)";
+    Some(warning(FindingKind::SelfIntersections, pairs.len(), message, advice).at_faces(&faces))
 }
 
 fn non_manifold_vertices(anatomy: &Anatomy) -> Option<Finding> {
@@ -382,11 +341,9 @@ fn non_manifold_vertices(anatomy: &Anatomy) -> Option<Finding> {
         counted(vertices.len(), "vertex", "vertices"),
         vertices.first()?
     );
-    let finding = finding(FindingKind::NonManifoldVertices, Severity::Warning, vertices.len());
-    Some(finding.at_vertices(&vertices).says(message).advises(
-        "a map can be fitted; the parts that touch share one image there. To part them, give each its own vertex \
-         (MeshLab: Repair Non Manifold Vertices by Splitting)",
-    ))
+    let advice = "a map can be fitted; the parts that touch share one image there. To part them, give each its own \
+                  vertex (MeshLab: Repair Non Manifold Vertices by Splitting)";
+    Some(warning(FindingKind::NonManifoldVertices, vertices.len(), message, advice).at_vertices(&vertices))
 }
 
 fn duplicate_faces(mesh: &SurfaceMesh) -> Option<Finding> {
@@ -405,10 +362,8 @@ fn duplicate_faces(mesh: &SurfaceMesh) -> Option<Finding> {
         counted(faces.len(), "triangle has", "triangles have"),
         faces.first()?
     );
-    let finding = finding(FindingKind::DuplicateFaces, Severity::Warning, faces.len()).at_faces(&faces);
-    Some(finding.says(message).advises(
-        "delete them (MeshLab: Remove Duplicate Faces); where each face is there both ways round, delete both",
-    ))
+    let advice = "delete them (MeshLab: Remove Duplicate Faces); where each face is there both ways round, delete both";
+    Some(warning(FindingKind::DuplicateFaces, faces.len(), message, advice).at_faces(&faces))
 }
 
 fn repeated_corner_faces(mesh: &SurfaceMesh) -> Option<Finding> {
@@ -418,12 +373,8 @@ fn repeated_corner_faces(mesh: &SurfaceMesh) -> Option<Finding> {
         counted(faces.len(), "triangle names", "triangles name"),
         faces.first()?
     );
-    let finding = finding(FindingKind::RepeatedCornerFaces, Severity::Warning, faces.len()).at_faces(&faces);
-    Some(
-        finding
-            .says(message)
-            .advises("nothing to do: they have no area and are passed over"),
-    )
+    let advice = "nothing to do: they have no area and are passed over";
+    Some(warning(FindingKind::RepeatedCornerFaces, faces.len(), message, advice).at_faces(&faces))
 }
 
 fn degenerate_faces(mesh: &SurfaceMesh) -> Option<Finding> {
@@ -437,11 +388,9 @@ fn degenerate_faces(mesh: &SurfaceMesh) -> Option<Finding> {
         counted(faces.len(), "triangle has", "triangles have"),
         faces.first()?
     );
-    let finding = finding(FindingKind::DegenerateFaces, Severity::Warning, faces.len()).at_faces(&faces);
-    Some(finding.says(message).advises(
-        "a map can be fitted, no sample falls on them; before tetrahedralising, collapse them (Blender: Degenerate \
-         Dissolve) or remesh",
-    ))
+    let advice = "a map can be fitted, no sample falls on them; before tetrahedralising, collapse them (Blender: \
+                  Degenerate Dissolve) or remesh";
+    Some(warning(FindingKind::DegenerateFaces, faces.len(), message, advice).at_faces(&faces))
 }
 
 fn duplicate_vertices(mesh: &SurfaceMesh) -> Option<Finding> {
@@ -453,11 +402,9 @@ fn duplicate_vertices(mesh: &SurfaceMesh) -> Option<Finding> {
         counted(vertices.len(), "vertex is", "vertices are"),
         lowest[first as usize]
     );
-    let finding = finding(FindingKind::DuplicateVertices, Severity::Warning, vertices.len());
-    Some(finding.at_vertices(&vertices).says(message).advises(
-        "nothing to do where the surface is closed; merging them (Blender: Merge by Distance) renumbers the vertices, so \
-         do it to domain and image alike",
-    ))
+    let advice = "nothing to do where the surface is closed; merging them (Blender: Merge by Distance) renumbers the \
+                  vertices, so do it to domain and image alike";
+    Some(warning(FindingKind::DuplicateVertices, vertices.len(), message, advice).at_vertices(&vertices))
 }
 
 fn unreferenced_vertices(anatomy: &Anatomy) -> Option<Finding> {
@@ -471,23 +418,28 @@ fn unreferenced_vertices(anatomy: &Anatomy) -> Option<Finding> {
         ),
         vertices.first()?
     );
-    let finding = finding(FindingKind::UnreferencedVertices, Severity::Warning, vertices.len());
-    Some(finding.at_vertices(&vertices).says(message).advises(
-        "nothing to do: they are passed over. MeshLab (Remove Unreferenced Vertices) removes them, which renumbers the \
-         others",
-    ))
+    let advice = "nothing to do: they are passed over. MeshLab (Remove Unreferenced Vertices) removes them, which \
+                  renumbers the others";
+    Some(warning(FindingKind::UnreferencedVertices, vertices.len(), message, advice).at_vertices(&vertices))
 }
 
-fn finding(kind: FindingKind, severity: Severity, count: usize) -> Finding {
+fn error(kind: FindingKind, count: usize, message: String, advice: &str) -> Finding {
     Finding {
         kind,
-        severity,
+        severity: Severity::Error,
         count,
         vertices: Vec::new(),
         edges: Vec::new(),
         faces: Vec::new(),
-        message: String::new(),
-        advice: String::new(),
+        message,
+        advice: advice.to_string(),
+    }
+}
+
+fn warning(kind: FindingKind, count: usize, message: String, advice: &str) -> Finding {
+    Finding {
+        severity: Severity::Warning,
+        ..error(kind, count, message, advice)
     }
 }
 
@@ -506,16 +458,12 @@ impl Finding {
         self.faces = faces.iter().copied().take(LISTED).collect();
         self
     }
+}
 
-    fn says(mut self, message: String) -> Self {
-        self.message = message;
-        self
-    }
-
-    fn advises(mut self, advice: &str) -> Self {
-        self.advice = advice.to_string();
-        self
-    }
+/// The vertices of the edges with these indices.
+fn edges_of(anatomy: &Anatomy, indices: &[u32]) -> Vec<[u32; 2]> {
+    let edges = anatomy.topology.edges();
+    indices.iter().map(|&e| edges[e as usize]).collect()
 }
 
 fn counted(count: usize, one: &str, many: &str) -> String {

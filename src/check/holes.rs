@@ -2,15 +2,14 @@
 //!
 //! Among all triangulations of a rim the one of least area, and where areas agree of shortest sides, by dynamic
 //! programming: Barequet & Sharir, *Filling gaps in the boundary of a polyhedron*, Computer Aided Geometric Design 12
-//! (1995). No vertex is added, so that meshes over the
-//! same vertices take the same triangles.
+//! (1995). No vertex is added, so that meshes over the same vertices take the same triangles.
 
 use std::collections::{HashMap, HashSet};
 
 use serde::Serialize;
 
-use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
+use crate::mesh::{SurfaceMesh, triangle_area};
 
 /// Part of the surface's area that the triangles over all holes may have: larger holes are parts that are missing.
 const MOST_AREA: f64 = 0.01;
@@ -88,15 +87,10 @@ pub fn close_holes(mesh: &SurfaceMesh, most_edges: usize) -> Result<(SurfaceMesh
         return Err(HoleError::LimitTooHigh { asked: most_edges });
     }
     let topology = Topology::new(mesh);
-    let edges: HashSet<[u32; 2]> = topology.edges().iter().map(|&[a, b]| [a.min(b), a.max(b)]).collect();
-    let open: HashSet<[u32; 2]> = topology
-        .open_edges()
-        .iter()
-        .map(|&[a, b]| [a.min(b), a.max(b)])
-        .collect();
+    let open: HashSet<[u32; 2]> = topology.open_edges().into_iter().collect();
     let mut triangles = mesh.triangles().to_vec();
     let mut holes = Vec::new();
-    let mut taken = edges.clone();
+    let mut taken: HashSet<[u32; 2]> = topology.edges().iter().copied().collect();
     for rim in topology.boundary_loops().into_iter().flat_map(simple) {
         let vertex = rim.first().copied().unwrap_or_default();
         if rim.len() > most_edges {
@@ -114,7 +108,7 @@ pub fn close_holes(mesh: &SurfaceMesh, most_edges: usize) -> Result<(SurfaceMesh
         let position = |v: u32| mesh.vertices()[v as usize];
         holes.push(ClosedHole {
             length: sides().map(|[a, b]| (position(a) - position(b)).norm()).sum(),
-            area: patch.iter().map(|&triangle| area(mesh, triangle)).sum(),
+            area: patch.iter().map(|t| triangle_area(&t.map(position))).sum(),
             rim,
         });
         triangles.extend(patch);
@@ -155,12 +149,10 @@ fn cheapest(mesh: &SurfaceMesh, rim: &[u32], taken: &HashSet<[u32; 2]>) -> Optio
         j == i + 1 || (i == 0 && j == n - 1) || (a != b && !taken.contains(&[a, b]))
     };
     let cost = |triangle: [u32; 3]| {
-        let [a, b, c] = triangle.map(|v| mesh.vertices()[v as usize]);
-        let longest = [a - b, b - c, c - a]
-            .map(|side| side.norm_squared())
-            .into_iter()
-            .fold(0.0, f64::max);
-        area(mesh, triangle) + LONG * longest
+        let corners = triangle.map(|v| mesh.vertices()[v as usize]);
+        let [a, b, c] = &corners;
+        let sides = [a - b, b - c, c - a].map(|side| side.norm_squared());
+        triangle_area(&corners) + LONG * sides.into_iter().fold(0.0, f64::max)
     };
     // Least cost of the part of the rim from `i` to `j`, and the vertex that it is split at.
     let mut least = vec![(0.0, 0); n * n];
@@ -185,12 +177,6 @@ fn cheapest(mesh: &SurfaceMesh, rim: &[u32], taken: &HashSet<[u32; 2]>) -> Optio
         }
     }
     Some(triangles)
-}
-
-/// Area of a triangle over the mesh's vertices.
-fn area(mesh: &SurfaceMesh, triangle: [u32; 3]) -> f64 {
-    let [a, b, c] = triangle.map(|v| mesh.vertices()[v as usize]);
-    (b - a).cross(&(c - a)).norm() / 2.0
 }
 
 #[cfg(test)]

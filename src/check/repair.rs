@@ -32,24 +32,12 @@ pub enum RepairKind {
 impl fmt::Display for AppliedRepair {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Self { component, faces, .. } = self;
-        match self.kind {
-            RepairKind::MadeConsistent => write!(
-                f,
-                "component {component}: turned over {faces} triangles that disagreed with their neighbours"
-            ),
-            RepairKind::TurnedOutward => {
-                write!(
-                    f,
-                    "component {component}: turned over all {faces} triangles to face outward"
-                )
-            }
-            RepairKind::TurnedIntoCavity => {
-                write!(
-                    f,
-                    "component {component}: turned over all {faces} triangles to face into the cavity"
-                )
-            }
-        }
+        let turned = match self.kind {
+            RepairKind::MadeConsistent => format!("{faces} triangles that disagreed with their neighbours"),
+            RepairKind::TurnedOutward => format!("all {faces} triangles to face outward"),
+            RepairKind::TurnedIntoCavity => format!("all {faces} triangles to face into the cavity"),
+        };
+        write!(f, "component {component}: turned over {turned}")
     }
 }
 
