@@ -27,11 +27,8 @@ const MARGIN: f64 = 1e-6;
 /// As [`SurfaceQuery::new`].
 pub fn count_outside(surface: &SurfaceMesh, points: &[Point]) -> Result<usize, QueryError> {
     let query = SurfaceQuery::new(surface)?;
-    let finite: Vec<Point> = points
-        .iter()
-        .copied()
-        .filter(|p| p.iter().all(|c| c.is_finite()))
-        .collect();
+    let is_finite = |p: &Point| p.iter().all(|c| c.is_finite());
+    let finite: Vec<Point> = points.iter().copied().filter(is_finite).collect();
     // Distances take several times longer than the test for inside, and few points need one.
     let not_inside = finite.iter().zip(query.contains_all(&finite));
     let not_inside: Vec<Point> = not_inside.filter(|(_, inside)| !inside).map(|(p, _)| *p).collect();

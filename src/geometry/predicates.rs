@@ -29,10 +29,31 @@ impl FlipCounts {
         self.negative + self.degenerate + self.not_finite
     }
 
-    /// Tetrahedra, of `tets` in all, that have not the orientation of the most: a map that mirrors the whole domain turns
-    /// over none. Those that are flat in the domain count too.
+    /// Tetrahedra, of `tets` in all, that do not have the orientation of the majority: none if a map mirrors the whole
+    /// domain. Those that are flat in the domain count too.
     pub fn against_most(&self, tets: usize) -> usize {
         (self.count() + self.flat_in_domain).min(tets - self.negative)
+    }
+
+    fn of_one(domain: Option<Ordering>, image: Option<Ordering>) -> Self {
+        let mut counts = Self::default();
+        match (domain, image) {
+            (None, _) => counts.not_finite = 1,
+            (Some(Ordering::Equal), _) => counts.flat_in_domain = 1,
+            (_, None) => counts.not_finite = 1,
+            (_, Some(Ordering::Equal)) => counts.degenerate = 1,
+            (before, after) => counts.negative = usize::from(before != after),
+        }
+        counts
+    }
+
+    fn plus(self, other: Self) -> Self {
+        Self {
+            negative: self.negative + other.negative,
+            degenerate: self.degenerate + other.degenerate,
+            not_finite: self.not_finite + other.not_finite,
+            flat_in_domain: self.flat_in_domain + other.flat_in_domain,
+        }
     }
 }
 
@@ -72,36 +93,8 @@ pub fn flipped_tets(domain: &TetMesh, images: &[Point]) -> Option<FlipCounts> {
         };
         FlipCounts::of_one(side(domain.vertices()), side(images))
     };
-    Some(
-        domain
-            .tets()
-            .par_iter()
-            .map(flipped)
-            .reduce(FlipCounts::default, FlipCounts::plus),
-    )
-}
-
-impl FlipCounts {
-    fn of_one(domain: Option<Ordering>, image: Option<Ordering>) -> Self {
-        let mut counts = Self::default();
-        match (domain, image) {
-            (None, _) => counts.not_finite = 1,
-            (Some(Ordering::Equal), _) => counts.flat_in_domain = 1,
-            (_, None) => counts.not_finite = 1,
-            (_, Some(Ordering::Equal)) => counts.degenerate = 1,
-            (before, after) => counts.negative = usize::from(before != after),
-        }
-        counts
-    }
-
-    fn plus(self, other: Self) -> Self {
-        Self {
-            negative: self.negative + other.negative,
-            degenerate: self.degenerate + other.degenerate,
-            not_finite: self.not_finite + other.not_finite,
-            flat_in_domain: self.flat_in_domain + other.flat_in_domain,
-        }
-    }
+    let counts = domain.tets().par_iter().map(flipped);
+    Some(counts.reduce(FlipCounts::default, FlipCounts::plus))
 }
 
 /// Scales `size` to between ½ and 2 without rounding, where products of three coordinates neither overflow nor vanish.

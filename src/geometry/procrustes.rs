@@ -84,10 +84,8 @@ pub fn sphere_rotation(from: &[Vector], to: &[Vector], weights: &[f64]) -> Optio
     let rotation = closest_orthogonal(&covariance, 1.0)?;
     let mirrored = closest_orthogonal(&covariance, -1.0)?;
     let residual = |r: &Matrix3| {
-        let sum: f64 = (0..from.len())
-            .map(|i| weights[i] * (r * from[i] - to[i]).norm_squared())
-            .sum();
-        (sum / total).sqrt()
+        let squares = (0..from.len()).map(|i| weights[i] * (r * from[i] - to[i]).norm_squared());
+        (squares.sum::<f64>() / total).sqrt()
     };
     Some(SphereRotation {
         rotation,

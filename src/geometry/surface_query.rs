@@ -165,31 +165,26 @@ impl SurfaceQuery {
 
     /// [`Self::closest_point`] of each point, in parallel.
     pub fn closest_points(&self, points: &[Point]) -> Vec<ClosestPoint> {
-        self.each(
-            points,
-            || self.slot_of_first_triangle,
-            |i, slot| {
-                *slot = self.nearest(&points[i], *slot);
-                self.describe(&points[i], *slot)
-            },
-        )
+        self.each_nearest(points, |p, slot| self.describe(p, slot))
     }
 
     /// [`Self::signed_distance`] of each point, in parallel.
     pub fn signed_distances(&self, points: &[Point]) -> Vec<f64> {
-        self.each(
-            points,
-            || self.slot_of_first_triangle,
-            |i, slot| {
-                *slot = self.nearest(&points[i], *slot);
-                self.sign(&points[i], *slot)
-            },
-        )
+        self.each_nearest(points, |p, slot| self.sign(p, slot))
     }
 
     /// [`Self::contains`] of each point, in parallel.
     pub fn contains_all(&self, points: &[Point]) -> Vec<bool> {
         self.each(points, || (), |i, _| self.contains(&points[i]))
+    }
+
+    /// What follows from each point and the slot of its closest triangle.
+    fn each_nearest<T: Send>(&self, points: &[Point], answer: impl Fn(&Point, u32) -> T + Sync) -> Vec<T> {
+        let begin = || self.slot_of_first_triangle;
+        self.each(points, begin, |i, slot| {
+            *slot = self.nearest(&points[i], *slot);
+            answer(&points[i], *slot)
+        })
     }
 
     /// Answers queries along a space-filling curve: neighbours read the same part of the tree, and the state after one,
@@ -411,10 +406,8 @@ fn check_corners(mesh: &SurfaceMesh) -> Result<(), QueryError> {
 }
 
 fn longest_side_squared([a, b, c]: &[Point; 3]) -> f64 {
-    (b - a)
-        .norm_squared()
-        .max((c - b).norm_squared())
-        .max((a - c).norm_squared())
+    let squares = [b - a, c - b, a - c].map(|side| side.norm_squared());
+    squares.into_iter().fold(0.0, f64::max)
 }
 
 /// Zero for a thin triangle.

@@ -27,10 +27,8 @@ pub fn solid_angle(p: &Point, corners: &[Point; 3]) -> f64 {
 /// overlapping parts, and in between where the surface has holes. The sum over all triangles; see
 /// [`super::SurfaceQuery::winding_number`] for the fast one.
 pub fn winding_number(mesh: &SurfaceMesh, p: &Point) -> f64 {
-    let angle: f64 = (0..mesh.triangles().len())
-        .map(|t| solid_angle(p, &mesh.corners(t)))
-        .sum();
-    angle / (4.0 * PI)
+    let angles = (0..mesh.triangles().len()).map(|t| solid_angle(p, &mesh.corners(t)));
+    angles.sum::<f64>() / (4.0 * PI)
 }
 
 /// What the parts of a surface look like from afar, for each node of a tree.

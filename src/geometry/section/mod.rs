@@ -10,7 +10,7 @@ use std::fmt;
 
 use crate::Point;
 use crate::mesh::SurfaceMesh;
-use outline::{Crossing, crossings, finite_box, outline, spans};
+use outline::{crossings, finite_box, outline, spans};
 
 /// Fewest and most pixels along the longer side of a section.
 const PIXELS: [usize; 2] = [16, 8192];
@@ -286,14 +286,19 @@ impl PlaneSection {
 
     /// Fills in the covered pixels and their points from the outline.
     fn cover(&mut self) -> Result<(), SectionError> {
-        let rows: Vec<f64> = (0..self.size[1] * SUBROWS).map(|k| self.row_position(k)).collect();
+        let row_position = |row: usize| self.corner[1] + (row as f64 + 0.5) / SUBROWS as f64 * self.pixel;
+        let rows: Vec<f64> = (0..self.size[1] * SUBROWS).map(row_position).collect();
         let mut crossings = crossings(&self.outline, &rows);
         crossings.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let mut covered_length = 0.0;
         let mut picture_rows: Vec<Vec<(usize, [f64; 2])>> = vec![Vec::new(); self.size[1]];
         for row in crossings.chunk_by(|a, b| a.0 == b.0) {
             let k = row[0].0 as usize;
-            let spans = spans(row).ok_or_else(|| self.gap_near(row[row.len() - 1], rows[k]))?;
+            let spans = spans(row).ok_or_else(|| {
+                let Point { coords: near } = self.in_space([row[row.len() - 1].1, rows[k]]);
+                let [x, y, z] = near.into();
+                SectionError::OpenSurface { x, y, z }
+            })?;
             covered_length += spans.iter().map(|[a, b]| b - a).sum::<f64>();
             picture_rows[k / SUBROWS].extend(spans.into_iter().map(|span| (k % SUBROWS, span)));
         }
@@ -302,10 +307,6 @@ impl PlaneSection {
             self.cover_row(from_below, spans, &rows[from_below * SUBROWS..]);
         }
         Ok(())
-    }
-
-    fn row_position(&self, subrow: usize) -> f64 {
-        self.corner[1] + (subrow as f64 + 0.5) / SUBROWS as f64 * self.pixel
     }
 
     /// Adds the covered pixels of one row of the picture; `spans` are covered intervals with their row of samples.
@@ -322,24 +323,24 @@ impl PlaneSection {
                     continue;
                 }
                 coverage[k] += (b - a) / (self.pixel * SUBROWS as f64);
-                let centre = [left + self.pixel / 2.0, samples[SUBROWS / 2]];
-                let u = if a < centre[0] && centre[0] < b {
-                    centre[0]
+                let (middle, sample) = (left + self.pixel / 2.0, samples[subrow]);
+                let u = if a < middle && middle < b {
+                    middle
                 } else {
                     (a + b) / 2.0
                 };
-                let distance = (u - centre[0]).powi(2) + (samples[subrow] - centre[1]).powi(2);
+                let distance = (u - middle).powi(2) + (sample - samples[SUBROWS / 2]).powi(2);
                 if distance < nearest[k].0 {
-                    nearest[k] = (distance, [u, samples[subrow]]);
+                    nearest[k] = (distance, [u, sample]);
                 }
             }
         }
         let row = (self.size[1] - 1 - from_below) as u32;
-        for (k, part) in coverage
+        let covered = coverage
             .into_iter()
             .enumerate()
-            .filter(|(_, part)| *part >= LEAST_COVERAGE)
-        {
+            .filter(|(_, part)| *part >= LEAST_COVERAGE);
+        for (k, part) in covered {
             self.pixels.push([k as u32, row]);
             self.coverage.push(part.min(1.0) as f32);
             self.points.push(self.in_space(nearest[k].1));
@@ -352,15 +353,6 @@ impl PlaneSection {
         point[self.axes[0].index()] = u;
         point[self.axes[1].index()] = v;
         point
-    }
-
-    fn gap_near(&self, crossing: Crossing, v: f64) -> SectionError {
-        let near = self.in_space([crossing.1, v]);
-        SectionError::OpenSurface {
-            x: near.x,
-            y: near.y,
-            z: near.z,
-        }
     }
 }
 

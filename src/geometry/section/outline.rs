@@ -17,9 +17,8 @@ pub(super) fn finite_box(surface: &SurfaceMesh) -> Result<(Point, Point), Sectio
             let vertex = vertex as usize;
             return Err(SectionError::NotFinite { vertex });
         }
-        let (low, high) = bounds.get_or_insert((p, p));
-        *low = low.inf(&p);
-        *high = high.sup(&p);
+        let (low, high) = bounds.unwrap_or((p, p));
+        bounds = Some((low.inf(&p), high.sup(&p)));
     }
     bounds.ok_or(SectionError::EmptySurface)
 }
@@ -43,19 +42,15 @@ pub(super) fn outline(
         axes.map(|k| p[k.index()] + t * (q[k.index()] - p[k.index()]))
     };
     let mut segments = Vec::new();
-    for &[a, b, c] in surface.triangles() {
-        let sides = [above(a), above(b), above(c)];
-        if sides[0] == sides[1] && sides[1] == sides[2] {
+    for corners in surface.triangles() {
+        let is_above = corners.map(above);
+        if is_above == [is_above[0]; 3] {
             continue;
         }
         let mut ends = [[0.0; 2]; 2];
-        for (from, to, [is, becomes]) in [
-            (a, b, [sides[0], sides[1]]),
-            (b, c, [sides[1], sides[2]]),
-            (c, a, [sides[2], sides[0]]),
-        ] {
-            if is != becomes {
-                ends[usize::from(becomes)] = crossing(from, to);
+        for (k, next) in [(0, 1), (1, 2), (2, 0)] {
+            if is_above[k] != is_above[next] {
+                ends[usize::from(is_above[next])] = crossing(corners[k], corners[next]);
             }
         }
         segments.push(ends);
