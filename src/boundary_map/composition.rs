@@ -18,7 +18,8 @@ pub(super) struct Composition {
     domain: Arc<LocatedEmbedding>,
     /// `None` when the unit sphere itself is the target.
     target: Option<Arc<LocatedEmbedding>>,
-    /// How often each triangle of the embedded domain has been cut into four to make those of the boundary map's domain.
+    /// How often each triangle of the embedded domain has been cut into four to make those of the boundary map's
+    /// domain.
     subdivisions: u32,
 }
 

@@ -17,8 +17,9 @@ use crate::{Point, Vector};
 /// A boundary map `f'`: where each point of the domain's surface goes.
 ///
 /// Given by images of the vertices alone, it is linear over the triangles in between. As a composition of spherical
-/// embeddings ([`Self::onto_sphere`], [`Self::through_sphere`]) it is a bijection with the target's surface, and the images
-/// of points between vertices lie on that surface, not on the straight triangles between the images of the vertices.
+/// embeddings ([`Self::onto_sphere`], [`Self::through_sphere`]) it is a bijection with the target's surface, and the
+/// images of points between vertices lie on that surface, not on the straight triangles between the images of the
+/// vertices.
 ///
 /// Copies share the domain, the spherical embeddings and the function.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,10 +58,10 @@ impl BoundaryMap {
         })
     }
 
-    /// The map that sends each point of `domain` to the value of `function`: for data that vary within triangles, such as
-    /// the colours of a texture (section 5.4 of the paper). Values must be finite; on an edge, those of its two triangles
-    /// may differ. Errors are relative to the diagonal of the box from `low` to `high`, in the place of the target's
-    /// bounding box. Files store the images of the vertices only.
+    /// The map that sends each point of `domain` to the value of `function`: for data that vary within triangles, such
+    /// as the colours of a texture (section 5.4 of the paper). Values must be finite; on an edge, those of its two
+    /// triangles may differ. Errors are relative to the diagonal of the box from `low` to `high`, in the place of the
+    /// target's bounding box. Files store the images of the vertices only.
     ///
     /// # Errors
     ///
@@ -97,8 +98,8 @@ impl BoundaryMap {
         Self::by_composition(Composition::new(domain, None))
     }
 
-    /// The map that sends each point of one surface to the point of the other that has the same direction. A vertex whose
-    /// direction is that of a vertex of the target, bit for bit, goes exactly there.
+    /// The map that sends each point of one surface to the point of the other that has the same direction. A vertex
+    /// whose direction is that of a vertex of the target, bit for bit, goes exactly there.
     ///
     /// # Errors
     ///

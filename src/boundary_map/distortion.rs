@@ -195,8 +195,8 @@ fn of_one(domain: &[Point; 3], image: &[Point; 3], scale: f64) -> Option<Triangl
     })
 }
 
-/// Singular values of the matrix with these columns. By their sum and difference, so that neither loses digits where they
-/// are nearly equal or one is far smaller.
+/// Singular values of the matrix with these columns. By their sum and difference, so that neither loses digits where
+/// they are nearly equal or one is far smaller.
 fn singular_values(first: &Vector, second: &Vector) -> [f64; 2] {
     let (a, b, c) = (first.norm_squared(), second.norm_squared(), first.dot(second));
     let product = first.cross(second).norm();

@@ -9,8 +9,8 @@ use super::composition::before_subdivision;
 use crate::Point;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 
-/// A function of the points of a surface, which may have been subdivided since, and the box in the place of the target's
-/// bounding box.
+/// A function of the points of a surface, which may have been subdivided since, and the box in the place of the
+/// target's bounding box.
 #[derive(Clone)]
 pub(super) struct PointFunction {
     image: Arc<dyn Fn(&SurfacePoint) -> Point + Send + Sync>,
@@ -35,7 +35,8 @@ impl PointFunction {
         (self.image)(&before_subdivision(point, self.subdivisions))
     }
 
-    /// Images of all vertices, each as a corner of its first triangle; a corner of the box for vertices without triangles.
+    /// Images of all vertices, each as a corner of its first triangle; a corner of the box for vertices without
+    /// triangles.
     pub fn images_of_vertices(&self, domain: &SurfaceMesh) -> Vec<Point> {
         let mut places = vec![None; domain.vertices().len()];
         for (t, corners) in domain.triangles().iter().enumerate() {

@@ -17,8 +17,8 @@ pub(super) struct Anatomy<'a> {
     pub shells: Vec<Shell>,
     /// Pairs of shells that are partly inside each other, as far as the vertices looked at tell.
     pub overlaps: Vec<[usize; 2]>,
-    /// Number of sound shells, when so many are within each other's boxes that their nesting is too costly to determine. None
-    /// of them counts as sound then.
+    /// Number of sound shells, when so many are within each other's boxes that their nesting is too costly to
+    /// determine. None of them counts as sound then.
     pub crowd: Option<usize>,
 }
 
@@ -234,7 +234,8 @@ struct Enclosure {
 }
 
 impl Enclosure {
-    /// From the winding numbers of other shells at the witnesses, sorted by shell; none for witnesses outside of its box.
+    /// From the winding numbers of other shells at the witnesses, sorted by shell; none for witnesses outside of its
+    /// box.
     fn of(votes: &[(usize, f64)], witnesses: usize) -> Self {
         let mut found = Self::default();
         for votes in votes.chunk_by(|a, b| a.0 == b.0) {

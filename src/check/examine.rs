@@ -17,8 +17,8 @@ const NO_HEIGHT: f64 = 1e-12;
 /// Examines a surface: what it is, what is wrong with it, where, and what to do about it.
 ///
 /// `self_intersections` finds intersecting triangles, as CGAL does in builds with the `native` feature; without it the
-/// report says that they were not looked for. It gets only the triangles with finite corners and an area; the report has
-/// indices into the whole surface. Takes about a second per million triangles.
+/// report says that they were not looked for. It gets only the triangles with finite corners and an area; the report
+/// has indices into the whole surface. Takes about a second per million triangles.
 pub fn check(mesh: &SurfaceMesh, self_intersections: Option<FindSelfIntersections>) -> CheckReport {
     let anatomy = Anatomy::of(mesh);
     // Only among the triangles that the finder can handle; the pairs are indices into the whole surface.
@@ -192,8 +192,8 @@ fn open_edges(anatomy: &Anatomy) -> Option<Finding> {
             .to_string()
     } else if left < edges.len() {
         format!(
-            "merge the vertices that coincide (Blender: Merge by Distance; MeshLab: Merge Close Vertices), which leaves \
-             {left} open, then fill the holes (MeshLab: Close Holes; Blender: Clean Up > Fill Holes)"
+            "merge the vertices that coincide (Blender: Merge by Distance; MeshLab: Merge Close Vertices), which \
+             leaves {left} open, then fill the holes (MeshLab: Close Holes; Blender: Clean Up > Fill Holes)"
         )
     } else {
         "fill the holes (MeshLab: Close Holes; Blender: Clean Up > Fill Holes), or wrap the surface \
@@ -210,8 +210,8 @@ fn non_manifold_edges(anatomy: &Anatomy) -> Option<Finding> {
         "{} more than two triangles, first between vertices {first} and {second}",
         counted(edges.len(), "edge has", "edges have"),
     );
-    let advice = "delete doubled and inner faces and split parts that touch along an edge (MeshLab: Repair Non Manifold \
-                  Edges; Blender: Select Non Manifold), or wrap the surface (CGAL: Alpha Wrapping)";
+    let advice = "delete doubled and inner faces and split parts that touch along an edge (MeshLab: Repair Non \
+                  Manifold Edges; Blender: Select Non Manifold), or wrap the surface (CGAL: Alpha Wrapping)";
     Some(error(FindingKind::NonManifoldEdges, edges.len(), message, advice).at_edges(&edges))
 }
 
@@ -229,8 +229,8 @@ fn non_orientable(anatomy: &Anatomy) -> Option<Finding> {
 fn crowded_components(anatomy: &Anatomy) -> Option<Finding> {
     let count = anatomy.crowd?;
     let message = format!(
-        "{count} closed components lie so much within each other's boxes that it was not found out which of them enclose \
-         which"
+        "{count} closed components lie so much within each other's boxes that it was not found out which of them \
+         enclose which"
     );
     let advice = "delete components that are there several times over, unite those that overlap (Blender: Boolean > \
                   Union; MeshLab: Mesh Boolean), or solve on a part of them";
@@ -290,8 +290,8 @@ fn cavity_orientation(anatomy: &Anatomy) -> Option<Finding> {
         "{} like a solid: a component inside another is the boundary of a cavity and should face into it",
         counted(count, "cavity is oriented", "cavities are oriented")
     );
-    let advice = "nothing to do if a cavity is meant: the triangles are turned over before the solve; if a solid inside \
-                  the solid is meant, delete the component or solve on it alone";
+    let advice = "nothing to do if a cavity is meant: the triangles are turned over before the solve; if a solid \
+                  inside the solid is meant, delete the component or solve on it alone";
     Some(warning(FindingKind::CavityOrientation, count, message, advice).at_faces(&faces))
 }
 
@@ -314,8 +314,8 @@ fn overlapping_shells(anatomy: &Anatomy) -> Option<Finding> {
             "pairs of components are partly"
         ),
     );
-    let advice = "unite the parts (Blender: Boolean > Union; MeshLab: Mesh Boolean); the overlap belongs to both of them \
-                  as it is";
+    let advice = "unite the parts (Blender: Boolean > Union; MeshLab: Mesh Boolean); the overlap belongs to both of \
+                  them as it is";
     Some(warning(FindingKind::OverlappingShells, overlaps.len(), message, advice))
 }
 

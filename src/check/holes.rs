@@ -13,7 +13,8 @@ use crate::mesh::{SurfaceMesh, triangle_area};
 
 /// Part of the surface's area that the triangles over all holes may have: larger holes are parts that are missing.
 const MOST_AREA: f64 = 0.01;
-/// Weight of the square of a triangle's longest side against its area: enough to choose well-shaped triangles in a plane.
+/// Weight of the square of a triangle's longest side against its area: enough to choose well-shaped triangles in a
+/// plane.
 const LONG: f64 = 0.01;
 
 /// The most edges that a rim may have: its triangulation takes 16 bytes times their square and time with their cube.
@@ -42,8 +43,8 @@ pub enum HoleError {
     },
     /// A rim of too many edges.
     #[error(
-        "a hole of {edges} edges begins at vertex {vertex}, and holes of up to {most} edges are closed; repair it in a mesh \
-         editor"
+        "a hole of {edges} edges begins at vertex {vertex}, and holes of up to {most} edges are closed; repair it in a \
+         mesh editor"
     )]
     TooManyEdges {
         /// Edges of its rim.
@@ -55,8 +56,8 @@ pub enum HoleError {
     },
     /// The triangles would be a good part of the surface.
     #[error(
-        "triangles over the holes would have {:.1} % of the surface's area, and 1 % is the most that is made up; repair the \
-         surface in a mesh editor",
+        "triangles over the holes would have {:.1} % of the surface's area, and 1 % is the most that is made up; \
+         repair the surface in a mesh editor",
         100.0 * .share
     )]
     TooLarge {
@@ -65,7 +66,8 @@ pub enum HoleError {
     },
     /// A rim that is no loop, or cannot be triangulated without a second triangle on both sides of some edge.
     #[error(
-        "the open edges at vertex {vertex} do not go around a hole that triangles could close; repair it in a mesh editor"
+        "the open edges at vertex {vertex} do not go around a hole that triangles could close; repair it in a mesh \
+         editor"
     )]
     NoHole {
         /// A vertex of the open edges.
@@ -73,11 +75,11 @@ pub enum HoleError {
     },
 }
 
-/// The surface with all its holes closed by triangles over the vertices of their rims, appended in the orientation of what
-/// is around; and the holes, if there were any.
+/// The surface with all its holes closed by triangles over the vertices of their rims, appended in the orientation of
+/// what is around; and the holes, if there were any.
 ///
-/// Holes of up to `most_edges` edges ([`MOST_RIM_EDGES`] at most) and a hundredth of the area in all are closed; the cost
-/// grows with the cube of the edges. Vertices stay as they are, also those that are not finite.
+/// Holes of up to `most_edges` edges ([`MOST_RIM_EDGES`] at most) and a hundredth of the area in all are closed; the
+/// cost grows with the cube of the edges. Vertices stay as they are, also those that are not finite.
 ///
 /// # Errors
 ///

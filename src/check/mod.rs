@@ -1,9 +1,9 @@
-//! The input doctor: what is wrong with a surface, where, and how to repair it.
+//! Examines surfaces: what is wrong with one, where, and how to repair it.
 //!
 //! A surface can be solved on when it bounds a solid: closed, every edge between two triangles, orientable, with finite
-//! coordinates and a volume. Every other defect is a warning. [`check`] examines; [`repair()`] reorients triangles so that solids
-//! face outward and cavities into the cavity, and neither moves, adds or removes anything. [`close_holes`] adds triangles
-//! over small holes.
+//! coordinates and a volume. Every other defect is a warning. [`check`] examines; [`repair()`] reorients triangles so
+//! that solids face outward and cavities into the cavity, and neither moves, adds or removes anything. [`close_holes`]
+//! adds triangles over small holes.
 
 mod anatomy;
 mod display;
@@ -71,8 +71,8 @@ pub struct ComponentReport {
     pub genus: Option<u64>,
     /// Area.
     pub area: f64,
-    /// Volume it encloses, positive when it faces outward, after making its orientation consistent by reversing the fewer
-    /// triangles. `None` when it encloses none.
+    /// Volume it encloses, positive when it faces outward, after making its orientation consistent by reversing the
+    /// fewer triangles. `None` when it encloses none.
     pub volume: Option<f64>,
     /// What it bounds.
     pub kind: ComponentKind,

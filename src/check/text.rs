@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Formatter};
 
-/// The first ids of a list, as many as are shown.
+/// Ids shown of a list, at most.
 const SHOWN: usize = 8;
 
 /// A line with the first of the listed ids, where there are any; `count` is how many there are in all.

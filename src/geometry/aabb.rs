@@ -10,7 +10,7 @@ pub struct Aabb {
 }
 
 impl Aabb {
-    /// The box of nothing: it contains no point, and its union with any box is that box.
+    /// The empty box: it contains no point, and its union with any box is that box.
     pub fn empty() -> Self {
         Self {
             low: Point::from(Vector::repeat(f64::INFINITY)),
@@ -60,7 +60,7 @@ impl Aabb {
         self.high - self.low
     }
 
-    /// Half the surface of the box, the measure by which a tree is split; 0 for the box of nothing.
+    /// Half the surface of the box, the measure by which a tree is split; 0 for the empty box.
     pub(super) fn half_area(&self) -> f64 {
         let e = self.extent();
         if e.x < 0.0 {

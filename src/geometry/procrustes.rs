@@ -70,8 +70,8 @@ pub struct SphereRotation {
 /// The rotation `R` with the least `Σ w |R a − b|²` over unit vectors `a` of `from` and `b` of `to`. With fewer than
 /// two independent vectors many fit equally well, and one of them is returned.
 ///
-/// `None` unless there are as many of each, at least one, and all are finite with weights that are not negative and have
-/// a sum.
+/// `None` unless there are as many of each, at least one, and all are finite with weights that are not negative and
+/// have a sum.
 pub fn sphere_rotation(from: &[Vector], to: &[Vector], weights: &[f64]) -> Option<SphereRotation> {
     if from.len() != to.len() || from.len() != weights.len() {
         return None;

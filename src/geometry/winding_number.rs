@@ -37,8 +37,8 @@ pub(super) struct FarField {
     expansions: Vec<Expansion>,
 }
 
-/// The solid angle of a part about its centre `c`: `Σ aᵢnᵢ·f(xᵢ)`, with `f(x) = (x - p) / |x - p|³`, area vectors `aᵢnᵢ`
-/// and centroids `xᵢ`, is expanded to first order in `xᵢ - c`.
+/// The solid angle of a part about its centre `c`: `Σ aᵢnᵢ·f(xᵢ)`, with `f(x) = (x - p) / |x - p|³`, area vectors
+/// `aᵢnᵢ` and centroids `xᵢ`, is expanded to first order in `xᵢ - c`.
 #[derive(Debug, Clone, Copy, Default)]
 struct Expansion {
     /// Mean of the centroids, weighted by area.

@@ -92,7 +92,8 @@ pub fn bumpy_sphere(frequency: usize) -> SurfaceMesh {
     })
 }
 
-/// Heights and wave numbers of the bumps: slopes of about a quarter each, so that the sum is no steeper than real scans.
+/// Heights and wave numbers of the bumps: slopes of about a quarter each, so that the sum is no steeper than real
+/// scans.
 const BUMPS: [[f64; 2]; 5] = [[0.12, 2.0], [0.08, 4.0], [0.03, 9.0], [0.012, 20.0], [0.006, 45.0]];
 
 /// Each vertex carried along its ray from the origin to the sphere of `radius`: the image of a star-shaped solid.
@@ -137,12 +138,12 @@ pub fn polycube(cubes: &[[i32; 3]], divisions: usize) -> SurfaceMesh {
         "a polycube needs cubes and divisions"
     );
     let n = divisions as i32;
-    let (mut filled, mut all) = (HashSet::new(), Vec::with_capacity(cubes.len()));
-    all.extend(cubes.iter().copied().filter(|&cube| filled.insert(cube)));
+    let mut filled = HashSet::new();
+    let distinct: Vec<[i32; 3]> = cubes.iter().copied().filter(|&cube| filled.insert(cube)).collect();
     let mut index: HashMap<[i32; 3], u32> = HashMap::new();
     let mut vertices = Vec::new();
     let mut triangles = Vec::new();
-    for cube in all {
+    for cube in distinct {
         for axis in 0..3 {
             for side in [0, 1] {
                 let mut neighbour = cube;

@@ -119,8 +119,8 @@ impl SurfaceMesh {
         (0..self.triangles.len()).map(volume).sum()
     }
 
-    /// Lowest and highest corner of the axis-aligned box of the triangles: vertices that none of them uses do not count.
-    /// `None` without triangles. NaN coordinates are passed over.
+    /// Lowest and highest corner of the axis-aligned box of the triangles: vertices that none of them uses do not
+    /// count. `None` without triangles. NaN coordinates are passed over.
     pub fn bounding_box(&self) -> Option<(Point, Point)> {
         bounding_box(self.triangles.iter().flatten().map(|&v| &self.vertices[v as usize]))
     }

@@ -435,8 +435,8 @@ struct OpenEdgeGraph {
     /// `(fan, edge)`, sorted.
     incidences: Vec<(u32, u32)>,
     walked: Vec<bool>,
-    /// Where the edges that may not be walked yet begin, of the fan that begins at this place of `incidences`: without it
-    /// a fan of many open edges (the pages of a book) would be looked through once for each.
+    /// Where the edges that may not be walked yet begin, of the fan that begins at this place of `incidences`: without
+    /// it a fan of many open edges (the pages of a book) would be looked through once for each.
     next: Vec<u32>,
 }
 

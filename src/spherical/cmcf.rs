@@ -1,33 +1,18 @@
 //! Conformalised mean curvature flow (cMCF), which converges to a conformal map to the sphere.
 //!
 //! Kazhdan, Solomon & Ben-Chen, *Can mean-curvature flow be modified to be non-singular?*, Computer Graphics Forum 31
-//! (2012): the stiffness matrix is that of the initial surface, the mass matrix that of the moving one. It converges for
-//! many shapes, without guarantee, and the result may have flipped triangles.
+//! (2012): the stiffness matrix is that of the initial surface, the mass matrix that of the moving one. It converges
+//! for many shapes, without guarantee, and the result may have flipped triangles.
 
 use super::check_embedding;
 use super::cholesky::Cholesky;
 use crate::{Point, Vector};
 
-/// How the flow runs.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct FlowOptions {
-    /// Time of one implicit step, for a surface of area 4π.
-    pub(crate) step: f64,
-    pub(crate) most_iterations: usize,
-    /// Largest change of a vertex in one step, as a fraction of the radius, at which the flow has converged.
-    pub(crate) tolerance: f64,
-}
-
-impl Default for FlowOptions {
-    fn default() -> Self {
-        Self {
-            step: 0.1,
-            most_iterations: 100,
-            tolerance: 1e-3,
-        }
-    }
-}
-
+/// Time of one implicit step, for a surface of area 4π.
+const TIME_STEP: f64 = 0.1;
+const MOST_ITERATIONS: usize = 100;
+/// Largest change of a vertex in one step, as a fraction of the radius, at which the flow has converged.
+const TOLERANCE: f64 = 1e-3;
 /// Largest cotangent weight: those of needles are unbounded.
 const MOST_WEIGHT: f64 = 1e4;
 /// Smallest cotangent weight: negative ones, of obtuse angles, fold the result.
@@ -35,20 +20,20 @@ const LEAST_WEIGHT: f64 = 1e-4;
 
 /// The directions that the vertices of a closed surface converge to, if these are an embedding (decided exactly).
 ///
-/// `None` also when the flow fails: a vertex of a triangle is out of range, a coordinate is not finite, the surface has no
-/// area, or memory is short.
-pub(crate) fn flow(triangles: &[[u32; 3]], positions: &[Point], options: &FlowOptions) -> Option<Vec<Vector>> {
+/// `None` also when the flow fails: a vertex of a triangle is out of range, a coordinate is not finite, the surface has
+/// no area, or memory is short.
+pub(crate) fn flow(triangles: &[[u32; 3]], positions: &[Point]) -> Option<Vec<Vector>> {
     let in_range = |t: &[u32; 3]| t.iter().all(|&v| (v as usize) < positions.len());
-    if triangles.is_empty() || !triangles.iter().all(in_range) || options.step.is_nan() || options.step <= 0.0 {
+    if triangles.is_empty() || !triangles.iter().all(in_range) {
         return None;
     }
     let mut x: Vec<Vector> = positions.iter().map(|p| p.coords).collect();
     normalise(triangles, &mut x)?;
     let stiffness = Stiffness::new(triangles, &x);
     let mut cholesky = Cholesky::new(stiffness.begin.clone(), stiffness.rows.clone()).ok()?;
-    for _ in 0..options.most_iterations {
+    for _ in 0..MOST_ITERATIONS {
         let masses = masses(triangles, &x);
-        if !cholesky.factor(&stiffness.implicit(&masses, options.step)) {
+        if !cholesky.factor(&stiffness.implicit(&masses)) {
             return None;
         }
         let mut columns: Vec<f64> = (0..3)
@@ -62,14 +47,13 @@ pub(crate) fn flow(triangles: &[[u32; 3]], positions: &[Point], options: &FlowOp
         normalise(triangles, &mut next)?;
         let change = x.iter().zip(&next).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
         x = next;
-        if change <= options.tolerance {
+        if change <= TOLERANCE {
             break;
         }
     }
     let directions: Vec<Vector> = x.iter().map(Vector::normalize).collect();
-    check_embedding(triangles, &directions)
-        .is_bijective()
-        .then_some(directions)
+    let is_bijective = check_embedding(triangles, &directions).is_bijective();
+    is_bijective.then_some(directions)
 }
 
 /// Moves the centroid to the origin and scales to the area 4π; `None` when there is no area, or it is not finite.
@@ -152,8 +136,8 @@ impl Stiffness {
     }
 
     /// The matrix of one implicit step.
-    fn implicit(&self, masses: &[f64], step: f64) -> Vec<f64> {
-        let mut values: Vec<f64> = self.values.iter().map(|value| step * value).collect();
+    fn implicit(&self, masses: &[f64]) -> Vec<f64> {
+        let mut values: Vec<f64> = self.values.iter().map(|value| TIME_STEP * value).collect();
         for (first, mass) in self.begin.iter().zip(masses) {
             values[*first as usize] += mass;
         }
@@ -169,9 +153,10 @@ mod tests {
     #[test]
     fn a_sphere_stays_itself() {
         let sphere = shapes::sphere(3.0, 3);
-        let directions = flow(sphere.triangles(), sphere.vertices(), &FlowOptions::default()).unwrap();
+        let directions = flow(sphere.triangles(), sphere.vertices()).unwrap();
         for (x, p) in directions.iter().zip(sphere.vertices()) {
-            // The icosahedron's vertices have one triangle fewer than others: flow equalises by the square of the spacing.
+            // The icosahedron's vertices have one triangle fewer than others: flow equalises by the square of the
+            // spacing.
             assert!((x - p.coords / 3.0).norm() < 0.02);
         }
     }
@@ -180,7 +165,7 @@ mod tests {
     fn a_bumpy_solid_and_a_cube_flow_to_a_sphere() {
         for mesh in [shapes::bumpy_sphere(20), shapes::cube(2.0, 10)] {
             let moved = shapes::deformed(&mesh, |p| Point::from(1e5 * (p.coords + Vector::new(3.0, 4.0, 5.0))));
-            let directions = flow(moved.triangles(), moved.vertices(), &FlowOptions::default()).unwrap();
+            let directions = flow(moved.triangles(), moved.vertices()).unwrap();
             assert!(check_embedding(mesh.triangles(), &directions).is_bijective());
             let mean: Vector = directions.iter().sum();
             assert!(mean.norm() < 0.5 * directions.len() as f64);
@@ -190,7 +175,7 @@ mod tests {
     #[test]
     fn gives_none_instead_of_directions_that_are_no_embedding() {
         let sphere = shapes::sphere(1.0, 2);
-        let flow = |mesh: &crate::mesh::SurfaceMesh| flow(mesh.triangles(), mesh.vertices(), &FlowOptions::default());
+        let flow = |mesh: &crate::mesh::SurfaceMesh| flow(mesh.triangles(), mesh.vertices());
         assert_eq!(flow(&shapes::deformed(&sphere, |_| Point::origin())), None);
         assert_eq!(flow(&shapes::deformed(&sphere, |p| p * f64::NAN)), None);
         assert_eq!(
@@ -202,11 +187,8 @@ mod tests {
             None
         );
         assert_eq!(flow(&sphere.reversed()), None);
-        assert_eq!(super::flow(&[], sphere.vertices(), &FlowOptions::default()), None);
-        assert_eq!(
-            super::flow(&[[0, 1, 99]], sphere.vertices(), &FlowOptions::default()),
-            None
-        );
+        assert_eq!(super::flow(&[], sphere.vertices()), None);
+        assert_eq!(super::flow(&[[0, 1, 99]], sphere.vertices()), None);
         assert_eq!(flow(&shapes::torus(1.0, 0.3, 12, 8)), None);
     }
 }

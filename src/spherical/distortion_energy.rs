@@ -1,16 +1,16 @@
 //! The distortion energy of a spherical embedding, with derivatives.
 //!
-//! The energy of a triangle is infinite where it inverts, so that a descent from an embedding never inverts one. Its angle
-//! term is that of Hormann & Greiner, *MIPS: an efficient global parametrization method*,
-//! Curve and Surface Design (2000); with the area term beside it, on the sphere and minimised by Newton's method, it is
-//! used by Schmidt, Pieper & Kobbelt, *Surface maps via adaptive triangulations*, Computer Graphics Forum 42 (2023).
-//! Element Hessians are made semidefinite as in Teran, Sifakis, Irving & Fedkiw, *Robust quasistatic finite elements and
-//! flesh simulation*, Symposium on Computer Animation (2005).
+//! The energy of a triangle is infinite where it inverts, so that a descent from an embedding never inverts one. Its
+//! angle term is that of Hormann & Greiner, *MIPS: an efficient global parametrization method*, Curve and Surface
+//! Design (2000); with the area term beside it, on the sphere and minimised by Newton's method, it is used by Schmidt,
+//! Pieper & Kobbelt, *Surface maps via adaptive triangulations*, Computer Graphics Forum 42 (2023). Element Hessians
+//! are made semidefinite as in Teran, Sifakis, Irving & Fedkiw, *Robust quasistatic finite elements and flesh
+//! simulation*, Symposium on Computer Animation (2005).
 //!
 //! Notation: a triangle with corners `a, b, c` on the sphere has the Jacobian `z = [b − a, c − a] D` of the linear map
 //! from its rest shape onto its chord, where `D` is the inverse of the rest shape's edges; `q = |z|²`, and
-//! `d = det(a, b, c) det D`: the ratio of areas, times the distance of the chord's plane from the centre. It is positive
-//! as long as the triangle is not inverted and spans less than a hemisphere.
+//! `d = det(a, b, c) det D`: the ratio of areas, times the distance of the chord's plane from the centre. It is
+//! positive as long as the triangle is not inverted and spans less than a hemisphere.
 
 use nalgebra::SMatrix;
 use rayon::prelude::*;
@@ -24,7 +24,8 @@ use crate::{Point, Vector};
 pub(crate) struct EnergyWeights {
     /// Weight of `q / 2d`, which is least where angles are kept.
     pub(crate) angle: f64,
-    /// Weight of `(d + 1/d) / 2`, which is least where areas are kept; 0 for embeddings that are as conformal as possible.
+    /// Weight of `(d + 1/d) / 2`, which is least where areas are kept; 0 for embeddings that are as conformal as
+    /// possible.
     pub(crate) area: f64,
 }
 
@@ -35,8 +36,8 @@ pub(crate) struct DistortionEnergy<'a> {
     pub(crate) weights: EnergyWeights,
 }
 
-/// A function that Newton's method minimises over spherical embeddings: a sum over triangles that is infinite unless they
-/// are all positive.
+/// A function that Newton's method minimises over spherical embeddings: a sum over triangles that is infinite unless
+/// they are all positive.
 pub(crate) trait Objective: Sync {
     /// The triangles of the sum.
     fn triangles(&self) -> &[[u32; 3]];
@@ -61,8 +62,8 @@ pub(crate) struct ElementDerivatives {
 
 #[cfg(test)]
 impl RestShapes {
-    /// For each triangle the angle term `q / 2d`, which is 1 where angles are kept, and `d`. Both are infinite or NaN for
-    /// inverted triangles.
+    /// For each triangle the angle term `q / 2d`, which is 1 where angles are kept, and `d`. Both are infinite or NaN
+    /// for inverted triangles.
     pub(crate) fn distortions(&self, x: &[Vector]) -> Vec<[f64; 2]> {
         let distortion =
             |(t, shape): (&[u32; 3], &RestShape)| match SphericalTriangle::new(shape, t.map(|v| x[v as usize])) {
@@ -242,7 +243,8 @@ impl ElementDerivatives {
     };
 }
 
-/// The closest positive semidefinite matrix: negative eigenvalues are set to 0. Matrices that are not finite are unchanged.
+/// The closest positive semidefinite matrix: negative eigenvalues are set to 0. Matrices that are not finite are
+/// unchanged.
 pub(crate) fn semidefinite(matrix: ElementHessian) -> ElementHessian {
     let size = matrix.trace().abs();
     if !size.is_finite() || nalgebra::Cholesky::new(matrix).is_some() {

@@ -12,8 +12,8 @@ use crate::{Point, Vector};
 /// Positive triangles make a covering, whose number of sheets is the degree: with degree 1 it is a bijection.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct EmbeddingCheck {
-    /// Number of geodesic triangles that are inverted, flat, or have a corner that is not finite; decided exactly for the
-    /// directions as given.
+    /// Number of geodesic triangles that are inverted, flat, or have a corner that is not finite; decided exactly for
+    /// the directions as given.
     pub flipped: usize,
     /// The first of them.
     pub first_flipped: Option<u32>,

@@ -1,8 +1,8 @@
 //! Progressive simplification of a surface of genus 0 to a tetrahedron, and the inverse vertex insertions.
 //!
 //! Half-edge collapses under the link condition (Dey, Edelsbrunner, Guha, Nekhayev, *Topology preserving edge
-//! contraction*, 1999) keep the topology. They are grouped in levels: the vertices that a level removes are an independent
-//! set of a fixed share of the rest, so that the number of levels grows with the logarithm of the size.
+//! contraction*, 1999) keep the topology. They are grouped in levels: the vertices that a level removes are an
+//! independent set of a fixed share of the rest, so that the number of levels grows with the logarithm of the size.
 
 use rayon::prelude::*;
 use smallvec::SmallVec;

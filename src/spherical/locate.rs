@@ -1,9 +1,9 @@
 //! The inverse of a spherical embedding: the triangle that covers a direction, and the point in it.
 //!
-//! A direction `x` in the geodesic triangle of the unit vectors `a`, `b`, `c` is `m₀ a + m₁ b + m₂ c` up to length, with
-//! `m₀ = det(x, b, c)` and so on by Cramer's rule. [`SphericalEmbedding::direction`] normalises `l₀ a + l₁ b + l₂ c`, so that
-//! `l = m / Σm` are the barycentric coordinates that it came from: the gnomonic ones. Determinants are those of `b − x`
-//! and `c − x`, which are the same but do not cancel in small triangles.
+//! A direction `x` in the geodesic triangle of the unit vectors `a`, `b`, `c` is `m₀ a + m₁ b + m₂ c` up to length,
+//! with `m₀ = det(x, b, c)` and so on by Cramer's rule. [`SphericalEmbedding::direction`] normalises
+//! `l₀ a + l₁ b + l₂ c`, so that `l = m / Σm` are the barycentric coordinates that it came from: the gnomonic ones.
+//! Determinants are those of `b − x` and `c − x`, which are the same but do not cancel in small triangles.
 
 use rayon::prelude::*;
 
@@ -16,8 +16,9 @@ use crate::{Point, Vector};
 
 /// Evaluates the inverse of a [`SphericalEmbedding`]. Construction takes some 200 bytes and 0.7 µs per triangle.
 ///
-/// Every direction has a point: where rounding leaves several triangles or none, it is in the one with the largest least
-/// barycentric coordinate, of equals in the first. The direction of a vertex, bit for bit, gives exactly that vertex.
+/// Every direction has a point: where rounding leaves several triangles or none, it is in the one with the largest
+/// least barycentric coordinate, of equals in the first. The direction of a vertex, bit for bit, gives exactly that
+/// vertex.
 #[derive(Debug, Clone)]
 pub struct Locator {
     tree: Bvh,
@@ -168,8 +169,8 @@ fn unit_of(direction: &Vector) -> Option<Vector> {
 
 /// A box around a geodesic triangle of unit vectors.
 ///
-/// A point `p = Σ l a` of the flat triangle has `|p|² = 1 − Σ l_i l_j |a_i − a_j|²`, and the products add up to a third at
-/// most. The geodesic triangle is above it by no more than `1 − |p|`.
+/// A point `p = Σ l a` of the flat triangle has `|p|² = 1 − Σ l_i l_j |a_i − a_j|²`, and the products add up to a third
+/// at most. The geodesic triangle is above it by no more than `1 − |p|`.
 fn geodesic_box(corners: &[Vector; 3]) -> Aabb {
     let [a, b, c] = corners;
     let squares = [a - b, b - c, c - a].map(|side| side.norm_squared());
@@ -213,8 +214,8 @@ impl Triangle {
         }
     }
 
-    /// Coefficients `l` such that `l₀ a + l₁ b + l₂ c` is the direction. One step of iterative refinement: in thin triangles
-    /// rounding errors of the determinants would move the point.
+    /// Coefficients `l` such that `l₀ a + l₁ b + l₂ c` is the direction. One step of iterative refinement: in thin
+    /// triangles rounding errors of the determinants would move the point.
     fn refined(&self, weights: &EdgeDeterminants, x: &Vector) -> [f64; 3] {
         let [a, b, c] = &self.corners;
         let [l, m, n] = weights.m;

@@ -1,6 +1,6 @@
 //! Maps a surface to the sphere: hierarchy, progressive embedding, Newton's method, exact check.
 
-use super::cmcf::{FlowOptions, flow};
+use super::cmcf::flow;
 use super::distortion_energy::{DistortionEnergy, EnergyWeights, Objective};
 use super::hierarchy::Hierarchy;
 use super::moebius::centre;
@@ -97,8 +97,8 @@ pub struct SphereReport {
 
 /// Rounds of relaxation on each level.
 const SWEEPS: usize = 5;
-/// The flow shrinks long limbs to tiny areas, from which Newton's method would need many iterations: its result is not used
-/// if its energy is above this many times that of the progressive embedding.
+/// The flow shrinks long limbs to tiny areas, from which Newton's method would need many iterations: its result is not
+/// used if its energy is above this many times that of the progressive embedding.
 const MOST_FLOW_ENERGY_RATIO: f64 = 1e3;
 /// Newton's method also runs on the levels with the number of vertices divided by these: it moves whole limbs, as
 /// relaxation of single vertices does not, at a fraction of the cost on the finest level.
@@ -106,15 +106,15 @@ const COARSE_SHARES: [usize; 3] = [64, 16, 4];
 /// Maximum iterations on such a level, and the relative decrease of the energy that ends them.
 const COARSE_ITERATIONS: usize = 25;
 const COARSE_TOLERANCE: f64 = 1e-3;
-/// Weight of areas in [`SphereEnergy::Balanced`]: on solids with limbs, areas shrink to a hundredth at most, and half of
-/// the triangles are stretched by less than 2.
+/// Weight of areas in [`SphereEnergy::Balanced`]: on solids with limbs, areas shrink to a hundredth at most, and half
+/// of the triangles are stretched by less than 2.
 const AREA_WEIGHT: f64 = 0.1;
 /// Weight of areas during the progressive embedding for [`SphereEnergy::Conformal`]: without it, coarse embeddings can
 /// contract to a point.
 const AREA_WEIGHT_OF_START: f64 = 0.01;
 
-/// Maps a closed surface of genus 0 to the unit sphere, rotated so that directions are close to those from the surface's
-/// centroid. The result is a bijection, checked by exact predicates.
+/// Maps a closed surface of genus 0 to the unit sphere, rotated so that directions are close to those from the
+/// surface's centroid. The result is a bijection, checked by exact predicates.
 ///
 /// Cost is linear in the number of vertices `n`, except for the factorisation in Newton's method, `n^1.5`: 134 000
 /// vertices take some 7 s and 0.6 GiB on two cores. The result is the same for any number of threads.
@@ -122,7 +122,8 @@ const AREA_WEIGHT_OF_START: f64 = 0.01;
 /// # Errors
 ///
 /// As [`require_genus_0`], [`SphericalError::TooFine`] when rounding leaves no position for a vertex, and
-/// [`SphericalError::Cancelled`] when `progress` says so ([`ProgressResponse`]), which is heard between levels and iterations.
+/// [`SphericalError::Cancelled`] when `progress` says so ([`ProgressResponse`]), which is heard between levels and
+/// iterations.
 pub fn map_to_sphere<A: ProgressResponse>(
     surface: &SurfaceMesh,
     options: &SphereOptions,
@@ -130,9 +131,9 @@ pub fn map_to_sphere<A: ProgressResponse>(
 ) -> Result<(SphericalEmbedding, SphereReport), SphericalError> {
     let surface = require_genus_0(surface)?;
     require_scale(&surface)?;
-    let told = |phase| progress(phase).control_flow();
-    let watch = ProgressMonitor::new(SpherePhase::Coarsening, &told);
-    let progressive = progressive_embedding(&surface, options, &watch)?;
+    let respond = |phase| progress(phase).control_flow();
+    let monitor = ProgressMonitor::new(SpherePhase::Coarsening, &respond);
+    let progressive = progressive_embedding(&surface, options, &monitor)?;
     let rest = RestShapes::new(surface.triangles(), surface.vertices());
     let [_, area] = area_weights(options.energy);
     let weights = EnergyWeights { angle: 1.0, area };
@@ -140,15 +141,15 @@ pub fn map_to_sphere<A: ProgressResponse>(
     let (mut directions, start) = match options.start {
         SphereStart::Progressive => (progressive, SphereStart::Progressive),
         SphereStart::Flow => {
-            watch.report(SpherePhase::Flowing);
-            let flowed = flow(surface.triangles(), surface.vertices(), &FlowOptions::default());
+            monitor.report(SpherePhase::Flowing);
+            let flowed = flow(surface.triangles(), surface.vertices());
             let most = MOST_FLOW_ENERGY_RATIO * energy.value(&progressive);
             let flowed = flowed.filter(|x| energy.value(x) <= most);
             flowed.map_or((progressive, SphereStart::Progressive), |x| (x, SphereStart::Flow))
         }
     };
-    watch.report(SpherePhase::Optimising);
-    require_going_on(&watch)?;
+    monitor.report(SpherePhase::Optimising);
+    require_not_cancelled(&monitor)?;
     let failed = |error: NewtonError| match error {
         NewtonError::OutOfMemory { unknowns } => SphericalError::OutOfMemory { vertices: unknowns / 2 },
         // The start is a bijection; only its energy can overflow.
@@ -160,9 +161,9 @@ pub fn map_to_sphere<A: ProgressResponse>(
         tolerance: options.tolerance,
     };
     let descent = newton
-        .minimise(&energy, &mut directions, &newton_options, &|| watch.should_continue())
+        .minimise(&energy, &mut directions, &newton_options, &|| monitor.should_continue())
         .map_err(failed)?;
-    require_going_on(&watch)?;
+    require_not_cancelled(&monitor)?;
     if options.energy == SphereEnergy::Conformal {
         centre(surface.triangles(), &vertex_areas(&surface), &mut directions);
     }
@@ -178,8 +179,8 @@ pub fn map_to_sphere<A: ProgressResponse>(
     Ok((SphericalEmbedding::new(surface, &directions)?, report))
 }
 
-fn require_going_on(watch: &ProgressMonitor<SpherePhase>) -> Result<(), SphericalError> {
-    if watch.should_continue() {
+fn require_not_cancelled(monitor: &ProgressMonitor<SpherePhase>) -> Result<(), SphericalError> {
+    if monitor.should_continue() {
         Ok(())
     } else {
         Err(SphericalError::Cancelled)
@@ -198,9 +199,9 @@ fn area_weights(energy: SphereEnergy) -> [f64; 2] {
 fn progressive_embedding(
     surface: &SurfaceMesh,
     options: &SphereOptions,
-    watch: &ProgressMonitor<SpherePhase>,
+    monitor: &ProgressMonitor<SpherePhase>,
 ) -> Result<Vec<Vector>, SphericalError> {
-    require_going_on(watch)?;
+    require_not_cancelled(monitor)?;
     let points = surface.vertices();
     let hierarchy = Hierarchy::new(points, surface.triangles(), &[]).ok_or(SphericalError::TooFine)?;
     let [area, _] = area_weights(options.energy);
@@ -215,9 +216,9 @@ fn progressive_embedding(
     let completed = embedding.refine(&hierarchy, usize::MAX, |embedding| {
         let vertices = embedding.inserted.len();
         let total = points.len();
-        watch.report(SpherePhase::Embedding { vertices, total });
+        monitor.report(SpherePhase::Embedding { vertices, total });
         // After a cancellation the remaining levels are only inserted, which is quick.
-        if watch.is_cancelled() {
+        if monitor.is_cancelled() {
             return;
         }
         relaxation.run(embedding, SWEEPS);
@@ -225,7 +226,7 @@ fn progressive_embedding(
             optimise_coarse(embedding, points, relaxation.weights);
         }
     });
-    require_going_on(watch)?;
+    require_not_cancelled(monitor)?;
     completed.ok_or(SphericalError::TooFine)?;
     Ok(embedding.directions)
 }

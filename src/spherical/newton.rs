@@ -1,9 +1,9 @@
 //! Newton's method for spherical embeddings.
 //!
-//! Two unknowns per vertex in its tangent plane; after a step the vertex is normalised. Along a step the determinant of a
-//! triangle is a cubic polynomial times a positive factor, so that the longest step without an inverted triangle is known
-//! beforehand (as Smith & Schaefer, *Bijective parameterization with free boundaries*, ACM Trans. Graph.
-//! 34, 2015, do in the plane).
+//! Two unknowns per vertex in its tangent plane; after a step the vertex is normalised. Along a step the determinant of
+//! a triangle is a cubic polynomial times a positive factor, so that the longest step without an inverted triangle is
+//! known beforehand (as Smith & Schaefer, *Bijective parameterization with free boundaries*, ACM Trans. Graph. 34,
+//! 2015, do in the plane).
 
 use rayon::prelude::*;
 
@@ -17,15 +17,6 @@ pub(crate) struct NewtonOptions {
     pub(crate) most_iterations: usize,
     /// Fall of the energy in one iteration, as a fraction of it, at which the descent ends.
     pub(crate) tolerance: f64,
-}
-
-impl Default for NewtonOptions {
-    fn default() -> Self {
-        Self {
-            most_iterations: 50,
-            tolerance: 1e-6,
-        }
-    }
 }
 
 /// What [`Newton::minimise`] did.
@@ -50,26 +41,20 @@ pub(crate) enum NewtonStop {
 }
 
 /// Why an embedding cannot be optimised.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[non_exhaustive]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum NewtonError {
     /// A triangle has a vertex without a direction.
-    #[error("a triangle has vertex {vertex}, and there are {directions} directions")]
     Count { vertex: u32, directions: usize },
-    /// The energy is infinite at the start.
-    #[error(
-        "triangle {triangle} of the embedding is inverted, flat or not finite; start from one without such triangles"
-    )]
+    /// A triangle of the embedding is inverted, flat or not finite at the start.
     Flipped { triangle: usize },
-    /// The energy overflows at the start.
-    #[error("the energy is not finite at the start; its weights must be finite and no triangle nearly flat")]
+    /// The energy is not finite at the start: its weights are not, or a triangle is nearly flat.
     NotFinite,
-    /// The factorisation does not fit.
-    #[error("the system of {unknowns} unknowns does not fit into memory; use a coarser surface")]
+    /// The factorisation does not fit into memory.
     OutOfMemory { unknowns: usize },
 }
 
-/// Minimises energies over embeddings of one list of triangles; keeps the sparsity pattern and its symbolic factorisation.
+/// Minimises energies over embeddings of one list of triangles; keeps the sparsity pattern and its symbolic
+/// factorisation.
 #[derive(Debug)]
 pub(crate) struct Newton {
     /// The unknowns `2i` and `2i + 1` are tangent coordinates of vertex `free[i]`.
@@ -145,8 +130,8 @@ impl Newton {
 
     /// Lowers the energy of the embedding `x`, a unit vector per vertex, without ever inverting a triangle.
     ///
-    /// `goes_on` is called before every iteration; the descent ends when it is false. The result is the same for any
-    /// number of threads.
+    /// `should_continue` is called before every iteration; the descent ends when it is false. The result is the same
+    /// for any number of threads.
     ///
     /// # Errors
     ///
@@ -160,7 +145,7 @@ impl Newton {
         energy: &impl Objective,
         x: &mut [Vector],
         options: &NewtonOptions,
-        goes_on: &dyn Fn() -> bool,
+        should_continue: &dyn Fn() -> bool,
     ) -> Result<NewtonReport, NewtonError> {
         debug_assert!(self.triangles == energy.triangles());
         let energy_before = self.start(energy, x)?;
@@ -171,7 +156,7 @@ impl Newton {
             stop: NewtonStop::MostIterations,
         };
         let mut shift = LEAST_SHIFT;
-        while report.iterations < options.most_iterations && goes_on() {
+        while report.iterations < options.most_iterations && should_continue() {
             let frames: Vec<[Vector; 2]> = x.par_iter().map(tangents).collect();
             let gradient = self.assemble(energy, x, &frames);
             let Some(step) = self.descend(energy, x, &frames, &gradient, report.energy_after, &mut shift) else {
@@ -413,8 +398,8 @@ fn determinant_along([a, b, c]: &[Vector; 3], [u, v, w]: &[Vector; 3]) -> [f64; 
     ]
 }
 
-/// A close lower bound of the first root in (0, 1] of a cubic that is positive at 0; infinite without a root, and 0 when
-/// the cubic is not finite.
+/// A close lower bound of the first root in (0, 1] of a cubic that is positive at 0; infinite without a root, and 0
+/// when the cubic is not finite.
 fn first_root(cubic: &[f64; 4]) -> f64 {
     if !cubic.iter().all(|c| c.is_finite()) {
         return 0.0;

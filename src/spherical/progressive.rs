@@ -1,9 +1,9 @@
 //! Progressive spherical embedding: the vertices of a hierarchy are inserted one by one, each inside the ring of its
 //! neighbours.
 //!
-//! No triangle is ever inverted: the tetrahedron at the bottom becomes a regular one, and a vertex is inserted where all
-//! its triangles are positive (Praun and Hoppe, *Spherical parametrization and remeshing*, 2003; Shen, Jiang, Zorin, Panozzo,
-//! *Progressive embedding*, 2019).
+//! No triangle is ever inverted: the tetrahedron at the bottom becomes a regular one, and a vertex is inserted where
+//! all its triangles are positive (Praun and Hoppe, *Spherical parametrization and remeshing*, 2003; Shen, Jiang,
+//! Zorin, Panozzo, *Progressive embedding*, 2019).
 
 use super::hierarchy::{Hierarchy, VertexRings};
 use super::ring_kernel::{point_in_kernel, smallest_det};
@@ -26,8 +26,8 @@ pub(crate) struct PartialEmbedding {
 }
 
 impl PartialEmbedding {
-    /// Inserts vertices, level by level, until there are at least `enough`. After each level `improve` may move vertices,
-    /// keeping all triangles positive.
+    /// Inserts vertices, level by level, until there are at least `enough`. After each level `improve` may move
+    /// vertices, keeping all triangles positive.
     ///
     /// `None` when rounding leaves no position for a vertex: its ring is smaller than the spacing of coordinates.
     pub fn refine(&mut self, hierarchy: &Hierarchy, enough: usize, mut improve: impl FnMut(&mut Self)) -> Option<()> {

@@ -1,9 +1,9 @@
-//! Nonlinear Gauss-Seidel relaxation: moves one vertex at a time to lower the distortion of its triangles, with the others
-//! held.
+//! Nonlinear Gauss-Seidel relaxation: moves one vertex at a time to lower the distortion of its triangles, with the
+//! others held.
 //!
 //! The energy of one vertex is a function of two variables: a Newton step takes a few hundred nanoseconds and no sparse
-//! matrix. Such moves smooth errors over a few triangles only; in a hierarchy, where every level starts from the solution
-//! of a coarser one, no others are left.
+//! matrix. Such moves smooth errors over a few triangles only; in a hierarchy, where every level starts from the
+//! solution of a coarser one, no others are left.
 
 use smallvec::SmallVec;
 
@@ -57,8 +57,8 @@ impl Relaxation<'_> {
     }
 }
 
-/// The neighbours of a vertex: their directions, and the rest shape of the triangle of the vertex, the neighbour and the
-/// next one.
+/// The neighbours of a vertex: their directions, and the rest shape of the triangle of the vertex, the neighbour and
+/// the next one.
 type RelaxationStar = SmallVec<[(Vector, RestShape); 12]>;
 
 /// Energy of the triangles of a vertex at `x`; `None` when one of them is not positive.

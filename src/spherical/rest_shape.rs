@@ -21,8 +21,8 @@ pub(crate) struct RestShapes {
     shapes: Vec<RestShape>,
 }
 
-/// Triangles thinner than this get this ratio of height to longest side: needles give rounding errors and ill-conditioned
-/// systems.
+/// Triangles thinner than this get this ratio of height to longest side: needles give rounding errors and
+/// ill-conditioned systems.
 const THINNEST: f64 = 0.02;
 
 /// Twice the least area, relative to a surface of area 4π; smaller triangles get this.
@@ -85,8 +85,8 @@ fn thin(squares: [f64; 3], longest: f64) -> [f64; 3] {
 impl RestShapes {
     /// The shapes of these triangles between these points.
     ///
-    /// Always finite: triangles that are too thin or too small are regularised, and those with a corner that is missing or
-    /// not finite become small equilateral ones.
+    /// Always finite: triangles that are too thin or too small are regularised, and those with a corner that is missing
+    /// or not finite become small equilateral ones.
     pub fn new(triangles: &[[u32; 3]], positions: &[Point]) -> Self {
         // Coordinates of any size: products of them must not leave the range of f64.
         let size = positions.iter().map(|p| p.coords.amax()).filter(|c| c.is_finite());

@@ -1,4 +1,5 @@
-//! The kernel of the ring of a vertex's neighbours: the directions of the vertex for which all its triangles are positive.
+//! The kernel of the ring of a vertex's neighbours: the directions of the vertex for which all its triangles are
+//! positive.
 
 use crate::Vector;
 
@@ -34,8 +35,8 @@ pub(super) fn smallest_det(x: &Vector, ring: &[Vector]) -> f64 {
     smallest
 }
 
-/// A direction for a vertex with neighbours at `ring`, for which all its triangles are positive: the centre of the largest
-/// spherical cap inside the great circles of all sides, or else a point near `ring[0]`.
+/// A direction for a vertex with neighbours at `ring`, for which all its triangles are positive: the centre of the
+/// largest spherical cap inside the great circles of all sides, or else a point near `ring[0]`.
 ///
 /// The triangles that the vertex replaces are a fan about `ring[0]` and all positive, so that the kernel is not empty;
 /// `None` when it is empty up to rounding.

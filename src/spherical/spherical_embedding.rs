@@ -6,8 +6,8 @@ use crate::check::repair;
 use crate::mesh::topology::Topology;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 
-/// A bijection of a closed surface of genus 0 with the unit sphere: a direction per vertex, and within each triangle the
-/// normalised linear interpolation of its corners' directions (the gnomonic map of its geodesic triangle), which is
+/// A bijection of a closed surface of genus 0 with the unit sphere: a direction per vertex, and within each triangle
+/// the normalised linear interpolation of its corners' directions (the gnomonic map of its geodesic triangle), which is
 /// continuous across edges.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SphericalEmbedding {
@@ -148,8 +148,8 @@ impl SphericalEmbedding {
     }
 }
 
-/// The normalised vector. One that has length 1 up to rounding keeps its bits, so that directions stay the same when they
-/// are written to a file and read again.
+/// The normalised vector. One that has length 1 up to rounding keeps its bits, so that directions stay the same when
+/// they are written to a file and read again.
 pub(super) fn unit(x: &Vector) -> Vector {
     if (x.norm_squared() - 1.0).abs() <= 8.0 * f64::EPSILON {
         *x

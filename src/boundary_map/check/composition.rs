@@ -32,8 +32,8 @@ pub struct CompositionCheck {
     pub round_trip: RoundTrip,
     /// How often the domain's triangles were cut into four before distortion was measured.
     pub cuts: u32,
-    /// Triangles of the plain image, straight between the images of vertices, that face against the target: defects of the
-    /// plain image, not of the map.
+    /// Triangles of the plain image, straight between the images of vertices, that face against the target: defects of
+    /// the plain image, not of the map.
     pub plain_image_flipped: usize,
 }
 
@@ -142,8 +142,8 @@ fn cut(map: &BoundaryMap) -> (BoundaryMap, u32) {
     (fine, cuts)
 }
 
-/// Distances from images to the map's own target, and from points of the target to the images of their preimages: rounding
-/// errors.
+/// Distances from images to the map's own target, and from points of the target to the images of their preimages:
+/// rounding errors.
 fn of_own_target(
     fine: &BoundaryMap,
     back: &BoundaryMap,
@@ -172,8 +172,8 @@ fn of_own_target(
 }
 
 impl SurfaceDistance {
-    /// From distances that are rounding errors everywhere, so that the largest needs no search: at samples uniform by area,
-    /// and at other points.
+    /// From distances that are rounding errors everywhere, so that the largest needs no search: at samples uniform by
+    /// area, and at other points.
     fn of_rounding_errors(spread: Vec<f64>, others: Vec<f64>, diagonal: f64) -> Self {
         let (rms, p99) = Summary::of(&spread).map_or((0.0, 0.0), |s| (s.rms, s.p99));
         let largest = [&spread, &others].into_iter().flatten().copied().fold(0.0, f64::max);

@@ -1,8 +1,8 @@
 //! Hausdorff distances between surfaces, with bounds.
 //!
 //! The largest distance is sought by branch and bound, as in Tang, Lee & Kim, *Interactive Hausdorff distance
-//! computation for general polygonal models*, SIGGRAPH 2009: the distance to one triangle is a convex function, so that over
-//! a triangle it is largest at a corner, and bounds the distance to the other surface.
+//! computation for general polygonal models*, SIGGRAPH 2009: the distance to one triangle is a convex function, so that
+//! over a triangle it is largest at a corner, and bounds the distance to the other surface.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -109,8 +109,8 @@ struct Probe {
 struct TrianglePart {
     most: f64,
     corners: [Probe; 3],
-    /// The other surface's triangle closest to the centroid of the whole triangle. The closest triangles of the corners may
-    /// be the wrong ones of several that meet at an edge.
+    /// The other surface's triangle closest to the centroid of the whole triangle. The closest triangles of the corners
+    /// may be the wrong ones of several that meet at an edge.
     facing: usize,
     number: usize,
 }
@@ -140,22 +140,22 @@ impl DistanceSearch<'_> {
         let whole = corners
             .zip(&facing)
             .enumerate()
-            .filter_map(|(number, ([a, b, c], facing))| Some(self.piece([a?, b?, c?], facing.triangle, number)));
-        let mut pieces: BinaryHeap<TrianglePart> = whole.collect();
+            .filter_map(|(number, ([a, b, c], facing))| Some(self.part([a?, b?, c?], facing.triangle, number)));
+        let mut parts: BinaryHeap<TrianglePart> = whole.collect();
         for query in 0..MOST_QUERIES {
-            match pieces.peek() {
-                Some(piece) if piece.most > least + error => {}
+            match parts.peek() {
+                Some(part) if part.most > least + error => {}
                 _ => break,
             }
-            let Some(piece) = pieces.pop() else { break };
-            let (middle, halves) = self.halved(&piece.corners);
+            let Some(part) = parts.pop() else { break };
+            let (middle, halves) = self.halved(&part.corners);
             least = least.max(middle.distance);
             let number = self.from.triangles().len() + 2 * query;
             let [first, second] = halves;
-            pieces.push(self.piece(first, piece.facing, number));
-            pieces.push(self.piece(second, piece.facing, number + 1));
+            parts.push(self.part(first, part.facing, number));
+            parts.push(self.part(second, part.facing, number + 1));
         }
-        let most = pieces.peek().map_or(least, |piece| piece.most.max(least));
+        let most = parts.peek().map_or(least, |part| part.most.max(least));
         (least, most)
     }
 
@@ -174,7 +174,7 @@ impl DistanceSearch<'_> {
         (0..self.from.triangles().len()).map(centroid).collect()
     }
 
-    fn piece(&self, corners: [Probe; 3], facing: usize, number: usize) -> TrianglePart {
+    fn part(&self, corners: [Probe; 3], facing: usize, number: usize) -> TrianglePart {
         let to_triangle = |t: usize| {
             let triangle = self.to.corners(t);
             let distance = |p: &Probe| closest_point_on_triangle(&p.place, &triangle).offset.norm();

@@ -250,8 +250,8 @@ pub(super) fn facings_on_sphere(mesh: &SurfaceMesh, directions: &[Vector]) -> Ve
     mesh.triangles().par_iter().map(facing).collect()
 }
 
-/// A triangle faces inward if it faces against the target's normals at the points closest to all four of its samples. All
-/// four must agree because a triangle may span a crease of the target.
+/// A triangle faces inward if it faces against the target's normals at the points closest to all four of its samples.
+/// All four must agree because a triangle may span a crease of the target.
 pub(super) fn facings_on_target(image: &SurfaceMesh, target: &SurfaceMesh, query: &SurfaceQuery) -> Vec<Facing> {
     const SAMPLES: [[f64; 3]; 4] = {
         let (far, near) = (1.0 / 6.0, 2.0 / 3.0);
@@ -289,8 +289,8 @@ fn points_inside(query: &SurfaceQuery, seed: u64) -> Vec<Point> {
     tried.into_par_iter().filter(is_inside).collect()
 }
 
-/// Points that are further from the surface than `off`: an image within this distance of the surface can be deformed onto it
-/// without changing their winding number. When there are none, the deepest points.
+/// Points that are further from the surface than `off`: an image within this distance of the surface can be deformed
+/// onto it without changing their winding number. When there are none, the deepest points.
 fn deep(points: Vec<Point>, query: &SurfaceQuery, off: f64) -> Vec<Point> {
     let depths = query.closest_points(&points).into_iter().map(|c| c.distance);
     let mut ordered: Vec<(f64, Point)> = depths.zip(points).collect();

@@ -1,10 +1,10 @@
 //! Checks whether a boundary map is a bijection, as far as can be decided, and how well its image covers the target.
 //!
 //! The image is the domain's triangulation in space, of any genus and from any program. What can be decided depends on
-//! what it is compared with ([`ComparedWith`]). On a sphere bijectivity is decided exactly ([`crate::spherical`]), and so it
-//! is for a composition of spherical embeddings, which is checked itself instead of the mesh of its vertices' images.
-//! Near a target surface, triangles are compared with the target's normals, the degree follows from winding numbers
-//! inside the target, and both Hausdorff distances are bounded. An image on its own shows folds and overlaps.
+//! what it is compared with ([`ComparedWith`]). On a sphere bijectivity is decided exactly ([`crate::spherical`]), and
+//! so it is for a composition of spherical embeddings, which is checked itself instead of the mesh of its vertices'
+//! images. Near a target surface, triangles are compared with the target's normals, the degree follows from winding
+//! numbers inside the target, and both Hausdorff distances are bounded. An image on its own shows folds and overlaps.
 
 mod composition;
 mod coverage;
@@ -66,16 +66,17 @@ pub struct BoundaryCheck {
     pub verdict: BijectivityVerdict,
     /// How often the image covers the target; `None` for domains that are open or have no orientation.
     pub degree: Option<Degree>,
-    /// Triangles whose images are inverted. On a sphere: exactly. Against a target: those that face against the target's
-    /// outward normals at the points closest to four samples of the triangle. Otherwise: those beside a folded edge that
-    /// face against the triangles around them. With a negative degree, all triangles are inverted if the map is a
-    /// bijection.
+    /// Triangles whose images are inverted. On a sphere: exactly. Against a target: those that face against the
+    /// target's outward normals at the points closest to four samples of the triangle. Otherwise: those beside a folded
+    /// edge that face against the triangles around them. With a negative degree, all triangles are inverted if the map
+    /// is a bijection.
     pub flipped: usize,
     /// Triangles with an area whose images have none: corners exactly on a line (on a sphere: on a great circle).
     pub degenerate: usize,
     /// Triangles of the domain with corners exactly on a line; they are no defect of the map.
     pub flat_in_domain: usize,
-    /// Edges at which the image (for a composition: the plain image) is folded by more than 150°, and the domain is not.
+    /// Edges at which the image (for a composition: the plain image) is folded by more than 150°, and the domain is
+    /// not.
     pub folded_edges: usize,
     /// Distances between image and target; `None` without a target.
     pub coverage: Option<Coverage>,
@@ -172,10 +173,10 @@ pub enum BoundaryCheckError {
 /// Checks a boundary map: whether it is a bijection, and its distortion.
 ///
 /// `target` is the surface that the image should cover. Without it, the image is compared with the map's own target, if
-/// it is a composition, or with the sphere that its vertices lie on to 1e-6 of the radius, if there is one. An image that
-/// is further than a tenth of the diagonal off its target is checked on its own. Surfaces are oriented as by [`repair`].
-/// `self_intersections` finds triangles that intersect, as CGAL does in builds with the `native` feature. Takes seconds
-/// per 100 000 triangles with a target, and a fraction of one without.
+/// it is a composition, or with the sphere that its vertices lie on to 1e-6 of the radius, if there is one. An image
+/// that is further than a tenth of the diagonal off its target is checked on its own. Surfaces are oriented as by
+/// [`repair`]. `self_intersections` finds triangles that intersect, as CGAL does in builds with the `native` feature.
+/// Takes seconds per 100 000 triangles with a target, and a fraction of one without.
 ///
 /// # Errors
 ///

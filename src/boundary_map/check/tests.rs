@@ -393,8 +393,8 @@ fn distortion_through_the_sphere_is_that_of_the_true_map() {
     let report = checked(&map, None);
     assert_eq!(report.composition.as_ref().unwrap().cuts, MOST_CUTS);
     assert!((report.distortion.unwrap().length.max - 1.0).abs() < 1e-9, "{report}");
-    // From the cube onto the sphere, areas at distance r from the centre change by 1/r³, and by 0.52 in the mean: by 1.9
-    // in the middle of a face, if the triangles are small enough to see it.
+    // From the cube onto the sphere, areas at distance r from the centre change by 1/r³, and by 0.52 in the mean: by
+    // 1.9 in the middle of a face, if the triangles are small enough to see it.
     let map = BoundaryMap::onto_sphere(radial_embedding(shapes::cube(2.0, 1))).unwrap();
     let report = checked(&map, None);
     assert_eq!(report.verdict, BijectivityVerdict::Bijective);

@@ -1,8 +1,8 @@
 //! Embeds the domain on the target's sphere, pulled towards soft targets, and lowers the distortion of the map between
 //! the surfaces.
 //!
-//! Coarse to fine, as Schmidt, Pieper, Kobbelt, *Surface maps via adaptive triangulations*, 2023: on a coarse level long
-//! moves are cheap, and every level starts from the solution of a coarser one.
+//! Coarse to fine, as Schmidt, Pieper, Kobbelt, *Surface maps via adaptive triangulations*, 2023: on a coarse level
+//! long moves are cheap, and every level starts from the solution of a coarser one.
 
 use rayon::prelude::*;
 
@@ -16,8 +16,8 @@ use crate::spherical::{EnergyWeights, Hierarchy, Newton, NewtonOptions, PartialE
 /// For each vertex of the domain the direction on the target's sphere that it is pulled to, and a weight from 0 to 1.
 pub(crate) type SoftTargets = Vec<Option<(Vector, f64)>>;
 
-/// How strongly, and up to which level, an embedding is pulled to its soft targets. On finer levels the distortion alone
-/// is minimised.
+/// How strongly, and up to which level, an embedding is pulled to its soft targets. On finer levels the distortion
+/// alone is minimised.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct SoftTargetSchedule {
     /// Energy of the soft targets if all were 1 away, over the energy of undistorted triangles.
@@ -88,7 +88,8 @@ const LAST: AlternationLimits = AlternationLimits {
     most_rounds: 30,
     least_decrease: 1e-5,
 };
-/// Candidates of each alignment that go on to the next size, and the energy over that of the best above which they do not.
+/// Candidates of each alignment that go on to the next size, and the energy over that of the best above which they do
+/// not.
 const KEPT: usize = 3;
 const MOST_ENERGY_RATIO: f64 = 1.4;
 /// Rounds of moving pins to their directions in an embedding of all vertices.
@@ -132,7 +133,7 @@ impl EmbeddingCandidate {
     }
 }
 
-impl<'a> DomainEmbedder<'a> {
+impl DomainEmbedder<'_> {
     /// The tetrahedron at the bottom of the hierarchy, rotated towards its soft targets.
     fn tetrahedron(&self, soft_targets: &SoftTargets) -> EmbeddingCandidate {
         let target = |v: u32| match self.pins.of(v) {
@@ -160,8 +161,8 @@ impl<'a> DomainEmbedder<'a> {
         self.refine(start, soft_targets, &to_the_end, usize::MAX, &|_, _| ())
     }
 
-    /// Inserts vertices until there are at least `enough`. `progress` gets the number of vertices and the energy of each
-    /// level. `None` when rounding leaves no position for a vertex.
+    /// Inserts vertices until there are at least `enough`. `progress` gets the number of vertices and the energy of
+    /// each level. `None` when rounding leaves no position for a vertex.
     pub fn refine(
         &self,
         mut candidate: EmbeddingCandidate,

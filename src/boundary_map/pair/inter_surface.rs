@@ -1,9 +1,9 @@
 //! The inter-surface map from a domain to a target that are embedded on the same sphere, and its distortion.
 //!
-//! A vertex of the domain at the direction `x` goes to the point of the target that has this direction. The energy is the
-//! symmetric Dirichlet energy `|J|² + |J⁻¹|²` of the triangles between these points (Schreiner, Asirvatham, Praun, Hoppe,
-//! *Inter-surface mapping*, 2004; Smith and Schaefer, *Bijective parameterization with free boundaries*, 2015), minimised
-//! over embeddings of the domain whose triangles stay positive, so that the map stays a bijection.
+//! A vertex of the domain at the direction `x` goes to the point of the target that has this direction. The energy is
+//! the symmetric Dirichlet energy `|J|² + |J⁻¹|²` of the triangles between these points (Schreiner, Asirvatham, Praun,
+//! Hoppe, *Inter-surface mapping*, 2004; Smith and Schaefer, *Bijective parameterization with free boundaries*, 2015),
+//! minimised over embeddings of the domain whose triangles stay positive, so that the map stays a bijection.
 
 use std::collections::HashMap;
 use std::sync::atomic::AtomicU32;
@@ -19,8 +19,8 @@ use crate::spherical::{
 };
 use crate::{Matrix3, Point, Vector};
 
-/// Weight of the angle distortion on the sphere. It acts as a barrier against flat triangles on the sphere: the energy of
-/// the straight triangles between points of the target can be finite there.
+/// Weight of the angle distortion on the sphere. It acts as a barrier against flat triangles on the sphere: the energy
+/// of the straight triangles between points of the target can be finite there.
 const BARRIER: f64 = 1e-3;
 
 /// Samples of the target that the search for protrusions uses, at most.
@@ -205,7 +205,8 @@ impl<'a> InterSurfaceMap<'a> {
         }
     }
 
-    /// Vertices whose triangles have more than `limit` times the energy of an isometry, with their neighbours; ascending.
+    /// Vertices whose triangles have more than `limit` times the energy of an isometry, with their neighbours;
+    /// ascending.
     pub fn distorted(&self, embedding: &PartialEmbedding, limit: f64) -> Vec<u32> {
         let mut found = Vec::new();
         let mut star = VertexStar::new();
@@ -480,8 +481,8 @@ mod tests {
         SphericalEmbedding::new(surface.clone(), &directions).unwrap()
     }
 
-    /// A ball with a horn that single triangles of a coarse domain cover, and such a domain, rotated so that no vertex of
-    /// one is on an edge of the other, where the map is not differentiable.
+    /// A ball with a horn that single triangles of a coarse domain cover, and such a domain, rotated so that no vertex
+    /// of one is on an edge of the other, where the map is not differentiable.
     fn horned() -> (SphericalEmbedding, SurfaceMesh) {
         let turn = nalgebra::Rotation3::from_euler_angles(0.31, 0.47, 0.59);
         let target = shapes::deformed(&shapes::sphere(1.0, 4), |p| {

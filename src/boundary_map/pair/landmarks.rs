@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 use crate::Point;
 
-/// Pairs of vertices: `pairs[k][0]` of the domain goes to `pairs[k][1]` of the target. No vertex stands in two pairs, and
-/// all are in range.
+/// Pairs of vertices: `pairs[k][0]` of the domain goes to `pairs[k][1]` of the target. No vertex stands in two pairs,
+/// and all are in range.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Landmarks {
     pairs: Vec<[u32; 2]>,

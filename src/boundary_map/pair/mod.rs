@@ -4,8 +4,8 @@
 //! 1. The target is embedded on the sphere ([`map_to_sphere`]).
 //! 2. The domain is aligned with the target by similarities ([`align`]). The closest point of the target gives each
 //!    vertex of the domain a soft target on the sphere ([`vertex_targets`]).
-//! 3. The domain is embedded on the same sphere, coarse to fine, pulled towards the soft targets; several alignments and
-//!    schedules are tried on coarse meshes and the best is refined.
+//! 3. The domain is embedded on the same sphere, coarse to fine, pulled towards the soft targets; several alignments
+//!    and schedules are tried on coarse meshes and the best is refined.
 //! 4. The domain's embedding is optimised for low distortion of the map from surface to surface.
 //!
 //! No step inverts a triangle on the sphere, so the result is a bijection at every point of the surface.
@@ -200,10 +200,9 @@ impl PairMapping<'_> {
             );
         }
         let turned = self.by_three_landmarks(&domain, &target).unwrap_or_else(|| {
-            let rotation = self.rotation_of_landmarks(&domain, &target, &mut warnings);
-            let rotation = rotation
-                .or(matches.first().map(|found| found.rotation))
-                .unwrap_or_else(Matrix3::identity);
+            let by_landmarks = self.rotation_of_landmarks(&domain, &target, &mut warnings);
+            let rotation = by_landmarks.or(matches.first().map(|found| found.rotation));
+            let rotation = rotation.unwrap_or_else(Matrix3::identity);
             domain.directions().iter().map(|x| (rotation * x).normalize()).collect()
         });
         // Rotating may invert the smallest triangles by rounding. Then the target is rotated instead.
@@ -332,9 +331,8 @@ impl PairMapping<'_> {
         let to = three.map(|[_, w]| target.directions()[w as usize]);
         let moebius = Moebius::of_three(&from, &to)?;
         let moved: Vec<Vector> = domain.directions().iter().map(|x| moebius.apply(x)).collect();
-        check_embedding(self.domain.triangles(), &moved)
-            .is_bijective()
-            .then_some(moved)
+        let is_bijective = check_embedding(self.domain.triangles(), &moved).is_bijective();
+        is_bijective.then_some(moved)
     }
 
     fn rotation_of_landmarks(
@@ -347,10 +345,8 @@ impl PairMapping<'_> {
         if pairs.len() < 2 {
             return None;
         }
-        let (from, to): (Vec<Vector>, Vec<Vector>) = pairs
-            .iter()
-            .map(|&[v, w]| (domain.directions()[v as usize], target.directions()[w as usize]))
-            .unzip();
+        let directions = |&[v, w]: &[u32; 2]| (domain.directions()[v as usize], target.directions()[w as usize]);
+        let (from, to): (Vec<Vector>, Vec<Vector>) = pairs.iter().map(directions).unzip();
         let turn = sphere_rotation(&from, &to, &vec![1.0; from.len()])?;
         if pairs.len() > 3 && turn.mirrored_residual < 0.5 * turn.residual {
             warnings.push("the landmarks go round the other way on the target, as on a mirror image".into());
@@ -358,8 +354,8 @@ impl PairMapping<'_> {
         Some(turn.rotation)
     }
 
-    /// Replaces the candidate by the soft targets themselves where these are a bijection of lower distortion: for a solid
-    /// and its copy this is the exact answer.
+    /// Replaces the candidate by the soft targets themselves where these are a bijection of lower distortion: for a
+    /// solid and its copy this is the exact answer.
     fn take_exact_targets(
         &self,
         embedder: &DomainEmbedder,
@@ -407,8 +403,8 @@ impl PairMapping<'_> {
         let (Some(of_first), Some(of_last)) = (distortion(&first), distortion(&last)) else {
             return Err(AlignError::NoArea { side: "domain" }.into());
         };
-        // The optimiser lowers the distortion of straight triangles, which can raise that of the map itself. Compared by
-        // a quantile: a few triangles across narrow limbs dominate the mean.
+        // The optimiser lowers the distortion of straight triangles, which can raise that of the map itself. Compared
+        // by a quantile: a few triangles across narrow limbs dominate the mean.
         if before.missed().is_empty() && of_first.symmetric_dirichlet.p90 < of_last.symmetric_dirichlet.p90 {
             Ok((first, [of_first; 2]))
         } else {

@@ -34,8 +34,8 @@ pub struct OrientedPoint {
 }
 
 impl OrientedQuery {
-    /// Prepares queries on a surface with these unit normals, one per vertex. `None` without triangles, when a corner or
-    /// a normal is not finite, or the counts differ.
+    /// Prepares queries on a surface with these unit normals, one per vertex. `None` without triangles, when a corner
+    /// or a normal is not finite, or the counts differ.
     pub fn new(surface: &SurfaceMesh, normals: &[Vector]) -> Option<Self> {
         let is_finite = |v: &u32| {
             let v = *v as usize;
@@ -58,8 +58,8 @@ impl OrientedQuery {
         Some(Self { bvh, corners, normals })
     }
 
-    /// The closest point, with the weight `β` of normals, a length. `hint` is the result of an earlier query: the closer it
-    /// is, the faster the search. The result depends on it only in ties.
+    /// The closest point, with the weight `β` of normals, a length. `hint` is the result of an earlier query: the
+    /// closer it is, the faster the search. The result depends on it only in ties.
     pub fn closest(&self, p: &Point, normal: &Vector, beta: f64, hint: Option<&OrientedPoint>) -> OrientedPoint {
         let mut best = self.on_triangle(hint.map_or(0, |found| found.slot), p, normal, beta);
         self.bvh.visit_nearest(p, best.distance_squared, |slots, _| {
@@ -109,7 +109,8 @@ impl OrientedQuery {
     }
 }
 
-/// Unit normals at the vertices, triangles weighted by area; zero where those cancel, and at vertices without triangles.
+/// Unit normals at the vertices, triangles weighted by area; zero where those cancel, and at vertices without
+/// triangles.
 pub fn vertex_normals(surface: &SurfaceMesh) -> Vec<Vector> {
     let mut normals = vec![Vector::zeros(); surface.vertices().len()];
     for (t, corners) in surface.triangles().iter().enumerate() {

@@ -1,8 +1,8 @@
 //! Registration of two spherical embeddings by rotation.
 //!
 //! The score is the correlation of the area distortions, which are large at limbs and bumps. Their logarithms are
-//! rasterised and smoothed on the sphere, and compared under uniformly spread rotations (Alexa, *Super-Fibonacci spirals*,
-//! CVPR 2022); the best are refined by compass search (Kolda, Lewis & Torczon, SIAM Review 45, 2003).
+//! rasterised and smoothed on the sphere, and compared under uniformly spread rotations (Alexa, *Super-Fibonacci
+//! spirals*, CVPR 2022); the best are refined by compass search (Kolda, Lewis & Torczon, SIAM Review 45, 2003).
 
 use std::f64::consts::PI;
 
@@ -26,8 +26,8 @@ pub struct RotationMatch {
     pub score: f64,
 }
 
-/// The best rotations, at least 15° apart, the highest score first: at least one, at most four. Two of about the same score
-/// mean that the solids are symmetric or have too little in common.
+/// The best rotations, at least 15° apart, the highest score first: at least one, at most four. Two of about the same
+/// score mean that the solids are symmetric or have too little in common.
 ///
 /// With an `alignment` of the solids, their normals are compared too. Costs about half a second of one core.
 pub fn search_rotations(
@@ -66,18 +66,18 @@ const RINGS: usize = 128;
 const SMOOTHING: f64 = 0.12;
 
 /// What is compared at a direction: the logarithm of the area distortion, and the normal of the surface.
-type Feature = nalgebra::Vector4<f64>;
+type Descriptor = nalgebra::Vector4<f64>;
 
-/// Features in cells of about equal area between circles of latitude.
+/// Descriptors in cells of about equal area between circles of latitude.
 struct Raster {
     /// First cell of each ring, and after the last one the number of cells.
     starts: Vec<usize>,
-    values: Vec<Feature>,
+    values: Vec<Descriptor>,
 }
 
 /// Compares the embeddings at fixed directions of the domain.
 struct Matcher<'a> {
-    at: Vec<(Vector, Feature)>,
+    at: Vec<(Vector, Descriptor)>,
     target: &'a Raster,
     with_normals: bool,
 }
@@ -137,11 +137,11 @@ fn distinct(mut matches: Vec<RotationMatch>, count: usize) -> Vec<RotationMatch>
 }
 
 impl Raster {
-    /// The features of an embedding, smoothed; area distortions are standardised to mean 0 and variance 1, normals rotated
-    /// by `turn`.
+    /// The descriptors of an embedding, smoothed; area distortions are standardised to mean 0 and variance 1, normals
+    /// rotated by `turn`.
     fn new(map: &SphericalEmbedding, turn: &Matrix3) -> Self {
         let mut raster = Self::empty();
-        let sampled = raster.rasterise(map, &vertex_features(map, turn));
+        let sampled = raster.rasterise(map, &vertex_descriptors(map, turn));
         raster.values = raster.smoothed(&sampled);
         raster.standardise();
         raster
@@ -155,7 +155,7 @@ impl Raster {
             starts.push(starts[ring] + circumference.round().max(3.0) as usize);
         }
         Self {
-            values: vec![Feature::zeros(); starts[RINGS]],
+            values: vec![Descriptor::zeros(); starts[RINGS]],
             starts,
         }
     }
@@ -172,7 +172,7 @@ impl Raster {
     }
 
     /// Interpolated linearly along and between rings.
-    fn value(&self, direction: &Vector) -> Feature {
+    fn value(&self, direction: &Vector) -> Descriptor {
         let latitude = direction.z.clamp(-1.0, 1.0).acos() / PI * RINGS as f64 - 0.5;
         let turn = direction.y.atan2(direction.x) / (2.0 * PI);
         let turn = if turn < 0.0 { turn + 1.0 } else { turn };
@@ -182,7 +182,7 @@ impl Raster {
         self.value_on(ring, turn) * (1.0 - part) + self.value_on(ring + 1, turn) * part
     }
 
-    fn value_on(&self, ring: usize, turn: f64) -> Feature {
+    fn value_on(&self, ring: usize, turn: f64) -> Descriptor {
         let cells = self.cells_of(ring);
         let place = turn * cells as f64 + (cells as f64 - 0.5);
         let (first, part) = (place.floor(), place.fract());
@@ -217,8 +217,8 @@ impl Raster {
         }
     }
 
-    /// Features at the centres of the cells; `None` where rounding leaves no triangle.
-    fn rasterise(&self, map: &SphericalEmbedding, values: &[Feature]) -> Vec<Option<Feature>> {
+    /// Descriptors at the centres of the cells; `None` where rounding leaves no triangle.
+    fn rasterise(&self, map: &SphericalEmbedding, values: &[Descriptor]) -> Vec<Option<Descriptor>> {
         let mut sampled = vec![None; self.values.len()];
         for corners in map.surface().triangles() {
             let [a, b, c] = corners.map(|v| map.directions()[v as usize]);
@@ -238,13 +238,13 @@ impl Raster {
         sampled
     }
 
-    fn smoothed(&self, sampled: &[Option<Feature>]) -> Vec<Feature> {
+    fn smoothed(&self, sampled: &[Option<Descriptor>]) -> Vec<Descriptor> {
         let centres = (0..RINGS).flat_map(|ring| (0..self.cells_of(ring)).map(move |cell| (ring, cell)));
         let centres: Vec<(usize, usize)> = centres.collect();
         let (near, scale) = (SMOOTHING.cos(), 1.0 / (1.0 - SMOOTHING.cos()));
         let smooth = |&(ring, cell): &(usize, usize)| {
             let centre = self.direction(ring, cell);
-            let mut sum = Feature::zeros();
+            let mut sum = Descriptor::zeros();
             let mut total = 0.0;
             self.visit_cap(&centre, SMOOTHING, |other, x| {
                 let cosine = centre.dot(&x);
@@ -269,8 +269,9 @@ impl Raster {
     }
 }
 
-/// Features of each vertex: the logarithm of the area of its triangles on the surface over that on the sphere, and the normal.
-fn vertex_features(map: &SphericalEmbedding, turn: &Matrix3) -> Vec<Feature> {
+/// Descriptors of each vertex: the logarithm of the area of its triangles on the surface over that on the sphere, and
+/// the normal.
+fn vertex_descriptors(map: &SphericalEmbedding, turn: &Matrix3) -> Vec<Descriptor> {
     let surface = map.surface();
     let unit = 1.0 / surface.area().max(f64::MIN_POSITIVE);
     let mut areas = vec![(0.0, 0.0); surface.vertices().len()];
@@ -287,11 +288,11 @@ fn vertex_features(map: &SphericalEmbedding, turn: &Matrix3) -> Vec<Feature> {
     }
     // Bounded below: the logarithm of zero would make every mean infinite.
     let logarithm = |x: f64| x.max(1e-30).ln();
-    let feature = |(&(area, on_sphere), normal): (&(f64, f64), &Vector)| {
+    let descriptor = |(&(area, on_sphere), normal): (&(f64, f64), &Vector)| {
         let normal = turn * normal;
-        Feature::new(logarithm(area) - logarithm(on_sphere), normal.x, normal.y, normal.z)
+        Descriptor::new(logarithm(area) - logarithm(on_sphere), normal.x, normal.y, normal.z)
     };
-    areas.iter().zip(&vertex_normals(surface)).map(feature).collect()
+    areas.iter().zip(&vertex_normals(surface)).map(descriptor).collect()
 }
 
 #[cfg(test)]
@@ -356,11 +357,11 @@ mod tests {
         let raster = Raster::empty();
         for surface in [shapes::sphere(1.0, 0), shapes::bumpy_sphere(30), shapes::cube(1.0, 1)] {
             let map = from_within(&surface, &Rotation3::new(Vector::new(0.1, 0.2, 0.3)).into_inner());
-            let sampled = raster.rasterise(&map, &vec![Feature::repeat(2.0); surface.vertices().len()]);
+            let sampled = raster.rasterise(&map, &vec![Descriptor::repeat(2.0); surface.vertices().len()]);
             assert!(
                 sampled
                     .iter()
-                    .all(|v| v.is_some_and(|v| (v - Feature::repeat(2.0)).amax() < 1e-12))
+                    .all(|v| v.is_some_and(|v| (v - Descriptor::repeat(2.0)).amax() < 1e-12))
             );
         }
     }

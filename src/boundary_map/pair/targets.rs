@@ -1,5 +1,5 @@
-//! A correspondence by shape alone: for each vertex of the aligned domain the closest point of the target that faces the
-//! same way.
+//! A correspondence by shape alone: for each vertex of the aligned domain the closest point of the target that faces
+//! the same way.
 
 use rayon::prelude::*;
 
@@ -14,7 +14,8 @@ pub struct VertexTarget {
     pub place: SurfacePoint,
     /// Confidence: from 1 where the aligned surfaces coincide down to 0 where they are far apart or normals disagree.
     pub weight: f64,
-    /// Distance to it from the aligned vertex, as a fraction of the target's size (twice the largest distance from its centroid).
+    /// Distance to it from the aligned vertex, as a fraction of the target's size (twice the largest distance from its
+    /// centroid).
     pub distance: f64,
 }
 
@@ -23,8 +24,8 @@ const FAR: f64 = 0.1;
 /// Vertices of lower weight have no target.
 const LEAST_WEIGHT: f64 = 0.01;
 
-/// For each vertex of the domain, in its order, the closest point of the target in the metric of position and normal once
-/// the domain is moved by `alignment`. `None` where that point is far, or faces another way, and for vertices
+/// For each vertex of the domain, in its order, the closest point of the target in the metric of position and normal
+/// once the domain is moved by `alignment`. `None` where that point is far, or faces another way, and for vertices
 /// without a normal. The correspondence is neither continuous nor one to one.
 pub fn vertex_targets(
     domain: &AlignmentSurface,

@@ -60,7 +60,8 @@ impl fmt::Display for Axis {
 pub enum SectionError {
     /// The plane passes beside the solid, or between its parts.
     #[error(
-        "the plane {axis} = {position} cuts nothing: the solid extends from {low} to {high} in {axis}; choose a position where there is material"
+        "the plane {axis} = {position} cuts nothing: the solid extends from {low} to {high} in {axis}; choose a \
+         position where there is material"
     )]
     PlaneMissesSolid {
         /// The axis that the plane is perpendicular to.
@@ -74,7 +75,8 @@ pub enum SectionError {
     },
     /// The plane touches the solid, or cuts parts thinner than a pixel.
     #[error(
-        "the section {axis} = {position} covers no pixel of size {pixel:.3e}; move the plane into the solid or ask for more pixels"
+        "the section {axis} = {position} covers no pixel of size {pixel:.3e}; move the plane into the solid or \
+         ask for more pixels"
     )]
     BelowPixel {
         /// The axis that the plane is perpendicular to.
@@ -87,7 +89,8 @@ pub enum SectionError {
     /// The section's outline does not close, because the surface has holes or triangles that disagree in
     /// orientation.
     #[error(
-        "the surface does not bound a solid near ({x}, {y}, {z}): its section there does not close; close its holes and orient it first"
+        "the surface does not bound a solid near ({x}, {y}, {z}): its section there does not close; close its \
+         holes and orient it first"
     )]
     OpenSurface {
         /// First coordinate of a point near the gap.
@@ -127,8 +130,9 @@ pub struct AxisPlane {
     pub position: f64,
 }
 
-/// A plane section of a solid: the pixels that it covers, a point of the solid in each, and its outline. Fields evaluated
-/// at [`PlaneSection::points`], such as [`energy::densities`](crate::energy::densities), give the picture of the field.
+/// A plane section of a solid: the pixels that it covers, a point of the solid in each, and its outline. Fields
+/// evaluated at [`PlaneSection::points`], such as [`energy::densities`](crate::energy::densities), give the picture of
+/// the field.
 ///
 /// The picture frames the whole solid as seen along the axis, not the section alone, so that sections of one solid at
 /// different positions can be laid side by side.
@@ -152,8 +156,8 @@ pub struct PlaneSection {
 }
 
 impl PlaneSection {
-    /// The section of the solid that `surface` bounds, `pixels` along the longer side of the picture, with the axis `up`
-    /// pointing up in it; where that is perpendicular to the plane, the later of the two others does.
+    /// The section of the solid that `surface` bounds, `pixels` along the longer side of the picture, with the axis
+    /// `up` pointing up in it; where that is perpendicular to the plane, the later of the two others does.
     ///
     /// Where the plane passes through vertices or contains triangles, the section is the limit of those on the side
     /// of the solid's middle: a plane through an outer face of a cube gives the whole face. Costs a pass over the

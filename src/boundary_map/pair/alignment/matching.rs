@@ -61,7 +61,7 @@ pub(super) struct MatchedPoints {
 /// Samples whose closest points are sought on the triangles.
 const ON_TRIANGLES: usize = 150;
 /// Samples for the reported residual.
-const DESCRIBED: usize = 250;
+const REPORTED: usize = 250;
 const FINE_STEPS: usize = 12;
 /// Steps with closest points on triangles.
 const LAST_STEPS: usize = 4;
@@ -99,9 +99,9 @@ impl<'a> Registration<'a> {
         &self,
         start: &Similarity,
         landmarks: &[(Point, Point, f64)],
-        effort: Refinement,
+        refinement: Refinement,
     ) -> Similarity {
-        let Refinement { search, steps } = effort;
+        let Refinement { search, steps } = refinement;
         let mut best = *start;
         let mut correspondences = self.correspondences(&best, search, &Correspondences::default());
         let mut cost = self.cost(&best, &correspondences, landmarks);
@@ -205,7 +205,7 @@ impl<'a> Registration<'a> {
 
     /// The similarity in the coordinates of the two solids, with its residuals.
     pub(super) fn describe(&self, s: &Similarity, start: AlignmentStart) -> Alignment {
-        let correspondences = self.correspondences(s, Search::OnTriangles(DESCRIBED), &Correspondences::default());
+        let correspondences = self.correspondences(s, Search::OnTriangles(REPORTED), &Correspondences::default());
         let gaps = |points: &[(Point, Vector)], map: &Similarity, found: &[Correspondence]| {
             let squares = points
                 .iter()
@@ -280,8 +280,8 @@ fn closest_sample(onto: &AlignmentSurface, p: &Point, n: &Vector, beta: f64) -> 
     })
 }
 
-/// The gradient of the distance: the direction from the closest point, or the triangle's normal where the distance is zero
-/// up to rounding. The normal is ambiguous on edges.
+/// The gradient of the distance: the direction from the closest point, or the triangle's normal where the distance is
+/// zero up to rounding. The normal is ambiguous on edges.
 fn plane_of(onto: &AlignmentSurface, p: &Point, found: &OrientedPoint) -> Vector {
     let offset = p - found.point;
     if offset.norm() > 1e-6 * onto.size {

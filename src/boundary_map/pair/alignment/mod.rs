@@ -1,10 +1,10 @@
 //! Alignment (registration) of two solids of different meshes by similarities.
 //!
-//! The iterated closest point method (Besl & McKay, *A method for registration of 3-D shapes*, IEEE PAMI 14, 1992), started
-//! from the principal axes of the surfaces and from the coordinates as given, and finished with point-to-plane distances
-//! (Chen & Medioni, *Object modelling by registration of multiple range images*, Image Vis. Comput. 10, 1992).
-//! Correspondences are sought from each surface to the other, so that a limb that only one of them has counts, and in a
-//! metric that includes normals. Where the principal axes are ambiguous, uniformly spread rotations (Alexa,
+//! The iterated closest point method (Besl & McKay, *A method for registration of 3-D shapes*, IEEE PAMI 14, 1992),
+//! started from the principal axes of the surfaces and from the coordinates as given, and finished with point-to-plane
+//! distances (Chen & Medioni, *Object modelling by registration of multiple range images*, Image Vis. Comput. 10,
+//! 1992). Correspondences are sought from each surface to the other, so that a limb that only one of them has counts,
+//! and in a metric that includes normals. Where the principal axes are ambiguous, uniformly spread rotations (Alexa,
 //! *Super-Fibonacci spirals*, CVPR 2022) are starts too.
 
 mod matching;
@@ -80,8 +80,8 @@ pub struct Alignment {
     /// From coordinates of the domain to those of the target.
     pub similarity: Similarity,
     /// Root mean square of distance and difference of normals (a right angle counts like 0.14 sizes), from points of
-    /// each surface to the other, as a fraction of the target's size: twice the largest distance from its centroid. What
-    /// alignments are ordered by.
+    /// each surface to the other, as a fraction of the target's size: twice the largest distance from its centroid.
+    /// What alignments are ordered by.
     pub residual: f64,
     /// Root mean square of the distance alone, in the same unit.
     pub distance: f64,
@@ -136,9 +136,9 @@ const AMBIGUOUS: f64 = 1.05;
 /// Alignments with residuals below this are all exact.
 const EXACT: f64 = 1e-6;
 
-/// Aligns the domain with the target by shape alone. The result is the same for any number of threads. Alignments started
-/// from principal axes are equivariant under similarities of the solids; those from the coordinates as given are not.
-/// Costs up to two seconds of processor time.
+/// Aligns the domain with the target by shape alone. The result is the same for any number of threads. Alignments
+/// started from principal axes are equivariant under similarities of the solids; those from the coordinates as given
+/// are not. Costs up to two seconds of processor time.
 pub fn align(domain: &AlignmentSurface, target: &AlignmentSurface) -> Alignments {
     let pair = Registration::new(domain, target);
     let (best, mirrored) = rayon::join(|| pair.search(1.0), || pair.search(-1.0));
@@ -148,8 +148,8 @@ pub fn align(domain: &AlignmentSurface, target: &AlignmentSurface) -> Alignments
     }
 }
 
-/// Aligns the domain with the target by pairs of corresponding points, then by shape as well unless that moves the pairs
-/// apart. The mirrored alignment is by the pairs alone.
+/// Aligns the domain with the target by pairs of corresponding points, then by shape as well unless that moves the
+/// pairs apart. The mirrored alignment is by the pairs alone.
 ///
 /// # Errors
 ///
@@ -282,8 +282,8 @@ impl Registration<'_> {
     }
 }
 
-/// The best `count` that are not close to a better one, always including that from the coordinates as given. Of close ones,
-/// those that do not depend on the coordinate frames are preferred.
+/// The best `count` that are not close to a better one, always including that from the coordinates as given. Of close
+/// ones, those that do not depend on the coordinate frames are preferred.
 fn distinct(mut candidates: Vec<AlignmentCandidate>, count: usize) -> Vec<AlignmentCandidate> {
     // Stable, so that equals stay in the order of the starts.
     candidates.sort_by(|a, b| a.residual.total_cmp(&b.residual));

@@ -24,8 +24,8 @@ pub struct AlignmentSurface {
     pub(super) axes: Matrix3,
     /// Variances along them.
     pub(super) extents: Vector,
-    /// Twice the distance of the farthest vertex from the centroid, in the frame: unlike the diagonal of the bounding box,
-    /// invariant under rotations.
+    /// Twice the distance of the farthest vertex from the centroid, in the frame: unlike the diagonal of the bounding
+    /// box, invariant under rotations.
     pub(in crate::boundary_map::pair) size: f64,
     pub(super) vertices: Vec<Point>,
     pub(super) normals: Vec<Vector>,
@@ -132,8 +132,8 @@ pub(super) fn principal_axes(covariance: &Matrix3) -> (Matrix3, Vector) {
     (axes, Vector::from(order.map(|k| eigen.eigenvalues[k].max(0.0))))
 }
 
-/// The axes with the signs of the first two chosen so that the samples have positive skewness along them: the axes are then
-/// equivariant under rotations.
+/// The axes with the signs of the first two chosen so that the samples have positive skewness along them: the axes are
+/// then equivariant under rotations.
 fn oriented_by_skewness(axes: &Matrix3, samples: &[(Point, Vector)]) -> Matrix3 {
     let [a, b] = [0, 1].map(|k| {
         let axis = axes.column(k).into_owned();
