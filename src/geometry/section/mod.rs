@@ -299,8 +299,8 @@ impl PlaneSection {
         for row in crossings.chunk_by(|a, b| a.0 == b.0) {
             let k = row[0].0 as usize;
             let spans = spans(row).ok_or_else(|| {
-                let Point { coords: near } = self.in_space([row[row.len() - 1].1, rows[k]]);
-                let [x, y, z] = near.into();
+                let near = self.in_space([row[row.len() - 1].1, rows[k]]);
+                let [x, y, z] = near.coords.into();
                 SectionError::OpenSurface { x, y, z }
             })?;
             covered_length += spans.iter().map(|[a, b]| b - a).sum::<f64>();
