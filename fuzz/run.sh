@@ -10,7 +10,7 @@ targets=("$@")
 
 # The first files are written by the tests.
 SOLIDMAP_SEEDS=$PWD/corpus cargo test --manifest-path ../Cargo.toml --release --no-default-features -p solidmap-cli \
-    --test main seeds_for_the_fuzzer -- --ignored
+    --test program seeds_for_the_fuzzer -- --ignored
 # The targets write each input to a file: best where files are in memory.
 scratch=$(mktemp -d -p "$([ -d /dev/shm ] && echo /dev/shm || echo "${TMPDIR:-/tmp}")")
 trap 'rm -rf "$scratch"' EXIT

@@ -20,6 +20,21 @@ fn the_graph_in_architecture_md_is_that_of_the_code() {
     );
 }
 
+/// Without the feature `native`, `.ci/run` tests what it changes. A module that comes to know the feature belongs there too.
+#[test]
+fn the_feature_native_changes_the_modules_that_are_tested_without_it() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let sources = root.join("src");
+    let knows = |module: &&String| {
+        let texts = files_of(&sources, module);
+        let mut texts = texts.iter().map(|file| without_tests(&fs::read_to_string(file).unwrap()));
+        texts.any(|code| code.contains("feature = \"native\""))
+    };
+    let graph = imports(&sources);
+    let known: Vec<&String> = graph.keys().filter(knows).collect();
+    assert_eq!(known, ["compare", "fit"]);
+}
+
 /// For each module of the library, those that it imports outside of tests.
 fn imports(sources: &Path) -> Graph {
     let modules: BTreeSet<String> = fs::read_dir(sources)
