@@ -41,13 +41,6 @@ pub enum CellKind {
 /// Thickness of the padding layer, in cells. With a half, cells at reentrant edges would be flat.
 const PADDING: f64 = 1.0 / 3.0;
 
-/// A grid that contains all planes of a polycube, with an even number of boxes between neighbouring planes.
-struct PolycubeGrid {
-    coordinates: [Vec<f64>; 3],
-    /// Which boxes belong to the solid.
-    inside: Vec<bool>,
-}
-
 /// Largest number of grid points, inside and outside of the solid.
 const MAX_GRID_POINTS: f64 = 1e9;
 /// Largest number of cells, whatever limit is asked for: corners of cells have 32-bit indices.
@@ -64,7 +57,7 @@ fn counts(polycube: &Polycube, size: f64, kind: CellKind) -> [f64; 2] {
         .map(|[i, j, k]| along[0][i] * along[1][j] * along[2][k])
         .sum();
     let quads = || {
-        polycube.outer_faces(|at, k| {
+        polycube.sum_over_outer_faces(|at, k| {
             let [b, c] = [(k + 1) % 3, (k + 2) % 3];
             along[b][at[b]] * along[c][at[c]]
         })
@@ -114,7 +107,7 @@ pub fn regular_mesh(
     most_cells: usize,
 ) -> Result<BoundedMesh, RemeshError> {
     cell_count(polycube, size, kind, most_cells)?;
-    let grid = PolycubeGrid::new(polycube, size);
+    let grid = polycube.refined(size);
     Ok(match kind {
         CellKind::Tets => grid.tets(),
         CellKind::Hexes => grid.hexes(),
@@ -127,45 +120,28 @@ fn divisions(length: f64, size: f64) -> f64 {
     2.0 * (length / (2.0 * size) - 1e-9).ceil().max(1.0)
 }
 
-impl PolycubeGrid {
-    fn new(polycube: &Polycube, size: f64) -> Self {
-        let mut coordinates: [Vec<f64>; 3] = Default::default();
+impl Polycube {
+    /// The same solid with more planes: the grid, with an even number of boxes between neighbouring planes.
+    fn refined(&self, size: f64) -> Self {
+        let mut planes: [Vec<f64>; 3] = Default::default();
         // The box of the polycube that each box of the grid lies in, along each axis.
         let mut parents: [Vec<usize>; 3] = Default::default();
         for k in 0..3 {
-            let planes = &polycube.planes()[k];
-            coordinates[k].push(planes[0]);
-            for (parent, w) in planes.windows(2).enumerate() {
+            planes[k].push(self.planes[k][0]);
+            for (parent, w) in self.planes[k].windows(2).enumerate() {
                 let count = divisions(w[1] - w[0], size) as usize;
                 for i in 1..=count {
                     let t = i as f64 / count as f64;
-                    coordinates[k].push(if i == count { w[1] } else { w[0] * (1.0 - t) + w[1] * t });
+                    planes[k].push(if i == count { w[1] } else { w[0] * (1.0 - t) + w[1] * t });
                     parents[k].push(parent);
                 }
             }
         }
         let counts = parents.each_ref().map(Vec::len);
         let inside = boxes(counts)
-            .map(|at| polycube.contains(std::array::from_fn(|k| parents[k][at[k]] as isize)))
+            .map(|at| self.contains(std::array::from_fn(|k| parents[k][at[k]] as isize)))
             .collect();
-        Self { coordinates, inside }
-    }
-
-    fn counts(&self) -> [usize; 3] {
-        self.coordinates.each_ref().map(|c| c.len() - 1)
-    }
-
-    fn is_inside(&self, at: [isize; 3]) -> bool {
-        let counts = self.counts();
-        if (0..3).any(|k| at[k] < 0 || at[k] as usize >= counts[k]) {
-            return false;
-        }
-        let [i, j, k] = at.map(|i| i as usize);
-        self.inside[i + counts[0] * (j + counts[1] * k)]
-    }
-
-    fn filled(&self) -> impl Iterator<Item = [usize; 3]> {
-        boxes(self.counts()).filter(|at| self.is_inside(at.map(|i| i as isize)))
+        Self { planes, inside }
     }
 
     /// Node of each grid point, `u32::MAX` where there is none; grid indices of the nodes; which nodes are on the
@@ -177,7 +153,7 @@ impl PolycubeGrid {
         let (mut points, mut on_boundary) = (vec![], vec![]);
         for at in boxes(size) {
             let inside = (0..8)
-                .filter(|m| self.is_inside(std::array::from_fn(|k| at[k] as isize - (m >> k & 1) as isize)))
+                .filter(|m| self.contains(std::array::from_fn(|k| at[k] as isize - (m >> k & 1) as isize)))
                 .count();
             if inside > 0 {
                 number[at[0] + size[0] * (at[1] + size[1] * at[2])] = points.len() as u32;
@@ -195,7 +171,7 @@ impl PolycubeGrid {
     }
 
     fn position(&self, at: [usize; 3]) -> Point {
-        Point::from(Vector::from_fn(|k, _| self.coordinates[k][at[k]]))
+        Point::from(Vector::from_fn(|k, _| self.planes[k][at[k]]))
     }
 
     fn tets(&self) -> BoundedMesh {
@@ -208,33 +184,22 @@ impl PolycubeGrid {
             let corner = |m: usize| self.corner(&number, at, m ^ even);
             let is_mirrored = even.count_ones() % 2 == 1;
             for path in KUHN.map(|path| path.map(corner)) {
-                tets.push(match is_mirrored {
-                    true => [path[0], path[2], path[1], path[3]],
-                    false => path,
-                });
+                let [a, b, c, d] = path;
+                tets.push(if is_mirrored { [a, c, b, d] } else { path });
             }
-            for [axis, side] in faces_of_box() {
-                let mut beyond = at.map(|i| i as isize);
-                beyond[axis] += 2 * side as isize - 1;
-                if self.is_inside(beyond) {
-                    continue;
-                }
+            for [axis, side] in self.outer_faces_of(at) {
                 // The diagonal of the face goes from the corner with even indices to the one with odd ones.
                 let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
-                let quad = |i: usize, j: usize| {
-                    let m = side << axis | i << b | j << c;
-                    self.corner(&number, at, m)
-                };
+                let quad = |i: usize, j: usize| self.corner(&number, at, side << axis | i << b | j << c);
                 let [eb, ec] = [even >> b & 1, even >> c & 1];
                 let (e, o) = (quad(eb, ec), quad(1 - eb, 1 - ec));
                 let (p, q) = (quad(1 - eb, ec), quad(eb, 1 - ec));
                 // (b, c) is counter-clockwise seen from the positive side, as long as neither or both are mirrored.
                 let outward = (side == 1) == (eb == ec);
-                if outward {
-                    boundary.extend([[e, p, o], [e, o, q]]);
-                } else {
-                    boundary.extend([[e, o, p], [e, q, o]]);
-                }
+                boundary.extend(match outward {
+                    true => [[e, p, o], [e, o, q]],
+                    false => [[e, o, p], [e, q, o]],
+                });
             }
         }
         let nodes = points.iter().map(|&at| self.position(at)).collect();
@@ -255,22 +220,14 @@ impl PolycubeGrid {
             // Around the bottom, then the top.
             let corners = [0, 1, 3, 2, 4, 5, 7, 6].map(|m| self.corner(&number, at, m));
             hexes.push(corners);
-            for [axis, side] in faces_of_box() {
-                let mut beyond = at.map(|i| i as isize);
-                beyond[axis] += 2 * side as isize - 1;
-                if self.is_inside(beyond) {
-                    continue;
-                }
+            for [axis, side] in self.outer_faces_of(at) {
                 let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
                 let quad = |i: usize, j: usize| self.corner(&number, at, side << axis | i << b | j << c);
                 let around = [quad(0, 0), quad(1, 0), quad(1, 1), quad(0, 1)];
                 // Counter-clockwise from outside.
-                let around = if side == 1 {
-                    around
-                } else {
-                    [around[0], around[3], around[2], around[1]]
-                };
-                let depth = PADDING * (self.coordinates[axis][at[axis] + 1] - self.coordinates[axis][at[axis]]);
+                let [p, q, r, s] = around;
+                let around = if side == 1 { around } else { [p, s, r, q] };
+                let depth = PADDING * self.sides(at)[axis];
                 // The thinnest of several boxes with faces across this axis decides.
                 for v in around {
                     let towards = &mut depths[v as usize][axis][side];
@@ -298,17 +255,11 @@ impl PolycubeGrid {
         let mut boundary = Vec::new();
         for below in quads {
             let above = below.map(|v| surface[&v]);
-            hexes.push([
-                below[0], below[1], below[2], below[3], above[0], above[1], above[2], above[3],
-            ]);
-            boundary.extend([[above[0], above[1], above[2]], [above[0], above[2], above[3]]]);
+            let ([a, b, c, d], [e, f, g, h]) = (below, above);
+            hexes.push([a, b, c, d, e, f, g, h]);
+            boundary.extend([[e, f, g], [e, g, h]]);
         }
         let regions = vec![1; hexes.len()];
         BoundedMesh::new(nodes, CellList::Hexes(hexes), regions, on_boundary, boundary)
     }
-}
-
-/// Axis, and 0 for its lower side or 1 for the upper.
-fn faces_of_box() -> impl Iterator<Item = [usize; 2]> {
-    (0..3).flat_map(|axis| [[axis, 0], [axis, 1]])
 }

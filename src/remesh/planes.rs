@@ -2,15 +2,15 @@
 
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::SurfaceMesh;
-use crate::{Point, Vector};
+use crate::Point;
 
 /// A polycube: a solid made of boxes between axis-aligned planes, which need not be evenly spaced.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Polycube {
     /// Coordinates of the planes across each axis, ascending.
-    planes: [Vec<f64>; 3],
+    pub(super) planes: [Vec<f64>; 3],
     /// Which of the boxes between neighbouring planes belong to the solid, `x` fastest.
-    inside: Vec<bool>,
+    pub(super) inside: Vec<bool>,
 }
 
 /// Why a surface is no polycube.
@@ -128,22 +128,13 @@ impl Polycube {
         }
         let centres: Vec<Point> = boxes(counts).map(|at| polycube.centre(at)).collect();
         polycube.inside = query.contains_all(&centres);
-        let [volumes, areas] = [
-            [
-                polycube
-                    .filled()
-                    .map(|at| polycube.sides(at).iter().product::<f64>())
-                    .sum(),
-                enclosed,
-            ],
-            [
-                polycube.outer_faces(|at, k| {
-                    let s = polycube.sides(at);
-                    s[(k + 1) % 3] * s[(k + 2) % 3]
-                }),
-                surface.area(),
-            ],
-        ];
+        let volume = |at| polycube.sides(at).iter().product::<f64>();
+        let volumes = [polycube.filled().map(volume).sum(), enclosed];
+        let face_area = |at, axis: usize| {
+            let sides = polycube.sides(at);
+            sides[(axis + 1) % 3] * sides[(axis + 2) % 3]
+        };
+        let areas = [polycube.sum_over_outer_faces(face_area), surface.area()];
         let is_close = |[a, b]: [f64; 2]| (a - b).abs() <= MAX_DIFFERENCE * b && a > 0.0;
         if !is_close(volumes) || !is_close(areas) {
             return Err(PolycubeError::Different { volumes, areas });
@@ -177,30 +168,31 @@ impl Polycube {
         boxes(self.counts()).filter(|at| self.contains(at.map(|i| i as isize)))
     }
 
+    /// The faces of a box that bound the solid: their axis, and 0 for its lower side or 1 for the upper.
+    pub(super) fn outer_faces_of(&self, at: [usize; 3]) -> impl Iterator<Item = [usize; 2]> {
+        let faces = (0..3).flat_map(|axis| [[axis, 0], [axis, 1]]);
+        faces.filter(move |&[axis, side]| {
+            let mut beyond = at.map(|i| i as isize);
+            beyond[axis] += 2 * side as isize - 1;
+            !self.contains(beyond)
+        })
+    }
+
     /// Sum of a function of box and axis over the outer faces of the solid's boxes.
-    pub(super) fn outer_faces(&self, value: impl Fn([usize; 3], usize) -> f64) -> f64 {
+    pub(super) fn sum_over_outer_faces(&self, value: impl Fn([usize; 3], usize) -> f64) -> f64 {
         let mut sum = 0.0;
         for at in self.filled() {
-            for k in 0..3 {
-                for side in [-1, 1] {
-                    let mut beyond = at.map(|i| i as isize);
-                    beyond[k] += side;
-                    if !self.contains(beyond) {
-                        sum += value(at, k);
-                    }
-                }
-            }
+            self.outer_faces_of(at).for_each(|[axis, _]| sum += value(at, axis));
         }
         sum
     }
 
     fn centre(&self, at: [usize; 3]) -> Point {
-        Point::from(Vector::from_fn(|k, _| {
-            0.5 * (self.planes[k][at[k]] + self.planes[k][at[k] + 1])
-        }))
+        let middle = |k: usize| 0.5 * (self.planes[k][at[k]] + self.planes[k][at[k] + 1]);
+        Point::from([0, 1, 2].map(middle))
     }
 
-    fn sides(&self, at: [usize; 3]) -> [f64; 3] {
+    pub(super) fn sides(&self, at: [usize; 3]) -> [f64; 3] {
         std::array::from_fn(|k| self.planes[k][at[k] + 1] - self.planes[k][at[k]])
     }
 
