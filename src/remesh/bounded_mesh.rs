@@ -57,46 +57,45 @@ pub(super) struct CellFace {
 
 /// The faces of all cells, sorted so that the two of neighbours follow each other.
 pub(super) fn faces(cells: &CellList) -> Vec<CellFace> {
+    let of_tet = |(cell, tet): (usize, &[u32; 4])| {
+        let corners = TET_FACES.map(|face| face.map(|k| tet[k]));
+        (0u8..).zip(corners).map(move |(side, [a, b, c])| {
+            let nodes = sorted([a, b, c, u32::MAX]);
+            CellFace {
+                nodes,
+                cell: cell as u32,
+                side,
+                reversed: [[a, b], [b, c], [c, a]].contains(&[nodes[0], nodes[1]]),
+                opposite: 0,
+            }
+        })
+    };
+    let of_hex = |(cell, hex): (usize, &[u32; 8])| {
+        let corners = HEX_FACES.map(|face| face.map(|k| hex[k]));
+        (0u8..).zip(corners).map(move |(side, around)| {
+            let nodes = sorted(around);
+            let first = around.iter().position(|v| *v == nodes[0]).unwrap_or(0);
+            CellFace {
+                nodes,
+                cell: cell as u32,
+                side,
+                reversed: around[(first + 1) % 4] < around[(first + 3) % 4],
+                opposite: around[(first + 2) % 4],
+            }
+        })
+    };
     let mut faces: Vec<CellFace> = match cells {
-        CellList::Tets(tets) => (0..tets.len() as u32)
-            .into_par_iter()
-            .flat_map_iter(|cell| {
-                (0..4u8).map(move |side| {
-                    let [a, b, c] = TET_FACES[side as usize].map(|k| tets[cell as usize][k]);
-                    let mut nodes = [a, b, c, u32::MAX];
-                    nodes.sort_unstable();
-                    let reversed = [[a, b], [b, c], [c, a]].contains(&[nodes[0], nodes[1]]);
-                    CellFace {
-                        nodes,
-                        cell,
-                        side,
-                        reversed,
-                        opposite: 0,
-                    }
-                })
-            })
-            .collect(),
-        CellList::Hexes(hexes) => (0..hexes.len() as u32)
-            .into_par_iter()
-            .flat_map_iter(|cell| {
-                (0..6u8).map(move |side| {
-                    let around = HEX_FACES[side as usize].map(|k| hexes[cell as usize][k]);
-                    let mut nodes = around;
-                    nodes.sort_unstable();
-                    let first = around.iter().position(|v| *v == nodes[0]).unwrap_or(0);
-                    CellFace {
-                        nodes,
-                        cell,
-                        side,
-                        reversed: around[(first + 1) % 4] < around[(first + 3) % 4],
-                        opposite: around[(first + 2) % 4],
-                    }
-                })
-            })
-            .collect(),
+        CellList::Tets(tets) => tets.par_iter().enumerate().flat_map_iter(of_tet).collect(),
+        CellList::Hexes(hexes) => hexes.par_iter().enumerate().flat_map_iter(of_hex).collect(),
     };
     faces.par_sort_unstable();
     faces
+}
+
+/// The corners in ascending order.
+pub(super) fn sorted<const N: usize>(mut corners: [u32; N]) -> [u32; N] {
+    corners.sort_unstable();
+    corners
 }
 
 /// The sorted faces that belong to one cell only.
@@ -192,11 +191,8 @@ impl BoundedMesh {
     pub fn boundary_of(&self, kept: impl Fn(u32) -> bool) -> CellSetBoundary {
         let mut faces = faces(&self.cells);
         faces.retain(|face| kept(face.cell));
-        let outer = faces
-            .chunk_by(|a, b| a.nodes == b.nodes)
-            .filter(|group| group.len() == 1);
         let mut boundary = CellSetBoundary::default();
-        for face in outer.map(|group| &group[0]) {
+        for face in outer(&faces) {
             let edges: &[[bool; 3]] = match self.cells {
                 CellList::Tets(_) => &[[true; 3]],
                 CellList::Hexes(_) => &[[true, true, false], [false, true, true]],

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use rayon::prelude::*;
 
-use super::bounded_mesh::{BoundedMesh, CellFace, faces};
+use super::bounded_mesh::{BoundedMesh, CellFace, faces, sorted};
 use super::grid::MAX_CELLS;
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::{CellList, CellMesh, SurfaceMesh};
@@ -146,20 +146,12 @@ fn check_cells(mesh: &CellMesh) -> Result<(), GivenMeshError> {
         let at = mesh.nodes()[node];
         return Err(GivenMeshError::NotFinite { node, at });
     }
-    let twice = |corners: &[u32]| (1..corners.len()).find(|&k| corners[..k].contains(&corners[k]));
-    let collapsed = match mesh.cells() {
-        CellList::Tets(tets) => find_cell(tets, |c| twice(c)),
-        CellList::Hexes(hexes) => find_cell(hexes, |c| twice(c)),
-    };
-    match collapsed {
+    let twice = |c: &[u32]| (1..c.len()).find(|&k| c[..k].contains(&c[k])).map(|k| c[k]);
+    let mut cells = mesh.cells().iter().enumerate();
+    match cells.find_map(|(cell, corners)| Some((cell, twice(corners)?))) {
         Some((cell, node)) => Err(GivenMeshError::Collapsed { cell, node }),
         None => Ok(()),
     }
-}
-
-fn find_cell<const N: usize>(cells: &[[u32; N]], corner: impl Fn(&[u32]) -> Option<usize>) -> Option<(usize, u32)> {
-    let found = |(index, cell): (usize, &[u32; N])| Some((index, cell[corner(cell)?]));
-    cells.iter().enumerate().find_map(found)
 }
 
 /// Requires that at most two cells meet at a face, and agree on its quad.
@@ -223,16 +215,14 @@ fn oriented(mesh: CellMesh, faces: &[CellFace]) -> Result<(CellMesh, bool), Give
                 }
             }
         }
-        let signed = |&c: &u32| {
-            if is_reversed[c as usize] == Some(true) {
-                -volume(c)
-            } else {
-                volume(c)
-            }
+        let signed = |&c: &u32| match is_reversed[c as usize] {
+            Some(true) => -volume(c),
+            _ => volume(c),
         };
         if part.iter().map(signed).sum::<f64>() < 0.0 {
-            part.iter()
-                .for_each(|&c| is_reversed[c as usize] = is_reversed[c as usize].map(|is| !is));
+            for &c in &part {
+                is_reversed[c as usize] = is_reversed[c as usize].map(|is| !is);
+            }
         }
     }
     let reversed: Vec<usize> = (0..cells.len()).filter(|c| is_reversed[*c] == Some(true)).collect();
@@ -289,16 +279,14 @@ fn neighbours(faces: &[CellFace], cells: usize) -> CellNeighbours {
 fn check_place(mesh: &BoundedMesh, domain: &SurfaceMesh) -> Result<f64, GivenMeshError> {
     let query = SurfaceQuery::with_winding_sign(domain)?;
     let diagonal = domain.diagonal();
-    let nodes: Vec<u32> = (0..mesh.nodes.len() as u32)
-        .filter(|&v| mesh.on_boundary[v as usize])
-        .collect();
-    let places: Vec<Point> = nodes.iter().map(|&v| mesh.nodes[v as usize]).collect();
+    let nodes: Vec<usize> = (0..mesh.nodes.len()).filter(|&v| mesh.on_boundary[v]).collect();
+    let places: Vec<Point> = nodes.iter().map(|&v| mesh.nodes[v]).collect();
     let found = query.closest_points(&places);
     let farthest = found
         .iter()
         .enumerate()
         .max_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance));
-    let (node, distance) = farthest.map_or((0, 0.0), |(k, place)| (nodes[k] as usize, place.distance / diagonal));
+    let (node, distance) = farthest.map_or((0, 0.0), |(k, place)| (nodes[k], place.distance / diagonal));
     if distance > OFF_SURFACE {
         return Err(GivenMeshError::OtherPlace { node, distance });
     }
@@ -331,36 +319,38 @@ impl SplitSimplex {
     }
 }
 
+/// The edges, the faces and the cell of a tetrahedron, each with ascending corners.
+fn simplices(tet: [u32; 4]) -> impl Iterator<Item = SplitSimplex> {
+    let [a, b, c, d] = sorted(tet);
+    let edges = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(SplitSimplex::Edge);
+    let faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(SplitSimplex::Face);
+    edges.into_iter().chain(faces).chain([SplitSimplex::Cell([a, b, c, d])])
+}
+
 /// Splits tetrahedra with all their nodes on the boundary; returns how many there were. New nodes are inside, so that
 /// none of the new tetrahedra has to be split again.
 fn split(mesh: &mut BoundedMesh) -> usize {
     let CellList::Tets(tets) = &mut mesh.cells else {
         return 0;
     };
-    let alone = |t: &[u32; 4], on_boundary: &[bool]| t.iter().all(|v| on_boundary[*v as usize]);
-    let ascending = |mut t: [u32; 3]| {
-        t.sort_unstable();
-        t
+    let outer_simplices = |t: &[u32; 3]| {
+        let [a, b, c] = sorted(*t);
+        let edges = [[a, b], [b, c], [a, c]].map(SplitSimplex::Edge);
+        edges.into_iter().chain([SplitSimplex::Face([a, b, c])])
     };
-    let outer_faces: HashSet<[u32; 3]> = mesh.boundary.iter().map(|t| ascending(*t)).collect();
-    let outer_edges: HashSet<[u32; 2]> = outer_faces
-        .iter()
-        .flat_map(|&[a, b, c]| [[a, b], [b, c], [a, c]])
-        .collect();
+    let outer: HashSet<SplitSimplex> = mesh.boundary.iter().flat_map(outer_simplices).collect();
     let mut first_count = None;
     loop {
-        let flat: Vec<usize> = (0..tets.len())
-            .into_par_iter()
-            .filter(|&t| alone(&tets[t], &mesh.on_boundary))
+        let flat: Vec<[u32; 4]> = tets
+            .par_iter()
+            .filter(|t| t.iter().all(|v| mesh.on_boundary[*v as usize]))
+            .copied()
             .collect();
         first_count.get_or_insert(flat.len());
         if flat.is_empty() {
             break;
         }
-        let mut simplices: Vec<SplitSimplex> = flat
-            .iter()
-            .map(|&t| simplex_to_split(tets[t], &mesh.nodes, &outer_edges, &outer_faces))
-            .collect();
+        let mut simplices: Vec<SplitSimplex> = flat.iter().map(|&t| simplex_to_split(t, &mesh.nodes, &outer)).collect();
         simplices.sort_unstable();
         simplices.dedup();
         let cells_around = cells_around(tets, &simplices);
@@ -394,51 +384,31 @@ fn split(mesh: &mut BoundedMesh) -> usize {
 }
 
 /// The longest inner edge, else an inner face, else the cell itself.
-fn simplex_to_split(
-    t: [u32; 4],
-    nodes: &[Point],
-    outer_edges: &HashSet<[u32; 2]>,
-    outer_faces: &HashSet<[u32; 3]>,
-) -> SplitSimplex {
-    let mut t = t;
-    t.sort_unstable();
-    let [a, b, c, d] = t;
-    let inner = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]]
-        .into_iter()
-        .filter(|e| !outer_edges.contains(e));
-    let length = |e: &[u32; 2]| (nodes[e[0] as usize] - nodes[e[1] as usize]).norm();
-    if let Some(edge) = inner.max_by(|a, b| length(a).total_cmp(&length(b))) {
-        return SplitSimplex::Edge(edge);
-    }
-    let mut faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].into_iter();
-    faces
-        .find(|f| !outer_faces.contains(f))
-        .map_or(SplitSimplex::Cell(t), SplitSimplex::Face)
+fn simplex_to_split(t: [u32; 4], nodes: &[Point], outer: &HashSet<SplitSimplex>) -> SplitSimplex {
+    let inner: Vec<SplitSimplex> = simplices(t).filter(|simplex| !outer.contains(simplex)).collect();
+    let length = |edge: &SplitSimplex| {
+        let [a, b] = [0, 1].map(|k| nodes[edge.corners()[k] as usize]);
+        (a - b).norm()
+    };
+    let edges = inner.iter().filter(|simplex| matches!(simplex, SplitSimplex::Edge(_)));
+    let longest = edges.max_by(|a, b| length(a).total_cmp(&length(b)));
+    *longest.unwrap_or(&inner[0])
 }
 
 /// The cells that contain each simplex, ascending.
-fn cells_around(tets: &[[u32; 4]], simplices: &[SplitSimplex]) -> Vec<Vec<u32>> {
-    let index: HashMap<SplitSimplex, usize> = simplices.iter().enumerate().map(|(i, simplex)| (*simplex, i)).collect();
-    let near: HashSet<u32> = simplices
-        .iter()
-        .flat_map(|simplex| simplex.corners().to_vec())
-        .collect();
+fn cells_around(tets: &[[u32; 4]], wanted: &[SplitSimplex]) -> Vec<Vec<u32>> {
+    let index: HashMap<SplitSimplex, usize> = wanted.iter().enumerate().map(|(i, simplex)| (*simplex, i)).collect();
+    let near: HashSet<u32> = wanted.iter().flat_map(SplitSimplex::corners).copied().collect();
     let of_cell = |(cell, t): (usize, &[u32; 4])| -> Vec<(usize, u32)> {
         if t.iter().filter(|v| near.contains(v)).count() < 2 {
             return vec![];
         }
-        let mut t = *t;
-        t.sort_unstable();
-        let [a, b, c, d] = t;
-        let edges = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(SplitSimplex::Edge);
-        let faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(SplitSimplex::Face);
-        let simplices = edges.into_iter().chain(faces).chain([SplitSimplex::Cell(t)]);
-        simplices
+        simplices(*t)
             .filter_map(|simplex| Some((*index.get(&simplex)?, cell as u32)))
             .collect()
     };
     let pairs: Vec<(usize, u32)> = tets.par_iter().enumerate().flat_map_iter(of_cell).collect();
-    let mut found = vec![vec![]; simplices.len()];
+    let mut found = vec![vec![]; wanted.len()];
     pairs.into_iter().for_each(|(simplex, cell)| found[simplex].push(cell));
     found
 }

@@ -5,14 +5,11 @@
 //! a plane. If the half-spaces of an inner node have no common point (its kernel is empty), a cell around it is
 //! inverted wherever the other nodes are.
 
-use std::cmp::Ordering;
-
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::bounded_mesh::{BoundedMesh, faces};
-use super::quality::{HEX_CORNERS, at};
-use crate::geometry::orientation;
+use super::bounded_mesh::{BoundedMesh, faces, sorted};
+use super::quality::{HEX_CORNERS, at, is_right_handed};
 use crate::mesh::CellList;
 use crate::{Point, Vector};
 
@@ -65,10 +62,8 @@ pub fn inversion_causes(mesh: &BoundedMesh, x: &[Point]) -> InversionCauses {
             found.of_cells[cell as usize] = InversionCause::FoldedQuad;
         }
     }
-    let corners = corners(mesh);
-    let mut planes = Vec::new();
-    let mut fixed = Vec::new();
-    for (cell, t) in corners {
+    let (mut planes, mut fixed) = (Vec::new(), Vec::new());
+    for (cell, t) in corners(mesh) {
         match free_node(mesh, t) {
             InnerNodes::None => fixed.push((cell, t)),
             InnerNodes::One(node, face) => planes.push((node, face, cell)),
@@ -77,7 +72,7 @@ pub fn inversion_causes(mesh: &BoundedMesh, x: &[Point]) -> InversionCauses {
     }
     planes.par_sort_unstable();
     let of_nodes: Vec<&[(u32, [u32; 3], u32)]> = planes.chunk_by(|a, b| a.0 == b.0).collect();
-    let blocked: Vec<&[(u32, [u32; 3], u32)]> = of_nodes
+    let blocked: Vec<_> = of_nodes
         .into_par_iter()
         .filter(|planes| has_empty_kernel(planes.iter().map(|(_, face, _)| face.map(|v| at(x, v)))))
         .collect();
@@ -85,13 +80,9 @@ pub fn inversion_causes(mesh: &BoundedMesh, x: &[Point]) -> InversionCauses {
     for (_, _, cell) in blocked.into_iter().flatten() {
         found.of_cells[*cell as usize] = InversionCause::BlockedNode;
     }
-    let is_wrong = |t: &[u32; 4]| {
-        let [a, b, c, d] = t.map(|v| at(x, v));
-        orientation(&a, &b, &c, &d) != Some(Ordering::Greater)
-    };
     let mut last = None;
     for (cell, t) in fixed {
-        if is_wrong(&t) {
+        if !is_right_handed(x, t) {
             found.boundary_cells += usize::from(last != Some(cell));
             last = Some(cell);
             found.of_cells[cell as usize] = InversionCause::Boundary;
@@ -223,9 +214,8 @@ fn folded_quads(mesh: &BoundedMesh, x: &[Point]) -> Vec<Option<u32>> {
         return vec![];
     }
     let faces = faces(&mesh.cells);
-    let owner = |mut quad: [u32; 4]| {
-        quad.sort_unstable();
-        let at = faces.binary_search_by(|face| face.nodes.cmp(&quad)).ok()?;
+    let owner = |quad: [u32; 4]| {
+        let at = faces.binary_search_by(|face| face.nodes.cmp(&sorted(quad))).ok()?;
         Some(faces[at].cell)
     };
     folded.into_iter().map(owner).collect()

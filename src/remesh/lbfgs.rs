@@ -27,7 +27,7 @@ pub(super) struct Lbfgs<'a> {
     energy: &'a FoldoverEnergy,
     free: &'a [u32],
     /// Constraints on some of the free nodes.
-    constraints: Vec<TangentConstraint>,
+    pub constraints: Vec<TangentConstraint>,
     parts: Vec<Vector>,
     /// Largest displacement of a node in a first step.
     step: f64,
@@ -80,12 +80,6 @@ impl<'a> Lbfgs<'a> {
         }
     }
 
-    /// Adds constraints on some of the free nodes.
-    pub fn with_constraints(mut self, constraints: Vec<TangentConstraint>) -> Self {
-        self.constraints = constraints;
-        self
-    }
-
     /// Lowers the energy; returns its last value and the number of iterations.
     pub fn run(&mut self, x: &mut Vec<Point>, epsilon: f64, rule: &StoppingRule) -> (EnergyValue, usize) {
         let mut state = self.state(std::mem::take(x), epsilon);
@@ -122,17 +116,10 @@ impl<'a> Lbfgs<'a> {
                 continue;
             };
             iterations += 1;
-            let moved: Vec<Vector> = self
-                .free
-                .iter()
-                .map(|&v| next.x[v as usize] - state.x[v as usize])
-                .collect();
-            let bent: Vec<Vector> = next
-                .gradient
-                .iter()
-                .zip(&state.gradient)
-                .map(|(new, old)| new - old)
-                .collect();
+            let shift = |&v: &u32| next.x[v as usize] - state.x[v as usize];
+            let moved: Vec<Vector> = self.free.iter().map(shift).collect();
+            let gradients = next.gradient.iter().zip(&state.gradient);
+            let bent: Vec<Vector> = gradients.map(|(new, old)| new - old).collect();
             let curvature = dot(&moved, &bent);
             if curvature > 0.0 {
                 if memory.len() == MEMORY {
@@ -155,9 +142,8 @@ impl<'a> Lbfgs<'a> {
 
     fn state(&mut self, x: Vec<Point>, epsilon: f64) -> LbfgsState {
         let mut gradient = vec![Vector::zeros(); self.free.len()];
-        let mut value = self
-            .energy
-            .evaluate(&x, epsilon, self.free, &mut self.parts, &mut gradient);
+        let parts = &mut self.parts;
+        let mut value = self.energy.evaluate(&x, epsilon, self.free, parts, &mut gradient);
         for constraint in &self.constraints {
             let away = x[self.free[constraint.free] as usize] - constraint.anchor;
             value.energy += constraint.stiffness * away.norm_squared();
@@ -231,8 +217,6 @@ fn add(to: &mut [Vector], what: &[Vector], share: f64) {
 
 fn dot(a: &[Vector], b: &[Vector]) -> f64 {
     let runs = a.par_chunks(RUN).zip(b.par_chunks(RUN));
-    let sums: Vec<f64> = runs
-        .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a.dot(b)).sum())
-        .collect();
-    sums.into_iter().sum()
+    let sum = |(a, b): (&[Vector], &[Vector])| a.iter().zip(b).map(|(a, b)| a.dot(b)).sum::<f64>();
+    runs.map(sum).collect::<Vec<f64>>().into_iter().sum()
 }

@@ -272,10 +272,7 @@ pub fn remesh<A: ProgressResponse>(
     let carried = mapped_nodes(&prepared.mesh, boundary, map)?;
     let mapped = start.elapsed().as_secs_f64();
 
-    let target = match boundary.target_surface() {
-        Some(target) => target.clone(),
-        None => boundary.target(),
-    };
+    let target = boundary.target_surface().cloned().unwrap_or_else(|| boundary.target());
     let (images, repair) = if options.repair {
         repaired(&prepared.mesh, &carried, boundary, &target, options, progress)?
     } else {
@@ -346,18 +343,15 @@ fn repaired<A: ProgressResponse>(
         .collect();
     let told = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control_flow();
     let monitor = ProgressMonitor::new((0, 0), &told);
-    let query;
-    let sliding_surface = if options.slide {
-        query = SurfaceQuery::with_winding_sign(target)?;
-        Some(slide::SlidingSurface {
+    let mut sliding_surface = None;
+    if options.slide {
+        sliding_surface = Some(slide::SlidingSurface {
             target,
-            query: &query,
+            query: SurfaceQuery::with_winding_sign(target)?,
             on_boundary: &mesh.on_boundary,
             stiffness: slide::stiffness(mesh.cells.len(), mean_boundary_edge(mesh, carried)),
-        })
-    } else {
-        None
-    };
+        });
+    }
     let repair = repair::Repair {
         cells: &mesh.cells,
         free: &free,
@@ -458,13 +452,7 @@ pub fn memory_estimate(kind: CellKind, cells: usize, domain: &SurfaceMesh) -> u6
         CellKind::Tets => PER_TET,
         CellKind::Hexes => PER_HEX,
     };
-    let counts = [1, domain.vertices().len(), cells].map(|count| count as f64);
-    let bytes: f64 = counts
-        .iter()
-        .zip([PROGRAM, PER_VERTEX, per_cell])
-        .map(|(n, b)| n * b)
-        .sum();
-    bytes as u64
+    (PROGRAM + PER_VERTEX * domain.vertices().len() as f64 + per_cell * cells as f64) as u64
 }
 
 /// Bytes of the program itself.
@@ -504,16 +492,11 @@ fn mapped_nodes(mesh: &BoundedMesh, boundary: &BoundaryMap, map: &dyn VolumeMap)
             barycentric: found.barycentric,
         })
         .collect();
-    let (mut outer, mut inner) = (
-        boundary.evaluate(&places).into_iter(),
-        map.evaluate(&select(false)).into_iter(),
-    );
-    Ok(mesh
-        .on_boundary
-        .iter()
-        .map(|&on| if on { outer.next() } else { inner.next() })
-        .map(|p| p.unwrap_or(Point::from(crate::Vector::repeat(f64::NAN))))
-        .collect())
+    let mut outer = boundary.evaluate(&places).into_iter();
+    let mut inner = map.evaluate(&select(false)).into_iter();
+    let image = |&on: &bool| if on { outer.next() } else { inner.next() };
+    let images = mesh.on_boundary.iter().map(image);
+    Ok(images.map(|p| p.unwrap_or(Point::from([f64::NAN; 3]))).collect())
 }
 
 /// The energy of the repair: tetrahedra relative to those of the domain where these are well-shaped, corners of
@@ -553,12 +536,8 @@ fn distances(
         let sum: crate::Vector = t.iter().map(|&v| images[v as usize].coords).sum();
         Point::from(sum / 3.0)
     });
-    let nodes = images
-        .iter()
-        .zip(&mesh.on_boundary)
-        .filter(|(_, on)| **on)
-        .map(|(p, _)| *p);
-    let probes: Vec<Point> = nodes.chain(centres).collect();
+    let nodes = images.iter().zip(&mesh.on_boundary).filter(|(_, on)| **on);
+    let probes: Vec<Point> = nodes.map(|(p, _)| *p).chain(centres).collect();
     let of = |surface: &SurfaceMesh, points: &[Point]| -> Result<SurfaceDistances, RemeshError> {
         let found = SurfaceQuery::with_winding_sign(surface)?.closest_points(points);
         let (mut max, mut sum) = (0.0f64, 0.0);
@@ -577,11 +556,9 @@ fn distances(
         })
     };
     let mut used = vec![false; target.vertices().len()];
-    target
-        .triangles()
-        .iter()
-        .flatten()
-        .for_each(|&v| used[v as usize] = true);
+    for &v in target.triangles().as_flattened() {
+        used[v as usize] = true;
+    }
     let corners = target.vertices().iter().zip(used).filter(|(_, used)| *used);
     let corners: Vec<Point> = corners.map(|(p, _)| *p).collect();
     Ok([of(&surface, &corners)?, of(target, &probes)?])

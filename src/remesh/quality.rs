@@ -69,17 +69,21 @@ pub(super) fn lesser(a: f64, b: f64) -> f64 {
     if a.is_nan() || a < b { a } else { b }
 }
 
+/// Whether a tetrahedron is right-handed, decided exactly; not with a missing node.
+pub(super) fn is_right_handed(x: &[Point], t: [u32; 4]) -> bool {
+    let [a, b, c, d] = t.map(|v| at(x, v));
+    orientation(&a, &b, &c, &d) == Some(Ordering::Greater)
+}
+
 /// Counts the cells that are not right-handed, exactly for the given positions.
 pub fn invalid_cells(cells: &CellList, x: &[Point]) -> InvalidCells {
-    let is_right_handed =
-        |t: [u32; 4]| orientation(&at(x, t[0]), &at(x, t[1]), &at(x, t[2]), &at(x, t[3])) == Some(Ordering::Greater);
     // 0 for good, 1 for inverted at a corner, 2 for inverted inside.
     let states: Vec<u8> = match cells {
-        CellList::Tets(tets) => tets.par_iter().map(|t| u8::from(!is_right_handed(*t))).collect(),
+        CellList::Tets(tets) => tets.par_iter().map(|t| u8::from(!is_right_handed(x, *t))).collect(),
         CellList::Hexes(hexes) => hexes
             .par_iter()
             .map(|h| {
-                if !HEX_CORNERS.iter().all(|c| is_right_handed(c.map(|k| h[k]))) {
+                if !HEX_CORNERS.iter().all(|c| is_right_handed(x, c.map(|k| h[k]))) {
                     1
                 } else if is_positive(least_inside(&h.map(|v| at(x, v)))) {
                     0
@@ -118,8 +122,7 @@ fn least_inside(corners: &[Point; 8]) -> f64 {
             for k in 0..LATTICE {
                 let slopes = trilinear_gradients([at(i), at(j), at(k)]);
                 let jacobian: Matrix3 = (0..8).map(|c| corners[c].coords * slopes[c].transpose()).sum();
-                let det = jacobian.determinant();
-                least = lesser(least, det);
+                least = lesser(least, jacobian.determinant());
             }
         }
     }
@@ -222,11 +225,9 @@ pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
             let of_tet = |t: &[u32; 4]| {
                 let p = t.map(|v| at(x, v));
                 let normals = TET_FACES.map(|[a, b, c]| (p[b] - p[a]).cross(&(p[c] - p[a])));
-                range(
-                    (0..4)
-                        .flat_map(|i| (0..i).map(move |j| [i, j]))
-                        .map(|[i, j]| dihedral_angle(&normals[i], &normals[j])),
-                )
+                // The interior angle between two faces with outward normals.
+                let angle = |[i, j]: [usize; 2]| 180.0 - normals[i].angle(&normals[j]).to_degrees();
+                range((0..4).flat_map(|i| (0..i).map(move |j| [i, j])).map(angle))
             };
             angles(tets.par_iter().map(of_tet).collect())
         }
@@ -254,11 +255,6 @@ pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
         min_dihedral,
         max_dihedral,
     })
-}
-
-/// Interior angle between two faces with outward normals.
-fn dihedral_angle(a: &Vector, b: &Vector) -> f64 {
-    180.0 - a.angle(b).to_degrees()
 }
 
 fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {

@@ -45,7 +45,7 @@ pub(super) fn stiffness(cells: usize, edge: f64) -> f64 {
 /// The surface that nodes slide on.
 pub(super) struct SlidingSurface<'a> {
     pub target: &'a SurfaceMesh,
-    pub query: &'a SurfaceQuery,
+    pub query: SurfaceQuery,
     pub on_boundary: &'a [bool],
     /// Stiffness of the springs that hold sliding nodes, in units of the whole energy.
     pub stiffness: f64,
@@ -73,8 +73,8 @@ pub(super) fn slide(
         let free: Vec<u32> = (0..x.len() as u32)
             .filter(|&v| !sliding_surface.on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
             .collect();
-        let mut descent =
-            Lbfgs::new(energy, &free, step, monitor).with_constraints(sliding_surface.constraints(x, &start, &free));
+        let mut descent = Lbfgs::new(energy, &free, step, monitor);
+        descent.constraints = sliding_surface.constraints(x, &start, &free);
         let (value, iterations) = descent.run(x, epsilon, &ROUND);
         report.rounds += 1;
         report.iterations += iterations;
