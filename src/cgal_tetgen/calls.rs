@@ -3,42 +3,26 @@
 use super::CgalTetgenError;
 use super::bridge::ffi;
 use super::error::CallFailure;
-use super::worker::{Message, Operation, connection};
+use super::input::flat;
+use super::worker::{Message, connection};
+use crate::mesh::SurfaceMesh;
 
+pub(super) use super::worker::Operation;
 pub(super) use ffi::Mesh;
 
-/// Makes TetGen fail harmlessly.
-pub(super) fn self_test() -> Result<(), CgalTetgenError> {
-    call(Operation::SelfTest, &[], &[], &[]).map(|_| ())
+/// Runs an operation on a surface, with the options that [`Operation`] says. Not for those of distance fields.
+pub(super) fn call_on(operation: Operation, surface: &SurfaceMesh, options: &[f64]) -> Result<Mesh, CgalTetgenError> {
+    let triangles = surface.triangles().as_flattened();
+    call(operation, &flat(surface.vertices()), triangles, options)
 }
 
-/// Tetrahedra by TetGen. Options: largest radius-edge ratio (0 for none), smallest dihedral angle in degrees, largest
-/// volume (0 for none).
-pub(super) fn tetgen(xyz: &[f64], triangles: &[u32], options: &[f64; 3]) -> Result<Mesh, CgalTetgenError> {
-    call(Operation::Tetgen, xyz, triangles, options)
-}
-
-/// Tetrahedra by CGAL. Options: the fields of `RefinementSizes`, in their order.
-pub(super) fn mesh3(xyz: &[f64], triangles: &[u32], options: &[f64; 8]) -> Result<Mesh, CgalTetgenError> {
-    call(Operation::Mesh3, xyz, triangles, options)
-}
-
-/// A surface around triangles. Options: alpha, offset.
-pub(super) fn wrap(xyz: &[f64], triangles: &[u32], options: &[f64; 2]) -> Result<Mesh, CgalTetgenError> {
-    call(Operation::Wrap, xyz, triangles, options)
-}
-
-/// An isotropically remeshed surface.
-pub(super) fn remesh(xyz: &[f64], triangles: &[u32], edge_length: f64) -> Result<Mesh, CgalTetgenError> {
-    call(Operation::Remesh, xyz, triangles, &[edge_length])
-}
-
-/// Indices of intersecting triangles, two per pair. Tests at most `max_tested` pairs.
-pub(super) fn intersections(xyz: &[f64], triangles: &[u32], max_tested: f64) -> Result<Vec<u32>, CgalTetgenError> {
-    Ok(call(Operation::Intersections, xyz, triangles, &[max_tested])?.corners)
-}
-
-fn call(operation: Operation, xyz: &[f64], triangles: &[u32], options: &[f64]) -> Result<Mesh, CgalTetgenError> {
+/// As [`call_on`], for a surface in arrays.
+pub(super) fn call(
+    operation: Operation,
+    xyz: &[f64],
+    triangles: &[u32],
+    options: &[f64],
+) -> Result<Mesh, CgalTetgenError> {
     let Some(connection) = connection() else {
         return Ok(run_in_process(operation, xyz, triangles, options)?);
     };
@@ -47,14 +31,14 @@ fn call(operation: Operation, xyz: &[f64], triangles: &[u32], options: &[f64]) -
         integers: triangles.to_vec(),
         ..Message::default()
     };
-    let reply = connection.call(operation, None, request)?.message;
+    let (reply, _) = connection.call(operation, None, request)?;
     Ok(Mesh {
         xyz: reply.reals,
         corners: reply.integers,
     })
 }
 
-/// Every operation but those of distance fields, which need state.
+/// As [`call`], in this process.
 pub(super) fn run_in_process(
     operation: Operation,
     xyz: &[f64],
@@ -104,9 +88,6 @@ pub(super) fn run_in_process(
 pub(super) fn check_outcome(outcome: ffi::Outcome) -> Result<(), CallFailure> {
     match outcome.code {
         0 => Ok(()),
-        code => Err(CallFailure {
-            code,
-            message: outcome.message,
-        }),
+        code => Err(CallFailure::new(code, outcome.message)),
     }
 }

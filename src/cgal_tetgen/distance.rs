@@ -66,10 +66,7 @@ impl SignedDistanceField {
     pub fn volume(&self) -> Result<f64, CgalTetgenError> {
         match &self.0 {
             Location::InProcess(field) => Ok(field.volume()?),
-            Location::InWorker(field) => {
-                let volume = field.query(Operation::Volume, Vec::new(), 1)?;
-                Ok(volume[0])
-            }
+            Location::InWorker(field) => Ok(field.query(Operation::Volume, Vec::new(), 1)?[0]),
         }
     }
 
@@ -85,11 +82,10 @@ impl SignedDistanceField {
     pub(super) fn try_closest_points(&self, sought: &[Point]) -> Result<Vec<Point>, CgalTetgenError> {
         match &self.0 {
             Location::InProcess(field) => Ok(field.closest_points(sought)),
-            Location::InWorker(field) => Ok(points(&field.query(
-                Operation::Closest,
-                flat(sought),
-                3 * sought.len(),
-            )?)),
+            Location::InWorker(field) => {
+                let found = field.query(Operation::Closest, flat(sought), 3 * sought.len())?;
+                Ok(points(&found))
+            }
         }
     }
 }
@@ -108,40 +104,39 @@ impl RemoteField {
             integers: surface.triangles().as_flattened().to_vec(),
             ..Message::default()
         };
-        let reply = connection.call(Operation::NewField, None, request)?;
-        let field = reply.message.integers.first().copied();
+        let (reply, worker) = connection.call(Operation::NewField, None, request)?;
+        let field = reply.integers.first().copied();
         let field = field.ok_or_else(|| CgalTetgenError::Unknown("the worker made no field".into()))?;
         Ok(Self {
             connection,
-            worker: reply.worker,
+            worker,
             field,
         })
     }
 
-    /// The reply must have `count` values.
-    fn query(&self, operation: Operation, reals: Vec<f64>, count: usize) -> Result<Vec<f64>, CgalTetgenError> {
+    fn call(&self, operation: Operation, reals: Vec<f64>) -> Result<Vec<f64>, CgalTetgenError> {
         let request = Message {
             reals,
             integers: vec![self.field],
             ..Message::default()
         };
-        let reals = self
-            .connection
-            .call(operation, Some(self.worker), request)?
-            .message
-            .reals;
-        match reals.len() == count {
-            true => Ok(reals),
-            false => Err(CgalTetgenError::Unknown(
-                "the worker's reply has the wrong length".into(),
-            )),
-        }
+        let (reply, _) = self.connection.call(operation, Some(self.worker), request)?;
+        Ok(reply.reals)
+    }
+
+    /// The reply must have `count` values.
+    fn query(&self, operation: Operation, reals: Vec<f64>, count: usize) -> Result<Vec<f64>, CgalTetgenError> {
+        let found = self.call(operation, reals)?;
+        let fits = found.len() == count;
+        fits.then_some(found)
+            .ok_or_else(|| CgalTetgenError::Unknown("the worker's reply has the wrong length".into()))
     }
 }
 
 impl Drop for RemoteField {
     fn drop(&mut self) {
-        self.connection.drop_field(self.worker, self.field);
+        // Where the worker has ended, the field has too.
+        let _ = self.call(Operation::DropField, Vec::new());
     }
 }
 
@@ -220,10 +215,7 @@ impl LocalField {
     /// Coordinates that CGAL can work with: points that are not finite or too far are replaced by the model's centre.
     fn within_reach(&self, chunk: &[Point]) -> Vec<f64> {
         let reachable = |p: &Point| p.iter().all(|c| c.abs() < FAR);
-        let safe: Vec<Point> = chunk
-            .iter()
-            .map(|p| if reachable(p) { *p } else { self.centre })
-            .collect();
-        flat(&safe)
+        let safe = chunk.iter().map(|p| if reachable(p) { *p } else { self.centre });
+        flat(&safe.collect::<Vec<_>>())
     }
 }

@@ -277,11 +277,12 @@ pub(super) struct CallFailure {
 }
 
 impl CallFailure {
+    pub fn new(code: i32, message: String) -> Self {
+        Self { code, message }
+    }
+
     pub fn unknown(message: &str) -> Self {
-        Self {
-            code: CODE_UNKNOWN,
-            message: message.into(),
-        }
+        Self::new(CODE_UNKNOWN, message.into())
     }
 }
 

@@ -1,7 +1,7 @@
 //! Checks of surfaces before they go to C++. CGAL's preconditions are compiled out and TetGen's are assertions that end
 //! the process, so everything that either relies on is checked here.
 
-use super::calls::{self, Mesh};
+use super::calls::{self, Mesh, Operation};
 use super::error::{CgalTetgenError, InputDefect};
 use crate::Point;
 use crate::geometry::{Aabb, solid_angle};
@@ -121,8 +121,7 @@ pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<
 /// Pairs of triangles that meet in more than a common corner or side; a triangle without area is paired with itself. Tests
 /// at most `max_tested` pairs with overlapping boxes.
 pub(super) fn intersecting_triangles(surface: &SurfaceMesh, max_tested: f64) -> Result<Vec<[u32; 2]>, CgalTetgenError> {
-    let triangles = surface.triangles().as_flattened();
-    let pairs = calls::intersections(&flat(surface.vertices()), triangles, max_tested)?;
+    let pairs = calls::call_on(Operation::Intersections, surface, &[max_tested])?.corners;
     Ok(pairs.as_chunks::<2>().0.to_vec())
 }
 
@@ -137,10 +136,8 @@ fn solid_of_shells(shells: &[ClosedShell]) -> EnclosedSolid {
         outer_genus: Some(0),
     };
     for (k, shell) in shells.iter().enumerate() {
-        let around = shells
-            .iter()
-            .enumerate()
-            .filter(|&(j, other)| j != k && other.encloses(&shell.interior_point));
+        let others = shells.iter().enumerate().filter(|&(j, _)| j != k);
+        let around = others.filter(|(_, other)| other.encloses(&shell.interior_point));
         if around.count() % 2 == 0 {
             solid.volume += shell.volume;
             solid.outer_genus = solid.outer_genus.zip(shell.genus).map(|(sum, genus)| sum + genus);
@@ -162,13 +159,8 @@ struct ClosedShell {
 
 impl ClosedShell {
     fn encloses(&self, p: &Point) -> bool {
-        let angle = || {
-            self.triangles
-                .iter()
-                .map(|corners| solid_angle(p, corners))
-                .sum::<f64>()
-        };
-        self.bounds.contains(p) && angle().abs() > 2.0 * std::f64::consts::PI
+        let angles = self.triangles.iter().map(|corners| solid_angle(p, corners));
+        self.bounds.contains(p) && angles.sum::<f64>().abs() > 2.0 * std::f64::consts::PI
     }
 }
 
@@ -238,16 +230,12 @@ pub(super) fn sorted<const N: usize>(mut corners: [u32; N]) -> [u32; N] {
 
 /// The first triangle with the corners of an earlier one, with that one's index before its own.
 fn first_repeated(triangles: &[[u32; 3]]) -> Option<(usize, usize)> {
-    let mut order: Vec<([u32; 3], usize)> = triangles
-        .iter()
-        .enumerate()
-        .map(|(t, &corners)| (sorted(corners), t))
-        .collect();
+    let triangles = triangles.iter().enumerate();
+    let mut order: Vec<([u32; 3], usize)> = triangles.map(|(t, &corners)| (sorted(corners), t)).collect();
     order.sort_unstable();
     let repeats = order.windows(2).filter(|pair| pair[0].0 == pair[1].0);
-    repeats
-        .map(|pair| (pair[0].1, pair[1].1))
-        .min_by_key(|&(_, second)| second)
+    let pairs = repeats.map(|pair| (pair[0].1, pair[1].1));
+    pairs.min_by_key(|&(_, second)| second)
 }
 
 #[cfg(test)]

@@ -42,5 +42,5 @@ pub use worker::{Isolation, isolate, serve_calls};
 ///
 /// [`CgalTetgenError::SelfTestFailed`] when TetGen must not be called in this process.
 pub fn self_test() -> Result<(), CgalTetgenError> {
-    calls::self_test()
+    calls::call(calls::Operation::SelfTest, &[], &[], &[]).map(drop)
 }

@@ -1,8 +1,8 @@
-use super::calls;
+use super::calls::{Operation, call_on};
 use super::distance::SignedDistanceField;
 use super::error::CgalTetgenError;
-use super::input::{check_closed, check_numbers, enclosed_solid, flat, intersecting_triangles, surface as surface_of};
-use super::tetrahedra::{check_count, check_option};
+use super::input::{check_closed, check_numbers, enclosed_solid, intersecting_triangles, surface as surface_of};
+use super::tetrahedra::{check_count, check_positive};
 use crate::Point;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::{ComponentShape, Topology};
@@ -90,11 +90,9 @@ pub fn offset_surface(
     distance: f64,
     options: &OffsetOptions,
 ) -> Result<OffsetSurface, CgalTetgenError> {
-    let valid = distance.is_finite() && distance > 0.0;
-    check_option("distance", distance, valid, "positive and finite")?;
+    check_positive("distance", distance)?;
     let first_alpha = options.alpha.unwrap_or(distance / 2.0);
-    let valid = first_alpha.is_finite() && first_alpha > 0.0;
-    check_option("alpha", first_alpha, valid, "positive and finite")?;
+    check_positive("alpha", first_alpha)?;
     check_numbers(surface)?;
     check_closed(&Topology::new(surface))?;
 
@@ -167,15 +165,13 @@ impl<'a> OffsetProblem<'a> {
     }
 
     fn wrap(&self, alpha: f64) -> Result<SurfaceMesh, CgalTetgenError> {
-        let triangles = self.model.triangles().as_flattened();
-        let options = [alpha, self.distance];
-        surface_of(&calls::wrap(&flat(self.model.vertices()), triangles, &options)?)
+        surface_of(&call_on(Operation::Wrap, self.model, &[alpha, self.distance])?)
     }
 
     fn projected(&self, wrap: &SurfaceMesh, alpha: f64) -> Result<SurfaceMesh, CgalTetgenError> {
         let mut mesh = wrap.clone();
         for _ in 0..self.options.rounds {
-            let remeshed = calls::remesh(&flat(mesh.vertices()), mesh.triangles().as_flattened(), alpha)?;
+            let remeshed = call_on(Operation::Remesh, &mesh, &[alpha])?;
             let (vertices, triangles) = surface_of(&remeshed)?.into_parts();
             mesh = SurfaceMesh::new(self.on_level_set(vertices)?, triangles)?;
         }
@@ -229,17 +225,13 @@ impl<'a> OffsetProblem<'a> {
         let centroid = |t: usize| Point::from(mesh.corners(t).iter().map(|p| p.coords).sum::<crate::Vector>() / 3.0);
         let centroids: Vec<Point> = (0..mesh.triangles().len()).map(centroid).collect();
         let at_centroids = self.field.try_distance(&centroids)?;
-        let min_distance = at_vertices
-            .iter()
-            .chain(&at_centroids)
-            .copied()
-            .fold(f64::INFINITY, f64::min);
+        let distances = at_vertices.iter().chain(&at_centroids).copied();
+        let min_distance = distances.fold(f64::INFINITY, f64::min);
         if min_distance < self.options.min_fraction * self.distance {
             return Err(failed(format!("it comes as near as {min_distance:e} to the model")));
         }
-        match self.options.genus {
-            Some(want) if want != genus => return Err(CgalTetgenError::Topology { got: genus, want }),
-            _ => {}
+        if let Some(want) = self.options.genus.filter(|&want| want != genus) {
+            return Err(CgalTetgenError::Topology { got: genus, want });
         }
         let error = |distances: &[f64]| distances.iter().map(|d| (d - self.distance).abs()).fold(0.0, f64::max);
         Ok(OffsetSurface {

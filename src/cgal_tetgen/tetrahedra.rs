@@ -3,9 +3,9 @@ use std::time::Duration;
 
 use rayon::prelude::*;
 
-use super::calls;
+use super::calls::{Mesh, Operation, call, call_on};
 use super::error::CgalTetgenError;
-use super::input::{EnclosedSolid, check_manifold, check_solid, flat, points, sorted};
+use super::input::{check_manifold, check_solid, flat, points, sorted};
 use crate::Point;
 use crate::mesh::topology::{DisjointSets, Topology};
 use crate::mesh::{SurfaceMesh, TetMesh};
@@ -85,9 +85,9 @@ pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<Tet
     check_memory(surface, 0.0, options.memory)?;
     let topology = Topology::new(surface);
     let solid = check_solid(surface, &topology)?;
-    check_tet_options(options, &solid)?;
     // Refinement halves what is too large, so tetrahedra end at about half of the bound.
     let tets = options.max_volume.map_or(0.0, |volume| 2.0 * solid.volume / volume);
+    check_tet_options(options, tets)?;
     check_memory(surface, tets, options.memory)?;
 
     let options = [
@@ -95,11 +95,8 @@ pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<Tet
         options.min_dihedral,
         options.max_volume.unwrap_or(0.0),
     ];
-    let out = calls::tetgen(&flat(surface.vertices()), surface.triangles().as_flattened(), &options)?;
-    let tets = out.corners.as_chunks::<4>().0;
-    if tets.is_empty() {
-        return Err(CgalTetgenError::EmptyResult);
-    }
+    let out = call_on(Operation::Tetgen, surface, &options)?;
+    let tets = tets_of(&out)?;
     let vertices = points(&out.xyz);
     check_prefix(surface.vertices(), &vertices)?;
 
@@ -133,20 +130,22 @@ pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Re
     check_manifold(&topology)?;
     let cell_size = options.cell_size.unwrap_or(surface.diagonal() / 20.0);
     let facet_distance = options.facet_distance.unwrap_or(cell_size / 20.0);
-    check_mesh3_options(cell_size, facet_distance, options, &solid)?;
-    check_memory(surface, 2.0 * solid.volume / cell_size.powi(3), options.memory)?;
+    // A regular tetrahedron of circumradius r has the volume 8 r³ / (9 √3).
+    let tets = 2.0 * solid.volume / cell_size.powi(3);
+    check_mesh3_options(cell_size, facet_distance, options, tets)?;
+    check_memory(surface, tets, options.memory)?;
 
     // CGAL works with squares and absolute bounds: at 1e-20 it crashes. A power of two scales without rounding.
     let unit = surface.diagonal().log2().round().exp2();
-    let (edge_size, facet_size) = (cell_size / unit, cell_size / unit);
+    let size = cell_size / unit;
     // Refinement is proved to end up to 30 degrees and from a ratio of 2.
     let (facet_angle, cell_radius_edge_ratio) = (25.0, 2.0);
     let sizes = [
-        edge_size,
-        facet_size,
+        size,
+        size,
         facet_angle,
         facet_distance / unit,
-        cell_size / unit,
+        size,
         cell_radius_edge_ratio,
         options.feature_angle,
         options.time_limit.as_secs_f64(),
@@ -154,12 +153,9 @@ pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Re
     let triangles = surface.triangles().as_flattened();
     let mut xyz = flat(surface.vertices());
     xyz.iter_mut().for_each(|coordinate| *coordinate /= unit);
-    let mut out = calls::mesh3(&xyz, triangles, &sizes)?;
+    let mut out = call(Operation::Mesh3, &xyz, triangles, &sizes)?;
     out.xyz.iter_mut().for_each(|coordinate| *coordinate *= unit);
-    let tets = out.corners.as_chunks::<4>().0;
-    if tets.is_empty() {
-        return Err(CgalTetgenError::EmptyResult);
-    }
+    let tets = tets_of(&out)?;
     let mesh = positively_oriented(TetMesh::new(points(&out.xyz), tets.to_vec())?)?;
     check_volume(&mesh, solid.volume, 2.0 * facet_distance * surface.area())?;
     Ok(mesh)
@@ -188,28 +184,17 @@ fn check_memory(surface: &SurfaceMesh, tets: f64, allowed: Option<u64>) -> Resul
     }
 }
 
-fn check_tet_options(options: &TetOptions, solid: &EnclosedSolid) -> Result<(), CgalTetgenError> {
+fn check_tet_options(options: &TetOptions, tets: f64) -> Result<(), CgalTetgenError> {
     if let Some(ratio) = options.radius_edge_ratio {
-        let valid = (1.1..1e6).contains(&ratio);
-        check_option(
-            "radius_edge_ratio",
-            ratio,
-            valid,
-            "at least 1.1, or refinement may never end",
-        )?;
+        let requirement = "at least 1.1, or refinement may never end";
+        check_option("radius_edge_ratio", ratio, (1.1..1e6).contains(&ratio), requirement)?;
     }
     let angle = options.min_dihedral;
-    check_option(
-        "min_dihedral",
-        angle,
-        (0.0..=20.0).contains(&angle),
-        "between 0 and 20 degrees",
-    )?;
+    let valid = (0.0..=20.0).contains(&angle);
+    check_option("min_dihedral", angle, valid, "between 0 and 20 degrees")?;
     if let Some(volume) = options.max_volume {
-        let valid = volume.is_finite() && volume > 0.0;
-        check_option("max_volume", volume, valid, "positive and finite")?;
-        // Refinement halves what is too large, so tetrahedra end at about half of the bound.
-        check_count("tetrahedra", 2.0 * solid.volume / volume, MAX_TETS)?;
+        check_positive("max_volume", volume)?;
+        check_count("tetrahedra", tets, MAX_TETS)?;
     }
     Ok(())
 }
@@ -218,30 +203,23 @@ fn check_mesh3_options(
     cell_size: f64,
     facet_distance: f64,
     options: &Mesh3Options,
-    solid: &EnclosedSolid,
+    tets: f64,
 ) -> Result<(), CgalTetgenError> {
-    for (name, size) in [("cell_size", cell_size), ("facet_distance", facet_distance)] {
-        check_option(name, size, size.is_finite() && size > 0.0, "positive and finite")?;
-    }
+    check_positive("cell_size", cell_size)?;
+    check_positive("facet_distance", facet_distance)?;
     let angle = options.feature_angle;
-    check_option(
-        "feature_angle",
-        angle,
-        (0.0..=180.0).contains(&angle),
-        "between 0 and 180 degrees",
-    )?;
+    let valid = (0.0..=180.0).contains(&angle);
+    check_option("feature_angle", angle, valid, "between 0 and 180 degrees")?;
     let seconds = options.time_limit.as_secs_f64();
     check_option("time_limit", seconds, seconds <= 1e6, "at most 10^6 s")?;
-    // A regular tetrahedron of circumradius r has the volume 8 r³ / (9 √3).
-    check_count("tetrahedra", 2.0 * solid.volume / cell_size.powi(3), MAX_TETS)
+    check_count("tetrahedra", tets, MAX_TETS)
 }
 
-pub(super) fn check_option(
-    name: &'static str,
-    value: f64,
-    valid: bool,
-    requirement: &'static str,
-) -> Result<(), CgalTetgenError> {
+pub(super) fn check_positive(name: &'static str, value: f64) -> Result<(), CgalTetgenError> {
+    check_option(name, value, value.is_finite() && value > 0.0, "positive and finite")
+}
+
+fn check_option(name: &'static str, value: f64, valid: bool, requirement: &'static str) -> Result<(), CgalTetgenError> {
     valid.then_some(()).ok_or(CgalTetgenError::InvalidOption {
         name,
         value,
@@ -255,12 +233,15 @@ pub(super) fn check_count(kind: &'static str, elements: f64, limit: f64) -> Resu
         .ok_or(CgalTetgenError::TooFine { kind, elements, limit })
 }
 
+/// The tetrahedra that a mesher returned.
+fn tets_of(mesh: &Mesh) -> Result<&[[u32; 4]], CgalTetgenError> {
+    let (tets, _) = mesh.corners.as_chunks::<4>();
+    (!tets.is_empty()).then_some(tets).ok_or(CgalTetgenError::EmptyResult)
+}
+
 fn check_prefix(input: &[Point], output: &[Point]) -> Result<(), CgalTetgenError> {
-    let same = |k: usize| {
-        output
-            .get(k)
-            .is_some_and(|p| (0..3).all(|i| p[i].to_bits() == input[k][i].to_bits()))
-    };
+    let bits = |p: &Point| [p.x, p.y, p.z].map(f64::to_bits);
+    let same = |k: usize| output.get(k).map(bits) == Some(bits(&input[k]));
     match (0..input.len()).find(|&k| !same(k)) {
         Some(vertex) => Err(CgalTetgenError::VertexChanged { vertex }),
         None => Ok(()),
@@ -281,12 +262,8 @@ fn check_volume(mesh: &TetMesh, want: f64, tolerance: f64) -> Result<(), CgalTet
 /// TetGen fills cavities. Counting the input triangles crossed on a path from the hull needs no point inside each cavity
 /// and no orientation, and detects a boundary that leaks.
 fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, CgalTetgenError> {
-    let input: HashMap<[u32; 3], usize> = surface
-        .triangles()
-        .iter()
-        .enumerate()
-        .map(|(t, &corners)| (sorted(corners), t))
-        .collect();
+    let triangles = surface.triangles().iter().enumerate();
+    let input: HashMap<[u32; 3], usize> = triangles.map(|(t, &corners)| (sorted(corners), t)).collect();
     let mut found = vec![false; input.len()];
     let outside = tets.len() as u32;
     // Union-find with parity: 2t stands for the side of the boundary that tetrahedron t is on, 2t + 1 for the other
@@ -342,12 +319,8 @@ fn compacted(vertices: Vec<Point>, tets: Vec<[u32; 4]>, kept: usize) -> Result<T
         *number = next;
         next += u32::from(used);
     }
-    let vertices = vertices
-        .into_iter()
-        .zip(used)
-        .filter(|&(_, used)| used)
-        .map(|(p, _)| p)
-        .collect();
+    let kept = vertices.into_iter().zip(used).filter(|&(_, used)| used);
+    let vertices = kept.map(|(p, _)| p).collect();
     let tets = tets.into_iter().map(|t| t.map(|v| number[v as usize])).collect();
     Ok(TetMesh::new(vertices, tets)?)
 }
@@ -375,9 +348,8 @@ mod tests {
     use crate::mesh::shapes;
 
     /// TetGen without checks.
-    fn unchecked(surface: &SurfaceMesh, ratio: f64) -> Result<calls::Mesh, CgalTetgenError> {
-        let options = [ratio, 0.0, 0.0];
-        calls::tetgen(&flat(surface.vertices()), surface.triangles().as_flattened(), &options)
+    fn unchecked(surface: &SurfaceMesh, ratio: f64) -> Result<Mesh, CgalTetgenError> {
+        call_on(Operation::Tetgen, surface, &[ratio, 0.0, 0.0])
     }
 
     /// Each of these ends the process unless libtet's error function is replaced.

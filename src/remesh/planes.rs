@@ -1,8 +1,8 @@
 //! Polycubes: the planes of a solid with axis-aligned faces, and the boxes between them that it fills.
 
+use crate::Point;
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::SurfaceMesh;
-use crate::Point;
 
 /// A polycube: a solid made of boxes between axis-aligned planes, which need not be evenly spaced.
 #[derive(Debug, Clone, PartialEq)]

@@ -24,12 +24,10 @@ impl Message {
         }
         writer.write_all(self.text.as_bytes())?;
         for chunk in self.reals.chunks(CHUNK) {
-            let bytes: Vec<u8> = chunk.iter().flat_map(|x| x.to_le_bytes()).collect();
-            writer.write_all(&bytes)?;
+            writer.write_all(&chunk.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>())?;
         }
         for chunk in self.integers.chunks(CHUNK) {
-            let bytes: Vec<u8> = chunk.iter().flat_map(|x| x.to_le_bytes()).collect();
-            writer.write_all(&bytes)?;
+            writer.write_all(&chunk.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>())?;
         }
         writer.flush()
     }

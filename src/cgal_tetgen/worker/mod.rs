@@ -8,14 +8,14 @@ mod message;
 mod serve;
 
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom};
+use std::io::{BufReader, BufWriter, ErrorKind, Read, Seek, SeekFrom};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::ExitStatusExt;
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
 use super::CgalTetgenError;
@@ -37,17 +37,13 @@ pub struct Isolation {
 
 /// Sends all calls of CGAL and TetGen to a worker process, or with `None`, the default, runs them in this process.
 ///
-/// /// A worker that crashes gives [`CgalTetgenError::Crashed`], one that takes too long [`CgalTetgenError::TimeLimit`]; the next
+/// A worker that crashes gives [`CgalTetgenError::Crashed`], one that takes too long [`CgalTetgenError::TimeLimit`]; the next
 /// call starts another. Results are bitwise the same as without a worker. Starting takes some 10 ms and each call the time
 /// to copy its surface twice; calls wait for one another. A [`SignedDistanceField`](super::SignedDistanceField) belongs to
 /// the worker that it was made in and is lost with it ([`CgalTetgenError::Lost`]).
 pub fn isolate(isolation: Option<Isolation>) {
-    let connection = isolation.map(|isolation| {
-        Arc::new(Connection {
-            isolation,
-            worker: Mutex::new(None),
-        })
-    });
+    let worker = Mutex::new(None);
+    let connection = isolation.map(|isolation| Arc::new(Connection { isolation, worker }));
     *CONNECTION.write().unwrap_or_else(PoisonError::into_inner) = connection;
 }
 
@@ -62,11 +58,18 @@ pub(super) fn connection() -> Option<Arc<Connection>> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub(super) enum Operation {
+    /// Makes TetGen fail harmlessly.
     SelfTest = 1,
+    /// Tetrahedra by TetGen. Options: largest radius-edge ratio (0 for none), smallest dihedral angle in degrees, largest
+    /// volume (0 for none).
     Tetgen,
+    /// Tetrahedra by CGAL. Options: the fields of `RefinementSizes`, in their order.
     Mesh3,
+    /// A surface around triangles. Options: alpha, offset.
     Wrap,
+    /// An isotropically remeshed surface. Option: edge length.
     Remesh,
+    /// Indices of intersecting triangles, two per pair. Option: the number of pairs tested at most.
     Intersections,
     NewField,
     Distance,
@@ -137,15 +140,16 @@ struct Worker {
 }
 
 impl Connection {
-    /// Runs an operation, on the worker with the id `worker` if one is given.
+    /// Runs an operation, on the worker with the id `worker` if one is given. Returns the reply, and the id of the worker
+    /// that sent it.
     pub fn call(
         &self,
         operation: Operation,
         worker: Option<u64>,
         mut request: Message,
-    ) -> Result<Reply, CgalTetgenError> {
+    ) -> Result<(Message, u64), CgalTetgenError> {
         request.tag = operation as u32;
-        let mut running = self.lock();
+        let mut running = self.worker.lock().unwrap_or_else(PoisonError::into_inner);
         // A worker that ended between calls, as when the system ran out of memory, is replaced without an error.
         running.take_if(Worker::has_ended);
         if let Some(wanted) = worker
@@ -158,22 +162,10 @@ impl Connection {
             empty => empty.insert(Worker::start(&self.isolation)?),
         };
         match worker.exchange(&request, self.isolation.time_limit) {
-            Ok(message) => match message.tag as i32 {
-                0 => Ok(Reply {
-                    message,
-                    worker: worker.id,
-                }),
-                code => Err(CallFailure {
-                    code,
-                    message: message.text,
-                }
-                .into()),
-            },
+            Ok(reply) if reply.tag == 0 => Ok((reply, worker.id)),
+            Ok(Message { tag, text, .. }) => Err(CallFailure::new(tag as i32, text).into()),
             Err(error) => {
-                let late = matches!(
-                    error.kind(),
-                    std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut
-                );
+                let late = matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut);
                 let ended = running.take().map(|mut worker| worker.end());
                 Err(match (late, self.isolation.time_limit, ended) {
                     (true, Some(limit), _) => CgalTetgenError::TimeLimit {
@@ -186,25 +178,6 @@ impl Connection {
             }
         }
     }
-
-    /// Frees a distance field, if its worker is still running.
-    pub fn drop_field(&self, worker: u64, field: u32) {
-        let request = Message {
-            integers: vec![field],
-            ..Message::default()
-        };
-        let _ = self.call(Operation::DropField, Some(worker), request);
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Option<Worker>> {
-        self.worker.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-pub(super) struct Reply {
-    pub message: Message,
-    /// Id of the worker that sent it.
-    pub worker: u64,
 }
 
 impl Worker {

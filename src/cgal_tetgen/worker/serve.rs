@@ -58,21 +58,6 @@ impl Server {
         let operation = Operation::from_tag(request.tag).ok_or_else(|| CallFailure::unknown("an unknown request"))?;
         let (reals, integers) = (&request.reals[..], &request.integers[..]);
         Ok(match operation {
-            Operation::SelfTest
-            | Operation::Tetgen
-            | Operation::Mesh3
-            | Operation::Wrap
-            | Operation::Remesh
-            | Operation::Intersections => {
-                let split = reals.split_at_checked(operation.option_count());
-                let (options, xyz) = split.ok_or_else(|| CallFailure::unknown("options are missing"))?;
-                let mesh = calls::run_in_process(operation, xyz, integers, options)?;
-                Message {
-                    reals: mesh.xyz,
-                    integers: mesh.corners,
-                    ..Message::default()
-                }
-            }
             Operation::NewField => {
                 let triangles = integers.as_chunks::<3>().0.to_vec();
                 let surface = SurfaceMesh::new(points(reals), triangles)
@@ -90,6 +75,16 @@ impl Server {
             Operation::DropField => {
                 integers.first().map(|id| self.fields.remove(id));
                 Message::default()
+            }
+            _ => {
+                let split = reals.split_at_checked(operation.option_count());
+                let (options, xyz) = split.ok_or_else(|| CallFailure::unknown("options are missing"))?;
+                let mesh = calls::run_in_process(operation, xyz, integers, options)?;
+                Message {
+                    reals: mesh.xyz,
+                    integers: mesh.corners,
+                    ..Message::default()
+                }
             }
         })
     }
