@@ -22,7 +22,7 @@ use crate::map::VolumeMap;
 use crate::mesh::SurfacePoint;
 
 use newton::{NewtonEffort, NewtonLimits, NewtonRoot};
-use seeds::SeedMesh;
+use seeds::{SeedMesh, is_finite};
 
 pub(crate) use seeds::barycentric;
 pub use seeds::lattice_mesh;
@@ -202,7 +202,7 @@ const NEAR_TOLERANCES: f64 = 1e5;
 /// Largest tolerance: beyond it preimages are meaningless.
 const MAX_TOLERANCE: f64 = 1e-3;
 /// Beyond, the seed mesh takes more than a gigabyte and gains nothing.
-const MAX_SEED_NODES: f64 = 1e6;
+const MAX_SEED_NODES: usize = 1_000_000;
 /// Residual from rounding errors, over the target's largest coordinate.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 /// Preimages closer than this, as a fraction of the domain's diagonal, are the same; so are those closer than this
@@ -230,19 +230,7 @@ impl<'a> InverseMap<'a> {
         options: &InverseOptions,
     ) -> Result<Self, InverseError> {
         let start = Instant::now();
-        require_up_to(
-            "tolerance",
-            options.tolerance,
-            MAX_TOLERANCE,
-            "greater than 0 and at most 1e-3",
-        )?;
-        require_up_to(
-            "seed_nodes",
-            options.seed_nodes as f64,
-            MAX_SEED_NODES,
-            "from 1 to 1000000",
-        )?;
-        require_up_to("iterations", options.iterations as f64, f64::MAX, "greater than 0")?;
+        require_options(options)?;
         let domain = SurfaceQuery::new(boundary.domain()).map_err(InverseError::Domain)?;
         // A target may overlap itself where its boundary map folds.
         let target = SurfaceQuery::with_winding_sign(&boundary.outward_target()).map_err(InverseError::Target)?;
@@ -295,25 +283,17 @@ impl<'a> InverseMap<'a> {
     /// Searches first from the mapped tetrahedra that contain the points, then, where the preimages found do not sum up
     /// to the degree of the map, from the nodes with the nearest images.
     fn batch(&self, points: &[Point]) -> (Vec<Preimage>, NewtonEffort) {
-        let starts: Vec<Vec<Point>> = points
-            .par_iter()
-            .map(|y| {
-                if is_finite(y) {
-                    self.seeds.containing(y, MAX_CONTAINING)
-                } else {
-                    vec![]
-                }
-            })
-            .collect();
+        let containing = |y: &Point| match is_finite(y) {
+            true => self.seeds.containing(y, MAX_CONTAINING),
+            false => vec![],
+        };
+        let starts: Vec<Vec<Point>> = points.par_iter().map(containing).collect();
         let (mut found, mut effort) = self.search(points, &starts);
         let windings = self.windings(points);
 
         let doubtful = self.doubtful(points, &found, &windings);
-        let starts: Vec<Vec<Point>> = doubtful
-            .par_iter()
-            .map(|&i| self.seeds.nearest(&points[i], MAX_NEAREST))
-            .collect();
-        let ys: Vec<Point> = doubtful.iter().map(|&i| points[i]).collect();
+        let ys = picked(points, &doubtful);
+        let starts: Vec<Vec<Point>> = ys.par_iter().map(|y| self.seeds.nearest(y, MAX_NEAREST)).collect();
         let (more, further) = self.search(&ys, &starts);
         effort.add(further);
         for (i, more) in doubtful.into_iter().zip(more) {
@@ -347,13 +327,8 @@ impl<'a> InverseMap<'a> {
         let outer: Vec<usize> = (0..points.len())
             .filter(|&i| is_finite(&points[i]) && found[i].is_empty() && windings[i] == 0.0)
             .collect();
-        let distances = self
-            .target
-            .closest_points(&outer.iter().map(|&i| points[i]).collect::<Vec<_>>());
-        let near = outer
-            .iter()
-            .zip(distances)
-            .filter(|(_, closest)| closest.distance <= self.gap_max);
+        let closest = self.target.closest_points(&picked(points, &outer));
+        let near = outer.iter().zip(closest).filter(|(_, c)| c.distance <= self.gap_max);
         let near = near.map(|(&i, _)| i);
         let others = (0..points.len()).filter(|&i| is_finite(&points[i]) && !adds_up(i));
         let mut doubtful: Vec<usize> = near.chain(others).collect();
@@ -441,9 +416,7 @@ impl<'a> InverseMap<'a> {
     /// The gap at the points of the domain's boundary that are closest to `places`.
     fn gaps_next_to(&self, places: &[Point]) -> Vec<BoundaryGap> {
         let closest = self.domain.closest_points(places);
-        let images = self
-            .map
-            .evaluate(&closest.iter().map(|closest| closest.point).collect::<Vec<_>>());
+        let images = self.map.evaluate(&closest.iter().map(|c| c.point).collect::<Vec<_>>());
         let on_boundary = closest.iter().map(|closest| SurfacePoint {
             triangle: closest.triangle as u32,
             barycentric: closest.barycentric,
@@ -465,9 +438,7 @@ impl<'a> InverseMap<'a> {
             .filter(|&i| is_alone(i) && self.degree(&found[i]) != windings[i])
             .collect();
         let gaps = self.gaps_next_to(&suspects.iter().map(|&i| found[i][0].root.x).collect::<Vec<_>>());
-        let surface = self
-            .target
-            .closest_points(&suspects.iter().map(|&i| points[i]).collect::<Vec<_>>());
+        let surface = self.target.closest_points(&picked(points, &suspects));
         let slack = self.tolerance.max(ON_BOUNDARY * self.target_diagonal);
         let mut incomplete = vec![false; points.len()];
         for ((&i, gap), surface) in suspects.iter().zip(gaps).zip(surface) {
@@ -481,10 +452,8 @@ impl<'a> InverseMap<'a> {
         // What the seed mesh resolves is different, however large the uncertainty at a fold.
         let reach = |root: &NewtonRoot| (SAME_UNCERTAINTIES * root.uncertainty()).min(self.seeds.spacing);
         let is_new = |known: &FoundPreimage| {
-            let same = (SAME * self.domain_diagonal)
-                .max(reach(&known.root))
-                .max(reach(&new.root));
-            (known.root.x - new.root.x).norm() > same
+            let uncertain = reach(&known.root).max(reach(&new.root));
+            (known.root.x - new.root.x).norm() > uncertain.max(SAME * self.domain_diagonal)
         };
         if found.iter().all(is_new) {
             found.push(new);
@@ -505,10 +474,8 @@ impl<'a> InverseMap<'a> {
     }
 
     fn result(&self, y: &Point, found: &[FoundPreimage], in_target: bool, incomplete: bool) -> Preimage {
-        let best = found
-            .iter()
-            .max_by(|a, b| self.oriented(&a.root).total_cmp(&self.oriented(&b.root)));
-        let Some(best) = best else {
+        let det = |f: &FoundPreimage| self.oriented(&f.root);
+        let Some(best) = found.iter().max_by(|a, b| det(a).total_cmp(&det(b))) else {
             let (status, point) = match (is_finite(y), in_target) {
                 (false, _) => (PreimageStatus::NotFinite, Point::from([f64::NAN; 3])),
                 (true, true) => (PreimageStatus::NotConverged, self.seeds.nearest_node(y)),
@@ -522,7 +489,7 @@ impl<'a> InverseMap<'a> {
                 beyond_boundary: false,
             };
         };
-        let one_to_one = found.len() == 1 && !incomplete && self.oriented(&best.root) > 0.0;
+        let one_to_one = found.len() == 1 && !incomplete && det(best) > 0.0;
         Preimage {
             status: if one_to_one {
                 PreimageStatus::Ok
@@ -546,18 +513,11 @@ impl<'a> InverseMap<'a> {
         report.several = found.iter().filter(|p| p.preimages > 1).count();
         let beyond: Vec<Point> = found.iter().filter(|p| p.beyond_boundary).map(|p| p.point).collect();
         report.beyond_boundary = beyond.len();
-        let farthest = self
-            .domain
-            .closest_points(&beyond)
-            .iter()
-            .map(|c| c.distance)
-            .fold(0.0, f64::max);
+        let closest = self.domain.closest_points(&beyond);
+        let farthest = closest.iter().map(|c| c.distance).fold(0.0, f64::max);
         report.farthest_beyond = farthest / self.domain_diagonal;
-        let errors = found
-            .iter()
-            .filter(|p| p.status == PreimageStatus::Ok)
-            .map(|p| p.round_trip);
-        let errors: Vec<f64> = errors.collect();
+        let ok = found.iter().filter(|p| p.status == PreimageStatus::Ok);
+        let errors: Vec<f64> = ok.map(|p| p.round_trip).collect();
         report.round_trip_rms = root_mean_square(&errors);
         report.round_trip_max = errors.into_iter().fold(0.0, f64::max);
         report.boundary_error = self.gap_max / self.target_diagonal;
@@ -604,10 +564,8 @@ fn largest_coordinate(query: &SurfaceQuery) -> f64 {
 /// Boundary errors at the domain's vertices.
 fn gaps_at_vertices(map: &dyn VolumeMap, boundary: &BoundaryMap) -> Vec<f64> {
     let images = map.evaluate(boundary.domain().vertices());
-    let gaps = images
-        .iter()
-        .zip(boundary.image())
-        .map(|(found, expected)| (found - expected).norm());
+    let pairs = images.iter().zip(boundary.image());
+    let gaps = pairs.map(|(found, expected)| (found - expected).norm());
     gaps.filter(|gap| gap.is_finite()).collect()
 }
 
@@ -616,13 +574,21 @@ fn root_mean_square(values: &[f64]) -> f64 {
     (squares / values.len().max(1) as f64).sqrt()
 }
 
-fn is_finite(p: &Point) -> bool {
-    p.iter().all(|c| c.is_finite())
+fn picked(points: &[Point], indices: &[usize]) -> Vec<Point> {
+    indices.iter().map(|&i| points[i]).collect()
 }
 
-fn require_up_to(option: &'static str, value: f64, most: f64, range: &'static str) -> Result<(), InverseError> {
-    if value > 0.0 && value <= most {
-        return Ok(());
+fn require_options(options: &InverseOptions) -> Result<(), InverseError> {
+    let refuse = |option, value, range| Err(InverseError::Option { option, value, range });
+    let tolerance = options.tolerance;
+    if tolerance.is_nan() || tolerance <= 0.0 || tolerance > MAX_TOLERANCE {
+        return refuse("tolerance", tolerance, "greater than 0 and at most 1e-3");
     }
-    Err(InverseError::Option { option, value, range })
+    if !(1..=MAX_SEED_NODES).contains(&options.seed_nodes) {
+        return refuse("seed_nodes", options.seed_nodes as f64, "from 1 to 1000000");
+    }
+    if options.iterations == 0 {
+        return refuse("iterations", 0.0, "greater than 0");
+    }
+    Ok(())
 }

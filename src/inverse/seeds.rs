@@ -13,7 +13,7 @@ use crate::map::VolumeMap;
 use crate::mesh::{KUHN, SurfaceMesh, TetMesh};
 use crate::{Point, Vector};
 
-use super::{InverseError, finite_diagonal};
+use super::{InverseError, finite_diagonal, picked};
 
 /// The mapped mesh.
 pub(super) struct SeedMesh {
@@ -83,18 +83,11 @@ impl SeedMesh {
         let images = &mesh.images;
         mesh.tets.retain(|tet| !is_flat(&corners(images, tet)));
 
-        let boxes: Vec<Aabb> = mesh
-            .tets
-            .iter()
-            .map(|tet| Aabb::around(&corners(&mesh.images, tet)))
-            .collect();
-        let node_of_item: Vec<u32> = (0..mesh.nodes.len() as u32)
-            .filter(|&v| is_finite(&mesh.images[v as usize]))
-            .collect();
-        let points: Vec<Aabb> = node_of_item
-            .iter()
-            .map(|&v| Aabb::around(&[mesh.images[v as usize]]))
-            .collect();
+        let around_tet = |tet: &[u32; 4]| Aabb::around(&corners(&mesh.images, tet));
+        let boxes: Vec<Aabb> = mesh.tets.iter().map(around_tet).collect();
+        let image = |v: u32| mesh.images[v as usize];
+        let node_of_item: Vec<u32> = (0..mesh.nodes.len() as u32).filter(|&v| is_finite(&image(v))).collect();
+        let points: Vec<Aabb> = node_of_item.iter().map(|&v| Aabb::around(&[image(v)])).collect();
         Self {
             tet_tree: Bvh::new(&boxes),
             node_tree: Bvh::new(&points),
@@ -185,14 +178,12 @@ impl MappedMesh {
     /// Volume of the image over that of the mesh; negative if the map inverts most of it.
     fn mean_det(&self) -> f64 {
         let volumes = |tet: &[u32; 4]| [&self.nodes, &self.images].map(|points| volume(&corners(points, tet)));
-        let sums = self
-            .tets
-            .iter()
-            .map(volumes)
-            .fold([0.0; 2], |[all, mapped], [before, after]| {
-                [all + before.abs(), mapped + before.signum() * after]
-            });
-        if sums[0] > 0.0 { sums[1] / sums[0] } else { 1.0 }
+        let (mut whole, mut mapped) = (0.0, 0.0);
+        for [before, after] in self.tets.iter().map(volumes) {
+            whole += before.abs();
+            mapped += before.signum() * after;
+        }
+        if whole > 0.0 { mapped / whole } else { 1.0 }
     }
 
     /// Whether the map has, or may have, the opposite orientation somewhere in the tetrahedron.
@@ -241,7 +232,7 @@ fn corners(points: &[Point], tet: &[u32; 4]) -> [Point; 4] {
     tet.map(|v| points[v as usize])
 }
 
-fn is_finite(p: &Point) -> bool {
+pub(super) fn is_finite(p: &Point) -> bool {
     p.iter().all(|c| c.is_finite())
 }
 
@@ -344,19 +335,12 @@ impl SeedLattice {
             });
             tets.extend(KUHN.map(|tet| tet.map(|c| corners[c])));
         }
-        let outer: Vec<Point> = places
-            .iter()
-            .filter(|&&c| !self.inside[c])
-            .map(|&c| self.point(c))
-            .collect();
-        let mut closest = query.closest_points(&outer).into_iter().map(|closest| closest.point);
-        let nodes = places
-            .iter()
-            .map(|&c| match self.inside[c] {
-                true => self.point(c),
-                false => closest.next().unwrap_or_else(|| self.point(c)),
-            })
-            .collect();
+        let mut nodes: Vec<Point> = places.iter().map(|&c| self.point(c)).collect();
+        let outer: Vec<usize> = (0..places.len()).filter(|&v| !self.inside[places[v]]).collect();
+        let closest = query.closest_points(&picked(&nodes, &outer));
+        for (v, closest) in outer.into_iter().zip(closest) {
+            nodes[v] = closest.point;
+        }
         (nodes, tets)
     }
 }
