@@ -8,8 +8,9 @@ use std::path::Path;
 
 use super::Provenance;
 use super::boundary_tensors::{self, BoundaryHeader};
-use super::tensor_file::{BOUNDARY, GENERATOR, Reader, TensorFileError, read_bytes};
+use super::tensor_file::{BOUNDARY, GENERATOR, Reader, TensorFileError};
 use crate::boundary_map::BoundaryMap;
+use crate::io::read_bytes;
 
 /// A boundary map as stored.
 #[derive(Debug, Clone, PartialEq)]

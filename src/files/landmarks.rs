@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::boundary_map::pair::{LandmarkError, Landmarks};
-use crate::io::{IoError, Place};
+use crate::io::{IoError, Place, read_bytes};
 
 /// Why a file holds no landmarks.
 #[derive(Debug, thiserror::Error)]
@@ -131,10 +131,7 @@ struct LandmarkRow<const N: usize> {
 }
 
 fn read_rows<const N: usize>(path: &Path) -> Result<Vec<LandmarkRow<N>>, LandmarkFileError> {
-    let bytes = std::fs::read(path).map_err(|source| IoError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
+    let bytes = read_bytes(path)?;
     // A byte that is no text shows up as a word that is no number.
     let text = String::from_utf8_lossy(&bytes);
     let mut rows = Vec::new();

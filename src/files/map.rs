@@ -16,9 +16,10 @@ use std::path::Path;
 
 use super::Provenance;
 use super::boundary_tensors::{self, BoundaryHeader, Way};
-use super::tensor_file::{GENERATOR, MAP, Reader, Tensor, TensorFileError, read_bytes};
+use super::tensor_file::{GENERATOR, MAP, Reader, Tensor, TensorFileError};
 use crate::boundary_map::BoundaryMap;
 use crate::fit::FitReport;
+use crate::io::read_bytes;
 use crate::map::HarmonicMap;
 use crate::solver::Coefficients;
 

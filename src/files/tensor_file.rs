@@ -159,13 +159,6 @@ impl FileKind {
     }
 }
 
-pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
-    std::fs::read(path).map_err(|source| IoError::Read {
-        path: path.to_owned(),
-        source,
-    })
-}
-
 pub(super) struct Reader<'a> {
     kind: &'static FileKind,
     path: &'a Path,

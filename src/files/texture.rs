@@ -12,9 +12,10 @@
 
 use std::path::Path;
 
-use super::tensor_file::{GENERATOR, Reader, TEXTURE, Tensor, read_bytes};
+use super::tensor_file::{GENERATOR, Reader, TEXTURE, Tensor};
 use super::{Provenance, TensorFileError, map};
 use crate::fit::FitReport;
+use crate::io::read_bytes;
 use crate::mesh::SurfaceMesh;
 use crate::texture::{ColourSource, ColouredSurface, ExtendedQuantity, Picture, SolidTexture, Wrap};
 

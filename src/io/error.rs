@@ -1,4 +1,7 @@
-use std::{fmt, io, path::PathBuf};
+use std::{
+    fmt, io,
+    path::{Path, PathBuf},
+};
 
 /// Why a file could not be read or written. Counts and positions of elements are 0-based, lines count from 1.
 #[derive(Debug, thiserror::Error)]
@@ -165,6 +168,25 @@ pub enum IoError {
         /// How many there are.
         found: usize,
     },
+}
+
+impl IoError {
+    pub(super) fn unsupported(path: &Path, found: impl Into<String>, remedy: &'static str) -> Self {
+        Self::Unsupported {
+            path: path.to_owned(),
+            found: found.into(),
+            remedy,
+        }
+    }
+
+    pub(super) fn value_count(path: &Path, name: impl Into<String>, expected: usize, found: usize) -> Self {
+        Self::ValueCount {
+            path: path.to_owned(),
+            name: name.into(),
+            expected,
+            found,
+        }
+    }
 }
 
 /// A place in a file.

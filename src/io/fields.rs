@@ -47,12 +47,7 @@ pub(super) fn check(path: &Path, points: &[Point], cells: Cells, fields: &VtkFie
     for (field, count) in point_fields.chain(cell_fields) {
         let expected = count.saturating_mul(field.components);
         if field.values.len() != expected {
-            return Err(IoError::ValueCount {
-                path: path.to_owned(),
-                name: field.name.clone(),
-                expected,
-                found: field.values.len(),
-            });
+            return Err(IoError::value_count(path, &field.name, expected, field.values.len()));
         }
     }
     Ok(())

@@ -37,11 +37,7 @@ impl<'a> InputFile<'a> {
     }
 
     pub fn unsupported(&self, found: impl Into<String>, remedy: &'static str) -> IoError {
-        IoError::Unsupported {
-            path: self.path.to_owned(),
-            found: found.into(),
-            remedy,
-        }
+        IoError::unsupported(self.path, found, remedy)
     }
 
     /// `count` as a size for allocation, if `available` bytes can hold that many elements of at least `least` bytes.
@@ -171,6 +167,11 @@ impl<'a> Tokens<'a> {
         self.file.malformed(self.start, found)
     }
 
+    /// An error at the line of the last token, for something found in the place of something else.
+    pub fn unexpected(&self, found: &[u8], wanted: &str) -> IoError {
+        self.malformed(format!("found `{}` where {wanted} was expected", excerpt(found)))
+    }
+
     fn number<T: std::str::FromStr>(&mut self, within: &str, wanted: &str) -> Result<T, IoError> {
         let token = self.next().ok_or_else(|| self.file.truncated(within))?;
         parsed(token).ok_or_else(|| {
@@ -212,19 +213,15 @@ pub(super) fn excerpt(bytes: &[u8]) -> String {
 pub(crate) fn printable(message: impl ToString) -> String {
     const LONGEST: usize = 300;
     let message = message.to_string();
-    let escaped = |c: char| {
-        if c.is_control() {
-            c.escape_debug().collect()
-        } else {
-            c.to_string()
-        }
+    let escaped = |c: char| match c.is_control() {
+        true => c.escape_debug().collect(),
+        false => c.to_string(),
     };
-    let shown: String = message.chars().take(LONGEST).map(escaped).collect();
+    let mut shown: String = message.chars().take(LONGEST).map(escaped).collect();
     if message.chars().count() > LONGEST {
-        shown + "…"
-    } else {
-        shown
+        shown.push('…');
     }
+    shown
 }
 
 /// A type of number in a binary file.

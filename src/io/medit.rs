@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use super::{
     CellGroup, Cells, IoError,
-    input::{InputFile, TEXT_NUMBER, Tokens, excerpt, parsed},
+    input::{InputFile, TEXT_NUMBER, Tokens, parsed},
     raw_mesh::RawMesh,
 };
 use crate::Point;
@@ -46,10 +46,7 @@ pub(super) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
             b"Pyramids" => skip_other_cells(&mut tokens, "pyramids", &mut raw)?,
             b"End" => break,
             _ if is_keyword(keyword) => skip_section(&mut tokens),
-            _ => {
-                let found = excerpt(keyword);
-                return Err(tokens.malformed(format!("found `{found}` where a keyword was expected")));
-            }
+            _ => return Err(tokens.unexpected(keyword, "a keyword")),
         }
     }
     Ok(raw)

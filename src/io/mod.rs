@@ -241,12 +241,8 @@ pub fn write_groups(
     for group in groups {
         fields::check(path, points, group.cells, &VtkFields::default())?;
         if group.labels.len() != group.cells.count() {
-            return Err(IoError::ValueCount {
-                path: path.to_owned(),
-                name: "labels".into(),
-                expected: group.cells.count(),
-                found: group.labels.len(),
-            });
+            let (expected, found) = (group.cells.count(), group.labels.len());
+            return Err(IoError::value_count(path, "labels", expected, found));
         }
     }
     match extension(path).as_str() {
@@ -277,8 +273,8 @@ static MESH_FORMATS: [Format; 7] = [
     format("off", "OFF", off::parse),
     format("stl", "STL", stl::parse),
     format("mesh", "Medit mesh", medit::parse),
-    format("vtk", "VTK", vtk::parse_legacy),
-    format("vtu", "VTU", vtk::parse_vtu),
+    format("vtk", "VTK", |file| vtk::parse_legacy(file, false)),
+    format("vtu", "VTU", |file| vtk::parse_vtu(file, false)),
 ];
 
 static POINT_FORMATS: [Format; 2] = [
@@ -289,9 +285,9 @@ static POINT_FORMATS: [Format; 2] = [
 /// The formats with fields; they take precedence over those without.
 static FIELD_FORMATS: [Format; 4] = [
     format("csv", "CSV", points::parse_csv_with_fields),
-    format("vtk", "VTK", vtk::parse_legacy_with_fields),
-    format("vtu", "VTU", vtk::parse_vtu_with_fields),
-    format("vti", "VTI", vtk::parse_vti_with_fields),
+    format("vtk", "VTK", |file| vtk::parse_legacy(file, true)),
+    format("vtu", "VTU", |file| vtk::parse_vtu(file, true)),
+    format("vti", "VTI", vtk::parse_vti),
 ];
 
 /// The formats for any kind of cell.
@@ -311,10 +307,7 @@ fn read(
     let Some(format) = formats.find(|format| format.extension == extension) else {
         return Err(unknown_extension(path, purpose, known));
     };
-    let bytes = fs::read(path).map_err(|source| IoError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
+    let bytes = read_bytes(path)?;
     let file = InputFile {
         path,
         format: format.name,
@@ -325,6 +318,14 @@ fn read(
         return Err(file.unsupported("text in UTF-16", "save it as UTF-8"));
     }
     (format.parse)(&file)
+}
+
+/// The content of a file.
+pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
+    fs::read(path).map_err(|source| IoError::Read {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 /// The extension in lower case; empty when there is none.

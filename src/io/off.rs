@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use super::{
     IoError,
-    input::{InputFile, TEXT_NUMBER, Tokens, excerpt, parsed},
+    input::{InputFile, TEXT_NUMBER, Tokens, parsed},
     raw_mesh::RawMesh,
 };
 use crate::mesh::SurfaceMesh;
@@ -61,13 +61,13 @@ fn skip_keyword(file: &InputFile, tokens: &mut Tokens) -> Result<(), IoError> {
     }
     tokens.next();
     let Some(prefix) = first.strip_suffix(b"OFF") else {
-        return Err(tokens.malformed(format!("found `{}` where the keyword OFF was expected", excerpt(first))));
+        return Err(tokens.unexpected(first, "the keyword OFF"));
     };
     if prefix.iter().any(|b| matches!(b, b'4' | b'n')) {
         return Err(file.unsupported("vertices that are not three-dimensional", "save it as plain OFF"));
     }
     if !prefix.iter().all(|b| b"STCN".contains(b)) {
-        return Err(tokens.malformed(format!("found `{}` where the keyword OFF was expected", excerpt(first))));
+        return Err(tokens.unexpected(first, "the keyword OFF"));
     }
     if tokens.peek().is_some_and(|next| next.eq_ignore_ascii_case(b"BINARY")) {
         return Err(file.unsupported("binary OFF data", "save it as OFF in text, or as PLY"));

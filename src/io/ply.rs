@@ -56,12 +56,7 @@ pub fn write_coloured_ply(
     triangles: &[[u32; 3]],
 ) -> Result<(), IoError> {
     if rgba.len() != points.len() {
-        return Err(IoError::ValueCount {
-            path: path.as_ref().to_owned(),
-            name: "colour".into(),
-            expected: points.len(),
-            found: rgba.len(),
-        });
+        return Err(IoError::value_count(path.as_ref(), "colour", points.len(), rgba.len()));
     }
     atomic_write(path, |writer| {
         let colours = ["red", "green", "blue", "alpha"].map(|name| format!("property uchar {name}\n"));
@@ -121,8 +116,7 @@ impl PlyHeader {
     fn parse(file: &InputFile) -> Result<(Self, usize), IoError> {
         let mut tokens = file.tokens();
         if tokens.line() != b"ply" {
-            let found = excerpt(file.bytes);
-            return Err(file.malformed(0, format!("found `{found}` where `ply` was expected")));
+            return Err(tokens.unexpected(file.bytes, "`ply`"));
         }
         let mut order = None;
         let mut elements: Vec<PlyElement> = Vec::new();
@@ -179,13 +173,8 @@ impl PlyElement {
         sizes.sum()
     }
 
-    fn position(
-        &self,
-        file: &InputFile,
-        accept: impl Fn(&PlyProperty) -> bool,
-        wanted: &str,
-    ) -> Result<usize, IoError> {
-        self.properties.iter().position(accept).ok_or_else(|| {
+    fn position(&self, file: &InputFile, is: impl Fn(&PlyProperty) -> bool, wanted: &str) -> Result<usize, IoError> {
+        self.properties.iter().position(is).ok_or_else(|| {
             let element = excerpt(self.name.as_bytes());
             file.malformed(0, format!("element `{element}` has no property {wanted}"))
         })

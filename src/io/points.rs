@@ -74,8 +74,10 @@ pub fn write_npy(path: impl AsRef<Path>, columns: usize, values: &[f64]) -> Resu
 
 /// The columns `x`, `y` and `z` of a CSV table, in any position.
 pub(super) fn parse_csv(file: &InputFile) -> Result<RawMesh, IoError> {
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.bytes);
-    let header = reader.byte_headers().map_err(|error| csv_error(file, &error))?.clone();
+    let header = csv_reader(file)
+        .byte_headers()
+        .map_err(|error| csv_error(file, &error))?
+        .clone();
     let mut columns = [0; 3];
     for (column, name) in columns.iter_mut().zip(["x", "y", "z"]) {
         let found = header
@@ -83,38 +85,47 @@ pub(super) fn parse_csv(file: &InputFile) -> Result<RawMesh, IoError> {
             .position(|field| field.eq_ignore_ascii_case(name.as_bytes()));
         *column = found.ok_or_else(|| {
             let found = excerpt(file.bytes.split(|&b| b == b'\n').next().unwrap_or_default());
-            let place = Place::Line(1);
-            file.malformed_at(
-                place,
-                format!("found the header `{found}`, which needs columns x, y and z"),
-            )
+            let found = format!("found the header `{found}`, which needs columns x, y and z");
+            file.malformed_at(Place::Line(1), found)
         })?;
     }
-    let mut raw = RawMesh::default();
+    let values = csv_values(file, &columns, |_| String::new())?;
+    Ok(RawMesh {
+        vertices: values.chunks_exact(3).map(Point::from_slice).collect(),
+        ..RawMesh::default()
+    })
+}
+
+fn csv_reader<'a>(file: &InputFile<'a>) -> csv::Reader<&'a [u8]> {
+    csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.bytes)
+}
+
+/// The numbers in some columns of a CSV table, row by row. `place` says in messages where a column is.
+fn csv_values(file: &InputFile, columns: &[usize], place: impl Fn(usize) -> String) -> Result<Vec<f64>, IoError> {
+    let (mut reader, mut values) = (csv_reader(file), Vec::new());
     let mut record = csv::ByteRecord::new();
     while reader
         .read_byte_record(&mut record)
         .map_err(|error| csv_error(file, &error))?
     {
-        let mut point = Point::origin();
-        for (coordinate, &column) in point.iter_mut().zip(&columns) {
+        for &column in columns {
             let field = record.get(column).unwrap_or_default();
-            *coordinate = parsed(field).ok_or_else(|| {
+            values.push(parsed(field).ok_or_else(|| {
                 let line = record.position().map_or(0, |p| p.line() as usize);
-                let found = format!("found `{}` where a number was expected", excerpt(field));
+                let (found, place) = (excerpt(field), place(column));
+                let found = format!("found `{found}`{place} where a number was expected");
                 file.malformed_at(Place::Line(line), found)
-            })?;
+            })?);
         }
-        raw.vertices.push(point);
     }
-    Ok(raw)
+    Ok(values)
 }
 
 /// As [`parse_csv`], with the other columns as fields: three consecutive ones whose names differ only in a final x, y and z
 /// are a vector.
 pub(super) fn parse_csv_with_fields(file: &InputFile) -> Result<RawMesh, IoError> {
     let mut raw = parse_csv(file)?;
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.bytes);
+    let mut reader = csv_reader(file);
     let header = reader.byte_headers().map_err(|error| csv_error(file, &error))?;
     let names: Vec<String> = header
         .iter()
@@ -127,39 +138,21 @@ pub(super) fn parse_csv_with_fields(file: &InputFile) -> Result<RawMesh, IoError
         ["x", "y", "z"].into_iter().any(is_named) && is_first()
     };
     let columns: Vec<usize> = (0..names.len()).filter(|&k| !is_coordinate(k)).collect();
-    let mut values = vec![Vec::with_capacity(raw.vertices.len()); columns.len()];
-    let mut record = csv::ByteRecord::new();
-    while reader
-        .read_byte_record(&mut record)
-        .map_err(|error| csv_error(file, &error))?
-    {
-        for (values, &column) in values.iter_mut().zip(&columns) {
-            let field = record.get(column).unwrap_or_default();
-            values.push(parsed(field).ok_or_else(|| {
-                let line = record.position().map_or(0, |p| p.line() as usize);
-                let (found, name) = (excerpt(field), excerpt(names[column].as_bytes()));
-                let found = format!("found `{found}` in the column `{name}` where a number was expected");
-                file.malformed_at(Place::Line(line), found)
-            })?);
-        }
-    }
+    let values = csv_values(file, &columns, |column| {
+        format!(" in the column `{}`", excerpt(names[column].as_bytes()))
+    })?;
     let mut k = 0;
     while k < columns.len() {
-        let three: Vec<&str> = columns[k..]
-            .iter()
-            .take(3)
-            .map(|&column| names[column].as_str())
-            .collect();
-        let (name, components) = match vector_name(&three) {
+        let three = columns[k..].iter().take(3).map(|&column| names[column].as_str());
+        let (name, components) = match vector_name(&three.collect::<Vec<_>>()) {
             Some(name) => (name, 3),
             None => (names[columns[k]].clone(), 1),
         };
-        let parts = &values[k..k + components];
-        let rows = (0..raw.vertices.len()).flat_map(|row| parts.iter().map(move |part| part[row]));
+        let rows = values.chunks_exact(columns.len());
         raw.point_fields.push(Field {
             name,
             components,
-            values: rows.collect(),
+            values: rows.flat_map(|row| &row[k..k + components]).copied().collect(),
         });
         k += components;
     }
@@ -183,12 +176,8 @@ pub(super) fn parse_npy(file: &InputFile) -> Result<RawMesh, IoError> {
     let wrong = |found: String| file.malformed_at(Place::Byte(MAGIC.len() + 4), found);
     let entry = |key: &str| {
         let value = npy_entry(header, key);
-        value.ok_or_else(|| {
-            wrong(format!(
-                "the header `{}` has no entry `{key}`",
-                excerpt(header.as_bytes())
-            ))
-        })
+        let header = || excerpt(header.as_bytes());
+        value.ok_or_else(|| wrong(format!("the header `{}` has no entry `{key}`", header())))
     };
 
     let kind = entry("descr")?;
@@ -210,23 +199,22 @@ pub(super) fn parse_npy(file: &InputFile) -> Result<RawMesh, IoError> {
         .map(|size| size.trim().parse().ok())
         .collect();
     let Some([rows, 3]) = sizes.as_deref() else {
-        return Err(wrong(format!(
-            "found an array of shape {}, not n × 3",
-            excerpt(shape.as_bytes())
-        )));
+        let shape = excerpt(shape.as_bytes());
+        return Err(wrong(format!("found an array of shape {shape}, not n × 3")));
     };
 
     let size = scalar.size();
     let rows = file.checked_count(*rows, "rows of three numbers", 3 * size, data.len())?;
     let at = |k: usize| scalar.float(&data[k * size..], order);
     let point = |row: usize| {
-        Point::from([0, 1, 2].map(|column| {
-            at(if by_columns {
+        let place = |column: usize| {
+            if by_columns {
                 column * rows + row
             } else {
                 3 * row + column
-            })
-        }))
+            }
+        };
+        Point::from([0, 1, 2].map(|column| at(place(column))))
     };
     Ok(RawMesh {
         vertices: (0..rows).map(point).collect(),
@@ -272,12 +260,13 @@ fn check_rows(path: &Path, columns: usize, values: usize) -> Result<(), IoError>
     if columns > 0 && values.is_multiple_of(columns) || values == 0 {
         return Ok(());
     }
-    Err(IoError::ValueCount {
-        path: path.to_owned(),
-        name: format!("table of {columns} columns"),
-        expected: values.next_multiple_of(columns.max(1)),
-        found: values,
-    })
+    let expected = values.next_multiple_of(columns.max(1));
+    Err(IoError::value_count(
+        path,
+        format!("table of {columns} columns"),
+        expected,
+        values,
+    ))
 }
 
 fn csv_error(file: &InputFile, error: &csv::Error) -> IoError {

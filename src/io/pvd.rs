@@ -26,11 +26,8 @@ fn write(writer: &mut dyn Write, steps: &[(f64, String)]) -> io::Result<()> {
     for (time, file) in steps {
         // Readers on other systems do not know Windows' separator.
         let file = file.replace('\\', "/");
-        writeln!(
-            writer,
-            "    <DataSet timestep=\"{time}\" part=\"0\" file=\"{}\"/>",
-            escape(&file)
-        )?;
+        let file = escape(&file);
+        writeln!(writer, "    <DataSet timestep=\"{time}\" part=\"0\" file=\"{file}\"/>")?;
     }
     writeln!(writer, "  </Collection>")?;
     writeln!(writer, "</VTKFile>")

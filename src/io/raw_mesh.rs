@@ -102,20 +102,14 @@ impl RawMesh {
         if self.tets.is_empty() {
             return Err(self.no_geometry(path));
         }
-        let tets = self.tets.iter().enumerate();
-        let tets = tets
-            .map(|(index, tet)| self.in_range(path, "tetrahedron", index, *tet))
-            .collect::<Result<_, _>>()?;
+        let tets = self.cells_in_range(path, "tetrahedron", &self.tets)?;
         TetMesh::new(self.vertices, tets).map_err(|error| with_path(error, path))
     }
 
     pub fn into_cells(self, path: &Path) -> Result<CellMesh, IoError> {
+        let mixed = |found| IoError::unsupported(path, found, "give a mesh of tetrahedra or of hexahedra alone");
         if let Some((kind, count)) = &self.other_cells {
-            return Err(IoError::Unsupported {
-                path: path.to_owned(),
-                found: format!("{count} {kind}"),
-                remedy: "give a mesh of tetrahedra or of hexahedra alone",
-            });
+            return Err(mixed(format!("{count} {kind}")));
         }
         let cells = match (self.tets.len(), self.hexes.len()) {
             (0, 0) if self.polygons.ends.is_empty() => return Err(self.no_geometry(path)),
@@ -126,33 +120,17 @@ impl RawMesh {
                     wanted: "a mesh of tetrahedra or hexahedra is needed here",
                 });
             }
-            (_, 0) => {
-                let tets = self.tets.iter().enumerate();
-                let tets = tets.map(|(index, tet)| self.in_range(path, "tetrahedron", index, *tet));
-                CellList::Tets(tets.collect::<Result<_, _>>()?)
-            }
-            (0, _) => {
-                let hexes = self.hexes.iter().enumerate();
-                let hexes = hexes.map(|(index, hex)| self.in_range(path, "hexahedron", index, *hex));
-                CellList::Hexes(hexes.collect::<Result<_, _>>()?)
-            }
-            (tets, hexes) => {
-                return Err(IoError::Unsupported {
-                    path: path.to_owned(),
-                    found: format!("{tets} tetrahedra and {hexes} hexahedra"),
-                    remedy: "give a mesh of tetrahedra or of hexahedra alone",
-                });
-            }
+            (_, 0) => CellList::Tets(self.cells_in_range(path, "tetrahedron", &self.tets)?),
+            (0, _) => CellList::Hexes(self.cells_in_range(path, "hexahedron", &self.hexes)?),
+            (tets, hexes) => return Err(mixed(format!("{tets} tetrahedra and {hexes} hexahedra"))),
         };
         let [of_tets, of_hexes] = self.labels;
         let labels = if of_tets.is_empty() { of_hexes } else { of_tets };
         let regions = if labels.len() == cells.len() {
             let region = |label: &i64| {
-                i32::try_from(*label).map_err(|_| IoError::Unsupported {
-                    path: path.to_owned(),
-                    found: "a cell whose reference is not a 32-bit integer".into(),
-                    remedy: "number the regions by smaller integers",
-                })
+                let found = "a cell whose reference is not a 32-bit integer";
+                let remedy = "number the regions by smaller integers";
+                i32::try_from(*label).map_err(|_| IoError::unsupported(path, found, remedy))
             };
             labels.iter().map(region).collect::<Result<_, _>>()?
         } else {
@@ -176,28 +154,17 @@ impl RawMesh {
         let cell_of_tet = std::mem::take(&mut self.cell_of_tet);
         let (vertices, cells) = (self.vertices.len(), self.cells);
         if let Some(field) = point.iter().chain(&cell).find(|f| f.components > MAX_COMPONENTS) {
-            return Err(IoError::Unsupported {
-                path: path.to_owned(),
-                found: format!(
-                    "the field `{}` of {} components",
-                    excerpt(field.name.as_bytes()),
-                    field.components
-                ),
-                remedy: "leave it out, or cut it into fields of at most 4096 components",
-            });
+            let (name, components) = (excerpt(field.name.as_bytes()), field.components);
+            let found = format!("the field `{name}` of {components} components");
+            let remedy = "leave it out, or cut it into fields of at most 4096 components";
+            return Err(IoError::unsupported(path, found, remedy));
         }
-        for (field, count) in point
-            .iter()
-            .map(|f| (f, vertices))
-            .chain(cell.iter().map(|f| (f, cells)))
-        {
-            if field.values.len() != count * field.components {
-                return Err(IoError::ValueCount {
-                    path: path.to_owned(),
-                    name: excerpt(field.name.as_bytes()),
-                    expected: count * field.components,
-                    found: field.values.len(),
-                });
+        let over_vertices = point.iter().map(|f| (f, vertices));
+        for (field, count) in over_vertices.chain(cell.iter().map(|f| (f, cells))) {
+            let (expected, found) = (count * field.components, field.values.len());
+            if found != expected {
+                let name = excerpt(field.name.as_bytes());
+                return Err(IoError::value_count(path, name, expected, found));
             }
         }
         self.refuse_other_cells(path)?;
@@ -210,13 +177,10 @@ impl RawMesh {
                 ..FieldFile::default()
             });
         }
-        let of_tets = |field: Field| Field {
-            values: cell_of_tet
-                .iter()
-                .flat_map(|&c| &field.values[c * field.components..][..field.components])
-                .copied()
-                .collect(),
-            ..field
+        let of_tets = |field: Field| {
+            let value = |&c: &usize| &field.values[c * field.components..][..field.components];
+            let values = cell_of_tet.iter().flat_map(value).copied().collect();
+            Field { values, ..field }
         };
         let (points, tets) = self.into_tets(path)?.into_parts();
         Ok(FieldFile {
@@ -235,17 +199,30 @@ impl RawMesh {
     fn triangles(&self, path: &Path) -> Result<Vec<[u32; 3]>, IoError> {
         let mut triangles = Vec::with_capacity(self.polygons.ends.len());
         for (face, corners) in self.polygons.iter().enumerate() {
-            let [first, rest @ ..] = corners else {
-                return Err(few_corners(path, face, 0));
-            };
-            if rest.len() < 2 {
-                return Err(few_corners(path, face, corners.len()));
+            if corners.len() < 3 {
+                return Err(IoError::FewCorners {
+                    path: path.to_owned(),
+                    face,
+                    corners: corners.len(),
+                });
             }
-            for pair in rest.windows(2) {
-                triangles.push(self.in_range(path, "face", face, [*first, pair[0], pair[1]])?);
+            for pair in corners[1..].windows(2) {
+                triangles.push(self.in_range(path, "face", face, [corners[0], pair[0], pair[1]])?);
             }
         }
         Ok(triangles)
+    }
+
+    fn cells_in_range<const N: usize>(
+        &self,
+        path: &Path,
+        element: &'static str,
+        cells: &[[i64; N]],
+    ) -> Result<Vec<[u32; N]>, IoError> {
+        let cells = cells.iter().enumerate();
+        cells
+            .map(|(index, cell)| self.in_range(path, element, index, *cell))
+            .collect()
     }
 
     fn in_range<const N: usize>(
@@ -275,11 +252,10 @@ impl RawMesh {
         let hexes = Some(("hexahedra", self.hexes.len())).filter(|_| !self.hexes.is_empty());
         let others = self.other_cells.as_ref().map(|(kind, count)| (kind.as_str(), *count));
         match hexes.or(others) {
-            Some((kind, count)) => Err(IoError::Unsupported {
-                path: path.to_owned(),
-                found: format!("{count} {kind}"),
-                remedy: "cut its cells into linear tetrahedra, or give the boundary as a surface",
-            }),
+            Some((kind, count)) => {
+                let remedy = "cut its cells into linear tetrahedra, or give the boundary as a surface";
+                Err(IoError::unsupported(path, format!("{count} {kind}"), remedy))
+            }
             None => Ok(()),
         }
     }
@@ -289,14 +265,6 @@ impl RawMesh {
             path: path.to_owned(),
             vertices: self.vertices.len(),
         }
-    }
-}
-
-fn few_corners(path: &Path, face: usize, corners: usize) -> IoError {
-    IoError::FewCorners {
-        path: path.to_owned(),
-        face,
-        corners,
     }
 }
 
@@ -326,12 +294,7 @@ fn with_path(error: MeshError, path: &Path) -> IoError {
             vertices,
             base: 0,
         },
-        MeshError::RegionCount { cells, regions } => IoError::ValueCount {
-            path,
-            name: "regions".into(),
-            expected: cells,
-            found: regions,
-        },
+        MeshError::RegionCount { cells, regions } => IoError::value_count(&path, "regions", cells, regions),
     }
 }
 

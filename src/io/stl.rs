@@ -6,8 +6,8 @@
 use std::collections::HashMap;
 
 use super::{
-    IoError, Place,
-    input::{ByteOrder, InputFile, Scalar, Tokens, excerpt},
+    IoError,
+    input::{ByteOrder, InputFile, Scalar, Tokens},
     raw_mesh::RawMesh,
 };
 use crate::Point;
@@ -52,8 +52,7 @@ fn binary_count(bytes: &[u8]) -> Option<u64> {
 fn parse_binary(file: &InputFile) -> Result<RawMesh, IoError> {
     let Some(count) = binary_count(file.bytes) else {
         if file.bytes.iter().all(|b| b.is_ascii() && *b != 0) {
-            let found = excerpt(file.bytes);
-            return Err(file.malformed_at(Place::Line(1), format!("found `{found}` where `solid` was expected")));
+            return Err(file.tokens().unexpected(file.bytes, "`solid`"));
         }
         return Err(file.truncated("the binary header"));
     };
@@ -86,10 +85,7 @@ fn parse_text(file: &InputFile) -> Result<RawMesh, IoError> {
             (true, "facet") => corners.add_face(&facet(&mut tokens)?),
             _ => {
                 let wanted = if inside { "`facet` or `endsolid`" } else { "`solid`" };
-                return Err(tokens.malformed(format!(
-                    "found `{}` where {wanted} was expected",
-                    excerpt(word.as_bytes())
-                )));
+                return Err(tokens.unexpected(word.as_bytes(), wanted));
             }
         }
     }
@@ -109,8 +105,7 @@ fn facet(tokens: &mut Tokens) -> Result<Vec<Point>, IoError> {
             break;
         }
         if !word.eq_ignore_ascii_case("vertex") {
-            let found = excerpt(word.as_bytes());
-            return Err(tokens.malformed(format!("found `{found}` where `vertex` or `endloop` was expected")));
+            return Err(tokens.unexpected(word.as_bytes(), "`vertex` or `endloop`"));
         }
         corners.push(tokens.point()?);
     }
@@ -123,8 +118,7 @@ fn expect(tokens: &mut Tokens, wanted: &str) -> Result<(), IoError> {
     if word.eq_ignore_ascii_case(wanted) {
         return Ok(());
     }
-    let found = excerpt(word.as_bytes());
-    Err(tokens.malformed(format!("found `{found}` where `{wanted}` was expected")))
+    Err(tokens.unexpected(word.as_bytes(), &format!("`{wanted}`")))
 }
 
 /// Merges corners with equal positions.
@@ -152,7 +146,10 @@ impl CornerMerger {
 mod tests {
     use super::*;
     use crate::{
-        io::testing::{place_of, surface},
+        io::{
+            Place,
+            testing::{place_of, surface},
+        },
         mesh::shapes,
     };
 

@@ -1,11 +1,10 @@
 //! Texture coordinates and vertex colours of OBJ files.
 
-use std::fs;
 use std::path::Path;
 
 use super::input::{InputFile, excerpt, parsed};
 use super::obj;
-use super::{IoError, read_surface};
+use super::{IoError, read_bytes, read_surface};
 use crate::mesh::SurfaceMesh;
 
 /// A surface with texture coordinates and colours.
@@ -37,10 +36,7 @@ pub fn read_textured_surface(path: impl AsRef<Path>) -> Result<TexturedSurface, 
             colours: None,
         });
     }
-    let bytes = fs::read(path).map_err(|source| IoError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
+    let bytes = read_bytes(path)?;
     let file = InputFile {
         path,
         format: "OBJ",
@@ -65,25 +61,11 @@ fn uv_of_corners(file: &InputFile) -> Result<Option<Vec<[[f64; 2]; 3]>>, IoError
 }
 
 /// The error, worded for texture coordinates.
-fn for_texture_coordinates(error: IoError) -> IoError {
-    match error {
-        IoError::IndexOutOfRange {
-            path,
-            index,
-            vertex,
-            vertices,
-            base,
-            ..
-        } => IoError::IndexOutOfRange {
-            path,
-            element: "the texture (`vt`, not `v`) of face",
-            index,
-            vertex,
-            vertices,
-            base,
-        },
-        other => other,
+fn for_texture_coordinates(mut error: IoError) -> IoError {
+    if let IoError::IndexOutOfRange { element, .. } = &mut error {
+        *element = "the texture (`vt`, not `v`) of face";
     }
+    error
 }
 
 fn colours(file: &InputFile) -> Result<Option<Vec<[f64; 3]>>, IoError> {
@@ -100,12 +82,8 @@ fn colours(file: &InputFile) -> Result<Option<Vec<[f64; 3]>>, IoError> {
         // A single number is the weight of a rational curve's vertex.
         let [r, g, b, ..] = words[..] else { continue };
         let number = |word: &[u8]| {
-            parsed::<f64>(word).ok_or_else(|| {
-                file.malformed(
-                    offset,
-                    format!("found `{}`: a colour needs three numbers", excerpt(word)),
-                )
-            })
+            let found = || format!("found `{}`: a colour needs three numbers", excerpt(word));
+            parsed::<f64>(word).ok_or_else(|| file.malformed(offset, found()))
         };
         colours.push([number(r)?, number(g)?, number(b)?]);
         if colours.len() < vertices {
@@ -113,10 +91,8 @@ fn colours(file: &InputFile) -> Result<Option<Vec<[f64; 3]>>, IoError> {
         }
     }
     if !colours.is_empty() && colours.len() < vertices {
-        let found = format!(
-            "{} of {vertices} vertices have a colour; give it to all or none",
-            colours.len()
-        );
+        let coloured = colours.len();
+        let found = format!("{coloured} of {vertices} vertices have a colour; give it to all or none");
         return Err(file.malformed(file.bytes.len(), found));
     }
     Ok((!colours.is_empty()).then_some(colours))
@@ -124,6 +100,8 @@ fn colours(file: &InputFile) -> Result<Option<Vec<[f64; 3]>>, IoError> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
     use crate::io::Place;
 

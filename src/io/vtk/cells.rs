@@ -2,18 +2,13 @@
 
 use crate::io::{Cells, IoError, Place, input::InputFile, raw_mesh::RawMesh};
 
-const TRIANGLE: u8 = 5;
-const QUADRILATERAL: u8 = 9;
-const TETRAHEDRON: u8 = 10;
-const HEXAHEDRON: u8 = 12;
-
 /// VTK's cell type.
 pub(super) fn vtk_type(cells: Cells) -> u8 {
     match cells {
-        Cells::Triangles(_) => TRIANGLE,
-        Cells::Quads(_) => QUADRILATERAL,
-        Cells::Tets(_) => TETRAHEDRON,
-        Cells::Hexes(_) => HEXAHEDRON,
+        Cells::Triangles(_) => 5,
+        Cells::Quads(_) => 9,
+        Cells::Tets(_) => 10,
+        Cells::Hexes(_) => 12,
     }
 }
 

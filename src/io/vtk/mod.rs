@@ -10,5 +10,5 @@ mod xml;
 pub use legacy::{VtkEncoding, write_vtk};
 pub use xml::{ImageGrid, write_vti, write_vtu};
 
-pub(super) use legacy::{parse as parse_legacy, parse_with_fields as parse_legacy_with_fields};
-pub(super) use xml::{parse_vti_with_fields, parse_vtu, parse_vtu_with_fields};
+pub(super) use legacy::parse as parse_legacy;
+pub(super) use xml::{parse_vti, parse_vtu};

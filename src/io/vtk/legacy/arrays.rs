@@ -2,7 +2,7 @@
 
 use crate::io::{
     Field, IoError,
-    input::{ByteOrder, InputFile, Scalar, TEXT_NUMBER, Tokens, excerpt},
+    input::{ByteOrder, InputFile, Scalar, TEXT_NUMBER, Tokens},
 };
 
 /// Reads a legacy file after its header.
@@ -18,8 +18,7 @@ impl<'a> LegacyReader<'a> {
         let mut tokens = file.tokens();
         let first = tokens.line();
         if !first.starts_with(b"# vtk DataFile Version") {
-            let found = excerpt(first);
-            return Err(tokens.malformed(format!("found `{found}` where `# vtk DataFile Version` was expected")));
+            return Err(tokens.unexpected(first, "`# vtk DataFile Version`"));
         }
         tokens.line();
         if tokens.rest().is_empty() {
@@ -28,12 +27,14 @@ impl<'a> LegacyReader<'a> {
         let binary = match tokens.line().trim_ascii() {
             b"ASCII" => false,
             b"BINARY" => true,
-            other => {
-                let found = excerpt(other);
-                return Err(tokens.malformed(format!("found `{found}` where ASCII or BINARY was expected")));
-            }
+            other => return Err(tokens.unexpected(other, "ASCII or BINARY")),
         };
         Ok(Self { file, tokens, binary })
+    }
+
+    /// An error at the line of the last token.
+    pub fn malformed(&self, found: impl Into<String>) -> IoError {
+        self.tokens.malformed(found)
     }
 
     /// Skips lines to the next blank one.
@@ -107,12 +108,7 @@ impl<'a> LegacyReader<'a> {
             "unsigned_long" | "vtktypeuint64" => Ok(Scalar::U64),
             "float" => Ok(Scalar::F32),
             "double" => Ok(Scalar::F64),
-            _ => {
-                let found = excerpt(name.as_bytes());
-                Err(self
-                    .tokens
-                    .malformed(format!("found `{found}` where a data type was expected")))
-            }
+            _ => Err(self.tokens.unexpected(name.as_bytes(), "a data type")),
         }
     }
 

@@ -6,4 +6,4 @@ mod write;
 
 pub use write::{VtkEncoding, write_vtk};
 
-pub(in crate::io) use read::{parse, parse_with_fields};
+pub(in crate::io) use read::parse;

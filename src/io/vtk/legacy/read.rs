@@ -16,17 +16,9 @@ use crate::{
     },
 };
 
-/// The points and cells of an unstructured grid or of polygonal data, in file order. Fields are skipped.
-pub(in crate::io) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
-    read(file, false)
-}
-
-/// As [`parse`], with the fields; also structured points, whose cells are split into six tetrahedra each.
-pub(in crate::io) fn parse_with_fields(file: &InputFile) -> Result<RawMesh, IoError> {
-    read(file, true)
-}
-
-fn read(file: &InputFile, with_fields: bool) -> Result<RawMesh, IoError> {
+/// The points and cells of an unstructured grid or of polygonal data, in file order. With fields, also structured points,
+/// whose cells are split into six tetrahedra each.
+pub(in crate::io) fn parse(file: &InputFile, with_fields: bool) -> Result<RawMesh, IoError> {
     let mut reader = LegacyReader::new(file)?;
     let mut raw = RawMesh::default();
     let mut cells: Option<CornerLists> = None;
@@ -37,9 +29,7 @@ fn read(file: &InputFile, with_fields: bool) -> Result<RawMesh, IoError> {
         datasets += usize::from(word == b"DATASET");
         match word {
             b"DATASET" if datasets > 1 => {
-                return Err(reader
-                    .tokens
-                    .malformed("found a second DATASET; give it a file of its own"));
+                return Err(reader.malformed("found a second DATASET; give it a file of its own"));
             }
             b"DATASET" if with_fields && reader.tokens.peek() == Some(b"STRUCTURED_POINTS") => {
                 reader.structured_points(&mut raw)?;
@@ -68,12 +58,7 @@ fn read(file: &InputFile, with_fields: bool) -> Result<RawMesh, IoError> {
                 break;
             }
             b"POINT_DATA" | b"CELL_DATA" => break,
-            _ => {
-                let found = excerpt(word);
-                return Err(reader
-                    .tokens
-                    .malformed(format!("found `{found}` where a keyword was expected")));
-            }
+            _ => return Err(reader.tokens.unexpected(word, "a keyword")),
         }
     }
     if !grid {
@@ -95,10 +80,11 @@ impl LegacyReader<'_> {
         match self.tokens.word("the kind of data set")?.as_str() {
             "UNSTRUCTURED_GRID" => Ok(true),
             "POLYDATA" => Ok(false),
-            other => Err(self.file.unsupported(
-                format!("a VTK data set of kind `{}`", excerpt(other.as_bytes())),
-                "save it as an unstructured grid or as polygonal data",
-            )),
+            other => {
+                let found = format!("a VTK data set of kind `{}`", excerpt(other.as_bytes()));
+                let remedy = "save it as an unstructured grid or as polygonal data";
+                Err(self.file.unsupported(found, remedy))
+            }
         }
     }
 
@@ -172,10 +158,7 @@ impl LegacyReader<'_> {
         let count = self.tokens.count("points", 3)?;
         let scalar = self.scalar()?;
         let coordinates = self.floats(scalar, 3 * count as u64, "coordinates")?;
-        Ok(coordinates
-            .chunks_exact(3)
-            .map(|p| Point::new(p[0], p[1], p[2]))
-            .collect())
+        Ok(coordinates.chunks_exact(3).map(Point::from_slice).collect())
     }
 
     /// Lists of corners, each preceded by its length (up to VTK 4), or as offsets and corners (from VTK 5).
@@ -197,7 +180,7 @@ impl LegacyReader<'_> {
                 .and_then(|(&length, tail)| tail.split_at_checked(usize::try_from(length).ok()?));
             let Some((corners, tail)) = list else {
                 let found = format!("{element}: the list of corners of number {cell} exceeds the {size} values given");
-                return Err(self.tokens.malformed(found));
+                return Err(self.malformed(found));
             };
             lists.corners.extend_from_slice(corners);
             lists.ends.push(lists.corners.len());
@@ -211,15 +194,13 @@ impl LegacyReader<'_> {
         let scalar = self.scalar()?;
         let offsets = self.integers(scalar, offsets as u64, element)?;
         if self.tokens.word(element)? != "CONNECTIVITY" {
-            return Err(self.tokens.malformed("CONNECTIVITY was expected after OFFSETS"));
+            return Err(self.malformed("CONNECTIVITY was expected after OFFSETS"));
         }
         let scalar = self.scalar()?;
         let corners = self.integers(scalar, corners as u64, element)?;
         match list_ends(offsets.into_iter().skip(1), corners.len()) {
             Some(ends) => Ok(CornerLists { corners, ends }),
-            None => Err(self
-                .tokens
-                .malformed(format!("the offsets of {element} do not ascend within CONNECTIVITY"))),
+            None => Err(self.malformed(format!("the offsets of {element} do not ascend within CONNECTIVITY"))),
         }
     }
 

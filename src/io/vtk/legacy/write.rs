@@ -53,27 +53,21 @@ fn write(out: &mut LegacyWriter, points: &[Point], cells: Cells, fields: &VtkFie
         VtkEncoding::Binary => "BINARY",
     };
     // The format's title: one line of at most 256 characters.
-    let title: String = if fields.comment.is_empty() {
+    let title = if fields.comment.is_empty() {
         "solidmap"
     } else {
         &fields.comment
-    }
-    .chars()
-    .map(|c| if c.is_ascii_graphic() { c } else { ' ' })
-    .take(250)
-    .collect();
+    };
+    let graphic = |c: char| if c.is_ascii_graphic() { c } else { ' ' };
+    let title: String = title.chars().map(graphic).take(250).collect();
     writeln!(
         out.writer,
         "# vtk DataFile Version 3.0\n{title}\n{encoding}\nDATASET UNSTRUCTURED_GRID"
     )?;
     writeln!(out.writer, "POINTS {} double", points.len())?;
     out.floats(&coordinates, 3)?;
-    writeln!(
-        out.writer,
-        "CELLS {} {}",
-        cells.count(),
-        cells.count() + cells.flat().len()
-    )?;
+    let count = cells.count();
+    writeln!(out.writer, "CELLS {count} {}", count + cells.flat().len())?;
     for cell in cells.iter() {
         out.integers(std::iter::once(corners).chain(cell.iter().copied()))?;
     }
@@ -103,9 +97,11 @@ impl LegacyWriter<'_> {
 
     fn floats(&mut self, values: &[f64], per_line: usize) -> io::Result<()> {
         match self.encoding {
-            VtkEncoding::Binary => values
-                .iter()
-                .try_for_each(|x| self.writer.write_all(&x.to_be_bytes()))?,
+            VtkEncoding::Binary => {
+                for value in values {
+                    self.writer.write_all(&value.to_be_bytes())?;
+                }
+            }
             VtkEncoding::Text => {
                 for (k, value) in values.iter().enumerate() {
                     let end = if (k + 1) % per_line == 0 { '\n' } else { ' ' };

@@ -33,6 +33,7 @@ pub(super) struct Image {
 }
 
 /// A part of the data set with points of its own.
+#[derive(Default)]
 pub(super) struct XmlPiece<'a> {
     /// Numbers of points and cells, in unstructured grids.
     pub point_count: u64,
@@ -107,7 +108,7 @@ impl<'a> Document<'a> {
                 TagEvent::End(tag) => {
                     let name = tag.name();
                     ended |= name.as_ref() == "VTKFile";
-                    section = section.filter(|within: &Section| name.as_ref() != within.name());
+                    section = section.filter(|within| Section::of_name(name.as_ref()) != Some(*within));
                     continue;
                 }
             };
@@ -191,10 +192,8 @@ impl<'a> Document<'a> {
 }
 
 fn unpacking_budget(file: &InputFile) -> usize {
-    file.bytes
-        .len()
-        .saturating_mul(MAX_EXPANSION)
-        .saturating_add(MIN_BUDGET)
+    let expanded = file.bytes.len().saturating_mul(MAX_EXPANSION);
+    expanded.saturating_add(MIN_BUDGET)
 }
 
 /// The XML up to and including the tag `AppendedData`, and what follows its `_`.
@@ -228,19 +227,14 @@ enum Section {
 }
 
 impl Section {
-    const ALL: [Self; 4] = [Self::Points, Self::Cells, Self::PointData, Self::CellData];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Points => "Points",
-            Self::Cells => "Cells",
-            Self::PointData => "PointData",
-            Self::CellData => "CellData",
-        }
-    }
-
     fn of_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|section| section.name() == name)
+        Some(match name {
+            "Points" => Self::Points,
+            "Cells" => Self::Cells,
+            "PointData" => Self::PointData,
+            "CellData" => Self::CellData,
+            _ => return None,
+        })
     }
 }
 
@@ -388,15 +382,7 @@ impl<'a> Tag<'a> {
     }
 
     fn piece(&self, data_set: DataSet) -> Result<XmlPiece<'a>, IoError> {
-        let mut piece = XmlPiece {
-            point_count: 0,
-            cell_count: 0,
-            extent: [0; 6],
-            points: None,
-            cells: vec![],
-            point_data: vec![],
-            cell_data: vec![],
-        };
+        let mut piece = XmlPiece::default();
         match data_set {
             DataSet::UnstructuredGrid => {
                 piece.point_count = self.count("NumberOfPoints")?;

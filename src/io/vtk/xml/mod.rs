@@ -15,5 +15,5 @@ mod write_image;
 pub use write_grid::write_vtu;
 pub use write_image::{ImageGrid, write_vti};
 
-pub(in crate::io) use read_grid::{parse as parse_vtu, parse_with_fields as parse_vtu_with_fields};
-pub(in crate::io) use read_image::parse_with_fields as parse_vti_with_fields;
+pub(in crate::io) use read_grid::parse as parse_vtu;
+pub(in crate::io) use read_image::parse as parse_vti;

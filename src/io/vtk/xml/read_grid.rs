@@ -13,17 +13,8 @@ use crate::{
     },
 };
 
-/// The points and cells of all pieces, concatenated in file order. Fields are skipped.
-pub(in crate::io) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
-    read(file, false)
-}
-
-/// As [`parse`], with the fields that all pieces have.
-pub(in crate::io) fn parse_with_fields(file: &InputFile) -> Result<RawMesh, IoError> {
-    read(file, true)
-}
-
-fn read(file: &InputFile, with_fields: bool) -> Result<RawMesh, IoError> {
+/// The points and cells of all pieces, concatenated in file order, with or without the fields that all pieces have.
+pub(in crate::io) fn parse(file: &InputFile, with_fields: bool) -> Result<RawMesh, IoError> {
     let document = Document::parse(file, DataSet::UnstructuredGrid)?;
     let mut raw = RawMesh::default();
     for piece in &document.pieces {
@@ -37,8 +28,7 @@ fn read(file: &InputFile, with_fields: bool) -> Result<RawMesh, IoError> {
 
         let coordinates = document.floats(points)?;
         document.expect_length(points, coordinates.len() as u64, piece.point_count.checked_mul(3))?;
-        let triples = coordinates.chunks_exact(3);
-        raw.vertices.extend(triples.map(|p| Point::new(p[0], p[1], p[2])));
+        raw.vertices.extend(coordinates.chunks_exact(3).map(Point::from_slice));
 
         let offset_array = cell_array("offsets")?;
         let offsets = document.integers(offset_array)?;

@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// The points of the single piece with their fields, and six tetrahedra per cell. The axes may be rotated.
-pub(in crate::io) fn parse_with_fields(file: &InputFile) -> Result<RawMesh, IoError> {
+pub(in crate::io) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
     let document = Document::parse(file, DataSet::ImageData)?;
     let image = document
         .image
@@ -110,7 +110,7 @@ mod tests {
             format: "VTI",
             bytes,
         };
-        parse_with_fields(&file)?.into_fields(path)
+        parse(&file)?.into_fields(path)
     }
 
     fn volumes(read: &FieldFile) -> Vec<f64> {

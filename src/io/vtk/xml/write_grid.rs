@@ -62,21 +62,10 @@ fn write(writer: &mut dyn Write, points: &[Point], cells: Cells, fields: &VtkFie
 
 fn write_fields(writer: &mut dyn Write, element: &str, fields: &[Field]) -> io::Result<()> {
     writeln!(writer, "<{element}>")?;
-    for Field {
-        name,
-        components,
-        values,
-    } in fields
-    {
-        let bytes = values.iter().map(|x| x.to_le_bytes());
-        write_array(
-            writer,
-            "Float64",
-            &escape(name.as_str()),
-            *components,
-            values.len(),
-            bytes,
-        )?;
+    for field in fields {
+        let (name, count) = (escape(field.name.as_str()), field.values.len());
+        let bytes = field.values.iter().map(|x| x.to_le_bytes());
+        write_array(writer, "Float64", &name, field.components, count, bytes)?;
     }
     writeln!(writer, "</{element}>")
 }

@@ -47,12 +47,8 @@ pub fn write_vti(
     let points = width.checked_mul(height).and_then(|n| n.checked_mul(depth));
     let expected = points.and_then(|n| n.checked_mul(components)).filter(|&n| n > 0);
     if expected != Some(bytes.len()) {
-        return Err(IoError::ValueCount {
-            path: path.as_ref().to_owned(),
-            name: name.to_owned(),
-            expected: expected.unwrap_or_default(),
-            found: bytes.len(),
-        });
+        let expected = expected.unwrap_or_default();
+        return Err(IoError::value_count(path.as_ref(), name, expected, bytes.len()));
     }
     let compressed: Vec<Vec<u8>> = bytes
         .par_chunks(BLOCK)
