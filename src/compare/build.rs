@@ -182,10 +182,7 @@ const MAX_VOLUME_DIFFERENCE: f64 = 0.05;
 ///
 /// When it would have too many tetrahedra, or there is no mesher, or meshing fails.
 pub fn make_mesh(boundary: &BoundaryMap, spec: &MeshSpec) -> Result<(TetMesh, BoundaryMap), CompareError> {
-    let mut boundary = boundary.clone();
-    for _ in 0..spec.subdivisions {
-        boundary = boundary.subdivided();
-    }
+    let boundary = (0..spec.subdivisions).fold(boundary.clone(), |map, _| map.subdivided());
     let domain = boundary.domain();
     let positive = |what, value: f64, range| {
         if value > 0.0 && value.is_finite() {
@@ -196,11 +193,8 @@ pub fn make_mesh(boundary: &BoundaryMap, spec: &MeshSpec) -> Result<(TetMesh, Bo
     };
     positive("quality of the mesh", spec.quality, "a ratio of at least 1.1")?;
     if let Some(edge) = spec.edge {
-        positive(
-            "edge length of the mesh",
-            edge,
-            "a positive fraction of the domain's diagonal",
-        )?;
+        let range = "a positive fraction of the domain's diagonal";
+        positive("edge length of the mesh", edge, range)?;
         let edge = edge * domain.diagonal();
         let tets = domain.volume().abs() / tet_volume(edge);
         if tets > spec.most_tets as f64 {
@@ -216,22 +210,22 @@ fn mesh_of(domain: &SurfaceMesh, spec: &MeshSpec) -> Result<TetMesh, CompareErro
     use crate::cgal_tetgen::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_mesh3};
     let edge = spec.edge.map(|edge| edge * domain.diagonal());
     Ok(match spec.source {
-        TetMesher::Tetgen => tetrahedralize(
-            domain,
-            &TetOptions {
+        TetMesher::Tetgen => {
+            let options = TetOptions {
                 radius_edge_ratio: Some(spec.quality),
                 max_volume: edge.map(tet_volume),
                 ..TetOptions::default()
-            },
-        )?,
-        TetMesher::Mesh3 => tetrahedralize_mesh3(
-            domain,
-            &Mesh3Options {
+            };
+            tetrahedralize(domain, &options)?
+        }
+        TetMesher::Mesh3 => {
+            let options = Mesh3Options {
                 // The circumradius of a regular tetrahedron.
                 cell_size: edge.map(|edge| edge * 0.375f64.sqrt()),
                 ..Mesh3Options::default()
-            },
-        )?,
+            };
+            tetrahedralize_mesh3(domain, &options)?
+        }
     })
 }
 
@@ -282,17 +276,23 @@ fn by_fundamental_solutions(
     })
 }
 
-/// The mesh for a method on tetrahedra, images of its boundary vertices, and the seconds that it took.
+/// The mesh for a method on tetrahedra, and the images of its boundary vertices.
 fn meshed(
     boundary: &BoundaryMap,
     options: &BuildOptions,
     progress: &dyn Fn(String),
-) -> Result<(TetMesh, Vec<Point>, f64), CompareError> {
-    let start = Instant::now();
+) -> Result<(TetMesh, Vec<Point>), CompareError> {
     progress("meshing".into());
     let (mesh, boundary) = mesh_for(boundary, &options.mesh, options.given)?;
     let images = images_of(&mesh, &boundary)?.images;
-    Ok((mesh, images, start.elapsed().as_secs_f64()))
+    Ok((mesh, images))
+}
+
+/// A result, and the seconds it took.
+fn timed<T, E>(work: impl FnOnce() -> Result<T, E>) -> Result<(T, f64), E> {
+    let start = Instant::now();
+    let found = work()?;
+    Ok((found, start.elapsed().as_secs_f64()))
 }
 
 /// Largest distance of the boundary of a mesh from the domain's surface, as a fraction of the diagonal.
@@ -317,20 +317,12 @@ fn by_finite_elements(
     options: &BuildOptions,
     progress: &dyn Fn(String),
 ) -> Result<BuiltMap, CompareError> {
-    let (mesh, images, meshing) = meshed(boundary, options, progress)?;
+    let ((mesh, images), meshing) = timed(|| meshed(boundary, options, progress))?;
     progress("assembling and factoring".into());
-    let start = Instant::now();
-    let system = TetHarmonic::new(mesh, &options.harmonic)?;
-    let factor = start.elapsed().as_secs_f64();
+    let (system, factor) = timed(|| TetHarmonic::new(mesh, &options.harmonic))?;
     progress("solving".into());
-    let start = Instant::now();
-    let map = system.solve(&images)?;
-    let seconds = BuildTimings {
-        mesh: meshing,
-        factor,
-        solve: start.elapsed().as_secs_f64(),
-        evaluate: 0.0,
-    };
+    let (map, solve) = timed(|| system.solve(&images))?;
+    let seconds = [meshing, factor, solve];
     Ok(on_tets(map, system.unknowns(), None, Vec::new(), seconds))
 }
 
@@ -339,26 +331,18 @@ fn by_descent(
     options: &BuildOptions,
     progress: &dyn Fn(String),
 ) -> Result<BuiltMap, CompareError> {
-    let (mesh, images, meshing) = meshed(boundary, options, progress)?;
+    let ((mesh, images), meshing) = timed(|| meshed(boundary, options, progress))?;
     progress("assembling".into());
-    let start = Instant::now();
-    let system = TetLaplacian::new(mesh)?;
-    let factor = start.elapsed().as_secs_f64();
-    let start = Instant::now();
+    let (system, factor) = timed(|| TetLaplacian::new(mesh))?;
     let told = |iteration: usize, energy: f64| {
         if iteration.is_multiple_of(50) {
             progress(format!("descending, step {iteration}, energy {energy:.6}"));
         }
     };
-    let found = system.solve(&images, &options.descent, &told)?;
-    let seconds = BuildTimings {
-        mesh: meshing,
-        factor,
-        solve: start.elapsed().as_secs_f64(),
-        evaluate: 0.0,
-    };
+    let (found, solve) = timed(|| system.solve(&images, &options.descent, &told))?;
     let unknowns = system.mesh().vertices().len() - system.boundary_vertices().len();
     let steps = found.energies.len() - 1;
+    let seconds = [meshing, factor, solve];
     Ok(on_tets(found.map, unknowns, Some(steps), found.energies, seconds))
 }
 
@@ -367,7 +351,7 @@ fn on_tets(
     unknowns: usize,
     iterations: Option<usize>,
     energies: Vec<f64>,
-    seconds: BuildTimings,
+    [mesh, factor, solve]: [f64; 3],
 ) -> BuiltMap {
     BuiltMap {
         tets: Some((map.mesh().clone(), map.images().to_vec())),
@@ -376,13 +360,17 @@ fn on_tets(
         iterations,
         energies,
         fit: None,
-        seconds,
+        seconds: BuildTimings {
+            mesh,
+            factor,
+            solve,
+            evaluate: 0.0,
+        },
     }
 }
 
 fn by_mean_values(boundary: &BoundaryMap) -> Result<BuiltMap, CompareError> {
-    let start = Instant::now();
-    let map = MeanValueMap::new(boundary)?;
+    let (map, factor) = timed(|| MeanValueMap::new(boundary))?;
     Ok(BuiltMap {
         map: Box::new(map),
         tets: None,
@@ -391,7 +379,7 @@ fn by_mean_values(boundary: &BoundaryMap) -> Result<BuiltMap, CompareError> {
         energies: Vec::new(),
         fit: None,
         seconds: BuildTimings {
-            factor: start.elapsed().as_secs_f64(),
+            factor,
             ..BuildTimings::default()
         },
     })

@@ -19,7 +19,7 @@ use crate::map::VolumeMap;
 use crate::mesh::TetMesh;
 use crate::sampling;
 use crate::statistics::Summary;
-use crate::{Matrix3, Point};
+use crate::{Matrix3, Point, Vector};
 
 /// Options of [`MapEvaluator`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -168,17 +168,16 @@ impl<'a> MapEvaluator<'a> {
     /// The distance between two maps inside.
     pub fn difference(&self, a: &InteriorImages, b: &InteriorImages) -> MapDifference {
         let diagonal = self.boundary.target_diagonal();
-        let distances: Vec<f64> = a
-            .images
-            .iter()
-            .zip(&b.images)
-            .map(|(p, q)| (p - q).norm() / diagonal)
-            .collect();
-        Summary::of(&distances).map_or(MapDifference::default(), |s| MapDifference {
-            rms: s.rms,
-            p99: s.p99,
-            max: s.max,
-        })
+        let pairs = a.images.iter().zip(&b.images);
+        let distances: Vec<f64> = pairs.map(|(p, q)| (p - q).norm() / diagonal).collect();
+        MapDifference::of(&distances).unwrap_or_default()
+    }
+}
+
+impl MapDifference {
+    fn of(distances: &[f64]) -> Option<Self> {
+        let Summary { rms, p99, max, .. } = Summary::of(distances)?;
+        Some(Self { rms, p99, max })
     }
 }
 
@@ -248,21 +247,13 @@ pub fn spread(samples: &[InteriorImages], diagonal: f64) -> Option<MapDifference
     let [first, _, ..] = samples else { return None };
     let points = first.images.len();
     let count = samples.len() as f64;
-    let distance = |i: usize| {
-        let mean = samples
-            .iter()
-            .map(|s| s.images[i].coords / count)
-            .sum::<crate::Vector>();
-        samples
-            .iter()
-            .map(move |s| (s.images[i].coords - mean).norm() / diagonal)
+    let distances = |i: usize| {
+        let mean: Vector = samples.iter().map(|s| s.images[i].coords / count).sum();
+        let distance = move |s: &InteriorImages| (s.images[i].coords - mean).norm() / diagonal;
+        samples.iter().map(distance)
     };
-    let distances: Vec<f64> = (0..points).flat_map(|i| distance(i).collect::<Vec<_>>()).collect();
-    Summary::of(&distances).map(|s| MapDifference {
-        rms: s.rms,
-        p99: s.p99,
-        max: s.max,
-    })
+    let distances: Vec<f64> = (0..points).flat_map(distances).collect();
+    MapDifference::of(&distances)
 }
 
 fn interior_points(boundary: &BoundaryMap, count: usize, seed: u64) -> Result<Vec<Point>, CompareError> {
