@@ -1,10 +1,9 @@
 //! Cycles of a curve of equally spaced values, by autocorrelation.
 //!
-//! A parabola is subtracted from the curve, so that a slow drift is no cycle. The rest, `x`, is compared with itself `lag`
-//! frames later: `r(lag) = Σ xᵢ xᵢ₊ₗ / √(Σ xᵢ² Σ xᵢ₊ₗ²)` over the frames that have both, 1 where a curve repeats and about
-//! `±1/√m` over `m` pairs of frames of noise. The period is the first lag at which `r` has a peak about as high as any.
-
-use std::fmt;
+//! A parabola is subtracted from the curve, so that a slow drift is no cycle. The rest, `x`, is compared with itself
+//! `lag` frames later: `r(lag) = Σ xᵢ xᵢ₊ₗ / √(Σ xᵢ² Σ xᵢ₊ₗ²)` over the frames that have both, 1 where a curve repeats
+//! and about `±1/√m` over `m` pairs of frames of noise. The period is the first lag at which `r` has a peak about as
+//! high as any.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -14,8 +13,8 @@ const LEAST_FRAMES: usize = 10;
 /// periodic.
 const LEAST_CORRELATION: f64 = 0.6;
 const LEAST_CORRELATION_OF_FEW: f64 = 0.8;
-/// Standard deviations of the correlation of noise that a period must exceed. With the number of lags that are tried, noise
-/// passes once in some two hundred curves.
+/// Standard deviations of the correlation of noise that a period must exceed. With the number of lags that are tried,
+/// noise passes once in some two hundred curves.
 const DEVIATIONS: f64 = 3.0;
 /// Upper bound on the correlation that is needed, also of short curves: a perfect repetition has 1.
 const MOST_NEEDED: f64 = 0.95;
@@ -38,8 +37,8 @@ pub struct Cycles {
 }
 
 impl Cycles {
-    /// First frames of each whole cycle and of the one after it, for a curve of so many frames. Broken cycles at the ends
-    /// are left out; the last frame lasts until the next would begin.
+    /// First frames of each whole cycle and of the one after it, for a curve of so many frames. Broken cycles at the
+    /// ends are left out; the last frame lasts until the next would begin.
     pub fn spans(&self, frames: usize) -> Vec<[f64; 2]> {
         let last = frames as f64 - 1.0;
         let begins = |k: i32| self.first + f64::from(k) * self.period;
@@ -57,11 +56,12 @@ impl Cycles {
 }
 
 /// Why no cycles were found in a curve.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, thiserror::Error)]
 #[serde(rename_all = "snake_case", tag = "reason")]
 #[non_exhaustive]
 pub enum CycleError {
     /// Too few values.
+    #[error("{found} frames are too few to tell, {needed} are needed")]
     TooFew {
         /// Number of values.
         found: usize,
@@ -69,34 +69,21 @@ pub enum CycleError {
         needed: usize,
     },
     /// The values are equal but for rounding.
+    #[error("all frames have the same energy")]
     Constant,
     /// The curve does not correlate with itself at any lag up to half of its length.
+    #[error("the curve does not repeat{}", strongest.map_or(String::new(), |r| format!(" (correlation {r:.2} at best)")))]
     NoRepetition {
         /// The largest correlation at a peak, if there is a peak.
         strongest: Option<f64>,
     },
 }
 
-impl fmt::Display for CycleError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::TooFew { found, needed } => {
-                write!(f, "{found} frames are too few to tell, {needed} are needed")
-            }
-            Self::Constant => write!(f, "all frames have the same energy"),
-            Self::NoRepetition { strongest: Some(r) } => {
-                write!(f, "the curve does not repeat (correlation {r:.2} at best)")
-            }
-            Self::NoRepetition { strongest: None } => write!(f, "the curve does not repeat"),
-        }
-    }
-}
-
-/// The cycles of a curve of one value for each frame, NaN where there is none. At least two cycles are needed, of at least
-/// three frames each. Differences up to `resolution` count as rounding.
+/// The cycles of a curve of one value for each frame, NaN where there is none. At least two cycles are needed, of at
+/// least three frames each. Differences up to `resolution` count as rounding.
 ///
-/// A drift is no cycle, and noise is taken for one in less than a hundredth of all cases. A random walk may be more often:
-/// look at the strength. Costs the square of the number of frames.
+/// A drift is no cycle, and noise is taken for one in less than a hundredth of all cases. A random walk may be more
+/// often: look at the strength. Costs the square of the number of frames.
 ///
 /// # Errors
 ///
@@ -108,24 +95,15 @@ pub fn cycles(values: &[f64], resolution: f64) -> Result<Cycles, CycleError> {
         return Err(CycleError::TooFew { found, needed });
     }
     let rest = without_drift(values);
-    let largest = |values: &[f64]| {
-        values
-            .iter()
-            .copied()
-            .filter(|v| v.is_finite())
-            .fold(0.0, |a: f64, v| a.max(v.abs()))
-    };
-    if largest(&rest) <= resolution.max(1e-9 * largest(values)) {
+    if largest_magnitude(&rest) <= resolution.max(1e-9 * largest_magnitude(values)) {
         return Err(CycleError::Constant);
     }
     // A twentieth more than half, so that the peak of two cycles has a far side.
     let longest = values.len() / 2 + values.len() / 20;
     let correlations: Vec<Correlation> = (0..=longest + 1).map(|lag| Correlation::of(&rest, lag)).collect();
     let peaks = peaks(&correlations, longest);
-    let highest = peaks
-        .iter()
-        .map(|&lag| correlations[lag].r)
-        .fold(f64::NEG_INFINITY, f64::max);
+    let heights = peaks.iter().map(|&lag| correlations[lag].r);
+    let highest = heights.fold(f64::NEG_INFINITY, f64::max);
     let strongest = (!peaks.is_empty()).then_some(highest);
     let first_peak = peaks.into_iter().find(|&lag| correlations[lag].r >= AS_HIGH * highest);
     let Some(lag) = first_peak.filter(|_| highest > 0.0) else {
@@ -153,6 +131,11 @@ fn needed_correlation(count: f64, pairs: usize) -> f64 {
     (DEVIATIONS / (pairs.max(1) as f64).sqrt()).min(MOST_NEEDED).max(least)
 }
 
+fn largest_magnitude(values: &[f64]) -> f64 {
+    let finite = values.iter().filter(|v| v.is_finite());
+    finite.fold(0.0, |largest: f64, v| largest.max(v.abs()))
+}
+
 /// The values without their parabola of least squares; NaN stays.
 fn without_drift(values: &[f64]) -> Vec<f64> {
     let middle = (values.len() - 1) as f64 / 2.0;
@@ -160,11 +143,7 @@ fn without_drift(values: &[f64]) -> Vec<f64> {
         let t = (i as f64 - middle) / middle.max(1.0);
         Vector3::new(1.0, t, t * t)
     };
-    let scale = values
-        .iter()
-        .copied()
-        .filter(|v| v.is_finite())
-        .fold(0.0, |a: f64, v| a.max(v.abs()));
+    let scale = largest_magnitude(values);
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for (i, value) in values.iter().enumerate().filter(|(_, v)| v.is_finite()) {
         let p = powers(i);

@@ -6,8 +6,8 @@ use crate::kernel::Sums;
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::{Matrix3, Point};
 
-/// Relative accuracy of the potential; gradients have a digit less. Fits have boundary errors of 1e-5 and more, and their
-/// energies are less accurate than that.
+/// Relative accuracy of the potential; gradients have a digit less. Fits have boundary errors of 1e-5 and more, and
+/// their energies are less accurate than that.
 const ACCURACY: f64 = 1e-7;
 /// Bytes for the sums and Jacobians of frames that are evaluated together.
 const MOST_BYTES: usize = 256 << 20;

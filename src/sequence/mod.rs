@@ -1,15 +1,15 @@
-//! Sequences of deformed solids: section 5.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling
-//! applications* (2007).
+//! Sequences of deformed solids: section 5.2 of Li, Guo, Wang, He, Gu & Qin,
+//! *Harmonic volumetric mapping for solid modeling applications* (2007).
 //!
 //! The surface of every frame has the connectivity of the reference's, and the boundary map takes each vertex to its
-//! position in the frame. The system depends on the reference alone (section 4.6): it is factored once, and frames are solved for in blocks that
-//! share every kernel value. The deformation energy of the maps (section 4.3.2) says how far each frame is from the
-//! reference, and its density where.
+//! position in the frame. The system depends on the reference alone (section 4.6): it is factored once, and frames are
+//! solved for in blocks that share every kernel value. The deformation energy of the maps (section 4.3.2) says how far
+//! each frame is from the reference, and its density where.
 //!
 //! # Units of the energy
 //!
-//! Energies are means of the density over the reference's volume, so that they do not depend on the unit of length, which
-//! must be the same for all. The paper scales both solids to unit volume. Here that is a choice
+//! Energies are means of the density over the reference's volume, so that they do not depend on the unit of length,
+//! which must be the same for all. The paper scales both solids to unit volume. Here that is a choice
 //! ([`SequenceOptions::own_volume`]): uniform growth would have no energy then. Green's strain is invariant under rigid
 //! motions, so that frames need not be aligned.
 
@@ -23,8 +23,8 @@ use std::sync::Arc;
 use crate::boundary_map::{BoundaryMap, BoundaryMapError};
 use crate::check::{ClosedHole, HoleError, close_holes};
 use crate::energy::{
-    Densities, DensityQuantiles, EnergyError, EnergyOptions, EnergyReport, GridResolution, Lame, Quadrature,
-    QuadratureError, UnitVolumeScale, clipped_grid, deformation_density, energies_of_jacobians,
+    Densities, DensityQuantiles, EnergyError, EnergyOptions, GridResolution, Lame, Quadrature, QuadratureError,
+    UnitVolumeScale, clipped_grid, deformation_density, energies_of_jacobians,
 };
 use crate::fit::{BoundaryError, DomainFactor, Fit, FitError, FitOptions, FitSize, Phase, RefinementEnd, is_flat};
 use crate::map::HarmonicMap;
@@ -184,7 +184,8 @@ impl Sequence {
         self.refinement_end
     }
 
-    /// Number of frames to measure at once: as many as asked for, as far as their solution and densities fit into memory.
+    /// Number of frames to measure at once: as many as asked for, as far as their solution and densities fit into
+    /// memory.
     pub fn frames_per_block(&self) -> usize {
         let budget = self.options.fit.memory.or_else(memory::default_solver_budget);
         let allowed = budget.unwrap_or(u64::MAX);
@@ -202,7 +203,8 @@ impl Sequence {
     ///
     /// # Errors
     ///
-    /// When the frame has other triangles or another number of vertices than the reference, positions that are not finite, no extent or no volume.
+    /// When the frame has other triangles or another number of vertices than the reference, positions that are not
+    /// finite, no extent or no volume.
     pub fn frame(&self, surface: &SurfaceMesh) -> Result<BoundaryMap, SequenceError> {
         let image = BoundaryMap::between(self.reference.clone(), surface)?.image().to_vec();
         let boundary = BoundaryMap::new(self.domain.clone(), image)?;
@@ -213,8 +215,8 @@ impl Sequence {
         Ok(boundary)
     }
 
-    /// Fits and measures frames, all at once. Sources are added where one misses the tolerance, and serve all later frames. A
-    /// frame that cannot be solved or measured does not stop the others.
+    /// Fits and measures frames, all at once. Sources are added where one misses the tolerance, and serve all later
+    /// frames. A frame that cannot be solved or measured does not stop the others.
     ///
     /// Memory grows with the number of frames: see [`Self::frames_per_block`].
     pub fn measure(
@@ -296,7 +298,8 @@ impl Sequence {
         }
     }
 
-    /// The fits, with sources added for the frame with the largest error until all meet the tolerance or refinement fails.
+    /// The fits, with sources added for the frame with the largest error until all meet the tolerance or refinement
+    /// fails.
     fn refined(&mut self, frames: &[BoundaryMap], mut fits: Vec<Fit>, progress: &dyn Fn(Phase)) -> Vec<Fit> {
         let p99 = |fit: &Fit| fit.report.boundary_error.p99;
         let tolerance = self.options.fit.tolerance;
@@ -347,22 +350,14 @@ impl Sequence {
         } else {
             (1.0, 1.0 / own)
         };
-        let EnergyReport {
-            harmonic,
-            deformation,
-            deformation_density,
-            inverted_fraction,
-            densities,
-            ..
-        } = report;
         Ok(FrameMeasurement {
-            deformation: deformation * per_volume,
-            harmonic: harmonic * per_volume,
-            deformation_density,
+            deformation: report.deformation * per_volume,
+            harmonic: report.harmonic * per_volume,
+            deformation_density: report.deformation_density,
             volume,
-            inverted_fraction,
+            inverted_fraction: report.inverted_fraction,
             boundary_error,
-            densities,
+            densities: report.densities,
             map,
             stretch,
         })
@@ -384,12 +379,8 @@ fn affine_map(frame: &BoundaryMap, tolerance: f64) -> Option<(HarmonicMap, Bound
     }
     let linear = normal.cholesky()?.solve(&right).transpose();
     let misfit = |(p, q): (&Point, &Point)| (linear * (p.coords - middle_from) + middle_to - q.coords).norm();
-    let misfits: Vec<f64> = from
-        .iter()
-        .zip(to)
-        .map(misfit)
-        .map(|d| d / frame.target_diagonal())
-        .collect();
+    let misfits = from.iter().zip(to).map(misfit);
+    let misfits: Vec<f64> = misfits.map(|d| d / frame.target_diagonal()).collect();
     let max = misfits.iter().copied().fold(0.0, f64::max);
     if !(max <= tolerance && linear.iter().all(|a| a.is_finite())) {
         return None;
