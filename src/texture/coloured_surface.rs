@@ -160,11 +160,12 @@ impl ColouredSurface {
         let edges: Vec<usize> = (0..topology.edges().len())
             .filter(|&e| topology.sides(e).len() == 2)
             .collect();
-        let ColourSource::Picture { uv, .. } = &self.source else {
-            return SeamReport {
-                edges: edges.len(),
-                ..SeamReport::default()
-            };
+        let mut report = SeamReport {
+            edges: edges.len(),
+            ..SeamReport::default()
+        };
+        let ColourSource::Picture { uv, picture, .. } = &self.source else {
+            return report;
         };
         let length = |e: usize| {
             let [a, b] = topology.edges()[e].map(|v| self.surface.vertices()[v as usize]);
@@ -177,19 +178,13 @@ impl ColouredSurface {
                 let [a, b] = topology.edges()[e];
                 let sides = [0, 1].map(|k| topology.sides(e)[k].triangle as usize);
                 let ends = sides.map(|t| [a, b].map(|v| self.corner_of(t, v)));
-                (length(e), self.jump(uv, sides, ends))
+                (length(e), self.jump(uv, picture, sides, ends))
             })
             .collect();
         let total: f64 = compared.iter().map(|(length, _)| length).sum();
-        let mut report = SeamReport {
-            edges: edges.len(),
-            ..SeamReport::default()
-        };
         let (mut seam_length, mut squares) = (0.0, 0.0);
-        for (length, jump) in compared
-            .iter()
-            .filter_map(|(length, jump)| Some((length, jump.as_ref()?)))
-        {
+        for (length, jump) in &compared {
+            let Some(jump) = jump else { continue };
             report.seams += 1;
             report.largest_uv_jump = report.largest_uv_jump.max(jump.uv);
             report.largest_colour_jump = report.largest_colour_jump.max(jump.largest);
@@ -210,17 +205,20 @@ impl ColouredSurface {
 
     /// The jump between the two triangles along an edge, whose ends are these corners of each; `None` if their
     /// coordinates are equal.
-    fn jump(&self, uv: &[[[f64; 2]; 3]], sides: [usize; 2], ends: [[usize; 2]; 2]) -> Option<SeamJump> {
+    fn jump(
+        &self,
+        uv: &[[[f64; 2]; 3]],
+        picture: &Picture,
+        sides: [usize; 2],
+        ends: [[usize; 2]; 2],
+    ) -> Option<SeamJump> {
         let at = |side: usize, end: usize| uv[sides[side]][ends[side][end]];
         let differences = [0, 1].map(|end| distance(at(0, end), at(1, end)));
         let largest_uv = differences[0].max(differences[1]);
         if largest_uv <= SAME_UV {
             return None;
         }
-        let pixels = match &self.source {
-            ColourSource::Picture { picture, .. } => picture.width().max(picture.height()) as f64,
-            ColourSource::Vertices(_) => 1.0,
-        };
+        let pixels = picture.width().max(picture.height()) as f64;
         let crossed = [0, 1].map(|side| distance(at(side, 0), at(side, 1)) * pixels);
         let points = (crossed[0].max(crossed[1]).ceil() as usize).clamp(COMPARED_POINTS.0, COMPARED_POINTS.1);
         let (mut largest, mut squares) = (0f64, 0.0);

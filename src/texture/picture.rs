@@ -45,26 +45,22 @@ impl Picture {
     ///
     /// # Errors
     ///
-    /// [`TextureError::PictureSize`] unless `squares` is from 1 to 1024.
+    /// [`TextureError::CheckerSquares`] unless `squares` is from 1 to 1024.
     pub fn checker(squares: usize) -> Result<Self, TextureError> {
         if !(1..=MOST_SQUARES).contains(&squares) {
             return Err(TextureError::CheckerSquares { squares });
         }
         let square = CHECKER_SIDE.div_ceil(squares);
         let side = square * squares;
-        let tint =
-            |k: usize, low: f64, high: f64| (low + (high - low) * k as f64 / (squares - 1).max(1) as f64).round() as u8;
+        let last = (squares - 1).max(1) as f64;
+        let tint = |k: usize, low: f64, high: f64| (low + (high - low) * k as f64 / last).round() as u8;
         let pixel = |i: usize| {
             let (column, row) = (i % side / square, i / side / square);
             if (column + row) % 2 == 0 {
-                [240, 232, 214]
-            } else {
-                [
-                    tint(column, 30.0, 205.0),
-                    tint(row, 150.0, 35.0),
-                    tint(column, 190.0, 45.0),
-                ]
+                return [240, 232, 214];
             }
+            let (red, blue) = (tint(column, 30.0, 205.0), tint(column, 190.0, 45.0));
+            [red, tint(row, 150.0, 35.0), blue]
         };
         Self::new(side, side, (0..side * side).map(pixel).collect())
     }
@@ -90,16 +86,15 @@ impl Picture {
         if !(u.is_finite() && v.is_finite()) {
             return [f64::NAN; 3];
         }
-        let columns = PixelPair::of(u, self.width, wrap);
-        let rows = PixelPair::of(1.0 - v, self.height, wrap);
+        let columns = nearest_two(u, self.width, wrap);
+        let rows = nearest_two(1.0 - v, self.height, wrap);
         let mut light = [0.0; 3];
-        for (row, by_row) in rows.weights() {
-            for (column, by_column) in columns.weights() {
+        for (row, by_row) in rows {
+            for (column, by_column) in columns {
                 let pixel = from_srgb(self.pixels[row * self.width + column]);
-                light
-                    .iter_mut()
-                    .zip(pixel)
-                    .for_each(|(sum, l)| *sum += by_row * by_column * l);
+                for (sum, l) in light.iter_mut().zip(pixel) {
+                    *sum += by_row * by_column * l;
+                }
             }
         }
         light
@@ -111,33 +106,20 @@ const MOST_SQUARES: usize = 1024;
 /// Pixels along a side of a checker, or a few more.
 const CHECKER_SIDE: usize = 1024;
 
-/// Two neighbouring pixels of a row or column, and the weight of the second.
-struct PixelPair {
-    pixels: [usize; 2],
-    fraction: f64,
-}
-
-impl PixelPair {
-    fn of(coordinate: f64, count: usize, wrap: Wrap) -> Self {
-        let within = match wrap {
-            Wrap::Repeat => coordinate - coordinate.floor(),
-            Wrap::Clamp => coordinate.clamp(0.0, 1.0),
-        };
-        let position = within * count as f64 - 0.5;
-        let first = position.floor();
-        let pixel = |k: f64| match wrap {
-            Wrap::Repeat => k.rem_euclid(count as f64) as usize,
-            Wrap::Clamp => k.clamp(0.0, count as f64 - 1.0) as usize,
-        };
-        Self {
-            pixels: [first, first + 1.0].map(pixel),
-            fraction: position - first,
-        }
-    }
-
-    fn weights(&self) -> [(usize, f64); 2] {
-        [(self.pixels[0], 1.0 - self.fraction), (self.pixels[1], self.fraction)]
-    }
+/// The nearest two pixels of a row or column, and their weights.
+fn nearest_two(coordinate: f64, count: usize, wrap: Wrap) -> [(usize, f64); 2] {
+    let within = match wrap {
+        Wrap::Repeat => coordinate - coordinate.floor(),
+        Wrap::Clamp => coordinate.clamp(0.0, 1.0),
+    };
+    let position = within * count as f64 - 0.5;
+    let first = position.floor();
+    let fraction = position - first;
+    let pixel = |k: f64| match wrap {
+        Wrap::Repeat => k.rem_euclid(count as f64) as usize,
+        Wrap::Clamp => k.clamp(0.0, count as f64 - 1.0) as usize,
+    };
+    [(pixel(first), 1.0 - fraction), (pixel(first + 1.0), fraction)]
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use super::coloured_surface::{ColourSource, ColouredSurface, as_point};
 use super::volume::{GIB, allowed_memory};
 use crate::boundary_map::BoundaryMap;
 use crate::fit::{FitMethod, FitOptions, FitReport, FitSize, Phase, Placement, fit};
-use crate::geometry::{ClosestPoint, SurfaceQuery};
+use crate::geometry::{Aabb, ClosestPoint, SurfaceQuery};
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling;
@@ -39,8 +39,8 @@ pub struct TextureOptions {
     /// Least number of sources: triangles are divided into four until the surface has as many vertices. No more than
     /// [`FitOptions::max_sources`].
     pub least_sources: usize,
-    /// How the harmonic function is fitted. A tolerance is a fraction of the diagonal of the cube of colours (√3), or of the
-    /// box of the texture coordinates.
+    /// How the harmonic function is fitted. A tolerance is a fraction of the diagonal of the cube of colours (√3), or
+    /// of the box of the texture coordinates.
     pub fit: FitOptions,
 }
 
@@ -116,10 +116,8 @@ impl SolidTexture {
     ) -> Result<Self, TextureError> {
         let coloured_surface = Arc::new(coloured_surface);
         let subdivisions = subdivisions(coloured_surface.surface(), options)?;
-        let mut boundary = boundary_values(&coloured_surface, options)?;
-        for _ in 0..subdivisions {
-            boundary = boundary.subdivided();
-        }
+        let boundary = boundary_values(&coloured_surface, options)?;
+        let boundary = (0..subdivisions).fold(boundary, |map, _| map.subdivided());
         let fit = fit(&boundary, &options.fit, progress)?;
         Self::from_parts(coloured_surface, options.extended, fit.map, fit.report)
     }
@@ -256,11 +254,12 @@ impl SolidTexture {
         let farthest = bounds.low.coords.amax().max(bounds.high.coords.amax());
         let slack = (ON_SURFACE * self.coloured_surface.surface().diagonal()).max(ROUNDED * farthest);
         let slack_vector = Vector::repeat(slack);
-        let (low, high) = (bounds.low - slack_vector, bounds.high + slack_vector);
-        let near = |p: &Point| (0..3).all(|k| low[k] <= p[k] && p[k] <= high[k]);
-        let candidates: Vec<u32> = (0..points.len() as u32)
-            .filter(|&k| near(&points[k as usize]))
-            .collect();
+        let wider = Aabb {
+            low: bounds.low - slack_vector,
+            high: bounds.high + slack_vector,
+        };
+        let is_near = |k: &u32| wider.contains(&points[*k as usize]);
+        let candidates: Vec<u32> = (0..points.len() as u32).filter(is_near).collect();
         let at = |indices: &[u32]| indices.iter().map(|&k| points[k as usize]).collect::<Vec<_>>();
         let contained = self.surface.contains_all(&at(&candidates));
         let (mut inside, mut others) = (Vec::new(), Vec::new());
@@ -293,11 +292,10 @@ impl SolidTexture {
     /// The points in the layer, with the closest point of the surface and the weight of the correction.
     fn in_layer(&self, points: &[Point]) -> Vec<(u32, ClosestPoint, f64)> {
         let closest = self.surface.closest_points(points);
-        let near = closest
-            .iter()
-            .enumerate()
+        let near = (0..)
+            .zip(closest)
             .filter(|(_, closest)| closest.distance < self.thickest);
-        let near: Vec<(u32, ClosestPoint)> = near.map(|(k, closest)| (k as u32, *closest)).collect();
+        let near: Vec<(u32, ClosestPoint)> = near.collect();
         let closest_points: Vec<Point> = near.iter().map(|(_, closest)| closest.point).collect();
         let thickness = self.layer(&closest_points);
         near.into_iter()
@@ -376,11 +374,8 @@ fn boundary_values(
     };
     let values = coloured_surface.clone();
     let function = move |place: &SurfacePoint| boundary_value(&values, extended, place);
-    Ok(BoundaryMap::by_function(
-        coloured_surface.surface().clone(),
-        target,
-        function,
-    )?)
+    let surface = coloured_surface.surface().clone();
+    Ok(BoundaryMap::by_function(surface, target, function)?)
 }
 
 fn boundary_value(coloured_surface: &ColouredSurface, extended: ExtendedQuantity, place: &SurfacePoint) -> Point {

@@ -22,8 +22,8 @@ pub struct VoxelGrid {
 pub struct VoxelTexture {
     /// Where the voxels are.
     pub grid: VoxelGrid,
-    /// Red, green and blue in 8-bit sRGB, and 255 in the solid or 0, with black, outside. Voxels along x follow each other,
-    /// then rows along y, then layers along z.
+    /// Red, green and blue in 8-bit sRGB, and 255 in the solid or 0, with black, outside. Voxels along x follow each
+    /// other, then rows along y, then layers along z.
     pub rgba: Vec<[u8; 4]>,
     /// Voxels in the solid.
     pub inside: usize,
