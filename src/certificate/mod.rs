@@ -13,11 +13,11 @@
 //! sources: this is meant to exceed the rounding errors of each term, but is no interval arithmetic. Nothing is proved
 //! by samples.
 //!
-//! If no cell is folded or undecided, and the boundary map has degree one, then every point of the target that
-//! is farther from its boundary than the largest boundary error of the map has exactly one preimage: the map and its
-//! boundary map are homotopic without meeting the point, so that the signs of its preimages add up to one. Nearer to the
-//! boundary this says nothing. Where cells stay undecided, and nothing is folded, it holds for points outside of their
-//! images. The boundary error itself is measured by samples, not here. If a connected domain has positive and
+//! If no cell is folded or undecided, and the boundary map has degree one, then every point of the target that is
+//! farther from its boundary than the largest boundary error of the map has exactly one preimage: the map and its
+//! boundary map are homotopic without meeting the point, so that the signs of its preimages add up to one. Nearer to
+//! the boundary this says nothing. Where cells stay undecided, and nothing is folded, it holds for points outside of
+//! their images. The boundary error itself is measured by samples, not here. If a connected domain has positive and
 //! folded cells, the map is not one to one: one that is has the same orientation everywhere.
 //!
 //! # References
@@ -240,9 +240,9 @@ const OPEN: f64 = 1e-6;
 /// Proves the sign of `det J` over a domain, as far as `options` allow.
 ///
 /// `target_volume` is the signed volume of the target, negative when the map reflects
-/// ([`crate::boundary_map::BoundaryMap::target_volume`]). Cells across the boundary are certified as a whole, also where
-/// they reach out of the domain; their volume is exactly that of the part inside. The result does not depend on the number
-/// of threads.
+/// ([`crate::boundary_map::BoundaryMap::target_volume`]). Cells across the boundary are certified as a whole, also
+/// where they reach out of the domain; their volume is exactly that of the part inside. The result does not depend on
+/// the number of threads.
 ///
 /// Takes some 20 µs per cell. Cells have to be smaller than the distance to the nearest source, so that their number
 /// grows with that of the sources; where `det J` has zeros it grows fourfold with every level.
@@ -364,15 +364,12 @@ fn cube_around(domain: &SurfaceMesh) -> Result<(Point, f64), CertificateError> {
     if !(volume > 0.0 && volume.is_finite()) {
         return Err(no_volume);
     }
-    let used = || {
-        domain
-            .triangles()
-            .iter()
-            .flatten()
-            .map(|&v| domain.vertices()[v as usize])
+    let corners = domain.triangles().iter().flatten();
+    let used = corners.map(|&v| domain.vertices()[v as usize]);
+    let low = used.clone().reduce(|a, b| a.inf(&b));
+    let Some((low, high)) = low.zip(used.reduce(|a, b| a.sup(&b))) else {
+        return Err(no_volume);
     };
-    let low = used().reduce(|a, b| a.inf(&b)).ok_or_else(|| no_volume.clone())?;
-    let high = used().reduce(|a, b| a.sup(&b)).ok_or_else(|| no_volume.clone())?;
     let side = (high - low).max();
     // Neither volumes nor their reciprocals may overflow or vanish.
     if side.powi(3).is_normal() && side.powi(-3).is_normal() {
@@ -419,14 +416,12 @@ fn descend(
             return (found.closed, stop_reason);
         }
     }
-    let stop_reason = ending_of(
-        &found,
-        if last {
-            StopReason::Finest
-        } else {
-            StopReason::EnoughDecided
-        },
-    );
+    let otherwise = if last {
+        StopReason::Finest
+    } else {
+        StopReason::EnoughDecided
+    };
+    let stop_reason = ending_of(&found, otherwise);
     found.close_all();
     (found.closed, stop_reason)
 }
@@ -439,10 +434,6 @@ fn ending_of(found: &Subdivision, otherwise: StopReason) -> StopReason {
 fn certificate_cell(builder: &OctreeBuilder, closed: &ClosedCell, orientation: f64) -> CertificateCell {
     let CellIndex { level, steps } = closed.index;
     let (low, size) = builder.cube(&closed.index);
-    let cube = builder.cube(&CellIndex {
-        level: 0,
-        steps: [0; 3],
-    });
     let (verdict, det_centre, bounds) = match closed.found {
         Some((det, bounds)) if det * orientation > 0.0 => (Verdict::Positive, det, Some(bounds)),
         Some((det, bounds)) => (Verdict::Folded, det, Some(bounds)),
@@ -452,7 +443,7 @@ fn certificate_cell(builder: &OctreeBuilder, closed: &ClosedCell, orientation: f
         low,
         size,
         level,
-        volume: closed.volume * cube.1.powi(3),
+        volume: closed.volume * builder.side.powi(3),
         verdict,
         sigma_min: bounds.map_or(0.0, |b| b.sigma_min),
         det_bound: bounds.map_or(0.0, |b| b.det),

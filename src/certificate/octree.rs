@@ -39,8 +39,8 @@ const ROUNDINGS_OF_A_TERM: f64 = 16_384.0;
 /// gradient's error.
 const SHIFTS: f64 = 16.0;
 
-/// The position of a cell: `steps` cells of its level from the lowest corner of the box.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The position of a cell: `steps` cells of its level from the lowest corner of the box. The default is the whole box.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct CellIndex {
     pub(super) level: u8,
     pub(super) steps: [u32; 3],
@@ -120,7 +120,7 @@ impl From<OpenCell> for ClosedCell {
 /// What all cells of the octree share.
 pub(super) struct OctreeBuilder {
     low: Point,
-    side: f64,
+    pub(super) side: f64,
     clipper: CellClipper,
     /// Positions of the sources relative to the lowest corner: domains far from the origin lose no accuracy.
     positions: Vec<Vector>,
@@ -156,10 +156,7 @@ impl OctreeBuilder {
 
     /// The whole box, with the affine part of the map.
     pub(super) fn root(&self, map: &HarmonicMap) -> OpenCell {
-        let index = CellIndex {
-            level: 0,
-            steps: [0; 3],
-        };
+        let index = CellIndex::default();
         let (_, radius) = self.ball(&index);
         let mut expansion = vec![0.0; 3 * TERMS];
         for (coordinate, terms) in expansion.chunks_mut(TERMS).enumerate() {

@@ -58,17 +58,13 @@ pub struct DistributionCheck {
 /// Integrates `det J` over the domain. Also returns the weights of the quadrature's points in the target, `w |det J|`,
 /// which are 0 where the Jacobian is not finite.
 pub fn volume_check(map: &dyn VolumeMap, quadrature: &Quadrature, target_volume: f64) -> (VolumeCheck, Vec<f64>) {
-    let det: Vec<f64> = map
-        .jacobian(quadrature.points())
-        .iter()
-        .map(|j| j.determinant())
-        .collect();
+    let jacobians = map.jacobian(quadrature.points());
+    let det: Vec<f64> = jacobians.iter().map(|j| j.determinant()).collect();
     let not_finite = det.iter().filter(|d| !d.is_finite()).count();
     let or_zero = |d: f64| if d.is_finite() { d } else { 0.0 };
     let whole = quadrature.integrate(&det.iter().map(|&d| or_zero(d)).collect::<Vec<_>>());
-    let folded = det
-        .iter()
-        .map(|&d| if d.is_finite() && d * whole <= 0.0 { 1.0 } else { 0.0 });
+    let is_folded = |d: &f64| d.is_finite() && d * whole <= 0.0;
+    let folded = det.iter().map(|d| if is_folded(d) { 1.0 } else { 0.0 });
     let (domain, target) = (quadrature.volume(), target_volume.abs());
     let check = VolumeCheck {
         domain,
@@ -78,12 +74,8 @@ pub fn volume_check(map: &dyn VolumeMap, quadrature: &Quadrature, target_volume:
         folded_share: quadrature.integrate(&folded.collect::<Vec<_>>()) / domain,
         not_finite,
     };
-    let weights = quadrature
-        .weights()
-        .iter()
-        .zip(&det)
-        .map(|(w, &d)| w * or_zero(d).abs());
-    (check, weights.collect())
+    let weights = quadrature.weights().iter().zip(&det);
+    (check, weights.map(|(w, &d)| w * or_zero(d).abs()).collect())
 }
 
 /// The fraction of each label, in ascending order, from the labels at points that represent the volumes `before` in the

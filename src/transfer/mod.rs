@@ -125,14 +125,9 @@ impl FieldMesh {
                 });
             }
         }
-        let over_points = self
-            .point_fields
-            .iter()
-            .map(|field| (field, "points", self.points.len()));
-        let over_tets = self
-            .cell_fields
-            .iter()
-            .map(|field| (field, "tetrahedra", self.tets.len()));
+        let (points, tets) = (self.points.len(), self.tets.len());
+        let over_points = self.point_fields.iter().map(|f| (f, "points", points));
+        let over_tets = self.cell_fields.iter().map(|f| (f, "tetrahedra", tets));
         over_points.chain(over_tets).try_for_each(|(field, element, count)| {
             let (expected, found) = (count.saturating_mul(field.components), field.values.len());
             if found != expected {
@@ -226,10 +221,9 @@ pub fn resample(
 
 fn push_forward_vectors(field: &TransferField, jacobians: &[Matrix3]) -> TransferField {
     let vectors = field.values.as_chunks::<3>().0.iter().zip(jacobians);
+    let pushed = vectors.flat_map(|(&vector, jacobian)| <[f64; 3]>::from(jacobian * Vector::from(vector)));
     TransferField {
-        values: vectors
-            .flat_map(|(&vector, jacobian)| <[f64; 3]>::from(jacobian * Vector::from(vector)))
-            .collect(),
+        values: pushed.collect(),
         ..field.clone()
     }
 }

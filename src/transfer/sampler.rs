@@ -87,20 +87,16 @@ impl<'a> FieldSampler<'a> {
     /// tetrahedra.
     pub fn sample(&self, points: &[Point]) -> (Vec<TransferField>, Vec<bool>) {
         let locations: Vec<Option<SampleLocation>> = points.par_iter().map(|p| self.locate(p)).collect();
-        let outside = locations
-            .iter()
-            .map(|location| location.is_some_and(|location| location.outside));
-        let over_points = self
-            .field_mesh
-            .point_fields
-            .iter()
-            .map(|field| over_points(field, &locations));
-        let over_tets = self
-            .field_mesh
-            .cell_fields
-            .iter()
-            .map(|field| over_tets(field, &locations));
-        (over_points.chain(over_tets).collect(), outside.collect())
+        let is_outside = |location: &Option<SampleLocation>| location.is_some_and(|location| location.outside);
+        let outside = locations.iter().map(is_outside).collect();
+        let FieldMesh {
+            point_fields,
+            cell_fields,
+            ..
+        } = self.field_mesh;
+        let over_points = point_fields.iter().map(|field| over_points(field, &locations));
+        let over_tets = cell_fields.iter().map(|field| over_tets(field, &locations));
+        (over_points.chain(over_tets).collect(), outside)
     }
 
     fn locate(&self, p: &Point) -> Option<SampleLocation> {
@@ -148,9 +144,8 @@ impl<'a> FieldSampler<'a> {
         let mut best = (f64::INFINITY, 0, [1.0, 0.0, 0.0]);
         self.boundary_tree.visit_nearest(p, f64::INFINITY, |items, _| {
             for &item in &self.boundary_tree.order()[items] {
-                let corners = self.boundary[item as usize]
-                    .corners
-                    .map(|v| self.field_mesh.points[v as usize]);
+                let corners = self.boundary[item as usize].corners;
+                let corners = corners.map(|v| self.field_mesh.points[v as usize]);
                 let closest = closest_point_on_triangle(p, &corners);
                 let distance = closest.offset.norm_squared();
                 if (distance, item) < (best.0, best.1) {
@@ -233,15 +228,13 @@ fn with_values(
     at: impl Fn(&SampleLocation, usize) -> f64 + Sync,
 ) -> TransferField {
     let mut values = vec![f64::NAN; locations.len() * field.components];
-    values
-        .par_chunks_mut(field.components.max(1))
-        .zip(locations)
-        .for_each(|(row, location)| {
-            let Some(location) = location else { return };
-            row.iter_mut()
-                .enumerate()
-                .for_each(|(k, value)| *value = at(location, k));
-        });
+    let rows = values.par_chunks_mut(field.components.max(1));
+    rows.zip(locations).for_each(|(row, location)| {
+        let Some(location) = location else { return };
+        for (k, value) in row.iter_mut().enumerate() {
+            *value = at(location, k);
+        }
+    });
     TransferField {
         values,
         ..field.clone()
