@@ -1,8 +1,8 @@
 //! The boundary file: where every point of a domain's surface goes, not its vertices alone. A safetensors container.
 //!
-//! Its tensors are those of [`boundary_tensors`](super::boundary_tensors), which map files hold as well. The metadata entry
-//! `solidmap_boundary` is a JSON object: [`BoundaryMetadata`] and `boundary`, with `way` (`straight`, `onto_sphere` or
-//! `through_sphere`) and `subdivisions`.
+//! Its tensors are those of [`boundary_tensors`](super::boundary_tensors), which map files hold as well. The metadata
+//! entry `solidmap_boundary` is a JSON object: [`BoundaryMetadata`] and `boundary`, with `way` (`straight`,
+//! `onto_sphere` or `through_sphere`) and `subdivisions`.
 
 use std::path::Path;
 

@@ -8,8 +8,8 @@
 //! | `target_vertices`, `target_triangles`, `target_directions` | the same | through it: the target and its unit vectors |
 //!
 //! The object `boundary` of the metadata says which of them count. Images of compositions follow from the directions;
-//! they are stored for readers that want no more than the vertices, and compared when the map is read. A subdivided domain
-//! is stored as it was before, with the number of subdivisions.
+//! they are stored for readers that want no more than the vertices, and compared when the map is read. A subdivided
+//! domain is stored as it was before, with the number of subdivisions.
 
 use super::TensorFileError;
 use super::tensor_file::{Reader, Tensor};
@@ -85,7 +85,7 @@ pub(super) fn tensors_of(map: &BoundaryMap) -> Vec<Tensor> {
     let image = &map.image()[..domain.vertices().len()];
     let mut tensors = Vec::from(surface_tensors(&DOMAIN, domain));
     tensors.push(Tensor::points(IMAGE, image));
-    tensors.extend(map.domain_embedding().map(|drawn| directions(&DOMAIN, drawn)));
+    tensors.extend(map.domain_embedding().map(|embedding| directions(&DOMAIN, embedding)));
     if let Some(target) = map.target_embedding() {
         tensors.extend(surface_tensors(&TARGET, target.surface()));
         tensors.push(directions(&TARGET, target));
@@ -100,8 +100,8 @@ fn surface_tensors(names: &Names, surface: &SurfaceMesh) -> [Tensor; 2] {
     ]
 }
 
-fn directions(names: &Names, drawn: &SphericalEmbedding) -> Tensor {
-    Tensor::rows(names.directions, drawn.directions().iter().map(|x| x.as_ref()))
+fn directions(names: &Names, embedding: &SphericalEmbedding) -> Tensor {
+    Tensor::rows(names.directions, embedding.directions().iter().map(|x| x.as_ref()))
 }
 
 /// The boundary map of a file. That its spherical embeddings are one to one is decided again, exactly.
@@ -112,18 +112,16 @@ pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
         (TARGET.directions, way == Way::ThroughSphere),
     ] {
         if !is_due && reader.has(tensor) {
-            return Err(reader.problem(
-                tensor,
-                "has no place beside what the metadata say of the boundary map".into(),
-            ));
+            let problem = "has no place beside what the metadata say of the boundary map";
+            return Err(reader.problem(tensor, problem.into()));
         }
     }
     let image = reader.points(IMAGE)?;
     let unusable = |e: &dyn std::fmt::Display| reader.problem(IMAGE, format!("is unusable: {e}"));
     let map = match way {
         Way::Straight => return BoundaryMap::new(surface(reader, &DOMAIN)?, image).map_err(|e| unusable(&e)),
-        Way::OntoSphere => BoundaryMap::onto_sphere(drawn(reader, &DOMAIN)?),
-        Way::ThroughSphere => BoundaryMap::through_sphere(drawn(reader, &DOMAIN)?, drawn(reader, &TARGET)?),
+        Way::OntoSphere => BoundaryMap::onto_sphere(embedding(reader, &DOMAIN)?),
+        Way::ThroughSphere => BoundaryMap::through_sphere(embedding(reader, &DOMAIN)?, embedding(reader, &TARGET)?),
     }
     .map_err(|e| reader.problem(DOMAIN.vertices, format!("is unusable: {e}")))?;
     require_agreement(reader, &map, &image)?;
@@ -142,19 +140,19 @@ fn surface(reader: &Reader, names: &Names) -> Result<SurfaceMesh, TensorFileErro
         .map_err(|e| reader.problem(names.triangles, format!("is unusable: {e}")))
 }
 
-fn drawn(reader: &Reader, names: &Names) -> Result<SphericalEmbedding, TensorFileError> {
+fn embedding(reader: &Reader, names: &Names) -> Result<SphericalEmbedding, TensorFileError> {
     let surface = surface(reader, names)?;
     let directions: Vec<Vector> = reader.rows(names.directions)?.into_iter().map(Vector::from).collect();
-    let drawn = SphericalEmbedding::new(surface.clone(), &directions)
+    let embedding = SphericalEmbedding::new(surface.clone(), &directions)
         .map_err(|e| reader.problem(names.directions, format!("is unusable: {e}")))?;
-    if let Some(v) = (0..directions.len()).find(|&v| directions[v] != drawn.directions()[v]) {
+    if let Some(v) = (0..directions.len()).find(|&v| directions[v] != embedding.directions()[v]) {
         let length = directions[v].norm();
         return Err(reader.problem(names.directions, format!("has length {length} in row {v} instead of 1")));
     }
-    if drawn.surface() != &surface {
+    if embedding.surface() != &surface {
         return Err(reader.problem(names.triangles, "has triangles that do not face outward".into()));
     }
-    Ok(drawn)
+    Ok(embedding)
 }
 
 fn require_agreement(reader: &Reader, map: &BoundaryMap, image: &[Point]) -> Result<(), TensorFileError> {
@@ -166,14 +164,11 @@ fn require_agreement(reader: &Reader, map: &BoundaryMap, image: &[Point]) -> Res
     let distance = |v: usize| (map.image()[v] - image[v]).norm();
     // What is not finite is not near either.
     let is_near = |v: usize| distance(v) <= most;
-    match (0..image.len()).find(|&v| !is_near(v)) {
-        None => Ok(()),
-        Some(v) => {
-            let problem = format!(
-                "is {:e} away, in row {v}, from where the directions send that vertex; the file was changed",
-                distance(v)
-            );
-            Err(reader.problem(IMAGE, problem))
-        }
-    }
+    let Some(v) = (0..image.len()).find(|&v| !is_near(v)) else {
+        return Ok(());
+    };
+    let away = distance(v);
+    let problem =
+        format!("is {away:e} away, in row {v}, from where the directions send that vertex; the file was changed");
+    Err(reader.problem(IMAGE, problem))
 }

@@ -1,8 +1,8 @@
 //! Landmarks: pairs of vertex numbers as text, in one file or in two.
 //!
-//! One file has two numbers a line, the vertex of the domain and that of the target. Of two files, one for each surface,
-//! both have one number a line, and lines in the same place make a pair. Numbers count from 0 and stand apart by spaces,
-//! tabs, commas or semicolons; from `#` on a line is a comment, and lines without numbers are passed over.
+//! One file has two numbers a line, the vertex of the domain and that of the target. Of two files, one for each
+//! surface, both have one number a line, and lines in the same place make a pair. Numbers count from 0 and stand apart
+//! by spaces, tabs, commas or semicolons; from `#` on a line is a comment, and lines without numbers are passed over.
 
 use std::path::{Path, PathBuf};
 

@@ -7,10 +7,11 @@
 //! | `affine` | f64, 4 × 3 | rows for the functions 1, x, y, z |
 //!
 //! Those of [`boundary_tensors`](super::boundary_tensors) hold the boundary map that was fitted (optional). A
-//! composition of spherical embeddings is read whole from format 1.1 on; older readers interpolate linearly between its vertices.
+//! composition of spherical embeddings is read whole from format 1.1 on; older readers interpolate linearly between its
+//! vertices.
 //!
-//! `f(x) = affine[0] + x · affine[1:4] + Σ_s coefficients[s] / (4π |x − sources[s]|)`. The metadata entry `solidmap` is a
-//! JSON object: see [`MapMetadata`].
+//! `f(x) = affine[0] + x · affine[1:4] + Σ_s coefficients[s] / (4π |x − sources[s]|)`. The metadata entry `solidmap` is
+//! a JSON object: see [`MapMetadata`].
 
 use std::path::Path;
 

@@ -100,13 +100,19 @@ pub(super) struct Tensor {
 }
 
 impl Tensor {
-    pub fn rows<'a>(name: &'static str, rows: impl ExactSizeIterator<Item = &'a [f64; 3]>) -> Self {
+    fn new(name: &'static str, dtype: Dtype, rows: usize, data: Vec<u8>) -> Self {
         Self {
             name,
-            dtype: Dtype::F64,
-            rows: rows.len(),
-            data: rows.flatten().flat_map(|x| x.to_le_bytes()).collect(),
+            dtype,
+            rows,
+            data,
         }
+    }
+
+    pub fn rows<'a>(name: &'static str, rows: impl ExactSizeIterator<Item = &'a [f64; 3]>) -> Self {
+        let count = rows.len();
+        let data = rows.flatten().flat_map(|x| x.to_le_bytes()).collect();
+        Self::new(name, Dtype::F64, count, data)
     }
 
     pub fn points(name: &'static str, points: &[Point]) -> Self {
@@ -114,21 +120,12 @@ impl Tensor {
     }
 
     pub fn triangles(name: &'static str, triangles: &[[u32; 3]]) -> Self {
-        Self {
-            name,
-            dtype: Dtype::U32,
-            rows: triangles.len(),
-            data: triangles.iter().flatten().flat_map(|v| v.to_le_bytes()).collect(),
-        }
+        let data = triangles.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+        Self::new(name, Dtype::U32, triangles.len(), data)
     }
 
     pub fn bytes(name: &'static str, rows: &[[u8; 3]]) -> Self {
-        Self {
-            name,
-            dtype: Dtype::U8,
-            rows: rows.len(),
-            data: rows.as_flattened().to_vec(),
-        }
+        Self::new(name, Dtype::U8, rows.len(), rows.as_flattened().to_vec())
     }
 }
 
@@ -173,9 +170,8 @@ impl<'a> Reader<'a> {
         let empty = HashMap::new();
         let entries = header.metadata().as_ref().unwrap_or(&empty);
         let Some(text) = entries.get(kind.key) else {
-            let other = [&MAP, &BOUNDARY, &TEXTURE]
-                .into_iter()
-                .find(|other| entries.contains_key(other.key));
+            let mut others = [&MAP, &BOUNDARY, &TEXTURE].into_iter();
+            let other = others.find(|other| entries.contains_key(other.key));
             let cause = other.map_or("it has no metadata of solidmap", |other| other.purpose);
             return Err(kind.foreign(path, &cause));
         };
@@ -239,11 +235,9 @@ impl<'a> Reader<'a> {
         match view.shape() {
             [_, 3] if view.dtype() == dtype => Ok(view.data()),
             shape => {
-                let found = format!(
-                    "is {:?} of shape {shape:?} instead of {dtype:?} of shape [n, 3]",
-                    view.dtype()
-                );
-                Err(self.problem(tensor, found))
+                let found = view.dtype();
+                let problem = format!("is {found:?} of shape {shape:?} instead of {dtype:?} of shape [n, 3]");
+                Err(self.problem(tensor, problem))
             }
         }
     }

@@ -8,7 +8,8 @@
 //! | `picture` | u8, pixels × 3 | its pixels in sRGB, row by row from the top |
 //! | `colours` | f64, n × 3 | or else the colour of each vertex, as amounts of light |
 //!
-//! The metadata say what was extended, the size of the picture and what is beyond its edges, with the report of the fit.
+//! The metadata say what was extended, the size of the picture and what is beyond its edges, with the report of the
+//! fit.
 
 use std::path::Path;
 
