@@ -117,15 +117,15 @@ impl<'a> Lbfgs<'a> {
             };
             iterations += 1;
             let shift = |&v: &u32| next.x[v as usize] - state.x[v as usize];
-            let moved: Vec<Vector> = self.free.iter().map(shift).collect();
+            let displacement: Vec<Vector> = self.free.iter().map(shift).collect();
             let gradients = next.gradient.iter().zip(&state.gradient);
-            let bent: Vec<Vector> = gradients.map(|(new, old)| new - old).collect();
-            let curvature = dot(&moved, &bent);
+            let gradient_change: Vec<Vector> = gradients.map(|(new, old)| new - old).collect();
+            let curvature = dot(&displacement, &gradient_change);
             if curvature > 0.0 {
                 if memory.len() == MEMORY {
                     memory.pop_front();
                 }
-                memory.push_back((moved, bent, curvature));
+                memory.push_back((displacement, gradient_change, curvature));
             }
             energies.push_back(state.value.energy);
             state = next;
@@ -163,27 +163,27 @@ impl<'a> Lbfgs<'a> {
         first: f64,
         epsilon: f64,
     ) -> Option<LbfgsState> {
-        let (mut low, mut high, mut share) = (0.0, f64::INFINITY, first);
+        let (mut low, mut high, mut length) = (0.0, f64::INFINITY, first);
         let mut best: Option<LbfgsState> = None;
         for _ in 0..MAX_EVALUATIONS {
             let mut x = from.x.clone();
             for (&v, d) in self.free.iter().zip(direction) {
-                x[v as usize] += d * share;
+                x[v as usize] += d * length;
             }
             let state = self.state(x, epsilon);
-            let falls = state.value.energy <= from.value.energy + DECREASE * share * slope;
+            let falls = state.value.energy <= from.value.energy + DECREASE * length * slope;
             if !falls {
-                high = share;
+                high = length;
             } else if dot(direction, &state.gradient) < CURVATURE * slope {
-                low = share;
+                low = length;
                 best = Some(state);
             } else {
                 return Some(state);
             }
-            share = if high.is_finite() {
+            length = if high.is_finite() {
                 0.5 * (low + high)
             } else {
-                2.0 * share
+                2.0 * length
             };
         }
         best
@@ -193,26 +193,26 @@ impl<'a> Lbfgs<'a> {
 /// The search direction: the two-loop recursion of L-BFGS.
 fn search_direction(gradient: &[Vector], memory: &VecDeque<(Vec<Vector>, Vec<Vector>, f64)>) -> Vec<Vector> {
     let mut q: Vec<Vector> = gradient.iter().map(|g| -g).collect();
-    let mut shares = Vec::with_capacity(memory.len());
-    for (moved, bent, curvature) in memory.iter().rev() {
-        let share = dot(moved, &q) / curvature;
-        add(&mut q, bent, -share);
-        shares.push(share);
+    let mut alphas = Vec::with_capacity(memory.len());
+    for (displacement, gradient_change, curvature) in memory.iter().rev() {
+        let alpha = dot(displacement, &q) / curvature;
+        add(&mut q, gradient_change, -alpha);
+        alphas.push(alpha);
     }
-    if let Some((_, bent, curvature)) = memory.back() {
-        let scale = curvature / dot(bent, bent);
+    if let Some((_, gradient_change, curvature)) = memory.back() {
+        let scale = curvature / dot(gradient_change, gradient_change);
         q.par_iter_mut().with_min_len(RUN).for_each(|q| *q *= scale);
     }
-    for ((moved, bent, curvature), share) in memory.iter().zip(shares.into_iter().rev()) {
-        let back = dot(bent, &q) / curvature;
-        add(&mut q, moved, share - back);
+    for ((displacement, gradient_change, curvature), alpha) in memory.iter().zip(alphas.into_iter().rev()) {
+        let beta = dot(gradient_change, &q) / curvature;
+        add(&mut q, displacement, alpha - beta);
     }
     q
 }
 
-fn add(to: &mut [Vector], what: &[Vector], share: f64) {
-    let pairs = to.par_iter_mut().zip(what).with_min_len(RUN);
-    pairs.for_each(|(to, what)| *to += what * share);
+fn add(to: &mut [Vector], vectors: &[Vector], factor: f64) {
+    let pairs = to.par_iter_mut().zip(vectors).with_min_len(RUN);
+    pairs.for_each(|(to, vector)| *to += vector * factor);
 }
 
 fn dot(a: &[Vector], b: &[Vector]) -> f64 {
