@@ -19,8 +19,8 @@ const FAR: f64 = 1e100;
 
 /// The signed distance to a closed surface: negative inside, positive outside.
 ///
-/// The closest point comes from an AABB tree, the sign from counting the triangles that a ray crosses (even-odd, exact),
-/// so the orientation of the triangles does not matter.
+/// The closest point comes from an AABB tree, the sign from counting the triangles that a ray crosses (even-odd,
+/// exact), so the orientation of the triangles does not matter.
 pub struct SignedDistanceField(Location);
 
 /// Where the AABB tree lives.

@@ -118,14 +118,15 @@ pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<
     }
 }
 
-/// Pairs of triangles that meet in more than a common corner or side; a triangle without area is paired with itself. Tests
-/// at most `max_tested` pairs with overlapping boxes.
+/// Pairs of triangles that meet in more than a common corner or side; a triangle without area is paired with itself.
+/// Tests at most `max_tested` pairs with overlapping boxes.
 pub(super) fn intersecting_triangles(surface: &SurfaceMesh, max_tested: f64) -> Result<Vec<[u32; 2]>, CgalTetgenError> {
     let pairs = calls::call_on(Operation::Intersections, surface, &[max_tested])?.corners;
     Ok(pairs.as_chunks::<2>().0.to_vec())
 }
 
-/// Volume and genus by the even-odd rule, whatever the shells' orientations. Meaningful only when shells do not intersect.
+/// Volume and genus by the even-odd rule, whatever the shells' orientations. Meaningful only when shells do not
+/// intersect.
 pub(super) fn enclosed_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<EnclosedSolid, InputDefect> {
     Ok(solid_of_shells(&shells(surface, topology)?))
 }
@@ -200,8 +201,9 @@ fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<ClosedShell>
     Ok(shells)
 }
 
-/// Which triangles to flip so that neighbours agree. At an edge of more than two triangles neighbours are ambiguous, so a
-/// non-manifold surface must be consistently oriented already: each edge is used as often in one direction as in the other.
+/// Which triangles to flip so that neighbours agree. At an edge of more than two triangles neighbours are ambiguous, so
+/// a non-manifold surface must be consistently oriented already: each edge is used as often in one direction as in the
+/// other.
 fn triangles_to_flip(topology: &Topology) -> Result<Vec<bool>, InputDefect> {
     let orientation = topology.orientation();
     let inconsistent = if topology.is_edge_manifold() {

@@ -16,8 +16,8 @@ const TESTED_PER_TRIANGLE: f64 = 200.0;
 /// # Errors
 ///
 /// [`CgalTetgenError::InvalidInput`] when the surface is empty or has coordinates that are not finite;
-/// [`CgalTetgenError::Crowded`] when too many triangles lie close together, as ten thousand around one vertex, to test all
-/// pairs within seconds.
+/// [`CgalTetgenError::Crowded`] when too many triangles lie close together, as ten thousand around one vertex, to test
+/// all pairs within seconds.
 pub fn self_intersections(surface: &SurfaceMesh) -> Result<Vec<[u32; 2]>, CgalTetgenError> {
     check_numbers(surface)?;
     let max_tested = MAX_TESTED + TESTED_PER_TRIANGLE * surface.triangles().len() as f64;

@@ -1,12 +1,13 @@
 //! CGAL and TetGen, called through C++: tetrahedralisation, offset surfaces, signed distance and self-intersections.
 //! Feature `native`.
 //!
-//! Both libraries crash on unexpected input. Every function here checks its input first, catches all C++ exceptions, and
-//! checks the result; any failure is a [`CgalTetgenError`]. What is inside a surface is decided by the even-odd rule: a
-//! shell inside a shell is a cavity, and a shell inside a cavity is solid again, whatever the orientation of the triangles.
+//! Both libraries crash on unexpected input. Every function here checks its input first, catches all C++ exceptions,
+//! and checks the result; any failure is a [`CgalTetgenError`]. What is inside a surface is decided by the even-odd
+//! rule: a shell inside a shell is a cavity, and a shell inside a cavity is solid again, whatever the orientation of
+//! the triangles.
 //!
-//! Calls run in this process until [`isolate`] sends them to a worker process, so that a crash of the worker is an error
-//! here. The command line does so.
+//! Calls run in this process until [`isolate`] sends them to a worker process, so that a crash of the worker is an
+//! error here. The command line does so.
 //!
 //! Results are the same from run to run and for any number of threads.
 //!

@@ -56,8 +56,8 @@ pub struct OffsetSurface {
     pub min_distance: f64,
     /// Genus, summed over the components.
     pub genus: usize,
-    /// Genus of the model's outer shells, when they are manifold. A distance of more than half of a hole's width closes the
-    /// hole; otherwise a smaller genus of the offset is a sign of too large an `alpha`.
+    /// Genus of the model's outer shells, when they are manifold. A distance of more than half of a hole's width closes
+    /// the hole; otherwise a smaller genus of the offset is a sign of too large an `alpha`.
     pub model_genus: Option<usize>,
     /// Connected components. Parts closer than twice the distance share one.
     pub components: usize,
@@ -71,9 +71,9 @@ pub struct OffsetSurface {
 
 /// A surface at `distance` (model units) outside a closed surface.
 ///
-/// An alpha wrap is remeshed, its vertices are moved onto the level set of the distance, and the result is checked; when
-/// it fails, the wrap is made finer, and when every projected surface fails, the wrap itself is returned. The model
-/// may intersect itself. Cavities get no offset: the surface surrounds the model from outside only.
+/// An alpha wrap is remeshed, its vertices are moved onto the level set of the distance, and the result is checked;
+/// when it fails, the wrap is made finer, and when every projected surface fails, the wrap itself is returned. The
+/// model may intersect itself. Cavities get no offset: the surface surrounds the model from outside only.
 ///
 /// # Errors
 ///
@@ -153,8 +153,8 @@ impl<'a> OffsetProblem<'a> {
         })
     }
 
-    /// Refuses sizes that would take too many triangles. The surface's area is estimated by the model's area, or that of a
-    /// sphere around it if smaller, and a sphere of the distance.
+    /// Refuses sizes that would take too many triangles. The surface's area is estimated by the model's area, or that
+    /// of a sphere around it if smaller, and a sphere of the distance.
     fn check_size(&self, alpha: f64) -> Result<(), CgalTetgenError> {
         let reach = self.model.diagonal() + 2.0 * self.distance;
         let area = self.model.area().min(std::f64::consts::PI * reach * reach)

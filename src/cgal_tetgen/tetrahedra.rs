@@ -72,16 +72,17 @@ impl Default for Mesh3Options {
 /// Tetrahedra that fill the solid and keep its boundary, by TetGen.
 ///
 /// The vertices begin with those of `surface`, bit by bit; vertices that TetGen adds follow, all of them inside. The
-/// boundary of the result is made of the triangles of `surface`. Tetrahedra are positively oriented. Cavities stay empty
-/// and all components are filled. Runs in one process wait for one another, since TetGen is not reentrant.
+/// boundary of the result is made of the triangles of `surface`. Tetrahedra are positively oriented. Cavities stay
+/// empty and all components are filled. Runs in one process wait for one another, since TetGen is not reentrant.
 ///
 /// # Errors
 ///
 /// [`CgalTetgenError::InvalidInput`] for a surface that is open, degenerate, flat, with coincident or unused vertices,
-/// [`CgalTetgenError::SelfIntersection`] for one that intersects itself, and an error for each check of the result: vertices,
-/// boundary, orientation and volume.
+/// [`CgalTetgenError::SelfIntersection`] for one that intersects itself, and an error for each check of the result:
+/// vertices, boundary, orientation and volume.
 pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<TetMesh, CgalTetgenError> {
-    // Checked before the search for self-intersections, and again with the number of tetrahedra when the volume is known.
+    // Checked before the search for self-intersections, and again with the number of tetrahedra when the volume is
+    // known.
     check_memory(surface, 0.0, options.memory)?;
     let topology = Topology::new(surface);
     let solid = check_solid(surface, &topology)?;
@@ -115,9 +116,9 @@ pub fn regular_tet_circumradius(volume: f64) -> f64 {
 
 /// Tetrahedra that fill the solid, by CGAL's Delaunay refinement: an alternative to [`tetrahedralize`].
 ///
-/// The boundary is remeshed to within `facet_distance` and sharp edges are kept; vertices of `surface` are not. Tetrahedra
-/// are positively oriented. Cavities stay empty and all components are filled, provided that they are larger than
-/// `cell_size`. Its random numbers have a fixed seed.
+/// The boundary is remeshed to within `facet_distance` and sharp edges are kept; vertices of `surface` are not.
+/// Tetrahedra are positively oriented. Cavities stay empty and all components are filled, provided that they are larger
+/// than `cell_size`. Its random numbers have a fixed seed.
 ///
 /// # Errors
 ///
@@ -161,9 +162,9 @@ pub fn tetrahedralize_mesh3(surface: &SurfaceMesh, options: &Mesh3Options) -> Re
     Ok(mesh)
 }
 
-/// Peak memory in bytes, a worker's included, of a run that makes this many tetrahedra, or 8 per vertex if that is more, as
-/// without a bound on their volume. Within 30 % of what was measured with TetGen for 130 000 to 1 200 000 tetrahedra and
-/// 15 000 to 134 000 vertices (x86-64, Linux).
+/// Peak memory in bytes, a worker's included, of a run that makes this many tetrahedra, or 8 per vertex if that is
+/// more, as without a bound on their volume. Within 30 % of what was measured with TetGen for 130 000 to 1 200 000
+/// tetrahedra and 15 000 to 134 000 vertices (x86-64, Linux).
 pub fn memory_estimate(vertices: usize, tets: f64) -> u64 {
     let tets = tets.max(8.0 * vertices as f64);
     (PROGRAM + PER_VERTEX * vertices as f64 + PER_TET * tets) as u64
@@ -259,8 +260,8 @@ fn check_volume(mesh: &TetMesh, want: f64, tolerance: f64) -> Result<(), CgalTet
 
 /// The tetrahedra that an odd number of input triangles separates from the outside.
 ///
-/// TetGen fills cavities. Counting the input triangles crossed on a path from the hull needs no point inside each cavity
-/// and no orientation, and detects a boundary that leaks.
+/// TetGen fills cavities. Counting the input triangles crossed on a path from the hull needs no point inside each
+/// cavity and no orientation, and detects a boundary that leaks.
 fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, CgalTetgenError> {
     let triangles = surface.triangles().iter().enumerate();
     let input: HashMap<[u32; 3], usize> = triangles.map(|(t, &corners)| (sorted(corners), t)).collect();
@@ -294,8 +295,8 @@ fn inside_tets(surface: &SurfaceMesh, tets: &[[u32; 4]]) -> Result<Vec<[u32; 4]>
     Ok((0..tets.len()).filter(is_inside).map(|t| tets[t]).collect())
 }
 
-/// All faces of all tetrahedra in one integer each, ascending corners first and tetrahedron last, so that sorting puts the
-/// two uses of a face side by side.
+/// All faces of all tetrahedra in one integer each, ascending corners first and tetrahedron last, so that sorting puts
+/// the two uses of a face side by side.
 fn sorted_faces(tets: &[[u32; 4]]) -> Vec<u128> {
     let of_tet = |(t, &[a, b, c, d]): (usize, &[u32; 4])| {
         [[b, c, d], [a, c, d], [a, b, d], [a, b, c]].map(|face| {

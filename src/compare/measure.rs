@@ -181,8 +181,8 @@ impl MapDifference {
     }
 }
 
-/// Distance of a map from the boundary map at points of the boundary that depend on the seed: averages over `even` points,
-/// the largest also over one in each triangle.
+/// Distance of a map from the boundary map at points of the boundary that depend on the seed: averages over `even`
+/// points, the largest also over one in each triangle.
 ///
 /// # Errors
 ///

@@ -76,8 +76,8 @@ pub enum PreimageStatus {
 pub struct Preimage {
     /// The kind of result.
     pub status: PreimageStatus,
-    /// The preimage. [`PreimageStatus::Outside`] and [`PreimageStatus::NotConverged`]: a point of the domain whose image
-    /// is near; [`PreimageStatus::NotFinite`]: NaN.
+    /// The preimage. [`PreimageStatus::Outside`] and [`PreimageStatus::NotConverged`]: a point of the domain whose
+    /// image is near; [`PreimageStatus::NotFinite`]: NaN.
     pub point: Point,
     /// `|f(x) − y|` over the target's diagonal at the preimage; infinite without one.
     pub round_trip: f64,

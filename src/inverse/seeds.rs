@@ -263,8 +263,8 @@ pub(crate) fn barycentric(corners: &[Point; 4], y: &Point) -> Option<[f64; 4]> {
 ///
 /// # Errors
 ///
-/// [`InverseError::Domain`] as [`SurfaceQuery::new`]; [`InverseError::Extent`] when all vertices coincide or are too far
-/// apart.
+/// [`InverseError::Domain`] as [`SurfaceQuery::new`]; [`InverseError::Extent`] when all vertices coincide or are too
+/// far apart.
 pub fn lattice_mesh(domain: &SurfaceMesh, nodes: usize) -> Result<TetMesh, InverseError> {
     let query = SurfaceQuery::new(domain).map_err(InverseError::Domain)?;
     finite_diagonal("domain", &query)?;

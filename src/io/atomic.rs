@@ -30,8 +30,8 @@ pub fn atomic_write(
     })
 }
 
-/// Removes the temporary files of all [`atomic_write`]s in progress and blocks them and later ones for ever. For a program
-/// that is about to exit, as after an interrupt.
+/// Removes the temporary files of all [`atomic_write`]s in progress and blocks them and later ones for ever. For a
+/// program that is about to exit, as after an interrupt.
 pub fn abandon_writes() {
     let unfinished = unfinished();
     for path in unfinished.iter() {

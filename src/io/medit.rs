@@ -9,8 +9,8 @@ use super::{
 };
 use crate::Point;
 
-/// Vertices, triangles, quadrilaterals, tetrahedra and hexahedra in file order, with the references (labels) of cells; all
-/// other sections are skipped.
+/// Vertices, triangles, quadrilaterals, tetrahedra and hexahedra in file order, with the references (labels) of cells;
+/// all other sections are skipped.
 pub(super) fn parse(file: &InputFile) -> Result<RawMesh, IoError> {
     let mut tokens = file.tokens().without_comments();
     if tokens.word("the keyword MeshVersionFormatted")? != "MeshVersionFormatted" {

@@ -127,8 +127,8 @@ pub fn read_cells(path: impl AsRef<Path>) -> Result<CellMesh, IoError> {
     }
 }
 
-/// Reads a surface or a tetrahedral mesh, by content: a file with tetrahedra is a tetrahedral mesh even if it has triangles
-/// too.
+/// Reads a surface or a tetrahedral mesh, by content: a file with tetrahedra is a tetrahedral mesh even if it has
+/// triangles too.
 ///
 /// # Errors
 ///
@@ -151,9 +151,9 @@ pub fn read_points(path: impl AsRef<Path>) -> Result<Vec<Point>, IoError> {
 
 /// Reads points with fields: the columns beside `x`, `y` and `z` of a CSV table (three in a row whose names differ in a
 /// last x, y and z alone are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, triangles
-/// or points, and of at most 2²² structured points in a `.vtk` or `.vti` file, whose cells become six tetrahedra each. Cell
-/// data of triangles and of flat grids are skipped. All other formats have no fields; labels in a `.mesh` are not read as
-/// fields.
+/// or points, and of at most 2²² structured points in a `.vtk` or `.vti` file, whose cells become six tetrahedra each.
+/// Cell data of triangles and of flat grids are skipped. All other formats have no fields; labels in a `.mesh` are not
+/// read as fields.
 ///
 /// # Errors
 ///
@@ -223,9 +223,9 @@ pub fn write_cells(path: impl AsRef<Path>, points: &[Point], cells: Cells) -> Re
     }
 }
 
-/// Writes groups of cells with their labels: as references in `.mesh`, as physical groups with names in Gmsh's `.msh` (format
-/// 2.2), where labels that are not positive get the least free numbers. `comment` is written to the head of
-/// the file.
+/// Writes groups of cells with their labels: as references in `.mesh`, as physical groups with names in Gmsh's `.msh`
+/// (format 2.2), where labels that are not positive get the least free numbers. `comment` is written to the head of the
+/// file.
 ///
 /// # Errors
 ///

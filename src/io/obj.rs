@@ -1,8 +1,8 @@
 //! Wavefront OBJ, read through the crate `tobj`.
 //!
-//! `tobj` renumbers vertices in the order in which faces first use them, drops unused ones and returns objects and groups
-//! separately. It is therefore given only the `v` and `f` statements, after one face that lists all vertices in order:
-//! this keeps the numbering of the file.
+//! `tobj` renumbers vertices in the order in which faces first use them, drops unused ones and returns objects and
+//! groups separately. It is therefore given only the `v` and `f` statements, after one face that lists all vertices in
+//! order: this keeps the numbering of the file.
 
 use std::{
     borrow::Cow,
@@ -116,8 +116,8 @@ pub(super) fn statements(bytes: &[u8]) -> impl Iterator<Item = (Cow<'_, [u8]>, u
     })
 }
 
-/// The `v` and `f` statements of a file, one per line, without comments, colours and texture or normal indices; or the `vt`
-/// and `f` statements in the same form, without vertex and normal indices.
+/// The `v` and `f` statements of a file, one per line, without comments, colours and texture or normal indices; or the
+/// `vt` and `f` statements in the same form, without vertex and normal indices.
 #[derive(Default)]
 struct Statements {
     text: String,
@@ -232,7 +232,8 @@ impl Statements {
     }
 }
 
-/// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`; a corner without a vertex is returned whole and refused later.
+/// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`; a corner without a vertex is returned whole and refused
+/// later.
 fn vertex_part(corner: &[u8]) -> &[u8] {
     match corner.iter().position(|&b| b == b'/') {
         Some(end) if end > 0 => &corner[..end],
@@ -245,8 +246,8 @@ fn texture_part(corner: &[u8]) -> Option<&[u8]> {
     corner.split(|&b| b == b'/').nth(1).filter(|part| !part.is_empty())
 }
 
-/// The first line of `bytes`, joined with its continuation lines (after a backslash), and their total length. A comment is
-/// not continued: it may end in a path such as `C:\models\`.
+/// The first line of `bytes`, joined with its continuation lines (after a backslash), and their total length. A comment
+/// is not continued: it may end in a path such as `C:\models\`.
 fn logical_line(bytes: &[u8]) -> (Cow<'_, [u8]>, usize) {
     let mut length = 0;
     let mut joined = Vec::new();

@@ -1,7 +1,7 @@
 //! Stanford PLY, in text and both binary orders.
 //!
-//! Own code: `ply-rs-bw` keeps every number as a tagged value in a map, which takes several times as long on large scans,
-//! and its errors have no positions.
+//! Own code: `ply-rs-bw` keeps every number as a tagged value in a map, which takes several times as long on large
+//! scans, and its errors have no positions.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -43,8 +43,8 @@ pub(super) fn write(writer: &mut dyn Write, mesh: &SurfaceMesh) -> io::Result<()
     write_triangles(writer, mesh.triangles())
 }
 
-/// Writes points, each with red, green, blue and opacity, and triangles over them if there are any, as binary little-endian
-/// PLY (`.ply`) with coordinates in double precision.
+/// Writes points, each with red, green, blue and opacity, and triangles over them if there are any, as binary
+/// little-endian PLY (`.ply`) with coordinates in double precision.
 ///
 /// # Errors
 ///

@@ -121,8 +121,8 @@ fn csv_values(file: &InputFile, columns: &[usize], place: impl Fn(usize) -> Stri
     Ok(values)
 }
 
-/// As [`parse_csv`], with the other columns as fields: three consecutive ones whose names differ only in a final x, y and z
-/// are a vector.
+/// As [`parse_csv`], with the other columns as fields: three consecutive ones whose names differ only in a final x, y
+/// and z are a vector.
 pub(super) fn parse_csv_with_fields(file: &InputFile) -> Result<RawMesh, IoError> {
     let mut raw = parse_csv(file)?;
     let mut reader = csv_reader(file);

@@ -194,8 +194,8 @@ impl RawMesh {
 
     /// Cuts each polygon into the fan of triangles about its first corner.
     ///
-    /// The cut depends only on the order of the corners, not on positions, so that two meshes with the same faces, as in a
-    /// boundary map, get the same triangles. A strongly concave polygon therefore gets overlapping triangles.
+    /// The cut depends only on the order of the corners, not on positions, so that two meshes with the same faces, as
+    /// in a boundary map, get the same triangles. A strongly concave polygon therefore gets overlapping triangles.
     fn triangles(&self, path: &Path) -> Result<Vec<[u32; 3]>, IoError> {
         let mut triangles = Vec::with_capacity(self.polygons.ends.len());
         for (face, corners) in self.polygons.iter().enumerate() {

@@ -12,7 +12,8 @@ use crate::mesh::SurfaceMesh;
 pub struct TexturedSurface {
     /// The surface, as [`read_surface`] reads it.
     pub surface: SurfaceMesh,
-    /// Texture coordinates of the corners of each triangle; a vertex on a seam has several. `None` when the file has none.
+    /// Texture coordinates of the corners of each triangle; a vertex on a seam has several. `None` when the file has
+    /// none.
     pub uv: Option<Vec<[[f64; 2]; 3]>>,
     /// Red, green and blue of each vertex as the file has them, usually sRGB from 0 to 1. `None` when it has none.
     pub colours: Option<Vec<[f64; 3]>>,
@@ -24,8 +25,8 @@ pub struct TexturedSurface {
 ///
 /// # Errors
 ///
-/// As [`read_surface`]; [`IoError::Malformed`] when some faces have texture coordinates or some vertices have colours, and
-/// others not.
+/// As [`read_surface`]; [`IoError::Malformed`] when some faces have texture coordinates or some vertices have colours,
+/// and others not.
 pub fn read_textured_surface(path: impl AsRef<Path>) -> Result<TexturedSurface, IoError> {
     let path = path.as_ref();
     let surface = read_surface(path)?;

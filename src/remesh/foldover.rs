@@ -1,5 +1,5 @@
-//! The foldover-free energy of Garanzha, Kaporin, Kudryavtseva, Protais, Ray, Sokolov, *Foldover-free maps in 50 lines of
-//! code*, ACM Transactions on Graphics 40 (2021), and its gradient.
+//! The foldover-free energy of Garanzha, Kaporin, Kudryavtseva, Protais, Ray, Sokolov,
+//! *Foldover-free maps in 50 lines of code*, ACM Transactions on Graphics 40 (2021), and its gradient.
 //!
 //! The energy of a linear map with Jacobian `J` and determinant `d` is `|J|² / χ^(2/3) + λ (d² + 1) / χ`, where `χ = (d
 //! + √(ε² + d²)) / 2` is positive also for inverted cells, and tends to `d` or 0 as `ε` tends to 0. The energy is

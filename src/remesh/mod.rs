@@ -65,8 +65,8 @@ pub struct RemeshOptions {
     pub slide: bool,
     /// Iterations of the polish: after the repair, the shapes of cells are improved.
     pub polish: usize,
-    /// Bytes that the whole run may take, by [`memory_estimate`]; a regular mesh that needs more is refused before it is
-    /// made. No limit when `None`.
+    /// Bytes that the whole run may take, by [`memory_estimate`]; a regular mesh that needs more is refused before it
+    /// is made. No limit when `None`.
     pub memory: Option<u64>,
 }
 

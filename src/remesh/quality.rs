@@ -179,9 +179,10 @@ fn determinant(x: &[Point], t: [u32; 4]) -> f64 {
     (p[1] - p[0]).dot(&(p[2] - p[0]).cross(&(p[3] - p[0])))
 }
 
-/// Determinants of the map of the cells that takes nodes from `from` to `to`: one per tetrahedron; of a hexahedron, eight at
-/// its corners, which are compared with cubes of one size. They are over the change of the whole volume, so that 1 is a cell
-/// whose volume changes as that of all does. A tetrahedron that is flat in `from` has an infinite one, or none.
+/// Determinants of the map of the cells that takes nodes from `from` to `to`: one per tetrahedron; of a hexahedron,
+/// eight at its corners, which are compared with cubes of one size. They are over the change of the whole volume, so
+/// that 1 is a cell whose volume changes as that of all does. A tetrahedron that is flat in `from` has an infinite one,
+/// or none.
 pub fn determinants(cells: &CellList, from: &[Point], to: &[Point]) -> Vec<f64> {
     let corners = |x: &[Point]| -> Vec<f64> {
         match cells {

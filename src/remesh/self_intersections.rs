@@ -24,8 +24,8 @@ pub enum BoundaryIntersections {
 }
 
 impl Remeshed {
-    /// Counts self-intersections of the boundary. `find` finds those of a surface, as CGAL does in builds with the feature
-    /// `native`.
+    /// Counts self-intersections of the boundary. `find` finds those of a surface, as CGAL does in builds with the
+    /// feature `native`.
     pub fn boundary_intersections(&self, find: Option<FindSelfIntersections>) -> BoundaryIntersections {
         let Some(find) = find else {
             let reason = "it takes CGAL, which this build is without".into();

@@ -1,8 +1,8 @@
 //! CGAL and TetGen in a worker process, so that their crashes do not end the calling process.
 //!
 //! On unexpected input both libraries may abort, access invalid memory, or never return. The checks before every call
-//! catch the known cases. [`isolate`] handles the rest: calls then go to a worker, which is started when first needed and
-//! restarted after a crash.
+//! catch the known cases. [`isolate`] handles the rest: calls then go to a worker, which is started when first needed
+//! and restarted after a crash.
 
 mod message;
 mod serve;
@@ -37,10 +37,11 @@ pub struct Isolation {
 
 /// Sends all calls of CGAL and TetGen to a worker process, or with `None`, the default, runs them in this process.
 ///
-/// A worker that crashes gives [`CgalTetgenError::Crashed`], one that takes too long [`CgalTetgenError::TimeLimit`]; the next
-/// call starts another. Results are bitwise the same as without a worker. Starting takes some 10 ms and each call the time
-/// to copy its surface twice; calls wait for one another. A [`SignedDistanceField`](super::SignedDistanceField) belongs to
-/// the worker that it was made in and is lost with it ([`CgalTetgenError::Lost`]).
+/// A worker that crashes gives [`CgalTetgenError::Crashed`], one that takes too long [`CgalTetgenError::TimeLimit`];
+/// the next call starts another. Results are bitwise the same as without a worker. Starting takes some 10 ms and each
+/// call the time to copy its surface twice; calls wait for one another. A
+/// [`SignedDistanceField`](super::SignedDistanceField) belongs to the worker that it was made in and is lost with it
+/// ([`CgalTetgenError::Lost`]).
 pub fn isolate(isolation: Option<Isolation>) {
     let worker = Mutex::new(None);
     let connection = isolation.map(|isolation| Arc::new(Connection { isolation, worker }));
@@ -60,8 +61,8 @@ pub(super) fn connection() -> Option<Arc<Connection>> {
 pub(super) enum Operation {
     /// Makes TetGen fail harmlessly.
     SelfTest = 1,
-    /// Tetrahedra by TetGen. Options: largest radius-edge ratio (0 for none), smallest dihedral angle in degrees, largest
-    /// volume (0 for none).
+    /// Tetrahedra by TetGen. Options: largest radius-edge ratio (0 for none), smallest dihedral angle in degrees,
+    /// largest volume (0 for none).
     Tetgen,
     /// Tetrahedra by CGAL. Options: the fields of `RefinementSizes`, in their order.
     Mesh3,
@@ -140,8 +141,8 @@ struct Worker {
 }
 
 impl Connection {
-    /// Runs an operation, on the worker with the id `worker` if one is given. Returns the reply, and the id of the worker
-    /// that sent it.
+    /// Runs an operation, on the worker with the id `worker` if one is given. Returns the reply, and the id of the
+    /// worker that sent it.
     pub fn call(
         &self,
         operation: Operation,

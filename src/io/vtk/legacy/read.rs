@@ -16,8 +16,8 @@ use crate::{
     },
 };
 
-/// The points and cells of an unstructured grid or of polygonal data, in file order. With fields, also structured points,
-/// whose cells are split into six tetrahedra each.
+/// The points and cells of an unstructured grid or of polygonal data, in file order. With fields, also structured
+/// points, whose cells are split into six tetrahedra each.
 pub(in crate::io) fn parse(file: &InputFile, with_fields: bool) -> Result<RawMesh, IoError> {
     let mut reader = LegacyReader::new(file)?;
     let mut raw = RawMesh::default();

@@ -174,7 +174,8 @@ impl<'a> Document<'a> {
     }
 }
 
-/// Decodes base64 up to the first `<` or the end. Header and data may be encoded separately, with padding in the middle.
+/// Decodes base64 up to the first `<` or the end. Header and data may be encoded separately, with padding in the
+/// middle.
 fn decode_base64(text: &[u8]) -> Result<Vec<u8>, String> {
     let text = text.split(|&b| b == b'<').next().unwrap_or_default();
     let text: Vec<u8> = text.iter().copied().filter(|b| !b.is_ascii_whitespace()).collect();

@@ -79,8 +79,8 @@ pub(super) struct Document<'a> {
     budget: Cell<usize>,
 }
 
-/// Limit of unpacked data: [`MIN_BUDGET`] bytes, enough for three bytes at every point of an image, plus [`MAX_EXPANSION`]
-/// times the size of the file. Meshes are compressed to a twentieth at best.
+/// Limit of unpacked data: [`MIN_BUDGET`] bytes, enough for three bytes at every point of an image, plus
+/// [`MAX_EXPANSION`] times the size of the file. Meshes are compressed to a twentieth at best.
 const MIN_BUDGET: usize = 128 << 20;
 const MAX_EXPANSION: usize = 200;
 

@@ -1,7 +1,8 @@
 //! Writing image data (`.vti`): values on a regular grid of points.
 //!
 //! The values are compressed by zlib in independent blocks and written as inline base64: a header (number of blocks,
-//! their size, the size of the last, their compressed sizes, all as 64-bit integers) and the blocks, encoded separately.
+//! their size, the size of the last, their compressed sizes, all as 64-bit integers) and the blocks, encoded
+//! separately.
 
 use std::io::Write;
 use std::path::Path;
