@@ -113,23 +113,11 @@ impl<'a> LegacyReader<'a> {
     }
 
     pub fn floats(&mut self, scalar: Scalar, count: u64, element: &str) -> Result<Vec<f64>, IoError> {
-        self.values(
-            scalar,
-            count,
-            element,
-            |b| scalar.float(b, ByteOrder::Big),
-            |t| t.float(element),
-        )
+        self.values(scalar, count, element, Scalar::float, Tokens::float)
     }
 
     pub fn integers(&mut self, scalar: Scalar, count: u64, element: &str) -> Result<Vec<i64>, IoError> {
-        self.values(
-            scalar,
-            count,
-            element,
-            |b| scalar.integer(b, ByteOrder::Big),
-            |t| t.integer(element),
-        )
+        self.values(scalar, count, element, Scalar::integer, Tokens::integer)
     }
 
     fn values<T>(
@@ -137,20 +125,21 @@ impl<'a> LegacyReader<'a> {
         scalar: Scalar,
         count: u64,
         element: &str,
-        from_bytes: impl Fn(&[u8]) -> T,
-        from_text: impl Fn(&mut Tokens<'a>) -> Result<T, IoError>,
+        from_bytes: impl Fn(Scalar, &[u8], ByteOrder) -> T,
+        from_text: impl Fn(&mut Tokens<'a>, &str) -> Result<T, IoError>,
     ) -> Result<Vec<T>, IoError> {
         if self.binary {
             // The data begin after the line of the keyword, even when there are none.
             self.tokens.line();
             let available = self.tokens.rest().len();
             let count = self.file.checked_count(count, element, scalar.size(), available)?;
-            let bytes = self.tokens.take(count * scalar.size(), element)?;
-            Ok(bytes.chunks_exact(scalar.size()).map(from_bytes).collect())
+            let values = self.tokens.take(count * scalar.size(), element)?;
+            let values = values.chunks_exact(scalar.size());
+            Ok(values.map(|b| from_bytes(scalar, b, ByteOrder::Big)).collect())
         } else {
             let available = self.tokens.rest().len() + 1;
             let count = self.file.checked_count(count, element, TEXT_NUMBER, available)?;
-            (0..count).map(|_| from_text(&mut self.tokens)).collect()
+            (0..count).map(|_| from_text(&mut self.tokens, element)).collect()
         }
     }
 }

@@ -45,24 +45,24 @@ impl<'a> Document<'a> {
     }
 
     pub fn floats(&self, array: &Array) -> Result<Vec<f64>, IoError> {
-        self.values(array, Scalar::float, |tokens| tokens.float("a DataArray"))
+        self.values(array, Scalar::float, Tokens::float)
     }
 
     pub fn integers(&self, array: &Array) -> Result<Vec<i64>, IoError> {
-        self.values(array, Scalar::integer, |tokens| tokens.integer("a DataArray"))
+        self.values(array, Scalar::integer, Tokens::integer)
     }
 
     fn values<T>(
         &self,
         array: &Array,
         from_bytes: impl Fn(Scalar, &[u8], ByteOrder) -> T,
-        from_text: impl Fn(&mut Tokens<'a>) -> Result<T, IoError>,
+        from_text: impl Fn(&mut Tokens<'a>, &str) -> Result<T, IoError>,
     ) -> Result<Vec<T>, IoError> {
         if let Encoding::Text = array.encoding {
             let mut tokens = self.file.tokens_in(array.text.clone());
             let mut values = Vec::new();
             while tokens.peek().is_some() {
-                values.push(from_text(&mut tokens)?);
+                values.push(from_text(&mut tokens, "a DataArray")?);
             }
             return Ok(values);
         }
