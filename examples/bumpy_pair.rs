@@ -8,7 +8,14 @@ use std::path::PathBuf;
 use solidmap::io;
 use solidmap::mesh::shapes;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() {
+    if let Err(error) = run() {
+        eprintln!("error: {error}");
+        std::process::exit(1);
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let (Some(frequency), Some(folder)) = (arguments.next(), arguments.next()) else {
         return Err("usage: bumpy_pair FREQUENCY FOLDER".into());

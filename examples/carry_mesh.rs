@@ -1,7 +1,7 @@
 //! Carries a tet mesh of the domain by a fitted map, and says what the map does to it.
 //!
-//! `cargo run --release --example carry_mesh -- MAP TETS CARRIED`: a map file, a mesh of its domain (.mesh, .vtk, .vtu; for
-//! instance from `solidmap tet`), and the mesh to write.
+//! `cargo run --release --example carry_mesh -- MAP TETS CARRIED`: a map file, a tet mesh of its domain (.mesh, .vtk,
+//! .vtu; for instance from `solidmap tet`), and the mesh to write.
 
 use solidmap::energy::{EnergyOptions, energies, tet_quadrature};
 use solidmap::files;
@@ -11,7 +11,14 @@ use solidmap::io;
 use solidmap::map::VolumeMap;
 use solidmap::mesh::TetMesh;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() {
+    if let Err(error) = run() {
+        eprintln!("error: {error}");
+        std::process::exit(1);
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [map, tets, output] = &arguments[..] else {
         return Err("usage: carry_mesh MAP TETS CARRIED".into());

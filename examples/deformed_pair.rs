@@ -9,7 +9,14 @@ use solidmap::Point;
 use solidmap::io::{self, SolidMesh};
 use solidmap::mesh::shapes;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() {
+    if let Err(error) = run() {
+        eprintln!("error: {error}");
+        std::process::exit(1);
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let (Some(model), Some(folder)) = (arguments.next(), arguments.next()) else {
         return Err("usage: deformed_pair MODEL FOLDER".into());

@@ -1,14 +1,21 @@
 //! Fits the harmonic map of a solid to a map of its boundary, from files and into a file.
 //!
-//! `cargo run --release --example fit_files -- DOMAIN IMAGE MAP`: two surfaces with the same vertices and triangles in the same
-//! order, and the map file to write (safetensors). `docs/fit.md` says what the numbers mean.
+//! `cargo run --release --example fit_files -- DOMAIN IMAGE MAP`: two surfaces with the same vertices and triangles in
+//! the same order, and the map file to write (safetensors). `docs/fit.md` says what the errors mean.
 
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{FitOptions, Phase, fit};
 use solidmap::io;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() {
+    if let Err(error) = run() {
+        eprintln!("error: {error}");
+        std::process::exit(1);
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [domain, image, output] = &arguments[..] else {
         return Err("usage: fit_files DOMAIN IMAGE MAP".into());

@@ -1,13 +1,21 @@
 //! Meshes the target of a map from a polycube with hexahedra, none of them inverted where that can be reached.
 //!
-//! `cargo run --release --example remesh_polycube -- MAP MESH [CELLS]`: a map file whose domain is a polycube, the mesh to write
-//! (.mesh, .vtk, .vtu), and the number of cells along the longest side. `docs/remeshing.md` says how it works.
+//! `cargo run --release --example remesh_polycube -- MAP MESH [CELLS]`: a map file whose domain is a polycube, the mesh
+//! to write (.mesh, .vtk, .vtu), and the number of cells along the longest side (32). `docs/remeshing.md` says how it
+//! works.
 
 use solidmap::files;
 use solidmap::io;
 use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshSource, remesh};
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() {
+    if let Err(error) = run() {
+        eprintln!("error: {error}");
+        std::process::exit(1);
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let (map, output, cells) = match &arguments[..] {
         [map, output] => (map, output, 32),
