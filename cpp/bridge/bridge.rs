@@ -1,17 +1,17 @@
 //! Declarations for C++. What they mean is documented where users read it, in `cpp/include/solidmap`.
 
 use super::maps::{
-    Boundaries, Boundary, Factor, Inverse, Map, Maps, boundary_between, boundary_load, boundary_new, boundary_pair,
+    Boundaries, Boundary, Factored, Inverse, Map, Maps, boundary_between, boundary_load, boundary_new, boundary_pair,
     boundary_to_sphere, factor_new, factor_refined, fit, fit_defaults, inverse_new, map_load, no_boundaries,
 };
 use super::measures::{
     distortion_in_tets, distortion_on_grid, energies_in_tets, energies_on_grid, energy_densities, plane_section,
 };
 use super::meshes::{
-    Cells, Surface, cells_hexes, cells_load, cells_tets, surface_cube, surface_load, surface_new, surface_polycube,
-    surface_sphere, surface_torus,
+    Surface, VolumeMesh, cells_hexes, cells_load, cells_tets, surface_cube, surface_load, surface_new,
+    surface_polycube, surface_sphere, surface_torus,
 };
-use super::solids::{Remeshed, offset_surface, remesh_given, remesh_regular, tetrahedralise};
+use super::solids::{RemeshResult, offset_surface, remesh_given, remesh_regular, tetrahedralise};
 use super::{has_native, licence, version};
 
 #[cxx::bridge(namespace = "solidmap::ffi")]
@@ -137,7 +137,7 @@ pub(super) mod ffi {
         det_jacobian: Vec<f64>,
     }
 
-    /// Axes are 0, 1 and 2; points are three numbers each, pixels a column and a row.
+    /// Points are three coordinates each, pixels a column and a row.
     struct PlaneSection {
         size: [usize; 2],
         pixel: f64,
@@ -231,7 +231,7 @@ pub(super) mod ffi {
     unsafe extern "C++" {
         include!("watcher.hpp");
 
-        /// Asks the user's callback; catches whatever it throws, and keeps it.
+        /// Calls the user's callback; catches what it throws, and keeps it.
         #[namespace = "solidmap::detail"]
         type Watcher;
         /// `fraction` is NaN where it is not known. False: end the work.
@@ -264,19 +264,19 @@ pub(super) mod ffi {
     }
 
     extern "Rust" {
-        type Cells;
-        fn cells_tets(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box<Cells>>;
-        fn cells_hexes(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box<Cells>>;
-        fn cells_load(path: &[u8]) -> Result<Box<Cells>>;
-        fn save(self: &Cells, path: &[u8]) -> Result<()>;
-        fn nodes(self: &Cells) -> &[f64];
-        fn corners(self: &Cells) -> &[u32];
-        fn regions(self: &Cells) -> &[i32];
-        fn are_hexes(self: &Cells) -> bool;
-        fn with_nodes(self: &Cells, nodes: &[f64]) -> Result<Box<Cells>>;
-        fn boundary(self: &Cells, nodes: &mut Vec<u32>) -> Result<Box<Surface>>;
-        fn inverted(self: &Cells) -> Result<Vec<u32>>;
-        fn quality(self: &Cells) -> Result<CellQuality>;
+        type VolumeMesh;
+        fn cells_tets(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box<VolumeMesh>>;
+        fn cells_hexes(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box<VolumeMesh>>;
+        fn cells_load(path: &[u8]) -> Result<Box<VolumeMesh>>;
+        fn save(self: &VolumeMesh, path: &[u8]) -> Result<()>;
+        fn nodes(self: &VolumeMesh) -> &[f64];
+        fn corners(self: &VolumeMesh) -> &[u32];
+        fn regions(self: &VolumeMesh) -> &[i32];
+        fn are_hexes(self: &VolumeMesh) -> bool;
+        fn with_nodes(self: &VolumeMesh, nodes: &[f64]) -> Result<Box<VolumeMesh>>;
+        fn boundary(self: &VolumeMesh, nodes: &mut Vec<u32>) -> Result<Box<Surface>>;
+        fn inverted(self: &VolumeMesh) -> Result<Vec<u32>>;
+        fn quality(self: &VolumeMesh) -> Result<CellQuality>;
     }
 
     extern "Rust" {
@@ -328,15 +328,15 @@ pub(super) mod ffi {
         fn len(self: &Maps) -> usize;
         fn take(self: &mut Maps, index: usize) -> Result<Box<Map>>;
 
-        type Factor;
-        fn factor_new(domain: &Surface, options: &FitOptions, watcher: &Watcher) -> Result<Box<Factor>>;
-        fn factor_refined(boundary: &Boundary, options: &FitOptions, watcher: &Watcher) -> Result<Box<Factor>>;
-        fn domain(self: &Factor) -> Result<Box<Surface>>;
-        fn first(self: &Factor) -> Result<Box<Map>>;
-        fn solve(self: &Factor, boundary: &Boundary, watcher: &Watcher) -> Result<Box<Map>>;
-        fn solve_images(self: &Factor, images: &[f64], watcher: &Watcher) -> Result<Box<Map>>;
-        fn solve_many(self: &Factor, boundaries: &Boundaries, watcher: &Watcher) -> Result<Box<Maps>>;
-        fn solve_many_images(self: &Factor, images: &[f64], watcher: &Watcher) -> Result<Box<Maps>>;
+        type Factored;
+        fn factor_new(domain: &Surface, options: &FitOptions, watcher: &Watcher) -> Result<Box<Factored>>;
+        fn factor_refined(boundary: &Boundary, options: &FitOptions, watcher: &Watcher) -> Result<Box<Factored>>;
+        fn domain(self: &Factored) -> Result<Box<Surface>>;
+        fn first(self: &Factored) -> Result<Box<Map>>;
+        fn solve(self: &Factored, boundary: &Boundary, watcher: &Watcher) -> Result<Box<Map>>;
+        fn solve_images(self: &Factored, images: &[f64], watcher: &Watcher) -> Result<Box<Map>>;
+        fn solve_many(self: &Factored, boundaries: &Boundaries, watcher: &Watcher) -> Result<Box<Maps>>;
+        fn solve_many_images(self: &Factored, images: &[f64], watcher: &Watcher) -> Result<Box<Maps>>;
 
         type Inverse;
         fn inverse_new(map: &Map, tolerance: f64, seed_nodes: usize, iterations: usize) -> Result<Box<Inverse>>;
@@ -345,7 +345,13 @@ pub(super) mod ffi {
 
     extern "Rust" {
         fn energies_on_grid(map: &Map, cells: usize, normalize: bool, lambda: f64, mu: f64) -> Result<EnergyReport>;
-        fn energies_in_tets(map: &Map, tets: &Cells, normalize: bool, lambda: f64, mu: f64) -> Result<EnergyReport>;
+        fn energies_in_tets(
+            map: &Map,
+            tets: &VolumeMesh,
+            normalize: bool,
+            lambda: f64,
+            mu: f64,
+        ) -> Result<EnergyReport>;
         fn energy_densities(
             map: &Map,
             points: &[f64],
@@ -355,11 +361,11 @@ pub(super) mod ffi {
         ) -> Result<EnergyDensities>;
         fn plane_section(surface: &Surface, axis: u8, position: f64, up: u8, pixels: usize) -> Result<PlaneSection>;
         fn distortion_on_grid(map: &Map, cells: usize) -> Result<DistortionReport>;
-        fn distortion_in_tets(map: &Map, tets: &Cells) -> Result<DistortionReport>;
+        fn distortion_in_tets(map: &Map, tets: &VolumeMesh) -> Result<DistortionReport>;
     }
 
     extern "Rust" {
-        fn tetrahedralise(surface: &Surface, options: &TetOptions) -> Result<Box<Cells>>;
+        fn tetrahedralise(surface: &Surface, options: &TetOptions) -> Result<Box<VolumeMesh>>;
         fn offset_surface(
             surface: &Surface,
             distance: f64,
@@ -367,7 +373,7 @@ pub(super) mod ffi {
             report: &mut OffsetReport,
         ) -> Result<Box<Surface>>;
 
-        type Remeshed;
+        type RemeshResult;
         fn remesh_regular(
             map: &Map,
             hexes: bool,
@@ -376,10 +382,15 @@ pub(super) mod ffi {
             most_cells: usize,
             options: &RemeshOptions,
             watcher: &Watcher,
-        ) -> Result<Box<Remeshed>>;
-        fn remesh_given(map: &Map, mesh: &Cells, options: &RemeshOptions, watcher: &Watcher) -> Result<Box<Remeshed>>;
-        fn report(self: &Remeshed) -> Result<RemeshReport>;
-        fn mesh(self: &Remeshed) -> Result<Box<Cells>>;
-        fn domain_mesh(self: &Remeshed) -> Result<Box<Cells>>;
+        ) -> Result<Box<RemeshResult>>;
+        fn remesh_given(
+            map: &Map,
+            mesh: &VolumeMesh,
+            options: &RemeshOptions,
+            watcher: &Watcher,
+        ) -> Result<Box<RemeshResult>>;
+        fn report(self: &RemeshResult) -> Result<RemeshReport>;
+        fn mesh(self: &RemeshResult) -> Result<Box<VolumeMesh>>;
+        fn domain_mesh(self: &RemeshResult) -> Result<Box<VolumeMesh>>;
     }
 }

@@ -61,13 +61,13 @@ impl Error {
     }
 }
 
-/// Where the latest panic was; hooks see it, whoever catches does not.
+/// Where the latest panic was: the hook is told, `catch_unwind` is not.
 static LATEST_PLACE: Mutex<String> = Mutex::new(String::new());
 
-/// Runs an entry of the bridge. A panic is a mistake of ours and leaves nothing half done that is used again: all objects
+/// Runs an entry of the bridge, with panics as errors. A panic leaves nothing half done that is used again: all objects
 /// behind the bridge are immutable.
 pub fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-    // The standard library's hook would write into the standard error stream of somebody else's program.
+    // The default hook would write to the standard error of the calling program.
     static SILENCE: Once = Once::new();
     SILENCE.call_once(|| {
         std::panic::set_hook(Box::new(|info| {
@@ -87,7 +87,7 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     })
 }
 
-/// Errors of a stage, in the categories of C++.
+/// An error enum of the library whose variants have categories.
 pub trait Categorised: StdError {
     fn category(&self) -> Category;
 }
@@ -98,7 +98,7 @@ impl<E: Categorised> From<E> for Error {
     }
 }
 
-/// The error and its causes, each once: many of our errors quote their cause.
+/// The error and its causes, each once: many errors quote their cause.
 fn described(error: &dyn StdError) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();

@@ -1,8 +1,8 @@
-//! The outward bridge (feature `cpp`): what the C++ package in `cpp/` calls.
+//! The bridge from C++ to Rust: what the classes in `cpp/src` call.
 //!
-//! Users of the package see `cpp/include`, never this. Here every entry that can fail returns a [`error::Error`] with a
-//! category, and no panic leaves it: both arrive in C++ as one exception type. Arrays come in as slices and go out in
-//! bulk, three numbers a point.
+//! Users of the package see `cpp/include`, never this. Every entry that can fail returns an [`error::Error`] with a
+//! category, and no panic leaves it: both arrive in C++ as one exception type. Arrays come in and go out as slices,
+//! three coordinates per point.
 
 mod bridge;
 mod error;
@@ -13,7 +13,6 @@ mod solids;
 
 use solidmap::Point;
 
-/// What the program and the package say about the licence of this build.
 fn licence() -> String {
     solidmap::LICENCE.into()
 }
@@ -26,7 +25,7 @@ fn has_native() -> bool {
     cfg!(feature = "native")
 }
 
-/// Points as plain numbers, three each.
+/// Points as coordinates, three each.
 fn flat(points: &[Point]) -> &[f64] {
     // SAFETY: a `Point` is three doubles and nothing else, by `repr(C)` and `repr(transparent)` all the way down; the
     // size is checked at compile time.
@@ -34,14 +33,14 @@ fn flat(points: &[Point]) -> &[f64] {
     unsafe { std::slice::from_raw_parts(points.as_ptr().cast(), 3 * points.len()) }
 }
 
-/// Plain numbers as points; what does not make up a point is left out.
-fn points(numbers: &[f64]) -> &[Point] {
-    let whole = numbers.as_chunks::<3>().0;
+/// Coordinates as points; one or two left over at the end are ignored.
+fn points(coordinates: &[f64]) -> &[Point] {
+    let whole = coordinates.as_chunks::<3>().0;
     // SAFETY: as in `flat`, the other way round.
     unsafe { std::slice::from_raw_parts(whole.as_ptr().cast(), whole.len()) }
 }
 
-/// A path in the bytes of the system.
+/// A path from its bytes: as the system has them, or in UTF-8 on Windows.
 fn path(bytes: &[u8]) -> Result<std::path::PathBuf, error::Error> {
     #[cfg(unix)]
     {

@@ -23,17 +23,17 @@ pub struct Boundary(pub BoundaryMap);
 
 pub struct Boundaries(Vec<BoundaryMap>);
 
-/// A fitted map with what is known of it.
+/// A fitted map, as its file has it.
 pub struct Map {
     file: Arc<MapFile>,
-    /// With times, which the file does without.
+    /// With timings, which the file does not have.
     report: Option<FitReport>,
 }
 
 pub struct Maps(Vec<Option<Fit>>);
 
 /// The domain as it was given, and as it was factored.
-pub struct Factor {
+pub struct Factored {
     domain: SurfaceMesh,
     factor: DomainFactor,
     /// The map that it was refined for.
@@ -47,14 +47,14 @@ pub struct Inverse {
     _file: Arc<MapFile>,
 }
 
-// Const queries of all of these run on any number of threads.
+// `const` functions of all of these may run on any number of threads at once.
 const _: () = {
     const fn shared<T: Send + Sync>() {}
     shared::<Surface>();
-    shared::<super::meshes::Cells>();
+    shared::<super::meshes::VolumeMesh>();
     shared::<Boundary>();
     shared::<Map>();
-    shared::<Factor>();
+    shared::<Factored>();
     shared::<Inverse>();
 };
 
@@ -81,17 +81,17 @@ pub fn boundary_to_sphere(domain: &Surface, conformal: bool, watcher: &Watcher) 
             },
             ..SphereOptions::default()
         };
-        let tell = |phase| {
+        let progress = |phase| {
             let (step, fraction) = match phase {
                 SpherePhase::Coarsening => ("coarsening", f64::NAN),
-                SpherePhase::Embedding { vertices, total } => ("drawing", share(vertices, total)),
+                SpherePhase::Embedding { vertices, total } => ("embedding", share(vertices, total)),
                 SpherePhase::Flowing => ("flowing", f64::NAN),
                 SpherePhase::Optimising => ("optimising", f64::NAN),
             };
-            answer(watcher, step, fraction, "")
+            ask(watcher, step, fraction, "")
         };
-        let (drawn, _) = map_to_sphere(&domain.0, &options, &tell)?;
-        boxed_boundary(BoundaryMap::onto_sphere(drawn)?)
+        let (embedding, _) = map_to_sphere(&domain.0, &options, &progress)?;
+        boxed_boundary(BoundaryMap::onto_sphere(embedding)?)
     })
 }
 
@@ -117,19 +117,19 @@ pub fn boundary_pair(
             landmarks,
             improve,
         };
-        let tell = |phase| {
+        let progress = |phase| {
             let (step, fraction) = match phase {
                 PairPhase::Sphere("domain", _) => ("mapping the domain to the sphere", f64::NAN),
                 PairPhase::Sphere(..) => ("mapping the target to the sphere", f64::NAN),
                 PairPhase::Aligning => ("aligning", f64::NAN),
-                PairPhase::CoarseEmbeddings { .. } => ("sketching", f64::NAN),
-                PairPhase::Refining { vertices, total, .. } => ("drawing", share(vertices, total)),
-                PairPhase::Improving => ("improving", f64::NAN),
+                PairPhase::CoarseEmbeddings { .. } => ("trying coarse embeddings", f64::NAN),
+                PairPhase::Refining { vertices, total, .. } => ("refining the embedding", share(vertices, total)),
+                PairPhase::Improving => ("lowering the distortion", f64::NAN),
                 PairPhase::Measuring => ("measuring", f64::NAN),
             };
-            answer(watcher, step, fraction, "")
+            ask(watcher, step, fraction, "")
         };
-        let (boundary, found) = map_pair(&domain.0, &target.0, &options, &tell)?;
+        let (boundary, found) = map_pair(&domain.0, &target.0, &options, &progress)?;
         let SurfaceDistortion { angle, area, .. } = &found.after;
         *report = ffi::PairReport {
             angle_median: angle.p50,
@@ -260,7 +260,7 @@ pub fn fit_defaults(preset: u8) -> ffi::FitOptions {
 
 pub fn fit(boundary: &Boundary, options: &ffi::FitOptions, watcher: &Watcher) -> Result<Box<Map>, Error> {
     guarded(|| {
-        let fit = fit::fit(&boundary.0, &fit_options(options)?, &|phase| converted(watcher, phase))?;
+        let fit = fit::fit(&boundary.0, &fit_options(options)?, &|phase| on_phase(watcher, phase))?;
         Ok(Box::new(Map::of(fit)))
     })
 }
@@ -399,10 +399,10 @@ impl Maps {
     }
 }
 
-pub fn factor_new(domain: &Surface, options: &ffi::FitOptions, watcher: &Watcher) -> Result<Box<Factor>, Error> {
+pub fn factor_new(domain: &Surface, options: &ffi::FitOptions, watcher: &Watcher) -> Result<Box<Factored>, Error> {
     guarded(|| {
-        let factor = DomainFactor::new(&domain.0, &fit_options(options)?, &|phase| converted(watcher, phase))?;
-        Ok(Box::new(Factor {
+        let factor = DomainFactor::new(&domain.0, &fit_options(options)?, &|phase| on_phase(watcher, phase))?;
+        Ok(Box::new(Factored {
             domain: domain.0.clone(),
             factor,
             first: None,
@@ -410,12 +410,16 @@ pub fn factor_new(domain: &Surface, options: &ffi::FitOptions, watcher: &Watcher
     })
 }
 
-pub fn factor_refined(boundary: &Boundary, options: &ffi::FitOptions, watcher: &Watcher) -> Result<Box<Factor>, Error> {
+pub fn factor_refined(
+    boundary: &Boundary,
+    options: &ffi::FitOptions,
+    watcher: &Watcher,
+) -> Result<Box<Factored>, Error> {
     guarded(|| {
         let domain = boundary.0.domain();
-        let mut factor = DomainFactor::new(domain, &fit_options(options)?, &|phase| converted(watcher, phase))?;
-        let first = factor.solve_refined(&boundary.0, &|phase| converted(watcher, phase))?;
-        Ok(Box::new(Factor {
+        let mut factor = DomainFactor::new(domain, &fit_options(options)?, &|phase| on_phase(watcher, phase))?;
+        let first = factor.solve_refined(&boundary.0, &|phase| on_phase(watcher, phase))?;
+        Ok(Box::new(Factored {
             domain: domain.clone(),
             factor,
             first: Some(first),
@@ -423,7 +427,7 @@ pub fn factor_refined(boundary: &Boundary, options: &ffi::FitOptions, watcher: &
     })
 }
 
-impl Factor {
+impl Factored {
     pub fn domain(&self) -> Result<Box<Surface>, Error> {
         guarded(|| boxed(self.domain.clone()))
     }
@@ -469,14 +473,12 @@ impl Factor {
     }
 
     fn solved(&self, boundary: &BoundaryMap, watcher: &Watcher) -> Result<Box<Map>, Error> {
-        let fit = self.factor.solve(boundary, &|phase| converted(watcher, phase))?;
+        let fit = self.factor.solve(boundary, &|phase| on_phase(watcher, phase))?;
         Ok(Box::new(Map::of(fit)))
     }
 
     fn solved_together(&self, boundaries: &[BoundaryMap], watcher: &Watcher) -> Result<Box<Maps>, Error> {
-        let fits = self
-            .factor
-            .solve_block(boundaries, &|phase| converted(watcher, phase))?;
+        let fits = self.factor.solve_block(boundaries, &|phase| on_phase(watcher, phase))?;
         Ok(Box::new(Maps(fits.into_iter().map(Some).collect())))
     }
 }
@@ -489,7 +491,7 @@ pub fn inverse_new(map: &Map, tolerance: f64, seed_nodes: usize, iterations: usi
             iterations,
         };
         let file = Arc::clone(&map.file);
-        // Sums that err by no more than Newton's method is to leave.
+        // Sums as accurate as Newton's method needs.
         let exact = Box::new(file.map.clone().with_error(0.0));
         let map: *const HarmonicMap = &raw const *exact;
         let boundary: *const BoundaryMap = boundary_of(&file)?;
@@ -533,22 +535,22 @@ fn boxed_boundary(boundary: BoundaryMap) -> Result<Box<Boundary>, Error> {
     Ok(Box::new(Boundary(boundary)))
 }
 
-/// Found before the work is done. `numbers` is how many come, `each` how many of them are one result.
-fn require_room(out: &[f64], numbers: usize, each: usize) -> Result<(), Error> {
-    if out.len() == numbers {
+/// Refuses, before any work, an array for results that has not `entries`, `each` of them for one point.
+fn require_room(out: &[f64], entries: usize, each: usize) -> Result<(), Error> {
+    if out.len() == entries {
         return Ok(());
     }
     Err(Error::invalid(format!(
         "there is room for {} results, and {} points are given",
         out.len() / each,
-        numbers / each
+        entries / each
     )))
 }
 
 fn write(out: &mut [f64], found: &[f64]) -> Result<(), Error> {
     if out.len() != found.len() {
         return Err(Error::invalid(format!(
-            "there is room for {} numbers, and the result has {}",
+            "there is room for {} entries, and the result has {}",
             out.len(),
             found.len()
         )));
@@ -605,7 +607,8 @@ fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
     })
 }
 
-fn converted(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
+/// Asks the callback in a phase of a fit.
+fn on_phase(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
     let (step, fraction, detail) = match phase {
         Phase::Checking => ("checking", f64::NAN, String::new()),
         Phase::Sampling => ("sampling", f64::NAN, String::new()),
@@ -624,10 +627,11 @@ fn converted(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
             format!("round {round}, boundary error {error:.2e}, {sources} sources"),
         ),
     };
-    answer(watcher, step, fraction, &detail)
+    ask(watcher, step, fraction, &detail)
 }
 
-pub fn answer(watcher: &Watcher, step: &str, fraction: f64, detail: &str) -> ControlFlow<()> {
+/// Asks the callback whether the work goes on.
+pub fn ask(watcher: &Watcher, step: &str, fraction: f64, detail: &str) -> ControlFlow<()> {
     match watcher.goes_on(step, fraction, detail) {
         true => ControlFlow::Continue(()),
         false => ControlFlow::Break(()),

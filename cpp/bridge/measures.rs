@@ -4,7 +4,7 @@ use super::bridge::ffi;
 use super::error::{Error, guarded};
 use super::flat;
 use super::maps::Map;
-use super::meshes::{Cells, Surface, whole_points};
+use super::meshes::{Surface, VolumeMesh, whole_points};
 use solidmap::energy::{
     DensityQuantiles, DistortionMetrics, DistortionReport, EnergyOptions, EnergyReport, GridResolution, Lame,
     Quadrature, clipped_grid, densities, distortion, energies, tet_quadrature,
@@ -23,7 +23,7 @@ pub fn energies_on_grid(
 
 pub fn energies_in_tets(
     map: &Map,
-    tets: &Cells,
+    tets: &VolumeMesh,
     normalize: bool,
     lambda: f64,
     mu: f64,
@@ -90,7 +90,7 @@ pub fn distortion_on_grid(map: &Map, cells: usize) -> Result<ffi::DistortionRepo
     guarded(|| distortion_over(map, &grid(map, cells)?))
 }
 
-pub fn distortion_in_tets(map: &Map, tets: &Cells) -> Result<ffi::DistortionReport, Error> {
+pub fn distortion_in_tets(map: &Map, tets: &VolumeMesh) -> Result<ffi::DistortionReport, Error> {
     guarded(|| distortion_over(map, &tet_quadrature(&tets.tets("a distortion")?)?))
 }
 

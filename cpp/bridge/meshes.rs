@@ -10,11 +10,11 @@ use solidmap::remesh::{invalid_cells, quality};
 
 pub struct Surface(pub SurfaceMesh);
 
-pub struct Cells(pub CellMesh);
+pub struct VolumeMesh(pub CellMesh);
 
-/// Divisions of built-in shapes: beyond, a number was mistyped.
+/// Divisions of built-in shapes at most; more are a typing error.
 const MOST_DIVISIONS: usize = 1024;
-/// Triangles of built-in shapes: as many take some 2 GB while they are made.
+/// Triangles of built-in shapes at most: they take some 2 GB while they are made.
 const MOST_TRIANGLES: f64 = 3e7;
 
 pub fn surface_new(vertices: &[f64], triangles: &[u32]) -> Result<Box<Surface>, Error> {
@@ -154,10 +154,10 @@ impl Surface {
     }
 }
 
-pub fn cells_tets(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box<Cells>, Error> {
+pub fn cells_tets(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box<VolumeMesh>, Error> {
     guarded(|| {
         let tets = CellList::Tets(whole::<_, 4>("corners of tetrahedra", corners)?.to_vec());
-        Ok(Box::new(Cells(CellMesh::new(
+        Ok(Box::new(VolumeMesh(CellMesh::new(
             whole_points("nodes", nodes)?.to_vec(),
             tets,
             regions.to_vec(),
@@ -165,10 +165,10 @@ pub fn cells_tets(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box
     })
 }
 
-pub fn cells_hexes(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box<Cells>, Error> {
+pub fn cells_hexes(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Box<VolumeMesh>, Error> {
     guarded(|| {
         let hexes = CellList::Hexes(whole::<_, 8>("corners of hexahedra", corners)?.to_vec());
-        Ok(Box::new(Cells(CellMesh::new(
+        Ok(Box::new(VolumeMesh(CellMesh::new(
             whole_points("nodes", nodes)?.to_vec(),
             hexes,
             regions.to_vec(),
@@ -176,11 +176,11 @@ pub fn cells_hexes(nodes: &[f64], corners: &[u32], regions: &[i32]) -> Result<Bo
     })
 }
 
-pub fn cells_load(bytes: &[u8]) -> Result<Box<Cells>, Error> {
-    guarded(|| Ok(Box::new(Cells(io::read_cells(path(bytes)?)?))))
+pub fn cells_load(bytes: &[u8]) -> Result<Box<VolumeMesh>, Error> {
+    guarded(|| Ok(Box::new(VolumeMesh(io::read_cells(path(bytes)?)?))))
 }
 
-impl Cells {
+impl VolumeMesh {
     pub fn save(&self, bytes: &[u8]) -> Result<(), Error> {
         guarded(|| {
             let path = path(bytes)?;
@@ -225,7 +225,7 @@ impl Cells {
         matches!(self.0.cells(), CellList::Hexes(_))
     }
 
-    pub fn with_nodes(&self, nodes: &[f64]) -> Result<Box<Cells>, Error> {
+    pub fn with_nodes(&self, nodes: &[f64]) -> Result<Box<VolumeMesh>, Error> {
         guarded(|| {
             let nodes = whole_points("nodes", nodes)?;
             if nodes.len() != self.0.nodes().len() {
@@ -236,7 +236,7 @@ impl Cells {
                 )));
             }
             let (cells, regions) = (self.0.cells().clone(), self.0.regions().to_vec());
-            Ok(Box::new(Cells(CellMesh::new(nodes.to_vec(), cells, regions)?)))
+            Ok(Box::new(VolumeMesh(CellMesh::new(nodes.to_vec(), cells, regions)?)))
         })
     }
 
@@ -256,19 +256,19 @@ impl Cells {
         guarded(|| Ok(quality_of(self.0.cells(), self.0.nodes())))
     }
 
-    /// The mesh as tetrahedra, for what knows no others.
+    /// The mesh as tetrahedra; of hexahedra, the error that `purpose` does not support them.
     pub fn tets(&self, purpose: &str) -> Result<TetMesh, Error> {
         match self.0.cells() {
             CellList::Tets(tets) => Ok(TetMesh::new(self.0.nodes().to_vec(), tets.clone())?),
             CellList::Hexes(_) => Err(Error::new(
-                super::error::Category::Unsupported,
+                Category::Unsupported,
                 format!("{purpose} of a mesh of hexahedra is not supported; give one of tetrahedra"),
             )),
         }
     }
 }
 
-/// What is wrong with cells and how good they are.
+/// How many cells are inverted, and how good all are.
 pub fn quality_of(cells: &CellList, nodes: &[solidmap::Point]) -> ffi::CellQuality {
     let found = quality(cells, nodes);
     let value = |of: fn(&solidmap::remesh::CellQuality) -> f64| found.as_ref().map_or(f64::NAN, of);
@@ -283,21 +283,21 @@ pub fn quality_of(cells: &CellList, nodes: &[solidmap::Point]) -> ffi::CellQuali
     }
 }
 
-/// Values in groups of `N`; an error when some are left over.
-pub fn whole<'a, T, const N: usize>(what: &str, numbers: &'a [T]) -> Result<&'a [[T; N]], Error> {
-    match numbers.as_chunks::<N>() {
+/// The elements in groups of `N`; an error when some are left over.
+pub fn whole<'a, T, const N: usize>(what: &str, elements: &'a [T]) -> Result<&'a [[T; N]], Error> {
+    match elements.as_chunks::<N>() {
         (whole, []) => Ok(whole),
         _ => Err(Error::invalid(format!(
             "{} {what} were given, which is not a multiple of {N}",
-            numbers.len()
+            elements.len()
         ))),
     }
 }
 
-/// Numbers as points, none left over.
-pub fn whole_points<'a>(what: &str, numbers: &'a [f64]) -> Result<&'a [solidmap::Point], Error> {
-    whole::<f64, 3>(&format!("coordinates of {what}"), numbers)?;
-    Ok(points(numbers))
+/// Coordinates as points, none left over.
+pub fn whole_points<'a>(what: &str, coordinates: &'a [f64]) -> Result<&'a [solidmap::Point], Error> {
+    whole::<f64, 3>(&format!("coordinates of {what}"), coordinates)?;
+    Ok(points(coordinates))
 }
 
 pub fn boxed(surface: SurfaceMesh) -> Result<Box<Surface>, Error> {
@@ -361,7 +361,7 @@ fn converted(report: &CheckReport) -> ffi::CheckReport {
     }
 }
 
-/// The name that the JSON reports have for a value.
+/// The name of a value in JSON reports.
 pub fn name_of(value: &impl serde::Serialize) -> String {
     let name = serde_json::to_value(value).ok();
     name.and_then(|name| name.as_str().map(str::to_owned))

@@ -1,18 +1,18 @@
-//! What CGAL and TetGen do, and meshes carried by maps.
+//! Tetrahedra and offset surfaces by CGAL and TetGen, and meshes carried by maps.
 
 use super::bridge::ffi;
 use super::bridge::ffi::Watcher;
 #[cfg(not(feature = "native"))]
 use super::error::Category;
 use super::error::{Error, guarded};
-use super::maps::{Map, answer};
-use super::meshes::{Cells, Surface, quality_of};
+use super::maps::{Map, ask};
+use super::meshes::{Surface, VolumeMesh, quality_of};
 use solidmap::mesh::CellMesh;
 use solidmap::remesh::{self, CellKind, CellSize, RemeshOptions, RemeshPhase, RemeshSource};
 
-pub struct Remeshed(remesh::Remeshed);
+pub struct RemeshResult(remesh::Remeshed);
 
-/// What a build without CGAL and TetGen answers.
+/// The error of a build without CGAL and TetGen.
 #[cfg(not(feature = "native"))]
 pub fn needs_native(what: &str) -> Error {
     Error::new(
@@ -24,7 +24,7 @@ pub fn needs_native(what: &str) -> Error {
 }
 
 #[cfg(not(feature = "native"))]
-pub fn tetrahedralise(_: &Surface, _: &ffi::TetOptions) -> Result<Box<Cells>, Error> {
+pub fn tetrahedralise(_: &Surface, _: &ffi::TetOptions) -> Result<Box<VolumeMesh>, Error> {
     Err(needs_native("tetrahedralisation"))
 }
 
@@ -39,7 +39,7 @@ pub fn offset_surface(
 }
 
 #[cfg(feature = "native")]
-pub fn tetrahedralise(surface: &Surface, options: &ffi::TetOptions) -> Result<Box<Cells>, Error> {
+pub fn tetrahedralise(surface: &Surface, options: &ffi::TetOptions) -> Result<Box<VolumeMesh>, Error> {
     use solidmap::cgal_tetgen::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_mesh3};
     use solidmap::mesh::CellList;
     use std::time::Duration;
@@ -69,7 +69,11 @@ pub fn tetrahedralise(surface: &Surface, options: &ffi::TetOptions) -> Result<Bo
         };
         let (nodes, tets) = mesh.into_parts();
         let regions = vec![1; tets.len()];
-        Ok(Box::new(Cells(CellMesh::new(nodes, CellList::Tets(tets), regions)?)))
+        Ok(Box::new(VolumeMesh(CellMesh::new(
+            nodes,
+            CellList::Tets(tets),
+            regions,
+        )?)))
     })
 }
 
@@ -112,7 +116,7 @@ pub fn remesh_regular(
     most_cells: usize,
     options: &ffi::RemeshOptions,
     watcher: &Watcher,
-) -> Result<Box<Remeshed>, Error> {
+) -> Result<Box<RemeshResult>, Error> {
     guarded(|| {
         if along == 0 && length == 0.0 {
             return Err(Error::invalid(
@@ -134,10 +138,10 @@ pub fn remesh_regular(
 
 pub fn remesh_given(
     map: &Map,
-    mesh: &Cells,
+    mesh: &VolumeMesh,
     options: &ffi::RemeshOptions,
     watcher: &Watcher,
-) -> Result<Box<Remeshed>, Error> {
+) -> Result<Box<RemeshResult>, Error> {
     guarded(|| carried(map, RemeshSource::Given(mesh.0.clone()), options, watcher))
 }
 
@@ -146,27 +150,27 @@ fn carried(
     source: RemeshSource,
     options: &ffi::RemeshOptions,
     watcher: &Watcher,
-) -> Result<Box<Remeshed>, Error> {
+) -> Result<Box<RemeshResult>, Error> {
     let options = RemeshOptions {
         repair: options.repair,
         slide: options.slide,
         polish: options.polish,
         memory: (options.memory > 0).then_some(options.memory),
     };
-    let converted = |phase| {
+    let progress = |phase| {
         let (step, detail) = match phase {
             RemeshPhase::Meshing => ("meshing", String::new()),
             RemeshPhase::Mapping { nodes } => ("mapping", format!("{nodes} nodes")),
             RemeshPhase::Repairing { round, inverted } => ("repairing", format!("round {round}, {inverted} inverted")),
             RemeshPhase::Verifying => ("verifying", String::new()),
         };
-        answer(watcher, step, f64::NAN, &detail)
+        ask(watcher, step, f64::NAN, &detail)
     };
-    let remeshed = remesh::remesh(map.boundary_map()?, map.map(), source, &options, &converted)?;
-    Ok(Box::new(Remeshed(remeshed)))
+    let remeshed = remesh::remesh(map.boundary_map()?, map.map(), source, &options, &progress)?;
+    Ok(Box::new(RemeshResult(remeshed)))
 }
 
-impl Remeshed {
+impl RemeshResult {
     pub fn report(&self) -> Result<ffi::RemeshReport, Error> {
         guarded(|| {
             let (mesh, report) = (&self.0.mesh, &self.0.report);
@@ -190,17 +194,17 @@ impl Remeshed {
         })
     }
 
-    pub fn mesh(&self) -> Result<Box<Cells>, Error> {
+    pub fn mesh(&self) -> Result<Box<VolumeMesh>, Error> {
         guarded(|| self.cells(&self.0.images))
     }
 
-    pub fn domain_mesh(&self) -> Result<Box<Cells>, Error> {
+    pub fn domain_mesh(&self) -> Result<Box<VolumeMesh>, Error> {
         guarded(|| self.cells(self.0.mesh.nodes()))
     }
 
-    fn cells(&self, nodes: &[solidmap::Point]) -> Result<Box<Cells>, Error> {
+    fn cells(&self, nodes: &[solidmap::Point]) -> Result<Box<VolumeMesh>, Error> {
         let mesh = &self.0.mesh;
         let (cells, regions) = (mesh.cells().clone(), mesh.regions().to_vec());
-        Ok(Box::new(Cells(CellMesh::new(nodes.to_vec(), cells, regions)?)))
+        Ok(Box::new(VolumeMesh(CellMesh::new(nodes.to_vec(), cells, regions)?)))
     }
 }

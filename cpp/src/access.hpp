@@ -21,11 +21,11 @@ struct Held {
 };
 
 struct SurfaceImpl : Held<ffi::Surface> {};
-struct CellMeshImpl : Held<ffi::Cells> {};
+struct CellMeshImpl : Held<ffi::VolumeMesh> {};
 struct BoundaryMapImpl : Held<ffi::Boundary> {};
 struct HarmonicMapImpl : Held<ffi::Map> {};
 struct InverseImpl : Held<ffi::Inverse> {};
-struct FactorImpl : Held<ffi::Factor> {};
+struct FactorImpl : Held<ffi::Factored> {};
 
 /// The one friend of the public classes.
 struct Access {
@@ -54,7 +54,7 @@ struct Access {
 inline Surface make_surface(rust::Box<ffi::Surface> box) {
   return Access::make<Surface, SurfaceImpl>(std::move(box));
 }
-inline CellMesh make_cells(rust::Box<ffi::Cells> box) { return Access::make<CellMesh, CellMeshImpl>(std::move(box)); }
+inline CellMesh make_cells(rust::Box<ffi::VolumeMesh> box) { return Access::make<CellMesh, CellMeshImpl>(std::move(box)); }
 inline BoundaryMap make_boundary(rust::Box<ffi::Boundary> box) {
   return Access::make<BoundaryMap, BoundaryMapImpl>(std::move(box));
 }
@@ -65,7 +65,7 @@ inline HarmonicMap make_map(rust::Box<ffi::Map> box) {
 /// The error that Rust wrote: a digit for the category, and the message.
 [[noreturn]] void throw_decoded(const rust::Error& error);
 
-/// Calls Rust; its errors arrive as ours.
+/// Calls Rust; its errors are thrown as solidmap::Error.
 template <class Call>
 auto guarded(const Call& call) -> decltype(call()) {
   try {
@@ -75,7 +75,7 @@ auto guarded(const Call& call) -> decltype(call()) {
   }
 }
 
-/// The same with a callback, whose exceptions go through.
+/// The same with a callback, whose exceptions are thrown again.
 template <class Call>
 auto watched(const ProgressCallback& callback, const Call& call) -> decltype(call(std::declval<const Watcher&>())) {
   const Watcher watcher(callback);
@@ -97,7 +97,7 @@ void require_one_of(const char* option, Enum value, Enum last) {
   }
 }
 
-/// What may lie in the memory that results go to, out of their way.
+/// The arguments of a call, copied when they overlap the memory for results.
 template <class T, class U>
 class Apart {
  public:
@@ -125,7 +125,7 @@ rust::Slice<T> slice(Span<T> span) {
   return {span.data(), span.size()};
 }
 
-/// An array of small arrays as one of their elements, for Rust.
+/// An array of small arrays as a flat array, for Rust.
 template <class T, std::size_t n>
 rust::Slice<const T> flat(Span<const std::array<T, n>> rows) {
   return {reinterpret_cast<const T*>(rows.data()), n * rows.size()};
@@ -135,13 +135,13 @@ rust::Slice<T> flat(Span<std::array<T, n>> rows) {
   return {reinterpret_cast<T*>(rows.data()), n * rows.size()};
 }
 
-/// And back.
+/// The same in reverse.
 template <class Row, class T>
 Span<const Row> rows(rust::Slice<const T> flat) {
   return {reinterpret_cast<const Row*>(flat.data()), flat.size() / std::tuple_size_v<Row>};
 }
 
-/// What outlives the object that it was asked of.
+/// A copy, which outlives the object that is viewed.
 template <class T>
 std::vector<T> kept(Span<const T> view) {
   return std::vector<T>(view.begin(), view.end());

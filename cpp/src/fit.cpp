@@ -52,7 +52,7 @@ FitOptions preset(std::uint8_t number) {
   return options;
 }
 
-Factor make_factor(rust::Box<ffi::Factor> box) { return Access::make<Factor, FactorImpl>(std::move(box)); }
+Factor make_factor(rust::Box<ffi::Factored> box) { return Access::make<Factor, FactorImpl>(std::move(box)); }
 
 std::vector<HarmonicMap> taken(rust::Box<ffi::Maps> maps) {
   std::vector<HarmonicMap> taken;

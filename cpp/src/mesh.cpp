@@ -166,12 +166,12 @@ std::size_t CellMesh::size() const { return Access::of(*this).regions().size(); 
 Span<const Point> CellMesh::nodes() const& { return rows<Point>(Access::of(*this).nodes()); }
 
 Span<const Tet> CellMesh::tets() const& {
-  const ffi::Cells& cells = Access::of(*this);
+  const ffi::VolumeMesh& cells = Access::of(*this);
   return cells.are_hexes() ? Span<const Tet>() : rows<Tet>(cells.corners());
 }
 
 Span<const Hex> CellMesh::hexes() const& {
-  const ffi::Cells& cells = Access::of(*this);
+  const ffi::VolumeMesh& cells = Access::of(*this);
   return cells.are_hexes() ? rows<Hex>(cells.corners()) : Span<const Hex>();
 }
 

@@ -37,9 +37,11 @@ OffsetSurface offset_surface(const Surface& surface, double distance, const Offs
 
 namespace {
 
-ffi::RemeshOptions for_rust(const RemeshOptions& options) { return {options.repair, options.slide, options.polish, options.memory}; }
+ffi::RemeshOptions for_rust(const RemeshOptions& options) {
+  return {options.repair, options.slide, options.polish, options.memory};
+}
 
-Remeshed converted(const rust::Box<ffi::Remeshed>& remeshed) {
+Remeshed converted(const rust::Box<ffi::RemeshResult>& remeshed) {
   const ffi::RemeshReport found = remeshed->report();
   RemeshReport report;
   report.nodes = found.nodes;
@@ -65,7 +67,7 @@ Remeshed converted(const rust::Box<ffi::Remeshed>& remeshed) {
 Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOptions& options,
                 const ProgressCallback& progress) {
   require_one_of("kind", cells.kind, CellKind::hexes);
-  // One of the two says the size.
+  // One of the two is the size.
   const std::size_t along = cells.length != 0 ? 0 : cells.along;
   return watched(progress, [&](const Watcher& watcher) {
     return converted(ffi::remesh_regular(Access::of(map), cells.kind == CellKind::hexes, along, cells.length,

@@ -1,4 +1,4 @@
-// Between the user's progress callback and Rust, which knows no exceptions.
+// Passes progress from Rust to the user's callback, and keeps its exceptions from Rust.
 #pragma once
 
 #include <exception>
@@ -12,7 +12,7 @@ class Watcher {
  public:
   explicit Watcher(const ProgressCallback& callback) : callback_(callback) {}
 
-  /// Asks the callback. False once it wants an end, or has thrown.
+  /// Calls the callback. False once it has returned false or thrown.
   bool goes_on(rust::Str step, double fraction, rust::Str detail) const noexcept;
 
   /// Throws again what the callback threw.
