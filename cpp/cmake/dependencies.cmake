@@ -1,5 +1,6 @@
-# What a program with libsolidmap.a links besides: sets solidmap_libraries and solidmap_link_options. With solidmap_native also what CGAL and TetGen
-# need, which brings TetGen's licence, the AGPL; without it nothing but the system.
+# What a program with libsolidmap.a links besides: sets solidmap_libraries and solidmap_link_options. With
+# solidmap_native also what CGAL and TetGen need, which brings TetGen's licence, the AGPL; without it nothing but the
+# system.
 set(THREADS_PREFER_PTHREAD_FLAG ON)
 find_package(Threads REQUIRED)
 set(solidmap_libraries Threads::Threads ${CMAKE_DL_LIBS})
@@ -8,8 +9,9 @@ if(UNIX AND NOT APPLE)
 endif()
 set(solidmap_link_options)
 if(UNIX AND NOT APPLE)
-  # In a shared library on ELF, calls of the matrix kernels would go by stubs that are bound at the first call and do not
-  # keep the registers that these kernels use, which ends in a crash. Bound inside, or at load time, they are not touched.
+  # In a shared library on ELF, calls of the matrix kernels would go by stubs that are bound at the first call and do
+  # not keep the registers that these kernels use, which ends in a crash. Bound inside, or at load time, they are not
+  # touched.
   set(is_shared "$<OR:$<STREQUAL:$<TARGET_PROPERTY:TYPE>,SHARED_LIBRARY>,$<STREQUAL:$<TARGET_PROPERTY:TYPE>,MODULE_LIBRARY>>")
   set(solidmap_link_options "$<${is_shared}:LINKER:-z,now,-Bsymbolic-functions>")
 endif()

@@ -1,5 +1,5 @@
-// Moves points inside a solid through the frames of an animation: one factorisation, many frames, with progress, and with
-// Ctrl-C, which ends it within a second.
+// Moves points inside a solid through the frames of an animation: one factorisation, many frames, with progress, and
+// ended by Ctrl-C within a second.
 //
 //   animate                         a bar that bends, 24 frames
 //   animate REFERENCE FRAME...      surfaces of one connectivity; the points are on a lattice in the reference's box
@@ -18,7 +18,7 @@ using solidmap::Point;
 
 std::atomic<bool> interrupted{false};
 
-/// Shows what is being done, and ends it after Ctrl-C.
+/// Shows the progress, and ends the work after Ctrl-C.
 bool show(const solidmap::Progress& progress) {
   if (progress.fraction) {
     std::fprintf(stderr, "\r%-12s %3.0f %%          ", progress.step.c_str(), 100 * *progress.fraction);

@@ -1,8 +1,8 @@
-// In a program that has its geometry in CGAL::Surface_mesh: a deformation of a skin, known at its vertices, is carried to
-// what is inside of it.
+// For programs that have their geometry in CGAL::Surface_mesh: a deformation of a skin, known at its vertices, is
+// carried to a mesh inside it.
 //
-//   cgal_surface_mesh                        an icosphere that is bent, with a smaller one inside
-//   cgal_surface_mesh SKIN DEFORMED INNER OUTPUT      closed triangle meshes that CGAL reads; SKIN and DEFORMED correspond
+//   cgal_surface_mesh                              an icosphere that is bent, with a smaller one inside
+//   cgal_surface_mesh SKIN DEFORMED INNER OUTPUT   closed triangle meshes that CGAL reads; SKIN and DEFORMED correspond
 #include <CGAL/Polygon_mesh_processing/IO/polygon_mesh_io.h>
 #include <CGAL/Polygon_mesh_processing/measure.h>
 #include <CGAL/Simple_cartesian.h>
@@ -37,7 +37,7 @@ Kernel::Point_3 bent(const Kernel::Point_3& p) {
   return {radius * std::sin(angle), p.y(), 2.0 - radius * std::cos(angle)};
 }
 
-/// Moves `inner` as the deformation of `skin`, given as a property of its vertices, has it.
+/// Moves `inner` by the deformation of `skin`, which is a property of its vertices.
 void carry(const Mesh& skin, const Mesh::Property_map<Mesh::Vertex_index, Kernel::Point_3>& deformed, Mesh& inner) {
   const solidmap::CheckReport report = solidmap::cgal::surface(skin).check();
   std::printf("skin: %zu vertices, volume %.4f, %s\n", static_cast<std::size_t>(skin.number_of_vertices()),

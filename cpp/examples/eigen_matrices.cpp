@@ -1,4 +1,4 @@
-// In a program that has its meshes in Eigen's matrices, V (n x 3) and F (m x 3) as libigl has them: the map of the inside,
+// For programs that have their meshes in Eigen's matrices, V (n x 3) and F (m x 3) as in libigl: the map of the inside,
 // and how it changes volumes.
 //
 //   eigen_matrices                    a ball that becomes an egg
@@ -17,7 +17,7 @@ int main(int argc, char** argv) {
   }
   try {
     const auto domain = argc == 3 ? solidmap::Surface::load(argv[1]) : solidmap::shapes::sphere(1.0, 3);
-    // What such a program has.
+    // The matrices of such a program.
     const Eigen::MatrixXd V = solidmap::eigen::matrix(domain.vertices());
     const Eigen::MatrixXi F = solidmap::eigen::triangles(domain);
     Eigen::MatrixXd image = V;

@@ -19,7 +19,7 @@ solidmap::CellMesh tets_of_ball(const solidmap::Surface& ball) {
   std::vector<Point> images;
   for (const Point& p : cube.vertices()) {
     const double length = std::hypot(p[0], p[1], p[2]);
-    // A little inside, where the ball's triangles are.
+    // A little inside the ball, as its triangles are.
     images.push_back({0.95 * p[0] / length, 0.95 * p[1] / length, 0.95 * p[2] / length});
   }
   solidmap::RegularMesh grid;
@@ -44,7 +44,7 @@ void morph(const solidmap::BoundaryMap& boundary, const solidmap::CellMesh& tets
               tets.size(), tets.nodes().size(), before.inverted, after.inverted, before.mean_scaled_jacobian,
               after.mean_scaled_jacobian);
   if (after.inverted > 0) {
-    // Slivers turn over where a map is not linear. This carries the mesh again, and moves inner nodes.
+    // Slivers may become inverted where a map is not linear. This carries the mesh again, and moves inner nodes.
     const solidmap::Remeshed repaired = solidmap::remesh(map, tets);
     std::printf("repaired: inverted %zu, mean scaled Jacobian %.2f, nodes moved by at most %.1e of the target's size\n",
                 repaired.report.quality.inverted, repaired.report.quality.mean_scaled_jacobian,

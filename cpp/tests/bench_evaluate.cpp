@@ -1,5 +1,5 @@
-// CPU seconds (median, after one call to warm up) of evaluating a map file at points in the unit ball's box; the same as
-// examples/bench_evaluate.rs.  bench_evaluate MAP [POINTS] [RUNS]
+// CPU seconds (median, after one call to warm up) of evaluating a map file at points in the unit ball's box; the same
+// as examples/bench_evaluate.rs.  bench_evaluate MAP [POINTS] [RUNS]
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>

@@ -1,6 +1,6 @@
 /// \file
-/// Makes programs fail to link, rather than to run, whose standard library lays out its classes in another way than the one
-/// that this library was built with: in debug mode (_GLIBCXX_DEBUG), with the old strings (_GLIBCXX_USE_CXX11_ABI=0), or
+/// Makes programs fail to link, rather than crash, whose standard library has another layout of its classes than the
+/// one that this library was built with: debug mode (_GLIBCXX_DEBUG), the old strings (_GLIBCXX_USE_CXX11_ABI=0), or
 /// another library altogether.
 #pragma once
 

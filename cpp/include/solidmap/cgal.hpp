@@ -1,6 +1,6 @@
 /// \file
-/// Between CGAL::Surface_mesh and this library, header only. Needs CGAL 5, whose licence then binds the program; the library
-/// itself may be built without it.
+/// Conversions between CGAL::Surface_mesh and this library, header only. Needs CGAL 5, whose licence then binds the
+/// program; the library itself may be built without it.
 #pragma once
 
 #include <CGAL/Surface_mesh.h>
@@ -18,7 +18,7 @@ Point point(const CgalPoint& p) {
   return {CGAL::to_double(p.x()), CGAL::to_double(p.y()), CGAL::to_double(p.z())};
 }
 
-/// The points of all vertices that were not removed, in the order of `mesh.vertices()`.
+/// The points of all vertices but removed ones, in the order of `mesh.vertices()`.
 template <class CgalPoint>
 std::vector<Point> points(const CGAL::Surface_mesh<CgalPoint>& mesh) {
   std::vector<Point> points;
@@ -27,8 +27,8 @@ std::vector<Point> points(const CGAL::Surface_mesh<CgalPoint>& mesh) {
   return points;
 }
 
-/// The mesh as a surface, its vertices in the order of `mesh.vertices()`. Throws Error (invalid_input) for faces that are no
-/// triangles.
+/// The mesh as a surface, its vertices in the order of `mesh.vertices()`. Throws Error (invalid_input) for faces that
+/// are not triangles.
 template <class CgalPoint>
 Surface surface(const CGAL::Surface_mesh<CgalPoint>& mesh) {
   std::vector<std::uint32_t> number(mesh.num_vertices());
@@ -52,7 +52,7 @@ Surface surface(const CGAL::Surface_mesh<CgalPoint>& mesh) {
   return Surface(points(mesh), triangles);
 }
 
-/// A surface as a mesh. Throws Error (invalid_input) where a triangle would make it no manifold.
+/// A surface as a mesh. Throws Error (invalid_input) when it is not a manifold.
 template <class Mesh>
 Mesh mesh(const Surface& surface) {
   Mesh mesh;
@@ -63,7 +63,7 @@ Mesh mesh(const Surface& surface) {
   for (const Point& p : surface.vertices()) vertices.push_back(mesh.add_vertex({p[0], p[1], p[2]}));
   for (const Triangle& t : surface.triangles()) {
     if (mesh.add_face(vertices[t[0]], vertices[t[1]], vertices[t[2]]) == Mesh::null_face()) {
-      throw Error(Category::invalid_input, "the surface is no manifold, which CGAL::Surface_mesh has to be");
+      throw Error(Category::invalid_input, "the surface is not a manifold, as CGAL::Surface_mesh has to be");
     }
   }
   return mesh;

@@ -1,6 +1,6 @@
 /// \file
-/// Between Eigen's matrices and this library, header only. Points are the rows of an n x 3 matrix, in either storage order,
-/// triangles those of an m x 3 matrix of any integers, as libigl has them. Needs Eigen 3.3.
+/// Conversions between Eigen's matrices and this library, header only. Points are the rows of an n x 3 matrix, in
+/// either storage order, triangles those of an m x 3 matrix of any integers, as in libigl. Needs Eigen 3.3.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,7 +15,7 @@ namespace solidmap::eigen {
 
 /// n x 3, row by row: the layout of this library.
 using PointRows = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
-/// n x 3, column by column: what libigl and MatrixXd users have.
+/// n x 3, column by column: as libigl and MatrixXd.
 using PointColumns = Eigen::Matrix<double, Eigen::Dynamic, 3>;
 
 namespace detail {

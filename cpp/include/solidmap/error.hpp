@@ -17,11 +17,12 @@ enum class Category {
   io,
   /// There is no such file.
   not_found,
-  /// Not in this build (see has_native()), a format that is not known, a file of a newer version.
+  /// Not in this build (see has_native()), an unknown format, or a file of a newer version.
   unsupported,
-  /// The numbers went wrong: a singular system, a map that is not finite.
+  /// The computation failed: a singular system, a map that is not finite.
   numerical,
-  /// It would need more memory than allowed (`memory` of its options) or more elements than allowed. Known before it is taken.
+  /// More memory (`memory` in options) or more elements are needed than allowed, which is estimated before any is
+  /// taken.
   memory,
   /// A progress callback returned false.
   cancelled,
@@ -31,10 +32,10 @@ enum class Category {
   internal,
 };
 
-/// The name of a category, as `"invalid_input"`.
+/// The name of a category, such as `"invalid_input"`.
 const char* name(Category category) noexcept;
 
-/// Why a call failed. What was given is unchanged, and everything can still be used.
+/// Why a call failed. Its arguments are unchanged, and all objects can still be used.
 ///
 /// The message (`what()`) says what was found, where, and what to do.
 class Error : public std::runtime_error {

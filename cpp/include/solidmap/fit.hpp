@@ -21,14 +21,14 @@ namespace detail {
 struct FactorImpl;
 }
 
-/// Where the sources stand.
+/// Where the sources are placed.
 struct Placement {
   enum class Kind {
-    /// Along the vertex normals, at `value` times the local spacing of the sources; 1 to 1.5 is good.
+    /// Along the vertex normals, at `value` times the local spacing of the sources; 1 to 1.5 is usual.
     adaptive,
-    /// On an offset surface at `value` times the domain's diagonal; 0.02 to 0.2. Needs CGAL (has_native()).
+    /// On an offset surface at `value` times the domain's diagonal; 0.02 to 0.2 is usual. Needs CGAL (has_native()).
     offset,
-    /// On a sphere of `value` times the domain's diagonal; more than 0.5.
+    /// On a sphere around the domain, of radius `value` times its diagonal; more than 0.5.
     sphere,
   };
   Kind kind = Kind::adaptive;
@@ -37,20 +37,21 @@ struct Placement {
 
 /// How the least-squares system is solved.
 enum class Solver {
-  /// Iterations preconditioned by local solves: time and memory grow with the number of sources. Adaptive placement only.
+  /// Iterations with a Schwarz preconditioner: time and memory are linear in the number of sources. Adaptive placement
+  /// only.
   schwarz,
   /// Dense decompositions, for a few thousand sources: time grows with the cube of their number.
   qr,
   svd,
 };
 
-/// Settings of a fit. The defaults are right for almost everything; `tolerance` is what to set.
+/// Settings of a fit. The defaults suit almost every case; set `tolerance`.
 struct FitOptions {
   /// Boundary error to reach on 99 % of the area, as a fraction of the target's diagonal.
   double tolerance = 1e-3;
   /// Whether fit() adds sources where the error is larger than that. Solver::schwarz only.
   bool refine = true;
-  /// Sources at most, also of refinement.
+  /// Largest number of sources, refinement included.
   std::size_t max_sources = 2'000'000;
   /// Bytes that a fit may need, estimated before they are taken: more throws Error (memory), and refinement ends there.
   /// None: nine tenths of what is available at the start.
@@ -58,21 +59,21 @@ struct FitOptions {
   Placement placement;
   /// Sources per boundary vertex; at most 1 with adaptive placement.
   double source_ratio = 1.0;
-  /// Boundary points with equations per boundary vertex; at least `source_ratio`.
+  /// Collocation points per boundary vertex; at least `source_ratio`.
   double collocation_ratio = 3.0;
-  /// Whether affine functions are in the basis, so that affine maps come out exactly; off, it is the paper's.
+  /// Whether affine functions are in the basis, so that affine maps are reproduced exactly; not so in Li et al. 2007.
   bool affine = true;
   Solver solver = Solver::schwarz;
-  /// Iterations of Solver::schwarz at most, in each round.
+  /// Largest number of iterations of Solver::schwarz, in each round of refinement.
   std::size_t max_iterations = 20;
-  /// Singular values or pivots below this fraction of the largest are cut off by dense solvers.
+  /// Dense solvers: singular values or pivots below this fraction of the largest count as zero.
   double truncation = 1e-10;
-  /// Boundary points that the error is averaged over.
+  /// Number of held-out boundary points at which the boundary error is measured.
   std::size_t held_out = 20'000;
-  /// Seed of everything random.
+  /// Seed of all random choices.
   std::uint64_t seed = 1;
 
-  /// What FitOptions() is.
+  /// The same as FitOptions().
   static FitOptions adaptive();
   /// A dense decomposition with at most 5000 sources.
   static FitOptions dense();
@@ -91,27 +92,28 @@ struct FitOptions {
 /// unsupported (Placement::Kind::offset without CGAL).
 HarmonicMap fit(const BoundaryMap& boundary, const FitOptions& options = {}, const ProgressCallback& progress = {});
 
-/// A domain made ready: sources placed and the system factored, for any number of boundary maps of it. A further map takes
-/// about a third of the time of a first fit. Immutable; copies are free; all functions may be called from several threads.
+/// A domain with its sources placed and its system factored, for any number of boundary maps. A further map takes about
+/// a third of the time of the first fit. Immutable; copies are free; all functions may be called from several threads.
 class Factor {
  public:
-  /// One level of sources, as fine as the domain's vertices. Throws Error as fit().
+  /// As many sources as `source_ratio` asks for, without refinement. Throws Error as fit().
   explicit Factor(const Surface& domain, const FitOptions& options = {}, const ProgressCallback& progress = {});
-  /// Refined until this boundary map meets the tolerance, as fit() does: for a sequence of similar maps. The map itself is
-  /// in `first`, if given.
+  /// Refined until the tolerance is met for this boundary map, as by fit(): for a sequence of similar maps. The map
+  /// itself is stored in `first`, if given.
   static Factor refined_for(const BoundaryMap& boundary, const FitOptions& options = {},
                             const ProgressCallback& progress = {}, std::optional<HarmonicMap>* first = nullptr);
 
   /// The domain as it was given; copies it.
   Surface domain() const;
 
-  /// The map for other images of the domain's vertices, or for another boundary map of it. Adds no sources: look at its
-  /// boundary_error(). Throws Error (invalid_input: another domain, counts; numerical; cancelled).
+  /// The map for other images of the domain's vertices, or for another boundary map of it. No sources are added: check
+  /// the map's boundary_error(). Throws Error (invalid_input: another domain, wrong counts; numerical; cancelled).
   HarmonicMap solve(Span<const Point> images, const ProgressCallback& progress = {}) const;
   HarmonicMap solve(const BoundaryMap& boundary, const ProgressCallback& progress = {}) const;
 
-  /// The maps for many at once, which share all kernel values: a fifth of the time of one by one for frames that move
-  /// alike. `frames` are the images of all vertices, frame after frame. Needs some 240 bytes for each frame and point.
+  /// The maps for many frames together, which share all kernel values: a fifth of the time of one by one when frames
+  /// move alike. `frames` are the images of all vertices, frame after frame. Takes about 240 bytes for each frame and
+  /// point.
   std::vector<HarmonicMap> solve_many(Span<const Point> frames, const ProgressCallback& progress = {}) const;
   std::vector<HarmonicMap> solve_many(Span<const BoundaryMap> boundaries, const ProgressCallback& progress = {}) const;
 

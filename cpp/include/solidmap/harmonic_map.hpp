@@ -23,9 +23,10 @@ struct InverseImpl;
 }  // namespace detail
 
 /// Distances between map and boundary map at boundary points that the fit has not seen, as fractions of the target's
-/// diagonal. The whole map is nowhere inside farther from the exact harmonic one than on its boundary.
+/// diagonal. By the maximum principle the map is nowhere inside farther from the exact harmonic one than on the
+/// boundary.
 struct BoundaryError {
-  /// Root mean square over the area; 99 % of the area is below `p99`; the largest.
+  /// Root mean square over the area, 99 % quantile by area, and maximum.
   double rms = 0, p99 = 0, max = 0;
 };
 
@@ -37,37 +38,38 @@ struct FitReport {
   /// `"schwarz"`, `"dense-qr"` or `"dense-svd"`.
   std::string method;
   std::size_t iterations = 0;
-  /// Rounds of finer sources, and why there were no more: `"tolerance"`, `"off"`, `"fixed"`, `"max_sources"`, `"memory"`,
-  /// `"in_vain"`, `"no_room"`; empty where no tolerance was aimed at. Only after `"tolerance"` is it met for certain: see
-  /// `boundary_error.p99`.
+  /// Rounds of refinement, and why they ended: `"tolerance"` (it is met), `"off"`, `"fixed"` (the solver has none),
+  /// `"max_sources"`, `"memory"`, `"in_vain"` (more sources did not help), `"no_room"` (for finer sources outside the
+  /// domain); empty where no tolerance was aimed at. Whether it is met, `boundary_error.p99` says.
   std::size_t refinements = 0;
   std::string refinement_end;
   BoundaryError boundary_error;
-  /// Misfit where the fit was made: root mean square as a fraction of the target's diagonal, and the paper's C-Error.
+  /// Residual at the collocation points: root mean square as a fraction of the target's diagonal, and the C-Error of Li
+  /// et al. 2007.
   double residual_rms = 0, c_error = 0;
-  /// Wall times; 0 for a map from a file.
+  /// Wall-clock seconds; 0 for a map from a file.
   double seconds = 0, seconds_sampling = 0, seconds_factor = 0, seconds_solve = 0, seconds_check = 0;
   /// What was repaired or left out.
   std::vector<std::string> warnings;
 };
 
-/// A harmonic map between two solids, `f(x) = A (1, x) + Σ_s w_s / (4π |x - Q_s|)`. Immutable; copies share their data and
-/// cost nothing; all functions may be called from any number of threads at once.
+/// A harmonic map between two solids, `f(x) = A (1, x) + Σ_s w_s / (4π |x - Q_s|)`. Immutable; copies share their data
+/// and cost nothing; all functions may be called from any number of threads at once.
 ///
-/// Outside the domain the values are those of the formula and mean nothing; at a source they are not finite.
+/// Outside the domain values mean nothing; at a source they are not finite.
 class HarmonicMap {
  public:
-  /// Map files, as `solidmap fit` writes them too. Throws Error (not_found, io, invalid_input, or unsupported for a newer
-  /// format).
+  /// Reads a map file, as `solidmap fit` writes them too. Throws Error (not_found, io, invalid_input, or unsupported
+  /// for a newer format).
   static HarmonicMap load(const std::filesystem::path& path);
-  /// The same map gives the same bytes. Whole or not at all. Throws Error (io).
+  /// Writes a map file, as a whole or not at all; the same map gives the same bytes. Throws Error (io).
   void save(const std::filesystem::path& path) const;
 
-  /// Images of the points, in order. Many points at once share their work, on all cores: a million points with 100 000
-  /// sources take about a second; one by one each would take as long as thousands.
+  /// Images of the points, in order. Evaluate many points in one call, on all cores: a million points with 100 000
+  /// sources take about a second; a call for one point takes as long as one for thousands.
   std::vector<Point> evaluate(Span<const Point> points) const;
-  /// The same into `images`, of the same size; throws Error (invalid_input) otherwise. `images` may be `points`, which are
-  /// copied then.
+  /// The same into `images`, of the same size; throws Error (invalid_input) otherwise. `images` may overlap `points`,
+  /// which are copied then.
   void evaluate(Span<const Point> points, Span<Point> images) const;
   /// The image of one point: a sum over all sources.
   Point operator()(const Point& point) const;
@@ -75,19 +77,19 @@ class HarmonicMap {
   /// Jacobians, `∂f_i/∂x_k` at `3 i + k`.
   std::vector<Matrix3> jacobian(Span<const Point> points) const;
   void jacobian(Span<const Point> points, Span<Matrix3> jacobians) const;
-  /// Both for little more than the Jacobians alone. The two ranges of results must not overlap.
+  /// Both, in little more time than the Jacobians alone. The two ranges of results must not overlap.
   void evaluate_with_jacobian(Span<const Point> points, Span<Point> images, Span<Matrix3> jacobians) const;
 
   /// The boundary map that was fitted, its domain repaired. Throws Error (unsupported) when the file has none.
   BoundaryMap boundary() const;
-  /// How it was made and how good it is. Throws Error (unsupported) when the file does not say.
+  /// How the map was made and how good it is. Throws Error (unsupported) when its file has no report.
   FitReport report() const;
   BoundaryError boundary_error() const { return report().boundary_error; }
-  /// What a map file says of the map: format, generator, inputs, report; one line of JSON.
+  /// The metadata of its map file: format, generator, inputs, report; one line of JSON.
   std::string metadata() const;
 
-  /// Positions `Q` of the sources, their coefficients `w`, and four rows for the functions 1, x, y, z. Views, valid as long
-  /// as this object or a copy lives; of a temporary, copies.
+  /// Positions `Q` of the sources, their coefficients `w`, and four rows for the functions 1, x, y, z. Views, valid as
+  /// long as this object or a copy lives; of a temporary, copies.
   Span<const Point> sources() const&;
   Span<const Point> coefficients() const&;
   Span<const Point> affine() const&;
@@ -101,13 +103,13 @@ class HarmonicMap {
   std::shared_ptr<const detail::HarmonicMapImpl> impl_;
 };
 
-/// How preimages are searched.
+/// How preimages are searched for.
 struct InverseOptions {
-  /// `|f(x) - y|` that counts as met, as a fraction of the target's diagonal; at most 1e-3.
+  /// Largest `|f(x) - y|` of a preimage, as a fraction of the target's diagonal; at most 1e-3.
   double tolerance = 1e-10;
   /// Nodes of the mesh that the search starts from, at most a million: folds smaller than its cells go unseen.
   std::size_t seed_nodes = 30'000;
-  /// Steps of Newton's method at most.
+  /// Largest number of steps of Newton's method.
   std::size_t iterations = 60;
 };
 
@@ -118,31 +120,32 @@ struct Preimage {
     ok,
     /// Several, or one where the map is turned inside out.
     folded,
-    /// Not in the target, and nothing in the domain goes there.
+    /// Not in the target, and without a preimage.
     outside,
-    /// In the target, but none was found.
+    /// In the target, but no preimage was found.
     not_converged,
     /// A coordinate is NaN or infinite.
     not_finite,
   };
   Status status = Status::not_converged;
-  /// The preimage; without one a point of the domain that goes near, or NaN.
+  /// The preimage; without one, a point of the domain whose image is near, or NaN.
   Point point = {};
   /// `|f(x) - y|` over the target's diagonal; infinite without a preimage.
   double round_trip = 0;
-  /// How many different ones were found.
+  /// Number of different preimages that were found.
   std::size_t preimages = 0;
-  /// It lies outside of the domain, by as much as the boundary error explains.
+  /// Whether it lies outside the domain, by no more than the boundary error explains.
   bool beyond_boundary = false;
 };
 
-/// The inverse of a map, made once and asked for many points. Immutable; copies are free; safe from any thread.
+/// The inverse of a map, made once for many points. Immutable; copies are free; may be called from any thread.
 class Inverse {
  public:
-  /// Maps a mesh to start from, some tenths of a second. Throws Error (invalid_input, unsupported without a boundary map).
+  /// Maps the mesh that searches start from, some tenths of a second. Throws Error (invalid_input; unsupported without
+  /// a boundary map).
   explicit Inverse(const HarmonicMap& map, const InverseOptions& options = {});
 
-  /// Preimages of the points, in order. The best on all cores together: some 10 µs each and core.
+  /// Preimages of the points, in order. Search for many in one call, on all cores: about 10 µs per point and core.
   std::vector<Preimage> operator()(Span<const Point> points) const;
 
  private:
@@ -176,14 +179,14 @@ struct EnergyReport {
   Distribution harmonic_density, deformation_density;
   /// Determinants of the map as it is, in model units.
   Distribution det_jacobian;
-  /// Points where the map is folded, and their share of the domain's volume.
+  /// Points where the map is folded, and their fraction of the domain's volume.
   std::size_t inverted_points = 0;
   double inverted_fraction = 0;
 };
 
-/// On a grid, or in the tetrahedra of a mesh of the domain, which is taken as it is: outside of the domain the map means
-/// nothing. Throws Error (invalid_input: no volume, no cells;
-/// numerical: a Jacobian that is not finite; unsupported: no boundary map).
+/// Energies of a map, integrated on a grid, or over the tetrahedra of a mesh, which has to be one of the domain: that
+/// is not checked. Throws Error (invalid_input: no volume, no cells; numerical: a Jacobian that is not finite;
+/// unsupported: no boundary map).
 EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options = {});
 EnergyReport energies(const HarmonicMap& map, const CellMesh& tets, const EnergyOptions& options = {});
 
@@ -193,7 +196,7 @@ struct EnergyDensities {
 };
 
 /// Energy densities at any points of the domain, such as those of a PlaneSection; not finite where the Jacobian is not.
-/// `options.cells` does not count. Throws Error (invalid_input; unsupported: no boundary map).
+/// `options.cells` is not used. Throws Error (invalid_input; unsupported: no boundary map).
 EnergyDensities energy_densities(const HarmonicMap& map, Span<const Point> points, const EnergyOptions& options = {});
 
 /// Means of the metrics of Cherchi & Livesu, VOLMAP (2023), over the volume where the map is regular.
@@ -205,12 +208,13 @@ struct Distortion {
 struct DistortionReport {
   /// Means for the map as it is, and with the target scaled to the volume of the domain.
   Distortion mean, mean_normalized;
-  /// Points where the map is folded or not finite, and the share of the volume that the means leave out.
+  /// Points where the map is folded or not finite, and the fraction of the volume that the means leave out.
   std::size_t folded_points = 0;
   double left_out_fraction = 0;
 };
 
-/// On a grid of so many cells along the longest side, or in tetrahedra. Throws Error as energies().
+/// Distortion of a map, on a grid of so many cells along the longest side, or over tetrahedra. Throws Error as
+/// energies().
 DistortionReport distortion(const HarmonicMap& map, std::size_t cells = 48);
 DistortionReport distortion(const HarmonicMap& map, const CellMesh& tets);
 

@@ -21,18 +21,19 @@ struct SurfaceImpl;
 struct CellMeshImpl;
 }  // namespace detail
 
-/// Whether a Finding stands in the way of a fit.
+/// Whether a Finding prevents a fit.
 enum class Severity { error, warning };
 
 /// One thing that is wrong with a surface.
 struct Finding {
-  /// What sort of thing, as `"open_edges"`, `"non_manifold_edges"`, `"self_intersections"`, `"duplicate_vertices"`.
+  /// The kind of defect, such as `"open_edges"`, `"non_manifold_edges"`, `"self_intersections"`,
+  /// `"duplicate_vertices"`.
   std::string kind;
-  /// Errors stand in the way; warnings do not prevent a fit, and many are repaired by Surface::repaired().
+  /// Errors prevent a fit, warnings do not; many of these are repaired by Surface::repaired().
   Severity severity = Severity::error;
   /// How many of them there are.
   std::size_t count = 0;
-  /// The first of the vertices, edges and triangles concerned, 20 at most of each.
+  /// The first vertices, edges and triangles concerned, at most 20 of each.
   std::vector<std::uint32_t> vertices;
   std::vector<std::array<std::uint32_t, 2>> edges;
   std::vector<std::uint32_t> triangles;
@@ -41,7 +42,7 @@ struct Finding {
   std::string advice;
 };
 
-/// A part of a surface that hangs together across edges.
+/// A part of a surface that is connected across edges.
 struct Component {
   std::size_t triangles = 0;
   std::size_t vertices = 0;
@@ -50,23 +51,23 @@ struct Component {
   double area = 0;
   /// Volume that it encloses, positive when it faces outward; NaN when it encloses none.
   double volume = std::numeric_limits<double>::quiet_NaN();
-  /// Whether it bounds anything, and whether that is a cavity of another component.
+  /// Whether it bounds a volume, and whether that is a cavity of another component.
   bool shell = false;
   bool cavity = false;
 };
 
 /// What Surface::check() found.
 struct CheckReport {
-  /// Whether the surface, once repaired, bounds a solid: no findings are errors. fit() repairs by itself.
+  /// Whether the surface, once repaired, bounds a solid: no finding is an error. fit() repairs by itself.
   bool solvable = false;
-  /// Every edge has two triangles or more; none has more; the triangles at each vertex form one fan.
+  /// Every edge has at least two triangles; no edge has more than two; the triangles at each vertex form one fan.
   bool closed = false;
   bool edge_manifold = false;
   bool vertex_manifold = false;
-  /// Neighbours agree which side is out; solids face outward and cavities into the cavity.
+  /// Neighbours are oriented consistently; solids face outward, and cavities into the cavity.
   bool oriented = false;
   bool outward = false;
-  /// Number of pairs of triangles that intersect; -1 when nobody looked.
+  /// Number of pairs of triangles that intersect; -1 when they were not looked for.
   std::int64_t self_intersections = -1;
   double area = 0;
   /// Volume of the solid, cavities taken out, once repaired; NaN when there is none.
@@ -80,11 +81,11 @@ struct CheckReport {
 
 /// A triangle surface, the boundary of a solid when it is closed. Immutable; copies share their data and cost nothing.
 ///
-/// Only indices are guaranteed to be in range. Coordinates may be infinite and the surface open: check() tells.
+/// Only indices are checked. Coordinates may be infinite and the surface open: check() tells.
 class Surface {
  public:
   /// Copies the arrays; n vertices in model units, m triangles.
-  /// Throws Error (invalid_input) when a triangle names a vertex that is not there.
+  /// Throws Error (invalid_input) when an index is out of range.
   Surface(Span<const Point> vertices, Span<const Triangle> triangles);
 
   /// Reads .obj, .ply, .off, .stl, .mesh, .vtk or .vtu. Vertices keep their order; polygons become triangles.
@@ -111,8 +112,8 @@ class Surface {
   /// What is wrong, where, and how to repair it. Linear in the size but for nested components.
   /// `self_intersections` needs a build with CGAL; throws Error (unsupported) without.
   CheckReport check(bool self_intersections = false) const;
-  /// The same surface with triangles turned over so that neighbours agree, solids face outward and cavities into the
-  /// cavity; vertices and triangles keep their numbers. What was done is added to `done`.
+  /// The same surface with triangles reversed so that neighbours agree, solids face outward and cavities into the
+  /// cavity; vertices and triangles keep their indices. What was done is added to `done`, in words.
   Surface repaired(std::vector<std::string>* done = nullptr) const;
   /// The same surface with holes of up to `most_edges` edges (at most 1000) closed by triangles over the vertices of
   /// their rims, appended; cubic in the edges. `closed` gets their number. Throws Error (invalid_input) when a hole is
@@ -125,7 +126,7 @@ class Surface {
   std::shared_ptr<const detail::SurfaceImpl> impl_;
 };
 
-/// Built-in solids, for trials and tests. All throw Error (invalid_input) for sizes that make none.
+/// Built-in solids, for trials and tests. All throw Error (invalid_input) for sizes that make no solid.
 namespace shapes {
 
 /// A sphere about the origin, an icosahedron subdivided `levels` times (0 to 9): `10 * 4^levels + 2` vertices.
@@ -142,8 +143,8 @@ Surface torus(double major, double minor, std::size_t around, std::size_t across
 /// A coordinate axis.
 enum class Axis : std::uint8_t { x, y, z };
 
-/// Where a plane perpendicular to a coordinate axis cuts a solid: a point of the solid for each pixel of a picture of it.
-/// The picture frames the whole solid as seen along the axis.
+/// Where a plane perpendicular to a coordinate axis cuts a solid: a point of the solid for each pixel of a picture of
+/// it. The picture frames the whole solid as seen along the axis.
 struct PlaneSection {
   /// Width and height of the picture in pixels, and the side of a pixel in model units.
   std::array<std::size_t, 2> size = {};
@@ -157,21 +158,22 @@ struct PlaneSection {
   std::vector<float> coverage;
 };
 
-/// The section of the solid at `position` along `axis`, `pixels` (16 to 8192) along the longer side of the picture, with
-/// `up` pointing up in it, or the later of the two other axes where that is `axis`. Throws Error (invalid_input) when the
-/// plane cuts nothing, or the surface is open there.
+/// The section of the solid at `position` along `axis`, `pixels` (16 to 8192) along the longer side of the picture,
+/// with `up` pointing up in it, or the later of the two other axes where that is `axis`. Throws Error (invalid_input)
+/// when the plane cuts nothing, or the surface is open there.
 PlaneSection plane_section(const Surface& surface, Axis axis, double position, std::size_t pixels = 512,
                            Axis up = Axis::z);
 
 /// What the cells of a CellMesh are.
 enum class CellKind { tets, hexes };
 
-/// How good cells are. Quality numbers are NaN for a mesh without cells.
+/// How good cells are. Values are NaN for a mesh without cells.
 struct CellQuality {
   std::size_t cells = 0;
   /// Cells that are inverted or flat: tetrahedra by exact predicates, hexahedra at their corners and 125 points inside.
   std::size_t inverted = 0;
-  /// Scaled Jacobian, 1 of a regular tetrahedron or a cube: the least over each cell; least, 1 % quantile, mean of all.
+  /// Minimum, 1 % quantile and mean of the cells' scaled Jacobians: the least in each cell, 1 for a regular tetrahedron
+  /// or a cube.
   double min_scaled_jacobian = 0;
   double p01_scaled_jacobian = 0;
   double mean_scaled_jacobian = 0;
@@ -183,14 +185,14 @@ struct CellQuality {
 /// A solid cut into tetrahedra or hexahedra. Immutable; copies share their data and cost nothing.
 class CellMesh {
  public:
-  /// Copies the arrays. `regions` numbers the region of each cell; empty: all are 0. Both hands of cells are kept.
+  /// Copies the arrays. `regions` has the region of each cell; empty: all are 0. Cells of either orientation are kept.
   /// Throws Error (invalid_input) when an index is out of range or the counts do not fit.
   CellMesh(Span<const Point> nodes, Span<const Tet> tets, Span<const std::int32_t> regions = {});
   CellMesh(Span<const Point> nodes, Span<const Hex> hexes, Span<const std::int32_t> regions = {});
 
   /// Reads .mesh, .vtk or .vtu; regions are the references of .mesh files. Throws Error as Surface::load().
   static CellMesh load(const std::filesystem::path& path);
-  /// Writes .mesh and .msh (Gmsh 2.2) with regions, .vtk and .vtu without. Whole or not at all. Throws Error (io,
+  /// Writes .mesh and .msh (Gmsh 2.2) with regions, .vtk and .vtu without; as a whole or not at all. Throws Error (io,
   /// unsupported).
   void save(const std::filesystem::path& path) const;
 
@@ -208,11 +210,11 @@ class CellMesh {
   std::vector<Hex> hexes() &&;
   std::vector<std::int32_t> regions() &&;
 
-  /// The same cells over other places of the nodes, as a map carries them.
+  /// The same cells over other positions of the nodes, such as their images by a map.
   /// Throws Error (invalid_input) when their count differs.
   CellMesh with_nodes(Span<const Point> nodes) const;
 
-  /// The triangles that belong to one tetrahedron only, outward. `nodes[v]` is the mesh's node of vertex v.
+  /// The triangles that belong to one tetrahedron only, facing outward. `nodes[v]` is the mesh's node of vertex v.
   struct Boundary {
     Surface surface;
     std::vector<std::uint32_t> nodes;
@@ -220,7 +222,7 @@ class CellMesh {
   /// Throws Error (unsupported) for hexahedra.
   Boundary boundary() const;
 
-  /// Numbers of the cells that are inverted or flat, ascending; decided as CellQuality::inverted.
+  /// Indices of the cells that are inverted or flat, ascending; decided as CellQuality::inverted.
   std::vector<std::uint32_t> inverted() const;
   CellQuality quality() const;
 

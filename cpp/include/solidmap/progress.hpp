@@ -1,5 +1,5 @@
 /// \file
-/// How far long work is, and how to end it.
+/// Progress of long calls, and how to end them.
 #pragma once
 
 #include <functional>
@@ -10,11 +10,11 @@ namespace solidmap {
 
 /// How far a call is.
 struct Progress {
-  /// The step, as `"factoring"`, `"iterating"`, `"refining"`.
+  /// The step, such as `"factoring"`, `"iterating"`, `"refining"`.
   std::string step;
-  /// How much of this step is done, 0 to 1, where that is known. Steps take unequal times.
+  /// The fraction of this step that is done, 0 to 1, where it is known. Steps take unequal times.
   std::optional<double> fraction;
-  /// More to show, as `"iteration 3, residual 1.2e-04"`; may be empty.
+  /// Details to show, such as `"iteration 3, residual 1.2e-04"`; may be empty.
   std::string detail;
 };
 

@@ -8,11 +8,12 @@
 /// const std::vector<solidmap::Point> images = map.evaluate(points);
 /// \endcode
 ///
-/// Lengths are in model units, indices count from 0, triangles are counter-clockwise seen from outside. Errors of maps are
-/// fractions of the diagonal of the target's bounding box. Classes are immutable values: copies are free and share their
-/// data, and every const function may be called from any number of threads at once. Whatever fails throws
-/// solidmap::Error. Nothing is printed and no signal is touched; there is no global state but a pool of worker threads, made
-/// at the first call that uses it. Objects that were moved from may be assigned to and destroyed; other use throws.
+/// Lengths are in model units, indices count from 0, triangles are counter-clockwise seen from outside. Errors of maps
+/// are fractions of the diagonal of the target's bounding box. Classes are immutable values: copies are free and share
+/// their data, and every const function may be called from any number of threads at once. Whatever fails throws
+/// solidmap::Error. Nothing is printed and no signal handler is set; there is no global state but a pool of worker
+/// threads, made at the first call that uses it. Objects that were moved from may be assigned to and destroyed; other
+/// use throws.
 #pragma once
 
 #include "solidmap/boundary_map.hpp"
@@ -28,9 +29,9 @@ namespace solidmap {
 
 /// `major.minor.patch` of the library that is linked.
 std::string version();
-/// Whether CGAL and TetGen are in it.
+/// Whether the library was built with CGAL and TetGen.
 bool has_native();
-/// What a program with this library may be passed on under: MIT or Apache-2.0 without CGAL and TetGen, AGPL-3.0 with them.
+/// The licence of programs that link this library: MIT or Apache-2.0 without CGAL and TetGen, AGPL-3.0 with them.
 std::string licence();
 
 }  // namespace solidmap

@@ -1,5 +1,5 @@
 /// \file
-/// Solid meshes: made by TetGen or CGAL, offset surfaces, and meshes carried by maps with no cell inverted.
+/// Tetrahedra by TetGen or CGAL, offset surfaces, and meshes carried by maps with inverted cells repaired.
 #pragma once
 
 #include <cstddef>
@@ -16,11 +16,11 @@ struct TetOptions {
   enum class Mesher {
     /// Keeps the boundary's vertices and triangles as they are.
     tetgen,
-    /// CGAL's Mesh_3: samples the boundary anew.
+    /// CGAL's Mesh_3, which makes boundary triangles of its own.
     cgal,
   };
   Mesher mesher = Mesher::tetgen;
-  /// tetgen: largest ratio of circumradius to shortest edge, at least 1.1; 0: only what recovering the boundary takes.
+  /// tetgen: largest ratio of circumradius to shortest edge, at least 1.1; 0: no refinement inside.
   double radius_edge_ratio = 1.414;
   /// tetgen: smallest dihedral angle aimed for, degrees, 0 to 20.
   double min_dihedral = 0;
@@ -30,42 +30,42 @@ struct TetOptions {
   double cell_size = 0, facet_distance = 0;
   /// cgal: edges sharper than this many degrees are kept.
   double feature_angle = 60;
-  /// cgal: seconds after which it is an Error (native).
+  /// cgal: seconds after which Error (native) is thrown.
   double time_limit = 300;
   /// Bytes that the run may take, estimated before they are taken: more throws Error (memory). 0: no limit.
   std::uint64_t memory = 0;
 };
 
-/// Tetrahedra that fill the solid inside `surface`. With tetgen the first nodes are the surface's vertices, bit by bit, and
-/// one call at a time runs in a process; others wait.
-/// Throws Error: unsupported without CGAL and TetGen (has_native()), invalid_input (open, degenerate, intersecting itself),
-/// memory, native.
+/// Tetrahedra that fill the solid inside `surface`. With tetgen the first nodes are the surface's vertices, bit for
+/// bit. One call at a time runs in a process; others wait. Throws Error: unsupported without CGAL and TetGen
+/// (has_native()), invalid_input (open, degenerate, intersecting itself), memory, native.
 CellMesh tetrahedralise(const Surface& surface, const TetOptions& options = {});
 
 /// How offset_surface() works.
 struct OffsetOptions {
-  /// Finest detail, about its edge length; gaps narrower than twice this are filled. 0: half of the distance.
+  /// Alpha of CGAL's alpha wrapping, about the edge length: gaps narrower than twice this are filled. 0: half of the
+  /// distance.
   double alpha = 0;
-  /// Rounds of remeshing and projection; 0 returns the wrap, about 1 % off its distance.
+  /// Rounds of remeshing and projection; 0 returns the wrap, whose distance is about 1 % off.
   std::size_t rounds = 3;
   /// How often alpha may be halved when a surface does not pass its checks.
   std::size_t retries = 2;
   /// Smallest distance to the model that the surface may have, as a fraction of the distance asked for.
   double min_fraction = 0.5;
-  /// Triangles that may be asked for.
+  /// Largest number of triangles.
   std::size_t max_triangles = 2'000'000;
 };
 
 /// A closed surface around a model, clear of it, without self-intersections.
 struct OffsetSurface {
   Surface surface;
-  /// Largest errors of the distance at vertices and at the centres of triangles, and the smallest distance.
+  /// Largest errors of the distance at vertices and at the centroids of triangles, and the smallest distance.
   double vertex_error = 0, centroid_error = 0, min_distance = 0;
-  /// Handles and components; bodies closer than twice the distance share one.
+  /// Handles, and components: parts of the model closer than twice the distance share one.
   std::size_t genus = 0, components = 0;
   /// The wrap's parameter alpha, in model units.
   double alpha = 0;
-  /// No projected surface passed its checks, so that this is the wrap as it came.
+  /// Whether this is the wrap itself, since no projected surface passed its checks.
   bool raw_wrap = false;
 };
 
@@ -75,11 +75,12 @@ OffsetSurface offset_surface(const Surface& surface, double distance, const Offs
 /// A regular mesh of a polycube.
 struct RegularMesh {
   CellKind kind = CellKind::hexes;
-  /// Cells along the longest side of the domain, or, where it is not 0, the length of their sides. Between neighbouring planes
-  /// of the polycube their number is rounded to an even one; hexahedra get a layer more along the boundary.
+  /// Cells along the longest side of the domain, or, unless it is 0, the length of their sides. Between neighbouring
+  /// planes of the polycube their number is rounded to an even one; hexahedra get an additional layer along the
+  /// boundary.
   std::size_t along = 16;
   double length = 0;
-  /// More throw Error (memory) before any is made.
+  /// Largest number of cells: more throw Error (memory) before any is made.
   std::size_t max_cells = 20'000'000;
 };
 
@@ -89,13 +90,13 @@ struct RemeshOptions {
   bool repair = true;
   /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
   bool slide = true;
-  /// Iterations of the polish of shapes after the repair.
+  /// Iterations that improve the shapes of cells after the repair.
   std::size_t polish = 200;
   /// Bytes that the run may take, estimated before they are taken: more throws Error (memory). 0: no limit.
   std::uint64_t memory = 0;
 };
 
-/// What is known of a carried mesh. Distances are fractions of the target's diagonal.
+/// The report on a carried mesh. Distances are fractions of the target's diagonal.
 struct RemeshReport {
   std::size_t nodes = 0, boundary_nodes = 0;
   /// Inverted cells before the repair; those left are in `quality`.
@@ -104,7 +105,7 @@ struct RemeshReport {
   double mesh_to_target_max = 0, mesh_to_target_mean = 0, target_to_mesh_max = 0, target_to_mesh_mean = 0;
   /// Volumes of the mesh and of the target.
   double volume = 0, target_volume = 0;
-  /// What the repair moved: inner nodes; boundary nodes along the target.
+  /// How far the repair moved inner nodes, and boundary nodes along the target.
   double largest_shift = 0;
   std::size_t slid_nodes = 0;
   double largest_slide = 0;
@@ -121,10 +122,9 @@ struct Remeshed {
 };
 
 /// A regular mesh of the map's domain, which has to be a polycube, or a given mesh of it, carried into the target and
-/// repaired. Some 3 s for 100 000 tetrahedra and 15 s for 100 000 hexahedra on two cores. Cells that stay inverted are no
-/// error: they are counted in the report.
-/// Throws Error: invalid_input (no polycube, another solid's mesh), unsupported (a map without boundary map), memory (more
-/// cells or bytes than allowed), cancelled.
+/// repaired. About 3 s for 100 000 tetrahedra and 15 s for 100 000 hexahedra on two cores. Cells that stay inverted are
+/// not an error: they are counted in the report. Throws Error: invalid_input (not a polycube, a mesh of another solid),
+/// unsupported (a map without boundary map), memory (more cells or bytes than allowed), cancelled.
 Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOptions& options = {},
                 const ProgressCallback& progress = {});
 Remeshed remesh(const HarmonicMap& map, const CellMesh& mesh, const RemeshOptions& options = {},

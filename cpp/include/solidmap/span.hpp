@@ -1,5 +1,5 @@
 /// \file
-/// Arrays that somebody else owns, and the small fixed arrays that they are made of.
+/// Views of arrays, and the small fixed arrays that are their elements.
 #pragma once
 
 #include <array>
@@ -20,7 +20,8 @@ using Point = std::array<double, 3>;
 using Triangle = std::array<std::uint32_t, 3>;
 /// The corners of a tetrahedron, counted from 0; right-handed if `det(b-a, c-a, d-a) > 0`.
 using Tet = std::array<std::uint32_t, 4>;
-/// The corners of a hexahedron, counted from 0: four around the bottom, counter-clockwise from above, then those over them.
+/// The corners of a hexahedron, counted from 0: four around the bottom, counter-clockwise from above, then those over
+/// them.
 using Hex = std::array<std::uint32_t, 8>;
 /// A 3 x 3 matrix row by row: a Jacobian has `∂f_i/∂x_k` at `3 * i + k`.
 using Matrix3 = std::array<double, 9>;
@@ -29,7 +30,7 @@ static_assert(sizeof(Point) == 3 * sizeof(double) && sizeof(Matrix3) == 9 * size
               "arrays of points are arrays of numbers");
 
 namespace detail {
-/// Whether what a temporary views lives on without it.
+/// Whether the elements of a temporary container outlive it.
 #if defined(__cpp_lib_ranges)
 template <class Container>
 constexpr bool is_view = std::ranges::enable_borrowed_range<Container>;
@@ -39,7 +40,7 @@ constexpr bool is_view = false;
 #endif
 }  // namespace detail
 
-/// A view of `size()` elements that follow one another in memory. Owns nothing: what it views must outlive it.
+/// A view of `size()` contiguous elements. It owns nothing: what it views must outlive it.
 ///
 /// Made from a pointer and a size, or implicitly from whatever has `data()` and `size()` (std::vector, std::array,
 /// another Span) or is a built-in array. `Span<const T>` is read only.
@@ -73,15 +74,15 @@ class Span {
   std::size_t size_ = 0;
 };
 
-/// Plain coordinates `x0 y0 z0 x1 ...` as points; numbers left over at the end are not seen.
+/// Coordinates `x0 y0 z0 x1 ...` as points; one or two left over at the end are ignored.
 inline Span<const Point> as_points(Span<const double> xyz) noexcept {
   return {reinterpret_cast<const Point*>(xyz.data()), xyz.size() / 3};
 }
-/// The same for results to be written into.
+/// The same for results to be written.
 inline Span<Point> as_points(Span<double> xyz) noexcept {
   return {reinterpret_cast<Point*>(xyz.data()), xyz.size() / 3};
 }
-/// Points as plain coordinates.
+/// Points as coordinates.
 inline Span<const double> as_numbers(Span<const Point> points) noexcept {
   return {reinterpret_cast<const double*>(points.data()), 3 * points.size()};
 }
