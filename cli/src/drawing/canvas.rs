@@ -54,7 +54,7 @@ impl Canvas {
         }
     }
 
-    /// Lays `colour` over a pixel with opacity `alpha` in `[0, 1]`.
+    /// Blends `colour` over a pixel with opacity `alpha` in `[0, 1]`.
     pub(super) fn blend(&mut self, x: i64, y: i64, colour: Rgb, alpha: f32) {
         if (0..self.width as i64).contains(&x) && (0..self.height as i64).contains(&y) {
             let pixel = &mut self.pixels[y as usize * self.width + x as usize];
@@ -78,7 +78,7 @@ impl Canvas {
         let low = |k: usize| ends().map(|p| p[k]).fold(f64::INFINITY, f64::min) - reach;
         let high = |k: usize| ends().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max) + reach;
         let (columns, rows) = (span(low(0), high(0), self.width), span(low(1), high(1), self.height));
-        // Covering each pixel once, by its nearest segment: blending segment by segment would blot their joints.
+        // Each pixel is covered once, by its nearest segment: blending segment by segment would darken joints.
         let mut coverage = vec![0f32; columns.len() * rows.len()];
         for &[p, q] in segments {
             for row in span(p[1].min(q[1]) - reach, p[1].max(q[1]) + reach, self.height) {
@@ -97,7 +97,7 @@ impl Canvas {
     }
 }
 
-/// `over` laid on `under` with opacity `alpha`.
+/// `over` blended over `under` with opacity `alpha`.
 pub(super) fn mixed(under: Rgb, over: Rgb, alpha: f32) -> Rgb {
     let channel = |k: usize| f32::from(under[k]) + (f32::from(over[k]) - f32::from(under[k])) * alpha;
     [0, 1, 2].map(|k| channel(k).round() as u8)

@@ -7,10 +7,10 @@ use super::text::{Anchor, TextStyle, Weight};
 use super::ticks::{Ticks, linear_ticks};
 use super::{DrawingError, png};
 
-/// The paper draws its energies as red circles.
+/// Red, as the energies in the paper's figures.
 const CURVE: Rgb = [196, 30, 30];
 const MARK: Rgb = [205, 214, 228];
-/// More points than this have no circles.
+/// With more points than this, none has a circle.
 const MOST_CIRCLES: usize = 150;
 /// Lengths in ems.
 const CIRCLE: f64 = 0.32;
@@ -46,7 +46,7 @@ impl Chart {
         self
     }
 
-    /// The same chart with one more line under the title.
+    /// The same chart with one more line below the title.
     pub fn noted(mut self, note: impl Into<String>) -> Self {
         self.notes.push(note.into());
         self
@@ -58,7 +58,7 @@ impl Chart {
         self
     }
 
-    /// The same chart with crosses on its axis, where there are no values.
+    /// The same chart with crosses on its axis at these places, where values are missing.
     pub fn with_missing(mut self, places: Vec<f64>) -> Self {
         self.missing = places;
         self
@@ -106,7 +106,7 @@ impl Chart {
     }
 }
 
-/// A chart with the place of its axes.
+/// A chart with the positions of its axes.
 struct ChartDrawing<'a> {
     chart: &'a Chart,
     area: PlotArea,
@@ -137,7 +137,7 @@ impl<'a> ChartDrawing<'a> {
         let left = widest + (TICK + 2.8) * em;
         let right = width - 1.5 * em;
         let most = ((right - left) / (5.0 * em)).clamp(2.0, 16.0);
-        // Numbers of frames are whole.
+        // Frame numbers are whole.
         let is_whole = chart.points.iter().all(|p| p[0].fract() == 0.0);
         let most = if is_whole {
             most.min((across[1] - across[0]).ceil())
@@ -193,7 +193,7 @@ impl<'a> ChartDrawing<'a> {
         }
     }
 
-    /// Where cycles begin and end, and their numbers above where there is room.
+    /// Marks the spans, and numbers those with room for it.
     fn draw_spans(&self, canvas: &mut Canvas) {
         let PlotArea {
             left,

@@ -1,22 +1,22 @@
-//! A chequered pattern that is evaluated at every sample, and so stays sharp across triangles.
+//! A chequered pattern, evaluated at every sample, so that it is sharp also inside triangles.
 
 use super::canvas::Rgb;
 use solidmap::Point;
 use solidmap::geometry::Axis;
 
-/// A chequered field in space, coloured by position, and where each vertex of a surface stands in it.
+/// A chequered pattern in space, coloured by position, and where each vertex of a surface is in it.
 ///
 /// Painted on a domain and on its image with the same places, it shows what the map does: where cells grow and shrink,
 /// shear and fold.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checker {
-    /// Where each vertex stands in the pattern; in between, triangles are straight.
+    /// Where each vertex is in the pattern; linear over triangles.
     pub places: Vec<Point>,
-    /// What is there.
+    /// The pattern.
     pub pattern: Pattern,
 }
 
-/// What is chequered.
+/// A chequered pattern.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pattern {
     /// Space, in cubes, of which the box from `low` to `high` has this many along its longest side. Red, green and blue
@@ -38,7 +38,7 @@ pub enum Pattern {
     },
 }
 
-/// Where in a cube the lowest corner of the box is: faces of the box are to lie inside of cubes, not between them.
+/// Offset of the cubes from the lowest corner of the box, so that faces of the box lie inside cubes, not between them.
 const PHASE: f64 = 0.381_966;
 
 impl Pattern {

@@ -1,4 +1,4 @@
-//! Drawing a colour bar: the ramp, its ticks, its name, and what lies beyond its ends.
+//! Drawing a colour bar: the ramp, its ticks, its name, and marks for values beyond its ends.
 
 use super::canvas::{Canvas, GREY_INK, INK, RULE};
 use super::colour_map::{ColourBar, Scale, rainbow};
@@ -11,11 +11,11 @@ const RAMP: f64 = 1.0;
 /// Between the picture and the ramp.
 pub(super) const GAP: f64 = 1.2;
 const TICK: f64 = 0.3;
-const POINT: f64 = 0.8;
+const TIP: f64 = 0.8;
 const LINE: f64 = 1.25;
 const LEAST_HEIGHT: f64 = 9.0;
 
-/// A bar measured to stand beside a picture, and to stand out above and below it where that is low.
+/// The layout of a colour bar beside a picture; it extends above and below a picture that is low.
 pub(super) struct BarLayout<'a> {
     bar: &'a ColourBar,
     ticks: Ticks,
@@ -24,7 +24,7 @@ pub(super) struct BarLayout<'a> {
     em: f64,
     /// Height of the ramp.
     height: f64,
-    /// By how much the ramp stands out above the picture, and below it.
+    /// By how much the ramp extends above the picture, and below it.
     overhang: f64,
 }
 
@@ -112,9 +112,9 @@ impl<'a> BarLayout<'a> {
         }
     }
 
-    /// The ramp, red end up; an end with values beyond it is drawn as a point.
+    /// The ramp, red end up; an end with values beyond it has a pointed tip.
     fn draw_ramp(&self, canvas: &mut Canvas, left: f64, top: f64) {
-        let [upper, lower] = self.points();
+        let [upper, lower] = self.tips();
         let width = (RAMP * self.em).round();
         let rows = self.height.round();
         for row in 0..rows as i64 {
@@ -130,15 +130,15 @@ impl<'a> BarLayout<'a> {
     }
 
     fn tick_height(&self, top: f64, value: f64) -> f64 {
-        let [upper, lower] = self.points();
+        let [upper, lower] = self.tips();
         top + upper + (1.0 - self.bar.fraction(value)) * (self.height - upper - lower)
     }
 
-    /// Heights of the points at the upper and the lower end.
-    fn points(&self) -> [f64; 2] {
+    /// Heights of the pointed tips at the upper and the lower end.
+    fn tips(&self) -> [f64; 2] {
         let (low, high) = self.bar.range();
         let (least, most) = self.bar.data_range();
-        [most > high, least < low].map(|beyond| if beyond { POINT * self.em } else { 0.0 })
+        [most > high, least < low].map(|beyond| if beyond { TIP * self.em } else { 0.0 })
     }
 
     fn labels_width(&self) -> f64 {

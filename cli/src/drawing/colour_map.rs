@@ -2,7 +2,7 @@ use super::DrawingError;
 use super::canvas::Rgb;
 use solidmap::statistics::quantiles;
 
-/// Where a value is not a number, and so has no colour of the bar.
+/// The colour of NaN.
 pub(super) const NO_VALUE: Rgb = [160, 160, 160];
 
 /// The classic rainbow from blue at 0 through cyan, green and yellow to red at 1: hue falls from 240° to 0° at full
@@ -14,13 +14,13 @@ pub fn rainbow(fraction: f64) -> Rgb {
     [rising(2.0), rising(0.0) - rising(3.0), 255 - rising(1.0)]
 }
 
-/// How values advance along a colour bar.
+/// How values are spread along a colour bar.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Scale {
-    /// In proportion to the value.
+    /// Linearly.
     #[default]
     Linear,
-    /// In proportion to its logarithm; values that are not positive take the colour of the lowest.
+    /// By their logarithms; values that are not positive get the colour of the lowest.
     Log,
 }
 
@@ -114,7 +114,7 @@ impl ColourBar {
         rainbow(self.fraction(value))
     }
 
-    /// How far along the bar a value stands: 0 at the blue end, 1 at the red, outside `[0, 1]` beyond them.
+    /// The position of a value along the bar: 0 at the blue end, 1 at the red end, outside `[0, 1]` beyond them.
     pub(super) fn fraction(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => (value - self.low) / (self.high - self.low),
@@ -151,7 +151,7 @@ fn ends(shown: &[f64], fractions: [f64; 2], label: &str) -> Result<(f64, f64), D
         })
 }
 
-/// The range itself, or one of a tenth about it when it is too narrow to mean anything.
+/// The range, widened by a tenth of its values when it is too narrow to mean anything.
 pub(super) fn widened((low, high): (f64, f64), scale: Scale) -> (f64, f64) {
     let size = low.abs().max(high.abs());
     if high - low > 1e-9 * size {

@@ -66,10 +66,10 @@ impl Figure {
             let baseline = (BORDER + 1.1 + 1.25 * TITLE_LINE * k as f64) * layout.style.em;
             title.draw(&mut canvas, line, [layout.width / 2.0, baseline], Anchor::Middle);
         }
-        for (cells, (y, height)) in layout.cells.iter().zip(&layout.rows) {
-            for (cell, (x, width)) in cells.iter().zip(&layout.columns) {
-                let [left, top] = [x + cell.inset(0, *width), y + cell.inset(1, *height)];
-                cell.draw(&mut canvas, &layout.style, left.floor(), top.floor());
+        for (panels, (y, height)) in layout.panels.iter().zip(&layout.rows) {
+            for (panel, (x, width)) in panels.iter().zip(&layout.columns) {
+                let [left, top] = [x + panel.inset(0, *width), y + panel.inset(1, *height)];
+                panel.draw(&mut canvas, &layout.style, left.floor(), top.floor());
             }
         }
         if let Some((bar, x, y)) = &layout.bar {
@@ -79,7 +79,7 @@ impl Figure {
     }
 }
 
-/// Sizes of text.
+/// The styles of a figure's texts.
 #[derive(Debug, Clone, Copy)]
 struct TextSizes {
     em: f64,
@@ -118,19 +118,19 @@ impl TextSizes {
     }
 }
 
-/// A panel and the space that its texts take around its picture.
-struct Cell<'a> {
+/// A panel, and the space for texts around its picture.
+struct PanelLayout<'a> {
     panel: &'a Panel,
     title: Vec<String>,
     captions: Vec<String>,
     bar: Option<BarLayout<'a>>,
-    /// Space between the picture and its bar beyond the usual, for texts that do not break.
+    /// Additional space between the picture and its bar, for lines wider than the picture.
     aside: f64,
     /// Left, top, right, bottom.
     margins: [f64; 4],
 }
 
-impl<'a> Cell<'a> {
+impl<'a> PanelLayout<'a> {
     fn new(panel: &'a Panel, style: &TextSizes) -> Self {
         let em = style.em;
         let size = [panel.canvas.width() as f64, panel.canvas.height() as f64];
@@ -140,7 +140,7 @@ impl<'a> Cell<'a> {
             let labels = ticks_along(axes, 1, size[1], em).labels;
             let widest = labels.iter().map(|label| style.text().width(label)).fold(0.0, f64::max);
             left = widest + (TICK + 0.8) * em + style.text().width(&axes[1].name);
-            // The last label under the horizontal axis may stand out by half its width.
+            // The last label below the horizontal axis may extend by half its width.
             right = 0.8 * em;
             bottom = (TICK + 2.6) * em;
         }
@@ -177,7 +177,7 @@ impl<'a> Cell<'a> {
         [self.panel.canvas.width(), self.panel.canvas.height()][direction] as f64
     }
 
-    /// Space on either side of the picture, which stands in the middle of its column (0) or row (1) of this extent.
+    /// Space on either side of the picture, centred in its column (0) or row (1) of this extent.
     fn inset(&self, direction: usize, extent: f64) -> f64 {
         (extent - self.size(direction)) / 2.0
     }
@@ -210,13 +210,13 @@ impl<'a> Cell<'a> {
     }
 }
 
-/// Where everything goes, in pixels.
+/// The positions of all parts of a figure, in pixels.
 struct FigureLayout<'a> {
     style: TextSizes,
     width: f64,
     height: f64,
     title: Vec<String>,
-    cells: Vec<Vec<Cell<'a>>>,
+    panels: Vec<Vec<PanelLayout<'a>>>,
     /// Left edge and width of the pictures in each column.
     columns: Vec<(f64, f64)>,
     /// Upper edge and height of the pictures in each row.
@@ -227,22 +227,26 @@ struct FigureLayout<'a> {
 impl<'a> FigureLayout<'a> {
     /// `None` without panels.
     fn of(figure: &'a Figure) -> Option<Self> {
-        let panels = || figure.rows.iter().flatten();
-        let longest = panels().map(|p| p.canvas.width().max(p.canvas.height())).max()?;
+        let longest = figure
+            .rows
+            .iter()
+            .flatten()
+            .map(|p| p.canvas.width().max(p.canvas.height()))
+            .max()?;
         let style = TextSizes {
             em: (longest as f64 / 30.0).clamp(11.0, 48.0),
         };
         let em = style.em;
-        let cells: Vec<Vec<Cell>> = figure
+        let panels: Vec<Vec<PanelLayout>> = figure
             .rows
             .iter()
-            .map(|row| row.iter().map(|panel| Cell::new(panel, &style)).collect())
+            .map(|row| row.iter().map(|panel| PanelLayout::new(panel, &style)).collect())
             .collect();
 
         let mut right = BORDER * em;
-        let columns: Vec<(f64, f64)> = (0..cells.iter().map(Vec::len).max()?)
+        let columns: Vec<(f64, f64)> = (0..panels.iter().map(Vec::len).max()?)
             .map(|k| {
-                let column: Vec<&Cell> = cells.iter().filter_map(|row| row.get(k)).collect();
+                let column: Vec<&PanelLayout> = panels.iter().filter_map(|row| row.get(k)).collect();
                 let (before, width, after) = band(&column, 0);
                 let left = (right + if k > 0 { em } else { 0.0 } + before).ceil();
                 right = left + width + after;
@@ -250,7 +254,7 @@ impl<'a> FigureLayout<'a> {
             })
             .collect();
         let mut bottom = 0.0;
-        let mut rows: Vec<(f64, f64)> = cells
+        let mut rows: Vec<(f64, f64)> = panels
             .iter()
             .enumerate()
             .map(|(k, row)| {
@@ -280,7 +284,7 @@ impl<'a> FigureLayout<'a> {
             width,
             height,
             title,
-            cells,
+            panels,
             columns,
             rows,
             bar,
@@ -288,11 +292,11 @@ impl<'a> FigureLayout<'a> {
     }
 }
 
-/// The largest picture of a column (0) or row (1) of cells, and the margins beyond it before and after.
-fn band(cells: &[&Cell], direction: usize) -> (f64, f64, f64) {
-    let extent = cells.iter().map(|c| c.size(direction)).fold(0.0, f64::max);
+/// The largest picture of a column (0) or row (1) of panels, and the margins beyond it before and after.
+fn band(panels: &[&PanelLayout], direction: usize) -> (f64, f64, f64) {
+    let extent = panels.iter().map(|c| c.size(direction)).fold(0.0, f64::max);
     let margin = |side: usize| {
-        cells
+        panels
             .iter()
             .map(|c| c.margins[side] - c.inset(direction, extent))
             .fold(0.0, f64::max)
@@ -306,7 +310,7 @@ fn ticks_along(axes: &[PanelAxis; 2], direction: usize, length: f64, em: f64) ->
     let axis = &axes[direction];
     let count = (length / spacing).clamp(1.0, 6.0) as usize;
     let ticks = |count| linear_ticks(axis.low, axis.high, count);
-    // One coordinate gives no scale: a short edge rather has its labels closer together, as long as they stay apart.
+    // A scale needs two labels: on a short edge they are closer together, as long as they do not touch.
     let several = |ticks: &Ticks| match ticks.positions[..] {
         [first, second, ..] => (second - first) / (axis.high - axis.low) * length > spacing / 2.0,
         _ => false,

@@ -1,4 +1,4 @@
-//! How values are distributed: columns over a logarithmic axis, several fields over each other.
+//! Histograms: columns over a logarithmic axis, several fields over one another.
 
 use super::DrawingError;
 use super::canvas::{Canvas, GREY_INK, INK, Rgb, WHITE};
@@ -11,7 +11,7 @@ use super::ticks::{linear_ticks, logarithmic_ticks};
 
 /// Columns along the axis.
 const COLUMNS: usize = 60;
-/// Decades shown at most, down from the largest value.
+/// Most decades shown, down from the largest value.
 const DECADES: f64 = 8.0;
 /// Colours of the fields, in order.
 const COLOURS: [Rgb; 3] = [[214, 96, 77], [67, 117, 180], [90, 160, 90]];
@@ -35,8 +35,8 @@ struct Shares {
 }
 
 impl Histogram {
-    /// The distribution of fields with positive values, over a common logarithmic axis with this name. Values that are not
-    /// positive are counted beside it; those more than eight decades below the largest go to the first column.
+    /// The distribution of fields with positive values, over a common logarithmic axis with this name. Values that are
+    /// not positive are counted in the legend; those more than eight decades below the largest are in the first column.
     ///
     /// # Errors
     ///

@@ -1,11 +1,11 @@
-//! Lights in the camera's frame, and the sRGB encoding (IEC 61966-2-1) that pictures are added up without.
+//! Lights in the camera's frame, and the sRGB encoding (IEC 61966-2-1), which is undone before light is added up.
 
 use std::sync::OnceLock;
 
 use solidmap::Vector;
 
-/// Light that a surface of this normal sends on, per colour, and the gloss added to it. Coloured fields are lit more
-/// evenly and without gloss, so that their colours can be compared with the bar.
+/// The factor of reflected light for each colour channel at this normal, and the gloss added to it. With `even`, light
+/// is more even and without gloss, so that the colours of fields can be compared with their bar.
 pub(super) fn lighting(normal: &Vector, even: bool) -> ([f32; 3], f32) {
     let key = Vector::new(-0.40, 0.57, 0.72);
     let fill = Vector::new(0.80, 0.10, 0.59);

@@ -2,8 +2,7 @@
 //!
 //! Pictures are cross-sections coloured by any field, in the manner of figures 2 and 7 of Li et al., *Harmonic
 //! volumetric mapping for solid modeling applications* (2007), and shaded views of surfaces; a [`Figure`] sets them
-//! side by side. Everything is drawn in memory by the processor and comes back as the bytes of a PNG file, which are
-//! the same on every run.
+//! side by side. Everything is drawn in memory and returned as the bytes of a PNG file, the same on every run.
 //!
 //! ```
 //! use solidmap::mesh::shapes;
@@ -60,22 +59,22 @@ pub enum DrawingError {
     /// There is no section to draw.
     #[error(transparent)]
     Section(#[from] SectionError),
-    /// A coordinate that cannot be drawn.
+    /// A vertex has a coordinate that cannot be drawn.
     #[error("vertex {vertex} has a coordinate that is not a number, infinite or beyond 1e70 (0-based)")]
     NotFinite {
-        /// Which vertex.
+        /// Its index.
         vertex: usize,
     },
-    /// No triangle to draw.
+    /// There is no triangle to draw.
     #[error("the surface has no triangles, so there is nothing to draw")]
     EmptySurface,
-    /// A picture without pixels, or without panels.
+    /// A figure without panels, or a panel with too few pixels.
     #[error("a picture needs at least one panel, each of at least {least} × {least} pixels")]
     TooSmall {
         /// The least width and height of a panel.
         least: usize,
     },
-    /// A picture that memory or viewers would not hold.
+    /// A picture too large for memory or for viewers.
     #[error("a picture of {width} × {height} pixels is beyond the limit of {limit} pixels; ask for fewer pixels")]
     TooLarge {
         /// Wanted width.
@@ -85,7 +84,7 @@ pub enum DrawingError {
         /// Most pixels allowed.
         limit: usize,
     },
-    /// One value per point, vertex or triangle is needed.
+    /// There is not one value for each point, vertex or triangle.
     #[error("{found} values do not match the {expected} {element}s to be coloured")]
     ValueCount {
         /// `"section point"`, `"vertex"`, `"triangle"`.
@@ -107,7 +106,7 @@ pub enum DrawingError {
         /// The name of the field.
         label: String,
     },
-    /// A range that is no range.
+    /// A range that is empty, or that the scale cannot show.
     #[error("the colour range of `{label}` from {low} to {high} is not an interval that its scale can show")]
     BadRange {
         /// The name of the field.

@@ -12,7 +12,7 @@ pub(super) const LEAST_SIDE: usize = 16;
 /// Most pixels of a picture: 8192 × 8192, what common viewers open.
 const MOST_PIXELS: usize = 1 << 26;
 
-/// One picture of a [`Figure`](super::Figure): a section or a view of a surface, with what is written about it.
+/// One picture of a [`Figure`](super::Figure): a section, a view of a surface or a histogram, with its texts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Panel {
     pub(super) canvas: Canvas,
@@ -33,7 +33,7 @@ pub(super) struct PanelAxis {
 
 impl Panel {
     /// A section coloured by `values`, one for each of [`PlaneSection::points`], with coordinates along its edges and a
-    /// caption that names the plane. Values that are not a number show grey.
+    /// caption that names the plane. NaN is drawn grey.
     ///
     /// # Errors
     ///
@@ -43,8 +43,8 @@ impl Panel {
         Self::of_painted_section(section, &colours)
     }
 
-    /// A section in these colours, one for each of [`PlaneSection::points`], with coordinates along its edges and a caption that
-    /// names the plane.
+    /// A section in these colours, one for each of [`PlaneSection::points`], with coordinates along its edges and a
+    /// caption that names the plane.
     ///
     /// # Errors
     ///

@@ -4,12 +4,12 @@ use super::canvas::{Canvas, INK, RULE, Rgb};
 use super::text::{Anchor, TextStyle, Weight};
 use super::ticks::Ticks;
 
-/// Lines across the area at the ticks of the upward axis.
+/// Colour of the horizontal lines at the ticks of the vertical axis.
 pub(super) const GRID: Rgb = [232, 234, 238];
 /// Length of a tick in ems.
 pub(super) const TICK: f64 = 0.35;
 
-/// Where the axes are, and the size of their texts.
+/// The area between the axes in pixels, and the size of text.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PlotArea {
     /// Size of text in pixels.
@@ -26,20 +26,20 @@ impl PlotArea {
         regular(self.em, colour)
     }
 
-    /// Height in pixels of a value above the lower edge, where the upper one is at `top`.
+    /// The vertical pixel position of a value, 0 at the lower edge and `top` at the upper one.
     pub(super) fn height_of(&self, value: f64, top: f64) -> f64 {
         self.bottom - value / top * (self.bottom - self.top)
     }
 
-    /// The left and the lower edge.
+    /// Draws the left and the lower edge.
     pub(super) fn draw_axes(&self, canvas: &mut Canvas) {
         let corner = [self.left, self.bottom];
         let axes = [[[self.left, self.top], corner], [corner, [self.right, self.bottom]]];
         canvas.stroke(&axes, 1.0, RULE);
     }
 
-    /// Ticks and labels along the lower edge, and `baseline` ems below it the name of the axis; `place` gives the pixel of
-    /// a value.
+    /// Ticks and labels along the lower edge, and `baseline` ems below it the name of the axis; `place` gives the pixel
+    /// of a value.
     pub(super) fn draw_ticks_across(
         &self,
         canvas: &mut Canvas,

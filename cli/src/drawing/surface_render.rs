@@ -15,7 +15,7 @@ use solidmap::{Point, Vector};
 /// Samples along each side of a pixel.
 const SAMPLES: usize = 3;
 
-/// Rows of pixels drawn at a time: bounds the memory of the samples and gives every processor something to do.
+/// Rows of pixels drawn as one task: bounds the memory for samples, and makes enough tasks for all threads.
 const BAND: usize = 32;
 
 /// Part of the picture left free on each side.
@@ -34,7 +34,7 @@ pub struct Camera {
     pub elevation: f64,
     /// The axis that points up.
     pub up: Axis,
-    /// Whether it points down instead: the picture is turned by half a turn.
+    /// Whether it points down instead: the picture is rotated by 180°.
     pub upside_down: bool,
 }
 
@@ -130,17 +130,17 @@ impl Default for SurfaceStyle {
 struct Face {
     corners: [Vector; 3],
     normals: [Vector; 3],
-    /// What the corners are coloured by: a value in the first coordinate, or a place in a pattern.
+    /// What the corners are coloured by: a value in the first coordinate, a place in a pattern, or linear light.
     places: [Point; 3],
     edges: [bool; 3],
 }
 
-/// What gives a sample its colour.
+/// How samples are coloured.
 enum Paint<'a> {
     Plain(Rgb),
     Bar(&'a ColourBar),
     Pattern(&'a Pattern),
-    /// Places are colours, as light.
+    /// Places are colours, in linear light.
     Light,
 }
 
@@ -250,7 +250,7 @@ fn scene<'a>(surface: &SurfaceMesh, style: &'a SurfaceStyle, camera: &Camera, si
 
 /// The vertices in the picture, in samples: x to the right, y downwards, z towards the viewer.
 fn on_samples(surface: &SurfaceMesh, seen: impl Fn(&Vector) -> Vector, size: [usize; 2]) -> Vec<Vector> {
-    // About the first used vertex: far from the origin, rotated coordinates would lose their digits.
+    // Relative to a vertex: far from the origin, rotated coordinates would lose digits.
     let first = surface.triangles()[0][0] as usize;
     let origin = surface.vertices()[first];
     let turned: Vec<Vector> = surface.vertices().iter().map(|p| seen(&(p - origin))).collect();
@@ -294,7 +294,8 @@ fn corner_normals(surface: &SurfaceMesh, shading: Shading) -> Vec<[Vector; 3]> {
     triangles.map(|(t, triangle)| triangle.map(|v| normal(t, v))).collect()
 }
 
-/// Edges of dense meshes would paint the whole surface in their colour, so they fade with the mean edge on the picture.
+/// The opacity of edges. It falls with the mean edge length in pixels: else edges of dense meshes would cover the
+/// surface.
 fn edge_opacity(faces: &[Face], edge_width: f64) -> f32 {
     let lengths = faces.iter().map(|f| (f.corners[1] - f.corners[0]).xy().norm());
     let mean = lengths.sum::<f64>() / faces.len() as f64 / SAMPLES as f64;

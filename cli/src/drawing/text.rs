@@ -13,7 +13,7 @@ pub(super) enum Weight {
     Bold,
 }
 
-/// Which part of the text its position is.
+/// Which point of the text is at its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Anchor {
     Start,
@@ -41,7 +41,7 @@ impl TextStyle {
         self.size * 0.729
     }
 
-    /// Breaks at spaces so that lines are at most `width` pixels where words allow it.
+    /// The text broken at spaces into lines of at most `width` pixels, unless a word is longer.
     pub(super) fn wrapped(&self, text: &str, width: f64) -> Vec<String> {
         let mut lines: Vec<String> = Vec::new();
         for word in text.split_whitespace() {
@@ -96,7 +96,7 @@ impl TextStyle {
     /// Glyphs set along a baseline from the origin, and the width of the line.
     fn glyphs(&self, text: &str) -> (Vec<ab_glyph::Glyph>, f32) {
         let font = font(self.weight);
-        // ab_glyph scales by the line height; type is measured by its em.
+        // ab_glyph scales by the line height, `size` is the em.
         let units_per_em = font.units_per_em().unwrap_or(2048.0);
         let scale = PxScale::from(self.size as f32 * font.height_unscaled() / units_per_em);
         let scaled = font.as_scaled(scale);

@@ -1,6 +1,6 @@
 use super::number::{ten_to_the, typeset};
 
-/// Where an axis is marked, and how the marks read.
+/// Positions and labels of the marks on an axis.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Ticks {
     pub(super) positions: Vec<f64>,
@@ -25,7 +25,7 @@ pub(super) fn linear_ticks(low: f64, high: f64, count: usize) -> Ticks {
     let Some((step, step_exponent)) = round_step((high - low) / count.max(1) as f64) else {
         return Ticks::default();
     };
-    // The ends themselves count when they are round up to rounding errors.
+    // The ends count when they are multiples of the step up to rounding errors.
     let (first, last) = ((low / step - 1e-6).ceil(), (high / step + 1e-6).floor());
     let steps = (0..2 * count.max(1) + 2)
         .map(|k| first + k as f64)
@@ -48,8 +48,8 @@ pub(super) fn linear_ticks(low: f64, high: f64, count: usize) -> Ticks {
     }
 }
 
-/// Round positions for a logarithmic axis from `low > 0` to `high`: powers of ten, with 2 and 5 between them when the
-/// powers are few, and steps of a linear axis when even those are.
+/// Round positions for a logarithmic axis from `low > 0` to `high`: powers of ten; with 2 and 5 times them when there
+/// are fewer than three; those of a linear axis when there are still fewer than three.
 pub(super) fn logarithmic_ticks(low: f64, high: f64, count: usize) -> Ticks {
     let (first, last) = (low.log10().floor() as i32, high.log10().ceil() as i32);
     let within = |x: &f64| *x >= low * (1.0 - 1e-9) && *x <= high * (1.0 + 1e-9);
