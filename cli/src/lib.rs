@@ -1,4 +1,5 @@
-//! The program `solidmap`: parse, run one command, report. Alone in printing, exiting and choosing thread counts.
+//! The program `solidmap`: parses its arguments, runs one command and reports. Nothing else prints, exits or sets the
+//! number of threads.
 
 mod args;
 mod commands;
@@ -16,20 +17,26 @@ use commands::{boundary, certify, check, compare, demo, energy, eval, fit, remes
 use shared::interrupt;
 use shared::output::{Output, describe, to_stderr, with_option_names};
 
-/// How a command that ran came out.
-pub enum Outcome {
+/// How a command ended that could run.
+pub enum CommandOutcome {
     /// Exit code 0.
     Done,
     /// Exit code 1: it ran, but what it checks does not hold.
     CheckFailed,
 }
 
-/// Runs the program: exit code 0 done, 1 ran but a check failed, 2 could not run; interrupted, it ends with 130.
+impl CommandOutcome {
+    fn from_check(holds: bool) -> Self {
+        if holds { Self::Done } else { Self::CheckFailed }
+    }
+}
+
+/// Runs the program. Exit codes: 0 done, 1 ran but a check failed, 2 could not run, 130 interrupted.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
     match execute(&cli) {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::CheckFailed) => ExitCode::from(1),
+        Ok(CommandOutcome::Done) => ExitCode::SUCCESS,
+        Ok(CommandOutcome::CheckFailed) => ExitCode::from(1),
         Err(error) => {
             to_stderr(format_args!("error: {}", with_option_names(describe(&error))));
             ExitCode::from(2)
@@ -37,7 +44,7 @@ pub fn run() -> ExitCode {
     }
 }
 
-fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
+fn execute(cli: &Cli) -> anyhow::Result<CommandOutcome> {
     if let Some(threads) = cli.threads {
         let threads = thread_count(threads.into());
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
@@ -46,7 +53,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
     #[cfg(feature = "native")]
     if let Command::NativeWorker = cli.command {
         shared::isolation::serve()?;
-        return Ok(Outcome::Done);
+        return Ok(CommandOutcome::Done);
     }
     if cli.json {
         require_utf8(std::env::args_os())?;
@@ -87,7 +94,7 @@ fn execute(cli: &Cli) -> anyhow::Result<Outcome> {
     outcome
 }
 
-/// Reports in JSON name files, and JSON is UTF-8.
+/// Refuses arguments that are not UTF-8: JSON is, and reports name files.
 fn require_utf8(mut arguments: impl Iterator<Item = std::ffi::OsString>) -> anyhow::Result<()> {
     match arguments.find(|argument| argument.to_str().is_none()) {
         Some(name) => anyhow::bail!("`{}` is not UTF-8, as names have to be with --json", name.display()),
@@ -95,7 +102,7 @@ fn require_utf8(mut arguments: impl Iterator<Item = std::ffi::OsString>) -> anyh
     }
 }
 
-/// Threads of which there are many more than cores spend their time on one another: a second's work takes ten minutes with
+/// At most eight threads per core: with many more they wait for one another. A second's work takes ten minutes with
 /// 1024 threads on two cores.
 fn thread_count(threads: usize) -> usize {
     const PER_CORE: usize = 8;

@@ -1,5 +1,5 @@
-//! Files and surfaces that are wrong in every way thought of, and in those that the fuzzer found: an error that names the
-//! file or a result, within seconds, and never a panic or memory for what a file merely promises.
+//! Files and surfaces that are wrong in every way thought of, and in those that the fuzzer found: an error that names
+//! the file or a result, within seconds, and never a panic or memory for what a file merely promises.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

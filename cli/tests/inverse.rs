@@ -67,7 +67,7 @@ fn points_outside_are_counted_and_points_that_are_none_are_named() {
         said.contains("1 of 3 points have NaN or infinite coordinates"),
         "{said}"
     );
-    assert!(said.contains("1 of 3 points lie outside of the target"), "{said}");
+    assert!(said.contains("1 of 3 points lie outside the target"), "{said}");
     let (_, rows) = table(&place.path("back.csv"));
     assert_eq!(rows.iter().map(|row| row[6]).collect::<Vec<_>>(), [0.0, 4.0, 2.0]);
     assert!(rows[1][0].is_nan() && rows[2][0].is_nan());

@@ -1,5 +1,5 @@
-//! Tests of the program, run as its users run it, in one program, which links once. What ends the worker of CGAL and TetGen
-//! for the whole process is in `isolation.rs`.
+//! Tests of the program, run as its users run it, in one program, which links once. What ends the worker of CGAL and
+//! TetGen for the whole process is in `isolation.rs`.
 
 mod bad_input;
 mod boundary;

@@ -28,7 +28,8 @@ fn fit(domain: &Path, image: &Path, folder: &Path, options: &[&str]) -> Value {
     json(&output)
 }
 
-/// The goals are 2e-3 and 3e-3 rms; refinement to the default tolerance, on which the program's success depends, does better.
+/// The goals are 2e-3 and 3e-3 rms; refinement to the default tolerance, on which the program's success depends, does
+/// better.
 #[test]
 fn polycubes_map_to_their_objects() {
     let Some(models) = models() else { return };

@@ -154,6 +154,10 @@ fn fit_refuses_boundary_files_that_do_not_fit() {
         assert_eq!(output.status.code(), Some(2), "{line}");
         assert!(stderr(&output).contains("Usage"), "{line}: {}", stderr(&output));
     }
+    place.fails(
+        "fit ball.obj --image ball.obj --method schwarz --placement sphere -o out.map",
+        &["cannot map `ball.obj`", "--placement adaptive", "--method dense"],
+    );
     assert!(!place.path("out.map").exists());
 }
 

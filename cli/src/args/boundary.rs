@@ -16,11 +16,25 @@ pub enum BoundaryCommand {
     Sphere(BoundarySphereArgs),
 }
 
+/// Files that a boundary map is read from. Commands group --image and --boundary with what may stand for them.
+#[derive(Debug, Args)]
+pub struct BoundaryMapFiles {
+    /// Boundary of the solid to map, or a tet mesh of it; with --boundary it may be left out
+    #[arg(required_unless_present = "boundary")]
+    pub domain: Option<PathBuf>,
+    /// DOMAIN's mesh with every vertex at its image
+    #[arg(long, value_name = "IMAGE", requires = "domain")]
+    pub image: Option<PathBuf>,
+    /// Boundary file, as `boundary pair --boundary` writes it: it says where every point goes, not only the vertices
+    #[arg(long, value_name = "FILE")]
+    pub boundary: Option<PathBuf>,
+}
+
 #[derive(Debug, Args)]
 pub struct BoundarySphereArgs {
     /// Boundary of the solid to map, or a tet mesh of it
     pub model: PathBuf,
-    /// What is kept
+    /// What the map keeps
     #[arg(long, value_enum, default_value_t = SphereEnergyKind::Balanced)]
     pub energy: SphereEnergyKind,
     /// Where the optimisation starts
@@ -32,7 +46,7 @@ pub struct BoundarySphereArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SphereEnergyKind {
-    /// Angles, with areas in bounds
+    /// Angles, with areas kept in bounds
     Balanced,
     /// Angles alone: limbs shrink to specks
     Conformal,
@@ -40,9 +54,9 @@ pub enum SphereEnergyKind {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SphereStartKind {
-    /// An embedding that grows vertex by vertex and never folds
+    /// A spherical embedding made from coarse to fine, without folds
     Progressive,
-    /// The conformalised mean curvature flow, where it neither folds nor shrinks limbs to specks
+    /// The conformalised mean curvature flow; where it folds or shrinks limbs to specks, `progressive`
     Flow,
 }
 
@@ -58,23 +72,23 @@ pub struct BoundaryPairArgs {
     pub outputs: BoundaryOutputs,
 }
 
-/// How a pair is mapped.
+/// How the boundary map of a pair is made.
 #[derive(Debug, Args)]
 pub struct PairArgs {
     /// Vertices of DOMAIN that go to vertices of the target, counted from 0: a file of two columns. Given twice: a file
     /// of one column for DOMAIN, and one for the target
     #[arg(long, value_name = "FILE")]
     pub landmarks: Vec<PathBuf>,
-    /// `targets` lays the solids over each other; `conformal` maps both to the sphere and turns one
+    /// How the surfaces are matched
     #[arg(long, value_enum, default_value_t = ViaKind::Targets)]
     pub via: ViaKind,
-    /// Leave the map as it is first found: faster, as a rule with more distortion
+    /// Do not lower the distortion of the first map that is found: faster, usually with more distortion
     #[arg(long)]
     pub no_improve: bool,
 }
 
 impl PairArgs {
-    /// Nothing was asked for.
+    /// Whether no option was given.
     pub fn is_default(&self) -> bool {
         self.landmarks.is_empty() && self.via == ViaKind::Targets && !self.no_improve
     }
@@ -82,23 +96,25 @@ impl PairArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ViaKind {
+    /// Lay the solids over each other; vertices are drawn towards the points that they then lie on
     Targets,
+    /// Map both surfaces conformally to the sphere, and turn one
     Conformal,
 }
 
-/// What the commands that make boundary maps write.
+/// Outputs of the commands that make boundary maps.
 #[derive(Debug, Args)]
 pub struct BoundaryOutputs {
     /// Mesh to write: the boundary that is mapped, with every vertex at its image (.obj, .ply, .off)
     #[arg(short, long, value_name = "IMAGE")]
     pub output: PathBuf,
-    /// Also write the map itself, which says where every point goes, for `fit --boundary` (.safetensors)
+    /// Also write the boundary map itself, which says where every point goes, for `fit --boundary` (.safetensors)
     #[arg(long, value_name = "FILE")]
     pub boundary: Option<PathBuf>,
     /// Write a picture: both surfaces painted with one pattern, and coloured by distortion
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
-    /// Write the surface with images and distortions, for ParaView (.vtu)
+    /// Write the surface with images and distortion, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
     /// Axis that points up in the picture
@@ -108,7 +124,7 @@ pub struct BoundaryOutputs {
 
 #[derive(Debug, Args)]
 pub struct BoundaryCheckArgs {
-    /// Boundary of the solid being mapped, or a tet mesh of it; a boundary file needs none
+    /// Boundary of the solid that is mapped, or a tet mesh of it; or a boundary file alone
     #[arg(value_name = "DOMAIN")]
     pub domain: PathBuf,
     /// DOMAIN's mesh with every vertex at its image, or a boundary file
@@ -117,7 +133,7 @@ pub struct BoundaryCheckArgs {
     /// Surface that the image is to cover [default: that of the boundary file, or the sphere that the image lies on]
     #[arg(long, value_name = "MODEL")]
     pub target: Option<PathBuf>,
-    /// Distance that image and target may be apart, as a fraction of the target's diagonal
+    /// Largest distance allowed between image and target, as a fraction of the target's diagonal
     #[arg(long, value_name = "FRACTION", default_value_t = 0.01)]
     pub tolerance: f64,
     /// Write a picture: domain and image painted with one pattern, and coloured by distortion

@@ -9,15 +9,15 @@ use super::values::bytes;
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct TetArgs {
-    /// Closed surface
+    /// Closed surface to fill
     pub model: PathBuf,
     /// Tet mesh to write: .mesh, .vtk or .vtu
     #[arg(short, long)]
     pub output: PathBuf,
-    /// `tetgen` keeps the boundary triangles; `cgal` (Mesh_3) makes its own
+    /// Program that makes the tetrahedra
     #[arg(long, value_enum, default_value_t = Mesher::Tetgen)]
     pub mesher: Mesher,
-    /// Largest ratio of circumradius to shortest edge; 0 for no refinement inside
+    /// TetGen: largest ratio of circumradius to shortest edge; 0 for no refinement inside
     #[arg(long, default_value_t = 1.414, value_name = "RATIO")]
     pub quality: f64,
     /// Largest volume of a tetrahedron, in model units cubed
@@ -31,7 +31,9 @@ pub struct TetArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Mesher {
+    /// TetGen, which keeps the boundary triangles
     Tetgen,
+    /// CGAL's Mesh_3, which makes boundary triangles of its own
     Cgal,
 }
 
@@ -43,10 +45,10 @@ pub struct OffsetArgs {
     /// Distance from the model, in model units
     #[arg(long, value_name = "D")]
     pub distance: f64,
-    /// Surface to write
+    /// Surface to write: .obj, .ply, .off, .mesh, .vtk or .vtu
     #[arg(short, long)]
     pub output: PathBuf,
-    /// The distance is a fraction of the model's bounding-box diagonal
+    /// Take --distance as a fraction of the diagonal of the model's bounding box
     #[arg(long)]
     pub relative: bool,
 }

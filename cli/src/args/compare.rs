@@ -2,31 +2,23 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use solidmap::fit::FitOptions;
 
+use super::boundary::BoundaryMapFiles;
 use super::cgal_tetgen::Mesher;
 use super::section::SectionArgs;
 use super::values::{bytes, seconds};
 
 #[derive(Debug, Args)]
-#[command(allow_negative_numbers = true)]
+#[command(
+    allow_negative_numbers = true,
+    group(ArgGroup::new("boundary_map").required(true).args(["image", "boundary"]))
+)]
 pub struct CompareArgs {
-    /// Boundary of the solid to map, or a tet mesh of it; with --boundary it may be left out
-    #[arg(required_unless_present = "boundary")]
-    pub domain: Option<PathBuf>,
-    /// DOMAIN's mesh with every vertex at its image
-    #[arg(
-        long,
-        value_name = "IMAGE",
-        requires = "domain",
-        required_unless_present = "boundary"
-    )]
-    pub image: Option<PathBuf>,
-    /// Boundary map that says where every point goes, not vertices alone
-    #[arg(long, value_name = "FILE", conflicts_with = "image")]
-    pub boundary: Option<PathBuf>,
-    /// Methods to compare, with commas between them
+    #[command(flatten)]
+    pub files: BoundaryMapFiles,
+    /// Methods to compare, separated by commas
     #[arg(
         long,
         value_enum,
@@ -34,17 +26,17 @@ pub struct CompareArgs {
         default_value = "mfs,fem,variational,mean_value"
     )]
     pub methods: Vec<MapMethod>,
-    /// Folder for tables, pictures and the maps themselves
+    /// Folder for tables, pictures, and the maps at points and on a tet mesh
     #[arg(short, long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Refine the finite elements until they are as near to the reference inside as mfs is
+    /// Refine the finite elements until their difference to the reference inside is no larger than that of mfs
     #[arg(long)]
     pub equal_accuracy: bool,
-    /// Also solve on four tet meshes (three qualities of TetGen, and Mesh_3), and with four source distances of mfs:
-    /// how much does each method's result depend on what it should not depend on?
+    /// Also solve on four tet meshes (three qualities of TetGen, and Mesh_3), and mfs with four source distances: how
+    /// much do maps depend on what they should not depend on?
     #[arg(long)]
     pub mesh_study: bool,
-    /// Images of DOMAIN as the frames of a sequence: what does each frame cost?
+    /// Images of DOMAIN as the frames of a sequence, for the time that each frame takes
     #[arg(long, value_name = "FRAME", num_args = 1..)]
     pub frames: Vec<PathBuf>,
     #[command(flatten)]
@@ -59,16 +51,16 @@ pub struct CompareArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Tetrahedra")]
 pub struct CompareTets {
-    /// Edge length inside, over the domain's diagonal [default: twice the mean edge of the surface]
+    /// Edge length inside, as a fraction of the domain's diagonal [default: twice the mean edge of the surface]
     #[arg(long, value_name = "FRACTION")]
     pub mesh_size: Option<f64>,
-    /// Largest ratio of circumradius to shortest edge
+    /// TetGen: largest ratio of circumradius to shortest edge
     #[arg(long, default_value_t = 1.414, value_name = "RATIO")]
     pub quality: f64,
-    /// `tetgen` keeps the boundary triangles; `cgal` (Mesh_3) makes its own
+    /// Program that makes the tetrahedra
     #[arg(long, value_enum, default_value_t = Mesher::Tetgen)]
     pub mesher: Mesher,
-    /// A tet mesh of the domain to take instead
+    /// Tet mesh of the domain to use instead of making one
     #[arg(long, value_name = "TETS", conflicts_with_all = ["mesh_size", "equal_accuracy", "mesh_study"])]
     pub mesh: Option<PathBuf>,
 }
@@ -83,13 +75,13 @@ pub struct CompareMeasure {
     /// Cells of the integration grid along the longest side of the domain
     #[arg(long, default_value_t = 40, value_name = "N")]
     pub resolution: usize,
-    /// Points inside at which maps are held against the reference
+    /// Points inside at which maps are compared with the reference
     #[arg(long, default_value_t = 5000, value_name = "N")]
     pub interior: usize,
-    /// The variational method ends with the step that lowers the energy by less than this part of it
+    /// The variational method stops when a step lowers the energy by less than this fraction of it
     #[arg(long, default_value_t = 1e-6, value_name = "FRACTION")]
     pub threshold: f64,
-    /// Leave the reference out, and the differences to it
+    /// Leave out the reference, and the differences to it
     #[arg(long, conflicts_with = "equal_accuracy")]
     pub no_reference: bool,
     /// Seed of all random choices
@@ -99,17 +91,17 @@ pub struct CompareMeasure {
     pub section: SectionArgs,
 }
 
-/// What each map may cost.
+/// Limits for each map.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Budget of each map")]
 pub struct CompareBudget {
-    /// Seconds, with measuring
+    /// Seconds, measuring included
     #[arg(long, default_value_t = 600.0, value_name = "SECONDS", value_parser = seconds)]
     pub time_limit: f64,
-    /// Tetrahedra, by an estimate
+    /// Tetrahedra, estimated before they are made
     #[arg(long, default_value_t = 5_000_000, value_name = "N")]
     pub max_tets: usize,
-    /// Memory of mfs, such as 500MB or 4GiB [default: 9/10 of what is available now]
+    /// Memory of mfs, such as 500MB, 4GiB or a number of bytes [default: 9/10 of the available memory]
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     pub memory: Option<u64>,
 }
@@ -123,11 +115,11 @@ pub struct CompareWorkerArgs {
 pub enum MapMethod {
     /// Method of fundamental solutions
     Mfs,
-    /// Linear finite elements on tets, factored
+    /// Linear finite elements on tetrahedra
     Fem,
-    /// The same energy by steepest descent, as Wang et al. 2004
+    /// Steepest descent of the same energy, as in Wang et al. 2004
     Variational,
-    /// Mean value coordinates, which are not harmonic
+    /// Mean value coordinates, which give no harmonic map
     #[value(name = "mean_value", alias = "mean-value")]
     MeanValue,
 }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use solidmap::energy::Lame;
 
 use super::section::SectionArgs;
 
@@ -15,22 +16,40 @@ pub struct EvalArgs {
     /// Images: .csv or .npy, or a mesh format to write POINTS' mesh with its vertices mapped
     #[arg(short, long)]
     pub output: PathBuf,
-    /// Also write the Jacobian, columns j00 to j22 (j01 is the derivative of the first coordinate along y)
+    /// Also write the Jacobian, in columns j00 to j22 (j01 is the derivative of the first coordinate with respect to y)
     #[arg(long)]
     pub jacobian: bool,
-    /// POINTS are in the target: find the points of the domain that go there. Tables get columns as without, the preimage
-    /// in x, y, z (nan where there is none) and the given point in fx, fy, fz, and: status (0 ok, 1 folded, 2 outside of
-    /// the target, 3 not found, 4 not finite) and round_trip, the distance of the preimage's image from the given point
-    /// over the target's diagonal; .npy has x, y, z, status, round_trip. Meshes get their vertices at the preimages; .vtu
-    /// and .vtk have status and round_trip as fields, and vertices without a preimage at a point of the domain whose image
-    /// is near, which other formats refuse. The exit code is 1 if a point of the target has no preimage or
-    /// several
+    /// Find preimages: POINTS are in the target. A table gets the preimage in x, y, z (nan where there is none), the
+    /// given point in fx, fy, fz (not in .npy), and columns status (0 ok, 1 folded, 2 outside the target, 3 not found,
+    /// 4 not finite) and round_trip, the distance from the given point to the preimage's image over the target's
+    /// diagonal. A mesh gets its vertices at the preimages. In .vtu and .vtk, status and round_trip are fields, and a
+    /// vertex without a preimage is put where the image is near; other formats are refused then. The exit code is 1 if
+    /// a point of the target has no preimage or several
     #[arg(long)]
     pub inverse: bool,
-    /// With --inverse: distance from the given point, over the target's diagonal, at which a preimage is found; at most
-    /// 1e-3, and less than 1e-10 is not reached
+    /// With --inverse: largest distance from the given point to the preimage's image, as a fraction of the target's
+    /// diagonal; at most 1e-3, and less than 1e-10 is not reached
     #[arg(long, value_name = "FRACTION", default_value_t = 1e-10, requires = "inverse")]
     pub tolerance: f64,
+}
+
+#[derive(Debug, Args)]
+pub struct LameArgs {
+    /// Lamé constants of the deformation energy
+    #[arg(long, num_args = 2, value_names = ["LAMBDA", "MU"], default_values_t = [0.0335, 0.0224])]
+    lame: Vec<f64>,
+}
+
+impl LameArgs {
+    /// The constants; refused when they are not finite.
+    pub fn constants(&self) -> anyhow::Result<Lame> {
+        let (lambda, mu) = (self.lame[0], self.lame[1]);
+        anyhow::ensure!(
+            lambda.is_finite() && mu.is_finite(),
+            "--lame is {lambda} {mu}, but must be two finite numbers"
+        );
+        Ok(Lame { lambda, mu })
+    }
 }
 
 #[derive(Debug, Args)]
@@ -41,15 +60,14 @@ pub struct EnergyArgs {
     /// Cells of the integration grid along the longest side of the domain
     #[arg(long, default_value_t = 48, value_name = "N")]
     pub resolution: usize,
-    /// Integrate over this tet mesh of the domain instead of a grid
+    /// Integrate over this tet mesh of the domain, instead of over a grid
     #[arg(long, value_name = "TETS")]
     pub mesh: Option<PathBuf>,
-    /// Keep the solids at their size instead of scaling both to unit volume
+    /// Do not scale both solids to unit volume
     #[arg(long)]
     pub no_normalize: bool,
-    /// Lamé constants of the deformation energy
-    #[arg(long, num_args = 2, value_names = ["LAMBDA", "MU"], default_values_t = [0.0335, 0.0224])]
-    pub lame: Vec<f64>,
+    #[command(flatten)]
+    pub lame: LameArgs,
     /// Write the energy densities of all cells, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
@@ -63,8 +81,9 @@ pub struct EnergyArgs {
 #[derive(Debug, Args)]
 #[command(
     allow_negative_numbers = true,
-    after_help = "Every cell of an octree is proved to keep the orientation, proved to be turned inside out, or undecided. The exit \
-                  code is 1 when a fold is proved, and 0 when none is, also while a part is undecided."
+    after_help = "The map is proved to preserve orientation in a cell of an octree, proved to invert it, or the cell \
+                  is undecided. The exit code is 1 when a fold is proved, and 0 when none is, even if cells are \
+                  undecided."
 )]
 pub struct CertifyArgs {
     /// Map file
@@ -75,13 +94,13 @@ pub struct CertifyArgs {
     /// Write a picture of a cross-section, coloured by what is proved (.png)
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
-    /// Cells along the longest side of the domain where they are smallest; rounded up to a power of two
+    /// Size of the smallest cells: how many along the longest side of the domain, rounded up to a power of two
     #[arg(long, default_value_t = 4096, value_name = "N")]
     pub finest: usize,
-    /// Limit on the number of cells: 2 KB each while they are being divided
+    /// Largest number of cells, which take 2 KB each while they are being divided
     #[arg(long, default_value_t = 1_000_000, value_name = "N")]
     pub max_cells: usize,
-    /// End when no larger share of the volume is undecided
+    /// Stop when at most this fraction of the volume is undecided
     #[arg(long, default_value_t = 0.0, value_name = "FRACTION")]
     pub undecided: f64,
     #[command(flatten)]

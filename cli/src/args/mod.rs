@@ -1,4 +1,4 @@
-//! What can be typed. Each option's help is its documentation; names are a contract.
+//! The arguments of the program. Their help texts are their documentation; their names must not change.
 
 mod boundary;
 mod cgal_tetgen;
@@ -17,8 +17,8 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 
 pub use boundary::{
-    BoundaryCheckArgs, BoundaryCommand, BoundaryOutputs, BoundaryPairArgs, BoundarySphereArgs, PairArgs,
-    SphereEnergyKind, SphereStartKind, ViaKind,
+    BoundaryCheckArgs, BoundaryCommand, BoundaryMapFiles, BoundaryOutputs, BoundaryPairArgs, BoundarySphereArgs,
+    PairArgs, SphereEnergyKind, SphereStartKind, ViaKind,
 };
 pub use cgal_tetgen::{Mesher, OffsetArgs, TetArgs};
 pub use compare::{CompareArgs, CompareWorkerArgs, MapMethod};
@@ -43,13 +43,13 @@ fn version() -> &'static str {
 pub struct Cli {
     #[command(subcommand)]
     pub command: Command,
-    /// Print one machine-readable report on stdout
+    /// Print the report as JSON on stdout
     #[arg(long, global = true)]
     pub json: bool,
-    /// Number of threads, of which no more than eight for each core are used [default: all cores]
+    /// Number of threads; more than eight per core are not used [default: one per core]
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// End with exit code 2 when it takes longer; nothing is left half-written
+    /// End with exit code 2 when the command takes longer; no file is left half-written [default: none]
     #[arg(long, global = true, value_name = "SECONDS", value_parser = seconds)]
     pub time_limit: Option<f64>,
 }
@@ -62,34 +62,34 @@ Surfaces are read from .obj .ply .off .stl, and from the boundary of tet meshes 
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Show the main job on built-in models: maps, energies, carried meshes, pictures
+    /// Map built-in models, and write maps, energies, carried meshes and pictures
     Demo(DemoArgs),
     /// Say what is wrong with a model, where, and how to repair it
     Check(CheckArgs),
     /// Fill a closed surface with tetrahedra
     Tet(TetArgs),
-    /// Make the surface at a distance outside of a model
+    /// Make a closed surface around a model, at a given distance
     Offset(OffsetArgs),
-    /// Make maps of boundary surfaces, and look into them
+    /// Make boundary maps, and check them
     #[command(subcommand)]
     Boundary(BoundaryCommand),
     /// Fit the harmonic map of a solid to a map of its boundary
     Fit(FitArgs),
-    /// Map points, or a mesh's vertices
+    /// Map points or the vertices of a mesh, or find their preimages
     Eval(EvalArgs),
-    /// Measure a map's harmonic and deformation energy and picture their distribution
+    /// Measure the harmonic and deformation energy of a map, and picture their densities
     Energy(EnergyArgs),
     /// Prove where a map is locally one to one, and where it folds
     Certify(CertifyArgs),
     /// Carry fields from a map's domain to its target: scalars, vectors, labels, the distance field
     Transfer(TransferArgs),
-    /// Carry a regular mesh of a polycube, or a given mesh, into the target, with no cell inverted
+    /// Carry a regular mesh of a polycube, or a given mesh, into the target, and repair inverted cells
     Remesh(RemeshArgs),
-    /// Measure how far each frame of a sequence is deformed, where, and in how many cycles
+    /// Measure how far each frame of an animation is deformed, where, and in how many cycles
     Sequence(SequenceArgs),
-    /// Carry the picture on a surface into the solid: a volume, sections, colours of points
+    /// Extend the colours of a surface into the solid: a volume, sections, colours of points
     Texture(TextureArgs),
-    /// Send one boundary map through every method and measure all alike
+    /// Extend one boundary map by several methods, and measure all maps alike
     Compare(CompareArgs),
     #[command(hide = true)]
     CompareWorker(CompareWorkerArgs),
@@ -106,7 +106,7 @@ pub struct DemoArgs {
 
 #[derive(Debug, Args)]
 pub struct CheckArgs {
-    /// Surfaces or tet meshes to look at
+    /// Surfaces or tet meshes to check
     #[arg(required = true)]
     pub models: Vec<PathBuf>,
 }

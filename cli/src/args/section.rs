@@ -1,4 +1,4 @@
-//! Arguments of everything that makes pictures of sections.
+//! Arguments of commands that make pictures of sections.
 
 use clap::{Args, ValueEnum};
 use solidmap::geometry::Axis;
@@ -6,7 +6,7 @@ use solidmap::geometry::Axis;
 /// Where pictures cut the domain.
 #[derive(Debug, Args)]
 pub struct SectionArgs {
-    /// Axis that the cross-section is perpendicular to [default: z; for `sequence` that of the largest cross-section]
+    /// Axis perpendicular to the cross-section [default: z; for `sequence` that of the largest cross-section]
     #[arg(long, value_enum)]
     pub axis: Option<AxisKind>,
     /// Axis that points up in pictures
@@ -39,7 +39,7 @@ pub enum UpKind {
 }
 
 impl UpKind {
-    /// The axis, and whether it points down.
+    /// The axis, and whether its negative end points up.
     pub fn axis(self) -> (Axis, bool) {
         match self {
             Self::X => (Axis::X, false),

@@ -11,13 +11,13 @@ use super::section::AxisKind;
 pub struct TextureArgs {
     /// Closed surface (.obj with texture coordinates or vertex colours), or a texture file from --map
     pub model: PathBuf,
-    /// Picture on the surface (.png, .jpg). Without one, the colours of the model's vertices
+    /// Picture on the surface (.png, .jpg) [default: the colours of the model's vertices]
     #[arg(long, value_name = "PICTURE")]
     pub image: Option<PathBuf>,
-    /// Instead of a picture, a checker of N squares along each side of it (16 where N is left out)
+    /// Chequered pattern instead of a picture, of N squares along each side (16 where N is left out)
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image")]
     pub checker: Option<usize>,
-    /// What is beyond the edges of the picture or the checker [default: repeat]
+    /// What texture coordinates beyond the picture mean [default: repeat]
     #[arg(long, value_enum)]
     pub wrap: Option<WrapKind>,
     #[command(flatten)]
@@ -30,37 +30,37 @@ pub struct TextureArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Extension")]
 pub struct TextureExtensionArgs {
-    /// Extend the texture coordinates and look the picture up inside, instead of extending colours: for coordinates that
-    /// do not jump anywhere
+    /// Extend the texture coordinates, and look up the picture inside, instead of extending colours: for coordinates
+    /// without seams
     #[arg(long)]
     pub uv: bool,
-    /// With --uv, extend coordinates that jump at seams all the same
+    /// With --uv: extend coordinates that jump at seams all the same
     #[arg(long, requires = "uv")]
     pub across_seams: bool,
-    /// Sources at least, no more than --max-sources; triangles are cut into four until there are as many vertices [default:
-    /// 2000, or --max-sources where that is less]
+    /// Smallest number of sources; triangles are cut into four until there are as many vertices [default: 2000, or
+    /// --max-sources where that is less]
     #[arg(long, value_name = "N")]
     pub sources: Option<usize>,
-    /// Add sources until the harmonic part alone meets 99 % of the surface to this, a fraction of the diagonal of the colour
-    /// cube, or with --uv of the box of the texture coordinates
+    /// Add sources until the error of the harmonic part alone is at most this on 99 % of the surface, as a fraction of
+    /// the diagonal of the colour cube, or with --uv of the box of the texture coordinates [default: none are added]
     #[arg(long, value_name = "FRACTION")]
     pub tolerance: Option<f64>,
-    /// Sources at most [default: 100000]
+    /// Largest number of sources [default: 100000]
     #[arg(long, value_name = "N")]
     pub max_sources: Option<usize>,
 }
 
-/// What a texture is written to.
+/// Outputs of a texture.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Output (at least one)")]
 pub struct TextureOutputArgs {
-    /// Volume of colours, for ParaView (.vti)
+    /// Volume of colours to write, for ParaView (.vti)
     #[arg(short, long, value_name = "VOLUME")]
     pub output: Option<PathBuf>,
     /// Voxels along the longest side of the model
     #[arg(long, default_value_t = 128, value_name = "N")]
     pub resolution: usize,
-    /// Picture of the model cut open, and of sections across x, y and z (.png)
+    /// Picture to write: the model, the model cut open, and sections across x, y and z (.png)
     #[arg(long, value_name = "PNG")]
     pub png: Option<PathBuf>,
     /// Place of the sections, from 0 to 1 along each axis through the model's box
@@ -69,28 +69,28 @@ pub struct TextureOutputArgs {
     /// Axis that points up in the picture
     #[arg(long, value_enum, default_value_t = AxisKind::Z)]
     pub up: AxisKind,
-    /// Texture file (safetensors), to be sampled again
+    /// Texture file to write (.safetensors), which may be given as MODEL later
     #[arg(long, value_name = "FILE")]
     pub map: Option<PathBuf>,
     /// Points to colour: .csv with columns x, y, z; .npy (n × 3); or a mesh, which stands for its vertices
     #[arg(long, value_name = "POINTS", requires = "colours")]
     pub at: Option<PathBuf>,
-    /// Their colours: .csv, .npy, .ply or .vtu
+    /// File to write the colours of the points of --at to: .csv, .npy, .ply or .vtu
     #[arg(long, value_name = "FILE", requires = "at")]
     pub colours: Option<PathBuf>,
 }
 
 const TEXTURE_HELP: &str = "\
-Colours are extended as amounts of light: inside they are the averages that light of them would have. On the surface the \
-texture is the picture, exactly; a layer as thick as the sources are apart carries what is too fine for them.
+Colours are averaged as amounts of light (linear RGB). On the surface the texture is the picture, exactly; a layer as \
+thick as the sources are apart carries details that are too fine for them.
 
 Exit code 1 when --tolerance is missed, or when the texture misses the picture on the surface.";
 
-/// What is beyond the edges of a picture.
+/// What texture coordinates beyond the picture mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum WrapKind {
-    /// The same picture again
+    /// The picture is repeated
     Repeat,
-    /// The colour of the nearest edge
+    /// The colour at the nearest edge of the picture
     Clamp,
 }

@@ -11,34 +11,36 @@ use super::section::SectionArgs;
 pub struct TransferArgs {
     /// Map file
     pub map: PathBuf,
-    /// Fields on the domain: .csv with columns x, y, z and others (three such as vx, vy, vz are a vector), or .vtu or .vtk
-    /// with point or cell data on tetrahedra, or point data on triangles, or a grid: .vti with image data, .vtk with
-    /// structured points. Without it a mesh of the domain is made, for --distance
+    /// Fields on the domain: a table (.csv with columns x, y, z and others, where three such as vx, vy, vz are a
+    /// vector); a mesh (.vtu or .vtk with point or cell data on tetrahedra, or point data on triangles); or a grid
+    /// (.vti with image data, .vtk with structured points). May be left out with --distance: a mesh of the domain is
+    /// made then
     #[arg(required_unless_present = "distance")]
     pub field: Option<PathBuf>,
-    /// Fields on the target to write: .csv (without cell data), or .vtu or .vtk for a mesh
+    /// Fields on the target, to write: .csv (without cell data), or .vtu or .vtk for a mesh
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
-    /// Points of the target at which the fields are wanted (.csv, .npy, or a mesh, which stands for its vertices), instead
-    /// of the images of FIELD's points. Linear in tetrahedra, beyond them as at the closest point of their boundary; the
-    /// nearest point's value without tetrahedra; nan where nothing in the domain goes
+    /// Points of the target at which fields are evaluated (.csv, .npy, or a mesh, which stands for its vertices),
+    /// instead of at the images of FIELD's points. Values are linear in tetrahedra, and beyond them those at the
+    /// closest point of their boundary; without tetrahedra those of the nearest point; nan where there is no preimage
     #[arg(long, value_name = "POINTS")]
     pub at: Option<PathBuf>,
-    /// Field whose values are labels: never averaged, but those of the corner with the largest weight; may be given several
-    /// times
+    /// Field whose values are labels, which are never averaged: that of the corner with the largest weight is taken.
+    /// May be given several times
     #[arg(long, value_name = "NAME")]
     pub label: Vec<String>,
-    /// Carry these fields of three components as they are, or all of them without NAMES, instead of pushing vectors forward
-    /// by the map's Jacobian. Fields called rgb, color, colors or normals (in any case) are never pushed forward
+    /// Fields of three components to carry as they are, all of them where NAMES is left out; others are vectors, and
+    /// pushed forward by the map's Jacobian. Fields called rgb, color(s), colour(s) or normal(s) are never pushed
+    /// forward
     #[arg(long, value_name = "NAMES", num_args = 0..=1, require_equals = true, value_delimiter = ',')]
     pub plain_vectors: Option<Vec<String>>,
     /// Add the distance from the domain's boundary as the field `distance`
     #[arg(long)]
     pub distance: bool,
-    /// Cells along the longest side of the domain of the grid on which volumes are checked
+    /// Cells along the longest side of the domain, of the grid on which volumes are checked
     #[arg(long, default_value_t = 48, value_name = "N")]
     pub resolution: usize,
-    /// Write a picture: the first scalar field, or `distance`, on cross-sections of domain and target
+    /// Write a picture: `distance`, or else the first scalar field, on cross-sections of domain and target
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
     #[command(flatten)]
@@ -46,8 +48,8 @@ pub struct TransferArgs {
 }
 
 const TRANSFER_HELP: &str = "\
-Points of FIELD outside the domain are carried, counted and warned of: the map means nothing there. References of .mesh \
-files are not carried. Fields of one name are refused.
+Points of FIELD outside the domain are carried, and counted in a warning: the map means nothing there. References of \
+.mesh files are not carried. Two fields of the same name are refused.
 
-Exit code 1 when --at asks for points of the target that have no preimage, or where the map folds; 2 when nothing could be \
-done, and then nothing is written.";
+Exit code 1 when --at has points of the target that have no preimage, or where the map folds; 2 when nothing could \
+be done, and then nothing is written.";

@@ -1,14 +1,14 @@
-//! What is typed for numbers with units.
+//! Values of options with units.
 
 /// A time in seconds.
 pub fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds: &f64| (1e-3..=1e9).contains(seconds));
-    seconds.ok_or_else(|| format!("`{text}` is no positive number of seconds"))
+    seconds.ok_or_else(|| format!("`{text}` is not a positive number of seconds"))
 }
 
 /// A number of bytes with an optional unit: KB, MB, GB, TB are powers of 1000; K, KiB and so on of 1024.
 pub fn bytes(text: &str) -> Result<u64, String> {
-    let wanted = || format!("`{text}` is no size; write it as 4GiB, 500MB or a number of bytes");
+    let wanted = || format!("`{text}` is not a size; write it as 4GiB, 500MB or a number of bytes");
     let end = text.trim().find(|c: char| c.is_ascii_alphabetic() || c == ' ');
     let (number, unit) = text.trim().split_at(end.unwrap_or(text.trim().len()));
     let unit = unit.trim().to_lowercase();

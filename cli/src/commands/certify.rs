@@ -11,7 +11,7 @@ use solidmap::certificate::{
 use solidmap::geometry::PlaneSection;
 use solidmap::io::{self, Cells, VtkFields};
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::CertifyArgs;
 use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange, significant};
 use crate::shared::fields::scalar;
@@ -35,7 +35,7 @@ struct CertifySummary {
 }
 
 /// Certifies and writes.
-pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     args.section.require_valid()?;
     let outputs: [(Option<&PathBuf>, &[&str]); 2] = [(args.output.as_ref(), &["vtu"]), (args.png.as_ref(), &["png"])];
     input::require_all_writable(&outputs, &[&args.map])?;
@@ -84,11 +84,7 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<Outcome> {
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || summary(&report))?;
-    Ok(if found.folded.cells > 0 {
-        Outcome::CheckFailed
-    } else {
-        Outcome::Done
-    })
+    Ok(CommandOutcome::from_check(found.folded.cells == 0))
 }
 
 fn write(path: &Path, certificate: &Certificate) -> anyhow::Result<()> {
@@ -119,7 +115,7 @@ fn write(path: &Path, certificate: &Certificate) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The verdict, and how far from singular the map is where it is regular.
+/// The verdicts, and the lower bounds of the least singular value.
 fn panels(certificate: &Certificate, section: &PlaneSection) -> anyhow::Result<Vec<Panel>> {
     let leaves: Vec<_> = section.points().iter().map(|p| certificate.cell_at(p)).collect();
     let verdicts: Vec<f64> = leaves
@@ -127,14 +123,14 @@ fn panels(certificate: &Certificate, section: &PlaneSection) -> anyhow::Result<V
         .map(|leaf| match leaf.map(|leaf| leaf.verdict) {
             Some(Verdict::Positive) => 0.0,
             Some(Verdict::Folded) => 1.0,
-            // What is not a number is grey.
+            // NaN is drawn grey.
             Some(Verdict::Undecided) | None => f64::NAN,
         })
         .collect();
     let colours = ColourBar::new("verdict", [0.0, 1.0], ValueRange::Full, Scale::Linear)?;
     let mut panels = vec![
         Panel::of_section(section, &verdicts, &colours)?
-            .titled("what is proved")
+            .titled("What is proved")
             .captioned("blue: locally one to one")
             .captioned("red: folded, grey: undecided"),
     ];
@@ -147,7 +143,7 @@ fn panels(certificate: &Certificate, section: &PlaneSection) -> anyhow::Result<V
         let range = ValueRange::Quantiles(0.01, 1.0);
         let bar = ColourBar::new("lower bound", bounds.iter().copied(), range, Scale::Log)?;
         let panel = Panel::of_section(section, &bounds, &bar)?
-            .titled("least singular value of J, proved")
+            .titled("Least singular value of J, proved")
             .with_bar(&bar);
         panels.push(panel);
     }
@@ -206,20 +202,20 @@ fn summary(report: &CertifySummary) -> String {
     format!("{}\n\n{}", two_columns(rows), conclusion(found))
 }
 
-/// What follows, in words.
+/// The conclusion, in words.
 fn conclusion(found: &CertificateReport) -> &'static str {
     match [found.positive, found.folded, found.undecided].map(|share| share.cells) {
         [_, 0, 0] => {
-            "The map is locally one to one everywhere. If its boundary map has degree one (`solidmap boundary check`), every \
-             point of\nthe target deeper than the boundary error has exactly one preimage."
+            "The map is locally one to one everywhere. If its boundary map has degree one (`solidmap boundary \
+             check`), every point of\nthe target deeper than the boundary error has exactly one preimage."
         }
-        [_, 0, _] => "No fold is proved, and none is excluded where it is undecided.",
-        [0, _, _] => "The map turns the solid inside out wherever it is decided.",
+        [_, 0, _] => "No fold is proved, and none is excluded in undecided cells.",
+        [0, _, _] => "The map inverts the solid wherever it is decided.",
         _ => "The map folds: it is not one to one.",
     }
 }
 
-/// Small shares keep two digits.
+/// A percentage; shares near 0 and 100 % keep their digits.
 fn percent(fraction: f64) -> String {
     match 100.0 * fraction {
         0.0 => "0 %".into(),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use solidmap::check::{CheckReport, check};
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::CheckArgs;
 use crate::shared::input;
 use crate::shared::output::{Output, describe};
@@ -26,11 +26,11 @@ struct ModelReport {
     unreadable: Option<String>,
 }
 
-/// Looks at every model; one that cannot be read does not stop the others.
-pub fn run(args: &CheckArgs, output: &Output) -> anyhow::Result<Outcome> {
+/// Checks every model; one that cannot be read does not stop the others.
+pub fn run(args: &CheckArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let mut models = Vec::new();
     for model in &args.models {
-        output.progress(format!("looking at {}", model.display()));
+        output.progress(format!("checking {}", model.display()));
         let (report, unreadable) = match examine(model) {
             Ok(report) => (Some(report), None),
             Err(error) => (None, Some(describe(&error))),
@@ -55,7 +55,7 @@ pub fn run(args: &CheckArgs, output: &Output) -> anyhow::Result<Outcome> {
         .iter()
         .flat_map(|m| &m.report)
         .all(|r| r.findings.is_empty());
-    Ok(if healthy { Outcome::Done } else { Outcome::CheckFailed })
+    Ok(CommandOutcome::from_check(healthy))
 }
 
 fn examine(model: &Path) -> anyhow::Result<CheckReport> {

@@ -1,4 +1,4 @@
-//! `solidmap demo`: the main job on built-in models, nothing to download.
+//! `solidmap demo`: maps, energies, carried meshes and pictures of built-in models.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -15,7 +15,7 @@ use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, TetMesh};
 use solidmap::remesh::{CellKind, CellSize, RemeshOptions, RemeshReport, RemeshSource, remesh};
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::{DemoArgs, UpKind};
 use crate::drawing::{Align, Camera, Edges, Figure, Panel, Shading, SurfaceStyle, Table};
 use crate::shared::fitting::fit_with_progress;
@@ -40,7 +40,7 @@ struct DemoPair {
     camera: Camera,
     /// Axis that sections are perpendicular to, through the middle of the domain.
     section: Axis,
-    /// Axis that the cut-open meshes are cut across.
+    /// Axis perpendicular to the cut through the tet meshes.
     cut: Axis,
     is_polycube: bool,
 }
@@ -82,17 +82,17 @@ fn pairs() -> [DemoPair; 2] {
 #[derive(Serialize)]
 struct DemoSummary {
     folder: PathBuf,
-    pairs: Vec<PairSummary>,
+    pairs: Vec<DemoPairSummary>,
     seconds: f64,
     peak_rss_bytes: u64,
 }
 
 #[derive(Serialize)]
-struct PairSummary {
+struct DemoPairSummary {
     name: &'static str,
     fit: FitReport,
     energy: EnergyReport,
-    /// The carried tet mesh; absent without the C++ bridge.
+    /// Tetrahedra of the carried mesh; absent without CGAL and TetGen.
     tets: Option<usize>,
     flipped_tets: Option<usize>,
     /// The hexahedra that the domain is meshed with, where it is a polycube.
@@ -100,7 +100,7 @@ struct PairSummary {
 }
 
 /// Maps the built-in pairs, measures, pictures and writes everything.
-pub fn run(args: &DemoArgs, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(args: &DemoArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let start = Instant::now();
     let mut reports = Vec::new();
     for pair in pairs() {
@@ -115,10 +115,10 @@ pub fn run(args: &DemoArgs, output: &Output) -> anyhow::Result<Outcome> {
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || summary(&report))?;
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }
 
-fn show(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Result<PairSummary> {
+fn show(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Result<DemoPairSummary> {
     output.note(format!(
         "{}: {} boundary vertices",
         pair.title,
@@ -177,12 +177,12 @@ fn show(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Result<PairS
     };
     files::write_map(&folder.join("map.safetensors"), &file)?;
     output.finish();
-    Ok(PairSummary {
+    Ok(DemoPairSummary {
         name: pair.name,
         fit: fit.report,
         energy,
         tets: carried.as_ref().map(|c| c.before.tets().len()),
-        flipped_tets: carried.as_ref().and_then(Carried::flipped),
+        flipped_tets: carried.as_ref().and_then(CarriedTets::flipped),
         remesh,
     })
 }
@@ -204,12 +204,12 @@ fn hexahedra(pair: &DemoPair, map: &HarmonicMap, folder: &Path, output: &Output)
 }
 
 /// A tet mesh of the domain, and the same mesh with its vertices mapped.
-struct Carried {
+struct CarriedTets {
     before: TetMesh,
     after: TetMesh,
 }
 
-impl Carried {
+impl CarriedTets {
     fn flipped(&self) -> Option<usize> {
         let found = flipped_tets(&self.before, self.after.vertices())?;
         Some(found.against_most(self.before.tets().len()))
@@ -217,17 +217,17 @@ impl Carried {
 }
 
 #[cfg(feature = "native")]
-fn carry(domain: &SurfaceMesh, map: &HarmonicMap) -> anyhow::Result<Option<Carried>> {
+fn carry(domain: &SurfaceMesh, map: &HarmonicMap) -> anyhow::Result<Option<CarriedTets>> {
     let before = solidmap::cgal_tetgen::tetrahedralize(domain, &solidmap::cgal_tetgen::TetOptions::default())?;
     let images = map.evaluate(before.vertices());
     let after = before
         .with_vertices(images)
         .context("the map gave another number of images than points")?;
-    Ok(Some(Carried { before, after }))
+    Ok(Some(CarriedTets { before, after }))
 }
 
 #[cfg(not(feature = "native"))]
-fn carry(_: &SurfaceMesh, _: &HarmonicMap) -> anyhow::Result<Option<Carried>> {
+fn carry(_: &SurfaceMesh, _: &HarmonicMap) -> anyhow::Result<Option<CarriedTets>> {
     Ok(None)
 }
 
@@ -240,15 +240,15 @@ fn surface_views(pair: &DemoPair, domain: &SurfaceMesh, target: &SurfaceMesh) ->
     Ok(vec![view(domain)?.titled("Domain"), view(target)?.titled("Target")])
 }
 
-/// The tetrahedra of one half of the domain, before and after.
-fn cut_views(pair: &DemoPair, carried: &Carried) -> anyhow::Result<Vec<Panel>> {
+/// The tetrahedra of one half of the domain, and their images.
+fn cut_views(pair: &DemoPair, carried: &CarriedTets) -> anyhow::Result<Vec<Panel>> {
     let axis = pair.cut.index();
     let (low, high) = carried.before.bounding_box().context("the tet mesh is empty")?;
     let middle = (low[axis] + high[axis]) / 2.0;
     let half: Vec<[u32; 4]> = (0..carried.before.tets().len())
         .filter(|&t| {
             let height = carried.before.corners(t).iter().map(|p| p[axis]).sum::<f64>() / 4.0;
-            // The half that the viewer looks into: the camera stands on the side of low y and of high z.
+            // The half behind the cut: the camera is on the side of low y and of high z.
             if pair.cut == Axis::Y {
                 height > middle
             } else {
@@ -319,8 +319,8 @@ fn summary(report: &DemoSummary) -> String {
         ]);
     }
     format!(
-        "{table}\nErrors at held-out boundary points, as fractions of the target's diagonal; energies with both solids at \
-         unit volume.\nEverything took {:.1} s and {:.0} MiB. Look at {}",
+        "{table}\nErrors at held-out boundary points, as fractions of the target's diagonal; energies with both \
+         solids at unit volume.\nEverything took {:.1} s and {:.0} MiB. Look at {}",
         report.seconds,
         mebibytes(report.peak_rss_bytes),
         report.folder.join("*").join("map.png").display()

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::energy::{
-    DensityQuantiles, EnergyOptions, EnergyReport, GridResolution, Lame, clipped_grid, energies, tet_quadrature,
+    DensityQuantiles, EnergyOptions, EnergyReport, GridResolution, clipped_grid, energies, tet_quadrature,
 };
 use solidmap::geometry::distance_field;
 use solidmap::io;
 use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::EnergyArgs;
 use crate::drawing::{Figure, significant};
 use crate::shared::output::{Output, two_columns, write_file};
@@ -32,15 +32,13 @@ struct EnergySummary {
     energy: EnergyReport,
 }
 
-/// Measures the energies of a map and writes their distribution.
-pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
+/// Measures the energies of a map, and writes and pictures their densities.
+pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     args.section.require_valid()?;
-    ensure!(
-        args.lame.iter().all(|constant| constant.is_finite()),
-        "--lame is {} {}, but must be two finite numbers",
-        args.lame[0],
-        args.lame[1]
-    );
+    let options = EnergyOptions {
+        normalize: !args.no_normalize,
+        lame: args.lame.constants()?,
+    };
     let inputs: Vec<&Path> = std::iter::once(&args.map)
         .chain(&args.mesh)
         .map(PathBuf::as_path)
@@ -49,13 +47,6 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
     let target = boundary.outward_target();
-    let options = EnergyOptions {
-        normalize: !args.no_normalize,
-        lame: Lame {
-            lambda: args.lame[0],
-            mu: args.lame[1],
-        },
-    };
     let mesh = args.mesh.as_ref().map(io::read_tets).transpose()?;
 
     ensure!(
@@ -64,14 +55,14 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
         args.map.display()
     );
     output.progress("integrating");
-    let unfit = |what: &str, path: &Path| format!("cannot measure {what} `{}`", path.display());
+    let cannot_measure = |what: &str, path: &Path| format!("cannot measure {what} `{}`", path.display());
     let quadrature = match (&mesh, &args.mesh) {
-        (Some(mesh), Some(path)) => tet_quadrature(mesh).with_context(|| unfit("in", path))?,
+        (Some(mesh), Some(path)) => tet_quadrature(mesh).with_context(|| cannot_measure("in", path))?,
         _ => clipped_grid(
             boundary.domain(),
             GridResolution::CellsAlongLongestSide(args.resolution),
         )
-        .with_context(|| unfit("over the domain of", &args.map))?,
+        .with_context(|| cannot_measure("over the domain of", &args.map))?,
     };
     if let Some(path) = &args.mesh {
         require_same_solid(path, quadrature.volume(), boundary.domain())?;
@@ -112,7 +103,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<Outcome> {
         energy,
     };
     output.result(&report, || two_columns(energy_rows(&report.energy)))?;
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }
 
 /// The lines of the summary that say what energies a map has.
@@ -163,7 +154,7 @@ fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
     ]
 }
 
-/// A mesh of another solid reaches beyond the domain, where the map means nothing.
+/// Refuses a mesh of another solid: the map means nothing outside its domain.
 fn require_same_solid(mesh: &Path, volume: f64, domain: &SurfaceMesh) -> anyhow::Result<()> {
     let expected = domain.volume();
     ensure!(

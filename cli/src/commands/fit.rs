@@ -12,7 +12,7 @@ use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::solver::SchwarzStop;
 use solidmap::spherical::SphereOptions;
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::{FitArgs, PairArgs};
 use crate::shared::fields::{positions, scalar};
 use crate::shared::fitting::{fit_options, fit_with_progress};
@@ -36,7 +36,7 @@ struct FitSummary {
     peak_rss_bytes: u64,
 }
 
-/// Where the boundary map comes from: files, or it is made.
+/// Where the boundary map comes from: it is read, or made.
 enum BoundaryInput<'a> {
     Files(BoundarySource),
     ToSphere {
@@ -49,37 +49,27 @@ enum BoundaryInput<'a> {
     },
 }
 
-/// What `--target` calls the unit sphere.
+/// The name of the unit sphere for `--target`.
 const SPHERE: &str = "sphere";
 
 impl<'a> BoundaryInput<'a> {
     fn new(args: &'a FitArgs) -> anyhow::Result<Self> {
-        let domain = args.domain.as_deref();
         let target = args.target.as_deref();
         let to_model = target.is_some_and(|target| target != Path::new(SPHERE));
         anyhow::ensure!(
             to_model || args.pair.is_default(),
             "--landmarks, --via and --no-improve say how a solid is mapped to another: they need --target MODEL"
         );
-        match (domain, args.image.as_deref(), args.boundary.as_deref(), target) {
-            (_, None, Some(file), None) => Ok(Self::Files(BoundarySource::File {
-                file: file.into(),
-                domain: args.domain.clone(),
-            })),
-            (Some(domain), Some(image), None, None) => Ok(Self::Files(BoundarySource::Image {
-                domain: domain.into(),
-                image: image.into(),
-            })),
-            (Some(domain), None, None, Some(target)) if target == Path::new(SPHERE) => Ok(Self::ToSphere { domain }),
-            (Some(domain), None, None, Some(target)) => {
-                let pair = &args.pair;
-                Ok(Self::ToModel { domain, target, pair })
-            }
+        let pair = &args.pair;
+        match (args.files.source(), args.files.domain.as_deref(), target) {
+            (Some(source), _, None) => Ok(Self::Files(source)),
+            (None, Some(domain), Some(target)) if to_model => Ok(Self::ToModel { domain, target, pair }),
+            (None, Some(domain), Some(_)) => Ok(Self::ToSphere { domain }),
             _ => anyhow::bail!("name a DOMAIN with its --image or --target, or a --boundary"),
         }
     }
 
-    /// The files that are read, by their roles; the first is, or holds, the domain.
+    /// The files that are read, by their roles; the first is the domain, or holds it.
     fn files_by_role(&self) -> Vec<(&'static str, &Path)> {
         match self {
             Self::Files(source) => source.files_by_role(),
@@ -113,29 +103,29 @@ fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> a
     let surface = input::read_surface(domain)?;
     let (map, report) = boundary_map::to_model(&surface, [domain, target], args, output)?;
     output.note(format_args!(
-        "boundary map in {:.1} s: one to one; symmetric Dirichlet energy {:.2} at the median and {:.3e} at most, 4 of an \
-         isometry. See `solidmap boundary pair`",
+        "boundary map in {:.1} s: one to one; symmetric Dirichlet energy {:.2} at the median and {:.3e} at most, 4 of \
+         an isometry. See `solidmap boundary pair`",
         report.timings.total, report.after.symmetric_dirichlet.p50, report.after.symmetric_dirichlet.max
     ));
     Ok(map)
 }
 
 /// Fits a map and writes it.
-pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let source = BoundaryInput::new(args)?;
     let files = source.files_by_role();
     let paths: Vec<&Path> = files.iter().map(|(_, path)| *path).collect();
     input::require_all_writable(&[(Some(&args.output), &[]), (args.vtu.as_ref(), &["vtu"])], &paths)?;
     output.progress("reading");
-    let options = fit_options(&args.method, args.tolerance)?;
+    let name = paths[0];
+    let cannot_map = || format!("cannot map `{}`", name.display());
+    let options = fit_options(&args.method, args.tolerance).with_context(cannot_map)?;
     let boundary = source.boundary_map(output)?;
     let inputs: anyhow::Result<_> = files.iter().map(|(role, path)| input::provenance(role, path)).collect();
     let inputs = inputs?;
-    let name = paths[0];
     output.progress("looking for self-intersections");
     let intersections = self_intersections(&boundary, name);
-    let mut fit =
-        fit_with_progress(&boundary, &options, output).with_context(|| format!("cannot map `{}`", name.display()))?;
+    let mut fit = fit_with_progress(&boundary, &options, output).with_context(cannot_map)?;
     fit.report.warnings.extend(intersections);
     fit.report.warnings.iter().for_each(|warning| output.warn(warning));
 
@@ -153,9 +143,9 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
 
     let tolerance_met = fit.report.boundary_error.p99 <= args.tolerance;
     let report = FitSummary {
-        domain: args.domain.clone(),
-        image: args.image.clone(),
-        boundary_file: args.boundary.clone(),
+        domain: args.files.domain.clone(),
+        image: args.files.image.clone(),
+        boundary_file: args.files.boundary.clone(),
         target: args.target.clone(),
         map: args.output.clone(),
         fit: fit.report,
@@ -165,7 +155,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
     };
     output.result(&report, || summary(&report))?;
     if tolerance_met {
-        return Ok(Outcome::Done);
+        return Ok(CommandOutcome::Done);
     }
     output.warn(format!(
         "99 % of the boundary is met only to {:.1e} of the target's diagonal, and the tolerance is {:.1e}; the map was \
@@ -174,7 +164,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<Outcome> {
         args.tolerance,
         advice(&report.fit)
     ));
-    Ok(Outcome::CheckFailed)
+    Ok(CommandOutcome::CheckFailed)
 }
 
 /// The lines of the summary that say how good a fit is.
@@ -232,7 +222,7 @@ fn solver(report: &FitReport) -> String {
 
 fn refinement(report: &FitReport) -> String {
     let rounds = match report.refinements {
-        0 => "none".into(),
+        0 => "none".to_owned(),
         1 => "1 round".into(),
         rounds => format!("{rounds} rounds"),
     };
@@ -245,11 +235,7 @@ fn refinement(report: &FitReport) -> String {
         RefinementEnd::InVain => "more sources did not help",
         RefinementEnd::NoRoom => "no room for more sources",
     });
-    [rounds]
-        .into_iter()
-        .chain(end.map(Into::into))
-        .collect::<Vec<_>>()
-        .join(", ")
+    end.map_or(rounds.clone(), |end| format!("{rounds}, {end}"))
 }
 
 fn summary(report: &FitSummary) -> String {
@@ -273,7 +259,7 @@ fn summary(report: &FitSummary) -> String {
     two_columns(rows)
 }
 
-/// What most likely helps.
+/// What most likely helps when the tolerance was missed.
 fn advice(fit: &FitReport) -> &'static str {
     let is_adaptive = matches!(fit.placement, Placement::Adaptive { .. });
     match fit.refinement_end {
@@ -283,30 +269,34 @@ fn advice(fit: &FitReport) -> &'static str {
         Some(RefinementEnd::Fixed) if is_adaptive => "Use --method schwarz: it adds sources where the error is large",
         Some(RefinementEnd::Fixed) => "Use the adaptive placement: it adds sources where the error is large",
         Some(RefinementEnd::NoRoom) => {
-            "No finer source finds a place outside the domain where the error is large (see --vtu): widen the gaps there"
+            "There is no room for finer sources outside the domain where the error is large (see --vtu): widen the \
+             gaps there"
         }
         Some(RefinementEnd::InVain | RefinementEnd::Tolerance) | None => {
-            "More sources did not help: see with --vtu where the boundary map jumps, folds, or is too coarse"
+            "More sources did not help: --vtu shows where the boundary map jumps, folds, or is too coarse"
         }
     }
 }
 
-/// A remark when the domain intersects itself. The boundary can be fitted all the same, but there is no inside there.
+/// A warning when the domain intersects itself. The boundary is fitted all the same, but the inside is not defined
+/// there.
 fn self_intersections(boundary: &BoundaryMap, path: &Path) -> Option<String> {
     let shown = path.display();
     match finder()?(boundary.domain()) {
         Ok(pairs) => pairs.first().map(|[a, b]| {
             format!(
-                "`{shown}` intersects itself: {} pairs of triangles, the first {a} and {b}; the map is wrong there. See \
-                 `solidmap check`",
+                "`{shown}` intersects itself: {} pairs of triangles, the first {a} and {b}; the map is wrong there. \
+                 See `solidmap check`",
                 pairs.len()
             )
         }),
-        Err(error) => Some(format!("self-intersections of `{shown}` could not be looked for: {error}")),
+        Err(error) => Some(format!(
+            "self-intersections of `{shown}` could not be looked for: {error}"
+        )),
     }
 }
 
-/// The domain's surface with the image, the map's value and the error at each vertex.
+/// The domain's surface with the image, the map's value and the distance between them at each vertex.
 fn write_boundary(path: &Path, boundary: &BoundaryMap, map: &HarmonicMap) -> anyhow::Result<()> {
     let domain = boundary.domain();
     let mapped = map.evaluate(domain.vertices());

@@ -8,7 +8,7 @@ use serde::Serialize;
 use solidmap::cgal_tetgen::{self, OffsetOptions};
 use solidmap::io;
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::OffsetArgs;
 use crate::shared::input;
 use crate::shared::output::{Output, two_columns};
@@ -31,8 +31,8 @@ struct OffsetSummary {
     seconds: f64,
 }
 
-/// Makes the surface at a distance.
-pub fn run(args: &OffsetArgs, output: &Output) -> anyhow::Result<Outcome> {
+/// Makes and writes the surface.
+pub fn run(args: &OffsetArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     input::require_writable(
         &args.output,
         &["obj", "ply", "off", "mesh", "vtk", "vtu"],
@@ -52,7 +52,8 @@ pub fn run(args: &OffsetArgs, output: &Output) -> anyhow::Result<Outcome> {
     let seconds = start.elapsed().as_secs_f64();
     io::write_surface(&args.output, &offset.mesh)?;
     if offset.raw_wrap {
-        output.warn("no smoothed surface passed its checks; the wrap as it came is about 1 % off the distance");
+        output
+            .warn("no smoothed surface passed its checks; the unsmoothed one, about 1 % off the distance, was written");
     }
     if offset.model_genus.is_some_and(|genus| genus != offset.genus) {
         output.warn("the offset has another genus than the model: its distance, or its resolution, closes holes");
@@ -92,5 +93,5 @@ pub fn run(args: &OffsetArgs, output: &Output) -> anyhow::Result<Outcome> {
             ["written".into(), report.output.display().to_string()],
         ])
     })?;
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }

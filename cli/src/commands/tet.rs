@@ -8,7 +8,7 @@ use serde::Serialize;
 use solidmap::cgal_tetgen::{self, Mesh3Options, TetOptions};
 use solidmap::io;
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::{Mesher, TetArgs};
 use crate::drawing::significant;
 use crate::shared::input;
@@ -28,7 +28,7 @@ struct TetSummary {
 }
 
 /// Fills a surface with tetrahedra.
-pub fn run(args: &TetArgs, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(args: &TetArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     input::require_writable(&args.output, &["mesh", "vtk", "vtu"], &[&args.model])?;
     anyhow::ensure!(
         args.quality == 0.0 || args.quality >= 1.1,
@@ -89,5 +89,5 @@ pub fn run(args: &TetArgs, output: &Output) -> anyhow::Result<Outcome> {
             ["written".into(), report.output.display().to_string()],
         ])
     })?;
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }

@@ -1,4 +1,4 @@
-//! Boundary maps that are made, with their phases shown.
+//! Making boundary maps, with their progress shown.
 
 use std::path::{Path, PathBuf};
 
@@ -29,12 +29,12 @@ pub fn to_sphere(
     map_to_sphere(surface, options, &progress).with_context(|| cannot_map(model))
 }
 
-/// What went wrong, for the errors of a model that has no map to the sphere.
+/// The context of errors in mapping a model to the sphere.
 pub fn cannot_map(model: &Path) -> String {
     format!("cannot map `{}` to the sphere", model.display())
 }
 
-/// The map from a domain that was read already to the model in the second of two files; the first is the domain's.
+/// The map from a domain, read from the first of two files already, to the model in the second.
 pub fn to_model(
     domain: &SurfaceMesh,
     files: [&Path; 2],
@@ -58,11 +58,11 @@ pub fn to_model(
 }
 
 fn landmarks(files: &[PathBuf], domain: &SurfaceMesh, target: &SurfaceMesh) -> anyhow::Result<Landmarks> {
-    let (vertices, of_target) = (domain.vertices().len(), target.vertices().len());
+    let (domain, target) = (domain.vertices().len(), target.vertices().len());
     Ok(match files {
         [] => Landmarks::default(),
-        [both] => files::read_landmarks(both, vertices, of_target)?,
-        [first, second] => files::read_landmark_files(first, second, vertices, of_target)?,
+        [both] => files::read_landmarks(both, domain, target)?,
+        [first, second] => files::read_landmark_files(first, second, domain, target)?,
         more => anyhow::bail!("--landmarks is given {} times, but names one file or two", more.len()),
     })
 }

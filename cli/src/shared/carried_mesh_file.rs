@@ -1,4 +1,4 @@
-//! Carried meshes in files: with labels, or with fields.
+//! Writing carried meshes: with labels, or with fields.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -17,14 +17,14 @@ pub fn write(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str
     let extension = extension(path);
     if matches!(extension.as_str(), "mesh" | "msh") {
         let (quads, names) = (mesh.quads(), names(mesh.part_names()));
-        let (faces, of_faces): (Cells, Vec<i32>) = match &quads {
+        let (faces, face_labels): (Cells, Vec<i32>) = match &quads {
             // Two triangles stand for each quad.
             Some(quads) => (Cells::Quads(quads), mesh.parts().iter().step_by(2).copied().collect()),
             None => (Cells::Triangles(mesh.boundary()), mesh.parts().to_vec()),
         };
         let faces = CellGroup {
             cells: faces,
-            labels: &of_faces,
+            labels: &face_labels,
             names: &names,
         };
         let (labels, inverted) = labels(remeshed);
@@ -38,7 +38,7 @@ pub fn write(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str
             .map(|(label, name)| format!("\ncells of reference {label}: {name}"));
         let comment = match extension.as_str() {
             "mesh" => origin.to_owned() + &explained.collect::<String>(),
-            // Gmsh has names for them.
+            // Gmsh shows the names.
             _ => origin.to_owned(),
         };
         return Ok(io::write_groups(path, positions, &[faces, solid], &comment)?);
@@ -77,8 +77,8 @@ pub fn write(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str
     Ok(())
 }
 
-/// The region of each cell, where those that stay inverted have labels of their own, one for each region and obstacle, and
-/// the names of these. They are the least numbers that neither a region nor a part of the boundary has.
+/// The label of each cell, and the names of labels that are not regions. Cells that stay inverted have a label of their
+/// own for each region and obstacle: the least numbers that neither a region nor a part of the boundary has.
 fn labels(remeshed: &Remeshed) -> (Vec<i32>, Vec<(i32, String)>) {
     let (mesh, report) = (&remeshed.mesh, &remeshed.report);
     let regions: BTreeSet<i32> = mesh.regions().iter().copied().collect();

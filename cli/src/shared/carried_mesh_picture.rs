@@ -1,4 +1,5 @@
-//! Pictures of carried meshes: cut open in domain and target, before and after the repair, and how volumes are distributed.
+//! Pictures of carried meshes: cut open in domain and target, before and after the repair, and how volumes are
+//! distributed.
 
 use crate::drawing::{
     Camera, ColourBar, Edges, Figure, Histogram, Panel, Scale, Shading, SurfaceColour, SurfaceStyle, ValueRange,
@@ -16,8 +17,8 @@ use crate::args::UpKind;
 /// Width and height of a view.
 const PIXELS: [usize; 2] = [620, 580];
 
-/// Domain, target as mapped, and target as it is now, cut open along the same cells and coloured by their scaled Jacobian;
-/// the whole of it from two sides; and the determinants of the map of the cells. `now` says what was done.
+/// Domain, target as mapped, and target as it is now, cut open along the same cells and coloured by their scaled
+/// Jacobian; the whole target from two sides; and a histogram of the cells' determinants. `now` says what was done.
 pub fn figure(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Figure> {
     let (up, upside_down) = up.axis();
     let [front, back] = [32.0, 212.0].map(|azimuth| Camera {
@@ -60,7 +61,7 @@ pub fn figure(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Figu
     Ok(Figure::grid(vec![above, below]))
 }
 
-/// Towards the viewer, level, as seen at azimuth 0.
+/// The horizontal direction towards a viewer at azimuth 0.
 fn towards_front(up: Axis) -> Vector {
     match up {
         Axis::X => -Vector::z(),
@@ -69,7 +70,7 @@ fn towards_front(up: Axis) -> Vector {
     }
 }
 
-/// Cells of which the middle in the target lies behind its middle; all, if none does.
+/// Whether each cell's middle lies behind that of the target; all count as behind if none does.
 fn behind(remeshed: &Remeshed, front: Vector) -> Vec<bool> {
     let mesh = &remeshed.mesh;
     let along = |v: u32| remeshed.images[v as usize].coords.dot(&front);
@@ -92,23 +93,23 @@ fn behind(remeshed: &Remeshed, front: Vector) -> Vec<bool> {
 
 /// The faces of cells, coloured by their quality.
 fn view(
-    skin: &CellSetBoundary,
+    boundary: &CellSetBoundary,
     positions: &[Point],
     quality: &[f64],
     bar: &ColourBar,
     camera: &Camera,
 ) -> anyhow::Result<Panel> {
-    let values = skin.cells.iter().map(|&cell| quality[cell as usize]).collect();
-    let surface = SurfaceMesh::new(positions.to_vec(), skin.triangles.clone())?;
+    let values = boundary.cells.iter().map(|&cell| quality[cell as usize]).collect();
+    let surface = SurfaceMesh::new(positions.to_vec(), boundary.triangles.clone())?;
     let style = SurfaceStyle {
         colour: SurfaceColour::PerTriangle(values, bar.clone()),
         shading: Shading::Flat,
-        edges: Edges::Marked(skin.edges.clone()),
+        edges: Edges::Marked(boundary.edges.clone()),
     };
     Ok(Panel::of_surface(&surface, &style, camera, PIXELS)?)
 }
 
-/// Shows how far a remeshing is.
+/// Shows the progress of a remeshing.
 pub fn show_phase(phase: RemeshPhase, output: &Output) {
     output.progress(match phase {
         RemeshPhase::Meshing => "meshing the domain".into(),

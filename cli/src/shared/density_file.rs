@@ -1,4 +1,4 @@
-//! Energy densities in files, cell by cell.
+//! Writing energy densities, cell by cell.
 
 use std::path::Path;
 
@@ -18,8 +18,8 @@ pub fn fields<'a>(densities: &'a Densities, distances: &'a [f64]) -> [(&'static 
     ]
 }
 
-/// Writes the means of fields, whose values are those at the quadrature's points, over its cells: boxes of a grid, whole
-/// also where the solid cuts them, or tetrahedra of a mesh.
+/// Writes the cell means of fields given at the points of a quadrature. Cells are tetrahedra of a mesh, or boxes of a
+/// grid, which are written whole where the surface cuts them.
 pub fn write(
     path: &Path,
     quadrature: &Quadrature,

@@ -10,8 +10,8 @@ use solidmap::transfer::{FieldKind, FieldMesh, TransferField, push_forward};
 
 use super::input::extension;
 
-/// Fields of three components that are no vectors of the material, in small letters.
-const NO_VECTORS: [&str; 7] = ["rgb", "color", "colors", "colour", "colours", "normal", "normals"];
+/// Names, in lower case, of fields of three components that are not pushed forward as vectors.
+const NOT_VECTORS: [&str; 7] = ["rgb", "color", "colors", "colour", "colours", "normal", "normals"];
 
 /// A mesh with fields: the carrier, and triangles between its points where it has no tetrahedra.
 pub struct MeshWithFields {
@@ -20,11 +20,12 @@ pub struct MeshWithFields {
 }
 
 impl MeshWithFields {
-    /// Fields that are carried as their names say, but for those named here.
+    /// The fields of a file. `labels` and `plain_vectors` name those that are labels, or not pushed forward (all when
+    /// empty).
     pub fn new(file: FieldFile, labels: &[String], plain_vectors: Option<&[String]>) -> Self {
         let is_plain = |name: &String| {
             plain_vectors.is_some_and(|names| names.is_empty() || names.contains(name))
-                || NO_VECTORS.contains(&name.to_lowercase().as_str())
+                || NOT_VECTORS.contains(&name.to_lowercase().as_str())
         };
         let named = |field: Field| TransferField {
             kind: match field.components {
@@ -47,7 +48,7 @@ impl MeshWithFields {
         }
     }
 
-    /// Fields on a mesh.
+    /// Reads a mesh with fields.
     pub fn read_mesh(path: &Path) -> anyhow::Result<Self> {
         let given = Self::new(io::read_fields(path)?, &[], None);
         let (carrier, shown) = (&given.carrier, path.display());
@@ -59,7 +60,7 @@ impl MeshWithFields {
         Ok(given)
     }
 
-    /// The same moved by a map.
+    /// The mesh and its fields, carried by a map.
     pub fn carried(&self, map: &dyn VolumeMap) -> anyhow::Result<Self> {
         Ok(Self {
             carrier: push_forward(map, &self.carrier)?,
@@ -67,7 +68,7 @@ impl MeshWithFields {
         })
     }
 
-    /// Writes the mesh with its fields and these at the points.
+    /// Writes the mesh with its fields, and with `more` fields at its points.
     pub fn write_mesh(&self, path: &Path, more: Vec<Field>) -> anyhow::Result<()> {
         let fields = VtkFields {
             point: fields_of(&self.carrier.point_fields).chain(more).collect(),

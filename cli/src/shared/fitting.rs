@@ -1,4 +1,4 @@
-//! Fits: options as they are typed, and phases as they are shown.
+//! Fits: their options from the arguments, and their progress.
 
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{Fit, FitMethod, FitOptions, Phase, Placement, fit};
@@ -7,7 +7,7 @@ use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
 use super::output::Output;
 use crate::args::{MethodArgs, MethodKind, PlacementKind};
 
-/// Fits with the phases shown.
+/// Fits, and shows the progress.
 pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &Output) -> anyhow::Result<Fit> {
     Ok(fit(boundary, options, &|phase| show_phase(phase, "", output))?)
 }
@@ -19,7 +19,7 @@ pub fn show_phase(phase: Phase, what: &str, output: &Output) {
         Phase::Sampling => "placing sources".into(),
         Phase::Decomposing { rows, columns } => format!("decomposing a {rows} × {columns} matrix"),
         Phase::Factoring { done, of } => {
-            return output.progress_of(format!("{what}factoring local problems"), done, of);
+            return output.progress_of(format!("{what}factoring patches"), done, of);
         }
         Phase::Solving => "solving".into(),
         Phase::Iterating { iteration, residual } => format!("iteration {iteration}: residual {residual:.1e}"),
@@ -31,7 +31,7 @@ pub fn show_phase(phase: Phase, what: &str, output: &Output) {
     output.progress(format!("{what}{step}"));
 }
 
-/// The library's options, from those of the method as they are typed.
+/// The library's options, from the arguments.
 pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptions> {
     let placement = args.placement.unwrap_or(match (args.offset, args.radius) {
         (Some(_), _) => PlacementKind::Offset,
@@ -46,10 +46,11 @@ pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptio
     ] {
         anyhow::ensure!(
             !given || placement == kind,
-            "{flag} has no meaning with the placement {placement:?}"
+            "{flag} has no meaning with --placement {}",
+            format!("{placement:?}").to_lowercase()
         );
     }
-    // The paper's ratios belong to its placements; the overdetermined default to the adaptive one.
+    // The paper's placements come with its ratios, the adaptive one with an overdetermined system.
     let base = if args.paper || placement != PlacementKind::Adaptive {
         FitOptions::paper()
     } else {
@@ -82,11 +83,9 @@ pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptio
         MethodKind::Dense => dense(Decomposition::Qr),
         MethodKind::Svd => dense(Decomposition::Svd),
         MethodKind::Schwarz => {
-            anyhow::ensure!(
-                args.truncation.is_none(),
-                "--truncation has a meaning with --method dense or svd only"
-            );
-            FitMethod::schwarz(placement, SchwarzOptions::default())?
+            anyhow::ensure!(args.truncation.is_none(), "--truncation needs --method dense or svd");
+            FitMethod::schwarz(placement, SchwarzOptions::default())
+                .map_err(|error| anyhow::anyhow!("{error} (--placement adaptive; --method dense or svd)"))?
         }
     };
     Ok(FitOptions {

@@ -1,4 +1,4 @@
-//! Files that commands read, and checks of those that they will write.
+//! Reading files, and checks of those to be written.
 
 use std::path::{Path, PathBuf};
 
@@ -9,6 +9,8 @@ use solidmap::check;
 use solidmap::files::{self, MapFile, Provenance};
 use solidmap::io::{self, SolidMesh};
 use solidmap::mesh::SurfaceMesh;
+
+use crate::args::BoundaryMapFiles;
 
 /// A closed surface, or the boundary of a tet mesh.
 pub fn read_surface(path: &Path) -> anyhow::Result<SurfaceMesh> {
@@ -25,6 +27,17 @@ pub enum BoundarySource {
     Image { domain: PathBuf, image: PathBuf },
     /// A boundary file, and its domain if that is named.
     File { file: PathBuf, domain: Option<PathBuf> },
+}
+
+impl BoundaryMapFiles {
+    /// Where the boundary map comes from, unless it is to be made.
+    pub fn source(&self) -> Option<BoundarySource> {
+        match (self.domain.clone(), self.image.clone(), self.boundary.clone()) {
+            (domain, None, Some(file)) => Some(BoundarySource::File { file, domain }),
+            (Some(domain), Some(image), None) => Some(BoundarySource::Image { domain, image }),
+            _ => None,
+        }
+    }
 }
 
 impl BoundarySource {
@@ -103,8 +116,8 @@ pub fn read_fitted_map(path: &Path) -> anyhow::Result<(MapFile, BoundaryMap)> {
     Ok((file, boundary))
 }
 
-/// Refuses an output before any work is done for it: a folder, a file in a folder that is not there, one of the files
-/// `others` that are read or written too, or an extension that is not one of `extensions` (any when there are none).
+/// Refuses an output before any work is done: a folder, a file in a folder that does not exist, one of the `others`
+/// that are read or written too, or another extension than `extensions` (empty: any).
 pub fn require_writable(path: &Path, extensions: &[&str], others: &[&Path]) -> anyhow::Result<()> {
     let shown = path.display();
     anyhow::ensure!(!path.is_dir(), "cannot write `{shown}`: it is a folder");
@@ -112,9 +125,9 @@ pub fn require_writable(path: &Path, extensions: &[&str], others: &[&Path]) -> a
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
         anyhow::bail!("cannot write `{shown}`: there is no folder `{}`", folder.display());
     }
-    let whole = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let canonical = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     anyhow::ensure!(
-        !others.iter().any(|other| whole(other) == whole(path)),
+        !others.iter().any(|other| canonical(other) == canonical(path)),
         "`{shown}` would be overwritten: it is named twice, as an output and as another file"
     );
     anyhow::ensure!(
@@ -125,7 +138,7 @@ pub fn require_writable(path: &Path, extensions: &[&str], others: &[&Path]) -> a
     Ok(())
 }
 
-/// As [`require_writable`], for each of several outputs that are given; none may be another, or one of `inputs`.
+/// [`require_writable`] for each output that is given; none may be another one, or one of `inputs`.
 pub fn require_all_writable(outputs: &[(Option<&PathBuf>, &[&str])], inputs: &[&Path]) -> anyhow::Result<()> {
     let mut others = inputs.to_vec();
     for (path, extensions) in outputs {
@@ -142,12 +155,12 @@ pub fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
-/// A file in the list of inputs of a result.
+/// A file as results list it among their inputs.
 pub fn provenance(role: &str, path: &Path) -> anyhow::Result<Provenance> {
     Provenance::of(role, path).with_context(|| format!("cannot read `{}`", path.display()))
 }
 
-/// What a run may take unless told otherwise: a tenth of the available memory stays free.
+/// The default limit on the memory, in bytes: a tenth of the available memory stays free.
 pub fn most_memory() -> Option<u64> {
     solidmap::memory::default_budget()
 }

@@ -9,9 +9,9 @@ use indicatif::ProgressBar;
 use super::output::{Output, to_stderr};
 use solidmap::io;
 
-/// What a shell shows for a program that was interrupted.
+/// The exit code of a program that was interrupted, as shells have it.
 const INTERRUPTED: i32 = 130;
-/// Could not run to its end.
+/// The exit code of a program that could not run.
 const OUT_OF_TIME: i32 = 2;
 
 static SCRATCH: Mutex<Option<PathBuf>> = Mutex::new(None);
@@ -20,23 +20,22 @@ fn scratch() -> MutexGuard<'static, Option<PathBuf>> {
     SCRATCH.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A temporary folder that an interrupt removes as well.
-pub fn remove_folder(folder: &Path) {
+/// Has an interrupt remove this temporary folder as well.
+pub fn remove_folder_too(folder: &Path) {
     *scratch() = Some(folder.to_owned());
 }
 
-/// Does work that an interrupt must not stop half-way: it waits for the end. The work may write nothing by
-/// [`io::atomic_write`], which an interrupt stops.
+/// Does work that an interrupt waits for. The work must not call [`io::atomic_write`], which an interrupt stops.
 pub fn hold_off<T>(work: impl FnOnce() -> T) -> T {
     let _held = scratch();
     work()
 }
 
-/// From now on an interrupt removes what is half written and ends the program. One that is ignored, as under `nohup`,
-/// stays so.
+/// From now on an interrupt removes what is half written and ends the program. Signals that are ignored, as under
+/// `nohup`, stay ignored.
 pub fn end_cleanly(output: &Output) {
     let line = output.progress_line();
-    // Without a handler the system ends the program; no more than a temporary file is left.
+    // Without a handler the system ends the program, which may leave a temporary file.
     let _ = ctrlc::try_set_handler(move || end(&line, "interrupted", INTERRUPTED));
 }
 
@@ -50,7 +49,7 @@ pub fn end_after(seconds: f64, output: &Output) {
     });
 }
 
-/// The worker of CGAL and TetGen sees the end of this process, and ends too.
+/// Removes what is half written and exits. The worker of CGAL and TetGen ends with this process.
 fn end(line: &ProgressBar, message: &str, code: i32) {
     io::abandon_writes();
     if let Some(folder) = scratch().take() {

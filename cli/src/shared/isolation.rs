@@ -1,11 +1,11 @@
-//! CGAL and TetGen in a process of their own, which may crash without ending this one.
+//! CGAL and TetGen in a process of their own, so that a crash does not end this one.
 
 use anyhow::Context;
 use solidmap::cgal_tetgen::{self, Isolation};
 
 use crate::args::{Cli, Command};
 
-/// Makes CGAL and TetGen run in a process of their own from now on. Those of `compare` are such already.
+/// Makes CGAL and TetGen run in a process of their own from now on. In the worker of `compare` they do already.
 pub fn isolate(cli: &Cli) -> anyhow::Result<()> {
     if matches!(cli.command, Command::CompareWorker(_)) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! What goes to the terminal: results to stdout, messages and progress to stderr, bars only on a terminal.
+//! Output: results to stdout, messages and progress to stderr, progress only on a terminal.
 
 use std::cell::Cell;
 use std::io::{self, IsTerminal, Write};
@@ -43,7 +43,7 @@ impl Output {
         self.show(step.into());
     }
 
-    /// Shows how far a step is.
+    /// Shows how much of a step is done.
     pub fn progress_of(&self, step: impl Into<String>, done: usize, of: usize) {
         self.show(step.into());
         if self.bar.length().is_none() {
@@ -56,7 +56,7 @@ impl Output {
     fn show(&self, step: String) {
         self.bar.set_message(step);
         if !self.ticking.replace(true) {
-            // A line that was cleared comes back with the time since the beginning.
+            // A line that was cleared shows the time since the beginning again.
             let elapsed = self.bar.elapsed();
             self.bar.reset();
             self.bar.set_elapsed(elapsed);
@@ -64,7 +64,7 @@ impl Output {
         }
     }
 
-    /// Takes the progress line away, until there is more to show.
+    /// Clears the progress line, until there is more to show.
     pub fn finish(&self) {
         self.ticking.set(false);
         self.bar.finish_and_clear();
@@ -75,13 +75,13 @@ impl Output {
         self.bar.clone()
     }
 
-    /// A remark to the user, such as what was repaired.
+    /// A warning, such as what was repaired.
     pub fn warn(&self, message: impl std::fmt::Display) {
         let message = with_option_names(message.to_string());
         self.bar.suspend(|| to_stderr(format_args!("warning: {message}")));
     }
 
-    /// What else happened, such as a file written. Not shown with `--json`.
+    /// A remark, such as on a file that was written. Not shown with `--json`.
     pub fn note(&self, message: impl std::fmt::Display) {
         if !self.json {
             self.bar.suspend(|| to_stderr(format_args!("{message}")));
@@ -98,7 +98,7 @@ impl Output {
         };
         let mut stdout = io::stdout().lock();
         match writeln!(stdout, "{}", content.trim_end()).and_then(|()| stdout.flush()) {
-            // A reader such as `head` that has seen enough is no error.
+            // A reader such as `head` may close the pipe early.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
             written => Ok(written?),
         }
@@ -126,7 +126,7 @@ pub fn with_option_names(message: String) -> String {
         .fold(message, |text, [field, option]| text.replace(field, option))
 }
 
-/// A line on stderr. Nobody can be told when that fails.
+/// Writes a line to stderr. A failure cannot be reported anywhere.
 pub fn to_stderr(message: std::fmt::Arguments<'_>) {
     let _ = writeln!(io::stderr(), "{message}");
 }
@@ -141,7 +141,7 @@ pub fn peak_rss_bytes() -> u64 {
         .map_or(0, |kib| kib * 1024)
 }
 
-/// The error and its causes, each once: many of our errors quote their cause.
+/// The error and its causes, each once: many errors quote their cause.
 pub fn describe(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain().map(ToString::to_string) {
@@ -164,12 +164,12 @@ pub fn mebibytes(bytes: u64) -> f64 {
     bytes as f64 / f64::from(1 << 20)
 }
 
-/// The summary's line on memory.
+/// The line of a summary that gives the memory.
 pub fn memory_row(peak_rss_bytes: u64) -> [String; 2] {
     ["memory".into(), format!("{:.0} MiB at most", mebibytes(peak_rss_bytes))]
 }
 
-/// Lines of a name and a text, the texts aligned.
+/// Lines of a name and a text, with texts aligned.
 pub fn two_columns(rows: Vec<[String; 2]>) -> String {
     let width = rows.iter().map(|[name, _]| name.chars().count()).max().unwrap_or(0);
     let lines = rows

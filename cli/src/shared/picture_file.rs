@@ -33,14 +33,14 @@ pub enum PictureError {
     },
 }
 
-/// Memory that decoding may take, in bytes: pictures of 16384 × 16384 pixels pass.
+/// Largest memory for decoding, in bytes: enough for 16384 × 16384 pixels.
 const MOST_BYTES: u64 = 2 << 30;
 
-/// Pixels that a byte of a picture can stand for at most: eight of one bit, deflated.
+/// Most pixels per byte of a file: eight of one bit, compressed by deflate.
 const MOST_PIXELS: u64 = 8 * 1032;
 
-/// Reads a PNG or JPEG picture, whatever its extension. Colours count as sRGB; finer ones than 8 bits are rounded, grey ones
-/// become red, green and blue, and transparency is passed over.
+/// Reads a PNG or JPEG picture, whatever its extension. Colours are taken as sRGB and rounded to 8 bits; grey becomes
+/// red, green and blue, and transparency is ignored.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! Pictures of plane sections, and where they are cut.
+//! Pictures of plane sections.
 
 use anyhow::ensure;
 use solidmap::energy::{EnergyOptions, densities};
@@ -9,7 +9,7 @@ use solidmap::mesh::SurfaceMesh;
 use crate::args::SectionArgs;
 use crate::drawing::{ColourBar, Panel, Scale, ValueRange};
 
-/// Refuses a position of a section that is not between the ends of the solid.
+/// Refuses a position of a section outside 0 to 1.
 pub fn require_position(position: f64) -> anyhow::Result<()> {
     ensure!(
         (0.0..=1.0).contains(&position),
@@ -27,7 +27,7 @@ pub fn plane_across(axis: Axis, position: f64, solid: &SurfaceMesh) -> AxisPlane
 }
 
 impl SectionArgs {
-    /// Refuses a position that is not between the ends of the solid.
+    /// Refuses a position outside 0 to 1.
     pub fn require_valid(&self) -> anyhow::Result<()> {
         require_position(self.position)
     }
@@ -41,7 +41,7 @@ impl SectionArgs {
 /// Name of the distance field's colour bar.
 const DISTANCE: &str = "distance from the boundary";
 
-/// A map between two solids, as pictures need it.
+/// A map between two solids, to be pictured.
 pub struct Pictured<'a> {
     /// The map.
     pub map: &'a dyn VolumeMap,
@@ -62,7 +62,7 @@ impl Pictured<'_> {
         let section = PlaneSection::new(self.domain, plane, self.up, pixels)?;
         let volumes = [self.domain.volume(), self.target.volume()];
         let densities = densities(self.map, section.points(), volumes[0], volumes[1], &self.options)?;
-        // A few points at creases have densities far above all others; the bar says that it clamps.
+        // A few points at creases have densities far above all others; the colour bar says that it clamps them.
         let most = ValueRange::Quantiles(0.0, 0.99);
         let distances = distance_field(self.target, &self.map.evaluate(section.points()))?;
         let from_zero = from_zero(&distances);
@@ -86,7 +86,7 @@ impl Pictured<'_> {
     }
 }
 
-/// Blue is the boundary; the boundary error puts some points a little outside of it.
+/// From 0, the boundary; the boundary error puts some points a little outside.
 fn from_zero(distances: &[f64]) -> ValueRange {
     ValueRange::Fixed(0.0, distances.iter().copied().fold(0.0, f64::max).max(f64::EPSILON))
 }

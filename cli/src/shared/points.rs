@@ -1,4 +1,4 @@
-//! Points in tables and meshes, and what is told of their preimages.
+//! Points in tables and meshes, and warnings about their preimages.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ pub fn is_table(path: &Path) -> bool {
     ["csv", "npy"].contains(&extension(path).as_str())
 }
 
-/// The points of a table, or the vertices of a mesh with the mesh.
+/// The points of a table, or a mesh and its vertices.
 pub fn read_points(path: &Path) -> anyhow::Result<(Option<SolidMesh>, Vec<Point>)> {
     if is_table(path) {
         return Ok((None, io::read_points(path)?));
@@ -27,7 +27,7 @@ pub fn read_points(path: &Path) -> anyhow::Result<(Option<SolidMesh>, Vec<Point>
     Ok((Some(solid), points))
 }
 
-/// Writes a table of so many columns: CSV with their names, or NPY, which has none.
+/// Writes a table with these columns: CSV with their names, or NPY, which has none.
 pub fn write_table(path: &Path, names: &[&str], values: &[f64]) -> anyhow::Result<()> {
     if extension(path) == "csv" {
         io::write_csv(path, names, values)?;
@@ -37,7 +37,7 @@ pub fn write_table(path: &Path, names: &[&str], values: &[f64]) -> anyhow::Resul
     Ok(())
 }
 
-/// Says what has no preimage, or too many.
+/// Warns of points without a preimage, and of those with several.
 pub fn warn_of_preimages(output: &Output, report: &InverseReport) {
     let say = |count: usize, what: &str| {
         if count > 0 {
@@ -45,14 +45,8 @@ pub fn warn_of_preimages(output: &Output, report: &InverseReport) {
         }
     };
     say(report.not_finite, "have NaN or infinite coordinates");
-    say(
-        report.outside,
-        "lie outside of the target, and nothing in the domain goes there",
-    );
-    say(
-        report.not_converged,
-        "lie in the target, but no preimage was found in the domain",
-    );
+    say(report.outside, "lie outside the target, and have no preimage");
+    say(report.not_converged, "lie in the target, but no preimage was found");
     say(
         report.folded,
         "lie where the map folds: they have several preimages, or one where the map is turned inside out, or one where \
@@ -60,7 +54,7 @@ pub fn warn_of_preimages(output: &Output, report: &InverseReport) {
     );
 }
 
-/// The number that a status has in files.
+/// The number of a status in files.
 pub fn status_number(preimage: &Preimage) -> f64 {
     f64::from(preimage.status as u8)
 }

@@ -9,7 +9,7 @@ use solidmap::boundary_map::check::{BoundaryCheck, BoundaryCheckOptions, check};
 use solidmap::io;
 
 use super::pictures;
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::BoundaryCheckArgs;
 use crate::shared::input;
 use crate::shared::input::BoundarySource;
@@ -30,7 +30,7 @@ struct BoundaryCheckSummary {
 }
 
 /// Reads, checks, draws and reports; findings make the exit code 1.
-pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let start = Instant::now();
     anyhow::ensure!(
         args.tolerance.is_finite() && args.tolerance >= 0.0,
@@ -77,14 +77,10 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<Outcome>
         let files: Vec<String> = source.files().iter().map(|path| path.display().to_string()).collect();
         format!("{}\n{}", files.join(" → "), report.check)
     })?;
-    Ok(if report.check.findings.is_empty() {
-        Outcome::Done
-    } else {
-        Outcome::CheckFailed
-    })
+    Ok(CommandOutcome::from_check(report.check.findings.is_empty()))
 }
 
-/// Files that are no meshes are boundary files, which hold their domain.
+/// Files that are not meshes are boundary files, which hold their domain.
 fn source(args: &BoundaryCheckArgs) -> anyhow::Result<BoundarySource> {
     let (first, second) = (args.domain.clone(), args.image.clone());
     Ok(match second {

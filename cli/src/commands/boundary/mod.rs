@@ -6,12 +6,12 @@ mod pictures;
 pub mod sphere;
 mod write;
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::BoundaryCommand;
 use crate::shared::output::Output;
 
 /// Runs the subcommand.
-pub fn run(command: &BoundaryCommand, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(command: &BoundaryCommand, output: &Output) -> anyhow::Result<CommandOutcome> {
     match command {
         BoundaryCommand::Pair(args) => pair::run(args, output),
         BoundaryCommand::Check(args) => check::run(args, output),

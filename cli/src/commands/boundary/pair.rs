@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
 use solidmap::boundary_map::pair::{PairMethod, PairReport};
-use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 
 use super::write;
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::BoundaryPairArgs;
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
 use crate::shared::{boundary_map, input};
@@ -27,8 +27,8 @@ struct PairSummary {
     peak_rss_bytes: u64,
 }
 
-/// Maps the pair and writes the image, and the map itself where it is asked for.
-pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<Outcome> {
+/// Maps the pair, and writes the image and whatever else is asked for.
+pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let mut inputs: Vec<&Path> = vec![&args.domain, &args.target];
     inputs.extend(args.pair.landmarks.iter().map(PathBuf::as_path));
     args.outputs.require_writable(&inputs)?;
@@ -39,11 +39,11 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<Outcome> 
     let mut read: Vec<(&str, &Path)> = vec![("domain", &args.domain), ("target", &args.target)];
     read.extend(args.pair.landmarks.iter().map(|file| ("landmarks", file.as_path())));
     write::outputs(&map, &args.outputs, &read, output)?;
-    let folded = plain_image_flipped(&map)?;
-    if folded > 0 {
+    let flipped = plain_image_flipped(&map)?;
+    if flipped > 0 {
         output.note(format_args!(
-            "the plain image, straight between the images of vertices, has {folded} triangles that face against the \
-             target; the map has none: write it with --boundary"
+            "the plain image, linear between the images of vertices, has {flipped} triangles that face against the \
+             target; the boundary map has none: write it with --boundary"
         ));
     }
     let report = PairSummary {
@@ -57,7 +57,7 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<Outcome> 
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || summary(&report))?;
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }
 
 /// Triangles of the plain image that face against the target.
@@ -69,9 +69,10 @@ fn plain_image_flipped(map: &BoundaryMap) -> anyhow::Result<usize> {
 fn summary(report: &PairSummary) -> String {
     let pair = &report.pair;
     let seconds = pair.timings;
-    let way = match (pair.method, pair.schedule) {
+    let method = match (pair.method, pair.schedule) {
         (PairMethod::SoftTargets, Some(schedule)) => format!(
-            "{} coarse embeddings over {} alignments; taken: alignment {}, soft targets of weight {} up to {} vertices",
+            "the best of {} coarse embeddings for {} alignments: alignment {}, soft targets of weight {} up to {} \
+             vertices",
             pair.coarse_embeddings,
             pair.alignments.len(),
             pair.alignment + 1,
@@ -88,7 +89,7 @@ fn summary(report: &PairSummary) -> String {
             "map".into(),
             "one to one: no triangle flipped on the sphere, degree 1, decided exactly".into(),
         ],
-        ["way".into(), way],
+        ["method".into(), method],
     ];
     if pair.landmarks > 0 {
         rows.push(["landmarks".into(), format!("{}, all met exactly", pair.landmarks)]);
@@ -108,17 +109,6 @@ fn summary(report: &PairSummary) -> String {
             format!("{}, for `solidmap fit --boundary`", file.display()),
         ]);
     }
-    format!(
-        "{}\n\n{}",
-        two_columns(rows),
-        distortions(&[("before", &pair.before), ("after", &pair.after)])
-    )
-}
-
-/// Distortion of several maps, side by side.
-fn distortions(maps: &[(&str, &SurfaceDistortion)]) -> String {
-    maps.iter()
-        .map(|(name, distortion)| format!("{name}\n{distortion}"))
-        .collect::<Vec<_>>()
-        .join("\n")
+    let (table, before, after) = (two_columns(rows), &pair.before, &pair.after);
+    format!("{table}\n\nbefore\n{before}\nafter\n{after}")
 }

@@ -1,4 +1,4 @@
-//! A boundary map to look at: one pattern on the domain and on its image, and where it distorts.
+//! Pictures of boundary maps: one pattern on the domain and on its image, and where the map distorts.
 
 use crate::drawing::{
     Camera, Checker, ColourBar, Figure, Panel, Pattern, Scale, SurfaceColour, SurfaceStyle, ValueRange,
@@ -19,7 +19,7 @@ const PIXELS: [usize; 2] = [560, 520];
 /// Cells of the pattern along the longest side of the domain, or from pole to pole.
 const CELLS: usize = 16;
 
-/// Triangles that surfaces are cut into, unless they have more, so that what is drawn between vertices is the map itself.
+/// Triangles that surfaces are cut into, unless they have more, so that the map is drawn between vertices too.
 const TRIANGLES: usize = 400_000;
 
 /// A surface to show, with what it is coloured by.
@@ -28,18 +28,18 @@ struct Shown {
     mesh: SurfaceMesh,
     /// Where each vertex stands in the pattern.
     places: Vec<Point>,
-    distortion: Option<Distortion>,
+    distortion: Option<ShownDistortion>,
 }
 
-/// Distortion of the map, per triangle of a surface.
-struct Distortion {
+/// ShownDistortion of the map, per triangle of a surface.
+struct ShownDistortion {
     area: Vec<f64>,
     angle: Vec<f64>,
 }
 
-/// The domain and its image side by side, from the front and from behind, painted with one chequered field, and with
-/// how far areas and angles are distorted. By way of the sphere the image is the target itself, with what the map brings
-/// to every point of it, and below is the sphere between them.
+/// The domain and its image side by side, from the front and from behind, with one chequered pattern, and coloured by
+/// the distortion of areas and angles. Of a composition of spherical embeddings the target itself is shown, painted by
+/// the inverse map, and below it the sphere.
 pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow::Result<Figure> {
     let (up, upside_down) = up.axis();
     let [front, back] = [30.0, 210.0].map(|azimuth| Camera {
@@ -66,7 +66,7 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow:
     let mut rows = vec![top];
     if let Some(bars) = bars(&pair[0])? {
         let mut bottom = vec![];
-        for (kind, bar) in [Kind::Area, Kind::Angle].into_iter().zip(&bars) {
+        for (kind, bar) in [DistortionKind::Area, DistortionKind::Angle].into_iter().zip(&bars) {
             let [first, last] = &pair;
             bottom.extend(first.measured(kind, bar, &front)?);
             bottom.extend(last.measured(kind, bar, &front)?.map(|panel| panel.with_bar(bar)));
@@ -99,7 +99,7 @@ fn straight(map: &BoundaryMap, against: ComparedWith) -> anyhow::Result<[Shown; 
         name,
         mesh,
         places: places.clone(),
-        distortion: Distortion::of(&domain, map.image(), |ratio| ratio),
+        distortion: ShownDistortion::of(&domain, map.image(), |ratio| ratio),
     }))
 }
 
@@ -109,7 +109,7 @@ fn onto_sphere(map: &BoundaryMap) -> [Shown; 2] {
         name,
         mesh,
         places: fine.image().to_vec(),
-        distortion: Distortion::of(fine.domain(), fine.image(), |ratio| ratio),
+        distortion: ShownDistortion::of(fine.domain(), fine.image(), |ratio| ratio),
     })
 }
 
@@ -120,18 +120,18 @@ fn through_sphere(map: &BoundaryMap, back: BoundaryMap) -> [Shown; 2] {
             name: "Domain",
             mesh: fine.domain().clone(),
             places: fine.domain().vertices().to_vec(),
-            distortion: Distortion::of(fine.domain(), fine.image(), |ratio| ratio),
+            distortion: ShownDistortion::of(fine.domain(), fine.image(), |ratio| ratio),
         },
         Shown {
             name: "Target",
             mesh: back.domain().clone(),
             places: back.image().to_vec(),
-            distortion: Distortion::of(back.domain(), back.image(), |ratio| 1.0 / ratio),
+            distortion: ShownDistortion::of(back.domain(), back.image(), |ratio| 1.0 / ratio),
         },
     ]
 }
 
-/// The sphere, with the field as it comes from the domain, and how areas of either surface are distorted on it.
+/// The sphere, with the pattern of the domain, and coloured by how the areas of either surface are distorted on it.
 fn between(
     surfaces: [&SphericalEmbedding; 2],
     pattern: Pattern,
@@ -141,7 +141,7 @@ fn between(
     let (mut values, mut weights) = (vec![], vec![]);
     for surface in surfaces {
         let fine = refined(BoundaryMap::onto_sphere(surface.clone())?);
-        let distortion = Distortion::of(fine.domain(), fine.image(), |ratio| ratio);
+        let distortion = ShownDistortion::of(fine.domain(), fine.image(), |ratio| ratio);
         if let Some(distortion) = &distortion {
             values.extend_from_slice(&distortion.area);
             let areas = areas(fine.domain());
@@ -165,7 +165,7 @@ fn between(
         .iter()
         .zip(["Sphere, area from domain", "Sphere, area from target"])
     {
-        let panel = sphere.measured(Kind::Area, &bar, front)?;
+        let panel = sphere.measured(DistortionKind::Area, &bar, front)?;
         panels.extend(panel.map(|panel| panel.titled(title)));
     }
     let last = panels.pop().map(|panel| panel.with_bar(&bar));
@@ -192,9 +192,9 @@ fn cubes(mesh: &SurfaceMesh) -> Pattern {
     }
 }
 
-/// Scales for areas and angles, which tell apart what 99 % of the surface's area have.
+/// Colour bars for areas and angles, over the values of 99 % of the surface's area.
 fn bars(shown: &Shown) -> anyhow::Result<Option<[ColourBar; 2]>> {
-    let Some(Distortion { area, angle }) = &shown.distortion else {
+    let Some(ShownDistortion { area, angle }) = &shown.distortion else {
         return Ok(None);
     };
     let areas = areas(&shown.mesh);
@@ -224,20 +224,20 @@ fn areas(mesh: &SurfaceMesh) -> Vec<f64> {
         .collect()
 }
 
-/// What 99 % of the area do not exceed, within what colours can tell apart.
+/// The 99 % quantile by area, within limits that colours can show.
 fn bound(values: impl Iterator<Item = f64>, areas: &[f64]) -> f64 {
     let values: Vec<f64> = values.collect();
     weighted_quantiles(&values, areas, [0.99]).map_or(1.05, |[most]| most.clamp(1.05, 1e3))
 }
 
 #[derive(Clone, Copy)]
-enum Kind {
+enum DistortionKind {
     Area,
     Angle,
 }
 
-impl Distortion {
-    /// `area` makes of a ratio of areas from domain to image the one that is shown.
+impl ShownDistortion {
+    /// `area` gives the ratio of areas to show from the ratio of image to domain.
     fn of(domain: &SurfaceMesh, image: &[Point], area: fn(f64) -> f64) -> Option<Self> {
         let found = triangle_distortions(domain, image)?;
         let values = |of: &dyn Fn(&TriangleDistortion) -> f64| -> Vec<f64> {
@@ -259,13 +259,13 @@ impl Shown {
         self.view(SurfaceColour::Checker(checker), camera, suffix)
     }
 
-    fn measured(&self, kind: Kind, bar: &ColourBar, camera: &Camera) -> anyhow::Result<Option<Panel>> {
-        let Some(Distortion { area, angle }) = &self.distortion else {
+    fn measured(&self, kind: DistortionKind, bar: &ColourBar, camera: &Camera) -> anyhow::Result<Option<Panel>> {
+        let Some(ShownDistortion { area, angle }) = &self.distortion else {
             return Ok(None);
         };
         let (values, suffix) = match kind {
-            Kind::Area => (area, ", distortion of area"),
-            Kind::Angle => (angle, ", distortion of angle"),
+            DistortionKind::Area => (area, ", distortion of area"),
+            DistortionKind::Angle => (angle, ", distortion of angle"),
         };
         let colour = SurfaceColour::PerTriangle(values.clone(), bar.clone());
         self.view(colour, camera, suffix).map(Some)

@@ -9,7 +9,7 @@ use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::spherical::{EmbeddingCheck, SphereEnergy, SphereOptions, SphereReport, SphereStart, check_embedding};
 
 use super::write;
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::{BoundarySphereArgs, SphereEnergyKind, SphereStartKind};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
 use crate::shared::{boundary_map, input};
@@ -33,7 +33,7 @@ struct SphereSummary {
 }
 
 /// Maps, measures and writes.
-pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let start = Instant::now();
     args.outputs.require_writable(&[&args.model])?;
     output.progress("reading");
@@ -45,7 +45,9 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Outcome
     };
     let (map, sphere) = boundary_map::to_sphere(&surface, &args.model, &options, output)?;
     if args.start == SphereStartKind::Flow && sphere.start != SphereStart::Flow {
-        output.warn("the flow folds this surface, or shrinks its limbs to specks; the progressive start was taken");
+        output.warn(
+            "the flow folds this surface, or shrinks its limbs to specks; the progressive start was used instead",
+        );
     }
     if !sphere.converged {
         output.warn(format!(
@@ -74,7 +76,7 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Outcome
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || summary(&report))?;
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }
 
 fn summary(report: &SphereSummary) -> String {
@@ -135,7 +137,7 @@ fn least(energy: SphereEnergy) -> &'static str {
 
 fn start(start: SphereStart) -> &'static str {
     match start {
-        SphereStart::Progressive => "drawn level by level",
+        SphereStart::Progressive => "embedded level by level",
         SphereStart::Flow => "conformalised mean curvature flow",
     }
 }

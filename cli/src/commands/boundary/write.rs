@@ -1,4 +1,4 @@
-//! What the commands that make boundary maps write.
+//! Writing boundary maps.
 
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,8 @@ impl BoundaryOutputs {
     }
 }
 
-/// Writes the image, and where asked for the map itself and its picture. `inputs` are files by their roles.
+/// Writes the image, and where asked for the boundary map, its fields and its picture. `inputs` are files by their
+/// roles.
 pub fn outputs(
     map: &BoundaryMap,
     outputs: &BoundaryOutputs,

@@ -1,4 +1,4 @@
-//! What was found, as text, Markdown, CSV and JSON.
+//! The comparison as text, Markdown, CSV and JSON.
 
 use std::fmt::Write;
 use std::path::Path;

@@ -1,7 +1,7 @@
-//! What a comparison asks of a process of its own, and what it gets back.
+//! Jobs of the worker processes of a comparison, and their results.
 //!
-//! Every map is made in a process of its own: its peak of memory is then its own, a mesher that crashes takes its own row
-//! with it and no other, and one that does not end can be ended.
+//! Every map is made in a process of its own, so that its peak memory can be measured, a mesher that crashes fails one
+//! map alone, and one that does not end can be ended.
 
 use std::path::PathBuf;
 
@@ -19,24 +19,24 @@ pub struct Job {
     pub task: Task,
     /// How the domain is meshed; `None` for the default.
     pub mesh: Option<MeshSpec>,
-    /// A tet mesh of the domain to take instead.
+    /// A tet mesh of the domain to use instead.
     pub given: Option<PathBuf>,
     pub tolerance: f64,
-    /// Distance of the sources over their spacing.
+    /// Distance of the sources from the surface, over their spacing.
     pub alpha: f64,
     pub memory: Option<u64>,
-    /// Part of the energy that the last step of the variational method lowers it by.
+    /// The variational method stops when a step lowers the energy by less than this fraction.
     pub threshold: f64,
     pub resolution: usize,
     pub interior: usize,
     pub seed: u64,
-    /// Where to cut for the pictures, and what points up there.
-    pub section: Option<Cut>,
-    /// Images of the points inside, and of those of the section, by the reference.
+    /// The section that pictures show.
+    pub section: Option<SectionView>,
+    /// Images by the reference: of the points inside, and of those of the section.
     pub reference: Option<[PathBuf; 2]>,
-    /// Folder for what the next process or the pictures need.
+    /// Folder for what later processes and the pictures need.
     pub scratch: PathBuf,
-    /// Folder for what the user gets.
+    /// Folder for results that the user gets.
     pub keep: Option<PathBuf>,
 }
 
@@ -45,16 +45,16 @@ pub struct Job {
 pub enum Task {
     /// Make a map and measure it.
     Method(ComparedMethod),
-    /// Make a finer map that the others are held against.
+    /// Make a finer map that the others are compared with.
     Reference,
     /// Map the domain to one frame after the other.
     Sequence(ComparedMethod, Vec<PathBuf>),
 }
 
-/// A plane perpendicular to a coordinate axis.
+/// A plane perpendicular to a coordinate axis, and what points up in pictures of it.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct Cut {
-    /// 0, 1 or 2.
+pub struct SectionView {
+    /// Coordinate axes: 0, 1 or 2.
     pub axis: usize,
     pub up: usize,
     /// In model units.
@@ -64,9 +64,9 @@ pub struct Cut {
 /// Pixels along the longer side of a section.
 pub const SECTION_PIXELS: usize = 420;
 
-/// A line of the table.
+/// A row of the tables: a map and its figures.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Row {
+pub struct MethodRow {
     pub name: String,
     /// Why there are no figures.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -75,13 +75,13 @@ pub struct Row {
     pub figures: Option<Figures>,
 }
 
-/// What is known of a map.
+/// The figures of a map.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Figures {
     pub seconds: BuildTimings,
-    /// Peak memory of the process when the map was made, with the program and its inputs.
+    /// Peak memory of the process up to the making of the map, program and inputs included.
     pub peak_rss_bytes: u64,
-    /// Tetrahedra that the map is made of, or that were carried to count folds.
+    /// Tetrahedra that the map is linear over, or that were carried to count inverted ones.
     pub tets: Option<usize>,
     pub flipped_tets: Option<usize>,
     /// Unknowns per coordinate.
@@ -96,33 +96,33 @@ pub struct Figures {
     pub energy_density: DensityQuantiles,
     pub min_det_jacobian: f64,
     pub det_jacobian: Option<Determinants>,
-    /// Part of the volume where the map is folded.
+    /// Fraction of the volume where the map is folded.
     pub folded_fraction: f64,
     /// Means over the volume where the map is not folded, the target scaled to the domain's volume.
     pub distortion: Option<DistortionMetrics>,
-    /// As VOLMAP's program forms them.
+    /// The same as computed by VOLMAP's program.
     pub volmap: Option<DistortionMetrics>,
     pub quadrature_points: usize,
-    /// What could not be found out.
+    /// What could not be measured.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remarks: Vec<String>,
 }
 
 impl Figures {
-    /// Seconds to make the map.
+    /// Seconds to make the map, without evaluation.
     pub fn total_seconds(&self) -> f64 {
         self.seconds.mesh + self.seconds.factor + self.seconds.solve
     }
 }
 
-/// What is known of a sequence.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+/// The figures of a sequence.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct SequenceFigures {
     /// Meshing and factoring.
     pub setup_seconds: f64,
-    /// One frame after the other, each on its own.
+    /// Of each frame on its own.
     pub frame_seconds: Vec<f64>,
-    /// All frames together: in a block, or each from where the one before ended.
+    /// All frames together: in a block, or each starting from the frame before.
     pub together_seconds: f64,
     pub boundary_error_p99: f64,
     /// Frames that could not be used, and why.

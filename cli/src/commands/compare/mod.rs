@@ -18,16 +18,15 @@ use solidmap::boundary_map::BoundaryMapError;
 use solidmap::compare::{ComparedMethod, MapDifference};
 use solidmap::mesh::SurfaceMesh;
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::{CompareArgs, MapMethod};
-use crate::shared::input::BoundarySource;
 use crate::shared::interrupt;
 use crate::shared::output::{Output, describe};
-use job::{Figures, Row, SequenceFigures};
+use job::{Figures, MethodRow, SequenceFigures};
 use runner::{Runner, methods_of};
 use worker::Reference;
 
-/// All that was found.
+/// The results of a comparison.
 #[derive(Serialize)]
 struct Comparison {
     domain: Option<PathBuf>,
@@ -35,7 +34,7 @@ struct Comparison {
     #[serde(skip_serializing_if = "Option::is_none")]
     boundary_file: Option<PathBuf>,
     reference: Option<Reference>,
-    methods: Vec<Row>,
+    methods: Vec<MethodRow>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     equal_accuracy: Vec<Step>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -44,19 +43,19 @@ struct Comparison {
     sequence: Vec<SequenceRow>,
 }
 
-/// A refinement of the finite elements, or of mfs.
+/// A map by finer finite elements, or by mfs at a tighter tolerance.
 #[derive(Serialize)]
 struct Step {
     what: String,
     #[serde(flatten)]
-    row: Row,
+    row: MethodRow,
 }
 
-/// How much the maps of one method differ.
+/// How much the maps of one method differ when what should not matter is varied.
 #[derive(Serialize)]
 struct Study {
     method: ComparedMethod,
-    /// What was varied, and what came of it.
+    /// One run for each variation.
     runs: Vec<StudyRun>,
     /// Distances of the maps from their mean.
     spread: Option<MapDifference>,
@@ -66,7 +65,7 @@ struct Study {
 struct StudyRun {
     what: String,
     #[serde(flatten)]
-    row: Row,
+    row: MethodRow,
 }
 
 #[derive(Serialize)]
@@ -78,23 +77,26 @@ struct SequenceRow {
 }
 
 /// Compares the methods on one boundary map.
-pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow::Result<CommandOutcome> {
     require_valid(args)?;
     output.progress("reading");
-    let source = source(args)?;
+    let source = args
+        .files
+        .source()
+        .context("name a DOMAIN with its --image, or a --boundary")?;
     let boundary = match source.read() {
-        // Files that can be read, but no map between them: every row says so.
+        // The files can be read, but are no boundary map: every row says so.
         Err(error) if error.is::<BoundaryMapError>() => return none_possible(args, &error, output),
         read => worker::outward(read?)?,
     };
     require_solvable(boundary.domain(), source.domain())?;
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{}`", folder.display()))?;
-        // Before the work, not after it. This file has no name.
+        // Fails before the work, not after it. The file has no name.
         tempfile::tempfile_in(folder).with_context(|| format!("cannot write to the folder `{}`", folder.display()))?;
     }
     let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
-    interrupt::remove_folder(scratch.path());
+    interrupt::remove_folder_too(scratch.path());
     let runner = Runner {
         args,
         source: &source,
@@ -107,7 +109,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     let section = match &args.out {
         Some(folder) => {
             clear(folder)?;
-            Some(pictures::section(runner.cut(), &boundary)?)
+            Some(pictures::section(runner.section_view(), &boundary)?)
         }
         None => None,
     };
@@ -116,14 +118,14 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     } else {
         runner.reference()
     };
-    let methods: Vec<Row> = runner
+    let methods: Vec<MethodRow> = runner
         .methods()
         .map(|method| runner.row(method, reference.is_some()))
         .collect();
     let comparison = Comparison {
-        domain: args.domain.clone(),
-        image: args.image.clone(),
-        boundary_file: args.boundary.clone(),
+        domain: args.files.domain.clone(),
+        image: args.files.image.clone(),
+        boundary_file: args.files.boundary.clone(),
         equal_accuracy: runner.equal_accuracy(&methods),
         mesh_study: runner.mesh_study(reference.is_some()),
         sequence: runner.sequence(),
@@ -134,7 +136,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     if let Some(folder) = &args.out {
         export::write(folder, &comparison)?;
     }
-    // The contract: a list of the methods. All else is in the folder.
+    // The JSON report is a list of the methods; all else is in the folder.
     output.result(&comparison.methods, || export::text(&comparison))?;
     let remarks = comparison
         .methods
@@ -147,7 +149,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
             .for_each(|remark| output.warn(format!("{name}: {remark}")));
     }
     if comparison.is_reference_poor() {
-        output.warn("the reference meets the boundary no better than mfs; differences to it mean little");
+        output.warn("the boundary error of the reference is no less than that of mfs; differences to it mean little");
     }
     if let (Some(folder), Some(section)) = (&args.out, &section) {
         let path = folder.join("comparison.png");
@@ -155,39 +157,27 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
             output.note(format!("Look at {}", path.display()));
         }
     }
-    Ok(if comparison.has_all(args) {
-        Outcome::Done
-    } else {
-        Outcome::CheckFailed
-    })
+    Ok(CommandOutcome::from_check(comparison.has_all(args)))
 }
 
-fn source(args: &CompareArgs) -> anyhow::Result<BoundarySource> {
-    match (args.domain.clone(), args.image.clone(), args.boundary.clone()) {
-        (domain, None, Some(file)) => Ok(BoundarySource::File { file, domain }),
-        (Some(domain), Some(image), None) => Ok(BoundarySource::Image { domain, image }),
-        _ => anyhow::bail!("name a DOMAIN with its --image, or a --boundary"),
-    }
-}
-
-/// A table of rows that all have the same reason to be empty.
-fn none_possible(args: &CompareArgs, error: &anyhow::Error, output: &Output) -> anyhow::Result<Outcome> {
+/// A table whose rows all have the same error.
+fn none_possible(args: &CompareArgs, error: &anyhow::Error, output: &Output) -> anyhow::Result<CommandOutcome> {
     let error = describe(error);
-    let row = |method: ComparedMethod| Row {
+    let row = |method: ComparedMethod| MethodRow {
         name: method.name().to_owned(),
         error: Some(error.clone()),
         figures: None,
     };
-    let rows: Vec<Row> = methods_of(args).map(row).collect();
+    let rows: Vec<MethodRow> = methods_of(args).map(row).collect();
     output.warn(&error);
     output.result(&rows, || {
-        let line = |row: &Row| format!("{}: {error}", row.name);
+        let line = |row: &MethodRow| format!("{}: {error}", row.name);
         rows.iter().map(line).collect::<Vec<_>>().join("\n")
     })?;
-    Ok(Outcome::CheckFailed)
+    Ok(CommandOutcome::CheckFailed)
 }
 
-/// Removes what an earlier comparison left: its maps would stand among the new ones.
+/// Removes the results of an earlier comparison, so that its maps do not stand among the new ones.
 fn clear(folder: &Path) -> anyhow::Result<()> {
     let tables = ["txt", "md", "csv", "json", "png"].map(|extension| format!("comparison.{extension}"));
     let maps = ComparedMethod::ALL.map(|method| method.name());
@@ -252,7 +242,7 @@ fn require_valid(args: &CompareArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// No method can do anything with a surface that bounds no solid.
+/// Refuses a surface that bounds no solid, of which no method can make a map.
 fn require_solvable(domain: &SurfaceMesh, path: &Path) -> anyhow::Result<()> {
     let report = solidmap::check::check(domain, None);
     ensure!(
@@ -265,7 +255,7 @@ fn require_solvable(domain: &SurfaceMesh, path: &Path) -> anyhow::Result<()> {
 }
 
 impl Comparison {
-    /// Whether every figure that was asked for is there. Refinement may end with a mesh over budget: that is its way to end.
+    /// Whether every figure that was asked for is there. A refinement may end with a mesh over budget.
     fn has_all(&self, args: &CompareArgs) -> bool {
         let runs = self
             .mesh_study
@@ -279,7 +269,7 @@ impl Comparison {
             && frames.all(|row| row.figures.as_ref().is_some_and(|f| f.skipped.is_empty()))
     }
 
-    /// Whether the reference is further from the boundary map than a map that is held against it.
+    /// Whether the boundary error of the reference is larger than that of mfs.
     fn is_reference_poor(&self) -> bool {
         let mfs = self.methods.iter().find(|row| row.name == ComparedMethod::Mfs.name());
         let mfs = mfs.and_then(|row| row.figures.as_ref());

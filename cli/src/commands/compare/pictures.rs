@@ -9,21 +9,21 @@ use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
 use solidmap::io;
 
 use super::Comparison;
-use super::job::{Cut, SECTION_DENSITY, SECTION_IMAGES, SECTION_PIXELS};
+use super::job::{SECTION_DENSITY, SECTION_IMAGES, SECTION_PIXELS, SectionView};
 use super::runner::Runner;
 use crate::shared::output::write_file;
 
 /// The cross-section of the domain that all maps are shown on.
-pub fn section(cut: Cut, boundary: &BoundaryMap) -> anyhow::Result<PlaneSection> {
+pub fn section(view: SectionView, boundary: &BoundaryMap) -> anyhow::Result<PlaneSection> {
     let axis = |i: usize| [Axis::X, Axis::Y, Axis::Z][i];
     let plane = AxisPlane {
-        axis: axis(cut.axis),
-        position: cut.position,
+        axis: axis(view.axis),
+        position: view.position,
     };
     Ok(PlaneSection::new(
         boundary.domain(),
         plane,
-        axis(cut.up),
+        axis(view.up),
         SECTION_PIXELS,
     )?)
 }
@@ -73,7 +73,7 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
     Ok(true)
 }
 
-/// One colour bar for all, at the last.
+/// Panels with a common colour bar, at the last.
 fn panels(
     section: &PlaneSection,
     fields: &[(String, Vec<f64>)],
@@ -102,8 +102,8 @@ fn read_points(path: &Path, section: &PlaneSection) -> Option<Vec<Point>> {
 fn read_values(path: &Path, section: &PlaneSection) -> Option<Vec<f64>> {
     let bytes = std::fs::read(path).ok()?;
     let count = section.points().len();
-    // The numbers stand at the end of the file.
-    let numbers = bytes.len().checked_sub(8 * count)?;
+    // The values are at the end of an NPY file.
+    let start = bytes.len().checked_sub(8 * count)?;
     let value = |chunk: &[u8]| Some(f64::from_le_bytes(chunk.try_into().ok()?));
-    bytes[numbers..].chunks_exact(8).map(value).collect()
+    bytes[start..].chunks_exact(8).map(value).collect()
 }

@@ -10,12 +10,12 @@ use serde::de::DeserializeOwned;
 use super::job::{Job, RESULT};
 use crate::shared::output::{Output, write_file};
 
-/// How often a process is looked after when it says nothing.
+/// How often a process is checked while it prints nothing.
 const TICK: Duration = Duration::from_millis(50);
 /// How long a process may take to end when it is asked to.
 const GRACE: Duration = Duration::from_secs(2);
 
-/// Does a job and gives its result, or says why there is none. What the process is doing is shown after `label`.
+/// Runs a job and returns its result, or why there is none. Its progress is shown after `label`.
 pub fn run<T: DeserializeOwned>(
     job: &Job,
     label: &str,
@@ -38,21 +38,19 @@ fn start(job: &Job, threads: Option<u16>) -> anyhow::Result<Child> {
     if let Some(threads) = threads {
         command.args(["--threads", &threads.to_string()]);
     }
-    // The process ends itself when its standard input does.
-    let piped = [Stdio::piped(), Stdio::piped(), Stdio::piped()];
-    let [stdin, stdout, stderr] = piped;
+    // The process ends itself when its standard input closes.
     command
         .arg("compare-worker")
         .arg(&path)
-        .stdin(stdin)
-        .stdout(stdout)
-        .stderr(stderr);
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
     Ok(command.spawn()?)
 }
 
 fn wait(mut child: Child, label: &str, time_limit: f64, output: &Output) -> Result<(), String> {
     let lines = lines_of(&mut child);
-    let said = child.stderr.take().map(|mut stderr| {
+    let messages = child.stderr.take().map(|mut stderr| {
         std::thread::spawn(move || {
             let mut text = Vec::new();
             let _ = stderr.read_to_end(&mut text);
@@ -79,15 +77,15 @@ fn wait(mut child: Child, label: &str, time_limit: f64, output: &Output) -> Resu
             Err(error) => return Err(format!("the process was lost: {error}")),
         }
     };
-    let said = said.and_then(|thread| thread.join().ok()).unwrap_or_default();
+    let messages = messages.and_then(|thread| thread.join().ok()).unwrap_or_default();
     if status.success() {
         Ok(())
     } else {
-        Err(reason(status, &said))
+        Err(reason(status, &messages))
     }
 }
 
-/// Ends a process, which gets a moment to remove what it has written half.
+/// Ends a process, which gets a moment to remove what is half written.
 fn end(child: &mut Child) {
     drop(child.stdin.take());
     let asked = Instant::now();
@@ -112,13 +110,13 @@ fn lines_of(child: &mut Child) -> Receiver<String> {
     lines
 }
 
-/// Its own words, or those of the system where it had no time for any.
-fn reason(status: ExitStatus, said: &str) -> String {
-    let error = said.lines().find_map(|line| line.strip_prefix("error: "));
+/// The error that a process printed, or how it ended where it printed none.
+fn reason(status: ExitStatus, messages: &str) -> String {
+    let error = messages.lines().find_map(|line| line.strip_prefix("error: "));
     match error {
         Some(error) => error.to_owned(),
         None => {
-            let mut lines = said.lines().skip_while(|line| !line.contains("panicked at"));
+            let mut lines = messages.lines().skip_while(|line| !line.contains("panicked at"));
             let words = [lines.next(), lines.next()].map(Option::unwrap_or_default).join(" ");
             format!("its process ended with {status}. {words}")
                 .trim_end()

@@ -1,4 +1,4 @@
-//! The jobs of a comparison, one at a time: they take all cores.
+//! The jobs of a comparison, one at a time, since each uses all cores.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use solidmap::geometry::Axis;
 use solidmap::io;
 use solidmap::mesh::SurfaceMesh;
 
-use super::job::{Cut, Figures, Job, Row, SAMPLES, SECTION_IMAGES, SequenceFigures, Task};
+use super::job::{Figures, Job, MethodRow, SAMPLES, SECTION_IMAGES, SectionView, SequenceFigures, Task};
 use super::process;
 use super::worker::Reference;
 use super::{SequenceRow, Step, Study, StudyRun};
@@ -15,13 +15,13 @@ use crate::args::{CompareArgs, Mesher};
 use crate::shared::input::BoundarySource;
 use crate::shared::output::Output;
 
-/// Finite elements are refined so often at most, each time to about twice the tetrahedra.
+/// Refinements of the finite elements at most, each to about twice the tetrahedra.
 const MOST_REFINEMENTS: usize = 14;
-/// Tolerances of mfs beside them, over the one asked for.
+/// Tighter tolerances of mfs, as fractions of the one asked for.
 const TIGHTER: [f64; 2] = [0.5, 0.25];
-/// Qualities of TetGen's meshes in the study of what they matter.
+/// Radius-edge ratios of TetGen's meshes in the mesh study.
 const QUALITIES: [f64; 3] = [2.0, 1.414, 1.15];
-/// Source distances of the same study, over the sources' spacing.
+/// Source distances in the mesh study, over the sources' spacing.
 const ALPHAS: [f64; 4] = [0.8, 1.0, 1.25, 1.5];
 
 /// The methods asked for, in the order of tables.
@@ -64,18 +64,18 @@ impl Runner<'_> {
             resolution: measure.resolution,
             interior: measure.interior,
             seed: measure.seed,
-            section: args.out.as_ref().map(|_| self.cut()),
+            section: args.out.as_ref().map(|_| self.section_view()),
             reference: None,
             scratch: self.scratch.join(name),
             keep: None,
         }
     }
 
-    /// Where to cut for the pictures.
-    pub fn cut(&self) -> Cut {
+    /// The section that pictures show.
+    pub fn section_view(&self) -> SectionView {
         let section = &self.args.measure.section;
         let plane = section.plane(self.domain);
-        Cut {
+        SectionView {
             axis: plane.axis.index(),
             up: Axis::from(section.up).index(),
             position: plane.position,
@@ -101,7 +101,7 @@ impl Runner<'_> {
         process::run(job, label, self.threads, self.args.budget.time_limit, self.output)
     }
 
-    /// A finer map that the others are held against.
+    /// Makes a finer map that the others are compared with.
     pub fn reference(&self) -> Option<Reference> {
         let mut job = self.job(Task::Reference, "reference");
         job.keep = self.args.out.clone();
@@ -109,7 +109,7 @@ impl Runner<'_> {
             Ok(reference) => Some(reference),
             Err(error) => {
                 self.output
-                    .warn(format!("there is no reference to hold maps against inside: {error}"));
+                    .warn(format!("there is no reference to compare maps with inside: {error}"));
                 None
             }
         }
@@ -121,8 +121,8 @@ impl Runner<'_> {
         [folder.join(SAMPLES), folder.join(SECTION_IMAGES)]
     }
 
-    /// Does a job of one method, which writes its figures.
-    fn figures(&self, job: &Job, label: &str) -> Row {
+    /// Runs a job of one method.
+    fn figures(&self, job: &Job, label: &str) -> MethodRow {
         let method = match &job.task {
             Task::Method(method) => method.name(),
             _ => "",
@@ -130,14 +130,14 @@ impl Runner<'_> {
         let found: Result<Figures, String> = self.run(job, label);
         let name = method.to_owned();
         match found {
-            Ok(figures) => Row {
+            Ok(figures) => MethodRow {
                 name,
                 error: None,
                 figures: Some(figures),
             },
             Err(error) => {
                 self.output.warn(format!("{label}: {error}"));
-                Row {
+                MethodRow {
                     name,
                     error: Some(error),
                     figures: None,
@@ -147,24 +147,24 @@ impl Runner<'_> {
     }
 
     /// The figures of a method.
-    pub fn row(&self, method: ComparedMethod, has_reference: bool) -> Row {
+    pub fn row(&self, method: ComparedMethod, has_reference: bool) -> MethodRow {
         let mut job = self.job(Task::Method(method), method.name());
         job.reference = has_reference.then(|| self.reference_files());
         job.keep = self.args.out.clone();
         self.figures(&job, method.name())
     }
 
-    /// Finer and finer elements, until they are as near to the reference as the method of fundamental solutions is; and
-    /// that method at tighter tolerances.
-    pub fn equal_accuracy(&self, methods: &[Row]) -> Vec<Step> {
+    /// Finer and finer elements, until their difference to the reference is no larger than that of mfs; and mfs at
+    /// tighter tolerances.
+    pub fn equal_accuracy(&self, methods: &[MethodRow]) -> Vec<Step> {
         if !self.args.equal_accuracy {
             return Vec::new();
         }
-        let difference = |row: &Row| Some(row.figures.as_ref()?.interior_difference?.rms);
+        let difference = |row: &MethodRow| Some(row.figures.as_ref()?.interior_difference?.rms);
         let mfs = methods.iter().find(|row| row.name == ComparedMethod::Mfs.name());
         let Some((mfs, goal)) = mfs.and_then(|row| Some((row, difference(row)?))) else {
             self.output
-                .warn("there is no difference of mfs to the reference that finite elements could reach");
+                .warn("mfs has no difference to the reference that finite elements could reach");
             return Vec::new();
         };
         let tolerance = self.args.measure.tolerance;
@@ -186,7 +186,7 @@ impl Runner<'_> {
             job.mesh = Some(spec);
             let row = self.figures(&job, &format!("fem, {what}"));
             let is_last = difference(&row).is_none_or(|rms| rms <= goal);
-            let tets = |row: &Row| Some((row.name.clone(), row.figures.as_ref()?.tets));
+            let tets = |row: &MethodRow| Some((row.name.clone(), row.figures.as_ref()?.tets));
             if !is_last && steps.last().is_some_and(|before| tets(&before.row) == tets(&row)) {
                 continue;
             }
@@ -205,8 +205,8 @@ impl Runner<'_> {
         job
     }
 
-    /// Coarse inside at first, then with edges that shrink so that the tetrahedra double. A mesh keeps the triangles of the
-    /// surface, which are cut where they are larger than the tetrahedra.
+    /// The mesh of refinement `k`: coarse inside at first, then with edges so much shorter that the tetrahedra double.
+    /// A mesh keeps the triangles of the surface, which are cut when they are larger than the tetrahedra.
     fn finer_mesh(&self, k: usize) -> (String, MeshSpec) {
         let spec = self.mesh_spec();
         if k == 0 {
@@ -225,7 +225,7 @@ impl Runner<'_> {
         (format!("edge {edge:.2e}"), spec)
     }
 
-    /// The same solid on several meshes.
+    /// Maps of the same boundary map on several meshes, and with several source distances.
     pub fn mesh_study(&self, has_reference: bool) -> Vec<Study> {
         if !self.args.mesh_study {
             return Vec::new();
@@ -289,7 +289,7 @@ impl Runner<'_> {
             .collect()
     }
 
-    /// What each frame costs by each method.
+    /// The time of each frame, by each method.
     pub fn sequence(&self) -> Vec<SequenceRow> {
         if self.args.frames.is_empty() {
             return Vec::new();

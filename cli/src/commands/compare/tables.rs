@@ -1,8 +1,8 @@
-//! The tables of a comparison, and what is said about them.
+//! The tables of a comparison, and notes on them.
 
 use std::fmt::Write;
 
-use super::job::{Figures, Row};
+use super::job::{Figures, MethodRow};
 use super::verdict::verdict;
 use super::{Comparison, SequenceRow, Step, Study, StudyRun};
 use crate::drawing::{Align, Table, significant};
@@ -21,7 +21,7 @@ fn table<const N: usize>(columns: [(&str, &str, Align); N], rows: Vec<[String; N
     Part::Table(table.to_string(), table.to_markdown())
 }
 
-/// All that is said of a comparison, in order.
+/// The text and tables of a comparison, in order.
 pub fn parts(comparison: &Comparison) -> Vec<Part> {
     let rows = &comparison.methods;
     let mut parts = vec![
@@ -42,8 +42,9 @@ pub fn parts(comparison: &Comparison) -> Vec<Part> {
     }
     if !comparison.mesh_study.is_empty() {
         parts.push(Part::Words(
-            "How far results depend on what they should not depend on: distances inside from the mean of all maps of \
-             a method, as fractions of the target's diagonal. variational differs where its descent ends, too."
+            "How far maps depend on what they should not depend on: distances inside from the mean of all maps of a \
+             method, as fractions of the target's diagonal. The maps of variational differ also by where its descent \
+             stops."
                 .into(),
         ));
         parts.push(study(&comparison.mesh_study));
@@ -55,9 +56,9 @@ pub fn parts(comparison: &Comparison) -> Vec<Part> {
     }
     if !comparison.sequence.is_empty() {
         parts.push(Part::Words(
-            "A sequence. Together: mfs and fem solve all frames in a block, the variational method starts each from the \
-             frame before. Setup: meshing, placing sources, factoring. The seconds of mfs include measuring its boundary \
-             error; fem and variational have only that of their mesh."
+            "A sequence. Together: mfs and fem solve all frames in a block, variational starts each from the frame \
+             before. Setup: meshing, placing sources, factoring. The seconds of mfs include measuring its boundary \
+             error; fem and variational have no boundary error but that of their mesh."
                 .into(),
         ));
         parts.push(sequence(&comparison.sequence));
@@ -72,7 +73,7 @@ pub fn parts(comparison: &Comparison) -> Vec<Part> {
     parts
 }
 
-/// Why rows have no figures, if any has none.
+/// The errors of rows without figures, if there are any.
 fn failures<'a>(rows: impl Iterator<Item = (String, &'a Option<String>)>) -> Option<Part> {
     let lines = rows.filter_map(|(name, error)| Some(format!("{name}: {}", error.as_ref()?)));
     let lines: Vec<String> = lines.collect();
@@ -90,7 +91,7 @@ fn error(value: f64) -> String {
     format!("{value:.1e}")
 }
 
-/// Seconds with the digits that mean something.
+/// Seconds, with as many digits as are significant.
 pub fn seconds(value: f64) -> String {
     match value {
         0.0 => DASH.into(),
@@ -100,18 +101,18 @@ pub fn seconds(value: f64) -> String {
     }
 }
 
-/// A line of `N − 1` cells for a method that has figures, dashes for one that has none.
-fn line<const N: usize>(row: &Row, cells: impl Fn(&Figures) -> Vec<String>) -> [String; N] {
+/// A row: the method's name and `N − 1` entries, dashes for a method without figures.
+fn line<const N: usize>(row: &MethodRow, cells: impl Fn(&Figures) -> Vec<String>) -> [String; N] {
     let mut line = vec![row.name.clone()];
     line.extend(row.figures.as_ref().map(cells).unwrap_or_default());
     std::array::from_fn(|k| line.get(k).cloned().unwrap_or(DASH.into()))
 }
 
-fn cost(rows: &[Row]) -> Part {
+fn cost(rows: &[MethodRow]) -> Part {
     let cells = |f: &Figures| {
         let s = f.seconds;
         vec![
-            // The others have tets carried, but are not made of them.
+            // The other maps do not need the tets that they carry.
             if s.mesh > 0.0 { count(f.tets) } else { DASH.into() },
             if f.unknowns == 0 {
                 DASH.into()
@@ -144,7 +145,7 @@ fn cost(rows: &[Row]) -> Part {
     )
 }
 
-fn accuracy(rows: &[Row]) -> Part {
+fn accuracy(rows: &[MethodRow]) -> Part {
     let cells = |f: &Figures| {
         let mut cells = vec![
             error(f.boundary_error.rms),
@@ -181,7 +182,7 @@ fn accuracy(rows: &[Row]) -> Part {
     )
 }
 
-fn quality(rows: &[Row]) -> Part {
+fn quality(rows: &[MethodRow]) -> Part {
     let cells = |f: &Figures| {
         let mut cells = vec![count(f.flipped_tets), format!("{:.3}", 100.0 * f.folded_fraction)];
         match &f.det_jacobian {
@@ -215,20 +216,20 @@ fn quality(rows: &[Row]) -> Part {
 
 fn notes(comparison: &Comparison) -> String {
     let mut notes = String::from(
-        "Boundary errors, at held-out points, and differences inside are fractions of the target's diagonal. Energies and \
-         distortions are with both solids at unit volume, on one quadrature for all, det J is in model units; under each \
-         distortion stands that of a rigid motion, and folded volume is left out of them. Flipped tets: mfs and mean_value \
-         carry the mesh that fem solves on, its boundary by the boundary map, and need none themselves. Evaluate: images and \
-         Jacobians at the quadrature's points; it is all that mean_value costs, and not in the sum. Peaks are those of whole \
-         processes. variational ends with the step that gains less than --threshold, not at the minimum. mean_value is not \
-         harmonic.",
+        "Boundary errors, at held-out points, and differences inside are fractions of the target's diagonal. Energies \
+         and distortions are with both solids at unit volume, on one quadrature for all, det J is in model units; \
+         under each distortion stands that of a rigid motion, and folded volume is left out of them. Flipped tets: \
+         mfs and mean_value carry the mesh that fem solves on, its boundary by the boundary map, and need none \
+         themselves. Evaluate: images and Jacobians at the quadrature's points; it is all that mean_value costs, and \
+         not in the sum. Peaks are those of whole processes. variational ends with the step that gains less than \
+         --threshold, not at the minimum. mean_value is not harmonic.",
     );
     if let Some(reference) = &comparison.reference {
         let _ = write!(
             notes,
-            "\nThe reference inside is {}. From the same with triangles four times as large it differs by {:.1e} rms and \
-             {:.1e} at most, and less from the truth; differences of that order mean nothing. Its boundary error is {:.1e} \
-             rms and {:.1e} at most.",
+            "\nThe reference inside is {}. From one with triangles four times as large it differs by {:.1e} rms and \
+             {:.1e} at most; its own error is smaller, and differences of that order mean nothing. Its boundary error \
+             is {:.1e} rms and {:.1e} at most.",
             reference.description,
             reference.difference_to_coarser.rms,
             reference.difference_to_coarser.max,

@@ -1,16 +1,16 @@
-//! What the same accuracy costs by finite elements and by fundamental solutions.
+//! The cost of equal accuracy by finite elements and by the method of fundamental solutions.
 
 use super::Step;
 use super::job::Figures;
 use super::tables::{count, seconds};
 use crate::shared::output::mebibytes;
 
-/// Difference inside to the reference.
+/// Rms difference to the reference inside.
 fn inside(figures: &Figures) -> f64 {
     figures.interior_difference.map_or(f64::NAN, |d| d.rms)
 }
 
-/// The headline: what the same accuracy costs.
+/// The cost of equal accuracy, in words.
 pub fn verdict(steps: &[Step]) -> String {
     let of = |name: &str| {
         let rows = steps.iter().filter(move |step| step.row.name == name);
@@ -23,16 +23,17 @@ pub fn verdict(steps: &[Step]) -> String {
     let goal = inside(mfs);
     let coarser = fem.len().checked_sub(2).map(|k| fem[k]);
     let own = format!(
-        "mfs takes {} s and {:.0} MiB to come within {goal:.1e} rms of the reference inside, with a boundary error of {:.1e} \
-         rms; finite elements have none at the boundary",
+        "mfs takes {} s and {:.0} MiB to come within {goal:.1e} rms of the reference inside, with a boundary error of \
+         {:.1e} rms; finite elements have none at the boundary",
         seconds(mfs.total_seconds()),
         mebibytes(mfs.peak_rss_bytes),
         mfs.boundary_error.rms
     );
     if inside(finest) > goal {
         return format!(
-            "Equal accuracy inside: {own}. They did not come as near within the budget: their finest mesh, of {} tets, is \
-             {:.1e} away and takes {} s ({:.1} times; {:.1} times without meshing) and {:.0} MiB ({:.1} times).",
+            "Equal accuracy inside: {own}. They did not come as near within the budget: their finest mesh, of {} \
+             tets, is {:.1e} away and takes {} s ({:.1} times; {:.1} times without meshing) and {:.0} MiB ({:.1} \
+             times).",
             count(finest.tets),
             inside(finest),
             seconds(finest.total_seconds()),
@@ -42,7 +43,7 @@ pub fn verdict(steps: &[Step]) -> String {
             mebibytes(finest.peak_rss_bytes) / mebibytes(mfs.peak_rss_bytes)
         );
     }
-    // Between the last two meshes, by powers of the difference.
+    // Interpolated between the last two meshes, as a power of the difference.
     let at_goal = |cost: &dyn Fn(&Figures) -> f64| match coarser {
         Some(coarser) if inside(coarser) > goal => {
             let part = (inside(coarser) / goal).ln() / (inside(coarser) / inside(finest)).ln();

@@ -1,4 +1,4 @@
-//! The process that makes one map.
+//! The worker process, which makes and measures one map.
 
 use std::io::{Read, Write};
 use std::path::Path;
@@ -24,7 +24,7 @@ use solidmap::{Matrix3, Point};
 use super::job::{Figures, Job, RESULT, SAMPLES, SECTION_DENSITY, SECTION_IMAGES, Task};
 use super::pictures;
 use super::worker_sequence::sequence;
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::CompareWorkerArgs;
 use crate::shared::fields::{positions, scalar};
 use crate::shared::output::{describe, peak_rss_bytes, write_file};
@@ -32,21 +32,21 @@ use crate::shared::output::{describe, peak_rss_bytes, write_file};
 /// Vertices up to which the reference's surface is cut into four once more.
 const MOST_REFERENCE_VERTICES: usize = 25_000;
 
-/// Does the job in a file and leaves the result in its scratch folder.
-pub fn run(args: &CompareWorkerArgs) -> anyhow::Result<Outcome> {
+/// Runs the job in a file, and writes the result to its scratch folder.
+pub fn run(args: &CompareWorkerArgs) -> anyhow::Result<CommandOutcome> {
     end_with_parent();
     let text = std::fs::read_to_string(&args.job)?;
     let job: Job = serde_json::from_str(&text)?;
     let boundary = outward(job.source.read()?)?;
     match &job.task {
-        Task::Method(method) => leave(&job, &measured(&job, &boundary, *method)?)?,
-        Task::Reference => leave(&job, &reference(&job, &boundary)?)?,
-        Task::Sequence(method, frames) => leave(&job, &sequence(&job, &boundary, *method, frames)?)?,
+        Task::Method(method) => write_result(&job, &measured(&job, &boundary, *method)?)?,
+        Task::Reference => write_result(&job, &reference(&job, &boundary)?)?,
+        Task::Sequence(method, frames) => write_result(&job, &sequence(&job, &boundary, *method, frames)?)?,
     }
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }
 
-/// Ends this process when the one that started it is gone: its end of our standard input closes then.
+/// Ends this process when the one that started it has ended, which closes standard input.
 fn end_with_parent() {
     std::thread::spawn(|| {
         let _ = std::io::stdin().read_to_end(&mut Vec::new());
@@ -55,17 +55,17 @@ fn end_with_parent() {
     });
 }
 
-/// Shown by the process that waits.
+/// Prints progress, which the process that waits shows.
 pub fn tell(what: String) {
     let mut stdout = std::io::stdout().lock();
     let _ = writeln!(stdout, "{what}").and_then(|()| stdout.flush());
 }
 
-fn leave(job: &Job, result: &impl Serialize) -> anyhow::Result<()> {
+fn write_result(job: &Job, result: &impl Serialize) -> anyhow::Result<()> {
     write_file(job.scratch.join(RESULT), &serde_json::to_vec(result)?)
 }
 
-/// The same map of a domain whose faces look outward.
+/// The boundary map over its domain with outward faces.
 pub fn outward(boundary: BoundaryMap) -> anyhow::Result<BoundaryMap> {
     let (repaired, repairs) = check::repair(boundary.domain());
     if repairs.is_empty() {
@@ -74,7 +74,7 @@ pub fn outward(boundary: BoundaryMap) -> anyhow::Result<BoundaryMap> {
     Ok(boundary.over(repaired)?)
 }
 
-/// How mfs is set.
+/// The settings of mfs.
 pub fn fit_options(job: &Job) -> FitOptions {
     FitOptions {
         tolerance: job.tolerance,
@@ -88,7 +88,7 @@ pub fn fit_options(job: &Job) -> FitOptions {
     }
 }
 
-/// How the variational method is set.
+/// The settings of the variational method.
 pub fn descent(job: &Job) -> DescentOptions {
     DescentOptions {
         threshold: job.threshold,
@@ -96,8 +96,8 @@ pub fn descent(job: &Job) -> DescentOptions {
     }
 }
 
-fn yardstick<'a>(job: &Job, boundary: &'a BoundaryMap) -> anyhow::Result<MapEvaluator<'a>> {
-    tell("placing points to measure at".into());
+fn evaluator<'a>(job: &Job, boundary: &'a BoundaryMap) -> anyhow::Result<MapEvaluator<'a>> {
+    tell("placing sample points".into());
     let options = EvaluationOptions {
         resolution: job.resolution,
         interior: job.interior,
@@ -115,7 +115,7 @@ pub fn mesh_spec(job: &Job, boundary: &BoundaryMap) -> MeshSpec {
 fn measured(job: &Job, boundary: &BoundaryMap, method: ComparedMethod) -> anyhow::Result<Figures> {
     let given = job.given.as_ref().map(io::read_tets).transpose()?;
     let spec = mesh_spec(job, boundary);
-    let recipe = BuildOptions {
+    let options = BuildOptions {
         method,
         fit: fit_options(job),
         harmonic: HarmonicOptions::default(),
@@ -131,26 +131,26 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: ComparedMethod) -> anyhow
         energies,
         mut seconds,
         ..
-    } = build(boundary, &recipe, &tell)?;
+    } = build(boundary, &options, &tell)?;
     let peak = peak_rss_bytes();
 
-    let yardstick = yardstick(job, boundary)?;
-    tell(format!("measuring at {} points", yardstick.quadrature().points().len()));
-    let found = yardstick.measure(&*map)?;
+    let evaluator = evaluator(job, boundary)?;
+    tell(format!("measuring at {} points", evaluator.quadrature().points().len()));
+    let found = evaluator.measure(&*map)?;
     seconds.evaluate = found.evaluate_seconds;
-    let samples = yardstick.interior_images(&*map)?;
+    let samples = evaluator.interior_images(&*map)?;
     let interior_difference = match &job.reference {
         Some([reference, _]) => {
             let images = io::read_points(reference)?;
-            Some(yardstick.difference(&samples, &InteriorImages { images }))
+            Some(evaluator.difference(&samples, &InteriorImages { images }))
         }
         None => None,
     };
     write_points(&job.scratch.join(SAMPLES), &samples.images)?;
-    if let Some(cut) = job.section {
-        write_section(job, &pictures::section(cut, boundary)?, boundary, &*map)?;
+    if let Some(view) = job.section {
+        write_section(job, &pictures::section(view, boundary)?, boundary, &*map)?;
     }
-    // A mesh to count folds in; where there is no mesher, there are no counts.
+    // A mesh to count inverted tets of; without a mesher there are no counts.
     let mut remarks = Vec::new();
     let on_tets = match tets {
         Some(own) => Some(own),
@@ -165,7 +165,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: ComparedMethod) -> anyhow
     let folds = on_tets.as_ref().map(|(mesh, images)| FoldCount::of(mesh, images));
     if let Some(folder) = &job.keep {
         tell("writing".into());
-        keep(folder, method, &yardstick, &samples, on_tets.as_ref())?;
+        keep(folder, method, &evaluator, &samples, on_tets.as_ref())?;
         if !energies.is_empty() {
             let history: Vec<f64> = energies.iter().enumerate().flat_map(|(i, &e)| [i as f64, e]).collect();
             let path = folder.join(format!("{}_energies.csv", method.name()));
@@ -195,7 +195,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: ComparedMethod) -> anyhow
     })
 }
 
-/// The mesh for counting folds, and the images of its vertices.
+/// The mesh for counting inverted tets, and the images of its vertices.
 fn carried_mesh(
     boundary: &BoundaryMap,
     spec: &MeshSpec,
@@ -208,7 +208,7 @@ fn carried_mesh(
     Ok((mesh, images))
 }
 
-/// Images and harmonic energy density on the section, with both solids at unit volume, as the table has energies.
+/// Writes images and the harmonic energy density on the section, with both solids at unit volume as in the tables.
 fn write_section(job: &Job, section: &PlaneSection, boundary: &BoundaryMap, map: &dyn VolumeMap) -> anyhow::Result<()> {
     write_points(&job.scratch.join(SECTION_IMAGES), &map.evaluate(section.points()))?;
     let volumes = [boundary.domain().volume(), boundary.target_volume()];
@@ -222,20 +222,20 @@ fn write_section(job: &Job, section: &PlaneSection, boundary: &BoundaryMap, map:
 }
 
 fn write_points(path: &Path, points: &[Point]) -> anyhow::Result<()> {
-    let numbers: Vec<f64> = points.iter().flat_map(|p| p.iter().copied()).collect();
-    Ok(io::write_npy(path, 3, &numbers)?)
+    let coordinates: Vec<f64> = points.iter().flat_map(|p| p.iter().copied()).collect();
+    Ok(io::write_npy(path, 3, &coordinates)?)
 }
 
-/// The map's values at the points inside, and the carried tet mesh, for other programs.
+/// Writes the map's values at the points inside and the carried tet mesh, for the user.
 fn keep(
     folder: &Path,
     method: ComparedMethod,
-    yardstick: &MapEvaluator,
+    evaluator: &MapEvaluator,
     samples: &InteriorImages,
     carried: Option<&(TetMesh, Vec<Point>)>,
 ) -> anyhow::Result<()> {
     let name = method.name();
-    let pairs = yardstick.interior().iter().zip(&samples.images);
+    let pairs = evaluator.interior().iter().zip(&samples.images);
     let table: Vec<f64> = pairs.flat_map(|(p, f)| [p.x, p.y, p.z, f.x, f.y, f.z]).collect();
     io::write_csv(
         folder.join(format!("{name}.csv")),
@@ -256,12 +256,13 @@ fn keep(
     Ok(io::write_vtu(path, mesh.vertices(), Cells::Tets(mesh.tets()), &fields)?)
 }
 
-/// The reference, in words, with its own error.
+/// The reference, and how accurate it is.
 #[derive(Debug, Clone, Serialize, serde::Deserialize)]
 pub struct Reference {
     pub description: String,
     pub boundary_error: solidmap::fit::BoundaryError,
-    /// From the same with triangles four times as large: an estimate of that one's error inside, and more than its own.
+    /// Difference to a reference on triangles four times as large, an estimate of the error of that one inside; its own
+    /// is smaller.
     pub difference_to_coarser: MapDifference,
     pub sources: usize,
     pub seconds: f64,
@@ -283,15 +284,15 @@ fn reference(job: &Job, boundary: &BoundaryMap) -> anyhow::Result<Reference> {
     };
     let before = solidmap::fit::fit(&coarser, &options, &|_| {})?;
     let fit = solidmap::fit::fit(&coarser.subdivided(), &options, &|_| {})?;
-    let yardstick = yardstick(job, boundary)?;
-    let samples = yardstick.interior_images(&fit.map)?;
-    let difference_to_coarser = yardstick.difference(&samples, &yardstick.interior_images(&before.map)?);
+    let evaluator = evaluator(job, boundary)?;
+    let samples = evaluator.interior_images(&fit.map)?;
+    let difference_to_coarser = evaluator.difference(&samples, &evaluator.interior_images(&before.map)?);
     write_points(&job.scratch.join(SAMPLES), &samples.images)?;
-    if let Some(cut) = job.section {
-        write_section(job, &pictures::section(cut, boundary)?, boundary, &fit.map)?;
+    if let Some(view) = job.section {
+        write_section(job, &pictures::section(view, boundary)?, boundary, &fit.map)?;
     }
     if let Some(folder) = &job.keep {
-        let points: Vec<f64> = yardstick.interior().iter().flat_map(|p| p.iter().copied()).collect();
+        let points: Vec<f64> = evaluator.interior().iter().flat_map(|p| p.iter().copied()).collect();
         io::write_csv(folder.join("points.csv"), &["x", "y", "z"], &points)?;
     }
     let error = fit.report.boundary_error;

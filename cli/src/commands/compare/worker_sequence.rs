@@ -18,7 +18,7 @@ use super::worker::{descent, fit_options, mesh_spec, tell};
 use crate::shared::input;
 use crate::shared::output::{describe, peak_rss_bytes};
 
-/// Frames at most that sources are refined for.
+/// Rounds of refinement at most, each for the worst frame.
 const MOST_ROUNDS: usize = 4;
 
 /// Maps the domain to one frame after the other.
@@ -56,7 +56,7 @@ fn sequence_by_fundamental_solutions(
 ) -> anyhow::Result<SequenceFigures> {
     let start = Instant::now();
     let mut factor = DomainFactor::new(boundary.domain(), &fit_options(job), &|_| {})?;
-    // Sources go where the worst frame asks for them, until there is none.
+    // Sources are added for the worst frame, until all meet the tolerance.
     for round in 1..=frames.len().min(MOST_ROUNDS) {
         tell(format!("placing sources for all frames, round {round}"));
         let fits = factor.solve_block(frames, &|_| {})?;
@@ -85,8 +85,7 @@ fn sequence_by_fundamental_solutions(
         frame_seconds,
         together_seconds: start.elapsed().as_secs_f64(),
         boundary_error_p99,
-        skipped: Vec::new(),
-        peak_rss_bytes: 0,
+        ..SequenceFigures::default()
     })
 }
 
@@ -136,8 +135,7 @@ fn sequence_by_finite_elements(
         frame_seconds,
         together_seconds: start.elapsed().as_secs_f64(),
         boundary_error_p99: worst_error(job, frames, &maps)?,
-        skipped: Vec::new(),
-        peak_rss_bytes: 0,
+        ..SequenceFigures::default()
     })
 }
 
@@ -170,7 +168,6 @@ fn sequence_by_descent(job: &Job, boundary: &BoundaryMap, frames: &[BoundaryMap]
         frame_seconds,
         together_seconds,
         boundary_error_p99: worst_error(job, frames, &maps)?,
-        skipped: Vec::new(),
-        peak_rss_bytes: 0,
+        ..SequenceFigures::default()
     })
 }

@@ -10,7 +10,7 @@ use solidmap::map::VolumeMap;
 use solidmap::{Matrix3, Point};
 
 use super::JACOBIAN;
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::EvalArgs;
 use crate::shared::fields::scalar;
 use crate::shared::input::{self, extension};
@@ -26,8 +26,8 @@ struct InverseSummary {
     inverse: InverseReport,
 }
 
-/// Finds the points that a map carries to the given ones, and writes them.
-pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
+/// Finds the preimages of points, and writes them.
+pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
     let (solid, points) = read_points(&args.points)?;
@@ -63,10 +63,10 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
         inverse: report,
     };
     output.result(&report, || two_columns(rows(&report)))?;
-    Ok(if complete { Outcome::Done } else { Outcome::CheckFailed })
+    Ok(CommandOutcome::from_check(complete))
 }
 
-/// Refuses meshes that cannot say which of their vertices have no preimage.
+/// Refuses mesh formats that cannot say which vertices have no preimage.
 fn require_status_if_incomplete(args: &EvalArgs, preimages: &[Preimage]) -> anyhow::Result<()> {
     let missing = preimages
         .iter()
@@ -123,7 +123,7 @@ fn rows(report: &InverseSummary) -> Vec<[String; 2]> {
     rows
 }
 
-/// CSV: the columns of `eval`, with status and error. NPY has no names: preimage, status, error.
+/// CSV: the columns of `eval`, with status and round trip. NPY has no names: preimage, status, round trip.
 fn write_preimages(
     path: &Path,
     points: &[Point],
@@ -154,8 +154,8 @@ fn write_preimages(
     write_table(path, &names, &values)
 }
 
-/// The mesh with its vertices at their preimages; those without one at the node of the seed mesh whose image is nearest,
-/// with a status that says so.
+/// The mesh with its vertices at their preimages. A vertex without one lies at the node of the seed mesh whose image is
+/// nearest, and its status says so.
 fn write_mesh(path: &Path, solid: &SolidMesh, preimages: &[Preimage]) -> anyhow::Result<()> {
     let places: Vec<Point> = preimages.iter().map(|preimage| preimage.point).collect();
     let cells = match solid {

@@ -12,7 +12,7 @@ use solidmap::io::{self, SolidMesh};
 use solidmap::map::VolumeMap;
 use solidmap::{Matrix3, Point};
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::EvalArgs;
 use crate::shared::input::{self, extension};
 use crate::shared::output::{Output, two_columns};
@@ -31,7 +31,7 @@ struct EvalSummary {
     output: PathBuf,
     /// Points with NaN or infinite coordinates, and points at sources: they have no image.
     not_finite: usize,
-    /// Points outside the domain, where the formula still has a value but it means nothing. Unknown without the domain.
+    /// Points outside the domain, where values of the formula mean nothing. `None` if the file has no domain.
     outside: Option<usize>,
     /// Tetrahedra of a carried tet mesh that the map inverts or flattens.
     flipped_tets: Option<usize>,
@@ -39,7 +39,7 @@ struct EvalSummary {
 }
 
 /// Maps points and writes their images.
-pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     input::require_writable(&args.output, &OUTPUTS, &[&args.map, &args.points])?;
     require_matching_output(args)?;
     if args.inverse {
@@ -79,7 +79,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
         .with_context(|| format!("the domain in `{}` cannot be searched", args.map.display()))?;
     if outside.is_some_and(|count| count > 0) {
         output.warn(format!(
-            "{} points lie outside the domain; the formula has values there, but they are no map",
+            "{} points lie outside the domain, where values of the map mean nothing",
             outside.unwrap_or_default()
         ));
     }
@@ -93,7 +93,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<Outcome> {
         seconds,
     };
     output.result(&report, || two_columns(rows(&report)))?;
-    Ok(Outcome::Done)
+    Ok(CommandOutcome::Done)
 }
 
 /// Refuses an output that cannot hold what is to be written.
@@ -130,7 +130,8 @@ fn rows(report: &EvalSummary) -> Vec<[String; 2]> {
     rows
 }
 
-/// Writes the mesh with its vertices at their images; counts the tetrahedra whose orientation is not that of the most.
+/// Writes the mesh with its vertices at their images; counts the tetrahedra whose orientation is not that of the
+/// majority.
 fn write_mesh(path: &Path, solid: &SolidMesh, images: Vec<Point>) -> anyhow::Result<Option<usize>> {
     let mismatch = "the map gave another number of images than points";
     match solid {

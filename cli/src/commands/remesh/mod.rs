@@ -14,7 +14,7 @@ use solidmap::remesh::{
 
 use summary::Reasons;
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::{CellShape, RemeshArgs};
 use crate::shared::carried_mesh_file;
 use crate::shared::carried_mesh_picture::{self, show_phase};
@@ -32,9 +32,9 @@ struct RemeshSummary {
     mesh: Option<PathBuf>,
     output: PathBuf,
     domain_mesh: Option<PathBuf>,
-    /// Bad cells of the result.
+    /// Inverted cells of the result.
     flipped_cells: usize,
-    /// Why they are, and how many for each reason.
+    /// How many of them there are for each reason.
     reasons: Reasons,
     /// The least scaled Jacobian of the result.
     min_scaled_jacobian: Option<f64>,
@@ -45,8 +45,8 @@ struct RemeshSummary {
     peak_rss_bytes: u64,
 }
 
-/// Meshes, repairs, counts again and writes.
-pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
+/// Carries and repairs the mesh, and writes it.
+pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let outputs: [(Option<&PathBuf>, &[&str]); 3] = [
         (Some(&args.output), &OUTPUTS),
         (args.domain_mesh.as_ref(), &OUTPUTS),
@@ -82,7 +82,8 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
     let reasons = Reasons::of(&remeshed.report);
     if flipped > 0 {
         output.warn(format!(
-            "{flipped} cells stay inverted: {}. In {}, {}. Smaller cells may help, or a boundary map that distorts less there",
+            "{flipped} cells stay inverted: {}. In {}, {}. Smaller cells may help, or a boundary map that distorts \
+             less there",
             reasons.words(),
             args.output.display(),
             match extension(&args.output).as_str() {
@@ -114,14 +115,10 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<Outcome> {
         write_file(path, &png)?;
         output.note(format_args!("picture in {}", path.display()));
     }
-    Ok(if flipped > 0 || report.crossings.found() {
-        Outcome::CheckFailed
-    } else {
-        Outcome::Done
-    })
+    Ok(CommandOutcome::from_check(flipped == 0 && !report.crossings.found()))
 }
 
-/// A mesh with nodes that are nowhere has no picture; that is no reason to withhold the rest.
+/// The picture. A mesh with nodes that are not finite has none, which is a warning only.
 fn picture(remeshed: &Remeshed, args: &RemeshArgs, output: &Output) -> Option<Vec<u8>> {
     let repaired = if args.no_repair { "Not repaired" } else { "Repaired" };
     let drawn = carried_mesh_picture::figure(remeshed, repaired, args.up).and_then(|figure| Ok(figure.to_png()?));
@@ -130,7 +127,7 @@ fn picture(remeshed: &Remeshed, args: &RemeshArgs, output: &Output) -> Option<Ve
         .ok()
 }
 
-/// What is carried.
+/// The mesh that is carried.
 fn source(args: &RemeshArgs) -> anyhow::Result<RemeshSource> {
     Ok(match &args.mesh {
         Some(path) => RemeshSource::Given(io::read_cells(path)?),
@@ -148,7 +145,7 @@ fn source(args: &RemeshArgs) -> anyhow::Result<RemeshSource> {
     })
 }
 
-/// Where the mesh comes from, in one line.
+/// Where the mesh comes from, in one line: its files and their hashes.
 fn origin(args: &RemeshArgs, map: &MapMetadata) -> anyhow::Result<String> {
     let mut origin = format!("solidmap {}: mesh", env!("CARGO_PKG_VERSION"));
     let mut add = |role: &str, file: &str, sha256: &str| {

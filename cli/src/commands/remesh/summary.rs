@@ -1,4 +1,4 @@
-//! A remeshing in words.
+//! The result of a remeshing, in words.
 
 use crate::drawing::significant;
 use serde::Serialize;
@@ -10,7 +10,7 @@ use solidmap::remesh::{
 use super::RemeshSummary;
 use crate::shared::output::{mebibytes, two_columns};
 
-/// Cells that stay inverted, by what keeps them.
+/// Numbers of cells that stay inverted, by their cause.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Reasons {
     boundary: usize,
@@ -38,14 +38,14 @@ impl Reasons {
         let known = [
             (
                 self.boundary,
-                "with a corner on the boundary alone that is turned over there (proved)",
+                "with a corner on the boundary alone, which is inverted there (proved)",
             ),
             (
                 self.blocked_node,
-                "at an inner node for which no place is right while the boundary stays (proved)",
+                "at an inner node that has no right place while the boundary stays (proved)",
             ),
             (self.folded_quad, "on a folded boundary quad"),
-            (self.unknown, "for no reason known"),
+            (self.unknown, "for an unknown reason"),
         ];
         let known = known.into_iter().filter(|(count, _)| *count > 0);
         let known: Vec<String> = known.map(|(count, words)| format!("{count} {words}")).collect();
@@ -53,14 +53,14 @@ impl Reasons {
     }
 }
 
-/// What stands in the way, in words; empty when nothing does.
+/// What makes a repair impossible, in words; empty when nothing does.
 fn obstacles(found: &InversionCauses) -> String {
     let of = [
         (
             "cells with an inverted corner on the boundary alone",
             found.boundary_cells,
         ),
-        ("inner nodes for which no place is right", found.blocked_nodes),
+        ("inner nodes without a right place", found.blocked_nodes),
         ("folded boundary quads", found.folded_quads),
     ];
     let of = of.into_iter().filter(|(_, count)| *count > 0);
@@ -68,7 +68,7 @@ fn obstacles(found: &InversionCauses) -> String {
     of.join(", ")
 }
 
-/// What is printed.
+/// The report as text.
 pub fn table(report: &RemeshSummary) -> String {
     let found = &report.remesh;
     let (cells, per_cell) = match found.kind {
@@ -79,12 +79,12 @@ pub fn table(report: &RemeshSummary) -> String {
         ),
     };
     let seconds = found.seconds;
-    let bad = |bad: &InvalidCells| {
-        let inside = match bad.inverted_inside {
+    let inverted = |found: &InvalidCells| {
+        let inside = match found.inverted_inside {
             0 => String::new(),
             count => format!(" and {count} inside only"),
         };
-        format!("{}{inside}", bad.inverted)
+        format!("{}{inside}", found.inverted)
     };
     let mut rows = vec![
         [
@@ -98,8 +98,8 @@ pub fn table(report: &RemeshSummary) -> String {
             "inverted".into(),
             format!(
                 "{} as mapped, {} now, decided exactly{per_cell}",
-                bad(&found.before),
-                bad(&found.after)
+                inverted(&found.before),
+                inverted(&found.after)
             ),
         ],
     ];
@@ -167,7 +167,8 @@ pub fn table(report: &RemeshSummary) -> String {
             match found.slid_nodes {
                 0 => "every node exactly where the boundary map puts it".into(),
                 slid => format!(
-                    "{slid} nodes slid along the target, by {} of a cell at most, {} of the diagonal; the others did not move",
+                    "{slid} nodes slid along the target, by {} of a cell at most, {} of the diagonal; the others did \
+                     not move",
                     significant(found.largest_slide_in_cells, 2),
                     significant(found.largest_slide, 2)
                 ),
@@ -206,16 +207,16 @@ pub fn table(report: &RemeshSummary) -> String {
     two_columns(rows)
 }
 
-/// What there is to warn of.
+/// The warning about a boundary that passes through itself.
 pub fn warning(crossings: &BoundaryIntersections) -> Option<String> {
     match crossings {
         BoundaryIntersections::Counted { as_mapped, result } if result > as_mapped => Some(format!(
-            "the boundary of the mesh passes through itself: {result} pairs of triangles, {as_mapped} before nodes slid \
-             along the target. `--fix-boundary` keeps them where they are mapped; smaller cells need less sliding"
+            "the boundary of the mesh passes through itself: {result} pairs of triangles, {as_mapped} before nodes \
+             slid along the target. `--fix-boundary` keeps them where they are mapped; smaller cells need less sliding"
         )),
         BoundaryIntersections::Counted { result, .. } if *result > 0 => Some(format!(
-            "the boundary of the mesh passes through itself where the boundary map sends it: {result} pairs of triangles. \
-             Smaller cells follow the target more closely"
+            "the boundary of the mesh passes through itself where the boundary map sends it: {result} pairs of \
+             triangles. Smaller cells follow the target more closely"
         )),
         _ => None,
     }
@@ -230,6 +231,6 @@ fn intersections(crossings: &BoundaryIntersections) -> String {
         BoundaryIntersections::Counted { as_mapped, result } => {
             format!("{result} pairs of boundary triangles now, {as_mapped} as mapped")
         }
-        BoundaryIntersections::NotCounted { reason } => format!("of the boundary not looked for: {reason}"),
+        BoundaryIntersections::NotCounted { reason } => format!("not looked for: {reason}"),
     }
 }

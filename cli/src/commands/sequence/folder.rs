@@ -1,4 +1,5 @@
-//! The folder of results: filled aside, so that an earlier run's stay until new ones are complete.
+//! The folder of results. New ones are written to a hidden folder, so that those of an earlier run stay until all are
+//! complete.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,17 +16,17 @@ pub const SERIES: [&str; 3] = [CELLS, SURFACE, MATERIAL];
 /// What is written beside the series and their collections.
 const FILES: [&str; 3] = ["energy.csv", "energy.png", "sections.png"];
 
-/// A series' frame: its file in the series' folder.
+/// The name of a frame's file in the folder of a series.
 pub fn frame_name(frame: usize) -> String {
     format!("frame_{frame:05}.vtu")
 }
 
-/// A series' collection.
+/// The name of a series' collection.
 pub fn collection_name(series: &str) -> String {
     format!("{series}.pvd")
 }
 
-/// Where results go, and a hidden folder there that they are gathered in.
+/// Where results go, and a hidden folder in it where they are gathered.
 pub struct ResultFolder {
     folder: PathBuf,
     /// Removed when it is dropped, and by an interrupt.
@@ -35,8 +36,8 @@ pub struct ResultFolder {
 }
 
 impl ResultFolder {
-    /// Makes the folder. Refuses inputs that would be overwritten there, and frames of a series that would take the place
-    /// of files that no earlier run has made; `written_series` are those that will be written.
+    /// Makes the folder. Refuses inputs that would be overwritten, and frames of the `written_series` that would
+    /// replace files not made by an earlier run.
     pub fn new<'p>(
         folder: &Path,
         inputs: impl Iterator<Item = &'p PathBuf>,
@@ -47,11 +48,11 @@ impl ResultFolder {
         fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{shown}`"))?;
         let earlier: Vec<PathBuf> = SERIES.into_iter().flat_map(|series| earlier(folder, series)).collect();
         let written = written(folder, written_series, frames);
-        let whole = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-        let taken: Vec<PathBuf> = earlier.iter().chain(&written).map(|path| whole(path)).collect();
+        let canonical = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        let taken: Vec<PathBuf> = earlier.iter().chain(&written).map(|path| canonical(path)).collect();
         for input in inputs {
             ensure!(
-                !taken.contains(&whole(input)),
+                !taken.contains(&canonical(input)),
                 "`{}` would be overwritten: give another folder with --output",
                 input.display()
             );
@@ -73,7 +74,7 @@ impl ResultFolder {
         }
         let scratch = tempfile::Builder::new().prefix(".sequence-").tempdir_in(folder);
         let scratch = scratch.with_context(|| format!("cannot write to the folder `{shown}`"))?;
-        interrupt::remove_folder(scratch.path());
+        interrupt::remove_folder_too(scratch.path());
         Ok(Self {
             folder: folder.to_owned(),
             scratch,
@@ -86,21 +87,21 @@ impl ResultFolder {
         self.scratch.path()
     }
 
-    /// Moves what was written into place, over an earlier run's, and removes what is left of that.
+    /// Moves what was written into place, replacing the results of an earlier run, and removes the rest of those.
     pub fn publish(self) -> anyhow::Result<()> {
         interrupt::hold_off(|| {
             let mut moved = Vec::new();
             for series in SERIES {
-                // Without a series there is no folder.
+                // There is no folder of a series that was not written.
                 for entry in fs::read_dir(self.scratch().join(series)).into_iter().flatten() {
                     let name = Path::new(series).join(entry?.file_name());
-                    moved.push(self.put(&name)?);
+                    moved.push(self.move_into_place(&name)?);
                 }
             }
             let collections = SERIES.map(collection_name);
             for name in FILES.into_iter().chain(collections.iter().map(String::as_str)) {
                 if self.scratch().join(name).exists() {
-                    moved.push(self.put(Path::new(name))?);
+                    moved.push(self.move_into_place(Path::new(name))?);
                 }
             }
             for left in self.earlier.iter().filter(|path| !moved.contains(path)) {
@@ -113,8 +114,8 @@ impl ResultFolder {
         })
     }
 
-    /// Moves a file into place, and says where that is.
-    fn put(&self, name: &Path) -> anyhow::Result<PathBuf> {
+    /// Moves a file into place, and returns its path there.
+    fn move_into_place(&self, name: &Path) -> anyhow::Result<PathBuf> {
         let place = self.folder.join(name);
         let context = || format!("cannot write `{}`", place.display());
         if let Some(folder) = place.parent() {
@@ -135,7 +136,7 @@ fn written(folder: &Path, written_series: &[&str], frames: usize) -> Vec<PathBuf
     files
 }
 
-/// The frames that a collection of ours lists, and the collection; nothing where there is none.
+/// The frames that an earlier run's collection lists, and the collection; empty where there is none.
 fn earlier(folder: &Path, series: &str) -> Vec<PathBuf> {
     let collection = folder.join(collection_name(series));
     let text = fs::read_to_string(&collection).unwrap_or_default();

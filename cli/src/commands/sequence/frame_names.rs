@@ -1,4 +1,4 @@
-//! Whether frames come in the order of the numbers in their names.
+//! Whether frames are in the order of the numbers in their names.
 
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ pub fn misordered(files: &[PathBuf]) -> Option<[&Path; 2]> {
     alphabetical.then_some([pair[0].as_path(), pair[1].as_path()])
 }
 
-/// Names in the order of the numbers in them.
+/// Compares names by the numbers in them.
 fn by_numbers(a: &Path, b: &Path) -> Ordering {
     let parts = |path: &Path| {
         let name = path.to_string_lossy().into_owned();

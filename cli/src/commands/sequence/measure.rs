@@ -1,4 +1,4 @@
-//! Frames read, mapped and measured, block by block.
+//! Reading, mapping and measuring frames, block by block.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ use crate::shared::pictures::plane_across;
 /// Pixels along the longer side of a section.
 const SECTION_PIXELS: usize = 480;
 
-/// The cross-section that was asked for; of those across each axis the largest, where no axis was named.
+/// The cross-section that was asked for; where no axis was named, the largest of those across each axis.
 fn section(asked: &SectionArgs, domain: &SurfaceMesh) -> anyhow::Result<PlaneSection> {
     let up = Axis::from(asked.up);
     let across = |axis| PlaneSection::new(domain, plane_across(axis, asked.position, domain), up, SECTION_PIXELS);
@@ -38,7 +38,7 @@ fn section(asked: &SectionArgs, domain: &SurfaceMesh) -> anyhow::Result<PlaneSec
     Ok(largest.map_or(last, Ok)?)
 }
 
-/// What is gathered while the blocks go by: rows, and densities on the section for the frames that are shown.
+/// What is gathered from all blocks: rows, and densities on the section of the frames to be shown.
 pub struct Measurement<'a> {
     pub(super) args: &'a SequenceArgs,
     /// Where files are written.
@@ -50,9 +50,9 @@ pub struct Measurement<'a> {
     /// Sum of the densities on the section over all frames, and how many there are.
     pub(super) sum: Vec<f64>,
     pub(super) measured: usize,
-    /// Frames asked for, with their densities on the section.
+    /// Frames of `--show`, with their densities on the section.
     pub(super) shown: Vec<(usize, Vec<f64>)>,
-    /// The same of the frame of most energy.
+    /// The frame of most energy, with its energy and densities.
     pub(super) most: Option<(usize, f64, Vec<f64>)>,
     pub(super) series: Option<Series>,
     pub(super) material: Option<Material>,
@@ -170,7 +170,7 @@ impl<'a> Measurement<'a> {
         }
         let Some(series) = &mut self.series else { return Ok(()) };
         let measured: Vec<&FrameMeasurement> = frames.iter().map(|(_, _, measured)| measured).collect();
-        let surfaces = self.sequence.densities_at(&measured, series.middles());
+        let surfaces = self.sequence.densities_at(&measured, series.centroids());
         for ((frame, map, measured), surface) in frames.iter().zip(surfaces) {
             let time = *frame as f64 / fps;
             series.add((*frame, time), measured, map.image(), surface, &self.sequence)?;

@@ -10,14 +10,14 @@ mod summary;
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::ensure;
+use anyhow::{Context, ensure};
 use solidmap::check::MOST_RIM_EDGES;
-use solidmap::energy::{GridResolution, Lame};
+use solidmap::energy::GridResolution;
 use solidmap::fit::FitError;
 use solidmap::geometry::count_outside;
 use solidmap::sequence::{Sequence, SequenceError, SequenceOptions};
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::SequenceArgs;
 use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::{fit_options, show_phase};
@@ -28,7 +28,7 @@ use measure::Measurement;
 use summary::SequenceTimings;
 
 /// Measures every frame, block by block, and writes what was found.
-pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let start = Instant::now();
     require_valid(args)?;
     let inputs = std::iter::once(&args.reference)
@@ -39,15 +39,15 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
     let results = ResultFolder::new(&args.output, inputs, &[energies, material].concat(), args.frames.len())?;
     if let Some([before, after]) = frame_names::misordered(&args.frames) {
         output.warn(format!(
-            "frames are taken in the order given, and `{}` comes before `{}`; a shell sorts numbers by their digits: give them \
-             leading zeros, or sort with `ls -v`",
+            "frames are taken in the order given, and `{}` comes before `{}`; a shell sorts numbers by their digits: \
+             give them leading zeros, or sort with `ls -v`",
             before.display(),
             after.display()
         ));
     }
     output.progress("reading the reference");
     let reference = input::read_surface(&args.reference)?;
-    let options = options(args)?;
+    let options = options(args).with_context(|| format!("cannot use `{}`", args.reference.display()))?;
     let sequence = Sequence::new(&reference, &options, &|phase| show_phase(phase, "", output));
     let sequence = sequence.map_err(|error| advised(error, args))?;
     let material = args
@@ -82,14 +82,14 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<Outcome> {
     measurement.finish(cycles, per_block, seconds)
 }
 
-/// The mesh that moves along.
+/// Reads the mesh of `--material`.
 fn read_material(path: &Path, sequence: &Sequence, output: &Output) -> anyhow::Result<MeshWithFields> {
     let given = MeshWithFields::read_mesh(path)?;
     let points = &given.carrier.points;
     let beyond = count_outside(sequence.domain(), points)?;
     if beyond > 0 {
         output.warn(format!(
-            "{beyond} of the {} points of `{}` lie outside the reference; the formula has values there, but they are no map",
+            "{beyond} of the {} points of `{}` lie outside the reference, where values of the map mean nothing",
             points.len(),
             path.display()
         ));
@@ -99,12 +99,7 @@ fn read_material(path: &Path, sequence: &Sequence, output: &Output) -> anyhow::R
 
 fn require_valid(args: &SequenceArgs) -> anyhow::Result<()> {
     args.section.require_valid()?;
-    ensure!(
-        args.lame.iter().all(|constant| constant.is_finite()),
-        "--lame is {} {}, but must be two finite numbers",
-        args.lame[0],
-        args.lame[1]
-    );
+    args.lame.constants()?;
     ensure!(
         args.fps > 0.0 && args.fps.is_finite(),
         "--fps is {}, but must be positive",
@@ -133,17 +128,14 @@ fn options(args: &SequenceArgs) -> anyhow::Result<SequenceOptions> {
     Ok(SequenceOptions {
         fit: fit_options(&args.method, args.tolerance)?,
         resolution: GridResolution::CellsAlongLongestSide(args.resolution),
-        lame: Lame {
-            lambda: args.lame[0],
-            mu: args.lame[1],
-        },
+        lame: args.lame.constants()?,
         own_volume: args.own_volume,
         close_holes: args.mend,
         frames_per_block: args.frames_per_block,
     })
 }
 
-/// An error of the reference, with its file and what helps.
+/// An error in the reference, with its file and what helps.
 fn advised(error: SequenceError, args: &SequenceArgs) -> anyhow::Error {
     let is_open = |report: &solidmap::check::CheckReport| !report.closed;
     let open = matches!(&error, SequenceError::Fit(FitError::DefectiveDomain(report)) if is_open(report));

@@ -12,7 +12,7 @@ use crate::shared::output::write_file;
 
 /// Width and height of the chart.
 const CHART: [usize; 2] = [1200, 640];
-/// What the density is of in pictures.
+/// Name of the density in pictures.
 const DENSITY: &str = "deformation energy density";
 
 impl Measurement<'_> {
@@ -114,10 +114,11 @@ impl Measurement<'_> {
         write_file(self.folder.join("energy.png"), &png)
     }
 
-    /// The mean over all frames, the frames asked for and that of most energy, on the reference's section, with one bar.
+    /// The mean over all frames, the frames asked for and that of most energy, on the reference's section, with one
+    /// bar.
     fn write_sections(&self) -> anyhow::Result<()> {
         let mean: Vec<f64> = self.sum.iter().map(|sum| sum / self.measured.max(1) as f64).collect();
-        // A line of its own for the name of a file: panels are narrow.
+        // File names get a line of their own: panels are narrow.
         let file = |frame: usize| file_name(&self.args.frames[frame]);
         let mut pictures = vec![(format!("mean of {} frames", self.measured), None, &mean)];
         for (frame, densities) in &self.shown {
@@ -129,7 +130,7 @@ impl Measurement<'_> {
             pictures.push((format!("most energy: frame {frame}"), Some(file(*frame)), densities));
         }
         let all = pictures.iter().flat_map(|(_, _, densities)| densities.iter().copied());
-        // A few points at creases have densities far above all others; the bar says that it clamps. Nothing is blue.
+        // A few points at creases have densities far above all others; the colour bar says that it clamps them.
         let most = ColourBar::new(DENSITY, all.clone(), ValueRange::Quantiles(0.0, 0.99), Scale::Linear)?
             .range()
             .1;

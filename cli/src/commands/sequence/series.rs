@@ -1,5 +1,5 @@
-//! What ParaView plays, frame by frame: the reference's cells and the frames' surfaces, coloured by energy, and a mesh with
-//! fields that moves along.
+//! Series of files for ParaView: energies in the reference's cells and on the frames' surfaces, and a mesh with fields
+//! that is carried along.
 
 use std::path::{Path, PathBuf};
 
@@ -14,11 +14,11 @@ use super::folder::{CELLS, MATERIAL, SURFACE, collection_name, frame_name};
 use crate::shared::density_file;
 use crate::shared::fields::{MeshWithFields, positions, scalar};
 
-/// The series of energies, as far as they are written.
+/// The series of energies.
 pub struct Series {
     folder: PathBuf,
-    /// The middle of each triangle of the reference.
-    middles: Vec<Point>,
+    /// Centroids of the reference's triangles.
+    centroids: Vec<Point>,
     /// Times and names of the frames.
     steps: Vec<(f64, String)>,
     bytes: [u64; 2],
@@ -30,24 +30,24 @@ impl Series {
             let path = folder.join(series);
             std::fs::create_dir_all(&path).with_context(|| format!("cannot make the folder `{}`", path.display()))?;
         }
-        let middle = |t: usize| {
+        let centroid = |t: usize| {
             let [a, b, c] = domain.corners(t);
             a + ((b - a) + (c - a)) / 3.0
         };
         Ok(Self {
             folder: folder.to_owned(),
-            middles: (0..domain.triangles().len()).map(middle).collect(),
+            centroids: (0..domain.triangles().len()).map(centroid).collect(),
             steps: Vec::new(),
             bytes: [0; 2],
         })
     }
 
-    /// Where surface densities are wanted: a point for each triangle.
-    pub fn middles(&self) -> &[Point] {
-        &self.middles
+    /// Where surface densities are needed: the centroid of each triangle.
+    pub fn centroids(&self) -> &[Point] {
+        &self.centroids
     }
 
-    /// Writes both files of a frame; `surface` has the densities at [`Self::middles`].
+    /// Writes both files of a frame; `surface` has the densities at [`Self::centroids`].
     pub fn add(
         &mut self,
         (frame, time): (usize, f64),
@@ -112,7 +112,7 @@ impl Material {
         })
     }
 
-    /// Writes the mesh as it is in a frame; vectors are turned and stretched with the solid.
+    /// Writes the mesh as the map of a frame carries it; vectors are turned and stretched with the solid.
     pub fn add(&mut self, (frame, time): (usize, f64), map: &dyn VolumeMap) -> anyhow::Result<()> {
         let name = frame_name(frame);
         let reference = positions("reference", &self.mesh.carrier.points);

@@ -1,4 +1,4 @@
-//! What was found of a sequence, as JSON and in words.
+//! The report on a sequence, as JSON and in words.
 
 use std::path::PathBuf;
 
@@ -10,13 +10,13 @@ use solidmap::sequence::{CycleError, Cycles, FrameMeasurement};
 
 use super::measure::Measurement;
 use super::series::Series;
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::drawing::significant;
 use crate::shared::output::{memory_row, peak_rss_bytes, two_columns};
 
-/// A frame of more than this times the reference's volume, or less than its part, may be in another unit.
+/// A frame whose volume is more than this times the reference's, or less than the inverse, may be in another unit.
 const OTHER_UNIT: f64 = 4.0;
-/// Frames that a message lists.
+/// Most frames that a message lists.
 const LISTED: usize = 20;
 
 /// What `sequence --json` prints.
@@ -30,7 +30,7 @@ struct SequenceSummary {
     closed_holes: Vec<ClosedHole>,
     /// Volume of the reference.
     volume: f64,
-    /// Points that energies are integrated at.
+    /// Quadrature points.
     points: usize,
     frames_per_block: usize,
     own_volume: bool,
@@ -44,7 +44,7 @@ struct SequenceSummary {
     peak_rss_bytes: u64,
 }
 
-/// Wall-clock seconds.
+/// Wall-clock seconds by phase.
 #[derive(Serialize, Default)]
 pub struct SequenceTimings {
     pub total: f64,
@@ -52,7 +52,7 @@ pub struct SequenceTimings {
     pub setup: f64,
     /// Reading, solving and measuring the frames.
     pub frames: f64,
-    /// Pictures and the series.
+    /// Pictures, and the series for ParaView.
     pub drawing: f64,
 }
 
@@ -93,13 +93,13 @@ impl MeasuredRow {
 }
 
 impl Measurement<'_> {
-    /// Prints the report and says how it went.
+    /// Prints the report, with warnings.
     pub fn finish(
         self,
         cycles: Result<Cycles, CycleError>,
         per_block: usize,
         seconds: SequenceTimings,
-    ) -> anyhow::Result<Outcome> {
+    ) -> anyhow::Result<CommandOutcome> {
         self.warn_of_units();
         let tolerance = self.args.tolerance;
         let missed: Vec<&FrameRow> = self
@@ -113,8 +113,9 @@ impl Measurement<'_> {
             .reduce(f64::max)
         {
             self.output.warn(format!(
-                "99 % of the boundary is met only to {worst:.1e} of the frame's diagonal, and the tolerance is {tolerance:.1e}, in {}; \
-                 energies there are less certain. Raise --tolerance, or see where the frames jump or fold",
+                "99 % of the boundary is met only to {worst:.1e} of the frame's diagonal, and the tolerance is \
+                 {tolerance:.1e}, in {}; energies there are less certain. Raise --tolerance, or see where the frames \
+                 jump or fold",
                 listed(missed.iter().map(|row| row.frame))
             ));
         }
@@ -146,11 +147,7 @@ impl Measurement<'_> {
             peak_rss_bytes: peak_rss_bytes(),
         };
         self.output.result(&report, || summary(&report, self.series.as_ref()))?;
-        Ok(if skipped == 0 && tolerance_met {
-            Outcome::Done
-        } else {
-            Outcome::CheckFailed
-        })
+        Ok(CommandOutcome::from_check(skipped == 0 && tolerance_met))
     }
 
     fn warn_of_units(&self) {
@@ -177,15 +174,15 @@ impl Measurement<'_> {
             .collect();
         if !other.is_empty() && !self.args.own_volume {
             self.output.warn(format!(
-                "a volume far from the reference's, so that most of the energy is change of size: {}; if the unit is another, use \
-                 --own-volume",
+                "a volume far from the reference's, so that most of the energy is change of size: {}; if the unit is \
+                 another, use --own-volume",
                 listed(other.into_iter())
             ));
         }
     }
 }
 
-/// Numbers of frames, not too many.
+/// The numbers of frames, a few of them.
 fn listed(frames: impl ExactSizeIterator<Item = usize>) -> String {
     let count = frames.len();
     let mut text: Vec<String> = frames.take(LISTED).map(|frame| frame.to_string()).collect();
@@ -249,7 +246,7 @@ fn summary(report: &SequenceSummary, series: Option<&Series>) -> String {
             if report.own_volume {
                 "mean density over the reference, every frame scaled to its volume".into()
             } else {
-                "mean density over the reference; a frame that moves as a whole has none".into()
+                "mean density over the reference; a rigid motion has none".into()
             },
         ],
         [

@@ -1,4 +1,4 @@
-//! `solidmap texture`: the picture on a surface, carried into the solid.
+//! `solidmap texture`: the colours of a surface, extended into the solid.
 
 mod model;
 mod pictures;
@@ -16,7 +16,7 @@ use solidmap::texture::{
     Wrap,
 };
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::{TextureArgs, TextureOutputArgs};
 use crate::shared::fitting::show_phase;
 use crate::shared::input;
@@ -26,19 +26,19 @@ use model::{Model, is_texture_file};
 use samples::{PointsToColour, write_points, write_volume};
 use summary::{TextureSummary, TextureTimings};
 
-/// Points of the surface at which the texture is held against the picture.
+/// Points of the surface at which the texture is compared with the picture.
 const HELD_OUT: usize = 20_000;
 const SEED: u64 = 2;
-/// Part of the surface's light that may differ from the picture: a code of 8 bits, where codes are finest.
+/// Largest difference that counts as none: one 8-bit code in the darkest colours, in linear light.
 const SAME_COLOUR: f64 = 1.0 / 255.0 / 12.92;
 
-/// Makes or reads a texture, and writes what is asked of it.
-pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<Outcome> {
+/// Makes or reads a texture, and writes the outputs asked for.
+pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     require_valid(args)?;
     output.progress("reading");
     let start = Instant::now();
     let model = Model::read(args)?;
-    // Before the work that they could be refused after.
+    // Refused before the work, not after it.
     let written = &args.written;
     let to_colour = match (&written.at, &written.colours) {
         (Some(points), Some(path)) => Some(PointsToColour::read(points, path)?),
@@ -162,7 +162,8 @@ fn require_valid(args: &TextureArgs) -> anyhow::Result<()> {
         let given: Vec<&str> = given.iter().filter(|option| option.1).map(|option| option.0).collect();
         ensure!(
             given.is_empty(),
-            "`{}` is a texture already, which no longer depends on {}: leave out what it was made with, or make it again",
+            "`{}` is a texture already, which no longer depends on {}: leave out what it was made with, or make it \
+             again",
             args.model.display(),
             given.join(", ")
         );
@@ -176,14 +177,14 @@ fn require_valid(args: &TextureArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Sources at most, unless said otherwise.
+/// Default of `--max-sources`.
 const MOST_SOURCES: usize = 100_000;
 
 fn max_sources(args: &TextureArgs) -> usize {
     args.extension.max_sources.unwrap_or(MOST_SOURCES)
 }
 
-/// The texture that was read, or one that is made, and written if asked to.
+/// The texture that was read, or is made now; written if asked for.
 fn texture(model: Model, args: &TextureArgs, output: &Output) -> anyhow::Result<SolidTexture> {
     let file = match model {
         Model::Textured(file) => *file,
@@ -210,7 +211,7 @@ fn fitted(surface: ColouredSurface, args: &TextureArgs, output: &Output) -> anyh
     })
 }
 
-/// The error, with the option that gets around it.
+/// The error, with the option that helps.
 fn with_advice(error: anyhow::Error) -> anyhow::Error {
     match error.downcast_ref() {
         Some(TextureError::Seams { .. }) => {
@@ -243,7 +244,7 @@ fn options(args: &TextureArgs) -> TextureOptions {
     }
 }
 
-/// Jumps of light below this are not worth a remark: three codes of 255 in the middle of the range.
+/// Smallest jump of light that is warned of: three 8-bit codes in the middle of the range.
 const VISIBLE: f64 = 0.02;
 
 fn warn(texture: &SolidTexture, seams: &SeamReport, uv_box: Option<[[f64; 2]; 2]>, output: &Output) {
@@ -254,8 +255,8 @@ fn warn(texture: &SolidTexture, seams: &SeamReport, uv_box: Option<[[f64; 2]; 2]
             _ => "repeats",
         };
         output.warn(format!(
-            "texture coordinates reach beyond the picture, u from {:.3} to {:.3} and v from {:.3} to {:.3}: it {what} there \
-             (--wrap)",
+            "texture coordinates reach beyond the picture, u from {:.3} to {:.3} and v from {:.3} to {:.3}: it {what} \
+             there (--wrap)",
             low[0], high[0], low[1], high[1]
         ));
     }
@@ -265,8 +266,8 @@ fn warn(texture: &SolidTexture, seams: &SeamReport, uv_box: Option<[[f64; 2]; 2]
     let extends_colours = texture.extended() == ExtendedQuantity::Colours;
     if extends_colours && seams.rms_colour_jump > VISIBLE {
         output.warn(format!(
-            "the colours of the two sides of seams differ, by {:.3} in the mean (rms; 1 from black to white) and {:.3} at \
-             most: the picture was not made for these seams, and the texture jumps there on the surface",
+            "the colours of the two sides of seams differ, by {:.3} in the mean (rms; 1 from black to white) and \
+             {:.3} at most: the picture was not made for these seams, and the texture jumps there on the surface",
             seams.rms_colour_jump, seams.largest_colour_jump
         ));
     }
@@ -278,7 +279,7 @@ fn warn(texture: &SolidTexture, seams: &SeamReport, uv_box: Option<[[f64; 2]; 2]
     }
 }
 
-fn outcome(report: &TextureSummary, output: &Output) -> anyhow::Result<Outcome> {
+fn outcome(report: &TextureSummary, output: &Output) -> anyhow::Result<CommandOutcome> {
     let misses = report
         .surface_error
         .is_none_or(|error| !error.max.is_finite() || error.p99 > SAME_COLOUR);
@@ -293,14 +294,11 @@ fn outcome(report: &TextureSummary, output: &Output) -> anyhow::Result<Outcome> 
             ExtendedQuantity::Coordinates => "the box of texture coordinates",
         };
         output.warn(format!(
-            "the harmonic part alone meets 99 % of the surface only to {:.1e} of the diagonal of {space}, and the tolerance \
-             is {tolerance:.1e}; the texture was written all the same. Raise --max-sources, or leave the rest to the layer",
+            "the harmonic part alone meets 99 % of the surface only to {:.1e} of the diagonal of {space}, and the \
+             tolerance is {tolerance:.1e}; the texture was written all the same. Raise --max-sources, or leave out \
+             --tolerance",
             report.fit.boundary_error.p99
         ));
     }
-    Ok(if misses || missed_tolerance.is_some() {
-        Outcome::CheckFailed
-    } else {
-        Outcome::Done
-    })
+    Ok(CommandOutcome::from_check(!misses && missed_tolerance.is_none()))
 }

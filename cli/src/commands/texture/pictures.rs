@@ -1,4 +1,4 @@
-//! The solid cut open, and sections of it.
+//! Pictures of a texture: the solid cut open, and sections.
 
 use solidmap::geometry::{Axis, AxisPlane, PlaneSection, SectionError};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint};
@@ -14,7 +14,7 @@ use crate::shared::pictures::plane_across;
 const SECTION: usize = 480;
 const VIEW: [usize; 2] = [520, 480];
 
-/// Triangles that the surface is cut into for the views, so that they show the picture and not the triangles.
+/// Triangles that the surface is cut into for views, so that the picture is sharp.
 const TRIANGLES: usize = 400_000;
 
 /// The surface, the solid cut open, and sections across the three axes.
@@ -32,7 +32,7 @@ pub fn figure(texture: &SolidTexture, args: &TextureOutputArgs, output: &Output)
             Err(error) => return Err(error.into()),
         }
     }
-    let whole = skin_of(texture);
+    let whole = painted_surface(texture);
     let cut = largest_cut(texture, up, args.position);
     let camera = Camera {
         azimuth: cut.as_ref().map_or(FRONT, |cut| cut.azimuth),
@@ -41,7 +41,7 @@ pub fn figure(texture: &SolidTexture, args: &TextureOutputArgs, output: &Output)
         upside_down: false,
     };
     let mut views = vec![view(&whole, &camera)?.titled("Surface")];
-    if let Some(Cut { section, towards, .. }) = cut {
+    if let Some(CutOpenView { section, towards, .. }) = cut {
         let axis = section.plane().axis;
         let open = joined(whole.behind(section.plane(), towards), cap(texture, &section, towards));
         views.push(view(&open, &camera)?.titled(format!("Cut open across {axis}")));
@@ -50,26 +50,26 @@ pub fn figure(texture: &SolidTexture, args: &TextureOutputArgs, output: &Output)
 }
 
 /// Where the solid is cut open, and from where that is seen.
-struct Cut {
+struct CutOpenView {
     section: PlaneSection,
-    /// The sign of the direction along the axis in which the viewer is.
+    /// On which side along the axis the viewer is: 1 or -1.
     towards: f64,
     azimuth: f64,
 }
 
-/// Turns of the camera to the right, in degrees, that look at the front and at the right more than at the other.
+/// Azimuths of the camera in degrees, which show more of the front, or more of the right side.
 const FRONT: f64 = 32.0;
 const RIGHT: f64 = 58.0;
 
-/// The larger one of the upright sections that the camera sees: from the front or from the right.
-fn largest_cut(texture: &SolidTexture, up: Axis, position: f64) -> Option<Cut> {
+/// The larger one of the two upright sections, seen from the front or from the right.
+fn largest_cut(texture: &SolidTexture, up: Axis, position: f64) -> Option<CutOpenView> {
     let sides = match up {
         Axis::X => [(Axis::Z, -1.0, FRONT), (Axis::Y, 1.0, RIGHT)],
         Axis::Y => [(Axis::Z, 1.0, FRONT), (Axis::X, 1.0, RIGHT)],
         Axis::Z => [(Axis::Y, -1.0, FRONT), (Axis::X, 1.0, RIGHT)],
     };
     let cuts = sides.into_iter().filter_map(|(axis, towards, azimuth)| {
-        Some(Cut {
+        Some(CutOpenView {
             section: section(texture, axis, up, position, 2 * SECTION).ok()?,
             towards,
             azimuth,
@@ -112,15 +112,15 @@ fn view(painted: &Painted, camera: &Camera) -> anyhow::Result<Panel> {
 }
 
 /// The surface in small triangles, painted with the picture.
-fn skin_of(texture: &SolidTexture) -> Painted {
-    let skin = texture.coloured_surface();
-    let surface = skin.surface();
+fn painted_surface(texture: &SolidTexture) -> Painted {
+    let coloured = texture.coloured_surface();
+    let surface = coloured.surface();
     let triangles = surface.triangles().len().max(1);
     let parts = ((TRIANGLES as f64 / triangles as f64).sqrt() as usize).clamp(1, 256);
     let (mut vertices, mut corners, mut colours) = (vec![], vec![], vec![]);
     for t in 0..surface.triangles().len() {
         let first = vertices.len() as u32;
-        // Rows of places, the one with `i` steps from corner 0 having `i + 1` of them.
+        // Row `i` of the subdivided triangle, counted from corner 0, has `i + 1` vertices.
         let place = |i: usize, j: usize| SurfacePoint {
             triangle: t as u32,
             barycentric: [parts - i, i - j, j].map(|n| n as f64 / parts as f64),
@@ -129,7 +129,7 @@ fn skin_of(texture: &SolidTexture) -> Painted {
             .flat_map(|i| (0..=i).map(move |j| (i, j)))
             .map(|(i, j)| place(i, j))
             .collect();
-        let rgb: Vec<Rgb> = places.iter().map(|p| to_srgb(skin.colour(p))).collect();
+        let rgb: Vec<Rgb> = places.iter().map(|p| to_srgb(coloured.colour(p))).collect();
         vertices.extend(places.iter().map(|p| p.position(surface, surface.vertices())));
         let at = |i: usize, j: usize| i * (i + 1) / 2 + j;
         let mut add = |three: [usize; 3]| {
@@ -152,7 +152,8 @@ fn skin_of(texture: &SolidTexture) -> Painted {
 }
 
 impl Painted {
-    /// What lies behind a plane, seen from the side of its axis that `towards` points to. Triangles across it end at it.
+    /// The part behind a plane, seen from the side of its axis that `towards` points to. Triangles across the plane are
+    /// flattened onto it.
     fn behind(&self, plane: AxisPlane, towards: f64) -> Self {
         let k = plane.axis.index();
         let depth = |p: &Point| towards * (plane.position - p[k]);

@@ -1,4 +1,4 @@
-//! What a texture is sampled to: volumes, and colours of points.
+//! Sampling a texture: volumes, and colours of points.
 
 use std::path::Path;
 
@@ -19,9 +19,9 @@ pub fn write_volume(
     grid: &VoxelGrid,
     output: &Output,
 ) -> anyhow::Result<VolumeSummary> {
-    let of = grid.voxels();
-    output.progress_of("sampling voxels", 0, of);
-    let volume = texture.volume(grid, &|done| output.progress_of("sampling voxels", done, of));
+    let voxels = grid.voxels();
+    output.progress_of("sampling voxels", 0, voxels);
+    let volume = texture.volume(grid, &|done| output.progress_of("sampling voxels", done, voxels));
     output.progress(format!("writing {}", path.display()));
     let image = ImageGrid {
         origin: grid.origin,
@@ -47,7 +47,7 @@ pub struct PointsToColour<'a> {
 }
 
 impl<'a> PointsToColour<'a> {
-    /// Refuses a file of colours that cannot hold them.
+    /// Reads the points; refuses a file of colours that cannot hold them.
     pub fn read(points: &'a Path, path: &'a Path) -> anyhow::Result<Self> {
         let solid = io::is_mesh(points).then(|| io::read_solid(points)).transpose()?;
         let shown = points.display();
@@ -102,7 +102,7 @@ pub fn write_points(
     }
     if outside > 0 {
         output.warn(format!(
-            "{outside} of {} points lie outside of the solid and have no colour",
+            "{outside} of {} points lie outside the solid and have no colour",
             positions.len()
         ));
     }
@@ -118,7 +118,7 @@ fn with_opacity(light: &LinearRgb) -> [u8; 4] {
     if light[0].is_nan() { [0; 4] } else { [r, g, b, 255] }
 }
 
-/// sRGB codes from 0 to 1, as programs expect of colours in floating point; NaN outside.
+/// sRGB colours from 0 to 1, as programs expect in floating point; NaN outside.
 fn codes(light: &LinearRgb) -> [f64; 3] {
     if light[0].is_nan() {
         return [f64::NAN; 3];

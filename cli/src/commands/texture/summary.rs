@@ -1,4 +1,4 @@
-//! What was made, as JSON and in words.
+//! The report on a texture, as JSON and in words.
 
 use std::path::PathBuf;
 
@@ -19,11 +19,11 @@ pub struct TextureSummary {
     /// Lowest and highest texture coordinates.
     pub uv_box: Option<[[f64; 2]; 2]>,
     pub seams: SeamReport,
-    /// The harmonic part alone against the picture, on the surface.
+    /// Error of the harmonic part alone on the surface.
     pub harmonic_error: Option<ColourError>,
-    /// The texture against the picture, on the surface.
+    /// Error of the texture on the surface.
     pub surface_error: Option<ColourError>,
-    /// How thick the layer is that carries the difference, over the diagonal: at the median and at most.
+    /// Thickness of the layer that carries the difference, over the diagonal: median and largest.
     pub layer: [f64; 2],
     pub tolerance: Option<f64>,
     pub tolerance_met: Option<bool>,
@@ -60,7 +60,7 @@ pub struct TextureTimings {
     pub picture: f64,
 }
 
-/// What is printed.
+/// The report as text.
 pub fn text(report: &TextureSummary) -> String {
     let fit = &report.fit;
     let mut rows = vec![
@@ -97,7 +97,7 @@ pub fn text(report: &TextureSummary) -> String {
     }
     rows.push([
         String::new(),
-        "off the picture at held-out points of the surface, as light: 1 from black to white".into(),
+        "difference to the picture at held-out points of the surface, as light: 1 from black to white".into(),
     ]);
     let [median, most] = report.layer.map(|t| 100.0 * t);
     rows.push([

@@ -1,4 +1,4 @@
-//! What the map does to volumes and to the distribution of each field.
+//! How the map changes volumes, and the distribution of each field.
 
 use anyhow::Context;
 use serde::Serialize;
@@ -29,7 +29,6 @@ pub struct FieldSummary {
     pub labels: Option<Vec<LabelShare>>,
 }
 
-/// What the map does to volumes, and to the distribution of each field.
 pub struct TransferChecks {
     pub volume: VolumeCheck,
     pub volume_beyond_field: f64,

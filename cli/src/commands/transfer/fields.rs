@@ -14,13 +14,14 @@ use crate::args::TransferArgs;
 use crate::shared::fields::MeshWithFields;
 use crate::shared::points::is_table;
 
-/// Nodes of the mesh that carries the distance field when no other is given.
+/// Nodes of the mesh that carries the distance field when no FIELD is given.
 const MESH_NODES: usize = 60_000;
-/// Field of `--distance`.
+/// Name of the field of `--distance`.
 const DISTANCE: &str = "distance";
-/// Field that says what was found for a point of `--at`.
+/// Name of the field that says what was found for a point of `--at`.
 pub const STATUS: &str = "status";
-/// The fields to carry; refused where the output cannot hold them.
+
+/// Reads the fields to carry; refuses those that the output cannot hold.
 pub fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<MeshWithFields> {
     let file = match &args.field {
         Some(path) => io::read_fields(path)?,
@@ -48,8 +49,8 @@ pub fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<MeshW
     let names: Vec<&str> = all_fields(carrier).map(|(_, field)| field.name.as_str()).collect();
     ensure!(
         !names.is_empty(),
-        "`{shown}` has no fields; give a .csv with columns beside x, y and z, or a .vtu or .vtk with point or cell data, \
-         or ask for --distance"
+        "`{shown}` has no fields; give a .csv with columns beside x, y and z, or a .vtu or .vtk with point or cell \
+         data, or ask for --distance"
     );
     for name in args.label.iter().chain(args.plain_vectors.iter().flatten()) {
         ensure!(
@@ -84,18 +85,18 @@ fn require_matching_output(args: &TransferArgs, given: &MeshWithFields) -> anyho
     Ok(())
 }
 
-/// Refuses fields that would have one name.
+/// Refuses several fields of one name.
 fn require_distinct_names(args: &TransferArgs, carrier: &FieldMesh) -> anyhow::Result<()> {
     let status = args.at.iter().map(|_| STATUS.to_owned());
     let names = all_fields(carrier).map(|(_, field)| field.name.clone());
     let mut all = vec![names.chain(status.clone()).collect::<Vec<_>>()];
     if is_table(&args.output) {
-        let of_fields = all_fields(carrier).flat_map(|(_, field)| columns(&field.name, field.components));
+        let field_columns = all_fields(carrier).flat_map(|(_, field)| columns(&field.name, field.components));
         all.push(
             ["x", "y", "z"]
                 .map(String::from)
                 .into_iter()
-                .chain(of_fields)
+                .chain(field_columns)
                 .chain(status)
                 .collect(),
         );
@@ -104,8 +105,8 @@ fn require_distinct_names(args: &TransferArgs, carrier: &FieldMesh) -> anyhow::R
         names.sort_unstable();
         if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
             bail!(
-                "the name `{}` would stand for two fields (point and cell data, `{DISTANCE}` of --distance, `{STATUS}` of \
-                 --at and the columns of a table share their names); rename one in `{}`",
+                "the name `{}` would stand for two fields (point and cell data, `{DISTANCE}` of --distance, \
+                 `{STATUS}` of --at and the columns of a table share their names); rename one in `{}`",
                 pair[0],
                 shown(args)
             );
@@ -132,8 +133,8 @@ pub fn is_distance(args: &TransferArgs, field: &TransferField) -> bool {
     args.distance && field.name == DISTANCE
 }
 
-/// The distance from the boundary of the domain, exact where a carrier has it at its points only. What comes from beyond
-/// the boundary lies on it, but for the boundary error.
+/// The distance from the boundary of the domain, exact also between the nodes of a carrier. Preimages outside the
+/// domain, by no more than the boundary error, have distance 0.
 pub fn distances(boundary: &BoundaryMap, points: &[Point]) -> anyhow::Result<Vec<f64>> {
     let distances = distance_field(boundary.domain(), points)?;
     // Not `f64::max`, which makes a number of NaN.

@@ -1,4 +1,4 @@
-//! `solidmap transfer`
+//! `solidmap transfer`: fields carried by a map, or evaluated at given points of its target.
 
 mod checks;
 mod fields;
@@ -17,7 +17,7 @@ use solidmap::io::{self, Field, SolidMesh};
 use solidmap::map::VolumeMap;
 use solidmap::transfer::{FieldMesh, VolumeCheck, resample};
 
-use crate::Outcome;
+use crate::CommandOutcome;
 use crate::args::TransferArgs;
 use crate::shared::fields::{MeshWithFields, fields_of, scalar};
 use crate::shared::input;
@@ -38,11 +38,11 @@ struct TransferSummary {
     written_points: usize,
     /// Points without a finite image or without a preimage.
     without_value: usize,
-    /// Points of FIELD outside the domain, where the formula still has a value but it means nothing. Not with `--at`.
+    /// Points of FIELD outside the domain, where values of the map mean nothing. Not with `--at`.
     outside: Option<usize>,
     fields: Vec<FieldSummary>,
     volume: VolumeCheck,
-    /// Share of the domain's volume beyond FIELD's tetrahedra, which shares and distributions leave out.
+    /// Share of the domain's volume outside FIELD's tetrahedra, which labels and distributions leave out.
     volume_beyond_field: f64,
     /// The preimages of the points of `--at`.
     inverse: Option<InverseReport>,
@@ -51,16 +51,16 @@ struct TransferSummary {
     seconds: f64,
 }
 
-/// Values at points of the target, and what joins the points.
-struct Carried {
-    on: MeshWithFields,
+/// Fields at points of the target, with the mesh of the points.
+struct CarriedFields {
+    mesh: MeshWithFields,
     preimages: Option<Vec<Preimage>>,
     inverse: Option<InverseReport>,
     beyond_carrier: usize,
 }
 
 /// Carries fields through a map.
-pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
+pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     args.section.require_valid()?;
     let inputs: Vec<&Path> = std::iter::once(&args.map)
         .chain(&args.field)
@@ -84,7 +84,7 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
 
     output.progress(format!("carrying {} points", carrier.points.len()));
     let start = std::time::Instant::now();
-    // Sums as accurate as an inverse needs.
+    // Sums as accurate as Newton's method needs.
     let exact = (args.at.is_some() || args.png.is_some()).then(|| file.map.clone().with_error(0.0));
     let inverse = exact
         .as_ref()
@@ -93,8 +93,8 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
         .with_context(|| format!("cannot invert `{}`", args.map.display()))?;
     let carried = match (&args.at, &inverse) {
         (Some(at), Some(inverse)) => resampled(at, args, &file.map, inverse, &boundary, carrier)?,
-        _ => Carried {
-            on: given.carried(&file.map)?,
+        _ => CarriedFields {
+            mesh: given.carried(&file.map)?,
             preimages: None,
             inverse: None,
             beyond_carrier: 0,
@@ -121,7 +121,7 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
     }
     let without_value = match &carried.preimages {
         Some(preimages) => preimages.iter().filter(|p| !p.position().x.is_finite()).count(),
-        None => carried.on.carrier.points.iter().filter(|p| !is_finite(p)).count(),
+        None => carried.mesh.carrier.points.iter().filter(|p| !is_finite(p)).count(),
     };
     let mut complete = true;
     match &carried.inverse {
@@ -140,7 +140,7 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
         output: args.output.clone(),
         points: carrier.points.len(),
         tets: carrier.tets.len(),
-        written_points: carried.on.carrier.points.len(),
+        written_points: carried.mesh.carrier.points.len(),
         without_value,
         outside,
         fields: checks.fields,
@@ -151,14 +151,14 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<Outcome> {
         seconds,
     };
     output.result(&report, || summary::text(&report))?;
-    Ok(if complete { Outcome::Done } else { Outcome::CheckFailed })
+    Ok(CommandOutcome::from_check(complete))
 }
 
-/// Says what was carried without meaning, or not at all.
+/// Warns of points carried without meaning, and of what is not written.
 fn warn(output: &Output, args: &TransferArgs, outside: usize, checks: &TransferChecks) {
     if outside > 0 {
         output.warn(format!(
-            "{outside} points of FIELD lie outside the domain; the formula has values there, but they are no map"
+            "{outside} points of FIELD lie outside the domain, where values of the map mean nothing"
         ));
     }
     let lost: Vec<&str> = checks
@@ -190,7 +190,7 @@ fn resampled(
     inverse: &InverseMap,
     boundary: &BoundaryMap,
     carrier: &FieldMesh,
-) -> anyhow::Result<Carried> {
+) -> anyhow::Result<CarriedFields> {
     let (solid, points) = read_points(at)?;
     let found = resample(map, inverse, carrier, &points);
     let mut found = found.with_context(|| format!("cannot carry `{}`", fields::shown(args)))?;
@@ -203,8 +203,8 @@ fn resampled(
         Some(SolidMesh::Surface(mesh)) => (vec![], mesh.triangles().to_vec()),
         None => (vec![], vec![]),
     };
-    Ok(Carried {
-        on: MeshWithFields {
+    Ok(CarriedFields {
+        mesh: MeshWithFields {
             carrier: FieldMesh {
                 points,
                 tets,
@@ -215,21 +215,21 @@ fn resampled(
         },
         preimages: Some(found.preimages),
         inverse: Some(found.inverse),
-        // The mesh made for --distance is no field.
+        // The mesh made for --distance covers the domain.
         beyond_carrier: args.field.as_ref().map_or(0, |_| found.outside_mesh),
     })
 }
 
 /// A table of points, or a mesh with fields.
-fn write(path: &Path, carried: &Carried) -> anyhow::Result<()> {
+fn write(path: &Path, carried: &CarriedFields) -> anyhow::Result<()> {
     let preimages = carried.preimages.as_ref();
     let status = preimages.map(|preimages| scalar(fields::STATUS, preimages.iter().map(status_number).collect()));
-    let carrier = &carried.on.carrier;
+    let carrier = &carried.mesh.carrier;
     if is_table(path) {
         let fields: Vec<Field> = fields_of(&carrier.point_fields).chain(status).collect();
         return write_table(path, &carrier.points, &fields);
     }
-    carried.on.write_mesh(path, status.into_iter().collect())
+    carried.mesh.write_mesh(path, status.into_iter().collect())
 }
 
 /// Columns x, y, z, and those of each field.

@@ -45,7 +45,7 @@ pub fn draw(
         .iter()
         .map(|preimage| match preimage.status {
             PreimageStatus::NotFinite => Point::from([f64::NAN; 3]),
-            // On the rim of the picture: the nearest there is.
+            // Without a preimage, at the rim of the picture: the nearest point that was found.
             _ => preimage.point,
         })
         .collect();

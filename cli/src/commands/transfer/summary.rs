@@ -1,10 +1,10 @@
-//! A transfer in words.
+//! The report on a transfer, in words.
 
 use super::TransferSummary;
 use crate::drawing::significant;
 use crate::shared::output::two_columns;
 
-/// What is printed.
+/// The report as text.
 pub fn text(report: &TransferSummary) -> String {
     let volume = &report.volume;
     let mut rows = vec![
