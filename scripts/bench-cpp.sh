@@ -1,5 +1,6 @@
 #!/bin/sh
-# What evaluating from C++ costs over evaluating from Rust, in CPU time: a map file, a million points, both programs in turn.
+# What evaluating from C++ costs over evaluating from Rust, in CPU time: a map file, a million points, both programs in
+# turn.
 #
 #   scripts/bench-cpp.sh MAP [ROUNDS]
 #

@@ -1,6 +1,6 @@
 #!/bin/sh
-# The C++ package as its users meet it: built, installed, moved, used by a project that finds it and by one that has it as a
-# subfolder; unit tests and examples. Both with CGAL and TetGen and without, unless `on` or `off` is given.
+# The C++ package as its users meet it: built, installed, moved, used by a project that finds it and by one that has it
+# as a subfolder; unit tests and examples. Both with CGAL and TetGen and without, unless `on` or `off` is given.
 #
 # Uses cargo's target folder of the clone (or CARGO_TARGET_DIR), so that what is built already is not built again.
 set -eu
