@@ -18,8 +18,8 @@ pub struct BoundaryImages {
     pub images: Vec<Point>,
     /// How many of them are vertices of the domain's surface, of the same index and at the same place.
     pub shared: usize,
-    /// How far the others are from the domain's surface at most, in model units. Meshers that keep the surface leave
-    /// rounding errors here, those that make their own the error of that.
+    /// How far the others are from the domain's surface at most, in model units: rounding errors with a mesher that
+    /// keeps the surface, and the distance between the two surfaces with one that makes its own.
     pub farthest: f64,
 }
 
@@ -101,7 +101,7 @@ pub(super) fn boundary_faces(mesh: &TetMesh, incidence: &Incidence) -> Vec<[u32;
         .collect()
 }
 
-/// Ascending.
+/// The vertices of these triangles, ascending.
 pub(super) fn vertices_of(faces: &[[u32; 3]]) -> Vec<u32> {
     let mut vertices = faces.as_flattened().to_vec();
     vertices.par_sort_unstable();

@@ -8,17 +8,17 @@
 
 use rayon::prelude::*;
 
-use super::BaselineError;
 use super::dirichlet::{Dirichlet, ROWS, UnknownValues, sum_of_parts};
+use super::{BaselineError, HarmonicOptions};
 use crate::Vector;
 
-/// Rows of a block: few blocks lose little, and two already share the work.
+/// Rows of a block: dividing into few blocks costs few iterations, and two already share the work.
 const BLOCK: usize = 1 << 14;
-/// Part of its entry in the matrix below which a pivot counts as broken down.
+/// A pivot below this fraction of its diagonal entry counts as a breakdown.
 const LEAST_PIVOT: f64 = 1e-3;
 /// The first enlargement of a diagonal; the next ones are ten times as large.
 const FIRST_SHIFT: f64 = 1e-3;
-/// Iterations between residuals computed afresh, lest rounding errors of the recurrence gather.
+/// Iterations between residuals computed afresh, so that rounding errors of the recurrence do not add up.
 const REFRESH: usize = 50;
 
 /// An incomplete factorisation of the diagonal blocks.
@@ -51,7 +51,7 @@ impl IncompleteCholesky {
     }
 
     /// The residual times the inverse of the factorisation.
-    fn applied(&self, residual: &[Vector]) -> UnknownValues {
+    fn apply(&self, residual: &[Vector]) -> UnknownValues {
         let mut values = residual.to_vec();
         let parts = values.par_chunks_mut(BLOCK);
         parts.zip(&self.blocks).for_each(|(values, block)| block.solve(values));
@@ -84,9 +84,9 @@ impl DiagonalBlock {
         block
     }
 
-    /// `false` when a pivot is not positive. Enlarged enough, any positive diagonal dominates and no pivot fails; one that
-    /// is not positive is taken for 1.
-    fn factor(&mut self, matrix: &[f64], diagonal: &[f64], enlarged: f64) -> bool {
+    /// `false` when a pivot breaks down. Enlarged enough, any positive diagonal dominates and no pivot fails; a diagonal
+    /// entry that is not positive is taken for 1.
+    fn factor(&mut self, matrix: &[f64], diagonal: &[f64], enlargement: f64) -> bool {
         self.entries.clear();
         self.entries.extend_from_slice(matrix);
         self.pivots.clear();
@@ -100,9 +100,13 @@ impl DiagonalBlock {
                 self.entries[at] = entry;
                 squares += entry * entry;
             }
-            let whole = if diagonal > 0.0 { diagonal * enlarged } else { enlarged };
+            let whole = if diagonal > 0.0 {
+                diagonal * enlargement
+            } else {
+                enlargement
+            };
             let pivot = whole - squares;
-            if pivot <= LEAST_PIVOT * whole && enlarged < 1e6 {
+            if pivot <= LEAST_PIVOT * whole && enlargement < 1e6 {
                 return false;
             }
             self.pivots.push(1.0 / pivot.max(LEAST_PIVOT * whole).sqrt());
@@ -110,7 +114,7 @@ impl DiagonalBlock {
         true
     }
 
-    /// Dot product of two rows as far as they are given.
+    /// Dot product of two rows, or the parts of them with these entries.
     fn overlap(&self, mut a: std::ops::Range<usize>, mut b: std::ops::Range<usize>) -> f64 {
         let mut sum = 0.0;
         while a.start < a.end && b.start < b.end {
@@ -143,18 +147,17 @@ impl DiagonalBlock {
 }
 
 /// The solution for this right-hand side, its three columns in lock-step, and the number of iterations. The residual's
-/// norm is at most `tolerance` times that of the data, in each column.
+/// norm is at most `tolerance` times that of the right-hand side, in each column.
 pub(super) fn solve(
     system: &Dirichlet,
     preconditioner: &IncompleteCholesky,
-    data: &[Vector],
-    tolerance: f64,
-    most_iterations: usize,
+    right_hand_side: &[Vector],
+    options: &HarmonicOptions,
 ) -> Result<(UnknownValues, usize), BaselineError> {
-    let limit = dot(data, data) * (tolerance * tolerance);
-    let mut solution = vec![Vector::zeros(); data.len()];
-    let mut residual = data.to_vec();
-    let mut direction = preconditioner.applied(&residual);
+    let limit = dot(right_hand_side, right_hand_side) * (options.tolerance * options.tolerance);
+    let mut solution = vec![Vector::zeros(); right_hand_side.len()];
+    let mut residual = right_hand_side.to_vec();
+    let mut direction = preconditioner.apply(&residual);
     let mut slope = dot(&residual, &direction);
     let mut squares = dot(&residual, &residual);
     let mut iteration = 0;
@@ -162,36 +165,36 @@ pub(super) fn solve(
         if (0..3).all(|c| squares[c] <= limit[c]) {
             return Ok((solution, iteration));
         }
-        if iteration == most_iterations || !squares.iter().all(|s| s.is_finite()) {
-            let worst = squares
-                .component_div(&dot(data, data))
-                .iter()
-                .copied()
-                .fold(0.0, f64::max);
+        if iteration == options.most_iterations || !squares.iter().all(|s| s.is_finite()) {
+            let relative = squares.component_div(&dot(right_hand_side, right_hand_side));
             return Err(BaselineError::NotConverged {
-                residual: worst.sqrt(),
-                tolerance,
+                residual: relative.iter().copied().fold(0.0, f64::max).sqrt(),
+                tolerance: options.tolerance,
                 iterations: iteration,
             });
         }
         let image = system.times(&direction);
-        // A column that is done has a zero direction sooner or later.
+        // The direction of a converged column becomes zero sooner or later.
         let lengths = ratio(&slope, &dot(&direction, &image));
         add_scaled(&mut solution, &lengths, &direction);
         if iteration % REFRESH == REFRESH - 1 {
             let product = system.times(&solution);
-            let fresh = data.par_iter().zip(product).with_min_len(ROWS).map(|(b, ax)| b - ax);
+            let fresh = right_hand_side
+                .par_iter()
+                .zip(product)
+                .with_min_len(ROWS)
+                .map(|(b, ax)| b - ax);
             residual = fresh.collect();
         } else {
             add_scaled(&mut residual, &-lengths, &image);
         }
         squares = dot(&residual, &residual);
-        let next = preconditioner.applied(&residual);
+        let next = preconditioner.apply(&residual);
         let next_slope = dot(&residual, &next);
-        let turn = ratio(&next_slope, &slope);
+        let beta = ratio(&next_slope, &slope);
         slope = next_slope;
         let rows = direction.par_iter_mut().zip(next).with_min_len(ROWS);
-        rows.for_each(|(d, z)| *d = z + d.component_mul(&turn));
+        rows.for_each(|(d, z)| *d = z + d.component_mul(&beta));
         iteration += 1;
     }
 }
@@ -206,7 +209,7 @@ pub(super) fn add_scaled(to: &mut [Vector], factors: &Vector, step: &[Vector]) {
     rows.for_each(|(x, d)| *x += d.component_mul(factors));
 }
 
-/// Column by column, 0 where both are.
+/// Column by column; 0 where `b` is.
 fn ratio(a: &Vector, b: &Vector) -> Vector {
     a.zip_map(b, |a, b| if b == 0.0 { 0.0 } else { a / b })
 }
@@ -264,8 +267,13 @@ mod tests {
             block.entries.fill(0.0);
             block.pivots.fill(1.0);
         }
-        let (x, iterations) = solve(&system, &with, &data, 1e-10, 1000).unwrap();
-        let (_, plain) = solve(&system, &without, &data, 1e-10, 1000).unwrap();
+        let options = HarmonicOptions {
+            tolerance: 1e-10,
+            most_iterations: 1000,
+            ..HarmonicOptions::default()
+        };
+        let (x, iterations) = solve(&system, &with, &data, &options).unwrap();
+        let (_, plain) = solve(&system, &without, &data, &options).unwrap();
         assert!(2 * iterations < plain, "{iterations} against {plain}");
         let image = system.times(&x);
         for (found, wanted) in image.iter().zip(&data) {

@@ -1,12 +1,12 @@
 //! The minimiser of the discrete harmonic energy with the boundary held, as a linear system: for every vertex `v` off
 //! the boundary, `Σ_u k_uv (f(v) − f(u)) = 0`.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::boundary::{boundary_faces, vertices_of};
-use super::stiffness::{Incidence, TetStiffness};
+use super::stiffness::{Incidence, SparseRows, TetStiffness};
 use super::tet_map::SharedMesh;
 use super::{BaselineError, check_images};
 use crate::geometry::morton_order;
@@ -31,61 +31,13 @@ pub(super) struct Dirichlet {
     /// The vertex of each unknown.
     pub free: Vec<u32>,
     /// The symmetric matrix without its diagonal; its entries are minus these weights.
-    pub inner: Compressed,
+    pub inner: SparseRows,
     /// Sum of all weights around each unknown.
     pub diagonal: Vec<f64>,
     /// Weights between unknowns and places in `fixed`.
-    pub outer: Compressed,
+    pub outer: SparseRows,
     /// Weights between places in `fixed`.
-    rim: Compressed,
-}
-
-/// Rows of a sparse matrix.
-#[derive(Debug, Clone)]
-pub(super) struct Compressed {
-    pub begin: Vec<usize>,
-    pub columns: Vec<u32>,
-    pub weights: Vec<f64>,
-}
-
-impl Compressed {
-    pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
-        let row = self.begin[i]..self.begin[i + 1];
-        let columns = self.columns[row.clone()].iter().map(|&c| c as usize);
-        columns.zip(self.weights[row].iter().copied())
-    }
-
-    /// The rows of these vertices among the columns that have a number; ascending by it.
-    fn of(stiffness: &TetStiffness, vertices: &[u32], number: &[u32]) -> Self {
-        let parts = vertices.par_chunks(ROWS).map(|part| {
-            let (mut ends, mut entries, mut row) = (Vec::new(), Vec::new(), Vec::new());
-            for &v in part {
-                let (neighbours, weights) = stiffness.edges_of(v as usize);
-                let numbered = neighbours
-                    .iter()
-                    .map(|&u| number[u as usize])
-                    .zip(weights.iter().copied());
-                row.extend(numbered.filter(|entry| entry.0 != u32::MAX));
-                row.sort_unstable_by_key(|entry| entry.0);
-                entries.append(&mut row);
-                ends.push(entries.len());
-            }
-            (ends, entries)
-        });
-        let parts: Vec<_> = parts.collect();
-        let count = parts.iter().map(|part| part.1.len()).sum();
-        let (mut begin, mut columns, mut weights) = (vec![0], Vec::with_capacity(count), Vec::with_capacity(count));
-        for (ends, entries) in parts {
-            begin.extend(ends.iter().map(|end| columns.len() + end));
-            columns.extend(entries.iter().map(|entry| entry.0));
-            weights.extend(entries.iter().map(|entry| entry.1));
-        }
-        Self {
-            begin,
-            columns,
-            weights,
-        }
-    }
+    rim: SparseRows,
 }
 
 impl Dirichlet {
@@ -102,18 +54,15 @@ impl Dirichlet {
         let positions: Vec<Point> = inside.iter().map(|&v| mesh.vertices()[v as usize]).collect();
         let free: Vec<u32> = morton_order(&positions).iter().map(|&i| inside[i as usize]).collect();
 
-        let outer = Compressed::of(&stiffness, &free, &place);
-        let rim = Compressed::of(&stiffness, &fixed, &place);
+        let outer = rows_among(&stiffness, &free, &place);
+        let rim = rows_among(&stiffness, &fixed, &place);
         let faces = faces.iter().map(|face| face.map(|v| place[v as usize])).collect();
         fixed.iter().for_each(|&v| place[v as usize] = u32::MAX);
         number(&free, &mut place);
-        let inner = Compressed::of(&stiffness, &free, &place);
+        let inner = rows_among(&stiffness, &free, &place);
         let sum = |&v: &u32| stiffness.edges_of(v as usize).1.iter().sum();
         let system = Self {
-            solid: Arc::new(SharedMesh {
-                mesh,
-                locator: OnceLock::new(),
-            }),
+            solid: Arc::new(SharedMesh::new(mesh)),
             diagonal: free.par_iter().map(sum).collect(),
             fixed,
             faces,
@@ -122,29 +71,31 @@ impl Dirichlet {
             outer,
             rim,
         };
-        system.check_held()?;
+        system.check_connected()?;
         Ok(system)
     }
 
-    /// That every unknown hangs together with the boundary; else its images are undetermined and the matrix singular.
-    fn check_held(&self) -> Result<(), BaselineError> {
-        let mut is_held: Vec<bool> = self.outer.begin.windows(2).map(|row| row[0] < row[1]).collect();
-        let mut waiting: Vec<usize> = (0..self.free.len()).filter(|&i| is_held[i]).collect();
-        while let Some(i) = waiting.pop() {
+    /// Refuses unknowns that no path of edges leads to from the boundary: they are undetermined, and the matrix is singular.
+    fn check_connected(&self) -> Result<(), BaselineError> {
+        let touches_boundary = |i: usize| self.outer.row(i).next().is_some();
+        let mut is_connected: Vec<bool> = (0..self.free.len()).map(touches_boundary).collect();
+        let mut pending: Vec<usize> = (0..self.free.len()).filter(|&i| is_connected[i]).collect();
+        while let Some(i) = pending.pop() {
             for (j, _) in self.inner.row(i) {
-                if !std::mem::replace(&mut is_held[j], true) {
-                    waiting.push(j);
+                if !std::mem::replace(&mut is_connected[j], true) {
+                    pending.push(j);
                 }
             }
         }
-        let loose = (0..self.free.len()).filter(|&i| !is_held[i]).map(|i| self.free[i]);
-        loose
-            .min()
-            .map_or(Ok(()), |vertex| Err(BaselineError::NoBoundary { vertex }))
+        let unconnected = (0..self.free.len()).filter(|&i| !is_connected[i]).map(|i| self.free[i]);
+        match unconnected.min() {
+            Some(vertex) => Err(BaselineError::NoBoundary { vertex }),
+            None => Ok(()),
+        }
     }
 
-    /// Checks boundary data, in the order of `fixed`, and gives its mean over the vertices with the data about that. In
-    /// data far from the origin digits would be lost, and constants are then met exactly.
+    /// Checks boundary data, in the order of `fixed`, and returns their mean over the vertices, and the data minus that:
+    /// data far from the origin would lose digits, and constant data are met exactly.
     pub fn centred(&self, images: &[Point]) -> Result<(Vector, UnknownValues), BaselineError> {
         check_images(images, self.fixed.len())?;
         let mean = sum_of_parts(images.len(), |i| images[i].coords) / images.len().max(1) as f64;
@@ -152,54 +103,47 @@ impl Dirichlet {
     }
 
     /// The right-hand side for images of the boundary.
-    pub fn data(&self, images: &[Vector]) -> UnknownValues {
-        let row = |i: usize| self.outer.row(i).map(|(j, k)| images[j] * k).sum();
-        (0..self.free.len())
-            .into_par_iter()
-            .with_min_len(ROWS)
-            .map(row)
-            .collect()
+    pub fn right_hand_side(&self, images: &[Vector]) -> UnknownValues {
+        self.each_unknown(|i| self.outer.row(i).map(|(j, k)| images[j] * k).sum())
     }
 
     /// The matrix times `values`.
     pub fn times(&self, values: &[Vector]) -> UnknownValues {
-        let row = |i: usize| {
+        self.each_unknown(|i| {
             let whole = values[i] * self.diagonal[i];
             whole - self.inner.row(i).map(|(j, k)| values[j] * k).sum::<Vector>()
-        };
-        (0..self.free.len())
-            .into_par_iter()
-            .with_min_len(ROWS)
-            .map(row)
-            .collect()
+        })
+    }
+
+    fn each_unknown(&self, value: impl Fn(usize) -> Vector + Send + Sync) -> UnknownValues {
+        let unknowns = (0..self.free.len()).into_par_iter();
+        unknowns.with_min_len(ROWS).map(value).collect()
     }
 
     /// The energy `Σ k_uv |f(u) − f(v)|²` of images of the unknowns and the boundary.
     pub fn energy(&self, values: &[Vector], boundary: &[Vector]) -> f64 {
         let inside = |i: usize| {
-            let to_unknowns = self
-                .inner
-                .row(i)
-                .map(|(j, k)| 0.5 * k * (values[j] - values[i]).norm_squared());
-            let to_boundary = self
-                .outer
-                .row(i)
-                .map(|(j, k)| k * (boundary[j] - values[i]).norm_squared());
-            to_unknowns.sum::<f64>() + to_boundary.sum::<f64>()
+            let to_unknowns = self.inner.row(i);
+            let to_boundary = self.outer.row(i);
+            to_unknowns
+                .map(|(j, k)| 0.5 * k * (values[j] - values[i]).norm_squared())
+                .sum::<f64>()
+                + to_boundary
+                    .map(|(j, k)| k * (boundary[j] - values[i]).norm_squared())
+                    .sum::<f64>()
         };
         let outside = |i: usize| {
-            let edges = self
-                .rim
-                .row(i)
-                .map(|(j, k)| 0.5 * k * (boundary[j] - boundary[i]).norm_squared());
-            edges.sum::<f64>()
+            let edges = self.rim.row(i);
+            edges
+                .map(|(j, k)| 0.5 * k * (boundary[j] - boundary[i]).norm_squared())
+                .sum::<f64>()
         };
         sum_of_parts(self.free.len(), inside) + sum_of_parts(self.fixed.len(), outside)
     }
 
-    /// Images of all vertices. Those that no tetrahedron uses go to the middle.
-    pub fn images(&self, middle: &Vector, values: &[Vector], boundary: &[Point]) -> Vec<Point> {
-        let mut images = vec![Point::from(*middle); self.solid.mesh.vertices().len()];
+    /// Images of all vertices. Those that no tetrahedron uses go to the mean.
+    pub fn images(&self, mean: &Vector, values: &[Vector], boundary: &[Point]) -> Vec<Point> {
+        let mut images = vec![Point::from(*mean); self.solid.mesh.vertices().len()];
         for (&v, value) in self.free.iter().zip(values) {
             images[v as usize] += value;
         }
@@ -208,6 +152,16 @@ impl Dirichlet {
         }
         images
     }
+}
+
+/// The rows of these vertices among the columns that have a number; ascending by it.
+fn rows_among(stiffness: &TetStiffness, vertices: &[u32], number: &[u32]) -> SparseRows {
+    SparseRows::assemble(vertices.len(), |i, row| {
+        let (neighbours, weights) = stiffness.edges_of(vertices[i] as usize);
+        let numbers = neighbours.iter().map(|&u| number[u as usize]);
+        row.extend(numbers.zip(weights.iter().copied()).filter(|entry| entry.0 != u32::MAX));
+        row.sort_unstable_by_key(|entry| entry.0);
+    })
 }
 
 fn number(vertices: &[u32], place: &mut [u32]) {

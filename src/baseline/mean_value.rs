@@ -29,15 +29,14 @@ use crate::{Matrix3, Point, Vector};
 
 mod sums;
 
-use sums::{BlockSums, LANES, PatchEdge, PatchTriangle, PointBlock, TrianglePatch};
+use sums::{LANES, PatchEdge, PatchTriangle, PointBlock, TrianglePatch};
 
 /// The map of a solid by mean value coordinates of its boundary.
 ///
 /// On the boundary (within 1e-12 of the domain's diagonal) the image is the boundary map's. Where the boundary has
 /// edges the Jacobian jumps; closer to it than 1e-8 of the diagonal the Jacobian is that at 1e-8, in the direction of
 /// the point, and into the solid from points on the boundary. Outside, the same formula continues the map; it is
-/// defined nearly everywhere there but means little, and its digits go as the point goes far away. NaN where the point
-/// is not finite.
+/// defined nearly everywhere there but means little, and loses digits far away. NaN where the point is not finite.
 ///
 /// Parallel over points. A point costs some 4 ns per triangle and core with AVX-512, its Jacobian 7 ns; half as much
 /// again with AVX2. Images and Jacobians do not depend on the number of threads, nor on which points are asked for
@@ -59,10 +58,10 @@ pub struct MeanValueMap {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeanValueError {
-    /// There are no triangles, or some have no place.
+    /// There are no triangles, or some have vertices that are not finite.
     #[error(transparent)]
     Surface(#[from] QueryError),
-    /// The surface has a rim or is turned over in places: directions would be missed, or counted wrongly.
+    /// The surface is open or inconsistently oriented: directions would be missed, or counted wrongly.
     #[error(
         "{edges} edges are not passed as often one way as the other, such as that from vertex {from} to {to}; the \
          surface must be closed and consistently oriented"
@@ -144,7 +143,9 @@ impl MeanValueMap {
             let blocks: Vec<PointBlock> = samples.chunks(LANES).map(gather).collect();
             let sums = sums::sum(self.instructions, &self.patches, &blocks, with_gradient);
             for (samples, sums) in samples.chunks_mut(LANES).zip(&sums) {
-                scatter(sums, samples);
+                for (lane, sample) in samples.iter_mut().enumerate() {
+                    sample.sums = sums.map(|lanes| lanes[lane]);
+                }
             }
         });
         let mut in_order = samples.clone();
@@ -248,14 +249,14 @@ impl Normalisation {
     }
 }
 
-/// What is known of a point in the frame.
+/// A point of the normalised frame, and the sums there.
 #[derive(Debug, Clone, Copy)]
 struct PointSums {
     place: Point,
     /// Image of the closest boundary point.
     origin: Point,
     distance: f64,
-    /// As [`BlockSums`] has them, for this point.
+    /// As [`sums::BlockSums`] has them, for this point.
     sums: [f64; 16],
 }
 
@@ -283,15 +284,7 @@ fn gather(samples: &[PointSums]) -> PointBlock {
     }
 }
 
-fn scatter(sums: &BlockSums, samples: &mut [PointSums]) {
-    for (lane, sample) in samples.iter_mut().enumerate() {
-        sample.sums = sums.map(|lanes| lanes[lane]);
-    }
-}
-
-/// # Errors
-///
-/// [`MeanValueError::NotClosed`] unless triangles pass every edge as often one way as the other.
+/// Refuses surfaces with an edge that triangles do not pass as often one way as the other.
 fn check_closed(mesh: &SurfaceMesh) -> Result<(), MeanValueError> {
     let topology = Topology::new(mesh);
     let unbalanced: Vec<[u32; 2]> = (0..topology.edges().len())

@@ -4,7 +4,7 @@
 //! weights are those of [`TetStiffness`]: the one by a sparse factorisation that is kept for further boundary maps, or by
 //! preconditioned conjugate gradients; the other by descent from an initial map, as Wang, Gu, Thompson and Yau do. Both
 //! give a [`TetMap`], linear over each tetrahedron. [`MeanValueMap`] interpolates the boundary by mean value coordinates,
-//! which take no mesh and are not harmonic.
+//! which need no tetrahedra and are not harmonic.
 
 mod boundary;
 mod conjugate_gradients;
@@ -32,15 +32,15 @@ pub enum BaselineError {
     /// There is nothing to map.
     #[error("the mesh has no tetrahedra; tetrahedralise the domain first")]
     NoTets,
-    /// A corner of a tetrahedron is nowhere.
+    /// A corner of a tetrahedron is NaN or infinite.
     #[error("vertex {vertex} of the tetrahedral mesh is not finite: {position}; mesh the domain again")]
     NonFiniteVertex {
         /// The vertex.
         vertex: u32,
-        /// Where it is said to be.
+        /// Its position.
         position: Point,
     },
-    /// An image is nowhere.
+    /// An image is NaN or infinite.
     #[error("image {index} is not finite: {position}; give finite boundary data")]
     NonFiniteImage {
         /// The first such image, in the order given.
@@ -48,7 +48,7 @@ pub enum BaselineError {
         /// The image.
         position: Point,
     },
-    /// Another number of images than vertices that need one.
+    /// The number of images is not that of the vertices that need one.
     #[error("{found} images were given for {expected} vertices; give one for each, in their order")]
     ImageCount {
         /// Vertices that need an image.
@@ -104,12 +104,12 @@ pub enum BaselineError {
     NotConverged {
         /// Norm of the residual over that of the data.
         residual: f64,
-        /// What was asked for.
+        /// The largest allowed.
         tolerance: f64,
         /// Iterations made.
         iterations: usize,
     },
-    /// A tolerance or threshold that is no number to compare with.
+    /// A tolerance or threshold is out of range.
     #[error("the {option} is {found}; give a number from 0 to below 1")]
     Option {
         /// Which one.
@@ -122,7 +122,7 @@ pub enum BaselineError {
     Domain(#[from] QueryError),
 }
 
-/// That all of `images` are finite, and as many as expected.
+/// Refuses images that are not finite, or not as many as expected.
 fn check_images(images: &[Point], expected: usize) -> Result<(), BaselineError> {
     if images.len() != expected {
         let found = images.len();
@@ -137,7 +137,6 @@ fn check_images(images: &[Point], expected: usize) -> Result<(), BaselineError> 
     }
 }
 
-/// A fraction, as tolerances are.
 fn check_fraction(option: &'static str, found: f64) -> Result<(), BaselineError> {
     if (0.0..1.0).contains(&found) {
         Ok(())

@@ -17,8 +17,8 @@ use crate::{Matrix3, Point, Vector};
 /// The edges of a tetrahedron by their ends, in the order of its weights.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
-/// Six volumes over the cube of the longest side, below which a tetrahedron counts as flat: its volume is then made of
-/// rounding errors.
+/// Six volumes over the cube of the longest side, below which a tetrahedron counts as flat: its volume then
+/// consists of rounding errors.
 const FLAT: f64 = 64.0 * f64::EPSILON;
 
 /// Rows that one task assembles.
@@ -26,10 +26,56 @@ const ROWS: usize = 1024;
 
 /// Edge weights `k_uv` of a mesh, as a symmetric sparse matrix without a diagonal.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TetStiffness {
+pub struct TetStiffness(SparseRows);
+
+/// The entries of a sparse matrix, row after row.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct SparseRows {
     begin: Vec<usize>,
-    neighbours: Vec<u32>,
-    weights: Vec<f64>,
+    columns: Vec<u32>,
+    values: Vec<f64>,
+}
+
+impl SparseRows {
+    /// `fill` adds the entries of one row to an empty list.
+    pub fn assemble(count: usize, fill: impl Fn(usize, &mut Vec<(u32, f64)>) + Sync) -> Self {
+        let parts = (0..count.div_ceil(ROWS)).into_par_iter().map(|part| {
+            let (mut ends, mut entries, mut row) = (Vec::new(), Vec::new(), Vec::new());
+            for i in part * ROWS..((part + 1) * ROWS).min(count) {
+                fill(i, &mut row);
+                entries.append(&mut row);
+                ends.push(entries.len());
+            }
+            (ends, entries)
+        });
+        let parts: Vec<_> = parts.collect();
+        let entries = parts.iter().map(|part| part.1.len()).sum();
+        let mut begin = Vec::with_capacity(count + 1);
+        let (mut columns, mut values) = (Vec::with_capacity(entries), Vec::with_capacity(entries));
+        begin.push(0);
+        for (ends, entries) in parts {
+            begin.extend(ends.iter().map(|end| columns.len() + end));
+            columns.extend(entries.iter().map(|entry| entry.0));
+            values.extend(entries.iter().map(|entry| entry.1));
+        }
+        Self { begin, columns, values }
+    }
+
+    /// Columns and values of a row.
+    pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let (columns, values) = self.row_slices(i);
+        columns.iter().map(|&c| c as usize).zip(values.iter().copied())
+    }
+
+    fn row_slices(&self, i: usize) -> (&[u32], &[f64]) {
+        let row = self.begin[i]..self.begin[i + 1];
+        (&self.columns[row.clone()], &self.values[row])
+    }
+
+    /// Number of entries of all rows.
+    pub fn len(&self) -> usize {
+        self.columns.len()
+    }
 }
 
 impl TetStiffness {
@@ -45,33 +91,35 @@ impl TetStiffness {
     pub(super) fn with_incidence(mesh: &TetMesh, incidence: &Incidence) -> Result<Self, BaselineError> {
         check_vertices(mesh)?;
         let of_tets = weights_of_tets(mesh)?;
-        let vertices: Vec<u32> = (0..mesh.vertices().len() as u32).collect();
-        let parts = vertices.par_chunks(ROWS).map(|part| {
-            let mut rows = RowChunk::default();
-            part.iter().for_each(|&v| rows.push(v, mesh, incidence, &of_tets));
-            rows
+        let rows = SparseRows::assemble(mesh.vertices().len(), |v, row| {
+            let v = v as u32;
+            for &t in incidence.of(v) {
+                let corners = mesh.tets()[t as usize];
+                for (&[a, b], &weight) in EDGES.iter().zip(&of_tets[t as usize]) {
+                    if corners[a] == v {
+                        row.push((corners[b], weight));
+                    } else if corners[b] == v {
+                        row.push((corners[a], weight));
+                    }
+                }
+            }
+            // The sort is stable: from either end, the terms of an edge are added in the order of the tetrahedra, and the
+            // matrix is symmetric to the last bit.
+            row.sort_by_key(|&(neighbour, _)| neighbour);
+            row.dedup_by(|(next, term), (neighbour, sum)| {
+                let is_same = next == neighbour;
+                if is_same {
+                    *sum += *term;
+                }
+                is_same
+            });
         });
-        let parts: Vec<RowChunk> = parts.collect();
-
-        let edges = parts.iter().map(|rows| rows.neighbours.len()).sum();
-        let mut begin = Vec::with_capacity(vertices.len() + 1);
-        let (mut neighbours, mut weights) = (Vec::with_capacity(edges), Vec::with_capacity(edges));
-        begin.push(0);
-        for rows in parts {
-            begin.extend(rows.ends.iter().map(|end| neighbours.len() + end));
-            neighbours.extend(rows.neighbours);
-            weights.extend(rows.weights);
-        }
-        Ok(Self {
-            begin,
-            neighbours,
-            weights,
-        })
+        Ok(Self(rows))
     }
 
     /// Number of vertices.
     pub fn vertices(&self) -> usize {
-        self.begin.len() - 1
+        self.0.begin.len() - 1
     }
 
     /// The vertices that share an edge with `v`, ascending, and the weights of those edges.
@@ -80,8 +128,7 @@ impl TetStiffness {
     ///
     /// Where the mesh has no vertex `v`.
     pub fn edges_of(&self, v: usize) -> (&[u32], &[f64]) {
-        let row = self.begin[v]..self.begin[v + 1];
-        (&self.neighbours[row.clone()], &self.weights[row])
+        self.0.row_slices(v)
     }
 
     /// The energy `Σ k_uv |f(u) − f(v)|²` over the edges: `½ ∫ ‖J‖²` of the map that carries vertex `v` to `images[v]`.
@@ -185,7 +232,7 @@ impl Incidence {
     }
 }
 
-/// That there are tetrahedra, with finite corners.
+/// Refuses meshes without tetrahedra, and corners that are not finite.
 pub(super) fn check_vertices(mesh: &TetMesh) -> Result<(), BaselineError> {
     if mesh.tets().is_empty() {
         return Err(BaselineError::NoTets);
@@ -213,52 +260,6 @@ fn weights_of_tets(mesh: &TetMesh) -> Result<Vec<[f64; 6]>, BaselineError> {
             vertices: mesh.tets()[tet],
             volume: mesh.signed_volume(tet).abs(),
         }),
-    }
-}
-
-/// Some rows of the matrix, one after the other.
-#[derive(Default)]
-struct RowChunk {
-    ends: Vec<usize>,
-    neighbours: Vec<u32>,
-    weights: Vec<f64>,
-    /// The neighbours in each tetrahedron around the vertex, and the weight there.
-    terms: Vec<(u32, f64)>,
-    /// Neighbour and place in `terms`.
-    order: Vec<u64>,
-}
-
-impl RowChunk {
-    /// Adds the terms of each edge in the order of the tetrahedra, as it is done from the edge's other end: the matrix
-    /// is symmetric to the last bit.
-    fn push(&mut self, v: u32, mesh: &TetMesh, incidence: &Incidence, of_tets: &[[f64; 6]]) {
-        self.terms.clear();
-        for &t in incidence.of(v) {
-            let corners = mesh.tets()[t as usize];
-            for (&[a, b], &weight) in EDGES.iter().zip(&of_tets[t as usize]) {
-                if corners[a] == v {
-                    self.terms.push((corners[b], weight));
-                } else if corners[b] == v {
-                    self.terms.push((corners[a], weight));
-                }
-            }
-        }
-        self.order.clear();
-        let keys = self.terms.iter().enumerate();
-        self.order
-            .extend(keys.map(|(i, &(u, _))| u64::from(u) << 32 | i as u64));
-        self.order.sort_unstable();
-        let first = self.neighbours.len();
-        for &key in &self.order {
-            let (u, weight) = self.terms[key as u32 as usize];
-            if self.neighbours.len() > first && self.neighbours.last() == Some(&u) {
-                *self.weights.last_mut().expect("as many as neighbours") += weight;
-            } else {
-                self.neighbours.push(u);
-                self.weights.push(weight);
-            }
-        }
-        self.ends.push(self.neighbours.len());
     }
 }
 

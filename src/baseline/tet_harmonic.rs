@@ -79,7 +79,7 @@ impl TetHarmonic {
     /// # Errors
     ///
     /// [`BaselineError`]: for a mesh without tetrahedra, with flat ones, with vertices that are not finite or with parts
-    /// that have no boundary, for a factorisation that does not fit, and for a tolerance that is none.
+    /// that have no boundary, for a factorisation that does not fit into memory, and for a tolerance out of range.
     pub fn new(mesh: TetMesh, options: &HarmonicOptions) -> Result<Self, BaselineError> {
         check_fraction("tolerance", options.tolerance)?;
         let system = Dirichlet::new(mesh)?;
@@ -128,8 +128,8 @@ impl TetHarmonic {
         Ok(maps.pop().expect("one map for one set of images"))
     }
 
-    /// The maps for several boundary maps, as [`Self::solve`] gives each. The direct solver reads its factor once for all
-    /// of them.
+    /// The map for each of several boundary maps, as [`Self::solve`]. The direct solver reads its factor once for all of
+    /// them.
     ///
     /// # Errors
     ///
@@ -138,24 +138,24 @@ impl TetHarmonic {
         let system = &self.system;
         let centred = boundary_images.iter().map(|images| system.centred(images.as_ref()));
         let centred: Vec<(Vector, UnknownValues)> = centred.collect::<Result<_, _>>()?;
-        let data: Vec<UnknownValues> = centred.iter().map(|(_, images)| system.data(images)).collect();
+        let right_hand_sides = centred.iter().map(|(_, images)| system.right_hand_side(images));
+        let right_hand_sides: Vec<UnknownValues> = right_hand_sides.collect();
         let solutions = match &self.factor {
-            HarmonicFactor::Complete(factor) => factor.solve(&data)?,
+            HarmonicFactor::Complete(factor) => factor.solve(&right_hand_sides)?,
             HarmonicFactor::Incomplete(factor) => {
-                let HarmonicOptions {
-                    tolerance,
-                    most_iterations,
-                    ..
-                } = self.options;
-                let solve =
-                    |data: &UnknownValues| conjugate_gradients::solve(system, factor, data, tolerance, most_iterations);
-                let solutions = data.iter().map(|data| Ok(solve(data)?.0));
-                solutions.collect::<Result<_, BaselineError>>()?
+                let solve = |right_hand_side: &UnknownValues| {
+                    let (solution, _) = conjugate_gradients::solve(system, factor, right_hand_side, &self.options)?;
+                    Ok(solution)
+                };
+                right_hand_sides
+                    .iter()
+                    .map(solve)
+                    .collect::<Result<_, BaselineError>>()?
             }
         };
         let all = boundary_images.iter().zip(centred).zip(solutions);
-        let maps = all.map(|((images, (middle, _)), values)| {
-            let images = system.images(&middle, &values, images.as_ref());
+        let maps = all.map(|((images, (mean, _)), values)| {
+            let images = system.images(&mean, &values, images.as_ref());
             TetMap::of(Arc::clone(&system.solid), images)
         });
         Ok(maps.collect())
@@ -163,18 +163,10 @@ impl TetHarmonic {
 }
 
 /// A sparse Cholesky factorisation.
+#[derive(Debug)]
 struct SparseCholesky {
     symbolic: SymbolicCholesky<u32>,
     values: Vec<f64>,
-}
-
-impl std::fmt::Debug for SparseCholesky {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let entries = self.values.len();
-        f.debug_struct("SparseCholesky")
-            .field("entries", &entries)
-            .finish_non_exhaustive()
-    }
 }
 
 impl SparseCholesky {
@@ -191,7 +183,7 @@ impl SparseCholesky {
             .try_reserve_exact(symbolic.len_val())
             .map_err(|_| out_of_memory())?;
         values.resize(symbolic.len_val(), 0.0);
-        let par = parallelism();
+        let par = Par::rayon(0);
         let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(par, Spec::default());
         let mut memory = MemBuffer::try_new(scratch).map_err(|_| out_of_memory())?;
         symbolic
@@ -208,23 +200,23 @@ impl SparseCholesky {
         Ok(Self { symbolic, values })
     }
 
-    fn solve(&self, data: &[UnknownValues]) -> Result<Vec<UnknownValues>, BaselineError> {
-        let (rows, columns) = (self.symbolic.nrows(), 3 * data.len());
-        let mut unknowns = Mat::from_fn(rows, columns, |i, c| data[c / 3][i][c % 3]);
-        let par = parallelism();
+    fn solve(&self, right_hand_sides: &[UnknownValues]) -> Result<Vec<UnknownValues>, BaselineError> {
+        let (rows, columns) = (self.symbolic.nrows(), 3 * right_hand_sides.len());
+        let mut unknowns = Mat::from_fn(rows, columns, |i, c| right_hand_sides[c / 3][i][c % 3]);
+        let par = Par::rayon(0);
         let scratch = self.symbolic.solve_in_place_scratch::<f64>(columns, par);
         let mut memory = MemBuffer::try_new(scratch).map_err(|_| BaselineError::OutOfMemory { unknowns: rows })?;
         let factor = LltRef::new(&self.symbolic, &self.values);
         factor.solve_in_place_with_conj(Conj::No, unknowns.as_mut(), par, MemStack::new(&mut memory));
-        let of_map = |m: usize| (0..rows).map(move |i| (m, i));
-        let value = |(m, i): (usize, usize)| Vector::from_fn(|c, _| unknowns[(i, 3 * m + c)]);
-        Ok((0..data.len()).map(|m| of_map(m).map(value).collect()).collect())
+        let value = |m: usize, i: usize| Vector::from_fn(|c, _| unknowns[(i, 3 * m + c)]);
+        let solution = |m: usize| (0..rows).map(|i| value(m, i)).collect();
+        Ok((0..right_hand_sides.len()).map(solution).collect())
     }
 }
 
 fn lower_triangle(system: &Dirichlet) -> SparseColMat<u32, f64> {
     let count = system.free.len();
-    let entries = system.inner.columns.len() / 2 + count;
+    let entries = system.inner.len() / 2 + count;
     let mut begin = Vec::with_capacity(count + 1);
     let (mut rows, mut values) = (Vec::with_capacity(entries), Vec::with_capacity(entries));
     begin.push(0);
@@ -241,10 +233,6 @@ fn lower_triangle(system: &Dirichlet) -> SparseColMat<u32, f64> {
         SymbolicSparseColMat::new_checked(count, count, begin, None, rows),
         values,
     )
-}
-
-fn parallelism() -> Par {
-    Par::rayon(0)
 }
 
 #[cfg(test)]

@@ -31,8 +31,9 @@ pub enum DescentDirection {
 pub struct DescentOptions {
     /// Along which directions the energy is lowered.
     pub descent: DescentDirection,
-    /// The descent ends with the step that lowers the energy by less than this part of it. What is still missing then is
-    /// more, by a factor that grows with the number of vertices: hundreds for steepest descent on usual meshes.
+    /// The descent ends with the step that lowers the energy by less than this fraction of it. The energy is then above
+    /// its minimum by more, by a factor that grows with the number of vertices: hundreds for steepest descent on usual
+    /// meshes.
     pub threshold: f64,
     /// Steps after which the descent ends in any case.
     pub most_iterations: usize,
@@ -116,20 +117,17 @@ impl TetLaplacian {
     ) -> Result<Descended, BaselineError> {
         check_fraction("threshold", options.threshold)?;
         let system = &self.system;
-        let (middle, boundary) = system.centred(boundary_images)?;
+        let (mean, boundary) = system.centred(boundary_images)?;
         let mut values: UnknownValues = match &options.initial {
             Some(images) => {
                 check_images(images, self.mesh().vertices().len())?;
-                system
-                    .free
-                    .iter()
-                    .map(|&v| images[v as usize].coords - middle)
-                    .collect()
+                let image = |&v: &u32| images[v as usize].coords - mean;
+                system.free.iter().map(image).collect()
             }
             None => vec![self.centroid(&boundary); system.free.len()],
         };
         let (energies, stop) = self.descend(&mut values, &boundary, options, progress);
-        let images = system.images(&middle, &values, boundary_images);
+        let images = system.images(&mean, &values, boundary_images);
         Ok(Descended {
             map: TetMap::of(Arc::clone(&system.solid), images),
             energies,
@@ -149,7 +147,7 @@ impl TetLaplacian {
         let mut energy = system.energy(values, boundary);
         let mut energies = vec![energy];
         progress(0, energy);
-        let mut downhill = system.data(boundary);
+        let mut downhill = system.right_hand_side(boundary);
         add_scaled(&mut downhill, &Vector::repeat(-1.0), &system.times(values));
         let mut squares = dot(&downhill, &downhill).sum();
         let mut direction = downhill.clone();
@@ -168,11 +166,11 @@ impl TetLaplacian {
                 return (energies, DescentStop::Threshold);
             }
             let before = std::mem::replace(&mut squares, dot(&downhill, &downhill).sum());
-            let turn = match options.descent {
+            let beta = match options.descent {
                 DescentDirection::Steepest => 0.0,
                 DescentDirection::ConjugateGradients => squares / before,
             };
-            direction.iter_mut().for_each(|d| *d *= turn);
+            direction.iter_mut().for_each(|d| *d *= beta);
             add_scaled(&mut direction, &Vector::repeat(1.0), &downhill);
         }
         (energies, DescentStop::Iterations)

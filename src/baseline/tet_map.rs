@@ -29,12 +29,19 @@ pub struct TetMap {
 #[derive(Debug)]
 pub(super) struct SharedMesh {
     pub mesh: TetMesh,
-    pub locator: OnceLock<TetLocator>,
+    locator: OnceLock<TetLocator>,
+}
+
+impl SharedMesh {
+    pub fn new(mesh: TetMesh) -> Self {
+        let locator = OnceLock::new();
+        Self { mesh, locator }
+    }
 }
 
 /// Finds the tetrahedron of a point.
 #[derive(Debug)]
-pub(super) struct TetLocator {
+struct TetLocator {
     bvh: Bvh,
     /// Tetrahedra that are not flat, in the order of the tree's leaves.
     tets: Vec<u32>,
@@ -69,8 +76,7 @@ impl TetMap {
         if !(0..tets).any(|t| ScaledTet::new(&mesh.corners(t)).is_some()) {
             return Err(BaselineError::NoVolume { tets });
         }
-        let locator = OnceLock::new();
-        Ok(Self::of(Arc::new(SharedMesh { mesh, locator }), images))
+        Ok(Self::of(Arc::new(SharedMesh::new(mesh)), images))
     }
 
     /// As [`Self::new`], for what has been checked.
@@ -109,12 +115,13 @@ impl TetMap {
         Matrix3::from_columns(&[b - a, c - a, d - a]) * frame.inverse()
     }
 
-    /// Answers along a space-filling curve: neighbours read the same part of the tree.
-    fn each<T: Copy + Send + Sync>(
+    /// The value at each point, found along a space-filling curve, so that neighbours read the same part of the tree;
+    /// `undefined` at points that are not finite.
+    fn at_points<T: Copy + Send + Sync>(
         &self,
         points: &[Point],
-        outside: T,
-        answer: impl Fn(&Located) -> T + Sync,
+        undefined: T,
+        value: impl Fn(&Located) -> T + Sync,
     ) -> Vec<T> {
         let locator = self.solid.locator.get_or_init(|| TetLocator::new(&self.solid.mesh));
         let order = morton_order(points);
@@ -122,20 +129,20 @@ impl TetMap {
             .par_chunks(RUN)
             .flat_map_iter(|run| {
                 let locate = |&i: &u32| locator.locate(&self.solid.mesh, &points[i as usize]);
-                run.iter().map(locate).map(|at| at.as_ref().map_or(outside, &answer))
+                run.iter().map(locate).map(|at| at.as_ref().map_or(undefined, &value))
             })
             .collect();
-        let mut answers = vec![outside; points.len()];
-        for (&i, answer) in order.iter().zip(found) {
-            answers[i as usize] = answer;
+        let mut values = vec![undefined; points.len()];
+        for (&i, value) in order.iter().zip(found) {
+            values[i as usize] = value;
         }
-        answers
+        values
     }
 }
 
 impl VolumeMap for TetMap {
     fn evaluate(&self, points: &[Point]) -> Vec<Point> {
-        self.each(points, Point::from(Vector::repeat(f64::NAN)), |at| {
+        self.at_points(points, Point::from(Vector::repeat(f64::NAN)), |at| {
             let corners = self.mesh().tets()[at.tet as usize].map(|v| self.images[v as usize].coords);
             let weighted = corners.iter().zip(at.barycentric).map(|(image, weight)| image * weight);
             Point::from(weighted.sum::<Vector>())
@@ -143,7 +150,7 @@ impl VolumeMap for TetMap {
     }
 
     fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
-        self.each(points, Matrix3::repeat(f64::NAN), |at| self.jacobian_in(at.tet))
+        self.at_points(points, Matrix3::repeat(f64::NAN), |at| self.jacobian_in(at.tet))
     }
 }
 

@@ -150,41 +150,33 @@ struct PatchSums<'a, const GRADIENT: bool> {
 impl<const GRADIENT: bool> Computation for PatchSums<'_, GRADIENT> {
     type Output = Vec<BlockSums>;
 
+    /// Patch after patch, each for all points while it is in the cache. Every patch is summed on its own, which also
+    /// keeps rounding errors from growing with the number of triangles.
     #[inline(always)]
     fn run<V: Simd>(self, token: V::Token) -> Vec<BlockSums> {
-        sum_patches::<V, GRADIENT>(token, self.patches, self.blocks)
-    }
-}
-
-/// Patch after patch, each for all points while it is in the cache. Every patch is summed on its own, which also keeps
-/// rounding errors from growing with the number of triangles.
-#[inline(always)]
-fn sum_patches<V: Simd, const GRADIENT: bool>(
-    token: V::Token,
-    patches: &[TrianglePatch],
-    blocks: &[PointBlock],
-) -> Vec<BlockSums> {
-    let mut sums = vec![[[0.0; LANES]; 16]; blocks.len()];
-    let most_edges = patches.iter().map(|patch| patch.edges.len()).max().unwrap_or(0);
-    let mut along_edges = vec![[V::splat(token, 0.0); 2]; most_edges];
-    for patch in patches {
-        for (block, sums) in blocks.iter().zip(&mut sums) {
-            for first in (0..LANES).step_by(V::WIDTH) {
-                let load = |axis: &[f64; LANES]| V::load(token, &axis[first..]);
-                let at = block.points.each_ref().map(load);
-                let origin = block.origins.each_ref().map(load);
-                let mut sum = [V::splat(token, 0.0); 16];
-                add_edges::<V, GRADIENT>(token, &patch.edges, at, &mut along_edges, &mut sum);
-                add_triangles::<V, GRADIENT>(token, &patch.triangles, at, origin, &along_edges, &mut sum);
-                let count = if GRADIENT { 16 } else { 4 };
-                for (sum, sums) in sum[..count].iter().zip(&mut *sums) {
-                    let sums = &mut sums[first..];
-                    (V::load(token, sums) + *sum).store(sums);
+        let Self { patches, blocks } = self;
+        let mut sums = vec![[[0.0; LANES]; 16]; blocks.len()];
+        let most_edges = patches.iter().map(|patch| patch.edges.len()).max().unwrap_or(0);
+        let mut along_edges = vec![[V::splat(token, 0.0); 2]; most_edges];
+        for patch in patches {
+            for (block, sums) in blocks.iter().zip(&mut sums) {
+                for first in (0..LANES).step_by(V::WIDTH) {
+                    let load = |axis: &[f64; LANES]| V::load(token, &axis[first..]);
+                    let at = block.points.each_ref().map(load);
+                    let origin = block.origins.each_ref().map(load);
+                    let mut sum = [V::splat(token, 0.0); 16];
+                    add_edges::<V, GRADIENT>(token, &patch.edges, at, &mut along_edges, &mut sum);
+                    add_triangles::<V, GRADIENT>(token, &patch.triangles, at, origin, &along_edges, &mut sum);
+                    let count = if GRADIENT { 16 } else { 4 };
+                    for (sum, sums) in sum[..count].iter().zip(&mut *sums) {
+                        let sums = &mut sums[first..];
+                        (V::load(token, sums) + *sum).store(sums);
+                    }
                 }
             }
         }
+        sums
     }
-    sums
 }
 
 /// Adds the shares of edges in `Σ G m`, and writes `κ` and, with gradients, `κ₄`.
