@@ -38,3 +38,11 @@ pub enum KernelError {
         found: usize,
     },
 }
+
+fn require_length(what: &'static str, found: usize, expected: usize) -> Result<(), KernelError> {
+    if found == expected {
+        Ok(())
+    } else {
+        Err(KernelError::LengthMismatch { what, expected, found })
+    }
+}

@@ -17,31 +17,18 @@ pub struct Sums {
     fmm: Option<Fmm>,
 }
 
-/// What the cost of a sum depends on.
-#[derive(Debug, Clone, Copy)]
-struct Work {
-    sources: usize,
-    targets: usize,
-    accuracy: f64,
-}
-
-impl Work {
-    /// Whether summing term by term costs less.
-    ///
-    /// A direct sum costs a unit per pair and three columns. The fast sum costs some hundred units per point and an
-    /// overhead, which grow with the digits asked for. The table has measured numbers of points, with as many targets
-    /// as sources on a surface and three columns, at which the two take equal time. For many columns both work by
-    /// matrix products, and gain about as much.
-    fn is_small(&self) -> bool {
-        const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 2e3), (1e-6, 5e3), (1e-8, 1.2e4), (1e-9, 2e4), (0.0, 2.5e4)];
-        let reaches = |&(accuracy, _): &(f64, f64)| self.accuracy >= accuracy;
-        let crossover = CROSSOVERS
-            .into_iter()
-            .find(reaches)
-            .map_or(f64::INFINITY, |(_, points)| points);
-        let (sources, targets) = (self.sources as f64, self.targets as f64);
-        sources * targets <= 0.5 * crossover * (sources + targets)
-    }
+/// Whether summing term by term costs less.
+///
+/// A direct sum costs a unit per pair and three columns. The fast sum costs some hundred units per point and an overhead,
+/// which grow with the digits asked for. The table has measured numbers of points, with as many targets as sources on a
+/// surface and three columns, at which the two take equal time. For many columns both work by matrix products, and gain
+/// about as much.
+fn is_small(sources: usize, targets: usize, accuracy: f64) -> bool {
+    const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 2e3), (1e-6, 5e3), (1e-8, 1.2e4), (1e-9, 2e4), (0.0, 2.5e4)];
+    let reached = CROSSOVERS.into_iter().find(|&(least, _)| accuracy >= least);
+    let crossover = reached.map_or(f64::INFINITY, |(_, points)| points);
+    let (sources, targets) = (sources as f64, targets as f64);
+    sources * targets <= 0.5 * crossover * (sources + targets)
 }
 
 impl Sums {
@@ -60,20 +47,16 @@ impl Sums {
     ///
     /// As [`Fmm::new`].
     pub fn with_range(sources: &[Point], targets: &[Point], accuracy: f64, loosest: f64) -> Result<Self, KernelError> {
-        let work = Work {
-            sources: sources.len(),
-            targets: targets.len(),
-            accuracy: loosest,
+        let fmm = if is_small(sources.len(), targets.len(), loosest) {
+            None
+        } else {
+            Some(Fmm::new(sources, targets, accuracy)?)
         };
         Ok(Self {
             sources: sources.into(),
             targets: targets.into(),
             accuracy,
-            fmm: if work.is_small() {
-                None
-            } else {
-                Some(Fmm::new(sources, targets, accuracy)?)
-            },
+            fmm,
         })
     }
 
@@ -100,7 +83,7 @@ impl Sums {
     pub fn potential(&self, weights: &[f64], columns: usize) -> Result<Vec<f64>, KernelError> {
         match self.fast() {
             Some(fmm) => fmm.potential(weights, columns),
-            None => Ok(self.sum_directly(weights, columns, false)?.0),
+            None => Ok(direct::sum_columns(&self.sources, weights, columns, &self.targets, false)?.0),
         }
     }
 
@@ -112,26 +95,13 @@ impl Sums {
     pub fn potential_and_gradient(&self, weights: &[f64], columns: usize) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
         match self.fast() {
             Some(fmm) => fmm.potential_and_gradient(weights, columns),
-            None => self.sum_directly(weights, columns, true),
+            None => direct::sum_columns(&self.sources, weights, columns, &self.targets, true),
         }
     }
 
     fn fast(&self) -> Option<&Fmm> {
-        let work = Work {
-            sources: self.sources.len(),
-            targets: self.targets.len(),
-            accuracy: self.accuracy,
-        };
-        self.fmm.as_ref().filter(|_| !work.is_small())
-    }
-
-    fn sum_directly(
-        &self,
-        weights: &[f64],
-        columns: usize,
-        with_gradient: bool,
-    ) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
-        direct::sum_columns(&self.sources, weights, columns, &self.targets, with_gradient)
+        let is_small = is_small(self.sources.len(), self.targets.len(), self.accuracy);
+        self.fmm.as_ref().filter(|_| !is_small)
     }
 }
 

@@ -25,7 +25,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 use rayon::prelude::*;
 use smallvec::SmallVec;
 
-use super::{KernelError, laplace_potential};
+use super::{KernelError, laplace_potential, require_length};
 pub use crate::simd::Instructions;
 use crate::{Matrix3, Point};
 
@@ -52,13 +52,7 @@ impl Sources {
     ///
     /// [`KernelError::LengthMismatch`] when there are not as many weights as points.
     pub fn new(points: &[Point], weights: &[[f64; 3]]) -> Result<Self, KernelError> {
-        if weights.len() != points.len() {
-            return Err(KernelError::LengthMismatch {
-                what: "weights of sources",
-                expected: points.len(),
-                found: weights.len(),
-            });
-        }
+        require_length("weights of sources", weights.len(), points.len())?;
         let scale = PowerOfTwoScale::of(points);
         let pack = |(p, w): (&Point, &[f64; 3])| {
             let p = *p * scale.up;
@@ -180,14 +174,11 @@ pub(super) fn sum_columns(
     targets: &[Point],
     with_gradient: bool,
 ) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
-    let expected = points.len().saturating_mul(columns);
-    if weights.len() != expected {
-        return Err(KernelError::LengthMismatch {
-            what: "weights of sources",
-            expected,
-            found: weights.len(),
-        });
-    }
+    require_length(
+        "weights of sources",
+        weights.len(),
+        points.len().saturating_mul(columns),
+    )?;
     if columns > MOST_TRIPLED && !with_gradient {
         return Ok((
             products(Instructions::detect(), points, weights, columns, targets),
@@ -242,14 +233,8 @@ pub fn fill_matrix_with(
     sources: &[Point],
     matrix: &mut [f64],
 ) -> Result<(), KernelError> {
-    let expected = targets.len().saturating_mul(sources.len());
-    if matrix.len() != expected {
-        return Err(KernelError::LengthMismatch {
-            what: "entries of the matrix",
-            expected,
-            found: matrix.len(),
-        });
-    }
+    let entries = targets.len().saturating_mul(sources.len());
+    require_length("entries of the matrix", matrix.len(), entries)?;
     if targets.is_empty() {
         return Ok(());
     }
@@ -323,24 +308,40 @@ fn products(
         .with_min_len((PAIRS_PER_TASK / columns).div_ceil(rows * points.len().max(1)))
         .for_each(|(potentials, targets)| {
             let blocks: Vec<TargetBlock> = targets.chunks(LANES).map(|t| scaled_block(t, scale)).collect();
-            let mut kernel = vec![0.0; targets.len() * PRODUCT_TILE.min(points.len())];
-            let tiles = points.chunks(PRODUCT_TILE).zip(weights.chunks(PRODUCT_TILE * columns));
-            for (points, weights) in tiles {
-                let kernel = &mut kernel[..targets.len() * points.len()];
-                for (source, column) in points.iter().zip(kernel.chunks_mut(targets.len())) {
-                    write_entries(instructions, *source, targets, &blocks, scale, column);
-                }
-                matmul(
-                    MatMut::from_row_major_slice_mut(&mut *potentials, targets.len(), columns),
-                    Accum::Add,
-                    MatRef::from_column_major_slice(kernel, targets.len(), points.len()),
-                    MatRef::from_row_major_slice(weights, points.len(), columns),
-                    1.0,
-                    Par::Seq,
-                );
-            }
+            let weights = MatRef::from_row_major_slice(weights, points.len(), columns);
+            let out = MatMut::from_row_major_slice_mut(potentials, targets.len(), columns);
+            add_products(points, weights, 1.0, out, |source, column| {
+                write_entries(instructions, *source, targets, &blocks, scale, column);
+            });
         });
     potentials
+}
+
+/// Adds to `out` (targets × columns) `factor` times the potential of points with a row of weights each; `write` gives
+/// the kernel between a point and all targets.
+pub(super) fn add_products<P>(
+    points: &[P],
+    weights: MatRef<'_, f64>,
+    factor: f64,
+    mut out: MatMut<'_, f64>,
+    write: impl Fn(&P, &mut [f64]),
+) {
+    let rows = out.nrows();
+    let mut kernel = vec![0.0; rows * PRODUCT_TILE.min(points.len())];
+    for (tile, points) in points.chunks(PRODUCT_TILE).enumerate() {
+        let kernel = &mut kernel[..rows * points.len()];
+        for (point, column) in points.iter().zip(kernel.chunks_mut(rows)) {
+            write(point, column);
+        }
+        matmul(
+            out.as_mut(),
+            Accum::Add,
+            MatRef::from_column_major_slice(kernel, rows, points.len()),
+            weights.subrows(tile * PRODUCT_TILE, points.len()),
+            factor,
+            Par::Seq,
+        );
+    }
 }
 
 /// The point of largest absolute coordinates.

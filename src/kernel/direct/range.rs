@@ -8,7 +8,7 @@ use crate::{Matrix3, Point, Vector};
 #[derive(Debug, Clone, Copy)]
 pub(in crate::kernel) struct PowerOfTwoScale {
     pub(in crate::kernel) up: f64,
-    pub(super) down: f64,
+    pub(in crate::kernel) down: f64,
 }
 
 impl PowerOfTwoScale {
@@ -19,8 +19,12 @@ impl PowerOfTwoScale {
             .flat_map(|p| p.iter())
             .map(|c| c.abs())
             .filter(|c| c.is_finite());
-        let largest = finite.fold(0.0, f64::max);
-        if largest == 0.0 {
+        Self::of_magnitude(finite.fold(0.0, f64::max))
+    }
+
+    /// Brings a positive value to between one and two likewise; leaves zero and what is not finite.
+    pub(in crate::kernel) fn of_magnitude(largest: f64) -> Self {
+        if largest == 0.0 || !largest.is_finite() {
             return Self { up: 1.0, down: 1.0 };
         }
         let exponent_bits = (largest.to_bits() >> 52).clamp(23, 2023);

@@ -1,58 +1,30 @@
 //! Sums at the targets of each leaf: near sources one by one, all others through expansions.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use faer::{MatMut, MatRef};
 use rayon::prelude::*;
 
 use super::expansions::Pass;
-use super::lists::TargetLeaf;
+use super::operators::blocks;
 use super::tree::TreeCell;
-use crate::kernel::direct::{self, BlockValues, LANES, PackedSource, TargetBlock};
+use crate::kernel::direct::{self, BlockValues, Instructions, LANES, PackedSource, TargetBlock};
 
 /// Sums at all targets in the order of the tree: potentials, `targets × columns`, and gradients, `× 3`.
 pub(super) struct TargetSums {
     pub(super) potentials: Vec<f64>,
     pub(super) gradients: Vec<f64>,
-    /// Targets, as the caller numbers them, whose sums left the range of the inner loops though no source is there.
+    /// Indices, in the caller's order, of targets that coincide with no source and whose sums are not finite all the
+    /// same: they left the range of the inner loops.
     pub(super) failed: Vec<u32>,
 }
 
 /// Leaves whose local expansions are evaluated together.
 const LEAVES: usize = 16;
 
-/// What the inner loops sum: `N` values at each target for three weights.
-trait SumKind<const N: usize>: Copy + Sync {
-    fn add(self, pass: &Pass, sources: &[PackedSource], targets: &[TargetBlock], sums: &mut [[BlockValues; N]]);
-    /// By what a value is multiplied when lengths are divided by `up`.
-    fn scale(self, value: usize, up: f64) -> f64;
-}
-
-#[derive(Clone, Copy)]
-struct Potential;
-
-#[derive(Clone, Copy)]
-struct Gradient;
-
-impl SumKind<3> for Potential {
-    fn add(self, pass: &Pass, sources: &[PackedSource], targets: &[TargetBlock], sums: &mut [[BlockValues; 3]]) {
-        direct::add_potential(pass.instructions, sources, targets, sums);
-    }
-
-    fn scale(self, _: usize, up: f64) -> f64 {
-        up
-    }
-}
-
-impl SumKind<12> for Gradient {
-    fn add(self, pass: &Pass, sources: &[PackedSource], targets: &[TargetBlock], sums: &mut [[BlockValues; 12]]) {
-        direct::add_gradient(pass.instructions, sources, targets, sums);
-    }
-
-    fn scale(self, value: usize, up: f64) -> f64 {
-        if value < 3 { up } else { up * up }
-    }
-}
+/// [`direct::add_potential`] or [`direct::add_gradient`]: adds `N` values at each target for three weights.
+type AddSums<const N: usize> = fn(Instructions, &[PackedSource], &[TargetBlock], &mut [[BlockValues; N]]);
 
 /// Potentials, and gradients when asked for, in the units of the tree's coordinates.
 pub(super) fn evaluate(pass: &Pass, multipoles: &[f64], locals: &[f64], with_gradient: bool) -> TargetSums {
@@ -68,9 +40,9 @@ pub(super) fn evaluate(pass: &Pass, multipoles: &[f64], locals: &[f64], with_gra
         if !pass.weights.rows.is_empty() {
             task.run_by_rows(pass, multipoles, &weights);
         } else if with_gradient {
-            task.run_by_triples(pass, multipoles, &weights, Gradient);
+            task.run_by_triples(pass, multipoles, &weights, direct::add_gradient);
         } else {
-            task.run_by_triples(pass, multipoles, &weights, Potential);
+            task.run_by_triples(pass, multipoles, &weights, direct::add_potential);
         }
         task.failed(pass)
     };
@@ -78,7 +50,7 @@ pub(super) fn evaluate(pass: &Pass, multipoles: &[f64], locals: &[f64], with_gra
     sums
 }
 
-/// Leaves that follow one another, and the sums of their targets.
+/// Consecutive leaves, and the sums at their targets.
 struct LeafTask<'a> {
     leaves: Range<usize>,
     potentials: &'a mut [f64],
@@ -91,8 +63,7 @@ fn tasks<'a>(pass: &Pass, sums: &'a mut TargetSums, with_gradient: bool) -> Vec<
     let mut tasks = Vec::with_capacity(leaves.len().div_ceil(LEAVES));
     for first in (0..leaves.len()).step_by(LEAVES) {
         let range = first..leaves.len().min(first + LEAVES);
-        let targets = |leaf: usize| leaves[leaf].targets();
-        let len = (targets(range.end - 1).end - targets(first).start) * pass.columns();
+        let len = (leaves[range.end - 1].targets.end - leaves[first].targets.start) * pass.columns();
         let (own, rest) = potentials.split_at_mut(len);
         let (own_gradients, other_gradients) = gradients.split_at_mut(if with_gradient { 3 * len } else { 0 });
         (potentials, gradients) = (rest, other_gradients);
@@ -124,14 +95,15 @@ impl LeafTask<'_> {
         pass: &Pass,
         multipoles: &[f64],
         weights: &[f64],
-        kind: impl SumKind<N>,
+        add_sums: AddSums<N>,
     ) {
         let outer = pass.operators.outer.len() * pass.columns();
         let mut done = 0;
         for (leaf, weights) in self.leaves.clone().zip(weights.chunks(outer)) {
-            let len = pass.lists.leaves[leaf].targets().len();
+            let len = pass.lists.leaves[leaf].targets.len();
             for triple in 0..pass.weights.triples.len() {
-                let sums = sum_leaf(pass, leaf, triple, weights, multipoles, kind);
+                let surfaces = weighted_surfaces(pass, leaf, weights, multipoles);
+                let sums = sum_leaf(pass, leaf, triple, surfaces, add_sums);
                 self.store(pass, done, len, triple, &sums);
             }
             done += len;
@@ -140,27 +112,24 @@ impl LeafTask<'_> {
 
     fn run_by_rows(&mut self, pass: &Pass, multipoles: &[f64], weights: &[f64]) {
         let columns = pass.columns();
-        let mut potentials = &mut self.potentials[..];
-        for (leaf, weights) in self
-            .leaves
-            .clone()
-            .zip(weights.chunks(pass.operators.outer.len() * columns))
-        {
-            let len = pass.lists.leaves[leaf].targets().len() * columns;
-            let (own, rest) = std::mem::take(&mut potentials).split_at_mut(len);
-            add_leaf_by_rows(pass, leaf, weights, multipoles, own);
-            potentials = rest;
+        let outer = pass.operators.outer.len() * columns;
+        let mut done = 0;
+        for (leaf, weights) in self.leaves.clone().zip(weights.chunks(outer)) {
+            let len = pass.lists.leaves[leaf].targets.len() * columns;
+            let surfaces = weighted_surfaces(pass, leaf, weights, multipoles);
+            add_leaf_by_rows(pass, leaf, surfaces, &mut self.potentials[done..][..len]);
+            done += len;
         }
     }
 
-    /// Targets whose sums are not finite although all weights are, and no source near them has the same place.
+    /// Targets whose sums are not finite although all weights are, and no near source coincides with them.
     fn failed(&self, pass: &Pass) -> Vec<u32> {
         if !pass.weights.are_finite {
             return Vec::new();
         }
         let columns = pass.columns();
         let targets = self.leaves.clone().flat_map(|leaf| {
-            let targets = pass.lists.leaves[leaf].targets();
+            let targets = pass.lists.leaves[leaf].targets.clone();
             targets.map(move |target| (leaf, target))
         });
         let is_finite = |place: usize| {
@@ -174,7 +143,7 @@ impl LeafTask<'_> {
         let coincides = |leaf: usize, target: usize| {
             let position = pass.tree.targets.positions[target];
             let mut near = pass.lists.near.row(leaf).iter();
-            near.any(|near| pass.tree.sources.positions[near.start as usize..near.end as usize].contains(&position))
+            near.any(|near| pass.tree.sources.positions[near.clone()].contains(&position))
         };
         targets
             .enumerate()
@@ -207,80 +176,96 @@ impl LeafTask<'_> {
     }
 }
 
+/// Points of a surface about a cell, with weights column after column.
+struct WeightedSurface<'a> {
+    cell: &'a TreeCell,
+    points: &'a [[f64; 3]],
+    weights: Cow<'a, [f64]>,
+}
+
+/// The surfaces that stand for the sources that are not near a leaf: that of its local expansion, and those of the
+/// multipole expansions of finer cells.
+fn weighted_surfaces<'a>(
+    pass: &'a Pass,
+    leaf: usize,
+    local_weights: &'a [f64],
+    multipoles: &'a [f64],
+) -> impl Iterator<Item = WeightedSurface<'a>> {
+    let local = WeightedSurface {
+        cell: &pass.tree.cells[pass.lists.leaves[leaf].cell as usize],
+        points: &pass.operators.outer,
+        weights: Cow::Borrowed(local_weights),
+    };
+    let finer = pass.lists.finer.row(leaf).iter().map(|&slot| {
+        let expansion = &multipoles[slot as usize * pass.stride()..][..pass.stride()];
+        WeightedSurface {
+            cell: &pass.tree.cells[pass.lists.source_cells[slot as usize] as usize],
+            points: &pass.operators.inner,
+            weights: Cow::Owned(pass.product(pass.operators.basis.as_ref(), expansion, 1.0)),
+        }
+    });
+    std::iter::once(local).chain(finer)
+}
+
 /// Sums of three columns at the targets of a leaf.
-fn sum_leaf<const N: usize>(
+fn sum_leaf<'a, const N: usize>(
     pass: &Pass,
     leaf: usize,
     triple: usize,
-    local_weights: &[f64],
-    multipoles: &[f64],
-    kind: impl SumKind<N>,
+    surfaces: impl Iterator<Item = WeightedSurface<'a>>,
+    add_sums: AddSums<N>,
 ) -> Vec<[BlockValues; N]> {
-    let TargetLeaf { cell, .. } = pass.lists.leaves[leaf];
-    let cell = &pass.tree.cells[cell as usize];
-    let targets = &pass.tree.targets.positions[pass.lists.leaves[leaf].targets()];
-    let blocks: Vec<TargetBlock> = targets.chunks(LANES).map(|t| TargetBlock::mapped(t, |t| *t)).collect();
-    let mut sums = vec![[[0.0; LANES]; N]; blocks.len()];
+    let targets = &pass.tree.targets.positions[pass.lists.leaves[leaf].targets.clone()];
+    let near_blocks = blocks(targets);
+    let mut sums = vec![[[0.0; LANES]; N]; near_blocks.len()];
     for near in pass.lists.near.row(leaf) {
-        kind.add(
-            pass,
-            &pass.weights.triples[triple][near.start as usize..near.end as usize],
-            &blocks,
-            &mut sums,
-        );
+        let sources = &pass.weights.triples[triple][near.clone()];
+        add_sums(pass.instructions, sources, &near_blocks, &mut sums);
     }
-    add_expansion(
-        pass,
-        cell,
-        targets,
-        &pass.operators.outer,
-        triple,
-        local_weights,
-        kind,
-        &mut sums,
-    );
-    for &slot in pass.lists.finer.row(leaf) {
-        let cell = &pass.tree.cells[pass.lists.source_cells[slot as usize] as usize];
-        let expansion = &multipoles[slot as usize * pass.stride()..][..pass.stride()];
-        let weights = pass.product(pass.operators.basis.as_ref(), expansion, 1.0);
-        add_expansion(
-            pass,
-            cell,
-            targets,
-            &pass.operators.inner,
-            triple,
-            &weights,
-            kind,
-            &mut sums,
-        );
+    for surface in surfaces {
+        let sources = packed(&surface, triple, pass.columns());
+        let up = 1.0 / pass.tree.half_width(surface.cell);
+        let unit_blocks = unit_blocks(targets, surface.cell, up);
+        let mut own = vec![[[0.0; LANES]; N]; unit_blocks.len()];
+        add_sums(pass.instructions, &sources, &unit_blocks, &mut own);
+        for (sums, own) in sums.iter_mut().zip(&own) {
+            for (value, (sums, own)) in sums.iter_mut().zip(own).enumerate() {
+                let scale = if value < 3 { up } else { up * up };
+                for (sum, own) in sums.iter_mut().zip(own) {
+                    *sum += scale * own;
+                }
+            }
+        }
     }
     sums
 }
 
 /// Adds all columns at the targets of a leaf to `out`, `targets × columns`.
-fn add_leaf_by_rows(pass: &Pass, leaf: usize, local_weights: &[f64], multipoles: &[f64], out: &mut [f64]) {
+fn add_leaf_by_rows<'a>(
+    pass: &Pass,
+    leaf: usize,
+    surfaces: impl Iterator<Item = WeightedSurface<'a>>,
+    out: &mut [f64],
+) {
     let columns = pass.columns();
-    let TargetLeaf { cell, .. } = pass.lists.leaves[leaf];
-    let cell = &pass.tree.cells[cell as usize];
-    let targets = &pass.tree.targets.positions[pass.lists.leaves[leaf].targets()];
+    let targets = &pass.tree.targets.positions[pass.lists.leaves[leaf].targets.clone()];
     let mut out = MatMut::from_row_major_slice_mut(out, targets.len(), columns);
-    let blocks: Vec<TargetBlock> = targets.chunks(LANES).map(|t| TargetBlock::mapped(t, |t| *t)).collect();
+    let near_blocks = blocks(targets);
     for near in pass.lists.near.row(leaf) {
-        let near = near.start as usize..near.end as usize;
         let positions = &pass.tree.sources.positions[near.clone()];
-        pass.add_products(positions, pass.weight_rows(near), &blocks, 1.0, out.as_mut());
+        pass.add_products(
+            positions,
+            pass.weight_rows(near.clone()),
+            &near_blocks,
+            1.0,
+            out.as_mut(),
+        );
     }
-    let mut add_surface = |cell: &TreeCell, surface: &[[f64; 3]], weights: &[f64]| {
-        let up = 1.0 / pass.tree.half_width(cell);
-        let weights = MatRef::from_column_major_slice(weights, surface.len(), columns);
-        pass.add_products(surface, weights, &unit_blocks(targets, cell, up), up, out.as_mut());
-    };
-    add_surface(cell, &pass.operators.outer, local_weights);
-    for &slot in pass.lists.finer.row(leaf) {
-        let cell = &pass.tree.cells[pass.lists.source_cells[slot as usize] as usize];
-        let expansion = &multipoles[slot as usize * pass.stride()..][..pass.stride()];
-        let weights = pass.product(pass.operators.basis.as_ref(), expansion, 1.0);
-        add_surface(cell, &pass.operators.inner, &weights);
+    for surface in surfaces {
+        let up = 1.0 / pass.tree.half_width(surface.cell);
+        let weights = MatRef::from_column_major_slice(&surface.weights, surface.points.len(), columns);
+        let unit_blocks = unit_blocks(targets, surface.cell, up);
+        pass.add_products(surface.points, weights, &unit_blocks, up, out.as_mut());
     }
 }
 
@@ -290,41 +275,18 @@ fn unit_blocks(targets: &[[f64; 3]], cell: &TreeCell, up: f64) -> Vec<TargetBloc
     targets.chunks(LANES).map(|t| TargetBlock::mapped(t, unit)).collect()
 }
 
-/// Adds the sums over the points of a surface about `cell`, with weights column after column.
-#[expect(clippy::too_many_arguments)]
-fn add_expansion<const N: usize>(
-    pass: &Pass,
-    cell: &TreeCell,
-    targets: &[[f64; 3]],
-    surface: &[[f64; 3]],
-    triple: usize,
-    weights: &[f64],
-    kind: impl SumKind<N>,
-    sums: &mut [[BlockValues; N]],
-) {
+/// The points of a surface with the weights of three columns, zero beyond the last.
+fn packed(surface: &WeightedSurface, triple: usize, columns: usize) -> Vec<PackedSource> {
     let weight = |column: usize, point: usize| {
         let column = 3 * triple + column;
-        if column < pass.columns() {
-            weights[column * surface.len() + point]
+        if column < columns {
+            surface.weights[column * surface.points.len() + point]
         } else {
             0.0
         }
     };
-    let sources: Vec<PackedSource> = surface
-        .iter()
-        .enumerate()
+    let points = surface.points.iter().enumerate();
+    points
         .map(|(i, &[x, y, z])| [x, y, z, weight(0, i), weight(1, i), weight(2, i)])
-        .collect();
-    let up = 1.0 / pass.tree.half_width(cell);
-    let blocks = unit_blocks(targets, cell, up);
-    let mut own = vec![[[0.0; LANES]; N]; blocks.len()];
-    kind.add(pass, &sources, &blocks, &mut own);
-    for (sums, own) in sums.iter_mut().zip(&own) {
-        for (value, (sums, own)) in sums.iter_mut().zip(own).enumerate() {
-            let scale = kind.scale(value, up);
-            for (sum, own) in sums.iter_mut().zip(own) {
-                *sum += scale * own;
-            }
-        }
-    }
+        .collect()
 }

@@ -31,8 +31,6 @@ pub(super) struct Pass<'a> {
 const CELLS: usize = 32;
 /// Columns of a product, which with an operator fit a second-level cache.
 const COLUMNS: usize = 256;
-/// Sources whose kernel is evaluated before it is multiplied by weights: as many as a second-level cache holds.
-const TILE: usize = 128;
 
 impl Pass<'_> {
     pub(super) fn columns(&self) -> usize {
@@ -107,7 +105,7 @@ impl Pass<'_> {
         let mut potentials = vec![0.0; points * self.columns() * leaves.len()];
         for (&leaf, potentials) in leaves.iter().zip(potentials.chunks_mut(points * self.columns())) {
             let cell = self.cell(cells[leaf]);
-            self.add_potential_of(cell.sources(), cell, &self.operators.outer_blocks, potentials);
+            self.add_potential_of(cell.sources.clone(), cell, &self.operators.outer_blocks, potentials);
         }
         let found = self.product(self.operators.inverse.as_ref(), &potentials, 1.0);
         for (&leaf, found) in leaves.iter().zip(found.chunks(self.stride())) {
@@ -162,24 +160,11 @@ impl Pass<'_> {
         weights: MatRef<'_, f64>,
         targets: &[TargetBlock],
         factor: f64,
-        mut out: MatMut<'_, f64>,
+        out: MatMut<'_, f64>,
     ) {
-        let rows = out.nrows();
-        let mut kernel = vec![0.0; rows * TILE.min(points.len())];
-        for (tile, points) in points.chunks(TILE).enumerate() {
-            let kernel = &mut kernel[..rows * points.len()];
-            for (point, column) in points.iter().zip(kernel.chunks_mut(rows)) {
-                direct::write_column(self.instructions, *point, 1.0, targets, column);
-            }
-            matmul(
-                out.as_mut(),
-                Accum::Add,
-                MatRef::from_column_major_slice(kernel, rows, points.len()),
-                weights.subrows(tile * TILE, points.len()),
-                factor,
-                Par::Seq,
-            );
-        }
+        direct::add_products(points, weights, factor, out, |point, column| {
+            direct::write_column(self.instructions, *point, 1.0, targets, column);
+        });
     }
 
     /// Expansions of inner cells, from those of their children, whose slots begin at `first`.
@@ -187,8 +172,8 @@ impl Pass<'_> {
         let children: Vec<(usize, usize)> = cells
             .iter()
             .enumerate()
-            .flat_map(|(i, &cell)| self.cell(cell).children().map(move |child| (i, child)))
-            .filter(|&(_, child)| !self.tree.cells[child].sources().is_empty())
+            .flat_map(|(i, &cell)| self.cell(cell).children.clone().map(move |child| (i, child)))
+            .filter(|&(_, child)| !self.tree.cells[child].sources.is_empty())
             .collect();
         if children.is_empty() {
             return;
@@ -238,7 +223,7 @@ impl Pass<'_> {
             let cell = self.cell(self.lists.target_cells[first + i]);
             let mut potentials = vec![0.0; self.operators.inner.len() * self.columns()];
             for &leaf in leaves {
-                let sources = self.cell(leaf).sources();
+                let sources = self.cell(leaf).sources.clone();
                 self.add_potential_of(sources, cell, &self.operators.inner_blocks, &mut potentials);
             }
             let found = self.product(self.operators.basis.transpose(), &potentials, 1.0);
@@ -248,8 +233,7 @@ impl Pass<'_> {
         }
     }
 
-    /// Applies the V lists. Everything is in the precision of the operators until the end, which halves the traffic of
-    /// single precision.
+    /// Applies the V lists, in the precision of the operators throughout: single precision halves the memory traffic.
     fn transfer<T: Real>(&self, operators: &[Mat<T>], multipoles: &[f64]) -> Vec<f64> {
         let stride = self.stride();
         let multipoles: Vec<T> = multipoles
@@ -323,7 +307,7 @@ impl Pass<'_> {
         sums
     }
 
-    /// Axes in which a child's octant differs from the upper one.
+    /// Signs of an expansion's entries under the reflection of a child's octant into the upper one.
     fn flip(&self, child: usize) -> &[f64] {
         &self.operators.signs[7 ^ self.tree.cells[child].octant as usize]
     }

@@ -13,7 +13,7 @@ use super::tree::{NONE, Tree};
 /// A translation from the multipole expansion of one cell to the local expansion of another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Transfer {
-    /// Group of target slots, then operator: the order in which transfers are applied.
+    /// Group of target slots. Transfers are applied in the order of their fields.
     pub(super) group: u32,
     pub(super) operator: u8,
     /// Axes to reflect, one bit each.
@@ -22,7 +22,7 @@ pub(super) struct Transfer {
     pub(super) source: u32,
 }
 
-/// Values of different length for each of many items.
+/// A list of values for each of many items.
 #[derive(Debug, Default)]
 pub(super) struct RaggedRows<T> {
     starts: Vec<u32>,
@@ -66,7 +66,7 @@ pub(super) struct Lists {
     /// Where targets are evaluated, in the order of the targets.
     pub(super) leaves: Vec<TargetLeaf>,
     /// For each of the leaves, ranges of sources that act directly, ascending.
-    pub(super) near: RaggedRows<Range<u32>>,
+    pub(super) near: RaggedRows<Range<usize>>,
     /// W lists: for each of the leaves, cells whose multipole expansions are evaluated at its targets.
     pub(super) finer: RaggedRows<u32>,
     /// X lists: for each target slot, leaves whose sources act on the local expansion.
@@ -77,13 +77,7 @@ pub(super) struct Lists {
 #[derive(Debug, Clone)]
 pub(super) struct TargetLeaf {
     pub(super) cell: u32,
-    targets: Range<u32>,
-}
-
-impl TargetLeaf {
-    pub(super) fn targets(&self) -> Range<usize> {
-        self.targets.start as usize..self.targets.end as usize
-    }
+    pub(super) targets: Range<usize>,
 }
 
 /// Targets of a leaf at most: a cell with no sources near may hold any number.
@@ -103,8 +97,8 @@ pub(super) const GROUP: usize = 256;
 
 impl Lists {
     pub(super) fn new(tree: &Tree, thresholds: Thresholds) -> Self {
-        let (source_slot, source_cells) = slots(tree, |cell| !tree.cells[cell].sources().is_empty());
-        let mut descent = ListBuilder {
+        let (source_slot, source_cells) = slots(tree, |cell| !tree.cells[cell].sources.is_empty());
+        let mut builder = ListBuilder {
             tree,
             thresholds,
             source_slot: &source_slot,
@@ -115,8 +109,8 @@ impl Lists {
             coarser: Vec::new(),
             is_visited: vec![false; tree.cells.len()],
         };
-        if !tree.cells[0].targets().is_empty() && !tree.cells[0].sources().is_empty() {
-            descent.visit(0, &[0], &[]);
+        if !tree.cells[0].targets.is_empty() && !tree.cells[0].sources.is_empty() {
+            builder.visit(0, &[0], &[]);
         }
         let ListBuilder {
             mut transfers,
@@ -126,7 +120,7 @@ impl Lists {
             mut coarser,
             is_visited,
             ..
-        } = descent;
+        } = builder;
         let (target_slot, target_cells) = slots(tree, |cell| is_visited[cell]);
         for transfer in &mut transfers {
             transfer.target = target_slot[transfer.target as usize];
@@ -167,14 +161,14 @@ fn slots(tree: &Tree, has_points: impl Fn(usize) -> bool) -> (Vec<u32>, Vec<u32>
     (slot, cells)
 }
 
-/// Until all is known, targets are given as cells, not slots.
+/// Targets are given as cells: their slots follow when all visited cells are known.
 struct ListBuilder<'a> {
     tree: &'a Tree,
     thresholds: Thresholds,
     source_slot: &'a [u32],
     transfers: Vec<Transfer>,
     leaves: Vec<TargetLeaf>,
-    near: Vec<(u32, Range<u32>)>,
+    near: Vec<(u32, Range<usize>)>,
     finer: Vec<(u32, u32)>,
     coarser: Vec<(u32, u32)>,
     is_visited: Vec<bool>,
@@ -189,16 +183,16 @@ impl ListBuilder<'_> {
     fn visit(&mut self, cell: usize, touching: &[u32], near: &[u32]) {
         let tree = self.tree;
         self.is_visited[cell] = true;
-        let touching_sources: usize = touching.iter().map(|&c| tree.cells[c as usize].sources().len()).sum();
+        let touching_sources: usize = touching.iter().map(|&c| tree.cells[c as usize].sources.len()).sum();
         if touching_sources <= self.thresholds.points {
-            return self.finish(cell, [touching, near].concat(), &[]);
+            return self.finish(cell, &[touching, near].concat(), &[]);
         }
         if tree.cells[cell].is_leaf() {
             let (more, finer) = self.open(cell, touching);
-            return self.finish(cell, [near, &more].concat(), &finer);
+            return self.finish(cell, &[near, &more].concat(), &finer);
         }
-        for child in tree.cells[cell].children() {
-            if tree.cells[child].targets().is_empty() {
+        for child in tree.cells[cell].children.clone() {
+            if tree.cells[child].targets.is_empty() {
                 continue;
             }
             let mut child_touching = Vec::with_capacity(32);
@@ -218,21 +212,21 @@ impl ListBuilder<'_> {
         if source.is_leaf() {
             if source.touches(target) {
                 touching.push(other);
-            } else if target.targets().len() <= self.thresholds.points {
+            } else if target.targets.len() <= self.thresholds.points {
                 near.push(other);
             } else {
                 self.coarser.push((child as u32, other));
             }
             return;
         }
-        for part in source.children() {
+        for part in source.children.clone() {
             let source = &tree.cells[part];
-            if source.sources().is_empty() {
+            if source.sources.is_empty() {
                 continue;
             }
             if source.touches(target) {
                 touching.push(part as u32);
-            } else if source.sources().len() * target.targets().len() <= self.thresholds.pairs {
+            } else if source.sources.len() * target.targets.len() <= self.thresholds.pairs {
                 near.push(part as u32);
             } else {
                 let (operator, flip) = operator_of(target.offset_from(source));
@@ -256,9 +250,9 @@ impl ListBuilder<'_> {
             let source = &self.tree.cells[other as usize];
             let touches = source.touches(&self.tree.cells[leaf]);
             if touches && !source.is_leaf() {
-                let with_sources = |&part: &usize| !self.tree.cells[part].sources().is_empty();
-                open.extend(source.children().filter(with_sources).map(|part| part as u32));
-            } else if touches || source.sources().len() <= self.thresholds.points {
+                let with_sources = |&part: &usize| !self.tree.cells[part].sources.is_empty();
+                open.extend(source.children.clone().filter(with_sources).map(|part| part as u32));
+            } else if touches || source.sources.len() <= self.thresholds.points {
                 near.push(other);
             } else {
                 finer.push(self.source_slot[other as usize]);
@@ -267,35 +261,33 @@ impl ListBuilder<'_> {
         (near, finer)
     }
 
-    fn finish(&mut self, cell: usize, near: Vec<u32>, finer: &[u32]) {
+    fn finish(&mut self, cell: usize, near: &[u32], finer: &[u32]) {
         let near = self.merged_sources(near);
-        let targets = self.tree.cells[cell].targets();
+        let targets = self.tree.cells[cell].targets.clone();
         for first in targets.clone().step_by(LEAF_TARGETS) {
             let number = self.leaves.len() as u32;
             self.leaves.push(TargetLeaf {
                 cell: cell as u32,
-                targets: first as u32..targets.end.min(first + LEAF_TARGETS) as u32,
+                targets: first..targets.end.min(first + LEAF_TARGETS),
             });
             self.near.extend(near.iter().map(|range| (number, range.clone())));
             self.finer.extend(finer.iter().map(|&slot| (number, slot)));
         }
     }
 
-    fn merged_sources(&self, mut cells: Vec<u32>) -> Vec<Range<u32>> {
-        let range = |cell: u32| {
-            let range = self.tree.cells[cell as usize].sources();
-            range.start as u32..range.end as u32
-        };
-        cells.sort_unstable_by_key(|&cell| range(cell).start);
-        let mut merged: Vec<Range<u32>> = Vec::with_capacity(cells.len());
-        for cell in cells {
-            let range = range(cell);
-            match merged.last_mut() {
-                Some(last) if last.end == range.start => last.end = range.end,
-                _ => merged.push(range),
+    /// The sources of cells, as ranges that do not follow one another.
+    fn merged_sources(&self, cells: &[u32]) -> Vec<Range<usize>> {
+        let sources = cells.iter().map(|&cell| self.tree.cells[cell as usize].sources.clone());
+        let mut ranges: Vec<Range<usize>> = sources.collect();
+        ranges.sort_unstable_by_key(|range| range.start);
+        ranges.dedup_by(|next, last| {
+            let follows = next.start == last.end;
+            if follows {
+                last.end = next.end;
             }
-        }
-        merged
+            follows
+        });
+        ranges
     }
 }
 

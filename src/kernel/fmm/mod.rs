@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::KernelError;
 use super::direct::{self, Instructions, MOST_TRIPLED, PowerOfTwoScale, is_minute};
+use super::{KernelError, require_length};
 use crate::Point;
 
 mod evaluate;
@@ -46,7 +46,7 @@ struct Geometry {
     lists: Lists,
     sources: Vec<Point>,
     targets: Vec<Point>,
-    /// By which coordinates were multiplied.
+    /// Factor by which coordinates were multiplied.
     up: f64,
     /// Place of each target in the order of the tree; [`NONE`] for those that are not in it.
     places: Vec<u32>,
@@ -65,8 +65,7 @@ const COLUMNS: usize = 48;
 impl Fmm {
     /// Sorts the points; sums will have about the relative error `accuracy` in the Euclidean norm over all targets.
     ///
-    /// `accuracy` may be anything from `1e-2` to `1e-10`; beyond these, or NaN, it counts as the nearer of them (NaN as
-    /// `1e-10`).
+    /// `accuracy` is clamped to the range from `1e-10` to `1e-2`; NaN counts as `1e-10`.
     ///
     /// # Errors
     ///
@@ -127,13 +126,13 @@ impl Fmm {
             let scaled = *p * scale.up;
             scaled.iter().all(|c| c.abs() <= FAR) && !(has_minute && is_minute(scaled))
         };
-        // Sums with a source that is not finite are NaN everywhere, and those of no sources are zero: no tree.
+        // No tree is needed for sums with a source that is not finite, all NaN, and for sums of no sources, all zero.
         let has_tree = !has_bad_source && !sources.is_empty();
         let (inside, outside): (Vec<u32>, Vec<u32>) =
             (0..targets.len() as u32).partition(|&t| has_tree && in_tree(&targets[t as usize]));
-        let numbers = 0..if has_tree { sources.len() as u32 } else { 0 };
+        let source_indices = 0..if has_tree { sources.len() as u32 } else { 0 };
         let tree = Tree::new(
-            ordered(sources, numbers.collect(), scale.up),
+            ordered(sources, source_indices.collect(), scale.up),
             ordered(targets, inside, scale.up),
             capacity,
         );
@@ -159,14 +158,8 @@ impl Fmm {
 
     fn sums(&self, weights: &[f64], columns: usize, with_gradient: bool) -> Result<(Vec<f64>, Vec<f64>), KernelError> {
         let geometry = &*self.geometry;
-        let expected = geometry.sources.len().saturating_mul(columns);
-        if weights.len() != expected {
-            return Err(KernelError::LengthMismatch {
-                what: "weights of sources",
-                expected,
-                found: weights.len(),
-            });
-        }
+        let entries = geometry.sources.len().saturating_mul(columns);
+        require_length("weights of sources", weights.len(), entries)?;
         let rows = geometry.places.len() * columns;
         let empty = if geometry.has_bad_source { f64::NAN } else { 0.0 };
         let mut potentials = vec![empty; rows];
@@ -200,8 +193,8 @@ impl Fmm {
             }
             failed.extend(sums.failed);
         }
-        let numbers = geometry.outside.iter().copied().chain(failed);
-        geometry.sum_directly(numbers, weights, columns, &mut potentials, &mut gradients)?;
+        let remaining = geometry.outside.iter().copied().chain(failed);
+        geometry.sum_directly(remaining, weights, columns, &mut potentials, &mut gradients)?;
         Ok((potentials, gradients))
     }
 }
@@ -226,27 +219,27 @@ impl Geometry {
             });
     }
 
-    /// Sums term by term for the given targets.
+    /// Sums term by term at the targets with these indices.
     fn sum_directly(
         &self,
-        numbers: impl Iterator<Item = u32>,
+        indices: impl Iterator<Item = u32>,
         weights: &[f64],
         columns: usize,
         potentials: &mut [f64],
         gradients: &mut [f64],
     ) -> Result<(), KernelError> {
-        let numbers: Vec<usize> = numbers.map(|number| number as usize).collect();
-        if numbers.is_empty() {
+        let indices: Vec<usize> = indices.map(|index| index as usize).collect();
+        if indices.is_empty() {
             return Ok(());
         }
-        let targets: Vec<Point> = numbers.iter().map(|&number| self.targets[number]).collect();
+        let targets: Vec<Point> = indices.iter().map(|&index| self.targets[index]).collect();
         let (own, own_gradients) =
             direct::sum_columns(&self.sources, weights, columns, &targets, !gradients.is_empty())?;
-        for (&number, own) in numbers.iter().zip(own.chunks(columns)) {
-            potentials[number * columns..][..columns].copy_from_slice(own);
+        for (&index, own) in indices.iter().zip(own.chunks(columns)) {
+            potentials[index * columns..][..columns].copy_from_slice(own);
         }
-        for (&number, own) in numbers.iter().zip(own_gradients.chunks(3 * columns)) {
-            gradients[3 * number * columns..][..3 * columns].copy_from_slice(own);
+        for (&index, own) in indices.iter().zip(own_gradients.chunks(3 * columns)) {
+            gradients[3 * index * columns..][..3 * columns].copy_from_slice(own);
         }
         Ok(())
     }
@@ -276,7 +269,8 @@ fn capacity_for(resolution: usize) -> Capacity {
     }
 }
 
-/// A translation in single precision costs about as much as this many pairs, an evaluation at a point as this many.
+/// A translation in single precision costs about as much as so many pairs, and the evaluation of an expansion at a point
+/// as the kernel at so many.
 const THRESHOLDS: Thresholds = Thresholds {
     pairs: 2000,
     points: 200,

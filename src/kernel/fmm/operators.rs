@@ -88,7 +88,7 @@ pub(super) const RESOLUTIONS: [ExpansionResolution; 10] = [
 pub(super) fn resolution_for(accuracy: f64) -> usize {
     RESOLUTIONS
         .iter()
-        // A digit of slack in the last place, so that 1e-6 computed by the caller is 1e-6.
+        // Some slack, so that an accuracy such as 1e-6 is not missed by the rounding of the caller's arithmetic.
         .position(|r| r.accuracy <= accuracy * 1.001)
         .unwrap_or(RESOLUTIONS.len() - 1)
 }
@@ -114,7 +114,7 @@ pub(super) struct Operators {
     pub(super) signs: [Vec<f64>; 8],
 }
 
-/// Operators from multipole to local expansions, by number of the offset.
+/// Operators from multipole to local expansions, in the order of [`canonical_offsets`].
 #[derive(Debug)]
 pub(super) enum Transfers {
     Single(Vec<Mat<f32>>),

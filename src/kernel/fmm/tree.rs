@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// Index of no cell.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// A cube of the tree that holds a point.
+/// A cube of the tree that holds points.
 #[derive(Debug, Clone)]
 pub(super) struct TreeCell {
     pub(super) level: u32,
@@ -22,26 +22,14 @@ pub(super) struct TreeCell {
     pub(super) parent: u32,
     /// Which child of its parent: bit `k` is set on the upper side of axis `k`.
     pub(super) octant: u8,
-    children: Range<u32>,
-    sources: Range<u32>,
-    targets: Range<u32>,
+    pub(super) children: Range<usize>,
+    pub(super) sources: Range<usize>,
+    pub(super) targets: Range<usize>,
 }
 
 impl TreeCell {
     pub(super) fn is_leaf(&self) -> bool {
         self.children.is_empty()
-    }
-
-    pub(super) fn children(&self) -> Range<usize> {
-        self.children.start as usize..self.children.end as usize
-    }
-
-    pub(super) fn sources(&self) -> Range<usize> {
-        self.sources.start as usize..self.sources.end as usize
-    }
-
-    pub(super) fn targets(&self) -> Range<usize> {
-        self.targets.start as usize..self.targets.end as usize
     }
 
     /// Whether the closed cubes touch or overlap.
@@ -70,14 +58,14 @@ pub(super) struct Ordered {
 #[derive(Debug)]
 pub(super) struct Tree {
     pub(super) cells: Vec<TreeCell>,
-    /// Where each level begins in `cells`, and their number at the end.
+    /// Where each level begins in `cells`; at the end, the number of cells.
     pub(super) levels: Vec<usize>,
     pub(super) sources: Ordered,
     pub(super) targets: Ordered,
     root_half_width: f64,
 }
 
-/// When a cell is divided.
+/// The most sources and targets of a cell that is not divided.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Capacity {
     pub(super) sources: usize,
@@ -86,7 +74,7 @@ pub(super) struct Capacity {
 
 impl Tree {
     /// Divides cells until none holds more than `capacity`, or the centres of the next level could not be represented.
-    /// Coordinates are finite and at most `2^300`; `original` numbers the points.
+    /// Coordinates are finite and at most `2^300`; `original` has their indices.
     pub(super) fn new(sources: Ordered, targets: Ordered, capacity: Capacity) -> Self {
         let root = RootCube::around(&sources.positions, &targets.positions);
         let mut tree = Self {
@@ -97,8 +85,8 @@ impl Tree {
                 parent: NONE,
                 octant: 0,
                 children: 0..0,
-                sources: 0..sources.positions.len() as u32,
-                targets: 0..targets.positions.len() as u32,
+                sources: 0..sources.positions.len(),
+                targets: 0..targets.positions.len(),
             }],
             levels: vec![0, 1],
             sources,
@@ -126,8 +114,8 @@ impl Tree {
         let cells = &self.cells;
         let (sources, targets) = (&mut self.sources, &mut self.targets);
         let (source_counts, target_counts) = rayon::join(
-            || sources.sort_by_octant(full.iter().map(|&i| (cells[i].sources(), cells[i].centre))),
-            || targets.sort_by_octant(full.iter().map(|&i| (cells[i].targets(), cells[i].centre))),
+            || sources.sort_by_octant(full.iter().map(|&i| (cells[i].sources.clone(), cells[i].centre))),
+            || targets.sort_by_octant(full.iter().map(|&i| (cells[i].targets.clone(), cells[i].centre))),
         );
         for ((&parent, source_counts), target_counts) in full.iter().zip(source_counts).zip(target_counts) {
             self.add_children(parent, source_counts, target_counts);
@@ -135,10 +123,10 @@ impl Tree {
         self.levels.push(self.cells.len());
     }
 
-    fn add_children(&mut self, parent: usize, source_counts: [u32; 8], target_counts: [u32; 8]) {
+    fn add_children(&mut self, parent: usize, source_counts: [usize; 8], target_counts: [usize; 8]) {
         let cell = self.cells[parent].clone();
         let quarter = 0.5 * self.half_width(&cell);
-        let first = self.cells.len() as u32;
+        let first = self.cells.len();
         let (mut sources, mut targets) = (cell.sources.start, cell.targets.start);
         for octant in 0..8 {
             let (source_count, target_count) = (source_counts[octant], target_counts[octant]);
@@ -159,11 +147,11 @@ impl Tree {
             sources += source_count;
             targets += target_count;
         }
-        self.cells[parent].children = first..self.cells.len() as u32;
+        self.cells[parent].children = first..self.cells.len();
     }
 }
 
-/// Bits of the root's size, and how much coarser the quantum of its centre is than the size.
+/// The root's size and centre are multiples of a quantum that is so many bits below the size.
 const SIZE_BITS: i32 = 8;
 
 struct RootCube {
@@ -193,10 +181,10 @@ impl RootCube {
             };
         }
         let quantum = power_of_two_below(width) * 0.5f64.powi(SIZE_BITS);
-        // The quantum of the centre may move it by half of one; the rest keeps points off the faces.
+        // Rounding moves the centre by up to half a quantum; the rest of the margin keeps points off the faces.
         let half_width = 0.5 * ((width / quantum).ceil() + 2.0) * quantum;
         let centre = std::array::from_fn(|k| (0.5 * (lower[k] + upper[k]) / quantum).round() * quantum);
-        // A centre at level L is a multiple of quantum / 2^(L + 2), and must be a multiple of its own unit of rounding.
+        // A centre at level L is a multiple of quantum / 2^(L + 2), which must not be below its unit in the last place.
         let bits = (power_of_two_below(largest) / quantum).log2();
         Self {
             centre,
@@ -213,7 +201,7 @@ fn power_of_two_below(value: f64) -> f64 {
 
 impl Ordered {
     /// Sorts each of the ranges, which ascend, by octant about its centre, and counts each octant.
-    fn sort_by_octant(&mut self, parts: impl Iterator<Item = (Range<usize>, [f64; 3])>) -> Vec<[u32; 8]> {
+    fn sort_by_octant(&mut self, parts: impl Iterator<Item = (Range<usize>, [f64; 3])>) -> Vec<[usize; 8]> {
         let (mut positions, mut original) = (&mut self.positions[..], &mut self.original[..]);
         let mut at = 0;
         let mut slices = Vec::new();
@@ -231,19 +219,19 @@ impl Ordered {
     }
 }
 
-fn sort_by_octant(positions: &mut [[f64; 3]], original: &mut [u32], centre: [f64; 3]) -> [u32; 8] {
+fn sort_by_octant(positions: &mut [[f64; 3]], original: &mut [u32], centre: [f64; 3]) -> [usize; 8] {
     let octant = |p: &[f64; 3]| (0..3).fold(0u8, |bits, k| bits | u8::from(p[k] >= centre[k]) << k);
     let octants: Vec<u8> = positions.iter().map(octant).collect();
-    let mut counts = [0u32; 8];
+    let mut counts = [0; 8];
     for &octant in &octants {
         counts[octant as usize] += 1;
     }
-    if counts.iter().any(|&c| c as usize == positions.len()) {
+    if counts.contains(&positions.len()) {
         return counts;
     }
     let mut next = [0usize; 8];
     for octant in 1..8 {
-        next[octant] = next[octant - 1] + counts[octant - 1] as usize;
+        next[octant] = next[octant - 1] + counts[octant - 1];
     }
     let (old_positions, old_original) = (positions.to_vec(), original.to_vec());
     for ((octant, position), number) in octants.into_iter().zip(old_positions).zip(old_original) {

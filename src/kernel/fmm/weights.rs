@@ -6,7 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::tree::Ordered;
-use crate::kernel::direct::PackedSource;
+use crate::kernel::direct::{PackedSource, PowerOfTwoScale};
 
 /// How sums over points are formed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,8 +49,8 @@ impl PassWeights {
                 are_finite &= weight.is_finite();
             }
         }
-        let scale: Vec<f64> = largest.into_iter().map(power_of_two_near).collect();
-        let factor: Vec<f64> = scale.iter().map(|s| 1.0 / s).collect();
+        let scales = largest.into_iter().map(PowerOfTwoScale::of_magnitude);
+        let (factor, scale): (Vec<f64>, Vec<f64>) = scales.map(|scale| (scale.up, scale.down)).unzip();
         let mut rows = Vec::new();
         let mut triple_count = columns.div_ceil(3);
         if layout == WeightLayout::Rows {
@@ -93,13 +93,4 @@ impl PassWeights {
             are_finite,
         }
     }
-}
-
-/// A power of two within a factor of two of `value` where its reciprocal is one too; one for zero and what is not finite.
-fn power_of_two_near(value: f64) -> f64 {
-    if value == 0.0 || !value.is_finite() {
-        return 1.0;
-    }
-    let exponent_bits = (value.to_bits() >> 52).clamp(23, 2023);
-    f64::from_bits(exponent_bits << 52)
 }
