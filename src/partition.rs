@@ -9,9 +9,11 @@ use crate::Point;
 /// Parts with fewer points are divided on the same thread.
 const POINTS_PER_TASK: usize = 1 << 14;
 
-/// A partition of points.
+/// A partition of points, which may have radii.
 #[derive(Debug, Clone)]
-pub struct Partition {
+pub struct Partition<'a> {
+    points: &'a [Point],
+    radii: Vec<f64>,
     /// Indices of the points, part after part.
     order: Vec<u32>,
     root: Option<Box<Node>>,
@@ -27,26 +29,27 @@ struct Node {
     children: Option<[Box<Node>; 2]>,
 }
 
-/// An axis-aligned box.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bounds {
-    /// The corner of least coordinates.
-    pub low: Point,
-    /// The corner of greatest coordinates.
-    pub high: Point,
+/// An axis-aligned box, by its corners of least and greatest coordinates.
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    low: Point,
+    high: Point,
 }
 
 impl Bounds {
-    /// The smallest box around the points; inverted when there are none.
-    pub fn around(points: impl Iterator<Item = Point>) -> Self {
+    /// The smallest box around the points with these indices; inverted when there are none.
+    fn around(points: &[Point], indices: &[u32]) -> Self {
         let empty = Self {
-            low: Point::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
-            high: Point::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
+            low: Point::from([f64::INFINITY; 3]),
+            high: Point::from([f64::NEG_INFINITY; 3]),
         };
-        points.fold(empty, |bounds, p| Self {
-            low: bounds.low.inf(&p),
-            high: bounds.high.sup(&p),
-        })
+        indices
+            .iter()
+            .map(|&i| points[i as usize])
+            .fold(empty, |bounds, p| Self {
+                low: bounds.low.inf(&p),
+                high: bounds.high.sup(&p),
+            })
     }
 
     fn distance_squared(&self, other: &Self) -> f64 {
@@ -64,27 +67,27 @@ impl Bounds {
     }
 }
 
-impl Partition {
+impl<'a> Partition<'a> {
     /// Parts of at most `most` points (at least one), equal to within one point or two. Costs `n log n`; deterministic.
-    pub fn equal(points: &[Point], most: usize) -> Self {
-        Self::new(points, &vec![0.0; points.len()], most, None)
+    pub fn equal(points: &'a [Point], most: usize) -> Self {
+        Self::new(points, vec![0.0; points.len()], most, None)
     }
 
     /// Parts of at most `most` points (at least one), for points with these radii. As [`Self::equal`], but parts with a
     /// gap wider than the radii on both sides, as between the two sheets of a flat solid, are divided there: their
     /// bounding boxes would be mostly empty.
-    pub fn compact(points: &[Point], radii: &[f64], most: usize) -> Self {
+    pub fn compact(points: &'a [Point], radii: Vec<f64>, most: usize) -> Self {
         debug_assert_eq!(points.len(), radii.len());
         Self::new(points, radii, most, Some(2.0))
     }
 
-    fn new(points: &[Point], radii: &[f64], most: usize, widest_gap: Option<f64>) -> Self {
+    fn new(points: &'a [Point], radii: Vec<f64>, most: usize, widest_gap: Option<f64>) -> Self {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let root = (!points.is_empty()).then(|| {
             let parts = points.len().div_ceil(most.max(1));
             let bisection = Bisection {
                 points,
-                radii,
+                radii: &radii,
                 widest_gap,
             };
             Box::new(bisection.node(&mut order, 0, parts))
@@ -93,7 +96,13 @@ impl Partition {
         if let Some(root) = &root {
             collect_leaves(root, &mut parts);
         }
-        Self { order, root, parts }
+        Self {
+            points,
+            radii,
+            order,
+            root,
+            parts,
+        }
     }
 
     /// The parts: indices of points, each in exactly one part.
@@ -101,19 +110,20 @@ impl Partition {
         self.parts.iter().map(|range| &self.order[range.clone()])
     }
 
-    /// The points `j` within `radii[j]` of the box, in increasing order. Points and radii are those of the partition.
-    pub fn reaching(&self, points: &[Point], radii: &[f64], bounds: &Bounds) -> Vec<u32> {
+    /// The points within their radii of the box around a part, ascending; those of the part are among them.
+    pub fn reaching(&self, part: &[u32]) -> Vec<u32> {
+        let bounds = Bounds::around(self.points, part);
         let mut found = Vec::new();
         let mut pending: Vec<&Node> = self.root.as_deref().into_iter().collect();
         while let Some(node) = pending.pop() {
-            if node.bounds.distance_squared(bounds) > node.reach * node.reach {
+            if node.bounds.distance_squared(&bounds) > node.reach * node.reach {
                 continue;
             }
             match &node.children {
                 Some(children) => pending.extend(children.iter().map(|child| &**child)),
                 None => found.extend(self.order[node.range.clone()].iter().filter(|&&j| {
-                    let (p, radius) = (points[j as usize], radii[j as usize]);
-                    Bounds { low: p, high: p }.distance_squared(bounds) <= radius * radius
+                    let (p, radius) = (self.points[j as usize], self.radii[j as usize]);
+                    Bounds { low: p, high: p }.distance_squared(&bounds) <= radius * radius
                 })),
             }
         }
@@ -132,7 +142,7 @@ struct Bisection<'a> {
 impl Bisection<'_> {
     /// A subtree with `parts` leaves, or more where gaps divide them.
     fn node(&self, order: &mut [u32], start: usize, parts: usize) -> Node {
-        let bounds = Bounds::around(order.iter().map(|&i| self.points[i as usize]));
+        let bounds = Bounds::around(self.points, order);
         let reach = order.iter().map(|&i| self.radii[i as usize]).fold(0.0, f64::max);
         let range = start..start + order.len();
         let middle = match parts {
@@ -170,8 +180,8 @@ impl Bisection<'_> {
             order.sort_unstable_by(self.along(axis));
             let place = |i: u32| self.points[i as usize][axis];
             let gaps = order.windows(2).map(|pair| place(pair[1]) - place(pair[0])).enumerate();
-            gaps.map(|(i, gap)| (i + 1, axis, gap))
-                .max_by(|a, b| a.2.total_cmp(&b.2))
+            let gaps = gaps.map(|(i, gap)| (i + 1, axis, gap));
+            gaps.max_by(|a, b| a.2.total_cmp(&b.2))
         };
         let of_all = (0..3).filter_map(&mut widest).max_by(|a, b| a.2.total_cmp(&b.2));
         let (behind, axis, _) = of_all.filter(|(.., gap)| *gap > wider_than)?;
@@ -220,16 +230,16 @@ mod tests {
     fn points_within_reach_of_a_box_are_those_found_one_by_one() {
         let points = shapes::torus(1.0, 0.4, 40, 20).vertices().to_vec();
         let radii: Vec<f64> = (0..points.len()).map(|i| 0.02 * (i % 17) as f64).collect();
-        let partition = Partition::compact(&points, &radii, 11);
+        let partition = Partition::compact(&points, radii.clone(), 11);
         for part in partition.parts().take(9) {
-            let bounds = Bounds::around(part.iter().map(|&i| points[i as usize]));
+            let bounds = Bounds::around(&points, part);
             let reaches = |j: &u32| {
                 let p = points[*j as usize];
                 let nearest = p.inf(&bounds.high).sup(&bounds.low);
                 (p - nearest).norm() <= radii[*j as usize]
             };
             let expected: Vec<u32> = (0..points.len() as u32).filter(reaches).collect();
-            assert_eq!(partition.reaching(&points, &radii, &bounds), expected);
+            assert_eq!(partition.reaching(part), expected);
         }
     }
 
@@ -240,18 +250,18 @@ mod tests {
         let points: Vec<Point> = sheet(0.0).chain(sheet(100.0)).collect();
         let spans = |partition: &Partition| {
             let height = |part: &[u32]| {
-                let bounds = Bounds::around(part.iter().map(|&i| points[i as usize]));
+                let bounds = Bounds::around(&points, part);
                 bounds.high.z - bounds.low.z
             };
             partition.parts().map(height).fold(0.0, f64::max)
         };
         assert_eq!(spans(&Partition::equal(&points, 100)), 100.0);
-        let partition = Partition::compact(&points, &[3.0; 300], 100);
+        let partition = Partition::compact(&points, vec![3.0; 300], 100);
         assert_eq!(spans(&partition), 0.0);
         assert_eq!(partition.parts().map(<[u32]>::len).sum::<usize>(), 300);
         // Radii across the gap keep the sheets together.
-        assert_eq!(Partition::compact(&points, &[50.0; 300], 100).parts().len(), 3);
+        assert_eq!(Partition::compact(&points, vec![50.0; 300], 100).parts().len(), 3);
         // Without radii every gap divides.
-        assert_eq!(Partition::compact(&points, &[0.0; 300], 100).parts().len(), 300);
+        assert_eq!(Partition::compact(&points, vec![0.0; 300], 100).parts().len(), 300);
     }
 }

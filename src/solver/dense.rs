@@ -157,7 +157,7 @@ impl DenseFactor {
             } => {
                 let projected = apply_q_transpose(factored, coefficients, rhs);
                 match pivoted {
-                    None => solve_upper(factored.as_ref(), projected),
+                    None => solve_upper(factored.as_ref().subrows(0, self.scales.len()), projected),
                     Some(pivoted) => solve_pivoted(pivoted, self.rank, projected),
                 }
             }
@@ -204,15 +204,8 @@ fn svd(matrix: Mat<f64>, truncation: f64) -> Result<(Factors, usize, f64), Solve
     let s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
     let rank = s.iter().take_while(|&&value| value > truncation * s[0]).count();
     let condition = s[0] / s[s.len() - 1];
-    Ok((
-        Factors::Svd {
-            u: svd.U().to_owned(),
-            s,
-            v: svd.V().to_owned(),
-        },
-        rank,
-        condition,
-    ))
+    let (u, v) = (svd.U().to_owned(), svd.V().to_owned());
+    Ok((Factors::Svd { u, s, v }, rank, condition))
 }
 
 fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Factors, usize, f64) {
@@ -229,32 +222,21 @@ fn qr(mut matrix: Mat<f64>, truncation: f64) -> (Factors, usize, f64) {
         Default::default(),
     );
     let condition = triangular_condition(matrix.as_ref().subrows(0, columns));
-    if condition * truncation < 1.0 {
-        return (
-            Factors::Qr {
-                factored: matrix,
-                coefficients,
-                pivoted: None,
-            },
-            columns,
-            condition,
-        );
+    let (mut pivoted, mut rank) = (None, columns);
+    let is_well_conditioned = condition * truncation < 1.0;
+    if !is_well_conditioned {
+        let triangle = Mat::from_fn(columns, columns, |i, j| if i <= j { matrix[(i, j)] } else { 0.0 });
+        let decomposed = triangle.col_piv_qr();
+        let pivot = |k: usize| decomposed.R()[(k, k)].abs();
+        rank = (0..columns).take_while(|&k| pivot(k) > truncation * pivot(0)).count();
+        pivoted = Some(decomposed);
     }
-    let triangle = Mat::from_fn(columns, columns, |i, j| if i <= j { matrix[(i, j)] } else { 0.0 });
-    let pivoted = triangle.col_piv_qr();
-    let first = pivoted.R()[(0, 0)].abs();
-    let rank = (0..columns)
-        .take_while(|&k| pivoted.R()[(k, k)].abs() > truncation * first)
-        .count();
-    (
-        Factors::Qr {
-            factored: matrix,
-            coefficients,
-            pivoted: Some(pivoted),
-        },
-        rank,
-        condition,
-    )
+    let factors = Factors::Qr {
+        factored: matrix,
+        coefficients,
+        pivoted,
+    };
+    (factors, rank, condition)
 }
 
 /// Condition number of an upper triangle by power iterations on `RᵀR` and its inverse. Ten steps give
@@ -330,8 +312,7 @@ fn apply_q_transpose(factored: &Mat<f64>, coefficients: &Mat<f64>, mut rhs: Mat<
     rhs
 }
 
-fn solve_upper(factored: MatRef<'_, f64>, mut rhs: Mat<f64>) -> Mat<f64> {
-    let triangle = factored.subrows(0, factored.ncols());
+fn solve_upper(triangle: MatRef<'_, f64>, mut rhs: Mat<f64>) -> Mat<f64> {
     triangular_solve::solve_upper_triangular_in_place(triangle, rhs.as_mut(), faer::get_global_parallelism());
     rhs
 }

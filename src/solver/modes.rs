@@ -45,17 +45,9 @@ impl BasisModes {
         affine: bool,
         truncation: f64,
     ) -> Option<(Values, Self)> {
-        let affine = if affine {
-            affine_part(data, points, weights)
-        } else {
-            None
-        };
+        let affine = affine.then(|| affine_part(data, points, weights)).flatten();
         let rest = match &affine {
-            Some(affine) => data.minus(&with_affine(
-                &Values::zeros(data.rows(), data.columns()),
-                affine,
-                points,
-            )),
+            Some(affine) => data.minus(&with_affine(Values::zeros(data.rows(), data.columns()), affine, points)),
             None => data.clone(),
         };
         let factors = factors_of(&rest, weights, truncation)?;
@@ -81,7 +73,7 @@ impl BasisModes {
     pub fn values(&self, modes: &Values, points: &[Point]) -> Values {
         let combined = product(modes, as_matrix(&self.factors));
         match &self.affine {
-            Some(affine) => with_affine(&combined, affine, points),
+            Some(affine) => with_affine(combined, affine, points),
             None => combined,
         }
     }
@@ -115,10 +107,10 @@ fn affine_part(data: &Values, points: &[Point], weights: &[f64]) -> Option<Value
 }
 
 /// Values plus affine functions of the points.
-fn with_affine(values: &Values, affine: &Values, points: &[Point]) -> Values {
+fn with_affine(mut values: Values, affine: &Values, points: &[Point]) -> Values {
     let columns = values.columns();
-    let mut sums = values.clone();
-    sums.as_mut_slice()
+    values
+        .as_mut_slice()
         .par_chunks_mut(columns)
         .zip(points)
         .with_min_len(ROWS_PER_TASK)
@@ -128,7 +120,7 @@ fn with_affine(values: &Values, affine: &Values, points: &[Point]) -> Values {
                 terms.for_each(|(value, a)| *value += a * function);
             }
         });
-    sums
+    values
 }
 
 /// Right singular vectors of the weighted data as rows, the largest first.
@@ -180,15 +172,11 @@ fn triangle_of(data: &Values, weights: &[f64]) -> Mat<f64> {
         .zip(weights.par_chunks(ROWS_PER_TASK))
         .map(part)
         .collect();
-    let starts = parts.iter().scan(0, |end, part| {
-        let start = *end;
-        *end += part.nrows();
-        Some(start)
-    });
-    let starts: Vec<usize> = starts.collect();
     let mut stacked = Mat::zeros(parts.iter().map(Mat::nrows).sum(), columns);
-    for (part, start) in parts.iter().zip(starts) {
-        stacked.submatrix_mut(start, 0, part.nrows(), columns).copy_from(part);
+    let mut rows = 0;
+    for part in &parts {
+        stacked.submatrix_mut(rows, 0, part.nrows(), columns).copy_from(part);
+        rows += part.nrows();
     }
     stacked.qr().thin_R().to_owned()
 }

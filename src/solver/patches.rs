@@ -14,7 +14,7 @@ use super::schwarz::Level;
 use super::{SolveError, Values};
 use crate::Point;
 use crate::kernel::direct;
-use crate::partition::{Bounds, Partition};
+use crate::partition::Partition;
 use crate::progress::ProgressResponse;
 
 /// Added to the unit diagonal of a patch's normal matrix; raised a hundredfold until that is positive definite.
@@ -53,8 +53,7 @@ impl Patches {
         overlap: f64,
         progress: &dyn Fn(usize, usize) -> A,
     ) -> Result<Self, SolveError> {
-        let radii: Vec<f64> = level.spacing.iter().map(|h| overlap * h).collect();
-        let partition = Partition::compact(&level.sources, &radii, core);
+        let partition = partition(level, core, overlap);
         let rows_of = rows_of_sources(level);
         let cores: Vec<&[u32]> = partition.parts().collect();
         let mut patches = Vec::with_capacity(cores.len());
@@ -63,12 +62,11 @@ impl Patches {
                 return Err(SolveError::Cancelled);
             }
             let make = |core: &&[u32]| {
-                let bounds = Bounds::around(core.iter().map(|&s| level.sources[s as usize]));
-                let mut sources = partition.reaching(&level.sources, &radii, &bounds);
-                let mut is_core: Vec<u32> = core.to_vec();
-                is_core.sort_unstable();
-                sources.retain(|s| is_core.binary_search(s).is_err());
-                sources.extend(&is_core);
+                let mut sources = partition.reaching(core);
+                let mut ascending: Vec<u32> = core.to_vec();
+                ascending.sort_unstable();
+                sources.retain(|s| ascending.binary_search(s).is_err());
+                sources.extend(&ascending);
                 Patch::new(level, &points, sources, core.len(), &rows_of)
             };
             patches.par_extend(chunk.par_iter().map(make));
@@ -83,14 +81,9 @@ impl Patches {
 
     /// Number of matrix entries that [`Self::new`] keeps, found without factoring. Overlaps grow where spacings change.
     pub fn count_entries(level: &Level, core: usize, overlap: f64) -> u64 {
-        let radii: Vec<f64> = level.spacing.iter().map(|h| overlap * h).collect();
-        let partition = Partition::compact(&level.sources, &radii, core);
+        let partition = partition(level, core, overlap);
         let cores: Vec<&[u32]> = partition.parts().collect();
-        let entries = |core: &&[u32]| {
-            let bounds = Bounds::around(core.iter().map(|&s| level.sources[s as usize]));
-            let sources = partition.reaching(&level.sources, &radii, &bounds);
-            (core.len() * sources.len()) as u64
-        };
+        let entries = |core: &&[u32]| (core.len() * partition.reaching(core).len()) as u64;
         cores.par_iter().map(entries).sum()
     }
 
@@ -138,21 +131,26 @@ impl Patches {
     }
 }
 
+/// The cores of a level, for sources that reach `overlap` spacings.
+fn partition(level: &Level, core: usize, overlap: f64) -> Partition<'_> {
+    let radii = level.spacing.iter().map(|h| overlap * h).collect();
+    Partition::compact(&level.sources, radii, core)
+}
+
 impl Patch {
-    fn new(level: &Level, points: &[Point], sources: Vec<u32>, core: usize, rows_of: &RowsOfSources) -> Self {
-        let rows: Vec<u32> = sources.iter().flat_map(|&s| rows_of.of(s)).copied().collect();
-        let matrix = {
-            let at: Vec<Point> = rows.iter().map(|&r| points[r as usize]).collect();
-            let from: Vec<Point> = sources.iter().map(|&s| level.sources[s as usize]).collect();
-            let mut matrix = local_matrix(&at, &from);
-            let roots: Vec<f64> = rows.iter().map(|&r| level.weights[r as usize].sqrt()).collect();
-            for column in matrix.chunks_exact_mut(rows.len().max(1)) {
-                column.iter_mut().zip(&roots).for_each(|(entry, root)| *entry *= root);
-            }
-            matrix
-        };
-        let matrix = MatRef::from_column_major_slice(&matrix, rows.len(), sources.len());
-        let inverse = core_inverse(matrix, core);
+    fn new(level: &Level, points: &[Point], sources: Vec<u32>, core: usize, rows_of: &[Vec<u32>]) -> Self {
+        let rows: Vec<u32> = sources.iter().flat_map(|&s| &rows_of[s as usize]).copied().collect();
+        let at: Vec<Point> = rows.iter().map(|&r| points[r as usize]).collect();
+        let from: Vec<Point> = sources.iter().map(|&s| level.sources[s as usize]).collect();
+        let mut matrix = local_matrix(&at, &from);
+        let roots: Vec<f64> = rows.iter().map(|&r| level.weights[r as usize].sqrt()).collect();
+        for column in matrix.chunks_exact_mut(rows.len().max(1)) {
+            column.iter_mut().zip(&roots).for_each(|(entry, root)| *entry *= root);
+        }
+        let inverse = core_inverse(
+            MatRef::from_column_major_slice(&matrix, rows.len(), sources.len()),
+            core,
+        );
         Self {
             sources,
             core,
@@ -215,11 +213,8 @@ fn core_inverse(matrix: MatRef<'_, f64>, core: usize) -> Mat<f64> {
         1.0,
         Par::Seq,
     );
-    let reciprocal_root = |i: usize| normal[(i, i)].sqrt().recip();
-    let scales: Vec<f64> = (0..n)
-        .map(reciprocal_root)
-        .map(|s| if s.is_finite() { s } else { 0.0 })
-        .collect();
+    let reciprocal_roots = (0..n).map(|i| normal[(i, i)].sqrt().recip());
+    let scales: Vec<f64> = reciprocal_roots.map(|s| if s.is_finite() { s } else { 0.0 }).collect();
     let scratch = cholesky_in_place_scratch::<f64>(n, Par::Seq, Default::default());
     let mut memory = MemBuffer::new(scratch);
     let mut ridge = RIDGE;
@@ -259,31 +254,14 @@ fn core_inverse(matrix: MatRef<'_, f64>, core: usize) -> Mat<f64> {
 }
 
 /// The rows that each source owns.
-struct RowsOfSources {
-    rows: Vec<u32>,
-    starts: Vec<u32>,
-}
-
-impl RowsOfSources {
-    fn of(&self, source: u32) -> &[u32] {
-        &self.rows[self.starts[source as usize] as usize..self.starts[source as usize + 1] as usize]
+fn rows_of_sources(level: &Level) -> Vec<Vec<u32>> {
+    let mut rows_of = vec![Vec::new(); level.sources.len()];
+    for (row, &source) in level.owner.iter().enumerate() {
+        if source != Level::NO_OWNER {
+            rows_of[source as usize].push(row as u32);
+        }
     }
-}
-
-fn rows_of_sources(level: &Level) -> RowsOfSources {
-    let mut starts = vec![0u32; level.sources.len() + 1];
-    let owned = level.owner.iter().enumerate().filter(|(_, s)| **s != Level::NO_OWNER);
-    owned.clone().for_each(|(_, &s)| starts[s as usize + 1] += 1);
-    for s in 0..level.sources.len() {
-        starts[s + 1] += starts[s];
-    }
-    let mut next = starts.clone();
-    let mut rows = vec![0; starts[level.sources.len()] as usize];
-    for (row, &source) in owned {
-        rows[next[source as usize] as usize] = row as u32;
-        next[source as usize] += 1;
-    }
-    RowsOfSources { rows, starts }
+    rows_of
 }
 
 #[cfg(test)]

@@ -136,6 +136,17 @@ struct FactoredLevel {
     solver: LevelSolver,
 }
 
+impl FactoredLevel {
+    fn new(level: &Level, solver: LevelSolver) -> Self {
+        Self {
+            sources: level.sources.len(),
+            rows: level.rows.clone(),
+            weights: level.weights.clone(),
+            solver,
+        }
+    }
+}
+
 enum LevelSolver {
     Dense(Box<DenseFactor>),
     Patches(Patches),
@@ -189,8 +200,7 @@ impl SchwarzFactor {
         })?;
         factor.levels.push(factor.dense_level(coarsest)?);
         for level in &levels[1..] {
-            let patches = factor.patches(level, progress)?;
-            factor.levels.push(patches);
+            factor.levels.push(factor.patches(level, progress)?);
         }
         let coarse = levels.len().saturating_sub(1).max(1);
         factor.add_group(&levels[..coarse], 0)?;
@@ -403,22 +413,26 @@ impl SchwarzFactor {
         cycle || (finest && gain(1) > self.options.finest_plateau)
     }
 
+    fn affine_functions(&self) -> usize {
+        if self.affine { 4 } else { 0 }
+    }
+
     fn unknowns(&self) -> usize {
-        self.sources() + if self.affine { 4 } else { 0 }
+        self.sources() + self.affine_functions()
     }
 
     /// Coefficients of the first levels, with zeros for the others.
     fn extended(&self, start: &Values) -> Values {
-        let mut solution = Values::zeros(self.unknowns(), start.columns());
-        let affine = if self.affine { 4 } else { 0 };
-        let sources = (start.rows() - affine).min(self.sources());
-        (0..sources).for_each(|s| solution.row_mut(s).copy_from_slice(start.row(s)));
-        for k in 0..affine {
-            let row = self.sources() + k;
-            solution
-                .row_mut(row)
-                .copy_from_slice(start.row(start.rows() - affine + k));
-        }
+        let columns = start.columns();
+        let mut solution = Values::zeros(self.unknowns(), columns);
+        let (sources, affine) = start
+            .as_slice()
+            .split_at((start.rows() - self.affine_functions()) * columns);
+        let entries = solution.as_mut_slice();
+        let (own, linear) = entries.split_at_mut(self.sources() * columns);
+        let known = sources.len().min(own.len());
+        own[..known].copy_from_slice(&sources[..known]);
+        linear.copy_from_slice(affine);
         solution
     }
 
@@ -430,12 +444,8 @@ impl SchwarzFactor {
             sources: &level.sources,
             affine: self.affine,
         };
-        Ok(FactoredLevel {
-            sources: level.sources.len(),
-            rows: level.rows.clone(),
-            weights: level.weights.clone(),
-            solver: LevelSolver::Dense(Box::new(DenseFactor::new(&system, &DenseOptions::default())?)),
-        })
+        let factor = DenseFactor::new(&system, &DenseOptions::default())?;
+        Ok(FactoredLevel::new(level, LevelSolver::Dense(Box::new(factor))))
     }
 
     fn patches<A: ProgressResponse>(
@@ -445,12 +455,8 @@ impl SchwarzFactor {
     ) -> Result<FactoredLevel, SolveError> {
         let points = self.points(&level.rows);
         let SchwarzOptions { core, overlap, .. } = self.options;
-        Ok(FactoredLevel {
-            sources: level.sources.len(),
-            rows: level.rows.clone(),
-            weights: level.weights.clone(),
-            solver: LevelSolver::Patches(Patches::new(level, points, core, overlap, progress)?),
-        })
+        let patches = Patches::new(level, points, core, overlap, progress)?;
+        Ok(FactoredLevel::new(level, LevelSolver::Patches(patches)))
     }
 
     fn points(&self, rows: &[u32]) -> Vec<Point> {
@@ -486,15 +492,11 @@ impl SchwarzFactor {
 fn positions_in(rows: &[u32], chosen: &[u32]) -> Result<Vec<u32>, SolveError> {
     let mut place: Vec<u32> = (0..rows.len() as u32).collect();
     place.sort_unstable_by_key(|&i| rows[i as usize]);
-    let find = |row: &u32| {
-        place
-            .binary_search_by_key(row, |&i| rows[i as usize])
-            .map(|at| place[at])
+    let find = |&row: &u32| match place.binary_search_by_key(&row, |&i| rows[i as usize]) {
+        Ok(at) => Ok(place[at]),
+        Err(_) => Err(SolveError::RowsNotNested { row }),
     };
-    chosen
-        .iter()
-        .map(|row| find(row).map_err(|_| SolveError::RowsNotNested { row: *row }))
-        .collect()
+    chosen.iter().map(find).collect()
 }
 
 fn sums(sources: &[Point], targets: &[Point], options: &SchwarzOptions) -> Result<Sums, SolveError> {

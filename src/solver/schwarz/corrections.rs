@@ -1,5 +1,7 @@
 //! Corrections by groups of levels, and what they give at the collocation points.
 
+use std::ops::Range;
+
 use super::{LevelGroup, LevelSolver, SchwarzFactor};
 use crate::Point;
 use crate::kernel::Sums;
@@ -21,11 +23,10 @@ impl SchwarzFactor {
         let last = group.steps.len();
         let remaining = residual.gather(&self.levels[group.first + last].rows);
         let solved = self.correct_level(group, last, remaining, accuracy)?;
-        let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
-        let own = group.sources.len() * columns;
-        let (coefficients, affine) = solved.as_slice().split_at(own);
+        let own = self.entries_of(group, columns);
+        let (coefficients, affine) = solved.as_slice().split_at(own.len());
         let mut all = vec![0.0; self.unknowns() * columns];
-        all[before * columns..][..own].copy_from_slice(coefficients);
+        all[own].copy_from_slice(coefficients);
         if !affine.is_empty() {
             all[self.sources() * columns..].copy_from_slice(affine);
         }
@@ -55,7 +56,7 @@ impl SchwarzFactor {
             .iter()
             .map(|level| level.sources)
             .sum();
-        let affine = if self.affine { 4 } else { 0 };
+        let affine = self.affine_functions();
         let unknowns = coarser + level.sources + affine;
         let mut gcr = Gcr::new(&level.weights, residual, Values::zeros(unknowns, columns));
         for iteration in 0..self.options.coarse_iterations {
@@ -67,10 +68,8 @@ impl SchwarzFactor {
             let remaining = gcr.residual.gather(&step.coarser_rows);
             let solved = self.correct_level(group, index - 1, remaining, accuracy)?;
             let (own, linear) = solved.as_slice().split_at(coarser * columns);
-            let mut image = Values::new(
-                columns,
-                step.from_coarser.with_accuracy(accuracy).potential(own, columns)?,
-            );
+            let potential = step.from_coarser.with_accuracy(accuracy).potential(own, columns)?;
+            let mut image = Values::new(columns, potential);
             self.add_affine(&mut image, linear, |r| self.collocation[level.rows[r] as usize]);
             let gap = vec![0.0; level.sources * columns];
             gcr.advance(Values::new(columns, [own, &gap, linear].concat()), image);
@@ -79,25 +78,25 @@ impl SchwarzFactor {
             let own = step.from_own.with_accuracy(accuracy.max(self.options.later_accuracy));
             let image = Values::new(columns, own.potential(solved.as_slice(), columns)?);
             let (gap, no_affine) = (vec![0.0; coarser * columns], vec![0.0; affine * columns]);
-            gcr.advance(
-                Values::new(columns, [&gap, solved.as_slice(), &no_affine].concat()),
-                image,
-            );
+            let correction = [&gap, solved.as_slice(), &no_affine].concat();
+            gcr.advance(Values::new(columns, correction), image);
         }
         Ok(gcr.solution)
+    }
+
+    /// Where the coefficients of a group's sources are among those of all unknowns.
+    fn entries_of(&self, group: &LevelGroup, columns: usize) -> Range<usize> {
+        let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
+        before * columns..(before + group.sources.len()) * columns
     }
 
     /// Values at the collocation points of the group's part of the coefficients, and of the affine functions in the
     /// first group.
     pub(super) fn image(&self, group: &LevelGroup, coefficients: &Values, accuracy: f64) -> Result<Values, SolveError> {
         let columns = coefficients.columns();
-        let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
-        let weights = &coefficients.as_slice()[before * columns..][..group.sources.len() * columns];
-        let potential = group
-            .to_collocation
-            .with_accuracy(accuracy)
-            .potential(weights, columns)?;
-        let mut image = Values::new(columns, potential);
+        let weights = &coefficients.as_slice()[self.entries_of(group, columns)];
+        let sums = group.to_collocation.with_accuracy(accuracy);
+        let mut image = Values::new(columns, sums.potential(weights, columns)?);
         if group.first == 0 && self.affine {
             let affine = &coefficients.as_slice()[self.sources() * columns..];
             self.add_affine(&mut image, affine, |r| self.collocation[r]);
@@ -157,21 +156,20 @@ impl SchwarzFactor {
             return None;
         }
         let columns = gradient.columns();
-        let before: usize = self.levels[..group.first].iter().map(|level| level.sources).sum();
-        let all = gradient.as_slice();
-        let own = &all[before * columns..][..group.sources.len() * columns];
+        let own = self.entries_of(group, columns);
+        let (all, affine) = (gradient.as_slice(), self.sources() * columns..);
         let mut step = vec![0.0; all.len()];
         match &self.levels[group.first].solver {
             LevelSolver::Patches(patches) => {
-                let solved = patches.solve_gradient(&Values::new(columns, own.to_vec()));
-                step[before * columns..][..own.len()].copy_from_slice(solved.as_slice());
+                let solved = patches.solve_gradient(&Values::new(columns, all[own.clone()].to_vec()));
+                step[own].copy_from_slice(solved.as_slice());
             }
             LevelSolver::Dense(dense) => {
-                let affine = &all[self.sources() * columns..];
-                let solved = dense.solve_normal(&Values::new(columns, [own, affine].concat()))?;
-                let (coefficients, affine) = solved.as_slice().split_at(own.len());
-                step[..own.len()].copy_from_slice(coefficients);
-                step[self.sources() * columns..].copy_from_slice(affine);
+                let gradient = [&all[own.clone()], &all[affine.clone()]].concat();
+                let solved = dense.solve_normal(&Values::new(columns, gradient))?;
+                let (coefficients, linear) = solved.as_slice().split_at(own.len());
+                step[own].copy_from_slice(coefficients);
+                step[affine].copy_from_slice(linear);
             }
         }
         Some(Values::new(columns, step))
