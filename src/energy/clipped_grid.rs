@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 use super::{
     quadrature::{CellLayout, Grid, Quadrature, QuadratureError, sum},
-    tet_quadrature::first_non_finite,
+    tet_quadrature::require_finite,
 };
 use crate::{
     Point, Vector,
@@ -67,20 +67,13 @@ pub fn clipped_grid(surface: &SurfaceMesh, resolution: GridResolution) -> Result
     if surface.triangles().is_empty() {
         return Err(QuadratureError::Empty { element: "triangle" });
     }
-    if let Some(vertex) = first_non_finite(surface.vertices(), surface.triangles()) {
-        let position = surface.vertices()[vertex];
-        return Err(QuadratureError::NonFinite { vertex, position });
-    }
+    require_finite(surface.vertices(), surface.triangles())?;
     let grid = grid_around(surface, resolution)?;
     let clipper = GridClipper::new(surface, grid);
 
-    let slabs = clipper.triangles_by_slab();
-    let slabs: Vec<Slab> = slabs
-        .par_iter()
-        .enumerate()
-        .map(|(i, triangles)| clipper.slab(i, triangles))
-        .collect();
-    assembled(&slabs, grid)
+    let triangles = clipper.triangles_by_slab();
+    let slabs = triangles.par_iter().enumerate().map(|(i, slab)| clipper.slab(i, slab));
+    assembled(&slabs.collect::<Vec<Slab>>(), grid)
 }
 
 /// Parts below this fraction of a cell cannot be distinguished from rounding errors: coordinates are in units of cells,
@@ -111,14 +104,14 @@ struct CellColumn {
 }
 
 /// Volume of the part of a cell inside the solid, and its first moments about the cell's lowest corner.
-#[derive(Clone, Copy)]
+#[derive(Clone, Default)]
 struct Moments {
     volume: f64,
     first: Vector,
 }
 
 /// Signed area of the projection of surface pieces along z, and its first moments about the column's corner.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct ProjectedMoments {
     area: f64,
     first: [f64; 2],
@@ -208,15 +201,9 @@ fn assembled(slabs: &[Slab], grid: Grid) -> Result<Quadrature, QuadratureError> 
     }
 
     let scale = cell_volume * (volume / kept);
-    let collect = |slab: &Slab| {
-        slab.points
-            .iter()
-            .map(|p| grid.origin + p.coords * grid.cell_size)
-            .collect()
-    };
-    let points: Vec<Vec<Point>> = slabs.iter().map(collect).collect();
+    let points = slabs.iter().flat_map(|slab| &slab.points);
     Ok(Quadrature::new(
-        points.concat(),
+        points.map(|p| grid.origin + p.coords * grid.cell_size).collect(),
         slabs.iter().flat_map(|slab| &slab.weights).map(|w| w * scale).collect(),
         slabs.iter().flat_map(|slab| &slab.cells).copied().collect(),
         CellLayout::Grid(grid),
@@ -276,11 +263,9 @@ impl<'a> GridClipper<'a> {
             }
             for (k, moments) in cells.iter().enumerate() {
                 slab.volume += moments.volume;
-                slab.negative += if moments.volume < -NEGLIGIBLE {
-                    moments.volume
-                } else {
-                    0.0
-                };
+                if moments.volume < -NEGLIGIBLE {
+                    slab.negative += moments.volume;
+                }
                 let cell = ((i * ny + j) * nz + k) as u32;
                 self.place(&column, k as f64, moments, cell, 0, &mut slab);
             }
@@ -337,9 +322,9 @@ impl<'a> GridClipper<'a> {
 impl CellColumn {
     /// Moments of the lowest `count` cells, and the projection of all pieces, which has no area below a closed surface.
     fn cells(&self, count: usize) -> (Vec<Moments>, ProjectedMoments) {
-        let mut cells = vec![Moments::ZERO; count];
-        let mut projections = vec![ProjectedMoments::ZERO; count + 1];
-        let mut below_floor = ProjectedMoments::ZERO;
+        let mut cells = vec![Moments::default(); count];
+        let mut projections = vec![ProjectedMoments::default(); count + 1];
+        let mut below_floor = ProjectedMoments::default();
         for piece in &self.pieces {
             let mut rest: Polygon = piece.polygon.iter().map(|p| Point::from(p - self.corner)).collect();
             let lowest = rest.iter().fold(f64::INFINITY, |low, p| low.min(p.z));
@@ -402,11 +387,6 @@ impl CellColumn {
 }
 
 impl Moments {
-    const ZERO: Self = Self {
-        volume: 0.0,
-        first: Vector::new(0.0, 0.0, 0.0),
-    };
-
     /// Adds the prisms between a surface part and the floor of the cell, in coordinates about the column's corner.
     fn add_prisms(&mut self, part: &[Point], floor: f64) {
         for [a, b, c] in fan(part) {
@@ -428,11 +408,6 @@ impl Moments {
 }
 
 impl ProjectedMoments {
-    const ZERO: Self = Self {
-        area: 0.0,
-        first: [0.0; 2],
-    };
-
     fn add(&mut self, part: &[Point]) {
         for [a, b, c] in fan(part) {
             let area = projected_area(&a, &b, &c);

@@ -196,11 +196,8 @@ pub fn distortion(
     let scale = UnitVolumeScale::new(domain_volume, target_volume)?.jacobian;
     let orientation = target_volume.signum();
     let mut samples = Vec::with_capacity(quadrature.points().len());
-    for (points, weights) in quadrature
-        .points()
-        .chunks(CHUNK)
-        .zip(quadrature.weights().chunks(CHUNK))
-    {
+    let weights = quadrature.weights().chunks(CHUNK);
+    for (points, weights) in quadrature.points().chunks(CHUNK).zip(weights) {
         add_samples(&mut samples, &map.jacobian(points), weights, orientation)?;
     }
     Ok(report(&samples, scale))
@@ -317,11 +314,8 @@ fn report(samples: &[StretchSample], scale: f64) -> DistortionReport {
             (DistortionMetrics::of_stretches(&scaled), sample.weight)
         })),
         volmap: mean(regular().map(|sample| {
-            let image_volume = sample.weight * sample.determinant;
-            (
-                clamped(&DistortionMetrics::of_stretches(&sample.stretches)),
-                image_volume,
-            )
+            let metrics = DistortionMetrics::of_stretches(&sample.stretches);
+            (clamped(&metrics), sample.weight * sample.determinant)
         })),
         determinants: determinants(samples),
         left_out_fraction: sum(left_out.map(|sample| sample.weight)) / sum(samples.iter().map(|sample| sample.weight)),

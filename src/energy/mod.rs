@@ -223,22 +223,14 @@ fn measure(
 
     let densities = finite_densities(quadrature.points(), scale.jacobian, &options.lame, jacobians)?;
     let weights = quadrature.weights();
-    let distribution = |values: &[f64]| {
-        let empty = EnergyError::Volume {
-            solid: "domain",
-            volume: 0.0,
-        };
-        DensityQuantiles::weighted(values, weights).ok_or(empty)
-    };
+    let (solid, volume) = ("domain", 0.0);
+    let distribution =
+        |values: &[f64]| DensityQuantiles::weighted(values, weights).ok_or(EnergyError::Volume { solid, volume });
     // A map that reflects as a whole is folded where it preserves the orientation.
     let orientation = if target_volume < 0.0 { -1.0 } else { 1.0 };
-    let inverted = |det: &&f64| **det * orientation <= 0.0;
-    let folded = densities
-        .det_jacobian
-        .iter()
-        .zip(weights)
-        .filter(|(det, _)| inverted(det));
-    let inverted_volume = folded.fold(0.0, |sum, (_, weight)| sum + weight);
+    let points = densities.det_jacobian.iter().zip(weights);
+    let inverted = points.filter(|(det, _)| **det * orientation <= 0.0);
+    let inverted_volume = inverted.clone().fold(0.0, |sum, (_, weight)| sum + weight);
     Ok(EnergyReport {
         harmonic: quadrature.integrate(&densities.harmonic) * scale.volume_element,
         deformation: quadrature.integrate(&densities.deformation) * scale.volume_element,
@@ -248,7 +240,7 @@ fn measure(
         harmonic_density: distribution(&densities.harmonic)?,
         deformation_density: distribution(&densities.deformation)?,
         det_jacobian: distribution(&densities.det_jacobian)?,
-        inverted_points: densities.det_jacobian.iter().filter(inverted).count(),
+        inverted_points: inverted.count(),
         inverted_fraction: inverted_volume / quadrature.volume(),
         densities,
     })

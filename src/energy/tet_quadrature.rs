@@ -18,11 +18,7 @@ pub fn tet_quadrature(mesh: &TetMesh) -> Result<Quadrature, QuadratureError> {
     if count == 0 {
         return Err(QuadratureError::Empty { element: "tetrahedron" });
     }
-    if let Some(vertex) = first_non_finite(mesh.vertices(), mesh.tets()) {
-        let position = mesh.vertices()[vertex];
-        return Err(QuadratureError::NonFinite { vertex, position });
-    }
-
+    require_finite(mesh.vertices(), mesh.tets())?;
     let (mut points, mut weights, mut cells) = (Vec::new(), Vec::new(), Vec::new());
     for tet in 0..count {
         let volume = mesh.signed_volume(tet).abs();
@@ -39,13 +35,15 @@ pub fn tet_quadrature(mesh: &TetMesh) -> Result<Quadrature, QuadratureError> {
     Ok(Quadrature::new(points, weights, cells, CellLayout::Tets { count }))
 }
 
-/// The first vertex, in order of the elements, that an element uses and that is NaN or infinite.
-pub(super) fn first_non_finite<const N: usize>(vertices: &[Point], elements: &[[u32; N]]) -> Option<usize> {
-    elements
-        .iter()
-        .flatten()
-        .map(|&v| v as usize)
-        .find(|&v| vertices[v].iter().any(|c| !c.is_finite()))
+/// Refuses elements with a vertex that is NaN or infinite.
+pub(super) fn require_finite<const N: usize>(vertices: &[Point], elements: &[[u32; N]]) -> Result<(), QuadratureError> {
+    for vertex in elements.iter().flatten().map(|&v| v as usize) {
+        let position = vertices[vertex];
+        if position.iter().any(|c| !c.is_finite()) {
+            return Err(QuadratureError::NonFinite { vertex, position });
+        }
+    }
+    Ok(())
 }
 
 /// Each point is nearest to one corner: barycentric weights `(5 + 3√5) / 20` and thrice `(5 − √5) / 20`.
