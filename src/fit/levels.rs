@@ -1,13 +1,12 @@
 //! The levels of the Schwarz solver: sources at every spacing from a few hundred for the whole domain to one per anchor.
 
 use super::FitError;
-use crate::Point;
 use crate::geometry::SurfaceQuery;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::{self, Anchors, Collocation, HierarchyOptions, SiteLevel, SourceSite};
 use crate::solver::Level;
 
-/// Levels from coarse to fine, and a warning about sources that found no place.
+/// Levels from coarse to fine; warns of sources that found no place.
 pub(super) fn levels(
     domain: &SurfaceMesh,
     anchors: &Anchors,
@@ -45,12 +44,9 @@ pub(super) fn placed_level(sites: &SiteLevel, alpha: f64, query: &SurfaceQuery) 
     for (source, &site) in placed.sites.iter().enumerate() {
         source_of_site[site as usize] = source as u32;
     }
+    let spacing = |&site: &u32| sites.sites[site as usize].spacing;
     let level = Level {
-        spacing: placed
-            .sites
-            .iter()
-            .map(|&site| sites.sites[site as usize].spacing)
-            .collect(),
+        spacing: placed.sites.iter().map(spacing).collect(),
         rows: sites.rows.clone(),
         owner: sites.owner.iter().map(|&site| source_of_site[site as usize]).collect(),
         weights: sites.areas.clone(),
@@ -60,19 +56,12 @@ pub(super) fn placed_level(sites: &SiteLevel, alpha: f64, query: &SurfaceQuery) 
 }
 
 fn finest_level(domain: &SurfaceMesh, anchors: &Anchors, collocation: &Collocation) -> SiteLevel {
-    let position = |k: usize| domain.vertices()[anchors.vertices[k] as usize];
     let mut level = SiteLevel {
-        sites: (0..anchors.vertices.len())
-            .map(|k| SourceSite {
-                position: position(k),
-                normal: anchors.normals[k],
-                spacing: anchors.spacing[k],
-            })
-            .collect(),
+        sites: anchors.sites(domain),
         ..SiteLevel::default()
     };
     for (row, (point, &area)) in collocation.points.iter().zip(&collocation.areas).enumerate() {
-        if let Some(owner) = owner(domain, anchors, point, &position) {
+        if let Some(owner) = owner(domain, anchors, point, &level.sites) {
             level.rows.push(row as u32);
             level.owner.push(owner);
             level.areas.push(area);
@@ -82,14 +71,9 @@ fn finest_level(domain: &SurfaceMesh, anchors: &Anchors, collocation: &Collocati
 }
 
 /// The anchor nearest to a point, of those nearest to its triangle's corners.
-fn owner(
-    domain: &SurfaceMesh,
-    anchors: &Anchors,
-    point: &SurfacePoint,
-    position: &impl Fn(usize) -> Point,
-) -> Option<u32> {
+fn owner(domain: &SurfaceMesh, anchors: &Anchors, point: &SurfacePoint, sites: &[SourceSite]) -> Option<u32> {
     let at = point.position(domain, domain.vertices());
-    let distance = |anchor: &u32| (position(*anchor as usize) - at).norm_squared();
+    let distance = |anchor: &u32| (sites[*anchor as usize].position - at).norm_squared();
     let corners = domain.triangles()[point.triangle as usize];
     let candidates = corners.iter().filter_map(|&v| anchors.nearest[v as usize]);
     candidates.min_by(|a, b| distance(a).total_cmp(&distance(b)))

@@ -2,6 +2,7 @@
 
 use super::levels::{dropped_warning, levels};
 use super::options::PointCounts;
+use super::unit_frame::UnitFrame;
 use super::{FitError, FitMethod, FitOptions, Placement};
 use crate::Point;
 use crate::geometry::SurfaceQuery;
@@ -53,7 +54,7 @@ impl PlacedPoints {
     }
 }
 
-/// Sources of a single level, and warnings about those that found no place.
+/// Sources of a single level; warns of those that found no place.
 fn place_sources(
     domain: &SurfaceMesh,
     anchors: &Anchors,
@@ -66,22 +67,16 @@ fn place_sources(
         Placement::Adaptive { alpha } => near_sources(domain, anchors, alpha, warnings)?,
         Placement::Offset { distance } => {
             let (within, count) = in_cavities(domain, anchors, counts);
-            let around = offset_sources(domain, distance, count, seed, warnings)?;
-            [
-                around,
-                near_sources(domain, &within, Placement::DEFAULT_ALPHA, warnings)?,
-            ]
-            .concat()
+            let mut sources = offset_sources(domain, distance, count, seed, warnings)?;
+            sources.extend(near_sources(domain, &within, Placement::DEFAULT_ALPHA, warnings)?);
+            sources
         }
         Placement::Sphere { radius } => {
             let (within, count) = in_cavities(domain, anchors, counts);
-            let (centre, diagonal) = centre_and_diagonal(domain);
-            let around = sampling::bounding_sphere(centre, radius * diagonal, count);
-            [
-                around,
-                near_sources(domain, &within, Placement::DEFAULT_ALPHA, warnings)?,
-            ]
-            .concat()
+            let UnitFrame { centre, diagonal } = UnitFrame::of(domain);
+            let mut sources = sampling::bounding_sphere(centre, radius * diagonal, count);
+            sources.extend(near_sources(domain, &within, Placement::DEFAULT_ALPHA, warnings)?);
+            sources
         }
     };
     if sources.is_empty() {
@@ -89,12 +84,6 @@ fn place_sources(
     } else {
         Ok(sources)
     }
-}
-
-/// Those of the bounding box.
-fn centre_and_diagonal(domain: &SurfaceMesh) -> (Point, f64) {
-    let (low, high) = domain.bounding_box().unwrap_or_default();
-    (nalgebra::center(&low, &high), (high - low).norm())
 }
 
 fn near_sources(
@@ -122,18 +111,18 @@ fn in_cavities(domain: &SurfaceMesh, anchors: &Anchors, counts: &PointCounts) ->
 /// Whether each vertex lies on a shell that encloses a cavity: one that, on a repaired surface, has a negative volume.
 fn cavity_vertices(domain: &SurfaceMesh) -> Vec<bool> {
     let components = Topology::new(domain).components();
-    let (centre, _) = centre_and_diagonal(domain);
+    let UnitFrame { centre, .. } = UnitFrame::of(domain);
+    // Six times the signed volume of each component. Some triangles may belong to none.
     let mut volumes = vec![0.0; components.shapes.len()];
-    let parts = |t: usize| Some(components.of_triangle[t] as usize).filter(|&c| c < components.shapes.len());
-    for t in 0..domain.triangles().len() {
-        let [a, b, c] = domain.corners(t).map(|p| p - centre);
-        if let Some(component) = parts(t) {
-            volumes[component] += a.dot(&b.cross(&c));
+    for (t, &component) in components.of_triangle.iter().enumerate() {
+        if let Some(volume) = volumes.get_mut(component as usize) {
+            let [a, b, c] = domain.corners(t).map(|p| p - centre);
+            *volume += a.dot(&b.cross(&c));
         }
     }
     let mut in_cavity = vec![false; domain.vertices().len()];
-    for (t, corners) in domain.triangles().iter().enumerate() {
-        if parts(t).is_some_and(|component| volumes[component] < 0.0) {
+    for (corners, &component) in domain.triangles().iter().zip(&components.of_triangle) {
+        if volumes.get(component as usize).is_some_and(|&volume| volume < 0.0) {
             corners.iter().for_each(|&v| in_cavity[v as usize] = true);
         }
     }
@@ -153,7 +142,7 @@ fn offset_sources(
     seed: u64,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Point>, FitError> {
-    let distance = distance * centre_and_diagonal(domain).1;
+    let distance = distance * UnitFrame::of(domain).diagonal;
     let offset = crate::cgal_tetgen::offset_surface(domain, distance, &crate::cgal_tetgen::OffsetOptions::default())?;
     if offset.raw_wrap {
         warnings.push("the offset surface is the wrap as it came, about 1 % off its distance".into());

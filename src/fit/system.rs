@@ -17,7 +17,7 @@ use crate::map::HarmonicMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::Anchors;
 use crate::solver::{
-    BasisModes, Coefficients, CollocationSystem, Decomposition, DenseFactor, SchwarzFactor, SchwarzOptions,
+    BasisModes, Coefficients, CollocationSystem, Decomposition, DenseFactor, Level, SchwarzFactor, SchwarzOptions,
     SchwarzStop, SolveError, Values,
 };
 
@@ -62,31 +62,25 @@ const TRUNCATION: f64 = 0.1;
 impl UnfactoredSystem {
     pub fn new(placed: PlacedPoints, domain: &SurfaceMesh, options: &FitOptions) -> Self {
         let frame = UnitFrame::of(domain);
-        let sources = match placed.sources {
+        let (sources, source_count, patch_entries) = match placed.sources {
             SourceSets::Levels(levels, options) => {
-                let levels = levels.into_iter().map(|level| frame.level_to_unit(level));
-                SourceSets::Levels(levels.collect(), options)
+                let levels: Vec<Level> = levels.into_iter().map(|level| frame.level_to_unit(level)).collect();
+                let count = levels.iter().map(|level| level.sources.len()).sum();
+                let entries = SchwarzFactor::patch_entries(&levels[1..], &options);
+                (SourceSets::Levels(levels, options), count, Some(entries))
             }
-            SourceSets::Dense(sources, options) => SourceSets::Dense(frame.all_to_unit(&sources), options),
-        };
-        let (source_count, patch_entries) = match &sources {
-            SourceSets::Levels(levels, options) => {
-                let above_coarsest = levels.get(1..).unwrap_or_default();
-                let entries = SchwarzFactor::patch_entries(above_coarsest, options);
-                (levels.iter().map(|level| level.sources.len()).sum(), Some(entries))
+            SourceSets::Dense(sources, options) => {
+                let count = sources.len();
+                (SourceSets::Dense(frame.all_to_unit(&sources), options), count, None)
             }
-            SourceSets::Dense(sources, _) => (sources.len(), None),
         };
         Self {
             frame,
             size: FitSize {
-                vertices: domain.vertices().len(),
                 sources: source_count,
                 collocation: placed.collocation.points.len(),
-                maps: 1,
-                refinements: 0,
                 patch_entries,
-                method: options.method,
+                ..FitSize::of(domain, options)
             },
             anchors: placed.anchors,
             points: frame.all_to_unit(&positions(domain, &placed.collocation.points)),
@@ -369,7 +363,7 @@ mod tests {
     use crate::geometry::test_models;
     use crate::kernel::direct;
     use crate::mesh::shapes;
-    use crate::solver::{DenseOptions, Level, SchwarzOptions};
+    use crate::solver::{DenseOptions, SchwarzOptions};
 
     /// What the Schwarz solver is given for a domain, and data for it.
     struct Case {

@@ -5,8 +5,8 @@ use crate::solver::{Coefficients, Level};
 /// The coordinates in which the system is solved: the centre of the domain's bounding box at the origin, its diagonal 1.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct UnitFrame {
-    centre: Point,
-    diagonal: f64,
+    pub centre: Point,
+    pub diagonal: f64,
 }
 
 impl UnitFrame {

@@ -6,10 +6,11 @@
 //! A cell is a part of a triangle: the mesh and the boundary map do not change. Neighbouring cells need not match, since they
 //! are never used as a mesh.
 
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use super::collocation::random_barycentric;
 use super::{Anchors, Collocation, SourceSite};
 use crate::geometry::morton_order;
 use crate::mesh::topology::{NONE, Topology};
@@ -146,8 +147,7 @@ impl SurfaceCells {
         let of_cells = (0..self.len()).flat_map(|cell| std::iter::repeat_n(cell, per_cell));
         of_cells
             .map(|cell| {
-                let (root, t) = (random.random::<f64>().sqrt(), random.random::<f64>());
-                let weights = [1.0 - root, root * (1.0 - t), root * t];
+                let weights = random_barycentric(&mut random);
                 (at(self.cells[cell].triangle, &self.corners(cell), weights), cell as u32)
             })
             .unzip()
@@ -429,6 +429,7 @@ mod tests {
     use crate::geometry::SurfaceQuery;
     use crate::mesh::shapes;
     use crate::sampling::{held_out, place_sources};
+    use rand::Rng;
 
     fn all_anchors(domain: &SurfaceMesh) -> SurfaceCells {
         SurfaceCells::of_anchors(domain, &Anchors::choose(domain, usize::MAX))

@@ -95,11 +95,8 @@ pub fn held_out(domain: &SurfaceMesh, count: usize, per_triangle: usize, seed: u
     random.set_stream(1);
     let mut points = stratified(domain, &all, count, &mut random);
     let step = triangles.div_ceil(per_triangle.max(1)).max(1);
-    points.extend(
-        (0..triangles)
-            .step_by(step)
-            .map(|t| random_point(t as u32, &mut random)),
-    );
+    let each = (0..triangles).step_by(step);
+    points.extend(each.map(|t| random_point(t as u32, &mut random)));
     points
 }
 
@@ -150,13 +147,15 @@ fn stratified(domain: &SurfaceMesh, triangles: &[u32], count: usize, random: &mu
         .collect()
 }
 
-/// Uniform in the triangle (Turk, *Generating random points in triangles*, Graphics Gems, 1990).
 fn random_point(triangle: u32, random: &mut ChaCha8Rng) -> SurfacePoint {
+    let barycentric = random_barycentric(random);
+    SurfacePoint { triangle, barycentric }
+}
+
+/// Uniform in a triangle (Turk, *Generating random points in triangles*, Graphics Gems, 1990).
+pub(super) fn random_barycentric(random: &mut ChaCha8Rng) -> [f64; 3] {
     let (root, t) = (random.random::<f64>().sqrt(), random.random::<f64>());
-    SurfacePoint {
-        triangle,
-        barycentric: [1.0 - root, root * (1.0 - t), root * t],
-    }
+    [1.0 - root, root * (1.0 - t), root * t]
 }
 
 #[cfg(test)]

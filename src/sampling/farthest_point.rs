@@ -5,6 +5,7 @@
 
 use rayon::prelude::*;
 
+use super::SourceSite;
 use crate::geometry::Aabb;
 use crate::mesh::{SurfaceMesh, lowest_coincident_vertices};
 use crate::{Point, Vector};
@@ -51,6 +52,16 @@ impl Anchors {
             normals,
             nearest,
         }
+    }
+
+    /// The sites of one source per anchor; `domain` is the surface that the anchors were chosen on.
+    pub fn sites(&self, domain: &SurfaceMesh) -> Vec<SourceSite> {
+        let site = |k: usize| SourceSite {
+            position: domain.vertices()[self.vertices[k] as usize],
+            normal: self.normals[k],
+            spacing: self.spacing[k],
+        };
+        (0..self.vertices.len()).map(site).collect()
     }
 
     /// The anchors at `wanted` vertices. `nearest` is `None` for the vertices of the others.

@@ -30,7 +30,7 @@ pub struct SourceSite {
 pub struct PlacedSources {
     /// Positions outside the solid.
     pub positions: Vec<Point>,
-    /// Index of the site, or anchor, of each source; ascending.
+    /// Index of the site or anchor of each source, ascending.
     pub sites: Vec<u32>,
     /// Sites left without a source, as in a gap narrower than the spacing.
     pub dropped: usize,
@@ -47,13 +47,7 @@ pub fn adaptive_sources(
     alpha: f64,
     are_outside: &AreOutside,
 ) -> PlacedSources {
-    let of_anchor = |k: usize| SourceSite {
-        position: domain.vertices()[anchors.vertices[k] as usize],
-        normal: anchors.normals[k],
-        spacing: anchors.spacing[k],
-    };
-    let sites: Vec<SourceSite> = (0..anchors.vertices.len()).map(of_anchor).collect();
-    place_sources(&sites, alpha, are_outside)
+    place_sources(&anchors.sites(domain), alpha, are_outside)
 }
 
 /// One source per site at `alpha` times its spacing along the outward normal, stepped back where another part of the
@@ -72,13 +66,8 @@ pub fn place_sources(sites: &[SourceSite], alpha: f64, are_outside: &AreOutside)
         };
         let balls: Vec<(Point, f64)> = waiting.iter().map(ball).collect();
         let outside = are_outside(&balls);
-        for ((&k, ball), _) in waiting
-            .iter()
-            .zip(&balls)
-            .zip(&outside)
-            .filter(|(_, outside)| **outside)
-        {
-            placed[k] = Some(ball.0);
+        for ((&k, &(centre, _)), is_outside) in waiting.iter().zip(&balls).zip(outside) {
+            placed[k] = is_outside.then_some(centre);
         }
         waiting.retain(|&k| placed[k].is_none());
         part *= STEP_BACK;
