@@ -120,41 +120,23 @@ impl<const N: usize> Portable<N> {
     }
 }
 
-impl<const N: usize> Add for Portable<N> {
-    type Output = Self;
+macro_rules! portable_operator {
+    ($operator:ident, $function:ident) => {
+        impl<const N: usize> $operator for Portable<N> {
+            type Output = Self;
 
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        self.zip(other, |a, b| a + b)
-    }
+            #[inline(always)]
+            fn $function(self, other: Self) -> Self {
+                self.zip(other, |a, b| a.$function(b))
+            }
+        }
+    };
 }
 
-impl<const N: usize> Sub for Portable<N> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        self.zip(other, |a, b| a - b)
-    }
-}
-
-impl<const N: usize> Mul for Portable<N> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        self.zip(other, |a, b| a * b)
-    }
-}
-
-impl<const N: usize> Div for Portable<N> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn div(self, other: Self) -> Self {
-        self.zip(other, |a, b| a / b)
-    }
-}
+portable_operator!(Add, add);
+portable_operator!(Sub, sub);
+portable_operator!(Mul, mul);
+portable_operator!(Div, div);
 
 impl<const N: usize> Neg for Portable<N> {
     type Output = Self;

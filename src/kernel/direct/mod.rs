@@ -96,10 +96,8 @@ pub fn potential(sources: &Sources, targets: &[Point]) -> Vec<[f64; 3]> {
 /// [`potential`] by the given instructions.
 pub fn potential_with(instructions: Instructions, sources: &Sources, targets: &[Point]) -> Vec<[f64; 3]> {
     let mut values = vec![[0.0; 3]; targets.len()];
-    (
-        values.par_chunks_mut(LANES * BLOCKS),
-        targets.par_chunks(LANES * BLOCKS),
-    )
+    let chunk = LANES * BLOCKS;
+    (values.par_chunks_mut(chunk), targets.par_chunks(chunk))
         .into_par_iter()
         .with_min_len(chunks_per_task(sources))
         .for_each(|(values, targets)| {
@@ -180,10 +178,8 @@ pub(super) fn sum_columns(
         points.len().saturating_mul(columns),
     )?;
     if columns > MOST_TRIPLED && !with_gradient {
-        return Ok((
-            products(Instructions::detect(), points, weights, columns, targets),
-            Vec::new(),
-        ));
+        let potentials = products(Instructions::detect(), points, weights, columns, targets);
+        return Ok((potentials, Vec::new()));
     }
     let rows = targets.len() * columns;
     let mut potentials = vec![0.0; rows];
@@ -238,7 +234,7 @@ pub fn fill_matrix_with(
     if targets.is_empty() {
         return Ok(());
     }
-    let scale = PowerOfTwoScale::of(&[extent(targets), extent(sources)]);
+    let scale = PowerOfTwoScale::of(targets.iter().chain(sources));
     let blocks: Vec<TargetBlock> = targets.chunks(LANES).map(|t| scaled_block(t, scale)).collect();
     matrix
         .par_chunks_mut(targets.len())
@@ -274,13 +270,8 @@ fn write_entries(
     column: &mut [f64],
 ) {
     let scaled = source * scale.up;
-    let finite = write_column(
-        instructions,
-        scaled.coords.into(),
-        scale.up / (4.0 * PI),
-        blocks,
-        column,
-    );
+    let factor = scale.up / (4.0 * PI);
+    let finite = write_column(instructions, scaled.coords.into(), factor, blocks, column);
     let source_is_minute = is_minute(scaled);
     if finite && !source_is_minute {
         return;
@@ -300,7 +291,7 @@ fn products(
     columns: usize,
     targets: &[Point],
 ) -> Vec<f64> {
-    let scale = PowerOfTwoScale::of(&[extent(targets), extent(points)]);
+    let scale = PowerOfTwoScale::of(targets.iter().chain(points));
     let mut potentials = vec![0.0; targets.len() * columns];
     let rows = PRODUCT_ROWS;
     (potentials.par_chunks_mut(rows * columns), targets.par_chunks(rows))
@@ -342,14 +333,6 @@ pub(super) fn add_products<P>(
             Par::Seq,
         );
     }
-}
-
-/// The point of largest absolute coordinates.
-fn extent(points: &[Point]) -> Point {
-    let finite = |c: f64| if c.is_finite() { c.abs() } else { 0.0 };
-    points
-        .iter()
-        .fold(Point::origin(), |e, p| e.coords.sup(&p.coords.map(finite)).into())
 }
 
 #[cfg(test)]

@@ -13,13 +13,9 @@ pub(in crate::kernel) struct PowerOfTwoScale {
 
 impl PowerOfTwoScale {
     /// Brings the largest finite coordinate to between one and two, or as near as exact powers of two do.
-    pub(in crate::kernel) fn of(points: &[Point]) -> Self {
-        let finite = points
-            .iter()
-            .flat_map(|p| p.iter())
-            .map(|c| c.abs())
-            .filter(|c| c.is_finite());
-        Self::of_magnitude(finite.fold(0.0, f64::max))
+    pub(in crate::kernel) fn of<'a>(points: impl IntoIterator<Item = &'a Point>) -> Self {
+        let magnitudes = points.into_iter().flat_map(|p| p.iter()).map(|c| c.abs());
+        Self::of_magnitude(magnitudes.filter(|c| c.is_finite()).fold(0.0, f64::max))
     }
 
     /// Brings a positive value to between one and two likewise; leaves zero and what is not finite.

@@ -178,19 +178,16 @@ impl Pass<'_> {
         if children.is_empty() {
             return;
         }
-        let mut gathered = Vec::with_capacity(children.len() * self.stride());
-        for &(_, child) in &children {
+        let mut gathered = vec![0.0; children.len() * self.stride()];
+        for (&(_, child), to) in children.iter().zip(gathered.chunks_mut(self.stride())) {
             let slot = self.lists.source_slot[child] as usize - first;
-            self.gather(
-                &finer[slot * self.stride()..][..self.stride()],
-                self.flip(child),
-                &mut gathered,
-            );
+            let expansion = &finer[slot * self.stride()..][..self.stride()];
+            reflect(expansion, self.flip(child), to, |to, value| *to = value);
         }
         let raised = self.product(self.operators.upward.as_ref(), &gathered, 1.0);
         for (&(parent, child), raised) in children.iter().zip(raised.chunks(self.stride())) {
             let expansion = &mut expansions[parent * self.stride()..][..self.stride()];
-            self.scatter(raised, self.flip(child), expansion);
+            reflect(raised, self.flip(child), expansion, |to, value| *to += value);
         }
     }
 
@@ -199,17 +196,17 @@ impl Pass<'_> {
         if coarser.is_empty() {
             return;
         }
-        let mut gathered = Vec::with_capacity(cells.len() * self.stride());
-        for &cell in cells {
+        let mut gathered = vec![0.0; cells.len() * self.stride()];
+        for (&cell, to) in cells.iter().zip(gathered.chunks_mut(self.stride())) {
             let slot = self.lists.target_slot[self.cell(cell).parent as usize] as usize;
             let parent = &coarser[slot * self.stride()..][..self.stride()];
-            self.gather(parent, self.flip(cell as usize), &mut gathered);
+            reflect(parent, self.flip(cell as usize), to, |to, value| *to = value);
         }
         // Potentials are in units of 1 / half-width, which halves from parent to child.
         let lowered = self.product(self.operators.upward.transpose(), &gathered, 0.5);
         let expansions = expansions.chunks_mut(self.stride());
         for ((&cell, lowered), expansion) in cells.iter().zip(lowered.chunks(self.stride())).zip(expansions) {
-            self.scatter(lowered, self.flip(cell as usize), expansion);
+            reflect(lowered, self.flip(cell as usize), expansion, |to, value| *to += value);
         }
     }
 
@@ -277,12 +274,7 @@ impl Pass<'_> {
             for batch in same.chunks(batch) {
                 for (transfer, to) in batch.iter().zip(gathered.chunks_mut(stride)) {
                     let from = &multipoles[transfer.source as usize * stride..][..stride];
-                    let signs = &signs[transfer.flip as usize];
-                    for (from, to) in from.chunks_exact(rank).zip(to.chunks_exact_mut(rank)) {
-                        for ((&from, &sign), to) in from.iter().zip(signs).zip(to) {
-                            *to = from * sign;
-                        }
-                    }
+                    reflect(from, &signs[transfer.flip as usize], to, |to, value| *to = value);
                 }
                 let columns = batch.len() * self.columns();
                 matmul(
@@ -295,12 +287,7 @@ impl Pass<'_> {
                 );
                 for (transfer, from) in batch.iter().zip(moved.chunks(stride)) {
                     let to = &mut sums[transfer.target as usize % GROUP * stride..][..stride];
-                    let signs = &signs[transfer.flip as usize];
-                    for (from, to) in from.chunks_exact(rank).zip(to.chunks_exact_mut(rank)) {
-                        for ((&from, &sign), to) in from.iter().zip(signs).zip(to) {
-                            *to += from * sign;
-                        }
-                    }
+                    reflect(from, &signs[transfer.flip as usize], to, |to, value| *to += value);
                 }
             }
         }
@@ -310,21 +297,6 @@ impl Pass<'_> {
     /// Signs of an expansion's entries under the reflection of a child's octant into the upper one.
     fn flip(&self, child: usize) -> &[f64] {
         &self.operators.signs[7 ^ self.tree.cells[child].octant as usize]
-    }
-
-    fn gather(&self, expansion: &[f64], signs: &[f64], out: &mut Vec<f64>) {
-        for column in expansion.chunks(self.operators.rank) {
-            out.extend(column.iter().zip(signs).map(|(value, sign)| value * sign));
-        }
-    }
-
-    fn scatter(&self, expansion: &[f64], signs: &[f64], out: &mut [f64]) {
-        let rank = self.operators.rank;
-        for (from, to) in expansion.chunks(rank).zip(out.chunks_mut(rank)) {
-            for ((from, sign), to) in from.iter().zip(signs).zip(to) {
-                *to += from * sign;
-            }
-        }
     }
 
     /// `factor × matrix × columns`, both column after column.
@@ -340,6 +312,17 @@ impl Pass<'_> {
             Par::Seq,
         );
         out
+    }
+}
+
+/// Hands each entry of an expansion, times its sign under a reflection, to `store`.
+#[inline]
+fn reflect<T: Copy + Mul<Output = T>>(from: &[T], signs: &[T], to: &mut [T], store: impl Fn(&mut T, T)) {
+    let rank = signs.len();
+    for (from, to) in from.chunks_exact(rank).zip(to.chunks_exact_mut(rank)) {
+        for ((&from, &sign), to) in from.iter().zip(signs).zip(to) {
+            store(to, from * sign);
+        }
     }
 }
 

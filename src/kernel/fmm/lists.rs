@@ -112,16 +112,8 @@ impl Lists {
         if !tree.cells[0].targets.is_empty() && !tree.cells[0].sources.is_empty() {
             builder.visit(0, &[0], &[]);
         }
-        let ListBuilder {
-            mut transfers,
-            leaves,
-            near,
-            finer,
-            mut coarser,
-            is_visited,
-            ..
-        } = builder;
-        let (target_slot, target_cells) = slots(tree, |cell| is_visited[cell]);
+        let (leaves, mut transfers, mut coarser) = (builder.leaves, builder.transfers, builder.coarser);
+        let (target_slot, target_cells) = slots(tree, |cell| builder.is_visited[cell]);
         for transfer in &mut transfers {
             transfer.target = target_slot[transfer.target as usize];
             transfer.group = transfer.target / GROUP as u32;
@@ -137,8 +129,8 @@ impl Lists {
         Self {
             transfers,
             groups,
-            near: RaggedRows::from_pairs(leaves.len(), near),
-            finer: RaggedRows::from_pairs(leaves.len(), finer),
+            near: RaggedRows::from_pairs(leaves.len(), builder.near),
+            finer: RaggedRows::from_pairs(leaves.len(), builder.finer),
             coarser: RaggedRows::from_pairs(target_cells.len(), coarser),
             leaves,
             source_slot,
