@@ -342,14 +342,10 @@ impl Evaluator {
 fn values(sums: &Sums, coefficients: &Values, points: &[Point]) -> Result<Values, FitError> {
     let columns = coefficients.columns();
     let (weights, affine) = coefficients.as_slice().split_at(sums.sources() * columns);
-    let mut values = sums.potential(weights, columns).map_err(SolveError::from)?;
-    for (function, row) in affine.chunks_exact(columns).enumerate() {
-        values.par_chunks_mut(columns).zip(points).for_each(|(value, p)| {
-            let factor = if function == 0 { 1.0 } else { p[function - 1] };
-            value.iter_mut().zip(row).for_each(|(value, a)| *value += a * factor);
-        });
-    }
-    Ok(Values::new(columns, values))
+    let potential = sums.potential(weights, columns).map_err(SolveError::from)?;
+    let mut values = Values::new(columns, potential);
+    values.add_affine(affine, points);
+    Ok(values)
 }
 
 fn positions(domain: &SurfaceMesh, points: &[SurfacePoint]) -> Vec<Point> {

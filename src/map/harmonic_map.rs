@@ -39,7 +39,7 @@ impl HarmonicMap {
     /// as much at 1e-8, the default, as at 1e-6.
     pub fn with_error(self, boundary_error: f64) -> Self {
         Self {
-            accuracy: accuracy_for(boundary_error),
+            accuracy: (SHARE_OF_ERROR * boundary_error).clamp(1e-10, 1e-6),
             ..self
         }
     }
@@ -66,11 +66,6 @@ impl HarmonicMap {
         let a = &self.coefficients.affine;
         Vector::from_fn(|i, _| a[0][i] + a[1][i] * x.x + a[2][i] * x.y + a[3][i] * x.z)
     }
-}
-
-/// Accuracy of the sums that adds little to the error.
-fn accuracy_for(boundary_error: f64) -> f64 {
-    (SHARE_OF_ERROR * boundary_error).clamp(1e-10, 1e-6)
 }
 
 impl VolumeMap for HarmonicMap {

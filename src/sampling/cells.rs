@@ -53,13 +53,13 @@ pub struct RefinedSites {
     pub owner: Vec<u32>,
 }
 
-/// A new cell, with the square of its target spacing.
+/// A new cell. Its target area is the square of its target spacing.
 #[derive(Clone, Copy)]
 struct Piece {
     triangle: u32,
     corners: Corners,
     area: f64,
-    wanted: f64,
+    target_area: f64,
 }
 
 /// Largest area of a piece over the target: halving comes no nearer.
@@ -192,18 +192,18 @@ impl SurfaceCells {
             spacing,
             ..
         } = self.cells[cell];
-        let wanted = spacing * spacing / 4.0;
+        let target_area = spacing * spacing / 4.0;
         let mut done = Vec::new();
         let mut waiting = vec![Piece {
             triangle,
             corners: self.corners(cell),
             area,
-            wanted,
+            target_area,
         }];
         while let Some(piece) = waiting.pop() {
             let (side, length_squared) = piece.longest_side(domain);
-            let too_long = length_squared > LONG * LONG * wanted && piece.area > NEEDLE * wanted;
-            if piece.area > TOLERANCE * wanted || too_long {
+            let too_long = length_squared > LONG * LONG * target_area && piece.area > NEEDLE * target_area;
+            if piece.area > TOLERANCE * target_area || too_long {
                 waiting.extend(piece.halves(side));
             } else {
                 done.push(piece);
@@ -213,28 +213,21 @@ impl SurfaceCells {
     }
 
     fn refinement(&self, domain: &SurfaceMesh, pieces: &[Piece], groups: &[Group]) -> RefinedSites {
-        let mut refinement = RefinedSites {
-            sites: Vec::with_capacity(groups.len()),
-            points: Vec::with_capacity(groups.len()),
-            collocation: Collocation {
-                points: Vec::with_capacity(3 * groups.len()),
-                areas: Vec::with_capacity(3 * groups.len()),
-            },
-            owner: Vec::with_capacity(3 * groups.len()),
+        let points: Vec<SurfacePoint> = groups.iter().map(|group| group.middle(domain, pieces)).collect();
+        let site = |(group, point): (&Group, &SurfacePoint)| SourceSite {
+            position: point.position(domain, domain.vertices()),
+            normal: self.normal(domain, point, group.spacing),
+            spacing: group.spacing,
         };
-        for (k, group) in groups.iter().enumerate() {
-            let point = group.middle(domain, pieces);
-            refinement.points.push(point);
-            refinement.sites.push(SourceSite {
-                position: point.position(domain, domain.vertices()),
-                normal: self.normal(domain, &point, group.spacing),
-                spacing: group.spacing,
-            });
-            refinement.collocation.points.extend(group.interior_points(pieces));
-            refinement.collocation.areas.extend([group.area / 3.0; 3]);
-            refinement.owner.extend([k as u32; 3]);
+        RefinedSites {
+            sites: groups.iter().zip(&points).map(site).collect(),
+            points,
+            collocation: Collocation {
+                points: groups.iter().flat_map(|group| group.interior_points(pieces)).collect(),
+                areas: groups.iter().flat_map(|group| [group.area / 3.0; 3]).collect(),
+            },
+            owner: (0..groups.len() as u32).flat_map(|site| [site; 3]).collect(),
         }
-        refinement
     }
 
     /// The triangle's normal, rotated towards a neighbour's near their common side: half-way on the side, not at all one
@@ -353,7 +346,7 @@ impl Group {
 
 /// One group per piece, but small pieces together with their neighbours on a space-filling curve.
 fn grouped(domain: &SurfaceMesh, pieces: &[Piece]) -> Vec<Group> {
-    let is_small = |k: &u32| pieces[*k as usize].area * TOLERANCE < pieces[*k as usize].wanted;
+    let is_small = |k: &u32| pieces[*k as usize].area * TOLERANCE < pieces[*k as usize].target_area;
     let (small, alone): (Vec<u32>, Vec<u32>) = (0..pieces.len() as u32).partition(is_small);
     let mut groups: Vec<Group> = alone
         .iter()
@@ -370,21 +363,21 @@ fn grouped(domain: &SurfaceMesh, pieces: &[Piece]) -> Vec<Group> {
     for i in morton_order(&centroids) {
         let (k, centroid) = (small[i as usize], centroids[i as usize]);
         let piece = &pieces[k as usize];
-        let apart = (centroid - start).norm_squared() > APART * APART * piece.wanted;
+        let apart = (centroid - start).norm_squared() > APART * APART * piece.target_area;
         match groups.last_mut() {
             Some(group) if held * TOLERANCE < 1.0 && !apart => {
                 group.pieces.push(k);
                 group.area += piece.area;
-                group.spacing = group.spacing.min(piece.wanted.sqrt());
-                held += piece.area / piece.wanted;
+                group.spacing = group.spacing.min(piece.target_area.sqrt());
+                held += piece.area / piece.target_area;
             }
             _ => {
                 groups.push(Group {
                     pieces: vec![k],
                     area: piece.area,
-                    spacing: piece.wanted.sqrt(),
+                    spacing: piece.target_area.sqrt(),
                 });
-                (held, start) = (piece.area / piece.wanted, centroid);
+                (held, start) = (piece.area / piece.target_area, centroid);
             }
         }
     }

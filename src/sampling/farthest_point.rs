@@ -114,13 +114,11 @@ fn select(points: &[Point], count: usize) -> Selection {
     let mut chosen = Vec::with_capacity(count.min(points.len()));
     // Start far from the middle, so that the first point is a tip whatever the order of the points.
     let middle = Point::from(points.iter().map(|p| p.coords).sum::<Vector>() / points.len().max(1) as f64);
-    let mut next = farthest(points.iter().map(|p| (p - middle).norm_squared()));
+    let mut next = farthest(points.iter().map(|p| (p - middle).norm_squared()).zip(0..));
     let mut tree = DistanceTree::new(points);
-    while let Some((index, distance)) = next {
-        if chosen.len() == count || (distance == 0.0 && !chosen.is_empty()) {
-            break;
-        }
-        tree.choose(&points[index], chosen.len() as u32);
+    while chosen.len() < count && (next.0 > 0.0 || (next.0 == 0.0 && chosen.is_empty())) {
+        let index = next.1 as usize;
+        tree.visit(0, &points[index], chosen.len() as u32);
         chosen.push(index);
         next = tree.farthest();
     }
@@ -128,15 +126,6 @@ fn select(points: &[Point], count: usize) -> Selection {
         chosen,
         nearest: tree.nearest(),
     }
-}
-
-/// The largest value and its index, the first of equals; NaN is never taken.
-fn farthest(distances: impl Iterator<Item = f64>) -> Option<(usize, f64)> {
-    distances.enumerate().fold(None, |best, (i, d)| match best {
-        Some((_, most)) if most >= d => best,
-        _ if d.is_nan() => best,
-        _ => Some((i, d)),
-    })
 }
 
 /// Points with their distance to the nearest chosen one, in a tree whose nodes know their farthest point. A new choice visits
@@ -156,6 +145,9 @@ struct Candidate {
     nearest: u32,
     index: u32,
 }
+
+/// Less than any distance, and its index.
+const NOTHING: (f64, u32) = (-1.0, u32::MAX);
 
 struct DistanceNode {
     bounds: Aabb,
@@ -187,16 +179,12 @@ impl DistanceTree {
         Self { nodes, points }
     }
 
-    /// Index and squared distance of the point farthest from all chosen ones, the first of equals.
-    fn farthest(&self) -> Option<(usize, f64)> {
-        let (distance, index) = self.nodes.first()?.most;
-        (distance >= 0.0).then_some((index as usize, distance))
+    /// Squared distance and index of the point farthest from all chosen ones.
+    fn farthest(&self) -> (f64, u32) {
+        self.nodes.first().map_or(NOTHING, |root| root.most)
     }
 
-    fn choose(&mut self, centre: &Point, order: u32) {
-        self.visit(0, centre, order);
-    }
-
+    /// Updates the distances below a node for the chosen point of this order.
     fn visit(&mut self, at: usize, centre: &Point, order: u32) {
         let node = &self.nodes[at];
         // Rounding is monotone: where the box is too far, so are its points.
@@ -211,7 +199,7 @@ impl DistanceTree {
                     (point.distance, point.nearest) = (distance, order);
                 }
             }
-            farthest_of(points)
+            farthest(points.iter().map(|p| (p.distance, p.index)))
         } else {
             let (first, second) = (at + 1, at + node.second as usize);
             self.visit(first, centre, order);
@@ -239,7 +227,7 @@ fn build(points: &mut [Candidate], begin: usize, nodes: &mut Vec<DistanceNode>) 
     let root = nodes.len();
     nodes.push(DistanceNode {
         bounds,
-        most: farthest_of(points),
+        most: farthest(points.iter().map(|p| (p.distance, p.index))),
         begin: begin as u32,
         end: (begin + points.len()) as u32,
         second: 0,
@@ -269,10 +257,9 @@ fn distance_squared(p: &Point, q: &Point) -> f64 {
     x * x + y * y + z * z
 }
 
-/// Negative when there are none but NaN.
-fn farthest_of(points: &[Candidate]) -> (f64, u32) {
-    let all = points.iter().map(|p| (p.distance, p.index));
-    all.fold((-1.0, u32::MAX), farther)
+/// The largest distance and the lowest index that has it; [`NOTHING`] when all are NaN.
+fn farthest(distances: impl Iterator<Item = (f64, u32)>) -> (f64, u32) {
+    distances.fold(NOTHING, farther)
 }
 
 fn farther(a: (f64, u32), b: (f64, u32)) -> (f64, u32) {
@@ -351,17 +338,17 @@ mod tests {
     fn selected_plainly(points: &[Point], count: usize) -> (Vec<usize>, Vec<u32>) {
         let mut nearest = vec![(f64::INFINITY, 0u32); points.len()];
         let middle = Point::from(points.iter().map(|p| p.coords).sum::<Vector>() / points.len() as f64);
-        let mut next = farthest(points.iter().map(|p| (p - middle).norm_squared())).unwrap();
+        let mut next = farthest(points.iter().map(|p| (p - middle).norm_squared()).zip(0..));
         let mut chosen = Vec::new();
-        while chosen.len() < count && (next.1 > 0.0 || chosen.is_empty()) {
+        while chosen.len() < count && (next.0 > 0.0 || chosen.is_empty()) {
             for (best, p) in nearest.iter_mut().zip(points) {
-                let d = distance_squared(p, &points[next.0]);
+                let d = distance_squared(p, &points[next.1 as usize]);
                 if d < best.0 {
                     *best = (d, chosen.len() as u32);
                 }
             }
-            chosen.push(next.0);
-            next = farthest(nearest.iter().map(|best| best.0)).unwrap();
+            chosen.push(next.1 as usize);
+            next = farthest(nearest.iter().map(|best| best.0).zip(0..));
         }
         (chosen, nearest.into_iter().map(|best| best.1).collect())
     }

@@ -3,7 +3,7 @@
 use faer::Mat;
 use rayon::prelude::*;
 
-use super::SolveError;
+use super::{SolveError, affine_functions};
 use crate::{Point, kernel};
 
 /// `weight_r · ( Σ_s w_s G(P_r, Q_s) + affine(P_r) ) = weight_r · f'(P_r)` for every collocation point `P_r`.
@@ -58,7 +58,7 @@ impl CollocationSystem<'_> {
             None => {
                 let function = column - self.sources.len();
                 for (entry, p) in entries.iter_mut().zip(self.collocation) {
-                    *entry = if function == 0 { 1.0 } else { p[function - 1] };
+                    *entry = affine_functions(p)[function];
                 }
             }
         }

@@ -18,6 +18,8 @@ pub use modes::BasisModes;
 pub use schwarz::{Level, SchwarzFactor, SchwarzOptions, SchwarzStop, Solution};
 pub use values::Values;
 
+use crate::Point;
+
 /// The unknowns of the fit.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Coefficients {
@@ -41,6 +43,11 @@ impl Coefficients {
             affine,
         }
     }
+}
+
+/// The values of the affine basis functions 1, x, y and z.
+fn affine_functions(p: &Point) -> [f64; 4] {
+    [1.0, p.x, p.y, p.z]
 }
 
 /// Why a system has no usable solution.

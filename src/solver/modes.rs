@@ -9,7 +9,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 use nalgebra::{Matrix4, Vector4};
 use rayon::prelude::*;
 
-use super::Values;
+use super::{Values, affine_functions};
 use crate::Point;
 
 /// Rows that make a task worth handing to another thread.
@@ -46,10 +46,12 @@ impl BasisModes {
         truncation: f64,
     ) -> Option<(Values, Self)> {
         let affine = affine.then(|| affine_part(data, points, weights)).flatten();
-        let rest = match &affine {
-            Some(affine) => data.minus(&with_affine(Values::zeros(data.rows(), data.columns()), affine, points)),
-            None => data.clone(),
-        };
+        let mut rest = data.clone();
+        if let Some(affine) = &affine {
+            let mut values = Values::zeros(data.rows(), data.columns());
+            values.add_affine(affine.as_slice(), points);
+            rest = data.minus(&values);
+        }
         let factors = factors_of(&rest, weights, truncation)?;
         let modes = product(&rest, as_matrix(&factors).transpose());
         Some((modes, Self { factors, affine }))
@@ -71,16 +73,12 @@ impl BasisModes {
 
     /// The values at points, from those of the modes there.
     pub fn values(&self, modes: &Values, points: &[Point]) -> Values {
-        let combined = product(modes, as_matrix(&self.factors));
-        match &self.affine {
-            Some(affine) => with_affine(combined, affine, points),
-            None => combined,
+        let mut combined = product(modes, as_matrix(&self.factors));
+        if let Some(affine) = &self.affine {
+            combined.add_affine(affine.as_slice(), points);
         }
+        combined
     }
-}
-
-fn functions_at(p: &Point) -> [f64; 4] {
-    [1.0, p.x, p.y, p.z]
 }
 
 /// The least-squares affine function for each column of data; `None` where the points do not determine it.
@@ -89,7 +87,7 @@ fn affine_part(data: &Values, points: &[Point], weights: &[f64]) -> Option<Value
     let mut normal = Matrix4::zeros();
     let mut products = vec![0.0; 4 * columns];
     for (r, (p, weight)) in points.iter().zip(weights).enumerate() {
-        let functions = functions_at(p);
+        let functions = affine_functions(p);
         for (i, function) in functions.iter().enumerate() {
             let factor = weight * function;
             (0..4).for_each(|j| normal[(i, j)] += factor * functions[j]);
@@ -104,23 +102,6 @@ fn affine_part(data: &Values, points: &[Point], weights: &[f64]) -> Option<Value
         (0..4).for_each(|i| affine.row_mut(i)[k] = solved[i]);
     }
     affine.as_slice().iter().all(|a| a.is_finite()).then_some(affine)
-}
-
-/// Values plus affine functions of the points.
-fn with_affine(mut values: Values, affine: &Values, points: &[Point]) -> Values {
-    let columns = values.columns();
-    values
-        .as_mut_slice()
-        .par_chunks_mut(columns)
-        .zip(points)
-        .with_min_len(ROWS_PER_TASK)
-        .for_each(|(row, p)| {
-            for (i, function) in functions_at(p).into_iter().enumerate() {
-                let terms = row.iter_mut().zip(affine.row(i));
-                terms.for_each(|(value, a)| *value += a * function);
-            }
-        });
-    values
 }
 
 /// Right singular vectors of the weighted data as rows, the largest first.

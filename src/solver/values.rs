@@ -1,5 +1,8 @@
 use rayon::prelude::*;
 
+use super::affine_functions;
+use crate::Point;
+
 /// Several right-hand sides, solutions or residuals side by side: a row-major matrix of `rows × columns` entries.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Values {
@@ -90,6 +93,18 @@ impl Values {
                 for ((value, other), factor) in mine.iter_mut().zip(other).zip(factors) {
                     *value += factor * other;
                 }
+            }
+        });
+    }
+
+    /// Adds affine functions of a point for each row: `affine` has rows of coefficients for 1, x, y and z, or is empty.
+    pub(crate) fn add_affine(&mut self, affine: &[f64], points: &[Point]) {
+        let columns = self.columns;
+        let rows = self.entries.par_chunks_mut(columns).zip(points);
+        rows.with_min_len(ROWS_PER_TASK).for_each(|(row, p)| {
+            for (coefficients, function) in affine.chunks_exact(columns).zip(affine_functions(p)) {
+                let terms = row.iter_mut().zip(coefficients);
+                terms.for_each(|(value, a)| *value += a * function);
             }
         });
     }

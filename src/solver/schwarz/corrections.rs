@@ -6,7 +6,7 @@ use super::{LevelGroup, LevelSolver, SchwarzFactor};
 use crate::Point;
 use crate::kernel::Sums;
 use crate::solver::krylov::Gcr;
-use crate::solver::{SolveError, Values};
+use crate::solver::{SolveError, Values, affine_functions};
 
 /// Values of later groups are small, and their sums may be less accurate by this factor.
 const LATER_GROUPS: f64 = 10.0;
@@ -140,7 +140,7 @@ impl SchwarzFactor {
             let mut sums = vec![0.0; 4 * columns];
             for (row, p) in weighted.chunks_exact(columns).zip(&self.collocation) {
                 for (k, value) in row.iter().enumerate() {
-                    for (function, factor) in [1.0, p.x, p.y, p.z].into_iter().enumerate() {
+                    for (function, factor) in affine_functions(p).into_iter().enumerate() {
                         sums[function * columns + k] += factor * value;
                     }
                 }
