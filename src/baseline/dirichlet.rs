@@ -13,8 +13,8 @@ use crate::geometry::morton_order;
 use crate::mesh::TetMesh;
 use crate::{Point, Vector};
 
-/// Rows that one task takes. Sums over all rows add those of such parts in order, so that they are the same for any
-/// number of threads.
+/// Rows of a task. Sums over all rows add up the sums of such parts in order, so that they do not depend on the number of
+/// threads.
 pub(super) const ROWS: usize = 2048;
 
 /// Values of a map at the unknowns, one row each.

@@ -27,10 +27,8 @@ impl UnitVolumeScale {
     /// not zero.
     pub fn new(domain_volume: f64, target_volume: f64) -> Result<Self, EnergyError> {
         require_volume("domain", domain_volume)?;
-        if require_volume("target", target_volume.abs()).is_err() {
-            let (solid, volume) = ("target", target_volume);
-            return Err(EnergyError::Volume { solid, volume });
-        }
+        let (solid, volume) = ("target", target_volume);
+        require_volume(solid, volume.abs()).map_err(|_| EnergyError::Volume { solid, volume })?;
         Ok(Self {
             jacobian: (domain_volume / target_volume.abs()).cbrt(),
             volume_element: 1.0 / domain_volume,
@@ -38,6 +36,7 @@ impl UnitVolumeScale {
     }
 }
 
+/// Refuses volumes that are not positive and finite.
 pub(super) fn require_volume(solid: &'static str, volume: f64) -> Result<(), EnergyError> {
     if volume > 0.0 && volume.is_finite() {
         Ok(())

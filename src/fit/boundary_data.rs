@@ -9,12 +9,9 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::solver::Values;
 use crate::{Point, Vector};
 
-/// A volume below this part of the diagonal's cube is zero but for rounding.
-const FLAT: f64 = 1e-12;
-
-/// Whether a volume is zero but for rounding, beside the diagonal of the bounding box.
+/// Whether a volume is zero up to rounding, compared with the cube of the bounding box's diagonal.
 pub(crate) fn is_flat(volume: f64, diagonal: f64) -> bool {
-    volume.abs() < FLAT * diagonal.powi(3)
+    volume.abs() < 1e-12 * diagonal.powi(3)
 }
 
 /// A boundary map of the factored domain, and the coordinates in which its images are solved for. In these the target has
@@ -57,7 +54,7 @@ impl BoundaryData {
         pairs.map(|(f, exact)| (f - exact).norm() / self.diagonal).collect()
     }
 
-    /// A warning when the target is no solid or a mirror image; it can be mapped to all the same.
+    /// A warning when the target is no solid or a mirror image; it can be mapped to nevertheless.
     pub fn warning(&self) -> Option<String> {
         if self.boundary.is_by_function() {
             return None;

@@ -27,7 +27,7 @@ pub enum FitError {
         /// What is allowed.
         range: &'static str,
     },
-    /// No source found a place outside the domain.
+    /// No source has room outside the domain.
     #[error("no source found a place outside the domain; its surface may be folded onto itself everywhere")]
     NoSources,
     /// The Schwarz solver was asked for with sources far from the surface.

@@ -21,7 +21,7 @@ const PART_OF_ERROR: f64 = 0.3;
 /// Largest relative error of these sums.
 const LEAST_ACCURACY: f64 = 1e-4;
 
-/// Points of the boundary that are no collocation points.
+/// Points of the boundary that are not collocation points.
 pub(super) struct HeldOut {
     points: Vec<SurfacePoint>,
     /// The first so many are spread evenly, and averaged over.

@@ -174,7 +174,7 @@ impl FitOptions {
         }
     }
 
-    /// The options with the available memory as the limit, where none is given.
+    /// The options, with a limit from the available memory where none is given.
     pub(super) fn with_memory_limit(&self) -> Self {
         Self {
             memory: self.memory.or_else(memory::default_solver_budget),

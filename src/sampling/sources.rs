@@ -25,7 +25,7 @@ pub struct SourceSite {
     pub spacing: f64,
 }
 
-/// Sources, and the number of sites where there was no place for one.
+/// Sources, and the number of sites where there was no room for one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedSources {
     /// Positions outside the solid.

@@ -155,21 +155,26 @@ impl DenseFactor {
                 coefficients,
                 pivoted,
             } => {
-                let projected = apply_q_transpose(factored, coefficients, rhs);
+                let projected = apply_q_transpose(factored.as_ref(), coefficients.as_ref(), rhs);
                 match pivoted {
                     None => solve_upper(factored.as_ref().subrows(0, self.scales.len()), projected),
                     Some(pivoted) => solve_pivoted(pivoted, self.rank, projected),
                 }
             }
         };
+        Ok(self.unscaled(&scaled))
+    }
+
+    /// The coefficients, from those of the scaled columns.
+    fn unscaled(&self, scaled: &Mat<f64>) -> Values {
+        let mut solution = Values::zeros(self.scales.len(), scaled.ncols());
         // A column of zeros (the function z on a flat boundary) has scale 0 and no coefficient.
-        let mut solution = Values::zeros(self.scales.len(), data.columns());
         for (c, &scale) in self.scales.iter().enumerate().filter(|(_, scale)| **scale > 0.0) {
             for (k, value) in solution.row_mut(c).iter_mut().enumerate() {
                 *value = scaled[(c, k)] / scale;
             }
         }
-        Ok(solution)
+        solution
     }
 
     /// `(AᵀA)⁻¹ gradient` up to a common factor, for given `gradient = Aᵀr`; `None` when the decomposition was
@@ -186,15 +191,13 @@ impl DenseFactor {
         if self.scales.contains(&0.0) {
             return None;
         }
-        let columns = gradient.columns();
-        let mut solution = Mat::from_fn(self.scales.len(), columns, |c, k| gradient.row(c)[k] / self.scales[c]);
-        let triangle = factored.as_ref().subrows(0, self.scales.len());
+        let (rows, columns) = (self.scales.len(), gradient.columns());
+        let mut solution = Mat::from_fn(rows, columns, |c, k| gradient.row(c)[k] / self.scales[c]);
+        let triangle = factored.as_ref().subrows(0, rows);
         let par = faer::get_global_parallelism();
         triangular_solve::solve_lower_triangular_in_place(triangle.transpose(), solution.as_mut(), par);
         triangular_solve::solve_upper_triangular_in_place(triangle, solution.as_mut(), par);
-        let rows = self.scales.iter().enumerate();
-        let entries = rows.flat_map(|(c, scale)| (0..columns).map(|k| solution[(c, k)] / scale).collect::<Vec<_>>());
-        Some(Values::new(columns, entries.collect()))
+        Some(self.unscaled(&solution))
     }
 }
 
@@ -293,7 +296,7 @@ fn multiply_upper_transposed(out: &mut Mat<f64>, r: MatRef<'_, f64>, x: &Mat<f64
 }
 
 /// The first `n` rows of `Qᵀ rhs`.
-fn apply_q_transpose(factored: &Mat<f64>, coefficients: &Mat<f64>, mut rhs: Mat<f64>) -> Mat<f64> {
+fn apply_q_transpose(factored: MatRef<'_, f64>, coefficients: MatRef<'_, f64>, mut rhs: Mat<f64>) -> Mat<f64> {
     let (rows, columns) = factored.shape();
     let scratch = apply_block_householder_sequence_transpose_on_the_left_in_place_scratch::<f64>(
         rows,
@@ -301,8 +304,8 @@ fn apply_q_transpose(factored: &Mat<f64>, coefficients: &Mat<f64>, mut rhs: Mat<
         rhs.ncols(),
     );
     apply_block_householder_sequence_transpose_on_the_left_in_place_with_conj(
-        factored.as_ref(),
-        coefficients.as_ref(),
+        factored,
+        coefficients,
         Conj::No,
         rhs.as_mut(),
         Par::Seq,
@@ -320,8 +323,7 @@ fn solve_upper(triangle: MatRef<'_, f64>, mut rhs: Mat<f64>) -> Mat<f64> {
 /// The basic solution: unknowns whose pivots were cut off are set to zero.
 fn solve_pivoted(pivoted: &ColPivQr<f64>, rank: usize, rhs: Mat<f64>) -> Mat<f64> {
     let columns = rhs.nrows();
-    let basis = pivoted.Q_basis().to_owned();
-    let mut projected = apply_q_transpose(&basis, &pivoted.Q_coeff().to_owned(), rhs);
+    let mut projected = apply_q_transpose(pivoted.Q_basis(), pivoted.Q_coeff(), rhs);
     let leading = pivoted.R().submatrix(0, 0, rank, rank);
     let kept = projected.as_mut().subrows_mut(0, rank);
     triangular_solve::solve_upper_triangular_in_place(leading, kept, faer::get_global_parallelism());

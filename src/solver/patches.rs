@@ -32,7 +32,7 @@ pub(super) struct Patches {
 }
 
 struct Patch {
-    /// Overlap first, then the core. Solutions are kept in the core only.
+    /// Those of the overlap, then those of the core. Solutions are kept in the core only.
     sources: Vec<u32>,
     core: usize,
     /// Among the level's rows.
@@ -241,7 +241,7 @@ fn core_inverse(matrix: MatRef<'_, f64>, core: usize) -> Mat<f64> {
     let mut inverse = Mat::<f64>::zeros(n, core);
     (0..core).for_each(|c| inverse[(n - core + c, c)] = 1.0);
     let overlap = n - core;
-    // The right-hand sides vanish above the core, and so do they after the forward substitution.
+    // The right-hand sides vanish above the core, also after the forward substitution.
     let trailing = factor.submatrix(overlap, overlap, core, core);
     triangular_solve::solve_lower_triangular_in_place(trailing, inverse.as_mut().subrows_mut(overlap, core), Par::Seq);
     triangular_solve::solve_upper_triangular_in_place(factor.transpose(), inverse.as_mut(), Par::Seq);

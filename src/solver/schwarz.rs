@@ -75,11 +75,11 @@ impl Default for SchwarzOptions {
     }
 }
 
-/// Accuracy of the reported residual, relative to itself.
+/// Relative accuracy of the reported residual.
 const FINAL_ACCURACY: f64 = 0.02;
 /// Best accuracy of any sum: residuals of affine data vanish, and would call for any accuracy at any cost.
 const BEST_ACCURACY: f64 = 1e-12;
-/// Fraction of the residual by which the updated one may be off before it is recomputed.
+/// Fraction of the residual by which the updated residual may be wrong before it is recomputed.
 const DRIFT: f64 = 0.02;
 
 /// Rows times sources up to which a system is polished: sums over them cost a few hundredths of a second.
@@ -210,7 +210,7 @@ impl SchwarzFactor {
         Ok(factor)
     }
 
-    /// Number of matrix entries that the patches of these levels will keep, found without factoring any.
+    /// Number of matrix entries that the patches of these levels will keep, counted without factoring any.
     pub fn patch_entries(levels: &[Level], options: &SchwarzOptions) -> u64 {
         let entries = |level| Patches::count_entries(level, options.core, options.overlap);
         levels.iter().map(entries).sum()

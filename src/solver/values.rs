@@ -31,12 +31,12 @@ impl Values {
         Self::new(3, triples.as_flattened().to_vec())
     }
 
-    /// How many rows there are.
+    /// Number of rows.
     pub fn rows(&self) -> usize {
         self.entries.len() / self.columns
     }
 
-    /// How many columns there are.
+    /// Number of columns.
     pub fn columns(&self) -> usize {
         self.columns
     }
