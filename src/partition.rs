@@ -16,7 +16,7 @@ pub struct Partition<'a> {
     radii: Vec<f64>,
     /// Indices of the points, part after part.
     order: Vec<u32>,
-    root: Option<Box<Node>>,
+    root: Option<Node>,
     parts: Vec<Range<usize>>,
 }
 
@@ -90,7 +90,7 @@ impl<'a> Partition<'a> {
                 radii: &radii,
                 widest_gap,
             };
-            Box::new(bisection.node(&mut order, 0, parts))
+            bisection.node(&mut order, 0, parts)
         });
         let mut parts = Vec::new();
         if let Some(root) = &root {
@@ -114,7 +114,7 @@ impl<'a> Partition<'a> {
     pub fn reaching(&self, part: &[u32]) -> Vec<u32> {
         let bounds = Bounds::around(self.points, part);
         let mut found = Vec::new();
-        let mut pending: Vec<&Node> = self.root.as_deref().into_iter().collect();
+        let mut pending: Vec<&Node> = self.root.iter().collect();
         while let Some(node) = pending.pop() {
             if node.bounds.distance_squared(&bounds) > node.reach * node.reach {
                 continue;

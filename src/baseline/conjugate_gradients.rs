@@ -84,8 +84,8 @@ impl DiagonalBlock {
         block
     }
 
-    /// `false` when a pivot breaks down. Enlarged enough, any positive diagonal dominates and no pivot fails; a diagonal
-    /// entry that is not positive is taken for 1.
+    /// `false` when a pivot breaks down. Enlarged enough, any positive diagonal dominates and no pivot fails; a
+    /// diagonal entry that is not positive is taken for 1.
     fn factor(&mut self, matrix: &[f64], diagonal: &[f64], enlargement: f64) -> bool {
         self.entries.clear();
         self.entries.extend_from_slice(matrix);
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn broken_factorisations_are_mended_by_a_shift() {
-        // Of the matrix [1 2; 2 1], which is indefinite.
+        // The matrix [1 2; 2 1] is indefinite.
         let mut block = DiagonalBlock {
             begin: vec![0, 0, 1],
             columns: vec![0],

@@ -13,8 +13,8 @@ use crate::geometry::morton_order;
 use crate::mesh::TetMesh;
 use crate::{Point, Vector};
 
-/// Rows of a task. Sums over all rows add up the sums of such parts in order, so that they do not depend on the number of
-/// threads.
+/// Rows of a task. Sums over all rows add up the sums of such parts in order, so that they do not depend on the number
+/// of threads.
 pub(super) const ROWS: usize = 2048;
 
 /// Values of a map at the unknowns, one row each.
@@ -75,7 +75,8 @@ impl Dirichlet {
         Ok(system)
     }
 
-    /// Refuses unknowns that no path of edges leads to from the boundary: they are undetermined, and the matrix is singular.
+    /// Refuses unknowns that no path of edges leads to from the boundary: they are undetermined, and the matrix is
+    /// singular.
     fn check_connected(&self) -> Result<(), BaselineError> {
         let touches_boundary = |i: usize| self.outer.row(i).next().is_some();
         let mut is_connected: Vec<bool> = (0..self.free.len()).map(touches_boundary).collect();
@@ -94,8 +95,8 @@ impl Dirichlet {
         }
     }
 
-    /// Checks boundary data, in the order of `fixed`, and returns their mean over the vertices, and the data minus that:
-    /// data far from the origin would lose digits, and constant data are met exactly.
+    /// Checks boundary data, in the order of `fixed`, and returns their mean over the vertices, and the data minus
+    /// that: data far from the origin would lose digits, and constant data are met exactly.
     pub fn centred(&self, images: &[Point]) -> Result<(Vector, UnknownValues), BaselineError> {
         check_images(images, self.fixed.len())?;
         let mean = sum_of_parts(images.len(), |i| images[i].coords) / images.len().max(1) as f64;

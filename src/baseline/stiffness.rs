@@ -103,8 +103,8 @@ impl TetStiffness {
                     }
                 }
             }
-            // The sort is stable: from either end, the terms of an edge are added in the order of the tetrahedra, and the
-            // matrix is symmetric to the last bit.
+            // The sort is stable: from either end, the terms of an edge are added in the order of the tetrahedra, and
+            // the matrix is symmetric to the last bit.
             row.sort_by_key(|&(neighbour, _)| neighbour);
             row.dedup_by(|(next, term), (neighbour, sum)| {
                 let is_same = next == neighbour;

@@ -128,8 +128,8 @@ impl TetHarmonic {
         Ok(maps.pop().expect("one map for one set of images"))
     }
 
-    /// The map for each of several boundary maps, as [`Self::solve`]. The direct solver reads its factor once for all of
-    /// them.
+    /// The map for each of several boundary maps, as [`Self::solve`]. The direct solver reads its factor once for all
+    /// of them.
     ///
     /// # Errors
     ///

@@ -19,10 +19,10 @@ pub struct Sums {
 
 /// Whether summing term by term costs less.
 ///
-/// A direct sum costs a unit per pair and three columns. The fast sum costs some hundred units per point and an overhead,
-/// which grow with the digits asked for. The table has measured numbers of points, with as many targets as sources on a
-/// surface and three columns, at which the two take equal time. For many columns both work by matrix products, and gain
-/// about as much.
+/// A direct sum costs a unit per pair and three columns. The fast sum costs some hundred units per point and an
+/// overhead, which grow with the digits asked for. The table has measured numbers of points, with as many targets as
+/// sources on a surface and three columns, at which the two take equal time. For many columns both work by matrix
+/// products, and gain about as much.
 fn is_small(sources: usize, targets: usize, accuracy: f64) -> bool {
     const CROSSOVERS: [(f64, f64); 5] = [(1e-4, 2e3), (1e-6, 5e3), (1e-8, 1.2e4), (1e-9, 2e4), (0.0, 2.5e4)];
     let reached = CROSSOVERS.into_iter().find(|&(least, _)| accuracy >= least);

@@ -22,6 +22,7 @@ use crate::{Point, Vector};
 /// `domain` is in all functions the surface that the cells were made of.
 #[derive(Debug, Clone)]
 pub struct SurfaceCells {
+    /// In the order of their triangles.
     cells: Vec<SurfaceCell>,
     /// Barycentric corners of the cells that are parts. Bisection makes them multiples of powers of two: exact.
     parts: Vec<Corners>,
@@ -37,6 +38,7 @@ struct SurfaceCell {
     /// Index of its corners, [`NONE`] for a whole triangle.
     part: u32,
     area: f64,
+    /// That of the finest sources there.
     spacing: f64,
 }
 
@@ -121,18 +123,8 @@ impl SurfaceCells {
         self.cells[cell].area
     }
 
-    /// Spacing of the finest sources at a cell.
-    pub fn spacing(&self, cell: usize) -> f64 {
-        self.cells[cell].spacing
-    }
-
-    /// The triangle that contains a cell. Cells are in the order of their triangles.
-    pub fn triangle(&self, cell: usize) -> u32 {
-        self.cells[cell].triangle
-    }
-
     /// Corners of a cell, barycentric in its triangle.
-    pub fn corners(&self, cell: usize) -> [[f64; 3]; 3] {
+    fn corners(&self, cell: usize) -> Corners {
         match self.cells[cell].part {
             NONE => WHOLE,
             part => self.parts[part as usize],
@@ -186,18 +178,14 @@ impl SurfaceCells {
     }
 
     fn cut(&self, domain: &SurfaceMesh, cell: usize) -> Vec<Piece> {
-        let SurfaceCell {
-            triangle,
-            area,
-            spacing,
-            ..
-        } = self.cells[cell];
-        let target_area = spacing * spacing / 4.0;
+        let corners = self.corners(cell);
+        let cell = self.cells[cell];
+        let target_area = cell.spacing * cell.spacing / 4.0;
         let mut done = Vec::new();
         let mut waiting = vec![Piece {
-            triangle,
-            corners: self.corners(cell),
-            area,
+            triangle: cell.triangle,
+            corners,
+            area: cell.area,
             target_area,
         }];
         while let Some(piece) = waiting.pop() {
@@ -434,7 +422,7 @@ mod tests {
 
     fn area_of(domain: &SurfaceMesh, cells: &SurfaceCells, cell: usize) -> f64 {
         let [a, b, c] = cells.corners(cell).map(|barycentric| {
-            let triangle = cells.triangle(cell);
+            let triangle = cells.cells[cell].triangle;
             SurfacePoint { triangle, barycentric }.position(domain, domain.vertices())
         });
         (b - a).cross(&(c - a)).norm() / 2.0
@@ -475,7 +463,7 @@ mod tests {
         let p = Vector::from(point.barycentric);
         let turn = |k: usize| p.dot(&corners[k].cross(&corners[(k + 1) % 3]));
         let first = turn(0) > 0.0;
-        cells.triangle(cell) == point.triangle && (1..3).all(|k| (turn(k) > 0.0) == first)
+        cells.cells[cell].triangle == point.triangle && (1..3).all(|k| (turn(k) > 0.0) == first)
     }
 
     #[test]
@@ -483,8 +471,8 @@ mod tests {
         for (name, domain) in solids() {
             let mut cells = all_anchors(&domain);
             for _ in 0..3 {
-                let before: Vec<f64> = (0..cells.len()).map(|cell| cells.spacing(cell)).collect();
-                let triangle_of: Vec<u32> = (0..cells.len()).map(|cell| cells.triangle(cell)).collect();
+                let before: Vec<f64> = (0..cells.len()).map(|cell| cells.cells[cell].spacing).collect();
+                let triangle_of: Vec<u32> = (0..cells.len()).map(|cell| cells.cells[cell].triangle).collect();
                 let refinement = cells.refine(&domain, &vec![true; before.len()]);
                 // The spacing of a whole triangle is the mean of three neighbourhoods.
                 let (mean_before, mean_after) = (
@@ -555,7 +543,7 @@ mod tests {
         let anchors = Anchors::choose(&domain, 300);
         let mut cells = SurfaceCells::of_anchors(&domain, &anchors);
         for _ in 0..3 {
-            let spacing = (0..cells.len()).map(|c| cells.area(c) / (cells.spacing(c) / 2.0).powi(2));
+            let spacing = (0..cells.len()).map(|c| cells.area(c) / (cells.cells[c].spacing / 2.0).powi(2));
             let expected: f64 = spacing.sum();
             let refinement = cells.refine(&domain, &vec![true; cells.len()]);
             let ratio = refinement.sites.len() as f64 / expected;

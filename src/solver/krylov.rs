@@ -9,8 +9,8 @@ use super::Values;
 /// Directions kept; older ones are dropped.
 const MOST_DIRECTIONS: usize = 24;
 
-/// A direction whose squared image is below this fraction of the squared residual consists of rounding errors, as when a
-/// level has nothing left to correct. A step along it would make the result depend on the order of summation.
+/// A direction whose squared image is below this fraction of the squared residual consists of rounding errors, as when
+/// a level has nothing left to correct. A step along it would make the result depend on the order of summation.
 const NOISE: f64 = 1e-12;
 
 /// The minimisation for several right-hand sides at a time: each column has its own step lengths.

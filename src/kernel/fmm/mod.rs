@@ -30,7 +30,7 @@ use expansions::Pass;
 use lists::{Lists, Thresholds};
 use operators::{Operators, RESOLUTIONS, resolution_for};
 use tree::{Capacity, NONE, Ordered, Tree};
-use weights::{PassWeights, WeightLayout};
+use weights::PassWeights;
 
 /// Sources and targets sorted into a tree, for any number of sums over them.
 #[derive(Debug, Clone)]
@@ -168,15 +168,11 @@ impl Fmm {
             return Ok((potentials, gradients));
         }
         let operators = Operators::of(self.resolution);
-        let layout = if columns > MOST_TRIPLED && !with_gradient {
-            WeightLayout::Rows
-        } else {
-            WeightLayout::Triples
-        };
+        let in_rows = columns > MOST_TRIPLED && !with_gradient;
         let mut failed = BTreeSet::new();
         for first in (0..columns).step_by(COLUMNS) {
             let part = first..columns.min(first + COLUMNS);
-            let weights = PassWeights::new(&geometry.tree.sources, weights, columns, part, layout);
+            let weights = PassWeights::new(&geometry.tree.sources, weights, columns, part, in_rows);
             let pass = Pass {
                 tree: &geometry.tree,
                 lists: &geometry.lists,
@@ -269,8 +265,8 @@ fn capacity_for(resolution: usize) -> Capacity {
     }
 }
 
-/// A translation in single precision costs about as much as so many pairs, and the evaluation of an expansion at a point
-/// as the kernel at so many.
+/// A translation in single precision costs about as much as so many pairs, and the evaluation of an expansion at a
+/// point as the kernel at so many.
 const THRESHOLDS: Thresholds = Thresholds {
     pairs: 2000,
     points: 200,

@@ -8,22 +8,14 @@ use rayon::prelude::*;
 use super::tree::Ordered;
 use crate::kernel::direct::{PackedSource, PowerOfTwoScale};
 
-/// How sums over points are formed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum WeightLayout {
-    /// Three columns at a time, evaluating the kernel for each triple.
-    Triples,
-    /// All columns together, as products with blocks of the kernel's matrix.
-    Rows,
-}
-
-/// Right-hand sides of one pass.
+/// Right-hand sides of one pass: in triples of columns, for each of which the kernel is evaluated again, or in rows of
+/// all columns, which are multiplied by blocks of the kernel's matrix.
 #[derive(Debug)]
 pub(super) struct PassWeights {
     pub(super) columns: usize,
-    /// Positions and three weights for each source, the last filled up with zeros; none for [`WeightLayout::Rows`].
+    /// For each triple of columns, positions and weights of all sources, filled up with zeros; none with `rows`.
     pub(super) triples: Vec<Vec<PackedSource>>,
-    /// Weights, `sources × columns`, row-major; none for [`WeightLayout::Triples`].
+    /// Weights, `sources × columns`, row-major; none with `triples`.
     pub(super) rows: Vec<f64>,
     /// Powers of two by which the sums of each column have to be multiplied: single precision has a short range.
     pub(super) scale: Vec<f64>,
@@ -32,13 +24,13 @@ pub(super) struct PassWeights {
 }
 
 impl PassWeights {
-    /// The given columns of `weights`, which has `stride` in all.
+    /// The given columns of `weights`, which has `stride` in all, in rows or in triples.
     pub(super) fn new(
         sources: &Ordered,
         weights: &[f64],
         stride: usize,
         Range { start: first, end }: Range<usize>,
-        layout: WeightLayout,
+        in_rows: bool,
     ) -> Self {
         let columns = end - first;
         let mut largest = vec![0.0f64; columns];
@@ -51,10 +43,9 @@ impl PassWeights {
         }
         let scales = largest.into_iter().map(PowerOfTwoScale::of_magnitude);
         let (factor, scale): (Vec<f64>, Vec<f64>) = scales.map(|scale| (scale.up, scale.down)).unzip();
+        let triple_count = if in_rows { 0 } else { columns.div_ceil(3) };
         let mut rows = Vec::new();
-        let mut triple_count = columns.div_ceil(3);
-        if layout == WeightLayout::Rows {
-            triple_count = 0;
+        if in_rows {
             rows = vec![0.0; sources.original.len() * columns];
             let fill = |(row, &number): (&mut [f64], &u32)| {
                 let from = &weights[number as usize * stride + first..];
