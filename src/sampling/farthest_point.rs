@@ -55,7 +55,7 @@ impl Anchors {
     }
 
     /// The sites of one source per anchor; `domain` is the surface that the anchors were chosen on.
-    pub fn sites(&self, domain: &SurfaceMesh) -> Vec<SourceSite> {
+    pub(crate) fn sites(&self, domain: &SurfaceMesh) -> Vec<SourceSite> {
         let site = |k: usize| SourceSite {
             position: domain.vertices()[self.vertices[k] as usize],
             normal: self.normals[k],
