@@ -27,7 +27,9 @@ fn the_feature_native_changes_the_modules_that_are_tested_without_it() {
     let sources = root.join("src");
     let knows = |module: &&String| {
         let texts = files_of(&sources, module);
-        let mut texts = texts.iter().map(|file| without_tests(&fs::read_to_string(file).unwrap()));
+        let mut texts = texts
+            .iter()
+            .map(|file| without_tests(&fs::read_to_string(file).unwrap()));
         texts.any(|code| code.contains("feature = \"native\""))
     };
     let graph = imports(&sources);
