@@ -120,7 +120,7 @@ impl Figures {
 pub struct SequenceFigures {
     /// Meshing and factoring.
     pub setup_seconds: f64,
-    /// Of each frame on its own.
+    /// For each frame, solved on its own.
     pub frame_seconds: Vec<f64>,
     /// All frames together: in a block, or each starting from the frame before.
     pub together_seconds: f64,
