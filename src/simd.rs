@@ -256,11 +256,18 @@ mod x86 {
         };
     }
 
+    // What looks like closures below is pasted into the functions: a closure may be compiled apart, without the
+    // instructions, and a call of it costs more than what it does.
     macro_rules! simd {
         (
             $name:ident, $token:ident, $vector:ty, $width:literal, $registers:literal,
             $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $fma:ident,
-            $sqrt:ident, $reciprocal:expr, $reciprocal_sqrt:expr, $abs:expr, $less:expr, $if_less:expr
+            $sqrt:ident,
+            |$ra:ident| $reciprocal:expr,
+            |$rsa:ident| $reciprocal_sqrt:expr,
+            |$aa:ident| $abs:expr,
+            |$la:ident, $lb:ident| $less:expr,
+            |$ia:ident, $ib:ident, $yes:ident, $no:ident| $if_less:expr
         ) => {
             /// Made from a token only, hence only where the instructions are.
             #[derive(Debug, Clone, Copy)]
@@ -314,14 +321,16 @@ mod x86 {
 
                 #[inline(always)]
                 fn reciprocal(self) -> Self {
+                    let $ra = self.0;
                     // SAFETY: the token that made these vectors proves that the processor has the instructions.
-                    Self(unsafe { $reciprocal(self.0) })
+                    Self(unsafe { $reciprocal })
                 }
 
                 #[inline(always)]
                 fn reciprocal_sqrt(self) -> Self {
+                    let $rsa = self.0;
                     // SAFETY: the token that made these vectors proves that the processor has the instructions.
-                    Self(unsafe { $reciprocal_sqrt(self.0) })
+                    Self(unsafe { $reciprocal_sqrt })
                 }
 
                 #[inline(always)]
@@ -332,20 +341,23 @@ mod x86 {
 
                 #[inline(always)]
                 fn abs(self) -> Self {
+                    let $aa = self.0;
                     // SAFETY: the token that made these vectors proves that the processor has the instructions.
-                    Self(unsafe { $abs(self.0) })
+                    Self(unsafe { $abs })
                 }
 
                 #[inline(always)]
                 fn less(self, other: Self) -> u32 {
+                    let ($la, $lb) = (self.0, other.0);
                     // SAFETY: the token that made these vectors proves that the processor has the instructions.
-                    unsafe { $less(self.0, other.0) }
+                    unsafe { $less }
                 }
 
                 #[inline(always)]
                 fn if_less(self, other: Self, yes: Self, no: Self) -> Self {
+                    let ($ia, $ib, $yes, $no) = (self.0, other.0, yes.0, no.0);
                     // SAFETY: the token that made these vectors proves that the processor has the instructions.
-                    Self(unsafe { $if_less(self.0, other.0, yes.0, no.0) })
+                    Self(unsafe { $if_less })
                 }
             }
         };
@@ -382,7 +394,7 @@ mod x86 {
             let series = _mm512_fmadd_pd(h, series, _mm512_set1_pd(0.5));
             _mm512_fmadd_pd(_mm512_mul_pd(y, h), series, y)
         },
-        _mm512_abs_pd,
+        |a| _mm512_abs_pd(a),
         |a, b| u32::from(_mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b)),
         |a, b, yes, no| _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b), no, yes)
     );

@@ -42,7 +42,12 @@ impl TargetBlock {
     #[inline(always)]
     fn load<V: Simd>(&self, token: V::Token, vector: usize) -> [V; 3] {
         let [x, y, z] = &self.coordinates;
-        [x, y, z].map(|axis| V::load(token, &axis[vector * V::WIDTH..]))
+        let first = vector * V::WIDTH;
+        [
+            V::load(token, &x[first..]),
+            V::load(token, &y[first..]),
+            V::load(token, &z[first..]),
+        ]
     }
 }
 
