@@ -2,8 +2,8 @@
 # The C++ side under the sanitizers and valgrind:
 #
 #   scripts/test-cpp-memory.sh            without CGAL and TetGen: address and undefined, thread, valgrind
-#   scripts/test-cpp-memory.sh native     with them: address and undefined, also in src/cgal_tetgen/cpp (15 minutes and
-#   6 GB)
+#   scripts/test-cpp-memory.sh native     with them: address and undefined, also in src/cgal_tetgen/cpp (15 minutes
+#                                         and 6 GB)
 #
 # Rust needs none of it: the static library is the ordinary one, and the C++ in it is replaced by C++ built with checks,
 # which the linker meets first.
@@ -77,7 +77,8 @@ ASAN_OPTIONS=allocator_may_return_null=1 timeout -k 5 600 "$work/address/tests"
 echo "== threads"
 objects thread -fsanitize=thread
 # The sanitizer sees calls of memcpy and free in Rust, but not what synchronises them: everything of Rust goes into a
-# shared library without checks, whose calls can be ignored. shellcheck disable=SC2086
+# shared library without checks, whose calls can be ignored.
+# shellcheck disable=SC2086
 c++ -shared -Wl,-z,now -Wl,--whole-archive "$work/libsolidmap.a" -Wl,--no-whole-archive $libraries \
     -o "$work/thread/libunchecked.so"
 c++ -fsanitize=thread -rdynamic "$work"/thread/*.o -L"$work/thread" -lunchecked -Wl,-rpath,"$work/thread" \
