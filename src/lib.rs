@@ -1,9 +1,9 @@
 //! Harmonic volumetric maps between solids by the method of fundamental solutions.
 //!
 //! Given a solid bounded by a closed triangle mesh, the *domain*, and an image for every vertex of that mesh, this
-//! crate computes the map of everything inside whose coordinates are harmonic and that carries the boundary as asked.
-//! No tetrahedra are needed: the map is a sum of point sources outside the domain, fitted to the boundary, and has a
-//! value and a derivative at any point.
+//! crate computes a map of the whole solid whose coordinate functions are harmonic and which agrees with those images
+//! on the boundary. No tetrahedra are needed: the map is a sum of point sources outside the domain, fitted to the
+//! boundary, and has a value and a derivative at any point.
 //!
 //! ```
 //! use solidmap::boundary_map::BoundaryMap;
@@ -38,7 +38,8 @@
 //! # Features
 //!
 //! `native` (default) calls CGAL (GPL) and TetGen (AGPL) through C++; without it the crate is pure Rust under MIT or
-//! Apache-2.0, and what needs them says so. `io` (default) reads and writes files.
+//! Apache-2.0, and whatever needs them is left out or returns an error that says so. `io` (default) reads and writes
+//! files.
 
 #![deny(missing_docs, rustdoc::broken_intra_doc_links)]
 
@@ -73,14 +74,14 @@ pub mod statistics;
 pub mod texture;
 pub mod transfer;
 
-/// What this build may be passed on under: with the feature `native` it holds code of CGAL and TetGen.
+/// The licences of this build: with the feature `native` it contains CGAL and TetGen.
 pub const LICENCE: &str = if cfg!(feature = "native") {
-    "built with CGAL (GPL-3.0-or-later) and TetGen (AGPL-3.0-or-later): this binary may be passed on under AGPL-3.0"
+    "built with CGAL (GPL-3.0-or-later) and TetGen (AGPL-3.0-or-later): this binary may be distributed under AGPL-3.0"
 } else {
     "built without CGAL and TetGen: MIT OR Apache-2.0"
 };
 
-/// The library of the point types, in the version that they are from.
+/// The linear algebra crate that the point types are from, re-exported so that callers use the same version.
 pub use nalgebra;
 
 /// A point in space, in model units.

@@ -1,8 +1,8 @@
-//! The Laplace kernel in space, and sums of it over many sources.
+//! The Laplace kernel in three dimensions, and sums of it over many sources.
 //!
 //! [`direct`] forms them term by term, [`fmm`] to a given accuracy in time linear in the number of points, and
 //! [`Sums`] by whichever of the two is cheaper.
-//! Imports nothing else of this crate: points and weights arrive as slices.
+//! Imports only the vector instructions from this crate: points and weights arrive as slices.
 
 pub mod direct;
 pub mod fmm;
@@ -29,7 +29,7 @@ pub enum KernelError {
     /// More points than the indices of a tree can count.
     #[error(
         "{found} {what} are more than the {} that a tree can hold; sum over parts of them",
-        u32::MAX
+        u32::MAX - 1
     )]
     TooMany {
         /// What is counted.

@@ -17,14 +17,17 @@ pub enum MeshError {
         vertices: usize,
     },
     /// More elements than 32-bit (signed, as TetGen counts) indices can name.
-    #[error("{count} {element}s are more than the {limit} that 31-bit indices can name", limit = i32::MAX)]
+    #[error(
+        "the {element} count {count} exceeds {limit}, the most that 31-bit indices can name; split the mesh into parts",
+        limit = i32::MAX
+    )]
     TooLarge {
         /// `"vertex"`, `"triangle"`, `"tetrahedron"` or `"hexahedron"`.
         element: &'static str,
         /// How many there are.
         count: usize,
     },
-    /// Cells and their regions are not parallel.
+    /// The number of regions is not that of the cells.
     #[error("{regions} regions are given for {cells} cells; give the region of every cell")]
     RegionCount {
         /// How many cells there are.
@@ -125,7 +128,7 @@ impl SurfaceMesh {
         bounding_box(self.triangles.iter().flatten().map(|&v| &self.vertices[v as usize]))
     }
 
-    /// Length of the diagonal of the bounding box, the size by which errors are reported; 0 without triangles.
+    /// Length of the diagonal of the bounding box, of which reported errors are fractions; 0 without triangles.
     pub fn diagonal(&self) -> f64 {
         self.bounding_box().map_or(0.0, |(low, high)| (high - low).norm())
     }

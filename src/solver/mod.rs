@@ -67,8 +67,11 @@ pub enum SolveError {
         /// Columns that belong to sources.
         sources: usize,
     },
-    /// A source lies on a collocation point, or a coordinate is not finite.
-    #[error("the matrix has a non-finite entry in column {column}; a source lies on the boundary or is not finite")]
+    /// A source coincides with a collocation point, or a coordinate is not finite.
+    #[error(
+        "the matrix has a non-finite entry in column {column}: a source coincides with a collocation point (raise the \
+         source offset), or a coordinate is not finite"
+    )]
     NonFinite {
         /// The first such column.
         column: usize,

@@ -18,7 +18,7 @@ const PIXELS: [usize; 2] = [16, 8192];
 /// Rows of coverage samples in a pixel. Odd, so that one of them passes through the pixel's centre.
 const SUBROWS: usize = 5;
 
-/// Pixels that are covered less do not show.
+/// Pixels that are covered less are left out.
 const LEAST_COVERAGE: f64 = 1.0 / 256.0;
 
 /// A coordinate axis.
@@ -110,7 +110,7 @@ pub enum SectionError {
     #[error("the surface has no triangles, so it has no section")]
     EmptySurface,
     /// A number of pixels that is too small to see, or too large to hold.
-    #[error("a section of {pixels} pixels along its longer side is not from {least} to {most} pixels")]
+    #[error("a section cannot have {pixels} pixels along its longer side; choose from {least} to {most}")]
     Pixels {
         /// What was asked for.
         pixels: usize,
@@ -210,7 +210,8 @@ impl PlaneSection {
         &self.points
     }
 
-    /// Segments of the outline in the plane's two coordinates ([`PlaneSection::axes`]), in no order.
+    /// Segments of the outline in the plane's two coordinates ([`PlaneSection::axes`]), in no particular
+    /// order.
     pub fn outline(&self) -> &[[[f64; 2]; 2]] {
         &self.outline
     }
@@ -438,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn overlapping_parts_count_once_and_turned_surfaces_are_solid_too() {
+    fn overlapping_parts_count_once_and_inward_oriented_surfaces_are_solid_too() {
         let cube = shapes::cube(2.0, 2);
         let twice = shapes::joined(&cube, &shapes::deformed(&cube, |p| p + crate::Vector::x()));
         assert_area(&section(&twice, Axis::Z, 0.1), 6.0, 2.0);
