@@ -1,4 +1,4 @@
-//! The fundamental solution of the Laplace equation in space and its gradient.
+//! The fundamental solution of the Laplace equation in three dimensions, and its gradient.
 //!
 //! # References
 //!
@@ -11,7 +11,7 @@ use crate::{Point, Vector};
 
 /// Potential at `x` of a unit source at `y`: `G(x, y) = 1 / (4π |x − y|)`.
 ///
-/// Harmonic everywhere but at `y`, where it is infinite. NaN or infinite coordinates give NaN. Right wherever the
+/// Harmonic everywhere but at `y`, where it is infinite. NaN or infinite coordinates give NaN. Accurate wherever the
 /// value can be represented, also where `|x − y|²` cannot.
 ///
 /// ```

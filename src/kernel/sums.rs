@@ -6,7 +6,7 @@ use super::fmm::Fmm;
 use super::{KernelError, direct};
 use crate::Point;
 
-/// Sources and targets, ready for any number of sums over them at an accuracy.
+/// Sources and targets, ready for any number of sums over them at a given accuracy.
 ///
 /// Term by term where that costs less, which is for few points, few sources or few targets; otherwise through [`Fmm`].
 #[derive(Debug, Clone)]
@@ -41,7 +41,8 @@ impl Sums {
         Self::with_range(sources, targets, accuracy, accuracy)
     }
 
-    /// As [`Self::new`], for sums that will also be taken at accuracies down to `loosest`, where a tree pays sooner.
+    /// As [`Self::new`], for sums that will also be taken at accuracies as loose as `loosest`, at which a tree pays
+    /// sooner.
     ///
     /// # Errors
     ///

@@ -55,7 +55,7 @@ impl HarmonicMap {
     }
 
     fn sums(&self, points: &[Point], accuracy: f64) -> Sums {
-        Sums::new(&self.sources, points, accuracy).expect("fewer points than 2³²")
+        Sums::new(&self.sources, points, accuracy).expect("fewer than 2³² − 1 points")
     }
 
     fn weights(&self) -> &[f64] {

@@ -177,8 +177,8 @@ impl DenseFactor {
         solution
     }
 
-    /// `(AᵀA)⁻¹ gradient` up to a common factor, for given `gradient = Aᵀr`; `None` when the decomposition was
-    /// truncated.
+    /// `(AᵀA)⁻¹ gradient` up to a common factor, for given `gradient = Aᵀr`; `None` for an SVD, a pivoted QR or a
+    /// column of zeros.
     pub(super) fn solve_normal(&self, gradient: &Values) -> Option<Values> {
         let Factors::Qr {
             factored,

@@ -104,14 +104,15 @@ fn affine_part(data: &Values, points: &[Point], weights: &[f64]) -> Option<Value
     affine.as_slice().iter().all(|a| a.is_finite()).then_some(affine)
 }
 
-/// Right singular vectors of the weighted data as rows, the largest first.
+/// As rows, the right singular vectors of the weighted data that `truncation` keeps, the largest singular value
+/// first.
 fn factors_of(data: &Values, weights: &[f64], truncation: f64) -> Option<Values> {
     let columns = data.columns();
     let total: f64 = weights.iter().sum();
     if columns < 2 || data.rows() == 0 {
         return None;
     }
-    let triangle = triangle_of(data, weights);
+    let triangle = triangular_factor(data, weights);
     if !triangle.is_all_finite() {
         return None;
     }
@@ -141,7 +142,7 @@ fn factors_of(data: &Values, weights: &[f64], truncation: f64) -> Option<Values>
 /// The triangular QR factor of the weighted data, with the same singular values and right singular vectors: of parts of
 /// the rows, then of the stacked factors (Demmel, Grigori, Hoemmen, Langou, *Communication-optimal parallel and
 /// sequential QR and LU factorizations*, SIAM J. Sci. Comput. 34, 2012).
-fn triangle_of(data: &Values, weights: &[f64]) -> Mat<f64> {
+fn triangular_factor(data: &Values, weights: &[f64]) -> Mat<f64> {
     let columns = data.columns();
     let part = |(rows, weights): (&[f64], &[f64])| {
         let entry = |r: usize, c: usize| weights[r].sqrt() * rows[r * columns + c];

@@ -298,8 +298,8 @@ mod tests {
         Values::new(columns, values.collect())
     }
 
-    /// The condition number is about 1e3, so the normal equations lose six of sixteen digits. Up to three columns take
-    /// another way than more.
+    /// The condition number is about 1e3, so the normal equations lose six of sixteen digits. Up to three columns are
+    /// projected by kernel sums, more by matrix products.
     #[test]
     fn a_single_patch_is_dense_least_squares() {
         let (level, points) = level();

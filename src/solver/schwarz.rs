@@ -273,7 +273,7 @@ impl SchwarzFactor {
     ///
     /// # Errors
     ///
-    /// [`SolveError::DataLength`], and [`SolveError::Cancelled`] when `progress` ends it.
+    /// [`SolveError::DataLength`], [`SolveError::Sum`], and [`SolveError::Cancelled`] when `progress` ends it.
     pub fn solve<A: ProgressResponse>(
         &self,
         data: &Values,

@@ -150,7 +150,7 @@ fn add_potential_of<V: Simd, const VECTORS: usize>(
         let source = [V::splat(token, sx), V::splat(token, sy), V::splat(token, sz)];
         let weights = [V::splat(token, w0), V::splat(token, w1), V::splat(token, w2)];
         for v in 0..VECTORS {
-            let g = square(difference(x[v], source)).reciprocal_sqrt();
+            let g = norm_squared(difference(x[v], source)).reciprocal_sqrt();
             for i in 0..3 {
                 sum[v][i] = weights[i].mul_add(g, sum[v][i]);
             }
@@ -175,7 +175,7 @@ fn add_gradient_of<V: Simd>(
         let source = [V::splat(token, sx), V::splat(token, sy), V::splat(token, sz)];
         let weights = [V::splat(token, w0), V::splat(token, w1), V::splat(token, w2)];
         let d = difference(x, source);
-        let g = square(d).reciprocal_sqrt();
+        let g = norm_squared(d).reciprocal_sqrt();
         let g3 = g * g * g;
         for i in 0..3 {
             sum[i] = weights[i].mul_add(g, sum[i]);
@@ -230,7 +230,7 @@ fn write_block<V: Simd>(
     mut check: V,
 ) -> V {
     for vector in 0..LANES / V::WIDTH {
-        let value = factor * square(difference(block.load(token, vector), source)).reciprocal_sqrt();
+        let value = factor * norm_squared(difference(block.load(token, vector), source)).reciprocal_sqrt();
         check = check + value;
         value.store(&mut out[vector * V::WIDTH..]);
     }
@@ -243,7 +243,7 @@ fn difference<V: Simd>(x: [V; 3], y: [V; 3]) -> [V; 3] {
 }
 
 #[inline(always)]
-fn square<V: Simd>(d: [V; 3]) -> V {
+fn norm_squared<V: Simd>(d: [V; 3]) -> V {
     d[2].mul_add(d[2], d[1].mul_add(d[1], d[0] * d[0]))
 }
 

@@ -11,8 +11,8 @@
 //!
 //! The vector loops take `1/r` from an estimate polished by one step of Householder's method, and that estimate has a
 //! limited range of `r²` (that of `f32` under AVX2). Coordinates are therefore scaled by a power of two to about one,
-//! which is exact, and what still leaves the range shows: as a sum that is not finite, or beforehand from the target's
-//! coordinates. Those targets alone are summed again by the formula of [`laplace_potential`], which has no such limits.
+//! which is exact. What still leaves the range is recognised by a sum that is not finite, or beforehand by the target's
+//! coordinates; those targets alone are summed again by the formula of [`laplace_potential`], which has no such limits.
 //!
 //! # References
 //!
@@ -84,11 +84,10 @@ impl Sources {
 /// Potential at each target, `Σ_j w_j G(x, y_j)` with [`laplace_potential`] as `G`: one triple per target, one
 /// component per weight.
 ///
-/// Within `1e-13 Σ_j |w_j| G(x, y_j)` of the exact sum for up to 10⁵ sources, at any scale of coordinates. Not
-/// finite (infinite or NaN) where a target coincides with a source, even one of weight zero, and where it is not
-/// finite itself.
+/// Within `1e-13 Σ_j |w_j| G(x, y_j)` of the exact sum for up to 10⁵ sources, at any scale of coordinates. Infinite or
+/// NaN where a target is not finite itself or coincides with a source, even one of weight zero.
 ///
-/// Parallel over targets. Give many at a time: one target alone costs as much as a vector of them, up to eight.
+/// Parallel over targets. Pass many at a time: one target alone costs as much as a vector of them, up to eight.
 pub fn potential(sources: &Sources, targets: &[Point]) -> Vec<[f64; 3]> {
     potential_with(Instructions::detect(), sources, targets)
 }
@@ -160,7 +159,7 @@ pub fn potential_and_gradient_with(
     (values, jacobians)
 }
 
-/// Columns up to which the kernel is evaluated again for each three of them.
+/// Columns up to which the kernel is evaluated anew for every three of them, rather than once for all.
 pub(super) const MOST_TRIPLED: usize = 6;
 
 /// Sums for any number of columns: `weights` is `points × columns`, row-major, and so are the results with
@@ -213,7 +212,7 @@ pub(super) fn sum_columns(
 ///
 /// # Errors
 ///
-/// [`KernelError::LengthMismatch`] when `matrix` has not `targets × sources` entries.
+/// [`KernelError::LengthMismatch`] unless `matrix` has `targets × sources` entries.
 pub fn fill_matrix(targets: &[Point], sources: &[Point], matrix: &mut [f64]) -> Result<(), KernelError> {
     fill_matrix_with(Instructions::detect(), targets, sources, matrix)
 }

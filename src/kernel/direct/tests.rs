@@ -196,7 +196,7 @@ fn keeps_its_digits_where_the_squared_distance_underflows() {
 }
 
 #[test]
-fn is_not_finite_where_a_target_is_a_source_and_right_beside_it() {
+fn only_the_target_that_is_a_source_is_not_finite() {
     let rng = &mut StdRng::seed_from_u64(4);
     let cloud = Cloud::Cube { scale: 1.0 };
     let (points, targets) = (cloud.points(30, rng), cloud.points(30, rng));

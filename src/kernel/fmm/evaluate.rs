@@ -269,7 +269,7 @@ fn add_leaf_by_rows<'a>(
     }
 }
 
-/// Targets in units of a cell.
+/// Targets relative to the centre of a cell, in units of its half-width, of which `up` is the reciprocal.
 fn unit_blocks(targets: &[[f64; 3]], cell: &TreeCell, up: f64) -> Vec<TargetBlock> {
     let unit = |t: &[f64; 3]| std::array::from_fn(|axis| (t[axis] - cell.centre[axis]) * up);
     targets.chunks(LANES).map(|t| TargetBlock::mapped(t, unit)).collect()

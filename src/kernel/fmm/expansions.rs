@@ -11,8 +11,8 @@ use faer::traits::ComplexField;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
-use super::lists::{GROUP, Lists, Transfer};
-use super::operators::{Operators, Transfers};
+use super::lists::{GROUP, Lists, Translation};
+use super::operators::{Operators, Translations};
 use super::tree::{Tree, TreeCell};
 use super::weights::PassWeights;
 use crate::kernel::direct::{self, Instructions, LANES, TargetBlock};
@@ -29,8 +29,8 @@ pub(super) struct Pass<'a> {
 
 /// Cells of a task: enough columns for a product, and many tasks in a level.
 const CELLS: usize = 32;
-/// Columns of a product, which with an operator fit a second-level cache.
-const COLUMNS: usize = 256;
+/// Columns of a product: with an operator they fit a second-level cache.
+const PRODUCT_COLUMNS: usize = 256;
 
 impl Pass<'_> {
     pub(super) fn columns(&self) -> usize {
@@ -61,9 +61,9 @@ impl Pass<'_> {
 
     /// Local expansions of all cells with targets.
     pub(super) fn locals(&self, multipoles: &[f64]) -> Vec<f64> {
-        let mut locals = match &self.operators.transfers {
-            Transfers::Single(operators) => self.transfer(operators, multipoles),
-            Transfers::Double(operators) => self.transfer(operators, multipoles),
+        let mut locals = match &self.operators.translations {
+            Translations::Single(operators) => self.translate(operators, multipoles),
+            Translations::Double(operators) => self.translate(operators, multipoles),
         };
         let (stride, cells) = (self.stride(), &self.lists.target_cells);
         for level in self.levels(cells) {
@@ -231,7 +231,7 @@ impl Pass<'_> {
     }
 
     /// Applies the V lists, in the precision of the operators throughout: single precision halves the memory traffic.
-    fn transfer<T: Real>(&self, operators: &[Mat<T>], multipoles: &[f64]) -> Vec<f64> {
+    fn translate<T: Real>(&self, operators: &[Mat<T>], multipoles: &[f64]) -> Vec<f64> {
         let stride = self.stride();
         let multipoles: Vec<T> = multipoles
             .par_iter()
@@ -248,8 +248,8 @@ impl Pass<'_> {
             .par_chunks_mut(GROUP * stride)
             .enumerate()
             .for_each(|(group, locals)| {
-                let transfers = self.lists.groups[group] as usize..self.lists.groups[group + 1] as usize;
-                let sums = self.transfer_group(operators, &signs, &multipoles, &self.lists.transfers[transfers]);
+                let translations = self.lists.groups[group] as usize..self.lists.groups[group + 1] as usize;
+                let sums = self.translate_group(operators, &signs, &multipoles, &self.lists.translations[translations]);
                 for (local, sum) in locals.iter_mut().zip(sums) {
                     *local = sum.to_f64();
                 }
@@ -257,24 +257,24 @@ impl Pass<'_> {
         locals
     }
 
-    fn transfer_group<T: Real>(
+    fn translate_group<T: Real>(
         &self,
         operators: &[Mat<T>],
         signs: &[Vec<T>; 8],
         multipoles: &[T],
-        transfers: &[Transfer],
+        translations: &[Translation],
     ) -> Vec<T> {
         let (rank, stride) = (self.operators.rank, self.stride());
-        let batch = COLUMNS.div_ceil(self.columns());
+        let batch = PRODUCT_COLUMNS.div_ceil(self.columns());
         let mut sums = vec![T::default(); GROUP * stride];
         let mut gathered = vec![T::default(); batch * stride];
         let mut moved = vec![T::default(); batch * stride];
-        for same in transfers.chunk_by(|a, b| a.operator == b.operator) {
+        for same in translations.chunk_by(|a, b| a.operator == b.operator) {
             let operator = operators[same[0].operator as usize].as_ref();
             for batch in same.chunks(batch) {
-                for (transfer, to) in batch.iter().zip(gathered.chunks_mut(stride)) {
-                    let from = &multipoles[transfer.source as usize * stride..][..stride];
-                    reflect(from, &signs[transfer.flip as usize], to, |to, value| *to = value);
+                for (translation, to) in batch.iter().zip(gathered.chunks_mut(stride)) {
+                    let from = &multipoles[translation.source as usize * stride..][..stride];
+                    reflect(from, &signs[translation.flip as usize], to, |to, value| *to = value);
                 }
                 let columns = batch.len() * self.columns();
                 matmul(
@@ -285,9 +285,9 @@ impl Pass<'_> {
                     T::from_f64(1.0),
                     Par::Seq,
                 );
-                for (transfer, from) in batch.iter().zip(moved.chunks(stride)) {
-                    let to = &mut sums[transfer.target as usize % GROUP * stride..][..stride];
-                    reflect(from, &signs[transfer.flip as usize], to, |to, value| *to += value);
+                for (translation, from) in batch.iter().zip(moved.chunks(stride)) {
+                    let to = &mut sums[translation.target as usize % GROUP * stride..][..stride];
+                    reflect(from, &signs[translation.flip as usize], to, |to, value| *to += value);
                 }
             }
         }

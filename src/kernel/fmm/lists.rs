@@ -3,8 +3,8 @@
 //! One descent over the cells that hold targets carries the source cells that touch the current one. What stops touching
 //! it is far: a cell of the same size acts by a translation of expansions (V), a coarser leaf on the local expansion (X).
 //! At a leaf, what still touches is opened until only leaves touch (U), and what is finer and does not touch acts by its
-//! multipole expansion (W). Where so few points are involved that an expansion costs more than it saves, the sources are
-//! near ones instead.
+//! multipole expansion (W). Where so few points are involved that an expansion costs more than it saves, the sources
+//! act directly, as in U.
 
 use std::ops::Range;
 
@@ -12,8 +12,8 @@ use super::tree::{NONE, Tree};
 
 /// A translation from the multipole expansion of one cell to the local expansion of another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Transfer {
-    /// Group of target slots. Transfers are applied in the order of their fields.
+pub(super) struct Translation {
+    /// Group of target slots. Translations are applied in the order of their fields.
     pub(super) group: u32,
     pub(super) operator: u8,
     /// Axes to reflect, one bit each.
@@ -54,14 +54,14 @@ impl<T> RaggedRows<T> {
 pub(super) struct Lists {
     /// Slot of the multipole expansion of each cell, in the order of cells; [`NONE`] without sources.
     pub(super) source_slot: Vec<u32>,
-    /// Slot of the local expansion of each cell; [`NONE`] without targets, and below a cell that is not opened.
+    /// Slot of the local expansion of each cell; [`NONE`] without targets, and below a cell where the descent ends.
     pub(super) target_slot: Vec<u32>,
     /// Cells by slot.
     pub(super) source_cells: Vec<u32>,
     pub(super) target_cells: Vec<u32>,
     /// V lists, in the order of their fields.
-    pub(super) transfers: Vec<Transfer>,
-    /// Where each group of target slots begins in `transfers`.
+    pub(super) translations: Vec<Translation>,
+    /// Where each group of target slots begins in `translations`.
     pub(super) groups: Vec<u32>,
     /// Where targets are evaluated, in the order of the targets.
     pub(super) leaves: Vec<TargetLeaf>,
@@ -80,15 +80,16 @@ pub(super) struct TargetLeaf {
     pub(super) targets: Range<usize>,
 }
 
-/// Targets of a leaf at most: a cell with no sources near may hold any number.
+/// Most targets of a leaf: a cell where the descent ends for lack of near sources may hold any number.
 const LEAF_TARGETS: usize = 512;
 
 /// Where an expansion becomes cheaper than its sources one by one.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Thresholds {
-    /// Pairs below which a translation is not worth while.
+    /// Pairs of a source and a target up to which two cells interact directly rather than by a translation (V).
     pub(super) pairs: usize,
-    /// Points below which an expansion is not evaluated, and not collected, point by point.
+    /// Sources up to which a cell acts directly rather than by its multipole expansion (W), and targets up to which a
+    /// cell is acted on directly rather than by its local expansion (X).
     pub(super) points: usize,
 }
 
@@ -102,7 +103,7 @@ impl Lists {
             tree,
             thresholds,
             source_slot: &source_slot,
-            transfers: Vec::new(),
+            translations: Vec::new(),
             leaves: Vec::new(),
             near: Vec::new(),
             finer: Vec::new(),
@@ -112,22 +113,22 @@ impl Lists {
         if !tree.cells[0].targets.is_empty() && !tree.cells[0].sources.is_empty() {
             builder.visit(0, &[0], &[]);
         }
-        let (leaves, mut transfers, mut coarser) = (builder.leaves, builder.transfers, builder.coarser);
+        let (leaves, mut translations, mut coarser) = (builder.leaves, builder.translations, builder.coarser);
         let (target_slot, target_cells) = slots(tree, |cell| builder.is_visited[cell]);
-        for transfer in &mut transfers {
-            transfer.target = target_slot[transfer.target as usize];
-            transfer.group = transfer.target / GROUP as u32;
+        for translation in &mut translations {
+            translation.target = target_slot[translation.target as usize];
+            translation.group = translation.target / GROUP as u32;
         }
-        transfers.sort_unstable();
+        translations.sort_unstable();
         for (target, _) in &mut coarser {
             *target = target_slot[*target as usize];
         }
         let group_count = target_cells.len().div_ceil(GROUP) as u32;
         let groups = (0..=group_count)
-            .map(|g| transfers.partition_point(|t| t.group < g) as u32)
+            .map(|g| translations.partition_point(|t| t.group < g) as u32)
             .collect();
         Self {
-            transfers,
+            translations,
             groups,
             near: RaggedRows::from_pairs(leaves.len(), builder.near),
             finer: RaggedRows::from_pairs(leaves.len(), builder.finer),
@@ -141,11 +142,12 @@ impl Lists {
     }
 }
 
-fn slots(tree: &Tree, has_points: impl Fn(usize) -> bool) -> (Vec<u32>, Vec<u32>) {
+/// The slot of each cell, [`NONE`] for those without one, and the cells by slot.
+fn slots(tree: &Tree, has_slot: impl Fn(usize) -> bool) -> (Vec<u32>, Vec<u32>) {
     let mut slot = vec![NONE; tree.cells.len()];
     let mut cells = Vec::new();
     for (cell, slot) in slot.iter_mut().enumerate() {
-        if has_points(cell) {
+        if has_slot(cell) {
             *slot = cells.len() as u32;
             cells.push(cell as u32);
         }
@@ -153,12 +155,12 @@ fn slots(tree: &Tree, has_points: impl Fn(usize) -> bool) -> (Vec<u32>, Vec<u32>
     (slot, cells)
 }
 
-/// Targets are given as cells: their slots follow when all visited cells are known.
+/// Names target cells by their index: they get slots when all visited cells are known.
 struct ListBuilder<'a> {
     tree: &'a Tree,
     thresholds: Thresholds,
     source_slot: &'a [u32],
-    transfers: Vec<Transfer>,
+    translations: Vec<Translation>,
     leaves: Vec<TargetLeaf>,
     near: Vec<(u32, Range<usize>)>,
     finer: Vec<(u32, u32)>,
@@ -222,7 +224,7 @@ impl ListBuilder<'_> {
                 near.push(part as u32);
             } else {
                 let (operator, flip) = operator_of(target.offset_from(source));
-                self.transfers.push(Transfer {
+                self.translations.push(Translation {
                     group: 0,
                     operator,
                     flip,
@@ -233,8 +235,8 @@ impl ListBuilder<'_> {
         }
     }
 
-    /// Cells that act directly on a leaf among those that touch it and their descendants, and slots of the multipole
-    /// expansions that stand for the others.
+    /// Of the cells that touch a leaf, and their descendants: those that act on it directly, and the slots of the
+    /// multipole expansions that stand for the others.
     fn open(&self, leaf: usize, touching: &[u32]) -> (Vec<u32>, Vec<u32>) {
         let (mut near, mut finer) = (Vec::new(), Vec::new());
         let mut open = touching.to_vec();
@@ -267,7 +269,7 @@ impl ListBuilder<'_> {
         }
     }
 
-    /// The sources of cells, as ranges that do not follow one another.
+    /// The sources of cells, as ascending ranges of which adjacent ones are merged.
     fn merged_sources(&self, cells: &[u32]) -> Vec<Range<usize>> {
         let sources = cells.iter().map(|&cell| self.tree.cells[cell as usize].sources.clone());
         let mut ranges: Vec<Range<usize>> = sources.collect();
@@ -283,7 +285,7 @@ impl ListBuilder<'_> {
     }
 }
 
-/// Offsets whose largest component is two or three, all others being non-negative; see [`operator_of`].
+/// Offsets with components from 0 to 3, at least one of them above 1; see [`operator_of`].
 pub(super) fn canonical_offsets() -> impl Iterator<Item = [i64; 3]> {
     (0..64)
         .map(|code| [code >> 4, code >> 2 & 3, code & 3])

@@ -60,7 +60,7 @@ struct Geometry {
 const FAR: f64 = (1u64 << 30) as f64;
 
 /// Most columns of a pass, to bound the memory of the expansions.
-const COLUMNS: usize = 48;
+const PASS_COLUMNS: usize = 48;
 
 impl Fmm {
     /// Sorts the points; sums will have about the relative error `accuracy` in the Euclidean norm over all targets.
@@ -86,12 +86,12 @@ impl Fmm {
     /// `Σ_j w_j / (4π |x − y_j|)` for each target `x` and each column of `weights` (`sources × columns`, row-major):
     /// `targets × columns`, row-major.
     ///
-    /// Not finite where a target coincides with a source and where it is not finite itself. The same to the last bit
-    /// for any number of threads.
+    /// Infinite or NaN where a target is not finite itself or coincides with a source. The same to the last bit for any
+    /// number of threads.
     ///
     /// # Errors
     ///
-    /// [`KernelError::LengthMismatch`] when `weights` has not `sources × columns` entries.
+    /// [`KernelError::LengthMismatch`] unless `weights` has `sources × columns` entries.
     pub fn potential(&self, weights: &[f64], columns: usize) -> Result<Vec<f64>, KernelError> {
         Ok(self.sums(weights, columns, false)?.0)
     }
@@ -126,7 +126,7 @@ impl Fmm {
             let scaled = *p * scale.up;
             scaled.iter().all(|c| c.abs() <= FAR) && !(has_minute && is_minute(scaled))
         };
-        // No tree is needed for sums with a source that is not finite, all NaN, and for sums of no sources, all zero.
+        // Sums need no tree where a source is not finite (all are NaN), nor where there are no sources (all are zero).
         let has_tree = !has_bad_source && !sources.is_empty();
         let (inside, outside): (Vec<u32>, Vec<u32>) =
             (0..targets.len() as u32).partition(|&t| has_tree && in_tree(&targets[t as usize]));
@@ -170,8 +170,8 @@ impl Fmm {
         let operators = Operators::of(self.resolution);
         let in_rows = columns > MOST_TRIPLED && !with_gradient;
         let mut failed = BTreeSet::new();
-        for first in (0..columns).step_by(COLUMNS) {
-            let part = first..columns.min(first + COLUMNS);
+        for first in (0..columns).step_by(PASS_COLUMNS) {
+            let part = first..columns.min(first + PASS_COLUMNS);
             let weights = PassWeights::new(&geometry.tree.sources, weights, columns, part, in_rows);
             let pass = Pass {
                 tree: &geometry.tree,
@@ -265,8 +265,8 @@ fn capacity_for(resolution: usize) -> Capacity {
     }
 }
 
-/// A translation in single precision costs about as much as so many pairs, and the evaluation of an expansion at a
-/// point as the kernel at so many.
+/// A translation in single precision costs about as much as `pairs` evaluations of the kernel, and the evaluation of an
+/// expansion at one point as much as `points`.
 const THRESHOLDS: Thresholds = Thresholds {
     pairs: 2000,
     points: 200,

@@ -56,7 +56,7 @@ const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: bool) -> E
 /// the Euclidean norm over all targets, three columns of weights of random sign, 20,000 sources about 20,000 targets on
 /// a bumpy sphere, and as many in a cube.
 ///
-/// | accuracy | order | rank | sphere | cube | its gradient |
+/// | accuracy | order | rank | sphere | cube | cube, gradient |
 /// |---|---|---|---|---|---|
 /// | 1e-2 | 3 | 13 | 3.0e-3 | 4.6e-3 | 2.7e-3 |
 /// | 1e-3 | 4 | 39 | 2.0e-4 | 3.0e-4 | 2.4e-4 |
@@ -69,8 +69,8 @@ const fn resolution(accuracy: f64, order: usize, cutoff: f64, single: bool) -> E
 /// | 1e-9 | 12 | 346 | 2.7e-10 | 3.9e-10 | 9.9e-10 |
 /// | 1e-10 | 13 | 420 | 3.3e-11 | 6.7e-11 | 1.4e-10 |
 ///
-/// Weights of one sign give potentials ten times as accurate, and gradients up to five times less, as these cancel.
-/// Order 10 is left out: it gains nothing on order 9 there.
+/// With weights of one sign potentials are ten times as accurate, and gradients, whose terms cancel, up to five times
+/// less accurate. Order 10 is left out: it gained nothing over order 9.
 pub(super) const RESOLUTIONS: [ExpansionResolution; 10] = [
     resolution(1e-2, 3, 1e-2, true),
     resolution(1e-3, 4, 3e-4, true),
@@ -109,14 +109,14 @@ pub(super) struct Operators {
     /// From the multipole expansion of the child in the upper octant to its parent's; transposed and halved, from local
     /// expansions of parents to those of children.
     pub(super) upward: Mat<f64>,
-    pub(super) transfers: Transfers,
+    pub(super) translations: Translations,
     /// For each set of reflected axes, the sign that each entry of an expansion takes.
     pub(super) signs: [Vec<f64>; 8],
 }
 
 /// Operators from multipole to local expansions, in the order of [`canonical_offsets`].
 #[derive(Debug)]
-pub(super) enum Transfers {
+pub(super) enum Translations {
     Single(Vec<Mat<f32>>),
     Double(Vec<Mat<f64>>),
 }
@@ -146,7 +146,7 @@ impl Operators {
             inverse.as_ref(),
             product(kernel(&outer, &child).as_ref(), right.as_ref()).as_ref(),
         );
-        let transfers = canonical_offsets().map(|offset| {
+        let translations = canonical_offsets().map(|offset| {
             let there: Vec<_> = inner
                 .iter()
                 .map(|p| std::array::from_fn(|axis| p[axis] + 2.0 * offset[axis] as f64))
@@ -162,11 +162,11 @@ impl Operators {
             outer_blocks: blocks(&outer),
             inverse,
             upward,
-            transfers: if resolution.single {
+            translations: if resolution.single {
                 let single = |m: Mat<f64>| Mat::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)] as f32);
-                Transfers::Single(transfers.map(single).collect())
+                Translations::Single(translations.map(single).collect())
             } else {
-                Transfers::Double(transfers.collect())
+                Translations::Double(translations.collect())
             },
             signs: std::array::from_fn(|flip| {
                 let sign = |p: &usize| if (p & flip).count_ones() % 2 == 1 { -1.0 } else { 1.0 };

@@ -148,7 +148,7 @@ proptest! {
 }
 
 #[test]
-fn reaches_its_accuracy_on_thousands_of_points_with_its_own_leaves() {
+fn reaches_its_accuracy_on_thousands_of_points_with_leaves_of_the_default_size() {
     let rng = &mut StdRng::seed_from_u64(2);
     for cloud in CLOUDS {
         let (sources, targets) = (cloud.points(6000, rng), cloud.points(5000, rng));
@@ -172,7 +172,7 @@ fn small_leaves_fill_all_lists() {
     sources.extend(Cloud::Plane.points(300, rng));
     let targets = Cloud::Sphere.points(500, rng);
     let lists = &with_small_leaves(&sources, &targets, 1e-2).geometry.lists;
-    assert!(!lists.transfers.is_empty());
+    assert!(!lists.translations.is_empty());
     assert!((0..lists.leaves.len()).any(|leaf| !lists.near.row(leaf).is_empty()));
     assert!((0..lists.leaves.len()).any(|leaf| !lists.finer.row(leaf).is_empty()));
     assert!((0..lists.target_cells.len()).any(|slot| !lists.coarser.row(slot).is_empty()));

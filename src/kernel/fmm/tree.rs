@@ -2,8 +2,8 @@
 //!
 //! Cells are stored level after level, the children of a cell next to each other, and points in the order of the leaves,
 //! so that the points of any cell are one range. The size of the root has few significant bits and its centre is a
-//! multiple of a coarse quantum, so that the centre of every cell is a floating-point number and a point's offset from
-//! it carries no rounding error.
+//! multiple of a coarse quantum, so that the centre of every cell is exact in floating point and a point's offset from
+//! it is rounded once only.
 
 use std::ops::Range;
 
@@ -48,7 +48,7 @@ impl TreeCell {
     }
 }
 
-/// Points in the order of the leaves, and where they stood before.
+/// Points in the order of the leaves, with their indices in the order of the caller.
 #[derive(Debug)]
 pub(super) struct Ordered {
     pub(super) positions: Vec<[f64; 3]>,
@@ -208,9 +208,9 @@ impl Ordered {
         for (range, centre) in parts {
             let (skip, len) = (range.start - at, range.len());
             let (part, rest) = std::mem::take(&mut positions)[skip..].split_at_mut(len);
-            let (numbers, other_numbers) = std::mem::take(&mut original)[skip..].split_at_mut(len);
-            (positions, original, at) = (rest, other_numbers, range.end);
-            slices.push((part, numbers, centre));
+            let (indices, other_indices) = std::mem::take(&mut original)[skip..].split_at_mut(len);
+            (positions, original, at) = (rest, other_indices, range.end);
+            slices.push((part, indices, centre));
         }
         let sort = |(positions, original, centre): (&mut [[f64; 3]], &mut [u32], [f64; 3])| {
             sort_by_octant(positions, original, centre)
@@ -234,10 +234,10 @@ fn sort_by_octant(positions: &mut [[f64; 3]], original: &mut [u32], centre: [f64
         next[octant] = next[octant - 1] + counts[octant - 1];
     }
     let (old_positions, old_original) = (positions.to_vec(), original.to_vec());
-    for ((octant, position), number) in octants.into_iter().zip(old_positions).zip(old_original) {
+    for ((octant, position), index) in octants.into_iter().zip(old_positions).zip(old_original) {
         let place = &mut next[octant as usize];
         positions[*place] = position;
-        original[*place] = number;
+        original[*place] = index;
         *place += 1;
     }
     counts

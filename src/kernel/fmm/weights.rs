@@ -13,9 +13,9 @@ use crate::kernel::direct::{PackedSource, PowerOfTwoScale};
 #[derive(Debug)]
 pub(super) struct PassWeights {
     pub(super) columns: usize,
-    /// For each triple of columns, positions and weights of all sources, filled up with zeros; none with `rows`.
+    /// For each triple of columns, positions and weights of all sources, padded with zeros; empty with `rows`.
     pub(super) triples: Vec<Vec<PackedSource>>,
-    /// Weights, `sources × columns`, row-major; none with `triples`.
+    /// Weights, `sources × columns`, row-major; empty with `triples`.
     pub(super) rows: Vec<f64>,
     /// Powers of two by which the sums of each column have to be multiplied: single precision has a short range.
     pub(super) scale: Vec<f64>,
@@ -47,8 +47,8 @@ impl PassWeights {
         let mut rows = Vec::new();
         if in_rows {
             rows = vec![0.0; sources.original.len() * columns];
-            let fill = |(row, &number): (&mut [f64], &u32)| {
-                let from = &weights[number as usize * stride + first..];
+            let fill = |(row, &source): (&mut [f64], &u32)| {
+                let from = &weights[source as usize * stride + first..];
                 for ((to, from), factor) in row.iter_mut().zip(from).zip(&factor) {
                     *to = from * factor / (4.0 * PI);
                 }
@@ -60,8 +60,8 @@ impl PassWeights {
         }
         let triples = (0..triple_count).map(|triple| {
             let columns = 3 * triple..columns.min(3 * triple + 3);
-            let pack = |(&[x, y, z], &number): (&[f64; 3], &u32)| {
-                let row = &weights[number as usize * stride + first..];
+            let pack = |(&[x, y, z], &source): (&[f64; 3], &u32)| {
+                let row = &weights[source as usize * stride + first..];
                 let mut packed = [x, y, z, 0.0, 0.0, 0.0];
                 for (slot, column) in packed[3..].iter_mut().zip(columns.clone()) {
                     *slot = row[column] * factor[column] / (4.0 * PI);

@@ -8,7 +8,7 @@ use crate::kernel::Sums;
 use crate::solver::krylov::Gcr;
 use crate::solver::{SolveError, Values, affine_functions};
 
-/// Values of later groups are small, and their sums may be less accurate by this factor.
+/// The values that later groups contribute are small, so their sums may be less accurate by this factor.
 const LATER_GROUPS: f64 = 10.0;
 
 impl SchwarzFactor {
