@@ -6,7 +6,7 @@ fn main() {
     native::build();
 }
 
-/// Lints link nothing, and would otherwise build minutes of C++ a second time in a folder of their own.
+/// Lints link nothing, so they need not wait minutes for the C++ to build.
 #[cfg(feature = "native")]
 fn is_lint() -> bool {
     println!("cargo::rerun-if-env-changed=RUSTC_WORKSPACE_WRAPPER");
@@ -61,20 +61,22 @@ mod native {
         }
     }
 
-    /// One folder for all sets of features: cargo has one for each, and would have the templates built for each.
+    /// One folder per profile: cargo has one for each set of features, and the templates would be compiled in each.
     fn folder() -> PathBuf {
         let own = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets it"));
         // target/release/build/solidmap-0123456789abcdef/out
         let mut above = own.ancestors().skip(2);
         let (build, profile) = (above.next(), above.next());
         match (build.and_then(Path::file_name), profile) {
-            (Some(name), Some(profile)) if name == "build" => profile.join(format!("solidmap-native-{:016x}", place())),
+            (Some(name), Some(profile)) if name == "build" => {
+                profile.join(format!("solidmap-native-{:016x}", checkout_hash()))
+            }
             _ => own,
         }
     }
 
-    /// Tells checkouts that share a target folder apart.
-    fn place() -> u64 {
+    /// FNV-1a hash of the package's path, which tells checkouts that share a target folder apart.
+    fn checkout_hash() -> u64 {
         let folder = std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets it");
         folder.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
             (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)

@@ -1,7 +1,7 @@
 //! Available memory, what may be taken of it, and amounts as text.
 
 /// Memory that this process may still allocate, in bytes: by Linux's own estimate, and no more than its address space may
-/// grow (`ulimit -v`). `None` where the system does not say.
+/// grow (`ulimit -v`). Limits of control groups (containers) are not seen. `None` where the system does not say.
 pub fn available() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let of_system = kib_after(&text, "MemAvailable:")?;
@@ -13,12 +13,12 @@ pub fn default_budget() -> Option<u64> {
     available().map(nine_tenths)
 }
 
-/// [`default_budget`] for work that decomposes matrices. Its kernels reserve a gibibyte of addresses for each thread, use
-/// little of it, and abort where that is refused.
+/// [`default_budget`] for work that decomposes matrices. The matrix kernels reserve a gibibyte of address space per
+/// thread, use little of it, and abort where that is refused.
 pub(crate) fn default_solver_budget() -> Option<u64> {
-    const ADDRESSES: u64 = 1 << 30;
+    const RESERVED: u64 = 1 << 30;
     let threads = rayon::current_num_threads() as u64 + 1;
-    let addresses = address_space().map(|bytes| bytes.saturating_sub(threads * ADDRESSES));
+    let addresses = address_space().map(|bytes| bytes.saturating_sub(threads * RESERVED));
     Some(nine_tenths(available()?.min(addresses.unwrap_or(u64::MAX))))
 }
 

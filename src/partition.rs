@@ -173,25 +173,28 @@ impl Bisection<'_> {
         }
     }
 
-    /// Sorts the points along the axis of their widest gap and returns the index of the first behind it, if it is wider
-    /// than this.
+    /// Sorts the points along the axis of their widest gap and returns the index of the first point beyond the gap, if
+    /// it is wider than `wider_than`.
     fn gap(&self, order: &mut [u32], wider_than: f64) -> Option<usize> {
         let mut widest = |axis: usize| {
             order.sort_unstable_by(self.along(axis));
-            let place = |i: u32| self.points[i as usize][axis];
-            let gaps = order.windows(2).map(|pair| place(pair[1]) - place(pair[0])).enumerate();
+            let coordinate = |i: u32| self.points[i as usize][axis];
+            let gaps = order
+                .windows(2)
+                .map(|pair| coordinate(pair[1]) - coordinate(pair[0]))
+                .enumerate();
             let gaps = gaps.map(|(i, gap)| (i + 1, axis, gap));
             gaps.max_by(|a, b| a.2.total_cmp(&b.2))
         };
-        let of_all = (0..3).filter_map(&mut widest).max_by(|a, b| a.2.total_cmp(&b.2));
-        let (behind, axis, _) = of_all.filter(|(.., gap)| *gap > wider_than)?;
+        let widest_of_all = (0..3).filter_map(&mut widest).max_by(|a, b| a.2.total_cmp(&b.2));
+        let (beyond, axis, _) = widest_of_all.filter(|(.., gap)| *gap > wider_than)?;
         order.sort_unstable_by(self.along(axis));
-        Some(behind)
+        Some(beyond)
     }
 
     fn along(&self, axis: usize) -> impl Fn(&u32, &u32) -> Ordering {
-        let place = move |i: u32| self.points[i as usize][axis];
-        move |&a, &b| place(a).total_cmp(&place(b)).then(a.cmp(&b))
+        let coordinate = move |i: u32| self.points[i as usize][axis];
+        move |&a, &b| coordinate(a).total_cmp(&coordinate(b)).then(a.cmp(&b))
     }
 }
 

@@ -47,8 +47,8 @@ impl ProgressResponse for ControlFlow<()> {
 /// Longest time between two calls of the callback while work runs on other threads.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Runs work on rayon's threads, while the calling thread passes its reports to the callback, the latest again where there
-/// is none for a while. `None` when the callback cancelled the work; it is not called again after that.
+/// Runs work on rayon's threads, while the calling thread passes its reports to the callback, and repeats the latest
+/// when no new one arrives for a while. `None` when the callback cancelled the work; it is not called again after that.
 pub(crate) fn run_cancellable<T: Copy + Send, R: Send>(
     progress: &dyn Fn(T) -> ControlFlow<()>,
     work: impl FnOnce(&ProgressSender<T>) -> R + Send,

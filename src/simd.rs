@@ -4,8 +4,9 @@
 //! each set of instructions. Vectors are made through a token that exists only where the processor has the
 //! instructions, so that code which holds a vector may calculate with it.
 //!
-//! pulp, on which faer is built, was tried in place of this. It has no estimates of reciprocals and square roots, which
-//! are half of the kernel sums' speed, and its AVX-512 is a cargo feature that changes the results of faer too.
+//! pulp, on which faer is built, was tried in place of this. It lacks the instructions that estimate reciprocals and
+//! reciprocal square roots, which make the kernel sums twice as fast, and its AVX-512 is a cargo feature that changes
+//! the results of faer too.
 
 use std::array::from_fn;
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -181,6 +182,7 @@ impl<const N: usize> Simd for Portable<N> {
 
     #[inline(always)]
     fn reciprocal_sqrt(self) -> Self {
+        // The last term makes the result NaN for infinity, as in the other implementations.
         Self(self.0.map(|a| 1.0 / a.sqrt() + 0.0 * a))
     }
 
@@ -415,9 +417,9 @@ mod x86 {
         _mm256_fmadd_pd,
         _mm256_sqrt_pd,
         |a| _mm256_div_pd(_mm256_set1_pd(1.0), a),
-        // From an estimate `y` in single precision with `h = 1 − s y²`, `|h| ≤ 3·2⁻¹²`, the step of fifth order `y (1 +
-        // h/2 + 3h²/8 + 5h³/16 + 35h⁴/128)` leaves `63 h⁵/256`. Below the range of `f32`, NaN or infinite; above it,
-        // zero.
+        // From an estimate `y` in single precision with `h = 1 − s y²`, `|h| ≤ 3·2⁻¹²`, the step of fifth order
+        // `y (1 + h/2 + 3h²/8 + 5h³/16 + 35h⁴/128)` leaves `63 h⁵/256`. Below the range of `f32` the result is NaN or
+        // infinite; above it, zero.
         |s| {
             let y = _mm256_cvtps_pd(_mm_rsqrt_ps(_mm256_cvtpd_ps(s)));
             let h = _mm256_fnmadd_pd(_mm256_mul_pd(s, y), y, _mm256_set1_pd(1.0));

@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn summary_of_known_numbers() {
+    fn summary_of_known_values() {
         let summary = Summary::of(&[3.0, f64::NAN, -4.0, f64::INFINITY]).unwrap();
         assert_eq!((summary.count, summary.not_finite), (2, 2));
         assert_eq!((summary.min, summary.mean, summary.max), (-4.0, -0.5, 3.0));

@@ -42,7 +42,7 @@ impl Aabb {
     /// Square of the distance from `p` to the box, 0 inside.
     #[inline]
     pub fn distance_squared(&self, p: &Point) -> f64 {
-        // Not `f64::max`: its care for NaN doubles the cost of what every traversal spends its time on.
+        // Not `f64::max`: its handling of NaN doubles the cost of the step that dominates every traversal.
         let larger = |a: f64, b: f64| if a > b { a } else { b };
         let along = |k: usize| larger(larger(self.low[k] - p[k], p[k] - self.high[k]), 0.0);
         let (x, y, z) = (along(0), along(1), along(2));
@@ -60,7 +60,7 @@ impl Aabb {
         self.high - self.low
     }
 
-    /// Half the surface of the box, the measure by which a tree is split; 0 for the empty box.
+    /// Half the surface area, the measure by which a tree is split; 0 for the empty box.
     pub(super) fn half_area(&self) -> f64 {
         let e = self.extent();
         if e.x < 0.0 {

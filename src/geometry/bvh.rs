@@ -89,8 +89,8 @@ impl Bvh {
         &self.order
     }
 
-    /// Visits the leaves whose box is no farther from `p` than a squared distance `limit`, nearest boxes first. `visit`
-    /// gets the items, as a range of [`Bvh::order`], and returns the new limit.
+    /// Visits the leaves whose box is no farther from `p` than a squared distance `limit`, the nearer child of each
+    /// node first. `visit` gets the items, as a range of [`Bvh::order`], and the limit, and returns the new limit.
     #[inline]
     pub fn visit_nearest(&self, p: &Point, mut limit: f64, mut visit: impl FnMut(Range<usize>, f64) -> f64) {
         let mut stack = [(0u32, 0.0f64); STACK];

@@ -1,8 +1,9 @@
 //! The closest point of a triangle.
 //!
 //! Ericson, *Real-Time Collision Detection*, 2005, section 5.1.5, decides between face, edges and corners by products
-//! of dot products, which lose a needle's height squared. Here the sides of the edges are tested by cross products,
-//! which lose it once; then only edges that the point is beyond can hold the closest point.
+//! of dot products, whose relative errors grow with the inverse square of a needle's height. Here cross products tell
+//! on which side of each edge the point lies; their errors grow with the inverse of the height. Then only edges that
+//! the point is beyond can hold the closest point.
 
 use crate::{Point, Vector};
 
@@ -28,8 +29,8 @@ pub struct TrianglePoint {
     pub offset: Vector,
 }
 
-/// Height over longest side below which a triangle is taken for its three sides: by then its plane is known no better
-/// than the sides tell, both to 1e-8 of their length.
+/// Ratio of height to longest side `l` below which only the three sides of a triangle are used: its inside is within
+/// `1e-8 l` of them, and rounding leaves its plane no better known than that.
 const THIN: f64 = 1e-8;
 
 /// The point of the triangle closest to `p`. Triangles without area are taken as segments or points.

@@ -1,4 +1,4 @@
-//! The distance field of a solid, and points that lie outside of it.
+//! The distance field of a solid, and points that lie outside it.
 
 use super::{QueryError, SurfaceQuery};
 use crate::Point;
@@ -16,11 +16,11 @@ pub fn distance_field(surface: &SurfaceMesh, points: &[Point]) -> Result<Vec<f64
     Ok(query.signed_distances(points).into_iter().map(|d| -d).collect())
 }
 
-/// Distance from the solid, over its diagonal, from which on a point counts as outside: rounding puts points of the
-/// boundary closer.
+/// Distance from the solid, as a fraction of its diagonal, beyond which a point counts as outside: rounding moves
+/// points of the boundary by less.
 const MARGIN: f64 = 1e-6;
 
-/// How many points with finite coordinates lie outside of a solid.
+/// How many points with finite coordinates lie outside a solid, by more than a millionth of its diagonal.
 ///
 /// # Errors
 ///
@@ -29,7 +29,7 @@ pub fn count_outside(surface: &SurfaceMesh, points: &[Point]) -> Result<usize, Q
     let query = SurfaceQuery::new(surface)?;
     let is_finite = |p: &Point| p.iter().all(|c| c.is_finite());
     let finite: Vec<Point> = points.iter().copied().filter(is_finite).collect();
-    // Distances take several times longer than the test for inside, and few points need one.
+    // Distances take several times longer than inside tests, and few points need one.
     let not_inside = finite.iter().zip(query.contains_all(&finite));
     let not_inside: Vec<Point> = not_inside.filter(|(_, inside)| !inside).map(|(p, _)| *p).collect();
     let margin = MARGIN * surface.diagonal();

@@ -97,7 +97,7 @@ pub fn flipped_tets(domain: &TetMesh, images: &[Point]) -> Option<FlipCounts> {
     Some(counts.reduce(FlipCounts::default, FlipCounts::plus))
 }
 
-/// Scales `size` to between ½ and 2 without rounding, where products of three coordinates neither overflow nor vanish.
+/// A power of two that scales `size` to about one, where products of three coordinates neither overflow nor vanish.
 fn power_of_two_near_inverse(size: f64) -> f64 {
     let exponent = (size.to_bits() >> 52) as i32 - 1023;
     2f64.powi((-exponent).clamp(-1022, 1022))
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn tetrahedra_against_the_most_are_those_that_a_mirror_leaves() {
+    fn tetrahedra_are_counted_against_the_majority_even_where_a_map_mirrors_it() {
         let found = FlipCounts {
             negative: 7,
             degenerate: 1,

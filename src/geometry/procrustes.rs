@@ -31,7 +31,7 @@ impl Similarity {
         Point::from(self.apply_vector(&p.coords) + self.translation)
     }
 
-    /// Image of a displacement. Normals turn by the rotation alone, reflection or not.
+    /// Image of a displacement. Normals transform by `rotation` alone, also where that is a reflection.
     pub fn apply_vector(&self, v: &Vector) -> Vector {
         self.scale * (self.rotation * v)
     }
@@ -70,8 +70,8 @@ pub struct SphereRotation {
 /// The rotation `R` with the least `Σ w |R a − b|²` over unit vectors `a` of `from` and `b` of `to`. With fewer than
 /// two independent vectors many fit equally well, and one of them is returned.
 ///
-/// `None` unless there are as many of each, at least one, and all are finite with weights that are not negative and
-/// have a sum.
+/// `None` unless there are as many of each, at least one, all finite, and the weights are not negative and have a
+/// positive finite sum.
 pub fn sphere_rotation(from: &[Vector], to: &[Vector], weights: &[f64]) -> Option<SphereRotation> {
     if from.len() != to.len() || from.len() != weights.len() {
         return None;
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_set_of_directions_is_turned_back_and_a_reflected_one_is_known() {
+    fn a_rotation_of_directions_is_recovered_and_a_reflection_detected() {
         let from = vectors(7);
         let turn = Rotation3::new(Vector::new(2.0, -1.0, 0.4)).into_inner();
         let to: Vec<Vector> = from.iter().map(|v| turn * v).collect();
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_fits_nothing_nor_what_is_not_finite() {
+    fn sets_that_are_empty_unequal_or_not_finite_have_no_rotation() {
         assert!(sphere_rotation(&[], &[], &[]).is_none());
         assert!(sphere_rotation(&vectors(2), &vectors(3), &[1.0; 2]).is_none());
         assert!(sphere_rotation(&[Vector::repeat(f64::NAN)], &vectors(1), &[1.0]).is_none());

@@ -77,7 +77,7 @@ struct Pseudonormals {
 /// Below this cosine between pseudonormal and direction the winding number decides: far above rounding, and rarely met.
 const DECISIVE: f64 = 0.02;
 
-/// Points of a batch that one task takes in turn, each starting from the closest triangle of the one before.
+/// Points of a batch that one task takes in turn, the search for each starting where that for the one before ended.
 const RUN: usize = 512;
 
 impl SurfaceQuery {
@@ -129,13 +129,13 @@ impl SurfaceQuery {
     /// Distance to the surface: negative inside, positive outside. Within rounding of the surface it may have either
     /// sign; NaN when the point has a NaN coordinate.
     pub fn signed_distance(&self, p: &Point) -> f64 {
-        self.sign(p, self.nearest(p, self.slot_of_first_triangle))
+        self.signed_distance_to(p, self.nearest(p, self.slot_of_first_triangle))
     }
 
     /// Whether the point is inside: whether the winding number exceeds one half.
     ///
-    /// Away from the surface this is several times faster than [`Self::signed_distance`]. Both agree on the surface of
-    /// a solid; where parts overlap, or the surface has holes, this is the one to trust.
+    /// Away from the surface this is several times faster than [`Self::signed_distance`]. The two agree where the
+    /// surface bounds a solid; where parts overlap, or the surface has holes, this is the one to trust.
     pub fn contains(&self, p: &Point) -> bool {
         self.bounds().contains(p) && self.winding_number(p) > 0.5
     }
@@ -155,11 +155,11 @@ impl SurfaceQuery {
     /// number.
     pub fn are_outside(&self, balls: &[(Point, f64)]) -> Vec<bool> {
         let centres: Vec<Point> = balls.iter().map(|ball| ball.0).collect();
-        self.each(&centres, RecentBalls::default, |i, known| {
+        self.each(&centres, RecentBalls::default, |i, recent| {
             let (centre, radius) = balls[i];
             centre.coords.iter().all(|x| x.is_finite())
                 && self.is_free(&centre, radius)
-                && known.is_outside(&centre, radius, || !self.contains(&centre))
+                && recent.is_outside(&centre, radius, || !self.contains(&centre))
         })
     }
 
@@ -170,7 +170,7 @@ impl SurfaceQuery {
 
     /// [`Self::signed_distance`] of each point, in parallel.
     pub fn signed_distances(&self, points: &[Point]) -> Vec<f64> {
-        self.each_nearest(points, |p, slot| self.sign(p, slot))
+        self.each_nearest(points, |p, slot| self.signed_distance_to(p, slot))
     }
 
     /// [`Self::contains`] of each point, in parallel.
@@ -198,9 +198,9 @@ impl SurfaceQuery {
     ) -> Vec<T> {
         let order = morton_order(points);
         let runs = order.par_chunks(RUN).flat_map_iter(|run| {
-            let mut known = begin();
+            let mut state = begin();
             let answer = &answer;
-            run.iter().map(move |&i| (i, answer(i as usize, &mut known)))
+            run.iter().map(move |&i| (i, answer(i as usize, &mut state)))
         });
         let mut answers: Vec<(u32, T)> = runs.collect();
         answers.par_sort_unstable_by_key(|&(i, _)| i);
@@ -267,7 +267,8 @@ impl SurfaceQuery {
         }
     }
 
-    fn sign(&self, p: &Point, slot: u32) -> f64 {
+    /// Distance to the surface, negative inside, given the slot of the closest triangle.
+    fn signed_distance_to(&self, p: &Point, slot: u32) -> f64 {
         let closest = closest_point_on_triangle(p, &self.corners[slot as usize]);
         let distance = closest.offset.norm();
         if distance == 0.0 || distance.is_nan() {
@@ -420,8 +421,8 @@ fn unit_normal([a, b, c]: &[Point; 3]) -> Vector {
     normal.normalize()
 }
 
-/// Slot of the triangle across each side, by slot; `None` when as many triangles do not run along each edge one way as
-/// the other.
+/// Slot of the triangle across each side, by slot; `None` unless as many triangles run along each edge one way as the
+/// other.
 fn triangles_across(topology: &Topology, slot_of: &[u32], of_face: &[Vector]) -> Option<Vec<[u32; 3]>> {
     let mut across = vec![[NONE; 3]; of_face.len()];
     for edge in 0..topology.edges().len() {
@@ -440,7 +441,7 @@ fn triangles_across(topology: &Topology, slot_of: &[u32], of_face: &[Vector]) ->
     Some(across)
 }
 
-/// Sums of the normals around each vertex, weighted by angle; zero where one of the triangles is thin.
+/// Sums of the normals around each vertex, weighted by angle; zero where a side at the vertex has none `across`.
 fn vertex_normals(mesh: &SurfaceMesh, slot_of: &[u32], of_face: &[Vector], across: &[[u32; 3]]) -> Vec<Vector> {
     let mut normals = vec![Vector::zeros(); mesh.vertices().len()];
     let mut uncertain = vec![false; mesh.vertices().len()];

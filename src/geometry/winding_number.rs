@@ -23,15 +23,15 @@ pub fn solid_angle(p: &Point, corners: &[Point; 3]) -> f64 {
     2.0 * volume.atan2(denominator)
 }
 
-/// Winding number of the surface about `p`: 1 inside of a closed outward-oriented surface and 0 outside, summed over
-/// overlapping parts, and in between where the surface has holes. The sum over all triangles; see
-/// [`super::SurfaceQuery::winding_number`] for the fast one.
+/// Winding number of the surface about `p`: 1 inside a closed outward-oriented surface and 0 outside, summed over
+/// overlapping parts, and in between where the surface has holes. Sums over all triangles;
+/// [`super::SurfaceQuery::winding_number`] is the fast one.
 pub fn winding_number(mesh: &SurfaceMesh, p: &Point) -> f64 {
     let angles = (0..mesh.triangles().len()).map(|t| solid_angle(p, &mesh.corners(t)));
     angles.sum::<f64>() / (4.0 * PI)
 }
 
-/// What the parts of a surface look like from afar, for each node of a tree.
+/// Multipole expansions of the parts of a surface, one for each node of a tree.
 #[derive(Debug, Clone)]
 pub(super) struct FarField {
     expansions: Vec<Expansion>,
@@ -211,7 +211,7 @@ mod tests {
                 assert!(error < 0.1, "{error} at {p}");
                 worst = worst.max(error);
             }
-            // It is an expansion at all.
+            // Otherwise no part was expanded.
             assert!(worst > 1e-6);
         }
     }

@@ -62,7 +62,7 @@ impl CellMesh {
     ///
     /// # Errors
     ///
-    /// As [`super::SurfaceMesh::new`]; [`MeshError::RegionCount`] when there is not a region for each cell.
+    /// As [`super::SurfaceMesh::new`]; [`MeshError::RegionCount`] unless there is one region per cell.
     pub fn new(nodes: Vec<Point>, cells: CellList, regions: Vec<i32>) -> Result<Self, MeshError> {
         match &cells {
             CellList::Tets(tets) => check_counts(nodes.len(), "tetrahedron", tets)?,

@@ -1,7 +1,7 @@
 //! Meshes as plain arrays: closed triangle surfaces and tetrahedral solids, and procedural examples of both.
 //!
-//! Imports nothing else of this crate. Vertex order is identity: no function here renumbers vertices unless it
-//! returns the renumbering.
+//! Imports nothing else of this crate. A vertex is identified by its index: no function here renumbers vertices unless
+//! it returns the renumbering.
 
 mod cell_mesh;
 mod kuhn;

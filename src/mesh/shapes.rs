@@ -21,8 +21,9 @@ pub fn sphere(radius: f64, levels: u32) -> SurfaceMesh {
     deformed(&mesh, |p| Point::from(p.coords.normalize() * radius))
 }
 
-/// A sphere of `radius` about the origin of almost any size: an icosahedron whose sides are cut into `frequency` parts,
-/// then projected. `10 · frequency² + 2` vertices, each triangle's neighbours next to it in the arrays.
+/// A sphere of `radius` about the origin with almost any number of vertices: an icosahedron whose sides are cut into
+/// `frequency` parts, then projected. `10 · frequency² + 2` vertices, each triangle's neighbours next to it in the
+/// arrays.
 pub fn geodesic_sphere(radius: f64, frequency: usize) -> SurfaceMesh {
     assert!(frequency > 0, "a geodesic sphere needs a frequency");
     let icosahedron = icosahedron();
@@ -79,9 +80,9 @@ pub fn geodesic_sphere(radius: f64, frequency: usize) -> SurfaceMesh {
     radially(built(vertices, triangles), |_| radius)
 }
 
-/// A solid for runs of any size: a ball of radius about 1 with bumps of several widths, from half of it down to a
-/// thirtieth, on [`geodesic_sphere`]. Star-shaped about the origin, so that [`projected_to_sphere`] maps its surface
-/// one to one. `10 · frequency² + 2` vertices.
+/// A test solid with almost any number of vertices: a ball of radius about 1 with bumps of several widths, from half of
+/// it down to a thirtieth, on [`geodesic_sphere`]. Star-shaped about the origin, so that [`projected_to_sphere`] maps its
+/// surface one to one. `10 · frequency² + 2` vertices.
 pub fn bumpy_sphere(frequency: usize) -> SurfaceMesh {
     radially(geodesic_sphere(1.0, frequency), |direction| {
         let waves = BUMPS.iter().enumerate().map(|(k, &[height, wave_number])| {

@@ -80,7 +80,8 @@ impl TetMesh {
     /// The triangles that belong to one tetrahedron only, oriented outward.
     ///
     /// Outward is decided for the mesh as a whole by the sign of its volume, so that a few inverted tetrahedra do not
-    /// punch holes; only where neighbours are oriented inconsistently each tetrahedron's own sign decides.
+    /// punch holes. Only in a mesh where neighbours are oriented inconsistently does each tetrahedron's own sign
+    /// decide.
     pub fn boundary(&self) -> BoundarySurface {
         let (faces, are_consistent) = self.boundary_faces(|_| false);
         let faces = if !are_consistent {
@@ -106,8 +107,8 @@ impl TetMesh {
         BoundarySurface { surface, vertex_ids }
     }
 
-    /// Faces of a single tetrahedron, in the order of these; and whether no two tetrahedra show the same face with the
-    /// same orientation.
+    /// Faces that belong to one tetrahedron only, in the order of the tetrahedra, and whether the two tetrahedra at
+    /// every other face orient it in opposite ways.
     fn boundary_faces(&self, reversed: impl Fn(usize) -> bool) -> (Vec<[u32; 3]>, bool) {
         let faces = || (0..self.tets.len()).flat_map(|t| self.faces(t, reversed(t)));
         let mut seen: HashMap<[u32; 3], (bool, u32)> = HashMap::with_capacity(2 * self.tets.len());

@@ -74,17 +74,18 @@ impl ComponentShape {
         self.vertices as i64 - self.edges as i64 + self.triangles as i64
     }
 
-    /// Number of handles, of a closed manifold; `None` of anything else, and of a closed surface of odd
-    /// characteristic, which is not orientable.
+    /// Number of handles of a closed orientable manifold; `None` when the surface is open or not manifold, or has a
+    /// characteristic that no orientable surface has. A closed surface that is not orientable but of even
+    /// characteristic (a Klein bottle) is not recognised: see [`Topology::orientation`].
     pub fn genus(&self) -> Option<u64> {
         let doubled = 2 - self.euler_characteristic();
-        let orientable = doubled >= 0 && doubled % 2 == 0;
-        (self.closed && self.manifold && orientable).then_some(doubled as u64 / 2)
+        let is_whole = doubled >= 0 && doubled % 2 == 0;
+        (self.closed && self.manifold && is_whole).then_some(doubled as u64 / 2)
     }
 }
 
 impl<'a> Topology<'a> {
-    /// The connectivity of `mesh`, which may have up to a thousand million triangles.
+    /// The connectivity of `mesh`, which may have up to 10⁹ triangles.
     pub fn new(mesh: &'a SurfaceMesh) -> Self {
         let (edges, first_side, sides) = gather_edges(mesh);
         let mut edge_of_side = vec![[NONE; 3]; mesh.triangles().len()];
@@ -301,6 +302,7 @@ impl<'a> Topology<'a> {
         shapes
     }
 
+    /// Counts the vertices of each component; one with several fans of the same component makes it non-manifold.
     fn count_vertices(&self, of_triangle: &[u32], shapes: &mut [ComponentShape]) {
         let mut fans = self.fans();
         let mut first_fan = vec![NONE; self.mesh.vertices().len()];
@@ -435,8 +437,8 @@ struct OpenEdgeGraph {
     /// `(fan, edge)`, sorted.
     incidences: Vec<(u32, u32)>,
     walked: Vec<bool>,
-    /// Where the edges that may not be walked yet begin, of the fan that begins at this place of `incidences`: without
-    /// it a fan of many open edges (the pages of a book) would be looked through once for each.
+    /// At the index in `incidences` where a fan begins, the index of the first of its edges that may still be unwalked:
+    /// without it, the many open edges of a fan (the pages of a book) would be searched from the first on for each.
     next: Vec<u32>,
 }
 

@@ -22,8 +22,8 @@ pub fn lowest_coincident_vertices(vertices: &[Point]) -> Vec<u32> {
     lowest
 }
 
-/// The same surface with each triangle naming the lowest vertex at each of its corners' places. The others stay,
-/// unused.
+/// The same surface with coincident vertices joined: triangles refer to the lowest vertex at each place. The other
+/// vertices stay in the array, unused.
 pub fn welded(mesh: &SurfaceMesh) -> SurfaceMesh {
     let lowest = lowest_coincident_vertices(mesh.vertices());
     let triangles = mesh.triangles().iter().map(|t| t.map(|v| lowest[v as usize]));

@@ -156,7 +156,7 @@ fn batches_give_what_single_queries_give() {
 }
 
 #[test]
-fn an_open_surface_still_tells_inside_by_how_much_it_winds() {
+fn inside_of_an_open_surface_is_told_by_its_winding_number() {
     let whole = shapes::sphere(1.0, 3);
     let most = whole.triangles()[10..].to_vec();
     let open = SurfaceMesh::new(whole.vertices().to_vec(), most).unwrap();
@@ -190,7 +190,7 @@ fn points_that_are_not_finite_and_huge_surfaces_do_no_harm() {
 
 /// Two balls that overlap, apart from a third, and a shell: what the union of the balls and the cavity say.
 #[test]
-fn balls_are_outside_when_clear_of_the_surface_and_not_wound_about() {
+fn balls_are_outside_when_clear_of_the_surface_and_of_winding_number_zero() {
     let moved = |x: f64| shapes::deformed(&shapes::sphere(1.0, 4), |p| p + Vector::x() * x);
     let mesh = shapes::joined(&shapes::joined(&moved(0.0), &moved(1.2)), &moved(4.0));
     let shell = shapes::deformed(&shapes::spherical_shell(1.0, 0.5, 4), |p| p - Vector::x() * 4.0);
@@ -228,7 +228,7 @@ fn balls_are_outside_when_clear_of_the_surface_and_not_wound_about() {
 }
 
 #[test]
-fn refuses_surfaces_without_triangles_or_with_corners_nowhere() {
+fn refuses_surfaces_without_triangles_or_with_non_finite_corners() {
     assert_eq!(
         SurfaceQuery::new(&SurfaceMesh::default()).unwrap_err(),
         QueryError::Empty
@@ -280,7 +280,7 @@ fn assert_signs_agree(mesh: &SurfaceMesh, count: usize) {
     }
 }
 
-/// In a box this much larger on each side, by the size of the smaller one.
+/// Random points in a box larger than `bounds` on each side by the fraction `beyond` of its extent.
 fn points_about(bounds: &Aabb, beyond: f64, count: usize) -> Vec<Point> {
     let mut random = StdRng::seed_from_u64(SEED);
     let mut coordinate = |e: f64| e * random.random_range(-beyond..1.0 + beyond);
@@ -305,7 +305,7 @@ fn random_soup(seed: u64, triangles: u32) -> SurfaceMesh {
     .unwrap()
 }
 
-/// A wedge with an edge as sharp as `thickness`, next to it all normals are almost opposite.
+/// A wedge whose edge has a thickness of this order: the normals on its two sides are almost opposite.
 fn knife(thickness: f64) -> SurfaceMesh {
     shapes::deformed(&shapes::cube(2.0, 1), |p| {
         Point::new(p.x, p.y, p.z * if p.x > 0.0 { thickness / 9.0 } else { thickness })

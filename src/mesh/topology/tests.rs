@@ -53,7 +53,7 @@ fn components_are_numbered_by_their_lowest_triangle() {
 }
 
 #[test]
-fn a_removed_vertex_star_leaves_one_hole_with_its_link_as_rim() {
+fn removing_the_star_of_a_vertex_leaves_one_hole_bounded_by_its_link() {
     let whole = shapes::sphere(1.0, 1);
     let gone = 17;
     let mesh = without_triangles(&whole, |t| t.contains(&gone));
