@@ -15,8 +15,8 @@ use crate::kernel::direct::{self, BlockValues, Instructions, LANES, PackedSource
 pub(super) struct TargetSums {
     pub(super) potentials: Vec<f64>,
     pub(super) gradients: Vec<f64>,
-    /// Indices, in the caller's order, of targets that coincide with no source and whose sums are not finite all the
-    /// same: they left the range of the inner loops.
+    /// Indices, in the caller's order, of targets that coincide with no source, but whose sums are not finite: they
+    /// left the range of the inner loops.
     pub(super) failed: Vec<u32>,
 }
 

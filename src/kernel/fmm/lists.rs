@@ -13,7 +13,7 @@ use super::tree::{NONE, Tree};
 /// A translation from the multipole expansion of one cell to the local expansion of another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Translation {
-    /// Group of target slots. Translations are applied in the order of their fields.
+    /// Group of target slots. Translations are sorted by their fields in this order, and applied so.
     pub(super) group: u32,
     pub(super) operator: u8,
     /// Axes to reflect, one bit each.
@@ -59,7 +59,7 @@ pub(super) struct Lists {
     /// Cells by slot.
     pub(super) source_cells: Vec<u32>,
     pub(super) target_cells: Vec<u32>,
-    /// V lists, in the order of their fields.
+    /// V lists, sorted.
     pub(super) translations: Vec<Translation>,
     /// Where each group of target slots begins in `translations`.
     pub(super) groups: Vec<u32>,

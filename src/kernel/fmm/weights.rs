@@ -17,7 +17,8 @@ pub(super) struct PassWeights {
     pub(super) triples: Vec<Vec<PackedSource>>,
     /// Weights, `sources × columns`, row-major; empty with `triples`.
     pub(super) rows: Vec<f64>,
-    /// Powers of two by which the sums of each column have to be multiplied: single precision has a short range.
+    /// Power of two by which the sums of each column have to be multiplied: weights are scaled to about one, as single
+    /// precision has a short range.
     pub(super) scale: Vec<f64>,
     /// Whether all weights are finite.
     pub(super) are_finite: bool,
