@@ -35,11 +35,11 @@ pub(super) struct Shell {
     pub inside: Option<usize>,
 }
 
-/// Vertices of a shell at most that are tested for being inside other shells.
-const WITNESSES: usize = 32;
+/// At most this many vertices of a shell are tested for being inside other shells.
+const MAX_WITNESSES: usize = 32;
 
-/// Winding numbers of small shells at most that are calculated in all: about a second.
-const MOST_WORK: usize = 4_000_000;
+/// Limit on the cost of the nesting, in winding numbers of small shells: about a second.
+const MAX_WORK: usize = 4_000_000;
 
 /// Volume below this fraction of `area^(3/2)` is rounding.
 const NO_VOLUME: f64 = 1e-12;
@@ -85,7 +85,7 @@ impl<'a> Anatomy<'a> {
         }
     }
 
-    /// Triangles of a component, for which `wanted` holds.
+    /// The triangles that belong to a component and for which `wanted` holds.
     pub fn triangles_where(&self, wanted: impl Fn(usize, &Shell) -> bool) -> impl Iterator<Item = u32> {
         let of_triangle = self.components.of_triangle.iter().enumerate();
         of_triangle
@@ -129,7 +129,7 @@ fn measured_shells(
         }
         let shell = &mut shells[component as usize];
         shell.area += mesh.area_vector(triangle).norm();
-        // About the component's own centre: far from the origin the volume would drown in rounding.
+        // About the component's own centre: far from the origin the volume would be lost to rounding.
         let bounds = &boxes[component as usize];
         let [a, b, c] = corners.map(|p| p - nalgebra::center(&bounds.low, &bounds.high));
         let sign = if orientation.flip[triangle] { -1.0 } else { 1.0 };
@@ -149,7 +149,7 @@ fn boxes(mesh: &SurfaceMesh, components: &Components) -> Vec<Aabb> {
     boxes
 }
 
-/// Finds which sound shells enclose which, and returns those that do so in part; `None` when too many are within each
+/// Finds which sound shells enclose which, and returns the pairs that overlap; `None` when too many are within each
 /// other's boxes.
 fn nest(
     mesh: &SurfaceMesh,
@@ -170,18 +170,18 @@ fn nest(
         others.retain(|&other| other != own);
         others
     };
-    // Each shell has one witness at least.
+    // The least possible cost: with one witness per shell.
     let mut work = 0;
     for (own, &shell) in sound.iter().enumerate() {
         let first = witnesses(mesh, &triangles[shell], 1);
         for other in first.iter().flat_map(|p| others_around(own, p)) {
             work += work_of(triangles[sound[other]].len());
         }
-        if work > MOST_WORK {
+        if work > MAX_WORK {
             return None;
         }
     }
-    let most = (MOST_WORK / work.max(1)).clamp(1, WITNESSES);
+    let most = (MAX_WORK / work.max(1)).clamp(1, MAX_WITNESSES);
     let witnesses: Vec<Vec<Point>> = sound.iter().map(|&s| witnesses(mesh, &triangles[s], most)).collect();
     let around_each = |(own, witnesses): (usize, &Vec<Point>)| -> Vec<Vec<usize>> {
         witnesses.iter().map(|p| others_around(own, p)).collect()
@@ -234,8 +234,8 @@ struct Enclosure {
 }
 
 impl Enclosure {
-    /// From the winding numbers of other shells at the witnesses, sorted by shell; none for witnesses outside of its
-    /// box.
+    /// From the winding numbers of other shells at the witnesses, sorted by shell; witnesses outside of a shell's box
+    /// have no entry for it.
     fn of(votes: &[(usize, f64)], witnesses: usize) -> Self {
         let mut found = Self::default();
         for votes in votes.chunk_by(|a, b| a.0 == b.0) {
@@ -253,7 +253,7 @@ impl Enclosure {
     }
 }
 
-/// Cost of a winding number of so many triangles, in units of that of a few.
+/// Cost of a winding number of this many triangles, in units of that of a few triangles.
 fn work_of(triangles: usize) -> usize {
     1 + (triangles / 32).min(64)
 }
@@ -268,7 +268,7 @@ fn triangles_by_component(components: &Components) -> Vec<Vec<u32>> {
     triangles
 }
 
-/// At most so many vertices of these triangles, evenly through the list.
+/// Up to `most` vertices of these triangles, evenly spaced in the list.
 fn witnesses(mesh: &SurfaceMesh, triangles: &[u32], most: usize) -> Vec<Point> {
     let step = triangles.len().div_ceil(most).max(1);
     let corner = |&t: &u32| mesh.corners(t as usize)[0];

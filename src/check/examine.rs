@@ -11,7 +11,7 @@ use crate::mesh::{SurfaceMesh, lowest_coincident_vertices, welded};
 /// How many ids a finding lists.
 const LISTED: usize = 20;
 
-/// A triangle whose height is below this fraction of its longest side has no area but for rounding.
+/// A triangle whose height is below this fraction of its longest side counts as having no area.
 const NO_HEIGHT: f64 = 1e-12;
 
 /// Examines a surface: what it is, what is wrong with it, where, and what to do about it.
@@ -229,11 +229,11 @@ fn non_orientable(anatomy: &Anatomy) -> Option<Finding> {
 fn crowded_components(anatomy: &Anatomy) -> Option<Finding> {
     let count = anatomy.crowd?;
     let message = format!(
-        "{count} closed components lie so much within each other's boxes that it was not found out which of them \
-         enclose which"
+        "the bounding boxes of {count} closed components overlap so much that it was not determined which component \
+         encloses which"
     );
-    let advice = "delete components that are there several times over, unite those that overlap (Blender: Boolean > \
-                  Union; MeshLab: Mesh Boolean), or solve on a part of them";
+    let advice = "delete duplicate components, unite those that overlap (Blender: Boolean > Union; MeshLab: Mesh \
+                  Boolean), or solve on a part of them";
     Some(error(FindingKind::CrowdedComponents, count, message, advice))
 }
 
@@ -259,14 +259,14 @@ fn inconsistent_orientation(anatomy: &Anatomy) -> Option<Finding> {
     }
     let faces = indices(orientation.flip.iter().copied());
     let remedy = match faces.len() {
-        0 => "no turning of triangles would make them agree".to_string(),
+        0 => "no reversal of triangles would make them agree".to_string(),
         count => format!(
-            "turning {} over would make them agree",
+            "reversing {} would make them agree",
             counted(count, "triangle", "triangles")
         ),
     };
     let message = format!(
-        "{} two triangles that disagree which side is out; {remedy}",
+        "{} two triangles that disagree about which side is out; {remedy}",
         counted(edges.len(), "edge lies between", "edges lie between"),
     );
     let advice = "closed orientable parts are repaired before the solve; others: Blender, Recalculate Outside";
@@ -280,7 +280,7 @@ fn inward(anatomy: &Anatomy) -> Option<Finding> {
         "{} inward: the volume is negative",
         counted(count, "solid component faces", "solid components face")
     );
-    let advice = "nothing to do: the triangles are turned over before the solve";
+    let advice = "nothing to do: the triangles are reversed before the solve";
     Some(warning(FindingKind::Inward, count, message, advice).at_faces(&faces))
 }
 
@@ -290,7 +290,7 @@ fn cavity_orientation(anatomy: &Anatomy) -> Option<Finding> {
         "{} like a solid: a component inside another is the boundary of a cavity and should face into it",
         counted(count, "cavity is oriented", "cavities are oriented")
     );
-    let advice = "nothing to do if a cavity is meant: the triangles are turned over before the solve; if a solid \
+    let advice = "nothing to do if a cavity is meant: the triangles are reversed before the solve; if a solid \
                   inside the solid is meant, delete the component or solve on it alone";
     Some(warning(FindingKind::CavityOrientation, count, message, advice).at_faces(&faces))
 }
@@ -314,8 +314,8 @@ fn overlapping_shells(anatomy: &Anatomy) -> Option<Finding> {
             "pairs of components are partly"
         ),
     );
-    let advice = "unite the parts (Blender: Boolean > Union; MeshLab: Mesh Boolean); the overlap belongs to both of \
-                  them as it is";
+    let advice = "unite the parts (Blender: Boolean > Union; MeshLab: Mesh Boolean); as it is, the overlap belongs to \
+                  both of them";
     Some(warning(FindingKind::OverlappingShells, overlaps.len(), message, advice))
 }
 
@@ -341,7 +341,7 @@ fn non_manifold_vertices(anatomy: &Anatomy) -> Option<Finding> {
         counted(vertices.len(), "vertex", "vertices"),
         vertices.first()?
     );
-    let advice = "a map can be fitted; the parts that touch share one image there. To part them, give each its own \
+    let advice = "a map can be fitted; the parts that touch share one image there. To separate them, give each its own \
                   vertex (MeshLab: Repair Non Manifold Vertices by Splitting)";
     Some(warning(FindingKind::NonManifoldVertices, vertices.len(), message, advice).at_vertices(&vertices))
 }
@@ -362,7 +362,7 @@ fn duplicate_faces(mesh: &SurfaceMesh) -> Option<Finding> {
         counted(faces.len(), "triangle has", "triangles have"),
         faces.first()?
     );
-    let advice = "delete them (MeshLab: Remove Duplicate Faces); where each face is there both ways round, delete both";
+    let advice = "delete them (MeshLab: Remove Duplicate Faces); where a face occurs in both orientations, delete both";
     Some(warning(FindingKind::DuplicateFaces, faces.len(), message, advice).at_faces(&faces))
 }
 
@@ -373,7 +373,7 @@ fn repeated_corner_faces(mesh: &SurfaceMesh) -> Option<Finding> {
         counted(faces.len(), "triangle names", "triangles name"),
         faces.first()?
     );
-    let advice = "nothing to do: they have no area and are passed over";
+    let advice = "nothing to do: they have no area and are ignored";
     Some(warning(FindingKind::RepeatedCornerFaces, faces.len(), message, advice).at_faces(&faces))
 }
 
@@ -418,7 +418,7 @@ fn unreferenced_vertices(anatomy: &Anatomy) -> Option<Finding> {
         ),
         vertices.first()?
     );
-    let advice = "nothing to do: they are passed over. MeshLab (Remove Unreferenced Vertices) removes them, which \
+    let advice = "nothing to do: they are ignored. MeshLab (Remove Unreferenced Vertices) removes them, which \
                   renumbers the others";
     Some(warning(FindingKind::UnreferencedVertices, vertices.len(), message, advice).at_vertices(&vertices))
 }

@@ -11,13 +11,14 @@ use serde::Serialize;
 use crate::mesh::topology::Topology;
 use crate::mesh::{SurfaceMesh, triangle_area};
 
-/// Part of the surface's area that the triangles over all holes may have: larger holes are parts that are missing.
-const MOST_AREA: f64 = 0.01;
+/// Fraction of the surface's area that the triangles over all holes may have: larger holes are missing parts of the
+/// model.
+const MAX_AREA: f64 = 0.01;
 /// Weight of the square of a triangle's longest side against its area: enough to choose well-shaped triangles in a
 /// plane.
 const LONG: f64 = 0.01;
 
-/// The most edges that a rim may have: its triangulation takes 16 bytes times their square and time with their cube.
+/// The most edges that a rim may have: with `n` edges its triangulation takes `16 n²` bytes and time of order `n³`.
 pub const MOST_RIM_EDGES: usize = 1000;
 
 /// A hole that has been closed.
@@ -36,7 +37,7 @@ pub struct ClosedHole {
 #[non_exhaustive]
 pub enum HoleError {
     /// More edges are allowed than can be triangulated.
-    #[error("holes of up to {asked} edges are to be closed, and {MOST_RIM_EDGES} is the most")]
+    #[error("cannot close holes of up to {asked} edges; allow at most {MOST_RIM_EDGES}")]
     LimitTooHigh {
         /// Edges that are allowed.
         asked: usize,
@@ -54,17 +55,17 @@ pub enum HoleError {
         /// A vertex of the rim.
         vertex: u32,
     },
-    /// The triangles would be a good part of the surface.
+    /// The closing triangles would be too large a part of the surface.
     #[error(
-        "triangles over the holes would have {:.1} % of the surface's area, and 1 % is the most that is made up; \
-         repair the surface in a mesh editor",
+        "closing the holes would add {:.1} % to the surface's area, and at most 1 % is added; repair the surface in a \
+         mesh editor",
         100.0 * .share
     )]
     TooLarge {
         /// Their part of the area.
         share: f64,
     },
-    /// A rim that is no loop, or cannot be triangulated without a second triangle on both sides of some edge.
+    /// A rim that is not a loop, or cannot be triangulated without using an edge of other triangles again.
     #[error(
         "the open edges at vertex {vertex} do not go around a hole that triangles could close; repair it in a mesh \
          editor"
@@ -75,11 +76,12 @@ pub enum HoleError {
     },
 }
 
-/// The surface with all its holes closed by triangles over the vertices of their rims, appended in the orientation of
-/// what is around; and the holes, if there were any.
+/// The surface with all its holes closed by triangles over the vertices of their rims, appended and oriented like the
+/// triangles around them; and the holes, if there were any.
 ///
-/// Holes of up to `most_edges` edges ([`MOST_RIM_EDGES`] at most) and a hundredth of the area in all are closed; the
-/// cost grows with the cube of the edges. Vertices stay as they are, also those that are not finite.
+/// Closes holes of up to `most_edges` edges each ([`MOST_RIM_EDGES`] at most), with together up to a hundredth of the
+/// surface's area; the cost grows with the cube of the edges. Vertices stay as they are, also those that are not
+/// finite.
 ///
 /// # Errors
 ///
@@ -116,14 +118,14 @@ pub fn close_holes(mesh: &SurfaceMesh, most_edges: usize) -> Result<(SurfaceMesh
         triangles.extend(patch);
     }
     let share = holes.iter().map(|hole| hole.area).sum::<f64>() / mesh.area();
-    if share > MOST_AREA {
+    if share > MAX_AREA {
         return Err(HoleError::TooLarge { share });
     }
     let closed = SurfaceMesh::new(mesh.vertices().to_vec(), triangles).expect("the rims are of the mesh's vertices");
     Ok((closed, holes))
 }
 
-/// A rim as loops that meet no vertex twice: holes that touch in a vertex are walked as one.
+/// Splits a rim into loops that visit no vertex twice: holes that touch in a vertex have one boundary loop.
 fn simple(rim: Vec<u32>) -> Vec<Vec<u32>> {
     let mut loops = Vec::new();
     let mut walked: Vec<u32> = Vec::new();
@@ -231,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_small_hole_is_refused() {
+    fn holes_that_are_not_small_are_refused() {
         let sphere = shapes::sphere(1.0, 3);
         let cap: Vec<usize> = (0..sphere.triangles().len())
             .filter(|&t| sphere.corners(t)[0].z > 0.5)

@@ -42,7 +42,7 @@ pub struct CheckReport {
     pub consistently_oriented: bool,
     /// Solids face outward and cavities into the cavity.
     pub outward: bool,
-    /// Number of pairs of triangles that intersect.
+    /// Whether triangles intersect.
     pub self_intersections: SelfIntersections,
     /// Total area of the triangles with finite corners.
     pub area: f64,
@@ -71,8 +71,8 @@ pub struct ComponentReport {
     pub genus: Option<u64>,
     /// Area.
     pub area: f64,
-    /// Volume it encloses, positive when it faces outward, after making its orientation consistent by reversing the
-    /// fewer triangles. `None` when it encloses none.
+    /// Volume it encloses, positive when it faces outward, after making its orientation consistent by reversing as few
+    /// triangles as possible. `None` when it encloses none.
     pub volume: Option<f64>,
     /// What it bounds.
     pub kind: ComponentKind,

@@ -3,6 +3,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::anatomy::Anatomy;
+use super::text::counted;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::NONE;
 
@@ -31,13 +32,13 @@ pub enum RepairKind {
 
 impl fmt::Display for AppliedRepair {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Self { component, faces, .. } = self;
-        let turned = match self.kind {
-            RepairKind::MadeConsistent => format!("{faces} triangles that disagreed with their neighbours"),
-            RepairKind::TurnedOutward => format!("all {faces} triangles to face outward"),
-            RepairKind::TurnedIntoCavity => format!("all {faces} triangles to face into the cavity"),
+        let (component, triangles) = (self.component, counted(self.faces, "triangle"));
+        let reversed = match self.kind {
+            RepairKind::MadeConsistent => format!("{triangles} oriented unlike their neighbours"),
+            RepairKind::TurnedOutward => format!("all {triangles} to face outward"),
+            RepairKind::TurnedIntoCavity => format!("all {triangles} to face into the cavity"),
         };
-        write!(f, "component {component}: turned over {turned}")
+        write!(f, "component {component}: reversed {reversed}")
     }
 }
 
@@ -72,17 +73,17 @@ pub fn repair(mesh: &SurfaceMesh) -> (SurfaceMesh, Vec<AppliedRepair>) {
     if repairs.is_empty() {
         return (mesh.clone(), repairs);
     }
-    (turned(&anatomy), repairs)
+    (oriented(&anatomy), repairs)
 }
 
-fn turned(anatomy: &Anatomy) -> SurfaceMesh {
+fn oriented(anatomy: &Anatomy) -> SurfaceMesh {
     let mesh = anatomy.mesh;
-    let turn = |(t, &[a, b, c]): (usize, &[u32; 3])| {
+    let orient = |(t, &[a, b, c]): (usize, &[u32; 3])| {
         let component = anatomy.components.of_triangle[t];
         let shell = (component != NONE).then(|| &anatomy.shells[component as usize]);
-        let over = shell.is_some_and(|s| s.is_sound && anatomy.orientation.flip[t] != s.faces_wrong_way());
-        if over { [a, c, b] } else { [a, b, c] }
+        let reverse = shell.is_some_and(|s| s.is_sound && anatomy.orientation.flip[t] != s.faces_wrong_way());
+        if reverse { [a, c, b] } else { [a, b, c] }
     };
-    let triangles = mesh.triangles().iter().enumerate().map(turn).collect();
+    let triangles = mesh.triangles().iter().enumerate().map(orient).collect();
     SurfaceMesh::new(mesh.vertices().to_vec(), triangles).expect("the triangles name the vertices they named")
 }

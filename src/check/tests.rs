@@ -88,7 +88,7 @@ fn a_pinch_is_a_warning() {
 
 #[test]
 fn a_moebius_strip_and_a_klein_bottle_are_not_orientable() {
-    // A torus whose tube comes round mirrored: closed and manifold, and yet it bounds nothing.
+    // A torus whose tube is glued to itself mirrored: a Klein bottle, closed and manifold, but it bounds nothing.
     let (around, across) = (12, 8);
     let at = |i: u32, j: u32| {
         if i < around {
@@ -144,7 +144,7 @@ fn reversed_triangles_are_found_and_repaired() {
     assert_eq!(repairs, [expected]);
     assert_eq!(
         expected.to_string(),
-        "component 0: turned over 3 triangles that disagreed with their neighbours"
+        "component 0: reversed 3 triangles oriented unlike their neighbours"
     );
 }
 
@@ -168,8 +168,8 @@ fn an_inward_sphere_is_turned_outward() {
 }
 
 #[test]
-fn shells_within_shells_are_solids_and_cavities_by_turns() {
-    // Listed from within and without any order, all like solids, and one far off.
+fn nested_shells_alternate_between_solids_and_cavities() {
+    // In no particular order, all oriented like solids, and one apart from the others.
     let ball = |radius, x| shapes::deformed(&shapes::sphere(radius, 2), |p| p + Vector::new(x, 0.0, 0.0));
     let parts = [
         ball(0.5, 0.0),
@@ -227,7 +227,7 @@ fn overlapping_balls_are_told_apart_from_nested_ones() {
 }
 
 #[test]
-fn a_pillow_without_filling_has_no_volume() {
+fn a_doubled_triangle_has_no_volume() {
     let vertices = vec![Point::origin(), Point::new(1.0, 0.0, 0.0), Point::new(0.0, 1.0, 0.0)];
     let report = check(&mesh(vertices, vec![[0, 1, 2], [0, 2, 1]]), None);
     let found = finding(&report, FindingKind::ZeroVolume);
@@ -237,7 +237,7 @@ fn a_pillow_without_filling_has_no_volume() {
 }
 
 #[test]
-fn triangles_without_area_are_borne() {
+fn triangles_without_area_are_warnings() {
     let (mut vertices, mut triangles) = shapes::cube(1.0, 2).into_parts();
     let [a, b, c] = triangles[0];
     let middle = vertices.len() as u32;
@@ -254,7 +254,7 @@ fn triangles_without_area_are_borne() {
 }
 
 #[test]
-fn triangles_that_name_a_vertex_twice_are_borne() {
+fn triangles_that_name_a_vertex_twice_are_warnings() {
     let (vertices, mut triangles) = shapes::cube(1.0, 2).into_parts();
     triangles.insert(3, [4, 5, 4]);
     triangles.insert(6, [1, 1, 1]);
@@ -263,7 +263,7 @@ fn triangles_that_name_a_vertex_twice_are_borne() {
 }
 
 #[test]
-fn doubled_and_unused_vertices_are_borne() {
+fn doubled_and_unused_vertices_are_warnings() {
     let (mut vertices, triangles) = shapes::cube(1.0, 1).into_parts();
     let used = vertices.len() as u32;
     vertices.extend([Point::new(9.0, 9.0, 9.0), vertices[2]]);
@@ -277,7 +277,7 @@ fn doubled_and_unused_vertices_are_borne() {
 }
 
 #[test]
-fn a_soup_is_told_to_merge_its_vertices() {
+fn the_advice_for_a_triangle_soup_is_to_merge_vertices() {
     let cube = shapes::cube(1.0, 1);
     let vertices: Vec<Point> = (0..12).flat_map(|t| cube.corners(t)).collect();
     let report = check(
@@ -291,7 +291,7 @@ fn a_soup_is_told_to_merge_its_vertices() {
 }
 
 #[test]
-fn vertices_nowhere_are_errors() {
+fn vertices_that_are_not_finite_are_errors() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let (mut vertices, triangles) = shapes::sphere(1.0, 1).into_parts();
         vertices[11].y = bad;
@@ -313,7 +313,7 @@ fn no_triangles_are_an_error() {
 }
 
 #[test]
-fn the_finder_of_self_intersections_is_spared_bad_triangles() {
+fn the_finder_of_self_intersections_gets_no_bad_triangles() {
     let (mut vertices, mut triangles) = shapes::cube(1.0, 1).into_parts();
     vertices.insert(0, Point::new(f64::NAN, 0.0, 0.0));
     triangles.iter_mut().for_each(|t| *t = t.map(|v| v + 1));
@@ -338,7 +338,7 @@ fn the_finder_of_self_intersections_is_spared_bad_triangles() {
 }
 
 #[test]
-fn what_was_not_checked_is_said() {
+fn the_report_says_why_self_intersections_were_not_checked() {
     let sphere = shapes::sphere(1.0, 1);
     let reason = "CGAL ran out of memory";
     let report = check(&sphere, Some(&|_| Err(reason.to_string())));
@@ -384,7 +384,7 @@ fn the_report_reads_as_text_and_as_json() {
 
 /// Counts as in MODELS.md beside the models.
 #[test]
-fn bad_models_have_the_findings_known_of_them() {
+fn bad_models_have_their_known_findings() {
     use FindingKind::*;
     let known: [(&str, &[(FindingKind, usize)]); 13] = [
         (
@@ -463,7 +463,7 @@ fn good_models_are_healthy() {
 }
 
 #[test]
-fn any_turning_of_a_nested_solid_is_undone() {
+fn repair_undoes_any_reversal_of_triangles() {
     let solid = shapes::joined(&shapes::spherical_shell(1.0, 0.5, 2), &shapes::sphere(0.2, 1));
     let mut random = StdRng::seed_from_u64(SEED);
     for _ in 0..5 {
@@ -481,7 +481,7 @@ proptest! {
 
     /// Random triangles must not make it panic, and repairing changes the order of corners alone.
     #[test]
-    fn no_tangle_does_harm(
+    fn random_triangles_are_checked_and_repaired_without_a_panic(
         triangles in prop::collection::vec(prop::array::uniform3(0..9u32), 0..40),
         coordinates in prop::collection::vec(prop::sample::select(vec![0.0, 1.0, -1.0, 0.3, 1e-300, 1e300, f64::NAN, f64::INFINITY]), 27),
     ) {
