@@ -1,6 +1,6 @@
 //! Sparse Cholesky factorisations of matrices that share one pattern.
 //!
-//! faer's supernodal factorisation, in the order of approximate minimum degree (Amestoy, Davis & Duff, *Algorithm 837:
+//! faer's supernodal factorisation, in an approximate minimum degree ordering (Amestoy, Davis & Duff, *Algorithm 837:
 //! AMD*, ACM Trans. Math. Softw. 30, 2004).
 
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -14,7 +14,7 @@ use faer::{Conj, MatMut, Par, Side, Spec};
 /// Parts that dense blocks are divided into: fixed, so that results do not depend on the number of threads.
 const PARTS: usize = 4;
 
-/// A factorisation whose order and pattern are kept while the values change.
+/// A factorisation whose ordering and pattern are kept while the values change.
 pub(super) struct Cholesky {
     pattern: SymbolicSparseColMat<u32>,
     symbolic: SymbolicCholesky<u32>,
@@ -65,7 +65,7 @@ impl Cholesky {
 
     /// Factors the matrix with these entries in the order of the pattern. False when it is not positive definite.
     pub(super) fn factor(&mut self, values: &[f64]) -> bool {
-        // A NaN passes the test of the pivots.
+        // NaN would pass the check of the pivots.
         if values.iter().any(|value| !value.is_finite()) {
             return false;
         }

@@ -10,13 +10,13 @@ use crate::{Point, Vector};
 
 /// Time of one implicit step, for a surface of area 4π.
 const TIME_STEP: f64 = 0.1;
-const MOST_ITERATIONS: usize = 100;
+const MAX_ITERATIONS: usize = 100;
 /// Largest change of a vertex in one step, as a fraction of the radius, at which the flow has converged.
 const TOLERANCE: f64 = 1e-3;
 /// Largest cotangent weight: those of needles are unbounded.
-const MOST_WEIGHT: f64 = 1e4;
+const MAX_WEIGHT: f64 = 1e4;
 /// Smallest cotangent weight: negative ones, of obtuse angles, fold the result.
-const LEAST_WEIGHT: f64 = 1e-4;
+const MIN_WEIGHT: f64 = 1e-4;
 
 /// The directions that the vertices of a closed surface converge to, if these are an embedding (decided exactly).
 ///
@@ -31,7 +31,7 @@ pub(crate) fn flow(triangles: &[[u32; 3]], positions: &[Point]) -> Option<Vec<Ve
     normalise(triangles, &mut x)?;
     let stiffness = Stiffness::new(triangles, &x);
     let mut cholesky = Cholesky::new(stiffness.begin.clone(), stiffness.rows.clone()).ok()?;
-    for _ in 0..MOST_ITERATIONS {
+    for _ in 0..MAX_ITERATIONS {
         let masses = masses(triangles, &x);
         if !cholesky.factor(&stiffness.implicit(&masses)) {
             return None;
@@ -107,7 +107,7 @@ impl Stiffness {
                 let cotangent = 0.5 * u.dot(&v) / u.cross(&v).norm();
                 // NaN where corners coincide.
                 let cotangent = if cotangent.is_nan() { 0.0 } else { cotangent };
-                weights.push(([i.min(j), i.max(j)], cotangent.clamp(-MOST_WEIGHT, MOST_WEIGHT)));
+                weights.push(([i.min(j), i.max(j)], cotangent.clamp(-MAX_WEIGHT, MAX_WEIGHT)));
             }
         }
         weights.retain(|([i, j], _)| i != j);
@@ -121,7 +121,7 @@ impl Stiffness {
             values.push(0.0);
             while let Some(sides) = edges.next_if(|sides| sides[0].0[0] == column) {
                 let sum: f64 = sides.iter().map(|(_, weight)| weight).sum();
-                let (weight, row) = (sum.clamp(LEAST_WEIGHT, MOST_WEIGHT), sides[0].0[1]);
+                let (weight, row) = (sum.clamp(MIN_WEIGHT, MAX_WEIGHT), sides[0].0[1]);
                 diagonal[column as usize] += weight;
                 diagonal[row as usize] += weight;
                 rows.push(row);
@@ -155,8 +155,8 @@ mod tests {
         let sphere = shapes::sphere(3.0, 3);
         let directions = flow(sphere.triangles(), sphere.vertices()).unwrap();
         for (x, p) in directions.iter().zip(sphere.vertices()) {
-            // The icosahedron's vertices have one triangle fewer than others: flow equalises by the square of the
-            // spacing.
+            // Twelve vertices have five triangles, the others six: the flow evens this out, by moves of about the
+            // square of the spacing.
             assert!((x - p.coords / 3.0).norm() < 0.02);
         }
     }

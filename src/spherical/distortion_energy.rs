@@ -19,7 +19,7 @@ use super::rest_shape::{RestShape, RestShapes};
 use crate::geometry::orientation;
 use crate::{Point, Vector};
 
-/// How much the parts of the energy count. Each part is 1 per unit of area where it is least, of 4π in total.
+/// Weights of the two terms of the energy. The minimum of each term, without its weight, is 1 per unit of area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct EnergyWeights {
     /// Weight of `q / 2d`, which is least where angles are kept.
@@ -49,7 +49,7 @@ pub(crate) trait Objective: Sync {
     fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives>;
 }
 
-/// A second derivative by the two tangent coordinates of each corner.
+/// The second derivatives with respect to the two tangent coordinates of each corner.
 pub(crate) type ElementHessian = SMatrix<f64, 6, 6>;
 
 /// First and second derivatives of one triangle's energy, two tangent coordinates per corner.
@@ -94,7 +94,7 @@ impl Objective for DistortionEnergy<'_> {
     fn elements(&self, x: &[Vector], frames: &[[Vector; 2]]) -> Vec<ElementDerivatives> {
         let of_triangle = |(t, shape): (&[u32; 3], &RestShape)| {
             let (corners, frames) = (t.map(|v| x[v as usize]), t.map(|v| frames[v as usize]));
-            SphericalTriangle::new(shape, corners).map_or(ElementDerivatives::INFINITE, |triangle| {
+            SphericalTriangle::new(shape, corners).map_or(ElementDerivatives::NOT_FINITE, |triangle| {
                 triangle.element(self.weights, &frames)
             })
         };
@@ -195,7 +195,8 @@ impl<'a> SphericalTriangle<'a> {
         let by_d_twice = (by_z * q + weights.area / d) / (d * d);
         let share = self.shares();
         let [a, b, c] = self.corners;
-        // Half the gradient of q, and that of d up to its radial part: without the cancellation in b × c.
+        // Half the gradient of q, and the gradient of d: b × c and its cyclic permutations, by differences because the
+        // products of the corners nearly cancel.
         let dq: [Vector; 3] = std::array::from_fn(|k| self.z[0] * share[k][0] + self.z[1] * share[k][1]);
         let dd = [a.cross(&(c - b)), b.cross(&(a - c)), c.cross(&(b - a))];
         let dd = dd.map(|v| (v + self.normal) * determinant(self.shape));
@@ -237,7 +238,7 @@ fn determinant(shape: &RestShape) -> f64 {
 }
 
 impl ElementDerivatives {
-    const INFINITE: Self = Self {
+    const NOT_FINITE: Self = Self {
         gradient: [f64::NAN; 6],
         hessian: SMatrix::<f64, 6, 6>::from_array_storage(nalgebra::ArrayStorage([[f64::NAN; 6]; 6])),
     };

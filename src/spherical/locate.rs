@@ -16,9 +16,9 @@ use crate::{Point, Vector};
 
 /// Evaluates the inverse of a [`SphericalEmbedding`]. Construction takes some 200 bytes and 0.7 µs per triangle.
 ///
-/// Every direction has a point: where rounding leaves several triangles or none, it is in the one with the largest
-/// least barycentric coordinate, of equals in the first. The direction of a vertex, bit for bit, gives exactly that
-/// vertex.
+/// Every direction has a point: where rounding leaves several triangles or none, it is in the triangle where the
+/// smallest barycentric coordinate is largest, of equals in the first. The direction of a vertex, bit for bit, gives
+/// exactly that vertex.
 #[derive(Debug, Clone)]
 pub struct Locator {
     tree: Bvh,
@@ -40,19 +40,19 @@ struct Triangle {
 /// The determinants `m` of a direction and a triangle.
 struct EdgeDeterminants {
     m: [f64; 3],
-    /// Above the rounding errors of `m`.
+    /// A bound above the rounding errors of `m`.
     noise: f64,
     /// The corner that has the direction, bit for bit.
     corner: Option<usize>,
 }
 
-/// Rounding errors of a determinant `x · (p × q)`, as a part of the larger of `|p|²` and `|q|²`: about ten roundings,
-/// several times over.
+/// Rounding errors of a determinant `x · (p × q)`, as a fraction of the larger of `|p|²` and `|q|²`: several times
+/// those of its ten or so roundings.
 const NOISE: f64 = 64.0 * f64::EPSILON;
 /// Boxes are enlarged by this for rounding errors of directions.
 const MARGIN: f64 = 64.0 * f64::EPSILON;
 /// Triangles to walk through from a hint; a search from scratch is faster than a longer walk.
-const MOST_WALK: usize = 16;
+const MAX_WALK: usize = 16;
 
 impl Locator {
     /// The inverse of an embedding.
@@ -115,7 +115,7 @@ impl Locator {
     /// `None` when the walk is too long or the point is on an edge up to rounding.
     fn walk(&self, x: &Vector, hint: u32) -> Option<SurfacePoint> {
         let mut at = *self.leaf_of_triangle.get(hint as usize)?;
-        for _ in 0..MOST_WALK {
+        for _ in 0..MAX_WALK {
             let triangle = &self.triangles[at as usize];
             let weights = triangle.weights(x);
             if weights.are_inside() {
@@ -202,7 +202,7 @@ impl Triangle {
         let l = self.refined(weights, x);
         let least = (0..3).min_by(|&i, &j| l[i].total_cmp(&l[j])).unwrap_or(0);
         let barycentric = if !l.iter().all(|l| l.is_finite()) {
-            self.on_side(self.longest_side(), x)
+            self.on_side(self.corner_opposite_longest_side(), x)
         } else if l[least] < 0.0 {
             self.on_side(least, x)
         } else {
@@ -241,7 +241,7 @@ impl Triangle {
     }
 
     /// The corner opposite to the longest side.
-    fn longest_side(&self) -> usize {
+    fn corner_opposite_longest_side(&self) -> usize {
         let length = |k: usize| (self.corners[(k + 1) % 3] - self.corners[(k + 2) % 3]).norm_squared();
         (0..3).max_by(|&i, &j| length(i).total_cmp(&length(j))).unwrap_or(0)
     }
@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_of_vertices_are_exactly_there() {
+    fn directions_of_vertices_are_located_exactly() {
         for (name, map) in maps() {
             let locator = Locator::new(&map);
             for (v, x) in map.directions().iter().enumerate() {
@@ -449,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn turning_the_sphere_changes_nothing() {
+    fn rotating_the_sphere_changes_nothing() {
         let turn = Rotation3::from_euler_angles(0.3, -1.1, 2.0);
         for map in [octahedron(), radial_embedding(shapes::bumpy_sphere(10))] {
             let turned: Vec<Vector> = map.directions().iter().map(|x| turn * x).collect();
@@ -466,7 +466,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_do_not_count_and_what_is_no_direction_has_no_point() {
+    fn lengths_do_not_matter_and_invalid_directions_have_no_point() {
         let map = octahedron();
         let locator = Locator::new(&map);
         let x = Vector::new(0.3, 0.5, -0.2);

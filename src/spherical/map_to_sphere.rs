@@ -83,9 +83,9 @@ pub enum SpherePhase {
 pub struct SphereReport {
     /// What the map preserves.
     pub energy: SphereEnergy,
-    /// Where the optimisation started; not what was asked for if the flow failed.
+    /// Where the optimisation started: [`SphereStart::Progressive`] if the result of the flow could not be used.
     pub start: SphereStart,
-    /// Mean energy over the area before Newton's method. An isometry has 1 for angles plus the weight of areas.
+    /// Energy per unit area before Newton's method. An isometry has 1 (for angles) plus the weight of areas.
     pub energy_before: f64,
     /// The same after Newton's method.
     pub energy_after: f64,
@@ -99,7 +99,7 @@ pub struct SphereReport {
 const SWEEPS: usize = 5;
 /// The flow shrinks long limbs to tiny areas, from which Newton's method would need many iterations: its result is not
 /// used if its energy is above this many times that of the progressive embedding.
-const MOST_FLOW_ENERGY_RATIO: f64 = 1e3;
+const MAX_FLOW_ENERGY_RATIO: f64 = 1e3;
 /// Newton's method also runs on the levels with the number of vertices divided by these: it moves whole limbs, as
 /// relaxation of single vertices does not, at a fraction of the cost on the finest level.
 const COARSE_SHARES: [usize; 3] = [64, 16, 4];
@@ -122,8 +122,8 @@ const AREA_WEIGHT_OF_START: f64 = 0.01;
 /// # Errors
 ///
 /// As [`require_genus_0`], [`SphericalError::TooFine`] when rounding leaves no position for a vertex, and
-/// [`SphericalError::Cancelled`] when `progress` says so ([`ProgressResponse`]), which is heard between levels and
-/// iterations.
+/// [`SphericalError::Cancelled`] when `progress` asks to stop ([`ProgressResponse`]), which takes effect between levels
+/// and iterations.
 pub fn map_to_sphere<A: ProgressResponse>(
     surface: &SurfaceMesh,
     options: &SphereOptions,
@@ -143,7 +143,7 @@ pub fn map_to_sphere<A: ProgressResponse>(
         SphereStart::Flow => {
             monitor.report(SpherePhase::Flowing);
             let flowed = flow(surface.triangles(), surface.vertices());
-            let most = MOST_FLOW_ENERGY_RATIO * energy.value(&progressive);
+            let most = MAX_FLOW_ENERGY_RATIO * energy.value(&progressive);
             let flowed = flowed.filter(|x| energy.value(x) <= most);
             flowed.map_or((progressive, SphereStart::Progressive), |x| (x, SphereStart::Flow))
         }
@@ -174,7 +174,7 @@ pub fn map_to_sphere<A: ProgressResponse>(
         energy_before: descent.energy_before / (4.0 * std::f64::consts::PI),
         energy_after: descent.energy_after / (4.0 * std::f64::consts::PI),
         iterations: descent.iterations,
-        converged: descent.stop != NewtonStop::MostIterations,
+        converged: descent.stop != NewtonStop::MaxIterations,
     };
     Ok((SphericalEmbedding::new(surface, &directions)?, report))
 }

@@ -49,8 +49,8 @@ pub(crate) mod testing {
         SphericalEmbedding::new(surface, &directions).unwrap()
     }
 
-    /// A spindle of similar triangles, whose rings of `around` vertices shrink towards the poles as under a conformal
-    /// map of a protrusion: to polar angles of `2 · 10^-power`.
+    /// A cylinder with pointed ends, whose rings of `around` vertices shrink geometrically towards the poles of the
+    /// sphere, as under a conformal map of a protrusion: to polar angles of `2 · 10^-power`.
     pub fn graded_spindle(power: f64, around: usize) -> SphericalEmbedding {
         let rings = 4 * power.ceil() as i32;
         let angle = |j: usize| std::f64::consts::TAU * j as f64 / around as f64;

@@ -17,14 +17,14 @@ pub(crate) struct Moebius {
     matrix: Matrix2<Complex<f64>>,
 }
 
-const MOST_ITERATIONS: usize = 200;
+const MAX_ITERATIONS: usize = 200;
 /// Distance from the centre that counts as zero.
 const CENTRED: f64 = 1e-12;
 /// Longest step, and halvings of one that would invert a triangle or not come closer to the centre.
 const LONGEST_STEP: f64 = 0.5;
-const MOST_HALVINGS: usize = 20;
+const MAX_HALVINGS: usize = 20;
 /// Landmarks closer than this angle coincide.
-const LEAST_ANGLE: f64 = 1e-12;
+const MIN_ANGLE: f64 = 1e-12;
 
 impl Moebius {
     /// The unique transformation that maps three directions to three images; exact up to rounding.
@@ -67,7 +67,7 @@ pub(crate) fn centre(triangles: &[[u32; 3]], weights: &[f64], x: &mut [Vector]) 
     if !is_usable || !all_positive(triangles, x) {
         return;
     }
-    for _ in 0..MOST_ITERATIONS {
+    for _ in 0..MAX_ITERATIONS {
         if mean.norm() <= CENTRED {
             break;
         }
@@ -93,8 +93,8 @@ fn step(
     // Singular only when all the weight is on one line.
     let newton = jacobian.cholesky().map_or(-0.5 * mean, |factor| -factor.solve(mean));
     let mut towards = newton * (LONGEST_STEP / newton.norm()).min(1.0);
-    for _ in 0..MOST_HALVINGS {
-        let moved: Vec<Vector> = x.iter().map(|x| inverted(x, &towards)).collect();
+    for _ in 0..MAX_HALVINGS {
+        let moved: Vec<Vector> = x.iter().map(|x| translated(x, &towards)).collect();
         let new_mean = mean_of(weights, &moved, total);
         if new_mean.norm() < mean.norm() && all_positive(triangles, &moved) {
             return Some((moved, new_mean));
@@ -104,8 +104,9 @@ fn step(
     None
 }
 
-/// The Möbius transformation without rotation that moves the centre of the ball to `centre`.
-fn inverted(x: &Vector, centre: &Vector) -> Vector {
+/// The Möbius transformation without rotation (a translation of hyperbolic space) that moves the centre of the ball to
+/// `centre`.
+fn translated(x: &Vector, centre: &Vector) -> Vector {
     let from = x + centre;
     ((1.0 - centre.norm_squared()) / from.norm_squared() * from + centre).normalize()
 }
@@ -120,7 +121,7 @@ fn all_positive(triangles: &[[u32; 3]], x: &[Vector]) -> bool {
     triangles.iter().all(|t| corners(t).is_some_and(|t| is_positive(&t)))
 }
 
-/// In the stereographic chart from the pole that the direction is further from.
+/// In the stereographic chart from the pole that the direction is farther from.
 fn homogeneous(direction: &Vector) -> [Complex<f64>; 2] {
     let x = direction.normalize();
     let across = Complex::new(x.x, x.y);
@@ -143,11 +144,11 @@ fn frame(directions: &[Vector; 3]) -> Option<Matrix2<Complex<f64>>> {
     let whole = determinant(a, c, b, d);
     let (first, second) = (determinant(e, c, f, d) / whole, determinant(a, e, b, f) / whole);
     // Not apart, also when NaN.
-    let apart = |c: Complex<f64>| c.norm() > LEAST_ANGLE && c.is_finite();
+    let apart = |c: Complex<f64>| c.norm() > MIN_ANGLE && c.is_finite();
     (apart(whole) && apart(first) && apart(second)).then(|| Matrix2::new(a * first, c * second, b * first, d * second))
 }
 
-/// Up to a factor, which is no matter here.
+/// The inverse up to a factor, which does not change the transformation.
 fn inverse(m: &Matrix2<Complex<f64>>) -> Matrix2<Complex<f64>> {
     Matrix2::new(m[(1, 1)], -m[(0, 1)], -m[(1, 0)], m[(0, 0)])
 }
@@ -217,11 +218,11 @@ mod tests {
     }
 
     #[test]
-    fn centring_undoes_an_inversion_up_to_rotation() {
+    fn centring_undoes_a_translation_up_to_rotation() {
         let (triangles, directions) = sphere();
         let weights = vec![1.0; directions.len()];
         let away = Vector::new(0.3, -0.5, 0.6);
-        let mut x: Vec<Vector> = directions.iter().map(|x| inverted(x, &away)).collect();
+        let mut x: Vec<Vector> = directions.iter().map(|x| translated(x, &away)).collect();
         let off_centre = |x: &[Vector]| mean_of(&weights, x, weights.iter().sum()).norm();
         assert!(off_centre(&x) > 0.5);
         centre(&triangles, &weights, &mut x);
@@ -235,7 +236,8 @@ mod tests {
 
     #[test]
     fn centring_stops_before_a_triangle_inverts() {
-        // Six triangles' ring about a vertex that is nearly on a side opposite: inversions bend the side over it.
+        // A vertex is moved almost onto the opposite side of one of its triangles: transformations bend the side over
+        // it.
         let mesh = shapes::sphere(1.0, 1);
         let mut x: Vec<Vector> = mesh.vertices().iter().map(|p| p.coords).collect();
         let [a, b, c] = mesh.triangles()[0].map(|v| v as usize);

@@ -15,7 +15,7 @@ use crate::Vector;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct NewtonOptions {
     pub(crate) most_iterations: usize,
-    /// Fall of the energy in one iteration, as a fraction of it, at which the descent ends.
+    /// Relative decrease of the energy in one iteration below which the descent ends.
     pub(crate) tolerance: f64,
 }
 
@@ -33,9 +33,10 @@ pub(crate) struct NewtonReport {
 /// Why [`Newton::minimise`] ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum NewtonStop {
-    /// The energy falls by less than the tolerance.
+    /// The energy fell by less than the tolerance.
     Converged,
-    MostIterations,
+    /// The maximum number of iterations was reached, or `should_continue` returned false.
+    MaxIterations,
     /// No step along the last direction lowered the energy: rounding errors are as large as what is left to gain.
     Stalled,
 }
@@ -79,16 +80,16 @@ const FIXED: u32 = u32::MAX;
 const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
 
 /// First shift of the matrix, as a fraction of its diagonal: it is singular along rotations of the sphere.
-const LEAST_SHIFT: f64 = 1e-9;
+const MIN_SHIFT: f64 = 1e-9;
 /// Above this the step is that of a scaled gradient descent, and a larger shift only shortens it.
-const MOST_SHIFT: f64 = 1e3;
+const MAX_SHIFT: f64 = 1e3;
 
-/// The longest step, over the one at which the first triangle becomes flat.
+/// The longest step, as a fraction of the one at which the first triangle becomes flat.
 const SHARE_OF_LONGEST: f64 = 0.9;
-/// Decrease that a step must reach, over that predicted by the slope (Armijo's condition).
+/// Decrease that a step must reach, as a fraction of that predicted by the slope (Armijo's condition).
 const ARMIJO: f64 = 1e-4;
 /// Halvings of a step before it is given up.
-const MOST_HALVINGS: usize = 40;
+const MAX_HALVINGS: usize = 40;
 
 impl Newton {
     /// Prepares for these triangles with the vertices `fixed` held. Vertices without triangles are held too.
@@ -130,8 +131,8 @@ impl Newton {
 
     /// Lowers the energy of the embedding `x`, a unit vector per vertex, without ever inverting a triangle.
     ///
-    /// `should_continue` is called before every iteration; the descent ends when it is false. The result is the same
-    /// for any number of threads.
+    /// `should_continue` is called before every iteration; the descent ends when it returns false. The result is the
+    /// same for any number of threads.
     ///
     /// # Errors
     ///
@@ -153,9 +154,9 @@ impl Newton {
             iterations: 0,
             energy_before,
             energy_after: energy_before,
-            stop: NewtonStop::MostIterations,
+            stop: NewtonStop::MaxIterations,
         };
-        let mut shift = LEAST_SHIFT;
+        let mut shift = MIN_SHIFT;
         while report.iterations < options.most_iterations && should_continue() {
             let frames: Vec<[Vector; 2]> = x.par_iter().map(tangents).collect();
             let gradient = self.assemble(energy, x, &frames);
@@ -220,14 +221,14 @@ impl Newton {
         before: f64,
         shift: &mut f64,
     ) -> Option<AcceptedStep> {
-        while *shift <= MOST_SHIFT {
+        while *shift <= MAX_SHIFT {
             if let Some(direction) = self.direction(gradient, *shift) {
                 let slope: f64 = gradient.iter().zip(&direction).map(|(g, p)| g * p).sum();
                 let tangent = self.displacements(frames, &direction);
                 if slope < 0.0
                     && let Some(step) = self.line_search(energy, x, &tangent, before, slope)
                 {
-                    *shift = (*shift * 0.01).max(LEAST_SHIFT);
+                    *shift = (*shift * 0.01).max(MIN_SHIFT);
                     return Some(step);
                 }
             }
@@ -278,7 +279,7 @@ impl Newton {
         if length == 0.0 {
             return None;
         }
-        for _ in 0..MOST_HALVINGS {
+        for _ in 0..MAX_HALVINGS {
             let moved = |(x, u): (&Vector, &Vector)| {
                 if *u == Vector::zeros() {
                     *x

@@ -1,8 +1,8 @@
 //! Progressive spherical embedding: the vertices of a hierarchy are inserted one by one, each inside the ring of its
 //! neighbours.
 //!
-//! No triangle is ever inverted: the tetrahedron at the bottom becomes a regular one, and a vertex is inserted where
-//! all its triangles are positive (Praun and Hoppe, *Spherical parametrization and remeshing*, 2003; Shen, Jiang,
+//! No triangle is ever inverted: the coarsest mesh, a tetrahedron, becomes a regular one, and a vertex is inserted
+//! where all its triangles are positive (Praun and Hoppe, *Spherical parametrization and remeshing*, 2003; Shen, Jiang,
 //! Zorin, Panozzo, *Progressive embedding*, 2019).
 
 use super::hierarchy::{Hierarchy, VertexRings};

@@ -2,8 +2,8 @@
 //! others held.
 //!
 //! The energy of one vertex is a function of two variables: a Newton step takes a few hundred nanoseconds and no sparse
-//! matrix. Such moves smooth errors over a few triangles only; in a hierarchy, where every level starts from the
-//! solution of a coarser one, no others are left.
+//! matrix. Such moves smooth only errors that vary over a few triangles; in a hierarchy, where every level starts from
+//! the solution of a coarser one, no others are left.
 
 use smallvec::SmallVec;
 

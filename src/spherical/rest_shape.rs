@@ -26,7 +26,7 @@ pub(crate) struct RestShapes {
 const THINNEST: f64 = 0.02;
 
 /// Twice the least area, relative to a surface of area 4π; smaller triangles get this.
-const LEAST_DOUBLE_AREA: f64 = 1e-12;
+const MIN_DOUBLE_AREA: f64 = 1e-12;
 
 impl RestShape {
     /// The shape of a triangle in space; areas are multiplied by `area_scale`.
@@ -34,13 +34,15 @@ impl RestShape {
         let (ab, ac, bc) = (b - a, c - a, c - b);
         let double_area = ab.cross(&ac).norm();
         let squares = [bc.norm_squared(), ac.norm_squared(), ab.norm_squared()];
-        let longest = squares[0].max(squares[1]).max(squares[2]);
-        let floored = double_area.max(THINNEST * longest).max(LEAST_DOUBLE_AREA / area_scale);
+        let longest_squared = squares[0].max(squares[1]).max(squares[2]);
+        let floored = double_area
+            .max(THINNEST * longest_squared)
+            .max(MIN_DOUBLE_AREA / area_scale);
         let dots = [ab.dot(&ac), -ab.dot(&bc), ac.dot(&bc)];
-        let cotangents = if longest > 0.0 && double_area >= THINNEST * longest {
+        let cotangents = if longest_squared > 0.0 && double_area >= THINNEST * longest_squared {
             dots.map(|dot| dot / double_area)
         } else {
-            thin(squares, longest)
+            thickened_cotangents(squares, longest_squared)
         };
         Self {
             cotangents,
@@ -67,14 +69,14 @@ impl RestShape {
 }
 
 /// Cotangents of the triangle on the same longest side whose apex is lifted to the least height.
-fn thin(squares: [f64; 3], longest: f64) -> [f64; 3] {
-    if longest.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
+fn thickened_cotangents(squares: [f64; 3], longest_squared: f64) -> [f64; 3] {
+    if longest_squared.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
         return [(1f64 / 3.0).sqrt(); 3];
     }
     let apex = (0..3).fold(0, |best, k| if squares[k] > squares[best] { k } else { best });
     let (left, right) = (squares[(apex + 1) % 3], squares[(apex + 2) % 3]);
     // Foot of the apex on the side opposite to it, in units of that side.
-    let foot = (0.5 * (1.0 + (right - left) / longest)).clamp(0.0, 1.0);
+    let foot = (0.5 * (1.0 + (right - left) / longest_squared)).clamp(0.0, 1.0);
     let mut cotangents = [0.0; 3];
     cotangents[(apex + 1) % 3] = foot / THINNEST;
     cotangents[(apex + 2) % 3] = (1.0 - foot) / THINNEST;

@@ -4,7 +4,7 @@
 use crate::Vector;
 
 /// Larger rings are not searched for the best point: the search costs the fourth power of their size.
-const MOST_SEARCHED: usize = 14;
+const MAX_SEARCHED: usize = 14;
 
 /// Rounding errors of a determinant, over the product of the lengths of two sides: a few units in the last place.
 const NOISE: f64 = 1e-14;
@@ -22,7 +22,8 @@ pub(crate) fn positive_det(a: &Vector, b: &Vector, c: &Vector) -> Option<f64> {
     (det > NOISE * first.norm() * last.norm() && det.is_finite()).then_some(det)
 }
 
-/// The smallest determinant of the triangles between `x` and the sides of a ring; −∞ when one is not positive for sure.
+/// The smallest determinant of the triangles between `x` and the sides of a ring; −∞ when one is not certainly
+/// positive.
 pub(super) fn smallest_det(x: &Vector, ring: &[Vector]) -> f64 {
     let sides = ring.iter().zip(ring.iter().cycle().skip(1));
     let mut smallest = f64::INFINITY;
@@ -36,13 +37,13 @@ pub(super) fn smallest_det(x: &Vector, ring: &[Vector]) -> f64 {
 }
 
 /// A direction for a vertex with neighbours at `ring`, for which all its triangles are positive: the centre of the
-/// largest spherical cap inside the great circles of all sides, or else a point near `ring[0]`.
+/// largest spherical cap inside the great circles of all sides, or else the mean of the ring or a point near `ring[0]`.
 ///
 /// The triangles that the vertex replaces are a fan about `ring[0]` and all positive, so that the kernel is not empty;
 /// `None` when it is empty up to rounding.
 pub(super) fn point_in_kernel(ring: &[Vector]) -> Option<Vector> {
     let is_inside = |x: &Vector| smallest_det(x, ring) > 0.0;
-    let centre = (ring.len() <= MOST_SEARCHED).then(|| cap_centre(ring)).flatten();
+    let centre = (ring.len() <= MAX_SEARCHED).then(|| cap_centre(ring)).flatten();
     let middle = || -> Vector { ring.iter().sum::<Vector>().normalize() };
     centre
         .filter(is_inside)
@@ -136,7 +137,7 @@ mod tests {
 
     #[test]
     fn a_reflex_corner_at_the_first_neighbour_has_a_point() {
-        // A thin arrow head about the origin's direction: the kernel touches its inner corner.
+        // A thin arrow head about the z axis: the kernel touches its inner corner.
         let at = |x: f64, y: f64| Vector::new(x, y, 1.0).normalize();
         let ring = [at(0.0, 0.0), at(-1.0, -1.0), at(1.0, 0.0), at(-1.0, 1.0)];
         let ring: Vec<Vector> = ring.into();

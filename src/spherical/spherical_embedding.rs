@@ -19,7 +19,7 @@ pub struct SphericalEmbedding {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SphericalError {
-    /// The progress callback asked for an end.
+    /// The progress callback asked to stop.
     #[error("cancelled by the progress callback")]
     Cancelled,
     /// The surface has a boundary.
@@ -40,7 +40,7 @@ pub enum SphericalError {
         found: String,
     },
     /// The surface is not connected.
-    #[error("the surface has {components} components, and a map to the sphere has one; map them one by one")]
+    #[error("the surface has {components} components, but must have exactly one; map them one by one")]
     Components {
         /// Number of components; 0 without triangles.
         components: usize,
@@ -52,9 +52,12 @@ pub enum SphericalError {
         genus: u64,
     },
     /// The surface has only one side.
-    #[error("the surface cannot be oriented: going round edge {} {} turns it over", edge[0], edge[1])]
+    #[error(
+        "the surface is not orientable, like a Moebius strip: its orientation is inconsistent at the edge between \
+         vertices {} and {}", edge[0], edge[1]
+    )]
     NotOrientable {
-        /// An edge where the sides meet.
+        /// An edge whose two triangles cannot be oriented alike.
         edge: [u32; 2],
     },
     /// All vertices coincide, or areas would over- or underflow.
@@ -106,8 +109,8 @@ pub enum SphericalError {
 }
 
 impl SphericalEmbedding {
-    /// The map that sends vertex `v` to the direction `directions[v]`, made to length 1. A surface whose triangles face
-    /// inward, or disagree, is turned outward first.
+    /// The map that sends vertex `v` to the direction `directions[v]`, normalised. A surface whose triangles face
+    /// inward or are inconsistently oriented is turned outward first.
     ///
     /// # Errors
     ///
@@ -204,7 +207,7 @@ pub fn require_genus_0(surface: &SurfaceMesh) -> Result<SurfaceMesh, SphericalEr
         });
     }
     if surface.vertices().len() < 4 {
-        let found = "it has three vertices, and no inside".into();
+        let found = "it has only three vertices and encloses no volume".into();
         return Err(SphericalError::NotManifold { found });
     }
     Ok(repair(surface).0)
@@ -264,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn names_what_keeps_a_surface_off_the_sphere() {
+    fn refuses_surfaces_that_are_not_closed_manifolds_of_genus_0() {
         let sphere = shapes::sphere(1.0, 1);
         let open = SurfaceMesh::new(sphere.vertices().to_vec(), sphere.triangles()[1..].to_vec()).unwrap();
         assert!(matches!(
