@@ -1,10 +1,10 @@
-//! Graded refinement: a partition of the surface into cells with the local spacing of the sources, and the new sources and
-//! collocation points in marked cells (error-driven refinement with fixed bulk, as in Dörfler, *A convergent
-//! adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996; longest-edge bisection of Rivara,
-//! *Algorithms for refining triangular grids suitable for adaptive and multigrid techniques*, IJNME 20, 1984).
+//! Graded refinement: a partition of the surface into cells with the local spacing of the sources, and the new sources
+//! and collocation points in marked cells (longest-edge bisection of Rivara, *Algorithms for refining triangular grids
+//! suitable for adaptive and multigrid techniques*, IJNME 20, 1984). The caller marks cells by their error: bulk
+//! marking as in Dörfler, *A convergent adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996.
 //!
-//! A cell is a part of a triangle: the mesh and the boundary map do not change. Neighbouring cells need not match, since they
-//! are never used as a mesh.
+//! A cell is a part of a triangle: the mesh and the boundary map do not change. Neighbouring cells need not match,
+//! since they are never used as a mesh.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -19,7 +19,7 @@ use crate::{Point, Vector};
 
 /// A partition of the surface into triangles and parts of triangles, each with the spacing of the finest sources there.
 ///
-/// `domain` is in all functions the surface that the cells were made of.
+/// In all functions, `domain` must be the surface that the cells were made from.
 #[derive(Debug, Clone)]
 pub struct SurfaceCells {
     /// In the order of their triangles.
@@ -38,7 +38,7 @@ struct SurfaceCell {
     /// Index of its corners, [`NONE`] for a whole triangle.
     part: u32,
     area: f64,
-    /// That of the finest sources there.
+    /// Spacing of the finest sources there.
     spacing: f64,
 }
 
@@ -64,18 +64,19 @@ struct Piece {
     target_area: f64,
 }
 
-/// Largest area of a piece over the target: halving comes no nearer.
+/// Largest ratio of a piece's area to its target: halving can only reach the target to within this factor.
 const TOLERANCE: f64 = std::f64::consts::SQRT_2;
 /// Sides longer than this many spacings are halved even when the area is small enough.
 const LONG: f64 = 3.0;
-/// But not below this part of the target area: the thinnest needles would be halved for ever.
+/// But not once the area is below this fraction of the target: the thinnest needles would be halved for ever.
 const NEEDLE: f64 = 0.05;
 /// Small pieces farther apart than this many spacings do not share a site.
 const APART: f64 = 3.0;
 /// Least cosine between a site's normal and its triangle's: with a larger angle, the source is too near the triangle.
 const UPRIGHT: f64 = 0.75;
+/// Corners of a whole triangle.
 const WHOLE: Corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-/// The points of the rule of degree 2 (Strang & Fix 1973).
+/// The points of the three-point quadrature rule of degree 2 (Strang & Fix 1973).
 const INTERIOR: Corners = [
     [2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0],
     [1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0],
@@ -83,7 +84,7 @@ const INTERIOR: Corners = [
 ];
 
 impl SurfaceCells {
-    /// One cell per triangle with an area, of the mean spacing of the anchors nearest to its corners.
+    /// One cell per triangle with an area; its spacing is the mean of those of the anchors nearest to its corners.
     pub fn of_anchors(domain: &SurfaceMesh, anchors: &Anchors) -> Self {
         let spacing_at = |v: u32| Some(anchors.spacing[anchors.nearest[v as usize]? as usize]);
         let cell = |t: usize| {
@@ -145,12 +146,12 @@ impl SurfaceCells {
             .unzip()
     }
 
-    /// Halves the spacing of the marked cells: bisects their longest sides until the area of each piece is about the square
-    /// of the new spacing, and returns one site for each. Cells far smaller than that, which exist where there are fewer
-    /// anchors than vertices, share sites instead.
+    /// Halves the spacing of the marked cells: bisects their longest sides until the area of each piece is about the
+    /// square of the new spacing, and returns one site for each. Cells far smaller than that, which exist where there
+    /// are fewer anchors than vertices, share sites instead. Cells are renumbered.
     ///
-    /// Areas are within a factor of `√2` of a quarter of the old spacing squared, and the new spacing is the square root of
-    /// the area.
+    /// Areas are within a factor of `√2` of a quarter of the old spacing squared, except for small cells and for
+    /// needles, which are cut shorter; the new spacing is the square root of the area.
     ///
     /// # Panics
     ///
@@ -218,8 +219,8 @@ impl SurfaceCells {
         }
     }
 
-    /// The triangle's normal, rotated towards a neighbour's near their common side: half-way on the side, not at all one
-    /// spacing from it. This keeps sources clear of re-entrant creases and spreads them around convex ones.
+    /// The triangle's normal, rotated towards a neighbour's near their common side: half-way on the side, not at all
+    /// one spacing from it. This keeps sources clear of re-entrant creases and spreads them around convex ones.
     fn normal(&self, domain: &SurfaceMesh, point: &SurfacePoint, spacing: f64) -> Vector {
         let unit = |t: u32| domain.area_vector(t as usize).try_normalize(0.0).unwrap_or_default();
         let own = unit(point.triangle);
@@ -317,7 +318,7 @@ impl Group {
         pieces[*nearest.expect("groups have pieces") as usize].centroid()
     }
 
-    /// Three points, each in the piece that has its third of the area.
+    /// Three points, each in the piece in the middle of its third of the area.
     fn interior_points(&self, pieces: &[Piece]) -> [SurfacePoint; 3] {
         [0, 1, 2].map(|third| {
             let mut left = (third as f64 + 0.5) / 3.0 * self.area;
@@ -332,7 +333,7 @@ impl Group {
     }
 }
 
-/// One group per piece, but small pieces together with their neighbours on a space-filling curve.
+/// One group per piece, but small pieces are grouped with their neighbours on a space-filling curve.
 fn grouped(domain: &SurfaceMesh, pieces: &[Piece]) -> Vec<Group> {
     let is_small = |k: &u32| pieces[*k as usize].area * TOLERANCE < pieces[*k as usize].target_area;
     let (small, alone): (Vec<u32>, Vec<u32>) = (0..pieces.len() as u32).partition(is_small);
@@ -347,17 +348,17 @@ fn grouped(domain: &SurfaceMesh, pieces: &[Piece]) -> Vec<Group> {
     let centroid = |&k: &u32| pieces[k as usize].centroid().position(domain, domain.vertices());
     let centroids: Vec<Point> = small.iter().map(centroid).collect();
     // The group's area over its target, and its first centroid.
-    let (mut held, mut start) = (f64::INFINITY, Point::origin());
+    let (mut filled, mut start) = (f64::INFINITY, Point::origin());
     for i in morton_order(&centroids) {
         let (k, centroid) = (small[i as usize], centroids[i as usize]);
         let piece = &pieces[k as usize];
         let apart = (centroid - start).norm_squared() > APART * APART * piece.target_area;
         match groups.last_mut() {
-            Some(group) if held * TOLERANCE < 1.0 && !apart => {
+            Some(group) if filled * TOLERANCE < 1.0 && !apart => {
                 group.pieces.push(k);
                 group.area += piece.area;
                 group.spacing = group.spacing.min(piece.target_area.sqrt());
-                held += piece.area / piece.target_area;
+                filled += piece.area / piece.target_area;
             }
             _ => {
                 groups.push(Group {
@@ -365,7 +366,7 @@ fn grouped(domain: &SurfaceMesh, pieces: &[Piece]) -> Vec<Group> {
                     area: piece.area,
                     spacing: piece.target_area.sqrt(),
                 });
-                (held, start) = (piece.area / piece.target_area, centroid);
+                (filled, start) = (piece.area / piece.target_area, centroid);
             }
         }
     }
@@ -412,7 +413,7 @@ mod tests {
     use crate::sampling::{held_out, place_sources};
     use rand::Rng;
 
-    fn all_anchors(domain: &SurfaceMesh) -> SurfaceCells {
+    fn cells_of_all_vertices(domain: &SurfaceMesh) -> SurfaceCells {
         SurfaceCells::of_anchors(domain, &Anchors::choose(domain, usize::MAX))
     }
 
@@ -441,7 +442,7 @@ mod tests {
     fn cells_partition_the_surface_after_any_refinements() {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         for (name, domain) in solids() {
-            let mut cells = all_anchors(&domain);
+            let mut cells = cells_of_all_vertices(&domain);
             for _ in 0..4 {
                 let marked: Vec<bool> = (0..cells.len()).map(|_| random.random_bool(0.4)).collect();
                 cells.refine(&domain, &marked);
@@ -457,19 +458,19 @@ mod tests {
         }
     }
 
-    /// Whether the point is in the cell: all three parts that it cuts it into turn the same way.
+    /// Whether the point is in the cell: the triangles that it forms with the three sides have the same orientation.
     fn holds(cells: &SurfaceCells, cell: usize, point: &SurfacePoint) -> bool {
         let corners = cells.corners(cell).map(Vector::from);
         let p = Vector::from(point.barycentric);
-        let turn = |k: usize| p.dot(&corners[k].cross(&corners[(k + 1) % 3]));
-        let first = turn(0) > 0.0;
-        cells.cells[cell].triangle == point.triangle && (1..3).all(|k| (turn(k) > 0.0) == first)
+        let orientation = |k: usize| p.dot(&corners[k].cross(&corners[(k + 1) % 3]));
+        let first = orientation(0) > 0.0;
+        cells.cells[cell].triangle == point.triangle && (1..3).all(|k| (orientation(k) > 0.0) == first)
     }
 
     #[test]
     fn spacing_halves_with_each_refinement() {
         for (name, domain) in solids() {
-            let mut cells = all_anchors(&domain);
+            let mut cells = cells_of_all_vertices(&domain);
             for _ in 0..3 {
                 let before: Vec<f64> = (0..cells.len()).map(|cell| cells.cells[cell].spacing).collect();
                 let triangle_of: Vec<u32> = (0..cells.len()).map(|cell| cells.cells[cell].triangle).collect();
@@ -499,7 +500,7 @@ mod tests {
     #[test]
     fn collocation_stands_for_the_marked_area_and_follows_its_sites() {
         let domain = shapes::torus(1.0, 0.4, 24, 12);
-        let mut cells = all_anchors(&domain);
+        let mut cells = cells_of_all_vertices(&domain);
         let marked: Vec<bool> = (0..cells.len()).map(|cell| cell % 3 == 0).collect();
         let area: f64 = (0..cells.len()).filter(|&c| marked[c]).map(|c| cells.area(c)).sum();
         let refinement = cells.refine(&domain, &marked);
@@ -513,12 +514,13 @@ mod tests {
         }
     }
 
-    /// Three rounds at a third of the cells each. A source at an inner corner of three sides finds no room.
+    /// All cells once, then a third of them twice. None of these solids has a re-entrant corner of three faces, where a
+    /// source would find no room.
     #[test]
     fn sources_of_the_sites_are_outside() {
         for (name, domain) in solids() {
             let query = SurfaceQuery::new(&domain).unwrap();
-            let mut cells = all_anchors(&domain);
+            let mut cells = cells_of_all_vertices(&domain);
             let mut random = ChaCha8Rng::seed_from_u64(8);
             for round in 0..3 {
                 let marked: Vec<bool> = (0..cells.len())
@@ -543,8 +545,8 @@ mod tests {
         let anchors = Anchors::choose(&domain, 300);
         let mut cells = SurfaceCells::of_anchors(&domain, &anchors);
         for _ in 0..3 {
-            let spacing = (0..cells.len()).map(|c| cells.area(c) / (cells.cells[c].spacing / 2.0).powi(2));
-            let expected: f64 = spacing.sum();
+            let sites = (0..cells.len()).map(|c| cells.area(c) / (cells.cells[c].spacing / 2.0).powi(2));
+            let expected: f64 = sites.sum();
             let refinement = cells.refine(&domain, &vec![true; cells.len()]);
             let ratio = refinement.sites.len() as f64 / expected;
             assert!((0.6..2.0).contains(&ratio), "{ratio}");
@@ -554,7 +556,7 @@ mod tests {
         }
     }
 
-    /// Four triangles per anchor and more: cells are groups of triangles at first.
+    /// Some 70 triangles per anchor: cells are so small that groups of them share a site.
     #[test]
     fn few_anchors_among_many_triangles_refine_like_a_coarse_mesh() {
         let domain = shapes::sphere(1.0, 5);
@@ -571,7 +573,7 @@ mod tests {
     #[test]
     fn probes_lie_in_their_cells_and_repeat_with_the_seed() {
         let domain = shapes::cube(1.0, 1);
-        let mut cells = all_anchors(&domain);
+        let mut cells = cells_of_all_vertices(&domain);
         cells.refine(&domain, &(0..12).map(|cell| cell < 5).collect::<Vec<_>>());
         let (points, of_cell) = cells.probes(3, 7);
         assert_eq!(points.len(), 3 * cells.len());

@@ -18,6 +18,10 @@ pub struct Collocation {
 
 impl Collocation {
     /// The given vertices, all of the same weight: the paper's choice. Vertices without a triangle are left out.
+    ///
+    /// # Panics
+    ///
+    /// When an index is out of range.
     pub fn vertices(domain: &SurfaceMesh, chosen: &[u32]) -> Self {
         let corner_of = corner_of_vertex(domain);
         let points: Vec<_> = chosen.iter().filter_map(|&v| corner_of[v as usize]).collect();
@@ -25,8 +29,8 @@ impl Collocation {
         Self { points, areas }
     }
 
-    /// Every vertex and every triangle's centroid, about three points per vertex. Half of each triangle's area is shared by its
-    /// vertices, the other half is its centroid's.
+    /// Every vertex and every triangle's centroid, about three points per vertex. Half of each triangle's area is
+    /// shared by its vertices, the other half is its centroid's.
     ///
     /// With the vertices alone, a map with as many sources as vertices interpolates them and oscillates in between: the
     /// held-out error is four times that with the centroids (square systems in `docs/method.md`).
@@ -51,9 +55,9 @@ impl Collocation {
         Self { points, areas }
     }
 
-    /// Each anchor's vertex, and `extra` points at random in the triangles nearest to it, one in each of `extra` parts of
-    /// equal area. Every source then has `1 + extra` equations near it, however uneven the anchors are: with points spread by
-    /// area alone, crowded sources are undetermined and their coefficients explode.
+    /// Each anchor's vertex, and `extra` points at random in the triangles nearest to it, one in each of `extra` parts
+    /// of equal area. Every source then has `1 + extra` equations near it, however uneven the anchors are: with points
+    /// spread by area alone, crowded sources are undetermined and their coefficients explode.
     pub fn around(domain: &SurfaceMesh, anchors: &Anchors, extra: usize, seed: u64) -> Self {
         let mut regions = vec![Vec::new(); anchors.vertices.len()];
         for t in 0..domain.triangles().len() {
@@ -84,17 +88,17 @@ impl Collocation {
     }
 }
 
-/// Points for measuring the boundary error: `count` at random by area (stratified, so that the shares are right), and
-/// one in each of up to `per_triangle` triangles, so that the maximum includes the small triangles at creases. The first
-/// `count` are those to average over.
-pub fn held_out(domain: &SurfaceMesh, count: usize, per_triangle: usize, seed: u64) -> Vec<SurfacePoint> {
+/// Points for measuring the boundary error: `count` at random by area (stratified, so that averages over them are those
+/// over the area), then one in each of up to `max_triangles` evenly chosen triangles (at least one), so that the
+/// maximum includes the small triangles at creases. Averages are to be taken over the first `count` only.
+pub fn held_out(domain: &SurfaceMesh, count: usize, max_triangles: usize, seed: u64) -> Vec<SurfacePoint> {
     let triangles = domain.triangles().len();
     let all: Vec<u32> = (0..triangles as u32).collect();
     // A stream of its own, so that no point is a collocation point of a fit with the same seed.
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(1);
     let mut points = stratified(domain, &all, count, &mut random);
-    let step = triangles.div_ceil(per_triangle.max(1)).max(1);
+    let step = triangles.div_ceil(max_triangles.max(1)).max(1);
     let each = (0..triangles).step_by(step);
     points.extend(each.map(|t| random_point(t as u32, &mut random)));
     points
@@ -178,7 +182,8 @@ mod tests {
         }
     }
 
-    /// A sphere dimpled at the poles, so that vertices crowd unevenly: each anchor must have its equations next to it.
+    /// A sphere dimpled at one pole, so that the density of vertices varies: each anchor must have its equations
+    /// nearby.
     #[test]
     fn every_anchor_has_its_points_in_its_neighbourhood() {
         let fine = shapes::sphere(1.0, 5);
@@ -211,8 +216,8 @@ mod tests {
         assert_eq!(Collocation::vertices(&domain, &[8]).points.len(), 0);
     }
 
-    /// With `n` stratified points, half of the area holds `n/2` of them to within the strips that the cut crosses: a
-    /// plane crosses no more than all strips, and each adds a variance of at most 1/4.
+    /// Half of the area holds `n/2` of `n` stratified points, up to those in strips that the plane crosses: at most all
+    /// `n` of them, each with a variance of at most 1/4.
     #[test]
     fn stratified_points_follow_the_area() {
         let domain = shapes::torus(1.0, 0.4, 60, 30);
@@ -223,11 +228,11 @@ mod tests {
             .sum::<Vector>()
             / 4000.0;
         assert!(mean.norm() < 4.0 * 1.0 / 4000f64.sqrt());
-        let outer = points
+        let upper = points
             .iter()
             .filter(|p| p.position(&domain, domain.vertices()).z > 0.0)
             .count() as f64;
-        assert!((outer - 2000.0).abs() < 4.0 * (4000f64 / 4.0).sqrt());
+        assert!((upper - 2000.0).abs() < 4.0 * (4000f64 / 4.0).sqrt());
     }
 
     #[test]

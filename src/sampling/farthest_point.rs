@@ -1,7 +1,7 @@
 //! Farthest-point selection: a well-spread subset of the vertices (Gonzalez, *Clustering to minimize the maximum
 //! intercluster distance*, Theor. Comput. Sci. 38, 1985). A tree of boxes finds the points that a new choice is nearest
-//! to, as in Han et al., *QuickFPS: architecture and algorithms for farthest point sampling in large-scale point clouds*,
-//! IEEE TCAD 42, 2023.
+//! to, as in Han et al., *QuickFPS: architecture and algorithms for farthest point sampling in large-scale point
+//! clouds*, IEEE TCAD 42, 2023.
 
 use rayon::prelude::*;
 
@@ -13,7 +13,8 @@ use crate::{Point, Vector};
 /// Vertices with a source each, with the area and the outward normal of their neighbourhood.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Anchors {
-    /// Vertex indices: all vertices in order, or a selection in the order of choice, every prefix of which is a coarser one.
+    /// Vertex indices: all vertices in order, or a selection in the order of choice, every prefix of which is a coarser
+    /// selection.
     pub vertices: Vec<u32>,
     /// Local spacing `h`: the square root of the area that is nearest to each anchor.
     pub spacing: Vec<f64>,
@@ -24,8 +25,8 @@ pub struct Anchors {
 }
 
 impl Anchors {
-    /// Up to `count` anchors among the vertices of the surface's triangles, well spread. Coincident vertices and vertices
-    /// without area are left out.
+    /// Up to `count` anchors among the vertices of the surface's triangles, well spread. Coincident vertices and
+    /// vertices without area are left out.
     ///
     /// For `n` vertices costs time `n log n`, whatever the count, and a third of that when the count is `n` or more.
     pub fn choose(domain: &SurfaceMesh, count: usize) -> Self {
@@ -64,7 +65,8 @@ impl Anchors {
         (0..self.vertices.len()).map(site).collect()
     }
 
-    /// The anchors at `wanted` vertices. `nearest` is `None` for the vertices of the others.
+    /// The anchors at `wanted` vertices, with the spacing that they have here. `nearest` is `None` for vertices whose
+    /// anchor is left out.
     pub fn only(&self, wanted: impl Fn(u32) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.vertices.len()).filter(|&k| wanted(self.vertices[k])).collect();
         let mut renumbered = vec![None; self.vertices.len()];
@@ -128,8 +130,8 @@ fn select(points: &[Point], count: usize) -> Selection {
     }
 }
 
-/// Points with their distance to the nearest chosen one, in a tree whose nodes know their farthest point. A new choice visits
-/// only nodes with points that may be nearer to it: after `k` choices about `n/k` points.
+/// Points with their distance to the nearest chosen one, in a tree whose nodes store their farthest point. A new choice
+/// visits only nodes with points that may be nearer to it: after `k` choices about `n/k` points.
 struct DistanceTree {
     nodes: Vec<DistanceNode>,
     /// In the order of the leaves.
@@ -146,13 +148,13 @@ struct Candidate {
     index: u32,
 }
 
-/// Less than any distance, and its index.
+/// A distance below all others, with no index.
 const NOTHING: (f64, u32) = (-1.0, u32::MAX);
 
 struct DistanceNode {
     bounds: Aabb,
-    /// The largest distance below, and the lowest index that has it.
-    most: (f64, u32),
+    /// The largest squared distance below this node, and the lowest index that has it.
+    farthest_point: (f64, u32),
     begin: u32,
     end: u32,
     /// Nodes from this one to its second child; the first child is the next node. 0 in a leaf.
@@ -181,17 +183,17 @@ impl DistanceTree {
 
     /// Squared distance and index of the point farthest from all chosen ones.
     fn farthest(&self) -> (f64, u32) {
-        self.nodes.first().map_or(NOTHING, |root| root.most)
+        self.nodes.first().map_or(NOTHING, |root| root.farthest_point)
     }
 
-    /// Updates the distances below a node for the chosen point of this order.
+    /// Updates the distances below a node for a new choice at `centre`, which has the index `order` among the chosen.
     fn visit(&mut self, at: usize, centre: &Point, order: u32) {
         let node = &self.nodes[at];
         // Rounding is monotone: where the box is too far, so are its points.
-        if node.bounds.distance_squared(centre) >= node.most.0 {
+        if node.bounds.distance_squared(centre) >= node.farthest_point.0 {
             return;
         }
-        let most = if node.second == 0 {
+        let farthest_point = if node.second == 0 {
             let points = &mut self.points[node.begin as usize..node.end as usize];
             for point in points.iter_mut() {
                 let distance = distance_squared(&point.position, centre);
@@ -204,9 +206,9 @@ impl DistanceTree {
             let (first, second) = (at + 1, at + node.second as usize);
             self.visit(first, centre, order);
             self.visit(second, centre, order);
-            farther(self.nodes[first].most, self.nodes[second].most)
+            farther(self.nodes[first].farthest_point, self.nodes[second].farthest_point)
         };
-        self.nodes[at].most = most;
+        self.nodes[at].farthest_point = farthest_point;
     }
 
     fn nearest(self) -> Vec<u32> {
@@ -227,7 +229,7 @@ fn build(points: &mut [Candidate], begin: usize, nodes: &mut Vec<DistanceNode>) 
     let root = nodes.len();
     nodes.push(DistanceNode {
         bounds,
-        most: farthest(points.iter().map(|p| (p.distance, p.index))),
+        farthest_point: farthest(points.iter().map(|p| (p.distance, p.index))),
         begin: begin as u32,
         end: (begin + points.len()) as u32,
         second: 0,
@@ -318,7 +320,8 @@ mod tests {
         }
     }
 
-    /// No two of `k` chosen points are closer than the covering radius that `k` discs of that radius would need.
+    /// The chosen points are at least their covering radius apart, and `k` caps of radius `r` cover the unit sphere
+    /// only if `k π r² ≥ 4 π`.
     #[test]
     fn chosen_points_are_well_spread() {
         let points = shapes::sphere(1.0, 4).vertices().to_vec();
@@ -330,12 +333,12 @@ mod tests {
         let covering = (4.0 / 100f64).sqrt();
         assert!(
             closest > covering,
-            "closest pair {closest}, discs of radius {covering} cover the sphere at best"
+            "closest pair {closest}, covering radius at least {covering}"
         );
     }
 
     /// The plain algorithm: one pass over the points for each choice.
-    fn selected_plainly(points: &[Point], count: usize) -> (Vec<usize>, Vec<u32>) {
+    fn select_by_full_passes(points: &[Point], count: usize) -> (Vec<usize>, Vec<u32>) {
         let mut nearest = vec![(f64::INFINITY, 0u32); points.len()];
         let middle = Point::from(points.iter().map(|p| p.coords).sum::<Vector>() / points.len() as f64);
         let mut next = farthest(points.iter().map(|p| (p - middle).norm_squared()).zip(0..));
@@ -353,9 +356,9 @@ mod tests {
         (chosen, nearest.into_iter().map(|best| best.1).collect())
     }
 
-    /// A lattice, where most distances are equal to others, and a ball with vertices crowded at a pole.
+    /// A lattice, where most distances are tied, and a ball with vertices crowded at a pole, each of them twice.
     #[test]
-    fn the_tree_makes_the_choices_of_the_plain_algorithm() {
+    fn the_tree_chooses_the_same_points_as_the_plain_algorithm() {
         let ball = shapes::deformed(&shapes::sphere(1.0, 4), |p| {
             Point::new(p.x, p.y, p.z + 0.9 * (1.0 - p.z * p.z))
         });
@@ -363,7 +366,10 @@ mod tests {
         for points in [shapes::polycube(&[[0; 3], [1, 0, 0]], 9).vertices(), &twice] {
             for count in [1, 7, 300, points.len()] {
                 let selection = select(points, count);
-                assert_eq!((selection.chosen, selection.nearest), selected_plainly(points, count));
+                assert_eq!(
+                    (selection.chosen, selection.nearest),
+                    select_by_full_passes(points, count)
+                );
             }
         }
     }

@@ -1,11 +1,11 @@
-//! Coarser and coarser choices of the sites of sources, for a multilevel solver: compact groups of neighbouring sites
-//! each become one.
+//! Successively coarser sets of source sites, for a multilevel solver: each compact group of neighbouring sites becomes
+//! one site.
 
 use super::SourceSite;
 use crate::partition::Partition;
 use crate::{Point, Vector};
 
-/// Sites of one spacing, and the collocation points of their sources.
+/// The source sites of one level, and the collocation points of their sources.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SiteLevel {
     /// The sites of the sources.
@@ -23,9 +23,9 @@ pub struct SiteLevel {
 pub struct HierarchyOptions {
     /// Sites for each site of the next coarser level.
     pub ratio: usize,
-    /// Up to so many sites need no coarser level.
+    /// Up to this many sites need no coarser level.
     pub dense: usize,
-    /// With more than that, the coarsest level has at most so many sites, and at least a third of it.
+    /// With more sites than `dense`, the coarsest level has at most this many, and at least about a third of it.
     pub coarsest: usize,
     /// Collocation points kept for each site of a coarser level.
     pub rows_per_site: usize,
@@ -42,9 +42,9 @@ impl Default for HierarchyOptions {
     }
 }
 
-/// Levels coarser than the given one, coarsest first; none when it is small enough itself. The rows of each are among
-/// those of the next finer. Spacing grows by the square root of the ratio from one to the next, everywhere in proportion to
-/// the finest. Costs `n log n`.
+/// Levels coarser than the given one, coarsest first; none when it is small enough itself. The rows of each level are a
+/// subset of those of the next finer one. From one level to the next the spacing grows by the square root of the ratio,
+/// everywhere in proportion to the finest. Costs `n log n`.
 pub fn coarser_levels(finest: &SiteLevel, options: &HierarchyOptions) -> Vec<SiteLevel> {
     let mut levels: Vec<SiteLevel> = Vec::new();
     let mut fine = finest;
@@ -92,7 +92,7 @@ fn coarsen(sites: &[SourceSite], ratio: usize) -> (Vec<SourceSite>, Vec<u32>) {
     (coarse, parent)
 }
 
-/// The sites with up to `count` of the rows of the finer level that each owns, evenly taken.
+/// The coarse sites, each with up to `count` of the finer level's rows that it owns, evenly picked.
 fn thinned(sites: Vec<SourceSite>, parent: &[u32], finer: &SiteLevel, count: usize) -> SiteLevel {
     let owners = finer.owner.iter().map(|&o| parent[o as usize]);
     let mut owned = vec![0usize; sites.len()];

@@ -1,7 +1,7 @@
 //! Collocation points, held-out points and sources (the paper's sections 4.1 and 4.5).
 //!
-//! Points on the boundary are [`crate::mesh::SurfacePoint`]s, so that their images follow from the boundary map, and points
-//! in space only where they leave the surface.
+//! Points on the boundary are [`crate::mesh::SurfacePoint`]s, so that their images follow from the boundary map; only
+//! points off the surface are plain positions.
 
 mod cells;
 mod collocation;

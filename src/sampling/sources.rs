@@ -1,17 +1,17 @@
-//! Where the sources stand: near the surface at a distance that follows the local spacing (the default), evenly on an
-//! offset surface, or on a bounding sphere (the paper's two choices, section 4.5 and figure 4).
+//! Where the sources are placed: near the surface at a distance that follows the local spacing (the default), evenly on
+//! an offset surface, or on a bounding sphere (the paper's two choices, section 4.5 and figure 4).
 
 use super::collocation::Collocation;
 use super::farthest_point::{Anchors, thin};
 use crate::mesh::SurfaceMesh;
 use crate::{Point, Vector};
 
-/// A source that has no room at this fraction of its distance is dropped: nearer to the surface, its field would peak between
-/// the collocation points.
-const LEAST_DISTANCE: f64 = 0.15;
+/// A source that has no room at this fraction of its distance is dropped: nearer to the surface, its field would peak
+/// between the collocation points.
+const MIN_DISTANCE: f64 = 0.15;
 /// Factor by which a blocked source steps back towards the surface.
 const STEP_BACK: f64 = 0.7;
-/// A source at distance `d` along the normal must be at least this part of `d` away from the whole surface.
+/// A source placed at distance `d` along the normal must be at least this fraction of `d` away from the whole surface.
 const CLEARANCE: f64 = 0.7;
 
 /// A point of the surface at which a source is to be placed.
@@ -58,10 +58,10 @@ pub fn adaptive_sources(
 pub fn place_sources(sites: &[SourceSite], alpha: f64, are_outside: &AreOutside) -> PlacedSources {
     let mut placed: Vec<Option<Point>> = vec![None; sites.len()];
     let mut waiting: Vec<usize> = (0..sites.len()).collect();
-    let mut part = 1.0;
-    while part >= LEAST_DISTANCE && !waiting.is_empty() {
+    let mut fraction = 1.0;
+    while fraction >= MIN_DISTANCE && !waiting.is_empty() {
         let ball = |&k: &usize| {
-            let distance = part * alpha * sites[k].spacing;
+            let distance = fraction * alpha * sites[k].spacing;
             (sites[k].position + sites[k].normal * distance, CLEARANCE * distance)
         };
         let balls: Vec<(Point, f64)> = waiting.iter().map(ball).collect();
@@ -70,7 +70,7 @@ pub fn place_sources(sites: &[SourceSite], alpha: f64, are_outside: &AreOutside)
             placed[k] = is_outside.then_some(centre);
         }
         waiting.retain(|&k| placed[k].is_none());
-        part *= STEP_BACK;
+        fraction *= STEP_BACK;
     }
     let placed = placed.into_iter().enumerate();
     let (sites, positions) = placed.filter_map(|(k, source)| Some((k as u32, source?))).unzip();
@@ -81,8 +81,8 @@ pub fn place_sources(sites: &[SourceSite], alpha: f64, are_outside: &AreOutside)
     }
 }
 
-/// `count` points spread evenly over a surface by area, such as an offset surface: the well-spread ones of eight times
-/// as many random points.
+/// `count` points spread evenly by area over a surface, such as an offset surface: chosen from eight times as many
+/// random points by farthest-point selection.
 pub fn even_points(surface: &SurfaceMesh, count: usize, seed: u64) -> Vec<Point> {
     let candidates: Vec<Point> = Collocation::even(surface, 8 * count, seed)
         .points
