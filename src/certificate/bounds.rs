@@ -93,7 +93,7 @@ fn gram(expansion: &[f64], degree: usize) -> Matrix3 {
     Matrix3::from_fn(product)
 }
 
-/// `J₀⁻¹ J(x) = I + X` with a symmetric part of `I + X` that is positive definite over the ball: then `J` is regular,
+/// `J₀⁻¹ J(x) = I + X` with a symmetric part of `I + X` that is positive definite over the cell: then `J` is regular,
 /// with `σ_min(J) ≥ σ_min(J₀) (1 − s)` and `|det J| ≥ |det J₀| (1 − s)³` (Ostrowski and Taussky) for `s ≥ ‖sym X‖`. The
 /// inverse is the adjugate over the determinant, so that both have a rounding error relative to `‖J₀‖³ / |det J₀|`,
 /// which may be the square of the condition number.
@@ -148,7 +148,7 @@ fn by_determinant(
     let (mut first_order, mut second_order, mut third_order) = (0.0, 0.0, 0.0);
     for k in 0..3 {
         first_order += cofactors.dot(&slopes[k]).abs();
-        // Squares count on one side only.
+        // The square of a coordinate is not negative: only a coefficient that opposes the sign of `det` counts.
         second_order += (-sign * second[k].dot(centre)).max(0.0);
         third_order += slopes[k].determinant().abs();
         for l in (0..3).filter(|&l| l != k) {

@@ -74,7 +74,7 @@ pub(super) fn harmonics([x, y, z]: &[Batch; 3], out: &mut [Batch; TERMS]) {
     }
 }
 
-/// The matrix that expands a polynomial about another centre: column by column `T` with
+/// The matrix `T`, stored by columns, that expands a polynomial about another centre:
 /// `R_k(offset + scale x) = const + Σ_j T[k TERMS + j] R_j(x)`.
 ///
 /// By orthogonality: the mean of `R_j²` over the unit sphere is `1 / (2n + 1)`. The quadrature is exact for polynomials

@@ -10,7 +10,7 @@
 //! In a cell that is [`Verdict::Positive`] the map is locally one to one with the orientation of the target; in one
 //! that is [`Verdict::Folded`] it is locally one to one with the opposite orientation. The bounds hold in exact
 //! arithmetic. Rounding of the sums is allowed for by `(N + 2¹⁴) 2⁻⁵³` of the sum of the absolute terms, for `N`
-//! sources: this is meant to exceed the rounding errors of each term, but is no interval arithmetic. Nothing is proved
+//! sources: this is meant to exceed the rounding errors of each term, but is not interval arithmetic. Nothing is proved
 //! by samples.
 //!
 //! If no cell is folded or undecided, and the boundary map has degree one, then every point of the target that is
@@ -66,9 +66,9 @@ impl Default for CertificateOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Everywhere in the cell that of the target's orientation.
+    /// `det J` has the sign of the target's orientation everywhere in the cell.
     Positive,
-    /// Everywhere in the cell the opposite one.
+    /// `det J` has the opposite sign everywhere in the cell.
     Folded,
     /// Neither is proved.
     Undecided,
@@ -204,7 +204,8 @@ pub enum CertificateError {
     },
     /// The domain is not closed.
     #[error(
-        "the domain does not close: its volume is {volume}, that under its triangles {found}; `solidmap check` says where"
+        "the domain is not closed: its volume is {volume} by the divergence theorem, but {found} by vertical prisms; \
+         `solidmap check` says where it is open"
     )]
     Open {
         /// Volume by the divergence theorem.
@@ -345,13 +346,17 @@ fn require_finite(map: &HarmonicMap) -> Result<(), CertificateError> {
 fn require_options(options: &CertificateOptions) -> Result<(), CertificateError> {
     let refuse = |name, value, range| Err(CertificateError::Option { name, value, range });
     if options.finest < 2 || options.finest > 1 << MAX_LEVELS {
-        return refuse("the number of finest cells", options.finest as f64, "from 2 to 1048576");
+        return refuse(
+            "the number of finest cells along the longest side",
+            options.finest as f64,
+            "from 2 to 1048576",
+        );
     }
     if options.max_cells < 8 {
         return refuse("the limit on cells", options.max_cells as f64, "at least 8");
     }
     if !(0.0..1.0).contains(&options.undecided) {
-        return refuse("the undecided share", options.undecided, "from 0 to less than 1");
+        return refuse("the undecided fraction", options.undecided, "from 0 to less than 1");
     }
     Ok(())
 }
@@ -412,7 +417,7 @@ fn descend(
             }
         }
         if last && level < levels {
-            let stop_reason = ending_of(&found, StopReason::CellLimit);
+            let stop_reason = stop_reason_of(&found, StopReason::CellLimit);
             return (found.closed, stop_reason);
         }
     }
@@ -421,12 +426,12 @@ fn descend(
     } else {
         StopReason::EnoughDecided
     };
-    let stop_reason = ending_of(&found, otherwise);
+    let stop_reason = stop_reason_of(&found, otherwise);
     found.close_all();
     (found.closed, stop_reason)
 }
 
-fn ending_of(found: &Subdivision, otherwise: StopReason) -> StopReason {
+fn stop_reason_of(found: &Subdivision, otherwise: StopReason) -> StopReason {
     let all = found.open.is_empty() && found.closed.iter().all(|cell| cell.found.is_some());
     if all { StopReason::AllDecided } else { otherwise }
 }

@@ -26,17 +26,17 @@ use crate::{Point, Vector};
 const ABSORBED: f64 = 0.3;
 /// Largest `q` of sources that are expanded to test a cell. Beyond it the remainder is far too large.
 const EXPANDED: f64 = 0.75;
-/// Cells per task at most, divided together so that translations are matrix products.
+/// At most this many cells per task, divided together so that translations are matrix products.
 const MAX_CELLS_PER_TASK: usize = 16;
-/// Tasks per level at least, if it has as many cells.
+/// At least this many tasks per level, if it has as many cells.
 const TASKS: usize = 64;
-/// Half the distance between two roundings at 1.
+/// Half the spacing of floating-point numbers above 1.
 const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
 /// Rounding errors of a term in a coefficient, besides those of the sum over sources: some hundred in the recurrences
 /// of the harmonics, and 3 `TERMS` in each of up to 20 translations, each relative to a bound of all terms.
 const ROUNDINGS_OF_A_TERM: f64 = 16_384.0;
-/// Rounding errors of the positions of source and centre, in units in the last index, times the amplification of the
-/// gradient's error.
+/// Rounding errors of the positions of source and centre, in units of the roundoff, times their amplification in the
+/// gradient.
 const SHIFTS: f64 = 16.0;
 
 /// The position of a cell: `steps` cells of its level from the lowest corner of the box. The default is the whole box.

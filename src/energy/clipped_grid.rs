@@ -86,7 +86,7 @@ const OPENING: f64 = 1e-6;
 const INSIDE_OUT: f64 = 1e-6;
 /// How often a cell with its centroid outside is halved before its point is put on the surface.
 const MAX_DIVISIONS: u32 = 5;
-/// Some 8 GB of points and densities if all cells are inside.
+/// Largest number of cells: some 8 GB of points and densities if all are inside.
 const MAX_CELLS: u64 = 1 << 26;
 const MAX_CELLS_ALONG_AXIS: u64 = 1 << 16;
 

@@ -1,6 +1,6 @@
 //! Energy densities of a map, from its Jacobian: Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid
-//! modeling applications* (2007), the harmonic energy of section 4.3.1, equation (2), and the deformation energy of section
-//! 4.3.2, equation (4).
+//! modeling applications* (2007), the harmonic energy of section 4.3.1, equation (2), and the deformation energy of
+//! section 4.3.2, equation (4).
 
 use crate::Matrix3;
 

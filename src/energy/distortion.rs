@@ -11,10 +11,10 @@ use super::{CHUNK, EnergyError, Quadrature, UnitVolumeScale, quadrature::sum, re
 use crate::statistics::weighted_quantiles;
 use crate::{Matrix3, Point, map::VolumeMap, mesh::TetMesh};
 
-/// Values above this count as this much in [`DistortionReport::volmap`].
+/// Upper bound that values are clamped to in [`DistortionReport::volmap`].
 pub const VOLMAP_BOUND: f64 = 100.0;
 
-/// Sweeps over the three pairs of columns: far more than needed, because convergence is quadratic.
+/// Largest number of sweeps over the three pairs of columns: far more than needed, because convergence is quadratic.
 const MAX_SWEEPS: usize = 30;
 
 /// The five metrics, of one Jacobian or as a mean.
@@ -125,7 +125,7 @@ pub fn stretches(jacobian: &Matrix3) -> [f64; 3] {
     let scaled = jacobian / size;
     let mut columns = scaled;
     for _ in 0..MAX_SWEEPS {
-        if !orthogonalize_columns(&mut columns) {
+        if !orthogonalise_columns(&mut columns) {
             break;
         }
     }
@@ -148,8 +148,8 @@ pub fn conformal([a, b, c]: &[f64; 3]) -> f64 {
     (large * large + 1.0 + small * small) / (3.0 * (large * small).cbrt().powi(2))
 }
 
-/// Dirichlet energy `σ₁² + σ₂² + σ₃²`, the harmonic energy density of [`super::harmonic_density()`]: 3 for rigid motions, and less
-/// for maps that shrink. Depends on the scale; finite where the map folds.
+/// Dirichlet energy `σ₁² + σ₂² + σ₃²`, the harmonic energy density of [`super::harmonic_density()`]: 3 for rigid
+/// motions, and less for maps that shrink. Depends on the scale; finite where the map folds.
 pub fn dirichlet([a, b, c]: &[f64; 3]) -> f64 {
     a * a + b * b + c * c
 }
@@ -365,7 +365,7 @@ fn determinants(samples: &[StretchSample]) -> Option<Determinants> {
 }
 
 /// Rotates each pair of columns in turn until they are orthogonal; returns whether any pair was not, up to rounding.
-fn orthogonalize_columns(columns: &mut Matrix3) -> bool {
+fn orthogonalise_columns(columns: &mut Matrix3) -> bool {
     let mut rotated = false;
     for (p, q) in [(0, 1), (0, 2), (1, 2)] {
         let (first, second) = (columns.column(p).into_owned(), columns.column(q).into_owned());

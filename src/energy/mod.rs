@@ -1,9 +1,9 @@
 //! Energies of a map between solids, as totals and as distributions over the domain.
 //!
-//! Sections 4.3.1 and 4.3.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling applications*
-//! (2007). A [`Quadrature`] of the domain says where a density is evaluated and what volume each point stands for:
-//! [`clipped_grid`] makes one from a surface, as the paper does, [`tet_quadrature`] from a tetrahedral mesh.
-//! [`mod@distortion`] measures the quality of a map by the metrics that are usual elsewhere.
+//! Sections 4.3.1 and 4.3.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling
+//! applications* (2007). A [`Quadrature`] of the domain says where a density is evaluated and what volume each point
+//! stands for: [`clipped_grid`] makes one from a surface, as the paper does, [`tet_quadrature`] from a tetrahedral
+//! mesh. [`mod@distortion`] measures the quality of a map by the metrics that are usual elsewhere.
 
 mod clipped_grid;
 mod density;
@@ -78,7 +78,8 @@ pub struct EnergyReport {
     pub densities: Densities,
 }
 
-/// Values at given points, in order; [`Quadrature::cell_means`] turns those at a quadrature's points into values per cell.
+/// Values at given points, in order; [`Quadrature::cell_means`] turns those at a quadrature's points into values per
+/// cell.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Densities {
     /// Harmonic energy density.
@@ -124,7 +125,8 @@ pub enum EnergyError {
     },
     /// The map has no finite derivative at a point of the domain.
     #[error(
-        "the map's Jacobian at {point} is not finite; a singularity of the map or a hole in its mesh is inside the domain"
+        "the map's Jacobian at {point} is not finite; a singularity of the map or a hole in its mesh is inside the \
+         domain"
     )]
     NonFiniteJacobian {
         /// The point.
@@ -148,8 +150,9 @@ pub enum EnergyError {
     },
 }
 
-/// Energy densities of a map at any points, such as those of a [plane section](crate::geometry::PlaneSection); not finite
-/// where the Jacobian is not. The volumes are those of the two solids; they count with [`EnergyOptions::normalize`] only.
+/// Energy densities of a map at any points, such as those of a [plane section](crate::geometry::PlaneSection); not
+/// finite where the Jacobian is not. The volumes are those of the two solids; they matter only with
+/// [`EnergyOptions::normalize`].
 ///
 /// # Errors
 ///
@@ -171,7 +174,7 @@ pub fn densities(
 
 /// Harmonic and deformation energy of a map over a domain, with their distributions.
 ///
-/// `domain_volume` and `target_volume` are those of the two solids, in model units; `domain_volume` is as a rule
+/// `domain_volume` and `target_volume` are those of the two solids, in model units; `domain_volume` is usually
 /// [`Quadrature::volume`]. The target's is negative when the map reflects.
 ///
 /// With [`EnergyOptions::normalize`] the energies are those of the map between the solids scaled to unit volume
@@ -433,7 +436,7 @@ mod tests {
 
     #[test]
     fn inverted_parts_are_counted_by_volume() {
-        // x ↦ x² − x turns over where 2x < 1: three eighths of the cube [1/8, 9/8] · …, on 8 layers.
+        // x ↦ x² − x is inverted where 2x < 1: in three of eight layers of cells, since x runs from 1/8 to 9/8.
         let surface = shapes::deformed(&shapes::cube(1.0, 1), |p| p + Vector::new(0.625, 0.0, 0.0));
         let fold = Formula(
             |p: &Point| Point::new(p.x * p.x - p.x, p.y, p.z),
@@ -471,7 +474,7 @@ mod tests {
     }
 
     #[test]
-    fn names_what_stops_it() {
+    fn bad_volumes_and_jacobians_are_refused() {
         let rule = grid(&shapes::cube(1.0, 1), 2);
         let identity = affine(Matrix3::identity());
         let options = EnergyOptions::default();

@@ -27,7 +27,8 @@ pub enum QuadratureError {
     NoCells(GridResolution),
     /// The grid has too many cells.
     #[error(
-        "the grid would have {} × {} × {} cells, more than {limit} in all or {axis_limit} along one side; choose larger cells",
+        "the grid would have {} × {} × {} cells, more than {limit} in all or {axis_limit} along one side; \
+         choose larger cells",
         cells[0], cells[1], cells[2]
     )]
     TooManyCells {
@@ -40,7 +41,8 @@ pub enum QuadratureError {
     },
     /// The surface is open: a vertical line enters the solid without leaving it.
     #[error(
-        "the surface is open: near x = {x}, y = {y} it is entered and left unequally often along z; close its holes and orient its triangles consistently"
+        "the surface is open: near x = {x}, y = {y} a line along z enters and leaves it unequally often; \
+         close its holes and orient its triangles consistently"
     )]
     Open {
         /// Where the hole is, to the width of a cell.
@@ -56,7 +58,8 @@ pub enum QuadratureError {
     },
     /// Parts of the surface are inside out.
     #[error(
-        "parts of the surface enclose a negative volume of {negative}, against {volume} in all; orient every component outward (cavities into the cavity) and remove folds"
+        "parts of the surface enclose a negative volume of {negative}, against {volume} in all; orient every component \
+         outward (cavities into the cavity) and remove folds"
     )]
     InsideOut {
         /// Sum of the negative cell volumes.

@@ -46,7 +46,7 @@ pub(super) fn require_finite<const N: usize>(vertices: &[Point], elements: &[[u3
     Ok(())
 }
 
-/// Each point is nearest to one corner: barycentric weights `(5 + 3√5) / 20` and thrice `(5 − √5) / 20`.
+/// Each point is nearest to one corner: barycentric weights `(5 + 3√5) / 20` and three times `(5 − √5) / 20`.
 fn rule_points(corners: [Point; 4]) -> [Point; 4] {
     let near = (5.0 + 3.0 * 5f64.sqrt()) / 20.0;
     let far = (5.0 - 5f64.sqrt()) / 20.0;

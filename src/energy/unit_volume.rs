@@ -23,8 +23,8 @@ impl UnitVolumeScale {
     ///
     /// # Errors
     ///
-    /// [`EnergyError::Volume`] unless the volume of the domain is positive and finite, and that of the target finite and
-    /// not zero.
+    /// [`EnergyError::Volume`] unless the volume of the domain is positive and finite, and that of the target finite
+    /// and not zero.
     pub fn new(domain_volume: f64, target_volume: f64) -> Result<Self, EnergyError> {
         require_volume("domain", domain_volume)?;
         let (solid, volume) = ("target", target_volume);

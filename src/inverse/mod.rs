@@ -31,8 +31,8 @@ pub use seeds::lattice_mesh;
 #[derive(Debug, Clone, PartialEq)]
 pub struct InverseOptions {
     /// Distance between `f(x)` and `y` at which `x` counts as the preimage, as a fraction of the target's diagonal, at
-    /// most 1e-3. Rounding errors of the target's coordinates are added, and sums over many sources do not reach less
-    /// than 1e-10.
+    /// most 1e-3. Never below the rounding errors of the target's coordinates; sums over many sources do
+    /// not reach less than 1e-10.
     pub tolerance: f64,
     /// Nodes of the mesh that the search starts from, at most a million: folds smaller than its cells may be missed.
     pub seed_nodes: usize,
@@ -51,7 +51,7 @@ impl Default for InverseOptions {
     }
 }
 
-/// Result of the search for a preimage. Files and other languages have the number of the variant, from 0.
+/// Result of the search for a preimage. In files and other languages it is the number of the variant, from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum PreimageStatus {
@@ -81,7 +81,7 @@ pub struct Preimage {
     pub point: Point,
     /// `|f(x) − y|` over the target's diagonal at the preimage; infinite without one.
     pub round_trip: f64,
-    /// Number of different preimages found in the domain or, if there is none, in the gap.
+    /// Number of distinct preimages found in the domain or, if there is none, in the gap.
     pub preimages: usize,
     /// The preimage lies outside of the domain: the point is in the gap between the target's boundary and the image of
     /// the domain's, no farther from the latter than twice the boundary error there and its root mean square.
@@ -162,11 +162,11 @@ pub enum InverseError {
     Extent {
         /// `"domain"` or `"target"`.
         surface: &'static str,
-        /// The kind of result.
+        /// Its diagonal.
         diagonal: f64,
     },
     /// No node of the domain has a finite image.
-    #[error("the map has no finite value anywhere in the domain")]
+    #[error("the map is not finite anywhere in the domain; fit it again")]
     NoValues,
 }
 
@@ -190,7 +190,7 @@ pub struct InverseMap<'a> {
 
 /// Points searched together: enough to share all costs, few enough to limit memory.
 const BATCH: usize = 1 << 17;
-/// Most starts from the mapped tetrahedra that contain a point, and from the nearest mapped nodes.
+/// Largest number of starts from the mapped tetrahedra that contain a point, and from the nearest mapped nodes.
 const MAX_CONTAINING: usize = 8;
 const MAX_NEAREST: usize = 6;
 /// `det J` over its mean below which a fold may be so near that there are more preimages.
@@ -336,7 +336,7 @@ impl<'a> InverseMap<'a> {
         doubtful
     }
 
-    /// The different preimages that Newton's method finds from the starts of each point.
+    /// The distinct preimages that Newton's method finds from the starts of each point.
     fn search(&self, points: &[Point], starts: &[Vec<Point>]) -> (Vec<Vec<FoundPreimage>>, NewtonEffort) {
         let pairs: Vec<(Point, Point)> = points
             .iter()
@@ -355,7 +355,7 @@ impl<'a> InverseMap<'a> {
         let (beyond, evaluations) = self.beyond(&pairs, &roots);
         effort.evaluations += evaluations;
         let mut all = roots.iter().zip(beyond);
-        let different = |seeds: &Vec<Point>| {
+        let distinct = |seeds: &Vec<Point>| {
             let mut found = Vec::new();
             for (root, beyond) in all.by_ref().take(seeds.len()) {
                 if let Some(beyond) = beyond {
@@ -365,7 +365,7 @@ impl<'a> InverseMap<'a> {
             prefer_inside(&mut found);
             found
         };
-        (starts.iter().map(different).collect(), effort)
+        (starts.iter().map(distinct).collect(), effort)
     }
 
     /// Evaluates the Jacobian anew at roots near folds, where the last step may have changed its sign. Returns the

@@ -75,9 +75,11 @@ struct NewtonSearch {
     residual: f64,
     jacobian: Matrix3,
     is_fresh: bool,
-    /// The next step to try, as which fraction of the Newton step, and the largest length of the step after it.
+    /// The next step to try.
     step: Vector,
-    part: f64,
+    /// Its length as a fraction of the Newton step's.
+    fraction: f64,
+    /// Longest length of the step after it.
     trust: f64,
     state: SearchState,
 }
@@ -143,7 +145,7 @@ impl NewtonSearch {
             jacobian: Matrix3::zeros(),
             is_fresh: false,
             step: Vector::zeros(),
-            part: 0.0,
+            fraction: 0.0,
             trust: limits.first_step,
             state: SearchState::Running,
         }
@@ -157,7 +159,7 @@ impl NewtonSearch {
     fn take(&mut self, image: Point, jacobian: Option<Matrix3>, limits: &NewtonLimits) {
         let difference = image - self.y;
         let residual = difference.norm();
-        let enough = (1.0 - ARMIJO * self.part) * self.residual;
+        let enough = (1.0 - ARMIJO * self.fraction) * self.residual;
         if residual >= enough || residual.is_nan() {
             self.retreat(limits);
             return;
@@ -184,14 +186,14 @@ impl NewtonSearch {
             self.state = SearchState::Stuck;
             return;
         }
-        self.part = (self.trust / length).min(1.0);
-        self.step = step * self.part;
+        self.fraction = (self.trust / length).min(1.0);
+        self.step = step * self.fraction;
         self.trust = (2.0 * self.trust).min(limits.longest_step);
     }
 
     fn retreat(&mut self, limits: &NewtonLimits) {
         self.step *= 0.5;
-        self.part *= 0.5;
+        self.fraction *= 0.5;
         self.trust = self.step.norm();
         self.state = if self.trust > SHORTEST * limits.first_step {
             SearchState::Running

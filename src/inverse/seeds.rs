@@ -47,7 +47,7 @@ const REFINEMENTS: usize = 2;
 const MAX_TETS: usize = 2_000_000;
 /// `det J` may vanish in a tetrahedron if the least at its corners is below this fraction of the largest.
 const VANISHING: f64 = 0.1;
-/// Volume of a mapped tetrahedron over the product of three of its edges that counts as zero.
+/// Six times the volume of a mapped tetrahedron, over the product of three of its edges, that counts as zero.
 const FLAT: f64 = 1e-14;
 /// Negative barycentric coordinates up to this count as inside, so that no point falls between tetrahedra.
 const SLACK: f64 = 1e-9;
@@ -177,7 +177,7 @@ impl MappedMesh {
 
     /// Volume of the image over that of the mesh; negative if the map inverts most of it.
     fn mean_det(&self) -> f64 {
-        let volumes = |tet: &[u32; 4]| [&self.nodes, &self.images].map(|points| volume(&corners(points, tet)));
+        let volumes = |tet: &[u32; 4]| [&self.nodes, &self.images].map(|points| six_volumes(&corners(points, tet)));
         let (mut whole, mut mapped) = (0.0, 0.0);
         for [before, after] in self.tets.iter().map(volumes) {
             whole += before.abs();
@@ -190,7 +190,7 @@ impl MappedMesh {
     fn may_fold(&self, tet: &[u32; 4], orientation: f64) -> bool {
         let det = tet.map(|v| orientation * self.det[v as usize]);
         let most = det.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let [before, after] = [&self.nodes, &self.images].map(|points| volume(&corners(points, tet)));
+        let [before, after] = [&self.nodes, &self.images].map(|points| six_volumes(&corners(points, tet)));
         let is_small = |&d: &f64| d <= VANISHING * most || d.is_nan();
         det.iter().any(is_small) || orientation * before * after < 0.0
     }
@@ -237,22 +237,22 @@ pub(super) fn is_finite(p: &Point) -> bool {
 }
 
 /// Six times the signed volume.
-fn volume([a, b, c, d]: &[Point; 4]) -> f64 {
+fn six_volumes([a, b, c, d]: &[Point; 4]) -> f64 {
     (b - a).dot(&(c - a).cross(&(d - a)))
 }
 
 fn is_flat([a, b, c, d]: &[Point; 4]) -> bool {
     let edges = (b - a).norm() * (c - a).norm() * (d - a).norm();
-    volume(&[*a, *b, *c, *d]).abs() <= FLAT * edges
+    six_volumes(&[*a, *b, *c, *d]).abs() <= FLAT * edges
 }
 
 /// Barycentric coordinates of `y` in a tetrahedron of either orientation; `None` if it has no volume.
 pub(crate) fn barycentric(corners: &[Point; 4], y: &Point) -> Option<[f64; 4]> {
-    let whole = volume(corners);
+    let whole = six_volumes(corners);
     let weights = std::array::from_fn(|k| {
         let mut replaced = *corners;
         replaced[k] = *y;
-        volume(&replaced) / whole
+        six_volumes(&replaced) / whole
     });
     weights.iter().all(|w: &f64| w.is_finite()).then_some(weights)
 }
@@ -393,16 +393,16 @@ mod tests {
         let corners = [[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [0.2, 0.9, 0.1], [0.1, 0.3, 1.2]].map(Point::from);
         let middles = EDGES.map(|[a, b]| nalgebra::center(&corners[a], &corners[b]));
         let all: Vec<Point> = corners.into_iter().chain(middles).collect();
-        let whole = volume(&corners);
+        let whole = six_volumes(&corners);
         for part in EIGHTHS {
-            assert!((volume(&part.map(|k| all[k])) - whole / 8.0).abs() < 1e-15);
+            assert!((six_volumes(&part.map(|k| all[k])) - whole / 8.0).abs() < 1e-15);
         }
     }
 
     /// The lattice approximates the boundary to a fraction of a cell, and the volume to a fraction of a cell's size
     /// times the area.
     #[test]
-    fn the_lattice_fills_a_solid_with_tetrahedra_of_one_orientation() {
+    fn the_lattice_fills_a_solid_with_tetrahedra_nearly_all_of_one_orientation() {
         for domain in [
             shapes::cube(1.0, 4),
             shapes::sphere(1.0, 3),
@@ -412,8 +412,8 @@ mod tests {
             let size = (domain.volume() / 4000.0).cbrt();
             let error = (mesh.volume() - domain.volume()).abs();
             assert!(error < 0.25 * size * domain.area(), "{error}");
-            let turned = (0..mesh.tets().len()).filter(|&t| mesh.signed_volume(t) < 0.0).count();
-            assert!(turned * 20 < mesh.tets().len(), "{turned}");
+            let inverted = (0..mesh.tets().len()).filter(|&t| mesh.signed_volume(t) < 0.0).count();
+            assert!(inverted * 20 < mesh.tets().len(), "{inverted}");
         }
     }
 }

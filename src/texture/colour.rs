@@ -49,7 +49,7 @@ mod tests {
         }
     }
 
-    /// The standard's own example of a middle grey: half of the intensity has the code 188.
+    /// `255 (1.055 · 0.5^(1/2.4) − 0.055) = 187.5`, rounded up.
     #[test]
     fn half_of_the_light_is_coded_as_188() {
         assert_eq!(to_srgb([0.5; 3]), [188; 3]);

@@ -52,7 +52,7 @@ pub struct SeamReport {
     pub largest_colour_jump: f64,
 }
 
-/// Texture coordinates that differ by less are equal, but for the digits that they were written with.
+/// Texture coordinates that differ by less count as equal: files round them.
 const SAME_UV: f64 = 1e-6;
 /// Least and largest number of points along an edge at which colours are compared: one per pixel that the edge crosses.
 const COMPARED_POINTS: (usize, usize) = (5, 200);

@@ -8,7 +8,8 @@ use crate::geometry::QueryError;
 pub enum TextureError {
     /// A picture has no pixels, or a number of them that does not match its size.
     #[error(
-        "a picture of {width} × {height} pixels was given {pixels} pixels; it needs at least one, and as many as that"
+        "a picture of {width} × {height} pixels was given {pixels} pixels; it needs width × height, and at least \
+         one"
     )]
     PictureSize {
         /// Pixels from left to right.
@@ -19,21 +20,21 @@ pub enum TextureError {
         pixels: usize,
     },
     /// A checkerboard of no squares or of too many.
-    #[error("a checker has from 1 to 1024 squares along a side, not {squares}")]
+    #[error("a checkerboard has 1 to 1024 squares along a side, not {squares}")]
     CheckerSquares {
         /// Squares asked for.
         squares: usize,
     },
     /// The number of texture coordinates is not that of the triangles.
-    #[error("the surface has {triangles} triangles, but {found} of them have texture coordinates")]
+    #[error("the surface has {triangles} triangles, but texture coordinates were given for {found}")]
     UvCount {
         /// Triangles of the surface.
         triangles: usize,
-        /// Triangles with coordinates.
+        /// Triangles that coordinates were given for.
         found: usize,
     },
     /// A texture coordinate is NaN or infinite.
-    #[error("triangle {triangle} (0-based) has a texture coordinate that is not finite; lay the picture out again")]
+    #[error("triangle {triangle} (0-based) has a texture coordinate that is not finite; export the coordinates again")]
     UvNotFinite {
         /// The first such triangle.
         triangle: usize,
@@ -59,8 +60,8 @@ pub enum TextureError {
     NoUv,
     /// Texture coordinates jump at seams, and have no smooth extension.
     #[error(
-        "the texture coordinates jump at {seams} of {edges} edges, by up to {jump:.3}; between the two sides of a seam the \
-         whole picture would be squeezed in. Extend the colours, which need not jump, or allow it"
+        "the texture coordinates jump at {seams} of {edges} edges, by up to {jump:.3}; the extension would squeeze all \
+         of the picture in between into the gap between the two sides. Extend the colours instead, or allow this"
     )]
     Seams {
         /// Edges at which they jump.
@@ -71,7 +72,7 @@ pub enum TextureError {
         jump: f64,
     },
     /// More sources were asked for than are allowed.
-    #[error("{least} sources at least were asked for, but {most} at most; ask for fewer, or allow more")]
+    #[error("at least {least} sources were asked for, but at most {most} are allowed; ask for fewer, or allow more")]
     SourceLimit {
         /// Sources at least.
         least: usize,
@@ -93,7 +94,8 @@ pub enum TextureError {
     NoVoxels,
     /// The volume would not fit into memory.
     #[error(
-        "a volume of {} × {} × {} voxels needs about {need:.1} GiB, and {allowed:.1} GiB are allowed; ask for fewer voxels",
+        "a volume of {} × {} × {} voxels needs about {need:.1} GiB, and {allowed:.1} GiB are allowed; ask for fewer \
+         voxels",
         size[0], size[1], size[2]
     )]
     TooLarge {
@@ -105,7 +107,7 @@ pub enum TextureError {
         allowed: f64,
     },
     /// A stored texture is inconsistent.
-    #[error("the texture does not hold together: {problem}")]
+    #[error("the texture is inconsistent: {problem}")]
     Inconsistent {
         /// What contradicts what.
         problem: String,

@@ -47,7 +47,7 @@ impl Picture {
     ///
     /// [`TextureError::CheckerSquares`] unless `squares` is from 1 to 1024.
     pub fn checker(squares: usize) -> Result<Self, TextureError> {
-        if !(1..=MOST_SQUARES).contains(&squares) {
+        if !(1..=MAX_SQUARES).contains(&squares) {
             return Err(TextureError::CheckerSquares { squares });
         }
         let square = CHECKER_SIDE.div_ceil(squares);
@@ -102,7 +102,7 @@ impl Picture {
 }
 
 /// Largest number of squares along a side.
-const MOST_SQUARES: usize = 1024;
+const MAX_SQUARES: usize = 1024;
 /// Pixels along a side of a checker, or a few more.
 const CHECKER_SIDE: usize = 1024;
 

@@ -77,7 +77,7 @@ impl Default for TextureOptions {
 pub struct ColourError {
     /// Root mean square over the area.
     pub rms: f64,
-    /// 99 % of the area is not above.
+    /// Value that 99 % of the area does not exceed.
     pub p99: f64,
     /// The largest.
     pub max: f64,
@@ -212,7 +212,7 @@ impl SolidTexture {
         [median, thickness.last().copied().unwrap_or_default()].map(|t| t / diagonal)
     }
 
-    /// Error of the harmonic part alone at `count` evenly spread points of the surface.
+    /// Error of the harmonic part alone at `count` evenly spread points of the surface; `None` without any.
     ///
     /// The sum of both parts has only rounding errors; see [`Self::surface_error`].
     pub fn harmonic_error(&self, count: usize, seed: u64) -> Option<ColourError> {
@@ -330,7 +330,7 @@ fn subdivisions(surface: &SurfaceMesh, options: &TextureOptions) -> Result<usize
         times += 1;
     }
     let sources = ((options.fit.source_ratio * vertices as f64) as usize).min(most);
-    let work = FitSize {
+    let size = FitSize {
         vertices,
         sources,
         collocation: (options.fit.collocation_ratio / options.fit.source_ratio * sources as f64) as usize,
@@ -339,7 +339,7 @@ fn subdivisions(surface: &SurfaceMesh, options: &TextureOptions) -> Result<usize
         patch_entries: None,
         method: options.fit.method,
     };
-    let need = work.bytes() as f64;
+    let need = size.bytes() as f64;
     let allowed = options.fit.memory.map_or_else(allowed_memory, |bytes| bytes as f64);
     if times > 0 && (need > allowed || vertices >= countable) {
         return Err(TextureError::TooManySources {

@@ -97,7 +97,7 @@ impl VoxelGrid {
 }
 
 impl SolidTexture {
-    /// The texture at the centres of all voxels. `progress` is told how many of them are done.
+    /// The texture at the centres of all voxels. `progress` is called with the number of voxels done so far.
     pub fn volume(&self, grid: &VoxelGrid, progress: &dyn Fn(usize)) -> VoxelTexture {
         let voxels = grid.voxels();
         let mut rgba = Vec::with_capacity(voxels);

@@ -92,7 +92,7 @@ pub fn label_shares(labels: &[f64], before: &[f64], after: &[f64]) -> Vec<LabelS
     let mut volumes: BTreeMap<u64, (f64, [f64; 2])> = BTreeMap::new();
     for ((&label, &before), &after) in labels.iter().zip(before).zip(after) {
         if !label.is_nan() {
-            // Two zeros are one label.
+            // -0 and 0 are one label.
             let label = label + 0.0;
             let entry = volumes.entry(ascending(label)).or_insert((label, [0.0; 2]));
             entry.1[0] += before;
@@ -108,7 +108,7 @@ pub fn label_shares(labels: &[f64], before: &[f64], after: &[f64]) -> Vec<LabelS
     volumes.into_values().map(share).collect()
 }
 
-/// An integer in the order of the floating-point numbers.
+/// An integer that sorts like the floating-point number.
 fn ascending(x: f64) -> u64 {
     let bits = x.to_bits();
     if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }

@@ -81,7 +81,7 @@ pub enum TransferError {
         components: usize,
     },
     /// A tetrahedron refers to a point that is not there.
-    #[error("tetrahedron {tet} names point {point} of {points}")]
+    #[error("tetrahedron {tet} names point {point}, but there are only {points} points")]
     IndexOutOfRange {
         /// The tetrahedron.
         tet: usize,
@@ -90,8 +90,8 @@ pub enum TransferError {
         /// How many points there are.
         points: usize,
     },
-    /// No point with a field has finite coordinates.
-    #[error("no point with finite coordinates carries the fields")]
+    /// No point of the field mesh has finite coordinates.
+    #[error("none of the points that carry the fields has finite coordinates")]
     Empty,
 }
 
@@ -190,7 +190,7 @@ pub fn push_forward(map: &dyn VolumeMap, field_mesh: &FieldMesh) -> Result<Field
     })
 }
 
-/// The fields at points of the target: their values at the preimages.
+/// The fields at points of the target: their values at the preimages. `inverse` must be the inverse of `map`.
 ///
 /// # Errors
 ///

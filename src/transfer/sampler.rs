@@ -38,7 +38,7 @@ struct SampleLocation {
 const NONE: u32 = u32::MAX;
 /// Negative barycentric coordinates up to this count as inside, so that no point falls between tetrahedra.
 const SLACK: f64 = 1e-9;
-/// Error of the preimages of boundary points with some margin, as a fraction of the mesh's diagonal.
+/// Error of the preimages of boundary points, generously, as a fraction of the mesh's diagonal.
 const MARGIN: f64 = 1e-6;
 
 impl<'a> FieldSampler<'a> {
@@ -69,7 +69,10 @@ impl<'a> FieldSampler<'a> {
         let point = |v: u32| field_mesh.points[v as usize];
         let around_tet = |&t: &u32| with_slack(Aabb::around(&field_mesh.tets[t as usize].map(point)));
         let boxes: Vec<Aabb> = tet_of_item.iter().map(around_tet).collect();
-        let boundary_boxes: Vec<Aabb> = boundary.iter().map(|r| Aabb::around(&r.corners.map(point))).collect();
+        let boundary_boxes: Vec<Aabb> = boundary
+            .iter()
+            .map(|face| Aabb::around(&face.corners.map(point)))
+            .collect();
         let boundary_tree = Bvh::new(&boundary_boxes);
         let diagonal = boundary_tree.nodes()[0].bounds.extent().norm();
         Ok(Self {
@@ -183,7 +186,7 @@ fn boundary_faces(tets: &[[u32; 4]], chosen: &[u32]) -> Vec<BoundaryFace> {
             tet: same[0].1,
         })
         .collect();
-    boundary.sort_by_key(|triangle| triangle.tet);
+    boundary.sort_by_key(|face| face.tet);
     boundary
 }
 

@@ -16,7 +16,7 @@ fn grid_of(rule: &Quadrature) -> Grid {
     }
 }
 
-fn turned(surface: &SurfaceMesh) -> SurfaceMesh {
+fn rotated(surface: &SurfaceMesh) -> SurfaceMesh {
     let rotation = nalgebra::Rotation3::new(Vector::new(0.4, -0.7, 0.5));
     shapes::deformed(surface, |p| rotation * p)
 }
@@ -31,7 +31,7 @@ fn star(rng: &mut StdRng) -> SurfaceMesh {
     })
 }
 
-/// A shell so thin that nearly all centroids fall beside it.
+/// A shell so thin that nearly all centroids of clipped cells lie outside it.
 fn foil() -> SurfaceMesh {
     shapes::spherical_shell(1.0, 0.9995, 3)
 }
@@ -43,11 +43,11 @@ fn solids() -> Vec<(&'static str, SurfaceMesh)> {
     vec![
         ("sphere", shapes::sphere(1.3, 3)),
         ("aligned cube", shapes::cube(1.0, 3)),
-        ("turned cube", turned(&shapes::cube(1.0, 1))),
+        ("rotated cube", rotated(&shapes::cube(1.0, 1))),
         ("torus", shapes::torus(1.0, 0.3, 40, 20)),
-        ("turned torus", turned(&shapes::torus(1.0, 0.3, 40, 20))),
+        ("rotated torus", rotated(&shapes::torus(1.0, 0.3, 40, 20))),
         ("double torus", shapes::double_torus(2)),
-        ("turned double torus", turned(&shapes::double_torus(2))),
+        ("rotated double torus", rotated(&shapes::double_torus(2))),
         ("shell", shapes::spherical_shell(1.0, 0.6, 3)),
         ("foil", foil()),
         ("two components", shapes::joined(&shapes::sphere(1.0, 3), &apart)),
@@ -109,8 +109,8 @@ fn linear_densities_are_integrated_exactly() {
                 .sum();
             let expected = first_moment(&surface);
             let error = (found - expected).norm() / surface.volume();
-            // Neglected parts, each below 1e-9 of a cell, are a thousandth of the cells at most. Only in the foil do
-            // points leave their centroids, but not the 32nd part of a cell in which a piece is bent to the last.
+            // Neglected parts, each below 1e-9 of a cell, are a thousandth of the cells at most. Only in the foil are
+            // points off their centroids, and then within a piece of the smallest size, a 32nd of a cell.
             let tolerance = match name {
                 "foil" => 3f64.sqrt() / 32.0 * grid_of(&rule).cell_size,
                 "far from the origin" => 1e-10,
@@ -138,7 +138,7 @@ fn every_point_lies_in_the_solid_and_in_its_cell() {
 
 #[test]
 fn each_weight_is_the_volume_of_its_cell_in_the_solid() {
-    // A turned cube again, now cell by cell against 40³ probes per cell: each of at most three faces through a cell
+    // A rotated cube again, now cell by cell against 40³ probes per cell: each of at most three faces through a cell
     // misjudges less than half a layer of probes, 3 · 0.5 · √3 / 40 of the cell in all.
     let side = 1.0;
     let rotation = nalgebra::Rotation3::new(Vector::new(0.4, -0.7, 0.5));
@@ -282,7 +282,7 @@ fn rejects_grids_without_cells_or_with_too_many() {
 
 #[test]
 fn does_not_depend_on_the_number_of_threads() {
-    let surface = turned(&shapes::torus(1.0, 0.3, 40, 20));
+    let surface = rotated(&shapes::torus(1.0, 0.3, 40, 20));
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| by_count(&surface, 20))

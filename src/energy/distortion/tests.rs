@@ -360,7 +360,7 @@ fn flat_tets_of_the_domain_are_counted_and_weigh_nothing() {
 }
 
 #[test]
-fn names_what_stops_it() {
+fn wrong_counts_and_solids_without_volume_are_refused() {
     let mesh = cube();
     let count = EnergyError::ImageCount { expected: 8, found: 7 };
     assert_eq!(tet_distortion(&mesh, &mesh.vertices()[1..]), Err(count));
