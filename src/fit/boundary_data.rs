@@ -14,8 +14,8 @@ pub(crate) fn is_flat(volume: f64, diagonal: f64) -> bool {
     volume.abs() < 1e-12 * diagonal.powi(3)
 }
 
-/// A boundary map of the factored domain, and the coordinates in which its images are solved for. In these the target has
-/// the diagonal 1, so that the maps of a block weigh alike.
+/// A boundary map of the factored domain, and the normalised coordinates in which its images are solved for: the target
+/// has diagonal 1, so that all maps of a block have equal weight.
 pub(super) struct BoundaryData {
     pub boundary: BoundaryMap,
     pub origin: Point,
@@ -25,7 +25,7 @@ pub(super) struct BoundaryData {
 impl BoundaryData {
     /// `affine` says whether the affine functions are in the basis.
     pub fn new(boundary: &BoundaryMap, domain: &Arc<SurfaceMesh>, affine: bool) -> Result<Self, FitError> {
-        // The repaired domain has the same vertices and triangles; some of these are reversed.
+        // The repaired domain has the same vertices and triangles; some triangles may be reversed.
         let boundary = boundary.over(domain.clone()).map_err(|_| FitError::OtherDomain)?;
         let (low, high) = boundary.target_box();
         // With the constant in the basis the shift changes nothing but rounding; without it, it would change the fit.
@@ -41,7 +41,7 @@ impl BoundaryData {
         })
     }
 
-    /// Images of points of the boundary, to be solved for.
+    /// Images of points of the boundary in the normalised coordinates.
     pub fn values_at(&self, points: &[SurfacePoint]) -> Vec<Vector> {
         let images = self.boundary.evaluate(points);
         images.iter().map(|p| (p - self.origin) / self.diagonal).collect()
@@ -54,16 +54,17 @@ impl BoundaryData {
         pairs.map(|(f, exact)| (f - exact).norm() / self.diagonal).collect()
     }
 
-    /// A warning when the target is no solid or a mirror image; it can be mapped to nevertheless.
+    /// A warning when the target encloses no volume or the map reverses the orientation; the fit goes ahead
+    /// nevertheless.
     pub fn warning(&self) -> Option<String> {
         if self.boundary.is_by_function() {
             return None;
         }
         let volume = self.boundary.target_volume();
         let warning = if is_flat(volume, self.diagonal) {
-            "the target encloses no volume, so it is no solid; the map flattens the domain"
+            "the target encloses no volume, so it is not a solid; the map flattens the domain"
         } else if volume < 0.0 {
-            "the boundary map turns the solid inside out: it is a reflection"
+            "the boundary map reverses the orientation: it turns the solid inside out"
         } else {
             return None;
         };

@@ -4,14 +4,14 @@ use crate::geometry::QueryError;
 use crate::memory::readable;
 use crate::solver::SolveError;
 
-/// Why no map came out.
+/// Why a fit failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FitError {
     /// The domain does not bound a solid.
     #[error("the domain does not bound a solid: {}", describe_errors(.0))]
     DefectiveDomain(Box<CheckReport>),
-    /// Volumes and areas would leave the range of numbers.
+    /// Volumes and areas would overflow or underflow.
     #[error("the domain has a size of {diagonal:e}; scale it to between 1e-60 and 1e60")]
     OutOfScale {
         /// The diagonal of the bounding box, in model units.
@@ -35,14 +35,14 @@ pub enum FitError {
         "the Schwarz solver needs sources near the surface: use the adaptive placement, or a dense solver with this one"
     )]
     SchwarzNeedsNearSources,
-    /// Sources on an offset surface without the C++ bridge.
+    /// Sources on an offset surface need the feature `native`.
     #[error("an offset surface needs CGAL; build with the feature `native`, or use the adaptive placement")]
     NeedsNative,
     /// The offset surface could not be built.
     #[cfg(feature = "native")]
     #[error("cannot build the offset surface for the sources: {0}")]
     Offset(#[from] crate::cgal_tetgen::CgalTetgenError),
-    /// The domain's surface cannot be asked for distances.
+    /// Distances to the domain's surface cannot be queried.
     #[error(transparent)]
     Query(#[from] QueryError),
     /// The boundary map is of another domain than the factorisation.
@@ -78,7 +78,7 @@ pub enum FitError {
     /// The system has no usable solution.
     #[error("cannot solve for the coefficients: {0}")]
     Solve(#[source] SolveError),
-    /// The progress callback asked for an end.
+    /// The progress callback cancelled the fit.
     #[error("cancelled by the progress callback")]
     Cancelled,
 }

@@ -13,21 +13,21 @@ use crate::sampling;
 use crate::statistics::Summary;
 use crate::{Point, Vector};
 
-/// Triangles at most that are visited for the largest error.
+/// Largest number of triangles that the largest error is taken over.
 const TRIANGLES: usize = 100_000;
-/// Relative error of the sums for measuring a map, as a part of the map's own error. Values are some tenths of the
-/// diagonal, and errors of sums and map add as squares: that is half a percent of the error.
+/// Relative error allowed in the sums that measure a map, as a fraction of the map's own error. Values are some tenths
+/// of the diagonal, and the two errors add in quadrature: the measured error is off by half a percent.
 const PART_OF_ERROR: f64 = 0.3;
-/// Largest relative error of these sums.
-const LEAST_ACCURACY: f64 = 1e-4;
+/// Largest relative error allowed in these sums, whatever the map's error.
+const MAX_SUM_ERROR: f64 = 1e-4;
 
 /// Points of the boundary that are not collocation points.
 pub(super) struct HeldOut {
     points: Vec<SurfacePoint>,
-    /// The first so many are spread evenly, and averaged over.
+    /// The first `even` points are spread evenly by area; averages are taken over these alone.
     even: usize,
     positions: Vec<Point>,
-    /// Made for the sources there are, and kept for further boundary maps.
+    /// Built for the current sources when first needed, and kept for further boundary maps.
     evaluator: OnceLock<Evaluator>,
 }
 
@@ -48,7 +48,7 @@ impl HeldOut {
         self.evaluator = OnceLock::new();
     }
 
-    /// The boundary error for each of the data of a solution.
+    /// The boundary error of each map of a solution.
     pub fn errors(
         &self,
         system: &System,
@@ -58,11 +58,11 @@ impl HeldOut {
         let evaluator = match self.evaluator.get() {
             Some(evaluator) => evaluator,
             None => {
-                let evaluator = system.evaluator(&self.positions, LEAST_ACCURACY)?;
+                let evaluator = system.evaluator(&self.positions, MAX_SUM_ERROR)?;
                 self.evaluator.get_or_init(|| evaluator)
             }
         };
-        let accuracy = (PART_OF_ERROR * solution.expected_error()).min(LEAST_ACCURACY);
+        let accuracy = (PART_OF_ERROR * solution.expected_error()).min(MAX_SUM_ERROR);
         let values = evaluator.values(solution, accuracy)?;
         let error_of = |(k, data): (usize, &BoundaryData)| {
             let exact = data.values_at(&self.points);

@@ -1,4 +1,4 @@
-//! The levels of the Schwarz solver: sources at every spacing from a few hundred for the whole domain to one per anchor.
+//! The levels of the Schwarz solver: from a few hundred sources for the whole domain to one per anchor.
 
 use super::FitError;
 use crate::geometry::SurfaceQuery;
@@ -6,7 +6,7 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::{self, Anchors, Collocation, HierarchyOptions, SiteLevel, SourceSite};
 use crate::solver::Level;
 
-/// Levels from coarse to fine; warns of sources that found no place.
+/// Levels from coarse to fine; warns of sources of the finest that found no place.
 pub(super) fn levels(
     domain: &SurfaceMesh,
     anchors: &Anchors,

@@ -1,4 +1,4 @@
-//! The pipeline on one screen (the algorithm of section 3.3): boundary map → samples → system → map.
+//! The pipeline (the algorithm of section 3.3): boundary map → samples → system → map.
 //!
 //! What depends on the domain alone is done once, in [`DomainFactor::new`]; every boundary map of that domain then costs
 //! one [`DomainFactor::solve`] (section 4.6).
@@ -45,8 +45,8 @@ use timings::Stopwatch;
 
 /// Fits the harmonic map that carries the boundary of the domain as `boundary` does.
 ///
-/// With the Schwarz solver, time and memory grow with the number of sources (`docs/scaling.md`); a dense one takes `2mn²`
-/// flops and `8mn` bytes for `m` collocation points and `n` sources (QR).
+/// With the Schwarz solver, time and memory are linear in the number of sources (`docs/scaling.md`); dense QR takes
+/// `2mn²` flops and `8mn` bytes for `m` collocation points and `n` sources.
 ///
 /// # Errors
 ///
@@ -71,9 +71,9 @@ pub struct DomainFactor {
     timings: FitTimings,
 }
 
-/// A round of refinement that leaves more of the error than this did not help.
+/// A round of refinement has helped if it lowers the smallest error so far to less than this fraction of it.
 const GAIN: f64 = 0.95;
-/// Rounds without help, one after the other, that end refinement.
+/// Consecutive rounds that did not help after which refinement ends.
 const ROUNDS_IN_VAIN: usize = 3;
 
 impl DomainFactor {
@@ -134,12 +134,12 @@ impl DomainFactor {
         Ok(fits.remove(0))
     }
 
-    /// The maps for several boundary maps of this domain at once, such as the frames of a sequence. They share every
-    /// kernel value, and what they have in common is solved for once: with a tolerance, the system is solved for as many
-    /// modes of the data as make it up to a five-hundredth of the tolerance (see
-    /// [`BasisModes`](crate::solver::BasisModes)). Each report's `solve` and `check` times are its share.
+    /// The maps for several boundary maps of this domain at once, such as the frames of a sequence. Each kernel value
+    /// is computed once for all of them, and the Schwarz solver is run only for the modes that represent all boundary
+    /// data to a five-hundredth of the tolerance (see [`BasisModes`](crate::solver::BasisModes)). Each report's `solve`
+    /// and `check` times are an equal share of the block's.
     ///
-    /// Needs `24 · (collocation + sources)` bytes per boundary map, some ten times over.
+    /// Needs about `240 · (collocation + sources)` bytes for each boundary map after the first.
     ///
     /// # Errors
     ///
@@ -179,7 +179,8 @@ impl DomainFactor {
     /// The map for one boundary map of this domain, with finer sources added where its error is too large for the
     /// tolerance. They stay, and serve later boundary maps as well.
     ///
-    /// Ends with the best map when the tolerance is met, no more sources are allowed, or three rounds did not help.
+    /// Ends with the best map when the tolerance is met, no more sources or memory are allowed, or three consecutive
+    /// rounds did not help. A dense system is never refined.
     ///
     /// # Errors
     ///

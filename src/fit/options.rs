@@ -5,19 +5,19 @@ use crate::memory;
 use crate::mesh::SurfaceMesh;
 use crate::solver::{Decomposition, DenseOptions, SchwarzOptions};
 
-/// Where the sources stand.
+/// Where the sources are placed.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Placement {
     /// Along the vertex normals at a distance that follows the local spacing of the sources.
     Adaptive {
-        /// Distance over spacing; 1 to 1.5 is good.
+        /// Source offset over spacing; 1 to 1.5 is good.
         alpha: f64,
     },
     /// Evenly on an offset surface (the paper's choice; needs the feature `native`). It wraps the outside only, so
     /// cavities get their sources as by `Adaptive`.
     Offset {
-        /// Distance over the diagonal of the domain's bounding box, the paper's O-Distance; 0.02 to 0.2 is usual.
+        /// Source offset over the diagonal of the domain's bounding box, the paper's O-Distance; 0.02 to 0.2 is usual.
         distance: f64,
     },
     /// Evenly on a sphere about the centre of the bounding box; cavities get their sources as by `Adaptive`.
@@ -28,28 +28,29 @@ pub enum Placement {
 }
 
 impl Placement {
-    /// Distance over spacing of [`Self::Adaptive`] unless told otherwise.
+    /// Default `alpha` of [`Self::Adaptive`].
     pub const DEFAULT_ALPHA: f64 = 1.0;
-    /// Distance of [`Self::Offset`] unless told otherwise: the paper's.
+    /// Default `distance` of [`Self::Offset`]: the paper's.
     pub const DEFAULT_DISTANCE: f64 = 0.1;
-    /// Radius of [`Self::Sphere`] unless told otherwise.
+    /// Default `radius` of [`Self::Sphere`].
     pub const DEFAULT_RADIUS: f64 = 1.0;
 }
 
-/// How the least-squares system is solved, and where its sources stand.
+/// How the least-squares system is solved, and where its sources are placed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FitMethod {
-    /// Iterations preconditioned by local solves on several levels: time and memory grow with the number of sources.
+    /// Iterations with a multilevel Schwarz preconditioner: time and memory are linear in the number of sources.
     Schwarz {
-        /// Distance over spacing, as of [`Placement::Adaptive`]: patches are small only for sources near the surface.
+        /// Source offset over spacing, as in [`Placement::Adaptive`]: patches are small only for sources near the
+        /// surface.
         alpha: f64,
         /// Settings of the solver.
         options: SchwarzOptions,
     },
-    /// A dense decomposition: time grows with the cube of the number of sources and memory (24 bytes per entry) with
-    /// the square.
+    /// A dense decomposition: time grows with the cube of the number of sources and memory with the square (8 bytes per
+    /// matrix entry by QR; six times as much by SVD at three collocation points per source).
     Dense {
-        /// Where the sources stand.
+        /// Where the sources are placed.
         placement: Placement,
         /// Settings of the decomposition.
         options: DenseOptions,
@@ -57,7 +58,7 @@ pub enum FitMethod {
 }
 
 impl FitMethod {
-    /// The Schwarz solver, where placement and solver are chosen apart.
+    /// The Schwarz solver, for callers that choose placement and solver independently.
     ///
     /// # Errors
     ///
@@ -69,7 +70,7 @@ impl FitMethod {
         }
     }
 
-    /// Where the sources stand.
+    /// Where the sources are placed.
     pub fn placement(&self) -> Placement {
         match *self {
             Self::Schwarz { alpha, .. } => Placement::Adaptive { alpha },
@@ -77,7 +78,7 @@ impl FitMethod {
         }
     }
 
-    /// [`FitOptions::max_sources`] unless told otherwise: what takes minutes on a desktop computer.
+    /// Default of [`FitOptions::max_sources`]: what takes minutes on a desktop computer.
     pub fn default_max_sources(&self) -> usize {
         match self {
             Self::Schwarz { .. } => 2_000_000,
@@ -101,7 +102,7 @@ impl Default for FitMethod {
 /// Settings of a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitOptions {
-    /// How the system is solved, and where its sources stand.
+    /// How the system is solved, and where its sources are placed.
     pub method: FitMethod,
     /// Sources per boundary vertex, the paper's sRatio.
     pub source_ratio: f64,
@@ -109,17 +110,17 @@ pub struct FitOptions {
     /// are the vertices and the centroids; with other ratios they are spread around the sources.
     pub collocation_ratio: f64,
     /// At most this many sources; a domain that asks for more gets fewer, and fewer collocation points in proportion.
-    /// The coarser levels of the Schwarz solver, a tenth more, do not count.
+    /// The coarser levels of the Schwarz solver, a tenth more, do not count, except towards the limit on refinement.
     pub max_sources: usize,
-    /// Whether the affine functions are in the basis; without them it is the paper's.
+    /// Whether the affine functions are in the basis; the paper's basis is without them.
     pub affine: bool,
     /// The boundary error (99 % of the area, as a fraction of the target's diagonal) to be reached.
     pub tolerance: f64,
     /// Whether [`fit`](crate::fit::fit) adds sources where the error is too large for the tolerance. Needs the Schwarz solver.
     pub refine: bool,
     /// Bytes that a fit may need by the estimate [`FitSize::bytes`](crate::fit::FitSize::bytes): more is refused, and
-    /// refinement ends where it would need more. `None` for [`default_budget`](crate::memory::default_budget) at the start,
-    /// or no limit where the system does not say what is available.
+    /// refinement ends where it would need more. `None` for [`default_budget`](crate::memory::default_budget) at the
+    /// start (less where the address space is limited), or no limit where the system does not say what is available.
     pub memory: Option<u64>,
     /// Held-out points that the boundary error is averaged over.
     pub held_out: usize,
@@ -128,12 +129,12 @@ pub struct FitOptions {
 }
 
 impl FitOptions {
-    /// Adaptive placement with one source per vertex, overdetermined by three: the default.
+    /// Adaptive placement with one source per vertex and three collocation points per source: the default.
     pub fn adaptive() -> Self {
         Self::with_method(FitMethod::default())
     }
 
-    /// As [`Self::adaptive`] by a dense decomposition, with at most 5000 sources.
+    /// As [`Self::adaptive`], but by a dense decomposition, with at most 5000 sources.
     pub fn dense() -> Self {
         Self::with_method(FitMethod::Dense {
             placement: FitMethod::default().placement(),
@@ -141,8 +142,8 @@ impl FitOptions {
         })
     }
 
-    /// The paper's settings (sections 4.1 to 4.5): an offset surface at 0.1 of the size, sRatio 0.6, collocation at all
-    /// vertices, singular value decomposition.
+    /// The paper's settings (sections 4.1 to 4.5): an offset surface at 0.1 of the diagonal, sRatio 0.6, collocation at
+    /// all vertices, singular value decomposition.
     pub fn paper() -> Self {
         Self {
             source_ratio: 0.6,
@@ -251,7 +252,8 @@ impl FitOptions {
         )
     }
 
-    /// Root mean square residual at which iterations end: far below the tolerance.
+    /// Root mean square residual at which iterations end, as a fraction of the target's diagonal: far below the
+    /// tolerance.
     pub(super) fn residual_tolerance(&self) -> f64 {
         0.02 * self.tolerance
     }
@@ -270,7 +272,7 @@ const MOST_HELD_OUT: usize = 10_000_000;
 pub(super) struct PointCounts {
     pub sources: usize,
     pub collocation: usize,
-    /// Sources that there would be without a limit.
+    /// Number of sources without the limit.
     unlimited_sources: usize,
 }
 
@@ -293,12 +295,12 @@ impl PointCounts {
         }
     }
 
-    /// Whether the limit has taken sources away.
+    /// Whether the limit has reduced the number of sources.
     pub fn is_limited(&self) -> bool {
         self.sources < self.unlimited_sources
     }
 
-    /// A warning when the limit has taken sources away.
+    /// A warning when the limit has reduced the number of sources.
     pub fn warning(&self) -> Option<String> {
         let (sources, asked) = (self.sources, self.unlimited_sources);
         self.is_limited().then(|| {

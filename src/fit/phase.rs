@@ -57,7 +57,7 @@ impl Progress<'_> {
         }
     }
 
-    /// Reports a phase on behalf of the solver, which ends by itself when told so.
+    /// Reports a phase on behalf of the solver, which returns its own error when cancelled.
     pub fn report(&self, phase: Phase) -> ControlFlow<()> {
         (self.0)(phase)
     }

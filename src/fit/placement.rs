@@ -1,4 +1,4 @@
-//! Where sources and collocation points stand (sections 4.1 and 4.5).
+//! Placement of sources and collocation points (sections 4.1 and 4.5).
 
 use super::levels::{dropped_warning, levels};
 use super::options::PointCounts;
@@ -54,7 +54,7 @@ impl PlacedPoints {
     }
 }
 
-/// Sources of a single level; warns of those that found no place.
+/// Sources of a dense system, on a single level; warns of those that found no place.
 fn place_sources(
     domain: &SurfaceMesh,
     anchors: &Anchors,
@@ -66,16 +66,16 @@ fn place_sources(
     let sources = match placement {
         Placement::Adaptive { alpha } => near_sources(domain, anchors, alpha, warnings)?,
         Placement::Offset { distance } => {
-            let (within, count) = in_cavities(domain, anchors, counts);
+            let (cavity, count) = cavity_anchors(domain, anchors, counts);
             let mut sources = offset_sources(domain, distance, count, seed, warnings)?;
-            sources.extend(near_sources(domain, &within, Placement::DEFAULT_ALPHA, warnings)?);
+            sources.extend(near_sources(domain, &cavity, Placement::DEFAULT_ALPHA, warnings)?);
             sources
         }
         Placement::Sphere { radius } => {
-            let (within, count) = in_cavities(domain, anchors, counts);
+            let (cavity, count) = cavity_anchors(domain, anchors, counts);
             let UnitFrame { centre, diagonal } = UnitFrame::of(domain);
             let mut sources = sampling::bounding_sphere(centre, radius * diagonal, count);
-            sources.extend(near_sources(domain, &within, Placement::DEFAULT_ALPHA, warnings)?);
+            sources.extend(near_sources(domain, &cavity, Placement::DEFAULT_ALPHA, warnings)?);
             sources
         }
     };
@@ -86,6 +86,7 @@ fn place_sources(
     }
 }
 
+/// Sources beside the anchors, as by [`Placement::Adaptive`].
 fn near_sources(
     domain: &SurfaceMesh,
     anchors: &Anchors,
@@ -100,15 +101,16 @@ fn near_sources(
     Ok(placed.positions)
 }
 
-/// The anchors on cavities, which need sources inside them, and how many sources are left for a surface around the domain.
-fn in_cavities(domain: &SurfaceMesh, anchors: &Anchors, counts: &PointCounts) -> (Anchors, usize) {
+/// The anchors on the walls of cavities, which need sources inside the cavity, and how many sources are left for a
+/// surface around the domain.
+fn cavity_anchors(domain: &SurfaceMesh, anchors: &Anchors, counts: &PointCounts) -> (Anchors, usize) {
     let in_cavity = cavity_vertices(domain);
-    let within = anchors.only(|v| in_cavity[v as usize]);
-    let count = counts.sources.saturating_sub(within.vertices.len());
-    (within, count)
+    let cavity = anchors.only(|v| in_cavity[v as usize]);
+    let count = counts.sources.saturating_sub(cavity.vertices.len());
+    (cavity, count)
 }
 
-/// Whether each vertex lies on a shell that encloses a cavity: one that, on a repaired surface, has a negative volume.
+/// Whether each vertex lies on a shell that encloses a cavity: one that has a negative volume on a repaired surface.
 fn cavity_vertices(domain: &SurfaceMesh) -> Vec<bool> {
     let components = Topology::new(domain).components();
     let UnitFrame { centre, .. } = UnitFrame::of(domain);
@@ -145,11 +147,11 @@ fn offset_sources(
     let distance = distance * UnitFrame::of(domain).diagonal;
     let offset = crate::cgal_tetgen::offset_surface(domain, distance, &crate::cgal_tetgen::OffsetOptions::default())?;
     if offset.raw_wrap {
-        warnings.push("the offset surface is the wrap as it came, about 1 % off its distance".into());
+        warnings.push("no projected offset surface is valid: the wrap itself is used, about 1 % off".into());
     }
     if offset.model_genus.is_some_and(|genus| genus != offset.genus) {
         warnings.push(format!(
-            "the offset surface has genus {} and the domain {}: it closes holes, and has no sources in them",
+            "the offset surface has genus {} and the domain {}: it closes holes, so that no sources are placed in them",
             offset.genus,
             offset.model_genus.unwrap_or_default()
         ));

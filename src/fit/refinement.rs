@@ -7,7 +7,7 @@ use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling::{Anchors, SiteLevel, SurfaceCells};
 use crate::solver::Level;
 
-/// Part of the area left unrefined though the error there exceeds the tolerance: less than the hundredth that
+/// Fraction of the area left unrefined though the error there exceeds the tolerance: less than the hundredth that
 /// [`BoundaryError::p99`] allows, since the error stays too large on some of the refined area.
 ///
 /// [`BoundaryError::p99`]: super::BoundaryError
@@ -15,7 +15,7 @@ const LEFT_OUT: f64 = 0.003;
 /// Points at which the error is estimated, at least one in each cell.
 const PROBES: usize = 50_000;
 
-/// Adds sources round by round, in cells of the surface that know the spacing of their sources.
+/// Adds sources round by round, in cells of the surface that record the spacing of their sources.
 pub(super) struct Refiner {
     cells: SurfaceCells,
     query: SurfaceQuery,
@@ -66,7 +66,8 @@ impl Refiner {
         })
     }
 
-    /// Marks the cells that hold all but [`LEFT_OUT`] of the area where the error exceeds the tolerance.
+    /// Marks the cells with the most area where the error exceeds the tolerance, until at most [`LEFT_OUT`] of the
+    /// whole area is left.
     fn marked(&mut self, tolerance: f64, seed: u64, errors_at: &dyn Fn(&[SurfacePoint]) -> Vec<f64>) -> Vec<bool> {
         self.rounds += 1;
         let per_cell = PROBES.div_ceil(self.cells.len().max(1));
@@ -91,7 +92,7 @@ impl Refiner {
         let total: f64 = (0..excess.len()).map(|cell| self.cells.area(cell)).sum();
         let mut left = excess.iter().map(|(area, _)| area).sum::<f64>();
         let mut marked = vec![false; excess.len()];
-        // The worst cell at least, also when the error is not too large at any probe.
+        // At least the worst cell, even if the error is not too large at any probe.
         for (rank, cell) in order.into_iter().enumerate() {
             if rank > 0 && left <= LEFT_OUT * total {
                 break;

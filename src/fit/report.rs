@@ -13,9 +13,9 @@ use crate::solver::SchwarzStop;
 pub struct BoundaryError {
     /// Root mean square over the area.
     pub rms: f64,
-    /// 99 % of the area is below.
+    /// 99th percentile over the area.
     pub p99: f64,
-    /// The largest, over more points than the average (at least one in each triangle, up to 100 000).
+    /// The largest, over these points and one in each triangle (of up to 100 000 evenly chosen triangles).
     pub max: f64,
 }
 
@@ -32,7 +32,7 @@ pub struct FitReport {
     pub collocation: usize,
     /// `"schwarz"`, `"dense-qr"` or `"dense-svd"`.
     pub method: String,
-    /// Where the sources stand.
+    /// Where the sources are placed.
     pub placement: Placement,
     /// Whether the affine functions are in the basis.
     pub affine: bool,
@@ -41,13 +41,13 @@ pub struct FitReport {
     /// Rounds of refinement, each with finer sources where the error was too large for the tolerance.
     #[serde(default)]
     pub refinements: usize,
-    /// Why no more sources were added; `None` where no tolerance was aimed at.
+    /// Why no more sources were added; `None` for a solve that does not refine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refinement_end: Option<RefinementEnd>,
     /// Why an iterative solver ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stop: Option<SchwarzStop>,
-    /// Singular values or pivots kept by a dense solver, of `sources` plus 4.
+    /// Singular values or pivots kept by a dense solver, of `sources` (plus 4 with `affine`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rank: Option<usize>,
     /// Condition number of a dense solver's scaled matrix before truncation; `None` when it is singular to working
@@ -56,11 +56,12 @@ pub struct FitReport {
     /// How well the map meets its boundary map.
     pub boundary_error: BoundaryError,
     /// The paper's C-Error (section 4.5), `Σ |f(p) − f'(p)|²` over the collocation points, in units of the target's
-    /// diagonal squared. It is small whenever the system is solved, and says little about the boundary in between.
+    /// diagonal squared. It is small whenever the system is solved, and says little about the boundary between these
+    /// points.
     pub c_error: f64,
     /// Root mean square misfit at the collocation points, as a fraction of the target's diagonal.
     pub residual_rms: f64,
-    /// Bytes that the whole run takes at its peak, by the estimate that `FitOptions::memory` limits.
+    /// Estimated peak memory of the whole run, in bytes: what `FitOptions::memory` limits.
     #[serde(default)]
     pub memory_estimate: u64,
     /// Wall time; `None` in a map file, so that the same fit gives the same bytes.
@@ -115,9 +116,9 @@ pub enum RefinementEnd {
     Off,
     /// The solver is dense and cannot be refined.
     Fixed,
-    /// The limit on the sources.
+    /// The limit on the number of sources is reached.
     MaxSources,
-    /// The limit on the memory.
+    /// The limit on memory is reached.
     Memory,
     /// Several rounds did not lower the error.
     InVain,
@@ -146,7 +147,7 @@ impl MeasuredMap {
 pub struct Fit {
     /// The harmonic map, in model units.
     pub map: HarmonicMap,
-    /// The boundary map that was fitted, its domain with the faces turned outward.
+    /// The boundary map that was fitted, its domain with the faces oriented outward.
     pub boundary: BoundaryMap,
     /// How it was made and how good it is.
     pub report: FitReport,

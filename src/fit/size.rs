@@ -24,7 +24,7 @@ pub struct FitSize {
     /// Rounds of refinement, each with a level of its own.
     pub refinements: usize,
     /// Entries of the factored patches of the Schwarz solver; `None` before points are placed, when they are estimated for
-    /// sources at even distances. Gradual changes of the spacing make them up to twice as many.
+    /// uniformly spaced sources. A graded spacing makes them up to twice as many.
     pub patch_entries: Option<u64>,
     /// How the system is solved.
     pub method: FitMethod,
@@ -49,7 +49,7 @@ impl FitSize {
         }
     }
 
-    /// Memory at the peak, in bytes, with that of the program and of its input meshes.
+    /// Peak memory in bytes, including the program and its input meshes.
     pub fn bytes(&self) -> u64 {
         let vertices = self.vertices as f64;
         let kept = PER_VERTEX * vertices + self.system_bytes();
@@ -67,7 +67,7 @@ impl FitSize {
                     let per_row = PER_ROW + PER_ROW_AND_ROUND * rounds;
                     let local = match self.patch_entries {
                         Some(entries) => 8.0 * entries as f64,
-                        None => 8.0 * even_patch(&options) * sources,
+                        None => 8.0 * uniform_patch_sources(&options) * sources,
                     };
                     per_row * rows + PER_SOURCE * sources + local + coarsest(sources)
                 }
@@ -165,13 +165,13 @@ const PER_POINT_AND_MAP: f64 = 240.0;
 /// Bytes for each source in trees and vectors.
 const PER_SOURCE: f64 = 800.0;
 
-/// Sources of a patch at even distances: so long is a source's column of its patch's inverse.
-fn even_patch(options: &SchwarzOptions) -> f64 {
+/// Number of sources of a patch where they are uniformly spaced: the length of a column of its inverse.
+fn uniform_patch_sources(options: &SchwarzOptions) -> f64 {
     ((options.core as f64).sqrt() + 2.0 * options.overlap).powi(2)
 }
 
-/// The coarsest level, which is dense, with six rows per source, and a copy while it is decomposed. There are usually some
-/// 560 sources; up to 1500 when there is no other level.
+/// Bytes for the coarsest level, which is dense, with six rows per source, and a copy while it is decomposed. It has
+/// usually some 560 sources; up to 1500 when there is no other level.
 fn coarsest(sources: f64) -> f64 {
     let coarsest = sources.min(560.0);
     2.0 * 8.0 * 6.0 * coarsest * coarsest

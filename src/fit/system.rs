@@ -1,5 +1,5 @@
-//! The linear system of a domain. Points and boundary values go in and maps come out in model units; it is solved in a unit
-//! frame, so that results do not depend on the unit of length.
+//! The linear system of a domain. Points and boundary values go in and maps come out in model units; it is solved in
+//! the unit frame, so that results do not depend on the unit of length.
 
 use std::borrow::Cow;
 
@@ -56,7 +56,7 @@ enum Factor {
     Schwarz(Box<SchwarzFactor>, SchwarzOptions),
 }
 
-/// Part of the residual tolerance that may be lost by solving for fewer modes than right-hand sides.
+/// Fraction of the residual tolerance that may be lost by solving for fewer modes than right-hand sides.
 const TRUNCATION: f64 = 0.1;
 
 impl UnfactoredSystem {
@@ -167,9 +167,10 @@ impl System {
                         (solution, residuals, None)
                     }
                     Some((data, modes)) => {
-                        // A right-hand side combines all modes with factors of norm one, and its residual may do so too.
-                        let each = tolerance / (data.columns() as f64).sqrt();
-                        let solution = factor.solve(&data, None, each, &report)?;
+                        // The factors of a right-hand side in the modes, and so of its residual, have norm one at
+                        // most.
+                        let per_mode = tolerance / (data.columns() as f64).sqrt();
+                        let solution = factor.solve(&data, None, per_mode, &report)?;
                         let values = modes.values(&data.minus(&solution.residual), factor.collocation());
                         (solution, residual_norms(&right_hand_sides.minus(&values)), Some(modes))
                     }
@@ -204,7 +205,7 @@ impl System {
         data.iter().enumerate().map(map).collect()
     }
 
-    /// Evaluates solutions at these points, with sums of this relative accuracy or better.
+    /// An evaluator of solutions at these points, whose sums have at most this relative error.
     pub fn evaluator(&self, points: &[Point], accuracy: f64) -> Result<Evaluator, FitError> {
         let points = self.frame.all_to_unit(points);
         Ok(Evaluator {
@@ -292,7 +293,7 @@ pub(super) struct ResidualNorm {
 }
 
 impl SystemSolution {
-    /// The order of the least error of the maps, which says how accurately to measure them.
+    /// Estimate of the smallest error of the maps, which decides how accurately they are measured.
     pub fn expected_error(&self) -> f64 {
         match self.stop {
             Some(_) => self
@@ -306,7 +307,7 @@ impl SystemSolution {
     }
 }
 
-/// The norms of every three columns.
+/// The norms for each map, which has three columns.
 fn residual_norms(residual: &Values) -> Vec<ResidualNorm> {
     let norm = |first: usize| {
         let square = |r: usize| residual.row(r)[first..first + 3].iter().map(|v| v * v).sum::<f64>();
@@ -341,8 +342,8 @@ impl Evaluator {
 /// Values of all columns of a solution at the points of `sums`.
 fn values(sums: &Sums, coefficients: &Values, points: &[Point]) -> Result<Values, FitError> {
     let columns = coefficients.columns();
-    let (weights, affine) = coefficients.as_slice().split_at(sums.sources() * columns);
-    let potential = sums.potential(weights, columns).map_err(SolveError::from)?;
+    let (of_sources, affine) = coefficients.as_slice().split_at(sums.sources() * columns);
+    let potential = sums.potential(of_sources, columns).map_err(SolveError::from)?;
     let mut values = Values::new(columns, potential);
     values.add_affine(affine, points);
     Ok(values)
@@ -411,14 +412,14 @@ mod tests {
             self.levels.iter().flat_map(|level| level.sources.clone()).collect()
         }
 
-        /// Weighted root mean square of what coefficients leave, summed term by term.
+        /// Weighted root mean square residual of coefficients, summed term by term.
         fn residual(&self, data: &Values, sources: &[Point], coefficients: &Values) -> f64 {
             let rows: Vec<[f64; 3]> = (0..sources.len() + 4)
                 .map(|r| std::array::from_fn(|k| coefficients.row(r)[k]))
                 .collect();
-            let (weights, affine) = rows.split_at(sources.len());
-            let charges = direct::Sources::new(sources, weights).unwrap();
-            let potential = direct::potential(&charges, &self.points);
+            let (of_sources, affine) = rows.split_at(sources.len());
+            let kernel_sources = direct::Sources::new(sources, of_sources).unwrap();
+            let potential = direct::potential(&kernel_sources, &self.points);
             let rows = self.points.iter().zip(&self.weights).enumerate();
             let squares = rows.map(|(r, (p, weight))| {
                 let error = |k: usize| {
@@ -431,12 +432,13 @@ mod tests {
         }
     }
 
+    /// Radial projection onto the unit sphere.
     fn radial(p: &Point) -> Point {
         Point::from(p.coords / p.coords.norm().max(0.05))
     }
 
-    /// A polycube of the nearest axis: creases all over.
-    fn boxed(p: &Point) -> Point {
+    /// Radial projection onto the cube, with creases where the face changes.
+    fn onto_cube(p: &Point) -> Point {
         Point::from(p.coords / p.coords.amax().max(0.05))
     }
 
@@ -470,9 +472,9 @@ mod tests {
         .collect()
     }
 
-    /// How far the residual is above the optimum of the finest level alone, the problem that the coarser levels are to help
-    /// solve; one when below a fiftieth of the default tolerance, where fits end before.
-    /// The dense solver truncates so low that it has the least residual to rounding; both are summed afresh, term by term.
+    /// How far the residual is above the optimum of the finest level alone, the problem that the coarser levels are to
+    /// help solve; 1 when below a fiftieth of the default tolerance, where fits stop anyway. The dense solver truncates
+    /// so low that it has the least residual up to rounding; both are summed anew, term by term.
     fn excess(name: &str, case: &Case) -> f64 {
         let schwarz = case.schwarz(&SchwarzOptions::default());
         let (all, finest) = (case.sources(), &case.levels[case.levels.len() - 1].sources);
@@ -501,7 +503,7 @@ mod tests {
         };
         let kinds = [
             ("radial", case.data(radial)),
-            ("boxed", case.data(boxed)),
+            ("onto_cube", case.data(onto_cube)),
             ("smooth", case.data(smooth)),
         ];
         kinds.into_iter().map(excess_of).fold(0.0, f64::max)
@@ -543,7 +545,7 @@ mod tests {
         );
         assert!(again.iterations <= 1, "{:?} then {:?}", first.history, again.history);
         assert!(after <= before * (1.0 + 1e-6), "{before:e} then {after:e}");
-        // What was found already is a goal that is met at once.
+        // A goal just above the residual already reached is met at once.
         let met = factor
             .solve(&data, Some(&first.coefficients), 1.01 * before, &|_, _| {})
             .unwrap();
@@ -551,7 +553,7 @@ mod tests {
     }
 
     #[test]
-    fn iterations_end_at_the_goal_the_plateau_or_their_number() {
+    fn iterations_stop_at_the_goal_a_plateau_or_the_limit() {
         let case = Case::new(shapes::bumpy_sphere(16), usize::MAX);
         let data = case.data(smooth);
         let factor = case.schwarz(&SchwarzOptions::default());
@@ -567,18 +569,21 @@ mod tests {
         let found = case.residual(&data, &case.sources(), &early.coefficients);
         assert!(found <= 3f64.sqrt() * goal && found > least, "{found:e}");
 
-        let none_left = SchwarzOptions {
+        let one_iteration = SchwarzOptions {
             most_iterations: 1,
             plateau: 1.0,
             ..SchwarzOptions::default()
         };
-        let cut = case.schwarz(&none_left).solve(&data, None, 0.0, &|_, _| {}).unwrap();
+        let cut = case
+            .schwarz(&one_iteration)
+            .solve(&data, None, 0.0, &|_, _| {})
+            .unwrap();
         assert_eq!((cut.iterations, cut.stop), (1, SchwarzStop::Iterations));
     }
 
-    /// Nothing to fit, affine data (in the basis), and data that are not as many as the rows.
+    /// Zero data, affine data (in the basis), and data with the wrong number of rows.
     #[test]
-    fn trivial_and_wrong_data_are_answered() {
+    fn trivial_data_are_solved_and_mismatched_data_are_refused() {
         let case = Case::new(shapes::bumpy_sphere(12), usize::MAX);
         let factor = case.schwarz(&SchwarzOptions::default());
         let zero = factor

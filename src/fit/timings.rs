@@ -7,9 +7,9 @@ pub struct FitTimings {
     pub total: f64,
     /// Checking the domain and placing points.
     pub sampling: f64,
-    /// Assembling and decomposing the matrix.
+    /// Factoring the system: patches of the Schwarz solver, or assembling and decomposing a dense matrix.
     pub factor: f64,
-    /// Applying the decomposition to the boundary data.
+    /// Solving for the boundary data, by iterations or by the decomposition.
     pub solve: f64,
     /// Measuring the boundary error.
     pub check: f64,

@@ -44,8 +44,8 @@ impl UnitFrame {
         points.iter().map(|p| self.centre + p.coords * self.diagonal).collect()
     }
 
-    /// Coefficients for points in model units: `1/|x'| = diagonal / |x|`, and `A·(1, x') = (A₀ − A·centre/d) + (A/d)·x`.
-    /// Values are multiplied by `scale` and moved by `origin`.
+    /// Coefficients for points in model units: distances give `1/r' = d/r` with `d` the diagonal, and
+    /// `A·(1, x') = (A₀ − A·centre/d) + (A/d)·x`. Values are multiplied by `scale` and shifted by `origin`.
     pub fn coefficients_to_model(self, unit: Coefficients, scale: f64, origin: Point) -> Coefficients {
         let sources = unit
             .sources
