@@ -136,7 +136,7 @@ pub(super) fn vertex_places(mesh: &SurfaceMesh) -> Vec<SurfacePoint> {
     places
 }
 
-/// The same point as one of the triangles before so many subdivisions.
+/// The same point, on the triangles as they were this many subdivisions ago.
 pub(super) fn before_subdivision(point: &SurfacePoint, subdivisions: u32) -> SurfacePoint {
     (0..subdivisions).fold(*point, |child, _| {
         let [l, m, n] = child.barycentric;

@@ -60,7 +60,7 @@ impl BoundaryMap {
 
     /// The map that sends each point of `domain` to the value of `function`: for data that vary within triangles, such
     /// as the colours of a texture (section 5.4 of the paper). Values must be finite; on an edge, those of its two
-    /// triangles may differ. Errors are relative to the diagonal of the box from `low` to `high`, in the place of the
+    /// triangles may differ. Errors are relative to the diagonal of the box from `low` to `high`, in place of the
     /// target's bounding box. Files store the images of the vertices only.
     ///
     /// # Errors
@@ -148,18 +148,20 @@ impl BoundaryMap {
         let (own, given) = (self.domain.vertices(), domain.vertices());
         if own.len() != given.len() {
             let (own, given) = (own.len(), given.len());
-            return Err(other(format!("it has {own} vertices, and this {given}")));
+            return Err(other(format!("its domain has {own} vertices, and this one {given}")));
         }
         let show = |p: &Point| format!("({}, {}, {})", p.x, p.y, p.z);
         if let Some(v) = (0..own.len()).find(|&v| own[v] != given[v]) {
             let (own, given) = (show(&own[v]), show(&given[v]));
-            return Err(other(format!("vertex {v} is at {own} there, and at {given} here")));
+            return Err(other(format!(
+                "vertex {v} is at {own} in its domain, and at {given} in this one"
+            )));
         }
         require_same_elements("triangle", self.domain.triangles(), domain.triangles())
             .map_err(|e| other(e.to_string()))?;
         let is_linear = matches!(self.interpolation, Interpolation::Linear);
         if !is_linear && self.domain.triangles() != domain.triangles() {
-            return Err(other("triangles are turned; let them face outward".into()));
+            return Err(other("triangles are reversed; orient them outward".into()));
         }
         Ok(Self { domain, ..self.clone() })
     }
@@ -169,7 +171,8 @@ impl BoundaryMap {
     /// # Errors
     ///
     /// As [`BoundaryMap::new`], and when the meshes differ in connectivity. The corners of a triangle may be listed
-    /// in any order: a reflecting map turns its image inside out, and that is no defect of the files.
+    /// in any order: a map that reverses the orientation turns its image inside out, which is not a defect of the
+    /// files.
     pub fn between(domain: impl Into<Arc<SurfaceMesh>>, image: &SurfaceMesh) -> Result<Self, BoundaryMapError> {
         let domain = domain.into();
         require_same_count(domain.vertices(), image.vertices())?;
@@ -209,7 +212,8 @@ impl BoundaryMap {
             .expect("counts were compared when the map was made")
     }
 
-    /// The target with its triangles facing outward; those of [`Self::target`] face inward if the map reflects.
+    /// The target with its triangles facing outward; those of [`Self::target`] face inward if the map reverses
+    /// the orientation.
     pub fn outward_target(&self) -> SurfaceMesh {
         let target = self.target_surface().cloned().unwrap_or_else(|| self.target());
         if target.volume() < 0.0 {
@@ -224,12 +228,12 @@ impl BoundaryMap {
         self.target_embedding().map(SphericalEmbedding::surface)
     }
 
-    /// The spherical embedding of the domain before subdivision, of a map onto or through the sphere.
+    /// The spherical embedding of the domain before subdivision; `None` unless the map goes onto or through the sphere.
     pub fn domain_embedding(&self) -> Option<&SphericalEmbedding> {
         self.composition().map(Composition::domain)
     }
 
-    /// The spherical embedding of the target, of a map through the sphere to another surface.
+    /// The spherical embedding of the target; `None` unless the map goes through the sphere to another surface.
     pub fn target_embedding(&self) -> Option<&SphericalEmbedding> {
         self.composition()?.target()
     }
@@ -326,7 +330,7 @@ impl BoundaryMap {
         in_parallel(points, |p| composition.on_target(p)).into_iter().collect()
     }
 
-    /// Directions of surface points, unit vectors, of a map onto or through the sphere.
+    /// Directions of surface points, as unit vectors; `None` unless the map goes onto or through the sphere.
     pub fn directions(&self, points: &[SurfacePoint]) -> Option<Vec<Vector>> {
         let composition = self.composition()?;
         Some(in_parallel(points, |p| composition.direction(p)))

@@ -27,8 +27,8 @@ pub struct TriangleDistortion {
 
 /// Distortion of a map over the area of its domain.
 ///
-/// The image is scaled so that both surfaces have the same area: a similarity has no distortion. Quantiles count area
-/// of the domain; they are infinite (`null` in JSON) where the image of a triangle has no area.
+/// The image is scaled so that both surfaces have the same area: a similarity has no distortion. Quantiles are weighted
+/// by the domain's area; they are infinite (`null` in JSON) where the image of a triangle has no area.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SurfaceDistortion {
     /// Number of triangles measured.
@@ -127,8 +127,8 @@ impl fmt::Display for SurfaceDistortion {
         for (name, row, best) in [
             ("angle, σ₁/σ₂", &self.angle, "1"),
             ("angle, degrees", &self.angle_change, "0"),
-            ("area, times or part", &self.area, "1"),
-            ("length, times or part", &self.length, "1"),
+            ("area, ratio or inverse", &self.area, "1"),
+            ("length, ratio or inverse", &self.length, "1"),
             ("symmetric Dirichlet", &self.symmetric_dirichlet, "4"),
         ] {
             let [p50, p90, p99, max] = [row.p50, row.p90, row.p99, row.max].map(short);
@@ -157,7 +157,7 @@ fn measured(domain: &SurfaceMesh, image: &[Point]) -> Option<(Vec<Option<Triangl
     let scale = (total(image)? / total(domain.vertices())?).sqrt();
     let of_triangle = |triangle: &[u32; 3]| {
         let corners = |positions: &[Point]| triangle.map(|v| positions[v as usize]);
-        of_one(&corners(domain.vertices()), &corners(image), scale)
+        triangle_distortion(&corners(domain.vertices()), &corners(image), scale)
     };
     let distortions: Vec<_> = domain.triangles().par_iter().map(of_triangle).collect();
     distortions.iter().any(Option::is_some).then_some((distortions, scale))
@@ -168,7 +168,7 @@ fn areas(positions: &[Point], mesh: &SurfaceMesh) -> Vec<f64> {
     mesh.triangles().par_iter().map(area).collect()
 }
 
-fn of_one(domain: &[Point; 3], image: &[Point; 3], scale: f64) -> Option<TriangleDistortion> {
+fn triangle_distortion(domain: &[Point; 3], image: &[Point; 3], scale: f64) -> Option<TriangleDistortion> {
     // In a frame along the longest side, which is well conditioned also for needles.
     let side = |k: usize| (domain[(k + 1) % 3] - domain[k]).norm();
     let start = (0..3).max_by(|&i, &j| side(i).total_cmp(&side(j)))?;
@@ -214,7 +214,7 @@ fn angle_at(corners: &[Point; 3], k: usize) -> f64 {
     u.cross(&v).norm().atan2(u.dot(&v))
 }
 
-/// Four significant digits.
+/// Three or four significant digits.
 fn short(x: f64) -> String {
     match x.abs() {
         _ if x == 0.0 => "0".into(),
@@ -230,8 +230,8 @@ mod tests {
     use crate::Matrix3;
     use crate::mesh::shapes;
 
-    /// In the plane spanned by `u, v` of a triangle, the singular values of `A` restricted to it, by the eigenvalues of
-    /// its 2 × 2 Gram matrix.
+    /// Singular values of the matrix restricted to the plane of a triangle, by its 3 × 2 matrix in an orthonormal basis
+    /// of the plane.
     fn restricted(matrix: &Matrix3, corners: &[Point; 3]) -> [f64; 2] {
         let u = (corners[1] - corners[0]).normalize();
         let normal = u.cross(&(corners[2] - corners[0])).normalize();
@@ -278,9 +278,9 @@ mod tests {
         }
     }
 
-    /// The band between two squares goes to one of twice its height: σ = 2 and 1, before scaling.
+    /// Of two rectangles, the smaller is stretched to twice its height: σ = 2 and 1 there, before scaling.
     #[test]
-    fn quantiles_count_area_and_a_squashed_part_shows() {
+    fn quantiles_are_weighted_by_area_and_show_a_collapsed_part() {
         let square = |y: f64, h: f64| [[0.0, y], [1.0, y], [1.0, y + h], [0.0, y + h]];
         let points = |squares: [[[f64; 2]; 4]; 2]| -> Vec<Point> {
             squares.iter().flatten().map(|[x, y]| Point::new(*x, *y, 7.0)).collect()
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_jacobian_is_left_out_and_counted() {
+    fn triangles_without_a_jacobian_are_left_out_and_counted() {
         let (mut vertices, mut triangles) = shapes::cube(1.0, 1).into_parts();
         vertices.push(nalgebra::center(&vertices[0], &vertices[1]));
         triangles.push([0, 1, 8]);

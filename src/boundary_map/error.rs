@@ -18,7 +18,7 @@ pub enum BoundaryMapError {
         /// Vertices of the image.
         image: usize,
     },
-    /// The image's mesh has another number of faces.
+    /// The image's mesh has a different number of triangles or tetrahedra.
     #[error(
         "the domain has {domain} {element}s and the image {image}; the image must be the domain's mesh with other \
          vertex positions"
@@ -68,7 +68,7 @@ pub enum BoundaryMapError {
         /// The first difference.
         difference: String,
     },
-    /// All image positions coincide, so that errors have no unit.
+    /// All image positions coincide, so that errors cannot be related to the target's size.
     #[error("all {vertices} image positions coincide; there is no target solid")]
     NoExtent {
         /// Number of positions.
@@ -121,7 +121,7 @@ pub(super) fn require_extent(domain: &SurfaceMesh, image: &[Point], target: f64)
     let finite_domain = domain.vertices().iter().flat_map(|p| p.iter()).all(|c| c.is_finite());
     let domain = extent(domain, domain.vertices());
     for (solid, diagonal, looked_at) in [("domain", domain, finite_domain), ("target", target, true)] {
-        // A domain without extent, or not finite, is left to `check`, which says more.
+        // A domain without extent, or not finite, is left to `check`, which reports it in more detail.
         if looked_at && (diagonal > 1e100 || (diagonal > 0.0 && diagonal < 1e-100)) {
             return Err(BoundaryMapError::OutOfScale { solid, diagonal });
         }

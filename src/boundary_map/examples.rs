@@ -7,12 +7,12 @@ use super::BoundaryMap;
 use crate::mesh::{SurfaceMesh, shapes};
 use crate::{Point, Vector};
 
-/// A solid ring carried onto a solid trefoil knot, `around × across` vertices. Both have genus 1, and no motion of
-/// space takes one to the other.
+/// A solid ring carried onto a solid trefoil knot, `around × across` vertices. Both have genus 1, and no
+/// deformation of space takes one to the other, since only the image is knotted.
 ///
 /// # Panics
 ///
-/// With fewer than three divisions either way.
+/// If `around` or `across` is less than 3.
 pub fn ring_to_knot(around: usize, across: usize) -> BoundaryMap {
     let (major, minor, tube) = (1.0, 0.3, 0.5);
     let domain = shapes::torus(major, minor, around, across);
@@ -32,23 +32,23 @@ pub fn ring_to_knot(around: usize, across: usize) -> BoundaryMap {
 ///
 /// # Panics
 ///
-/// Without divisions.
+/// If `divisions` is 0.
 pub fn polycube_to_animal(divisions: usize) -> BoundaryMap {
     let mut cubes = Vec::new();
-    let mut block = |x: Range<i32>, y: Range<i32>, z: Range<i32>| {
+    let mut add_box = |x: Range<i32>, y: Range<i32>, z: Range<i32>| {
         for i in x {
             for j in y.clone() {
                 cubes.extend(z.clone().map(|k| [i, j, k]));
             }
         }
     };
-    block(0..6, 0..3, 2..4);
+    add_box(0..6, 0..3, 2..4);
     for (x, y) in [(0, 0), (0, 2), (5, 0), (5, 2)] {
-        block(x..x + 1, y..y + 1, 0..2);
+        add_box(x..x + 1, y..y + 1, 0..2);
     }
-    block(5..6, 1..2, 4..6);
-    block(6..8, 1..2, 5..6);
-    block(-2..0, 1..2, 3..4);
+    add_box(5..6, 1..2, 4..6);
+    add_box(6..8, 1..2, 5..6);
+    add_box(-2..0, 1..2, 3..4);
     let domain = shapes::polycube(&cubes, divisions);
     // The number of steps that rounds by a given length grows with the square of the resolution.
     let image = rounded(&domain, 5 * divisions * divisions).into_iter().map(pose);
@@ -138,7 +138,7 @@ mod tests {
         let (before, after) = (map.domain().volume(), map.target().volume());
         assert!((before - 50.0).abs() < 1e-9, "{before}");
         assert!(after > 0.8 * before && after < 1.05 * before, "{after}");
-        let square_edges = map.domain().area();
-        assert!(map.target().area() < 0.9 * square_edges);
+        let area_before = map.domain().area();
+        assert!(map.target().area() < 0.9 * area_before);
     }
 }

@@ -9,8 +9,8 @@ use super::composition::before_subdivision;
 use crate::Point;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 
-/// A function of the points of a surface, which may have been subdivided since, and the box in the place of the
-/// target's bounding box.
+/// A function of the points of a surface, which may have been subdivided since, and the box that is
+/// used in place of the target's bounding box.
 #[derive(Clone)]
 pub(super) struct PointFunction {
     image: Arc<dyn Fn(&SurfacePoint) -> Point + Send + Sync>,

@@ -20,7 +20,7 @@ use crate::sampling::Collocation;
 use crate::spherical::{EmbeddingCheck, Locator, SphericalEmbedding, check_embedding};
 use crate::statistics::Summary;
 
-/// Results of [`super::check`] for a map onto or through the sphere.
+/// Results of [`super::check`] for a composition: a map onto or through the sphere.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompositionCheck {
     /// The domain's embedding, and the target's where it has a mesh of its own. If each is a bijection, so is the map.
@@ -30,7 +30,7 @@ pub struct CompositionCheck {
     pub flat_in_target: usize,
     /// Distances between points and their images under the map and its inverse.
     pub round_trip: RoundTrip,
-    /// How often the domain's triangles were cut into four before distortion was measured.
+    /// Subdivisions of the domain, each triangle into four, before distortion was measured.
     pub cuts: u32,
     /// Triangles of the plain image, straight between the images of vertices, that face against the target: defects of
     /// the plain image, not of the map.
@@ -50,7 +50,7 @@ pub struct RoundTrip {
     pub max: f64,
 }
 
-/// The domain is not subdivided beyond this number of triangles.
+/// The domain is not subdivided beyond this number of triangles, nor more often than [`MOST_CUTS`].
 const MOST_TRIANGLES: usize = 2_000_000;
 pub(super) const MOST_CUTS: u32 = 2;
 
@@ -63,7 +63,7 @@ pub(super) fn check(
     self_intersections: Option<FindSelfIntersections>,
 ) -> Result<BoundaryCheck, BoundaryCheckError> {
     let (domain, plain) = (map.domain(), map.target());
-    let (fine, cuts) = cut(map);
+    let (fine, cuts) = subdivide(map);
     let given = target.map(|target| repair(target).0);
     let queried = |mesh: &SurfaceMesh| SurfaceQuery::new(mesh).map_err(BoundaryCheckError::Target);
 
@@ -72,7 +72,9 @@ pub(super) fn check(
     if let Some(own) = map.target_surface() {
         let query = queried(own)?;
         plain_image_flipped = triangles_facing(Facing::Inward, &facings_on_target(&plain, own, &query)).len();
-        coverage = map.inverse().map(|back| of_own_target(&fine, &back, &query, options));
+        coverage = map
+            .inverse()
+            .map(|back| own_target_coverage(&fine, &back, &query, options));
     }
     if let Some(given) = &given {
         let covered = map.target_surface().cloned().unwrap_or_else(|| fine.target());
@@ -133,7 +135,7 @@ pub(super) fn check(
 }
 
 /// The map over a subdivided domain, and the number of subdivisions.
-fn cut(map: &BoundaryMap) -> (BoundaryMap, u32) {
+fn subdivide(map: &BoundaryMap) -> (BoundaryMap, u32) {
     let (mut fine, mut cuts) = (map.clone(), 0);
     while cuts < MOST_CUTS && 4 * fine.domain().triangles().len() <= MOST_TRIANGLES {
         fine = fine.subdivided();
@@ -144,14 +146,14 @@ fn cut(map: &BoundaryMap) -> (BoundaryMap, u32) {
 
 /// Distances from images to the map's own target, and from points of the target to the images of their preimages:
 /// rounding errors.
-fn of_own_target(
+fn own_target_coverage(
     fine: &BoundaryMap,
     back: &BoundaryMap,
     query: &SurfaceQuery,
     options: &BoundaryCheckOptions,
 ) -> Coverage {
     let diagonal = fine.target_diagonal();
-    let there = back.inverse().expect("it goes to a surface");
+    let forward = back.inverse().expect("the domain is a surface, not the unit sphere");
     let spread = Collocation::even(fine.domain(), options.samples, options.seed).points;
     let off = |images: &[Point]| query.closest_points(images).iter().map(|c| c.distance).collect();
     let image_to_target =
@@ -159,8 +161,8 @@ fn of_own_target(
 
     // The domain of `back` is the target.
     let missed = |points: &[SurfacePoint]| -> Vec<f64> {
-        let sources = back.evaluate_on_target(points).unwrap_or_default();
-        distances(&back.positions(points), &there.evaluate(&sources))
+        let preimages = back.evaluate_on_target(points).unwrap_or_default();
+        distances(&back.positions(points), &forward.evaluate(&preimages))
     };
     let spread = Collocation::even(back.domain(), options.samples, options.seed).points;
     let target_to_image =

@@ -38,11 +38,11 @@ pub struct SurfaceDistance {
     pub max_error: f64,
 }
 
-/// Distance queries in the search for the largest, beyond those of the vertices, at most.
+/// Largest number of distance queries in the search for the largest distance, not counting those at vertices.
 const MOST_QUERIES: usize = 100_000;
 
 impl Coverage {
-    /// The larger of both largest distances: the Hausdorff distance, up to `max_error`.
+    /// Lower bound of the Hausdorff distance, tight to `max_error`: the larger of both one-sided distances.
     pub fn hausdorff(&self) -> f64 {
         self.image_to_target.max.max(self.target_to_image.max)
     }
@@ -105,7 +105,7 @@ struct Probe {
     closest: usize,
 }
 
-/// A part of a triangle, ordered by the upper bound of its distances.
+/// A part of a triangle, ordered by the upper bound of its distances, then by `number`.
 struct TrianglePart {
     most: f64,
     corners: [Probe; 3],
@@ -194,7 +194,7 @@ impl DistanceSearch<'_> {
         }
     }
 
-    /// The middle of the longest side, and the two parts.
+    /// The midpoint of the longest side, and the two halves.
     fn halved(&self, corners: &[Probe; 3]) -> (Probe, [[Probe; 3]; 2]) {
         let side = |k: usize| (corners[(k + 1) % 3].place - corners[k].place).norm_squared();
         let longest = (0..3).max_by(|&i, &j| side(i).total_cmp(&side(j))).unwrap_or(0);

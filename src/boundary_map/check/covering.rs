@@ -38,7 +38,7 @@ pub enum ComparedWith {
 pub struct Degree {
     /// The degree: 1 for a bijection, −1 if it reverses the orientation.
     pub value: i64,
-    /// Fraction of the points inside that have this winding number; 1 for a map onto the target.
+    /// Fraction of the points inside that have this winding number; below 1 where the image overlaps itself.
     pub agreement: f64,
     /// Number of points inside; 0 for a map onto or through a sphere, whose degree is a sum of solid angles.
     pub points: usize,
@@ -69,11 +69,11 @@ pub(super) enum Facing {
     Flat,
 }
 
-/// Points inside that are enough.
+/// Number of points inside a target at which winding numbers are taken.
 const INSIDE: usize = 256;
-/// Random points to find them among.
+/// Random points of the bounding box that points inside are selected from.
 const TRIED: usize = 20_000;
-/// When none is deep enough, this many of the deepest are used.
+/// Number of the deepest points, which are used when none is deep enough.
 const DEEPEST: usize = 32;
 /// Distance from a sphere, over its radius, that counts as rounding of coordinates in files.
 const ON_SPHERE: f64 = 1e-6;
@@ -221,7 +221,7 @@ fn common_sphere(image: &SurfaceMesh, target: Option<&SurfaceMesh>) -> Option<(P
     (lies_on(image) && target.is_none_or(lies_on)).then_some((centre, radius))
 }
 
-/// The sphere of least squares through the corners: `|p|² − 2 c·p = r² − |c|²` is linear in the unknowns.
+/// The least-squares sphere through the triangles' corners: `|p|² − 2 c·p = r² − |c|²` is linear in the unknowns.
 fn fitted_sphere(mesh: &SurfaceMesh) -> Option<(Point, f64)> {
     let (low, high) = mesh.bounding_box()?;
     let (origin, size) = (nalgebra::center(&low, &high), (high - low).amax());
@@ -238,6 +238,7 @@ fn fitted_sphere(mesh: &SurfaceMesh) -> Option<(Point, f64)> {
     (radius.is_finite() && radius > 0.0).then(|| (origin + centre * size, radius * size))
 }
 
+/// How each geodesic triangle faces, decided exactly.
 pub(super) fn facings_on_sphere(mesh: &SurfaceMesh, directions: &[Vector]) -> Vec<Facing> {
     let facing = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|v| Point::from(directions[v as usize]));

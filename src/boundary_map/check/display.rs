@@ -22,7 +22,7 @@ impl Display for BoundaryCheck {
             if let Some(CompositionCheck { cuts: 1.., .. }) = &self.composition {
                 writeln!(
                     f,
-                    "  Measured over triangles of the domain cut into smaller ones, by their true images:"
+                    "  Measured over a subdivision of the domain, by the true images of its vertices:"
                 )?;
             }
             for line in distortion.to_string().lines() {
@@ -54,8 +54,8 @@ impl BoundaryCheck {
                 format!("One to one with the {what}, decided exactly.")
             }
             BijectivityVerdict::Bijective => format!("One to one with the {what}, decided exactly; but see below."),
-            BijectivityVerdict::NoDefectFound => "One to one, as far as can be told: nothing speaks against it.".into(),
-            BijectivityVerdict::Doubtful => "Perhaps one to one, but there are doubts.".into(),
+            BijectivityVerdict::NoDefectFound => "No defect found: one to one, as far as can be decided.".into(),
+            BijectivityVerdict::Doubtful => "Perhaps one to one: see the warnings below.".into(),
             BijectivityVerdict::NotBijective => "NOT one to one.".into(),
         }
     }
@@ -131,13 +131,13 @@ impl CompositionCheck {
     fn write_remarks(&self, f: &mut Formatter) -> fmt::Result {
         let flat = (self.flat_in_target > 0).then(|| {
             format!(
-                "{} of the target have no area, so that several points of the domain go to the same point there.",
+                "the target has {} without area, where several points of the domain go to the same point.",
                 counted(self.flat_in_target, "triangle")
             )
         });
         let flipped = (self.plain_image_flipped > 0).then(|| {
             format!(
-                "the plain image mesh, straight between the images of vertices, has {} that face against the target. \
+                "the plain image mesh, straight between the images of vertices, has {} facing against the target. \
                  The map itself has none: use the boundary file.",
                 counted(self.plain_image_flipped, "triangle")
             )
@@ -173,7 +173,7 @@ fn write_row(f: &mut Formatter, name: &str, columns: &[impl Display]) -> fmt::Re
     writeln!(f)
 }
 
-/// Rounding errors of coordinates are no distances.
+/// A distance; 0 below the rounding errors of coordinates.
 fn small(x: f64) -> String {
     if x < 1e-15 { "0".into() } else { format!("{x:.1e}") }
 }

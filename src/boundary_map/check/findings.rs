@@ -8,7 +8,7 @@ use crate::check::text::counted;
 use crate::mesh::SurfaceMesh;
 use crate::mesh::topology::Topology;
 
-/// Ids listed by a finding, at most.
+/// Largest number of ids that a finding lists.
 const LISTED: usize = 20;
 
 /// The measurements that findings follow from.
@@ -53,7 +53,7 @@ impl Measurements<'_> {
     }
 
     fn target_bounds_nothing(&self) -> Option<MapFinding> {
-        let message = "the target is open or cannot be oriented, so that degree and flips are not to be relied on";
+        let message = "the target is open or cannot be oriented, so that degree and flipped triangles are unreliable";
         let advice = "see `solidmap check TARGET`";
         (!bounds_a_solid(self.target?)).then(|| warning(MapFindingKind::TargetBoundsNothing, message, advice))
     }
@@ -61,11 +61,11 @@ impl Measurements<'_> {
     fn topology(&self) -> Option<MapFinding> {
         let (ours, theirs) = (shape(self.domain), shape(self.target?));
         let message = format!(
-            "no map between them is one to one: the domain is {}, the target {}",
+            "no map between these surfaces is one to one: the domain is {}, the target {}",
             described(&ours),
             described(&theirs)
         );
-        let advice = "map to a target with as many parts and handles; `solidmap check` counts them";
+        let advice = "map to a target with the same numbers of parts and handles; `solidmap check` counts them";
         (ours != theirs).then(|| error(MapFindingKind::Topology, message, advice))
     }
 
@@ -78,7 +78,7 @@ impl Measurements<'_> {
         };
         let message = format!("the image covers {what} {value} times");
         let advice = match value {
-            0 => "the image encloses nothing, or as much inside out as not: look at it, it may be flat or folded over",
+            0 => "the image encloses no volume, or as much inside out as outward; look whether it is flat or folded",
             _ => "the image wraps round several times; a bijection has degree 1",
         };
         (value.abs() != 1).then(|| error(MapFindingKind::Degree, message, advice))
@@ -89,7 +89,7 @@ impl Measurements<'_> {
         let share = 100.0 * (1.0 - degree.agreement);
         let message = match self.covering.compared_with {
             ComparedWith::Target => {
-                format!("of the points inside the target, {share:.2} % are covered another number of times")
+                format!("of the points inside the target, {share:.2} % are covered a different number of times")
             }
             _ => format!("the image overlaps itself in {share:.2} % of what it encloses"),
         };
@@ -101,7 +101,7 @@ impl Measurements<'_> {
     }
 
     fn mirrored(&self) -> Option<MapFinding> {
-        let message = "the map mirrors: the image of the outward side faces inward";
+        let message = "the map reverses the orientation: the image of the outward side faces inward";
         let advice = "if that is not wanted, negate one coordinate of the image, or align with a proper rotation";
         let is_mirrored = self.covering.is_mirrored();
         is_mirrored.then(|| warning(MapFindingKind::Mirrored, message, advice))
@@ -127,7 +127,7 @@ impl Measurements<'_> {
         let flat = &self.covering.degenerate;
         let are_flat = are(flat.len(), "triangle");
         let message = format!("{are_flat} flat in the image: their corners lie on a line");
-        let advice = "spread the images of their corners; what collapses cannot be mapped back";
+        let advice = "spread the images of their corners; a collapsed triangle cannot be mapped back";
         (!flat.is_empty()).then(|| at_faces(flat, error(MapFindingKind::Degenerate, message, advice)))
     }
 
@@ -137,8 +137,8 @@ impl Measurements<'_> {
             "the image turns back by more than 150 degrees across {} at which the domain does not",
             counted(edges.len(), "edge")
         );
-        let advice = "a fold, unless the target has a rim as sharp: name it by `--target` to find out";
-        // Compared with a surface, flipped triangles are the better evidence, and a sharp rim is no defect.
+        let advice = "a fold, unless the target has an equally sharp edge there: give it as `--target` to find out";
+        // Compared with a surface, flipped triangles are the better evidence, and a sharp edge is not a defect.
         let by_itself = matches!(self.covering.compared_with, ComparedWith::Itself);
         (by_itself && !edges.is_empty()).then(|| MapFinding {
             count: edges.len(),
@@ -162,8 +162,8 @@ impl Measurements<'_> {
 
     fn distance_advice(&self) -> String {
         if self.elsewhere {
-            return "the image is at another place than the target, or of another size, and was examined by itself: \
-                    name the target that was mapped to, as the image has it"
+            return "the image is at another place than the target, or of another size, and was checked on its own: \
+                    give the target that was mapped to, at the place and size of the image"
                 .into();
         }
         format!(

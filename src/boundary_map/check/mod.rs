@@ -4,7 +4,8 @@
 //! what it is compared with ([`ComparedWith`]). On a sphere bijectivity is decided exactly ([`crate::spherical`]), and
 //! so it is for a composition of spherical embeddings, which is checked itself instead of the mesh of its vertices'
 //! images. Near a target surface, triangles are compared with the target's normals, the degree follows from winding
-//! numbers inside the target, and both Hausdorff distances are bounded. An image on its own shows folds and overlaps.
+//! numbers inside the target, and both Hausdorff distances are bounded. On its own, an image is checked for folds and
+//! overlaps.
 
 mod composition;
 mod coverage;
@@ -27,17 +28,17 @@ use crate::mesh::SurfaceMesh;
 use covering::{Covering, FoldedEdges};
 use findings::Measurements;
 
-/// How [`check`] looks.
+/// Settings of [`check`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoundaryCheckOptions {
-    /// Distance between image and target, as a fraction of the target's diagonal, beyond which they are said not to
-    /// cover each other. A coarse image cuts corners: 0.01 is usual.
+    /// Distance between image and target, as a fraction of the target's diagonal, beyond which they are reported not
+    /// to cover each other. A coarse image cuts corners: 0.01 is usual.
     pub tolerance: f64,
     /// The largest distances are sought until known to within this fraction of the target's diagonal.
     pub distance_error: f64,
-    /// Points spread by area, over which distances are averaged.
+    /// Number of points spread by area, over which distances are averaged.
     pub samples: usize,
-    /// Seed of these points and of those inside.
+    /// Seed of these points and of those inside the target.
     pub seed: u64,
 }
 
@@ -73,7 +74,7 @@ pub struct BoundaryCheck {
     pub flipped: usize,
     /// Triangles with an area whose images have none: corners exactly on a line (on a sphere: on a great circle).
     pub degenerate: usize,
-    /// Triangles of the domain with corners exactly on a line; they are no defect of the map.
+    /// Triangles of the domain with corners exactly on a line; these are not defects of the map.
     pub flat_in_domain: usize,
     /// Edges at which the image (for a composition: the plain image) is folded by more than 150°, and the domain is
     /// not.
@@ -112,7 +113,7 @@ pub struct MapFinding {
     pub kind: MapFindingKind,
     /// [`Severity::Error`] when the map cannot be one to one.
     pub severity: Severity,
-    /// Number of places.
+    /// Number of triangles, edges, pairs or sampled points concerned; 1 for findings about the whole map.
     pub count: usize,
     /// The first 20 edges concerned, by their vertices.
     pub edges: Vec<[u32; 2]>,

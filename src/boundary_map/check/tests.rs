@@ -123,7 +123,7 @@ fn a_torus_turned_along_itself_covers_a_finer_torus_once() {
 }
 
 #[test]
-fn mirror_images_are_flagged_and_no_triangle_of_theirs_is() {
+fn mirror_images_are_flagged_but_none_of_their_triangles() {
     let domain = shapes::bumpy_sphere(6);
     let mirrored = |p: &Point| Point::new(-p.x, p.y, p.z);
     let target = map(&domain, mirrored).target();
@@ -255,7 +255,7 @@ fn flat_images_and_other_topologies_are_errors() {
 }
 
 #[test]
-fn an_image_elsewhere_is_said_to_be_and_not_to_be_folded() {
+fn an_image_far_from_its_target_is_reported_as_such_and_not_as_folded() {
     let torus = shapes::torus(1.0, 0.4, 24, 10);
     let report = checked(&map(&torus, |p| p + Vector::new(0.0, 5.0, 0.0)), Some(&torus));
     assert_eq!(
@@ -269,7 +269,7 @@ fn an_image_elsewhere_is_said_to_be_and_not_to_be_folded() {
 }
 
 #[test]
-fn open_domains_have_no_degree_and_inward_ones_are_turned() {
+fn open_domains_have_no_degree_and_inward_ones_are_reversed() {
     let ball = shapes::bumpy_sphere(6);
     let open = SurfaceMesh::new(ball.vertices().to_vec(), ball.triangles()[1..].to_vec()).unwrap();
     let report = checked(&map(&open, |p| *p), Some(&ball));
@@ -286,7 +286,7 @@ fn open_domains_have_no_degree_and_inward_ones_are_turned() {
 }
 
 #[test]
-fn what_is_not_finite_is_refused_by_name() {
+fn non_finite_coordinates_are_refused_with_the_vertex_named() {
     let ball = shapes::bumpy_sphere(3);
     let mut image = ball.vertices().to_vec();
     image[7].y = f64::NAN;
@@ -319,7 +319,7 @@ fn the_report_is_the_same_on_any_number_of_threads() {
 }
 
 #[test]
-fn crossing_triangles_come_from_whoever_finds_them() {
+fn self_intersections_come_from_the_given_function() {
     let ball = shapes::bumpy_sphere(3);
     let find = |_: &SurfaceMesh| Ok(vec![[3, 9], [3, 11]]);
     let report = check(&map(&ball, |p| *p), None, &BoundaryCheckOptions::default(), Some(&find)).unwrap();
@@ -359,7 +359,7 @@ fn a_map_through_the_sphere_is_decided_exactly_and_covers_its_target() {
 
 /// A slab twisted by two turns: coarse triangles between its points face anywhere. It has the embedding of a ball.
 #[test]
-fn folds_of_the_plain_image_are_remarks_and_no_defects_of_the_map() {
+fn folds_of_the_plain_image_are_remarks_not_defects_of_the_map() {
     let ball = shapes::geodesic_sphere(1.0, 40);
     let directions: Vec<Vector> = ball.vertices().iter().map(|p| p.coords).collect();
     let twisted = shapes::deformed(&ball, |p| {
@@ -393,8 +393,8 @@ fn distortion_through_the_sphere_is_that_of_the_true_map() {
     let report = checked(&map, None);
     assert_eq!(report.composition.as_ref().unwrap().cuts, MOST_CUTS);
     assert!((report.distortion.unwrap().length.max - 1.0).abs() < 1e-9, "{report}");
-    // From the cube onto the sphere, areas at distance r from the centre change by 1/r³, and by 0.52 in the mean: by
-    // 1.9 in the middle of a face, if the triangles are small enough to see it.
+    // From the cube onto the sphere, areas at distance r from the centre change by 1/r³, and by 0.52 in the mean: in
+    // the middle of a face by 1.9 times the mean, if the triangles are small enough to resolve it.
     let map = BoundaryMap::onto_sphere(radial_embedding(shapes::cube(2.0, 1))).unwrap();
     let report = checked(&map, None);
     assert_eq!(report.verdict, BijectivityVerdict::Bijective);

@@ -53,7 +53,7 @@ fn rejects_what_does_not_correspond() {
 }
 
 #[test]
-fn accepts_an_image_whose_faces_are_turned_over() {
+fn accepts_an_image_with_reversed_triangles() {
     let domain = shapes::sphere(1.0, 1);
     assert!(BoundaryMap::between(domain.clone(), &domain.reversed()).is_ok());
 }
@@ -65,11 +65,11 @@ fn bumpy_to_cube() -> BoundaryMap {
     BoundaryMap::through_sphere(bumpy, cube).unwrap()
 }
 
-/// How far points of the domain are from where they come back to, over the domain's diagonal.
+/// Largest distance of points of the domain from their round trips, over the domain's diagonal.
 fn round_trip(map: &BoundaryMap) -> f64 {
     let points = held_out(map.domain(), 3000, 3000, SEED);
-    let there = map.evaluate_on_target(&points).unwrap();
-    let back = map.inverse().unwrap().evaluate(&there);
+    let on_target = map.evaluate_on_target(&points).unwrap();
+    let back = map.inverse().unwrap().evaluate(&on_target);
     let pairs = map.positions(&points).into_iter().zip(back);
     pairs.map(|(p, q)| (p - q).norm()).fold(0.0, f64::max) / map.domain().diagonal()
 }
@@ -77,7 +77,7 @@ fn round_trip(map: &BoundaryMap) -> f64 {
 /// The direction carries the rounding error of a unit vector, which over the length of a triangle's sides on the sphere
 /// is that of the barycentric coordinates.
 #[test]
-fn there_and_back_returns_to_the_point() {
+fn the_inverse_returns_to_the_point() {
     assert!(round_trip(&bumpy_to_cube()) < 1e-13);
     assert!(round_trip(&bumpy_to_cube().inverse().unwrap()) < 1e-13);
     assert!(round_trip(&bumpy_to_cube().subdivided()) < 1e-13);
@@ -108,7 +108,7 @@ fn images_between_vertices_lie_on_the_target_and_not_on_straight_triangles() {
     let points = held_out(onto.domain(), 500, 500, SEED);
     for (p, image) in onto.positions(&points).iter().zip(onto.evaluate(&points)) {
         assert!((image.coords.norm() - 1.0).abs() < 1e-15);
-        // The corners' rays and the points' are the same only at vertices, and near.
+        // The image is the radial projection at vertices only, and near it elsewhere.
         assert!((image.coords - p.coords.normalize()).norm() < 0.1);
     }
     assert_eq!(onto.image()[5].coords, onto.domain_embedding().unwrap().directions()[5]);
@@ -197,7 +197,7 @@ fn subdivision_changes_no_image_and_carries_midpoints_onto_the_target() {
 }
 
 #[test]
-fn holds_over_the_same_domain_only() {
+fn over_accepts_the_same_domain_only() {
     let map = bumpy_to_cube();
     assert_eq!(map.over(map.domain().clone()).unwrap(), map);
     let difference = |domain: SurfaceMesh| match map.over(domain) {

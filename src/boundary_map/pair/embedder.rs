@@ -20,10 +20,11 @@ pub(crate) type SoftTargets = Vec<Option<(Vector, f64)>>;
 /// alone is minimised.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct SoftTargetSchedule {
-    /// Energy of the soft targets if all were 1 away, over the energy of undistorted triangles.
+    /// Energy of the soft targets if all vertices were at distance 1 from theirs on the unit sphere, over the energy of
+    /// undistorted triangles.
     #[serde(rename = "pull")]
     pub strength: f64,
-    /// Number of vertices up to which the soft targets count.
+    /// Number of embedded vertices up to which the soft targets pull.
     #[serde(rename = "until")]
     pub until_vertices: usize,
 }
@@ -134,7 +135,7 @@ impl EmbeddingCandidate {
 }
 
 impl DomainEmbedder<'_> {
-    /// The tetrahedron at the bottom of the hierarchy, rotated towards its soft targets.
+    /// The tetrahedron at the coarsest level of the hierarchy, rotated towards its soft targets.
     fn tetrahedron(&self, soft_targets: &SoftTargets) -> EmbeddingCandidate {
         let target = |v: u32| match self.pins.of(v) {
             Some(i) => Some(self.pins.pairs[i].1),
@@ -153,12 +154,12 @@ impl DomainEmbedder<'_> {
         soft_targets: &SoftTargets,
         schedule: &SoftTargetSchedule,
     ) -> Option<EmbeddingCandidate> {
-        let to_the_end = SoftTargetSchedule {
+        let throughout = SoftTargetSchedule {
             until_vertices: usize::MAX,
             ..*schedule
         };
         let start = self.tetrahedron(soft_targets);
-        self.refine(start, soft_targets, &to_the_end, usize::MAX, &|_, _| ())
+        self.refine(start, soft_targets, &throughout, usize::MAX, &|_, _| ())
     }
 
     /// Inserts vertices until there are at least `enough`. `progress` gets the number of vertices and the energy of
@@ -347,7 +348,7 @@ pub(crate) fn best_coarse_embedding(
     for &size in sizes {
         let refined = |(candidate, [a, s]): (EmbeddingCandidate, [usize; 2])| {
             let mut refined = embedder.refine(candidate, &soft_targets[a], &schedules[s], size, &|_, _| ())?;
-            // A small surface has all its vertices before the schedule comes to minimising the distortion.
+            // A small surface has all its vertices before its schedule starts to minimise the distortion.
             if !refined.energy.is_finite() {
                 embedder.finish(&mut refined);
             }

@@ -23,15 +23,15 @@ use crate::{Matrix3, Point, Vector};
 /// of the straight triangles between points of the target can be finite there.
 const BARRIER: f64 = 1e-3;
 
-/// Samples of the target that the search for protrusions uses, at most.
+/// Largest number of samples of the target that the search for protrusions uses.
 const MOST_SAMPLES: usize = 20_000;
-/// Samples per triangle of the domain that it uses, at most.
+/// Largest number of samples that it uses per triangle of the domain.
 const SAMPLES_PER_TRIANGLE: usize = 4;
 /// A triangle covers a protrusion if it covers at least this many samples, and this many times the area of its straight
 /// image.
 const FEWEST_SAMPLES: usize = 4;
 const LEAST_AREA_RATIO: f64 = 1.5;
-/// Area ratios are cut off here.
+/// Area ratios are capped here.
 const MOST_AREA_RATIO: f64 = 100.0;
 
 /// The inverse of the target's spherical embedding: from directions to points of the target.
@@ -92,9 +92,9 @@ impl<'a> InverseEmbedding<'a> {
         let count = surface.triangles().len();
         let stride = count.div_ceil(MOST_SAMPLES);
         let sample = |t: usize| {
-            let middle = surface.triangles()[t].map(|v| target.directions()[v as usize]);
+            let corners = surface.triangles()[t].map(|v| target.directions()[v as usize]);
             let area = surface.area_vector(t).norm() * scale * scale;
-            (middle.iter().sum::<Vector>().normalize(), stride as f64 * area)
+            (corners.iter().sum::<Vector>().normalize(), stride as f64 * area)
         };
         Self {
             target,
@@ -224,6 +224,7 @@ impl<'a> InterSurfaceMap<'a> {
         found
     }
 
+    /// Fills `star` with the neighbours of a vertex.
     fn gather(&self, embedding: &PartialEmbedding, v: u32, star: &mut VertexStar) {
         let ring = embedding.rings.of(v);
         star.clear();
@@ -252,6 +253,8 @@ impl<'a> InterSurfaceMap<'a> {
         if mean.is_nan() { f64::INFINITY } else { mean }
     }
 
+    /// Energy of a vertex's triangles with the vertex at direction `x` and its image at `y`; `None` where it is not
+    /// defined or a triangle on the sphere is not positive.
     fn value(&self, x: &Vector, y: &Point, star: &VertexStar) -> Option<f64> {
         let mut value = 0.0;
         for (i, a) in star.iter().enumerate() {
@@ -266,10 +269,11 @@ impl<'a> InterSurfaceMap<'a> {
         (!value.is_nan()).then_some(value)
     }
 
+    /// A Newton step with line search that lowers the energy of a vertex's triangles; `None` if there is none.
     fn better_place(&self, x: &Vector, image: &VertexImage, star: &VertexStar) -> Option<(Vector, VertexImage)> {
         let before = self.value(x, &image.point, star)?;
         let y = image.point;
-        // By the image of the vertex, and by its direction.
+        // Derivatives with respect to the image of the vertex, and to its direction.
         let (mut image_gradient, mut image_hessian) = (Vector::zeros(), Matrix3::zeros());
         let (mut gradient, mut hessian) = (Vector::zeros(), Matrix3::zeros());
         for (i, a) in star.iter().enumerate() {

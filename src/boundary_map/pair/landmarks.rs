@@ -1,21 +1,21 @@
-//! Vertices of two surfaces that are to meet.
+//! Pairs of vertices of two surfaces that a map must send to each other.
 
 use std::collections::HashMap;
 
 use crate::Point;
 
-/// Pairs of vertices: `pairs[k][0]` of the domain goes to `pairs[k][1]` of the target. No vertex stands in two pairs,
+/// Pairs of vertices: `pairs[k][0]` of the domain goes to `pairs[k][1]` of the target. No vertex is in two pairs,
 /// and all are in range.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Landmarks {
     pairs: Vec<[u32; 2]>,
 }
 
-/// Why pairs of vertices are no landmarks. Pairs count from 0, in the order given.
+/// Why pairs of vertices are not valid landmarks. Pairs count from 0, in the order given.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LandmarkError {
-    /// A vertex that is not there.
+    /// A vertex that does not exist.
     #[error("pair {pair} names vertex {vertex} of the {side}, which has {vertices} vertices (counted from 0)")]
     OutOfRange {
         /// The pair.
@@ -42,7 +42,7 @@ pub enum LandmarkError {
 }
 
 impl Landmarks {
-    /// Checked pairs of vertices of surfaces with so many vertices.
+    /// Checks pairs against the numbers of vertices of the two surfaces.
     ///
     /// # Errors
     ///
@@ -80,7 +80,7 @@ impl Landmarks {
         &self.pairs
     }
 
-    /// Where they are, when vertices of the domain and the target stand there.
+    /// Positions of the pairs, from those of the vertices of domain and target.
     ///
     /// # Panics
     ///

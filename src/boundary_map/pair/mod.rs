@@ -61,7 +61,7 @@ const COARSE_SIZES: [usize; 2] = [1600, 4000];
 const ISOMETRY_ENERGY: f64 = 4.0;
 /// A warning says that the rotation is ambiguous when the second best score is this close to the best.
 const AMBIGUOUS_SCORE: f64 = 0.05;
-/// The domain's vertices come too close together on the sphere.
+/// The error when the domain's vertices come too close together on the sphere.
 const TOO_FINE: PairError = PairError::Sphere {
     side: "domain",
     error: SphericalError::TooFine,
@@ -69,12 +69,12 @@ const TOO_FINE: PairError = PairError::Sphere {
 
 /// A bijection from the boundary of one solid to that of another.
 ///
-/// Some 10 s for 15 000 vertices on two cores. The same for any number of threads.
+/// Takes some 10 s for 15 000 vertices on two cores. The result is the same for any number of threads.
 ///
 /// # Errors
 ///
-/// When a solid is not of genus 0, or landmarks cannot be met; [`PairError::Cancelled`] when `progress` says so
-/// ([`ProgressResponse`]), which is heard within a fraction of a second as a rule.
+/// When a solid is not of genus 0, or landmarks cannot be met; [`PairError::Cancelled`] when `progress` cancels it
+/// ([`ProgressResponse`]), which usually takes effect within a fraction of a second.
 pub fn map_pair<A: ProgressResponse>(
     domain: &SurfaceMesh,
     target: &SurfaceMesh,
@@ -124,12 +124,12 @@ impl PairMapping<'_> {
         let inverse = InverseEmbedding::new(&target, &locator);
         let sphere = self.elapsed();
 
-        self.tell(PairPhase::Aligning)?;
+        self.report(PairPhase::Aligning)?;
         let (soft_targets, warnings) = self.soft_targets(&target)?;
         let align = self.elapsed();
 
         let count = soft_targets.len() * SCHEDULES.len();
-        self.tell(PairPhase::CoarseEmbeddings { count })?;
+        self.report(PairPhase::CoarseEmbeddings { count })?;
         let embedder = self.embedder(&target, &inverse)?;
         let (coarse, [alignment, schedule], alignments) =
             best_coarse_embedding(&embedder, &soft_targets, &SCHEDULES, &COARSE_SIZES).ok_or(PairError::NoEmbedding)?;
@@ -139,7 +139,7 @@ impl PairMapping<'_> {
         let refining = |vertices, energy| {
             let total = self.domain.vertices().len();
             // A cancellation takes effect at the next level.
-            let _ = self.tell(PairPhase::Refining {
+            let _ = self.report(PairPhase::Refining {
                 vertices,
                 total,
                 energy: ISOMETRY_ENERGY * energy,
@@ -152,7 +152,7 @@ impl PairMapping<'_> {
         if self.improve {
             let refined = embedder.refine(coarse, soft_targets, &schedule, usize::MAX, &refining);
             after = refined.ok_or(TOO_FINE)?;
-            self.tell(PairPhase::Improving)?;
+            self.report(PairPhase::Improving)?;
             embedder.finish(&mut after);
             self.take_exact_targets(&embedder, soft_targets, &mut after);
         }
@@ -186,7 +186,7 @@ impl PairMapping<'_> {
         let target = self.sphere("target", self.target, SphereEnergy::Conformal)?;
         let sphere = self.elapsed();
 
-        self.tell(PairPhase::Aligning)?;
+        self.report(PairPhase::Aligning)?;
         let mut warnings = Vec::new();
         let matches = search_rotations(&domain, &target, None);
         let rotations: Vec<f64> = matches.iter().map(|found| found.score).collect();
@@ -195,7 +195,7 @@ impl PairMapping<'_> {
             && self.landmarks.pairs().len() < 2
         {
             warnings.push(
-                "several rotations of the spheres fit nearly as well; name landmarks if the map goes to the wrong place"
+                "several rotations of the spheres fit nearly as well; give landmarks if the map goes to the wrong place"
                     .into(),
             );
         }
@@ -218,7 +218,7 @@ impl PairMapping<'_> {
         };
         let align = self.elapsed();
 
-        self.tell(PairPhase::Improving)?;
+        self.report(PairPhase::Improving)?;
         let locator = Locator::new(&target);
         let inverse = InverseEmbedding::new(&target, &locator);
         let embedder = self.embedder(&target, &inverse)?;
@@ -252,7 +252,7 @@ impl PairMapping<'_> {
         Ok((map, report))
     }
 
-    fn tell(&self, phase: PairPhase) -> Result<(), PairError> {
+    fn report(&self, phase: PairPhase) -> Result<(), PairError> {
         match self.reporter.send(phase) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(PairError::Cancelled),
@@ -273,8 +273,8 @@ impl PairMapping<'_> {
             energy,
             ..SphereOptions::default()
         };
-        let told = |phase| self.reporter.send(PairPhase::Sphere(side, phase));
-        match map_to_sphere(surface, &options, &told) {
+        let forward = |phase| self.reporter.send(PairPhase::Sphere(side, phase));
+        match map_to_sphere(surface, &options, &forward) {
             Ok((map, _)) => Ok(map),
             Err(SphericalError::Cancelled) => Err(PairError::Cancelled),
             Err(error) => Err(PairError::Sphere { side, error }),
@@ -349,7 +349,7 @@ impl PairMapping<'_> {
         let (from, to): (Vec<Vector>, Vec<Vector>) = pairs.iter().map(directions).unzip();
         let turn = sphere_rotation(&from, &to, &vec![1.0; from.len()])?;
         if pairs.len() > 3 && turn.mirrored_residual < 0.5 * turn.residual {
-            warnings.push("the landmarks go round the other way on the target, as on a mirror image".into());
+            warnings.push("the landmarks have the opposite cyclic order on the target, as on a mirror image".into());
         }
         Some(turn.rotation)
     }
@@ -393,7 +393,7 @@ impl PairMapping<'_> {
         before: &EmbeddingCandidate,
         after: &EmbeddingCandidate,
     ) -> Result<(BoundaryMap, [SurfaceDistortion; 2]), PairError> {
-        self.tell(PairPhase::Measuring)?;
+        self.report(PairPhase::Measuring)?;
         let through = |candidate: &EmbeddingCandidate| -> Result<BoundaryMap, PairError> {
             let domain = SphericalEmbedding::new(self.domain.clone(), &candidate.embedding.directions)
                 .map_err(|error| PairError::Sphere { side: "domain", error })?;

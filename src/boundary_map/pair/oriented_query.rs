@@ -77,11 +77,10 @@ impl OrientedQuery {
         best
     }
 
-    /// [`Self::closest`] of every point with its normal, in parallel; `hints` is empty, or has one
-    /// point for each.
+    /// [`Self::closest`] of every point with its normal, in parallel; `hints` is empty, or has one point for each.
     pub fn closest_of_all(&self, points: &[(Point, Vector)], beta: f64, hints: &[OrientedPoint]) -> Vec<OrientedPoint> {
-        let answer = |(i, (p, n)): (usize, &(Point, Vector))| self.closest(p, n, beta, hints.get(i));
-        points.par_iter().enumerate().map(answer).collect()
+        let closest = |(i, (p, n)): (usize, &(Point, Vector))| self.closest(p, n, beta, hints.get(i));
+        points.par_iter().enumerate().map(closest).collect()
     }
 
     /// Unit normal of the triangle that a point was found on; zero for a triangle without area.

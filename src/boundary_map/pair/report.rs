@@ -50,7 +50,7 @@ pub struct PairReport {
     /// they were last compared; protrusions of the target inside a triangle count. Empty with
     /// [`PairMethod::Conformal`].
     pub alignments: Vec<f64>,
-    /// Index of the alignment, or of the rotation, that was taken.
+    /// Index of the alignment that was taken; 0 with [`PairMethod::Conformal`].
     pub alignment: usize,
     /// Correlation of the area distortions under each rotation of the spheres, best first. Empty with
     /// [`PairMethod::SoftTargets`].
@@ -84,7 +84,7 @@ pub struct PairTimings {
     pub total: f64,
 }
 
-/// Why there is no map between two solids.
+/// Why [`map_pair`] failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PairError {
@@ -105,7 +105,7 @@ pub enum PairError {
     /// No bijection was found that meets all landmarks.
     #[error(
         "{} of {landmarks} landmarks cannot be met without inverting triangles, the first is pair {}, counted from 0 \
-         (domain vertex {}, target vertex {}): do they go round in the same order on both solids? Leave it out, or \
+         (domain vertex {}, target vertex {}): do they have the same cyclic order on both solids? Leave it out, or \
          correct it",
         missed.len(), missed[0], first[0], first[1]
     )]
@@ -126,7 +126,7 @@ pub enum PairError {
     /// A surface is out of scale.
     #[error(transparent)]
     Boundary(#[from] BoundaryMapError),
-    /// The progress callback asked for an end.
+    /// The progress callback cancelled the run.
     #[error("cancelled by the progress callback")]
     Cancelled,
 }

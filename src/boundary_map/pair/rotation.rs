@@ -59,7 +59,8 @@ const FEW: usize = 700;
 const MANY: usize = 6000;
 const CANDIDATES: usize = 20;
 const FINALISTS: usize = 4;
-const APART: f64 = 15.0 * PI / 180.0;
+/// Rotations closer than this angle are the same.
+const DISTINCT_ANGLE: f64 = 15.0 * PI / 180.0;
 /// Rings from pole to pole.
 const RINGS: usize = 128;
 /// Angle at which the weight of the smoothing has fallen to zero.
@@ -133,7 +134,7 @@ impl<'a> Matcher<'a> {
 /// The best `count` of those that are not close to a better one.
 fn distinct(mut matches: Vec<RotationMatch>, count: usize) -> Vec<RotationMatch> {
     matches.sort_by(|a, b| b.score.total_cmp(&a.score));
-    spread_out(matches, count, |found| found.rotation, APART)
+    spread_out(matches, count, |found| found.rotation, DISTINCT_ANGLE)
 }
 
 impl Raster {
@@ -173,11 +174,11 @@ impl Raster {
 
     /// Interpolated linearly along and between rings.
     fn value(&self, direction: &Vector) -> Descriptor {
-        let latitude = direction.z.clamp(-1.0, 1.0).acos() / PI * RINGS as f64 - 0.5;
+        let row = direction.z.clamp(-1.0, 1.0).acos() / PI * RINGS as f64 - 0.5;
         let turn = direction.y.atan2(direction.x) / (2.0 * PI);
         let turn = if turn < 0.0 { turn + 1.0 } else { turn };
-        let below = latitude.floor().clamp(0.0, (RINGS - 2) as f64);
-        let part = (latitude - below).clamp(0.0, 1.0);
+        let below = row.floor().clamp(0.0, (RINGS - 2) as f64);
+        let part = (row - below).clamp(0.0, 1.0);
         let ring = below as usize;
         self.value_on(ring, turn) * (1.0 - part) + self.value_on(ring + 1, turn) * part
     }
@@ -193,15 +194,15 @@ impl Raster {
     /// Calls `visit` with the cells whose centre is within `angle` of a direction, and some more around them.
     fn visit_cap(&self, centre: &Vector, angle: f64, mut visit: impl FnMut(usize, Vector)) {
         let height = PI / RINGS as f64;
-        let latitude = centre.z.clamp(-1.0, 1.0).acos();
+        let colatitude = centre.z.clamp(-1.0, 1.0).acos();
         let longitude = centre.y.atan2(centre.x);
-        let first = (((latitude - angle) / height - 0.5).floor().max(0.0)) as usize;
-        let last = (((latitude + angle) / height - 0.5).ceil().max(0.0) as usize).min(RINGS - 1);
+        let first = (((colatitude - angle) / height - 0.5).floor().max(0.0)) as usize;
+        let last = (((colatitude + angle) / height - 0.5).ceil().max(0.0) as usize).min(RINGS - 1);
         for ring in first..=last {
             let cells = self.cells_of(ring);
             let here = (ring as f64 + 0.5) * height;
             // Spherical law of cosines; at the poles all longitudes are near.
-            let cosine = (angle.cos() - latitude.cos() * here.cos()) / (latitude.sin() * here.sin());
+            let cosine = (angle.cos() - colatitude.cos() * here.cos()) / (colatitude.sin() * here.sin());
             let half = if angle >= PI || cosine.is_nan() || cosine <= -1.0 {
                 PI
             } else {
@@ -301,7 +302,7 @@ mod tests {
     use crate::boundary_map::pair::alignment::angle_between;
     use crate::mesh::{SurfaceMesh, shapes};
 
-    fn from_within(surface: &SurfaceMesh, turn: &Matrix3) -> SphericalEmbedding {
+    fn radially_embedded(surface: &SurfaceMesh, turn: &Matrix3) -> SphericalEmbedding {
         let directions: Vec<Vector> = surface.vertices().iter().map(|p| turn * p.coords).collect();
         SphericalEmbedding::new(surface.clone(), &directions).unwrap()
     }
@@ -317,8 +318,8 @@ mod tests {
         ] {
             let turn = Rotation3::new(axis).into_inner();
             let (domain, target) = (
-                from_within(&surface, &Matrix3::identity()),
-                from_within(&surface, &turn),
+                radially_embedded(&surface, &Matrix3::identity()),
+                radially_embedded(&surface, &turn),
             );
             let found = search_rotations(&domain, &target, None);
             let error = angle_between(&found[0].rotation, &turn);
@@ -330,7 +331,7 @@ mod tests {
     #[test]
     fn normals_under_an_alignment_tell_symmetric_rotations_apart() {
         let brick = shapes::deformed(&shapes::sphere(1.0, 4), |p| Point::new(p.x, 1.5 * p.y, 2.2 * p.z));
-        let map = from_within(&brick, &Matrix3::identity());
+        let map = radially_embedded(&brick, &Matrix3::identity());
         let found = search_rotations(&map, &map, None);
         assert_eq!(found.len(), FINALISTS);
         assert!(found[3].score > 0.99 * found[0].score);
@@ -347,7 +348,7 @@ mod tests {
 
     #[test]
     fn an_embedding_without_distortion_has_some_rotation_and_no_correlation() {
-        let map = from_within(&shapes::sphere(1.0, 0), &Matrix3::identity());
+        let map = radially_embedded(&shapes::sphere(1.0, 0), &Matrix3::identity());
         let found = search_rotations(&map, &map, None);
         assert!(!found.is_empty() && found.iter().all(|m| m.score.abs() < 1e-9));
     }
@@ -356,7 +357,7 @@ mod tests {
     fn every_cell_is_covered_by_a_triangle() {
         let raster = Raster::empty();
         for surface in [shapes::sphere(1.0, 0), shapes::bumpy_sphere(30), shapes::cube(1.0, 1)] {
-            let map = from_within(&surface, &Rotation3::new(Vector::new(0.1, 0.2, 0.3)).into_inner());
+            let map = radially_embedded(&surface, &Rotation3::new(Vector::new(0.1, 0.2, 0.3)).into_inner());
             let sampled = raster.rasterise(&map, &vec![Descriptor::repeat(2.0); surface.vertices().len()]);
             assert!(
                 sampled

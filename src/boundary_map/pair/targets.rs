@@ -19,7 +19,7 @@ pub struct VertexTarget {
     pub distance: f64,
 }
 
-/// Distance at which the weight has fallen to 1/e, as a fraction of the target's size.
+/// Distance at which the weight has fallen to 1/e where normals agree, as a fraction of the target's size.
 const FAR: f64 = 0.1;
 /// Vertices of lower weight have no target.
 const LEAST_WEIGHT: f64 = 0.01;
@@ -54,14 +54,14 @@ mod tests {
     use crate::mesh::{SurfaceMesh, shapes};
     use crate::{Point, Vector};
 
-    fn body(surface: &SurfaceMesh) -> AlignmentSurface {
+    fn prepared(surface: &SurfaceMesh) -> AlignmentSurface {
         AlignmentSurface::new(surface, "domain").unwrap()
     }
 
     #[test]
     fn a_solid_is_its_own_target() {
         let surface = shapes::bumpy_sphere(8);
-        let itself = body(&surface);
+        let itself = prepared(&surface);
         let targets = vertex_targets(&itself, &itself, &Similarity::identity());
         assert_eq!(targets.len(), surface.vertices().len());
         for (found, p) in targets.iter().zip(surface.vertices()) {
@@ -79,7 +79,7 @@ mod tests {
             translation: Vector::new(0.0, 0.0, -0.015),
             ..Similarity::identity()
         };
-        let targets = vertex_targets(&body(&plate), &body(&plate), &shift);
+        let targets = vertex_targets(&prepared(&plate), &prepared(&plate), &shift);
         let mut seen = 0;
         for (found, p) in targets.iter().zip(plate.vertices()) {
             if p.x.abs().max(p.y.abs()) < 0.45 {
@@ -93,12 +93,12 @@ mod tests {
 
     #[test]
     fn far_parts_have_no_target() {
-        let small = body(&shapes::sphere(1.0, 2));
+        let small = prepared(&shapes::sphere(1.0, 2));
         let spike = shapes::deformed(&shapes::sphere(1.0, 3), |p| {
             if p.z > 0.99 { Point::new(0.0, 0.0, 6.0) } else { *p }
         });
         let tip = spike.vertices().iter().position(|p| p.z > 5.0).unwrap();
-        let targets = vertex_targets(&body(&spike), &small, &Similarity::identity());
+        let targets = vertex_targets(&prepared(&spike), &small, &Similarity::identity());
         assert!(targets[tip].is_none());
         assert!(targets.iter().filter(|t| t.is_some()).count() > spike.vertices().len() / 2);
     }

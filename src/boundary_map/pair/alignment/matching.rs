@@ -1,4 +1,4 @@
-//! Correspondences between two surfaces under a similarity, its residual, and Gauss-Newton steps.
+//! Correspondences between two surfaces under a similarity, its residual, and Levenberg-Marquardt steps.
 
 use nalgebra::{Rotation3, SMatrix, SVector};
 use rayon::prelude::*;
@@ -65,7 +65,7 @@ const REPORTED: usize = 250;
 const FINE_STEPS: usize = 12;
 /// Steps with closest points on triangles.
 const LAST_STEPS: usize = 4;
-/// The scale stays within this factor of the ratio of sizes.
+/// The scale stays within this factor of the ratio of the root mean square radii.
 const SCALES: f64 = 1.5;
 /// Weight of the landmarks in the cost, of 1 in total.
 const LANDMARK_SHARE: f64 = 0.9;
@@ -316,7 +316,7 @@ fn step(s: &Similarity, hessian: &NormalMatrix, gradient: &Unknowns, damping: f6
     })
 }
 
-/// Removes rounding errors from an orthogonal matrix by one step of Newton's method for the polar factor.
+/// Removes rounding errors from an orthogonal matrix by one Newton-Schulz step towards the polar factor.
 fn orthogonal(r: &Matrix3) -> Matrix3 {
     0.5 * r * (Matrix3::from_diagonal_element(3.0) - r.transpose() * r)
 }

@@ -44,13 +44,13 @@ pub enum AlignError {
         side: &'static str,
     },
     /// Fewer than three pairs leave a rotation free.
-    #[error("{count} landmarks do not fix an alignment: give at least 3")]
+    #[error("{count} landmarks do not determine an alignment: give at least 3")]
     FewLandmarks {
         /// Number of landmarks given.
         count: usize,
     },
     /// Coincident or collinear landmarks leave a rotation free.
-    #[error("the landmarks of the {side} lie on a line, so that they do not fix a rotation; add one beside it")]
+    #[error("the landmarks of the {side} lie on a line and do not determine a rotation; add one off the line")]
     CollinearLandmarks {
         /// `"domain"` or `"target"`.
         side: &'static str,
@@ -93,7 +93,8 @@ pub struct Alignment {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignments {
     /// Orientation-preserving alignments, at least 20° apart, the least residual first; at least one, at most six. That
-    /// from the coordinates as given is among them. The best is ambiguous if others have about the same residual.
+    /// from the coordinates as given is among them, unless a better one is close to it. The best is ambiguous if others
+    /// have about the same residual.
     pub best: Vec<Alignment>,
     /// The best one with a reflection. If its residual is much lower than that of `best[0]`, the target looks like the
     /// mirror image of the domain.
@@ -121,8 +122,8 @@ impl Alignments {
 }
 
 /// Samples of a surface for the choice of starts, and for their coarse improvement.
-const FEW: usize = 120;
-const SOME: usize = 250;
+const START_SAMPLES: usize = 120;
+const COARSE_SAMPLES: usize = 250;
 /// Starts kept by their initial residual, and alignments kept after the coarse improvement.
 const STARTS: usize = 20;
 const FINALISTS: usize = 6;
@@ -130,8 +131,10 @@ const FINALISTS: usize = 6;
 const MIRRORED_STARTS: usize = 6;
 const COARSE_STEPS: usize = 8;
 /// Alignments closer than this angle are the same.
-const APART: f64 = 20.0 * PI / 180.0;
+const DISTINCT_ANGLE: f64 = 20.0 * PI / 180.0;
+/// Ratio of residuals below which the target looks like the mirror image.
 const MIRRORED: f64 = 0.8;
+/// Ratio of the second smallest residual to the smallest below which the best alignment is ambiguous.
 const AMBIGUOUS: f64 = 1.05;
 /// Alignments with residuals below this are all exact.
 const EXACT: f64 = 1e-6;
@@ -220,7 +223,11 @@ impl Registration<'_> {
             (MIRRORED_STARTS, 1)
         };
         let scored = |(start, similarity)| {
-            let found = self.correspondences(&similarity, Search::OnSamples(FEW), &Correspondences::default());
+            let found = self.correspondences(
+                &similarity,
+                Search::OnSamples(START_SAMPLES),
+                &Correspondences::default(),
+            );
             AlignmentCandidate {
                 residual: self.residual(&similarity, &found),
                 similarity,
@@ -244,14 +251,14 @@ impl Registration<'_> {
             })
             .collect();
         refined.sort_by(|a, b| a.0.residual.total_cmp(&b.0.residual));
-        let best = spread_out(refined, usize::MAX, |(_, s)| s.rotation, APART);
+        let best = spread_out(refined, usize::MAX, |(_, s)| s.rotation, DISTINCT_ANGLE);
         best.into_iter().map(|(alignment, _)| alignment).collect()
     }
 
     /// A few point-to-point steps with few samples, which converge from far.
     fn improve_coarsely(&self, start: &AlignmentCandidate) -> AlignmentCandidate {
         let sign = start.similarity.rotation.determinant().signum();
-        let search = Search::OnSamples(SOME);
+        let search = Search::OnSamples(COARSE_SAMPLES);
         let mut correspondences = self.correspondences(&start.similarity, search, &Correspondences::default());
         let mut best = AlignmentCandidate {
             residual: self.residual(&start.similarity, &correspondences),
@@ -291,13 +298,18 @@ fn distinct(mut candidates: Vec<AlignmentCandidate>, count: usize) -> Vec<Alignm
         candidates.into_iter().partition(|c| c.start.depends_on_frames());
     let as_given = given.iter().copied().find(|c| c.start == AlignmentStart::AsGiven);
     let rotation = |c: &AlignmentCandidate| c.similarity.rotation;
-    let mut kept = spread_out(equivariant.into_iter().chain(given), usize::MAX, rotation, APART);
+    let mut kept = spread_out(
+        equivariant.into_iter().chain(given),
+        usize::MAX,
+        rotation,
+        DISTINCT_ANGLE,
+    );
     kept.sort_by(|a, b| a.residual.total_cmp(&b.residual));
     kept.truncate(count);
     if let Some(as_given) = as_given
         && !kept
             .iter()
-            .any(|other| angle_between(&rotation(other), &rotation(&as_given)) <= APART)
+            .any(|other| angle_between(&rotation(other), &rotation(&as_given)) <= DISTINCT_ANGLE)
     {
         kept.truncate(count - 1);
         kept.push(as_given);
@@ -305,7 +317,7 @@ fn distinct(mut candidates: Vec<AlignmentCandidate>, count: usize) -> Vec<Alignm
     kept
 }
 
-/// The first `most` whose rotations are more than `apart` radians from those of all before them.
+/// The first `most` whose rotations are more than `apart` radians from those of all kept before them.
 pub(super) fn spread_out<T>(
     items: impl IntoIterator<Item = T>,
     most: usize,
@@ -335,6 +347,6 @@ fn are_collinear(points: &[Point]) -> bool {
     let mean = points.iter().map(|p| p.coords).sum::<Vector>() / points.len() as f64;
     let offsets = points.iter().map(|p| p.coords - mean);
     let covariance: Matrix3 = offsets.map(|offset| offset * offset.transpose()).sum();
-    let (_, extents) = principal_axes(&covariance);
-    extents[1] <= 1e-6 * extents[0]
+    let (_, variances) = principal_axes(&covariance);
+    variances[1] <= 1e-6 * variances[0]
 }

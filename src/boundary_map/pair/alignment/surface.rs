@@ -23,10 +23,11 @@ pub struct AlignmentSurface {
     /// Principal axes as columns, right-handed, the longest first.
     pub(super) axes: Matrix3,
     /// Variances along them.
-    pub(super) extents: Vector,
+    pub(super) variances: Vector,
     /// Twice the distance of the farthest vertex from the centroid, in the frame: unlike the diagonal of the bounding
     /// box, invariant under rotations.
     pub(in crate::boundary_map::pair) size: f64,
+    /// Vertices and their unit normals, in the frame.
     pub(super) vertices: Vec<Point>,
     pub(super) normals: Vec<Vector>,
 }
@@ -64,7 +65,7 @@ impl AlignmentSurface {
         let framed = shapes::deformed(surface, |p| Point::from((p - centre) / radius));
         let normals = vertex_normals(&framed);
         let query = OrientedQuery::new(&framed, &normals).ok_or(AlignError::NoArea { side })?;
-        let (axes, extents) = principal_axes(&(covariance / (radius * radius)));
+        let (axes, variances) = principal_axes(&(covariance / (radius * radius)));
         let samples = samples(&framed, &normals);
         let corners = framed.triangles().iter().flatten();
         let radii = corners.map(|&v| framed.vertices()[v as usize].coords.norm());
@@ -76,7 +77,7 @@ impl AlignmentSurface {
             hints,
             axes: oriented_by_skewness(&axes, &samples),
             samples,
-            extents,
+            variances,
             size,
             vertices: framed.into_parts().0,
             normals,
@@ -95,7 +96,7 @@ impl AlignmentSurface {
     }
 
     pub(super) fn has_ambiguous_axes(&self) -> bool {
-        (0..2).any(|k| self.extents[k] < AMBIGUOUS_RATIO * self.extents[k + 1])
+        (0..2).any(|k| self.variances[k] < AMBIGUOUS_RATIO * self.variances[k + 1])
     }
 }
 

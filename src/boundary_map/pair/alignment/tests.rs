@@ -17,7 +17,7 @@ fn horned(frequency: usize) -> SurfaceMesh {
     })
 }
 
-fn body(surface: &SurfaceMesh) -> AlignmentSurface {
+fn prepared(surface: &SurfaceMesh) -> AlignmentSurface {
     AlignmentSurface::new(surface, "domain").unwrap()
 }
 
@@ -46,7 +46,7 @@ fn recovers_a_moved_turned_and_scaled_copy() {
     for seed in 0..6 {
         let (first, second) = (random_similarity(seed), random_similarity(100 + seed));
         let (domain, target) = (moved(&surface, &first), moved(&surface, &second));
-        let found = align(&body(&domain), &body(&target));
+        let found = align(&prepared(&domain), &prepared(&target));
         let best = found.best[0];
         let error = largest_difference(&domain, &best.similarity, &second.after(&first.inverse()));
         assert!(error < 1e-8, "seed {seed}: {error:e}");
@@ -59,42 +59,42 @@ fn recovers_a_moved_turned_and_scaled_copy() {
 #[test]
 fn recovers_a_copy_of_other_connectivity_to_the_error_of_the_meshes() {
     let (domain, target) = (horned(9), moved(&horned(13), &random_similarity(5)));
-    let found = align(&body(&domain), &body(&target));
+    let found = align(&prepared(&domain), &prepared(&target));
     let error = largest_difference(&domain, &found.best[0].similarity, &random_similarity(5));
     assert!(error < 5e-3, "{error:e}");
     assert!(!found.looks_mirrored());
 }
 
 #[test]
-fn knows_a_mirror_image() {
+fn detects_a_mirror_image() {
     let surface = horned(9);
     let mirrored = shapes::deformed(&surface, |p| Point::new(-p.x, p.y, p.z)).reversed();
-    let found = align(&body(&surface), &body(&moved(&mirrored, &random_similarity(4))));
+    let found = align(&prepared(&surface), &prepared(&moved(&mirrored, &random_similarity(4))));
     assert!(found.looks_mirrored() && found.mirrored.residual < 1e-8);
     assert!(found.best.iter().all(|a| a.similarity.rotation.determinant() > 0.0));
     assert!(found.mirrored.similarity.rotation.determinant() < 0.0);
 }
 
 #[test]
-fn symmetric_solids_have_runners_up() {
+fn symmetric_solids_have_ambiguous_alignments() {
     let brick = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(p.x, 2.0 * p.y, 3.0 * p.z));
-    let found = align(&body(&brick), &body(&brick));
+    let found = align(&prepared(&brick), &prepared(&brick));
     assert!(found.best.iter().filter(|a| a.residual < EXACT).count() == 4 && found.is_ambiguous());
     let cube = shapes::cube(1.0, 4);
     let turned = moved(&cube, &random_similarity(9));
-    let found = align(&body(&cube), &body(&turned));
+    let found = align(&prepared(&cube), &prepared(&turned));
     assert!(found.best.len() == FINALISTS && found.is_ambiguous() && !found.looks_mirrored());
     assert!(found.best[1].residual < EXACT);
     let (fine, coarse) = (shapes::sphere(1.0, 3), shapes::sphere(2.0, 2));
-    let found = align(&body(&fine), &body(&coarse));
+    let found = align(&prepared(&fine), &prepared(&coarse));
     assert!(found.best[0].distance < 1e-2 && found.best[1].distance < 1e-2);
 }
 
 #[test]
 fn the_number_of_threads_does_not_matter() {
     let (a, b) = (
-        body(&horned(7)),
-        body(&shapes::polycube(&[[0, 0, 0], [1, 0, 0], [1, 1, 0]], 4)),
+        prepared(&horned(7)),
+        prepared(&shapes::polycube(&[[0, 0, 0], [1, 0, 0], [1, 1, 0]], 4)),
     );
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -105,12 +105,12 @@ fn the_number_of_threads_does_not_matter() {
 
 /// To the rounding of coordinates up to a thousand times as large as the solid, which the steps may amplify.
 #[test]
-fn turns_moves_and_scales_with_the_solids() {
+fn is_equivariant_under_similarities_of_the_solids() {
     let bent = |p: &Point| Point::new(p.x + 0.2 * p.y * p.y, 1.3 * p.y, p.z + 0.1 * p.x * p.x);
     let (a, b) = (horned(7), shapes::deformed(&horned(8), bent));
     let (first, second) = (random_similarity(1), random_similarity(2));
-    let plain = align(&body(&a), &body(&b)).best[0];
-    let other = align(&body(&moved(&a, &first)), &body(&moved(&b, &second))).best[0];
+    let plain = align(&prepared(&a), &prepared(&b)).best[0];
+    let other = align(&prepared(&moved(&a, &first)), &prepared(&moved(&b, &second))).best[0];
     let expected = second.after(&plain.similarity);
     let error = largest_difference(&a, &other.similarity.after(&first), &expected);
     assert!(error < 1e-6, "{error:e}");
@@ -120,10 +120,10 @@ fn turns_moves_and_scales_with_the_solids() {
 #[test]
 fn flat_and_thin_solids_are_aligned_and_those_without_area_refused() {
     let flat = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(p.x, 2.0 * p.y, 0.0));
-    let found = align(&body(&flat), &body(&horned(5)));
+    let found = align(&prepared(&flat), &prepared(&horned(5)));
     assert!(found.best[0].residual.is_finite());
     let needle = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(p.x, 1e-4 * p.y, 1e-4 * p.z));
-    assert!(align(&body(&needle), &body(&needle)).best[0].residual < 1e-6);
+    assert!(align(&prepared(&needle), &prepared(&needle)).best[0].residual < 1e-6);
     let line = shapes::deformed(&shapes::cube(1.0, 2), |p| Point::new(p.x, 0.0, 0.0));
     assert!(matches!(
         AlignmentSurface::new(&line, "target"),
@@ -145,13 +145,13 @@ fn landmarks_decide_among_the_alignments_of_a_symmetric_solid() {
     let brick = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(p.x, 2.0 * p.y, 3.0 * p.z));
     let half_turn = Rotation3::new(Vector::z() * PI).into_inner();
     let pairs: Vec<(Point, Point)> = brick.vertices()[..3].iter().map(|p| (*p, half_turn * p)).collect();
-    let found = align_by_landmarks(&body(&brick), &body(&brick), &pairs).unwrap();
+    let found = align_by_landmarks(&prepared(&brick), &prepared(&brick), &pairs).unwrap();
     assert!((found.best[0].similarity.rotation - half_turn).amax() < 1e-6);
 }
 
 #[test]
 fn landmarks_that_leave_a_rotation_free_are_refused() {
-    let b = body(&shapes::sphere(1.0, 2));
+    let b = prepared(&shapes::sphere(1.0, 2));
     let line: Vec<(Point, Point)> = (0..4)
         .map(|k| (Point::new(f64::from(k), 0.0, 0.0), Point::new(0.0, f64::from(k), 0.0)))
         .collect();
@@ -172,7 +172,7 @@ fn shape_alone_brings_the_landmarks_of_two_hands_together() {
     let [Some(plain), Some(vulcan)] = hands else {
         return;
     };
-    let found = align(&body(&plain), &body(&vulcan));
+    let found = align(&prepared(&plain), &prepared(&vulcan));
     assert!(!found.looks_mirrored() && !found.is_ambiguous());
     for (a, b) in [(1191, 5864), (658, 5319), (205, 4772), (2751, 4053), (1512, 3166)] {
         let gap = found.best[0].similarity.apply(&plain.vertices()[a]) - vulcan.vertices()[b];
