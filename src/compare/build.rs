@@ -27,7 +27,7 @@ pub enum ComparedMethod {
 }
 
 impl ComparedMethod {
-    /// All of them, in the order of tables.
+    /// All methods, in the order of the tables.
     pub const ALL: [Self; 4] = [Self::Mfs, Self::Fem, Self::Variational, Self::MeanValue];
 
     /// Its name in reports.
@@ -61,7 +61,7 @@ pub enum TetMesher {
 pub struct MeshSpec {
     /// The mesher.
     pub source: TetMesher,
-    /// Edge length of the tetrahedra inside, over the domain's diagonal; `None` for tetrahedra as large as their
+    /// Edge length of the inner tetrahedra, over the domain's diagonal; `None` for tetrahedra as large as their
     /// quality allows.
     pub edge: Option<f64>,
     /// Largest ratio of circumradius to shortest edge (TetGen).
@@ -74,7 +74,7 @@ pub struct MeshSpec {
 }
 
 impl MeshSpec {
-    /// By TetGen at its usual quality, with edges inside of twice the mean length of those on the surface.
+    /// By TetGen at its default quality, with inner edges twice as long as the mean edge of the surface.
     pub fn of(domain: &SurfaceMesh) -> Self {
         Self {
             source: TetMesher::Tetgen,
@@ -106,7 +106,7 @@ pub struct BuildOptions<'a> {
 /// Wall time of the phases, in seconds; zero for phases that a method does not have.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct BuildTimings {
-    /// Tetrahedra.
+    /// Making the tetrahedra.
     pub mesh: f64,
     /// What depends on the domain alone: placing points, assembling, factoring.
     pub factor: f64,
@@ -124,7 +124,7 @@ pub struct BuiltMap {
     pub tets: Option<(TetMesh, Vec<Point>)>,
     /// Unknowns per coordinate.
     pub unknowns: usize,
-    /// Iterations, for methods that have them.
+    /// Number of iterations; `None` for methods without.
     pub iterations: Option<usize>,
     /// Energy `½ ∫ ‖J‖²` at the start of a descent and after each of its steps.
     pub energies: Vec<f64>,
@@ -134,7 +134,7 @@ pub struct BuiltMap {
     pub seconds: BuildTimings,
 }
 
-/// Computes a map. `progress` is told what is being done.
+/// Computes a map. `progress` receives a description of each step.
 ///
 /// # Errors
 ///
@@ -180,7 +180,7 @@ const MAX_VOLUME_DIFFERENCE: f64 = 0.05;
 ///
 /// # Errors
 ///
-/// When it would have too many tetrahedra, or there is no mesher, or meshing fails.
+/// When it would have too many tetrahedra, this build has no mesher, or meshing fails.
 pub fn make_mesh(boundary: &BoundaryMap, spec: &MeshSpec) -> Result<(TetMesh, BoundaryMap), CompareError> {
     let boundary = (0..spec.subdivisions).fold(boundary.clone(), |map, _| map.subdivided());
     let domain = boundary.domain();

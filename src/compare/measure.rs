@@ -45,7 +45,7 @@ impl Default for EvaluationOptions {
     }
 }
 
-/// Measures maps at the same points for all maps of one boundary map.
+/// Measures all maps of one boundary map at the same points.
 pub struct MapEvaluator<'a> {
     boundary: &'a BoundaryMap,
     quadrature: Quadrature,
@@ -61,7 +61,7 @@ pub struct MapEvaluator<'a> {
 pub struct MapDifference {
     /// Root mean square.
     pub rms: f64,
-    /// 99 % quantile.
+    /// 99th percentile.
     pub p99: f64,
     /// Largest.
     pub max: f64,
@@ -102,7 +102,7 @@ pub struct FoldCount {
 
 /// Largest number of triangles that the largest boundary error is taken over.
 const TRIANGLES: usize = 100_000;
-/// Random points to try for each point inside.
+/// Largest number of random points to try for each point inside.
 const TRIES: usize = 1000;
 
 impl<'a> MapEvaluator<'a> {
@@ -122,7 +122,7 @@ impl<'a> MapEvaluator<'a> {
         })
     }
 
-    /// Points inside the domain, even by volume.
+    /// Points inside the domain, uniform by volume.
     pub fn interior(&self) -> &[Point] {
         &self.interior
     }
@@ -165,7 +165,7 @@ impl<'a> MapEvaluator<'a> {
         Ok(InteriorImages { images })
     }
 
-    /// The distance between two maps inside.
+    /// The distance between two maps at the points inside.
     pub fn difference(&self, a: &InteriorImages, b: &InteriorImages) -> MapDifference {
         let diagonal = self.boundary.target_diagonal();
         let pairs = a.images.iter().zip(&b.images);
@@ -231,7 +231,7 @@ impl FoldCount {
 ///
 /// # Errors
 ///
-/// When the mesh or the domain has no boundary.
+/// When the mesh or the domain has no boundary, or the two boundaries are too far apart.
 pub fn carried(mesh: &TetMesh, boundary: &BoundaryMap, map: &dyn VolumeMap) -> Result<Vec<Point>, CompareError> {
     let mut images = map.evaluate(mesh.vertices());
     let fixed = images_of(mesh, boundary)?;

@@ -20,7 +20,7 @@ use crate::energy::{EnergyError, QuadratureError};
 use crate::fit::FitError;
 use crate::geometry::QueryError;
 
-/// Why a method gives no map, or the map no measurements.
+/// Why a map cannot be computed or measured.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CompareError {
@@ -37,7 +37,7 @@ pub enum CompareError {
     #[cfg(feature = "native")]
     #[error("the domain could not be meshed: {0}")]
     Mesher(#[from] crate::cgal_tetgen::CgalTetgenError),
-    /// There is no mesher.
+    /// This build has no mesher.
     #[error("tetrahedra need TetGen or CGAL; build with the feature `native`, or give a tet mesh of the domain")]
     NoMesher,
     /// More tetrahedra than allowed.
@@ -94,9 +94,9 @@ pub enum CompareError {
     #[error(transparent)]
     Query(#[from] QueryError),
     /// No point of the domain was found.
-    #[error("no point inside the domain was found in {tries} tries; it is too thin to compare maps inside of it")]
+    #[error("no point inside the domain was found in {tries} tries; it is too thin to compare maps inside it")]
     NoInterior {
-        /// How many.
+        /// Points that were tried.
         tries: usize,
     },
     /// The map is not finite at points inside or on the boundary.

@@ -1,9 +1,9 @@
 //! Cycles of a curve of equally spaced values, by autocorrelation.
 //!
-//! A parabola is subtracted from the curve, so that a slow drift is no cycle. The rest, `x`, is compared with itself
-//! `lag` frames later: `r(lag) = Σ xᵢ xᵢ₊ₗ / √(Σ xᵢ² Σ xᵢ₊ₗ²)` over the frames that have both, 1 where a curve repeats
-//! and about `±1/√m` over `m` pairs of frames of noise. The period is the first lag at which `r` has a peak about as
-//! high as any.
+//! A parabola is subtracted from the curve, so that a slow drift is not taken for a cycle. The rest, `x`, is compared
+//! with itself `lag` frames later: `r(lag) = Σ xᵢ xᵢ₊ₗ / √(Σ xᵢ² Σ xᵢ₊ₗ²)` over the frames that have both, 1 where a
+//! curve repeats and about `±1/√m` over `m` pairs of frames of noise. The period is the first lag at which `r` has a
+//! peak about as high as any.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -18,9 +18,10 @@ const LEAST_CORRELATION_OF_FEW: f64 = 0.8;
 const DEVIATIONS: f64 = 3.0;
 /// Upper bound on the correlation that is needed, also of short curves: a perfect repetition has 1.
 const MOST_NEEDED: f64 = 0.95;
-/// The period is the first peak above this part of the highest: multiples of a period correlate as well as the period.
+/// The period is the first peak of at least this fraction of the highest: multiples of a period correlate as well as
+/// the period.
 const AS_HIGH: f64 = 0.85;
-/// At multiples of the period, the curve must correlate on average by this part of what the period needs.
+/// At multiples of the period, the mean correlation must be at least this fraction of what the period needs.
 const LASTING: f64 = 0.8;
 
 /// A period that a curve was found to have.
@@ -37,8 +38,8 @@ pub struct Cycles {
 }
 
 impl Cycles {
-    /// First frames of each whole cycle and of the one after it, for a curve of so many frames. Broken cycles at the
-    /// ends are left out; the last frame lasts until the next would begin.
+    /// First frames of each whole cycle and of the one after it, for a curve of this many frames. Incomplete cycles at
+    /// the ends are left out, to within half a frame; the last frame lasts until the next would begin.
     pub fn spans(&self, frames: usize) -> Vec<[f64; 2]> {
         let last = frames as f64 - 1.0;
         let begins = |k: i32| self.first + f64::from(k) * self.period;
@@ -61,7 +62,7 @@ impl Cycles {
 #[non_exhaustive]
 pub enum CycleError {
     /// Too few values.
-    #[error("{found} frames are too few to tell, {needed} are needed")]
+    #[error("{found} frames are too few to find cycles; at least {needed} are needed")]
     TooFew {
         /// Number of values.
         found: usize,
@@ -82,8 +83,8 @@ pub enum CycleError {
 /// The cycles of a curve of one value for each frame, NaN where there is none. At least two cycles are needed, of at
 /// least three frames each. Differences up to `resolution` count as rounding.
 ///
-/// A drift is no cycle, and noise is taken for one in less than a hundredth of all cases. A random walk may be more
-/// often: look at the strength. Costs the square of the number of frames.
+/// A drift is not taken for a cycle, and noise in less than a hundredth of all cases. A random walk may be more often:
+/// look at the strength. Costs the square of the number of frames.
 ///
 /// # Errors
 ///
@@ -136,7 +137,7 @@ fn largest_magnitude(values: &[f64]) -> f64 {
     finite.fold(0.0, |largest: f64, v| largest.max(v.abs()))
 }
 
-/// The values without their parabola of least squares; NaN stays.
+/// The values minus their least-squares parabola; NaN stays.
 fn without_drift(values: &[f64]) -> Vec<f64> {
     let middle = (values.len() - 1) as f64 / 2.0;
     let powers = |i: usize| {
@@ -157,7 +158,7 @@ fn without_drift(values: &[f64]) -> Vec<f64> {
     values.iter().enumerate().map(rest).collect()
 }
 
-/// How alike a curve is to itself some frames later.
+/// How well a curve correlates with itself some frames later.
 #[derive(Debug, Clone, Copy)]
 struct Correlation {
     r: f64,
@@ -182,14 +183,15 @@ impl Correlation {
     }
 }
 
-/// Lags of peaks with a negative valley before them, ascending: below, a curve is only smooth, not periodic.
+/// Lags of peaks with a valley of no positive correlation before them, ascending: at smaller lags the correlation is
+/// high just because the curve is smooth.
 fn peaks(correlations: &[Correlation], longest: usize) -> Vec<usize> {
     let r = |lag: usize| correlations[lag].r;
     let mut lowest = f64::INFINITY;
     let mut peaks = Vec::new();
     for lag in 2..=longest {
         lowest = lowest.min(r(lag - 1));
-        // A cycle of two frames cannot be told from jitter.
+        // A cycle of two frames cannot be distinguished from jitter.
         if lag >= 3 && r(lag) >= r(lag - 1) && r(lag) > r(lag + 1) && lowest <= 0.0 {
             peaks.push(lag);
         }
@@ -263,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_cycles_have_spans_and_broken_ones_have_none() {
+    fn whole_cycles_have_spans_and_incomplete_ones_have_none() {
         let cycles = Cycles {
             period: 10.0,
             count: 2.5,
@@ -280,9 +282,9 @@ mod tests {
     }
 
     #[test]
-    fn whole_and_broken_numbers_of_cycles_are_found() {
+    fn whole_and_fractional_numbers_of_cycles_are_found() {
         for frames in [24, 48, 61, 200] {
-            // Two short cycles cannot be told from noise.
+            // Two short cycles cannot be distinguished from noise.
             for count in [2.0, 3.0, 3.4, 4.0, 6.0].into_iter().skip(usize::from(frames < 30)) {
                 let found = cycles(&gait(frames, count), 0.0).unwrap();
                 // Subtracting the parabola bends the curve: a few percent of the period.

@@ -14,12 +14,13 @@ const MOST_BYTES: usize = 256 << 20;
 /// Bytes for each point and frame: potential and gradient, the Jacobian, and densities.
 const BYTES: usize = 200;
 
-/// Number of frames whose Jacobians at so many points fit into [`MOST_BYTES`].
+/// Number of frames whose Jacobians at this many points fit into [`MOST_BYTES`]; at least one.
 pub(super) fn frames_at_a_time(points: usize) -> usize {
     (MOST_BYTES / (BYTES * points.max(1))).max(1)
 }
 
-/// The Jacobians of each map. Maps with the same sources as the first that has any share every kernel value.
+/// The Jacobians of each map. Maps with the same sources as the first map that has any are evaluated together, with
+/// each kernel value computed once.
 pub(super) fn jacobians(maps: &[&HarmonicMap], points: &[Point]) -> Vec<Vec<Matrix3>> {
     let sources = maps
         .iter()
@@ -40,13 +41,13 @@ fn gradients(maps: &[&HarmonicMap], sources: &[Point], points: &[Point]) -> Vec<
     if maps.is_empty() {
         return Vec::new();
     }
-    let weights = (0..sources.len()).flat_map(|s| maps.iter().flat_map(move |map| map.coefficients().sources[s]));
-    let weights: Vec<f64> = weights.collect();
+    let coefficients = (0..sources.len()).flat_map(|s| maps.iter().flat_map(move |map| map.coefficients().sources[s]));
+    let coefficients: Vec<f64> = coefficients.collect();
     let columns = 3 * maps.len();
     let sums = Sums::new(sources, points, ACCURACY).expect("fewer points than 2³²");
     let (_, gradients) = sums
-        .potential_and_gradient(&weights, columns)
-        .expect("a weight for each source and column");
+        .potential_and_gradient(&coefficients, columns)
+        .expect("a coefficient for each source and column");
     let of_map = |(k, map): (usize, &&HarmonicMap)| {
         let affine = &map.coefficients().affine;
         let linear = Matrix3::from_fn(|i, axis| affine[axis + 1][i]);
@@ -63,16 +64,16 @@ mod tests {
     use super::*;
     use crate::solver::Coefficients;
 
-    /// A map with sources on a sphere of radius 3, its weights drawn by `seed`.
+    /// A map with sources on a sphere of radius 3, its coefficients depending on `seed`.
     fn map(sources: usize, seed: usize) -> HarmonicMap {
         let place = |s: usize| {
             let (z, turn) = (2.0 * (s as f64 + 0.5) / sources as f64 - 1.0, 2.4 * s as f64);
             let r = f64::sqrt(1.0 - z * z);
             Point::new(3.0 * r * turn.cos(), 3.0 * r * turn.sin(), 3.0 * z)
         };
-        let weight = |s: usize| [0, 1, 2].map(|i| ((seed + 1) * (3 * s + i + 1)) as f64).map(f64::sin);
+        let coefficient = |s: usize| [0, 1, 2].map(|i| ((seed + 1) * (3 * s + i + 1)) as f64).map(f64::sin);
         let coefficients = Coefficients {
-            sources: (0..sources).map(weight).collect(),
+            sources: (0..sources).map(coefficient).collect(),
             affine: [[0.0; 3], [1.0, 0.1, 0.0], [0.0, 1.0, 0.2], [seed as f64, 0.0, 1.0]],
         };
         HarmonicMap::new((0..sources).map(place).collect(), coefficients).unwrap()

@@ -3,8 +3,8 @@
 //!
 //! The surface of every frame has the connectivity of the reference's, and the boundary map takes each vertex to its
 //! position in the frame. The system depends on the reference alone (section 4.6): it is factored once, and frames are
-//! solved for in blocks that share every kernel value. The deformation energy of the maps (section 4.3.2) says how far
-//! each frame is from the reference, and its density where.
+//! solved for in blocks, for which each kernel value is computed once. The deformation energy of the maps (section
+//! 4.3.2) says how far each frame is from the reference, and its density where.
 //!
 //! # Units of the energy
 //!
@@ -34,16 +34,16 @@ use crate::solver::Coefficients;
 use crate::{Matrix3, Point, Vector};
 use jacobians::{frames_at_a_time, jacobians};
 
-/// Frames in a block unless told otherwise: larger blocks save little more.
+/// Default number of frames in a block: larger blocks save little more.
 const FRAMES: usize = 32;
 /// Bytes of the densities that a frame keeps for each point of the quadrature.
 const BYTES_PER_POINT: u64 = 24;
-/// Rounds of refinement at most for one block, each for the frame with the largest error.
+/// Largest number of rounds of refinement for one block, each for the frame with the largest error.
 const MOST_ROUNDS: usize = 8;
-/// A frame is an affine image of the reference when an affine map meets it to this part of the tolerance.
+/// A frame counts as an affine image of the reference when an affine map meets it to this fraction of the tolerance.
 const AFFINE: f64 = 0.01;
 
-/// How sequences are measured.
+/// Settings of a [`Sequence`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct SequenceOptions {
     /// How maps are fitted.
@@ -54,7 +54,7 @@ pub struct SequenceOptions {
     pub lame: Lame,
     /// Scale each frame to the reference's volume first, so that change of size has no energy.
     pub own_volume: bool,
-    /// Close holes of up to so many edges in the reference, and the same in all frames; `None` to close none.
+    /// Close holes of up to this many edges in the reference, and the same holes in all frames; `None` to close none.
     pub close_holes: Option<usize>,
     /// Frames to solve for at once; `None` for 32, or as many as fit into memory.
     pub frames_per_block: Option<usize>,
@@ -86,15 +86,15 @@ pub enum SequenceError {
     /// The frame has other vertices or faces than the reference, or positions that cannot be used.
     #[error(transparent)]
     Frame(#[from] BoundaryMapError),
-    /// The frame is no solid.
-    #[error("it encloses no volume ({volume:e} at a diagonal of {diagonal:e}), so it is no solid")]
+    /// The frame encloses no volume.
+    #[error("it encloses no volume ({volume:e} at a diagonal of {diagonal:e}), so it is not a solid")]
     Collapsed {
         /// Its volume.
         volume: f64,
         /// Diagonal of its bounding box.
         diagonal: f64,
     },
-    /// The reference cannot be factored or the frame not be fitted.
+    /// The reference cannot be factored, or the frame cannot be fitted.
     #[error(transparent)]
     Fit(#[from] FitError),
     /// The energy of the map cannot be computed.
@@ -111,9 +111,10 @@ pub struct FrameMeasurement {
     pub harmonic: f64,
     /// Distribution of the deformation energy's density.
     pub deformation_density: DensityQuantiles,
-    /// Volume of the frame; negative when it is a mirror image.
+    /// Volume of the frame; negative when the map reverses the orientation.
     pub volume: f64,
-    /// Share of the reference's volume where the map is folded.
+    /// Fraction of the reference's volume where the map is folded: `det J` is zero or does not have the sign of
+    /// `volume`.
     pub inverted_fraction: f64,
     /// Error of the map on the frame's surface.
     pub boundary_error: BoundaryError,
@@ -141,7 +142,8 @@ impl Sequence {
     ///
     /// # Errors
     ///
-    /// When holes stay open, the surface bounds no solid, an option is out of range, or there is too little memory.
+    /// When holes stay open, the surface does not bound a solid, an option is out of range, or there is too little
+    /// memory.
     pub fn new(
         reference: &SurfaceMesh,
         options: &SequenceOptions,
@@ -257,7 +259,7 @@ impl Sequence {
         densities
     }
 
-    /// The smallest difference of energies that is more than rounding, as for strains of a millionth.
+    /// Differences of energies below this are rounding: the energy of strains of about a millionth.
     pub fn resolution_of_energy(&self) -> f64 {
         let Lame { lambda, mu } = self.options.lame;
         1e-12 * (lambda.abs() + mu.abs())
@@ -364,7 +366,7 @@ impl Sequence {
     }
 }
 
-/// The affine map of least squares, if its error at every vertex is at most `tolerance` of the target's diagonal. It is
+/// The least-squares affine map, if its error at every vertex is at most `tolerance` of the target's diagonal. It is
 /// harmonic, so that its error inside is no larger.
 fn affine_map(frame: &BoundaryMap, tolerance: f64) -> Option<(HarmonicMap, BoundaryError)> {
     let (from, to) = (frame.domain().vertices(), frame.image());
