@@ -850,7 +850,7 @@ fn what_cannot_be_remeshed_is_named() {
     let place = with_affine_map();
     place.fails(
         "remesh ball.map -o m.vtu",
-        &["ball.map", "no polycube", "not axis-aligned"],
+        &["ball.map", "not a polycube", "not axis-aligned"],
     );
     place.fails("remesh missing.map -o m.vtu", &["missing.map"]);
     place.fails("remesh ball.map -o m.obj", &["m.obj", ".vtu"]);

@@ -48,14 +48,14 @@ pub(super) struct CellFace {
     pub cell: u32,
     /// Which face of the cell.
     pub side: u8,
-    /// Its orientation as seen from outside the cell; cells of the same orientation see different ones at their common
-    /// face.
+    /// Its orientation as seen from outside the cell; consistently oriented neighbours have opposite values at their
+    /// common face.
     pub reversed: bool,
-    /// The node of a quad opposite to the least one: four nodes can form three quads.
+    /// The node of a quad opposite to the lowest one: four nodes can form three quads. 0 for a triangle.
     pub opposite: u32,
 }
 
-/// The faces of all cells, sorted so that the two of neighbours follow each other.
+/// The faces of all cells, sorted so that the two copies of a shared face are adjacent.
 pub(super) fn faces(cells: &CellList) -> Vec<CellFace> {
     let of_tet = |(cell, tet): (usize, &[u32; 4])| {
         let corners = TET_FACES.map(|face| face.map(|k| tet[k]));
@@ -247,14 +247,14 @@ fn parts(nodes: &[Point], boundary: &[[u32; 3]]) -> (Vec<i32>, Vec<String>) {
             None => format!("face {part}"),
         });
         parts[first] = part;
-        let mut open = vec![first];
-        while let Some(at) = open.pop() {
+        let mut pending = vec![first];
+        while let Some(at) = pending.pop() {
             for edge in edges(&boundary[at]) {
                 for &next in &neighbours[&edge] {
                     let next = next as usize;
                     if parts[next] == 0 && facing[next] == facing[first] {
                         parts[next] = part;
-                        open.push(next);
+                        pending.push(next);
                     }
                 }
             }

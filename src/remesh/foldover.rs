@@ -36,12 +36,12 @@ enum ReferenceCells {
         corners: Vec<[u32; 8]>,
         /// One over the cube's edge length.
         scale: f64,
-        /// Which ones are evaluated inside too; empty for none.
+        /// Which hexahedra are evaluated inside too; empty for none.
         inside: Vec<bool>,
     },
 }
 
-/// Weight of the determinants against the shapes.
+/// Weight of the determinant term relative to the shape term.
 const LAMBDA: f64 = 1.0;
 /// Scaled Jacobian below which a tetrahedron is not used as a reference: far below that of cells that are thin on
 /// purpose.
@@ -49,7 +49,7 @@ const SLIVER: f64 = 2e-3;
 /// Cells per task.
 const RUN: usize = 2048;
 
-/// The energy, the least determinant and the number of inverted corners.
+/// The energy, the least determinant and the number of determinants that are not positive.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EnergyValue {
     pub energy: f64,
@@ -165,7 +165,7 @@ impl FoldoverEnergy {
         let (flat, corners) = (self.cells.flat(), self.cells.corners());
         let nodes = |cells: &[u32]| -> Vec<u32> {
             let of_cell = |&c: &u32| flat[c as usize * corners..(c as usize + 1) * corners].iter().copied();
-            sorted(cells.iter().flat_map(of_cell).collect())
+            sorted_unique(cells.iter().flat_map(of_cell).collect())
         };
         let mut found = nodes(cells);
         for _ in 0..rings {
@@ -173,7 +173,7 @@ impl FoldoverEnergy {
                 let uses = self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
                 self.uses[uses].iter().map(|use_| use_ / corners as u32)
             });
-            found = nodes(&sorted(around.collect()));
+            found = nodes(&sorted_unique(around.collect()));
         }
         found
     }
@@ -212,6 +212,7 @@ impl FoldoverEnergy {
 }
 
 impl ReferenceCells {
+    /// The corners of all cells, one after the other.
     fn flat(&self) -> &[u32] {
         match self {
             Self::Tets { corners, .. } => corners.as_flattened(),
@@ -219,6 +220,7 @@ impl ReferenceCells {
         }
     }
 
+    /// Corners per cell.
     fn corners(&self) -> usize {
         match self {
             Self::Tets { .. } => 4,
@@ -327,13 +329,14 @@ fn regular_edges() -> Matrix3 {
     Matrix3::from_columns(&columns) * side
 }
 
-fn sorted(mut numbers: Vec<u32>) -> Vec<u32> {
-    numbers.sort_unstable();
-    numbers.dedup();
-    numbers
+fn sorted_unique(mut ids: Vec<u32>) -> Vec<u32> {
+    ids.sort_unstable();
+    ids.dedup();
+    ids
 }
 
-/// Gradients of the trilinear functions of a cube's corners at the midpoints of edges and faces, and at the centre.
+/// Gradients of the trilinear shape functions of a cube's corners at the midpoints of edges and faces, and at the
+/// centre.
 fn between_corners() -> &'static [[Vector; 8]] {
     static SLOPES: LazyLock<Vec<[Vector; 8]>> = LazyLock::new(|| {
         let lattice = (0..27).map(|i| [i % 3, i / 3 % 3, i / 9].map(|k| 0.5 * k as f64));
@@ -385,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn gradient_matches_central_differences_also_of_inverted_cells() {
+    fn gradient_matches_central_differences_even_for_inverted_cells() {
         let (mut checked_inside, x) = hex();
         checked_inside.check_inside(&[0]);
         for (energy, x) in [tets(), hex(), (checked_inside, x)] {
@@ -394,7 +397,7 @@ mod tests {
             for epsilon in [1.0, 0.1, 1e-2] {
                 let value = energy.evaluate(&x, epsilon, &free, &mut vec![], &mut gradient);
                 let dets = energy.determinants(&x);
-                // Evaluations inside come on top.
+                // The value includes determinants inside, which `determinants` does not.
                 let least = dets.iter().copied().fold(f64::INFINITY, f64::min);
                 assert!(value.inverted >= dets.iter().filter(|d| **d <= 0.0).count());
                 assert!(value.inverted > 0 && value.least < least + 1e-14);

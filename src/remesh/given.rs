@@ -1,4 +1,4 @@
-//! Meshes that are given: their boundary is found, and tetrahedra with all nodes on the boundary are split.
+//! Preparation of given meshes: the boundary is found, and tetrahedra with all nodes on the boundary are split.
 
 use std::collections::{HashMap, HashSet};
 
@@ -111,13 +111,13 @@ const OTHER_VOLUME: f64 = 0.1;
 /// When the cells do not form a conforming mesh of this domain.
 pub fn given_mesh(mesh: CellMesh, domain: &SurfaceMesh) -> Result<GivenMesh, GivenMeshError> {
     check_cells(&mesh)?;
-    let mut seen = faces(mesh.cells());
-    check_faces(&seen)?;
-    let (mesh, oriented) = oriented(mesh, &seen)?;
-    if oriented {
-        seen = faces(mesh.cells());
+    let mut cell_faces = faces(mesh.cells());
+    check_faces(&cell_faces)?;
+    let (mesh, any_reversed) = oriented(mesh, &cell_faces)?;
+    if any_reversed {
+        cell_faces = faces(mesh.cells());
     }
-    let mut mesh = BoundedMesh::of(mesh, &seen);
+    let mut mesh = BoundedMesh::of(mesh, &cell_faces);
     let off_surface = check_place(&mesh, domain)?;
     let on_boundary_alone = split(&mut mesh);
     if mesh.cells.len() as f64 > MAX_CELLS {
@@ -154,7 +154,7 @@ fn check_cells(mesh: &CellMesh) -> Result<(), GivenMeshError> {
     }
 }
 
-/// Requires that at most two cells meet at a face, and agree on its quad.
+/// Requires that at most two cells meet at a face, and that they connect its nodes in the same way.
 fn check_faces(faces: &[CellFace]) -> Result<(), GivenMeshError> {
     for group in faces.chunk_by(|a, b| a.nodes == b.nodes) {
         match group {
@@ -184,7 +184,7 @@ fn oriented(mesh: CellMesh, faces: &[CellFace]) -> Result<(CellMesh, bool), Give
         let [a, b, c, d] = [a, b, c, d].map(|v| nodes[v as usize]);
         (b - a).dot(&(c - a).cross(&(d - a)))
     };
-    // Two opposite corners stand for a hexahedron.
+    // The tetrahedra at two opposite corners stand in for a hexahedron's volume.
     let volume = |c: u32| match &cells {
         CellList::Tets(tets) => det(tets[c as usize]),
         CellList::Hexes(hexes) => {
@@ -237,7 +237,7 @@ fn oriented(mesh: CellMesh, faces: &[CellFace]) -> Result<(CellMesh, bool), Give
 /// The cells across the faces of each cell.
 struct CellNeighbours {
     starts: Vec<usize>,
-    /// A cell, and whether it is oriented consistently.
+    /// A neighbour, and whether it is oriented consistently with the cell.
     cells: Vec<(u32, bool)>,
 }
 
@@ -435,8 +435,8 @@ mod tests {
                 }
             });
             let mesh = CellMesh::new(nodes.clone(), CellList::Tets(tets.to_vec()), vec![0, 0]).unwrap();
-            let seen = faces(mesh.cells());
-            let CellList::Tets(oriented) = oriented(mesh, &seen).unwrap().0.cells().clone() else {
+            let cell_faces = faces(mesh.cells());
+            let CellList::Tets(oriented) = oriented(mesh, &cell_faces).unwrap().0.cells().clone() else {
                 panic!("tets")
             };
             assert!(oriented.iter().all(|t| det(t) > 0.0), "{swaps:?}");

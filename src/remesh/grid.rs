@@ -46,13 +46,14 @@ const MAX_GRID_POINTS: f64 = 1e9;
 /// Largest number of cells, whatever limit is asked for: corners of cells have 32-bit indices.
 pub(super) const MAX_CELLS: f64 = (1u32 << 28) as f64;
 
-/// The number of cells that a mesh of this size would have, and of its grid's points, before any is made.
+/// The number of cells that a mesh with boxes of this size would have, and the number of its grid points, before any is
+/// made.
 fn counts(polycube: &Polycube, size: f64, kind: CellKind) -> [f64; 2] {
     let along = polycube
         .planes()
         .each_ref()
         .map(|planes| -> Vec<f64> { planes.windows(2).map(|w| divisions(w[1] - w[0], size)).collect() });
-    let cubes: f64 = polycube
+    let box_count: f64 = polycube
         .filled()
         .map(|[i, j, k]| along[0][i] * along[1][j] * along[2][k])
         .sum();
@@ -64,8 +65,8 @@ fn counts(polycube: &Polycube, size: f64, kind: CellKind) -> [f64; 2] {
     };
     let points = along.iter().map(|counts| counts.iter().sum::<f64>() + 1.0).product();
     match kind {
-        CellKind::Tets => [6.0 * cubes, points],
-        CellKind::Hexes => [cubes + quads(), points],
+        CellKind::Tets => [6.0 * box_count, points],
+        CellKind::Hexes => [box_count + quads(), points],
     }
 }
 
@@ -116,7 +117,7 @@ pub fn regular_mesh(
 
 /// An even number of boxes of about `size` along a length.
 fn divisions(length: f64, size: f64) -> f64 {
-    // Less a little, so that rounding adds no boxes where the size divides the length.
+    // Slightly less, so that rounding adds no boxes where the size divides the length.
     2.0 * (length / (2.0 * size) - 1e-9).ceil().max(1.0)
 }
 
@@ -149,25 +150,26 @@ impl Polycube {
     fn nodes(&self) -> (Vec<u32>, Vec<[usize; 3]>, Vec<bool>) {
         let counts = self.counts();
         let size = counts.map(|n| n + 1);
-        let mut number = vec![u32::MAX; size.iter().product()];
+        let mut node_ids = vec![u32::MAX; size.iter().product()];
         let (mut points, mut on_boundary) = (vec![], vec![]);
         for at in boxes(size) {
             let inside = (0..8)
                 .filter(|m| self.contains(std::array::from_fn(|k| at[k] as isize - (m >> k & 1) as isize)))
                 .count();
             if inside > 0 {
-                number[at[0] + size[0] * (at[1] + size[1] * at[2])] = points.len() as u32;
+                node_ids[at[0] + size[0] * (at[1] + size[1] * at[2])] = points.len() as u32;
                 points.push(at);
                 on_boundary.push(inside < 8);
             }
         }
-        (number, points, on_boundary)
+        (node_ids, points, on_boundary)
     }
 
-    fn corner(&self, number: &[u32], at: [usize; 3], m: usize) -> u32 {
+    /// The node at a corner of a box; bit `k` of `m` selects the side along axis `k`.
+    fn corner(&self, node_ids: &[u32], at: [usize; 3], m: usize) -> u32 {
         let size = self.counts().map(|n| n + 1);
         let [i, j, k]: [usize; 3] = std::array::from_fn(|k| at[k] + (m >> k & 1));
-        number[i + size[0] * (j + size[1] * k)]
+        node_ids[i + size[0] * (j + size[1] * k)]
     }
 
     fn position(&self, at: [usize; 3]) -> Point {
@@ -175,13 +177,13 @@ impl Polycube {
     }
 
     fn tets(&self) -> BoundedMesh {
-        let (number, points, on_boundary) = self.nodes();
+        let (node_ids, points, on_boundary) = self.nodes();
         let mut tets = Vec::new();
         let mut boundary = Vec::new();
         for at in self.filled() {
             // Paths from the corner with even indices to the one with odd ones.
             let even = (0..3).fold(0, |m, k| m | (at[k] & 1) << k);
-            let corner = |m: usize| self.corner(&number, at, m ^ even);
+            let corner = |m: usize| self.corner(&node_ids, at, m ^ even);
             let is_mirrored = even.count_ones() % 2 == 1;
             for path in KUHN.map(|path| path.map(corner)) {
                 let [a, b, c, d] = path;
@@ -190,7 +192,7 @@ impl Polycube {
             for [axis, side] in self.outer_faces_of(at) {
                 // The diagonal of the face goes from the corner with even indices to the one with odd ones.
                 let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
-                let quad = |i: usize, j: usize| self.corner(&number, at, side << axis | i << b | j << c);
+                let quad = |i: usize, j: usize| self.corner(&node_ids, at, side << axis | i << b | j << c);
                 let [eb, ec] = [even >> b & 1, even >> c & 1];
                 let (e, o) = (quad(eb, ec), quad(1 - eb, 1 - ec));
                 let (p, q) = (quad(1 - eb, ec), quad(eb, 1 - ec));
@@ -208,9 +210,9 @@ impl Polycube {
     }
 
     fn hexes(&self) -> BoundedMesh {
-        let (number, points, on_grid_boundary) = self.nodes();
+        let (node_ids, points, on_grid_boundary) = self.nodes();
         let mut nodes: Vec<Point> = points.iter().map(|&at| self.position(at)).collect();
-        // How far boundary nodes move inward from faces that look down and up each axis. Where there are faces of both
+        // How far boundary nodes move inward from faces that face down and up each axis. Where there are faces of both
         // kinds no position suits all of them, and cells there are inverted in the domain itself; a map that flattens
         // the corner makes them positive.
         let mut depths = vec![[[0.0; 2]; 3]; nodes.len()];
@@ -218,11 +220,11 @@ impl Polycube {
         let mut quads = Vec::new();
         for at in self.filled() {
             // Around the bottom, then the top.
-            let corners = [0, 1, 3, 2, 4, 5, 7, 6].map(|m| self.corner(&number, at, m));
+            let corners = [0, 1, 3, 2, 4, 5, 7, 6].map(|m| self.corner(&node_ids, at, m));
             hexes.push(corners);
             for [axis, side] in self.outer_faces_of(at) {
                 let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
-                let quad = |i: usize, j: usize| self.corner(&number, at, side << axis | i << b | j << c);
+                let quad = |i: usize, j: usize| self.corner(&node_ids, at, side << axis | i << b | j << c);
                 let around = [quad(0, 0), quad(1, 0), quad(1, 1), quad(0, 1)];
                 // Counter-clockwise from outside.
                 let [p, q, r, s] = around;
@@ -230,8 +232,8 @@ impl Polycube {
                 let depth = PADDING * self.sides(at)[axis];
                 // The thinnest of several boxes with faces across this axis decides.
                 for v in around {
-                    let towards = &mut depths[v as usize][axis][side];
-                    *towards = if *towards == 0.0 { depth } else { depth.min(*towards) };
+                    let inset = &mut depths[v as usize][axis][side];
+                    *inset = if *inset == 0.0 { depth } else { depth.min(*inset) };
                 }
                 quads.push(around);
             }

@@ -22,8 +22,7 @@ pub enum InversionCause {
     /// An inner node has an empty kernel, so that this cell or another one at the node has to be inverted. Proved up to
     /// rounding.
     BlockedNode,
-    /// It has a boundary quad with a corner that faces against the others. No proof, but where inverted cells are
-    /// found.
+    /// It has a boundary quad with a corner that faces against its mean. No proof, but such cells are often inverted.
     FoldedQuad,
     /// None of these is known.
     Unknown,
@@ -64,7 +63,7 @@ pub fn inversion_causes(mesh: &BoundedMesh, x: &[Point]) -> InversionCauses {
     }
     let (mut planes, mut fixed) = (Vec::new(), Vec::new());
     for (cell, t) in corners(mesh) {
-        match free_node(mesh, t) {
+        match inner_nodes(mesh, t) {
             InnerNodes::None => fixed.push((cell, t)),
             InnerNodes::One(node, face) => planes.push((node, face, cell)),
             InnerNodes::More => {}
@@ -110,7 +109,7 @@ enum InnerNodes {
     More,
 }
 
-fn free_node(mesh: &BoundedMesh, t: [u32; 4]) -> InnerNodes {
+fn inner_nodes(mesh: &BoundedMesh, t: [u32; 4]) -> InnerNodes {
     // The faces of a right-handed tetrahedron, as seen from the opposite node.
     const OPPOSITE: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
     let mut inside = (0..4).filter(|&k| !mesh.on_boundary[t[k] as usize]);
@@ -127,7 +126,7 @@ fn has_empty_kernel(triangles: impl Iterator<Item = [Point; 3]> + Clone) -> bool
     let points: Vec<Point> = triangles.clone().flatten().collect();
     let mean = points.iter().map(|p| p.coords).sum::<Vector>() / points.len().max(1) as f64;
     let size = points.iter().map(|p| (p.coords - mean).norm()).fold(0.0, f64::max);
-    // Also for NaN.
+    // Written so that NaN returns as well.
     if !(size > 0.0 && size.is_finite()) {
         return false;
     }
@@ -157,7 +156,7 @@ fn least_combination(vectors: &[[f64; 4]]) -> f64 {
     let mut weights = DVector::zeros(count);
     let mut passive: Vec<usize> = Vec::new();
     let mut residual = right_hand_side.clone();
-    // Every pass lowers the residual, so that no basis comes twice.
+    // Every pass lowers the residual, so that no passive set occurs twice.
     for _ in 0..10 * count {
         let gradient = matrix.tr_mul(&residual);
         let best = (0..count)
@@ -225,7 +224,7 @@ fn folded_quads(mesh: &BoundedMesh, x: &[Point]) -> Vec<Option<u32>> {
 mod tests {
     use super::*;
 
-    /// Triangles of a box seen from inside.
+    /// Triangles in the planes of a cube's faces, facing inward.
     fn walls(low: f64, high: f64) -> Vec<[Point; 3]> {
         let mut walls = Vec::new();
         for axis in 0..3 {
@@ -272,11 +271,11 @@ mod tests {
         }
         let flat = [Point::origin(), Point::new(1.0, 0.0, 0.0), Point::new(2.0, 0.0, 0.0)];
         assert!(!has_empty_kernel([flat].into_iter()), "proves nothing");
-        let lost = [
+        let non_finite = [
             Point::origin(),
             Point::new(1.0, f64::NAN, 0.0),
             Point::new(0.0, 1.0, 0.0),
         ];
-        assert!(!has_empty_kernel([lost].into_iter()));
+        assert!(!has_empty_kernel([non_finite].into_iter()));
     }
 }

@@ -11,7 +11,7 @@ use crate::{Point, Vector};
 
 /// Steps in the memory of the Hessian approximation.
 const MEMORY: usize = 8;
-/// Evaluations of a line search at most.
+/// Largest number of evaluations of a line search.
 const MAX_EVALUATIONS: usize = 20;
 /// Constants of the Wolfe conditions, for the value and for the slope.
 const DECREASE: f64 = 1e-4;
@@ -35,7 +35,7 @@ pub(super) struct Lbfgs<'a> {
     monitor: &'a ProgressMonitor<'a, (usize, usize)>,
 }
 
-/// Keeps a free node in a tangent plane and near a point.
+/// Keeps a free node in a plane and near a point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TangentConstraint {
     /// Its index among the free nodes.
@@ -97,7 +97,7 @@ impl<'a> Lbfgs<'a> {
                 direction = state.gradient.iter().map(|g| -g).collect();
                 slope = dot(&direction, &state.gradient);
             }
-            // The gradient does not descend either at a minimum, or where it is not finite.
+            // The negative gradient is no descent direction at a minimum, nor where it is not finite.
             let descends = slope < 0.0;
             if !descends {
                 break;
@@ -108,7 +108,7 @@ impl<'a> Lbfgs<'a> {
                 1.0
             };
             let Some(next) = self.search(&state, &direction, slope, first, epsilon) else {
-                // Once more from here, along the gradient.
+                // Try again from here, along the negative gradient.
                 if memory.is_empty() {
                     break;
                 }

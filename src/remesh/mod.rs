@@ -49,7 +49,7 @@ pub enum RemeshSource {
         kind: CellKind,
         /// Size of the boxes; the number of boxes between two planes is rounded up to an even one.
         size: CellSize,
-        /// Cells at most; more are refused before any is made.
+        /// Largest number of cells; more are refused before any is made.
         most_cells: usize,
     },
     /// A mesh of the domain. Tetrahedra with all their nodes on the boundary are split.
@@ -63,10 +63,10 @@ pub struct RemeshOptions {
     pub repair: bool,
     /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
     pub slide: bool,
-    /// Iterations of the polish: after the repair, the shapes of cells are improved.
+    /// Largest number of iterations of the polish, which improves the shapes of cells after the repair.
     pub polish: usize,
-    /// Bytes that the whole run may take, by [`memory_estimate`]; a regular mesh that needs more is refused before it
-    /// is made. No limit when `None`.
+    /// Bytes that the whole run may take, by [`memory_estimate`]; a mesh that needs more is refused before it is made
+    /// or examined. No limit when `None`.
     pub memory: Option<u64>,
 }
 
@@ -81,7 +81,7 @@ impl Default for RemeshOptions {
     }
 }
 
-/// How far a remeshing is.
+/// The current step of [`remesh`], for progress callbacks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RemeshPhase {
     /// The grid is made, or a given mesh examined.
@@ -102,21 +102,21 @@ pub enum RemeshPhase {
     Verifying,
 }
 
-/// Why there is no mesh.
+/// Why [`remesh`] failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RemeshError {
-    /// The domain is no polycube.
-    #[error("the domain is no polycube: {0}")]
+    /// The domain is not a polycube.
+    #[error("the domain is not a polycube: {0}")]
     Polycube(#[from] PolycubeError),
     /// A given mesh cannot be used.
     #[error("the given mesh cannot be used: {0}")]
     Given(#[from] GivenMeshError),
     /// The cell size is not positive and finite.
-    #[error("a cell size of {0} makes no mesh")]
+    #[error("a cell size of {0} is not possible; give a positive, finite one")]
     Size(f64),
     /// More cells than allowed.
-    #[error("cells of this size would be {count:.0} {what}, more than the limit of {limit:.0}; choose larger ones")]
+    #[error("cells of this size would make {count:.0} {what}, more than the limit of {limit:.0}; choose larger ones")]
     TooMany {
         /// Cells or grid points.
         what: &'static str,
@@ -160,7 +160,7 @@ pub struct SurfaceDistances {
 pub struct RemeshTimings {
     /// The grid, or the examination of a given mesh.
     pub mesh: f64,
-    /// Carrying the nodes.
+    /// Mapping the nodes.
     pub map: f64,
     /// Repair and polish.
     pub repair: f64,
@@ -236,20 +236,20 @@ pub struct Remeshed {
     pub carried: Vec<Point>,
     /// Node positions in the target: `carried`, changed by the repair.
     pub images: Vec<Point>,
-    /// What is known of it.
+    /// What was done, and measurements of the result.
     pub report: RemeshReport,
 }
 
 /// Maps a mesh of the domain of `boundary` to its target, and repairs inverted cells.
 ///
-/// Without the evaluation of the map, it takes some 3 s per 100 000 tetrahedra and 15 s per 100 000 hexahedra on two
+/// Apart from the evaluation of the map, it takes some 3 s per 100 000 tetrahedra and 15 s per 100 000 hexahedra on two
 /// cores, more if boundary nodes have to slide; most of it for the polish.
 ///
 /// # Errors
 ///
-/// When the domain is no polycube, there would be too many cells, or a given mesh is not one of the domain;
-/// [`RemeshError::Cancelled`] when `progress` says so ([`ProgressResponse`]). Cells that stay inverted are no error;
-/// the report lists them.
+/// When the domain is not a polycube, there would be too many cells, or a given mesh is not one of the domain;
+/// [`RemeshError::Cancelled`] when `progress` cancels it ([`ProgressResponse`]). Cells that stay inverted are not an
+/// error; the report lists them.
 pub fn remesh<A: ProgressResponse>(
     boundary: &BoundaryMap,
     map: &dyn VolumeMap,
@@ -258,15 +258,15 @@ pub fn remesh<A: ProgressResponse>(
     progress: &dyn Fn(RemeshPhase) -> A,
 ) -> Result<Remeshed, RemeshError> {
     let start = Instant::now();
-    let tell = |phase| match progress(phase).control_flow() {
+    let report = |phase| match progress(phase).control_flow() {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(RemeshError::Cancelled),
     };
-    tell(RemeshPhase::Meshing)?;
+    report(RemeshPhase::Meshing)?;
     let prepared = prepare(source, boundary, options)?;
     let meshed = start.elapsed().as_secs_f64();
 
-    tell(RemeshPhase::Mapping {
+    report(RemeshPhase::Mapping {
         nodes: prepared.mesh.nodes.len(),
     })?;
     let carried = mapped_nodes(&prepared.mesh, boundary, map)?;
@@ -280,7 +280,7 @@ pub fn remesh<A: ProgressResponse>(
     };
     let repaired = start.elapsed().as_secs_f64();
 
-    tell(RemeshPhase::Verifying)?;
+    report(RemeshPhase::Verifying)?;
     let mut remeshed = verified(prepared, carried, images, boundary, &target, repair)?;
     let total = start.elapsed().as_secs_f64();
     remeshed.report.seconds = RemeshTimings {
@@ -341,8 +341,8 @@ fn repaired<A: ProgressResponse>(
     let free: Vec<u32> = (0..mesh.nodes.len() as u32)
         .filter(|&v| !mesh.on_boundary[v as usize])
         .collect();
-    let told = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control_flow();
-    let monitor = ProgressMonitor::new((0, 0), &told);
+    let on_round = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control_flow();
+    let monitor = ProgressMonitor::new((0, 0), &on_round);
     let mut sliding_surface = None;
     if options.slide {
         sliding_surface = Some(slide::SlidingSurface {

@@ -7,20 +7,20 @@ use crate::mesh::SurfaceMesh;
 /// A polycube: a solid made of boxes between axis-aligned planes, which need not be evenly spaced.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Polycube {
-    /// Coordinates of the planes across each axis, ascending.
+    /// Coordinates of the planes perpendicular to each axis, ascending.
     pub(super) planes: [Vec<f64>; 3],
     /// Which of the boxes between neighbouring planes belong to the solid, `x` fastest.
     pub(super) inside: Vec<bool>,
 }
 
-/// Why a surface is no polycube.
+/// Why a surface is not a polycube.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PolycubeError {
     /// A face is not axis-aligned.
     #[error(
-        "{count} triangles are not axis-aligned, the first is triangle {first}, {degrees:.2}° off: a regular mesh takes a \
-         polycube; give a mesh of the domain instead"
+        "{count} triangles are not axis-aligned, the first is triangle {first}, {degrees:.2}° off: a regular mesh \
+         needs a polycube; give a mesh of the domain instead"
     )]
     NotAligned {
         /// How many triangles.
@@ -31,7 +31,7 @@ pub enum PolycubeError {
         degrees: f64,
     },
     /// The surface faces inward.
-    #[error("the surface of the polycube faces inward; turn its triangles around")]
+    #[error("the surface of the polycube faces inward; reverse its triangles")]
     Inward,
     /// The boxes do not have the volume that the surface encloses, or its area.
     #[error(
@@ -48,7 +48,7 @@ pub enum PolycubeError {
     /// Too many planes.
     #[error("{} × {} × {} planes are too many for a polycube", planes[0], planes[1], planes[2])]
     TooManyPlanes {
-        /// Planes across each axis.
+        /// Number of planes perpendicular to each axis.
         planes: [usize; 3],
     },
     /// Boxes touch only along an edge or in a corner.
@@ -62,7 +62,7 @@ pub enum PolycubeError {
     Query(#[from] QueryError),
 }
 
-/// Thickness of planes, over the diagonal: faces may be as uneven, and planes closer than this are one.
+/// Tolerance over the diagonal: a face may deviate from its plane by this much, and planes closer than this are merged.
 const THICKNESS: f64 = 1e-6;
 /// Largest relative difference of volumes and of areas.
 const MAX_DIFFERENCE: f64 = 1e-3;
@@ -75,7 +75,8 @@ impl Polycube {
     ///
     /// # Errors
     ///
-    /// When a triangle is not axis-aligned, boxes touch only along edges, or the boxes have another volume or surface.
+    /// When a triangle is not axis-aligned, boxes touch only along edges, or the boxes' volume or area is not the
+    /// surface's.
     pub fn of(surface: &SurfaceMesh) -> Result<Self, PolycubeError> {
         let query = SurfaceQuery::with_winding_sign(surface)?;
         let diagonal = surface.diagonal();
@@ -143,12 +144,12 @@ impl Polycube {
         Ok(polycube)
     }
 
-    /// Coordinates of the planes across each axis.
+    /// Coordinates of the planes perpendicular to each axis, ascending.
     pub fn planes(&self) -> &[Vec<f64>; 3] {
         &self.planes
     }
 
-    /// Boxes along each axis.
+    /// Number of boxes along each axis, inside and outside of the solid.
     pub fn counts(&self) -> [usize; 3] {
         self.planes.each_ref().map(|p| p.len().saturating_sub(1))
     }

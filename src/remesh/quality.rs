@@ -28,7 +28,7 @@ pub struct InvalidCells {
 pub struct CellQuality {
     /// Least scaled Jacobian over the cells: 1 for regular tetrahedra and cubes.
     pub min_scaled_jacobian: f64,
-    /// 1 % quantile of the scaled Jacobian over the cells.
+    /// 1st percentile of the scaled Jacobian over the cells.
     pub p01_scaled_jacobian: f64,
     /// Mean scaled Jacobian over the cells.
     pub mean_scaled_jacobian: f64,
@@ -52,6 +52,7 @@ pub(super) const HEX_CORNERS: [[usize; 4]; 8] = [
     [6, 5, 7, 2],
     [7, 6, 4, 3],
 ];
+
 /// Position of a node; NaN for a missing one.
 pub(super) fn at(x: &[Point], v: u32) -> Point {
     x.get(v as usize)
@@ -180,9 +181,9 @@ fn determinant(x: &[Point], t: [u32; 4]) -> f64 {
 }
 
 /// Determinants of the map of the cells that takes nodes from `from` to `to`: one per tetrahedron; of a hexahedron,
-/// eight at its corners, which are compared with cubes of one size. They are over the change of the whole volume, so
-/// that 1 is a cell whose volume changes as that of all does. A tetrahedron that is flat in `from` has an infinite one,
-/// or none.
+/// eight at its corners, which are compared with cubes of one size. They are divided by the ratio of the total
+/// volumes, so that 1 is a cell whose volume changes as the total does. For a tetrahedron that is flat in `from` it is
+/// infinite or NaN.
 pub fn determinants(cells: &CellList, from: &[Point], to: &[Point]) -> Vec<f64> {
     let corners = |x: &[Point]| -> Vec<f64> {
         match cells {

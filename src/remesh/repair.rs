@@ -9,7 +9,7 @@ use crate::Point;
 use crate::mesh::CellList;
 use crate::progress::ProgressMonitor;
 
-/// ε² where no determinant is negative, and the part of the least determinant that ε is set to.
+/// Smallest ε², reached as the least determinant approaches zero, and ε as a fraction of that determinant.
 const LEAST_EPSILON_SQUARED: f64 = 1e-6;
 const DETERMINANT_PART: f64 = 0.2;
 /// Largest ratio of ε to that of the round before.
@@ -86,12 +86,12 @@ pub(super) struct Repair<'a> {
     pub polish: usize,
     /// The surface that boundary nodes may slide on, if they may.
     pub sliding_surface: Option<&'a SlidingSurface<'a>>,
-    /// Is told rounds and inverted corners, and is asked in every iteration whether to continue.
+    /// Receives rounds and inverted corners; asked in every iteration whether to continue.
     pub monitor: &'a ProgressMonitor<'a, (usize, usize)>,
 }
 
 impl Repair<'_> {
-    /// Moves nodes until no cell is inverted, or as few as possible; polishes the shapes if there are none.
+    /// Moves nodes until no cell is inverted, or as few as possible; polishes the shapes if none is left.
     pub fn run(&self, energy: &mut FoldoverEnergy, x: &mut Vec<Point>) -> RepairReport {
         let mut report = RepairReport::default();
         if self.free.is_empty() {
@@ -121,7 +121,7 @@ impl Repair<'_> {
         report
     }
 
-    /// Minimises the energy for decreasing ε; returns the inverted corners that are left.
+    /// Minimises the energy for decreasing ε; returns the number of inverted corners that are left.
     fn untangle(&self, energy: &FoldoverEnergy, x: &mut Vec<Point>, report: &mut RepairReport) -> usize {
         let start = energy.evaluate(x, 1.0, &[], &mut vec![], &mut []);
         let (mut least, mut inverted) = (start.least, start.inverted);

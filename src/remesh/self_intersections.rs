@@ -1,4 +1,4 @@
-//! Where the boundary of a carried mesh passes through itself: no cell need be inverted for that.
+//! Self-intersections of the boundary of a remeshed solid, which can occur without any inverted cell.
 
 use super::Remeshed;
 use crate::Point;
@@ -28,7 +28,7 @@ impl Remeshed {
     /// feature `native`.
     pub fn boundary_intersections(&self, find: Option<FindSelfIntersections>) -> BoundaryIntersections {
         let Some(find) = find else {
-            let reason = "it takes CGAL, which this build is without".into();
+            let reason = "it needs CGAL, which this build does not have".into();
             return BoundaryIntersections::NotCounted { reason };
         };
         let pairs = |positions: &[Point]| {
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn the_boundary_is_counted_as_mapped_and_again_where_nodes_slid() {
+    fn intersections_are_counted_as_mapped_and_again_where_nodes_slid() {
         let cube = shapes::cube(2.0, 2);
         let boundary = BoundaryMap::new(cube.clone(), cube.vertices().to_vec()).unwrap();
         let source = RemeshSource::Regular {
@@ -86,7 +86,7 @@ mod tests {
             most_cells: 1000,
         };
         let mut remeshed = remesh(&boundary, &Identity, source, &RemeshOptions::default(), &|_| {}).unwrap();
-        // Pairs that depend on where the nodes are.
+        // A number of pairs that depends on the node positions.
         let find = |surface: &SurfaceMesh| Ok(vec![[0, 1]; surface.volume().abs().round() as usize]);
         let counted = |as_mapped, result| BoundaryIntersections::Counted { as_mapped, result };
         remeshed.images.iter_mut().for_each(|p| *p *= 0.5);

@@ -12,7 +12,7 @@ use crate::{Point, Vector};
 /// Rings of cells around inverted ones whose boundary nodes slide, at first and at most.
 const FIRST_RINGS: usize = 2;
 const MAX_RINGS: usize = 6;
-/// Largest part of the boundary nodes that may slide: if all did, it would be another boundary map.
+/// Largest part of the boundary nodes that may slide: if all did, the result would no longer follow the boundary map.
 const MAX_SLIDING_PART: f64 = 0.1;
 /// Rounds without fewer inverted corners after which another ring slides.
 const MAX_STALLED: usize = 4;
@@ -51,8 +51,8 @@ pub(super) struct SlidingSurface<'a> {
     pub stiffness: f64,
 }
 
-/// Lets boundary nodes near inverted cells slide on the target until no cell is inverted or it stops helping. Inner
-/// nodes move with them.
+/// Lets boundary nodes near inverted cells slide on the target until no cell is inverted or sliding stops helping.
+/// Inner nodes move with them.
 pub(super) fn slide(
     energy: &FoldoverEnergy,
     x: &mut Vec<Point>,
