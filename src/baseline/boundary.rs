@@ -18,7 +18,7 @@ pub struct BoundaryImages {
     pub images: Vec<Point>,
     /// How many of them are vertices of the domain's surface, of the same index and at the same place.
     pub shared: usize,
-    /// How far the others are from the domain's surface at most, in model units: rounding errors with a mesher that
+    /// Largest distance of the others from the domain's surface, in model units: rounding errors with a mesher that
     /// keeps the surface, and the distance between the two surfaces with one that makes its own.
     pub farthest: f64,
 }
@@ -32,7 +32,7 @@ pub fn boundary_vertices(mesh: &TetMesh) -> Vec<u32> {
 /// Images of the boundary vertices of a mesh of the domain.
 ///
 /// A mesh whose first vertices are the domain's, as TetGen writes it, takes their images as they are. Any other boundary
-/// vertex goes where the closest point of the domain's surface goes, linearly over its triangle.
+/// vertex goes where the boundary map sends the closest point of the domain's surface.
 ///
 /// # Errors
 ///
@@ -63,7 +63,7 @@ pub fn boundary_images(mesh: &TetMesh, boundary: &BoundaryMap) -> Result<Boundar
         if is_shared(v) {
             boundary.image()[v as usize]
         } else {
-            of_others.next().expect("one for each of the others")
+            of_others.next().expect("one image for each of the others")
         }
     };
     let images = vertices.iter().map(image).collect();
@@ -119,9 +119,9 @@ mod tests {
     fn boundary_vertices_are_those_of_the_boundary_surface() {
         for mesh in [cube(3), ball(4), torus(5)] {
             assert_eq!(boundary_vertices(&mesh), mesh.boundary().vertex_ids);
-            let turned = mesh.tets().iter().map(|&[a, b, c, d]| [c, b, a, d]).collect();
-            let turned = TetMesh::new(mesh.vertices().to_vec(), turned).unwrap();
-            assert_eq!(boundary_vertices(&turned), mesh.boundary().vertex_ids);
+            let reversed = mesh.tets().iter().map(|&[a, b, c, d]| [c, b, a, d]).collect();
+            let reversed = TetMesh::new(mesh.vertices().to_vec(), reversed).unwrap();
+            assert_eq!(boundary_vertices(&reversed), mesh.boundary().vertex_ids);
         }
         assert!(boundary_vertices(&TetMesh::default()).is_empty());
     }
@@ -152,7 +152,7 @@ mod tests {
         assert_eq!(found.images, image);
         assert_eq!((found.shared, found.farthest), (image.len(), 0.0));
 
-        // With other numbers they are found by their places.
+        // With other indices they are found by their positions.
         let found = boundary_images(&mesh, &map).unwrap();
         assert!(found.shared < image.len() && found.farthest == 0.0);
         for (a, b) in found.images.iter().zip(&image) {
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn rejects_meshes_and_domains_without_elements() {
+    fn rejects_meshes_without_tetrahedra() {
         let map = BoundaryMap::new(shapes::cube(1.0, 1), shapes::cube(2.0, 1).vertices().to_vec()).unwrap();
         assert_eq!(boundary_images(&TetMesh::default(), &map), Err(BaselineError::NoTets));
     }

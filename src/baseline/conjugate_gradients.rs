@@ -2,9 +2,9 @@
 //! *An iterative solution method for linear systems of which the coefficient matrix is a symmetric M-matrix*, Math. Comp.
 //! 31, 1977) of diagonal blocks, so that blocks can be factored and solved in parallel.
 //!
-//! The matrix is no M-matrix where obtuse angles prevail, and the factorisation may break down. A block where it does is
-//! factored with its diagonal enlarged until it does not (Manteuffel, *An incomplete factorization technique for positive
-//! definite linear systems*, Math. Comp. 34, 1980).
+//! The matrix is not an M-matrix where obtuse angles prevail, and the factorisation may break down. A block where it
+//! does is factored with its diagonal enlarged until it does not (Manteuffel, *An incomplete factorization technique
+//! for positive definite linear systems*, Math. Comp. 34, 1980).
 
 use rayon::prelude::*;
 
@@ -12,13 +12,13 @@ use super::dirichlet::{Dirichlet, ROWS, UnknownValues, sum_of_parts};
 use super::{BaselineError, HarmonicOptions};
 use crate::Vector;
 
-/// Rows of a block: dividing into few blocks costs few iterations, and two already share the work.
+/// Rows of a block: few large blocks cost few extra iterations, and two already allow parallel work.
 const BLOCK: usize = 1 << 14;
 /// A pivot below this fraction of its diagonal entry counts as a breakdown.
 const LEAST_PIVOT: f64 = 1e-3;
 /// The first enlargement of a diagonal; the next ones are ten times as large.
 const FIRST_SHIFT: f64 = 1e-3;
-/// Iterations between residuals computed afresh, so that rounding errors of the recurrence do not add up.
+/// Iterations after which the residual is recomputed, so that rounding errors of the recurrence do not accumulate.
 const REFRESH: usize = 50;
 
 /// An incomplete factorisation of the diagonal blocks.
@@ -30,6 +30,7 @@ pub(super) struct IncompleteCholesky {
 /// `L` with `L Lᵀ ≈ A`, row by row.
 #[derive(Debug, Clone)]
 struct DiagonalBlock {
+    /// Where the entries of each row begin, and the number of all entries.
     begin: Vec<usize>,
     /// Columns left of the diagonal, counted from the block's first, ascending.
     columns: Vec<u32>,
@@ -50,7 +51,7 @@ impl IncompleteCholesky {
         }
     }
 
-    /// The residual times the inverse of the factorisation.
+    /// The inverse of the factorisation times the residual.
     fn apply(&self, residual: &[Vector]) -> UnknownValues {
         let mut values = residual.to_vec();
         let parts = values.par_chunks_mut(BLOCK);
@@ -85,7 +86,7 @@ impl DiagonalBlock {
     }
 
     /// `false` when a pivot breaks down. Enlarged enough, any positive diagonal dominates and no pivot fails; a
-    /// diagonal entry that is not positive is taken for 1.
+    /// diagonal entry that is not positive is replaced by 1.
     fn factor(&mut self, matrix: &[f64], diagonal: &[f64], enlargement: f64) -> bool {
         self.entries.clear();
         self.entries.extend_from_slice(matrix);
@@ -114,7 +115,7 @@ impl DiagonalBlock {
         true
     }
 
-    /// Dot product of two rows, or the parts of them with these entries.
+    /// Dot product of the parts of two rows with these entries.
     fn overlap(&self, mut a: std::ops::Range<usize>, mut b: std::ops::Range<usize>) -> f64 {
         let mut sum = 0.0;
         while a.start < a.end && b.start < b.end {
@@ -174,7 +175,7 @@ pub(super) fn solve(
             });
         }
         let image = system.times(&direction);
-        // The direction of a converged column becomes zero sooner or later.
+        // The direction of a converged column eventually becomes zero.
         let lengths = ratio(&slope, &dot(&direction, &image));
         add_scaled(&mut solution, &lengths, &direction);
         if iteration % REFRESH == REFRESH - 1 {
@@ -244,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_factorisations_are_mended_by_a_shift() {
+    fn broken_factorisations_are_repaired_by_a_shift() {
         // The matrix [1 2; 2 1] is indefinite.
         let mut block = DiagonalBlock {
             begin: vec![0, 0, 1],

@@ -13,20 +13,20 @@ use crate::geometry::morton_order;
 use crate::mesh::TetMesh;
 use crate::{Point, Vector};
 
-/// Rows of a task. Sums over all rows add up the sums of such parts in order, so that they do not depend on the number
+/// Rows per task. Sums over all rows add the sums of such parts in order, so that they do not depend on the number
 /// of threads.
 pub(super) const ROWS: usize = 2048;
 
 /// Values of a map at the unknowns, one row each.
 pub(super) type UnknownValues = Vec<Vector>;
 
-/// The system, its unknowns numbered along a space-filling curve.
+/// The system, its unknowns ordered along a space-filling curve.
 #[derive(Debug, Clone)]
 pub(super) struct Dirichlet {
     pub solid: Arc<SharedMesh>,
     /// Vertices on the boundary, ascending.
     pub fixed: Vec<u32>,
-    /// Triangles of the boundary, by places in `fixed`.
+    /// Triangles of the boundary, by indices into `fixed`.
     pub faces: Vec<[u32; 3]>,
     /// The vertex of each unknown.
     pub free: Vec<u32>,
@@ -34,9 +34,9 @@ pub(super) struct Dirichlet {
     pub inner: SparseRows,
     /// Sum of all weights around each unknown.
     pub diagonal: Vec<f64>,
-    /// Weights between unknowns and places in `fixed`.
+    /// Weights between unknowns and indices into `fixed`.
     pub outer: SparseRows,
-    /// Weights between places in `fixed`.
+    /// Weights between indices into `fixed`.
     rim: SparseRows,
 }
 
@@ -48,7 +48,7 @@ impl Dirichlet {
         let fixed = vertices_of(&faces);
 
         let mut place = vec![u32::MAX; mesh.vertices().len()];
-        number(&fixed, &mut place);
+        set_indices(&fixed, &mut place);
         let is_free = |v: &u32| place[*v as usize] == u32::MAX && !incidence.of(*v).is_empty();
         let inside: Vec<u32> = (0..mesh.vertices().len() as u32).filter(is_free).collect();
         let positions: Vec<Point> = inside.iter().map(|&v| mesh.vertices()[v as usize]).collect();
@@ -58,7 +58,7 @@ impl Dirichlet {
         let rim = rows_among(&stiffness, &fixed, &place);
         let faces = faces.iter().map(|face| face.map(|v| place[v as usize])).collect();
         fixed.iter().for_each(|&v| place[v as usize] = u32::MAX);
-        number(&free, &mut place);
+        set_indices(&free, &mut place);
         let inner = rows_among(&stiffness, &free, &place);
         let sum = |&v: &u32| stiffness.edges_of(v as usize).1.iter().sum();
         let system = Self {
@@ -155,17 +155,18 @@ impl Dirichlet {
     }
 }
 
-/// The rows of these vertices among the columns that have a number; ascending by it.
-fn rows_among(stiffness: &TetStiffness, vertices: &[u32], number: &[u32]) -> SparseRows {
+/// The rows of these vertices, restricted to the columns of vertices that have an index (not `u32::MAX`), ascending by
+/// it.
+fn rows_among(stiffness: &TetStiffness, vertices: &[u32], index: &[u32]) -> SparseRows {
     SparseRows::assemble(vertices.len(), |i, row| {
         let (neighbours, weights) = stiffness.edges_of(vertices[i] as usize);
-        let numbers = neighbours.iter().map(|&u| number[u as usize]);
-        row.extend(numbers.zip(weights.iter().copied()).filter(|entry| entry.0 != u32::MAX));
+        let columns = neighbours.iter().map(|&u| index[u as usize]);
+        row.extend(columns.zip(weights.iter().copied()).filter(|entry| entry.0 != u32::MAX));
         row.sort_unstable_by_key(|entry| entry.0);
     })
 }
 
-fn number(vertices: &[u32], place: &mut [u32]) {
+fn set_indices(vertices: &[u32], place: &mut [u32]) {
     for (i, &v) in vertices.iter().enumerate() {
         place[v as usize] = i as u32;
     }
@@ -202,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn solids_without_a_boundary_are_named() {
+    fn solids_without_a_boundary_are_refused() {
         // Every triangle belongs to two tetrahedra.
         let mesh = ball(2);
         let twice = [mesh.tets(), mesh.tets()].concat();

@@ -1,9 +1,9 @@
 //! Mean value coordinates of closed triangle meshes, as a map of the solid inside.
 //!
 //! The image of a point is the mean of the boundary's images over all directions, weighted by the reciprocal of the
-//! distance to the boundary. A direction that meets a surface more than once counts every meeting, with the sign of its
-//! crossing, so that the map is smooth inside solids that are not star-shaped too. It carries the boundary exactly and
-//! reproduces affine maps, but it is not harmonic, and weights may be negative.
+//! distance to the boundary. A direction that meets a surface more than once counts every intersection, with the sign
+//! of the crossing, so that the map is smooth inside solids that are not star-shaped too. It carries the boundary
+//! exactly and reproduces affine maps, but it is not harmonic, and weights may be negative.
 //!
 //! # Accuracy
 //!
@@ -63,8 +63,8 @@ pub enum MeanValueError {
     Surface(#[from] QueryError),
     /// The surface is open or inconsistently oriented: directions would be missed, or counted wrongly.
     #[error(
-        "{edges} edges are not passed as often one way as the other, such as that from vertex {from} to {to}; the \
-         surface must be closed and consistently oriented"
+        "{edges} edges do not have equally many triangles in both directions, such as that from vertex {from} to {to}; \
+         the surface must be closed and consistently oriented"
     )]
     NotClosed {
         /// How many edges.
@@ -206,28 +206,28 @@ impl VolumeMap for MeanValueMap {
     fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
         self.sums(points, true, |p, closest| self.off_boundary(p, closest))
             .iter()
-            .map(|sample| sample.jacobian() * self.frame.up)
+            .map(|sample| sample.jacobian() * self.frame.scale)
             .collect()
     }
 }
 
-/// Distance, where the diagonal is between one and two, up to which a point is on the boundary.
+/// Distance in the normalised frame up to which a point is on the boundary.
 const ON_BOUNDARY: f64 = 1e-12;
-/// Distance to which points are moved off the boundary for their Jacobian. Rounding of the image divided by it is about
-/// the distance itself, so that the error is least.
+/// Distance in the normalised frame to which points are moved off the boundary for their Jacobian. The image's rounding
+/// error over this distance is about the distance itself, which makes the total error smallest.
 const CLEAR: f64 = 1e-8;
 /// Weight of the opposite corner below which a point of a triangle counts as on the edge.
 const AT_AN_EDGE: f64 = 1e-6;
 /// Blocks of points that a task takes together through all patches.
 const BLOCKS: usize = 4;
-/// Triangles of a patch: its edges' integrals fill half of a first-level cache.
+/// Triangles per patch: its edges' integrals fill half of a first-level cache.
 const PATCH: usize = 64;
 
 /// Moves the domain to the origin and scales it by a power of two, which is exact, to a diagonal between one and two.
 #[derive(Debug, Clone, Copy)]
 struct Normalisation {
     centre: Point,
-    up: f64,
+    scale: f64,
 }
 
 impl Normalisation {
@@ -236,16 +236,16 @@ impl Normalisation {
             Point::from(low.coords / 2.0 + high.coords / 2.0)
         });
         let diagonal = mesh.diagonal();
-        let up = if diagonal.is_normal() {
+        let scale = if diagonal.is_normal() {
             2f64.powi(-(diagonal.log2().floor() as i32))
         } else {
             1.0
         };
-        Self { centre, up }
+        Self { centre, scale }
     }
 
     fn localise(&self, p: &Point) -> Point {
-        ((p - self.centre) * self.up).into()
+        ((p - self.centre) * self.scale).into()
     }
 }
 
@@ -284,7 +284,7 @@ fn gather(samples: &[PointSums]) -> PointBlock {
     }
 }
 
-/// Refuses surfaces with an edge that triangles do not pass as often one way as the other.
+/// Refuses surfaces with an edge that does not have equally many triangles in both directions.
 fn check_closed(mesh: &SurfaceMesh) -> Result<(), MeanValueError> {
     let topology = Topology::new(mesh);
     let unbalanced: Vec<[u32; 2]> = (0..topology.edges().len())

@@ -1,4 +1,4 @@
-//! Rival maps, behind the same trait as the harmonic map, so that a report compares like with like.
+//! Maps by other methods, behind the same trait as the harmonic map, to compare it with.
 //!
 //! [`TetHarmonic`] and [`TetLaplacian`] minimise the same discrete harmonic energy on a tetrahedral mesh, whose edge
 //! weights are those of [`TetStiffness`]: the one by a sparse factorisation that is kept for further boundary maps, or by
@@ -25,7 +25,7 @@ pub use tet_map::TetMap;
 use crate::Point;
 use crate::geometry::QueryError;
 
-/// Why a rival map cannot be made.
+/// Why a map by one of these methods cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BaselineError {
@@ -90,7 +90,7 @@ pub enum BaselineError {
          domain again with a bound on the quality"
     )]
     NotPositiveDefinite,
-    /// The factorisation does not fit.
+    /// The factorisation does not fit into memory.
     #[error("the factorisation of {unknowns} unknowns does not fit into memory; use the iterative solver")]
     OutOfMemory {
         /// Vertices off the boundary.
@@ -110,14 +110,14 @@ pub enum BaselineError {
         iterations: usize,
     },
     /// A tolerance or threshold is out of range.
-    #[error("the {option} is {found}; give a number from 0 to below 1")]
+    #[error("the {option} is {found}, but must be at least 0 and below 1")]
     Option {
         /// Which one.
         option: &'static str,
         /// Its value.
         found: f64,
     },
-    /// The domain of the boundary map cannot be asked for its closest points.
+    /// Closest points on the boundary map's domain cannot be queried.
     #[error("the domain of the boundary map cannot be used: {0}")]
     Domain(#[from] QueryError),
 }

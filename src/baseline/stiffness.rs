@@ -17,11 +17,11 @@ use crate::{Matrix3, Point, Vector};
 /// The edges of a tetrahedron by their ends, in the order of its weights.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
-/// Six volumes over the cube of the longest side, below which a tetrahedron counts as flat: its volume then
-/// consists of rounding errors.
+/// Determinant of a [`ScaledTet`] below which a tetrahedron counts as flat: its volume then consists of rounding
+/// errors.
 const FLAT: f64 = 64.0 * f64::EPSILON;
 
-/// Rows that one task assembles.
+/// Rows per task.
 const ROWS: usize = 1024;
 
 /// Edge weights `k_uv` of a mesh, as a symmetric sparse matrix without a diagonal.
@@ -168,7 +168,7 @@ pub fn tet_weights(corners: &[Point; 4]) -> Option<[f64; 6]> {
     Some(EDGES.map(|[a, b]| factor * gradients[a].dot(&gradients[b])))
 }
 
-/// A tetrahedron seen from its first corner, in units of its longest side along an axis, so that nothing over- or
+/// A tetrahedron's edges from its first corner, in units of their largest coordinate, so that nothing over- or
 /// underflows.
 pub(super) struct ScaledTet {
     pub side: f64,
@@ -226,7 +226,7 @@ impl Incidence {
         Self { begin, tets }
     }
 
-    /// Ascending.
+    /// The tetrahedra at a vertex, ascending.
     pub fn of(&self, v: u32) -> &[u32] {
         &self.tets[self.begin[v as usize]..self.begin[v as usize + 1]]
     }
@@ -304,7 +304,7 @@ mod tests {
             let others: Vec<usize> = (0..4).filter(|&k| k != a && k != b).collect();
             let (c, d) = (corners[others[0]], corners[others[1]]);
             let along = (d - c).normalize();
-            // The directions from the opposite edge to either end, square to it.
+            // The directions from the opposite edge to either end, perpendicular to it.
             let [p, q] = [a, b].map(|k| {
                 let to = corners[k] - c;
                 to - along * along.dot(&to)
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_follow_motions_and_units_of_the_domain() {
+    fn weights_follow_rigid_motions_and_units_of_the_domain() {
         let motion = nalgebra::Rotation3::new(Vector::new(0.3, -1.2, 2.0));
         let before = tet_weights(&corner()).unwrap();
         for unit in [1e-90, 1.0, 1e90] {
@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn rejects_what_has_no_gradient() {
+    fn rejects_meshes_without_gradients() {
         let mut vertices = corner().to_vec();
         let empty = TetMesh::new(vertices.clone(), vec![]).unwrap();
         assert_eq!(TetStiffness::new(&empty), Err(BaselineError::NoTets));

@@ -34,8 +34,8 @@ pub enum HarmonicSolver {
     Iterative,
 }
 
-/// Vertices off the boundary up to which [`HarmonicSolver::Auto`] factors: seconds and half a gibibyte. Both grow faster than the
-/// mesh.
+/// Vertices off the boundary up to which [`HarmonicSolver::Auto`] factors, which takes seconds and half a gibibyte
+/// there. Both grow faster than linearly.
 pub const MOST_DIRECT: usize = 50_000;
 
 /// How the map is computed.
@@ -43,7 +43,7 @@ pub const MOST_DIRECT: usize = 50_000;
 pub struct HarmonicOptions {
     /// How the linear system is solved.
     pub solver: HarmonicSolver,
-    /// Norm of the residual over that of the data at which the iterative solver ends; the direct one has no use for it.
+    /// Norm of the residual over that of the data at which the iterative solver ends; the direct one ignores it.
     pub tolerance: f64,
     /// Iterations after which the iterative solver gives up.
     pub most_iterations: usize,
@@ -59,7 +59,7 @@ impl Default for HarmonicOptions {
     }
 }
 
-/// The harmonic maps of a mesh, all but their boundary data: assembled, and factored.
+/// The linear system for harmonic maps of a mesh, assembled and factored. Solves for any boundary data.
 #[derive(Debug)]
 pub struct TetHarmonic {
     system: Dirichlet,
@@ -269,8 +269,7 @@ mod tests {
         vertices.iter().map(|&v| f(&mesh.vertices()[v as usize])).collect()
     }
 
-    /// Root of the integral of the squared error: with the error of interpolation, so that boundary vertices, where there
-    /// is no other, do not count as exact.
+    /// The L² error over the solid, so that the interpolation error in tetrahedra at the boundary counts too.
     fn error(mesh: TetMesh) -> f64 {
         let images = on_boundary(&mesh, harmonic);
         let map = TetHarmonic::new(mesh, &DIRECT).unwrap().solve(&images).unwrap();
@@ -357,7 +356,7 @@ mod tests {
         }
     }
 
-    /// Discretely the maximum principle needs weights that are not negative, as on the cube.
+    /// The discrete maximum principle needs weights that are not negative, as on the cube.
     #[test]
     fn images_off_the_boundary_stay_within_those_on_it() {
         let mesh = cube(8);

@@ -6,7 +6,7 @@
 //! threshold `δE` in a step. They leave `δt` to the user. Here each step has the length that lowers the energy most along
 //! the same direction, which costs no more, needs no tuning and cannot diverge: in the long run it converges as fast as
 //! the best constant step would (Akaike, *On a successive transformation of probability distribution*, Ann. Inst. Stat.
-//! Math. 11, 1959). The threshold is a part of the energy, so that it means the same for every solid.
+//! Math. 11, 1959). The threshold is a fraction of the energy, so that it means the same for every solid.
 
 use std::sync::Arc;
 
@@ -26,14 +26,14 @@ pub enum DescentDirection {
     ConjugateGradients,
 }
 
-/// How a map is found by descent.
+/// Settings of a descent.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DescentOptions {
     /// Along which directions the energy is lowered.
     pub descent: DescentDirection,
     /// The descent ends with the step that lowers the energy by less than this fraction of it. The energy is then above
-    /// its minimum by more, by a factor that grows with the number of vertices: hundreds for steepest descent on usual
-    /// meshes.
+    /// its minimum by more than that, by a factor that grows with the number of vertices: hundreds for steepest descent
+    /// on usual meshes.
     pub threshold: f64,
     /// Steps after which the descent ends in any case.
     pub most_iterations: usize,
@@ -253,7 +253,7 @@ mod tests {
         assert!(3 * conjugate < steepest, "{conjugate} against {steepest}");
     }
 
-    /// One unknown: the first step along the gradient ends in the minimum, by hand the mean weighted by `k`.
+    /// One unknown: the first step along the gradient ends in the minimum, which is the mean weighted by `k`.
     #[test]
     fn a_single_unknown_is_found_in_one_step() {
         let laplacian = TetLaplacian::new(cube(2)).unwrap();

@@ -14,8 +14,8 @@ use crate::{Matrix3, Point, Vector};
 ///
 /// It is continuous, and its Jacobian is constant in each tetrahedron; on a face between two, that of either. A point
 /// outside of the mesh, such as one of a curved boundary, has the image of the closest point of the mesh and the
-/// Jacobian of the tetrahedron there. Flat tetrahedra are passed over: their points have the image of the closest point
-/// of another. Points that are not finite have no image: the answer is NaN.
+/// Jacobian of the tetrahedron there. Flat tetrahedra are skipped: their points have the image of the closest point
+/// of another. At points that are not finite, image and Jacobian are NaN.
 ///
 /// A tree over the tetrahedra is built at the first evaluation, some tenths of a second per million, and shared by the
 /// maps of one [`super::TetHarmonic`] or [`super::TetLaplacian`].
@@ -25,7 +25,7 @@ pub struct TetMap {
     images: Vec<Point>,
 }
 
-/// A mesh, and its tree once there is one.
+/// A mesh with its locator, which is built when first needed.
 #[derive(Debug)]
 pub(super) struct SharedMesh {
     pub mesh: TetMesh,
@@ -58,7 +58,7 @@ struct Located {
 /// Corners of the sides of a tetrahedron.
 const SIDES: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
-/// Points of a batch that one task takes in turn.
+/// Points per task.
 const RUN: usize = 512;
 
 impl TetMap {
@@ -171,17 +171,18 @@ impl TetLocator {
         }
     }
 
-    /// The tetrahedron that holds `p`, else the closest one with its closest point. `None` for points that are not
+    /// The tetrahedron that contains `p`, else the closest one with its closest point. `None` for points that are not
     /// finite.
     fn locate(&self, mesh: &TetMesh, p: &Point) -> Option<Located> {
         if !p.iter().all(|c| c.is_finite()) {
             return None;
         }
-        self.holding(mesh, p).or_else(|| self.closest(mesh, p))
+        self.containing(mesh, p).or_else(|| self.closest(mesh, p))
     }
 
-    /// The tet that holds the point: where several share a side on which it lies, the first in the order of the tree.
-    fn holding(&self, mesh: &TetMesh, p: &Point) -> Option<Located> {
+    /// The tetrahedron that contains the point; if it lies on a side common to several, the first in the order of the
+    /// tree.
+    fn containing(&self, mesh: &TetMesh, p: &Point) -> Option<Located> {
         const STOP: f64 = -1.0;
         let mut found = None;
         self.bvh.visit_nearest(p, 0.0, |leaf: Range<usize>, limit| {
@@ -196,7 +197,7 @@ impl TetLocator {
         found
     }
 
-    /// The closest tetrahedron, of equally close ones the lowest.
+    /// The closest tetrahedron; of equally close ones that of the lowest index.
     fn closest(&self, mesh: &TetMesh, p: &Point) -> Option<Located> {
         let mut least = f64::INFINITY;
         let mut best: Option<Located> = None;
@@ -317,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn flat_tetrahedra_are_passed_over() {
+    fn flat_tetrahedra_are_skipped() {
         let mesh = cube(2);
         let flat = [[0, 1, 2, 2], [0, 2, 6, 8], [4, 4, 4, 4]];
         let tets = [&flat, mesh.tets()].concat();
@@ -333,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn undefined_points_have_no_image() {
+    fn points_that_are_not_finite_have_no_image() {
         let map = affine_map(cube(2));
         let points = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY].map(|x| Point::new(x, 0.5, 0.5));
         assert!(map.evaluate(&points).iter().all(|p| p.iter().all(|c| c.is_nan())));
@@ -342,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_do_not_depend_on_threads_or_company() {
+    fn results_do_not_depend_on_threads_or_other_points() {
         let map = affine_map(ball(5));
         let points = [points_in(map.mesh(), 3000), map.mesh().vertices().to_vec()].concat();
         let together = (map.evaluate(&points), map.jacobian(&points));
@@ -355,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn rejects_what_is_no_map() {
+    fn rejects_invalid_meshes_and_images() {
         let mesh = cube(1);
         let images = mesh.vertices().to_vec();
         let error = |mesh: &TetMesh, images: &[Point]| TetMap::new(mesh.clone(), images.to_vec()).unwrap_err();
@@ -370,9 +371,9 @@ mod tests {
             error(&mesh, &broken),
             BaselineError::NonFiniteImage { index: 5, .. }
         ));
-        let nowhere = mesh.with_vertices(broken).unwrap();
+        let non_finite = mesh.with_vertices(broken).unwrap();
         assert!(matches!(
-            error(&nowhere, &images),
+            error(&non_finite, &images),
             BaselineError::NonFiniteVertex { vertex: 5, .. }
         ));
         let flat = mesh.with_vertices(vec![Point::origin(); 8]).unwrap();

@@ -92,8 +92,8 @@ impl PatchEdge {
 }
 
 impl PatchTriangle {
-    /// `None` where the height is nothing beside the longest side: the share of such a triangle is as small, and its
-    /// plane and gradient are noise.
+    /// `None` where the height is negligible against the longest side: the share of such a triangle is as small, and
+    /// its plane and gradient are noise.
     pub(super) fn new(corners: [Point; 3], images: [Point; 3], edges: [u32; 3]) -> Option<Self> {
         let sides: [Vector; 3] = std::array::from_fn(|k| corners[(k + 1) % 3] - corners[k]);
         let area_vector = sides[0].cross(&sides[1]);
@@ -121,7 +121,7 @@ impl PatchTriangle {
     }
 }
 
-/// Height over longest side below which a triangle counts for nothing.
+/// Height over longest side below which a triangle is left out.
 const NO_HEIGHT: f64 = 1e-10;
 
 /// Height over distance in the plane below which `J` is taken from its series. At this height the closed form has lost
@@ -206,7 +206,7 @@ fn add_edges<V: Simd, const GRADIENT: bool>(
             *integrals = [kappa, across.mul_add(splat(0.5), r)];
             let of_d = r + r + across;
             let of_along = r - forward * slope;
-            // `∇κ`, negative.
+            // `−∇κ`.
             let gradient: [V; 3] = std::array::from_fn(|k| -d[k].mul_add(of_d, along[k] * of_along));
             for i in 0..3 {
                 for k in 0..3 {
@@ -419,7 +419,7 @@ fn replace_flat<V: Simd>(token: V::Token, triangle: &PatchTriangle, at: [V; 3], 
 }
 
 /// `J` to second order in the height, by the divergence theorem in the plane: `J = −½ Σ α κ₄ + 2 h² ∫ dA / r⁶` and
-/// `∫ dA / r⁶ ≈ −¼ Σ α κ₆`. `None` where the point is not low, or above the triangle.
+/// `∫ dA / r⁶ ≈ −¼ Σ α κ₆`. `None` unless the point is close to the plane and beside the triangle.
 fn flat_integral(triangle: &PatchTriangle, point: Point) -> Option<f64> {
     let normal = Vector::from(triangle.normal);
     let h = normal.dot(&(triangle.corners[0] - point));

@@ -240,7 +240,7 @@ fn is_smooth_across_the_planes_of_faces() {
     }
 }
 
-/// The definition: every crossing of every direction, `sign · f / distance`, by a lattice of directions.
+/// The definition: every intersection of every direction, `sign · f / distance`, over a lattice of directions.
 fn mean_over_directions(mesh: &SurfaceMesh, p: &Point, f: impl Fn(&Point) -> Point) -> Point {
     let count = 40_000;
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
@@ -282,7 +282,7 @@ fn matches_the_mean_over_directions() {
 }
 
 #[test]
-fn moves_and_scales_with_the_domain() {
+fn is_invariant_under_similarities_of_the_domain() {
     let mesh = bent_bar();
     let image: Vec<Point> = mesh.vertices().iter().map(bend).collect();
     let plain = MeanValueMap::new(&BoundaryMap::new(mesh.clone(), image.clone()).unwrap()).unwrap();
@@ -307,7 +307,7 @@ fn moves_and_scales_with_the_domain() {
 }
 
 #[test]
-fn turning_the_domain_inside_out_changes_nothing() {
+fn reversing_the_domain_changes_nothing() {
     let mesh = bent_bar();
     let points = points_inside(&mesh, 50);
     let (map, turned) = (map(&mesh, bend), map(&mesh.reversed(), bend));
@@ -319,7 +319,7 @@ fn turning_the_domain_inside_out_changes_nothing() {
 }
 
 #[test]
-fn results_depend_neither_on_threads_nor_on_company() {
+fn results_do_not_depend_on_threads_or_other_points() {
     let mesh = shapes::torus(1.0, 0.3, 40, 16);
     let map = map(&mesh, bend);
     let points = points_inside(&mesh, 101);
@@ -336,7 +336,7 @@ fn results_depend_neither_on_threads_nor_on_company() {
 }
 
 #[test]
-fn all_instructions_agree() {
+fn all_instruction_sets_agree() {
     let mesh = bent_bar();
     let fastest = map(&mesh, bend);
     let mut points = points_inside(&mesh, 61);
@@ -354,7 +354,7 @@ fn all_instructions_agree() {
 }
 
 #[test]
-fn points_that_are_nowhere_map_to_nowhere() {
+fn points_that_are_not_finite_map_to_nan() {
     let mesh = shapes::cube(1.0, 2);
     let map = map(&mesh, bend);
     let inside = mesh
@@ -409,10 +409,10 @@ fn says_why_a_surface_has_no_coordinates() {
     ));
     let mut vertices = cube.vertices().to_vec();
     vertices[4].y = f64::NAN;
-    let nowhere = build(cube.with_vertices(vertices).unwrap());
+    let non_finite = build(cube.with_vertices(vertices).unwrap());
     assert!(
-        matches!(nowhere, Err(MeanValueError::Surface(QueryError::NonFinite { .. }))),
-        "{nowhere:?}"
+        matches!(non_finite, Err(MeanValueError::Surface(QueryError::NonFinite { .. }))),
+        "{non_finite:?}"
     );
     for flat in [
         shapes::deformed(&cube, |p| Point::new(p.x, 0.0, 0.0)),
@@ -424,7 +424,7 @@ fn says_why_a_surface_has_no_coordinates() {
 
 /// Two sets of instructions round differently, so that their difference shows what rounding does to the Jacobian.
 #[test]
-fn a_real_model_keeps_affine_maps_and_digits() {
+fn a_real_model_reproduces_affine_maps_and_keeps_digits() {
     let Some(mesh) = test_models::load("surfaces/igea_15k.obj") else {
         return;
     };
