@@ -68,8 +68,8 @@ pub fn write_boundary(path: &Path, file: &BoundaryFile) -> Result<(), TensorFile
 ///
 /// # Errors
 ///
-/// When it cannot be read, is no boundary file or not whole, is of a newer major version, or holds spherical
-/// embeddings that are not one to one, which is decided exactly.
+/// When it cannot be read, is not a complete boundary file, is of a newer major version, or holds spherical embeddings
+/// that are not one to one, which is decided exactly.
 pub fn read_boundary(path: &Path) -> Result<BoundaryFile, TensorFileError> {
     let content = read_bytes(path)?;
     let reader = Reader::new(&BOUNDARY, path, &content)?;
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_again_bit_for_bit() {
+    fn what_is_written_is_read_back_bit_for_bit() {
         let folder = tempfile::tempdir().unwrap();
         let [path, again] = ["a.boundary", "again.boundary"].map(|name| folder.path().join(name));
         for map in maps() {
@@ -163,9 +163,10 @@ mod tests {
         }
     }
 
-    /// The file with the tensors and the metadata as `change` leaves them.
+    /// The type, shape and bytes of each tensor.
     type Tables = HashMap<String, (safetensors::Dtype, Vec<usize>, Vec<u8>)>;
 
+    /// The error of reading a boundary file whose tensors and metadata `change` has altered.
     fn changed(path: &Path, change: impl FnOnce(&mut Tables, &mut String)) -> String {
         write_boundary(path, &file_of(through())).unwrap();
         let content = std::fs::read(path).unwrap();
@@ -189,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn every_damage_is_named() {
+    fn every_kind_of_damage_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("odd.boundary");
         let tensors = [

@@ -4,11 +4,11 @@
 //! |---|---|---|
 //! | `domain_vertices`, `image_vertices` | f64, n × 3 | vertices of the domain and their images |
 //! | `domain_triangles` | u32, m × 3 | triangles of the domain |
-//! | `domain_directions` | f64, n × 3 | compositions: the unit vector of each vertex |
-//! | `target_vertices`, `target_triangles`, `target_directions` | the same | through it: the target and its unit vectors |
+//! | `domain_directions` | f64, n × 3 | `onto_sphere`, `through_sphere`: each vertex on the unit sphere |
+//! | `target_vertices`, `target_triangles`, `target_directions` | as above | `through_sphere`: the same of the target |
 //!
-//! The object `boundary` of the metadata says which of them count. Images of compositions follow from the directions;
-//! they are stored for readers that want no more than the vertices, and compared when the map is read. A subdivided
+//! The object `boundary` of the metadata says which of them the file has. Images of compositions follow from the
+//! directions; they are stored for readers that need only the vertices, and compared when the map is read. A subdivided
 //! domain is stored as it was before, with the number of subdivisions.
 
 use super::TensorFileError;
@@ -26,7 +26,7 @@ pub(super) struct BoundaryHeader {
     pub subdivisions: u32,
 }
 
-/// How points between vertices go.
+/// How the map is defined between vertices: linearly, by the domain's spherical embedding, or by both embeddings.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Way {
@@ -36,17 +36,17 @@ pub(super) enum Way {
     ThroughSphere,
 }
 
-/// The part of metadata that this file is about. Files without it hold a straight map.
+/// The part of the metadata about the boundary map. Files without it hold a straight map.
 #[derive(Default, serde::Deserialize)]
 struct Headers {
     #[serde(default)]
     boundary: BoundaryHeader,
 }
 
-/// Triangles that more than three subdivisions may make.
+/// Most triangles that a domain may have after more than three subdivisions.
 const MOST_SUBDIVIDED: u64 = 1 << 20;
 
-/// Part of the target's diagonal by which stored images may differ from the map's.
+/// By how much stored images may differ from the map's, as a fraction of the target's diagonal.
 const AGREEMENT: f64 = 1e-9;
 
 /// The names of the tensors of a surface on the sphere.
@@ -104,7 +104,7 @@ fn directions(names: &Names, embedding: &SphericalEmbedding) -> Tensor {
     Tensor::rows(names.directions, embedding.directions().iter().map(|x| x.as_ref()))
 }
 
-/// The boundary map of a file. That its spherical embeddings are one to one is decided again, exactly.
+/// The boundary map of a file. Whether its spherical embeddings are one to one is decided again, exactly.
 pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
     let BoundaryHeader { way, subdivisions } = reader.metadata::<Headers>()?.boundary;
     for (tensor, is_due) in [
@@ -112,7 +112,7 @@ pub(super) fn read(reader: &Reader) -> Result<BoundaryMap, TensorFileError> {
         (TARGET.directions, way == Way::ThroughSphere),
     ] {
         if !is_due && reader.has(tensor) {
-            let problem = "has no place beside what the metadata say of the boundary map";
+            let problem = "does not belong to the kind of boundary map that the metadata name";
             return Err(reader.problem(tensor, problem.into()));
         }
     }
@@ -162,7 +162,7 @@ fn require_agreement(reader: &Reader, map: &BoundaryMap, image: &[Point]) -> Res
     }
     let most = AGREEMENT * map.target_diagonal();
     let distance = |v: usize| (map.image()[v] - image[v]).norm();
-    // What is not finite is not near either.
+    // False for NaN.
     let is_near = |v: usize| distance(v) <= most;
     let Some(v) = (0..image.len()).find(|&v| !is_near(v)) else {
         return Ok(());

@@ -1,19 +1,19 @@
-//! Landmarks: pairs of vertex numbers as text, in one file or in two.
+//! Landmarks: pairs of vertex indices as text, in one file or in two.
 //!
-//! One file has two numbers a line, the vertex of the domain and that of the target. Of two files, one for each
-//! surface, both have one number a line, and lines in the same place make a pair. Numbers count from 0 and stand apart
-//! by spaces, tabs, commas or semicolons; from `#` on a line is a comment, and lines without numbers are passed over.
+//! One file has two indices per line, of the domain's vertex and of the target's. Two files, one for each surface, have
+//! one index per line, and the n-th indices of both make a pair. Indices count from 0 and are separated by spaces,
+//! tabs, commas or semicolons; `#` starts a comment, and lines without indices are skipped.
 
 use std::path::{Path, PathBuf};
 
 use crate::boundary_map::pair::{LandmarkError, Landmarks};
 use crate::io::{IoError, Place, read_bytes};
 
-/// Why a file holds no landmarks.
+/// Why landmarks cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LandmarkFileError {
-    /// The file cannot be read, or a line is not what it should be.
+    /// The file cannot be read, or a line does not hold the right number of indices.
     #[error(transparent)]
     File(#[from] IoError),
     /// There is no pair in it.
@@ -24,8 +24,8 @@ pub enum LandmarkFileError {
     },
     /// Two files that do not go together.
     #[error(
-        "`{domain}` names {domain_count} vertices and `{target}` {target_count}, but the same line of both makes a \
-         pair; give them as many lines each"
+        "`{domain}` names {domain_count} vertices and `{target}` {target_count}, but the n-th of both make a pair; \
+         give both files the same number of vertices"
     )]
     Count {
         /// The file of the domain.
@@ -37,7 +37,7 @@ pub enum LandmarkFileError {
         /// Vertices it names.
         target_count: usize,
     },
-    /// A vertex that is not there.
+    /// A vertex index that is out of range.
     #[error(
         "`{path}`: line {line} names vertex {vertex} of the {side}, which has {vertices} vertices, counted from 0; \
          correct the number, or swap the surfaces"
@@ -70,11 +70,11 @@ pub enum LandmarkFileError {
     },
 }
 
-/// Reads pairs from one file, for surfaces with so many vertices.
+/// Reads pairs from one file, for surfaces with `domain_vertices` and `target_vertices` vertices.
 ///
 /// # Errors
 ///
-/// When the file cannot be read, has no pairs, has a line that is not two vertex numbers, or a vertex is out of range
+/// When the file cannot be read, has no pairs, has a line that is not two vertex indices, or a vertex is out of range
 /// or in two pairs.
 pub fn read_landmarks(
     path: impl AsRef<Path>,
@@ -88,7 +88,8 @@ pub fn read_landmarks(
     Landmarks::new(pairs, domain_vertices, target_vertices).map_err(|error| in_file(error, |_| (path, &lines)))
 }
 
-/// Reads pairs from two files of single vertex numbers, for surfaces with so many vertices.
+/// Reads pairs from two files with one vertex index per line, for surfaces with `domain_vertices` and
+/// `target_vertices` vertices.
 ///
 /// # Errors
 ///
@@ -132,7 +133,7 @@ struct LandmarkRow<const N: usize> {
 
 fn read_rows<const N: usize>(path: &Path) -> Result<Vec<LandmarkRow<N>>, LandmarkFileError> {
     let bytes = read_bytes(path)?;
-    // A byte that is no text shows up as a word that is no number.
+    // Bytes that are not UTF-8 are replaced by a character that is refused below.
     let text = String::from_utf8_lossy(&bytes);
     let mut rows = Vec::new();
     for (k, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
@@ -155,7 +156,7 @@ fn read_rows<const N: usize>(path: &Path) -> Result<Vec<LandmarkRow<N>>, Landmar
     Ok(rows)
 }
 
-/// So many vertex numbers, or what was found instead.
+/// The `N` vertex numbers of a line, or what was found instead.
 fn numbers<const N: usize>(words: &[&str]) -> Result<[u32; N], String> {
     let expected = if N == 1 {
         "one vertex number"
@@ -167,7 +168,7 @@ fn numbers<const N: usize>(words: &[&str]) -> Result<[u32; N], String> {
         *number = word.parse().map_err(|_| {
             let shown: String = word.chars().take(40).collect();
             format!(
-                "found `{}` where {expected}, counted from 0, was expected",
+                "found `{}`, but a line holds {expected}, counted from 0",
                 shown.escape_debug()
             )
         })?;
@@ -175,7 +176,8 @@ fn numbers<const N: usize>(words: &[&str]) -> Result<[u32; N], String> {
     if words.len() == N {
         Ok(numbers)
     } else {
-        Err(format!("found {} numbers where {expected} was expected", words.len()))
+        let found = if words.len() == 1 { "number" } else { "numbers" };
+        Err(format!("found {} {found}, but a line holds {expected}", words.len()))
     }
 }
 
@@ -226,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_stand_apart_by_anything_usual() {
+    fn numbers_are_separated_by_spaces_tabs_commas_or_semicolons() {
         let folder = tempfile::tempdir().unwrap();
         let content = b"\xef\xbb\xbf# domain target\n0 5\r\n1,6\n\n 2 ;\t7 # nose\n3, 8";
         let path = file(&folder, "pairs.txt", content);
@@ -259,14 +261,14 @@ mod tests {
     }
 
     #[test]
-    fn names_the_line_and_what_is_wrong_with_it() {
+    fn errors_name_the_line_and_what_is_wrong_with_it() {
         let folder = tempfile::tempdir().unwrap();
         let error = |content: &[u8]| {
             let path = file(&folder, "bad.txt", content);
             read_landmarks(path, 10, 10).unwrap_err().to_string()
         };
         for (content, expected) in [
-            (&b"1 2\n3\n"[..], "line 2: found 1 numbers"),
+            (&b"1 2\n3\n"[..], "line 2: found 1 number,"),
             (b"1 2 3\n", "line 1: found 3 numbers"),
             (b"\n1 -2\n", "line 2: found `-2`"),
             (b"1.5 2\n", "line 1: found `1.5`"),

@@ -6,9 +6,9 @@
 //! | `coefficients` | f64, N_s × 3 | their coefficients `w` |
 //! | `affine` | f64, 4 × 3 | rows for the functions 1, x, y, z |
 //!
-//! Those of [`boundary_tensors`](super::boundary_tensors) hold the boundary map that was fitted (optional). A
-//! composition of spherical embeddings is read whole from format 1.1 on; older readers interpolate linearly between its
-//! vertices.
+//! The tensors of [`boundary_tensors`](super::boundary_tensors) hold the boundary map that was fitted (optional).
+//! Readers of format 1.1 and later read a composition of spherical embeddings exactly; older ones interpolate linearly
+//! between its vertices.
 //!
 //! `f(x) = affine[0] + x · affine[1:4] + Σ_s coefficients[s] / (4π |x − sources[s]|)`. The metadata entry `solidmap` is
 //! a JSON object: see [`MapMetadata`].
@@ -92,8 +92,8 @@ pub fn write_map(path: &Path, file: &MapFile) -> Result<(), TensorFileError> {
 ///
 /// # Errors
 ///
-/// When it cannot be read, is not a map or not whole, or is of a newer major version; and when it holds a boundary map
-/// whose spherical embeddings are not one to one.
+/// When it cannot be read, is not a complete map file, is of a newer major version, or holds a boundary map whose
+/// spherical embeddings are not one to one.
 pub fn read_map(path: &Path) -> Result<MapFile, TensorFileError> {
     let content = read_bytes(path)?;
     let reader = Reader::new(&MAP, path, &content)?;
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_again_bit_for_bit() {
+    fn what_is_written_is_read_back_bit_for_bit() {
         let (folder, file) = (folder(), example());
         let path = folder.path().join("ball.map");
         write_map(&path, &file).unwrap();
@@ -224,7 +224,7 @@ mod tests {
         ));
     }
 
-    /// Sources at three corners of a triangle, whose image is the triangle itself, as format 1.0 has it.
+    /// A file of format 1.0: sources at the corners of a triangle, which is its own image.
     #[test]
     fn files_of_the_first_format_are_read() {
         let folder = folder();

@@ -1,4 +1,4 @@
-//! Files of solidmap's own: maps, boundary maps, solid textures and landmarks.
+//! solidmap's own files: maps, boundary maps, solid textures and landmarks.
 //!
 //! Maps, boundary maps and textures are safetensors containers: named tensors, with a JSON object in the metadata.
 //! Landmarks are text.

@@ -1,4 +1,4 @@
-//! Files of named tables of numbers with metadata: what map files and boundary files have in common.
+//! Named tensors with metadata in a safetensors container: what map, boundary and texture files have in common.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use crate::Point;
 use crate::io::{IoError, atomic_write, printable};
 
-/// Why a map file or boundary file cannot be written or read.
+/// Why a map, boundary or texture file cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TensorFileError {
@@ -22,17 +22,17 @@ pub enum TensorFileError {
     Foreign {
         /// The file.
         path: PathBuf,
-        /// `"map file"` or `"boundary file"`.
+        /// `"map file"`, `"boundary file"` or `"texture file"`.
         kind: &'static str,
         /// What was found.
         cause: String,
     },
-    /// A tensor is missing, has another type or shape, or its numbers are of no use.
-    #[error("`{}` is not a whole {kind}: tensor `{tensor}` {problem}", path.display())]
+    /// A tensor is missing, has another type or shape, or has unusable entries.
+    #[error("`{}` is not a valid {kind}: tensor `{tensor}` {problem}", path.display())]
     Tensor {
         /// The file.
         path: PathBuf,
-        /// `"map file"` or `"boundary file"`.
+        /// `"map file"`, `"boundary file"` or `"texture file"`.
         kind: &'static str,
         /// Which tensor.
         tensor: &'static str,
@@ -47,7 +47,7 @@ pub enum TensorFileError {
     Newer {
         /// The file.
         path: PathBuf,
-        /// `"map file"` or `"boundary file"`.
+        /// `"map file"`, `"boundary file"` or `"texture file"`.
         kind: &'static str,
         /// Its version.
         found: String,
@@ -56,7 +56,7 @@ pub enum TensorFileError {
     },
 }
 
-/// Program and version, as files name what wrote them.
+/// This program and its version, for the entry `generator` of the metadata.
 pub(super) const GENERATOR: &str = concat!("solidmap ", env!("CARGO_PKG_VERSION"));
 
 /// A kind of file. A reader refuses a newer major version; a newer minor one only adds.
@@ -66,7 +66,7 @@ pub(super) struct FileKind {
     /// The entry of the container's metadata that holds ours, a JSON object.
     pub key: &'static str,
     pub version: (u32, u32),
-    /// What to do with the file where another kind is wanted.
+    /// What the file is for, said where another kind is wanted.
     pub purpose: &'static str,
 }
 
@@ -172,11 +172,11 @@ impl<'a> Reader<'a> {
         let Some(text) = entries.get(kind.key) else {
             let mut others = [&MAP, &BOUNDARY, &TEXTURE].into_iter();
             let other = others.find(|other| entries.contains_key(other.key));
-            let cause = other.map_or("it has no metadata of solidmap", |other| other.purpose);
+            let cause = other.map_or("it has no solidmap metadata", |other| other.purpose);
             return Err(kind.foreign(path, &cause));
         };
         let metadata: serde_json::Value = serde_json::from_str(text).map_err(|e| kind.foreign(path, &e))?;
-        // The version is looked at first: what else a newer file holds need not parse.
+        // The version comes first: the rest of a newer file's metadata need not parse.
         let found = metadata["format_version"].as_str().unwrap_or_default();
         match found.split('.').next().and_then(|major| major.parse::<u32>().ok()) {
             Some(major) if major > kind.version.0 => Err(TensorFileError::Newer {

@@ -4,11 +4,11 @@
 //! |---|---|---|
 //! | `sources`, `coefficients`, `affine` | f64 | the harmonic part, as in map files |
 //! | `vertices`, `triangles` | f64 n × 3, u32 m × 3 | the surface |
-//! | `u`, `v` | f64, m × 3 | texture coordinates of each triangle's corners, with a picture |
+//! | `u`, `v` | f64, m × 3 | with a picture: the texture coordinates of each triangle's corners |
 //! | `picture` | u8, pixels × 3 | its pixels in sRGB, row by row from the top |
-//! | `colours` | f64, n × 3 | or else the colour of each vertex, as amounts of light |
+//! | `colours` | f64, n × 3 | without a picture: the linear RGB colour of each vertex, 0 to 1 |
 //!
-//! The metadata say what was extended, the size of the picture and what is beyond its edges, with the report of the
+//! The metadata hold the quantity that was extended, the size of the picture and its wrap mode, and the report of the
 //! fit.
 
 use std::path::Path;
@@ -109,7 +109,7 @@ pub fn write_texture(path: &Path, file: &TextureFile) -> Result<(), TensorFileEr
 ///
 /// # Errors
 ///
-/// When it cannot be read, holds no texture or not a whole one, or is of a newer major version.
+/// When it cannot be read, is not a complete texture file, or is of a newer major version.
 pub fn read_texture(path: &Path) -> Result<TextureFile, TensorFileError> {
     let content = read_bytes(path)?;
     let reader = Reader::new(&TEXTURE, path, &content)?;
@@ -126,7 +126,7 @@ pub fn read_texture(path: &Path) -> Result<TextureFile, TensorFileError> {
 
 fn read_coloured_surface(reader: &Reader, picture: Option<PictureHeader>) -> Result<ColouredSurface, TensorFileError> {
     let surface = SurfaceMesh::new(reader.points("vertices")?, reader.triangles("triangles")?)
-        .map_err(|error| reader.problem("triangles", format!("do not fit the vertices: {error}")))?;
+        .map_err(|error| reader.problem("triangles", format!("does not fit the vertices: {error}")))?;
     let Some(PictureHeader { width, height, wrap }) = picture else {
         let colours = reader.rows("colours")?;
         return ColouredSurface::from_vertex_colours(&surface, colours)

@@ -18,7 +18,7 @@ use super::IoError;
 /// # Errors
 ///
 /// [`IoError::Write`], also when `write` fails; the temporary file is then removed. A killed process may leave it
-/// behind, as `.NAME.XXXXXX.tmp`; a program that catches its interrupt calls [`abandon_writes`].
+/// behind, as `.NAME.XXXXXX.tmp`; a program that handles interrupts itself should call [`abandon_writes`].
 pub fn atomic_write(
     path: impl AsRef<Path>,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,

@@ -5,11 +5,11 @@ use crate::mesh::CellList;
 /// Cells of one kind, by their 0-based corners.
 #[derive(Debug, Clone, Copy)]
 pub enum Cells<'a> {
-    /// Triangles, counter-clockwise from outside.
+    /// Triangles, counter-clockwise seen from outside.
     Triangles(&'a [[u32; 3]]),
-    /// Quadrilaterals, counter-clockwise from outside.
+    /// Quadrilaterals, counter-clockwise seen from outside.
     Quads(&'a [[u32; 4]]),
-    /// Tetrahedra.
+    /// Tetrahedra, of either orientation.
     Tets(&'a [[u32; 4]]),
     /// Hexahedra: four corners around the bottom, counter-clockwise seen from above, then the four over them.
     Hexes(&'a [[u32; 8]]),

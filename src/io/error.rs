@@ -74,8 +74,8 @@ pub enum IoError {
     },
     /// Compressed or shared data expand to far more than the size of the file.
     #[error(
-        "`{path}` ({format}) unpacks to more than {limit} bytes, which no valid file of {size} bytes does; if it is valid, \
-         save it without compression"
+        "`{path}` ({format}) unpacks to more than {limit} bytes, which no valid file of {size} bytes does; if it is \
+         valid, save it without compression"
     )]
     Expands {
         /// The file.
@@ -99,7 +99,8 @@ pub enum IoError {
     },
     /// A face or cell refers to a missing vertex.
     #[error(
-        "{element} {index} (0-based) of `{path}` refers to vertex {vertex}, but there are {vertices} vertices, counted from {base}"
+        "{element} {index} (0-based) of `{path}` refers to vertex {vertex}, but there are {vertices} vertices, counted \
+         from {base}"
     )]
     IndexOutOfRange {
         /// The file.
@@ -115,8 +116,11 @@ pub enum IoError {
         /// The index of the first vertex in this format: 0 or 1.
         base: i64,
     },
-    /// The file is valid but has neither faces nor tetrahedra.
-    #[error("`{path}` holds {vertices} vertices but no faces or tetrahedra: it is no solid")]
+    /// The file is valid but has neither faces nor cells.
+    #[error(
+        "`{path}` holds {vertices} vertices but no faces or cells, so it is not a solid; export the mesh with its faces \
+         or cells"
+    )]
     NoGeometry {
         /// The file.
         path: PathBuf,

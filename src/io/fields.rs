@@ -23,7 +23,7 @@ pub struct VtkFields {
     pub point: Vec<Field>,
     /// Fields with values in the cells.
     pub cell: Vec<Field>,
-    /// Origin of the data, written to the head of the file.
+    /// Where the data come from, written to the head of the file.
     pub comment: String,
 }
 

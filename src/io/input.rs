@@ -64,7 +64,7 @@ impl<'a> InputFile<'a> {
             position: range.start,
             end: range.end,
             start: range.start,
-            comments: false,
+            skip_comments: false,
         }
     }
 }
@@ -79,13 +79,16 @@ pub(super) struct Tokens<'a> {
     end: usize,
     /// Start of the last token.
     start: usize,
-    comments: bool,
+    skip_comments: bool,
 }
 
 impl<'a> Tokens<'a> {
-    /// Skips everything from `#` to the end of a line.
+    /// Makes the tokens skip everything from `#` to the end of a line.
     pub fn without_comments(self) -> Self {
-        Self { comments: true, ..self }
+        Self {
+            skip_comments: true,
+            ..self
+        }
     }
 
     pub fn position(&self) -> usize {
@@ -185,7 +188,7 @@ impl<'a> Tokens<'a> {
             let rest = self.rest();
             let blank = rest.iter().position(|b| !b.is_ascii_whitespace());
             self.position += blank.unwrap_or(rest.len());
-            if !self.comments || self.rest().first() != Some(&b'#') {
+            if !self.skip_comments || self.rest().first() != Some(&b'#') {
                 return;
             }
             self.line();

@@ -97,7 +97,7 @@ fn read_section<const N: usize>(
     Ok(())
 }
 
-/// Reads cells and their references; one that is not an integer becomes `i64::MAX`.
+/// Reads cells and their references; one that is not an integer becomes `i64::MAX`, which no region may be.
 fn read_labelled<const N: usize>(
     tokens: &mut Tokens,
     element: &str,
@@ -149,7 +149,7 @@ mod tests {
                         Tetrahedra 2\n1 2 3 4 0\n2 1 3 4 9\nEnd\ngarbage\n";
 
     #[test]
-    fn tets_of_both_hands_come_back_as_they_are() {
+    fn tets_of_both_orientations_are_read_as_they_are() {
         let mesh = tets("mesh", TETS.as_bytes()).unwrap();
         assert_eq!(mesh.tets(), [[0, 1, 2, 3], [1, 0, 2, 3]]);
         assert_eq!(mesh.vertices().len(), 5);

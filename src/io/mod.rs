@@ -11,11 +11,13 @@
 //! | `.off` | surface | surface |
 //! | `.stl` | surface (text, binary) | no: it would lose the order of vertices |
 //! | `.mesh` | surface, tetrahedra, hexahedra | triangles, quads, tetrahedra, hexahedra; labels |
-//! | `.msh` | no | the same, in Gmsh's format 2.2 |
-//! | `.vtk` | surface, tetrahedra, hexahedra (text, binary) | triangles, quads, tetrahedra, hexahedra; fields |
-//! | `.vtu` | surface, tetrahedra, hexahedra (all encodings but LZ4 and LZMA) | the same |
+//! | `.msh` | no | as `.mesh`, in Gmsh's format 2.2 |
+//! | `.vtk` | surface, tetrahedra, hexahedra; fields (text, binary) | triangles, quads, tetrahedra, hexahedra; fields |
+//! | `.vtu` | surface, tetrahedra, hexahedra; fields (all encodings but LZ4 and LZMA) | as `.vtk` |
 //! | `.vti` | fields on a grid (encodings as `.vtu`) | bytes on a grid, compressed |
-//! | `.csv`, `.npy` | points | tables |
+//! | `.csv` | points; fields | tables |
+//! | `.npy` | points | tables |
+//! | `.pvd` | no | VTK files with their times ([`write_pvd`]) |
 //!
 //! Polygons become fans of triangles about their first corner, whatever their shape, so that two meshes with the same
 //! faces get the same triangles. Files are written whole or not at all ([`atomic_write`]).
@@ -115,13 +117,13 @@ pub fn read_tets(path: impl AsRef<Path>) -> Result<TetMesh, IoError> {
 ///
 /// # Errors
 ///
-/// Any [`IoError`] but those of writing; [`IoError::WrongKind`] without cells, [`IoError::Unsupported`] with cells of
-/// several kinds or of others.
+/// Any [`IoError`] but those of writing; [`IoError::WrongKind`] when the file holds faces alone,
+/// [`IoError::Unsupported`] when its cells are of several kinds or of another kind.
 pub fn read_cells(path: impl AsRef<Path>) -> Result<CellMesh, IoError> {
     let path = path.as_ref();
     const PURPOSE: &str = "a mesh of tetrahedra or hexahedra";
     match read_mesh(path, PURPOSE) {
-        // Surface formats are parsed for a better error message, but not recommended.
+        // A surface format is parsed all the same, to say what the file holds, but the error does not suggest one.
         Err(IoError::UnknownExtension { .. }) => Err(unknown_extension(path, PURPOSE, CELL_EXTENSIONS)),
         raw => raw?.into_cells(path),
     }
@@ -149,15 +151,15 @@ pub fn read_points(path: impl AsRef<Path>) -> Result<Vec<Point>, IoError> {
     read(path.as_ref(), "points", formats).map(|raw| raw.vertices)
 }
 
-/// Reads points with fields: the columns beside `x`, `y` and `z` of a CSV table (three in a row whose names differ in a
-/// last x, y and z alone are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, triangles
+/// Reads points with fields: the columns beside `x`, `y` and `z` of a CSV table (three in a row whose names differ only
+/// in a final x, y and z are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, triangles
 /// or points, and of at most 2²² structured points in a `.vtk` or `.vti` file, whose cells become six tetrahedra each.
 /// Cell data of triangles and of flat grids are skipped. All other formats have no fields; labels in a `.mesh` are not
 /// read as fields.
 ///
 /// # Errors
 ///
-/// Any [`IoError`] but those of writing; [`IoError::ValueCount`] when a field has not a value for each point or cell,
+/// Any [`IoError`] but those of writing; [`IoError::ValueCount`] unless a field has one value for each point or cell,
 /// [`IoError::Unsupported`] also for a field of more than 4096 components.
 pub fn read_fields(path: impl AsRef<Path>) -> Result<FieldFile, IoError> {
     let path = path.as_ref();
@@ -224,13 +226,13 @@ pub fn write_cells(path: impl AsRef<Path>, points: &[Point], cells: Cells) -> Re
 }
 
 /// Writes groups of cells with their labels: as references in `.mesh`, as physical groups with names in Gmsh's `.msh`
-/// (format 2.2), where labels that are not positive get the least free numbers. `comment` is written to the head of the
-/// file.
+/// (format 2.2), where labels that are not positive get the smallest unused ones. `comment` is written to the head of
+/// the file.
 ///
 /// # Errors
 ///
-/// [`IoError::UnknownExtension`], [`IoError::IndexOutOfRange`], [`IoError::ValueCount`] when cells and labels are not
-/// parallel, [`IoError::Write`].
+/// [`IoError::UnknownExtension`], [`IoError::IndexOutOfRange`], [`IoError::ValueCount`] unless there is one label
+/// for each cell, [`IoError::Write`].
 pub fn write_groups(
     path: impl AsRef<Path>,
     points: &[Point],
@@ -470,7 +472,7 @@ mod tests {
             for length in 0..whole.len() {
                 let cut = &whole[..length];
                 read_without_panic(&extension, cut);
-                // OBJ and CSV say nowhere how much is to come.
+                // OBJ and CSV files do not announce their length.
                 if !matches!(extension.as_str(), "obj" | "csv")
                     && let Ok(read) = testing::solid(&extension, cut)
                 {
@@ -485,12 +487,12 @@ mod tests {
         let mut random = StdRng::seed_from_u64(20);
         for (extension, whole) in small_files() {
             for _ in 0..1000 {
-                let mut spoiled = whole.clone();
+                let mut corrupted = whole.clone();
                 for _ in 0..random.random_range(1..5) {
-                    let at = random.random_range(0..spoiled.len());
-                    spoiled[at] ^= 1 << random.random_range(0..8);
+                    let at = random.random_range(0..corrupted.len());
+                    corrupted[at] ^= 1 << random.random_range(0..8);
                 }
-                read_without_panic(&extension, &spoiled);
+                read_without_panic(&extension, &corrupted);
             }
         }
     }

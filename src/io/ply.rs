@@ -1,6 +1,6 @@
 //! Stanford PLY, in text and both binary orders.
 //!
-//! Own code: `ply-rs-bw` keeps every number as a tagged value in a map, which takes several times as long on large
+//! Our own code: `ply-rs-bw` keeps every number as a tagged value in a map, which takes several times as long on large
 //! scans, and its errors have no positions.
 
 use std::io::{self, Write};
@@ -147,7 +147,10 @@ impl PlyHeader {
                 _ => None,
             };
             if parsed.is_none() {
-                return Err(tokens.malformed(format!("the header line `{}` has no meaning", excerpt(line.as_bytes()))));
+                return Err(tokens.malformed(format!(
+                    "the header line `{}` is not understood",
+                    excerpt(line.as_bytes())
+                )));
             }
         }
         match order {
@@ -281,7 +284,7 @@ impl PropertyValues<'_> {
         let within = if element.name == "vertex" {
             "the vertices"
         } else {
-            "the elements after the vertices"
+            "the faces or other elements"
         };
         row.singles.clear();
         row.list.clear();
@@ -332,8 +335,9 @@ mod tests {
     use super::*;
     use crate::io::testing::{place_of, surface};
 
-    /// A header of odd types and a body in binary, whose numbers are turned by `bytes`.
-    fn binary(order: &str, turned: impl Fn(&[u8]) -> Vec<u8>) -> Vec<u8> {
+    /// A file with unusual types and a binary body; `encoded` takes the little-endian bytes of each value to those of
+    /// `order`.
+    fn binary(order: &str, encoded: impl Fn(&[u8]) -> Vec<u8>) -> Vec<u8> {
         let mut file = format!(
             "ply\nformat {order} 1.0\ncomment end_header is not here\nobj_info none\nelement camera 1\nproperty list \
              ushort double pose\nproperty char flag\nelement vertex 4\nproperty double z\nproperty uchar red\nproperty \
@@ -341,7 +345,7 @@ mod tests {
              vertex_index\nproperty list uchar float weights\nend_header\n"
         )
         .into_bytes();
-        let mut add = |bytes: &[u8]| file.extend(turned(bytes));
+        let mut add = |bytes: &[u8]| file.extend(encoded(bytes));
         add(&2u16.to_le_bytes());
         add(&0.5f64.to_le_bytes());
         add(&0.25f64.to_le_bytes());
@@ -388,12 +392,12 @@ mod tests {
     }
 
     #[test]
-    fn strips_turn_alternately_and_start_anew_after_minus_one() {
+    fn triangles_of_strips_alternate_in_orientation_and_minus_one_starts_a_new_strip() {
         let text = "ply\nformat ascii 1.0\nelement vertex 7\nproperty float x\nproperty float y\nproperty float z\n\
                     element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n\
                     0 2 0\n5 5 5\nnan inf -inf\n11 0 1 2 3 -1 4 3 2 2 1 0\n";
         let mesh = surface("ply", text.as_bytes()).unwrap();
-        // The second strip stitches over the repeated vertex 2 and keeps turning.
+        // At the repeated vertex 2 the second strip has triangles without area, which count in the alternation.
         assert_eq!(mesh.triangles(), [[0, 1, 2], [2, 1, 3], [4, 3, 2], [1, 2, 0]]);
         assert_eq!(mesh.vertices()[5], Point::new(5., 5., 5.));
         assert!(mesh.vertices()[6].x.is_nan() && mesh.vertices()[6].z == f64::NEG_INFINITY);

@@ -1,6 +1,7 @@
 //! Point lists and tables: CSV with a header, and NumPy's NPY.
 //!
-//! NPY is own code: `npyz` allocates by an unchecked length in the header, and depends on a parser of Python literals.
+//! NPY is our own code: `npyz` allocates by an unchecked length in the header, and depends on a parser of Python
+//! literals.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -52,7 +53,7 @@ fn csv_row(row: &[f64]) -> String {
     line
 }
 
-/// Writes `values`, row-major with so many `columns`, as a little-endian NPY array of double precision.
+/// Writes `values`, row-major with this number of `columns`, as a little-endian NPY array of double precision.
 ///
 /// # Errors
 ///
@@ -100,7 +101,7 @@ fn csv_reader<'a>(file: &InputFile<'a>) -> csv::Reader<&'a [u8]> {
     csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file.bytes)
 }
 
-/// The numbers in some columns of a CSV table, row by row. `place` says in messages where a column is.
+/// The numbers in some columns of a CSV table, row by row. `place` names a column in error messages.
 fn csv_values(file: &InputFile, columns: &[usize], place: impl Fn(usize) -> String) -> Result<Vec<f64>, IoError> {
     let (mut reader, mut values) = (csv_reader(file), Vec::new());
     let mut record = csv::ByteRecord::new();

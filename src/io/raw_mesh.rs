@@ -313,7 +313,7 @@ mod tests {
         assert_eq!(message, expected);
     }
 
-    /// Twice 2⁶³ is 0 in 64 bits: as many values as there are.
+    /// Two points of 2⁶³ components need 2⁶⁴ values, which wraps to 0, the number that there are.
     #[test]
     fn absurdly_many_components_are_refused() {
         let raw = RawMesh {

@@ -1,7 +1,7 @@
 //! STL, in text and binary.
 //!
-//! Own code: `stl_io` rounds text to single precision, takes a binary file that begins with `solid` for text, and its
-//! errors have no positions.
+//! Our own code: `stl_io` rounds text to single precision, takes a binary file that begins with `solid` for text, and
+//! its errors have no positions.
 
 use std::collections::HashMap;
 
@@ -12,6 +12,7 @@ use super::{
 };
 use crate::Point;
 
+/// Bytes of the header and of a facet in a binary file.
 const HEADER: usize = 80;
 const FACET: usize = 50;
 
@@ -178,7 +179,7 @@ mod tests {
     fn equal_corners_become_one_vertex_in_order_of_appearance() {
         for bytes in [
             binary("made by hand", &TWO),
-            binary("solid of which the header lies", &TWO),
+            binary("solid at the head of a binary file", &TWO),
             TEXT.as_bytes().to_vec(),
         ] {
             let mesh = surface("stl", &bytes).unwrap();

@@ -88,7 +88,10 @@ fn colours(file: &InputFile) -> Result<Option<Vec<[f64; 3]>>, IoError> {
         };
         colours.push([number(r)?, number(g)?, number(b)?]);
         if colours.len() < vertices {
-            return Err(file.malformed(offset, "this vertex has a colour, and one before it has none"));
+            return Err(file.malformed(
+                offset,
+                "this vertex has a colour, but one before it has none; give it to all or none",
+            ));
         }
     }
     if !colours.is_empty() && colours.len() < vertices {
@@ -115,7 +118,8 @@ mod tests {
 
     const FOUR: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n";
 
-    /// A quadrilateral is cut from its first corner; indices may count from the end; a vertex has two places.
+    /// A quadrilateral is cut from its first corner; indices may count from the end; vertex 1 has two texture
+    /// coordinates.
     #[test]
     fn every_corner_keeps_its_own_coordinates() {
         let text = format!(

@@ -38,7 +38,7 @@ impl Lattice {
         }
         Err(file.unsupported(
             format!("{points} structured points"),
-            "at most 4194304 are read, since six tetrahedra a cell take up to two kilobytes a point; take every \
+            "at most 4194304 are read, since six tetrahedra per cell take up to two kilobytes per point; keep every \
              second point along each axis",
         ))
     }

@@ -1,6 +1,6 @@
 //! VTK's formats: the legacy one and those in XML.
 //!
-//! Own code: `vtkio` allocates by unchecked counts of the file, and its errors have no positions.
+//! Our own code: `vtkio` allocates by unchecked counts of the file, and its errors have no positions.
 
 mod cells;
 mod lattice;

@@ -179,7 +179,9 @@ impl LegacyReader<'_> {
                 .split_first()
                 .and_then(|(&length, tail)| tail.split_at_checked(usize::try_from(length).ok()?));
             let Some((corners, tail)) = list else {
-                let found = format!("{element}: the list of corners of number {cell} exceeds the {size} values given");
+                let found = format!(
+                    "the corners of number {cell} (0-based) of the {element} exceed the {size} values announced"
+                );
                 return Err(self.malformed(found));
             };
             lists.corners.extend_from_slice(corners);

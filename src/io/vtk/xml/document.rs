@@ -28,7 +28,7 @@ pub(super) struct Image {
     /// The point with indices 0.
     pub origin: [f64; 3],
     pub spacing: [f64; 3],
-    /// Unit vectors along the axes, in columns; row by row.
+    /// The 3 × 3 matrix whose columns are unit vectors along the axes, row by row.
     pub direction: [f64; 9],
 }
 
@@ -401,7 +401,7 @@ impl<'a> Tag<'a> {
         let components = self.attribute("NumberOfComponents")?;
         Ok(Array {
             name: self.attribute("Name")?.unwrap_or_default(),
-            // None at all would let a count of points be whatever it says.
+            // With 0 components an empty array would match any number of points.
             components: components
                 .and_then(|n| n.trim().parse().ok())
                 .filter(|&n| n > 0)
@@ -423,7 +423,7 @@ impl<'a> Tag<'a> {
     fn refused(&self, name: &str, value: &str) -> IoError {
         let value = excerpt(value.as_bytes());
         self.file
-            .malformed(self.at, format!("the attribute {name}=\"{value}\" has no meaning"))
+            .malformed(self.at, format!("the attribute {name}=\"{value}\" is not understood"))
     }
 }
 

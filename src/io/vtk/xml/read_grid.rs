@@ -212,9 +212,9 @@ mod tests {
         assert!(matches!(tets("vtu", b"hello"), Err(IoError::Malformed { .. })));
 
         let inline = &files[13].1;
-        let spoiled = String::from_utf8(inline.clone()).unwrap().replacen("\n  ", "\n  !", 3);
+        let corrupted = String::from_utf8(inline.clone()).unwrap().replacen("\n  ", "\n  !", 3);
         assert!(matches!(
-            tets("vtu", spoiled.as_bytes()),
+            tets("vtu", corrupted.as_bytes()),
             Err(IoError::Malformed { .. })
         ));
         let (name, raw) = &files[24];
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_or_spoiled_file_is_an_error_or_read_never_a_panic() {
+    fn truncated_files_are_errors_and_corrupted_ones_never_panic() {
         use rand::{Rng, SeedableRng, rngs::StdRng};
 
         const CLOSING_TAGS: usize = 30;
@@ -236,12 +236,12 @@ mod tests {
                 assert!(solid("vtu", &bytes[..end]).is_err(), "{end}");
             }
             for _ in 0..200 {
-                let mut spoiled = bytes.clone();
+                let mut corrupted = bytes.clone();
                 for _ in 0..random.random_range(1..4) {
-                    let at = random.random_range(0..spoiled.len());
-                    spoiled[at] ^= 1 << random.random_range(0..8);
+                    let at = random.random_range(0..corrupted.len());
+                    corrupted[at] ^= 1 << random.random_range(0..8);
                 }
-                let _ = solid("vtu", &spoiled);
+                let _ = solid("vtu", &corrupted);
             }
         }
     }

@@ -44,7 +44,7 @@ fn lattice(file: &InputFile, image: &Image, piece: &XmlPiece) -> Result<Lattice,
         let ([first, last], [lowest, highest]) = (ends(&piece.extent, k), ends(&image.whole, k));
         if first < lowest || last > highest || last < first {
             let (piece, whole) = (piece.extent, image.whole);
-            let found = format!("the piece's Extent {piece:?} is no part of the WholeExtent {whole:?}");
+            let found = format!("the piece's Extent {piece:?} is empty or outside the WholeExtent {whole:?}");
             return Err(file.malformed(0, found));
         }
         *count = (last - first + 1) as usize;
@@ -85,7 +85,7 @@ mod tests {
 
     const AXES: &str = "WholeExtent='-1 1 2 3 0 1' Origin='1 2 3' Spacing='0.5 2 4'";
 
-    /// 3 × 2 × 2 points: a vector and a scalar at them, numbers of the cells in those.
+    /// 3 × 2 × 2 points with a vector and a scalar field, and two cells with a scalar field.
     fn file(mut builder: Builder, image: &str) -> Vec<u8> {
         let steps: Vec<f64> = (0..12).map(f64::from).collect();
         let vectors: Vec<f64> = steps.iter().flat_map(|x| [*x, -x, 0.5]).collect();
@@ -183,7 +183,7 @@ mod tests {
                 .all(|(x, b)| *x == f64::from(*b))
         );
 
-        // A flat one has no tetrahedra, and nothing to hold its cell data.
+        // A flat grid has no tetrahedra.
         let flat = ImageGrid {
             size: [20, 3, 1],
             ..grid
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_or_spoiled_file_is_an_error_or_read_never_a_panic() {
+    fn truncated_files_are_errors_and_corrupted_ones_never_panic() {
         use rand::{Rng, SeedableRng, rngs::StdRng};
 
         const CLOSING_TAGS: usize = 30;
@@ -275,12 +275,12 @@ mod tests {
                 assert!(read(&bytes[..end]).is_err(), "{name}: {end}");
             }
             for _ in 0..300 {
-                let mut spoiled = bytes.clone();
+                let mut corrupted = bytes.clone();
                 for _ in 0..random.random_range(1..4) {
-                    let at = random.random_range(0..spoiled.len());
-                    spoiled[at] ^= 1 << random.random_range(0..8);
+                    let at = random.random_range(0..corrupted.len());
+                    corrupted[at] ^= 1 << random.random_range(0..8);
                 }
-                let _ = read(&spoiled);
+                let _ = read(&corrupted);
             }
         }
     }

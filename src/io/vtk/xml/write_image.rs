@@ -31,12 +31,12 @@ pub struct ImageGrid {
 /// Bytes of a block before it is compressed.
 const BLOCK: usize = 1 << 20;
 
-/// Writes one array of bytes, `components` for each point of the grid: x varies fastest, then y,
-/// then z.
+/// Writes one array of bytes, `components` for each point of the grid: x varies fastest, then y, then z.
 ///
 /// # Errors
 ///
-/// [`IoError::ValueCount`] when the bytes are not as many as the points need, [`IoError::Write`].
+/// [`IoError::ValueCount`] unless there are `components` bytes for each point and at least one point,
+/// [`IoError::Write`].
 pub fn write_vti(
     path: impl AsRef<Path>,
     grid: &ImageGrid,
