@@ -10,7 +10,7 @@ use crate::mesh::SurfaceMesh;
 pub(super) use super::worker::Operation;
 pub(super) use ffi::Mesh;
 
-/// Runs an operation on a surface, with the options that [`Operation`] says. Not for those of distance fields.
+/// Runs an operation on a surface, with the options listed at [`Operation`]. Not for the operations of distance fields.
 pub(super) fn call_on(operation: Operation, surface: &SurfaceMesh, options: &[f64]) -> Result<Mesh, CgalTetgenError> {
     let triangles = surface.triangles().as_flattened();
     call(operation, &flat(surface.vertices()), triangles, options)

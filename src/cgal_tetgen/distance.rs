@@ -45,14 +45,15 @@ impl SignedDistanceField {
         }))
     }
 
-    /// Signed distances of `points`, in model units: negative inside. NaN for points that are not finite, or when CGAL
-    /// fails. Uses all of rayon's threads.
+    /// Signed distances of `points`, in model units: negative inside. NaN for points with a NaN coordinate, or when
+    /// CGAL fails. Uses all of rayon's threads.
     pub fn distance(&self, points: &[Point]) -> Vec<f64> {
         self.try_distance(points)
             .unwrap_or_else(|_| vec![f64::NAN; points.len()])
     }
 
-    /// The closest points of the surface; a point with NaN coordinates is returned as it is.
+    /// The closest points of the surface. A point with a NaN coordinate is returned as it is; one with a coordinate
+    /// beyond 1e100 gets the point closest to the centre of the bounding box. NaN when CGAL fails.
     pub fn closest_points(&self, points: &[Point]) -> Vec<Point> {
         let nowhere = || vec![Point::from([f64::NAN; 3]); points.len()];
         self.try_closest_points(points).unwrap_or_else(|_| nowhere())

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use crate::memory::readable;
 use crate::mesh::MeshError;
 
-/// Why a surface cannot be used for an operation, with the first place where it cannot (0-based).
+/// Why a surface cannot be used for an operation, with the place of the first defect (indices 0-based).
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InputDefect {
@@ -70,7 +70,11 @@ pub enum InputDefect {
         triangles: usize,
     },
     /// A component that cannot be oriented consistently, or is non-manifold and not consistently oriented.
-    #[error("the triangles at the edge between vertices {} and {} cannot be oriented alike; orient them", edge[0], edge[1])]
+    #[error(
+        "the triangles at the edge between vertices {} and {} are not oriented consistently, and it is not clear how \
+         to orient them; orient them outward",
+        edge[0], edge[1]
+    )]
     NotOrientable {
         /// An edge where they disagree.
         edge: [u32; 2],
@@ -99,7 +103,8 @@ pub enum CgalTetgenError {
     },
     /// Triangles of the surface intersect.
     #[error(
-        "the surface intersects itself: {pairs} pairs of triangles, the first {} and {}; repair it or mesh a wrap of it",
+        "the surface intersects itself: {pairs} pairs of triangles, the first {} and {}; repair it or mesh a wrap of \
+         it",
         first[0], first[1]
     )]
     SelfIntersection {
@@ -109,9 +114,7 @@ pub enum CgalTetgenError {
         first: [u32; 2],
     },
     /// More pairs of triangles have overlapping boxes than can be tested.
-    #[error(
-        "too many triangles lie close together to look at all pairs of them; {pairs} intersect among those looked at"
-    )]
+    #[error("too many triangles lie close together to test all pairs of them; {pairs} of the pairs tested intersect")]
     Crowded {
         /// Intersecting pairs found so far.
         pairs: usize,
@@ -137,7 +140,7 @@ pub enum CgalTetgenError {
         code: i32,
     },
     /// A mesher returned no tetrahedra.
-    #[error("the mesher returned no tetrahedra; check that the surface is closed and the sizes are below its own")]
+    #[error("the mesher returned no tetrahedra; check that the surface is closed and larger than the sizes asked for")]
     EmptyResult,
     /// The sizes asked for would take too many elements.
     #[error("about {elements:.1e} {kind} would be needed, more than {limit:.1e}; ask for a coarser mesh")]
@@ -171,7 +174,8 @@ pub enum CgalTetgenError {
     /// The boundary of a boundary-preserving mesh differs from the input.
     #[error("the mesher changed the boundary at triangle {triangle}; vertices may lie too close together there")]
     BoundaryChanged {
-        /// The first input triangle that is not a face of the boundary, or the count when the boundary has more.
+        /// The first input triangle that is not a face of the boundary, or the number of input triangles when none is
+        /// at fault.
         triangle: usize,
     },
     /// A boundary-preserving mesh does not begin with the input's vertices.
@@ -188,7 +192,8 @@ pub enum CgalTetgenError {
     },
     /// No offset surface had the genus asked for.
     #[error(
-        "the offset surface has genus {got}, not {want}; gaps below twice `alpha` are filled, so lower it or the distance"
+        "the offset surface has genus {got}, not {want}; gaps below twice `alpha` are filled, so lower it or the \
+         distance"
     )]
     Topology {
         /// Genus of the finest wrap.

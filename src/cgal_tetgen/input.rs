@@ -96,7 +96,7 @@ fn check_elements(surface: &SurfaceMesh, topology: &Topology) -> Result<(), Inpu
     }
 }
 
-/// Everything that the tetrahedral meshers need.
+/// Checks everything that the tetrahedral meshers need; a surface that passes encloses a solid.
 pub(super) fn check_solid(surface: &SurfaceMesh, topology: &Topology) -> Result<EnclosedSolid, CgalTetgenError> {
     check_numbers(surface)?;
     check_elements(surface, topology)?;
@@ -138,7 +138,7 @@ fn solid_of_shells(shells: &[ClosedShell]) -> EnclosedSolid {
     };
     for (k, shell) in shells.iter().enumerate() {
         let others = shells.iter().enumerate().filter(|&(j, _)| j != k);
-        let around = others.filter(|(_, other)| other.encloses(&shell.interior_point));
+        let around = others.filter(|(_, other)| other.encloses(&shell.surface_point));
         if around.count() % 2 == 0 {
             solid.volume += shell.volume;
             solid.outer_genus = solid.outer_genus.zip(shell.genus).map(|(sum, genus)| sum + genus);
@@ -154,8 +154,8 @@ struct ClosedShell {
     bounds: Aabb,
     volume: f64,
     genus: Option<u64>,
-    /// An interior point of one of its triangles, which no other shell touches.
-    interior_point: Point,
+    /// A point in the interior of one of its triangles, which no other shell touches.
+    surface_point: Point,
 }
 
 impl ClosedShell {
@@ -176,7 +176,7 @@ fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<ClosedShell>
         bounds: Aabb::empty(),
         volume: 0.0,
         genus,
-        interior_point: centre,
+        surface_point: centre,
     };
     let mut shells: Vec<ClosedShell> = components.shapes.iter().map(|shape| empty(shape.genus())).collect();
     for (t, &component) in components.of_triangle.iter().enumerate() {
@@ -189,7 +189,7 @@ fn shells(surface: &SurfaceMesh, topology: &Topology) -> Result<Vec<ClosedShell>
         shell.bounds = shell.bounds.union(&Aabb::around(&corners));
         let [a, b, c] = corners.map(|p| p - centre);
         shell.volume += a.dot(&b.cross(&c)) / 6.0;
-        shell.interior_point = centre + (a + b + c) / 3.0;
+        shell.surface_point = centre + (a + b + c) / 3.0;
         shell.triangles.push(corners);
     }
     shells.iter_mut().for_each(|shell| shell.volume = shell.volume.abs());

@@ -2,7 +2,8 @@ use super::CgalTetgenError;
 use super::input::{check_numbers, intersecting_triangles};
 use crate::mesh::SurfaceMesh;
 
-/// Pairs with overlapping boxes; each takes about 0.1 µs. An ordinary surface has about twelve per triangle.
+/// Limit of the pairs of triangles with overlapping boxes that are tested: a constant, and so many per triangle. A test
+/// takes about 0.1 µs, and an ordinary surface has about twelve per triangle.
 const MAX_TESTED: f64 = 2e7;
 const TESTED_PER_TRIANGLE: f64 = 200.0;
 
@@ -10,14 +11,14 @@ const TESTED_PER_TRIANGLE: f64 = 200.0;
 /// ascending order; by exact predicates.
 ///
 /// The surface may be open, non-manifold or inconsistently oriented. Coincident vertices count as one, so a seam of
-/// repeated vertices is no intersection; two triangles with the same three corners are one. Triangles without area
+/// repeated vertices is no intersection, but two triangles with the same three corners are. Triangles without area
 /// intersect nothing.
 ///
 /// # Errors
 ///
 /// [`CgalTetgenError::InvalidInput`] when the surface is empty or has coordinates that are not finite;
-/// [`CgalTetgenError::Crowded`] when too many triangles lie close together, as ten thousand around one vertex, to test
-/// all pairs within seconds.
+/// [`CgalTetgenError::Crowded`] when too many triangles lie close together, such as ten thousand around one vertex, to
+/// test all pairs within seconds.
 pub fn self_intersections(surface: &SurfaceMesh) -> Result<Vec<[u32; 2]>, CgalTetgenError> {
     check_numbers(surface)?;
     let max_tested = MAX_TESTED + TESTED_PER_TRIANGLE * surface.triangles().len() as f64;

@@ -33,11 +33,11 @@ pub use tetrahedra::{
 };
 pub use worker::{Isolation, isolate, serve_calls};
 
-/// Checks that an error of TetGen is reported as an error here, by making it fail harmlessly.
+/// Makes TetGen fail harmlessly, and checks that the failure is reported as an error here.
 ///
 /// TetGen ends the process on an error unless its error function is replaced, as solidmap does; where a second copy of
-/// TetGen was loaded first, the replacement may fail. [`tetrahedralize`] makes the same check
-/// before its first run, so this is for start-up diagnostics.
+/// TetGen was loaded first, the replacement may have no effect. [`tetrahedralize`] makes the same check before its
+/// first run, so this is for start-up diagnostics.
 ///
 /// # Errors
 ///

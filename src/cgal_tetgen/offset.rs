@@ -102,7 +102,7 @@ pub fn offset_surface(
     let mut alpha = first_alpha;
     for retries in 0..=options.retries {
         if let Err(error) = problem.check_size(alpha) {
-            // Only the first size is the caller's wish; its error is the one to report.
+            // An `alpha` halved here is not the caller's choice: then the failure that led to it is reported.
             failure.get_or_insert(error);
             break;
         }
@@ -153,8 +153,8 @@ impl<'a> OffsetProblem<'a> {
         })
     }
 
-    /// Refuses sizes that would take too many triangles. The surface's area is estimated by the model's area, or that
-    /// of a sphere around it if smaller, and a sphere of the distance.
+    /// Refuses sizes that would take too many triangles. The offset's area is estimated by the model's area, or that of
+    /// a sphere around it if smaller, plus the area of a sphere whose radius is the distance.
     fn check_size(&self, alpha: f64) -> Result<(), CgalTetgenError> {
         let reach = self.model.diagonal() + 2.0 * self.distance;
         let area = self.model.area().min(std::f64::consts::PI * reach * reach)

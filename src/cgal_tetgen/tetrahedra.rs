@@ -51,7 +51,7 @@ pub struct Mesh3Options {
     pub facet_distance: Option<f64>,
     /// Edges whose triangles' normals differ by more than this many degrees are kept, 0 to 180.
     pub feature_angle: f64,
-    /// Limit of the run: sharp edges that nearly touch can take arbitrarily long to protect. At most 10^6 s.
+    /// Time limit of the run: sharp edges that nearly touch can take arbitrarily long to protect. At most 10^6 s.
     pub time_limit: Duration,
     /// As in [`TetOptions`].
     pub memory: Option<u64>,
@@ -104,7 +104,7 @@ pub fn tetrahedralize(surface: &SurfaceMesh, options: &TetOptions) -> Result<Tet
     let inside = inside_tets(surface, tets)?;
     let mesh = compacted(vertices, inside, surface.vertices().len())?;
     let mesh = positively_oriented(mesh)?;
-    // Boundary and interior are exact, so only rounding is left: a part in 10^9 of the volume, generously.
+    // Boundary and interior are exact, so only rounding is left, for which 1e-9 of the volume is generous.
     check_volume(&mesh, solid.volume, 1e-9 * solid.volume)?;
     Ok(mesh)
 }
@@ -187,7 +187,7 @@ fn check_memory(surface: &SurfaceMesh, tets: f64, allowed: Option<u64>) -> Resul
 
 fn check_tet_options(options: &TetOptions, tets: f64) -> Result<(), CgalTetgenError> {
     if let Some(ratio) = options.radius_edge_ratio {
-        let requirement = "at least 1.1, or refinement may never end";
+        let requirement = "between 1.1 and 10^6; below, refinement may never end";
         check_option("radius_edge_ratio", ratio, (1.1..1e6).contains(&ratio), requirement)?;
     }
     let angle = options.min_dihedral;

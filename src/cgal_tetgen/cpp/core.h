@@ -1,8 +1,8 @@
 // The operations in plain C++: no cxx, no CGAL, no TetGen. The translation units with CGAL and TetGen include only this
 // header, so that a change of the Rust side does not recompile them.
 //
-// A surface is any list of triangles with indices in range and finite coordinates; further preconditions stand at each
-// operation, and the Rust side checks them. Failures are thrown; glue.cpp catches them all.
+// A surface is any list of triangles with indices in range and finite coordinates; further preconditions are stated at
+// each operation, and the Rust side checks them. Failures are thrown; glue.cpp catches them all.
 #pragma once
 
 #include <cstddef>
@@ -70,6 +70,7 @@ struct TetgenOptions {
 /// Needs a closed surface without zero-area triangles, not flat.
 Arrays tetgen(SurfaceView surface, const TetgenOptions& options);
 
+/// CGAL's mesh criteria. Lengths are in units of the coordinates, angles in degrees.
 struct Mesh3Options {
   double edge_size;
   double facet_size;
@@ -77,9 +78,9 @@ struct Mesh3Options {
   double facet_distance;
   double cell_size;
   double cell_radius_edge_ratio;
-  /// Degrees between the normals of two triangles from which their edge is kept.
+  /// Edges whose triangles' normals differ by more than this are kept.
   double feature_angle;
-  /// Time limit; `kStopped` is thrown after it.
+  /// Time limit, after which `kStopped` is thrown.
   double seconds;
 };
 
@@ -94,7 +95,8 @@ Arrays wrap(SurfaceView surface, double alpha, double offset);
 Arrays remesh(SurfaceView surface, double edge_length);
 
 /// Two triangle indices per pair, the lower first, in ascending order. A triangle without area is paired with itself
-/// and with no other. Throws `kCrowded` when more than `max_tested` pairs of boxes overlap, or ten million pairs of triangles intersect.
+/// and with no other. Throws `kCrowded` when more than `max_tested` pairs of boxes overlap, or ten million pairs of
+/// triangles intersect.
 std::vector<std::uint32_t> self_intersections(SurfaceView surface, double max_tested);
 
 /// Closest points of a surface and inside tests. Immutable after construction, so threads may share it.

@@ -79,8 +79,8 @@ std::vector<Faces> shells_of(const Polyhedron& polyhedron) {
   return shells;
 }
 
-/// Puts protecting balls along the sharp edges, so that refinement keeps them. CGAL's own call lets balls shrink without
-/// bound where edges nearly touch; here they stop at the mesh's distance tolerance.
+/// Puts protecting balls along the sharp edges, so that refinement keeps them. CGAL's own call lets balls shrink
+/// without bound where edges nearly touch; here they stop at the mesh's distance tolerance.
 void protect_edges(Complex& complex, const Domain& domain, const Criteria& criteria, double smallest,
                    CGAL::Mesh_error_code& stop, Deadline& deadline) {
   using EdgeCriteria = Criteria::Edge_criteria;
@@ -91,8 +91,8 @@ void protect_edges(Complex& complex, const Domain& domain, const Criteria& crite
   protect(true);
 }
 
-/// Inserts up to `count` points of a shell, at random positions in their faces: regularly placed seeds may be cospherical,
-/// which CGAL reports as an error.
+/// Inserts `count` points of a shell, at random positions in their faces: regularly placed seeds may be cospherical,
+/// which CGAL reports as an error. Points within protecting balls are left out.
 void seed(Complex& complex, const Domain& domain, const Faces& shell, std::size_t count, CGAL::Random& random) {
   const Polyhedron& polyhedron = domain.polyhedra().front();
   const auto patch = get(CGAL::face_patch_id_t<int>(), polyhedron);
@@ -105,7 +105,7 @@ void seed(Complex& complex, const Domain& domain, const Faces& shell, std::size_
     const Point p = CGAL::barycenter(polyhedron.point(polyhedron.source(h)), a, polyhedron.point(polyhedron.target(h)),
                                      b, polyhedron.point(polyhedron.target(polyhedron.next(h))), 1 - a - b);
     const auto v = triangulation.insert(weighted(p));
-    // Null where a protecting ball of a sharp edge covers the point.
+    // Null where a protecting ball covers the point.
     if (v == Triangulation::Vertex_handle()) continue;
     complex.set_dimension(v, 2);
     complex.set_index(v, domain.index_from_surface_patch_index(get(patch, f)));
@@ -155,7 +155,8 @@ Arrays mesh3(SurfaceView surface, const Mesh3Options& options) {
                           params::cell_size = options.cell_size);
 
   // By default CGAL starts from rays through the centre of the box, or from sharp edges, and never finds a smooth
-  // shell that neither of them meets. Refinement needs a facet to start from, which takes enough seeds on each shell.
+  // shell that neither of them meets. Refinement needs a facet of each shell to start from: seeds are added until there
+  // is one.
   const std::vector<Faces> shells = shells_of(domain.polyhedra().front());
   std::size_t most = 0;
   for (const Faces& shell : shells) most = std::max(most, shell.size());

@@ -46,7 +46,7 @@ struct Soup {
   Segment side(std::size_t t, int k) const { return Segment(at(t, k + 1), at(t, k + 2)); }
 };
 
-/// Whether two triangles with a common side overlap: they are coplanar and on the same side of it.
+/// Whether two triangles with a common side overlap: they are coplanar, and their apexes are on the same side of it.
 bool fold_flat(const Soup& soup, std::size_t s, int apex_s, std::size_t t, int apex_t) {
   const Point& a = soup.at(s, apex_s + 1);
   const Point& b = soup.at(s, apex_s + 2);
@@ -65,6 +65,7 @@ bool intersect(const Soup& soup, std::size_t s, std::size_t t) {
         ++shared;
         in_s[i] = in_t[j] = true;
       }
+  // The common corner, or the corner opposite the common side.
   const int i = static_cast<int>(std::find(in_s, in_s + 3, shared == 1) - in_s);
   const int j = static_cast<int>(std::find(in_t, in_t + 3, shared == 1) - in_t);
   switch (shared) {

@@ -71,7 +71,7 @@ void fill(tetgenio& in, const SurfaceView& surface) {
   }
 }
 
-/// The switches: keep the boundary (`Y`), indices from 0 (`z`), no output (`Q`).
+/// The switches: mesh a surface (`p`), keep the boundary (`Y`), indices from 0 (`z`), no output (`Q`).
 void set_switches(tetgenbehavior& behavior, const TetgenOptions& options) {
   const bool refine = options.radius_edge_ratio > 0;
   const bool bounded = options.max_volume > 0;

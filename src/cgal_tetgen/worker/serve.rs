@@ -13,8 +13,8 @@ use crate::cgal_tetgen::error::CallFailure;
 use crate::cgal_tetgen::input::{flat, points};
 use crate::mesh::SurfaceMesh;
 
-/// Serves requests of the parent process over standard input, a socket, and exits with it. Only for programs that
-/// [`isolate`](super::isolate) starts.
+/// Serves requests of the parent process over standard input, which must be a socket, and exits when the parent does.
+/// Only for programs that [`isolate`](super::isolate) starts.
 ///
 /// # Errors
 ///
@@ -25,7 +25,7 @@ pub fn serve_calls() -> std::io::Result<()> {
     socket.peer_addr()?;
     let mut reader = BufReader::new(socket.try_clone()?);
     let (send, requests) = channel();
-    // Reads the next request during work on this one, so that the end of the parent process ends this one at once.
+    // Reads ahead, so that this process exits as soon as the parent does, even in the middle of an operation.
     std::thread::spawn(move || {
         while let Ok(request) = Message::read(&mut reader) {
             if send.send(request).is_err() {
