@@ -89,7 +89,7 @@ fn identity_and_affine_maps_are_reproduced() {
 }
 
 /// The images of the vertices are exact and those between them linear, so the data err by `h²/8 |f''|` and the map,
-/// by the maximum principle, by no more: halving `h` divides the error by four. Three is asked for.
+/// by the maximum principle, by no more: halving `h` divides the error by four. Three is required.
 #[test]
 fn error_inside_falls_with_the_square_of_the_spacing() {
     let unrefined = FitOptions {
@@ -124,7 +124,7 @@ fn error_inside_falls_with_the_square_of_the_spacing() {
             };
             for (first, second) in errors(&coarse).into_iter().zip(errors(&fine)) {
                 assert!(second < first / 3.0, "{name}, {options:?}: {first:e} to {second:e}");
-                // With one source per vertex the map averages what is linear between them, and errs less than the data.
+                // With one source per vertex the map averages the piecewise linear data, and errs less than they do.
                 if !refines {
                     assert!(second < 5e-3, "{name}, {options:?}: {second:e}");
                 }
@@ -166,10 +166,10 @@ fn boundary_error_falls_as_sources_are_added() {
     assert!(errors[3] < 1e-6, "{errors:?}");
 }
 
-/// The same with exact data on every solid, with sources that follow the spacing `h`. Seen from the boundary, a layer of
-/// sources at `alpha · h` ripples with the relative amplitude `exp(−2π alpha)` whatever `h`, and the field of what it
-/// ripples about shrinks with `h`: first order with a small constant. Four times the sources must halve the error; 1.8 is
-/// asked for.
+/// The same with exact data on every solid, with sources that follow the spacing `h`. Seen from the boundary, a layer
+/// of sources at `alpha · h` ripples with the relative amplitude `exp(−2π alpha)` whatever `h`, and the field of what
+/// it ripples about shrinks with `h`: first order with a small constant. Four times the sources must halve the error;
+/// 1.8 is required.
 #[test]
 fn boundary_error_falls_as_sources_are_added_to_any_solid() {
     for (name, domain) in solids(2) {
@@ -251,7 +251,7 @@ fn smooth_data_are_met_between_the_collocation_points() {
 
 /// A repeated solve on a kept factorisation is the fit itself, where neither refines.
 #[test]
-fn one_factorisation_answers_many_boundary_maps() {
+fn one_factorisation_serves_many_boundary_maps() {
     let (_, domain) = solids(0).remove(1);
     let unrefined = FitOptions {
         refine: false,
@@ -290,8 +290,8 @@ fn too_many_vertices_are_subsampled_with_a_warning() {
     assert!(fit.report.boundary_error.rms < 5e-4, "{:?}", fit.report.boundary_error);
 }
 
-/// A sphere around everything has no sources in the cavity, and no harmonic function outside of it could take these
-/// values there: a charge at the cavity's centre. The sources that cavities get must do it.
+/// The data are the potential of a charge at the cavity's centre, which sources around the outer surface alone cannot
+/// represent. Every placement must therefore put sources in the cavity, also that on one sphere around everything.
 #[test]
 fn cavities_have_sources_whatever_the_placement() {
     let domain = shapes::spherical_shell(1.0, 0.5, 3);
@@ -327,6 +327,7 @@ fn the_paper_basis_meets_the_identity_only_nearly() {
     let rms = fit.report.boundary_error.rms;
     assert!(rms > 1e-12 && rms < 1e-3, "{rms:e}");
 }
+
 #[test]
 fn real_models_meet_smooth_data() {
     let Some(folder) = models() else { return };
@@ -352,7 +353,7 @@ fn real_models_meet_smooth_data() {
 }
 
 #[test]
-fn sizes_at_which_volumes_are_no_numbers_are_refused_and_others_fitted() {
+fn sizes_whose_volumes_over_or_underflow_are_refused_and_others_fitted() {
     let sized = |size: f64| {
         let ball = shapes::sphere(size, 2);
         let boundary = BoundaryMap::new(ball.clone(), ball.vertices().to_vec()).unwrap();

@@ -1,4 +1,4 @@
-//! Callbacks end work, wherever it is, and leave what was there usable.
+//! Callbacks can cancel work at any point, and what was there before stays usable.
 
 use std::cell::{Cell, RefCell};
 use std::ops::ControlFlow;
@@ -17,8 +17,8 @@ fn rounded_cube() -> BoundaryMap {
     BoundaryMap::new(domain, image).unwrap()
 }
 
-/// A callback that goes on for so many calls, and counts them.
-fn after(calls: usize, count: &Cell<usize>) -> ControlFlow<()> {
+/// Counts the calls of a callback, and breaks after `calls` of them.
+fn break_after(calls: usize, count: &Cell<usize>) -> ControlFlow<()> {
     count.set(count.get() + 1);
     if count.get() > calls {
         ControlFlow::Break(())
@@ -28,7 +28,7 @@ fn after(calls: usize, count: &Cell<usize>) -> ControlFlow<()> {
 }
 
 #[test]
-fn a_fit_ends_at_every_call_of_its_callback() {
+fn a_fit_can_be_cancelled_at_every_call_of_its_callback() {
     let boundary = rounded_cube();
     let calls = Cell::new(0);
     let whole = fit(&boundary, &FitOptions::default(), &|_| calls.set(calls.get() + 1)).unwrap();
@@ -39,14 +39,14 @@ fn a_fit_ends_at_every_call_of_its_callback() {
     );
     for last in 0..calls.get() {
         let count = Cell::new(0);
-        let ended = fit(&boundary, &FitOptions::default(), &|_| after(last, &count));
+        let ended = fit(&boundary, &FitOptions::default(), &|_| break_after(last, &count));
         assert!(matches!(ended, Err(FitError::Cancelled)), "after {last} calls");
-        assert_eq!(count.get(), last + 1, "asked again after an end");
+        assert_eq!(count.get(), last + 1, "called again after it broke off");
     }
 }
 
 #[test]
-fn a_factor_answers_as_before_when_refinement_was_ended() {
+fn a_factor_solves_as_before_after_a_cancelled_refinement() {
     let boundary = rounded_cube();
     let mut factor = DomainFactor::new(boundary.domain(), &FitOptions::default(), &|_| {}).unwrap();
     let before = factor.solve(&boundary, &|_| {}).unwrap();
@@ -62,7 +62,7 @@ fn a_factor_answers_as_before_when_refinement_was_ended() {
 }
 
 #[test]
-fn a_remeshing_ends_in_its_repair_and_polish() {
+fn remeshing_can_be_cancelled_in_repair_and_polish() {
     let boundary = rounded_cube();
     let map = fit(&boundary, &FitOptions::default(), &|_| {}).unwrap().map;
     let source = RemeshSource::Regular {
@@ -78,14 +78,16 @@ fn a_remeshing_ends_in_its_repair_and_polish() {
     assert!(calls.get() > 30, "{} calls", calls.get());
     for last in [0, 1, 2, 5, calls.get() / 2, calls.get() - 2] {
         let count = Cell::new(0);
-        let ended = remesh(&boundary, &map, source.clone(), &options, &|_| after(last, &count));
+        let ended = remesh(&boundary, &map, source.clone(), &options, &|_| {
+            break_after(last, &count)
+        });
         assert!(matches!(ended, Err(RemeshError::Cancelled)), "after {last} calls");
-        assert_eq!(count.get(), last + 1, "asked again after an end");
+        assert_eq!(count.get(), last + 1, "called again after it broke off");
     }
 }
 
 #[test]
-fn a_pair_ends_between_its_steps() {
+fn mapping_a_pair_can_be_cancelled_between_its_steps() {
     let target = shapes::deformed(&shapes::sphere(1.0, 2), |p| p + Vector::new(0.0, 0.0, 0.2 * p.x * p.x));
     let domain = shapes::cube(2.0, 4);
     let phases = RefCell::new(vec![]);

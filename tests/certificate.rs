@@ -1,4 +1,4 @@
-//! What `certificate` proves, held against dense sampling.
+//! What `certificate` proves, compared with dense sampling.
 
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::certificate::{
@@ -46,7 +46,7 @@ fn samples(leaf: &CertificateCell, count: usize, random: &mut StdRng) -> Vec<Poi
     corners.chain(inner).map(|step| leaf.low + step * leaf.size).collect()
 }
 
-/// Signs and both bounds hold at samples of every decided cell; returns how many cells were asked.
+/// Signs and both bounds hold at samples of every decided cell; returns how many cells were tested.
 fn assert_sound(map: &HarmonicMap, certificate: &Certificate, orientation: f64, count: usize) -> usize {
     let mut random = StdRng::seed_from_u64(11);
     let decided: Vec<&CertificateCell> = certificate

@@ -27,7 +27,7 @@ fn with_triangles(surface: &SurfaceMesh, edit: impl FnOnce(&mut Vec<[u32; 3]>)) 
     SurfaceMesh::new(vertices, triangles).unwrap()
 }
 
-/// Solids of every kind, and of several bodies.
+/// Solids of every kind, and of several components.
 fn solids() -> Vec<(&'static str, SurfaceMesh)> {
     let two = shapes::joined(&shapes::sphere(1.0, 2), &moved(&shapes::cube(1.0, 3), [3.0, 0.0, 0.0]));
     let nested = shapes::joined(&shapes::spherical_shell(1.0, 0.6, 3), &shapes::sphere(0.3, 2));
@@ -44,7 +44,7 @@ fn assert_fills(name: &str, mesh: &TetMesh, surface: &SurfaceMesh) {
     );
     assert!(
         (0..mesh.tets().len()).all(|t| mesh.signed_volume(t) > 0.0),
-        "{name}: a left-handed tetrahedron"
+        "{name}: an inverted tetrahedron"
     );
     assert_eq!(
         &mesh.vertices()[..surface.vertices().len()],
@@ -64,7 +64,7 @@ fn assert_fills(name: &str, mesh: &TetMesh, surface: &SurfaceMesh) {
 }
 
 #[test]
-fn errors_of_tetgen_would_arrive_as_errors() {
+fn errors_of_tetgen_are_reported_as_errors() {
     self_test().unwrap();
 }
 
@@ -121,7 +121,7 @@ fn neither_size_nor_place_matters() {
     }
 }
 
-/// Two cubes that share an edge: four triangles meet there, and still the inside is plain.
+/// Two cubes that share an edge: four triangles meet there, but the inside is well defined.
 #[test]
 fn a_non_manifold_edge_is_accepted_by_tetgen_alone() {
     let surface = shapes::polycube(&[[0, 0, 0], [1, 1, 0]], 2);
@@ -143,7 +143,7 @@ fn mesh3_fills_the_solid_to_its_tolerance() {
             ..Mesh3Options::default()
         };
         let mesh = tetrahedralize_mesh3(&surface, &options).unwrap();
-        // A facet is off by its distance at most, and its centre by all of it.
+        // If every facet were off by the largest distance, on the same side.
         let tolerance = 0.01 * surface.area();
         assert!(
             (mesh.volume() - surface.volume()).abs() < tolerance,
@@ -184,8 +184,8 @@ fn results_repeat_to_the_last_bit() {
     assert_eq!(meshes(), meshes());
 }
 
-/// Grids whose points nearly lie in common planes take TetGen to its exact predicates, whose globals two runs at a
-/// time would overwrite: without the lock this aborts.
+/// Grids whose points are nearly coplanar make TetGen use its exact predicates, whose globals two runs at a time would
+/// overwrite: without the lock this aborts.
 #[test]
 fn threads_may_mesh_at_the_same_time() {
     let grid = |scale: f64| {
@@ -213,7 +213,7 @@ fn defect(surface: &SurfaceMesh) -> InputDefect {
 }
 
 #[test]
-fn rejects_no_surface_at_all() {
+fn rejects_an_empty_surface() {
     let empty = SurfaceMesh::default();
     assert_eq!(defect(&empty), InputDefect::Empty);
     let refused = |error: CgalTetgenError| error == CgalTetgenError::InvalidInput(InputDefect::Empty);
@@ -225,7 +225,7 @@ fn rejects_no_surface_at_all() {
 }
 
 #[test]
-fn rejects_coordinates_that_are_no_numbers() {
+fn rejects_coordinates_that_are_not_finite_or_out_of_scale() {
     let ball = shapes::sphere(1.0, 1);
     for bad in [f64::NAN, f64::INFINITY] {
         let mut vertices = ball.vertices().to_vec();
@@ -348,9 +348,9 @@ fn rejects_surfaces_that_pass_through_themselves() {
 
 #[test]
 fn rejects_what_cannot_be_oriented() {
-    // Two cubes on one edge, a triangle of one turned over: no manifold, and nothing says which way is out.
-    let turned = with_triangles(&shapes::polycube(&[[0, 0, 0], [1, 1, 0]], 1), |t| t[0].swap(0, 1));
-    assert!(matches!(defect(&turned), InputDefect::NotOrientable { .. }));
+    // Two cubes that share an edge, a triangle of one flipped: where four triangles meet, neighbours are ambiguous.
+    let flipped = with_triangles(&shapes::polycube(&[[0, 0, 0], [1, 1, 0]], 1), |t| t[0].swap(0, 1));
+    assert!(matches!(defect(&flipped), InputDefect::NotOrientable { .. }));
 }
 
 #[test]
@@ -580,7 +580,7 @@ fn offset_of_a_plate_keeps_its_holes_while_they_are_wider() {
 }
 
 #[test]
-fn a_genus_that_cannot_be_is_an_error() {
+fn a_genus_that_is_impossible_is_an_error() {
     let options = OffsetOptions {
         genus: Some(3),
         retries: 0,
@@ -761,8 +761,8 @@ fn no_bad_model_ends_the_process() {
     }
 }
 
-/// Balls and tori with vertices thrown onto a coarse lattice: closed and manifold in their connectivity, and full of
-/// coplanar, cospherical, folded and touching triangles, on which TetGen's assertions fail when they do at all.
+/// Balls and tori with vertices rounded to a coarse lattice: closed and manifold in their connectivity, and full of
+/// coplanar, cospherical, folded and touching triangles, on which TetGen's assertions fail if anywhere.
 #[test]
 fn degenerate_positions_give_a_mesh_or_an_error() {
     use rand::{Rng, SeedableRng};
@@ -778,8 +778,8 @@ fn degenerate_positions_give_a_mesh_or_an_error() {
         let noise = [0.0, 0.05, 0.2][round % 3];
         let lattice = [8.0, 16.0, 64.0, 1e9][round / 3 % 4];
         let base = &bases[round % bases.len()];
-        let mut thrown = |c: f64| ((c + rng.random_range(-1.0..=1.0) * noise) * lattice).round() / lattice;
-        let vertices = base.vertices().iter().map(|p| p.map(&mut thrown)).collect();
+        let mut rounded = |c: f64| ((c + rng.random_range(-1.0..=1.0) * noise) * lattice).round() / lattice;
+        let vertices = base.vertices().iter().map(|p| p.map(&mut rounded)).collect();
         let surface = base.with_vertices(vertices).unwrap();
         if let Ok(mesh) = tetrahedralize(&surface, &TetOptions::default()) {
             meshed += 1;
@@ -798,7 +798,7 @@ fn degenerate_positions_give_a_mesh_or_an_error() {
 }
 
 #[test]
-fn triangles_that_all_meet_are_not_looked_at_pair_by_pair_for_ever() {
+fn self_intersections_of_crowded_triangles_stop_early() {
     // All triangles of the fan have its first corner, and so do their boxes.
     let fan = |corners: u32| {
         let angle = |k: u32| 2.0 * PI * f64::from(k) / f64::from(corners);

@@ -78,7 +78,7 @@ fn cube_of_tets(n: u32) -> TetMesh {
                 at[axis] += 1;
                 *corner = index(at);
             }
-            // Odd paths are of the other hand.
+            // Odd permutations of the axes give the opposite orientation.
             if k >= 3 {
                 tet.swap(2, 3);
             }
@@ -124,7 +124,7 @@ impl VolumeMap for Formula {
 }
 
 /// On tets of a lattice, so that the edges are halved exactly: linear elements are of second order inside, and so are
-/// the boundary data. Four is the limit; three is asked for.
+/// the boundary data. Four is the limit; three is required.
 #[test]
 fn finite_elements_approach_the_exact_map_at_second_order() {
     let inside = crate::common::interior_points(&shapes::cube(0.95 * SIDE, 1), 300, 4);
@@ -163,8 +163,8 @@ fn methods_approach_the_exact_map_together() {
     }
 }
 
-/// A finer fit of the same piecewise linear data. By the maximum principle two harmonic maps are inside no farther apart
-/// than on the boundary, where each is known to be near the data.
+/// A finer fit of the same piecewise linear data. By the maximum principle two harmonic maps are inside no farther
+/// apart than on the boundary, where each is known to be near the data.
 #[test]
 fn the_fit_and_its_reference_differ_by_no_more_than_their_boundary_errors() {
     for (name, domain) in solids(0) {
@@ -193,7 +193,7 @@ fn the_fit_and_its_reference_differ_by_no_more_than_their_boundary_errors() {
 }
 
 /// Finer and finer meshes of the same boundary data, as for equal accuracy: their map is that of the reference in the
-/// limit. The kinks of the data along edges take some of the second order; half of it is asked for.
+/// limit. The kinks of the data along edges take some of the second order; half of it is required.
 #[cfg(feature = "native")]
 #[test]
 fn finite_elements_approach_the_reference_as_surface_and_inside_are_refined() {
@@ -258,7 +258,7 @@ fn affine_maps_are_reproduced_with_one_energy() {
 /// For `v` that vanishes on the boundary of a cube of side `L`, `∫ v² ≤ ∫ |∇v|² L² / 3π²`; and since the finite-element
 /// map minimises, `∫ |∇v|²` of its difference to any other map with the same data is the difference of their energies.
 #[test]
-fn descents_end_above_the_energy_of_the_direct_solve_and_as_near_as_it_says() {
+fn descents_end_above_the_energy_of_the_direct_solve_and_as_near_as_the_energies_say() {
     let mesh = cube_of_tets(8);
     let boundary = boundary_map(&mesh.boundary().surface, polynomials);
     let made = |method, descent, threshold| {
@@ -289,13 +289,13 @@ fn descents_end_above_the_energy_of_the_direct_solve_and_as_near_as_it_says() {
         before = energy;
         let squares = (energy - least) * SIDE.powi(2) / (3.0 * std::f64::consts::PI.powi(2)) / SIDE.powi(3);
         let found = rms_distance(&built.map.evaluate(inside), &fem.map.evaluate(inside));
-        // Random points, hundreds of them: a mean square that is off by a tenth is four deviations away.
+        // Of hundreds of random points; a mean square that is off by a tenth is four deviations away.
         assert!(
             found <= 1.1 * squares.sqrt() + 1e-12,
             "{threshold}: {found:e} above {:e}",
             squares.sqrt()
         );
-        // The history is of half the integral.
+        // `energies` are half the integral.
         let last = *built.energies.last().unwrap();
         assert!((2.0 * last / energy - 1.0).abs() < 1e-9, "{last} for {energy}");
         assert_eq!(built.iterations, Some(built.energies.len() - 1));
@@ -304,8 +304,8 @@ fn descents_end_above_the_energy_of_the_direct_solve_and_as_near_as_it_says() {
 }
 
 /// Dirichlet's principle: of all maps with the same boundary data, the harmonic one has the least energy. The fit has
-/// its data up to the boundary error `δ`, which may lower its energy by no more than `2 ∮ |∂f/∂n| |δ|`; the quadrature's
-/// own error is what half its resolution changes.
+/// its data up to the boundary error `δ`, which may lower its energy by no more than `2 ∮ |∂f/∂n| |δ|`; the
+/// quadrature's own error is what half its resolution changes.
 #[test]
 fn no_map_has_less_energy_than_the_harmonic_one() {
     for (name, domain) in [("cube", shapes::cube(SIDE, 6)), ("ball", shapes::sphere(1.0, 2))] {
@@ -414,7 +414,7 @@ fn spread_is_the_distance_from_the_mean_map() {
     assert_eq!(spread(std::slice::from_ref(&same), 1.0), None);
     let none = spread(&[same.clone(), same.clone(), same.clone()], 1.0).unwrap();
     assert!(none.max < 1e-14, "{none:?}");
-    // Three and four across: five apart, each half of that from the mean; the diagonal is the unit.
+    // Displaced by (3, 0, 4): five apart, each 2.5 from the mean, over a diagonal of 10.
     let two = spread(&[same.clone(), moved([3.0, 0.0, 4.0])], 10.0).unwrap();
     for value in [two.rms, two.p99, two.max] {
         assert!((value - 0.25).abs() < 1e-12, "{two:?}");
@@ -427,7 +427,8 @@ fn spread_is_the_distance_from_the_mean_map() {
     );
 }
 
-/// Along x, two thirds of the cube go forth, one sixth back and the rest forth again; kinks are on planes of the lattice.
+/// Along x, two thirds of the cube go forth, one sixth back and the rest forth again; kinks are on planes of the
+/// lattice.
 fn pleat(p: &Point) -> (Point, Matrix3) {
     let (x, slope) = match p.x {
         x if x < -0.25 => (x, 1.0),
@@ -526,7 +527,7 @@ fn meshes_keep_to_their_specification() {
 }
 
 #[test]
-fn meshes_that_cannot_be_are_refused_with_a_reason() {
+fn meshes_that_are_impossible_are_refused_with_a_reason() {
     let domain = shapes::sphere(1.0, 2);
     let boundary = boundary_map(&domain, polynomials);
     let spec = MeshSpec::of(&domain);

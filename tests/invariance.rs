@@ -71,29 +71,29 @@ fn moving_the_domain_moves_the_map() {
     }
 }
 
-/// The Jacobian in a turned frame: `J' = J Rᵀ`.
+/// The Jacobian in a rotated frame: `J' = J Rᵀ`.
 #[test]
-fn jacobians_turn_with_the_domain() {
+fn jacobians_rotate_with_the_domain() {
     let domain = shapes::torus(1.0, 0.4, 20, 9);
     let inside = interior_points(&domain, 50, 3);
     let rotation = Rotation3::from_euler_angles(0.3, 0.5, -0.8);
     let plain = fitted(&boundary_map(&domain, bent), &FitOptions::dense())
         .map
         .jacobian(&inside);
-    let turned = shapes::deformed(&domain, |p| rotation * p);
+    let rotated = shapes::deformed(&domain, |p| rotation * p);
     let fit = fitted(
-        &boundary_map(&turned, |p| bent(&(rotation.inverse() * p))),
+        &boundary_map(&rotated, |p| bent(&(rotation.inverse() * p))),
         &FitOptions::dense(),
     );
     let jacobians = fit
         .map
         .jacobian(&inside.iter().map(|p| rotation * p).collect::<Vec<_>>());
-    for (j, turned) in plain.iter().zip(jacobians) {
-        assert!((j * rotation.matrix().transpose() - turned).amax() < 1e-8);
+    for (j, rotated) in plain.iter().zip(jacobians) {
+        assert!((j * rotation.matrix().transpose() - rotated).amax() < 1e-8);
     }
 }
 
-/// Inward faces are repaired, not obeyed: the sources stand on the same side, and the map is the same.
+/// Faces that look inward are flipped: the sources are on the same side, and the map is the same.
 #[test]
 fn an_inward_domain_gives_the_same_map() {
     let domain = shapes::sphere(1.0, 2);

@@ -1,4 +1,4 @@
-//! Inverse maps: what goes there comes back, and what does not is named.
+//! Inverse maps: images go back to their points, and points without a preimage are reported.
 
 use crate::common::{boundary_map, fitted, interior_points, largest_distance};
 use solidmap::boundary_map::BoundaryMap;
@@ -125,7 +125,7 @@ fn inverse_of_forward_is_the_identity_for_a_fitted_map() {
 }
 
 #[test]
-fn points_outside_and_points_that_are_none_are_named() {
+fn points_outside_and_points_that_are_not_finite_are_reported() {
     let domain = shapes::sphere(1.0, 3);
     let nowhere = [
         [f64::NAN, 0., 0.],
@@ -155,7 +155,7 @@ fn no_points_have_no_preimages() {
 }
 
 #[test]
-fn a_fold_gives_several_preimages_and_the_one_of_the_right_hand_is_returned() {
+fn a_fold_gives_several_preimages_and_the_orientation_preserving_one_is_returned() {
     // x from -0.5 to 1: two preimages up to 0.25, one beyond.
     let domain = shapes::deformed(&shapes::cube(1.5, 6), |p| p + Vector::new(0.25, 0.0, 0.0));
     let xs = [0.001, 0.01, 0.1, 0.2, 0.24, 0.26, 0.3, 0.9, -0.1, 1.1];
@@ -177,8 +177,8 @@ fn a_fold_gives_several_preimages_and_the_one_of_the_right_hand_is_returned() {
 }
 
 #[test]
-fn a_preimage_where_the_map_is_turned_is_folded() {
-    // Of x from -1 to 0.5 the greater part is turned, so that the smaller one counts as the fold.
+fn a_preimage_where_the_map_is_inverted_is_folded() {
+    // For x from -1 to 0.5 the map inverts the greater part, so that the smaller one counts as the fold.
     let domain = shapes::deformed(&shapes::cube(1.5, 6), |p| p - Vector::new(0.25, 0.0, 0.0));
     let (found, _) = of_formula(
         &FOLDED,
@@ -189,7 +189,8 @@ fn a_preimage_where_the_map_is_turned_is_folded() {
     assert!(found[1].point.x < 0.0);
 }
 
-/// Inside of the unit cube, and shifted there in a smaller cube only: as a fold that the search did not see.
+/// The identity, but for a cube around the origin that is shifted out of the target: like a fold that the search
+/// missed.
 const TORN: Formula = Formula {
     value: |p| match p.coords.amax() < 0.4 {
         true => p + Vector::new(2.0, 0.0, 0.0),
@@ -199,7 +200,7 @@ const TORN: Formula = Formula {
 };
 
 #[test]
-fn one_preimage_far_outside_of_the_target_cannot_be_the_only_one() {
+fn a_single_preimage_of_a_point_far_outside_the_target_is_folded() {
     let domain = shapes::cube(1.0, 6);
     let points = [Point::new(2.3, 0.01, 0.02), Point::new(0.46, 0.01, 0.02)];
     let (found, report) = of_formula(&TORN, &domain, &points);
@@ -208,9 +209,9 @@ fn one_preimage_far_outside_of_the_target_cannot_be_the_only_one() {
     assert!((found[0].point - Point::new(0.3, 0.01, 0.02)).norm() < 1e-9);
 }
 
-/// Next to x = 0.01 a residual of 1.7e-5 leaves preimages open by up to 1e-3.
+/// Next to x = 0.01 a residual of 1.7e-5 leaves preimages undetermined by up to 1e-3.
 #[test]
-fn what_the_tolerance_leaves_open_is_no_fold() {
+fn preimages_within_the_tolerance_of_each_other_are_no_fold() {
     let domain = shapes::deformed(&shapes::cube(0.99, 6), |p| p + Vector::new(0.505, 0.0, 0.0));
     let mut points = interior_points(&domain, 200, 7);
     points.extend([0.0101, 0.011, 0.012, 0.015, 0.02, 0.03].map(|x| Point::new(x, 0.1, -0.2)));
@@ -224,7 +225,8 @@ fn what_the_tolerance_leaves_open_is_no_fold() {
     assert_eq!((report.folded, report.ok), (0, 206));
 }
 
-/// From -0.02 on, y goes to ±0.03, and the negative one is in the gap that boundary data off by 0.01 leave.
+/// The domain begins at x = -0.02, and the preimages are at x = ±0.03: the negative one is in the gap that boundary
+/// data off by 0.01 leave.
 #[test]
 fn a_preimage_in_the_domain_counts_before_those_in_the_gap() {
     let domain = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(1.02 * p.x + 0.49, p.y, p.z));
@@ -255,9 +257,9 @@ fn a_search_that_is_cut_short_has_not_converged() {
     assert!(largest_distance(&places(&found), &points) < 0.1);
 }
 
-/// Coordinates of 1e7 have a spacing of 1.9e-9: a tolerance of 1.7e-10 cannot be met but by chance.
+/// Coordinates of 1e7 have a spacing of 1.9e-9: a tolerance of 1.7e-10 can only be met by chance.
 #[test]
-fn tolerances_below_rounding_are_those_of_rounding() {
+fn tolerances_below_rounding_are_raised_to_it() {
     const FAR: Formula = Formula {
         value: |p| p + Vector::repeat(1e7),
         jacobian: |_| Matrix3::identity(),

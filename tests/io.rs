@@ -1,5 +1,5 @@
-//! Meshes and points through files: what is written reads back to the same bits, spoiled files are errors and never
-//! panics, and real models have the counts that they are known to have.
+//! Meshes and points through files: what is written reads back to the same bits, unusable files are errors, and real
+//! models have their known counts.
 
 use std::{fs, path::Path};
 
@@ -288,9 +288,9 @@ fn frames_of_a_sequence_share_their_triangles() {
 }
 
 #[test]
-fn real_volumes_have_their_known_counts_and_hands() {
+fn real_volumes_have_their_known_counts_and_orientations() {
     let Some(models) = models() else { return };
-    for (name, vertices, tets, boundary, right_handed) in [
+    for (name, vertices, tets, boundary, is_positive) in [
         ("volumes/cup_g1_tet.mesh", 7379, 30196, 10000, true),
         ("volumes/m1_g9_tet.mesh", 8055, 34098, 10020, true),
         ("volumes/b0_tet.mesh", 999, 4365, 992, true),
@@ -304,7 +304,7 @@ fn real_volumes_have_their_known_counts_and_hands() {
         };
         assert_eq!((mesh.vertices().len(), mesh.tets().len()), (vertices, tets), "{name}");
         assert_eq!(mesh.boundary().surface.triangles().len(), boundary, "{name}");
-        assert_eq!(mesh.volume() > 0.0, right_handed, "{name}");
+        assert_eq!(mesh.volume() > 0.0, is_positive, "{name}");
     }
     for [one, other] in [
         ["maps/bird_object.vtk", "maps/bird_polycube.vtk"],

@@ -86,7 +86,7 @@ fn with_landmarks(pairs: Vec<[u32; 2]>, domain: &SurfaceMesh, target: &SurfaceMe
 }
 
 #[test]
-fn a_solid_goes_to_its_moved_copy_rigidly_from_any_start() {
+fn a_solid_goes_to_its_moved_copy_by_the_similarity_from_any_start() {
     let domain = lumpy(10);
     for (turn, scale, shift) in [
         ([0.0, 0.0, 0.0], 1.0, [0.0, 0.0, 0.0]),
@@ -102,8 +102,8 @@ fn a_solid_goes_to_its_moved_copy_rigidly_from_any_start() {
 }
 
 #[test]
-fn another_mesh_of_the_same_solid_is_found_again() {
-    // The exact map is the identity; the two meshes differ from each other by their edges squared.
+fn another_mesh_of_the_same_solid_is_matched() {
+    // The exact map is the similarity; the two meshes differ by the square of their edge lengths.
     let (domain, target) = (lumpy(16), moved(&lumpy(13), [0.4, -1.0, 2.0], 2.0, [1.0, 0.0, 0.0]));
     let (map, report) = pair(&domain, &target, &PairOptions::default());
     let expected = moved(&domain, [0.4, -1.0, 2.0], 2.0, [1.0, 0.0, 0.0]);
@@ -267,7 +267,7 @@ fn the_smallest_solids_are_mapped() {
 }
 
 #[test]
-fn landmarks_where_the_map_goes_anyway_change_nothing() {
+fn landmarks_that_the_map_meets_anyway_change_nothing() {
     let domain = lumpy(8);
     let target = moved(&domain, [1.0, 0.5, 0.0], 2.0, [0.0; 3]);
     let pairs = [3, 100, 200, 300, 400].map(|v| [v, v]);

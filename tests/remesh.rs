@@ -59,7 +59,7 @@ fn run_with(boundary: &BoundaryMap, map: &dyn VolumeMap, source: RemeshSource, o
     remesh(boundary, map, source, options, &|_| ()).unwrap()
 }
 
-/// The maps' work alone.
+/// The images under the map, without repair or polish.
 const UNREPAIRED: RemeshOptions = RemeshOptions {
     repair: false,
     slide: true,
@@ -67,7 +67,7 @@ const UNREPAIRED: RemeshOptions = RemeshOptions {
     memory: None,
 };
 
-/// The surface of unit boxes at these places, between planes at `planes`, each quad cut into `cuts` by `cuts`.
+/// The surface of the boxes with these indices in the grid of `planes`, each quad cut into `cuts` by `cuts`.
 fn surface_of_boxes(boxes: &[[usize; 3]], planes: [&[f64]; 3], cuts: usize) -> SurfaceMesh {
     let is_box = |at: [isize; 3]| boxes.iter().any(|b| (0..3).all(|k| b[k] as isize == at[k]));
     let mut vertices: HashMap<[usize; 3], u32> = HashMap::new();
@@ -111,7 +111,7 @@ fn surface_of_boxes(boxes: &[[usize; 3]], planes: [&[f64]; 3], cuts: usize) -> S
     SurfaceMesh::new(points, triangles).unwrap()
 }
 
-/// Three boxes around a corner, between planes that are on no lattice.
+/// A box with three others on its faces, between unevenly spaced planes.
 fn stairs() -> SurfaceMesh {
     let boxes = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]];
     surface_of_boxes(&boxes, [&[0.0, 0.7, 0.75], &[-1.0, 0.1, 1.3], &[0.0, 0.31, 1.0]], 3)
@@ -191,7 +191,7 @@ fn meshes_conform_fill_the_solid_and_have_no_cell_on_the_boundary_alone() {
 }
 
 #[test]
-fn planes_are_found_where_they_are() {
+fn planes_of_a_polycube_are_found() {
     let polycube = Polycube::of(&stairs()).unwrap();
     for (found, expected) in polycube
         .planes()
@@ -205,7 +205,7 @@ fn planes_are_found_where_they_are() {
 }
 
 #[test]
-fn what_is_no_polycube_is_refused() {
+fn surfaces_that_are_not_polycubes_are_refused() {
     let skew = Polycube::of(&shapes::sphere(1.0, 1));
     assert!(matches!(skew, Err(PolycubeError::NotAligned { .. })), "{skew:?}");
     let cube = shapes::cube(1.0, 2);
@@ -279,7 +279,7 @@ fn any_inner_nodes_are_untangled_and_the_boundary_stays() {
     let domain = shapes::cube(2.0, 8);
     let image: Vec<Point> = domain.vertices().iter().map(bent).collect();
     let boundary = BoundaryMap::new(domain, image).unwrap();
-    let heap = Formula(|_: &Point| Point::new(0.1, 0.0, 0.2));
+    let collapsed = Formula(|_: &Point| Point::new(0.1, 0.0, 0.2));
     let scattered = Formula(|p: &Point| {
         let seed = p
             .iter()
@@ -288,7 +288,7 @@ fn any_inner_nodes_are_untangled_and_the_boundary_stays() {
         Point::from(Vector::from_fn(|_, _| random.random_range(-0.8..0.8)))
     });
     for kind in KINDS {
-        for map in [&heap as &dyn VolumeMap, &scattered] {
+        for map in [&collapsed as &dyn VolumeMap, &scattered] {
             let result = run(&boundary, map, grid(kind, 8));
             let report = &result.report;
             assert!(report.before.cells.len() > report.cells / 3, "{kind:?}");
@@ -306,7 +306,7 @@ fn any_inner_nodes_are_untangled_and_the_boundary_stays() {
 }
 
 #[test]
-fn what_cannot_be_repaired_is_counted_and_made_no_worse() {
+fn cells_that_cannot_be_repaired_are_counted() {
     // Inside out: no inner node can help the cells at the boundary.
     let domain = shapes::cube(2.0, 4);
     let image = domain.vertices().iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
@@ -325,7 +325,7 @@ fn what_cannot_be_repaired_is_counted_and_made_no_worse() {
         assert_eq!(
             lost.after.cells.len(),
             lost.cells,
-            "cells at nodes without a place are bad"
+            "cells at nodes without an image are invalid"
         );
     }
 }
@@ -335,11 +335,16 @@ fn results_are_the_same_for_any_number_of_threads() {
     let domain = shapes::cube(2.0, 8);
     let image: Vec<Point> = domain.vertices().iter().map(bent).collect();
     let boundary = BoundaryMap::new(domain, image).unwrap();
-    let heap = Formula(|_: &Point| Point::origin());
+    let collapsed = Formula(|_: &Point| Point::origin());
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let given = || run(&boundary, &heap, RemeshSource::Given(kuhn(8))).images;
-        pool.install(|| (KINDS.map(|kind| run(&boundary, &heap, grid(kind, 20)).images), given()))
+        let given = || run(&boundary, &collapsed, RemeshSource::Given(kuhn(8))).images;
+        pool.install(|| {
+            (
+                KINDS.map(|kind| run(&boundary, &collapsed, grid(kind, 20)).images),
+                given(),
+            )
+        })
     };
     assert!(with(1) == with(2) && with(2) == with(3));
 }
@@ -372,8 +377,8 @@ fn a_ring_of_boxes_becomes_a_round_ring() {
     }
 }
 
-/// Boxes in a cube of side 2, each cut into six tetrahedra alike: at two edges of the cube and in its corners, tetrahedra
-/// have all their nodes on the boundary. Regions are the halves of the cube.
+/// Boxes in a cube of side 2, each cut into six tetrahedra in the same way: at edges and corners of the cube,
+/// tetrahedra have all their nodes on the boundary. Regions are the halves of the cube.
 fn kuhn(boxes: usize) -> CellMesh {
     let side = boxes + 1;
     let at = |i: usize| 2.0 * i as f64 / boxes as f64 - 1.0;
@@ -394,7 +399,7 @@ fn kuhn(boxes: usize) -> CellMesh {
     CellMesh::new(nodes, CellList::Tets(tets), regions).unwrap()
 }
 
-/// Tetrahedra of that mesh with all their nodes on the surface of the cube.
+/// Number of tetrahedra of that mesh with all their nodes on the surface of the cube.
 fn kuhn_alone(boxes: usize) -> usize {
     let mesh = kuhn(boxes);
     let CellList::Tets(tets) = mesh.cells() else {
@@ -404,7 +409,8 @@ fn kuhn_alone(boxes: usize) -> usize {
     tets.iter().filter(|t| t.iter().all(outer)).count()
 }
 
-fn is_alone(mesh: &BoundedMesh) -> usize {
+/// Number of tetrahedra with all their nodes on the boundary.
+fn on_boundary_alone(mesh: &BoundedMesh) -> usize {
     match mesh.cells() {
         CellList::Tets(tets) => {
             let alone = |t: &&[u32; 4]| t.iter().all(|v| mesh.on_boundary()[*v as usize]);
@@ -416,7 +422,7 @@ fn is_alone(mesh: &BoundedMesh) -> usize {
 
 #[test]
 fn tetrahedra_on_the_boundary_alone_are_split_and_regions_stay() {
-    // A tetrahedron has no edge and no face inside, two at a face no edge; boxes have edges inside.
+    // One tetrahedron has no interior edge or face, two that share a face no interior edge; boxes have interior edges.
     let tet = CellMesh::new(
         vec![
             Point::origin(),
@@ -472,7 +478,7 @@ fn tetrahedra_on_the_boundary_alone_are_split_and_regions_stay() {
         let given = given_mesh(mesh.clone(), &domain).unwrap();
         assert_eq!(given.on_boundary_alone, alone);
         let split = &given.mesh;
-        assert_eq!(is_alone(split), 0);
+        assert_eq!(on_boundary_alone(split), 0);
         assert_eq!(split.nodes()[..mesh.nodes().len()], *mesh.nodes());
         let faces = faces(split);
         assert!(faces.values().all(|&n| n <= 2));
@@ -492,8 +498,8 @@ fn given_meshes_are_carried_and_untangled() {
     let domain = shapes::cube(2.0, 4);
     let image: Vec<Point> = domain.vertices().iter().map(bent).collect();
     let boundary = BoundaryMap::new(domain, image).unwrap();
-    let heap = Formula(|_: &Point| Point::new(0.1, 0.0, 0.2));
-    let result = run(&boundary, &heap, RemeshSource::Given(kuhn(4)));
+    let collapsed = Formula(|_: &Point| Point::new(0.1, 0.0, 0.2));
+    let result = run(&boundary, &collapsed, RemeshSource::Given(kuhn(4)));
     assert_eq!(result.report.after.cells, [] as [u32; 0], "{:?}", result.report);
     assert!(result.report.split_cells == kuhn_alone(4) && result.report.off_surface < 1e-15);
     // Named by where they face in the domain.
@@ -511,7 +517,7 @@ fn given_meshes_are_carried_and_untangled() {
         .map(|[i, j, k]| [25, 26, 31, 30, 0, 1, 6, 5].map(|step| i + 5 * j + 25 * k + step))
         .collect();
     let hexes = CellMesh::new(nodes, CellList::Hexes(hexes), (0..64).collect()).unwrap();
-    let result = run(&boundary, &heap, RemeshSource::Given(hexes));
+    let result = run(&boundary, &collapsed, RemeshSource::Given(hexes));
     assert_eq!(result.mesh.regions(), (0..64).collect::<Vec<i32>>());
     assert_eq!(result.report.after.cells, [] as [u32; 0], "{:?}", result.report);
 }
@@ -579,7 +585,7 @@ fn meshes_that_cannot_be_carried_are_refused() {
     let tower = shapes::deformed(&shapes::cube(1.0, 1), |p| {
         Point::new(p.x + 0.5, p.y + 0.5, 2.0 * p.z + 1.0)
     });
-    // The upper one is given upside down, and turned.
+    // The upper one is given upside down.
     let straight = given_mesh(hexes([[0, 1, 3, 2, 4, 5, 7, 6], [8, 9, 11, 10, 4, 5, 7, 6]]), &tower).unwrap();
     assert_eq!(
         invalid_cells(straight.mesh.cells(), straight.mesh.nodes()).cells,
@@ -594,7 +600,7 @@ fn meshes_that_cannot_be_carried_are_refused() {
 
 #[test]
 fn what_blocks_a_repair_is_proved() {
-    // A tetrahedron turned inside out: its new node in the middle has no right place.
+    // A mirrored tetrahedron: its new node in the middle has no valid position.
     let nodes = vec![
         Point::origin(),
         Point::new(1.0, 0.0, 0.0),
@@ -631,7 +637,7 @@ fn what_blocks_a_repair_is_proved() {
 
 #[test]
 fn padding_is_proved_impossible_where_faces_look_both_ways() {
-    // Four boxes in a chain around an edge and up: at their common corner faces look up and down the same axis.
+    // A chain of four boxes: at their common corner faces look both ways along the same axis.
     let boxes = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]];
     let planes: &[f64] = &[0.0, 1.0, 2.0];
     let domain = surface_of_boxes(&boxes, [planes; 3], 2);
@@ -697,10 +703,10 @@ fn surface_of(mesh: &CellMesh) -> SurfaceMesh {
         CellList::Tets(tets) => {
             for t in tets {
                 let [a, b, c, d] = t.map(|v| mesh.nodes()[v as usize]);
-                let is_left = (b - a).dot(&(c - a).cross(&(d - a))) < 0.0;
+                let is_inverted = (b - a).dot(&(c - a).cross(&(d - a))) < 0.0;
                 for f in [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]] {
                     let [a, b, c] = f.map(|k: usize| t[k]);
-                    add(if is_left { vec![a, c, b] } else { vec![a, b, c] });
+                    add(if is_inverted { vec![a, c, b] } else { vec![a, b, c] });
                 }
             }
         }
@@ -769,7 +775,7 @@ fn the_bird_has_no_bad_hexahedron_once_a_few_boundary_nodes_slide() {
         fixed.report.after
     );
     assert_eq!((fixed.report.slid_nodes, fixed.report.largest_slide), (0, 0.0));
-    // Nodes slide on the target, and no others move.
+    // Nodes slide on the target, and no other boundary nodes move.
     let query = SurfaceQuery::new(&boundary.target()).unwrap();
     let mut moved = 0;
     for (v, &on) in free.mesh.on_boundary().iter().enumerate() {

@@ -24,7 +24,7 @@ fn bent(p: &Point) -> Point {
     )
 }
 
-/// Without refinement, so tight a tolerance that the iterations end at the optimum.
+/// No refinement, and a tolerance so tight that the iterations end at the optimum.
 fn to_the_optimum() -> FitOptions {
     FitOptions {
         refine: false,
@@ -40,7 +40,7 @@ fn with_tolerance(tolerance: f64) -> FitOptions {
     }
 }
 
-/// Errors at random points of the boundary, one after the other by area, with a generator of the test's own.
+/// Errors at random points of the boundary, drawn one by one in proportion to area, unlike the fit's stratified sample.
 fn sampled_errors(boundary: &BoundaryMap, map: &HarmonicMap, count: usize, seed: u64) -> Vec<f64> {
     let domain = boundary.domain();
     let mut random = StdRng::seed_from_u64(seed);
@@ -48,12 +48,12 @@ fn sampled_errors(boundary: &BoundaryMap, map: &HarmonicMap, count: usize, seed:
         *total += domain.area_vector(t).norm();
         Some(*total)
     });
-    let cumulated: Vec<f64> = areas.collect();
-    let all = cumulated[cumulated.len() - 1];
+    let cumulative: Vec<f64> = areas.collect();
+    let all = cumulative[cumulative.len() - 1];
     let points: Vec<SurfacePoint> = (0..count)
         .map(|_| {
             let at = random.random_range(0.0..all);
-            let triangle = cumulated.partition_point(|&a| a <= at) as u32;
+            let triangle = cumulative.partition_point(|&a| a <= at) as u32;
             let (root, v): (f64, f64) = (random.random_range(0.0f64..1.0).sqrt(), random.random_range(0.0..1.0));
             SurfacePoint {
                 triangle,
@@ -68,8 +68,8 @@ fn sampled_errors(boundary: &BoundaryMap, map: &HarmonicMap, count: usize, seed:
 }
 
 /// The reported error against the test's own sample of the same size. Both are means of `n` draws (the reported one is
-/// stratified, so it scatters less): five standard deviations of their difference. Of the test's sample, 1 % exceeds the
-/// reported p99, give or take five standard deviations of the difference of two binomial shares.
+/// stratified, so it scatters less): five standard deviations of their difference. Of the test's sample, 1 % exceeds
+/// the reported p99, give or take five standard deviations of the difference of two binomial shares.
 fn assert_measured(name: &str, fit: &Fit) {
     let n = FitOptions::adaptive().held_out;
     let errors = sampled_errors(&fit.boundary, &fit.map, n, 4711);
@@ -136,8 +136,8 @@ fn iterations_do_not_grow_with_the_number_of_sources_on_a_scan() {
     );
 }
 
-/// Large enough for fast sums and several levels. Every sum has a fixed order but that of the dense coarsest level, whose
-/// rounding the threads may change; its condition number is below 1e9 or so.
+/// Large enough for fast sums and several levels. Every sum has a fixed order but that of the dense coarsest level,
+/// whose rounding the threads may change; its condition number is below 1e9 or so.
 #[test]
 fn the_map_does_not_depend_on_the_number_of_threads() {
     let domain = shapes::bumpy_sphere(32);
@@ -223,8 +223,8 @@ fn refinement_reaches_the_tolerance_on_real_polycubes() {
     }
 }
 
-/// How many sources refinement takes to the tolerance, and how many a mesh quartered until it meets it, one source per
-/// vertex.
+/// How many sources meet the tolerance: with refinement, and with one source per vertex of a mesh whose triangles are
+/// cut into four until they do.
 fn graded_and_uniform(boundary: &BoundaryMap, tolerance: f64) -> (usize, usize) {
     let refined = fitted(boundary, &with_tolerance(tolerance)).report;
     assert!(refined.boundary_error.p99 <= tolerance);
@@ -246,7 +246,7 @@ fn graded_and_uniform(boundary: &BoundaryMap, tolerance: f64) -> (usize, usize) 
     }
 }
 
-/// All but some 3 % of this surface is carried by the identity: next to nothing is wanted elsewhere.
+/// The map is the identity on all but some 3 % of the surface: few sources are needed elsewhere.
 #[test]
 fn sources_are_added_only_where_they_are_needed() {
     let domain = shapes::cube(1.0, 10);
@@ -343,8 +343,8 @@ fn errors_are_measured_where_nothing_was_fitted() {
     assert!(held_out.iter().all(|p| !fitted_at.contains(p)));
 }
 
-/// Frames that move alike are solved for as fewer modes, and lose a five-hundredth of the tolerance by that. By the maximum
-/// principle their maps are then as near to those of single solves as the errors of both at the boundary allow.
+/// Frames that move alike are solved for by fewer basis modes, which costs a five-hundredth of the tolerance. By the
+/// maximum principle their maps are then as near to those of single solves as the boundary errors of both allow.
 #[test]
 fn a_sequence_solved_by_its_modes_has_the_errors_of_single_solves() {
     let domain = shapes::bumpy_sphere(16);
@@ -378,8 +378,8 @@ fn a_sequence_solved_by_its_modes_has_the_errors_of_single_solves() {
     }
 }
 
-/// Frames of very different size and difficulty in one block: each must be as if solved alone, to a small part of its own
-/// error. Two solves may end an iteration apart, and an iteration at the end gains about a hundredth.
+/// Frames of very different size and difficulty in one block: each must be as if solved alone, to a small part of its
+/// own error. Two solves may end an iteration apart, and an iteration at the end gains about a hundredth.
 #[test]
 fn a_block_of_frames_gives_the_maps_of_single_solves() {
     let domain = shapes::bumpy_sphere(20);
@@ -421,29 +421,29 @@ fn a_block_of_frames_gives_the_maps_of_single_solves() {
     assert!(factor.solve_block(&[], &|_| {}).unwrap().is_empty());
 }
 
-/// The second map's coordinates are the first's, turned: what was refined for one serves the other, without more ado.
+/// The second map is the first, rotated, scaled and shifted: the sources refined for one serve the other as they are.
 #[test]
 fn refined_sources_serve_later_boundary_maps() {
     let boundary = ell();
     let options = with_tolerance(1e-3);
     let mut factor = DomainFactor::new(boundary.domain(), &options, &|_| {}).unwrap();
-    let turned = boundary
+    let rotated = boundary
         .image()
         .iter()
         .map(|p| Point::new(2.0 * p.y, -2.0 * p.x, 2.0 * p.z + 5.0));
-    let turned = BoundaryMap::new(boundary.domain().clone(), turned.collect()).unwrap();
-    let before = factor.solve(&turned, &|_| {}).unwrap().report;
+    let rotated = BoundaryMap::new(boundary.domain().clone(), rotated.collect()).unwrap();
+    let before = factor.solve(&rotated, &|_| {}).unwrap().report;
     assert!(before.boundary_error.p99 > options.tolerance);
     let first = factor.solve_refined(&boundary, &|_| {}).unwrap().report;
-    let after = factor.solve(&turned, &|_| {}).unwrap().report;
+    let after = factor.solve(&rotated, &|_| {}).unwrap().report;
     assert!(first.sources > before.sources && after.sources == first.sources);
     let ratio = after.boundary_error.rms / first.boundary_error.rms;
-    // One was found warm, from the unrefined solution, the other at once: within what the plateau leaves open.
+    // One solve started from the unrefined solution, the other from zero: they agree to what the plateau leaves open.
     assert!((0.9..1.1).contains(&ratio), "{ratio}");
-    let again = factor.solve_refined(&turned, &|_| {}).unwrap().report;
-    // The solver lowers the mean square, not the 99th part, which may miss the tolerance narrowly at first.
+    let again = factor.solve_refined(&rotated, &|_| {}).unwrap().report;
+    // The solver lowers the mean square, not the 99th percentile, which may miss the tolerance narrowly at first.
     assert!(again.sources < first.sources + first.sources / 4 && again.boundary_error.p99 <= options.tolerance);
-    // Other data add their own.
+    // Other data add sources of their own.
     let other = boundary_map(boundary.domain(), bent);
     let finest = factor.solve_refined(&other, &|_| {}).unwrap().report;
     assert!(
@@ -471,8 +471,8 @@ fn hostile() -> Vec<(&'static str, SurfaceMesh)> {
     ]
 }
 
-/// The conformal map of the sphere that scales the stereographic plane by the root of 300, after which the spacing at one
-/// pole is 300 times that at the other.
+/// The conformal map of the sphere that scales the stereographic plane by the root of 300, after which the spacing at
+/// one pole is 300 times that at the other.
 fn uneven_sphere() -> SurfaceMesh {
     let scale = 300f64.sqrt();
     shapes::deformed(&shapes::sphere(1.0, 4), |p| {
@@ -488,7 +488,7 @@ fn uneven_sphere() -> SurfaceMesh {
     })
 }
 
-/// The boundary error of the Schwarz solver over that of the dense one, the worse of smooth and radial data. The dense
+/// The ratio of the Schwarz solver's boundary error to the dense one's, the worse of smooth and radial data. The dense
 /// solver has the finest level's sources only.
 fn over_dense(name: &str, domain: &SurfaceMesh) -> f64 {
     let ratio = |boundary: BoundaryMap| {
@@ -527,8 +527,8 @@ fn thin_shells_and_steep_gradings_are_fitted_nearly_as_well_as_by_the_dense_solv
     }
 }
 
-/// The frame of the system is the same but for rounding of the coordinates, `ε` times the shift in diagonals; what it does
-/// to the patches and trees is within the accuracy of the solver.
+/// The frame of the system is the same but for rounding of the coordinates, `ε` times the shift in diagonals; what it
+/// does to the patches and trees is within the accuracy of the solver.
 #[test]
 fn size_and_place_of_the_domain_do_not_matter() {
     let domain = shapes::bumpy_sphere(20);
@@ -558,8 +558,8 @@ fn size_and_place_of_the_domain_do_not_matter() {
     }
 }
 
-/// The potentials of charges outside, restricted to the boundary. Between vertices the data are linear, and that error is of
-/// second order; what the layer of sources adds at `alpha` spacings is of first order with a small constant
+/// The potentials of charges outside, restricted to the boundary. Between vertices the data are linear, and that error
+/// is of second order; what the layer of sources adds at `alpha` spacings is of first order with a small constant
 /// (`docs/method.md`). Halving the spacing must gain at least a factor of 1.8.
 #[test]
 fn the_error_falls_at_first_order_or_faster_in_the_spacing() {

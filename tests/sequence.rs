@@ -1,4 +1,4 @@
-//! Sequences: energies that are known, cycles that are known, and blocks that change nothing.
+//! Sequences: known energies and cycles, and frames measured in blocks as well as alone.
 
 use std::f64::consts::TAU;
 
@@ -60,7 +60,7 @@ fn jacobian_of_bend(a: f64, p: &Point) -> Matrix3 {
 }
 
 #[test]
-fn rigid_frames_have_no_energy_also_among_others() {
+fn rigid_frames_have_no_energy_even_among_others() {
     let reference = shapes::torus(1.0, 0.4, 30, 14);
     let moved = |turn: f64| {
         let rotation = nalgebra::Rotation3::new(Vector::new(turn, -0.4 * turn, 1.0));
@@ -105,7 +105,7 @@ fn an_affine_stretch_has_the_energy_of_its_matrix() {
 }
 
 #[test]
-fn a_frame_that_breathes_has_energy_but_for_its_own_volume() {
+fn a_scaled_frame_has_energy_unless_it_has_its_own_volume() {
     let reference = shapes::sphere(1.0, 2);
     let image = [images(&reference, |p| Point::from(1.1 * p.coords))];
     let expected = deformation_density(&Matrix3::from_diagonal_element(1.1), &Lame::default());
@@ -175,7 +175,7 @@ fn frames_in_blocks_are_measured_as_frames_alone() {
     }
     assert!(sequence.measure(&[], &|_| {}).is_empty());
 
-    // By a dense decomposition, blocks are products with more columns, and nothing else.
+    // With a dense decomposition a block is just a product with more columns.
     let dense = SequenceOptions {
         fit: FitOptions::dense(),
         ..options()
@@ -189,7 +189,7 @@ fn frames_in_blocks_are_measured_as_frames_alone() {
     }
 }
 
-/// A ball that bends to one side and back four times, harder and harder, its amplitude disturbed by a twentieth.
+/// A ball that bends to one side and back four times, also with a growing amplitude and a noise of a twentieth of it.
 #[test]
 fn a_ball_that_bends_four_times_has_four_cycles() {
     let reference = shapes::sphere(1.0, 2);
@@ -221,7 +221,7 @@ fn a_ball_that_bends_four_times_has_four_cycles() {
 }
 
 #[test]
-fn frames_that_are_none_are_refused_by_name() {
+fn unusable_frames_are_refused_with_the_reason() {
     let reference = shapes::sphere(1.0, 2);
     let sequence = prepared(&reference, &options());
     let other = shapes::sphere(1.0, 1);
@@ -324,7 +324,7 @@ fn blocks_leave_room_for_the_densities_of_their_frames() {
     let points = prepared(&reference, &options()).quadrature().points().len() as u64;
     let mut work = FitSize::of(&reference, &FitOptions::default());
     work.maps = 32;
-    // Three numbers for each point and frame: room for 20 frames' is room for 16, halving from 32.
+    // 24 bytes for each point and frame; blocks are halved from 32 frames, so that room for 20 gives 16.
     let with_memory = |memory: u64| {
         let fit = FitOptions {
             memory: Some(memory),

@@ -65,7 +65,7 @@ const CONFORMAL: SphereOptions = SphereOptions {
     ..BALANCED
 };
 
-/// Run until there is no more to gain.
+/// Run to convergence.
 fn exactly(options: SphereOptions) -> SphereOptions {
     SphereOptions {
         most_iterations: 200,
@@ -103,7 +103,7 @@ fn farthest(a: &[Vector], b: impl Iterator<Item = Vector>) -> f64 {
     a.iter().zip(b).map(|(x, y)| (x - y).norm()).fold(0.0, f64::max)
 }
 
-/// An egg with a dent: smooth, and without symmetries that the map could be turned by.
+/// An egg with a dent: smooth, and without symmetries, under which the map would not be unique.
 fn egg(level: u32) -> SurfaceMesh {
     shapes::deformed(&shapes::sphere(1.0, level), |p| {
         Point::new(
@@ -189,17 +189,18 @@ fn the_number_of_threads_changes_no_bit() {
     assert_eq!(one, with(2));
 }
 
-/// The optimum is the same, and found to a fall of energy below 1e-13 of it, about the square of the distance from it.
+/// The optimum is the same, and the runs end when the energy falls by less than 1e-13 of itself, about the square of
+/// the distance from the optimum.
 #[test]
 fn directions_are_equivariant_under_similarities() {
     let mesh = egg(3);
-    let turn = Rotation3::from_euler_angles(0.4, -1.2, 2.5);
+    let rotation = Rotation3::from_euler_angles(0.4, -1.2, 2.5);
     for options in [BALANCED, CONFORMAL].map(exactly) {
         let (still, _) = embedding(&mesh, &options);
         for size in [1e-3, 1.0, 1e4] {
-            let moved = shapes::deformed(&mesh, |p| turn * p * size + Vector::new(3.0, -7.0, 1.0) * size);
+            let moved = shapes::deformed(&mesh, |p| rotation * p * size + Vector::new(3.0, -7.0, 1.0) * size);
             let (moved, _) = embedding(&moved, &options);
-            let off = farthest(moved.directions(), still.directions().iter().map(|x| turn * x));
+            let off = farthest(moved.directions(), still.directions().iter().map(|x| rotation * x));
             assert!(off < 1e-5, "{options:?} {size}: {off:e}");
         }
     }
@@ -226,12 +227,12 @@ fn a_sphere_stays_where_it_is() {
     for options in [BALANCED, CONFORMAL].map(exactly) {
         let (map, _) = embedding(&sphere, &options);
         let off = farthest(map.directions(), own.iter().copied());
-        // The triangles are 0.07 across, and nowhere is a vertex off by a hundredth of that.
+        // A hundredth of the size of the triangles, 0.07.
         assert!(off < 7e-4, "{options:?}: {off:e}");
     }
 }
 
-/// Linear pieces of size `h` follow a smooth map with derivatives off by `O(h)`.
+/// A map that is linear on triangles of size `h` follows a smooth one with derivatives off by `O(h)`.
 #[test]
 fn angles_are_kept_better_on_finer_meshes_of_a_smooth_surface() {
     let errors = [3, 4, 5].map(|level| {
@@ -289,7 +290,7 @@ fn files_of_other_topology_are_refused_with_the_reason() {
 }
 
 #[test]
-fn sizes_at_which_areas_over_or_underflow_are_refused_and_others_not() {
+fn sizes_whose_areas_over_or_underflow_are_refused_and_others_embedded() {
     let sized = |size: f64| map_to_sphere(&shapes::sphere(size, 1), &BALANCED, &|_| {});
     assert!(sized(1e-59).is_ok() && sized(1e59).is_ok());
     for size in [1e-61, 1e61, 0.0] {

@@ -22,7 +22,8 @@ fn ball() -> SurfaceMesh {
     shapes::geodesic_sphere(1.0, 14)
 }
 
-/// Longitude and latitude: a seam from pole to pole, at which `u` jumps from 1 to 0. Triangles across it go beyond 1.
+/// Longitude and latitude: a seam from pole to pole, at which `u` jumps from 1 to 0. In triangles across it `u` exceeds
+/// 1.
 fn cylindrical(surface: &SurfaceMesh) -> Vec<[[f64; 2]; 3]> {
     let uv = |p: Point| {
         [
@@ -42,14 +43,14 @@ fn cylindrical(surface: &SurfaceMesh) -> Vec<[[f64; 2]; 3]> {
     corners.collect()
 }
 
-/// A picture of a function of the column's and row's place, from 0 to 1 with v upward.
+/// A picture of `code(u, v)` at the pixels' centres, from 0 to 1 with `v` upward.
 fn painted(side: usize, code: impl Fn(f64, f64) -> [u8; 3]) -> Picture {
     let place = |k: usize| (k as f64 + 0.5) / side as f64;
     let pixels = (0..side * side).map(|i| code(place(i % side), 1.0 - place(i / side)));
     Picture::new(side, side, pixels.collect()).unwrap()
 }
 
-/// Waves that fit together where `u` goes round; the same colour all around each pole.
+/// Waves that are periodic in `u`, with one colour all around each pole.
 fn waves() -> Picture {
     painted(256, |u, v| {
         let (turn, rise) = ((TAU * u).cos(), (PI * v).sin());
@@ -98,7 +99,8 @@ fn the_texture_is_the_picture_on_the_surface() {
     }
 }
 
-/// Coordinates near 1e8 are rounded to 1e-8, and so are places in triangles whose colours change by 0.5 over a length of 1.
+/// Coordinates near 1e8 are rounded to 1e-8, and so are places in triangles whose colours change by 0.5 over a length
+/// of 1.
 #[test]
 fn far_from_the_origin_the_surface_has_its_colours() {
     let near = ball();
@@ -135,7 +137,7 @@ fn points_without_colour_miss_the_picture() {
     }
 }
 
-/// Refused before the first triangle is cut: at a thousand million sources that would take all memory.
+/// Refused before the first triangle is cut: at a billion sources that would take all memory.
 #[test]
 fn sources_beyond_their_limit_or_memory_are_refused() {
     let refused = |least_sources: usize, max_sources: usize, memory: Option<u64>| {
@@ -167,9 +169,10 @@ fn sources_beyond_their_limit_or_memory_are_refused() {
     }
 }
 
-/// A coarse surface has its triangles cut, so that there are sources enough for the picture; it is the picture all the same.
+/// The triangles of a coarse surface are cut, so that there are enough sources for the picture, which the texture still
+/// is on the surface.
 #[test]
-fn coarse_surfaces_get_sources_enough() {
+fn coarse_surfaces_get_enough_sources() {
     let cube = shapes::cube(1.0, 1);
     let texture = solid(with_picture(&cube, waves()));
     assert!(texture.map().sources().len() >= 2000);
@@ -180,7 +183,8 @@ fn coarse_surfaces_get_sources_enough() {
     assert!(largest_difference(&texture.sample(&positions), &picture) < 1e-10);
 }
 
-/// By the maximum principle the error inside is at most that on the surface, here at more points than make the sample.
+/// By the maximum principle the error inside is at most that on the surface, of which the report has a sample: hence
+/// twice.
 #[test]
 fn colours_linear_in_space_are_reproduced_inside() {
     let domain = shapes::bumpy_sphere(16);
@@ -201,8 +205,8 @@ fn colours_linear_in_space_are_reproduced_inside() {
     assert!(difference < 2.0 * on_surface + 1e-9, "{difference}");
 }
 
-/// Poisson's integral of the picture over the ball. The triangles lie up to h²/8 = 1.5e-3 inside of the sphere (h = 0.11), and
-/// the picture's slope is about 2, so that values differ by 3e-3; 200 000 points give the integral to 1e-3.
+/// Poisson's integral of the picture over the ball. The triangles lie up to h²/8 = 1.5e-3 inside of the sphere (h =
+/// 0.11), and the picture's slope is about 2, so that values differ by 3e-3; 200 000 points give the integral to 1e-3.
 #[test]
 fn inside_a_ball_the_texture_is_poissons_integral() {
     let texture = solid(with_picture(&ball(), waves()));
@@ -254,7 +258,7 @@ fn colours_inside_are_within_those_of_the_picture() {
     }
 }
 
-/// On both sides of a seam the same pixels are met when the picture goes on, and `u` differs by 1.
+/// Where the picture is periodic, both sides of a seam meet the same pixels, and `u` differs by 1.
 #[test]
 fn colours_agree_across_a_seam_that_coordinates_jump_at() {
     let coloured = with_picture(&ball(), waves());
@@ -281,8 +285,8 @@ fn colours_agree_across_a_seam_that_coordinates_jump_at() {
 }
 
 #[test]
-fn a_picture_that_does_not_go_on_at_the_seam_is_reported() {
-    // A tenth of the picture is left free beside each edge, so that u is 0.1 on one side of the seam and 0.9 on the other.
+fn a_picture_that_does_not_match_at_the_seam_is_reported() {
+    // A tenth of the picture is unused at either edge, so that u is 0.1 on one side of the seam and 0.9 on the other.
     let ramp = painted(128, |u, _| [(255.0 * u) as u8, 0, 0]);
     let uv = cylindrical(&ball())
         .into_iter()
@@ -296,8 +300,8 @@ fn a_picture_that_does_not_go_on_at_the_seam_is_reported() {
     );
 }
 
-/// Coordinates (x, y), the projection along z, are harmonic: the picture goes straight through. The fit's error, times the
-/// 100 pixels over the box, moves colours by less than that share of the light between pixels.
+/// Coordinates (x, y), the projection along z, are harmonic: the picture goes straight through. The fit's error, in
+/// pixels, moves colours by less than that share of the change of light from pixel to pixel.
 #[test]
 fn coordinates_without_seams_carry_the_picture_through() {
     let domain = shapes::bumpy_sphere(16);
@@ -371,15 +375,15 @@ fn the_number_of_threads_does_not_matter() {
 }
 
 #[test]
-fn a_turned_surface_has_the_same_colours() {
-    let turned = ball().reversed();
-    let [one, other] = [ball(), turned].map(|surface| solid(with_picture(&surface, waves())));
+fn a_reversed_surface_has_the_same_colours() {
+    let reversed = ball().reversed();
+    let [one, other] = [ball(), reversed].map(|surface| solid(with_picture(&surface, waves())));
     let points = interior_points(&ball(), 500, SEED);
     assert!(largest_difference(&one.sample(&points), &other.sample(&points)) < 1e-6);
 }
 
 #[test]
-fn what_is_stored_is_read_again_bit_for_bit() {
+fn what_is_stored_is_read_back_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("ball.safetensors");
     let points = interior_points(&ball(), 300, SEED);
@@ -411,8 +415,8 @@ fn what_is_stored_is_read_again_bit_for_bit() {
     }
 }
 
-/// A cube is all voxels; of a ball's box π/6 is the ball, to within the voxels that its surface passes: less than 4 layers of a
-/// 30th of the side.
+/// A cube fills its box, and a ball π/6 of it, to within the voxels that its surface passes through: less than 4 layers
+/// of a 30th of the side.
 #[test]
 fn voxels_cover_the_solid() {
     let sky = |surface: &SurfaceMesh| {
@@ -440,7 +444,7 @@ fn voxels_cover_the_solid() {
 }
 
 #[test]
-fn volumes_beyond_memory_are_refused_before_it_is_taken() {
+fn volumes_beyond_memory_are_refused_before_they_are_allocated() {
     for resolution in [10_000_000, usize::MAX] {
         assert!(matches!(
             VoxelGrid::of(&ball(), resolution),
@@ -451,7 +455,7 @@ fn volumes_beyond_memory_are_refused_before_it_is_taken() {
 }
 
 #[test]
-fn what_cannot_be_textured_is_said() {
+fn what_cannot_be_textured_is_refused_with_the_reason() {
     let (surface, uv) = (ball(), cylindrical(&ball()));
     let of = |uv: Vec<[[f64; 2]; 3]>| ColouredSurface::from_picture(&ball(), uv, waves(), Wrap::Repeat);
     assert!(matches!(of(uv[1..].to_vec()), Err(TextureError::UvCount { .. })));
@@ -481,7 +485,7 @@ fn what_cannot_be_textured_is_said() {
 
 /// More sources resolve more of a picture without edges, and refinement goes on to its tolerance.
 #[test]
-fn the_harmonic_part_comes_nearer_with_more_sources() {
+fn the_harmonic_part_improves_with_more_sources() {
     let error = |least_sources: usize| {
         let options = TextureOptions {
             least_sources,

@@ -1,4 +1,4 @@
-//! Transfer of fields: exact where it can be, and never a value that was not there.
+//! Transfer of fields: exact where it can be, and never a label that was not there.
 
 use crate::common::boundary_map;
 use solidmap::energy::{GridResolution, clipped_grid};
@@ -148,7 +148,7 @@ fn resampling_a_linear_field_through_an_affine_map_is_exact() {
 }
 
 #[test]
-fn without_tetrahedra_the_nearest_point_has_the_say() {
+fn without_tetrahedra_values_are_those_of_the_nearest_point() {
     let points = vec![
         Point::new(0.0, 0.0, 0.0),
         Point::new(1.0, 0.0, 0.0),
@@ -299,7 +299,7 @@ fn distributions_shift_with_the_volume() {
     let values = [3.0, 1.0, 2.0, f64::NAN];
     let same = distribution_check(&values, &[1.0; 4], &[2.0; 4]).unwrap();
     assert!(same.largest_shift < 1e-15 && same.before == same.after && same.before.mean == 2.0);
-    // Of the image 1/10 has the value 1, of the domain 1/3.
+    // The value 1 has 1/10 of the image and 1/3 of the domain.
     let moved = distribution_check(&values, &[1.0; 4], &[4.5, 1.0, 4.5, 1.0]).unwrap();
     assert!((moved.largest_shift - (1.0 / 3.0 - 0.1)).abs() < 1e-12);
     assert!((moved.after.mean - 2.35).abs() < 1e-12);

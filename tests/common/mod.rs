@@ -1,4 +1,4 @@
-//! What several test programs share.
+//! What several of the tests share.
 #![allow(dead_code)]
 
 pub mod stress;
@@ -71,7 +71,7 @@ pub fn largest_distance(a: &[Point], b: &[Point]) -> f64 {
     a.iter().zip(b).map(|(p, q)| (p - q).norm()).fold(0.0, f64::max)
 }
 
-/// The folder of real models; says so loudly when the tests must do without.
+/// The folder of real models; says on standard error when it is missing and tests are skipped.
 pub fn models() -> Option<PathBuf> {
     let folder = std::env::var_os("SOLIDMAP_MODELS").map(PathBuf::from);
     if folder.is_none() {

@@ -1,4 +1,4 @@
-//! Closed surfaces of genus 0 that are hard to draw on a sphere.
+//! Closed surfaces of genus 0 that are hard to embed in the sphere.
 
 use std::f64::consts::TAU;
 
@@ -79,7 +79,7 @@ fn hand() -> SurfaceMesh {
     shapes::polycube(&palm.chain(fingers).chain(thumb).collect::<Vec<_>>(), 3)
 }
 
-/// Of every twentieth triangle, where they do not meet, a corner stands on the middle of the opposite side.
+/// Every twentieth triangle has a corner at the midpoint of its opposite side, unless a later one moves that again.
 fn with_flat_faces() -> SurfaceMesh {
     let mesh = shapes::sphere(1.0, 3);
     let mut vertices = mesh.vertices().to_vec();
