@@ -14,7 +14,7 @@ fn animal() -> Fit {
     fit(&examples::polycube_to_animal(4), &FitOptions::default(), &|_| {}).expect("the built-in pair fits")
 }
 
-/// From the polycube to the counted mesh, repair and polish included.
+/// From the polycube to the mesh and its report, repair and polish included.
 pub fn regular_meshes(criterion: &mut Criterion) {
     let fit = animal();
     let mut group = criterion.benchmark_group("applications/remesh");
@@ -35,7 +35,7 @@ pub fn regular_meshes(criterion: &mut Criterion) {
                     &|_| {},
                 )
             };
-            let count = run().expect("the built-in polycube is one").report.cells;
+            let count = run().expect("the built-in domain is a polycube").report.cells;
             group.throughput(Throughput::Elements(count as u64));
             group.bench_function(BenchmarkId::new(name, cells), |b| b.iter(run));
         }
@@ -43,7 +43,7 @@ pub fn regular_meshes(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Preimages of images of points, by a seed mesh that is kept.
+/// Preimages of images of points, with the seed mesh made beforehand.
 pub fn preimages(criterion: &mut Criterion) {
     let fit = animal();
     let inverse = InverseMap::new(&fit.map, &fit.boundary, &InverseOptions::default()).expect("the target is closed");
@@ -59,7 +59,7 @@ pub fn preimages(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Proofs over an octree of this many cells along the longest side.
+/// Proofs over an octree of at most `finest` cells along the longest side.
 pub fn certificates(criterion: &mut Criterion) {
     let fit = animal();
     let volume = fit.boundary.target_volume();

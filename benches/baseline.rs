@@ -1,4 +1,4 @@
-//! The rivals: finite elements on a tet mesh, and mean value coordinates.
+//! The other methods: finite elements on a tet mesh, descent on the same mesh, and mean value coordinates.
 
 use criterion::{Criterion, Throughput};
 use solidmap::baseline::MeanValueMap;

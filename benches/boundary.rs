@@ -1,4 +1,4 @@
-//! Maps to the sphere: of a bumpy ball, and of Igea's head where the real models are.
+//! Maps to the sphere: of a bumpy ball, and of the scan Igea when `SOLIDMAP_MODELS` names the models.
 
 use criterion::{BenchmarkId, Criterion, Throughput};
 use solidmap::io;

@@ -67,7 +67,7 @@ pub fn whole(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Checking, placing points and factoring; three rows for a column.
+/// Checking, placing points and factoring. The dense systems have three rows for each column.
 pub fn factor(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("fit/factor");
     group.sample_size(10);
@@ -118,8 +118,8 @@ pub fn solve(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// The frames of a sequence on a kept factorisation, together and one by one: of a body that swims, whose frames are made
-/// of few modes, and of one whose vertices tremble, where every frame is news.
+/// The frames of a sequence on a kept factorisation, together and one by one: of a swimming solid, whose frames are
+/// made of few basis modes, and of one whose vertices tremble as well, so that no frame is made of others.
 pub fn frames(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("fit/frames");
     group.sample_size(10);
@@ -144,7 +144,7 @@ pub fn frames(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// A wave runs along the body, which bends and twists.
+/// A wave runs along the solid, which bends and twists.
 fn swimming(domain: &SurfaceMesh, frame: usize, tremor: f64) -> BoundaryMap {
     let time = 0.2 * frame as f64;
     let noise = |seed: f64| (seed * 12.9898).sin() * 43758.5453;

@@ -13,7 +13,7 @@ fn wavy_sphere() -> SurfaceMesh {
     shapes::deformed(&shapes::sphere(1.0, 6), wave)
 }
 
-/// Building the tree and the directions off the surface.
+/// Building the tree and the pseudonormals.
 pub fn build(criterion: &mut Criterion) {
     let mesh = wavy_sphere();
     let mut group = criterion.benchmark_group("geometry/build");
@@ -23,7 +23,7 @@ pub fn build(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Distances of points within 0.02 of the surface, and of points in the box; one call for all.
+/// Distances of points within 0.02 of the surface, and of points all over the unit ball (`box`); one call for all.
 pub fn query(criterion: &mut Criterion) {
     let mesh = wavy_sphere();
     let query = SurfaceQuery::new(&mesh).expect("the sphere is closed");

@@ -43,7 +43,7 @@ pub fn assemble(criterion: &mut Criterion) {
     );
 }
 
-/// One pass of three columns through a tree that stands, at several accuracies; an element is a target.
+/// One pass of three columns through a tree built beforehand, at two accuracies; an element is a target.
 pub fn fast(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("kernel/fast");
     group.sample_size(10).sampling_mode(SamplingMode::Flat);

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs the fuzz targets, each so many seconds: fuzz/run.sh [SECONDS [TARGET...]]
-# Needs a nightly toolchain and `cargo install cargo-fuzz`. What is found stands in fuzz/artifacts.
+# Runs the fuzz targets, each for SECONDS (60 by default): fuzz/run.sh [SECONDS [TARGET...]]
+# Needs a nightly toolchain and `cargo install cargo-fuzz`. Inputs that fail are written to fuzz/artifacts.
 set -euo pipefail
 cd "$(dirname "$0")"
 seconds=${1:-60}
@@ -8,10 +8,10 @@ shift || true
 targets=("$@")
 [ ${#targets[@]} -gt 0 ] || mapfile -t targets < <(cargo +nightly fuzz list)
 
-# The first files are written by the tests.
+# The seeds of the corpus are written by a test.
 SOLIDMAP_SEEDS=$PWD/corpus cargo test --manifest-path ../Cargo.toml --release --no-default-features -p solidmap-cli \
     --test program seeds_for_the_fuzzer -- --ignored
-# The targets write each input to a file: best where files are in memory.
+# The targets write each input to a file, so keep these in memory if possible.
 scratch=$(mktemp -d -p "$([ -d /dev/shm ] && echo /dev/shm || echo "${TMPDIR:-/tmp}")")
 trap 'rm -rf "$scratch"' EXIT
 status=0

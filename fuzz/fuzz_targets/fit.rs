@@ -1,4 +1,4 @@
-//! A fit of whatever surface to whatever image: a map or an error.
+//! A fit of any surface to any image gives a map or an error.
 #![no_main]
 
 use solidmap::boundary_map::BoundaryMap;

@@ -1,4 +1,4 @@
-//! Whatever can be read goes to `check`. The first byte chooses the format.
+//! Every surface that can be read goes to `check`. The first byte chooses the format.
 #![no_main]
 
 use solidmap::io::{SolidMesh, read_solid};

@@ -1,4 +1,4 @@
-//! What the fuzz targets share: files out of bytes, surfaces out of bytes, and all that a file can be read as.
+//! What the fuzz targets share: files and surfaces made of the fuzzer's bytes, and every way to read a file.
 
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
@@ -8,8 +8,8 @@ use solidmap::check::{check, close_holes, repair};
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
 
-/// Hands `read` the path of a file that holds `bytes`. Each process has one file of its own in the temporary folder, which is
-/// best in memory.
+/// Hands `read` the path of a file that holds `bytes`. Each process has one file of its own in the temporary folder,
+/// which is best in memory.
 pub fn with_file<T>(extension: &str, bytes: &[u8], read: impl FnOnce(&Path) -> T) -> T {
     thread_local! { static FILE: OnceCell<PathBuf> = const { OnceCell::new() }; }
     let name = || std::env::temp_dir().join(format!("solidmap-fuzz-{}.{extension}", std::process::id()));
@@ -29,7 +29,7 @@ pub fn read_mesh(extension: &str, bytes: &[u8]) {
     });
 }
 
-/// A message that does not name its file is no help.
+/// The value, or `None` for an error, whose message must name the file.
 pub fn named<T, E: std::error::Error>(path: &Path, result: Result<T, E>) -> Option<T> {
     match result {
         Ok(value) => Some(value),
@@ -43,7 +43,7 @@ pub fn named<T, E: std::error::Error>(path: &Path, result: Result<T, E>) -> Opti
     }
 }
 
-/// Everything that `check` does.
+/// Runs all of `check`: the check itself, the repair, and the closing of holes of at most `most_edges` edges.
 pub fn examine(surface: &SurfaceMesh, most_edges: usize) {
     let report = check(surface, None);
     assert!(!report.to_string().is_empty());
@@ -60,7 +60,7 @@ pub fn examine(surface: &SurfaceMesh, most_edges: usize) {
     }
 }
 
-/// Coordinates at the edge of what numbers can be.
+/// Extreme coordinates.
 const ODD: [f64; 16] = [
     f64::NAN,
     f64::INFINITY,
@@ -80,8 +80,9 @@ const ODD: [f64; 16] = [
     -1e-8,
 ];
 
-/// A surface out of bytes. If the first is below 64: their number of vertices less one, a byte for each coordinate, three for
-/// each triangle. Else a closed solid, and pairs of bytes of which each gives another value to a coordinate.
+/// A surface made of bytes. If the first is below 64, it is the number of vertices less one, and a byte for each
+/// coordinate and three for each triangle follow. Else it selects a closed solid, and each pair of bytes that follows
+/// gives a coordinate another value.
 pub fn surface(bytes: &[u8]) -> Option<SurfaceMesh> {
     let (&kind, rest) = bytes.split_first()?;
     if kind >= 64 {
@@ -125,8 +126,8 @@ fn changed(surface: &SurfaceMesh, changes: &[u8]) -> SurfaceMesh {
     SurfaceMesh::new(vertices, surface.triangles().to_vec()).expect("the same triangles")
 }
 
-/// A safetensors file: what stands before the first line feed is its header, if that begins with a brace. So the fuzzer
-/// need not find out how long the header is.
+/// A safetensors file: bytes that begin with a brace are its header, up to the first line feed, and its data. So the
+/// fuzzer need not get the header's length right.
 pub fn tensor_file(bytes: &[u8]) -> Vec<u8> {
     if bytes.first() != Some(&b'{') {
         return bytes.to_vec();
