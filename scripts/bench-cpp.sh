@@ -1,6 +1,6 @@
 #!/bin/sh
-# What evaluating from C++ costs over evaluating from Rust, in CPU time: a map file, a million points, both programs in
-# turn.
+# Compares the CPU time of evaluating a map from C++ and from Rust: the same map file and a million points, the two
+# programs in turn.
 #
 #   scripts/bench-cpp.sh MAP [ROUNDS]
 #
@@ -11,7 +11,7 @@ map=$1
 rounds=${2:-5}
 build=${BUILD:-build}
 [ -x "$build/cpp/tests/solidmap_bench_evaluate" ] || {
-    echo "there is no C++ program to measure in \`$build\`: cmake -S . -B $build && cmake --build $build" >&2
+    echo "\`$build\` does not hold solidmap_bench_evaluate; build it: cmake -S . -B $build && cmake --build $build" >&2
     exit 2
 }
 target=${CARGO_TARGET_DIR:-$(pwd)/target}
@@ -28,6 +28,6 @@ for what in evaluate evaluate_with_jacobian; do
     for side in cpp rust; do
         sed "s/.*\"$what\": \([0-9.]*\).*/\1/" "$work/$side" | sort -n |
             awk -v what="$what" -v side="$side" '{ t[NR] = $1 } END {
-                printf "%-24s %-5s median %.4f s, least %.4f s\n", what, side, t[int((NR + 1) / 2)], t[1] }'
+                printf "%-24s %-5s median %.4f s, min %.4f s\n", what, side, t[int((NR + 1) / 2)], t[1] }'
     done
 done

@@ -11,7 +11,7 @@ if [ -n "$missing" ]; then
     as_root=""
     [ "$(id -u)" -eq 0 ] || as_root="sudo"
     $as_root apt-get update -qq
-    # shellcheck disable=SC2086 # the packages are words
+    # shellcheck disable=SC2086 # split into words on purpose
     $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >&2
 fi
 command -v cargo >/dev/null || {

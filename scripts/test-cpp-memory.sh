@@ -5,7 +5,7 @@
 #   scripts/test-cpp-memory.sh native     with them: address and undefined, also in src/cgal_tetgen/cpp (15 minutes
 #                                         and 6 GB)
 #
-# Rust needs none of it: the static library is the ordinary one, and the C++ in it is replaced by C++ built with checks,
+# Rust is not instrumented: the static library is the ordinary one, and the C++ in it is replaced by instrumented C++,
 # which the linker meets first.
 set -eu
 cd "$(dirname "$0")/.."
@@ -21,20 +21,20 @@ libraries="-lpthread -ldl -lm"
 }
 
 echo "== static library ${features:-without CGAL and TetGen}"
-# shellcheck disable=SC2086 # the features are words
+# shellcheck disable=SC2086 # split into words on purpose
 cargo rustc --locked --release --package solidmap-cpp --lib --crate-type staticlib --no-default-features $features \
     --message-format json >"$work/messages"
-# bridge FOLDER: where the headers of the bridge are of the package in this folder.
+# bridge FOLDER: prints where cxx has generated the headers of the package in this folder.
 bridge() {
     echo "$(grep '"build-script-executed"' "$work/messages" | grep "\"package_id\":\"path+file://$1#" |
         sed 's/.*"out_dir":"\([^"]*\)".*/\1/' | tail -n 1)/cxxbridge"
 }
 generated=$(bridge "$root/cpp")
-inward=$(bridge "$root")
+library_bridge=$(bridge "$root")
 archive=$CARGO_TARGET_DIR/release/libsolidmap_cpp.a
 cp "$archive" "$work/libsolidmap.a"
 
-# compile FOLDER FLAGS...: the sources that are listed on the input, on all cores.
+# compile FOLDER FLAGS...: compiles the sources that standard input lists, on all cores.
 compile() {
     into=$1
     shift
@@ -46,16 +46,16 @@ compile() {
         c++ "$@" -c "$source" -o "$into/$(echo "$source" | tr / _).o"' compile SOURCE "$into" "$@"
 }
 
-# objects FOLDER FLAGS...: the C++ side with these checks.
+# objects FOLDER FLAGS...: compiles the C++ side with these flags.
 objects() {
     folder=$work/$1
     shift
     mkdir -p "$folder"
     set -- -std=c++17 -O1 -g -fno-omit-frame-pointer "$@" -Icpp/include -Icpp/src -Isrc/cgal_tetgen/cpp \
-        -I"$generated/include" -I"$generated/crate" -I"$inward/include" -I"$inward/crate"
+        -I"$generated/include" -I"$generated/crate" -I"$library_bridge/include" -I"$library_bridge/crate"
     glue=""
-    [ -z "$features" ] || glue="src/cgal_tetgen/cpp/glue.cpp $inward/sources/solidmap/src/cgal_tetgen/bridge.rs.cc"
-    # shellcheck disable=SC2086 # the sources are words
+    [ -z "$features" ] || glue="src/cgal_tetgen/cpp/glue.cpp $library_bridge/sources/solidmap/src/cgal_tetgen/bridge.rs.cc"
+    # shellcheck disable=SC2086 # split into words on purpose
     printf '%s\n' cpp/src/*.cpp cpp/tests/unit/*.cpp "$generated"/sources/solidmap-cpp/bridge/bridge.rs.cc $glue |
         compile "$folder" "$@" -DEXPECTED_NATIVE="$(echo "$features" | grep -c native)" -DEXPECTED_VERSION="\"$version\""
     # Without -g: the templates' names alone would fill gigabytes.
@@ -67,17 +67,17 @@ version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 
 echo "== address and undefined behaviour"
 objects address -fsanitize=address,undefined -fno-sanitize-recover=all
-# shellcheck disable=SC2086 # the libraries are words
+# shellcheck disable=SC2086 # split into words on purpose
 c++ -fsanitize=address,undefined "$work"/address/*.o "$work/libsolidmap.a" $libraries -o "$work/address/tests"
-# The library tests TetGen's error function by a request for memory that cannot be granted.
+# The self-test of TetGen's error handling asks for more memory than can be granted.
 ASAN_OPTIONS=allocator_may_return_null=1 timeout -k 5 600 "$work/address/tests"
 
 [ -z "$features" ] || exit 0
 
 echo "== threads"
 objects thread -fsanitize=thread
-# The sanitizer sees calls of memcpy and free in Rust, but not what synchronises them: everything of Rust goes into a
-# shared library without checks, whose calls can be ignored.
+# The sanitizer intercepts memcpy and free in Rust, but not what synchronises them, and would report false races.
+# So all Rust code goes into a shared library that is not instrumented, whose calls the sanitizer can ignore.
 # shellcheck disable=SC2086
 c++ -shared -Wl,-z,now -Wl,--whole-archive "$work/libsolidmap.a" -Wl,--no-whole-archive $libraries \
     -o "$work/thread/libunchecked.so"

@@ -1,6 +1,6 @@
 #!/bin/sh
 # The C++ package as its users meet it: built, installed, moved, used by a project that finds it and by one that has it
-# as a subfolder; unit tests and examples. Both with CGAL and TetGen and without, unless `on` or `off` is given.
+# as a subfolder; unit tests and examples. With CGAL and TetGen (`on`) and without (`off`), unless one of them is given.
 #
 # Uses cargo's target folder of the clone (or CARGO_TARGET_DIR), so that what is built already is not built again.
 set -eu
@@ -11,7 +11,7 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 jobs=$(nproc 2>/dev/null || echo 2)
 
-run() { # cmake's chatter only when it fails
+run() { # shows what a command prints only when it fails
     "$@" >"$work/log" 2>&1 || {
         cat "$work/log" >&2
         echo "failed: $*" >&2
@@ -60,10 +60,10 @@ for native in ${1:-on off}; do
     run cmake -S cpp/tests/consumer -B "$consumer" -DCMAKE_PREFIX_PATH="$work/prefix-$native" -DCMAKE_BUILD_TYPE=Release
     run cmake --build "$consumer" --parallel "$jobs"
     run env CTEST_OUTPUT_ON_FAILURE=1 ctest --test-dir "$consumer"
-    # A version that is not there.
+    # A version that does not exist must not be found.
     if cmake -S cpp/tests/consumer -B "$work/none" -DCMAKE_PREFIX_PATH="$work/prefix-$native" \
         -DCONSUMER_VERSION=9.0 >"$work/log" 2>&1; then
-        echo "version 9.0 was found, and there is none" >&2
+        echo "find_package accepted version 9.0, which does not exist" >&2
         exit 1
     fi
 
