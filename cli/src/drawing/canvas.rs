@@ -4,7 +4,7 @@ pub type Rgb = [u8; 3];
 pub(super) const WHITE: Rgb = [255, 255, 255];
 /// Text and outlines.
 pub(super) const INK: Rgb = [28, 31, 38];
-/// Secondary text: 7:1 against white, so that it stays legible when small.
+/// Secondary text: a contrast of 6.5:1 against white, so that it stays legible when small.
 pub(super) const GREY_INK: Rgb = [88, 94, 104];
 /// Axis lines and tick marks.
 pub(super) const RULE: Rgb = [140, 146, 155];
@@ -71,7 +71,7 @@ impl Canvas {
         }
     }
 
-    /// Draws segments of the given width with smooth edges and round ends.
+    /// Draws segments of the given width, antialiased and with round ends.
     pub(super) fn stroke(&mut self, segments: &[[[f64; 2]; 2]], width: f64, colour: Rgb) {
         let reach = width / 2.0 + 1.0;
         let ends = || segments.iter().flatten();

@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_stays_empty_and_nothing_is_no_chart() {
+    fn a_gap_stays_empty_and_a_chart_of_nothing_is_refused() {
         let canvas = drawn(vec![[0.0, 1.0], [1.0, 1.0], [2.0, f64::NAN], [3.0, 1.0], [4.0, 1.0]]);
         let [left, right, top, bottom] = reddest(&canvas);
         let middle = (left + right) / 2;

@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn longitude_does_not_jump_where_its_numbers_do() {
+    fn cells_alternate_across_the_longitude_of_180_degrees() {
         let pattern = Pattern::Graticule {
             pole: Axis::Z,
             cells: 12,

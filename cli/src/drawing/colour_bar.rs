@@ -3,7 +3,8 @@
 use super::canvas::{Canvas, GREY_INK, INK, RULE};
 use super::colour_map::{ColourBar, Scale, rainbow};
 use super::number::typeset;
-use super::text::{Anchor, TextStyle, Weight};
+use super::plot::regular;
+use super::text::{Anchor, TextStyle};
 use super::ticks::{Ticks, linear_ticks, logarithmic_ticks};
 
 /// Lengths in ems.
@@ -151,11 +152,7 @@ impl<'a> BarLayout<'a> {
     }
 
     fn text(&self, colour: [u8; 3]) -> TextStyle {
-        TextStyle {
-            size: self.em,
-            weight: Weight::Regular,
-            colour,
-        }
+        regular(self.em, colour)
     }
 
     fn note_text(&self) -> TextStyle {

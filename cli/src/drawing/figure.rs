@@ -383,7 +383,7 @@ mod tests {
         let (section, values, bar) = ball_by_x();
         let canvas = Panel::of_section(&section, &values, &bar).unwrap().canvas;
         assert_eq!((canvas.width(), canvas.height()), (200, 200));
-        // A pixel is 2/190 wide; hue at x = ±0.9 is a fifth of the way from the end stops' neighbours.
+        // A pixel is 2/190 wide; at x = ±0.9 the hue is a fifth of the way from the end stop to the next one.
         let near = |found: [u8; 3], wanted: [u8; 3]| found.iter().zip(wanted).all(|(a, b)| a.abs_diff(b) <= 6);
         assert!(near(canvas.get(14, 100), bar.colour(-0.9)), "{:?}", canvas.get(14, 100));
         assert!(

@@ -16,7 +16,7 @@ const DECADES: f64 = 8.0;
 /// Colours of the fields, in order.
 const COLOURS: [Rgb; 3] = [[214, 96, 77], [67, 117, 180], [90, 160, 90]];
 
-/// Shares of values in intervals of equal ratio.
+/// Fractions of values in intervals of equal ratio.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Histogram {
     label: String,
@@ -30,13 +30,14 @@ struct Shares {
     name: String,
     /// Fraction of the values in each column.
     columns: Vec<f64>,
-    /// Values that are not positive.
-    outside: usize,
+    /// Values that are not positive, or not finite.
+    not_positive: usize,
 }
 
 impl Histogram {
     /// The distribution of fields with positive values, over a common logarithmic axis with this name. Values that are
-    /// not positive are counted in the legend; those more than eight decades below the largest are in the first column.
+    /// not positive or not finite are counted in the legend; those more than eight decades below the largest are in
+    /// the first column.
     ///
     /// # Errors
     ///
@@ -51,10 +52,10 @@ impl Histogram {
         let (low, high) = widened((least.max(most / 10f64.powf(DECADES)), most), Scale::Log);
         let shares = |(name, values): &(&str, &[f64])| {
             let mut columns = vec![0.0; COLUMNS];
-            let mut outside = 0;
+            let mut not_positive = 0;
             for value in values.iter() {
                 if !positive(&value) {
-                    outside += 1;
+                    not_positive += 1;
                     continue;
                 }
                 let along = (value / low).ln() / (high / low).ln();
@@ -64,7 +65,7 @@ impl Histogram {
             Shares {
                 name: (*name).to_owned(),
                 columns,
-                outside,
+                not_positive,
             }
         };
         Ok(Self {
@@ -175,12 +176,12 @@ impl HistogramDrawing<'_> {
             .enumerate()
         {
             let y = top + (1.2 + 1.5 * k as f64) * em;
-            let below = match field.outside {
+            let below = match field.not_positive {
                 0 => "all positive".to_owned(),
                 count => format!("{} not positive", typeset(count as f64, 6)),
             };
             let text = format!("{}: {below}", field.name);
-            let ink = self.area.text(if field.outside == 0 { GREY_INK } else { INK });
+            let ink = self.area.text(if field.not_positive == 0 { GREY_INK } else { INK });
             ink.draw(canvas, &text, [right - 0.5 * em, y], Anchor::End);
             let x = right - 1.0 * em - ink.width(&text);
             let middle = y - ink.cap_height() / 2.0;
@@ -197,7 +198,7 @@ mod tests {
     fn values_are_counted_where_they_are() {
         let values = [1.0, 1.0, 100.0, -1.0, f64::NAN, 1e-30];
         let histogram = Histogram::logarithmic("det J", &[("a", &values), ("b", &[10.0])]).unwrap();
-        assert_eq!(histogram.fields[0].outside, 2);
+        assert_eq!(histogram.fields[0].not_positive, 2);
         let sum = |k: usize| histogram.fields[k].columns.iter().sum::<f64>();
         assert!((sum(0) - 4.0 / 6.0).abs() < 1e-15 && (sum(1) - 1.0).abs() < 1e-15);
         assert!((histogram.fields[0].columns[0] - 1.0 / 6.0).abs() < 1e-15, "far below");

@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn srgb_survives_the_way_to_linear_light_and_back() {
+    fn srgb_to_linear_light_and_back_is_the_identity() {
         assert!((0..=255).all(|channel| to_srgb(to_linear(channel)) == channel));
         assert_eq!([to_linear(0), to_linear(255)], [0.0, 1.0]);
     }

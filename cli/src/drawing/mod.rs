@@ -84,12 +84,12 @@ pub enum DrawingError {
         /// Most pixels allowed.
         limit: usize,
     },
-    /// There is not one value for each point, vertex or triangle.
-    #[error("{found} values do not match the {expected} {element}s to be coloured")]
+    /// The number of values is not that of the points, vertices or triangles.
+    #[error("{found} values were given, but {expected} are needed, one for each {element}")]
     ValueCount {
         /// `"section point"`, `"vertex"`, `"triangle"`.
         element: &'static str,
-        /// How many there are of those.
+        /// How many of those there are.
         expected: usize,
         /// How many values were given.
         found: usize,

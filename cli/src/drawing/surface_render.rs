@@ -27,14 +27,14 @@ const BACKGROUND: [Rgb; 2] = [[250, 251, 252], [228, 231, 236]];
 /// Where a surface is seen from: an orthographic view of its middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
-    /// Turn to the right about the upward axis, in degrees. At 0 the view is from the front: along +y when z is up,
-    /// along −z when y is up.
+    /// By how far the viewer goes to the right about the upward axis, in degrees. At 0 the view is from the front:
+    /// along +y when z is up, along −z when y is up.
     pub azimuth: f64,
     /// Height above the horizon, in degrees; 90 looks straight down.
     pub elevation: f64,
     /// The axis that points up.
     pub up: Axis,
-    /// Whether it points down instead: the picture is rotated by 180°.
+    /// Whether it points down instead: the surface is first rotated by 180° about the front view's direction.
     pub upside_down: bool,
 }
 

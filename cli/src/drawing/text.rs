@@ -1,4 +1,4 @@
-//! Text in DejaVu Sans, with smooth edges, horizontal or turned to read upwards.
+//! Antialiased text in DejaVu Sans, horizontal or rotated to read upwards.
 
 use std::sync::OnceLock;
 
