@@ -17,7 +17,7 @@ use commands::{boundary, certify, check, compare, demo, energy, eval, fit, remes
 use shared::interrupt;
 use shared::output::{Output, describe, to_stderr, with_option_names};
 
-/// How a command ended that could run.
+/// How a command that could run ended.
 pub enum CommandOutcome {
     /// Exit code 0.
     Done,
@@ -94,16 +94,16 @@ fn execute(cli: &Cli) -> anyhow::Result<CommandOutcome> {
     outcome
 }
 
-/// Refuses arguments that are not UTF-8: JSON is, and reports name files.
+/// Refuses arguments that are not UTF-8: reports name files, and JSON has to be UTF-8.
 fn require_utf8(mut arguments: impl Iterator<Item = std::ffi::OsString>) -> anyhow::Result<()> {
     match arguments.find(|argument| argument.to_str().is_none()) {
-        Some(name) => anyhow::bail!("`{}` is not UTF-8, as names have to be with --json", name.display()),
+        Some(name) => anyhow::bail!("`{}` is not UTF-8; with --json all names have to be", name.display()),
         None => Ok(()),
     }
 }
 
-/// At most eight threads per core: with many more they wait for one another. A second's work takes ten minutes with
-/// 1024 threads on two cores.
+/// At most eight threads per core: many more spend their time waiting for one another. A second's work took ten minutes
+/// with 1024 threads on two cores.
 fn thread_count(threads: usize) -> usize {
     const PER_CORE: usize = 8;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);

@@ -1,4 +1,4 @@
-//! `solidmap compare` from outside: tables and files, rows that fail while the others go on, processes that end.
+//! `solidmap compare` from the command line: tables and files, rows that fail while others go on, processes that end.
 
 use std::ops::Deref;
 use std::path::Path;
@@ -83,7 +83,7 @@ fn name(row: &Value) -> &str {
     row["name"].as_str().unwrap()
 }
 
-/// What the contract promises of every row with figures.
+/// What every row with figures must have.
 fn assert_has_figures(row: &Value) {
     for key in ["mesh", "factor", "solve", "evaluate"] {
         assert!(row["seconds"][key].as_f64().unwrap() >= 0.0, "{key} in {row}");
@@ -92,7 +92,7 @@ fn assert_has_figures(row: &Value) {
         assert!(row[key].as_f64().unwrap() > 0.0, "{key} in {row}");
     }
     for key in ["rms", "p99", "max"] {
-        // Of the surface that Mesh_3 makes, the distance to ours.
+        // Mesh_3 makes a surface of its own, at a distance from the domain's.
         assert!(row["boundary_error"][key].as_f64().unwrap() < 0.03, "{key} in {row}");
     }
     assert!(row.get("error").is_none(), "{row}");
@@ -193,7 +193,7 @@ fn only_the_methods_asked_for_are_compared() {
     assert_eq!(place.run("--methods magic").status.code(), Some(2));
 }
 
-/// One vertex is pushed through the other side of the surface; TetGen refuses, and the others do not care.
+/// One vertex is pushed through the other side of the surface: TetGen refuses, and the other methods are not affected.
 #[test]
 fn a_mesher_that_fails_takes_its_own_rows_only() {
     let place = ComparePlace::new();
@@ -269,11 +269,10 @@ fn rows_that_take_too_long_say_so() {
     assert_eq!(place.run("--time-limit 0").status.code(), Some(2));
 }
 
-/// Where the rows are whole but the reference is not, a figure is missing.
 #[test]
 fn a_missing_reference_is_a_failed_check() {
     let place = ComparePlace::new();
-    // Enough for the map, not for the reference, which has sixteen times the sources.
+    // The limit is on mfs, by which the reference is fitted; mean value coordinates do without.
     let rows = place.rows("--methods mean_value --memory 1", 1);
     assert_has_figures(&rows[0]);
     assert!(rows[0]["interior_difference"].is_null());
@@ -332,8 +331,9 @@ fn finite_elements_are_refined_to_equal_accuracy() {
             .windows(2)
             .all(|pair| pair[0]["tets"].as_u64() <= pair[1]["tets"].as_u64())
     );
-    let text = std::fs::read_to_string(place.path("equal/comparison.txt")).unwrap();
-    assert!(text.contains("They are as near with about"), "{text}");
+    // Markdown, whose lines are not wrapped.
+    let text = std::fs::read_to_string(place.path("equal/comparison.md")).unwrap();
+    assert!(text.contains("Finite elements are as near with about"), "{text}");
 }
 
 #[test]
@@ -456,7 +456,7 @@ fn a_folder_that_cannot_be_written_is_found_at_once() {
     assert_eq!(std::fs::read_to_string(place.path("file")).unwrap(), "text");
 }
 
-/// The processes whose parent or command line says that they belong to a comparison in `folder`.
+/// The processes whose command line says that they are workers of a comparison in `folder`.
 #[cfg(target_os = "linux")]
 fn workers(folder: &Path) -> Vec<u32> {
     let folder = folder.to_str().unwrap();
@@ -476,7 +476,7 @@ fn workers(folder: &Path) -> Vec<u32> {
 fn processes_end_with_the_program() {
     for signal in ["KILL", "INT"] {
         let place = ComparePlace::new();
-        // Long enough to be met at work.
+        // Large enough to be still at work when the signal comes.
         place.surface("domain.obj", &shapes::sphere(1.0, 5));
         place.surface("image.obj", &shapes::deformed(&shapes::sphere(1.0, 5), bend));
         std::fs::create_dir(place.path("scratch")).unwrap();

@@ -1,4 +1,4 @@
-//! `solidmap remesh` from outside: how files tell of cells that stay inverted.
+//! `solidmap remesh` from the command line: how files mark cells that stay inverted.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,7 +7,7 @@ use solidmap::Point;
 use solidmap::io;
 use solidmap::mesh::shapes;
 
-/// With `cube.map`, which keeps a cube, and `mirrored.map`, which turns it inside out.
+/// A folder with `cube.map`, the identity of a cube, and `mirrored.map`, which turns it inside out.
 fn cubes() -> Workplace {
     let place = Workplace::new();
     let cube = shapes::cube(2.0, 2);
@@ -93,7 +93,7 @@ fn references_of_inverted_cells_are_explained_and_know_their_region() {
     let given = format!("{head}Tetrahedra\n{count}\n{}", in_two.collect::<String>());
     std::fs::write(place.path("given.mesh"), given).unwrap();
     let output = place.ends_with(1, "remesh mirrored.map --mesh given.mesh --no-repair -o carried.mesh");
-    assert!(text(&output.stderr).contains("references that its head explains"));
+    assert!(text(&output.stderr).contains("their references are explained in its header"));
 
     let before = io::read_cells(place.path("given.mesh")).unwrap();
     let after = io::read_cells(place.path("carried.mesh")).unwrap();

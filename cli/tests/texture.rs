@@ -1,4 +1,4 @@
-//! `solidmap texture` from outside: a model and a picture in; a volume, a picture, colours and a texture file out.
+//! `solidmap texture` from the command line: a model and a picture in; a volume, pictures, colours and a texture out.
 
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
@@ -101,7 +101,7 @@ fn with_uv(surface: &SurfaceMesh) -> String {
     text
 }
 
-/// What a file of image data holds, read by nothing of the library: sizes, origin, spacing and bytes.
+/// What a file of image data holds, read without the library: sizes, origin, spacing and bytes.
 struct ImageData {
     size: [usize; 3],
     origin: Vec<f64>,
@@ -231,7 +231,7 @@ fn a_stored_texture_keeps_what_is_beyond_its_picture() {
         "clamped.safetensors --at ball.obj --colours x.csv",
     ] {
         let said = String::from_utf8(place.ends_with(0, line).stderr).unwrap();
-        assert!(said.contains("goes on with the colours of its edges"), "{said}");
+        assert!(said.contains("continues with the colours of its edges"), "{said}");
     }
 }
 

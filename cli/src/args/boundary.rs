@@ -16,7 +16,7 @@ pub enum BoundaryCommand {
     Sphere(BoundarySphereArgs),
 }
 
-/// Files that a boundary map is read from. Commands group --image and --boundary with what may stand for them.
+/// Files that a boundary map is read from. Each command puts --image, --boundary and its alternatives into one group.
 #[derive(Debug, Args)]
 pub struct BoundaryMapFiles {
     /// Boundary of the solid to map, or a tet mesh of it; with --boundary it may be left out
@@ -34,7 +34,7 @@ pub struct BoundaryMapFiles {
 pub struct BoundarySphereArgs {
     /// Boundary of the solid to map, or a tet mesh of it
     pub model: PathBuf,
-    /// What the map keeps
+    /// What the map preserves
     #[arg(long, value_enum, default_value_t = SphereEnergyKind::Balanced)]
     pub energy: SphereEnergyKind,
     /// Where the optimisation starts
@@ -46,7 +46,7 @@ pub struct BoundarySphereArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SphereEnergyKind {
-    /// Angles, with areas kept in bounds
+    /// Angles, with the distortion of areas bounded
     Balanced,
     /// Angles alone: limbs shrink to specks
     Conformal,
@@ -96,9 +96,9 @@ impl PairArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ViaKind {
-    /// Lay the solids over each other; vertices are drawn towards the points that they then lie on
+    /// Align the solids; each vertex is pulled towards the point of the target that it then lies on
     Targets,
-    /// Map both surfaces conformally to the sphere, and turn one
+    /// Map both surfaces conformally to the sphere, and rotate one onto the other
     Conformal,
 }
 

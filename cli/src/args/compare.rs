@@ -32,11 +32,11 @@ pub struct CompareArgs {
     /// Refine the finite elements until their difference to the reference inside is no larger than that of mfs
     #[arg(long)]
     pub equal_accuracy: bool,
-    /// Also solve on four tet meshes (three qualities of TetGen, and Mesh_3), and mfs with four source distances: how
-    /// much do maps depend on what they should not depend on?
+    /// Also map with four tet meshes (three qualities of TetGen, and Mesh_3), and by mfs with four source distances, to
+    /// see how much maps depend on these choices
     #[arg(long)]
     pub mesh_study: bool,
-    /// Images of DOMAIN as the frames of a sequence, for the time that each frame takes
+    /// Images of DOMAIN, as the frames of a sequence: also measure the time that each frame takes
     #[arg(long, value_name = "FRAME", num_args = 1..)]
     pub frames: Vec<PathBuf>,
     #[command(flatten)]

@@ -30,7 +30,7 @@ pub struct FitArgs {
     /// Also write the boundary with its images and errors, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
-    // A heading holds for all that follows without one of its own.
+    // A help heading applies to all following arguments that have none of their own.
     #[command(flatten, next_help_heading = "Boundary map, with --target MODEL")]
     pub pair: PairArgs,
     #[command(flatten)]

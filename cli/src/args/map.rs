@@ -16,15 +16,16 @@ pub struct EvalArgs {
     /// Images: .csv or .npy, or a mesh format to write POINTS' mesh with its vertices mapped
     #[arg(short, long)]
     pub output: PathBuf,
-    /// Also write the Jacobian, in columns j00 to j22 (j01 is the derivative of the first coordinate with respect to y)
+    /// Also write the Jacobian, in columns j00 to j22 (j01 is the derivative of the first coordinate with respect to
+    /// y); with --inverse that at the preimage
     #[arg(long)]
     pub jacobian: bool,
     /// Find preimages: POINTS are in the target. A table gets the preimage in x, y, z (nan where there is none), the
     /// given point in fx, fy, fz (not in .npy), and columns status (0 ok, 1 folded, 2 outside the target, 3 not found,
     /// 4 not finite) and round_trip, the distance from the given point to the preimage's image over the target's
     /// diagonal. A mesh gets its vertices at the preimages. In .vtu and .vtk, status and round_trip are fields, and a
-    /// vertex without a preimage is put where the image is near; other formats are refused then. The exit code is 1 if
-    /// a point of the target has no preimage or several
+    /// vertex without a preimage is put at a point of the domain whose image is near it; other formats are refused
+    /// then. The exit code is 1 if a point of the target has no preimage or several
     #[arg(long)]
     pub inverse: bool,
     /// With --inverse: largest distance from the given point to the preimage's image, as a fraction of the target's
@@ -71,7 +72,8 @@ pub struct EnergyArgs {
     /// Write the energy densities of all cells, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
-    /// Write a picture of a cross-section: both energies and the target's distance field seen through the map
+    /// Write a picture of a cross-section: both energy densities, and the target's distance field pulled back by the
+    /// map
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
     #[command(flatten)]

@@ -49,7 +49,7 @@ pub struct Cli {
     /// Number of threads; more than eight per core are not used [default: one per core]
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// End with exit code 2 when the command takes longer; no file is left half-written [default: none]
+    /// Stop with exit code 2 when the command takes longer than this; no file is left half-written [default: none]
     #[arg(long, global = true, value_name = "SECONDS", value_parser = seconds)]
     pub time_limit: Option<f64>,
 }
@@ -85,7 +85,7 @@ pub enum Command {
     Transfer(TransferArgs),
     /// Carry a regular mesh of a polycube, or a given mesh, into the target, and repair inverted cells
     Remesh(RemeshArgs),
-    /// Measure how far each frame of an animation is deformed, where, and in how many cycles
+    /// Measure how far each frame of an animation is deformed, and where, and count the cycles
     Sequence(SequenceArgs),
     /// Extend the colours of a surface into the solid: a volume, sections, colours of points
     Texture(TextureArgs),

@@ -24,7 +24,8 @@ pub struct RemeshArgs {
     /// Shape of the cells
     #[arg(long, value_enum, default_value_t = CellShape::Tet)]
     pub kind: CellShape,
-    /// Cells along the longest side of the domain; their number between neighbouring planes is rounded to an even one
+    /// Cells along the longest side of the domain; between neighbouring planes of faces, their number is rounded to an
+    /// even one
     #[arg(long, default_value_t = 32, value_name = "N", conflicts_with = "cell_size")]
     pub cells: usize,
     /// Size of the cells, in the units of the domain
@@ -61,6 +62,6 @@ pub struct RemeshArgs {
 pub enum CellShape {
     /// Tetrahedra, none of which has all its corners on the boundary
     Tet,
-    /// Hexahedra, with a layer of them under the boundary
+    /// Hexahedra, with a padding layer of them under the boundary
     Hex,
 }

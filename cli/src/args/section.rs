@@ -12,7 +12,7 @@ pub struct SectionArgs {
     /// Axis that points up in pictures
     #[arg(long, value_enum, default_value_t = AxisKind::Z)]
     pub up: AxisKind,
-    /// Place of the cross-section, from 0 to 1 along the axis through the domain's box
+    /// Position of the cross-section along the axis, from 0 to 1 across the domain's bounding box
     #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
     pub position: f64,
 }

@@ -17,7 +17,7 @@ pub struct TextureArgs {
     /// Chequered pattern instead of a picture, of N squares along each side (16 where N is left out)
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image")]
     pub checker: Option<usize>,
-    /// What texture coordinates beyond the picture mean [default: repeat]
+    /// Which colour texture coordinates outside the picture have [default: repeat]
     #[arg(long, value_enum)]
     pub wrap: Option<WrapKind>,
     #[command(flatten)]
@@ -63,7 +63,7 @@ pub struct TextureOutputArgs {
     /// Picture to write: the model, the model cut open, and sections across x, y and z (.png)
     #[arg(long, value_name = "PNG")]
     pub png: Option<PathBuf>,
-    /// Place of the sections, from 0 to 1 along each axis through the model's box
+    /// Position of the sections along their axes, from 0 to 1 across the model's bounding box
     #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
     pub position: f64,
     /// Axis that points up in the picture
@@ -81,16 +81,16 @@ pub struct TextureOutputArgs {
 }
 
 const TEXTURE_HELP: &str = "\
-Colours are averaged as amounts of light (linear RGB). On the surface the texture is the picture, exactly; a layer as \
-thick as the sources are apart carries details that are too fine for them.
+Colours are averaged in linear RGB. On the surface the texture equals the picture exactly; details that are too fine \
+for the sources go no deeper than these are apart.
 
-Exit code 1 when --tolerance is missed, or when the texture misses the picture on the surface.";
+Exit code 1 when --tolerance is missed, or when the texture differs from the picture on the surface.";
 
-/// What texture coordinates beyond the picture mean.
+/// Which colour texture coordinates outside the picture have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum WrapKind {
-    /// The picture is repeated
+    /// That of the picture, repeated
     Repeat,
-    /// The colour at the nearest edge of the picture
+    /// That at the nearest edge of the picture
     Clamp,
 }

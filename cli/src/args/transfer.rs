@@ -21,8 +21,9 @@ pub struct TransferArgs {
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
     /// Points of the target at which fields are evaluated (.csv, .npy, or a mesh, which stands for its vertices),
-    /// instead of at the images of FIELD's points. Values are linear in tetrahedra, and beyond them those at the
-    /// closest point of their boundary; without tetrahedra those of the nearest point; nan where there is no preimage
+    /// instead of at the images of FIELD's points. Values are interpolated linearly in tetrahedra; outside them, they
+    /// are those at the closest point of their boundary; without tetrahedra, those of the nearest point; nan where
+    /// there is no preimage
     #[arg(long, value_name = "POINTS")]
     pub at: Option<PathBuf>,
     /// Field whose values are labels, which are never averaged: that of the corner with the largest weight is taken.
@@ -37,7 +38,7 @@ pub struct TransferArgs {
     /// Add the distance from the domain's boundary as the field `distance`
     #[arg(long)]
     pub distance: bool,
-    /// Cells along the longest side of the domain, of the grid on which volumes are checked
+    /// Cells along the longest side of the domain, in the grid on which volumes and distributions are checked
     #[arg(long, default_value_t = 48, value_name = "N")]
     pub resolution: usize,
     /// Write a picture: `distance`, or else the first scalar field, on cross-sections of domain and target

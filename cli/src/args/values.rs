@@ -1,9 +1,9 @@
 //! Values of options with units.
 
-/// A time in seconds.
+/// A time in seconds, from 0.001 to 1e9.
 pub fn seconds(text: &str) -> Result<f64, String> {
     let seconds = text.parse().ok().filter(|seconds: &f64| (1e-3..=1e9).contains(seconds));
-    seconds.ok_or_else(|| format!("`{text}` is not a positive number of seconds"))
+    seconds.ok_or_else(|| format!("`{text}` is not a number of seconds from 0.001 to 1e9"))
 }
 
 /// A number of bytes with an optional unit: KB, MB, GB, TB are powers of 1000; K, KiB and so on of 1024.

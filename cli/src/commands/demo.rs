@@ -106,7 +106,7 @@ pub fn run(args: &DemoArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     for pair in pairs() {
         let folder = args.out.join(pair.name);
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder `{}`", folder.display()))?;
-        reports.push(show(&pair, &folder, output).with_context(|| format!("cannot map the {}", pair.name))?);
+        reports.push(map_and_write(&pair, &folder, output).with_context(|| format!("cannot map the {}", pair.name))?);
     }
     let report = DemoSummary {
         folder: args.out.clone(),
@@ -118,7 +118,7 @@ pub fn run(args: &DemoArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     Ok(CommandOutcome::Done)
 }
 
-fn show(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Result<DemoPairSummary> {
+fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Result<DemoPairSummary> {
     output.note(format!(
         "{}: {} boundary vertices",
         pair.title,

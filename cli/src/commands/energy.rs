@@ -57,7 +57,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     output.progress("integrating");
     let cannot_measure = |what: &str, path: &Path| format!("cannot measure {what} `{}`", path.display());
     let quadrature = match (&mesh, &args.mesh) {
-        (Some(mesh), Some(path)) => tet_quadrature(mesh).with_context(|| cannot_measure("in", path))?,
+        (Some(mesh), Some(path)) => tet_quadrature(mesh).with_context(|| cannot_measure("over the tet mesh", path))?,
         _ => clipped_grid(
             boundary.domain(),
             GridResolution::CellsAlongLongestSide(args.resolution),

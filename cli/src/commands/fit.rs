@@ -229,7 +229,7 @@ fn refinement(report: &FitReport) -> String {
     let end = report.refinement_end.map(|end| match end {
         RefinementEnd::Tolerance => "the tolerance is met",
         RefinementEnd::Off => "not asked for",
-        RefinementEnd::Fixed => "this method has none",
+        RefinementEnd::Fixed => "this method does not refine",
         RefinementEnd::MaxSources => "ended by --max-sources",
         RefinementEnd::Memory => "ended by --memory",
         RefinementEnd::InVain => "more sources did not help",

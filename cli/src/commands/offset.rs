@@ -56,7 +56,10 @@ pub fn run(args: &OffsetArgs, output: &Output) -> anyhow::Result<CommandOutcome>
             .warn("no smoothed surface passed its checks; the unsmoothed one, about 1 % off the distance, was written");
     }
     if offset.model_genus.is_some_and(|genus| genus != offset.genus) {
-        output.warn("the offset has another genus than the model: its distance, or its resolution, closes holes");
+        output.warn(
+            "the offset surface has another genus than the model: the distance, or the resolution of the wrap, closes \
+             holes",
+        );
     }
     let report = OffsetSummary {
         model: args.model.clone(),

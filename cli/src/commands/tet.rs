@@ -76,7 +76,7 @@ pub fn run(args: &TetArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         two_columns(vec![
             [
                 "tets".into(),
-                format!("{} over {} vertices, in {seconds:.2} s", report.tets, report.vertices),
+                format!("{} with {} vertices, in {seconds:.2} s", report.tets, report.vertices),
             ],
             [
                 "volume".into(),

@@ -34,7 +34,7 @@ pub fn cannot_map(model: &Path) -> String {
     format!("cannot map `{}` to the sphere", model.display())
 }
 
-/// The map from a domain, read from the first of two files already, to the model in the second.
+/// The map from `domain`, which was read from the first of the two files, to the surface in the second.
 pub fn to_model(
     domain: &SurfaceMesh,
     files: [&Path; 2],
@@ -63,7 +63,10 @@ fn landmarks(files: &[PathBuf], domain: &SurfaceMesh, target: &SurfaceMesh) -> a
         [] => Landmarks::default(),
         [both] => files::read_landmarks(both, domain, target)?,
         [first, second] => files::read_landmark_files(first, second, domain, target)?,
-        more => anyhow::bail!("--landmarks is given {} times, but names one file or two", more.len()),
+        more => anyhow::bail!(
+            "--landmarks is given {} times; give it once, or twice with a file for each surface",
+            more.len()
+        ),
     })
 }
 

@@ -16,7 +16,7 @@ pub fn write(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str
     let cells = Cells::from(mesh.cells());
     let extension = extension(path);
     if matches!(extension.as_str(), "mesh" | "msh") {
-        let (quads, names) = (mesh.quads(), names(mesh.part_names()));
+        let (quads, names) = (mesh.quads(), numbered(mesh.part_names()));
         let (faces, face_labels): (Cells, Vec<i32>) = match &quads {
             // Two triangles stand for each quad.
             Some(quads) => (Cells::Quads(quads), mesh.parts().iter().step_by(2).copied().collect()),
@@ -62,7 +62,7 @@ pub fn write(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str
             scalar("scaled_jacobian", scaled_jacobians(mesh.cells(), positions)),
             scalar(
                 "det_jacobian",
-                per_cell(mesh, &determinants(mesh.cells(), mesh.nodes(), &remeshed.images)),
+                min_per_cell(mesh, &determinants(mesh.cells(), mesh.nodes(), &remeshed.images)),
             ),
             scalar("inverted", inverted),
             scalar("obstacle", obstacle),
@@ -78,7 +78,7 @@ pub fn write(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str
 }
 
 /// The label of each cell, and the names of labels that are not regions. Cells that stay inverted have a label of their
-/// own for each region and obstacle: the least numbers that neither a region nor a part of the boundary has.
+/// own for each region and obstacle: the smallest positive ones that neither a region nor a part of the boundary has.
 fn labels(remeshed: &Remeshed) -> (Vec<i32>, Vec<(i32, String)>) {
     let (mesh, report) = (&remeshed.mesh, &remeshed.report);
     let regions: BTreeSet<i32> = mesh.regions().iter().copied().collect();
@@ -108,9 +108,9 @@ fn labels(remeshed: &Remeshed) -> (Vec<i32>, Vec<(i32, String)>) {
     (labels, names)
 }
 
-/// The number and the name that an obstacle has in files.
-fn number_and_name(obstacle: InversionCause) -> (u8, &'static str) {
-    match obstacle {
+/// The number and the name in files, where the cause of an inversion is called an obstacle.
+fn number_and_name(cause: InversionCause) -> (u8, &'static str) {
+    match cause {
         InversionCause::Unknown => (0, "unknown"),
         InversionCause::Boundary => (1, "corner on the boundary alone"),
         InversionCause::BlockedNode => (2, "node without a right place"),
@@ -119,12 +119,12 @@ fn number_and_name(obstacle: InversionCause) -> (u8, &'static str) {
 }
 
 /// Names with their numbers, from 1.
-fn names(names: &[String]) -> Vec<(i32, String)> {
+fn numbered(names: &[String]) -> Vec<(i32, String)> {
     (1..).zip(names.iter().cloned()).collect()
 }
 
-/// The least of each cell's determinants.
-fn per_cell(mesh: &BoundedMesh, determinants: &[f64]) -> Vec<f64> {
+/// The smallest determinant of each cell; NaN where one is.
+fn min_per_cell(mesh: &BoundedMesh, determinants: &[f64]) -> Vec<f64> {
     let corners = determinants.len() / mesh.cells().len().max(1);
     let least = |dets: &[f64]| {
         dets.iter()

@@ -18,7 +18,8 @@ use crate::args::UpKind;
 const PIXELS: [usize; 2] = [620, 580];
 
 /// Domain, target as mapped, and target as it is now, cut open along the same cells and coloured by their scaled
-/// Jacobian; the whole target from two sides; and a histogram of the cells' determinants. `now` says what was done.
+/// Jacobian; the whole target from two sides; and a histogram of the cells' determinants. `now` names the last
+/// state, as in "Repaired".
 pub fn figure(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Figure> {
     let (up, upside_down) = up.axis();
     let [front, back] = [32.0, 212.0].map(|azimuth| Camera {

@@ -8,7 +8,7 @@ use solidmap::mesh::TetMesh;
 
 use super::fields::scalar;
 
-/// The fields of a map at the points of a quadrature: its energies, and the target's distance field seen through it.
+/// The fields of a map at the points of a quadrature: its energies, and the target's distance field pulled back by it.
 pub fn fields<'a>(densities: &'a Densities, distances: &'a [f64]) -> [(&'static str, &'a [f64]); 4] {
     [
         ("harmonic_energy", &densities.harmonic),
@@ -44,7 +44,9 @@ pub fn write(
             let (points, hexes) = grid.hexahedra(&cells);
             io::write_vtu(path, &points, Cells::Hexes(&hexes), &fields)?;
         }
-        (CellLayout::Tets { .. }, None) => anyhow::bail!("a distribution over tetrahedra needs their mesh"),
+        (CellLayout::Tets { .. }, None) => {
+            anyhow::bail!("densities on tetrahedra cannot be written without their mesh")
+        }
     }
     Ok(())
 }

@@ -13,7 +13,8 @@ use super::input::extension;
 /// Names, in lower case, of fields of three components that are not pushed forward as vectors.
 const NOT_VECTORS: [&str; 7] = ["rgb", "color", "colors", "colour", "colours", "normal", "normals"];
 
-/// A mesh with fields: the carrier, and triangles between its points where it has no tetrahedra.
+/// A mesh with fields: points and tetrahedra that carry them, and triangles between the points where there are no
+/// tetrahedra.
 pub struct MeshWithFields {
     pub carrier: FieldMesh,
     pub triangles: Vec<[u32; 3]>,

@@ -12,7 +12,7 @@ pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &
     Ok(fit(boundary, options, &|phase| show_phase(phase, "", output))?)
 }
 
-/// Shows a phase of a fit, after the name of what is fitted.
+/// Shows a phase of a fit; `what` is put before it.
 pub fn show_phase(phase: Phase, what: &str, output: &Output) {
     let step = match phase {
         Phase::Checking => "checking".into(),

@@ -1,4 +1,4 @@
-//! Ctrl-C, the other signals that ask a program to end, and the end of its time.
+//! Ctrl-C and the other signals that ask a program to end, and the time limit.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -11,7 +11,7 @@ use solidmap::io;
 
 /// The exit code of a program that was interrupted, as shells have it.
 const INTERRUPTED: i32 = 130;
-/// The exit code of a program that could not run.
+/// The exit code of a program that did not end in time: as when it could not run.
 const OUT_OF_TIME: i32 = 2;
 
 static SCRATCH: Mutex<Option<PathBuf>> = Mutex::new(None);
@@ -25,7 +25,8 @@ pub fn remove_folder_too(folder: &Path) {
     *scratch() = Some(folder.to_owned());
 }
 
-/// Does work that an interrupt waits for. The work must not call [`io::atomic_write`], which an interrupt stops.
+/// Does work that an interrupt waits for. The work must not call [`io::atomic_write`]: an interrupt blocks it for
+/// ever, and would not end.
 pub fn hold_off<T>(work: impl FnOnce() -> T) -> T {
     let _held = scratch();
     work()

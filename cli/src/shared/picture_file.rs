@@ -15,7 +15,7 @@ pub enum PictureError {
     /// The file cannot be read.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// The file is no picture, or not whole, or too large.
+    /// The file is no PNG or JPEG picture, is truncated, or is too large.
     #[error("cannot read a picture from `{}`: {cause}; give a PNG or JPEG file", path.display())]
     Unreadable {
         /// The file.
@@ -24,7 +24,7 @@ pub enum PictureError {
         cause: String,
     },
     /// The picture has no pixels.
-    #[error("`{}` is of no use as a texture: {cause}", path.display())]
+    #[error("`{}` cannot be used as a texture: {cause}", path.display())]
     Unusable {
         /// The file.
         path: PathBuf,
@@ -36,7 +36,7 @@ pub enum PictureError {
 /// Largest memory for decoding, in bytes: enough for 16384 × 16384 pixels.
 const MOST_BYTES: u64 = 2 << 30;
 
-/// Most pixels per byte of a file: eight of one bit, compressed by deflate.
+/// Most pixels per byte of a file: eight of one bit per byte, which deflate packs 1032 to 1 at best.
 const MOST_PIXELS: u64 = 8 * 1032;
 
 /// Reads a PNG or JPEG picture, whatever its extension. Colours are taken as sRGB and rounded to 8 bits; grey becomes
@@ -68,7 +68,7 @@ pub fn read_picture(path: impl AsRef<Path>) -> Result<Picture, PictureError> {
     let length = bytes.len() as u64;
     if u64::from(width) * u64::from(height) > length.saturating_mul(MOST_PIXELS) {
         return Err(unreadable(format!(
-            "it is said to have {width} × {height} pixels, which its {length} bytes cannot hold"
+            "its header claims {width} × {height} pixels, which its {length} bytes cannot hold"
         )));
     }
     if decoder.total_bytes() > MOST_BYTES {

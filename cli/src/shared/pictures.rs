@@ -56,8 +56,8 @@ pub struct Pictured<'a> {
 }
 
 impl Pictured<'_> {
-    /// Harmonic energy density, deformation energy density, and the target's distance field seen through the map, on a
-    /// cross-section of the domain: figures 2 (c)–(e) and 7 (d) of the paper.
+    /// Harmonic energy density, deformation energy density, and the target's distance field pulled back by the map, on
+    /// a cross-section of the domain: figures 2 (c)–(e) and 7 (d) of the paper.
     pub fn section(&self, plane: AxisPlane, pixels: usize) -> anyhow::Result<Vec<Panel>> {
         let section = PlaneSection::new(self.domain, plane, self.up, pixels)?;
         let volumes = [self.domain.volume(), self.target.volume()];
@@ -86,7 +86,7 @@ impl Pictured<'_> {
     }
 }
 
-/// From 0, the boundary; the boundary error puts some points a little outside.
+/// From 0, the value at the boundary: points that the boundary error puts outside are below, and clamped.
 fn from_zero(distances: &[f64]) -> ValueRange {
     ValueRange::Fixed(0.0, distances.iter().copied().fold(0.0, f64::max).max(f64::EPSILON))
 }

@@ -54,7 +54,7 @@ pub fn warn_of_preimages(output: &Output, report: &InverseReport) {
     );
 }
 
-/// The number of a status in files.
+/// The code of a preimage's status in files.
 pub fn status_number(preimage: &Preimage) -> f64 {
     f64::from(preimage.status as u8)
 }

@@ -90,7 +90,7 @@ fn source(args: &BoundaryCheckArgs) -> anyhow::Result<BoundarySource> {
             domain: Some(first),
         },
         None if io::is_mesh(&first) => anyhow::bail!(
-            "`{}` is a mesh, not a map of one: name its image after it, or a boundary file",
+            "`{}` is a mesh, not a map of one: give its image as well, or a boundary file",
             first.display()
         ),
         None => BoundarySource::File {

@@ -19,26 +19,26 @@ const PIXELS: [usize; 2] = [560, 520];
 /// Cells of the pattern along the longest side of the domain, or from pole to pole.
 const CELLS: usize = 16;
 
-/// Triangles that surfaces are cut into, unless they have more, so that the map is drawn between vertices too.
+/// Surfaces are subdivided up to this many triangles, so that the map is drawn between vertices too.
 const TRIANGLES: usize = 400_000;
 
 /// A surface to show, with what it is coloured by.
 struct Shown {
     name: &'static str,
     mesh: SurfaceMesh,
-    /// Where each vertex stands in the pattern.
+    /// Where each vertex is in the pattern.
     places: Vec<Point>,
     distortion: Option<ShownDistortion>,
 }
 
-/// ShownDistortion of the map, per triangle of a surface.
+/// Distortion of the map, per triangle of a surface.
 struct ShownDistortion {
     area: Vec<f64>,
     angle: Vec<f64>,
 }
 
 /// The domain and its image side by side, from the front and from behind, with one chequered pattern, and coloured by
-/// the distortion of areas and angles. Of a composition of spherical embeddings the target itself is shown, painted by
+/// the distortion of areas and angles. For a composition of spherical embeddings the target itself is shown, painted by
 /// the inverse map, and below it the sphere.
 pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow::Result<Figure> {
     let (up, upside_down) = up.axis();
@@ -74,7 +74,7 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow:
         rows.push(bottom);
     }
     if let (Some(domain), Some(target)) = (map.domain_embedding(), map.target_embedding()) {
-        rows.push(between([domain, target], pattern, [&front, &back])?);
+        rows.push(sphere_row([domain, target], pattern, [&front, &back])?);
     }
     Ok(Figure::grid(rows))
 }
@@ -89,7 +89,7 @@ fn straight(map: &BoundaryMap, against: ComparedWith) -> anyhow::Result<[Shown; 
         }
         ComparedWith::Target | ComparedWith::Itself => ("Image", domain.vertices().to_vec()),
     };
-    // A map that mirrors would show the inside of its image.
+    // The image by a map that mirrors would be seen from its inside.
     let image = if placed.volume() < 0.0 {
         placed.reversed()
     } else {
@@ -132,7 +132,7 @@ fn through_sphere(map: &BoundaryMap, back: BoundaryMap) -> [Shown; 2] {
 }
 
 /// The sphere, with the pattern of the domain, and coloured by how the areas of either surface are distorted on it.
-fn between(
+fn sphere_row(
     surfaces: [&SphericalEmbedding; 2],
     pattern: Pattern,
     [front, back]: [&Camera; 2],

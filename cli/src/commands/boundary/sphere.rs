@@ -51,7 +51,7 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Command
     }
     if !sphere.converged {
         output.warn(format!(
-            "the optimisation was ended after {} iterations; the map is one to one all the same",
+            "the optimisation was stopped after {} iterations, before it converged; the map is one to one all the same",
             sphere.iterations
         ));
     }
@@ -93,7 +93,7 @@ fn summary(report: &SphereSummary) -> String {
                 report.certificate.flipped, report.certificate.degree
             ),
         ],
-        ["kept".into(), kept(sphere.energy).into()],
+        ["preserved".into(), preserved(sphere.energy).into()],
         [
             "energy".into(),
             format!(
@@ -120,9 +120,9 @@ fn summary(report: &SphereSummary) -> String {
     two_columns(rows) + &distortion
 }
 
-fn kept(energy: SphereEnergy) -> &'static str {
+fn preserved(energy: SphereEnergy) -> &'static str {
     match energy {
-        SphereEnergy::Balanced => "angles, with areas in bounds",
+        SphereEnergy::Balanced => "angles, with the distortion of areas bounded",
         SphereEnergy::Conformal => "angles",
     }
 }

@@ -32,7 +32,7 @@ pub struct Job {
     pub seed: u64,
     /// The section that pictures show.
     pub section: Option<SectionView>,
-    /// Images by the reference: of the points inside, and of those of the section.
+    /// Files of images by the reference: of the points inside, and of those of the section.
     pub reference: Option<[PathBuf; 2]>,
     /// Folder for what later processes and the pictures need.
     pub scratch: PathBuf,
@@ -79,7 +79,7 @@ pub struct MethodRow {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Figures {
     pub seconds: BuildTimings,
-    /// Peak memory of the process up to the making of the map, program and inputs included.
+    /// Peak memory of the process until the map is made and before it is measured, program and inputs included.
     pub peak_rss_bytes: u64,
     /// Tetrahedra that the map is linear over, or that were carried to count inverted ones.
     pub tets: Option<usize>,

@@ -51,7 +51,7 @@ struct Step {
     row: MethodRow,
 }
 
-/// How much the maps of one method differ when what should not matter is varied.
+/// How much the maps of one method differ when meshes or source distances are varied, which should not matter.
 #[derive(Serialize)]
 struct Study {
     method: ComparedMethod,
@@ -92,7 +92,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     require_solvable(boundary.domain(), source.domain())?;
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{}`", folder.display()))?;
-        // Fails before the work, not after it. The file has no name.
+        // Fails before the work, not after it. The file has no name, and is gone when it is dropped.
         tempfile::tempfile_in(folder).with_context(|| format!("cannot write to the folder `{}`", folder.display()))?;
     }
     let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
@@ -136,7 +136,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     if let Some(folder) = &args.out {
         export::write(folder, &comparison)?;
     }
-    // The JSON report is a list of the methods; all else is in the folder.
+    // The JSON report lists the methods alone; all else is in the folder.
     output.result(&comparison.methods, || export::text(&comparison))?;
     let remarks = comparison
         .methods
@@ -149,7 +149,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
             .for_each(|remark| output.warn(format!("{name}: {remark}")));
     }
     if comparison.is_reference_poor() {
-        output.warn("the boundary error of the reference is no less than that of mfs; differences to it mean little");
+        output.warn("the boundary error of the reference is larger than that of mfs; differences to it mean little");
     }
     if let (Some(folder), Some(section)) = (&args.out, &section) {
         let path = folder.join("comparison.png");
@@ -221,7 +221,7 @@ fn require_valid(args: &CompareArgs) -> anyhow::Result<()> {
     );
     ensure!(
         !args.equal_accuracy || args.methods.contains(&MapMethod::Mfs),
-        "--equal-accuracy holds finite elements against mfs, which must be among the --methods"
+        "--equal-accuracy compares finite elements with mfs, which must be among the --methods"
     );
     ensure!(
         measure.tolerance > 0.0 && measure.tolerance.is_finite(),

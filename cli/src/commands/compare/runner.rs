@@ -108,14 +108,15 @@ impl Runner<'_> {
         match self.run(&job, "reference") {
             Ok(reference) => Some(reference),
             Err(error) => {
-                self.output
-                    .warn(format!("there is no reference to compare maps with inside: {error}"));
+                self.output.warn(format!(
+                    "no reference could be made, so maps are not compared inside: {error}"
+                ));
                 None
             }
         }
     }
 
-    /// Images by the reference: of the points inside, and of those of the section.
+    /// Files of images by the reference: of the points inside, and of those of the section.
     pub fn reference_files(&self) -> [PathBuf; 2] {
         let folder = self.scratch.join("reference");
         [folder.join(SAMPLES), folder.join(SECTION_IMAGES)]
@@ -174,7 +175,7 @@ impl Runner<'_> {
             row: mfs.clone(),
         }];
         for factor in TIGHTER {
-            let mut job = self.refined(ComparedMethod::Mfs, steps.len());
+            let mut job = self.refinement_job(ComparedMethod::Mfs, steps.len());
             job.tolerance = factor * tolerance;
             let what = at(job.tolerance);
             let row = self.figures(&job, &format!("mfs, {what}"));
@@ -182,7 +183,7 @@ impl Runner<'_> {
         }
         for k in 0..MOST_REFINEMENTS {
             let (what, spec) = self.finer_mesh(k);
-            let mut job = self.refined(ComparedMethod::Fem, steps.len());
+            let mut job = self.refinement_job(ComparedMethod::Fem, steps.len());
             job.mesh = Some(spec);
             let row = self.figures(&job, &format!("fem, {what}"));
             let is_last = difference(&row).is_none_or(|rms| rms <= goal);
@@ -198,7 +199,7 @@ impl Runner<'_> {
         steps
     }
 
-    fn refined(&self, method: ComparedMethod, number: usize) -> Job {
+    fn refinement_job(&self, method: ComparedMethod, number: usize) -> Job {
         let mut job = self.job(Task::Method(method), &format!("refined-{number}"));
         job.reference = Some(self.reference_files());
         job.section = None;

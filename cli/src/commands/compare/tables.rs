@@ -42,7 +42,7 @@ pub fn parts(comparison: &Comparison) -> Vec<Part> {
     }
     if !comparison.mesh_study.is_empty() {
         parts.push(Part::Words(
-            "How far maps depend on what they should not depend on: distances inside from the mean of all maps of a \
+            "How far maps depend on meshes and source distances: distances inside from the mean of all maps of a \
              method, as fractions of the target's diagonal. The maps of variational differ also by where its descent \
              stops."
                 .into(),
@@ -112,7 +112,7 @@ fn cost(rows: &[MethodRow]) -> Part {
     let cells = |f: &Figures| {
         let s = f.seconds;
         vec![
-            // The other maps do not need the tets that they carry.
+            // The other methods need no tets: theirs are carried to count inverted ones.
             if s.mesh > 0.0 { count(f.tets) } else { DASH.into() },
             if f.unknowns == 0 {
                 DASH.into()

@@ -31,8 +31,8 @@ pub fn verdict(steps: &[Step]) -> String {
     );
     if inside(finest) > goal {
         return format!(
-            "Equal accuracy inside: {own}. They did not come as near within the budget: their finest mesh, of {} \
-             tets, is {:.1e} away and takes {} s ({:.1} times; {:.1} times without meshing) and {:.0} MiB ({:.1} \
+            "Equal accuracy inside: {own}. Finite elements did not come as near within the budget: their finest mesh, \
+             of {} tets, is {:.1e} away and takes {} s ({:.1} times; {:.1} times without meshing) and {:.0} MiB ({:.1} \
              times).",
             count(finest.tets),
             inside(finest),
@@ -43,7 +43,7 @@ pub fn verdict(steps: &[Step]) -> String {
             mebibytes(finest.peak_rss_bytes) / mebibytes(mfs.peak_rss_bytes)
         );
     }
-    // Interpolated between the last two meshes, as a power of the difference.
+    // Interpolated between the last two meshes: the cost as a power of the difference.
     let at_goal = |cost: &dyn Fn(&Figures) -> f64| match coarser {
         Some(coarser) if inside(coarser) > goal => {
             let part = (inside(coarser) / goal).ln() / (inside(coarser) / inside(finest)).ln();
@@ -58,8 +58,8 @@ pub fn verdict(steps: &[Step]) -> String {
     );
     let solving = at_goal(&|f| f.total_seconds() - f.seconds.mesh);
     format!(
-        "Equal accuracy inside: {own}. They are as near with about {tets:.1e} tets, for {} s ({:.1} times; {:.1} times \
-         without meshing) and {memory:.0} MiB ({:.1} times).",
+        "Equal accuracy inside: {own}. Finite elements are as near with about {tets:.1e} tets, for {} s ({:.1} times; \
+         {:.1} times without meshing) and {memory:.0} MiB ({:.1} times).",
         seconds(time),
         time / mfs.total_seconds(),
         solving / mfs.total_seconds(),

@@ -29,7 +29,7 @@ use crate::args::CompareWorkerArgs;
 use crate::shared::fields::{positions, scalar};
 use crate::shared::output::{describe, peak_rss_bytes, write_file};
 
-/// Vertices up to which the reference's surface is cut into four once more.
+/// With fewer vertices, the triangles of the reference are cut into four once more.
 const MOST_REFERENCE_VERTICES: usize = 25_000;
 
 /// Runs the job in a file, and writes the result to its scratch folder.

@@ -37,7 +37,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         tolerance: args.tolerance,
         ..InverseOptions::default()
     };
-    // Sums as accurate as Newton's method needs.
+    // Newton's method converges only as far as the sums are accurate.
     let map = file.map.clone().with_error(0.0);
     let inverse = InverseMap::new(&map, &boundary, &options)
         .with_context(|| format!("cannot invert `{}`", args.map.display()))?;

@@ -88,7 +88,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
             args.output.display(),
             match extension(&args.output).as_str() {
                 "msh" => "groups called \"inverted\" hold them",
-                "mesh" => "they have references that its head explains",
+                "mesh" => "their references are explained in its header",
                 _ => "`inverted` is 1 there",
             }
         ));

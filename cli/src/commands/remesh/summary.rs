@@ -10,7 +10,7 @@ use solidmap::remesh::{
 use super::RemeshSummary;
 use crate::shared::output::{mebibytes, two_columns};
 
-/// Numbers of cells that stay inverted, by their cause.
+/// How many cells stay inverted, by their cause.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Reasons {
     boundary: usize,
@@ -38,7 +38,7 @@ impl Reasons {
         let known = [
             (
                 self.boundary,
-                "with a corner on the boundary alone, which is inverted there (proved)",
+                "with an inverted corner whose nodes are all on the boundary (proved)",
             ),
             (
                 self.blocked_node,
@@ -57,7 +57,7 @@ impl Reasons {
 fn obstacles(found: &InversionCauses) -> String {
     let of = [
         (
-            "cells with an inverted corner on the boundary alone",
+            "cells with an inverted corner whose nodes are all on the boundary",
             found.boundary_cells,
         ),
         ("inner nodes without a right place", found.blocked_nodes),
@@ -117,9 +117,9 @@ pub fn table(report: &RemeshSummary) -> String {
             format!("{split}boundary within {off} of the domain's diagonal"),
         ]);
     }
-    let in_the_way = obstacles(&found.causes_before);
-    if !in_the_way.is_empty() {
-        rows.push(["in the way".into(), in_the_way]);
+    let obstacles = obstacles(&found.causes_before);
+    if !obstacles.is_empty() {
+        rows.push(["obstacles".into(), obstacles]);
     }
     let quality = |q: &CellQuality| {
         format!(
@@ -141,7 +141,7 @@ pub fn table(report: &RemeshSummary) -> String {
         rows.push([
             "det J".into(),
             format!(
-                "over that of the whole: {} to {}, 10 % {}, 50 % {}, 90 % {}",
+                "relative to the change of the whole volume: {} to {}, 10 % {}, 50 % {}, 90 % {}",
                 significant(least, 3),
                 significant(most, 3),
                 significant(low, 3),
@@ -179,7 +179,7 @@ pub fn table(report: &RemeshSummary) -> String {
     rows.push([
         "target".into(),
         format!(
-            "to the mesh {} of the diagonal at most, {} in the mean; from it {} and {}; volume {} of {}",
+            "distance to the mesh {} of the diagonal at most, {} in the mean; from the mesh {} and {}; volume {} of {}",
             significant(found.target_to_mesh.max, 2),
             significant(found.target_to_mesh.mean, 2),
             significant(found.mesh_to_target.max, 2),

@@ -3,16 +3,16 @@
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
-/// The first two neighbours whose names are in alphabetical order, but not in that of their numbers.
+/// For files in alphabetical order, the first two neighbours that are not in the order of the numbers in their names.
 pub fn misordered(files: &[PathBuf]) -> Option<[&Path; 2]> {
-    let alphabetical = files.is_sorted();
+    let is_alphabetical = files.is_sorted();
     let pair = files
         .windows(2)
         .find(|pair| by_numbers(&pair[0], &pair[1]) == Ordering::Greater)?;
-    alphabetical.then_some([pair[0].as_path(), pair[1].as_path()])
+    is_alphabetical.then_some([pair[0].as_path(), pair[1].as_path()])
 }
 
-/// Compares names by the numbers in them.
+/// Natural order: digits in the names are compared as numbers, all else by characters.
 fn by_numbers(a: &Path, b: &Path) -> Ordering {
     let parts = |path: &Path| {
         let name = path.to_string_lossy().into_owned();

@@ -163,7 +163,8 @@ impl Measurement<'_> {
             .collect();
         if !mirrored.is_empty() {
             self.output.warn(format!(
-                "mirror images of the reference, or turned inside out, which strain does not see: {}",
+                "mirror images of the reference, or surfaces turned inside out, which the deformation energy does not \
+                 show: {}",
                 listed(mirrored.into_iter())
             ));
         }
@@ -174,8 +175,8 @@ impl Measurement<'_> {
             .collect();
         if !other.is_empty() && !self.args.own_volume {
             self.output.warn(format!(
-                "a volume far from the reference's, so that most of the energy is change of size: {}; if the unit is \
-                 another, use --own-volume",
+                "volumes far from the reference's, so that most of the energy is change of size: {}; if the unit of \
+                 length is another, use --own-volume",
                 listed(other.into_iter())
             ));
         }

@@ -251,7 +251,7 @@ fn warn(texture: &SolidTexture, seams: &SeamReport, uv_box: Option<[[f64; 2]; 2]
     let beyond = |[low, high]: [[f64; 2]; 2]| low.iter().any(|&x| x < 0.0) || high.iter().any(|&x| x > 1.0);
     if let Some([low, high]) = uv_box.filter(|&uv_box| beyond(uv_box)) {
         let what = match texture.coloured_surface().colour_source() {
-            ColourSource::Picture { wrap: Wrap::Clamp, .. } => "goes on with the colours of its edges",
+            ColourSource::Picture { wrap: Wrap::Clamp, .. } => "continues with the colours of its edges",
             _ => "repeats",
         };
         output.warn(format!(
@@ -266,8 +266,8 @@ fn warn(texture: &SolidTexture, seams: &SeamReport, uv_box: Option<[[f64; 2]; 2]
     let extends_colours = texture.extended() == ExtendedQuantity::Colours;
     if extends_colours && seams.rms_colour_jump > VISIBLE {
         output.warn(format!(
-            "the colours of the two sides of seams differ, by {:.3} in the mean (rms; 1 from black to white) and \
-             {:.3} at most: the picture was not made for these seams, and the texture jumps there on the surface",
+            "colours differ across seams, by {:.3} rms (1 from black to white) and {:.3} at most: the picture was not \
+             made for these seams, and the texture jumps there on the surface",
             seams.rms_colour_jump, seams.largest_colour_jump
         ));
     }
@@ -284,8 +284,9 @@ fn outcome(report: &TextureSummary, output: &Output) -> anyhow::Result<CommandOu
         .surface_error
         .is_none_or(|error| !error.max.is_finite() || error.p99 > SAME_COLOUR);
     if misses {
-        output
-            .warn("the texture misses the picture on the surface; see `solidmap check` for what may be wrong with it");
+        output.warn(
+            "the texture differs from the picture on the surface; see `solidmap check` for what may be wrong with it",
+        );
     }
     let missed_tolerance = report.tolerance.filter(|_| report.tolerance_met == Some(false));
     if let Some(tolerance) = missed_tolerance {

@@ -43,7 +43,7 @@ fn read_coloured_surface(args: &TextureArgs) -> anyhow::Result<ColouredSurface> 
     let shown = args.model.display();
     let TexturedSurface { surface, uv, colours } = match args.model.extension() {
         Some(extension) if extension.eq_ignore_ascii_case("obj") => io::read_textured_surface(&args.model)?,
-        // Without colours, which the errors below say.
+        // Other formats are read without colours; the errors below say what is missing.
         _ => TexturedSurface {
             surface: input::read_surface(&args.model)?,
             uv: None,

@@ -78,7 +78,7 @@ pub fn text(report: &TextureSummary) -> String {
         rows.push([
             "seams".into(),
             format!(
-                "{} of {} edges; colours differ by {:.4} in the mean (rms), {:.4} at most",
+                "{} of {} edges; colours differ by {:.4} rms, {:.4} at most",
                 seams.seams, seams.edges, seams.rms_colour_jump, seams.largest_colour_jump
             ),
         ]);

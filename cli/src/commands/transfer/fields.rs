@@ -65,7 +65,7 @@ pub fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<MeshW
     Ok(given)
 }
 
-/// The file that the fields come from.
+/// The file that the fields come from, for messages; the map file where there is none.
 pub fn shown(args: &TransferArgs) -> Display<'_> {
     args.field.as_deref().unwrap_or(&args.map).display()
 }
@@ -115,7 +115,7 @@ fn require_distinct_names(args: &TransferArgs, carrier: &FieldMesh) -> anyhow::R
     Ok(())
 }
 
-/// The field for the picture, counted as by [`all_fields`].
+/// The index in [`all_fields`] of the field for the picture.
 pub fn drawn(args: &TransferArgs, carrier: &FieldMesh) -> anyhow::Result<usize> {
     let scalars = || {
         let all = all_fields(carrier).enumerate();
@@ -137,7 +137,7 @@ pub fn is_distance(args: &TransferArgs, field: &TransferField) -> bool {
 /// domain, by no more than the boundary error, have distance 0.
 pub fn distances(boundary: &BoundaryMap, points: &[Point]) -> anyhow::Result<Vec<f64>> {
     let distances = distance_field(boundary.domain(), points)?;
-    // Not `f64::max`, which makes a number of NaN.
+    // Not `f64::max`, which would turn NaN into 0.
     Ok(distances.into_iter().map(|d| if d < 0.0 { 0.0 } else { d }).collect())
 }
 

@@ -84,7 +84,7 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
 
     output.progress(format!("carrying {} points", carrier.points.len()));
     let start = std::time::Instant::now();
-    // Sums as accurate as Newton's method needs.
+    // Newton's method converges only as far as the sums are accurate.
     let exact = (args.at.is_some() || args.png.is_some()).then(|| file.map.clone().with_error(0.0));
     let inverse = exact
         .as_ref()

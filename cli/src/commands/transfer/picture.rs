@@ -45,7 +45,7 @@ pub fn draw(
         .iter()
         .map(|preimage| match preimage.status {
             PreimageStatus::NotFinite => Point::from([f64::NAN; 3]),
-            // Without a preimage, at the rim of the picture: the nearest point that was found.
+            // Pixels at the rim may have no preimage; this is a point whose image is near.
             _ => preimage.point,
         })
         .collect();
