@@ -1,5 +1,5 @@
-//! Files and surfaces that are wrong in every way thought of, and in those that the fuzzer found: an error that names
-//! the file or a result, within seconds, and never a panic or memory for what a file merely promises.
+//! Files and surfaces that are wrong in every way thought of, and in those that the fuzzer found. They give a result or
+//! an error that names the file, within seconds, and never a panic; no memory is taken for what a file merely declares.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -14,13 +14,13 @@ use solidmap::files;
 use solidmap::io;
 
 const SEED: u64 = 7;
-/// What a read may take, and a check, on a machine that does nothing else.
+/// How long a read or a check may take on an idle machine.
 const LONGEST: Duration = Duration::from_secs(10);
-/// What reading a file may hold at a time, in bytes, and for each byte of the file.
+/// How much memory reading a file may hold at a time, in bytes, plus so much for each byte of the file.
 const MOST_MEMORY: usize = 192 << 20;
 const MOST_EXPANSION: usize = 400;
 
-/// Counts what each thread holds.
+/// An allocator that counts the bytes that each thread holds.
 struct Counting;
 
 thread_local! {
@@ -61,7 +61,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// [`LONGEST`], and longer where others compute.
+/// [`LONGEST`], and longer on a machine under load.
 fn longest() -> Duration {
     let load = std::fs::read_to_string("/proc/loadavg").ok();
     let load: Option<f64> = load.and_then(|text| text.split(' ').next()?.parse().ok());
@@ -69,7 +69,7 @@ fn longest() -> Duration {
     LONGEST.mul_f64((load.unwrap_or(0.0) / cores).max(1.0))
 }
 
-/// Reads a file as all that it could be; the messages of what went wrong.
+/// Reads a file by every reader of its format; the messages of those that fail.
 fn messages(format: Format, path: &Path) -> Vec<String> {
     fn said<T, E: Error>(result: Result<T, E>) -> Option<String> {
         result.err().map(|error| error.to_string())
@@ -128,7 +128,7 @@ impl Trial {
         assert!(seconds < longest(), "{format:?} takes {seconds:?}: {}", shown());
         for message in &messages {
             assert!(message.contains("spoiled."), "no file is named: {message}");
-            // What a terminal would obey is shown, not sent.
+            // Control characters are escaped: a terminal would obey them.
             let is_plain = message.len() < 1500 && !message.chars().any(char::is_control);
             assert!(is_plain, "{message:?}");
         }
@@ -140,7 +140,7 @@ impl Trial {
     }
 }
 
-/// At most so many numbers below `end`, evenly.
+/// At most so many numbers below `end`, evenly spaced.
 fn some_of(end: usize, most: usize) -> impl Iterator<Item = usize> {
     (0..end).step_by(end.div_ceil(most).max(1))
 }
@@ -151,7 +151,8 @@ fn small_files_are_read() {
     for file in small_files() {
         let messages = trial.read_like(&file, &file.bytes);
         let count = match file.format {
-            // As pairs or as single numbers, not both; two or one of solid, cells and fields.
+            // Readers that fail on a valid file: landmarks are pairs or single numbers, not both; image data are no
+            // list of points; a mesh may be no solid, no cells or no fields.
             Format::Landmarks | Format::Vti => 1,
             format if format.is_mesh() && format != Format::Obj => 2,
             _ => 0,
@@ -383,13 +384,13 @@ fn seeds_for_the_fuzzer() {
             );
         }
         if target.ends_with("_file") {
-            // As the targets take it: the header without its length.
+            // As the fuzz targets take it: the header without its length, a line end, and the data.
             let length = u64::from_le_bytes(file.bytes[..8].try_into().unwrap()) as usize;
             let (header, data) = file.bytes[8..].split_at(length);
             write(target, format!("{name}_text"), &[header, b"\n", data].concat());
         }
     }
-    // Four vertices and the faces of a tetrahedron, and twice over.
+    // Four vertices and the faces of a tetrahedron; for `fit` twice, as domain and image.
     let tetrahedron = [
         3, 120, 120, 120, 128, 120, 120, 120, 128, 120, 120, 120, 128, 0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2,
     ];
@@ -401,7 +402,7 @@ fn seeds_for_the_fuzzer() {
     }
 }
 
-/// Few bytes that ask for much.
+/// Small files that ask for much time or memory.
 mod bombs {
     use std::io::Write;
 
@@ -601,7 +602,7 @@ mod bombs {
     }
 
     #[test]
-    fn compressed_files_are_of_no_known_kind() {
+    fn compressed_files_are_refused_as_of_no_known_format() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("model.obj.gz");
         std::fs::write(&path, [0x1f, 0x8b, 8]).unwrap();
@@ -623,7 +624,7 @@ mod surfaces {
 
     use super::*;
 
-    /// Everything the doctor does, and a fit, each in time; the report, and what the fit says.
+    /// Check, repair, closing of holes and a fit, each in time; the report, and the fit's error.
     fn examined(surface: &SurfaceMesh) -> (CheckReport, Result<(), String>) {
         let in_time = |what: &str, start: Instant| {
             let taken = start.elapsed();
@@ -666,7 +667,7 @@ mod surfaces {
         SurfaceMesh::new(vertices.into_iter().map(Point::from).collect(), triangles).unwrap()
     }
 
-    /// So many solids of four vertices.
+    /// So many tetrahedra.
     fn tetrahedra(count: u32, corners: impl Fn(f64) -> [[f64; 3]; 4]) -> SurfaceMesh {
         let faces = |k: u32| [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]].map(|t| t.map(|v: u32| 4 * k + v));
         let corners = (0..count).flat_map(|k| corners(f64::from(k)));
@@ -720,7 +721,7 @@ mod surfaces {
         assert!(fitted.is_err());
     }
 
-    /// Each goes along the diagonal of nearly the same box.
+    /// Each lies along the diagonal of nearly the same box.
     #[test]
     fn needles_side_by_side() {
         let needle = |k: f64| {
@@ -792,7 +793,7 @@ mod surfaces {
     }
 
     #[test]
-    fn coordinates_that_leave_the_range_of_numbers() {
+    fn coordinates_whose_powers_overflow_or_underflow() {
         let solids = [
             shapes::sphere(1.0, 2),
             shapes::cube(1.0, 2),
@@ -857,7 +858,7 @@ mod program {
         (code, errors)
     }
 
-    /// Looks at a model and fits it to itself.
+    /// Checks a model and fits it to itself; the exit codes.
     fn check_and_fit(folder: &Path, model: &Path) -> [i32; 2] {
         let model = model.as_os_str();
         let (checked, _) = run(folder, &["check".as_ref(), model]);
@@ -877,7 +878,7 @@ mod program {
     }
 
     #[test]
-    fn bad_models_are_refused_or_borne() {
+    fn bad_models_are_processed_or_refused() {
         let Some(models) = crate::common::models() else { return };
         let folder = tempfile::tempdir().unwrap();
         let entries = std::fs::read_dir(models.join("bad")).unwrap();
@@ -890,7 +891,7 @@ mod program {
     }
 
     #[test]
-    fn spoiled_files_are_refused_or_borne() {
+    fn spoiled_files_are_processed_or_refused() {
         let folder = tempfile::tempdir().unwrap();
         for file in small_files().into_iter().filter(|file| file.format.is_mesh()) {
             for length in [0, file.bytes.len() / 2, file.bytes.len()] {

@@ -1,4 +1,4 @@
-//! `solidmap boundary` from outside: files in, a verdict and pictures out.
+//! `solidmap boundary` from the command line: files in, a verdict and pictures out.
 
 use crate::workplace::{Workplace, json, text};
 use serde_json::Value;
@@ -25,7 +25,7 @@ fn with_boundary_files() -> Workplace {
         let directions: Vec<Vector> = mesh.vertices().iter().map(|p| p.coords).collect();
         SphericalEmbedding::new(mesh, &directions).unwrap()
     };
-    // As the text file has it.
+    // Read back, so that it is the domain of the file to the last bit.
     let domain = by_rays(io::read_surface(place.path("domain.obj")).unwrap());
     let cube = by_rays(shapes::cube(2.0, 6));
     for (name, map) in [
@@ -146,7 +146,7 @@ fn boundary_files_are_decided_exactly_with_and_without_their_domain() {
 }
 
 #[test]
-fn methods_are_compared_by_a_boundary_file() {
+fn methods_are_compared_on_a_boundary_file() {
     let place = with_boundary_files();
     let line = "compare --boundary through.safetensors --methods mfs,mean-value --no-reference --resolution 8 \
                 --tolerance 0.05 --json";
@@ -291,8 +291,8 @@ fn a_fit_to_the_sphere_is_the_fit_to_its_boundary_file() {
     assert!(map.boundary.unwrap().domain_embedding().is_some());
 }
 
-/// `domain.obj` and another body, `target.obj`, that it can be laid over.
-fn with_two_bodies() -> Workplace {
+/// `domain.obj` and another solid, `target.obj`, that it can be aligned with.
+fn with_two_solids() -> Workplace {
     let place = with_ball();
     let stretched = |p: &Point| Point::new(1.4 * p.x + 0.2 * p.y * p.y, 0.9 * p.y, 1.1 * p.z - 0.1 * p.x);
     place.surface("target.obj", &shapes::deformed(&shapes::sphere(1.0, 3), stretched));
@@ -304,7 +304,7 @@ fn with_two_bodies() -> Workplace {
 
 #[test]
 fn a_pair_is_mapped_in_every_form_asked_for_and_landmarks_are_met() {
-    let place = with_two_bodies();
+    let place = with_two_solids();
     let line = "boundary pair domain.obj target.obj -o image.ply --boundary way.safetensors --png map.png --vtu map.vtu \
                 --landmarks pairs.txt";
     let words = text(&place.ends_with(0, line).stdout);
@@ -333,7 +333,7 @@ fn a_pair_is_mapped_in_every_form_asked_for_and_landmarks_are_met() {
     assert_eq!(report["verdict"], "bijective");
     assert!(report["by_sphere"]["round_trip"]["max"].as_f64().unwrap() < 1e-9);
 
-    // The same landmarks in two files, and the other way to make a map.
+    // The same landmarks in two files, and the other method.
     let line = "boundary pair domain.obj target.obj -o two.ply --json --landmarks first.txt --landmarks second.txt";
     let report = json(&place.ends_with(0, line));
     assert_eq!((&report["via"], &report["landmarks"]), (&"targets".into(), &2.into()));
@@ -350,7 +350,7 @@ fn a_pair_is_mapped_in_every_form_asked_for_and_landmarks_are_met() {
 
 #[test]
 fn a_fit_to_a_model_is_the_fit_to_the_boundary_file_of_the_pair() {
-    let place = with_two_bodies();
+    let place = with_two_solids();
     place.ends_with(
         0,
         "boundary pair domain.obj target.obj -o image.obj --boundary way.safetensors",
@@ -362,14 +362,14 @@ fn a_fit_to_a_model_is_the_fit_to_the_boundary_file_of_the_pair() {
     let map = files::read_map(&place.path("direct.map")).unwrap();
     let roles: Vec<&str> = map.metadata.inputs.iter().map(|input| input.role.as_str()).collect();
     assert_eq!(roles, ["domain", "target"]);
-    // Errors are held against the target's surface: to be small, the map must follow the curved target.
+    // Boundary errors are distances from the target's surface: to be small, the map must follow the curved target.
     let checked = json(&place.ends_with(0, "boundary check way.safetensors --json"));
     assert_eq!(checked["verdict"], "bijective");
 }
 
 #[test]
 fn pairs_that_cannot_be_mapped_end_with_2_and_name_the_side() {
-    let place = with_two_bodies();
+    let place = with_two_solids();
     place.surface("ring.obj", &shapes::torus(1.0, 0.3, 12, 6));
     std::fs::write(place.path("far.txt"), "0 100000\n").unwrap();
     std::fs::write(place.path("words.txt"), "nose nose\n").unwrap();

@@ -1,4 +1,4 @@
-//! Budgets of time and memory: refusals before anything is taken, ends in time, and estimates that can be relied on.
+//! Limits on time and memory: commands stop in time or are refused before they take memory; estimates can be relied on.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use solidmap::Point;
 use solidmap::io;
 use solidmap::mesh::shapes;
 
-/// With a ball, a cube, and a map from the cube to a ball.
+/// A folder with a ball, a cube, and a map from the cube to a ball.
 fn place() -> Workplace {
     let place = Workplace::new();
     let cube = shapes::cube(2.0, 8);
@@ -39,7 +39,7 @@ fn a_command_ends_at_its_time_limit_and_leaves_nothing() {
             .map(|e| e.file_name())
             .all(|name| !name.to_string_lossy().starts_with('.'))
     );
-    // One that is long enough changes nothing.
+    // A limit that is long enough changes nothing.
     place.ends_with(0, "eval cube.map cube.ply -o images.csv --time-limit 1000");
     for limit in ["0", "-1", "nan", "inf", "soon"] {
         let said = text(

@@ -1,4 +1,4 @@
-//! `solidmap certify` from outside: a map file in, what is proved and pictures out.
+//! `solidmap certify` from the command line: a map file in, what is proved and pictures out.
 
 use crate::workplace::{Workplace, text};
 use serde_json::Value;
@@ -23,7 +23,7 @@ fn with_maps() -> Workplace {
 }
 
 #[test]
-fn proofs_are_told_in_words_numbers_cells_and_pictures() {
+fn what_is_proved_is_printed_written_and_drawn() {
     let place = with_maps();
     let said = text(&place.ends_with(0, "certify good.map").stdout);
     for fragment in [

@@ -1,4 +1,4 @@
-//! `solidmap eval --inverse` from outside.
+//! `solidmap eval --inverse` from the command line.
 
 use std::path::Path;
 
@@ -7,12 +7,12 @@ use solidmap::Point;
 use solidmap::io;
 use solidmap::mesh::shapes;
 
-/// With `map.safetensors`, from a ball to a longer one.
+/// A folder with `map.safetensors`, from a ball to a longer one that is slightly bent.
 fn with_map() -> Workplace {
     with_bent_ball(0.2)
 }
 
-/// The longer ball bent by as much. The map is close to `y + bend (x² + (1 − r²) / 3)`, which folds where
+/// The same with another bend. The map is close to `y + bend (x² + (1 − r²) / 3)`, which folds where
 /// `y > 1.5 / bend`.
 fn with_bent_ball(bend: f64) -> Workplace {
     with_fitted_ball(|p| Point::new(2.0 * p.x, p.y + bend * p.x * p.x, p.z))
@@ -58,7 +58,7 @@ fn eval_there_and_back_gives_the_points_again() {
 }
 
 #[test]
-fn points_outside_are_counted_and_points_that_are_none_are_named() {
+fn points_outside_and_points_that_are_not_finite_are_counted() {
     let place = with_map();
     std::fs::write(place.path("points.csv"), "x,y,z\n0.1,0.1,0\nnan,0,0\n9,9,9\n").unwrap();
     let output = place.ends_with(0, "eval map.safetensors points.csv --inverse -o back.csv");

@@ -1,4 +1,4 @@
-//! CGAL and TetGen in a process of their own: the same results, and its end is an error.
+//! CGAL and TetGen in a process of their own: the same results, and an error when that process ends.
 #![cfg(feature = "native")]
 
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use solidmap::cgal_tetgen::{
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
 
-/// Isolation is the whole process's: one test at a time.
+/// Isolation is a setting of the whole process: one test at a time.
 static TURN: Mutex<()> = Mutex::new(());
 
 fn turn() -> MutexGuard<'static, ()> {
@@ -138,7 +138,7 @@ fn the_end_of_a_worker_is_an_error_and_the_next_call_has_another() {
             .starts_with("TetGen crashed in its own process: SIGABRT"),
         "{error}"
     );
-    // What lived there is gone, and says so; everything else goes on.
+    // What the worker held is lost, and its use is an error; new calls have a new worker.
     assert!(field.distance(&[Point::origin()])[0].is_nan());
     assert!(field.volume().is_err());
     assert!(tetrahedralize(&shapes::cube(1.0, 2), &TetOptions::default()).is_ok());
@@ -159,7 +159,7 @@ fn a_worker_that_ended_between_calls_is_replaced() {
     isolate(None);
 }
 
-/// A program that is not Rust's ends at that signal.
+/// Rust programs ignore SIGPIPE; a C++ program with this library does not, and would be killed by it.
 #[test]
 fn writing_to_a_worker_that_has_gone_sends_no_signal() {
     unsafe extern "C" {
@@ -168,14 +168,14 @@ fn writing_to_a_worker_that_has_gone_sends_no_signal() {
     const SIGPIPE: i32 = 13;
     const DEFAULT: usize = 0;
     let _turn = turn();
-    // SAFETY: the C library's function, with a handler that is none of ours.
+    // SAFETY: the C library's function, with its default handler.
     let before = unsafe { signal(SIGPIPE, DEFAULT) };
     isolate(Some(Isolation {
         program: "/bin/false".into(),
         arguments: Vec::new(),
         time_limit: Some(Duration::from_secs(10)),
     }));
-    // More than the line holds, so that some of it is written after the end.
+    // More than the socket holds, so that some of it is written after the worker has ended.
     let error = self_intersections(&shapes::sphere(1.0, 6)).unwrap_err();
     assert!(error.to_string().contains("exit code 1"), "{error}");
     isolate(None);

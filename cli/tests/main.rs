@@ -1,5 +1,5 @@
-//! Tests of the program, run as its users run it, in one program, which links once. What ends the worker of CGAL and
-//! TetGen for the whole process is in `isolation.rs`.
+//! Tests of the program, run as its users run it, in one binary, so that they are linked once. Tests that isolate CGAL
+//! and TetGen, which is a setting of the whole process, are in `isolation.rs`.
 
 mod bad_input;
 mod boundary;

@@ -28,8 +28,7 @@ fn fit(domain: &Path, image: &Path, folder: &Path, options: &[&str]) -> Value {
     json(&output)
 }
 
-/// The goals are 2e-3 and 3e-3 rms; refinement to the default tolerance, on which the program's success depends, does
-/// better.
+/// The goals are 2e-3 and 3e-3 rms; the program exits with 0 only at its default tolerance, which asks for more.
 #[test]
 fn polycubes_map_to_their_objects() {
     let Some(models) = models() else { return };
@@ -80,7 +79,7 @@ fn polycubes_map_to_their_objects() {
     }
 }
 
-/// A smooth map of space, near enough to harmonic nowhere: the boundary error alone is asked for.
+/// A smooth map of space, which is not harmonic: only the boundary error is tested.
 fn bent(surface: &SurfaceMesh) -> SurfaceMesh {
     let (low, high) = surface.bounding_box().unwrap();
     let (centre, size) = (nalgebra::center(&low, &high), (high - low).norm());
@@ -249,7 +248,8 @@ fn fitting_bad_models_ends_in_a_named_error_or_a_map() {
         let messages = String::from_utf8_lossy(&output.stderr);
         assert!(!messages.contains("panicked"), "{name}: {messages}");
         match output.status.code() {
-            // That sources are few here says nothing about the model. The one without a finding is three sound bodies.
+            // A warning of too few sources says nothing about the model. The model without a finding has three sound
+            // components.
             Some(0) => assert!(
                 name.ends_with("hull_mask_3parts.obj")
                     || messages

@@ -9,7 +9,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use solidmap::Point;
 
-/// Moments that a command is killed at.
+/// How often a command is killed.
 const MOMENTS: usize = 20;
 
 fn program() -> std::path::PathBuf {

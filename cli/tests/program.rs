@@ -1,4 +1,4 @@
-//! The command line from outside: files in, files out, exit codes.
+//! The program from the command line: files in, files out, exit codes.
 
 use std::path::Path;
 use std::process::Output;
@@ -38,7 +38,7 @@ fn columns(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
 }
 
 #[test]
-fn fit_reports_what_the_contract_names() {
+fn fit_reports_what_scripts_rely_on() {
     let place = with_affine_map();
     let report = json(&place.ends_with(
         0,
@@ -209,8 +209,8 @@ fn eval_maps_points_and_meshes_and_gives_jacobians() {
     place.fails("eval none.map points.csv -o images.csv", &["none.map"]);
 }
 
-/// The identity has harmonic energy 3 once scaled to unit volume, and no deformation energy; the stretch by two in one
-/// direction, scaled back to unit volume, has `c²(4 + 1 + 1 + ¼ + ¼)` with `c³ = V₁/V₂ = 1` here.
+/// With both solids at unit volume the identity has harmonic energy 3, and no deformation energy. The affine map keeps
+/// the volume, so its energy is the squared Frobenius norm of its matrix: 4 + 1 + ¼ + ¼ = 5.5.
 #[test]
 fn energy_measures_and_pictures() {
     let place = with_affine_map();
@@ -303,7 +303,7 @@ fn a_missed_tolerance_comes_with_advice_that_fits() {
     assert_eq!(json(&output)["refinement_end"], "tolerance");
 }
 
-/// Starts a program in the folder, interrupts it once `is_time`, and says how it ended and how long that took.
+/// Starts the program in the folder and interrupts it once `is_time`; its output, and how long it took to end.
 #[cfg(unix)]
 fn interrupted(place: &Workplace, line: &str, is_time: impl Fn() -> bool) -> (Output, std::time::Duration) {
     use std::process::Stdio;
@@ -421,7 +421,7 @@ fn what_cannot_run_says_why_and_exits_with_2() {
     assert_eq!(place.run("frobnicate").status.code(), Some(2));
 }
 
-/// The cause stands in the message once, and no temporary name does.
+/// A cause stands in the message once, and names of temporary files never do.
 #[test]
 fn errors_are_said_once() {
     let place = with_affine_map();
@@ -476,7 +476,7 @@ fn options_out_of_range_are_refused_at_once() {
 
 /// Faces that look the wrong way are repaired before the fit; what follows must see the repaired solid.
 #[test]
-fn energies_are_those_of_the_mended_domain() {
+fn energies_are_those_of_the_repaired_domain() {
     let place = Workplace::new();
     let (outer, inner) = (shapes::sphere(1.0, 2), shapes::sphere(0.5, 2));
     place.surface("inward.obj", &outer.reversed());
@@ -497,7 +497,7 @@ fn energies_are_those_of_the_mended_domain() {
     }
 }
 
-/// A reflection turns all of space over, which is no fold.
+/// A reflection reverses the orientation everywhere, which is no fold.
 #[test]
 fn a_reflecting_map_is_not_folded() {
     let place = with_affine_map();
@@ -554,7 +554,7 @@ fn methods_and_placements_can_be_chosen() {
 
 /// A vertex that no triangle uses has an image like all others, but is no part of either solid.
 #[test]
-fn unused_vertices_do_not_stretch_the_unit_of_errors() {
+fn unused_vertices_do_not_change_the_diagonal_that_errors_are_fractions_of() {
     let place = Workplace::new();
     let with_unused = |mesh: &SurfaceMesh, far: f64| {
         let (mut vertices, triangles) = mesh.clone().into_parts();
@@ -594,7 +594,7 @@ fn outputs_do_not_overwrite_inputs() {
 }
 
 #[test]
-fn targets_that_are_no_solids_are_remarked_on() {
+fn flat_and_mirrored_targets_are_warned_of() {
     let place = with_affine_map();
     place.surface(
         "flat.obj",
@@ -637,7 +637,7 @@ fn check_exits_with_0_1_or_2() {
     assert_eq!(output.status.code(), Some(2));
     assert!(
         String::from_utf8_lossy(&output.stdout).contains("inward.obj"),
-        "the others are looked at all the same"
+        "the others are checked all the same"
     );
 }
 
@@ -715,7 +715,7 @@ fn tet_and_offset_write_meshes() {
 
 #[cfg(not(feature = "native"))]
 #[test]
-fn without_the_bridge_its_commands_say_so() {
+fn commands_that_need_cgal_or_tetgen_say_so_in_a_build_without_them() {
     let place = with_affine_map();
     place.fails("tet ball.obj -o tets.mesh", &["native"]);
     place.fails("offset ball.obj --distance 0.1 -o offset.ply", &["native"]);
@@ -809,7 +809,7 @@ fn a_polycube_is_remeshed_in_every_format() {
     let of_kind = |kind: &str| elements.lines().filter(|l| l.split(' ').nth(1) == Some(kind)).count();
     assert_eq!((of_kind("3"), of_kind("5")), (24, 32), "quads and hexahedra");
 
-    // A mesh of the domain, with regions, back to front.
+    // A mesh of the domain with regions, its tetrahedra inverted.
     let labelled = grid.tets().iter().enumerate().map(|(k, t)| (t.map(|v| v + 1), k % 3));
     let [vertices, tets] = [
         grid.vertices()
@@ -876,7 +876,7 @@ fn what_cannot_be_remeshed_is_named() {
         "remesh cube.map -o m.vtu --cells 1000 --max-cells 100",
         &["limit of 100"],
     );
-    // Inside out: everything is inverted, written, and said.
+    // A mirrored target: all cells are inverted; they are written, with a warning.
     place.surface(
         "mirrored.obj",
         &shapes::deformed(&shapes::cube(2.0, 2), |p| Point::new(-p.x, p.y, p.z)),
@@ -889,10 +889,10 @@ fn what_cannot_be_remeshed_is_named() {
 }
 
 #[test]
-fn a_boundary_that_passes_through_itself_is_told_though_no_cell_is_inverted() {
+fn a_self_intersecting_boundary_is_reported_though_no_cell_is_inverted() {
     let place = Workplace::new();
     let bar = shapes::polycube(&[0, 1, 2, 3, 4, 5].map(|k| [k, 0, 0]), 3);
-    // More than one turn about an axis: the ends lie in one another, and every cell keeps its side.
+    // More than one turn about an axis: the ends overlap, and every cell keeps its orientation.
     let wound = shapes::deformed(&bar, |p| {
         let (angle, radius) = (400f64.to_radians() * p.x / 6.0, 2.0 + p.y);
         Point::new(radius * angle.sin(), radius * angle.cos(), p.z + 0.03 * p.x)
@@ -949,7 +949,7 @@ fn names_that_json_cannot_hold_are_refused_before_the_work() {
 }
 
 #[test]
-fn settings_of_the_library_are_called_as_they_are_typed() {
+fn messages_of_the_library_name_the_options_of_the_program() {
     let place = with_affine_map();
     let fit = "fit ball.obj --image image.ply -o x.map";
     for (option, said) in [

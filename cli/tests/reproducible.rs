@@ -29,7 +29,7 @@ fn place() -> Workplace {
 const FIT: &str = "fit domain.ply --image target.ply --tolerance 1e-3 -o out/fitted.map";
 const IMAGES: &str = "eval out/fitted.map points.csv --jacobian -o out/images.csv";
 
-/// Each writes into `out`, and takes what those before have written.
+/// Each writes into `out`, and may read what those before it have written.
 const COMMANDS: [&str; 12] = [
     FIT,
     "fit domain.ply --image target.ply --method dense --s-ratio 0.3 -o out/dense.map",
@@ -96,7 +96,7 @@ fn the_same_run_gives_the_same_bytes() {
     let alone = run(1, &[FIT, IMAGES]);
     assert!(first.len() > 20, "{} files", first.len());
     assert_eq!(differing(&first, &second), [""; 0]);
-    // Another number of threads rounds the dense coarsest level of a fit otherwise, and nothing more.
+    // With another number of threads, the dense coarsest level of a fit is rounded differently, and nothing else.
     let images = |files: &[(String, Vec<u8>)]| -> Vec<f64> {
         let (_, bytes) = files.iter().find(|(name, _)| name == "images.csv").unwrap();
         let table = text(bytes);

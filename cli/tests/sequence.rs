@@ -1,4 +1,4 @@
-//! `solidmap sequence` from outside: frames in, a chart, a table and series out, and what cannot be used by name.
+//! `solidmap sequence` from the command line: frames in; a chart, a table and series out; bad frames are named.
 
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
@@ -80,7 +80,7 @@ fn a_sequence_gives_its_energies_cycles_chart_table_and_series() {
     assert!(rows[0].starts_with("frame,time,file,deformation_energy,") && rows.len() == 25);
     let fields: Vec<&str> = rows[5].split(',').collect();
     assert_eq!((fields[0], fields[2]), ("4", "bend04.ply"));
-    // Numbers of JSON are read to a unit in the last place here.
+    // `serde_json` reads numbers to a unit in the last place.
     assert!((fields[3].parse::<f64>().unwrap() / energy(4) - 1.0).abs() < 1e-15);
     for picture in ["energy.png", "sections.png"] {
         assert!(
@@ -184,7 +184,7 @@ fn a_slit_is_closed_when_asked_for() {
 }
 
 #[test]
-fn order_units_and_mirror_images_are_remarked_on() {
+fn order_units_and_mirror_images_are_warned_of() {
     let place = SequencePlace::new();
     for name in ["f1.obj", "f2.obj", "f10.obj"] {
         place.frame(name, |p| Point::new(p.x, 1.1 * p.y, p.z));

@@ -49,7 +49,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The extension by which the reader is chosen; any will do for the last ones.
+    /// The extension by which the reader is chosen; from landmarks on, any will do.
     pub fn extension(self) -> &'static str {
         match self {
             Self::Obj => "obj",
@@ -128,7 +128,7 @@ fn meshes(add: &mut Add) {
     }
 }
 
-/// What programs write and this one does not.
+/// Variants that other programs write and this one does not.
 fn other_meshes(add: &mut Add) {
     use Format::*;
     let surface = tetrahedron();

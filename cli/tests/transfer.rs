@@ -1,4 +1,4 @@
-//! `solidmap transfer` from outside.
+//! `solidmap transfer` from the command line.
 
 use crate::workplace::{Workplace, json, with_fitted_ball};
 use serde_json::Value;
@@ -11,7 +11,7 @@ fn image(p: &Point) -> Point {
     Point::new(2.0 * p.x, p.y + 0.1 * p.x, 0.5 * p.z)
 }
 
-/// With `map.safetensors`, an affine map of a ball.
+/// A folder with `map.safetensors`, an affine map of a ball.
 fn with_map() -> Workplace {
     with_fitted_ball(image)
 }
@@ -82,7 +82,7 @@ fn vectors_are_pushed_forward_where_they_are_asked_for() {
     assert!(said.contains("1 points of FIELD lie outside the domain"), "{said}");
 }
 
-/// The field fills an eighth of the ball: what lies beyond it has no share.
+/// The field fills an eighth of the ball: what lies outside it is in no share.
 #[test]
 fn shares_are_of_the_volume_that_the_field_covers() {
     let place = with_map();
@@ -191,7 +191,7 @@ fn structured_points_are_a_mesh() {
     );
     assert!((0..144).all(|t| (mesh.signed_volume(t) - 0.008 / 6.0).abs() < 1e-12));
     assert_eq!(read.cell[0].values[6..12], [1.0; 6]);
-    // Sides that the boundary's triangles show once each: two for every outer square of a cell.
+    // The boundary has two triangles for every outer square of a cell.
     assert_eq!(
         mesh.boundary().surface.triangles().len(),
         2 * 2 * (3 * 2 + 3 * 4 + 2 * 4)
@@ -200,7 +200,7 @@ fn structured_points_are_a_mesh() {
     std::fs::write(place.path("at.csv"), "x,y,z\n0.1,0.05,0.1\n").unwrap();
     place.ends_with(0, "transfer map.safetensors grid.vtk --at at.csv -o at_out.csv");
     let at = io::read_fields(place.path("at_out.csv")).unwrap();
-    // The map is affine but for its fit.
+    // The map is affine up to the error of its fit.
     let expected = 0.05 + 2.0 * (0.05 - 0.005) + 3.0 * 0.2;
     assert!(
         (at.point[0].values[0] - expected).abs() < 1e-2,
@@ -244,7 +244,7 @@ fn image_data_are_carried_as_a_mesh() {
     for (i, p) in carried.points.iter().enumerate() {
         let [x, y, z] = [i % 4, i / 4 % 3, i / 12].map(|k| 0.2 * k as f64);
         let expected = image(&Point::new(x - 0.3, y - 0.2, z - 0.4));
-        // The map is affine but for its fit.
+        // The map is affine up to the error of its fit.
         assert!((p - expected).norm() < 1e-2, "{p} against {expected}");
     }
     let whole = std::fs::read(place.path("grid.vti")).unwrap();

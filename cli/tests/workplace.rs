@@ -33,7 +33,7 @@ impl Workplace {
         io::write_surface(self.path(name), mesh).unwrap();
     }
 
-    /// Runs `solidmap` in the folder, whatever comes of it; words are separated by blanks.
+    /// Runs `solidmap` in the folder, with any exit code; words are separated by blanks.
     pub fn run(&self, line: &str) -> Output {
         self.run_within(LONGEST, line)
     }
@@ -45,7 +45,7 @@ impl Workplace {
         command.timeout(limit).output().unwrap()
     }
 
-    /// The same, with this exit code.
+    /// The same, and asserts this exit code.
     pub fn ends_with(&self, code: i32, line: &str) -> Output {
         let output = self.run(line);
         let said = format!("{line}: {}{}", text(&output.stdout), text(&output.stderr));
@@ -53,7 +53,7 @@ impl Workplace {
         output
     }
 
-    /// The same for what cannot be run: exit code 2, and an error with these fragments.
+    /// The same for what cannot be run: asserts exit code 2, and an error with these fragments.
     pub fn fails(&self, line: &str, fragments: &[&str]) {
         let said = text(&self.ends_with(2, line).stderr);
         assert!(said.contains("error: "), "{line}: {said}");
@@ -62,7 +62,7 @@ impl Workplace {
         }
     }
 
-    /// What `--json` prints.
+    /// What a command with `--json` prints, after [`Self::ends_with`].
     pub fn report(&self, code: i32, line: &str) -> Value {
         json(&self.ends_with(code, line))
     }
@@ -75,7 +75,7 @@ pub fn solidmap() -> Command {
     command
 }
 
-/// With `map.safetensors`, the map of a ball whose surface goes by a formula.
+/// A folder with `map.safetensors`, the map of a ball whose boundary is mapped by `image`.
 pub fn with_fitted_ball(image: impl Fn(&Point) -> Point) -> Workplace {
     let place = Workplace::new();
     let domain = shapes::sphere(1.0, 3);
