@@ -1,8 +1,8 @@
-//! Compiles the C++ of the package with the bridge, so that a static library of the crate holds all of it.
+//! Compiles the package's C++ together with the bridge, so that the crate's static library contains both.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    // Lints link nothing.
+    // Lints link nothing, and need no C++.
     println!("cargo::rerun-if-env-changed=RUSTC_WORKSPACE_WRAPPER");
     if std::env::var("RUSTC_WORKSPACE_WRAPPER").is_ok_and(|wrapper| wrapper.contains("clippy")) {
         return;

@@ -1,4 +1,4 @@
-//! One error for C++: a category and a message; panics become errors of the category `internal`.
+//! The one error type for C++: a category and a message. Panics become errors of the category `internal`.
 
 use std::error::Error as StdError;
 use std::fmt::{self, Display, Formatter};
@@ -37,7 +37,7 @@ pub enum Category {
     Internal = 8,
 }
 
-/// Why a call failed. Displays as the category's digit and the message, which C++ takes apart again.
+/// Why a call failed. Displays as the category's digit and the message, which `throw_decoded` in C++ separates again.
 #[derive(Debug)]
 pub struct Error {
     category: Category,
@@ -61,11 +61,11 @@ impl Error {
     }
 }
 
-/// Where the latest panic was: the hook is told, `catch_unwind` is not.
+/// Where in the source the latest panic was: the panic hook learns it, `catch_unwind` does not.
 static LATEST_PLACE: Mutex<String> = Mutex::new(String::new());
 
-/// Runs an entry of the bridge, with panics as errors. A panic leaves nothing half done that is used again: all objects
-/// behind the bridge are immutable.
+/// Runs the body of a bridge function, and turns a panic into an error. Unwinding leaves no broken state behind: all
+/// objects behind the bridge are immutable.
 pub fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     // The default hook would write to the standard error of the calling program.
     static SILENCE: Once = Once::new();
@@ -80,7 +80,7 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
         let what = what.or_else(|| payload.downcast_ref::<&str>().copied());
         let place = LATEST_PLACE.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let message = format!(
-            "a mistake in solidmap itself, please report it: {} ({place})",
+            "a bug in solidmap itself, please report it: {} ({place})",
             what.unwrap_or("a panic without a message")
         );
         Err(Error::new(Category::Internal, message))
@@ -245,7 +245,7 @@ mod tests {
             error.message.contains("3 of 2") && error.message.contains("bridge/error.rs:"),
             "{error}"
         );
-        // Also one of another thread.
+        // Also a panic in another thread.
         let error = guarded::<()>(|| {
             rayon::join(|| panic!("elsewhere"), || ());
             Ok(())
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn causes_are_told_once_and_cancellation_keeps_its_category() {
+    fn causes_are_quoted_once_and_cancellation_keeps_its_category() {
         let error: Error = FitError::from(SolveError::Cancelled).into();
         assert_eq!(error.category, Category::Cancelled);
         let error: Error = FitError::from(SolveError::NoConvergence).into();

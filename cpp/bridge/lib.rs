@@ -1,8 +1,8 @@
 //! The bridge from C++ to Rust: what the classes in `cpp/src` call.
 //!
-//! Users of the package see `cpp/include`, never this. Every entry that can fail returns an [`error::Error`] with a
-//! category, and no panic leaves it: both arrive in C++ as one exception type. Arrays come in and go out as slices,
-//! three coordinates per point.
+//! Users of the package see `cpp/include`, never this. Every function that can fail returns an [`error::Error`] with a
+//! category, and lets no panic through: both arrive in C++ as one exception type. Arrays are passed as slices, three
+//! coordinates per point.
 
 mod bridge;
 mod error;
@@ -27,8 +27,8 @@ fn has_native() -> bool {
 
 /// Points as coordinates, three each.
 fn flat(points: &[Point]) -> &[f64] {
-    // SAFETY: a `Point` is three doubles and nothing else, by `repr(C)` and `repr(transparent)` all the way down; the
-    // size is checked at compile time.
+    // SAFETY: a `Point` is three doubles and nothing else, by `repr(C)` and `repr(transparent)` at every level; size
+    // and alignment are checked at compile time.
     const { assert!(size_of::<Point>() == 3 * size_of::<f64>() && align_of::<Point>() == align_of::<f64>()) };
     unsafe { std::slice::from_raw_parts(points.as_ptr().cast(), 3 * points.len()) }
 }
@@ -40,7 +40,7 @@ fn points(coordinates: &[f64]) -> &[Point] {
     unsafe { std::slice::from_raw_parts(whole.as_ptr().cast(), whole.len()) }
 }
 
-/// A path from its bytes: as the system has them, or in UTF-8 on Windows.
+/// A path from its bytes, in the system's own encoding; UTF-8 on Windows.
 fn path(bytes: &[u8]) -> Result<std::path::PathBuf, error::Error> {
     #[cfg(unix)]
     {

@@ -23,10 +23,10 @@ pub struct Boundary(pub BoundaryMap);
 
 pub struct Boundaries(Vec<BoundaryMap>);
 
-/// A fitted map, as its file has it.
+/// A fitted map, with all that its file holds.
 pub struct Map {
     file: Arc<MapFile>,
-    /// With timings, which the file does not have.
+    /// The report with timings, which the file leaves out.
     report: Option<FitReport>,
 }
 
@@ -36,18 +36,18 @@ pub struct Maps(Vec<Option<Fit>>);
 pub struct Factored {
     domain: SurfaceMesh,
     factor: DomainFactor,
-    /// The map that it was refined for.
+    /// The map of the boundary map that it was refined for.
     first: Option<Fit>,
 }
 
 pub struct Inverse {
-    /// Refers to `map` and `_file`, and goes first.
+    /// Borrows from `_map` and `_file`. Declared first, so that it is dropped first.
     inverse: InverseMap<'static>,
     _map: Box<HarmonicMap>,
     _file: Arc<MapFile>,
 }
 
-// `const` functions of all of these may run on any number of threads at once.
+// The C++ classes promise that their `const` functions may run on any number of threads at once.
 const _: () = {
     const fn shared<T: Send + Sync>() {}
     shared::<Surface>();
@@ -201,7 +201,7 @@ impl Boundary {
             Some(inverse) => boxed_boundary(inverse),
             None => Err(Error::new(
                 Category::Unsupported,
-                "only a boundary map between two surfaces composed of spherical embeddings has an inverse",
+                "only a boundary map composed of two spherical embeddings (BoundaryMap::pair) has an inverse",
             )),
         })
     }
@@ -220,7 +220,7 @@ impl Boundaries {
     }
 }
 
-/// 0 adaptive, 1 dense, 2 the paper's.
+/// The options of a preset: 0 adaptive, 1 dense, 2 the paper's.
 pub fn fit_defaults(preset: u8) -> ffi::FitOptions {
     let options = match preset {
         0 => FitOptions::adaptive(),
@@ -340,7 +340,7 @@ impl Map {
         let Some(report) = &self.report else {
             return Err(Error::new(
                 Category::Unsupported,
-                "the map's file has no report of a fit: it was written by other means",
+                "the map's file has no report of a fit: another program wrote it",
             ));
         };
         let seconds = report.seconds.unwrap_or_default();
@@ -495,8 +495,8 @@ pub fn inverse_new(map: &Map, tolerance: f64, seed_nodes: usize, iterations: usi
         let exact = Box::new(file.map.clone().with_error(0.0));
         let map: *const HarmonicMap = &raw const *exact;
         let boundary: *const BoundaryMap = boundary_of(&file)?;
-        // SAFETY: both live on the heap, do not move when the struct does, are never written to, and are dropped after
-        // what refers to them.
+        // SAFETY: both are on the heap, do not move when the struct does, are never written to, and are dropped after
+        // what borrows from them.
         let (map, boundary) = unsafe { (&*map, &*boundary) };
         Ok(Box::new(Inverse {
             inverse: InverseMap::new(map, boundary, &options)?,
@@ -526,7 +526,7 @@ fn boundary_of(file: &MapFile) -> Result<&BoundaryMap, Error> {
     file.boundary.as_ref().ok_or_else(|| {
         Error::new(
             Category::Unsupported,
-            "the map's file holds no boundary map, so that its domain is not known: it was written by other means",
+            "the map's file holds no boundary map, so its domain is not known: another program wrote it",
         )
     })
 }
@@ -535,15 +535,15 @@ fn boxed_boundary(boundary: BoundaryMap) -> Result<Box<Boundary>, Error> {
     Ok(Box::new(Boundary(boundary)))
 }
 
-/// Refuses, before any work, an array for results that has not `entries`, `each` of them for one point.
-fn require_room(out: &[f64], entries: usize, each: usize) -> Result<(), Error> {
+/// Refuses, before any work, an array for results of other than `entries` elements, `per_point` for each point.
+fn require_room(out: &[f64], entries: usize, per_point: usize) -> Result<(), Error> {
     if out.len() == entries {
         return Ok(());
     }
     Err(Error::invalid(format!(
         "there is room for {} results, and {} points are given",
-        out.len() / each,
-        entries / each
+        out.len() / per_point,
+        entries / per_point
     )))
 }
 
@@ -559,7 +559,7 @@ fn write(out: &mut [f64], found: &[f64]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Row by row: `∂f_i / ∂x_k` at `3 i + k`.
+/// Writes Jacobians row by row: `∂f_i / ∂x_k` at `3 i + k`.
 fn write_rows(out: &mut [f64], found: &[Matrix3]) -> Result<(), Error> {
     if out.len() != 9 * found.len() {
         return write(out, &vec![0.0; 9 * found.len()]);
@@ -607,7 +607,7 @@ fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
     })
 }
 
-/// Asks the callback in a phase of a fit.
+/// Tells the callback the phase of a fit, and asks it whether the work goes on.
 fn on_phase(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
     let (step, fraction, detail) = match phase {
         Phase::Checking => ("checking", f64::NAN, String::new()),

@@ -12,9 +12,9 @@ pub struct Surface(pub SurfaceMesh);
 
 pub struct VolumeMesh(pub CellMesh);
 
-/// Divisions of built-in shapes at most; more are a typing error.
+/// Largest number of divisions of built-in shapes; more can only be a mistake.
 const MOST_DIVISIONS: usize = 1024;
-/// Triangles of built-in shapes at most: they take some 2 GB while they are made.
+/// Largest number of triangles of a polycube: they take some 2 GB while they are made.
 const MOST_TRIANGLES: f64 = 3e7;
 
 pub fn surface_new(vertices: &[f64], triangles: &[u32]) -> Result<Box<Surface>, Error> {
@@ -64,7 +64,7 @@ pub fn surface_polycube(cubes: &[i32], divisions: usize) -> Result<Box<Surface>,
                 "a polycube needs cubes, at positions of at most {MOST_DIVISIONS}"
             )));
         }
-        // Six sides of each, at most.
+        // At most all six sides of every cube.
         let most = 12.0 * cubes.len() as f64 * (divisions as f64).powi(2);
         if most > MOST_TRIANGLES {
             return Err(Error::new(
@@ -230,7 +230,7 @@ impl VolumeMesh {
             let nodes = whole_points("nodes", nodes)?;
             if nodes.len() != self.0.nodes().len() {
                 return Err(Error::invalid(format!(
-                    "{} nodes were given for a mesh of {}; give the place of every node, in order",
+                    "{} nodes were given for a mesh of {}; give the position of every node, in order",
                     nodes.len(),
                     self.0.nodes().len()
                 )));
@@ -256,7 +256,7 @@ impl VolumeMesh {
         guarded(|| Ok(quality_of(self.0.cells(), self.0.nodes())))
     }
 
-    /// The mesh as tetrahedra; of hexahedra, the error that `purpose` does not support them.
+    /// The mesh as tetrahedra; for hexahedra, the error that `purpose` does not support them.
     pub fn tets(&self, purpose: &str) -> Result<TetMesh, Error> {
         match self.0.cells() {
             CellList::Tets(tets) => Ok(TetMesh::new(self.0.nodes().to_vec(), tets.clone())?),
@@ -268,7 +268,7 @@ impl VolumeMesh {
     }
 }
 
-/// How many cells are inverted, and how good all are.
+/// How many cells are inverted, and the shape quality of all.
 pub fn quality_of(cells: &CellList, nodes: &[solidmap::Point]) -> ffi::CellQuality {
     let found = quality(cells, nodes);
     let value = |of: fn(&solidmap::remesh::CellQuality) -> f64| found.as_ref().map_or(f64::NAN, of);
@@ -283,7 +283,7 @@ pub fn quality_of(cells: &CellList, nodes: &[solidmap::Point]) -> ffi::CellQuali
     }
 }
 
-/// The elements in groups of `N`; an error when some are left over.
+/// The elements in rows of `N`; an error when some are left over.
 pub fn whole<'a, T, const N: usize>(what: &str, elements: &'a [T]) -> Result<&'a [[T; N]], Error> {
     match elements.as_chunks::<N>() {
         (whole, []) => Ok(whole),

@@ -120,7 +120,7 @@ pub fn remesh_regular(
     guarded(|| {
         if along == 0 && length == 0.0 {
             return Err(Error::invalid(
-                "give the number of cells along the longest side, or their length",
+                "give the number of cells along the longest side (RegularMesh::along), or their length",
             ));
         }
         let source = RemeshSource::Regular {

@@ -1,6 +1,5 @@
-# What a program with libsolidmap.a links besides: sets solidmap_libraries and solidmap_link_options. With
-# solidmap_native also what CGAL and TetGen need, which brings TetGen's licence, the AGPL; without it nothing but the
-# system.
+# What a program links besides libsolidmap.a: sets solidmap_libraries and solidmap_link_options. With solidmap_native
+# also what CGAL and TetGen need, which brings TetGen's licence, the AGPL; without it only system libraries.
 set(THREADS_PREFER_PTHREAD_FLAG ON)
 find_package(Threads REQUIRED)
 set(solidmap_libraries Threads::Threads ${CMAKE_DL_LIBS})
@@ -9,14 +8,14 @@ if(UNIX AND NOT APPLE)
 endif()
 set(solidmap_link_options)
 if(UNIX AND NOT APPLE)
-  # In a shared library on ELF, calls of the matrix kernels would go by stubs that are bound at the first call and do
-  # not keep the registers that these kernels use, which ends in a crash. Bound inside, or at load time, they are not
-  # touched.
+  # In a shared library on ELF, the first call of a matrix kernel would go through the dynamic linker's lazy binding,
+  # which does not preserve the registers that these kernels pass their arguments in: a crash. Calls that are bound
+  # within the library, or at load time, do not go that way.
   set(is_shared "$<OR:$<STREQUAL:$<TARGET_PROPERTY:TYPE>,SHARED_LIBRARY>,$<STREQUAL:$<TARGET_PROPERTY:TYPE>,MODULE_LIBRARY>>")
   set(solidmap_link_options "$<${is_shared}:LINKER:-z,now,-Bsymbolic-functions>")
 endif()
 if(solidmap_native)
-  # Neither has CMake files in Debian.
+  # None of them has CMake files in Debian.
   foreach(library IN ITEMS tet mpfr gmp)
     find_library(SOLIDMAP_LIBRARY_${library} ${library})
     mark_as_advanced(SOLIDMAP_LIBRARY_${library})

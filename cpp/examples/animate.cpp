@@ -1,5 +1,5 @@
-// Moves points inside a solid through the frames of an animation: one factorisation, many frames, with progress, and
-// ended by Ctrl-C within a second.
+// Moves points inside a solid through the frames of an animation: one factorisation for many frames, with progress;
+// Ctrl-C ends it within a second.
 //
 //   animate                         a bar that bends, 24 frames
 //   animate REFERENCE FRAME...      surfaces of one connectivity; the points are on a lattice in the reference's box
@@ -63,7 +63,7 @@ void animate(const solidmap::Surface& reference, const std::vector<std::vector<P
   std::fprintf(stderr, "\r");
   std::printf("factored %zu vertices in %.2f s\n", reference.vertices().size(), elapsed());
 
-  // All frames at once share their work; one by one they could be shown as they come (Factor::solve).
+  // All frames at once share their work; solved one by one, each could be shown as soon as it is ready (Factor::solve).
   std::vector<Point> all;
   for (const auto& frame : frames) all.insert(all.end(), frame.begin(), frame.end());
   const auto factored = elapsed();

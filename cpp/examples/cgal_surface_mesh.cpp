@@ -37,7 +37,7 @@ Kernel::Point_3 bent(const Kernel::Point_3& p) {
   return {radius * std::sin(angle), p.y(), 2.0 - radius * std::cos(angle)};
 }
 
-/// Moves `inner` by the deformation of `skin`, which is a property of its vertices.
+/// Moves `inner` along with the deformation of `skin`, which is given by a property of the skin's vertices.
 void carry(const Mesh& skin, const Mesh::Property_map<Mesh::Vertex_index, Kernel::Point_3>& deformed, Mesh& inner) {
   const solidmap::CheckReport report = solidmap::cgal::surface(skin).check();
   std::printf("skin: %zu vertices, volume %.4f, %s\n", static_cast<std::size_t>(skin.number_of_vertices()),

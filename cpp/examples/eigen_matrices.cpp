@@ -1,5 +1,5 @@
-// For programs that have their meshes in Eigen's matrices, V (n x 3) and F (m x 3) as in libigl: the map of the inside,
-// and how it changes volumes.
+// For programs that have their meshes in Eigen's matrices, V (n x 3) and F (m x 3) as in libigl: maps points inside,
+// and measures how the map changes volumes.
 //
 //   eigen_matrices                    a ball that becomes an egg
 //   eigen_matrices DOMAIN IMAGE       surfaces of one connectivity
@@ -17,7 +17,7 @@ int main(int argc, char** argv) {
   }
   try {
     const auto domain = argc == 3 ? solidmap::Surface::load(argv[1]) : solidmap::shapes::sphere(1.0, 3);
-    // The matrices of such a program.
+    // The matrices that such a program has.
     const Eigen::MatrixXd V = solidmap::eigen::matrix(domain.vertices());
     const Eigen::MatrixXi F = solidmap::eigen::triangles(domain);
     Eigen::MatrixXd image = V;
@@ -34,11 +34,11 @@ int main(int argc, char** argv) {
     std::printf("fitted %td vertices, boundary error 99 %% %.1e of the target's size\n", V.rows(),
                 map.boundary_error().p99);
 
-    // Points half way to the middle, n x 3; their images; and the volume change there.
+    // Points halfway from the boundary to the middle, n x 3; their images; and the volume change there.
     const Eigen::RowVector3d middle = V.colwise().mean();
     const Eigen::MatrixXd inside = (0.5 * V).rowwise() + 0.5 * middle;
     const Eigen::MatrixXd carried = solidmap::eigen::evaluate(map, inside);
-    std::printf("points half way to the middle: in a box of %.3f x %.3f x %.3f, their images in one of %.3f x %.3f x %.3f\n",
+    std::printf("points halfway to the middle: in a box of %.3f x %.3f x %.3f, their images in one of %.3f x %.3f x %.3f\n",
                 inside.col(0).maxCoeff() - inside.col(0).minCoeff(), inside.col(1).maxCoeff() - inside.col(1).minCoeff(),
                 inside.col(2).maxCoeff() - inside.col(2).minCoeff(),
                 carried.col(0).maxCoeff() - carried.col(0).minCoeff(),

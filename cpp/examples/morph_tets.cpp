@@ -12,14 +12,14 @@ namespace {
 
 using solidmap::Point;
 
-/// Tetrahedra of the ball: by TetGen if it is there, else a grid of the cube, carried to the ball.
+/// Tetrahedra of the ball: by TetGen if the library has it, else a regular mesh of a cube, carried to the ball.
 solidmap::CellMesh tets_of_ball(const solidmap::Surface& ball) {
   if (solidmap::has_native()) return solidmap::tetrahedralise(ball);
   const solidmap::Surface cube = solidmap::shapes::cube(2.0, 8);
   std::vector<Point> images;
   for (const Point& p : cube.vertices()) {
     const double length = std::hypot(p[0], p[1], p[2]);
-    // A little inside the ball, as its triangles are.
+    // A little inside the unit sphere, as the ball's triangles are.
     images.push_back({0.95 * p[0] / length, 0.95 * p[1] / length, 0.95 * p[2] / length});
   }
   solidmap::RegularMesh grid;

@@ -62,10 +62,10 @@ inline HarmonicMap make_map(rust::Box<ffi::Map> box) {
   return Access::make<HarmonicMap, HarmonicMapImpl>(std::move(box));
 }
 
-/// The error that Rust wrote: a digit for the category, and the message.
+/// Throws the error that Rust has written as text: a digit for the category, then the message.
 [[noreturn]] void throw_decoded(const rust::Error& error);
 
-/// Calls Rust; its errors are thrown as solidmap::Error.
+/// Calls Rust, and throws its errors as solidmap::Error.
 template <class Call>
 auto guarded(const Call& call) -> decltype(call()) {
   try {
@@ -75,7 +75,7 @@ auto guarded(const Call& call) -> decltype(call()) {
   }
 }
 
-/// The same with a callback, whose exceptions are thrown again.
+/// The same with a callback, whose own exceptions are rethrown as they were.
 template <class Call>
 auto watched(const ProgressCallback& callback, const Call& call) -> decltype(call(std::declval<const Watcher&>())) {
   const Watcher watcher(callback);
@@ -87,7 +87,7 @@ auto watched(const ProgressCallback& callback, const Call& call) -> decltype(cal
   }
 }
 
-/// Whether an enumeration holds one of its own values, up to `last`.
+/// Throws unless an option of an enumeration type has one of its named values, the last of which is `last`.
 template <class Enum>
 void require_one_of(const char* option, Enum value, Enum last) {
   const auto number = static_cast<long long>(value);
@@ -99,9 +99,9 @@ void require_one_of(const char* option, Enum value, Enum last) {
 
 /// The arguments of a call, copied when they overlap the memory for results.
 template <class T, class U>
-class Apart {
+class Unaliased {
  public:
-  Apart(Span<const T> given, Span<U> results) : view_(given) {
+  Unaliased(Span<const T> given, Span<U> results) : view_(given) {
     const auto begin = [](const auto& span) { return reinterpret_cast<std::uintptr_t>(span.data()); };
     const auto end = [&](const auto& span) { return begin(span) + span.size() * sizeof(*span.data()); };
     if (begin(given) < end(results) && begin(results) < end(given)) {
@@ -125,7 +125,7 @@ rust::Slice<T> slice(Span<T> span) {
   return {span.data(), span.size()};
 }
 
-/// An array of small arrays as a flat array, for Rust.
+/// An array of small fixed arrays as a flat array, for Rust.
 template <class T, std::size_t n>
 rust::Slice<const T> flat(Span<const std::array<T, n>> rows) {
   return {reinterpret_cast<const T*>(rows.data()), n * rows.size()};
@@ -135,7 +135,7 @@ rust::Slice<T> flat(Span<std::array<T, n>> rows) {
   return {reinterpret_cast<T*>(rows.data()), n * rows.size()};
 }
 
-/// The same in reverse.
+/// The reverse: a flat array of Rust as an array of small fixed arrays.
 template <class Row, class T>
 Span<const Row> rows(rust::Slice<const T> flat) {
   return {reinterpret_cast<const Row*>(flat.data()), flat.size() / std::tuple_size_v<Row>};
@@ -147,7 +147,7 @@ std::vector<T> kept(Span<const T> view) {
   return std::vector<T>(view.begin(), view.end());
 }
 
-/// A path as the system has it; on Windows in UTF-8.
+/// The bytes of a path in the system's own encoding; on Windows in UTF-8.
 class PathBytes {
  public:
   explicit PathBytes(const std::filesystem::path& path)

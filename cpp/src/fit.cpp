@@ -10,7 +10,8 @@ namespace {
 
 ffi::FitOptions for_rust(const FitOptions& options) {
   if (options.memory == std::uint64_t{0}) {
-    throw Error(Category::invalid_input, "memory is 0 bytes, but must be positive, or none for nine tenths of what there is");
+    throw Error(Category::invalid_input,
+                "memory is 0 bytes, but must be positive, or std::nullopt for nine tenths of the available memory");
   }
   require_one_of("placement.kind", options.placement.kind, Placement::Kind::sphere);
   require_one_of("solver", options.solver, Solver::svd);

@@ -21,7 +21,7 @@ std::vector<Point> HarmonicMap::evaluate(Span<const Point> points) const {
 }
 
 void HarmonicMap::evaluate(Span<const Point> points, Span<Point> images) const {
-  const Apart given(points, images);
+  const Unaliased given(points, images);
   guarded([&] { Access::of(*this).evaluate(flat(given.view()), flat(images)); });
 }
 
@@ -38,15 +38,15 @@ std::vector<Matrix3> HarmonicMap::jacobian(Span<const Point> points) const {
 }
 
 void HarmonicMap::jacobian(Span<const Point> points, Span<Matrix3> jacobians) const {
-  const Apart given(points, jacobians);
+  const Unaliased given(points, jacobians);
   guarded([&] { Access::of(*this).jacobian(flat(given.view()), flat(jacobians)); });
 }
 
 void HarmonicMap::evaluate_with_jacobian(Span<const Point> points, Span<Point> images,
                                          Span<Matrix3> jacobians) const {
-  const Apart given(points, images);
-  const Apart kept(given.view(), jacobians);
-  guarded([&] { Access::of(*this).evaluate_with_jacobian(flat(kept.view()), flat(images), flat(jacobians)); });
+  const Unaliased apart_from_images(points, images);
+  const Unaliased given(apart_from_images.view(), jacobians);
+  guarded([&] { Access::of(*this).evaluate_with_jacobian(flat(given.view()), flat(images), flat(jacobians)); });
 }
 
 BoundaryMap HarmonicMap::boundary() const {

@@ -67,7 +67,7 @@ Remeshed converted(const rust::Box<ffi::RemeshResult>& remeshed) {
 Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOptions& options,
                 const ProgressCallback& progress) {
   require_one_of("kind", cells.kind, CellKind::hexes);
-  // One of the two is the size.
+  // Rust takes the size from whichever of the two is not 0.
   const std::size_t along = cells.length != 0 ? 0 : cells.along;
   return watched(progress, [&](const Watcher& watcher) {
     return converted(ffi::remesh_regular(Access::of(map), cells.kind == CellKind::hexes, along, cells.length,

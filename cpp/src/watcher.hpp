@@ -1,4 +1,4 @@
-// Passes progress from Rust to the user's callback, and keeps its exceptions from Rust.
+// Passes progress from Rust to the user's callback, and keeps the callback's exceptions out of Rust.
 #pragma once
 
 #include <exception>
@@ -12,15 +12,15 @@ class Watcher {
  public:
   explicit Watcher(const ProgressCallback& callback) : callback_(callback) {}
 
-  /// Calls the callback. False once it has returned false or thrown.
+  /// Calls the callback. False when it returns false or throws, and without a call once it has thrown.
   bool goes_on(rust::Str step, double fraction, rust::Str detail) const noexcept;
 
-  /// Throws again what the callback threw.
+  /// Rethrows what the callback threw, if anything.
   void rethrow() const;
 
  private:
   const ProgressCallback& callback_;
-  // Calls come from the thread that the watcher lives on.
+  // Needs no lock: all calls come from the thread that made the watcher.
   mutable std::exception_ptr thrown_;
 };
 

@@ -1,5 +1,7 @@
 // CPU seconds (median, after one call to warm up) of evaluating a map file at points in the unit ball's box; the same
-// as examples/bench_evaluate.rs.  bench_evaluate MAP [POINTS] [RUNS]
+// as examples/bench_evaluate.rs.
+//
+//   bench_evaluate [MAP] [POINTS] [RUNS]      by default map.safetensors, 1 000 000 and 9
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -30,7 +32,7 @@ int main(int argc, char** argv) {
     const std::size_t count = argc > 2 ? std::strtoul(argv[2], nullptr, 10) : 1'000'000;
     const int runs = argc > 3 ? std::atoi(argv[3]) : 9;
     std::vector<solidmap::Point> points(count);
-    // Fractions of multiples of irrational numbers fill a cube evenly.
+    // Fractional parts of the multiples of three irrational numbers fill a cube evenly.
     for (std::size_t i = 0; i < count; ++i) {
       const double n = static_cast<double>(i);
       const double steps[] = {0.8191725134, 0.6710436067, 0.5497004779};

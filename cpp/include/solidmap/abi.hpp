@@ -1,7 +1,7 @@
 /// \file
-/// Makes programs fail to link, rather than crash, whose standard library has another layout of its classes than the
-/// one that this library was built with: debug mode (_GLIBCXX_DEBUG), the old strings (_GLIBCXX_USE_CXX11_ABI=0), or
-/// another library altogether.
+/// A link-time check of the standard library's ABI. A program whose standard library lays out its classes differently
+/// from the one that this library was built with (debug mode, _GLIBCXX_DEBUG; the old strings,
+/// _GLIBCXX_USE_CXX11_ABI=0; another library altogether) fails to link, with a symbol that names the cause.
 #pragma once
 
 #include <cstddef>

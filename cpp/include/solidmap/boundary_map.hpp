@@ -46,8 +46,10 @@ struct PairOptions {
 
 /// How far a map made by BoundaryMap::pair() distorts, and warnings.
 struct PairReport {
-  /// Quantiles over the area of σ₁/σ₂, 1 where angles are kept, and of max(σ₁σ₂, 1/σ₁σ₂), 1 where areas are kept.
+  /// Quantiles over the area of σ₁/σ₂, 1 where angles are kept, and of max(σ₁σ₂, 1/σ₁σ₂), 1 where areas are kept;
+  /// σ₁ ≥ σ₂ are the singular values of the Jacobian from surface to surface.
   double angle_median = 0, angle_p99 = 0, area_median = 0, area_p99 = 0;
+  /// Wall-clock seconds.
   double seconds = 0;
   std::vector<std::string> warnings;
 };
@@ -92,11 +94,11 @@ class BoundaryMap {
   double target_volume() const;
   double target_diagonal() const;
 
-  /// Images of points of the domain's surface, evaluated on all cores: some microseconds for each point by compositions
-  /// of spherical embeddings. Throws Error (invalid_input) for a triangle out of range.
+  /// Images of points of the domain's surface, evaluated on all cores: some microseconds per point for a composition of
+  /// spherical embeddings. Throws Error (invalid_input) for a triangle out of range.
   std::vector<Point> evaluate(Span<const SurfacePoint> points) const;
 
-  /// The inverse map. Throws Error (unsupported) unless the map was made by pair().
+  /// The inverse map. Throws Error (unsupported) unless the map was made by pair(), or loaded from a file of such a one.
   BoundaryMap inverse() const;
 
  private:

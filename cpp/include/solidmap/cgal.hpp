@@ -18,7 +18,7 @@ Point point(const CgalPoint& p) {
   return {CGAL::to_double(p.x()), CGAL::to_double(p.y()), CGAL::to_double(p.z())};
 }
 
-/// The points of all vertices but removed ones, in the order of `mesh.vertices()`.
+/// The points of all vertices except removed ones, in the order of `mesh.vertices()`.
 template <class CgalPoint>
 std::vector<Point> points(const CGAL::Surface_mesh<CgalPoint>& mesh) {
   std::vector<Point> points;
@@ -63,7 +63,7 @@ Mesh mesh(const Surface& surface) {
   for (const Point& p : surface.vertices()) vertices.push_back(mesh.add_vertex({p[0], p[1], p[2]}));
   for (const Triangle& t : surface.triangles()) {
     if (mesh.add_face(vertices[t[0]], vertices[t[1]], vertices[t[2]]) == Mesh::null_face()) {
-      throw Error(Category::invalid_input, "the surface is not a manifold, as CGAL::Surface_mesh has to be");
+      throw Error(Category::invalid_input, "the surface is not a manifold, as CGAL::Surface_mesh requires");
     }
   }
   return mesh;

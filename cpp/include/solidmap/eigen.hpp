@@ -46,7 +46,7 @@ inline Span<Point> view(PointRows& rows) {
 }
 void view(PointRows&&) = delete;
 
-/// Points as a matrix, without a copy; it views what `points` views. Of a temporary vector, a copy.
+/// Points as an n x 3 matrix, without a copy: it views what `points` views. A temporary vector is copied.
 inline Eigen::Map<const PointRows> matrix(Span<const Point> points) {
   return {points.empty() ? nullptr : points[0].data(), static_cast<Eigen::Index>(points.size()), 3};
 }

@@ -1,5 +1,5 @@
 /// \file
-/// The one exception of the library.
+/// The one type of exception that the library throws.
 #pragma once
 
 #include <stdexcept>
@@ -21,14 +21,13 @@ enum class Category {
   unsupported,
   /// The computation failed: a singular system, a map that is not finite.
   numerical,
-  /// More memory (`memory` in options) or more elements are needed than allowed, which is estimated before any is
-  /// taken.
+  /// More memory (`memory` in options) or more elements are needed than allowed, by an estimate made beforehand.
   memory,
   /// A progress callback returned false.
   cancelled,
   /// CGAL or TetGen failed.
   native,
-  /// A mistake in solidmap itself; please report it.
+  /// A bug in solidmap itself; please report it.
   internal,
 };
 

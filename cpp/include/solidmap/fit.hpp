@@ -40,7 +40,8 @@ enum class Solver {
   /// Iterations with a Schwarz preconditioner: time and memory are linear in the number of sources. Adaptive placement
   /// only.
   schwarz,
-  /// Dense decompositions, for a few thousand sources: time grows with the cube of their number.
+  /// Dense decompositions, for a few thousand sources: time grows with the cube of their number. FitOptions::dense()
+  /// sets such a limit.
   qr,
   svd,
 };
@@ -49,12 +50,12 @@ enum class Solver {
 struct FitOptions {
   /// Boundary error to reach on 99 % of the area, as a fraction of the target's diagonal.
   double tolerance = 1e-3;
-  /// Whether fit() adds sources where the error is larger than that. Solver::schwarz only.
+  /// Whether fit() adds sources where the error exceeds the tolerance. Solver::schwarz only.
   bool refine = true;
   /// Largest number of sources, refinement included.
   std::size_t max_sources = 2'000'000;
   /// Bytes that a fit may need, estimated before they are taken: more throws Error (memory), and refinement ends there.
-  /// None: nine tenths of what is available at the start.
+  /// std::nullopt: nine tenths of what is available at the start.
   std::optional<std::uint64_t> memory;
   Placement placement;
   /// Sources per boundary vertex; at most 1 with adaptive placement.
@@ -77,7 +78,8 @@ struct FitOptions {
   static FitOptions adaptive();
   /// A dense decomposition with at most 5000 sources.
   static FitOptions dense();
-  /// The settings of Li et al. 2007: offset surface, no overdetermination, singular values. Needs CGAL (has_native()).
+  /// The settings of Li et al. 2007, but with the affine functions: sources on an offset surface, 0.6 for each vertex,
+  /// a collocation point at each vertex, singular value decomposition, at most 3000 sources. Needs CGAL (has_native()).
   static FitOptions paper();
 };
 
@@ -85,8 +87,8 @@ struct FitOptions {
 /// vertices on two cores. When the tolerance is not met within the limits the best map is returned: see
 /// HarmonicMap::boundary_error().
 ///
-/// Results do not depend on the order of evaluation; they may differ in the last digits between numbers of threads. All
-/// cores are used; the environment variable RAYON_NUM_THREADS, read at the first call, sets another number.
+/// The same input gives the same bits with the same number of threads; with another, images differ by some 1e-8 of the
+/// diagonal. All cores are used; the environment variable RAYON_NUM_THREADS, read at the first call, sets the number.
 ///
 /// Throws Error: invalid_input (a domain that bounds no solid, an option out of range), memory, numerical, cancelled,
 /// unsupported (Placement::Kind::offset without CGAL).
@@ -111,9 +113,9 @@ class Factor {
   HarmonicMap solve(Span<const Point> images, const ProgressCallback& progress = {}) const;
   HarmonicMap solve(const BoundaryMap& boundary, const ProgressCallback& progress = {}) const;
 
-  /// The maps for many frames together, which share all kernel values: a fifth of the time of one by one when frames
-  /// move alike. `frames` are the images of all vertices, frame after frame. Takes about 240 bytes for each frame and
-  /// point.
+  /// The maps for many frames together, which share all kernel values: a fifth of the time of solving one by one when
+  /// frames move alike. `frames` are the images of all vertices, frame after frame. Takes about 240 bytes per frame for
+  /// each source and collocation point. Throws Error as solve(), and memory.
   std::vector<HarmonicMap> solve_many(Span<const Point> frames, const ProgressCallback& progress = {}) const;
   std::vector<HarmonicMap> solve_many(Span<const BoundaryMap> boundaries, const ProgressCallback& progress = {}) const;
 

@@ -23,8 +23,8 @@ struct InverseImpl;
 }  // namespace detail
 
 /// Distances between map and boundary map at boundary points that the fit has not seen, as fractions of the target's
-/// diagonal. By the maximum principle the map is nowhere inside farther from the exact harmonic one than on the
-/// boundary.
+/// diagonal. By the maximum principle the map is nowhere inside the domain farther from the exact harmonic one than on
+/// the boundary.
 struct BoundaryError {
   /// Root mean square over the area, 99 % quantile by area, and maximum.
   double rms = 0, p99 = 0, max = 0;
@@ -40,7 +40,7 @@ struct FitReport {
   std::size_t iterations = 0;
   /// Rounds of refinement, and why they ended: `"tolerance"` (it is met), `"off"`, `"fixed"` (the solver has none),
   /// `"max_sources"`, `"memory"`, `"in_vain"` (more sources did not help), `"no_room"` (for finer sources outside the
-  /// domain); empty where no tolerance was aimed at. Whether it is met, `boundary_error.p99` says.
+  /// domain); empty where no tolerance was set. `boundary_error.p99` tells whether it is met.
   std::size_t refinements = 0;
   std::string refinement_end;
   BoundaryError boundary_error;
@@ -56,7 +56,7 @@ struct FitReport {
 /// A harmonic map between two solids, `f(x) = A (1, x) + Σ_s w_s / (4π |x - Q_s|)`. Immutable; copies share their data
 /// and cost nothing; all functions may be called from any number of threads at once.
 ///
-/// Outside the domain values mean nothing; at a source they are not finite.
+/// Values outside the domain are meaningless; at a source they are not finite.
 class HarmonicMap {
  public:
   /// Reads a map file, as `solidmap fit` writes them too. Throws Error (not_found, io, invalid_input, or unsupported
@@ -66,15 +66,15 @@ class HarmonicMap {
   void save(const std::filesystem::path& path) const;
 
   /// Images of the points, in order. Evaluate many points in one call, on all cores: a million points with 100 000
-  /// sources take about a second; a call for one point takes as long as one for thousands.
+  /// sources take about a second, while a point by itself costs a sum over all sources.
   std::vector<Point> evaluate(Span<const Point> points) const;
   /// The same into `images`, of the same size; throws Error (invalid_input) otherwise. `images` may overlap `points`,
   /// which are copied then.
   void evaluate(Span<const Point> points, Span<Point> images) const;
-  /// The image of one point: a sum over all sources.
+  /// The image of one point: costs a sum over all sources.
   Point operator()(const Point& point) const;
 
-  /// Jacobians, `∂f_i/∂x_k` at `3 i + k`.
+  /// Jacobians at the points, `∂f_i/∂x_k` at `3 i + k`.
   std::vector<Matrix3> jacobian(Span<const Point> points) const;
   void jacobian(Span<const Point> points, Span<Matrix3> jacobians) const;
   /// Both, in little more time than the Jacobians alone. The two ranges of results must not overlap.
@@ -88,8 +88,8 @@ class HarmonicMap {
   /// The metadata of its map file: format, generator, inputs, report; one line of JSON.
   std::string metadata() const;
 
-  /// Positions `Q` of the sources, their coefficients `w`, and four rows for the functions 1, x, y, z. Views, valid as
-  /// long as this object or a copy lives; of a temporary, copies.
+  /// Positions `Q` of the sources, their coefficients `w`, and the coefficients of the functions 1, x, y, z (four rows,
+  /// `A`). Views, valid as long as this object or a copy lives; of a temporary, copies.
   Span<const Point> sources() const&;
   Span<const Point> coefficients() const&;
   Span<const Point> affine() const&;
@@ -107,7 +107,7 @@ class HarmonicMap {
 struct InverseOptions {
   /// Largest `|f(x) - y|` of a preimage, as a fraction of the target's diagonal; at most 1e-3.
   double tolerance = 1e-10;
-  /// Nodes of the mesh that the search starts from, at most a million: folds smaller than its cells go unseen.
+  /// Nodes of the mesh that the search starts from, at most a million: folds smaller than its cells may be missed.
   std::size_t seed_nodes = 30'000;
   /// Largest number of steps of Newton's method.
   std::size_t iterations = 60;
@@ -118,7 +118,8 @@ struct Preimage {
   enum class Status {
     /// One preimage.
     ok,
-    /// Several, or one where the map is turned inside out.
+    /// Several, of which the one with the largest `det J` is given; or one where the map inverts orientation; or one
+    /// that cannot be the only one.
     folded,
     /// Not in the target, and without a preimage.
     outside,
@@ -134,15 +135,16 @@ struct Preimage {
   double round_trip = 0;
   /// Number of different preimages that were found.
   std::size_t preimages = 0;
-  /// Whether it lies outside the domain, by no more than the boundary error explains.
+  /// Whether the preimage lies outside the domain, by no more than the boundary error explains.
   bool beyond_boundary = false;
 };
 
-/// The inverse of a map, made once for many points. Immutable; copies are free; may be called from any thread.
+/// The inverse of a map, made once for many points. Immutable; copies are free; may be called from several threads at
+/// once.
 class Inverse {
  public:
-  /// Maps the mesh that searches start from, some tenths of a second. Throws Error (invalid_input; unsupported without
-  /// a boundary map).
+  /// Maps the mesh that searches start from, which takes about a second on two cores. Throws Error (invalid_input;
+  /// unsupported without a boundary map).
   explicit Inverse(const HarmonicMap& map, const InverseOptions& options = {});
 
   /// Preimages of the points, in order. Search for many in one call, on all cores: about 10 µs per point and core.
@@ -170,21 +172,21 @@ struct Distribution {
 
 /// Integrals over the domain, and how the densities are distributed.
 struct EnergyReport {
-  /// Integral of the squared Jacobian norm.
+  /// Integral of the Jacobian's squared Frobenius norm.
   double harmonic = 0;
-  /// Integral of the energy of Hooke's law for the strain of the map.
+  /// Integral of the elastic energy ½ σ : ε by Hooke's law, with Green's strain ε = JᵀJ − I.
   double deformation = 0;
   /// Volumes of the domain and of the target, model units.
   double volume = 0, target_volume = 0;
   Distribution harmonic_density, deformation_density;
-  /// Determinants of the map as it is, in model units.
+  /// Determinant of the Jacobian, in model units also when energies are normalised.
   Distribution det_jacobian;
-  /// Points where the map is folded, and their fraction of the domain's volume.
+  /// Points of the quadrature where the map is folded, and the fraction of the domain's volume that they stand for.
   std::size_t inverted_points = 0;
   double inverted_fraction = 0;
 };
 
-/// Energies of a map, integrated on a grid, or over the tetrahedra of a mesh, which has to be one of the domain: that
+/// Energies of a map, integrated on a grid, or over the tetrahedra of a mesh, which must be a mesh of the domain: that
 /// is not checked. Throws Error (invalid_input: no volume, no cells; numerical: a Jacobian that is not finite;
 /// unsupported: no boundary map).
 EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options = {});
@@ -213,8 +215,8 @@ struct DistortionReport {
   double left_out_fraction = 0;
 };
 
-/// Distortion of a map, on a grid of so many cells along the longest side, or over tetrahedra. Throws Error as
-/// energies().
+/// Distortion of a map, integrated on a grid of `cells` cells along the longest side, or over tetrahedra. Throws Error
+/// as energies().
 DistortionReport distortion(const HarmonicMap& map, std::size_t cells = 48);
 DistortionReport distortion(const HarmonicMap& map, const CellMesh& tets);
 

@@ -51,7 +51,7 @@ struct Component {
   double area = 0;
   /// Volume that it encloses, positive when it faces outward; NaN when it encloses none.
   double volume = std::numeric_limits<double>::quiet_NaN();
-  /// Whether it bounds a volume, and whether that is a cavity of another component.
+  /// Whether it bounds a volume, and whether that volume is a cavity of another component.
   bool shell = false;
   bool cavity = false;
 };
@@ -106,7 +106,7 @@ class Surface {
   double volume() const;
   /// Lowest and highest corner of the box of all triangles; zeros without any.
   std::array<Point, 2> bounding_box() const;
-  /// Diagonal of the bounding box: the unit of reported errors.
+  /// Length of the bounding box's diagonal, of which reported errors are fractions.
   double diagonal() const;
 
   /// What is wrong, where, and how to repair it. Linear in the size but for nested components.
@@ -116,8 +116,8 @@ class Surface {
   /// cavity; vertices and triangles keep their indices. What was done is added to `done`, in words.
   Surface repaired(std::vector<std::string>* done = nullptr) const;
   /// The same surface with holes of up to `most_edges` edges (at most 1000) closed by triangles over the vertices of
-  /// their rims, appended; cubic in the edges. `closed` gets their number. Throws Error (invalid_input) when a hole is
-  /// larger, or all together are more than a hundredth of the area; nothing is closed then.
+  /// their rims, appended; costs the cube of a hole's edges. `closed` gets the number of holes. Throws Error
+  /// (invalid_input), and closes none, when a hole is larger, or all together are more than a hundredth of the area.
   Surface with_holes_closed(std::size_t most_edges = 100, std::size_t* closed = nullptr) const;
 
  private:
@@ -133,7 +133,7 @@ namespace shapes {
 Surface sphere(double radius, unsigned levels);
 /// The cube [-size/2, size/2]^3, each side in `divisions`^2 squares of two triangles.
 Surface cube(double size, std::size_t divisions);
-/// The union of unit cubes at integer positions, each outer side in `divisions`^2 squares.
+/// The union of unit cubes with their lowest corners at integer positions, each outer face in `divisions`^2 squares.
 Surface polycube(Span<const std::array<std::int32_t, 3>> cubes, std::size_t divisions);
 /// A torus about the z axis: `around` divisions of the circle of radius `major`, `across` of the tube.
 Surface torus(double major, double minor, std::size_t around, std::size_t across);
@@ -159,7 +159,7 @@ struct PlaneSection {
 };
 
 /// The section of the solid at `position` along `axis`, `pixels` (16 to 8192) along the longer side of the picture,
-/// with `up` pointing up in it, or the later of the two other axes where that is `axis`. Throws Error (invalid_input)
+/// with `up` pointing up in it; where `up` is `axis`, the later of the two other axes. Throws Error (invalid_input)
 /// when the plane cuts nothing, or the surface is open there.
 PlaneSection plane_section(const Surface& surface, Axis axis, double position, std::size_t pixels = 512,
                            Axis up = Axis::z);
@@ -172,12 +172,12 @@ struct CellQuality {
   std::size_t cells = 0;
   /// Cells that are inverted or flat: tetrahedra by exact predicates, hexahedra at their corners and 125 points inside.
   std::size_t inverted = 0;
-  /// Minimum, 1 % quantile and mean of the cells' scaled Jacobians: the least in each cell, 1 for a regular tetrahedron
-  /// or a cube.
+  /// Minimum, 1 % quantile and mean over the cells of the scaled Jacobian, the least value in each cell: 1 for a
+  /// regular tetrahedron or a cube.
   double min_scaled_jacobian = 0;
   double p01_scaled_jacobian = 0;
   double mean_scaled_jacobian = 0;
-  /// Dihedral angles, degrees.
+  /// Smallest and largest dihedral angle, degrees.
   double min_dihedral = 0;
   double max_dihedral = 0;
 };
@@ -210,7 +210,7 @@ class CellMesh {
   std::vector<Hex> hexes() &&;
   std::vector<std::int32_t> regions() &&;
 
-  /// The same cells over other positions of the nodes, such as their images by a map.
+  /// The same cells with other positions of the nodes, such as their images by a map.
   /// Throws Error (invalid_input) when their count differs.
   CellMesh with_nodes(Span<const Point> nodes) const;
 

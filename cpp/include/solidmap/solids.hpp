@@ -22,13 +22,15 @@ struct TetOptions {
   Mesher mesher = Mesher::tetgen;
   /// tetgen: largest ratio of circumradius to shortest edge, at least 1.1; 0: no refinement inside.
   double radius_edge_ratio = 1.414;
-  /// tetgen: smallest dihedral angle aimed for, degrees, 0 to 20.
+  /// tetgen: smallest dihedral angle aimed for, degrees, 0 to 20. Needs `radius_edge_ratio`.
   double min_dihedral = 0;
   /// tetgen: volume of a tetrahedron to aim for; 0: none.
   double max_volume = 0;
-  /// cgal: largest circumradius; 0: a twentieth of the diagonal. Distance of the boundary; 0: a twentieth of that.
-  double cell_size = 0, facet_distance = 0;
-  /// cgal: edges sharper than this many degrees are kept.
+  /// cgal: largest circumradius of a tetrahedron; 0: a twentieth of the bounding box's diagonal.
+  double cell_size = 0;
+  /// cgal: largest distance of the mesh's boundary from the surface; 0: a twentieth of `cell_size`.
+  double facet_distance = 0;
+  /// cgal: edges whose triangles' normals differ by more than this many degrees are kept.
   double feature_angle = 60;
   /// cgal: seconds after which Error (native) is thrown.
   double time_limit = 300;
@@ -37,7 +39,7 @@ struct TetOptions {
 };
 
 /// Tetrahedra that fill the solid inside `surface`. With tetgen the first nodes are the surface's vertices, bit for
-/// bit. One call at a time runs in a process; others wait. Throws Error: unsupported without CGAL and TetGen
+/// bit. TetGen runs once at a time in a process; other calls wait. Throws Error: unsupported without CGAL and TetGen
 /// (has_native()), invalid_input (open, degenerate, intersecting itself), memory, native.
 CellMesh tetrahedralise(const Surface& surface, const TetOptions& options = {});
 
@@ -59,9 +61,10 @@ struct OffsetOptions {
 /// A closed surface around a model, clear of it, without self-intersections.
 struct OffsetSurface {
   Surface surface;
-  /// Largest errors of the distance at vertices and at the centroids of triangles, and the smallest distance.
+  /// Largest errors of the distance at vertices and at the centroids of triangles, and the smallest distance, all in
+  /// model units.
   double vertex_error = 0, centroid_error = 0, min_distance = 0;
-  /// Handles, and components: parts of the model closer than twice the distance share one.
+  /// Number of handles, and of components: parts of the model closer than twice the distance share one.
   std::size_t genus = 0, components = 0;
   /// The wrap's parameter alpha, in model units.
   double alpha = 0;
@@ -69,16 +72,17 @@ struct OffsetSurface {
   bool raw_wrap = false;
 };
 
-/// The surface at `distance` outside a closed one, which may intersect itself. Throws Error as tetrahedralise().
+/// The surface at `distance` (model units) outside a closed one, which may intersect itself; cavities get none. Throws
+/// Error as tetrahedralise().
 OffsetSurface offset_surface(const Surface& surface, double distance, const OffsetOptions& options = {});
 
 /// A regular mesh of a polycube.
 struct RegularMesh {
   CellKind kind = CellKind::hexes;
-  /// Cells along the longest side of the domain, or, unless it is 0, the length of their sides. Between neighbouring
-  /// planes of the polycube their number is rounded to an even one; hexahedra get an additional layer along the
-  /// boundary.
+  /// Cells along the longest side of the domain. Between neighbouring planes of the polycube their number is rounded to
+  /// an even one; hexahedra get an additional layer along the boundary.
   std::size_t along = 16;
+  /// Side of a cell, in model units; replaces `along` unless it is 0.
   double length = 0;
   /// Largest number of cells: more throw Error (memory) before any is made.
   std::size_t max_cells = 20'000'000;
@@ -96,7 +100,7 @@ struct RemeshOptions {
   std::uint64_t memory = 0;
 };
 
-/// The report on a carried mesh. Distances are fractions of the target's diagonal.
+/// The report on a carried mesh. Distances, shifts and slides are fractions of the target's diagonal.
 struct RemeshReport {
   std::size_t nodes = 0, boundary_nodes = 0;
   /// Inverted cells before the repair; those left are in `quality`.

@@ -18,7 +18,7 @@ namespace solidmap {
 using Point = std::array<double, 3>;
 /// The corners of a triangle, counted from 0, counter-clockwise seen from outside.
 using Triangle = std::array<std::uint32_t, 3>;
-/// The corners of a tetrahedron, counted from 0; right-handed if `det(b-a, c-a, d-a) > 0`.
+/// The corners of a tetrahedron, counted from 0; positively oriented if `det(b-a, c-a, d-a) > 0`.
 using Tet = std::array<std::uint32_t, 4>;
 /// The corners of a hexahedron, counted from 0: four around the bottom, counter-clockwise from above, then those over
 /// them.
@@ -27,7 +27,7 @@ using Hex = std::array<std::uint32_t, 8>;
 using Matrix3 = std::array<double, 9>;
 
 static_assert(sizeof(Point) == 3 * sizeof(double) && sizeof(Matrix3) == 9 * sizeof(double),
-              "arrays of points are arrays of numbers");
+              "arrays of points must be contiguous arrays of doubles");
 
 namespace detail {
 /// Whether the elements of a temporary container outlive it.

@@ -1,6 +1,6 @@
 #pragma once
 
-/// The largest error of a fitted map at points inside a ball that is turned and stretched.
+/// The largest error of a fitted map at points inside a ball that is rotated and stretched.
 double largest_error();
 
 /// Whether an open surface is refused as it should be.

@@ -24,7 +24,7 @@ void check_same(const FitOptions& a, const FitOptions& b) {
   CHECK(a.seed == b.seed);
 }
 
-/// The formula of the header.
+/// The image of a point by the formula in harmonic_map.hpp.
 Point summed(const HarmonicMap& map, const Point& x) {
   const auto a = map.affine();
   Point f = a[0];
@@ -109,7 +109,7 @@ TEST_CASE("values are the formula's, derivatives those of the values") {
   CHECK(map.evaluate(Span<const Point>()).empty());
   CHECK(thrown_by([&] { map.evaluate(points, Span<Point>(again.data(), 3)); }) == "invalid_input");
   CHECK(thrown_by([&] { map.jacobian(points, Span<Matrix3>(derivatives.data(), 3)); }) == "invalid_input");
-  // What is refused is left as it was, and results may take the place of what was given.
+  // A refused call writes nothing, and results may overwrite the arguments.
   std::vector<Point> kept(points.size());
   CHECK(thrown_by([&] { map.evaluate_with_jacobian(points, kept, Span<Matrix3>(derivatives.data(), 3)); }) ==
         "invalid_input");
@@ -288,7 +288,7 @@ TEST_CASE("a section shows the energy densities of a map") {
   CHECK(thrown_by([&] { plane_section(ball, Axis::z, 2.0); }) == "invalid_input");
 }
 
-TEST_CASE("boundary maps go by the sphere, there and back") {
+TEST_CASE("maps to the sphere have no inverse, maps of pairs have one") {
   const Surface cube = shapes::cube(2.0, 6);
   const BoundaryMap sphere = BoundaryMap::to_sphere(cube);
   for (const Point& p : sphere.images()) CHECK(distance(p, {0, 0, 0}) == doctest::Approx(1.0));
@@ -318,7 +318,7 @@ TEST_CASE("one refusal ends a pair and a map to the sphere, whenever it comes") 
     for (int last = 1; last <= calls; last += 1 + calls / 10) {
       int count = 0;
       const std::string thrown = thrown_by([&] { work([&](const Progress&) { return ++count != last; }); });
-      // Work of which little is left may be done before it is asked as often.
+      // Work that is nearly done may end before the callback has been called that often.
       if (count >= last) CHECK(thrown == "cancelled");
       CHECK(count <= last);
     }

@@ -11,7 +11,7 @@ static_assert(std::is_convertible_v<std::vector<Point>&, Span<const Point>>);
 static_assert(std::is_convertible_v<std::vector<Point>, Span<const Point>>);
 static_assert(std::is_convertible_v<Span<Point>, Span<const Point>>);
 static_assert(!std::is_convertible_v<const std::vector<Point>&, Span<Point>>);
-static_assert(!std::is_convertible_v<std::vector<Point>, Span<Point>>, "a view of a temporary to write into");
+static_assert(!std::is_convertible_v<std::vector<Point>, Span<Point>>, "a writable view of a temporary");
 static_assert(!std::is_convertible_v<std::vector<float>&, Span<const double>>);
 static_assert(!std::is_convertible_v<std::deque<double>&, Span<const double>>);
 static_assert(std::is_nothrow_move_constructible_v<Surface> && std::is_copy_assignable_v<Surface>);
@@ -22,7 +22,7 @@ TEST_CASE("the library says what it is") {
   CHECK((licence().find("AGPL") != std::string::npos) == has_native());
 }
 
-TEST_CASE("spans view what there is") {
+TEST_CASE("spans view arrays without copies") {
   const double xyz[] = {1, 2, 3, 4, 5, 6};
   const Span<const Point> points = as_points(Span<const double>(xyz));
   CHECK(points.size() == 2);

@@ -7,7 +7,7 @@ using namespace testing;
 
 namespace {
 
-/// An L of cubes, bent.
+/// The map that bends an L of cubes.
 HarmonicMap bent_polycube() {
   const std::vector<std::array<std::int32_t, 3>> cubes = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}};
   const Surface polycube = shapes::polycube(cubes, 6);
@@ -48,7 +48,7 @@ TEST_CASE("a polycube's grid is carried without an inverted cell") {
     CHECK(thrown_by([&] { remesh(map, regular, {}, [](const Progress& p) { return p.step != "repairing"; }); }) ==
           "cancelled");
   }
-  // The length of sides goes before their number, which has a default.
+  // The length of sides takes precedence over their number, which has a default.
   RegularMesh sized;
   sized.length = 0.5;
   CHECK(remesh(map, sized).mesh.size() < 1500);
@@ -64,7 +64,7 @@ TEST_CASE("a polycube's grid is carried without an inverted cell") {
   CHECK(thrown_by([&] { remesh(fit(twisted_ball()), RegularMesh()); }) == "invalid_input");
 }
 
-TEST_CASE("solids are filled and wrapped, or it is said what is missing") {
+TEST_CASE("solids are filled and wrapped, or the error says what the build lacks") {
   const Surface cube = shapes::cube(2.0, 4);
   TetOptions by_cgal;
   by_cgal.mesher = TetOptions::Mesher::cgal;

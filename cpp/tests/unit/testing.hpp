@@ -26,7 +26,7 @@ inline double farthest(solidmap::Span<const Point> a, solidmap::Span<const Point
   return most;
 }
 
-/// Points in the ball of this radius, always the same.
+/// Random points in the ball of this radius, the same in every run.
 inline std::vector<Point> points_in_ball(std::size_t count, double radius) {
   std::mt19937_64 random(7);
   std::uniform_real_distribution<double> along(-radius, radius);
@@ -38,7 +38,7 @@ inline std::vector<Point> points_in_ball(std::size_t count, double radius) {
   return points;
 }
 
-/// Twists and stretches; smooth, and no harmonic map.
+/// A twist with a stretch: smooth, but not harmonic.
 inline Point twisted(const Point& p, double strength = 0.5) {
   const double angle = strength * p[2], c = std::cos(angle), s = std::sin(angle);
   return {1.2 * (c * p[0] - s * p[1]), 1.2 * (s * p[0] + c * p[1]), p[2] + 0.1 * p[0] * p[0]};
@@ -56,7 +56,7 @@ inline solidmap::BoundaryMap twisted_ball(unsigned levels = 3, double strength =
   return {ball, mapped(ball.vertices(), [&](const Point& p) { return twisted(p, strength); })};
 }
 
-/// A folder that goes away.
+/// A temporary folder, removed at the end.
 class Folder {
  public:
   Folder() {

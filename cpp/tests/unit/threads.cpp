@@ -6,8 +6,8 @@
 using namespace solidmap;
 using namespace testing;
 
-// Many threads ask one map, one inverse and one factor, and copy and drop them meanwhile. With -fsanitize=thread the
-// C++ side is watched too: see scripts/test-cpp-memory.sh.
+// Many threads use one map, one inverse and one factor, and copy and drop them meanwhile. scripts/test-cpp-memory.sh
+// runs this with the C++ side under -fsanitize=thread.
 TEST_CASE("8 threads hammer one map") {
   const HarmonicMap map = fit(twisted_ball(2));
   const Factor factor(shapes::sphere(1.0, 2));
