@@ -21,7 +21,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
     let count: u32 = arguments.next().map_or(Ok(1_000_000), |count| count.parse())?;
     let runs: usize = arguments.next().map_or(Ok(9), |runs| runs.parse())?;
     let map = read_map(path.as_ref())?.map;
-    // Fractions of multiples of irrational numbers fill a cube evenly.
+    // Fractional parts of the multiples of three irrational numbers fill a cube evenly.
     let along = |i: u32, step: f64| 0.5 * (2.0 * (f64::from(i) * step).fract() - 1.0);
     let points: Vec<Point> = (0..count)
         .map(|i| Point::from([0.819_172_513_4, 0.671_043_606_7, 0.549_700_477_9].map(|step| along(i, step))))
@@ -46,7 +46,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// User and system time of this process so far; Linux counts hundredths.
+/// User and system time of this process so far, in seconds; Linux counts hundredths.
 fn cpu_seconds() -> Result<f64, Box<dyn std::error::Error>> {
     let stat = std::fs::read_to_string("/proc/self/stat")?;
     // Fields 14 and 15; the second is the name in parentheses.

@@ -46,7 +46,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
     let flipped = flipped_tets(&tets, &images).ok_or("the map has no value at a node")?;
     println!("{} of {} tets are inverted", flipped.negative, tets.tets().len());
 
-    // And back: which point of the domain goes there?
+    // The inverse: which point of the domain goes to the first image?
     let inverse = InverseMap::new(&file.map, &boundary, &InverseOptions::default())?;
     let (preimages, _) = inverse.preimages(&images[..1]);
     let found = &preimages[0];

@@ -1,4 +1,4 @@
-//! Meshes the target of a map from a polycube with hexahedra, none of them inverted where that can be reached.
+//! Meshes the target of a map from a polycube with hexahedra, and repairs those that the map inverts.
 //!
 //! `cargo run --release --example remesh_polycube -- MAP MESH [CELLS]`: a map file whose domain is a polycube, the mesh
 //! to write (.mesh, .vtk, .vtu), and the number of cells along the longest side (32). `docs/remeshing.md` says how it
