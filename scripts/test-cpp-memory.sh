@@ -65,6 +65,15 @@ objects() {
 }
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 
+if [ -z "$features" ]; then
+    echo "== valgrind"
+    # shellcheck disable=SC2086
+    c++ -std=c++17 -O1 -g -Icpp/include cpp/examples/eigen_matrices.cpp -I/usr/include/eigen3 "$work/libsolidmap.a" $libraries \
+        -o "$work/example"
+    (cd "$work" && RAYON_NUM_THREADS=2 valgrind --error-exitcode=1 --leak-check=full \
+        --show-leak-kinds=definite,indirect --errors-for-leak-kinds=definite,indirect ./example)
+fi
+
 echo "== address and undefined behaviour"
 objects address -fsanitize=address,undefined -fno-sanitize-recover=all
 # shellcheck disable=SC2086 # split into words on purpose
@@ -85,10 +94,3 @@ c++ -fsanitize=thread -rdynamic "$work"/thread/*.o -L"$work/thread" -lunchecked 
     -o "$work/thread/tests"
 TSAN_OPTIONS="ignore_noninstrumented_modules=1 halt_on_error=1" timeout -k 5 300 "$work/thread/tests" \
     --test-case="*threads*,*another thread*,*callback*"
-
-echo "== valgrind"
-# shellcheck disable=SC2086
-c++ -std=c++17 -O1 -g -Icpp/include cpp/examples/eigen_matrices.cpp -I/usr/include/eigen3 "$work/libsolidmap.a" $libraries \
-    -o "$work/example"
-(cd "$work" && RAYON_NUM_THREADS=2 valgrind --error-exitcode=1 --leak-check=full \
-    --show-leak-kinds=definite,indirect --errors-for-leak-kinds=definite,indirect ./example)

@@ -3,6 +3,7 @@
 
 mod bad_input;
 mod boundary;
+mod boundary_check;
 mod budgets;
 mod certify;
 #[path = "../../tests/common/mod.rs"]

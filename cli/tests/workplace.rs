@@ -88,6 +88,15 @@ pub fn with_fitted_ball(image: impl Fn(&Point) -> Point) -> Workplace {
     place
 }
 
+/// A folder with a bumpy ball, `domain.obj`, and its projection to the unit sphere, `sphere.ply`.
+pub fn with_ball() -> Workplace {
+    let place = Workplace::new();
+    let domain = shapes::bumpy_sphere(8);
+    place.surface("domain.obj", &domain);
+    place.surface("sphere.ply", &shapes::projected_to_sphere(&domain, 1.0));
+    place
+}
+
 /// What the program says on stderr.
 pub fn stderr(output: &Output) -> String {
     text(&output.stderr)

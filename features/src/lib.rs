@@ -1,0 +1,1 @@
+#![doc = "Dependencies alone: see Cargo.toml."]
