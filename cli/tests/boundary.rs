@@ -5,7 +5,7 @@ use serde_json::Value;
 use solidmap::Point;
 use solidmap::files;
 use solidmap::io;
-use solidmap::mesh::shapes;
+use solidmap::mesh::{SurfaceMesh, shapes};
 
 #[test]
 fn a_model_is_mapped_to_the_sphere_in_every_form_asked_for() {
