@@ -310,7 +310,7 @@ fn what_cannot_be_done_is_refused() {
         ),
         (
             "transfer map.safetensors empty.csv -o out.csv",
-            "no point with finite coordinates",
+            "none of the points that carry the fields has finite coordinates",
         ),
         (
             "transfer map.safetensors vectors.csv --png out.png -o out.csv",
