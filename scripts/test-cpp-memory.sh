@@ -51,17 +51,17 @@ objects() {
     folder=$work/$1
     shift
     mkdir -p "$folder"
-    set -- -std=c++17 -O1 -g -fno-omit-frame-pointer "$@" -Icpp/include -Icpp/src -Isrc/cgal_tetgen/cpp \
+    set -- -std=c++17 -O0 -g1 -fno-omit-frame-pointer "$@" -Icpp/include -Icpp/src -Isrc/cgal_tetgen/cpp \
         -I"$generated/include" -I"$generated/crate" -I"$library_bridge/include" -I"$library_bridge/crate"
     glue=""
     [ -z "$features" ] || glue="src/cgal_tetgen/cpp/glue.cpp $library_bridge/sources/solidmap/src/cgal_tetgen/bridge.rs.cc"
     # shellcheck disable=SC2086 # split into words on purpose
     printf '%s\n' cpp/src/*.cpp cpp/tests/unit/*.cpp "$generated"/sources/solidmap-cpp/bridge/bridge.rs.cc $glue |
         compile "$folder" "$@" -DEXPECTED_NATIVE="$(echo "$features" | grep -c native)" -DEXPECTED_VERSION="\"$version\""
-    # Without -g: the templates' names alone would fill gigabytes.
+    # CGAL is too slow unoptimised, and the names of its templates alone would fill gigabytes.
     [ -z "$features" ] || for source in distance mesh3 remesh self_intersections tetgen wrap; do
         echo "src/cgal_tetgen/cpp/$source.cpp"
-    done | compile "$folder" "$@" -g0 -frounding-math -DTETLIBRARY -I/usr/include/eigen3
+    done | compile "$folder" "$@" -O1 -g0 -frounding-math -DTETLIBRARY -I/usr/include/eigen3
 }
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 

@@ -23,8 +23,10 @@ headers_pass=
 for native in ${1:-on off}; do
     echo "== C++ package, native $native"
     build=$work/build-$native
+    # The C++ side in both kinds of build; the library from cargo is always a release build.
+    case $native in on) type=Release ;; *) type=Debug ;; esac
     run cmake -S . -B "$build" -DSOLIDMAP_NATIVE="$native" -DSOLIDMAP_CARGO_TARGET_DIR="$target" \
-        -DCMAKE_BUILD_TYPE=Release
+        -DCMAKE_BUILD_TYPE="$type"
     run cmake --build "$build" --parallel "$jobs"
     run env CTEST_OUTPUT_ON_FAILURE=1 ctest --test-dir "$build"
 
@@ -59,7 +61,7 @@ for native in ${1:-on off}; do
         exit 1
     fi
     consumer=$work/consumer-$native
-    run cmake -S cpp/tests/consumer -B "$consumer" -DCMAKE_PREFIX_PATH="$work/prefix-$native" -DCMAKE_BUILD_TYPE=Release
+    run cmake -S cpp/tests/consumer -B "$consumer" -DCMAKE_PREFIX_PATH="$work/prefix-$native" -DCMAKE_BUILD_TYPE="$type"
     run cmake --build "$consumer" --parallel "$jobs"
     run env CTEST_OUTPUT_ON_FAILURE=1 ctest --test-dir "$consumer"
     # A version that does not exist must not be found.
