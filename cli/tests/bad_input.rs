@@ -394,10 +394,10 @@ fn seeds_for_the_fuzzer() {
     let tetrahedron = [
         3, 120, 120, 120, 128, 120, 120, 120, 128, 120, 120, 120, 128, 0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2,
     ];
-    write("doctor", "tetrahedron".into(), &[&[8], &tetrahedron[..]].concat());
+    write("check", "tetrahedron".into(), &[&[8], &tetrahedron[..]].concat());
     write("fit", "tetrahedron".into(), &[tetrahedron, tetrahedron].concat());
     for kind in 70..77u8 {
-        write("doctor", format!("solid_{kind}"), &[8, kind, 1, 130]);
+        write("check", format!("solid_{kind}"), &[8, kind, 1, 130]);
         write("fit", format!("solid_{kind}"), &[kind, 1, 130, kind, 2, 140]);
     }
 }

@@ -29,7 +29,7 @@ impl Default for Lame {
     }
 }
 
-/// Green's strain `ε = JᵀJ − I`, symmetric; zero exactly for rigid motions and reflections.
+/// The strain `ε = JᵀJ − I`, twice Green's, symmetric; zero exactly for rigid motions and reflections.
 ///
 /// As the paper defines it, without the customary factor ½: strains are twice and energies four times those of texts
 /// that have it.

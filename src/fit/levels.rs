@@ -33,7 +33,7 @@ pub(super) fn levels(
 
 pub(super) fn dropped_warning(dropped: usize, asked: usize) -> String {
     format!(
-        "{dropped} of {asked} sources found no room outside the domain (gaps narrower than their spacing) and were left out"
+        "{dropped} of {asked} sources had no place outside the domain (in gaps narrower than their spacing) and were left out"
     )
 }
 

@@ -92,11 +92,13 @@ impl SurfaceMesh {
     }
 
     /// Positions of the three corners of a triangle.
+    #[inline]
     pub fn corners(&self, triangle: usize) -> [Point; 3] {
         self.triangles[triangle].map(|v| self.vertices[v as usize])
     }
 
     /// Area times unit normal of a triangle; the normal points outward on an outward-oriented surface.
+    #[inline]
     pub fn area_vector(&self, triangle: usize) -> Vector {
         let [a, b, c] = self.corners(triangle);
         (b - a).cross(&(c - a)) / 2.0

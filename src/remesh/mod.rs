@@ -2,7 +2,7 @@
 //! and repaired until no cell is inverted. Section 5.3 of the paper, which leaves the repair open.
 //!
 //! The boundary map maps the boundary nodes, the volume map the inner ones. That inverts some cells: harmonic maps of
-//! solids need not be one-to-one, and cells have straight edges. Inner nodes are then moved until no cell is inverted
+//! solids need not be one to one, and cells have straight edges. Inner nodes are then moved until no cell is inverted
 //! ([`Garanzha et al. 2021`](https://doi.org/10.1145/3450626.3459847)), and the result is checked from its node
 //! positions alone.
 

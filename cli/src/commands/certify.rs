@@ -186,7 +186,7 @@ fn summary(report: &CertifySummary) -> String {
                 StopReason::AllDecided => "all are decided",
                 StopReason::EnoughDecided => "enough is decided (--undecided)",
                 StopReason::Finest => "the undecided ones are of the smallest size (--finest)",
-                StopReason::CellLimit => "dividing the undecided ones would take too many (--max-cells)",
+                StopReason::CellLimit => "dividing the undecided ones would exceed --max-cells",
             }
         ),
     ]);

@@ -103,8 +103,8 @@ fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> a
     let surface = input::read_surface(domain)?;
     let (map, report) = boundary_map::to_model(&surface, [domain, target], args, output)?;
     output.note(format_args!(
-        "boundary map in {:.1} s: one to one; symmetric Dirichlet energy {:.2} at the median and {:.3e} at most, 4 of \
-         an isometry. See `solidmap boundary pair`",
+        "boundary map in {:.1} s: one to one; symmetric Dirichlet energy {:.2} at the median and {:.3e} at most (that of \
+         an isometry is 4). See `solidmap boundary pair`",
         report.timings.total, report.after.symmetric_dirichlet.p50, report.after.symmetric_dirichlet.max
     ));
     Ok(map)

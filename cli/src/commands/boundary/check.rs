@@ -89,7 +89,7 @@ fn source(args: &BoundaryCheckArgs) -> anyhow::Result<BoundarySource> {
             file,
             domain: Some(first),
         },
-        None if io::is_mesh(&first) => anyhow::bail!(
+        None if io::is_mesh(&first) && first.exists() => anyhow::bail!(
             "`{}` is a mesh, not a map of one: give its image as well, or a boundary file",
             first.display()
         ),

@@ -79,7 +79,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         .with_context(|| format!("the domain in `{}` cannot be searched", args.map.display()))?;
     if outside.is_some_and(|count| count > 0) {
         output.warn(format!(
-            "{} points lie outside the domain, where values of the map mean nothing",
+            "outside the domain, where values of the map mean nothing: {} of the points",
             outside.unwrap_or_default()
         ));
     }

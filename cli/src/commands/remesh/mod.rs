@@ -82,8 +82,13 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     let reasons = Reasons::of(&remeshed.report);
     if flipped > 0 {
         output.warn(format!(
-            "{flipped} cells stay inverted: {}. In {}, {}. Smaller cells may help, or a boundary map that distorts \
+            "{}: {}. In {}, {}. Smaller cells may help, or a boundary map that distorts \
              less there",
+            if flipped == 1 {
+                "1 cell stays inverted".into()
+            } else {
+                format!("{flipped} cells stay inverted")
+            },
             reasons.words(),
             args.output.display(),
             match extension(&args.output).as_str() {
