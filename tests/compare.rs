@@ -289,7 +289,7 @@ fn descents_end_above_the_energy_of_the_direct_solve_and_as_near_as_the_energies
         before = energy;
         let squares = (energy - least) * SIDE.powi(2) / (3.0 * std::f64::consts::PI.powi(2)) / SIDE.powi(3);
         let found = rms_distance(&built.map.evaluate(inside), &fem.map.evaluate(inside));
-        // Of hundreds of random points; a mean square that is off by a tenth is four deviations away.
+        // The mean square over hundreds of random points: an error of a tenth would be four standard deviations.
         assert!(
             found <= 1.1 * squares.sqrt() + 1e-12,
             "{threshold}: {found:e} above {:e}",
@@ -543,7 +543,7 @@ fn meshes_that_are_impossible_are_refused_with_a_reason() {
         let found = error(MeshSpec { edge, ..spec });
         assert!(matches!(found, CompareError::Option { .. }), "{found}");
     }
-    // Of another size, and elsewhere.
+    // A solid of another size, and one elsewhere.
     let cube = cube_of_tets(4);
     let shifted = cube.vertices().iter().map(|p| p + Vector::new(5.0, 0.0, 0.0)).collect();
     let shifted = cube.with_vertices(shifted).unwrap();

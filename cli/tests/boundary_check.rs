@@ -32,22 +32,27 @@ fn with_boundary_files() -> Workplace {
     place
 }
 
+/// The command succeeds, says all `fragments`, and draws a picture of more than a blank page.
+fn assert_words_and_picture(place: &Workplace, line: &str, fragments: &[&str]) {
+    let words = text(&place.ends_with(0, &format!("{line} --png map.png")).stdout);
+    for fragment in fragments {
+        assert!(words.contains(fragment), "{words}");
+    }
+    let png = std::fs::read(place.path("map.png")).unwrap();
+    assert!(png.starts_with(b"\x89PNG") && png.len() > 50_000);
+}
+
 #[test]
 fn a_map_to_the_sphere_is_reported_one_to_one_in_words_numbers_and_pictures() {
     let place = with_ball();
-    let output = place.ends_with(0, "boundary check domain.obj sphere.ply --png map.png");
-    let words = text(&output.stdout);
-    for fragment in [
+    let fragments = [
         "decided exactly",
         "degree",
         "flipped triangles",
         "symmetric Dirichlet",
         "99 %",
-    ] {
-        assert!(words.contains(fragment), "{words}");
-    }
-    let png = std::fs::read(place.path("map.png")).unwrap();
-    assert!(png.starts_with(b"\x89PNG") && png.len() > 50_000);
+    ];
+    assert_words_and_picture(&place, "boundary check domain.obj sphere.ply", &fragments);
     let report = json(&place.ends_with(0, "boundary check domain.obj sphere.ply --json"));
     assert_eq!(report["verdict"], "bijective");
     assert_eq!(report["against"]["surface"], "sphere");
@@ -108,18 +113,13 @@ fn folds_and_mirror_images_end_with_1() {
 #[test]
 fn boundary_files_are_decided_exactly_with_and_without_their_domain() {
     let place = with_boundary_files();
-    let output = place.ends_with(0, "boundary check through.safetensors --png through.png");
-    let words = text(&output.stdout);
-    for fragment in [
+    let fragments = [
         "One to one with the target, decided exactly",
         "domain, target, domain",
         "true images",
         "through the sphere",
-    ] {
-        assert!(words.contains(fragment), "{words}");
-    }
-    let png = std::fs::read(place.path("through.png")).unwrap();
-    assert!(png.starts_with(b"\x89PNG") && png.len() > 50_000);
+    ];
+    assert_words_and_picture(&place, "boundary check through.safetensors", &fragments);
     let report = json(&place.ends_with(0, "boundary check domain.obj through.safetensors --json"));
     assert_eq!(
         (&report["verdict"], &report["domain"], &report["boundary_file"]),

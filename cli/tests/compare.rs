@@ -420,7 +420,7 @@ fn the_same_comparison_gives_the_same_bytes() {
         let (two, one) = (numbers(&path("first")), numbers(&path("single")));
         assert_eq!(two.len(), one.len());
         for (a, b) in two.iter().zip(&one) {
-            // Of the size of the target.
+            // 8 is the size of the target.
             assert!(
                 (a - b).abs() <= 1e-9 * 8.0,
                 "{method}: {a} on two threads and {b} on one"

@@ -278,7 +278,7 @@ mod tests {
         }
     }
 
-    /// Of two rectangles, the smaller is stretched to twice its height: σ = 2 and 1 there, before scaling.
+    /// Two rectangles, the smaller stretched to twice its height: σ = 2 and 1 there, before scaling.
     #[test]
     fn quantiles_are_weighted_by_area_and_show_a_collapsed_part() {
         let square = |y: f64, h: f64| [[0.0, y], [1.0, y], [1.0, y + h], [0.0, y + h]];

@@ -235,8 +235,8 @@ impl ListBuilder<'_> {
         }
     }
 
-    /// Of the cells that touch a leaf, and their descendants: those that act on it directly, and the slots of the
-    /// multipole expansions that stand for the others.
+    /// Divides the cells that touch a leaf, and their descendants, into those that act on it directly and those that act
+    /// through their multipole expansions, of which it returns the slots.
     fn open(&self, leaf: usize, touching: &[u32]) -> (Vec<u32>, Vec<u32>) {
         let (mut near, mut finer) = (Vec::new(), Vec::new());
         let mut open = touching.to_vec();
