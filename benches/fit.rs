@@ -2,7 +2,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput};
 use solidmap::boundary_map::{BoundaryMap, examples};
-use solidmap::energy::{EnergyOptions, GridResolution, clipped_grid, energies};
+use solidmap::energy::{AdaptiveOptions, EnergyOptions, GridResolution, adaptive_energies, clipped_grid, energies};
 use solidmap::fit::{DomainFactor, FitMethod, FitOptions, fit};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, shapes};
@@ -193,6 +193,13 @@ pub fn energy(criterion: &mut Criterion) {
         let (volume, target) = (grid.volume(), pair.target().volume());
         group.bench_function(BenchmarkId::new("both", resolution), |b| {
             b.iter(|| energies(&map, &grid, volume, target, &EnergyOptions::default()));
+        });
+        let accuracy = AdaptiveOptions {
+            resolution: resolution_of,
+            ..AdaptiveOptions::default()
+        };
+        group.bench_function(BenchmarkId::new("adaptive", resolution), |b| {
+            b.iter(|| adaptive_energies(&map, pair.domain(), target, &EnergyOptions::default(), &accuracy));
         });
     }
     group.finish();

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use crate::common::{bent, models, with_hole};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
-use solidmap::energy::{GridResolution, Lame, deformation_density};
+use solidmap::energy::{AdaptiveOptions, GridResolution, Lame, deformation_density};
 use solidmap::fit::{FitOptions, FitSize};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::sequence::{FrameMeasurement, Sequence, SequenceError, SequenceOptions, cycles};
@@ -13,7 +13,10 @@ use solidmap::{Matrix3, Point, Vector};
 
 fn options() -> SequenceOptions {
     SequenceOptions {
-        resolution: GridResolution::CellsAlongLongestSide(14),
+        quadrature: AdaptiveOptions {
+            resolution: GridResolution::CellsAlongLongestSide(14),
+            ..AdaptiveOptions::default()
+        },
         ..SequenceOptions::default()
     }
 }
@@ -126,7 +129,7 @@ fn a_harmonic_bend_has_the_energy_of_its_formula() {
     let a = 0.2;
     let frame = frames(&sequence, &reference, &[images(&reference, bent(a))]);
     let found = sequence.measure(&frame, &|_| {}).remove(0).unwrap();
-    let rule = sequence.quadrature();
+    let rule = &found.quadrature;
     let density = |p: &Point| deformation_density(&jacobian_of_bend(a, p), &Lame::default());
     let densities: Vec<f64> = rule.points().iter().map(density).collect();
     let expected = rule.integrate(&densities) / rule.volume();
@@ -321,10 +324,11 @@ fn poses_of_the_horse_are_measured_after_its_slit_is_closed() {
 #[test]
 fn blocks_leave_room_for_the_densities_of_their_frames() {
     let reference = shapes::sphere(1.0, 2);
-    let points = prepared(&reference, &options()).quadrature().points().len() as u64;
+    let undivided = prepared(&reference, &options()).quadrature().points().len();
+    let points = options().quadrature.point_limit(undivided) as u64;
     let mut work = FitSize::of(&reference, &FitOptions::default());
     work.maps = 32;
-    // 24 bytes for each point and frame; blocks are halved from 32 frames, so that room for 20 gives 16.
+    // 60 bytes for each point and frame; blocks are halved from 32 frames, so that room for 20 gives 16.
     let with_memory = |memory: u64| {
         let fit = FitOptions {
             memory: Some(memory),
@@ -332,6 +336,6 @@ fn blocks_leave_room_for_the_densities_of_their_frames() {
         };
         prepared(&reference, &SequenceOptions { fit, ..options() }).frames_per_block()
     };
-    assert_eq!(with_memory(work.bytes() + 32 * 24 * points), 32);
-    assert_eq!(with_memory(work.bytes() + 20 * 24 * points), 16);
+    assert_eq!(with_memory(work.bytes() + 32 * 60 * points), 32);
+    assert_eq!(with_memory(work.bytes() + 20 * 60 * points), 16);
 }

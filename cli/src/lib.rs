@@ -15,7 +15,7 @@ pub use shared::picture_file::{PictureError, read_picture};
 use args::{Cli, Command};
 use commands::{boundary, certify, check, compare, demo, energy, eval, fit, remesh, sequence, texture, transfer};
 use shared::interrupt;
-use shared::output::{Output, describe, to_stderr, with_option_names};
+use shared::output::{Output, describe, to_stderr};
 
 /// How a command that could run ended.
 pub enum CommandOutcome {
@@ -38,7 +38,7 @@ pub fn run() -> ExitCode {
         Ok(CommandOutcome::Done) => ExitCode::SUCCESS,
         Ok(CommandOutcome::CheckFailed) => ExitCode::from(1),
         Err(error) => {
-            to_stderr(format_args!("error: {}", with_option_names(describe(&error))));
+            to_stderr(format_args!("error: {}", describe(&error)));
             ExitCode::from(2)
         }
     }

@@ -38,6 +38,58 @@ fn columns(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
 }
 
 #[test]
+fn outputs_and_settings_that_make_no_sense_are_refused_before_the_work() {
+    let place = Workplace::new();
+    place.surface("ball.obj", &shapes::sphere(1.0, 2));
+    let fit = "fit ball.obj --image ball.obj";
+    place.fails(
+        &format!("{fit} -o map.txt"),
+        &["`map.txt`", "name it .safetensors or .map"],
+    );
+    place.fails(
+        &format!("{fit} -o out.map --alpha 1e9"),
+        &["--alpha is 1000000000", "at most 100"],
+    );
+    place.fails(&format!("{fit} -o out.map --alpha nan"), &["--alpha is NaN"]);
+    place.fails(
+        "fit ball.obj --target spere -o out.map",
+        &["no file `spere`", "a model, or `sphere`"],
+    );
+    place.fails("fit ball.obj --image . -o out.map", &["Is a directory"]);
+    let folder = place.ends_with(2, "check .");
+    let said = String::from_utf8_lossy(&folder.stdout).into_owned();
+    assert!(
+        said.contains("cannot read `.`: Is a directory") && !said.contains("cannot be read"),
+        "{said}"
+    );
+    let energy = "energy out.map --energy-tolerance";
+    place.ends_with(0, &format!("{fit} -o out.map"));
+    place.fails(&format!("{energy} 0"), &["give a positive tolerance"]);
+    place.fails(&format!("{energy} nan"), &["give a positive tolerance"]);
+    let undivided = json(&place.ends_with(0, &format!("{energy} inf --json")));
+    assert_eq!(undivided["errors"]["within_tolerance"], Value::from(true));
+    assert!(undivided["errors"]["harmonic"].as_f64().unwrap() < 1e-6);
+}
+
+#[test]
+fn files_that_are_called_as_settings_keep_their_names() {
+    let place = Workplace::new();
+    place.surface("ball.obj", &shapes::sphere(1.0, 2));
+    std::fs::create_dir(place.path("memory")).unwrap();
+    for command in [
+        "boundary sphere ball.obj -o alpha",
+        "eval memory ball.obj -o x.csv",
+        "fit offset --target sphere -o out.map",
+    ] {
+        let said = stderr(&place.ends_with(2, command));
+        let named = ["`alpha`", "`memory`", "`offset`"]
+            .iter()
+            .any(|name| said.contains(name));
+        assert!(named && !said.contains("--"), "{command}: {said}");
+    }
+}
+
+#[test]
 fn fit_reports_what_scripts_rely_on() {
     let place = with_affine_map();
     let report = json(&place.ends_with(
@@ -167,13 +219,16 @@ fn eval_maps_points_and_meshes_and_gives_jacobians() {
     std::fs::write(place.path("points.csv"), "name,z,y,x\na,0.1,0.2,0.3\nb,-0.5,0,0\n").unwrap();
     place.ends_with(0, "eval ball.map points.csv -o images.csv --jacobian");
     let (names, rows) = columns(&place.path("images.csv"));
-    assert_eq!(names.join(","), "x,y,z,fx,fy,fz,j00,j01,j02,j10,j11,j12,j20,j21,j22");
+    assert_eq!(
+        names.join(","),
+        "x,y,z,fx,fy,fz,j00,j01,j02,j10,j11,j12,j20,j21,j22,inside"
+    );
     for row in &rows {
         let expected = affine(&Point::new(row[0], row[1], row[2]));
         assert!((Point::new(row[3], row[4], row[5]) - expected).norm() < 1e-9);
         let jacobian = [2.0, 0.0, 0.0, 0.0, 1.0, -0.5, 0.0, 0.0, 0.5];
         assert!(
-            row[6..].iter().zip(jacobian).all(|(a, b)| (a - b).abs() < 1e-8),
+            row[6..15].iter().zip(jacobian).all(|(a, b)| (a - b).abs() < 1e-8),
             "{row:?}"
         );
     }
@@ -623,6 +678,22 @@ fn points_without_an_image_and_points_outside_are_counted() {
         (&Value::from(1), &Value::from(1))
     );
     assert!(stderr(&output).contains("point 1"));
+    let inside = |rows: &[Vec<f64>]| rows.iter().map(|row| row[6]).collect::<Vec<_>>();
+    let (names, rows) = columns(&place.path("images.csv"));
+    assert_eq!((names[6].as_str(), inside(&rows)), ("inside", vec![1.0, 0.0, 0.0]));
+
+    // The ball has edges inside of the unit sphere, by less than 5 %.
+    place.ends_with(0, "eval ball.map points.csv -o far.csv --distance");
+    let (names, rows) = columns(&place.path("far.csv"));
+    assert_eq!((names[7].as_str(), inside(&rows)), ("distance", vec![1.0, 0.0, 0.0]));
+    assert!(
+        (rows[0][7] - 0.97).abs() < 0.03 && (rows[2][7] + 4.0).abs() < 0.05,
+        "{rows:?}"
+    );
+    place.fails(
+        "eval ball.map ball.obj -o mapped.obj --distance",
+        &["Distances go into .csv"],
+    );
 }
 
 #[test]

@@ -122,6 +122,8 @@ pub(super) mod ffi {
     struct EnergyReport {
         harmonic: f64,
         deformation: f64,
+        harmonic_error: f64,
+        deformation_error: f64,
         volume: f64,
         target_volume: f64,
         harmonic_density: Distribution,
@@ -344,7 +346,14 @@ pub(super) mod ffi {
     }
 
     extern "Rust" {
-        fn energies_on_grid(map: &Map, cells: usize, normalize: bool, lambda: f64, mu: f64) -> Result<EnergyReport>;
+        fn energies_on_grid(
+            map: &Map,
+            cells: usize,
+            tolerance: f64,
+            normalize: bool,
+            lambda: f64,
+            mu: f64,
+        ) -> Result<EnergyReport>;
         fn energies_in_tets(
             map: &Map,
             tets: &VolumeMesh,

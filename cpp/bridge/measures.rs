@@ -6,19 +6,36 @@ use super::flat;
 use super::maps::Map;
 use super::meshes::{Surface, VolumeMesh, whole_points};
 use solidmap::energy::{
-    DensityQuantiles, DistortionMetrics, DistortionReport, EnergyOptions, EnergyReport, GridResolution, Lame,
-    Quadrature, clipped_grid, densities, distortion, energies, tet_quadrature,
+    AdaptiveOptions, DensityQuantiles, DistortionMetrics, DistortionReport, EnergyErrors, EnergyOptions, EnergyReport,
+    GridResolution, Lame, Quadrature, adaptive_energies, clipped_grid, densities, distortion, energies, tet_quadrature,
 };
 use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
 
 pub fn energies_on_grid(
     map: &Map,
     cells: usize,
+    tolerance: f64,
     normalize: bool,
     lambda: f64,
     mu: f64,
 ) -> Result<ffi::EnergyReport, Error> {
-    guarded(|| energies_over(map, &grid(map, cells)?, normalize, lambda, mu))
+    guarded(|| {
+        let options = energy_options(normalize, lambda, mu)?;
+        let accuracy = AdaptiveOptions {
+            resolution: GridResolution::CellsAlongLongestSide(cells),
+            tolerance,
+            max_points: None,
+        };
+        let boundary = map.boundary_map()?;
+        let (_, report) = adaptive_energies(
+            map.map(),
+            boundary.domain(),
+            boundary.target_volume(),
+            &options,
+            &accuracy,
+        )?;
+        Ok(converted(&report))
+    })
 }
 
 pub fn energies_in_tets(
@@ -29,8 +46,11 @@ pub fn energies_in_tets(
     mu: f64,
 ) -> Result<ffi::EnergyReport, Error> {
     guarded(|| {
+        let options = energy_options(normalize, lambda, mu)?;
         let quadrature = tet_quadrature(&tets.tets("an energy")?)?;
-        energies_over(map, &quadrature, normalize, lambda, mu)
+        let target_volume = map.boundary_map()?.target_volume();
+        let report = energies(map.map(), &quadrature, quadrature.volume(), target_volume, &options)?;
+        Ok(converted(&report))
     })
 }
 
@@ -110,33 +130,27 @@ fn grid(map: &Map, cells: usize) -> Result<Quadrature, Error> {
     Ok(clipped_grid(map.boundary_map()?.domain(), resolution)?)
 }
 
-fn energies_over(
-    map: &Map,
-    quadrature: &Quadrature,
-    normalize: bool,
-    lambda: f64,
-    mu: f64,
-) -> Result<ffi::EnergyReport, Error> {
-    let options = energy_options(normalize, lambda, mu)?;
-    let target_volume = map.boundary_map()?.target_volume();
-    let report: EnergyReport = energies(map.map(), quadrature, quadrature.volume(), target_volume, &options)?;
-    let converted = |d: &DensityQuantiles| ffi::Distribution {
+fn converted(report: &EnergyReport) -> ffi::EnergyReport {
+    let quantiles = |d: &DensityQuantiles| ffi::Distribution {
         min: d.min,
         median: d.median,
         p99: d.p99,
         max: d.max,
     };
-    Ok(ffi::EnergyReport {
+    let error = |of: fn(&EnergyErrors) -> f64| report.errors.as_ref().map_or(f64::NAN, of);
+    ffi::EnergyReport {
         harmonic: report.harmonic,
         deformation: report.deformation,
+        harmonic_error: error(|errors| errors.harmonic),
+        deformation_error: error(|errors| errors.deformation),
         volume: report.volume,
         target_volume: report.target_volume,
-        harmonic_density: converted(&report.harmonic_density),
-        deformation_density: converted(&report.deformation_density),
-        det_jacobian: converted(&report.det_jacobian),
+        harmonic_density: quantiles(&report.harmonic_density),
+        deformation_density: quantiles(&report.deformation_density),
+        det_jacobian: quantiles(&report.det_jacobian),
         inverted_points: report.inverted_points,
         inverted_fraction: report.inverted_fraction,
-    })
+    }
 }
 
 fn distortion_over(map: &Map, quadrature: &Quadrature) -> Result<ffi::DistortionReport, Error> {

@@ -114,6 +114,8 @@ EnergyReport converted(const ffi::EnergyReport& found) {
   EnergyReport report;
   report.harmonic = found.harmonic;
   report.deformation = found.deformation;
+  report.harmonic_error = found.harmonic_error;
+  report.deformation_error = found.deformation_error;
   report.volume = found.volume;
   report.target_volume = found.target_volume;
   report.harmonic_density = converted(found.harmonic_density);
@@ -136,7 +138,8 @@ DistortionReport converted(const ffi::DistortionReport& found) {
 
 EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options) {
   return guarded([&] {
-    return converted(ffi::energies_on_grid(Access::of(map), options.cells, options.normalize, options.lambda, options.mu));
+    return converted(ffi::energies_on_grid(Access::of(map), options.cells, options.tolerance, options.normalize,
+                                           options.lambda, options.mu));
   });
 }
 

@@ -18,6 +18,8 @@
 //! at the centroid of its clipped part (exact for linear densities); where that is outside, because the part is not
 //! convex or not connected, the cell is divided and each piece gets its own point.
 
+use std::collections::{HashMap, HashSet};
+
 use rayon::prelude::*;
 
 use super::{
@@ -64,16 +66,22 @@ impl std::fmt::Display for GridResolution {
 /// [`QuadratureError`], for surfaces that bound no solid and grids of no or too many cells. Holes in walls parallel to
 /// z change no volume and are not noticed.
 pub fn clipped_grid(surface: &SurfaceMesh, resolution: GridResolution) -> Result<Quadrature, QuadratureError> {
+    GridClipper::new(surface, base_grid(surface, resolution)?).quadrature()
+}
+
+/// The grid around a surface whose coordinates are finite.
+pub(super) fn base_grid(surface: &SurfaceMesh, resolution: GridResolution) -> Result<Grid, QuadratureError> {
     if surface.triangles().is_empty() {
         return Err(QuadratureError::Empty { element: "triangle" });
     }
     require_finite(surface.vertices(), surface.triangles())?;
-    let grid = grid_around(surface, resolution)?;
-    let clipper = GridClipper::new(surface, grid);
+    grid_around(surface, resolution)
+}
 
-    let triangles = clipper.triangles_by_slab();
-    let slabs = triangles.par_iter().enumerate().map(|(i, slab)| clipper.slab(i, slab));
-    assembled(&slabs.collect::<Vec<Slab>>(), grid)
+/// How often the cells of a grid can be halved.
+pub(super) fn most_halvings(grid: &Grid) -> usize {
+    let longest = grid.dims.into_iter().max().unwrap_or(1) as u64;
+    (MAX_CELLS_ALONG_AXIS / longest.max(1)).checked_ilog2().unwrap_or(0) as usize
 }
 
 /// Parts below this fraction of a cell cannot be distinguished from rounding errors: coordinates are in units of cells,
@@ -117,12 +125,26 @@ struct ProjectedMoments {
     first: [f64; 2],
 }
 
-/// The points between two neighbouring grid planes across the x axis.
+/// Points in cells of a grid, and the volume that each represents. Those of a cell follow each other.
+#[derive(Default)]
+pub(super) struct CellPoints {
+    pub(super) points: Vec<Point>,
+    pub(super) volumes: Vec<f64>,
+    /// The cell of each point, numbered as by [`Grid::index_of`].
+    pub(super) cells: Vec<u64>,
+}
+
+/// Which cells are asked for.
+enum Selection {
+    All,
+    /// Those inside of given cells of a grid half as fine: the steps along z for each pair of steps along x and y.
+    Inside(HashMap<[usize; 2], HashSet<usize>>),
+}
+
+/// The points between two neighbouring grid planes across the x axis, in grid units.
 #[derive(Default)]
 struct Slab {
-    points: Vec<Point>,
-    weights: Vec<f64>,
-    cells: Vec<u32>,
+    found: CellPoints,
     /// Sum over all cells, including those without points.
     volume: f64,
     negative: f64,
@@ -130,7 +152,8 @@ struct Slab {
     open: Option<[usize; 2]>,
 }
 
-struct GridClipper<'a> {
+/// Clips the cells of a grid by a closed surface.
+pub(super) struct GridClipper<'a> {
     grid: Grid,
     triangles: &'a [[u32; 3]],
     /// All vertices in grid units.
@@ -187,7 +210,7 @@ fn assembled(slabs: &[Slab], grid: Grid) -> Result<Quadrature, QuadratureError> 
     }
     let cell_volume = grid.cell_size.powi(3);
     let volume = sum(slabs.iter().map(|slab| slab.volume));
-    let kept = sum(slabs.iter().flat_map(|slab| slab.weights.iter().copied()));
+    let kept = sum(slabs.iter().flat_map(|slab| slab.found.volumes.iter().copied()));
     let negative = sum(slabs.iter().map(|slab| slab.negative));
     let (volume_here, negative_here) = (volume * cell_volume, negative * cell_volume);
     if !(volume > 0.0 && kept > 0.0 && volume_here > 0.0) {
@@ -200,24 +223,60 @@ fn assembled(slabs: &[Slab], grid: Grid) -> Result<Quadrature, QuadratureError> 
         });
     }
 
-    let scale = cell_volume * (volume / kept);
-    let points = slabs.iter().flat_map(|slab| &slab.points);
+    let found = in_model_units(slabs, grid, volume / kept);
     Ok(Quadrature::new(
-        points.map(|p| grid.origin + p.coords * grid.cell_size).collect(),
-        slabs.iter().flat_map(|slab| &slab.weights).map(|w| w * scale).collect(),
-        slabs.iter().flat_map(|slab| &slab.cells).copied().collect(),
+        found.points,
+        found.volumes,
+        found.cells.into_iter().map(|cell| cell as u32).collect(),
         CellLayout::Grid(grid),
     ))
 }
 
+/// The points of all slabs, their volumes times a factor.
+fn in_model_units(slabs: &[Slab], grid: Grid, factor: f64) -> CellPoints {
+    let scale = grid.cell_size.powi(3) * factor;
+    let found = || slabs.iter().map(|slab| &slab.found);
+    let points = found().flat_map(|slab| &slab.points);
+    CellPoints {
+        points: points.map(|p| grid.origin + p.coords * grid.cell_size).collect(),
+        volumes: found().flat_map(|slab| &slab.volumes).map(|w| w * scale).collect(),
+        cells: found().flat_map(|slab| &slab.cells).copied().collect(),
+    }
+}
+
 impl<'a> GridClipper<'a> {
-    fn new(surface: &'a SurfaceMesh, grid: Grid) -> Self {
+    pub(super) fn new(surface: &'a SurfaceMesh, grid: Grid) -> Self {
         let in_grid = |p: &Point| Point::from((p - grid.origin) / grid.cell_size);
         Self {
             vertices: surface.vertices().iter().map(in_grid).collect(),
             triangles: surface.triangles(),
             grid,
         }
+    }
+
+    /// A point for every cell, with a check that the surface bounds a solid. Cells are numbered by 32 bits.
+    pub(super) fn quadrature(&self) -> Result<Quadrature, QuadratureError> {
+        assembled(&self.slabs(&Selection::All), self.grid)
+    }
+
+    /// The points of all cells, unchecked.
+    pub(super) fn all_cells(&self) -> CellPoints {
+        in_model_units(&self.slabs(&Selection::All), self.grid, 1.0)
+    }
+
+    /// The points of the cells inside of cells, given by their steps, of a grid half as fine.
+    pub(super) fn cells_inside(&self, wholes: &[[usize; 3]]) -> CellPoints {
+        let mut columns: HashMap<[usize; 2], HashSet<usize>> = HashMap::new();
+        for &[i, j, k] in wholes {
+            columns.entry([i, j]).or_default().insert(k);
+        }
+        in_model_units(&self.slabs(&Selection::Inside(columns)), self.grid, 1.0)
+    }
+
+    fn slabs(&self, selection: &Selection) -> Vec<Slab> {
+        let triangles = self.triangles_by_slab();
+        let slabs = triangles.par_iter().enumerate();
+        slabs.map(|(i, slab)| self.slab(i, slab, selection)).collect()
     }
 
     fn corners(&self, triangle: u32) -> [Point; 3] {
@@ -233,8 +292,11 @@ impl<'a> GridClipper<'a> {
         slabs
     }
 
-    fn slab(&self, i: usize, triangles: &[u32]) -> Slab {
+    fn slab(&self, i: usize, triangles: &[u32], selection: &Selection) -> Slab {
         let [_, ny, nz] = self.grid.dims;
+        if !(0..ny).any(|j| selection.has_column(i, j)) {
+            return Slab::default();
+        }
         let mut columns: Vec<Vec<SurfacePiece>> = (0..ny).map(|_| Vec::new()).collect();
         for &triangle in triangles {
             let corners = Polygon::from_slice(&self.corners(triangle));
@@ -242,7 +304,7 @@ impl<'a> GridClipper<'a> {
             let (first, last) = steps_covered(&rest, 1, ny);
             for (j, column) in columns.iter_mut().enumerate().take(last + 1).skip(first) {
                 let (polygon, beyond) = split(rest, 1, (j + 1) as f64);
-                if polygon.len() >= 3 {
+                if polygon.len() >= 3 && selection.has_column(i, j) {
                     column.push(SurfacePiece { triangle, polygon });
                 }
                 rest = beyond;
@@ -261,20 +323,29 @@ impl<'a> GridClipper<'a> {
             if below.area.abs() > OPENING {
                 slab.open.get_or_insert([i, j]);
             }
-            for (k, moments) in cells.iter().enumerate() {
+            let selected = cells.iter().enumerate().filter(|(k, _)| selection.has_cell(i, j, *k));
+            for (k, moments) in selected {
                 slab.volume += moments.volume;
                 if moments.volume < -NEGLIGIBLE {
                     slab.negative += moments.volume;
                 }
-                let cell = ((i * ny + j) * nz + k) as u32;
-                self.place(&column, k as f64, moments, cell, 0, &mut slab);
+                let cell = self.grid.index_of([i, j, k]);
+                self.place(&column, k as f64, moments, cell, 0, &mut slab.found);
             }
         }
         slab
     }
 
     /// Adds the points of the cell of `column` whose floor is at `floor`.
-    fn place(&self, column: &CellColumn, floor: f64, moments: &Moments, cell: u32, divisions: u32, slab: &mut Slab) {
+    fn place(
+        &self,
+        column: &CellColumn,
+        floor: f64,
+        moments: &Moments,
+        cell: u64,
+        divisions: u32,
+        found: &mut CellPoints,
+    ) {
         let full = column.size.powi(3);
         if moments.volume <= NEGLIGIBLE * full {
             return;
@@ -282,9 +353,9 @@ impl<'a> GridClipper<'a> {
         let corner = Point::new(column.corner.x, column.corner.y, floor);
         let centroid = corner + (moments.first / moments.volume).map(|m| m.clamp(0.0, column.size));
         let mut push = |point| {
-            slab.points.push(point);
-            slab.weights.push(moments.volume);
-            slab.cells.push(cell);
+            found.points.push(point);
+            found.volumes.push(moments.volume);
+            found.cells.push(cell);
         };
         if moments.volume >= (1.0 - NEGLIGIBLE) * full || self.is_inside(&column.pieces, &centroid) {
             push(centroid);
@@ -297,7 +368,7 @@ impl<'a> GridClipper<'a> {
                 let (cells, _) = quarter.cells(2);
                 for (k, moments) in cells.iter().enumerate() {
                     let floor = floor + k as f64 * quarter.size;
-                    self.place(&quarter, floor, moments, cell, divisions + 1, slab);
+                    self.place(&quarter, floor, moments, cell, divisions + 1, found);
                 }
             }
         }
@@ -316,6 +387,24 @@ impl<'a> GridClipper<'a> {
             if z <= point.z { 0 } else { normal.z.signum() as i32 }
         });
         above.sum::<i32>() > 0
+    }
+}
+
+impl Selection {
+    fn has_column(&self, i: usize, j: usize) -> bool {
+        match self {
+            Self::All => true,
+            Self::Inside(columns) => columns.contains_key(&[i / 2, j / 2]),
+        }
+    }
+
+    fn has_cell(&self, i: usize, j: usize, k: usize) -> bool {
+        match self {
+            Self::All => true,
+            Self::Inside(columns) => columns
+                .get(&[i / 2, j / 2])
+                .is_some_and(|steps| steps.contains(&(k / 2))),
+        }
     }
 }
 

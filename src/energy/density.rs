@@ -20,6 +20,13 @@ pub struct Lame {
     pub mu: f64,
 }
 
+impl Lame {
+    /// A deformation energy density that cannot be distinguished from rounding: that of strains of about a millionth.
+    pub fn negligible_density(&self) -> f64 {
+        1e-12 * (self.lambda.abs() + self.mu.abs())
+    }
+}
+
 impl Default for Lame {
     fn default() -> Self {
         Self {

@@ -3,8 +3,9 @@
 //! Sections 4.3.1 and 4.3.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling
 //! applications* (2007). A [`Quadrature`] of the domain says where a density is evaluated and what volume each point
 //! stands for: [`clipped_grid`] makes one from a surface, as the paper does, [`tet_quadrature`] from a tetrahedral
-//! mesh. [`mod@distortion`] measures the quality of a map by the metrics that are usual elsewhere.
+//! mesh; [`adaptive_quadrature`] divides the cells of a grid until the integrals are accurate. [`mod@distortion`] measures the quality of a map by the metrics that are usual elsewhere.
 
+mod adaptive;
 mod clipped_grid;
 mod density;
 pub mod distortion;
@@ -13,6 +14,7 @@ mod quadrature;
 mod tet_quadrature;
 mod unit_volume;
 
+pub use adaptive::{AdaptiveOptions, AdaptiveQuadrature, adaptive_quadrature};
 pub use clipped_grid::{GridResolution, clipped_grid};
 pub use density::{Lame, deformation_density, harmonic_density};
 pub use distortion::{
@@ -25,7 +27,8 @@ pub use unit_volume::UnitVolumeScale;
 
 use std::ops::Range;
 
-use crate::{Matrix3, Point, map::VolumeMap};
+use crate::{Matrix3, Point, map::VolumeMap, mesh::SurfaceMesh};
+use adaptive::AdaptiveStart;
 
 /// Points whose Jacobians are held at a time: enough for all cores, and small compared with the densities.
 const CHUNK: usize = 1 << 16;
@@ -56,6 +59,8 @@ pub struct EnergyReport {
     pub harmonic: f64,
     /// Integral of [`deformation_density()`].
     pub deformation: f64,
+    /// Estimated errors of both, where the quadrature was adaptive.
+    pub errors: Option<EnergyErrors>,
     /// Whether energies and their densities are those of the map between the solids scaled to unit volume.
     pub normalized: bool,
     /// Volume of the domain, in model units.
@@ -76,6 +81,17 @@ pub struct EnergyReport {
     /// The values at the points of the quadrature.
     #[serde(skip)]
     pub densities: Densities,
+}
+
+/// Estimated errors of energies that an [`adaptive_quadrature`] gave.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct EnergyErrors {
+    /// Of [`EnergyReport::harmonic`].
+    pub harmonic: f64,
+    /// Of [`EnergyReport::deformation`].
+    pub deformation: f64,
+    /// Whether both are within the tolerance.
+    pub within_tolerance: bool,
 }
 
 /// Values at given points, in order; [`Quadrature::cell_means`] turns those at a quadrature's points into values per
@@ -109,6 +125,27 @@ impl Densities {
         self.deformation.push(deformation_density(&scaled, lame));
         self.det_jacobian.push(jacobian.determinant());
     }
+
+    /// Adds those of several Jacobians, one for each point, which must be finite.
+    fn extend(&mut self, jacobians: &[Matrix3], points: &[Point], scale: f64, lame: &Lame) -> Result<(), EnergyError> {
+        for (jacobian, &point) in jacobians.iter().zip(points) {
+            if jacobian.iter().any(|entry| !entry.is_finite()) {
+                return Err(EnergyError::NonFiniteJacobian { point });
+            }
+            self.push(jacobian, scale, lame);
+        }
+        Ok(())
+    }
+
+    /// The values at some of the points.
+    fn rows(&self, rows: &[u32]) -> Self {
+        let of = |list: &[f64]| rows.iter().map(|&row| list[row as usize]).collect();
+        Self {
+            harmonic: of(&self.harmonic),
+            deformation: of(&self.deformation),
+            det_jacobian: of(&self.det_jacobian),
+        }
+    }
 }
 
 /// Why the energy of a map cannot be computed.
@@ -140,6 +177,9 @@ pub enum EnergyError {
         /// Jacobians given.
         found: usize,
     },
+    /// The domain cannot be integrated over.
+    #[error(transparent)]
+    Quadrature(#[from] QuadratureError),
     /// The number of images is not that of the mesh's vertices.
     #[error("{found} images for the {expected} vertices of the domain; give the image of every vertex, in order")]
     ImageCount {
@@ -213,6 +253,125 @@ pub fn energies_of_jacobians(
     })
 }
 
+/// Harmonic and deformation energy of a map over the inside of a closed surface, to a relative tolerance, with the
+/// quadrature that gives them. As [`energies`] otherwise.
+///
+/// # Errors
+///
+/// As [`energies`], and [`EnergyError::Quadrature`] for a surface that bounds no solid.
+pub fn adaptive_energies(
+    map: &dyn VolumeMap,
+    domain: &SurfaceMesh,
+    target_volume: f64,
+    options: &EnergyOptions,
+    accuracy: &AdaptiveOptions,
+) -> Result<(Quadrature, EnergyReport), EnergyError> {
+    let mut found = adaptive_energies_of_maps(domain, &[target_volume], options, accuracy, |_, points, add| {
+        for chunk in points.chunks(CHUNK) {
+            add(0, &map.jacobian(chunk));
+        }
+    })?;
+    found.pop().expect("one result for each target volume")
+}
+
+/// [`adaptive_energies`] of several maps of one domain, which all begin with the same points.
+///
+/// `jacobians` is called with a range of maps and with points, and adds the Jacobians of each of these maps, counted from
+/// the first of the range, at all of the points, in order, in one piece or more. A map that cannot be measured does not
+/// stop the others, and the result for one does not depend on the others.
+#[expect(clippy::type_complexity, reason = "a list with the result of each map")]
+pub(crate) fn adaptive_energies_of_maps(
+    domain: &SurfaceMesh,
+    target_volumes: &[f64],
+    options: &EnergyOptions,
+    accuracy: &AdaptiveOptions,
+    mut jacobians: impl FnMut(Range<usize>, &[Point], &mut dyn FnMut(usize, &[Matrix3])),
+) -> Result<Vec<Result<(Quadrature, EnergyReport), EnergyError>>, EnergyError> {
+    let domain_volume = domain.volume();
+    unit_volume::require_volume("domain", domain_volume)?;
+    let start = AdaptiveStart::new(domain, accuracy)?;
+    let sampled = |&volume: &f64| Ok(MapSamples::new(options.scale(domain_volume, volume)?, options.lame));
+    let mut samples: Vec<Result<MapSamples, EnergyError>> = target_volumes.iter().map(sampled).collect();
+    jacobians(0..samples.len(), start.points(), &mut |map, list| {
+        if let Ok(samples) = &mut samples[map] {
+            samples.add(list, start.points());
+        }
+    });
+    let negligible = [0.0, options.lame.negligible_density() * domain_volume];
+    let samples = samples.into_iter().zip(target_volumes).enumerate();
+    let measured = samples.map(|(map, (samples, &target_volume))| {
+        let mut samples = samples?;
+        let first = samples.take(start.points().len())?;
+        let adapted = start.refined(&negligible, &first, &mut |points| {
+            jacobians(map..map + 1, points, &mut |_, list| samples.add(list, points));
+            samples.take(points.len())
+        })?;
+        let (quadrature, scale) = (adapted.quadrature, samples.scale);
+        let densities = samples.densities.rows(&adapted.rows);
+        let mut report = report(
+            densities,
+            &quadrature,
+            quadrature.volume(),
+            target_volume,
+            options,
+            scale,
+        )?;
+        report.errors = Some(EnergyErrors {
+            harmonic: adapted.errors[0] * scale.volume_element,
+            deformation: adapted.errors[1] * scale.volume_element,
+            within_tolerance: adapted.is_converged,
+        });
+        Ok((quadrature, report))
+    });
+    Ok(measured.collect())
+}
+
+/// Densities of a map at points that come in batches.
+struct MapSamples {
+    scale: UnitVolumeScale,
+    lame: Lame,
+    densities: Densities,
+    /// Points before the batch.
+    known: usize,
+    error: Option<EnergyError>,
+}
+
+impl MapSamples {
+    fn new(scale: UnitVolumeScale, lame: Lame) -> Self {
+        Self {
+            scale,
+            lame,
+            densities: Densities::default(),
+            known: 0,
+            error: None,
+        }
+    }
+
+    /// Adds the Jacobians at the next points of a batch.
+    fn add(&mut self, jacobians: &[Matrix3], batch: &[Point]) {
+        let done = self.densities.det_jacobian.len() - self.known;
+        let points = batch.get(done..).unwrap_or_default();
+        if let Err(error) = self
+            .densities
+            .extend(jacobians, points, self.scale.jacobian, &self.lame)
+        {
+            self.error.get_or_insert(error);
+        }
+    }
+
+    /// Ends a batch of so many points: the values of both energy densities at them.
+    fn take(&mut self, count: usize) -> Result<Vec<Vec<f64>>, EnergyError> {
+        if let Some(error) = self.error.take() {
+            return Err(error);
+        }
+        require_count(self.densities.det_jacobian.len() - self.known, count)?;
+        let densities = [&self.densities.harmonic, &self.densities.deformation];
+        let values = densities.map(|list| list[self.known..].to_vec()).to_vec();
+        self.known += count;
+        Ok(values)
+    }
+}
+
 /// Energies from the Jacobians at ranges of the quadrature's points.
 fn measure(
     quadrature: &Quadrature,
@@ -223,8 +382,26 @@ fn measure(
 ) -> Result<EnergyReport, EnergyError> {
     unit_volume::require_volume("domain", domain_volume)?;
     let scale = options.scale(domain_volume, target_volume)?;
+    let points = quadrature.points();
+    let mut densities = Densities::default();
+    for first in (0..points.len()).step_by(CHUNK) {
+        let chunk = &points[first..points.len().min(first + CHUNK)];
+        let jacobians = jacobians(first..first + chunk.len());
+        require_count(jacobians.len(), chunk.len())?;
+        densities.extend(&jacobians, chunk, scale.jacobian, &options.lame)?;
+    }
+    report(densities, quadrature, domain_volume, target_volume, options, scale)
+}
 
-    let densities = finite_densities(quadrature.points(), scale.jacobian, &options.lame, jacobians)?;
+/// What densities at the points of a quadrature say.
+fn report(
+    densities: Densities,
+    quadrature: &Quadrature,
+    domain_volume: f64,
+    target_volume: f64,
+    options: &EnergyOptions,
+    scale: UnitVolumeScale,
+) -> Result<EnergyReport, EnergyError> {
     let weights = quadrature.weights();
     let (solid, volume) = ("domain", 0.0);
     let distribution =
@@ -237,6 +414,7 @@ fn measure(
     Ok(EnergyReport {
         harmonic: quadrature.integrate(&densities.harmonic) * scale.volume_element,
         deformation: quadrature.integrate(&densities.deformation) * scale.volume_element,
+        errors: None,
         normalized: options.normalize,
         volume: domain_volume,
         target_volume,
@@ -247,28 +425,6 @@ fn measure(
         inverted_fraction: inverted_volume / quadrature.volume(),
         densities,
     })
-}
-
-/// Densities of a map whose Jacobians are finite at all points.
-fn finite_densities(
-    points: &[Point],
-    jacobian_scale: f64,
-    lame: &Lame,
-    jacobians: impl Fn(Range<usize>) -> Vec<Matrix3>,
-) -> Result<Densities, EnergyError> {
-    let mut densities = Densities::default();
-    for first in (0..points.len()).step_by(CHUNK) {
-        let chunk = &points[first..points.len().min(first + CHUNK)];
-        let jacobians = jacobians(first..first + chunk.len());
-        require_count(jacobians.len(), chunk.len())?;
-        for (jacobian, &point) in jacobians.iter().zip(chunk) {
-            if jacobian.iter().any(|entry| !entry.is_finite()) {
-                return Err(EnergyError::NonFiniteJacobian { point });
-            }
-            densities.push(jacobian, jacobian_scale, lame);
-        }
-    }
-    Ok(densities)
 }
 
 fn require_count(found: usize, expected: usize) -> Result<(), EnergyError> {
@@ -432,6 +588,73 @@ mod tests {
         let report = measured(&squaring(), &rule, 1.0, &RAW);
         assert!((report.volume - 1.0).abs() < 1e-15);
         assert!((report.harmonic - 7.0 / 3.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn a_steep_place_in_a_rod_is_resolved_to_the_tolerance() {
+        // z ↦ z + a exp(−x²/w²), with w half of a cell: ‖J‖² = 3 + g'², and ∫ g'² dx = a² √(π/2) / w.
+        let rod = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(p.x, 0.1 * p.y, 0.1 * p.z));
+        let (a, w) = (0.1, 0.01);
+        let slope = move |x: f64| -2.0 * a * x / (w * w) * (-x * x / (w * w)).exp();
+        let bump = Formula(
+            move |p: &Point| p + Vector::new(0.0, 0.0, a * (-p.x * p.x / (w * w)).exp()),
+            move |p: &Point| Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, slope(p.x), 0.0, 1.0),
+        );
+        let exact = 0.01 * (3.0 + a * a * std::f64::consts::FRAC_PI_2.sqrt() / w);
+        let coarse = measured(&bump, &grid(&rod, 48), 0.01, &RAW);
+        assert!(
+            (coarse.harmonic / exact - 1.0).abs() > 0.1,
+            "{} {exact}",
+            coarse.harmonic
+        );
+
+        // The deformation energy has the fourth power of the slope.
+        let accuracy = AdaptiveOptions {
+            max_points: Some(1_000_000),
+            ..AdaptiveOptions::default()
+        };
+        let (quadrature, report) = adaptive_energies(&bump, &rod, 0.01, &RAW, &accuracy).unwrap();
+        let errors = report.errors.unwrap();
+        assert!(errors.within_tolerance && errors.harmonic <= 0.01 * report.harmonic);
+        assert!(
+            (report.harmonic - exact).abs() <= errors.harmonic,
+            "{} {exact} {errors:?}",
+            report.harmonic
+        );
+        assert_eq!(report.densities.harmonic.len(), quadrature.points().len());
+        let again = measured(&bump, &quadrature, 0.01, &RAW);
+        assert!((again.deformation / report.deformation - 1.0).abs() < 1e-13);
+    }
+
+    #[test]
+    fn a_map_that_is_not_finite_does_not_stop_the_others() {
+        let cube = shapes::cube(1.0, 2);
+        let accuracy = AdaptiveOptions {
+            resolution: GridResolution::CellsAlongLongestSide(4),
+            ..AdaptiveOptions::default()
+        };
+        let jacobians = |_: Range<usize>, points: &[Point], add: &mut dyn FnMut(usize, &[Matrix3])| {
+            add(0, &vec![Matrix3::identity(); points.len()]);
+            add(1, &vec![Matrix3::repeat(f64::NAN); points.len()]);
+            add(2, &vec![Matrix3::identity(); points.len() - 1]);
+            add(3, &[]);
+        };
+        let volumes = [1.0, 1.0, 1.0, 0.0];
+        let reports =
+            adaptive_energies_of_maps(&cube, &volumes, &EnergyOptions::default(), &accuracy, jacobians).unwrap();
+        assert!((reports[0].as_ref().unwrap().1.harmonic - 3.0).abs() < 1e-13);
+        assert!(matches!(reports[1], Err(EnergyError::NonFiniteJacobian { .. })));
+        assert!(matches!(reports[2], Err(EnergyError::JacobianCount { .. })));
+        assert!(matches!(reports[3], Err(EnergyError::Volume { solid: "target", .. })));
+        let none = AdaptiveOptions {
+            tolerance: f64::NAN,
+            ..accuracy
+        };
+        let refused = adaptive_energies(&affine(Matrix3::identity()), &cube, 1.0, &RAW, &none);
+        assert!(matches!(
+            refused,
+            Err(EnergyError::Quadrature(QuadratureError::Tolerance(_)))
+        ));
     }
 
     #[test]

@@ -50,6 +50,9 @@ pub enum QuadratureError {
         /// Where the hole is, to the width of a cell.
         y: f64,
     },
+    /// The tolerance is not positive.
+    #[error("the integrals cannot have an error of {0} of themselves; give a positive tolerance, such as 0.01")]
+    Tolerance(f64),
     /// The volume is zero, negative or not a number.
     #[error("the mesh encloses a volume of {volume}; it must bound a solid, with its triangles oriented outward")]
     NoVolume {
@@ -183,9 +186,19 @@ impl Quadrature {
 impl Grid {
     /// Steps `[i, j, k]` of a cell from the first one along x, y and z.
     pub fn steps(&self, cell: u32) -> [usize; 3] {
-        let [_, y, z] = self.dims;
-        let cell = cell as usize;
-        [cell / (y * z), cell / z % y, cell % z]
+        self.steps_of(cell.into())
+    }
+
+    /// As [`Self::steps`], for grids of more cells than 32 bits can number.
+    pub(super) fn steps_of(&self, cell: u64) -> [usize; 3] {
+        let [_, y, z] = self.dims.map(|count| count as u64);
+        [cell / (y * z), cell / z % y, cell % z].map(|steps| steps as usize)
+    }
+
+    /// Number of the cell that is so many steps from the first one.
+    pub(super) fn index_of(&self, [i, j, k]: [usize; 3]) -> u64 {
+        let [_, y, z] = self.dims.map(|count| count as u64);
+        (i as u64 * y + j as u64) * z + k as u64
     }
 
     /// Cells as hexahedra with their corners, shared between neighbours, in the order of [`HEXAHEDRON`].

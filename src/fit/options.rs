@@ -194,7 +194,14 @@ impl FitOptions {
         };
         let positive = |v: f64| v > 0.0 && v.is_finite();
         match self.method.placement() {
-            Placement::Adaptive { alpha } => require(positive(alpha), "alpha", alpha, "positive (1 to 1.5 is good)")?,
+            Placement::Adaptive { alpha } => {
+                require(
+                    positive(alpha) && alpha <= MOST_ALPHA,
+                    "alpha",
+                    alpha,
+                    "positive, and at most 100 (1 to 1.5 is good)",
+                )?;
+            }
             Placement::Offset { distance } => {
                 require(positive(distance), "offset", distance, "positive (0.1 is usual)")?
             }
@@ -264,6 +271,9 @@ impl Default for FitOptions {
         Self::adaptive()
     }
 }
+
+/// Limit on `alpha`, far above what is of use.
+const MOST_ALPHA: f64 = 100.0;
 
 /// Limit on [`FitOptions::held_out`].
 const MOST_HELD_OUT: usize = 10_000_000;

@@ -20,21 +20,38 @@ pub fn distance_field(surface: &SurfaceMesh, points: &[Point]) -> Result<Vec<f64
 /// points of the boundary by less.
 const MARGIN: f64 = 1e-6;
 
-/// How many points with finite coordinates lie outside a solid, by more than a millionth of its diagonal.
+/// Whether each point lies outside a solid, by more than a millionth of its diagonal. Points whose coordinates are not
+/// finite lie outside.
+///
+/// # Errors
+///
+/// As [`SurfaceQuery::new`].
+pub fn are_outside(surface: &SurfaceMesh, points: &[Point]) -> Result<Vec<bool>, QueryError> {
+    let query = SurfaceQuery::new(surface)?;
+    let mut outside: Vec<bool> = query.contains_all(points).into_iter().map(|inside| !inside).collect();
+    // Distances take several times longer than inside tests, and few points need one.
+    let is_finite = |p: &Point| p.iter().all(|c| c.is_finite());
+    let near: Vec<usize> = (0..points.len())
+        .filter(|&k| outside[k] && is_finite(&points[k]))
+        .collect();
+    let margin = MARGIN * surface.diagonal();
+    let distances = query.signed_distances(&near.iter().map(|&k| points[k]).collect::<Vec<_>>());
+    for (k, distance) in near.into_iter().zip(distances) {
+        outside[k] = distance > margin;
+    }
+    Ok(outside)
+}
+
+/// How many points with finite coordinates lie outside a solid, as [`are_outside`].
 ///
 /// # Errors
 ///
 /// As [`SurfaceQuery::new`].
 pub fn count_outside(surface: &SurfaceMesh, points: &[Point]) -> Result<usize, QueryError> {
-    let query = SurfaceQuery::new(surface)?;
-    let is_finite = |p: &Point| p.iter().all(|c| c.is_finite());
-    let finite: Vec<Point> = points.iter().copied().filter(is_finite).collect();
-    // Distances take several times longer than inside tests, and few points need one.
-    let not_inside = finite.iter().zip(query.contains_all(&finite));
-    let not_inside: Vec<Point> = not_inside.filter(|(_, inside)| !inside).map(|(p, _)| *p).collect();
-    let margin = MARGIN * surface.diagonal();
-    let distances = query.signed_distances(&not_inside);
-    Ok(distances.into_iter().filter(|&d| d > margin).count())
+    let outside = are_outside(surface, points)?.into_iter().zip(points);
+    Ok(outside
+        .filter(|(outside, p)| *outside && p.iter().all(|c| c.is_finite()))
+        .count())
 }
 
 #[cfg(test)]
@@ -57,6 +74,8 @@ mod tests {
             assert!((found - exact).abs() < 1e-12, "{found} {exact}");
         }
         let nowhere = Point::new(f64::NAN, 0.0, 0.0);
-        assert_eq!(count_outside(&cube, &[&points[..], &[nowhere]].concat()), Ok(1));
+        let points = [&points[..], &[nowhere]].concat();
+        assert_eq!(are_outside(&cube, &points).unwrap(), [false, false, false, true, true]);
+        assert_eq!(count_outside(&cube, &points), Ok(1));
     }
 }

@@ -18,7 +18,7 @@ mod winding_number;
 pub use aabb::Aabb;
 pub use bvh::{Bvh, BvhNode};
 pub use closest_point::{Feature, TrianglePoint, closest_point_on_triangle};
-pub use distance_field::{count_outside, distance_field};
+pub use distance_field::{are_outside, count_outside, distance_field};
 pub use predicates::{FlipCounts, flipped_tets, orientation};
 pub(crate) use procrustes::similarity;
 pub use procrustes::{Similarity, SphereRotation, sphere_rotation};

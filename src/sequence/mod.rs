@@ -23,8 +23,8 @@ use std::sync::Arc;
 use crate::boundary_map::{BoundaryMap, BoundaryMapError};
 use crate::check::{ClosedHole, HoleError, close_holes};
 use crate::energy::{
-    Densities, DensityQuantiles, EnergyError, EnergyOptions, GridResolution, Lame, Quadrature, QuadratureError,
-    UnitVolumeScale, clipped_grid, deformation_density, energies_of_jacobians,
+    AdaptiveOptions, Densities, DensityQuantiles, EnergyError, EnergyErrors, EnergyOptions, EnergyReport, Lame,
+    Quadrature, QuadratureError, UnitVolumeScale, adaptive_energies_of_maps, clipped_grid, deformation_density,
 };
 use crate::fit::{BoundaryError, DomainFactor, Fit, FitError, FitOptions, FitSize, Phase, RefinementEnd, is_flat};
 use crate::map::HarmonicMap;
@@ -36,20 +36,20 @@ use jacobians::{frames_at_a_time, jacobians};
 
 /// Default number of frames in a block: larger blocks save little more.
 const FRAMES: usize = 32;
-/// Bytes of the densities that a frame keeps for each point of the quadrature.
-const BYTES_PER_POINT: u64 = 24;
+/// Bytes that a frame keeps for each point of its quadrature: point, weight, cell and densities.
+const BYTES_PER_POINT: u64 = 60;
 /// Largest number of rounds of refinement for one block, each for the frame with the largest error.
 const MOST_ROUNDS: usize = 8;
 /// A frame counts as an affine image of the reference when an affine map meets it to this fraction of the tolerance.
 const AFFINE: f64 = 0.01;
 
 /// Settings of a [`Sequence`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct SequenceOptions {
     /// How maps are fitted.
     pub fit: FitOptions,
-    /// The grid for integrating energies, the same for all frames.
-    pub resolution: GridResolution,
+    /// How energies are integrated: all frames on the same grid, whose cells are divided as each frame needs it.
+    pub quadrature: AdaptiveOptions,
     /// Material of the deformation energy.
     pub lame: Lame,
     /// Scale each frame to the reference's volume first, so that change of size has no energy.
@@ -58,19 +58,6 @@ pub struct SequenceOptions {
     pub close_holes: Option<usize>,
     /// Frames to solve for at once; `None` for 32, or as many as fit into memory.
     pub frames_per_block: Option<usize>,
-}
-
-impl Default for SequenceOptions {
-    fn default() -> Self {
-        Self {
-            fit: FitOptions::default(),
-            resolution: GridResolution::CellsAlongLongestSide(48),
-            lame: Lame::default(),
-            own_volume: false,
-            close_holes: None,
-            frames_per_block: None,
-        }
-    }
 }
 
 /// Why a sequence, or one of its frames, cannot be measured.
@@ -118,7 +105,11 @@ pub struct FrameMeasurement {
     pub inverted_fraction: f64,
     /// Error of the map on the frame's surface.
     pub boundary_error: BoundaryError,
-    /// Densities at the points of [`Sequence::quadrature`].
+    /// Estimated errors of both energies.
+    pub errors: EnergyErrors,
+    /// The points and weights that energies were integrated with.
+    pub quadrature: Quadrature,
+    /// Densities at the points of the quadrature.
     pub densities: Densities,
     /// The map from the reference to the frame.
     pub map: HarmonicMap,
@@ -157,7 +148,7 @@ impl Sequence {
         let (outward, _) = crate::check::repair(&domain);
         Ok(Self {
             reference: Arc::new(reference.clone()),
-            quadrature: clipped_grid(&outward, options.resolution)?,
+            quadrature: clipped_grid(&outward, options.quadrature.resolution)?,
             domain: Arc::new(outward),
             holes,
             factor,
@@ -176,7 +167,7 @@ impl Sequence {
         &self.holes
     }
 
-    /// The points and weights for integrating energies.
+    /// The grid over the reference whose cells are divided where energies need it.
     pub fn quadrature(&self) -> &Quadrature {
         &self.quadrature
     }
@@ -193,7 +184,8 @@ impl Sequence {
         let allowed = budget.unwrap_or(u64::MAX);
         let mut size = FitSize::of(&self.domain, &self.options.fit);
         size.maps = self.options.frames_per_block.unwrap_or(FRAMES).max(1);
-        let densities = BYTES_PER_POINT.saturating_mul(self.quadrature.points().len() as u64);
+        let points = self.options.quadrature.point_limit(self.quadrature.points().len());
+        let densities = BYTES_PER_POINT.saturating_mul(points as u64);
         let bytes = |size: &FitSize| size.bytes().saturating_add(densities.saturating_mul(size.maps as u64));
         while size.maps > 1 && bytes(&size) > allowed {
             size.maps /= 2;
@@ -228,21 +220,35 @@ impl Sequence {
     ) -> Vec<Result<FrameMeasurement, SequenceError>> {
         let solved = self.solve(frames, progress);
         progress(Phase::Measuring);
-        let mut measured = Vec::with_capacity(frames.len());
-        let at_a_time = frames_at_a_time(self.quadrature.points().len());
-        let mut solved = solved.into_iter().zip(frames).peekable();
-        while solved.peek().is_some() {
-            let part: Vec<_> = solved.by_ref().take(at_a_time).collect();
-            let maps: Vec<&HarmonicMap> = part.iter().filter_map(|(map, _)| Some(&map.as_ref().ok()?.0)).collect();
-            let mut jacobians = jacobians(&maps, self.quadrature.points()).into_iter();
-            for (solved, frame) in part {
-                measured.push(solved.and_then(|(map, error)| {
-                    let jacobians = jacobians.next().unwrap_or_default();
-                    self.measured(map, error, frame.target_volume(), &jacobians)
-                }));
+        let mut maps = Vec::new();
+        let mut volumes = Vec::new();
+        for (solved, frame) in solved.iter().zip(frames) {
+            if let Ok((map, _)) = solved {
+                maps.push(map);
+                volumes.push(frame.target_volume());
             }
         }
-        measured
+        let options = EnergyOptions {
+            normalize: self.options.own_volume,
+            lame: self.options.lame,
+        };
+        let accuracy = &self.options.quadrature;
+        let energies = adaptive_energies_of_maps(&self.domain, &volumes, &options, accuracy, |range, points, add| {
+            let at_a_time = frames_at_a_time(points.len());
+            for (part, maps) in maps[range].chunks(at_a_time).enumerate() {
+                for (k, list) in jacobians(maps, points).iter().enumerate() {
+                    add(part * at_a_time + k, list);
+                }
+            }
+        });
+        let energies = energies.unwrap_or_else(|error| maps.iter().map(|_| Err(error.clone())).collect());
+        let mut energies = energies.into_iter().zip(volumes);
+        let measured = solved.into_iter().map(|solved| {
+            let (map, error) = solved?;
+            let (energy, volume) = energies.next().expect("one result for each map");
+            self.measured(map, error, volume, energy?)
+        });
+        measured.collect()
     }
 
     /// Densities of the deformation energy at other points of the reference: a list for each frame.
@@ -261,8 +267,7 @@ impl Sequence {
 
     /// Differences of energies below this are rounding: the energy of strains of about a millionth.
     pub fn resolution_of_energy(&self) -> f64 {
-        let Lame { lambda, mu } = self.options.lame;
-        1e-12 * (lambda.abs() + mu.abs())
+        self.options.lame.negligible_density()
     }
 
     /// The maps, and how well they meet the frames.
@@ -339,27 +344,29 @@ impl Sequence {
         map: HarmonicMap,
         boundary_error: BoundaryError,
         volume: f64,
-        jacobians: &[Matrix3],
+        (quadrature, energy): (Quadrature, EnergyReport),
     ) -> Result<FrameMeasurement, SequenceError> {
-        let own = self.quadrature.volume();
-        let options = EnergyOptions {
-            normalize: self.options.own_volume,
-            lame: self.options.lame,
-        };
-        let report = energies_of_jacobians(jacobians, &self.quadrature, own, volume, &options)?;
+        let own = quadrature.volume();
         let (stretch, per_volume) = if self.options.own_volume {
             (UnitVolumeScale::new(own, volume)?.jacobian, 1.0)
         } else {
             (1.0, 1.0 / own)
         };
+        let errors = energy.errors.expect("the quadrature is adaptive");
         Ok(FrameMeasurement {
-            deformation: report.deformation * per_volume,
-            harmonic: report.harmonic * per_volume,
-            deformation_density: report.deformation_density,
+            deformation: energy.deformation * per_volume,
+            harmonic: energy.harmonic * per_volume,
+            deformation_density: energy.deformation_density,
             volume,
-            inverted_fraction: report.inverted_fraction,
+            inverted_fraction: energy.inverted_fraction,
             boundary_error,
-            densities: report.densities,
+            errors: EnergyErrors {
+                harmonic: errors.harmonic * per_volume,
+                deformation: errors.deformation * per_volume,
+                ..errors
+            },
+            quadrature,
+            densities: energy.densities,
             map,
             stretch,
         })

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use solidmap::energy::Lame;
+use solidmap::energy::{AdaptiveOptions, GridResolution, Lame};
 
 use super::section::SectionArgs;
 
@@ -13,13 +13,17 @@ pub struct EvalArgs {
     pub map: PathBuf,
     /// Points to map: .csv with columns x, y, z; .npy (n × 3); or a mesh, which stands for its vertices
     pub points: PathBuf,
-    /// Images: .csv or .npy, or a mesh format to write POINTS' mesh with its vertices mapped
+    /// Images: .csv or .npy, or a mesh format to write POINTS' mesh with its vertices mapped. In .csv, a column `inside` is
+    /// 0 for points outside the domain, where values of the map mean nothing
     #[arg(short, long)]
     pub output: PathBuf,
     /// Also write the Jacobian, in columns j00 to j22 (j01 is the derivative of the first coordinate with respect to
     /// y); with --inverse that at the preimage
     #[arg(long)]
     pub jacobian: bool,
+    /// Also write the distance from each point to the domain's boundary, negative outside, in a column `distance`
+    #[arg(long, conflicts_with = "inverse")]
+    pub distance: bool,
     /// Find preimages: POINTS are in the target. A table gets the preimage in x, y, z (nan where there is none), the
     /// given point in fx, fy, fz (not in .npy), and columns status (0 ok, 1 folded, 2 outside the target, 3 not found,
     /// 4 not finite) and round_trip, the distance from the given point to the preimage's image over the target's
@@ -54,15 +58,40 @@ impl LameArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct AccuracyArgs {
+    /// Cells of the integration grid along the longest side of the domain; they are divided where the densities vary
+    #[arg(long, default_value_t = 48, value_name = "N")]
+    resolution: usize,
+    /// Largest error of the energies by integration, as a fraction of them; `inf` to divide no cells
+    #[arg(long, default_value_t = AdaptiveOptions::default().tolerance, value_name = "FRACTION")]
+    energy_tolerance: f64,
+}
+
+impl AccuracyArgs {
+    /// How energies are integrated.
+    pub fn options(&self) -> AdaptiveOptions {
+        AdaptiveOptions {
+            resolution: GridResolution::CellsAlongLongestSide(self.resolution),
+            tolerance: self.energy_tolerance,
+            max_points: None,
+        }
+    }
+
+    /// Largest error of the energies, as a fraction of them.
+    pub fn tolerance(&self) -> f64 {
+        self.energy_tolerance
+    }
+}
+
+#[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct EnergyArgs {
     /// Map file
     pub map: PathBuf,
-    /// Cells of the integration grid along the longest side of the domain
-    #[arg(long, default_value_t = 48, value_name = "N")]
-    pub resolution: usize,
-    /// Integrate over this tet mesh of the domain, instead of over a grid
-    #[arg(long, value_name = "TETS")]
+    #[command(flatten)]
+    pub accuracy: AccuracyArgs,
+    /// Integrate over this tet mesh of the domain, instead of over a grid, without an estimate of the error
+    #[arg(long, value_name = "TETS", conflicts_with_all = ["resolution", "energy_tolerance"])]
     pub mesh: Option<PathBuf>,
     /// Do not scale both solids to unit volume
     #[arg(long)]

@@ -6,7 +6,7 @@ use clap::Args;
 use solidmap::fit::FitOptions;
 
 use super::fit::MethodArgs;
-use super::map::LameArgs;
+use super::map::{AccuracyArgs, LameArgs};
 use super::section::SectionArgs;
 
 #[derive(Debug, Args)]
@@ -26,9 +26,8 @@ pub struct SequenceArgs {
     /// it is larger; frames where it cannot be reached are measured all the same, and the exit code is 1
     #[arg(long, value_name = "FRACTION", default_value_t = FitOptions::adaptive().tolerance)]
     pub tolerance: f64,
-    /// Cells of the integration grid along the longest side of REF, the same for all frames
-    #[arg(long, default_value_t = 48, value_name = "N")]
-    pub resolution: usize,
+    #[command(flatten)]
+    pub accuracy: AccuracyArgs,
     #[command(flatten)]
     pub lame: LameArgs,
     /// Scale each frame to REF's volume first, as in Li et al. 2007: change of size has no energy then

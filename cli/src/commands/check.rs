@@ -67,6 +67,6 @@ fn text(model: &ModelReport) -> String {
     let name = model.model.display();
     match (&model.report, &model.unreadable) {
         (Some(report), _) => format!("{name}\n{report}"),
-        (None, reason) => format!("{name}\n  cannot be read: {}\n", reason.as_deref().unwrap_or_default()),
+        (None, reason) => format!("{name}\n  {}\n", reason.as_deref().unwrap_or_default()),
     }
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::{BoundaryMap, examples};
-use solidmap::energy::{EnergyOptions, EnergyReport, GridResolution, clipped_grid, energies};
+use solidmap::energy::{AdaptiveOptions, EnergyOptions, EnergyReport, adaptive_energies};
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{FitOptions, FitReport};
 use solidmap::geometry::{Axis, distance_field, flipped_tets};
@@ -23,8 +23,6 @@ use crate::shared::output::{Output, mebibytes, peak_rss_bytes, write_file};
 use crate::shared::pictures::{Pictured, plane_across};
 use crate::shared::{carried_mesh_file, carried_mesh_picture, density_file};
 
-/// Cells of the integration grid along the longest side.
-const RESOLUTION: usize = 40;
 /// Hexahedra along the longest side of a polycube.
 const HEXES: usize = 32;
 /// Pixels along the longer side of a section.
@@ -125,13 +123,16 @@ fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Res
         pair.boundary.domain().vertices().len()
     ));
     let fit = fit_with_progress(&pair.boundary, &FitOptions::default(), output)?;
-    fit.report.warnings.iter().for_each(|warning| output.warn(warning));
+    fit.report
+        .warnings
+        .iter()
+        .for_each(|warning| output.warn_of_fit(warning));
 
     output.progress("integrating");
     let (domain, target) = (pair.boundary.domain(), pair.boundary.target());
-    let quadrature = clipped_grid(domain, GridResolution::CellsAlongLongestSide(RESOLUTION))?;
     let options = EnergyOptions::default();
-    let energy = energies(&fit.map, &quadrature, quadrature.volume(), target.volume(), &options)?;
+    let accuracy = AdaptiveOptions::default();
+    let (quadrature, energy) = adaptive_energies(&fit.map, domain, target.volume(), &options, &accuracy)?;
 
     output.progress("writing");
     io::write_surface(folder.join("domain.obj"), domain)?;

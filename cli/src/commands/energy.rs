@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::energy::{
-    DensityQuantiles, EnergyOptions, EnergyReport, GridResolution, clipped_grid, energies, tet_quadrature,
+    DensityQuantiles, EnergyErrors, EnergyOptions, EnergyReport, adaptive_energies, energies, tet_quadrature,
 };
 use solidmap::geometry::distance_field;
 use solidmap::io;
@@ -55,26 +55,35 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         args.map.display()
     );
     output.progress("integrating");
-    let cannot_measure = |what: &str, path: &Path| format!("cannot measure {what} `{}`", path.display());
-    let quadrature = match (&mesh, &args.mesh) {
-        (Some(mesh), Some(path)) => tet_quadrature(mesh).with_context(|| cannot_measure("over the tet mesh", path))?,
-        _ => clipped_grid(
+    let target_volume = boundary.target_volume();
+    let (quadrature, energy) = match (&mesh, &args.mesh) {
+        (Some(mesh), Some(path)) => {
+            let cannot_measure = || format!("cannot measure over the tet mesh `{}`", path.display());
+            let quadrature = tet_quadrature(mesh).with_context(cannot_measure)?;
+            let volume = quadrature.volume();
+            require_same_solid(path, volume, boundary.domain())?;
+            let energy = energies(&file.map, &quadrature, volume, target_volume, &options);
+            let energy = energy.with_context(|| format!("cannot measure `{}`", args.map.display()))?;
+            (quadrature, energy)
+        }
+        _ => adaptive_energies(
+            &file.map,
             boundary.domain(),
-            GridResolution::CellsAlongLongestSide(args.resolution),
+            target_volume,
+            &options,
+            &args.accuracy.options(),
         )
-        .with_context(|| cannot_measure("over the domain of", &args.map))?,
+        .with_context(|| format!("cannot measure `{}`", args.map.display()))?,
     };
-    if let Some(path) = &args.mesh {
-        require_same_solid(path, quadrature.volume(), boundary.domain())?;
+    if let Some(errors) = energy.errors.filter(|errors| !errors.within_tolerance) {
+        output.warn(format!(
+            "--energy-tolerance is {}, but the errors are estimated at {:.1} % of the harmonic and {:.1} % of the \
+             deformation energy; a larger --resolution allows more points",
+            args.accuracy.tolerance(),
+            100.0 * errors.harmonic / energy.harmonic,
+            100.0 * errors.deformation / energy.deformation
+        ));
     }
-    let energy = energies(
-        &file.map,
-        &quadrature,
-        quadrature.volume(),
-        boundary.target_volume(),
-        &options,
-    )
-    .with_context(|| format!("cannot measure `{}`", args.map.display()))?;
 
     if let Some(path) = &args.vtu {
         output.progress("writing");
@@ -118,18 +127,30 @@ fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
         &energy.deformation_density,
         &energy.det_jacobian,
     );
-    let row = |name: &str, total: f64, d: &DensityQuantiles| {
+    let row = |name: &str, total: f64, error: Option<f64>, d: &DensityQuantiles| {
+        let error = error.map_or(String::new(), |error| format!("± {error:.1e}"));
         [
             name.to_owned(),
             format!(
-                "{total:<12.6} density {:.3e} to {:.3e}, median {:.3e}",
+                "{total:<12.6} {error:<10} density {:.3e} to {:.3e}, median {:.3e}",
                 d.min, d.max, d.median
             ),
         ]
     };
+    let error = |of: fn(&EnergyErrors) -> f64| energy.errors.as_ref().map(of);
     vec![
-        row("harmonic energy", energy.harmonic, harmonic),
-        row("deformation energy", energy.deformation, deformation),
+        row(
+            "harmonic energy",
+            energy.harmonic,
+            error(|errors| errors.harmonic),
+            harmonic,
+        ),
+        row(
+            "deformation energy",
+            energy.deformation,
+            error(|errors| errors.deformation),
+            deformation,
+        ),
         [String::new(), scaled.into()],
         [
             "volume".into(),

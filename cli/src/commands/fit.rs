@@ -60,6 +60,12 @@ impl<'a> BoundaryInput<'a> {
             to_model || args.pair.is_default(),
             "--landmarks, --via and --no-improve say how a solid is mapped to another: they need --target MODEL"
         );
+        if let Some(target) = target.filter(|target| to_model && !target.exists()) {
+            anyhow::bail!(
+                "there is no file `{}`; --target takes a model, or `{SPHERE}`",
+                target.display()
+            );
+        }
         let pair = &args.pair;
         match (args.files.source(), args.files.domain.as_deref(), target) {
             (Some(source), _, None) => Ok(Self::Files(source)),
@@ -115,7 +121,11 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let source = BoundaryInput::new(args)?;
     let files = source.files_by_role();
     let paths: Vec<&Path> = files.iter().map(|(_, path)| *path).collect();
-    input::require_all_writable(&[(Some(&args.output), &[]), (args.vtu.as_ref(), &["vtu"])], &paths)?;
+    let outputs: [(Option<&PathBuf>, &[&str]); 2] = [
+        (Some(&args.output), &["safetensors", "map"]),
+        (args.vtu.as_ref(), &["vtu"]),
+    ];
+    input::require_all_writable(&outputs, &paths)?;
     output.progress("reading");
     let name = paths[0];
     let cannot_map = || format!("cannot map `{}`", name.display());
@@ -126,8 +136,12 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     output.progress("looking for self-intersections");
     let intersections = self_intersections(&boundary, name);
     let mut fit = fit_with_progress(&boundary, &options, output).with_context(cannot_map)?;
+    fit.report
+        .warnings
+        .iter()
+        .for_each(|warning| output.warn_of_fit(warning));
+    intersections.iter().for_each(|warning| output.warn(warning));
     fit.report.warnings.extend(intersections);
-    fit.report.warnings.iter().for_each(|warning| output.warn(warning));
 
     output.progress("writing");
     let metadata = MapMetadata::new(fit.report.clone(), inputs);

@@ -7,6 +7,10 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use solidmap::compare::CompareError;
+use solidmap::fit::FitError;
+use solidmap::sequence::SequenceError;
+use solidmap::texture::TextureError;
 
 /// Where results and messages go.
 pub struct Output {
@@ -77,8 +81,12 @@ impl Output {
 
     /// A warning, such as what was repaired.
     pub fn warn(&self, message: impl std::fmt::Display) {
-        let message = with_option_names(message.to_string());
         self.bar.suspend(|| to_stderr(format_args!("warning: {message}")));
+    }
+
+    /// A warning of a fit, which may name settings.
+    pub fn warn_of_fit(&self, message: impl std::fmt::Display) {
+        self.warn(with_option_names(message));
     }
 
     /// A remark, such as on a file that was written. Not shown with `--json`.
@@ -109,8 +117,9 @@ fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_spinner())
 }
 
-/// A message of the library with the names of its settings replaced by those of the options.
-pub fn with_option_names(message: String) -> String {
+/// A message about a fit with the names of the library's settings replaced by those of the options. Not for messages that
+/// may name files, which can be called `alpha`.
+pub fn with_option_names(message: impl std::fmt::Display) -> String {
     const OPTIONS: [[&str; 2]; 8] = [
         ["`max_sources`", "--max-sources"],
         ["`source_ratio`", "--s-ratio"],
@@ -123,7 +132,17 @@ pub fn with_option_names(message: String) -> String {
     ];
     OPTIONS
         .iter()
-        .fold(message, |text, [field, option]| text.replace(field, option))
+        .fold(message.to_string(), |text, [field, option]| text.replace(field, option))
+}
+
+/// What an error says, with the names of options where it is about settings of the library.
+fn message(error: &(dyn std::error::Error + 'static)) -> String {
+    if error.is::<FitError>() || error.is::<SequenceError>() || error.is::<CompareError>() || error.is::<TextureError>()
+    {
+        with_option_names(error)
+    } else {
+        error.to_string()
+    }
 }
 
 /// Writes a line to stderr. A failure cannot be reported anywhere.
@@ -144,7 +163,7 @@ pub fn peak_rss_bytes() -> u64 {
 /// The error and its causes, each once: many errors quote their cause.
 pub fn describe(error: &anyhow::Error) -> String {
     let mut text = String::new();
-    for cause in error.chain().map(ToString::to_string) {
+    for cause in error.chain().map(message) {
         if text.is_empty() {
             text = cause;
         } else if !text.contains(&cause) {

@@ -156,8 +156,10 @@ class Inverse {
 
 /// How energies are measured.
 struct EnergyOptions {
-  /// Grid cells along the longest side of the domain, clipped by its surface: 32 to 128 is usual.
+  /// Grid cells along the longest side of the domain, clipped by its surface; they are divided where the densities vary.
   std::size_t cells = 48;
+  /// Largest error of the energies by integration, as a fraction of them; infinity to divide no cells.
+  double tolerance = 0.01;
   /// Scale both solids to unit volume first, so that energies of different solids compare; the identity then has
   /// harmonic energy 3.
   bool normalize = true;
@@ -176,6 +178,8 @@ struct EnergyReport {
   double harmonic = 0;
   /// Integral of the elastic energy ½ σ : ε by Hooke's law, with Green's strain ε = JᵀJ − I.
   double deformation = 0;
+  /// Estimated errors of both by integration; NaN for integrals over a mesh.
+  double harmonic_error = 0, deformation_error = 0;
   /// Volumes of the domain and of the target, model units.
   double volume = 0, target_volume = 0;
   Distribution harmonic_density, deformation_density;
@@ -187,7 +191,7 @@ struct EnergyReport {
 };
 
 /// Energies of a map, integrated on a grid, or over the tetrahedra of a mesh, which must be a mesh of the domain: that
-/// is not checked. Throws Error (invalid_input: no volume, no cells; numerical: a Jacobian that is not finite;
+/// is not checked. Throws Error (invalid_input: no volume, no cells, no tolerance; numerical: a Jacobian that is not finite;
 /// unsupported: no boundary map).
 EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options = {});
 EnergyReport energies(const HarmonicMap& map, const CellMesh& tets, const EnergyOptions& options = {});

@@ -259,12 +259,18 @@ TEST_CASE("the identity has its energies, a twist has more") {
   CHECK(identity.det_jacobian.median == doctest::Approx(1.0));
   CHECK(identity.inverted_points == 0);
   const HarmonicMap twisted = fit(twisted_ball());
-  CHECK(energies(twisted).harmonic > 3.001);
+  const EnergyReport found = energies(twisted);
+  CHECK(found.harmonic > 3.001);
+  CHECK((found.harmonic_error > 0.0 && found.harmonic_error < 0.01 * found.harmonic));
+  CHECK((found.deformation_error > 0.0 && found.deformation_error < 0.01 * found.deformation));
   CHECK(distortion(twisted, 24).mean.conformal > 1.0);
   CHECK(distortion(fit(BoundaryMap(ball, ball.vertices())), 24).mean.symmetric_dirichlet == doctest::Approx(6.0));
   EnergyOptions none;
   none.cells = 0;
   CHECK(thrown_by([&] { energies(twisted, none); }) == "invalid_input");
+  EnergyOptions exact;
+  exact.tolerance = 0;
+  CHECK(thrown_by([&] { energies(twisted, exact); }) == "invalid_input");
 }
 
 TEST_CASE("a section shows the energy densities of a map") {

@@ -41,9 +41,13 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
     write::outputs(&map, &args.outputs, &read, output)?;
     let flipped = plain_image_flipped(&map)?;
     if flipped > 0 {
+        let instead = match &args.outputs.boundary {
+            Some(path) => format!("use `{}`", path.display()),
+            None => "write it with --boundary".into(),
+        };
         output.note(format_args!(
             "the plain image, linear between the images of vertices, has {flipped} triangles that face against the \
-             target; the boundary map has none: write it with --boundary"
+             target; the boundary map has none: {instead}"
         ));
     }
     let report = PairSummary {

@@ -137,7 +137,7 @@ impl Runner<'_> {
                 figures: Some(figures),
             },
             Err(error) => {
-                self.output.warn(format!("{label}: {error}"));
+                self.output.warn_of_fit(format!("{label}: {error}"));
                 MethodRow {
                     name,
                     error: Some(error),
@@ -307,7 +307,7 @@ impl Runner<'_> {
                 let (figures, error) = match self.run::<SequenceFigures>(&job, &label) {
                     Ok(figures) => (Some(figures), None),
                     Err(error) => {
-                        self.output.warn(format!("{label}: {error}"));
+                        self.output.warn_of_fit(format!("{label}: {error}"));
                         (None, Some(error))
                     }
                 };

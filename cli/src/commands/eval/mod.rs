@@ -4,12 +4,13 @@ mod inverse;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use serde::Serialize;
 use solidmap::files;
-use solidmap::geometry::{count_outside, flipped_tets};
+use solidmap::geometry::{QueryError, are_outside, distance_field, flipped_tets};
 use solidmap::io::{self, SolidMesh};
 use solidmap::map::VolumeMap;
+use solidmap::mesh::SurfaceMesh;
 use solidmap::{Matrix3, Point};
 
 use crate::CommandOutcome;
@@ -57,11 +58,28 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let seconds = start.elapsed().as_secs_f64();
     let not_finite = images.iter().filter(|p| !is_finite(p)).count();
 
+    output.progress("looking for points outside the domain");
+    let location = file
+        .boundary
+        .as_ref()
+        .map(|boundary| Location::of(&points, boundary.domain(), args.distance))
+        .transpose()
+        .with_context(|| format!("the domain in `{}` cannot be searched", args.map.display()))?;
+    ensure!(
+        location.is_some() || !args.distance,
+        "`{}` has no domain that --distance could be measured from",
+        args.map.display()
+    );
+    let outside = location.as_ref().map(|location| {
+        let beyond = location.is_outside.iter().zip(&points);
+        beyond.filter(|(outside, point)| **outside && is_finite(point)).count()
+    });
+
     output.progress(format!("writing {}", args.output.display()));
     let mut flipped_tets = None;
     match solid {
         Some(solid) if writes_mesh => flipped_tets = write_mesh(&args.output, &solid, images.clone())?,
-        _ => write_images(&args.output, &points, &images, jacobians.as_deref())?,
+        _ => write_images(&args.output, &points, &images, jacobians.as_deref(), location.as_ref())?,
     }
     if not_finite > 0 {
         let first = images.iter().position(|p| !is_finite(p)).unwrap_or_default();
@@ -70,13 +88,6 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
              finite, or they lie at sources"
         ));
     }
-    output.progress("looking for points outside the domain");
-    let outside = file
-        .boundary
-        .as_ref()
-        .map(|boundary| count_outside(boundary.domain(), &points))
-        .transpose()
-        .with_context(|| format!("the domain in `{}` cannot be searched", args.map.display()))?;
     if outside.is_some_and(|count| count > 0) {
         output.warn(format!(
             "outside the domain, where values of the map mean nothing: {} of the points",
@@ -96,6 +107,22 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     Ok(CommandOutcome::Done)
 }
 
+/// Where points are with respect to the domain.
+struct Location {
+    is_outside: Vec<bool>,
+    /// Distances from its boundary, negative outside.
+    distances: Option<Vec<f64>>,
+}
+
+impl Location {
+    fn of(points: &[Point], domain: &SurfaceMesh, with_distances: bool) -> Result<Self, QueryError> {
+        Ok(Self {
+            is_outside: are_outside(domain, points)?,
+            distances: with_distances.then(|| distance_field(domain, points)).transpose()?,
+        })
+    }
+}
+
 /// Refuses an output that cannot hold what is to be written.
 fn require_matching_output(args: &EvalArgs) -> anyhow::Result<()> {
     let writes_mesh = !is_table(&args.output);
@@ -106,9 +133,10 @@ fn require_matching_output(args: &EvalArgs) -> anyhow::Result<()> {
             args.output.display()
         );
     }
-    if writes_mesh && args.jacobian {
-        bail!(
-            "Jacobians go into .csv or .npy; `{}` would lose them",
+    for (asked, what) in [(args.jacobian, "Jacobians"), (args.distance, "Distances")] {
+        ensure!(
+            !(writes_mesh && asked),
+            "{what} go into .csv or .npy; `{}` would lose them",
             args.output.display()
         );
     }
@@ -124,6 +152,9 @@ fn rows(report: &EvalSummary) -> Vec<[String; 2]> {
         ["points".into(), format!("{} in {:.3} s", report.points, report.seconds)],
         ["written".into(), report.output.display().to_string()],
     ];
+    if let Some(outside) = report.outside {
+        rows.push(["outside".into(), format!("{outside} of {} points", report.points)]);
+    }
     if let Some(flipped) = report.flipped_tets {
         rows.push(["flipped tets".into(), flipped.to_string()]);
     }
@@ -147,14 +178,25 @@ fn write_mesh(path: &Path, solid: &SolidMesh, images: Vec<Point>) -> anyhow::Res
     }
 }
 
-/// CSV: the points, their images and the Jacobians' entries. NPY has no names: the images, then the entries.
-fn write_images(path: &Path, points: &[Point], images: &[Point], jacobians: Option<&[Matrix3]>) -> anyhow::Result<()> {
+/// CSV: the points, their images, the Jacobians' entries, and where the points are. NPY has no names: the images, the
+/// entries, and the distances if they are asked for.
+fn write_images(
+    path: &Path,
+    points: &[Point],
+    images: &[Point],
+    jacobians: Option<&[Matrix3]>,
+    location: Option<&Location>,
+) -> anyhow::Result<()> {
     let csv = extension(path) == "csv";
     let mut names = if csv { vec!["x", "y", "z"] } else { vec![] };
     names.extend(["fx", "fy", "fz"]);
     if jacobians.is_some() {
         names.extend(JACOBIAN);
     }
+    let is_outside = location.filter(|_| csv).map(|location| &location.is_outside);
+    names.extend(is_outside.map(|_| "inside"));
+    let distances = location.and_then(|location| location.distances.as_ref());
+    names.extend(distances.map(|_| "distance"));
     let mut values = Vec::with_capacity(points.len() * names.len());
     for (p, (point, image)) in points.iter().zip(images).enumerate() {
         if csv {
@@ -165,6 +207,8 @@ fn write_images(path: &Path, points: &[Point], images: &[Point], jacobians: Opti
             // Matrices are stored by columns.
             values.extend_from_slice(all[p].transpose().as_slice());
         }
+        values.extend(is_outside.map(|all| if all[p] { 0.0 } else { 1.0 }));
+        values.extend(distances.map(|all| all[p]));
     }
     write_table(path, &names, &values)
 }

@@ -89,7 +89,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
             } else {
                 format!("{flipped} cells stay inverted")
             },
-            reasons.words(),
+            reasons.words(!args.no_repair),
             args.output.display(),
             match extension(&args.output).as_str() {
                 "msh" => "groups called \"inverted\" hold them",

@@ -33,8 +33,8 @@ impl Reasons {
         reasons
     }
 
-    /// In words.
-    pub fn words(&self) -> String {
+    /// In words; `repaired` when a repair was tried.
+    pub fn words(&self, repaired: bool) -> String {
         let known = [
             (
                 self.boundary,
@@ -45,7 +45,14 @@ impl Reasons {
                 "at an inner node that has no right place while the boundary stays (proved)",
             ),
             (self.folded_quad, "on a folded boundary quad"),
-            (self.unknown, "for an unknown reason"),
+            (
+                self.unknown,
+                if repaired {
+                    "for an unknown reason"
+                } else {
+                    "that a repair may help (leave out --no-repair)"
+                },
+            ),
         ];
         let known = known.into_iter().filter(|(count, _)| *count > 0);
         let known: Vec<String> = known.map(|(count, words)| format!("{count} {words}")).collect();

@@ -16,7 +16,7 @@ use crate::args::{SectionArgs, SequenceArgs};
 use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::show_phase;
 use crate::shared::input;
-use crate::shared::output::{Output, describe};
+use crate::shared::output::{Output, describe, with_option_names};
 use crate::shared::pictures::plane_across;
 
 /// Pixels along the longer side of a section.
@@ -114,7 +114,7 @@ impl<'a> Measurement<'a> {
         for ((frame, map), measured) in numbers.into_iter().zip(&maps).zip(measured) {
             match measured {
                 Ok(measured) => found.push((frame, map, measured)),
-                Err(error) => unusable.push((frame, error.to_string())),
+                Err(error) => unusable.push((frame, with_option_names(error))),
             }
         }
         output.progress(format!("{name}densities"));

@@ -12,7 +12,6 @@ use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use solidmap::check::MOST_RIM_EDGES;
-use solidmap::energy::GridResolution;
 use solidmap::fit::FitError;
 use solidmap::geometry::count_outside;
 use solidmap::sequence::{Sequence, SequenceError, SequenceOptions};
@@ -22,7 +21,7 @@ use crate::args::SequenceArgs;
 use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::{fit_options, show_phase};
 use crate::shared::input;
-use crate::shared::output::Output;
+use crate::shared::output::{Output, with_option_names};
 use folder::{CELLS, MATERIAL, ResultFolder, SURFACE};
 use measure::Measurement;
 use summary::SequenceTimings;
@@ -127,7 +126,7 @@ fn require_valid(args: &SequenceArgs) -> anyhow::Result<()> {
 fn options(args: &SequenceArgs) -> anyhow::Result<SequenceOptions> {
     Ok(SequenceOptions {
         fit: fit_options(&args.method, args.tolerance)?,
-        resolution: GridResolution::CellsAlongLongestSide(args.resolution),
+        quadrature: args.accuracy.options(),
         lame: args.lame.constants()?,
         own_volume: args.own_volume,
         close_holes: args.mend,
@@ -144,5 +143,6 @@ fn advised(error: SequenceError, args: &SequenceArgs) -> anyhow::Error {
     } else {
         ""
     };
-    anyhow::anyhow!("cannot use `{}`: {error}{hint}", args.reference.display())
+    let reason = with_option_names(error);
+    anyhow::anyhow!("cannot use `{}`: {reason}{hint}", args.reference.display())
 }

@@ -37,6 +37,7 @@ impl Measurement<'_> {
             "time",
             "file",
             "deformation_energy",
+            "deformation_energy_error",
             "harmonic_energy",
             "deformation_density_p99",
             "deformation_density_max",
@@ -53,6 +54,7 @@ impl Measurement<'_> {
             let numbers = row.found.as_ref().map(|f| {
                 [
                     f.deformation_energy,
+                    f.deformation_energy_error,
                     f.harmonic_energy,
                     f.deformation_density.p99,
                     f.deformation_density.max,

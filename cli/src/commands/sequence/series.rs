@@ -64,7 +64,7 @@ impl Series {
             ("harmonic_energy", &densities.harmonic),
             ("det_jacobian", &densities.det_jacobian),
         ];
-        density_file::write(&paths[0], sequence.quadrature(), None, &fields)?;
+        density_file::write(&paths[0], &measured.quadrature, None, &fields)?;
         let domain = sequence.domain();
         let fields = VtkFields {
             point: vec![positions("reference", domain.vertices())],

@@ -72,6 +72,8 @@ pub struct FrameRow {
 #[derive(Serialize)]
 pub struct MeasuredRow {
     pub deformation_energy: f64,
+    /// Estimated error of the deformation energy by integration.
+    pub deformation_energy_error: f64,
     pub harmonic_energy: f64,
     pub deformation_density: DensityQuantiles,
     pub boundary_error: BoundaryError,
@@ -83,6 +85,7 @@ impl MeasuredRow {
     pub fn new(measured: &FrameMeasurement) -> Self {
         Self {
             deformation_energy: measured.deformation,
+            deformation_energy_error: measured.errors.deformation,
             harmonic_energy: measured.harmonic,
             deformation_density: measured.deformation_density,
             boundary_error: measured.boundary_error,
@@ -120,6 +123,20 @@ impl Measurement<'_> {
             ));
         }
         let tolerance_met = missed.is_empty();
+        let wanted = self.args.accuracy.tolerance();
+        let inaccurate = |found: &MeasuredRow| {
+            let allowed = wanted * found.deformation_energy;
+            found.deformation_energy_error > allowed.max(self.sequence.resolution_of_energy())
+        };
+        let inaccurate = |row: &&FrameRow| row.found.as_ref().is_some_and(inaccurate);
+        let uncertain: Vec<usize> = self.rows.iter().filter(inaccurate).map(|row| row.frame).collect();
+        if !uncertain.is_empty() {
+            self.output.warn(format!(
+                "the deformation energy is less accurate than --energy-tolerance {wanted} in {}; `energy.csv` has the \
+                 errors. A larger --resolution allows more points",
+                listed(uncertain.into_iter())
+            ));
+        }
         let skipped = self.rows.iter().filter(|row| row.skipped.is_some()).count();
         let (found, none) = match cycles {
             Ok(cycles) => (Some(cycles), None),

@@ -201,7 +201,7 @@ fn fitted(surface: ColouredSurface, args: &TextureArgs, output: &Output) -> anyh
         .map_err(|error| with_advice(error.into()))
         .with_context(|| format!("cannot texture `{}`", args.model.display()))?;
     let fit = texture.report().clone();
-    fit.warnings.iter().for_each(|warning| output.warn(warning));
+    fit.warnings.iter().for_each(|warning| output.warn_of_fit(warning));
     let inputs = [("model", Some(&args.model)), ("image", args.image.as_ref())];
     let inputs = inputs.into_iter().filter_map(|(role, path)| Some((role, path?)));
     let inputs: anyhow::Result<_> = inputs.map(|(role, path)| input::provenance(role, path)).collect();
