@@ -55,11 +55,14 @@ fn outputs_and_settings_that_make_no_sense_are_refused_before_the_work() {
         "fit ball.obj --target spere -o out.map",
         &["no file `spere`", "a model, or `sphere`"],
     );
-    place.fails("fit ball.obj --image . -o out.map", &["Is a directory"]);
+    place.fails(
+        "fit ball.obj --image . -o out.map",
+        &["cannot read `.`: it is a folder"],
+    );
     let folder = place.ends_with(2, "check .");
     let said = String::from_utf8_lossy(&folder.stdout).into_owned();
     assert!(
-        said.contains("cannot read `.`: Is a directory") && !said.contains("cannot be read"),
+        said.contains("cannot read `.`: it is a folder") && !said.contains("cannot be read"),
         "{said}"
     );
     let energy = "energy out.map --energy-tolerance";

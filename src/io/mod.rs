@@ -307,10 +307,6 @@ fn read(
     let extension = extension(path);
     let known = formats.clone().map(|format| format.extension);
     let Some(format) = formats.find(|format| format.extension == extension) else {
-        // That it is a folder says more.
-        if path.is_dir() {
-            read_bytes(path)?;
-        }
         return Err(unknown_extension(path, purpose, known));
     };
     let bytes = read_bytes(path)?;

@@ -12,9 +12,15 @@ use solidmap::mesh::SurfaceMesh;
 
 use crate::args::BoundaryMapFiles;
 
+/// A closed surface, or a tet mesh. That a path is a folder says more than that it has no known extension.
+fn read_solid(path: &Path) -> anyhow::Result<SolidMesh> {
+    anyhow::ensure!(!path.is_dir(), "cannot read `{}`: it is a folder", path.display());
+    Ok(io::read_solid(path)?)
+}
+
 /// A closed surface, or the boundary of a tet mesh.
 pub fn read_surface(path: &Path) -> anyhow::Result<SurfaceMesh> {
-    Ok(match io::read_solid(path)? {
+    Ok(match read_solid(path)? {
         SolidMesh::Surface(surface) => surface,
         SolidMesh::Tets(tets) => tets.boundary().surface,
     })
@@ -80,7 +86,7 @@ impl BoundarySource {
 
 /// The boundary map from one file to another of the same connectivity.
 pub fn read_boundary_map(domain: &Path, image: &Path) -> anyhow::Result<BoundaryMap> {
-    let (domain_solid, image_solid) = rayon::join(|| io::read_solid(domain), || io::read_solid(image));
+    let (domain_solid, image_solid) = rayon::join(|| read_solid(domain), || read_solid(image));
     let map = match (domain_solid?, image_solid?) {
         (SolidMesh::Tets(domain), SolidMesh::Tets(image)) => BoundaryMap::between_tets(&domain, &image),
         (SolidMesh::Tets(domain), SolidMesh::Surface(image)) => BoundaryMap::between(domain.boundary().surface, &image),
