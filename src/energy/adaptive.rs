@@ -17,7 +17,7 @@ use super::quadrature::{CellLayout, Grid, Quadrature, QuadratureError, sum};
 use crate::Point;
 use crate::mesh::SurfaceMesh;
 
-/// Of the points of the grid before any of its cells is divided: how many times as many are allowed by default.
+/// Default limit on the number of points, as a multiple of those of the undivided grid.
 const POINTS_FACTOR: usize = 32;
 /// The error of the parts as a fraction of the difference between them and the whole: twice that of a rule of second
 /// order, because densities are less than smooth near the edges of a boundary map that is linear over triangles.

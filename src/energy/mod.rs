@@ -86,9 +86,9 @@ pub struct EnergyReport {
 /// Estimated errors of energies that an [`adaptive_quadrature`] gave.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct EnergyErrors {
-    /// Of [`EnergyReport::harmonic`].
+    /// Error of [`EnergyReport::harmonic`].
     pub harmonic: f64,
-    /// Of [`EnergyReport::deformation`].
+    /// Error of [`EnergyReport::deformation`].
     pub deformation: f64,
     /// Whether both are within the tolerance.
     pub within_tolerance: bool,
