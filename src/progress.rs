@@ -1,7 +1,8 @@
 //! Progress callbacks of long work, and cancellation through them.
 //!
-//! A progress callback returns nothing, or a [`ControlFlow`]: [`ControlFlow::Break`] cancels the work, which then returns the
-//! error `Cancelled` of its stage. Callbacks run on the calling thread, at least once in every iteration of a solver.
+//! A progress callback returns nothing, a [`ControlFlow`] or a [`ProgressControl`]. [`ControlFlow::Break`] cancels the work,
+//! which then returns the error `Cancelled` of its stage; [`ProgressControl::Conclude`] asks for the best result so far.
+//! Callbacks run on the calling thread, at least once in every iteration of a solver.
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -27,19 +28,49 @@ use std::time::Duration;
 /// assert!(matches!(ended, Err(FitError::Cancelled)));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub trait ProgressResponse {
-    /// Whether to continue.
-    fn control_flow(self) -> ControlFlow<()>;
+pub trait ProgressResponse: Sized {
+    /// How to go on.
+    fn control(self) -> ProgressControl;
+
+    /// Whether to continue, for work that has no result before its end: it is not concluded.
+    fn control_flow(self) -> ControlFlow<()> {
+        match self.control() {
+            ProgressControl::Continue | ProgressControl::Conclude => ControlFlow::Continue(()),
+            ProgressControl::Cancel => ControlFlow::Break(()),
+        }
+    }
+}
+
+/// How work goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ProgressControl {
+    /// As before.
+    Continue,
+    /// With the best valid result so far, without further improvement. Work that has none yet goes on until it has one.
+    /// Heeded by [`fit`](crate::fit::fit), [`map_to_sphere`](crate::spherical::map_to_sphere) and
+    /// [`map_pair`](crate::boundary_map::pair::map_pair), whose reports then say so; all else continues.
+    Conclude,
+    /// Not at all: the stage returns its error `Cancelled`.
+    Cancel,
 }
 
 impl ProgressResponse for () {
-    fn control_flow(self) -> ControlFlow<()> {
-        ControlFlow::Continue(())
+    fn control(self) -> ProgressControl {
+        ProgressControl::Continue
     }
 }
 
 impl ProgressResponse for ControlFlow<()> {
-    fn control_flow(self) -> ControlFlow<()> {
+    fn control(self) -> ProgressControl {
+        match self {
+            ControlFlow::Continue(()) => ProgressControl::Continue,
+            ControlFlow::Break(()) => ProgressControl::Cancel,
+        }
+    }
+}
+
+impl ProgressResponse for ProgressControl {
+    fn control(self) -> ProgressControl {
         self
     }
 }
@@ -50,16 +81,18 @@ const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Runs work on rayon's threads, while the calling thread passes its reports to the callback, and repeats the latest
 /// when no new one arrives for a while. `None` when the callback cancelled the work; it is not called again after that.
 pub(crate) fn run_cancellable<T: Copy + Send, R: Send>(
-    progress: &dyn Fn(T) -> ControlFlow<()>,
+    progress: &dyn Fn(T) -> ProgressControl,
     work: impl FnOnce(&ProgressSender<T>) -> R + Send,
 ) -> Option<R> {
     let cancelled = AtomicBool::new(false);
+    let concluded = AtomicBool::new(false);
     let (sender, reports) = channel();
     let mut result = None;
     rayon::in_place_scope(|scope| {
         let sender = ProgressSender {
             sender,
             cancelled: &cancelled,
+            concluded: &concluded,
         };
         let result = &mut result;
         scope.spawn(move |_| *result = Some(work(&sender)));
@@ -73,9 +106,12 @@ pub(crate) fn run_cancellable<T: Copy + Send, R: Send>(
             }
             if let Some(report) = latest
                 && !cancelled.load(Ordering::Relaxed)
-                && progress(report).is_break()
             {
-                cancelled.store(true, Ordering::Relaxed);
+                match progress(report) {
+                    ProgressControl::Continue => {}
+                    ProgressControl::Conclude => concluded.store(true, Ordering::Relaxed),
+                    ProgressControl::Cancel => cancelled.store(true, Ordering::Relaxed),
+                }
             }
         }
     });
@@ -86,6 +122,7 @@ pub(crate) fn run_cancellable<T: Copy + Send, R: Send>(
 pub(crate) struct ProgressSender<'a, T> {
     sender: Sender<T>,
     cancelled: &'a AtomicBool,
+    concluded: &'a AtomicBool,
 }
 
 impl<T> ProgressSender<'_, T> {
@@ -104,21 +141,42 @@ impl<T> ProgressSender<'_, T> {
     pub fn should_continue(&self) -> bool {
         !self.cancelled.load(Ordering::Relaxed)
     }
+
+    /// Whether the best result so far is asked for.
+    pub fn should_conclude(&self) -> bool {
+        self.concluded.load(Ordering::Relaxed)
+    }
+
+    /// Whether to improve a result that could be returned as it is.
+    pub fn should_improve(&self) -> bool {
+        self.should_continue() && !self.should_conclude()
+    }
+
+    /// How to go on, for work that this one consists of.
+    pub fn control(&self) -> ProgressControl {
+        match (self.should_continue(), self.should_conclude()) {
+            (false, _) => ProgressControl::Cancel,
+            (true, true) => ProgressControl::Conclude,
+            (true, false) => ProgressControl::Continue,
+        }
+    }
 }
 
 /// A callback that can be polled again and again, for loops that leave early and return an error only later.
 pub(crate) struct ProgressMonitor<'a, T: Copy> {
-    progress: &'a dyn Fn(T) -> ControlFlow<()>,
+    progress: &'a dyn Fn(T) -> ProgressControl,
     latest: Cell<T>,
     cancelled: Cell<bool>,
+    concluded: Cell<bool>,
 }
 
 impl<'a, T: Copy> ProgressMonitor<'a, T> {
-    pub fn new(start: T, progress: &'a dyn Fn(T) -> ControlFlow<()>) -> Self {
+    pub fn new(start: T, progress: &'a dyn Fn(T) -> ProgressControl) -> Self {
         Self {
             progress,
             latest: Cell::new(start),
             cancelled: Cell::new(false),
+            concluded: Cell::new(false),
         }
     }
 
@@ -131,9 +189,23 @@ impl<'a, T: Copy> ProgressMonitor<'a, T> {
     /// Calls the callback with the latest report, unless it has cancelled the work; whether to continue.
     pub fn should_continue(&self) -> bool {
         if !self.cancelled.get() {
-            self.cancelled.set((self.progress)(self.latest.get()).is_break());
+            match (self.progress)(self.latest.get()) {
+                ProgressControl::Continue => {}
+                ProgressControl::Conclude => self.concluded.set(true),
+                ProgressControl::Cancel => self.cancelled.set(true),
+            }
         }
         !self.cancelled.get()
+    }
+
+    /// As [`Self::should_continue`]; whether to improve a result that could be returned as it is.
+    pub fn should_improve(&self) -> bool {
+        self.should_continue() && !self.concluded.get()
+    }
+
+    /// Whether the callback has asked for the best result so far; does not call it.
+    pub fn is_concluded(&self) -> bool {
+        self.concluded.get()
     }
 
     /// Whether the callback has cancelled the work; does not call it.
@@ -154,7 +226,7 @@ mod tests {
             &|k: usize| {
                 assert_eq!(std::thread::current().id(), caller);
                 last.set(last.get().max(k));
-                ControlFlow::Continue(())
+                ProgressControl::Continue
             },
             |sender| {
                 (0..=20)
@@ -170,9 +242,9 @@ mod tests {
             &|()| {
                 calls.set(calls.get() + 1);
                 if calls.get() < 3 {
-                    ControlFlow::Continue(())
+                    ProgressControl::Continue
                 } else {
-                    ControlFlow::Break(())
+                    ProgressControl::Cancel
                 }
             },
             |sender| {
@@ -189,17 +261,32 @@ mod tests {
     #[test]
     fn cancelling_at_the_last_report_counts() {
         assert_eq!(
-            run_cancellable(&|()| ControlFlow::Break(()), |sender| sender.send(()).is_break()),
+            run_cancellable(&|()| ProgressControl::Cancel, |sender| sender.send(()).is_break()),
             None
         );
-        assert_eq!(run_cancellable(&|()| ControlFlow::Break(()), |_| 7), Some(7));
+        assert_eq!(run_cancellable(&|()| ProgressControl::Cancel, |_| 7), Some(7));
     }
 
     #[test]
     fn cancellable_work_runs_in_a_pool_of_one_thread() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let done =
-            pool.install(|| run_cancellable(&|()| ControlFlow::Continue(()), |sender| sender.send(()).is_continue()));
+            pool.install(|| run_cancellable(&|()| ProgressControl::Continue, |sender| sender.send(()).is_continue()));
         assert_eq!(done, Some(true));
+    }
+
+    #[test]
+    fn work_that_is_to_conclude_is_not_cancelled() {
+        let done = run_cancellable(&|()| ProgressControl::Conclude, |sender| {
+            let _ = sender.send(());
+            while sender.should_improve() {
+                std::thread::yield_now();
+            }
+            (sender.should_continue(), sender.control())
+        });
+        assert_eq!(done, Some((true, ProgressControl::Conclude)));
+        let monitor = ProgressMonitor::new((), &|()| ProgressControl::Conclude);
+        assert!(!monitor.is_concluded() && !monitor.should_improve() && monitor.is_concluded());
+        assert!(monitor.should_continue() && !monitor.is_cancelled());
     }
 }

@@ -8,14 +8,17 @@ mod shared;
 
 use std::process::ExitCode;
 
+use anyhow::Context;
 use clap::Parser;
 
+pub use shared::exhausted_memory::NotingAllocator;
 pub use shared::picture_file::{PictureError, read_picture};
 
 use args::{Cli, Command};
 use commands::{boundary, certify, check, compare, demo, energy, eval, fit, remesh, sequence, texture, transfer};
-use shared::interrupt;
-use shared::output::{Output, describe, to_stderr};
+use shared::json::{self, ErrorKind};
+use shared::output::{Output, describe, to_stderr, to_stdout};
+use shared::{exhausted_memory, interrupt};
 
 /// How a command that could run ended.
 pub enum CommandOutcome {
@@ -31,23 +34,51 @@ impl CommandOutcome {
     }
 }
 
+/// The exit code when a command could not run.
+const COULD_NOT_RUN: u8 = 2;
+
 /// Runs the program. Exit codes: 0 done, 1 ran but a check failed, 2 could not run, 130 interrupted.
 pub fn run() -> ExitCode {
-    let cli = Cli::parse();
-    match execute(&cli) {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => refuse_arguments(&error),
+    };
+    exhausted_memory::end_with_an_error(cli.json);
+    let output = Output::new(cli.json);
+    let ended = execute(&cli, &output);
+    output.finish();
+    match ended {
         Ok(CommandOutcome::Done) => ExitCode::SUCCESS,
         Ok(CommandOutcome::CheckFailed) => ExitCode::from(1),
         Err(error) => {
-            to_stderr(format_args!("error: {}", describe(&error)));
-            ExitCode::from(2)
+            let message = describe(&error);
+            to_stderr(format_args!("error: {message}"));
+            if output.errors_as_json() {
+                // A failure to write cannot be reported anywhere.
+                let _ = to_stdout(&json::error(ErrorKind::Failed, &message, COULD_NOT_RUN.into()));
+            }
+            ExitCode::from(COULD_NOT_RUN)
         }
     }
 }
 
-fn execute(cli: &Cli) -> anyhow::Result<CommandOutcome> {
-    if let Some(threads) = cli.threads {
-        let threads = thread_count(threads.into());
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+/// Prints help, the version, or what is wrong with the arguments, and exits.
+fn refuse_arguments(error: &clap::Error) -> ! {
+    let as_json = std::env::args_os().any(|argument| argument == "--json");
+    if as_json && error.use_stderr() {
+        let text = error.to_string();
+        let message = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
+        let _ = to_stdout(&json::error(ErrorKind::Usage, message, error.exit_code()));
+    }
+    error.exit()
+}
+
+fn execute(cli: &Cli, output: &Output) -> anyhow::Result<CommandOutcome> {
+    let threads = cli.threads.map_or(0, |threads| thread_count(threads.into()));
+    // Here rather than by its first use, where it would not be an error but a panic.
+    let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    built.context("cannot start threads (--threads takes fewer, `ulimit -v` limits the memory for them)")?;
+    if threads > 0 {
         faer::set_global_parallelism(faer::Par::rayon(threads));
     }
     #[cfg(feature = "native")]
@@ -55,50 +86,36 @@ fn execute(cli: &Cli) -> anyhow::Result<CommandOutcome> {
         shared::isolation::serve()?;
         return Ok(CommandOutcome::Done);
     }
-    if cli.json {
-        require_utf8(std::env::args_os())?;
-    }
-    let output = Output::new(cli.json);
     #[cfg(feature = "native")]
     shared::isolation::isolate(cli)?;
-    interrupt::end_cleanly(&output);
+    interrupt::end_cleanly(output);
     // `compare` limits each map by itself.
     if let (Some(limit), false) = (cli.time_limit, matches!(cli.command, Command::Compare(_))) {
-        interrupt::end_after(limit, &output);
+        interrupt::end_after(limit, output);
     }
-    let outcome = match &cli.command {
-        Command::Demo(args) => demo::run(args, &output),
-        Command::Check(args) => check::run(args, &output),
+    match &cli.command {
+        Command::Demo(args) => demo::run(args, output),
+        Command::Check(args) => check::run(args, output),
         #[cfg(feature = "native")]
-        Command::Tet(args) => commands::tet::run(args, &output),
+        Command::Tet(args) => commands::tet::run(args, output),
         #[cfg(feature = "native")]
-        Command::Offset(args) => commands::offset::run(args, &output),
+        Command::Offset(args) => commands::offset::run(args, output),
         #[cfg(not(feature = "native"))]
         Command::Tet(_) | Command::Offset(_) => anyhow::bail!(
             "this solidmap was built without CGAL and TetGen; build it with the feature `native` (the default)"
         ),
-        Command::Boundary(command) => boundary::run(command, &output),
-        Command::Fit(args) => fit::run(args, &output),
-        Command::Eval(args) => eval::run(args, &output),
-        Command::Energy(args) => energy::run(args, &output),
-        Command::Transfer(args) => transfer::run(args, &output),
-        Command::Remesh(args) => remesh::run(args, &output),
-        Command::Texture(args) => texture::run(args, &output),
-        Command::Sequence(args) => sequence::run(args, &output),
-        Command::Certify(args) => certify::run(args, &output),
-        Command::Compare(args) => compare::run(args, cli.threads, &output),
+        Command::Boundary(command) => boundary::run(command, output),
+        Command::Fit(args) => fit::run(args, output),
+        Command::Eval(args) => eval::run(args, output),
+        Command::Energy(args) => energy::run(args, output),
+        Command::Transfer(args) => transfer::run(args, output),
+        Command::Remesh(args) => remesh::run(args, output),
+        Command::Texture(args) => texture::run(args, output),
+        Command::Sequence(args) => sequence::run(args, output),
+        Command::Certify(args) => certify::run(args, output),
+        Command::Compare(args) => compare::run(args, cli.threads, output),
         Command::CompareWorker(args) => compare::worker::run(args),
         Command::NativeWorker => anyhow::bail!("this solidmap was built without CGAL and TetGen"),
-    };
-    output.finish();
-    outcome
-}
-
-/// Refuses arguments that are not UTF-8: reports name files, and JSON has to be UTF-8.
-fn require_utf8(mut arguments: impl Iterator<Item = std::ffi::OsString>) -> anyhow::Result<()> {
-    match arguments.find(|argument| argument.to_str().is_none()) {
-        Some(name) => anyhow::bail!("`{}` is not UTF-8; with --json all names have to be", name.display()),
-        None => Ok(()),
     }
 }
 

@@ -86,7 +86,10 @@ pub fn boundary_to_sphere(domain: &Surface, conformal: bool, watcher: &Watcher) 
                 SpherePhase::Coarsening => ("coarsening", f64::NAN),
                 SpherePhase::Embedding { vertices, total } => ("embedding", share(vertices, total)),
                 SpherePhase::Flowing => ("flowing", f64::NAN),
-                SpherePhase::Optimising => ("optimising", f64::NAN),
+                SpherePhase::Optimising {
+                    iterations,
+                    most_iterations,
+                } => ("optimising", share(iterations, most_iterations)),
             };
             ask(watcher, step, fraction, "")
         };
@@ -121,11 +124,11 @@ pub fn boundary_pair(
             let (step, fraction) = match phase {
                 PairPhase::Sphere("domain", _) => ("mapping the domain to the sphere", f64::NAN),
                 PairPhase::Sphere(..) => ("mapping the target to the sphere", f64::NAN),
-                PairPhase::Aligning => ("aligning", f64::NAN),
-                PairPhase::CoarseEmbeddings { .. } => ("trying coarse embeddings", f64::NAN),
+                PairPhase::Aligning { done, of } => ("aligning", share(done, of)),
+                PairPhase::CoarseEmbeddings { done, of, .. } => ("trying coarse embeddings", share(done, of)),
                 PairPhase::Refining { vertices, total, .. } => ("refining the embedding", share(vertices, total)),
-                PairPhase::Improving => ("lowering the distortion", f64::NAN),
-                PairPhase::Measuring => ("measuring", f64::NAN),
+                PairPhase::Improving { rounds, most_rounds } => ("lowering the distortion", share(rounds, most_rounds)),
+                PairPhase::Measuring { done, of } => ("measuring", share(done, of)),
             };
             ask(watcher, step, fraction, "")
         };

@@ -18,6 +18,8 @@ mod system;
 mod timings;
 mod unit_frame;
 
+use std::cell::Cell;
+use std::ops::ControlFlow;
 use std::rc::Rc;
 use std::sync::Arc;
 
@@ -31,7 +33,7 @@ pub use timings::FitTimings;
 
 use crate::boundary_map::BoundaryMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
-use crate::progress::ProgressResponse;
+use crate::progress::{ProgressControl, ProgressResponse};
 use crate::solver::Values;
 use boundary_data::{BoundaryData, right_hand_sides};
 use domain::checked;
@@ -119,6 +121,11 @@ impl DomainFactor {
         })
     }
 
+    /// What is unusual about the domain, and how it was repaired, for the user to read.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
     /// The map for one boundary map of this domain, measured at held-out points. The report's `sampling` and `factor`
     /// times are those of the factorisation, also when it is used again.
     ///
@@ -190,24 +197,35 @@ impl DomainFactor {
         boundary: &BoundaryMap,
         progress: &dyn Fn(Phase) -> R,
     ) -> Result<Fit, FitError> {
-        let respond = |phase| progress(phase).control_flow();
-        let progress = Progress(&respond);
+        let concluded = Cell::new(false);
+        let control = |phase| {
+            let control = progress(phase).control();
+            concluded.set(concluded.get() || control == ProgressControl::Conclude);
+            control
+        };
+        let until_solved = |phase| control(phase).control_flow();
+        let until_concluded = |phase| match control(phase) {
+            ProgressControl::Continue => ControlFlow::Continue(()),
+            ProgressControl::Conclude | ProgressControl::Cancel => ControlFlow::Break(()),
+        };
         let data = self.data_of(boundary)?;
-        let (first, solution) = self.solve_one(&data, None, &progress)?;
+        let (first, solution) = self.solve_one(&data, None, &Progress(&until_solved))?;
         let (mut best, end) = match self.options.method {
             _ if self.is_met_by(&first) => (first, RefinementEnd::Tolerance),
             FitMethod::Dense { .. } => (first, RefinementEnd::Fixed),
             FitMethod::Schwarz { .. } if !self.options.refine => (first, RefinementEnd::Off),
             FitMethod::Schwarz { alpha, .. } => {
                 let refiner = Refiner::new(&self.domain, &self.system.anchors, alpha)?;
-                self.refine_until_met(&data, refiner, first, solution, &progress)?
+                let progress = Progress(&until_concluded);
+                self.refine_until_met(&data, refiner, first, solution, &progress, &|| concluded.get())?
             }
         };
         best.report.refinement_end = Some(end);
         Ok(self.fit_of(best, data))
     }
 
-    /// The best map of all rounds of refinement, and why there are no more.
+    /// The best map of all rounds of refinement, and why there are no more. Work that `progress` ends is cancelled, unless
+    /// `is_concluded`.
     fn refine_until_met(
         &mut self,
         data: &BoundaryData,
@@ -215,6 +233,7 @@ impl DomainFactor {
         first: MeasuredMap,
         mut solution: SystemSolution,
         progress: &Progress,
+        is_concluded: &dyn Fn() -> bool,
     ) -> Result<(MeasuredMap, RefinementEnd), FitError> {
         let mut spent = first.timings;
         let mut latest = Rc::new(first);
@@ -227,10 +246,22 @@ impl DomainFactor {
             if in_vain == ROUNDS_IN_VAIN {
                 break RefinementEnd::InVain;
             }
-            if let Some(end) = self.add_level(&mut refiner, &latest, data, progress)? {
-                break end;
+            if is_concluded() {
+                break RefinementEnd::Concluded;
             }
-            let (map, next) = self.solve_one(data, Some(&solution.coefficients), progress)?;
+            match self.add_level(&mut refiner, &latest, data, progress) {
+                Err(FitError::Cancelled) if is_concluded() => break RefinementEnd::Concluded,
+                added => {
+                    if let Some(end) = added? {
+                        break end;
+                    }
+                }
+            }
+            let solved = self.solve_one(data, Some(&solution.coefficients), progress);
+            if matches!(solved, Err(FitError::Cancelled)) && is_concluded() {
+                break RefinementEnd::Concluded;
+            }
+            let (map, next) = solved?;
             spent = spent.with(map.timings.solve, map.timings.check);
             (latest, solution) = (Rc::new(map), next);
             in_vain = if latest.error() < GAIN * best.error() {

@@ -124,6 +124,9 @@ pub enum RefinementEnd {
     InVain,
     /// No finer source finds a place outside the domain.
     NoRoom,
+    /// The progress callback asked for the best map so far
+    /// ([`ProgressControl::Conclude`](crate::progress::ProgressControl::Conclude)).
+    Concluded,
 }
 
 /// A map with its report, which lacks the warnings and timings of the whole fit.

@@ -9,8 +9,8 @@ use std::{
 
 use super::IoError;
 
-/// Writes a file so that `path` holds either all that `write` wrote or what it held before: into a temporary file in
-/// the same folder, which is then renamed. The writer is buffered.
+/// Writes a file so that `path` holds either all that `write` wrote or what it held before, also after a crash of the
+/// system: into a temporary file in the same folder, which is renamed when it is on the disk. The writer is buffered.
 ///
 /// A new file gets the default permissions under the umask; a replaced file's permissions are kept. A symbolic link is
 /// followed; a device or pipe is written directly.
@@ -33,7 +33,18 @@ pub fn atomic_write(
 /// Removes the temporary files of all [`atomic_write`]s in progress and blocks them and later ones for ever. For a
 /// program that is about to exit, as after an interrupt.
 pub fn abandon_writes() {
-    let unfinished = unfinished();
+    abandon(unfinished());
+}
+
+/// As [`abandon_writes`], unless a file is being made or renamed right now. For a program that has no memory left: it
+/// neither waits nor, with names of usual lengths, allocates.
+pub fn try_abandon_writes() {
+    if let Ok(unfinished) = UNFINISHED.try_lock() {
+        abandon(unfinished);
+    }
+}
+
+fn abandon(unfinished: MutexGuard<'static, Vec<PathBuf>>) {
     for path in unfinished.iter() {
         // It may have been removed already.
         let _ = fs::remove_file(path);
@@ -85,7 +96,19 @@ fn replace(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) ->
         temporary.file().set_permissions(existing.permissions())?;
     }
     write_buffered(temporary.file(), write)?;
-    temporary.persist(&target)
+    // Some file systems put the new name on the disk before the content.
+    temporary.file().sync_all()?;
+    temporary.persist(&target)?;
+    sync_folder(folder);
+    Ok(())
+}
+
+/// Has the system write the names in a folder to the disk, after files were renamed in it. Where it cannot, as on some
+/// network file systems, nothing is lost but after a crash.
+pub fn sync_folder(folder: &Path) {
+    if let Ok(folder) = File::open(folder) {
+        let _ = folder.sync_all();
+    }
 }
 
 /// A temporary file registered in [`UNFINISHED`]. Removed on drop.

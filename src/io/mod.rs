@@ -45,7 +45,7 @@ use input::InputFile;
 pub(crate) use input::printable;
 use raw_mesh::RawMesh;
 
-pub use atomic::{abandon_writes, atomic_write};
+pub use atomic::{abandon_writes, atomic_write, sync_folder, try_abandon_writes};
 pub use cells::{CellGroup, Cells};
 pub use error::{IoError, Place};
 pub use fields::{Field, VtkFields};

@@ -341,7 +341,7 @@ fn repaired<A: ProgressResponse>(
     let free: Vec<u32> = (0..mesh.nodes.len() as u32)
         .filter(|&v| !mesh.on_boundary[v as usize])
         .collect();
-    let on_round = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control_flow();
+    let on_round = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control();
     let monitor = ProgressMonitor::new((0, 0), &on_round);
     let mut sliding_surface = None;
     if options.slide {

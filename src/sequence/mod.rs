@@ -167,6 +167,11 @@ impl Sequence {
         &self.holes
     }
 
+    /// What is unusual about the reference, and how it was repaired, for the user to read.
+    pub fn warnings(&self) -> &[String] {
+        self.factor.warnings()
+    }
+
     /// The grid over the reference whose cells are divided where energies need it.
     pub fn quadrature(&self) -> &Quadrature {
         &self.quadrature

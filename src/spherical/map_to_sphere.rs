@@ -1,5 +1,7 @@
 //! Maps a surface to the sphere: hierarchy, progressive embedding, Newton's method, exact check.
 
+use std::cell::Cell;
+
 use super::cmcf::flow;
 use super::distortion_energy::{DistortionEnergy, EnergyWeights, Objective};
 use super::hierarchy::Hierarchy;
@@ -75,7 +77,12 @@ pub enum SpherePhase {
     /// The mean curvature flow runs.
     Flowing,
     /// Newton's method runs.
-    Optimising,
+    Optimising {
+        /// Iterations so far.
+        iterations: usize,
+        /// It ends after at most this many, usually long before.
+        most_iterations: usize,
+    },
 }
 
 /// What [`map_to_sphere`] did.
@@ -93,6 +100,9 @@ pub struct SphereReport {
     pub iterations: usize,
     /// Whether it ended before the maximum number of iterations.
     pub converged: bool,
+    /// Whether the optimisation was ended by the progress callback
+    /// ([`ProgressControl::Conclude`](crate::progress::ProgressControl::Conclude)).
+    pub concluded: bool,
 }
 
 /// Rounds of relaxation on each level.
@@ -131,7 +141,7 @@ pub fn map_to_sphere<A: ProgressResponse>(
 ) -> Result<(SphericalEmbedding, SphereReport), SphericalError> {
     let surface = require_genus_0(surface)?;
     require_scale(&surface)?;
-    let respond = |phase| progress(phase).control_flow();
+    let respond = |phase| progress(phase).control();
     let monitor = ProgressMonitor::new(SpherePhase::Coarsening, &respond);
     let progressive = progressive_embedding(&surface, options, &monitor)?;
     let rest = RestShapes::new(surface.triangles(), surface.vertices());
@@ -148,7 +158,16 @@ pub fn map_to_sphere<A: ProgressResponse>(
             flowed.map_or((progressive, SphereStart::Progressive), |x| (x, SphereStart::Flow))
         }
     };
-    monitor.report(SpherePhase::Optimising);
+    let most_iterations = options.most_iterations;
+    let iterations = Cell::new(0);
+    let optimising = || {
+        let at = iterations.replace(iterations.get() + 1);
+        monitor.report(SpherePhase::Optimising {
+            iterations: at,
+            most_iterations,
+        });
+        monitor.should_improve()
+    };
     require_not_cancelled(&monitor)?;
     let failed = |error: NewtonError| match error {
         NewtonError::OutOfMemory { unknowns } => SphericalError::OutOfMemory { vertices: unknowns / 2 },
@@ -157,11 +176,11 @@ pub fn map_to_sphere<A: ProgressResponse>(
     };
     let mut newton = Newton::new(surface.triangles(), &[]).map_err(failed)?;
     let newton_options = NewtonOptions {
-        most_iterations: options.most_iterations,
+        most_iterations,
         tolerance: options.tolerance,
     };
     let descent = newton
-        .minimise(&energy, &mut directions, &newton_options, &|| monitor.should_continue())
+        .minimise(&energy, &mut directions, &newton_options, &optimising)
         .map_err(failed)?;
     require_not_cancelled(&monitor)?;
     if options.energy == SphereEnergy::Conformal {
@@ -175,6 +194,7 @@ pub fn map_to_sphere<A: ProgressResponse>(
         energy_after: descent.energy_after / (4.0 * std::f64::consts::PI),
         iterations: descent.iterations,
         converged: descent.stop != NewtonStop::MaxIterations,
+        concluded: monitor.is_concluded(),
     };
     Ok((SphericalEmbedding::new(surface, &directions)?, report))
 }
@@ -217,8 +237,8 @@ fn progressive_embedding(
         let vertices = embedding.inserted.len();
         let total = points.len();
         monitor.report(SpherePhase::Embedding { vertices, total });
-        // After a cancellation the remaining levels are only inserted, which is quick.
-        if monitor.is_cancelled() {
+        // After a cancellation or conclusion the remaining levels are only inserted, which is quick.
+        if monitor.is_cancelled() || monitor.is_concluded() {
             return;
         }
         relaxation.run(embedding, SWEEPS);

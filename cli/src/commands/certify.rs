@@ -16,6 +16,7 @@ use crate::args::CertifyArgs;
 use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange, significant};
 use crate::shared::fields::scalar;
 use crate::shared::input;
+use crate::shared::json::FileName;
 use crate::shared::output::{Output, peak_rss_bytes, two_columns, write_file};
 
 /// Pixels along the longer side of a section.
@@ -24,7 +25,7 @@ const SECTION_PIXELS: usize = 640;
 /// What `certify --json` prints.
 #[derive(Serialize)]
 struct CertifySummary {
-    map: PathBuf,
+    map: FileName,
     cells: usize,
     /// Proved for the whole domain.
     locally_one_to_one: bool,
@@ -76,7 +77,7 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<CommandOutcome
     }
     let found = certificate.report;
     let report = CertifySummary {
-        map: args.map.clone(),
+        map: (&args.map).into(),
         cells: certificate.cells().len(),
         locally_one_to_one: found.stop_reason == StopReason::AllDecided && found.folded.cells == 0,
         certificate: found,

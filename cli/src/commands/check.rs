@@ -1,6 +1,6 @@
 //! `solidmap check`: what is wrong with models, and how to repair them.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Serialize;
 use solidmap::check::{CheckReport, check};
@@ -8,6 +8,7 @@ use solidmap::check::{CheckReport, check};
 use crate::CommandOutcome;
 use crate::args::CheckArgs;
 use crate::shared::input;
+use crate::shared::json::FileName;
 use crate::shared::output::{Output, describe};
 use crate::shared::self_intersections::finder;
 
@@ -20,7 +21,7 @@ struct CheckSummary {
 /// What was found in a model, or why it could not be read.
 #[derive(Serialize)]
 struct ModelReport {
-    model: PathBuf,
+    model: FileName,
     #[serde(flatten)]
     report: Option<CheckReport>,
     unreadable: Option<String>,
@@ -36,7 +37,7 @@ pub fn run(args: &CheckArgs, output: &Output) -> anyhow::Result<CommandOutcome> 
             Err(error) => (None, Some(describe(&error))),
         };
         models.push(ModelReport {
-            model: model.clone(),
+            model: model.into(),
             report,
             unreadable,
         });

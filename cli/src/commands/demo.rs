@@ -1,6 +1,6 @@
 //! `solidmap demo`: maps, energies, carried meshes and pictures of built-in models.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Context;
@@ -19,6 +19,8 @@ use crate::CommandOutcome;
 use crate::args::{DemoArgs, UpKind};
 use crate::drawing::{Align, Camera, Edges, Figure, Panel, Shading, SurfaceStyle, Table};
 use crate::shared::fitting::fit_with_progress;
+use crate::shared::json::FileName;
+use crate::shared::made_folder::MadeFolder;
 use crate::shared::output::{Output, mebibytes, peak_rss_bytes, write_file};
 use crate::shared::pictures::{Pictured, plane_across};
 use crate::shared::{carried_mesh_file, carried_mesh_picture, density_file};
@@ -79,7 +81,7 @@ fn pairs() -> [DemoPair; 2] {
 /// What `demo --json` prints.
 #[derive(Serialize)]
 struct DemoSummary {
-    folder: PathBuf,
+    folder: FileName,
     pairs: Vec<DemoPairSummary>,
     seconds: f64,
     peak_rss_bytes: u64,
@@ -103,11 +105,11 @@ pub fn run(args: &DemoArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let mut reports = Vec::new();
     for pair in pairs() {
         let folder = args.out.join(pair.name);
-        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder `{}`", folder.display()))?;
+        let _made = MadeFolder::new(&folder)?;
         reports.push(map_and_write(&pair, &folder, output).with_context(|| format!("cannot map the {}", pair.name))?);
     }
     let report = DemoSummary {
-        folder: args.out.clone(),
+        folder: (&args.out).into(),
         pairs: reports,
         seconds: start.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_rss_bytes(),

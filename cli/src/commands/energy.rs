@@ -15,6 +15,7 @@ use solidmap::mesh::SurfaceMesh;
 use crate::CommandOutcome;
 use crate::args::EnergyArgs;
 use crate::drawing::{Figure, significant};
+use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns, write_file};
 use crate::shared::pictures::Pictured;
 use crate::shared::{density_file, input};
@@ -25,7 +26,7 @@ const SECTION_PIXELS: usize = 640;
 /// What `energy --json` prints.
 #[derive(Serialize)]
 struct EnergySummary {
-    map: PathBuf,
+    map: FileName,
     cells: usize,
     points: usize,
     #[serde(flatten)]
@@ -106,7 +107,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
 
     let cells = quadrature.cell_means(&energy.densities.harmonic).len();
     let report = EnergySummary {
-        map: args.map.clone(),
+        map: (&args.map).into(),
         cells,
         points: quadrature.points().len(),
         energy,

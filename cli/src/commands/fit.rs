@@ -15,20 +15,20 @@ use solidmap::spherical::SphereOptions;
 use crate::CommandOutcome;
 use crate::args::{FitArgs, PairArgs};
 use crate::shared::fields::{positions, scalar};
-use crate::shared::fitting::{fit_options, fit_with_progress};
+use crate::shared::fitting::{fit_in_time, fit_options};
 use crate::shared::input::BoundarySource;
+use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
-use crate::shared::self_intersections::finder;
-use crate::shared::{boundary_map, input};
+use crate::shared::{boundary_map, input, self_intersections};
 
 /// What `fit --json` prints.
 #[derive(Serialize)]
 struct FitSummary {
-    domain: Option<PathBuf>,
-    image: Option<PathBuf>,
-    boundary_file: Option<PathBuf>,
-    target: Option<PathBuf>,
-    map: PathBuf,
+    domain: Option<FileName>,
+    image: Option<FileName>,
+    boundary_file: Option<FileName>,
+    target: Option<FileName>,
+    map: FileName,
     #[serde(flatten)]
     fit: FitReport,
     tolerance: f64,
@@ -96,7 +96,7 @@ impl<'a> BoundaryInput<'a> {
             Self::Files(source) => source.read(),
             Self::ToSphere { domain } => {
                 let surface = input::read_surface(domain)?;
-                let (map, _) = boundary_map::to_sphere(&surface, domain, &SphereOptions::default(), output)?;
+                let (map, _) = boundary_map::to_sphere(&surface, domain, &SphereOptions::default(), false, output)?;
                 BoundaryMap::onto_sphere(map).with_context(|| boundary_map::cannot_map(domain))
             }
             Self::ToModel { domain, target, pair } => to_model(domain, target, pair, output),
@@ -107,7 +107,7 @@ impl<'a> BoundaryInput<'a> {
 /// The map of a solid's boundary to another's.
 fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> anyhow::Result<BoundaryMap> {
     let surface = input::read_surface(domain)?;
-    let (map, report) = boundary_map::to_model(&surface, [domain, target], args, output)?;
+    let (map, report) = boundary_map::to_model(&surface, [domain, target], args, false, output)?;
     output.note(format_args!(
         "boundary map in {:.1} s: one to one; symmetric Dirichlet energy {:.2} at the median and {:.3e} at most (that of \
          an isometry is 4). See `solidmap boundary pair`",
@@ -134,8 +134,8 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let inputs: anyhow::Result<_> = files.iter().map(|(role, path)| input::provenance(role, path)).collect();
     let inputs = inputs?;
     output.progress("looking for self-intersections");
-    let intersections = self_intersections(&boundary, name);
-    let mut fit = fit_with_progress(&boundary, &options, output).with_context(cannot_map)?;
+    let intersections = self_intersections::warning(boundary.domain(), name);
+    let mut fit = fit_in_time(&boundary, &options, output).with_context(cannot_map)?;
     fit.report
         .warnings
         .iter()
@@ -157,11 +157,11 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
 
     let tolerance_met = fit.report.boundary_error.p99 <= args.tolerance;
     let report = FitSummary {
-        domain: args.files.domain.clone(),
-        image: args.files.image.clone(),
-        boundary_file: args.files.boundary.clone(),
-        target: args.target.clone(),
-        map: args.output.clone(),
+        domain: file_name(args.files.domain.as_ref()),
+        image: file_name(args.files.image.as_ref()),
+        boundary_file: file_name(args.files.boundary.as_ref()),
+        target: file_name(args.target.as_ref()),
+        map: (&args.output).into(),
         fit: fit.report,
         tolerance: args.tolerance,
         tolerance_met,
@@ -248,6 +248,7 @@ fn refinement(report: &FitReport) -> String {
         RefinementEnd::Memory => "ended by --memory",
         RefinementEnd::InVain => "more sources did not help",
         RefinementEnd::NoRoom => "no room for more sources",
+        RefinementEnd::Concluded => "ended by --time-limit",
     });
     end.map_or(rounds.clone(), |end| format!("{rounds}, {end}"))
 }
@@ -278,6 +279,7 @@ fn advice(fit: &FitReport) -> &'static str {
     let is_adaptive = matches!(fit.placement, Placement::Adaptive { .. });
     match fit.refinement_end {
         Some(RefinementEnd::MaxSources) => "Raise --max-sources, or the tolerance",
+        Some(RefinementEnd::Concluded) => "Raise --time-limit, or the tolerance",
         Some(RefinementEnd::Memory) => "Raise --memory, or the tolerance",
         Some(RefinementEnd::Off) => "Leave out --no-refine: sources are then added where the error is large",
         Some(RefinementEnd::Fixed) if is_adaptive => "Use --method schwarz: it adds sources where the error is large",
@@ -289,24 +291,6 @@ fn advice(fit: &FitReport) -> &'static str {
         Some(RefinementEnd::InVain | RefinementEnd::Tolerance) | None => {
             "More sources did not help: --vtu shows where the boundary map jumps, folds, or is too coarse"
         }
-    }
-}
-
-/// A warning when the domain intersects itself. The boundary is fitted all the same, but the inside is not defined
-/// there.
-fn self_intersections(boundary: &BoundaryMap, path: &Path) -> Option<String> {
-    let shown = path.display();
-    match finder()?(boundary.domain()) {
-        Ok(pairs) => pairs.first().map(|[a, b]| {
-            format!(
-                "`{shown}` intersects itself: {} pairs of triangles, the first {a} and {b}; the map is wrong there. \
-                 See `solidmap check`",
-                pairs.len()
-            )
-        }),
-        Err(error) => Some(format!(
-            "self-intersections of `{shown}` could not be looked for: {error}"
-        )),
     }
 }
 

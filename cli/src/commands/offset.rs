@@ -1,6 +1,5 @@
 //! `solidmap offset`: the surface at a distance from a model.
 
-use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
@@ -11,13 +10,14 @@ use solidmap::io;
 use crate::CommandOutcome;
 use crate::args::OffsetArgs;
 use crate::shared::input;
+use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns};
 
 /// What `offset --json` prints.
 #[derive(Serialize)]
 struct OffsetSummary {
-    model: PathBuf,
-    output: PathBuf,
+    model: FileName,
+    output: FileName,
     distance: f64,
     vertices: usize,
     triangles: usize,
@@ -62,8 +62,8 @@ pub fn run(args: &OffsetArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         );
     }
     let report = OffsetSummary {
-        model: args.model.clone(),
-        output: args.output.clone(),
+        model: (&args.model).into(),
+        output: (&args.output).into(),
         distance,
         vertices: offset.mesh.vertices().len(),
         triangles: offset.mesh.triangles().len(),

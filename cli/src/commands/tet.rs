@@ -1,6 +1,5 @@
 //! `solidmap tet`: a closed surface filled with tetrahedra.
 
-use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
@@ -12,13 +11,14 @@ use crate::CommandOutcome;
 use crate::args::{Mesher, TetArgs};
 use crate::drawing::significant;
 use crate::shared::input;
+use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns};
 
 /// What `tet --json` prints.
 #[derive(Serialize)]
 struct TetSummary {
-    model: PathBuf,
-    output: PathBuf,
+    model: FileName,
+    output: FileName,
     mesher: &'static str,
     vertices: usize,
     tets: usize,
@@ -63,8 +63,8 @@ pub fn run(args: &TetArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let seconds = start.elapsed().as_secs_f64();
     io::write_tets(&args.output, &mesh)?;
     let report = TetSummary {
-        model: args.model.clone(),
-        output: args.output.clone(),
+        model: (&args.model).into(),
+        output: (&args.output).into(),
         mesher,
         vertices: mesh.vertices().len(),
         tets: mesh.tets().len(),

@@ -7,24 +7,37 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase, PairReport, map_pair};
 use solidmap::files;
 use solidmap::mesh::SurfaceMesh;
+use solidmap::progress::ProgressControl;
 use solidmap::spherical::{SphereOptions, SpherePhase, SphereReport, SphericalEmbedding, map_to_sphere};
 
-use super::input;
 use super::output::Output;
+use super::{input, interrupt};
 use crate::args::{PairArgs, ViaKind};
 
-/// The map of a model to the sphere.
+/// The map of a model to the sphere. At the time limit the best map so far is taken, if `in_time` and there is one.
 pub fn to_sphere(
     surface: &SurfaceMesh,
     model: &Path,
     options: &SphereOptions,
+    in_time: bool,
     output: &Output,
 ) -> anyhow::Result<(SphericalEmbedding, SphereReport)> {
-    let progress = |phase| match phase {
+    let show = |phase| match phase {
         SpherePhase::Coarsening => output.progress("coarsening"),
         SpherePhase::Embedding { vertices, total } => output.progress_of("embedding in the sphere", vertices, total),
         SpherePhase::Flowing => output.progress("flowing to the sphere"),
-        SpherePhase::Optimising => output.progress("optimising"),
+        SpherePhase::Optimising {
+            iterations,
+            most_iterations,
+        } => output.progress_of("optimising", iterations, most_iterations),
+    };
+    let progress = |phase| {
+        show(phase);
+        if in_time {
+            interrupt::control(matches!(phase, SpherePhase::Optimising { .. }))
+        } else {
+            ProgressControl::Continue
+        }
     };
     map_to_sphere(surface, options, &progress).with_context(|| cannot_map(model))
 }
@@ -34,11 +47,13 @@ pub fn cannot_map(model: &Path) -> String {
     format!("cannot map `{}` to the sphere", model.display())
 }
 
-/// The map from `domain`, which was read from the first of the two files, to the surface in the second.
+/// The map from `domain`, which was read from the first of the two files, to the surface in the second. At the time limit
+/// the best map so far is taken, if `in_time` and there is one.
 pub fn to_model(
     domain: &SurfaceMesh,
     files: [&Path; 2],
     args: &PairArgs,
+    in_time: bool,
     output: &Output,
 ) -> anyhow::Result<(BoundaryMap, PairReport)> {
     let target = input::read_surface(files[1])?;
@@ -50,7 +65,16 @@ pub fn to_model(
         landmarks: landmarks(&args.landmarks, domain, &target)?,
         improve: !args.no_improve,
     };
-    let progress = |phase| show_phase(phase, output);
+    let progress = |phase| {
+        show_phase(phase, output);
+        if in_time {
+            // Any one of the coarse embeddings becomes a map by inserting the rest of the vertices.
+            let has_result = !matches!(phase, PairPhase::Sphere(..) | PairPhase::Aligning { .. });
+            interrupt::control(has_result)
+        } else {
+            ProgressControl::Continue
+        }
+    };
     let (map, report) = map_pair(domain, &target, &options, &progress)
         .with_context(|| format!("cannot map `{}` to `{}`", files[0].display(), files[1].display()))?;
     report.warnings.iter().for_each(|warning| output.warn(warning));
@@ -71,18 +95,33 @@ fn landmarks(files: &[PathBuf], domain: &SurfaceMesh, target: &SurfaceMesh) -> a
 }
 
 fn show_phase(phase: PairPhase, output: &Output) {
-    output.progress(match phase {
+    match phase {
         PairPhase::Sphere(side, SpherePhase::Embedding { vertices, total }) => {
-            return output.progress_of(format!("mapping the {side} to the sphere"), vertices, total);
+            output.progress_of(format!("mapping the {side} to the sphere"), vertices, total);
         }
-        PairPhase::Sphere(side, SpherePhase::Coarsening) => format!("coarsening the {side}"),
-        PairPhase::Sphere(side, _) => format!("mapping the {side} to the sphere: optimising"),
-        PairPhase::Aligning => "aligning".into(),
-        PairPhase::CoarseEmbeddings { count } => format!("trying {count} coarse embeddings"),
-        PairPhase::Refining { vertices, total, .. } => {
-            return output.progress_of("refining the embedding", vertices, total);
+        PairPhase::Sphere(side, SpherePhase::Coarsening) => output.progress(format!("coarsening the {side}")),
+        PairPhase::Sphere(side, SpherePhase::Flowing) => {
+            output.progress(format!("mapping the {side} to the sphere: flowing"));
         }
-        PairPhase::Improving => "lowering the distortion".into(),
-        PairPhase::Measuring => "measuring".into(),
-    });
+        PairPhase::Sphere(
+            side,
+            SpherePhase::Optimising {
+                iterations,
+                most_iterations,
+            },
+        ) => {
+            let phase = format!("mapping the {side} to the sphere: optimising");
+            output.progress_of(phase, iterations, most_iterations);
+        }
+        PairPhase::Aligning { of: 0, .. } => output.progress("aligning"),
+        PairPhase::Aligning { done, of } => output.progress_of("aligning", done, of),
+        PairPhase::CoarseEmbeddings { vertices, done, of } => {
+            output.progress_of(format!("trying coarse embeddings of {vertices} vertices"), done, of);
+        }
+        PairPhase::Refining { vertices, total, .. } => output.progress_of("refining the embedding", vertices, total),
+        PairPhase::Improving { rounds, most_rounds } => {
+            output.progress_of("lowering the distortion", rounds, most_rounds);
+        }
+        PairPhase::Measuring { done, of } => output.progress_of("measuring", done, of),
+    }
 }

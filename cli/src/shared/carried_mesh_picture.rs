@@ -112,12 +112,12 @@ fn view(
 
 /// Shows the progress of a remeshing.
 pub fn show_phase(phase: RemeshPhase, output: &Output) {
-    output.progress(match phase {
-        RemeshPhase::Meshing => "meshing the domain".into(),
-        RemeshPhase::Mapping { nodes } => format!("mapping {nodes} nodes"),
+    match phase {
+        RemeshPhase::Meshing => output.progress("meshing the domain"),
+        RemeshPhase::Mapping { nodes } => output.progress(format!("mapping {nodes} nodes")),
         RemeshPhase::Repairing { round, inverted } => {
-            format!("repairing: round {round}, {inverted} inverted")
+            output.progress_in("repairing", format!("round {round}, {inverted} inverted"));
         }
-        RemeshPhase::Verifying => "counting and measuring".into(),
-    });
+        RemeshPhase::Verifying => output.progress("counting and measuring"),
+    }
 }

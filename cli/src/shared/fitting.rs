@@ -1,15 +1,29 @@
 //! Fits: their options from the arguments, and their progress.
 
+use std::cell::Cell;
+
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{Fit, FitMethod, FitOptions, Phase, Placement, fit};
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
 
+use super::interrupt;
 use super::output::Output;
 use crate::args::{MethodArgs, MethodKind, PlacementKind};
 
 /// Fits, and shows the progress.
 pub fn fit_with_progress(boundary: &BoundaryMap, options: &FitOptions, output: &Output) -> anyhow::Result<Fit> {
     Ok(fit(boundary, options, &|phase| show_phase(phase, "", output))?)
+}
+
+/// Fits, and shows the progress. At the time limit the best map so far is taken, if there is one.
+pub fn fit_in_time(boundary: &BoundaryMap, options: &FitOptions, output: &Output) -> anyhow::Result<Fit> {
+    let has_result = Cell::new(false);
+    let progress = |phase| {
+        show_phase(phase, "", output);
+        has_result.set(has_result.get() || matches!(phase, Phase::Measuring));
+        interrupt::control(has_result.get())
+    };
+    Ok(fit(boundary, options, &progress)?)
 }
 
 /// Shows a phase of a fit; `what` is put before it.
@@ -22,7 +36,10 @@ pub fn show_phase(phase: Phase, what: &str, output: &Output) {
             return output.progress_of(format!("{what}factoring patches"), done, of);
         }
         Phase::Solving => "solving".into(),
-        Phase::Iterating { iteration, residual } => format!("iteration {iteration}: residual {residual:.1e}"),
+        Phase::Iterating { iteration, residual } => {
+            let detail = format!("iteration {iteration}, residual {residual:.1e}");
+            return output.progress_in(format!("{what}solving"), detail);
+        }
         Phase::Measuring => "measuring the boundary error".into(),
         Phase::Refining { round, error, sources } => {
             format!("refinement {round}: error {error:.1e}, {sources} sources")

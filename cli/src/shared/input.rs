@@ -10,6 +10,7 @@ use solidmap::files::{self, MapFile, Provenance};
 use solidmap::io::{self, SolidMesh};
 use solidmap::mesh::SurfaceMesh;
 
+use super::stored_paths;
 use crate::args::BoundaryMapFiles;
 
 /// A closed surface, or a tet mesh. That a path is a folder says more than that it has no known extension.
@@ -30,9 +31,19 @@ pub fn read_surface(path: &Path) -> anyhow::Result<SurfaceMesh> {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub enum BoundarySource {
     /// Two meshes of one connectivity.
-    Image { domain: PathBuf, image: PathBuf },
+    Image {
+        #[serde(with = "stored_paths")]
+        domain: PathBuf,
+        #[serde(with = "stored_paths")]
+        image: PathBuf,
+    },
     /// A boundary file, and its domain if that is named.
-    File { file: PathBuf, domain: Option<PathBuf> },
+    File {
+        #[serde(with = "stored_paths")]
+        file: PathBuf,
+        #[serde(with = "stored_paths")]
+        domain: Option<PathBuf>,
+    },
 }
 
 impl BoundaryMapFiles {

@@ -1,34 +1,54 @@
 //! Ctrl-C and the other signals that ask a program to end, and the time limit.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
 
-use super::output::{Output, to_stderr};
+use super::json::{self, ErrorKind};
+use super::made_folder;
+use super::output::{Output, to_stderr, to_stdout};
 use solidmap::io;
+use solidmap::progress::ProgressControl;
 
 /// The exit code of a program that was interrupted, as shells have it.
 const INTERRUPTED: i32 = 130;
-/// The exit code of a program that did not end in time: as when it could not run.
-const OUT_OF_TIME: i32 = 2;
+/// The exit code of a program that did not end in time.
+const COULD_NOT_RUN: i32 = crate::COULD_NOT_RUN as i32;
 
-static SCRATCH: Mutex<Option<PathBuf>> = Mutex::new(None);
+/// What an interrupt removes.
+struct Removed {
+    /// Temporary folders, with all that is in them.
+    whole: Vec<PathBuf>,
+    /// Folders to be removed if they are empty, inner ones first.
+    if_empty: Vec<PathBuf>,
+}
 
-fn scratch() -> MutexGuard<'static, Option<PathBuf>> {
-    SCRATCH.lock().unwrap_or_else(PoisonError::into_inner)
+static REMOVED: Mutex<Removed> = Mutex::new(Removed {
+    whole: Vec::new(),
+    if_empty: Vec::new(),
+});
+
+fn removed() -> MutexGuard<'static, Removed> {
+    REMOVED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Has an interrupt remove this temporary folder as well.
 pub fn remove_folder_too(folder: &Path) {
-    *scratch() = Some(folder.to_owned());
+    removed().whole.push(folder.to_owned());
+}
+
+/// Has an interrupt remove these folders as well if they are empty then, inner ones first.
+pub fn remove_empty_folders_too(folders: &[PathBuf]) {
+    removed().if_empty.extend_from_slice(folders);
 }
 
 /// Does work that an interrupt waits for. The work must not call [`io::atomic_write`]: an interrupt blocks it for
 /// ever, and would not end.
 pub fn hold_off<T>(work: impl FnOnce() -> T) -> T {
-    let _held = scratch();
+    let _held = removed();
     work()
 }
 
@@ -36,27 +56,75 @@ pub fn hold_off<T>(work: impl FnOnce() -> T) -> T {
 /// `nohup`, stay ignored.
 pub fn end_cleanly(output: &Output) {
     let line = output.progress_line();
+    let as_json = output.errors_as_json();
     // Without a handler the system ends the program, which may leave a temporary file.
-    let _ = ctrlc::try_set_handler(move || end(&line, "interrupted", INTERRUPTED));
+    let _ = ctrlc::try_set_handler(move || end(&line, ErrorKind::Interrupted, "interrupted", as_json));
 }
 
-/// Ends the program so many seconds from now, as an interrupt does.
+/// `--time-limit` in seconds, and when it is reached.
+static TIME_LIMIT: OnceLock<(f64, Instant)> = OnceLock::new();
+/// Whether a valid result is near, that the time limit waits for.
+static RESULT_IS_NEAR: AtomicBool = AtomicBool::new(false);
+
+/// How work goes on that can be concluded, so that its best result so far is written: it is once the time limit is
+/// reached. `has_result` says that there is one, or soon will be; until then the limit ends the program.
+pub fn control(has_result: bool) -> ProgressControl {
+    if has_result {
+        RESULT_IS_NEAR.store(true, Ordering::Relaxed);
+    }
+    match TIME_LIMIT.get() {
+        Some((_, deadline)) if Instant::now() >= *deadline => ProgressControl::Conclude,
+        _ => ProgressControl::Continue,
+    }
+}
+
+/// The warning that a result is what there was at the time limit.
+pub fn concluded(what: &str) -> String {
+    let limit = TIME_LIMIT.get().map_or(0.0, |(limit, _)| *limit);
+    format!(
+        "the time limit of {limit} s (--time-limit) was reached: the {what} is the best so far, and could be better"
+    )
+}
+
+/// Seconds that concluding may take beyond a limit: a quarter of it, and at least this.
+const LEAST_GRACE: f64 = 10.0;
+
+/// Ends the program so many seconds from now, as an interrupt does; somewhat later where a result is near
+/// ([`control`]).
 pub fn end_after(seconds: f64, output: &Output) {
+    let _ = TIME_LIMIT.set((seconds, Instant::now() + Duration::from_secs_f64(seconds)));
     let line = output.progress_line();
-    std::thread::spawn(move || {
+    let as_json = output.errors_as_json();
+    // Without a thread there is no memory left for anything else either.
+    let _ = std::thread::Builder::new().spawn(move || {
         std::thread::sleep(Duration::from_secs_f64(seconds));
-        let message = format!("error: not done within the time limit of {seconds} s (--time-limit)");
-        end(&line, &message, OUT_OF_TIME);
+        if RESULT_IS_NEAR.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_secs_f64(LEAST_GRACE.max(seconds / 4.0)));
+        }
+        let message = format!("not done within the time limit of {seconds} s (--time-limit)");
+        end(&line, ErrorKind::TimeLimit, &message, as_json);
     });
 }
 
 /// Removes what is half written and exits. The worker of CGAL and TetGen ends with this process.
-fn end(line: &ProgressBar, message: &str, code: i32) {
+fn end(line: &ProgressBar, kind: ErrorKind, message: &str, as_json: bool) {
     io::abandon_writes();
-    if let Some(folder) = scratch().take() {
+    let removed = removed();
+    for folder in &removed.whole {
         let _ = std::fs::remove_dir_all(folder);
     }
+    made_folder::remove_empty(&removed.if_empty);
     line.finish_and_clear();
-    to_stderr(format_args!("{message}"));
+    let code = if kind == ErrorKind::Interrupted {
+        to_stderr(format_args!("{message}"));
+        INTERRUPTED
+    } else {
+        to_stderr(format_args!("error: {message}"));
+        COULD_NOT_RUN
+    };
+    if as_json {
+        // A failure to write cannot be reported anywhere.
+        let _ = to_stdout(&json::error(kind, message, code));
+    }
     std::process::exit(code);
 }

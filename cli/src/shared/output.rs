@@ -1,87 +1,70 @@
-//! Output: results to stdout, messages and progress to stderr, progress only on a terminal.
+//! Output: results to stdout, messages and progress to stderr.
 
 use std::cell::Cell;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::path::Path;
-use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use serde::Serialize;
 use solidmap::compare::CompareError;
 use solidmap::fit::FitError;
 use solidmap::sequence::SequenceError;
 use solidmap::texture::TextureError;
 
+use super::json;
+use super::progress::Progress;
+
 /// Where results and messages go.
 pub struct Output {
     json: bool,
-    bar: ProgressBar,
-    ticking: Cell<bool>,
+    /// Whether a result has been printed.
+    printed: Cell<bool>,
+    progress: Progress,
 }
-
-const SPINNER: &str = "{spinner} {msg} [{elapsed}]";
-const BAR: &str = "{spinner} {msg} {bar:30} {human_pos}/{human_len} [{elapsed}]";
 
 impl Output {
     /// Results as JSON, or as text.
     pub fn new(json: bool) -> Self {
-        let bar = if io::stderr().is_terminal() {
-            ProgressBar::new_spinner()
-        } else {
-            ProgressBar::hidden()
-        };
-        bar.set_style(style(SPINNER));
         Self {
             json,
-            bar,
-            ticking: Cell::new(false),
+            printed: Cell::new(false),
+            progress: Progress::on_stderr(),
         }
     }
 
     /// Shows what is being done now, with the time since the command began.
-    pub fn progress(&self, step: impl Into<String>) {
-        if self.bar.length().is_some() {
-            self.bar.set_style(style(SPINNER));
-            self.bar.unset_length();
-        }
-        self.show(step.into());
+    pub fn progress(&self, phase: impl AsRef<str>) {
+        self.progress.phase(phase.as_ref(), "");
     }
 
-    /// Shows how much of a step is done.
-    pub fn progress_of(&self, step: impl Into<String>, done: usize, of: usize) {
-        self.show(step.into());
-        if self.bar.length().is_none() {
-            self.bar.set_style(style(BAR));
-        }
-        self.bar.set_position(done as u64);
-        self.bar.set_length(of as u64);
+    /// Shows what is being done now, and how far it has come in words.
+    pub fn progress_in(&self, phase: impl AsRef<str>, detail: impl AsRef<str>) {
+        self.progress.phase(phase.as_ref(), detail.as_ref());
     }
 
-    fn show(&self, step: String) {
-        self.bar.set_message(step);
-        if !self.ticking.replace(true) {
-            // A line that was cleared shows the time since the beginning again.
-            let elapsed = self.bar.elapsed();
-            self.bar.reset();
-            self.bar.set_elapsed(elapsed);
-            self.bar.enable_steady_tick(Duration::from_millis(100));
-        }
+    /// Shows how much of a phase is done.
+    pub fn progress_of(&self, phase: impl AsRef<str>, done: usize, of: usize) {
+        self.progress.share(phase.as_ref(), done, of);
     }
 
     /// Clears the progress line, until there is more to show.
     pub fn finish(&self) {
-        self.ticking.set(false);
-        self.bar.finish_and_clear();
+        self.progress.finish();
     }
 
     /// The progress line, for the thread that ends the program.
     pub fn progress_line(&self) -> ProgressBar {
-        self.bar.clone()
+        self.progress.line()
+    }
+
+    /// Whether errors are to be printed as JSON: with `--json`, unless a report that says more has been printed.
+    pub fn errors_as_json(&self) -> bool {
+        self.json && !self.printed.get()
     }
 
     /// A warning, such as what was repaired.
     pub fn warn(&self, message: impl std::fmt::Display) {
-        self.bar.suspend(|| to_stderr(format_args!("warning: {message}")));
+        self.progress.suspend(|| to_stderr(format_args!("warning: {message}")));
     }
 
     /// A warning of a fit, which may name settings.
@@ -92,29 +75,27 @@ impl Output {
     /// A remark, such as on a file that was written. Not shown with `--json`.
     pub fn note(&self, message: impl std::fmt::Display) {
         if !self.json {
-            self.bar.suspend(|| to_stderr(format_args!("{message}")));
+            self.progress.suspend(|| to_stderr(format_args!("{message}")));
         }
     }
 
     /// The result: `report` as JSON, or `text`.
     pub fn result(&self, report: &impl Serialize, text: impl FnOnce() -> String) -> anyhow::Result<()> {
         self.finish();
-        let content = if self.json {
-            serde_json::to_string_pretty(report)?
-        } else {
-            text()
-        };
-        let mut stdout = io::stdout().lock();
-        match writeln!(stdout, "{}", content.trim_end()).and_then(|()| stdout.flush()) {
-            // A reader such as `head` may close the pipe early.
-            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-            written => Ok(written?),
-        }
+        let content = if self.json { json::document(report)? } else { text() };
+        self.printed.set(true);
+        Ok(to_stdout(&content)?)
     }
 }
 
-fn style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_spinner())
+/// Writes text that ends with a line to stdout.
+pub fn to_stdout(text: &str) -> io::Result<()> {
+    let mut stdout = io::stdout().lock();
+    match writeln!(stdout, "{}", text.trim_end()).and_then(|()| stdout.flush()) {
+        // A reader such as `head` may close the pipe early.
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        written => written,
+    }
 }
 
 /// A message about a fit with the names of the library's settings replaced by those of the options. Not for messages that

@@ -4,6 +4,8 @@
 //! Coarse to fine, as Schmidt, Pieper, Kobbelt, *Surface maps via adaptive triangulations*, 2023: on a coarse level
 //! long moves are cheap, and every level starts from the solution of a coarser one.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use rayon::prelude::*;
 
 use super::PairPhase;
@@ -135,6 +137,9 @@ impl EmbeddingCandidate {
 }
 
 impl DomainEmbedder<'_> {
+    /// The most rounds of [`Self::finish`].
+    pub const MOST_ROUNDS: usize = LAST.most_rounds;
+
     /// The tetrahedron at the coarsest level of the hierarchy, rotated towards its soft targets.
     fn tetrahedron(&self, soft_targets: &SoftTargets) -> EmbeddingCandidate {
         let target = |v: u32| match self.pins.of(v) {
@@ -182,13 +187,17 @@ impl DomainEmbedder<'_> {
             if !self.reporter.should_continue() {
                 return;
             }
+            // Landmarks have to be met, in no time or in some.
+            if self.reporter.should_conclude() && pinned.iter().all(|&is| is) {
+                return;
+            }
             let is_pulled = embedding.inserted.len() < schedule.until_vertices;
             if is_pulled || !pinned.iter().all(|&is| is) {
                 self.pull(embedding, pinned, soft_targets, schedule.strength);
             }
             if !is_pulled {
                 map.locate(embedding);
-                *energy = self.improve(embedding, &mut map, pinned, &COARSE);
+                *energy = self.improve(embedding, &mut map, pinned, &COARSE, &|_| ());
                 progress(embedding.inserted.len(), *energy);
             }
         })?;
@@ -221,11 +230,11 @@ impl DomainEmbedder<'_> {
         map.energy(embedding)
     }
 
-    /// Lowers the distortion of the map until it has converged.
-    pub fn finish(&self, candidate: &mut EmbeddingCandidate) {
+    /// Lowers the distortion of the map until it has converged. `progress` gets the number of rounds so far.
+    pub fn finish(&self, candidate: &mut EmbeddingCandidate, progress: &dyn Fn(usize)) {
         let mut map = InterSurfaceMap::new(self.inverse, self.domain);
         map.locate(&candidate.embedding);
-        candidate.energy = self.improve(&mut candidate.embedding, &mut map, &candidate.pinned, &LAST);
+        candidate.energy = self.improve(&mut candidate.embedding, &mut map, &candidate.pinned, &LAST, progress);
     }
 
     /// Relaxation towards the soft targets and the unmet pins.
@@ -269,6 +278,7 @@ impl DomainEmbedder<'_> {
         map: &mut InterSurfaceMap,
         pinned: &[bool],
         limits: &AlternationLimits,
+        progress: &dyn Fn(usize),
     ) -> f64 {
         let is_fixed = |v: u32| self.pins.of(v).is_some_and(|i| pinned[i]);
         let vertices = embedding.inserted.clone();
@@ -285,7 +295,8 @@ impl DomainEmbedder<'_> {
         let shapes = RestShapes::new(&triangles, self.domain.vertices());
         let mut newton = Newton::new(&triangles, &fixed).ok();
         for round in 0..limits.most_rounds {
-            if !self.reporter.should_continue() {
+            progress(round);
+            if !self.reporter.should_improve() {
                 break;
             }
             // Updated only where there were protrusions before: finding them costs as much as a step.
@@ -296,7 +307,7 @@ impl DomainEmbedder<'_> {
             self.relax_distorted(embedding, map, &is_fixed);
             if let Some(solver) = &mut newton {
                 let energy = InterSurfaceEnergy::new(map, &shapes);
-                let should_continue = || self.reporter.should_continue();
+                let should_continue = || self.reporter.should_improve();
                 match solver.minimise(&energy, &mut embedding.directions, &NEWTON, &should_continue) {
                     Ok(_) => map.locate(embedding),
                     Err(_) => newton = None,
@@ -346,12 +357,20 @@ pub(crate) fn best_coarse_embedding(
     let mut choices: Vec<(EmbeddingCandidate, [usize; 2])> = all.map(start).collect();
     let mut energies = vec![f64::INFINITY; soft_targets.len()];
     for &size in sizes {
+        let (done, of) = (AtomicUsize::new(0), choices.len());
         let refined = |(candidate, [a, s]): (EmbeddingCandidate, [usize; 2])| {
             let mut refined = embedder.refine(candidate, &soft_targets[a], &schedules[s], size, &|_, _| ())?;
             // A small surface has all its vertices before its schedule starts to minimise the distortion.
             if !refined.energy.is_finite() {
-                embedder.finish(&mut refined);
+                embedder.finish(&mut refined, &|_| ());
             }
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            // A cancellation takes effect in the refinements.
+            let _ = embedder.reporter.send(PairPhase::CoarseEmbeddings {
+                vertices: size,
+                done,
+                of,
+            });
             Some((refined, [a, s]))
         };
         choices = choices.into_par_iter().filter_map(refined).collect();
@@ -369,6 +388,9 @@ pub(crate) fn best_coarse_embedding(
             kept[*a] += 1;
             kept[*a] <= KEPT && missed == best.0 && energy <= MOST_ENERGY_RATIO * best.1
         });
+        if embedder.reporter.should_conclude() {
+            break;
+        }
     }
     let (candidate, choice) = choices.into_iter().next()?;
     Some((candidate, choice, energies))

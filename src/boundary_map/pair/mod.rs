@@ -41,6 +41,7 @@ use crate::spherical::{
     map_to_sphere, require_genus_0, require_scale,
 };
 use crate::{Matrix3, Vector};
+use alignment::align_with_progress;
 use embedder::{DomainEmbedder, EmbeddingCandidate, Pins, SoftTargets, best_coarse_embedding};
 use inter_surface::InverseEmbedding;
 
@@ -91,7 +92,7 @@ pub fn map_pair<A: ProgressResponse>(
         domain.vertices().len(),
         target.vertices().len(),
     )?;
-    let made = run_cancellable(&|phase| progress(phase).control_flow(), |reporter| {
+    let made = run_cancellable(&|phase| progress(phase).control(), |reporter| {
         let pair = PairMapping {
             domain: &domain,
             target: &target,
@@ -124,12 +125,16 @@ impl PairMapping<'_> {
         let inverse = InverseEmbedding::new(&target, &locator);
         let sphere = self.elapsed();
 
-        self.report(PairPhase::Aligning)?;
+        self.report(PairPhase::Aligning { done: 0, of: 0 })?;
         let (soft_targets, warnings) = self.soft_targets(&target)?;
         let align = self.elapsed();
 
         let count = soft_targets.len() * SCHEDULES.len();
-        self.report(PairPhase::CoarseEmbeddings { count })?;
+        self.report(PairPhase::CoarseEmbeddings {
+            vertices: COARSE_SIZES[0],
+            done: 0,
+            of: count,
+        })?;
         let embedder = self.embedder(&target, &inverse)?;
         let (coarse, [alignment, schedule], alignments) =
             best_coarse_embedding(&embedder, &soft_targets, &SCHEDULES, &COARSE_SIZES).ok_or(PairError::NoEmbedding)?;
@@ -152,8 +157,7 @@ impl PairMapping<'_> {
         if self.improve {
             let refined = embedder.refine(coarse, soft_targets, &schedule, usize::MAX, &refining);
             after = refined.ok_or(TOO_FINE)?;
-            self.report(PairPhase::Improving)?;
-            embedder.finish(&mut after);
+            embedder.finish(&mut after, &|rounds| self.improving(rounds));
             self.take_exact_targets(&embedder, soft_targets, &mut after);
         }
         self.require_landmarks(&after)?;
@@ -176,6 +180,7 @@ impl PairMapping<'_> {
                 improve: improved - compared,
                 total: self.elapsed(),
             },
+            concluded: self.reporter.should_conclude(),
             warnings,
         };
         Ok((map, report))
@@ -186,7 +191,7 @@ impl PairMapping<'_> {
         let target = self.sphere("target", self.target, SphereEnergy::Conformal)?;
         let sphere = self.elapsed();
 
-        self.report(PairPhase::Aligning)?;
+        self.report(PairPhase::Aligning { done: 0, of: 0 })?;
         let mut warnings = Vec::new();
         let matches = search_rotations(&domain, &target, None);
         let rotations: Vec<f64> = matches.iter().map(|found| found.score).collect();
@@ -218,14 +223,14 @@ impl PairMapping<'_> {
         };
         let align = self.elapsed();
 
-        self.report(PairPhase::Improving)?;
+        self.improving(0);
         let locator = Locator::new(&target);
         let inverse = InverseEmbedding::new(&target, &locator);
         let embedder = self.embedder(&target, &inverse)?;
         let mut after = embedder.candidate_at(&turned);
         let before = after.clone();
         if self.improve {
-            embedder.finish(&mut after);
+            embedder.finish(&mut after, &|rounds| self.improving(rounds));
         }
         self.require_landmarks(&after)?;
         let improved = self.elapsed();
@@ -247,9 +252,18 @@ impl PairMapping<'_> {
                 improve: improved - align,
                 total: self.elapsed(),
             },
+            concluded: self.reporter.should_conclude(),
             warnings,
         };
         Ok((map, report))
+    }
+
+    /// Reports rounds of lowering the distortion; a cancellation takes effect in them.
+    fn improving(&self, rounds: usize) {
+        let _ = self.reporter.send(PairPhase::Improving {
+            rounds,
+            most_rounds: DomainEmbedder::MOST_ROUNDS,
+        });
     }
 
     fn report(&self, phase: PairPhase) -> Result<(), PairError> {
@@ -273,7 +287,10 @@ impl PairMapping<'_> {
             energy,
             ..SphereOptions::default()
         };
-        let forward = |phase| self.reporter.send(PairPhase::Sphere(side, phase));
+        let forward = |phase| {
+            let _ = self.reporter.send(PairPhase::Sphere(side, phase));
+            self.reporter.control()
+        };
         match map_to_sphere(surface, &options, &forward) {
             Ok((map, _)) => Ok(map),
             Err(SphericalError::Cancelled) => Err(PairError::Cancelled),
@@ -287,7 +304,11 @@ impl PairMapping<'_> {
         let to = AlignmentSurface::new(self.target, "target")?;
         let pairs = self.landmarks.positions(self.domain.vertices(), self.target.vertices());
         let alignments = if pairs.len() < 3 {
-            align(&from, &to)
+            let progress = |done, of| {
+                // A cancellation takes effect when the alignments are there, in a second or two.
+                let _ = self.reporter.send(PairPhase::Aligning { done, of });
+            };
+            align_with_progress(&from, &to, &progress)
         } else {
             align_by_landmarks(&from, &to, &pairs)?
         };
@@ -393,14 +414,16 @@ impl PairMapping<'_> {
         before: &EmbeddingCandidate,
         after: &EmbeddingCandidate,
     ) -> Result<(BoundaryMap, [SurfaceDistortion; 2]), PairError> {
-        self.report(PairPhase::Measuring)?;
+        self.report(PairPhase::Measuring { done: 0, of: 2 })?;
         let through = |candidate: &EmbeddingCandidate| -> Result<BoundaryMap, PairError> {
             let domain = SphericalEmbedding::new(self.domain.clone(), &candidate.embedding.directions)
                 .map_err(|error| PairError::Sphere { side: "domain", error })?;
             Ok(BoundaryMap::through_sphere(domain, target.clone())?)
         };
         let (first, last) = (through(before)?, through(after)?);
-        let (Some(of_first), Some(of_last)) = (distortion(&first), distortion(&last)) else {
+        let of_first = distortion(&first);
+        self.report(PairPhase::Measuring { done: 1, of: 2 })?;
+        let (Some(of_first), Some(of_last)) = (of_first, distortion(&last)) else {
             return Err(AlignError::NoArea { side: "domain" }.into());
         };
         // The optimiser lowers the distortion of straight triangles, which can raise that of the map itself. Compared

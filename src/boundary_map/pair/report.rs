@@ -14,11 +14,21 @@ pub enum PairPhase {
     /// A solid (`"domain"` or `"target"`) is mapped to the sphere.
     Sphere(&'static str, SpherePhase),
     /// The solids are aligned in space, or their conformal embeddings by a rotation.
-    Aligning,
-    /// Coarse embeddings of the domain are compared.
+    Aligning {
+        /// Steps done so far.
+        done: usize,
+        /// About as many steps; 0 where they are not counted.
+        of: usize,
+    },
+    /// Coarse embeddings of the domain, one for each combination of alignment and schedule, are compared; then the better
+    /// ones of them with more vertices.
     CoarseEmbeddings {
-        /// Number of combinations of alignments and schedules.
-        count: usize,
+        /// About as many vertices each.
+        vertices: usize,
+        /// Embeddings made so far.
+        done: usize,
+        /// Embeddings to be made with that many vertices.
+        of: usize,
     },
     /// The best coarse embedding is refined.
     Refining {
@@ -30,9 +40,19 @@ pub enum PairPhase {
         energy: f64,
     },
     /// The distortion of the map with all vertices is minimised.
-    Improving,
-    /// Distortion is measured.
-    Measuring,
+    Improving {
+        /// Rounds so far.
+        rounds: usize,
+        /// It ends after at most this many, usually before.
+        most_rounds: usize,
+    },
+    /// The distortion of the maps before and after is measured.
+    Measuring {
+        /// Maps measured so far.
+        done: usize,
+        /// Maps to be measured.
+        of: usize,
+    },
 }
 
 /// What [`map_pair`] did and found.
@@ -64,6 +84,10 @@ pub struct PairReport {
     /// Wall time by phase.
     #[serde(rename = "seconds")]
     pub timings: PairTimings,
+    /// Whether the work was ended by the progress callback
+    /// ([`ProgressControl::Conclude`](crate::progress::ProgressControl::Conclude)): the map is valid, but more distorted than
+    /// it would have become.
+    pub concluded: bool,
     /// What is unusual about the pair, for the user to read.
     pub warnings: Vec<String>,
 }

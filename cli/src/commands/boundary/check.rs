@@ -1,6 +1,5 @@
 //! `solidmap boundary check`: is a boundary map one to one, and how far does it distort?
 
-use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
@@ -13,16 +12,17 @@ use crate::CommandOutcome;
 use crate::args::BoundaryCheckArgs;
 use crate::shared::input;
 use crate::shared::input::BoundarySource;
+use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, peak_rss_bytes, write_file};
 use crate::shared::self_intersections::finder;
 
 /// What `boundary check --json` prints.
 #[derive(Serialize)]
 struct BoundaryCheckSummary {
-    domain: Option<PathBuf>,
-    image: Option<PathBuf>,
-    boundary_file: Option<PathBuf>,
-    target: Option<PathBuf>,
+    domain: Option<FileName>,
+    image: Option<FileName>,
+    boundary_file: Option<FileName>,
+    target: Option<FileName>,
     #[serde(flatten)]
     check: BoundaryCheck,
     seconds: f64,
@@ -65,10 +65,10 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<CommandO
         BoundarySource::File { file, domain } => (domain.clone(), None, Some(file.clone())),
     };
     let report = BoundaryCheckSummary {
-        domain,
-        image,
-        boundary_file,
-        target: args.target.clone(),
+        domain: file_name(domain),
+        image: file_name(image),
+        boundary_file: file_name(boundary_file),
+        target: file_name(args.target.as_ref()),
         check,
         seconds: start.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_rss_bytes(),

@@ -3,25 +3,25 @@
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
 use solidmap::boundary_map::pair::{PairMethod, PairReport};
 
 use super::write;
 use crate::CommandOutcome;
 use crate::args::BoundaryPairArgs;
+use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
-use crate::shared::{boundary_map, input};
+use crate::shared::{boundary_map, input, interrupt};
 
 /// What `boundary pair --json` prints.
 #[derive(Serialize)]
 struct PairSummary {
-    domain: PathBuf,
-    target: PathBuf,
-    image: PathBuf,
-    boundary_file: Option<PathBuf>,
-    png: Option<PathBuf>,
-    vtu: Option<PathBuf>,
+    domain: FileName,
+    target: FileName,
+    image: FileName,
+    boundary_file: Option<FileName>,
+    png: Option<FileName>,
+    vtu: Option<FileName>,
     #[serde(flatten)]
     pair: PairReport,
     peak_rss_bytes: u64,
@@ -34,12 +34,13 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
     args.outputs.require_writable(&inputs)?;
     output.progress("reading");
     let domain = input::read_surface(&args.domain)?;
-    let (map, report) = boundary_map::to_model(&domain, [&args.domain, &args.target], &args.pair, output)?;
+    let (map, report) = boundary_map::to_model(&domain, [&args.domain, &args.target], &args.pair, true, output)?;
     output.progress("writing");
     let mut read: Vec<(&str, &Path)> = vec![("domain", &args.domain), ("target", &args.target)];
     read.extend(args.pair.landmarks.iter().map(|file| ("landmarks", file.as_path())));
-    write::outputs(&map, &args.outputs, &read, output)?;
-    let flipped = plain_image_flipped(&map)?;
+    let checked = check(&map, None, &BoundaryCheckOptions::default(), None)?;
+    write::outputs(&map, Some(&checked), &args.outputs, &read, output)?;
+    let flipped = checked.composition.map_or(0, |found| found.plain_image_flipped);
     if flipped > 0 {
         let instead = match &args.outputs.boundary {
             Some(path) => format!("use `{}`", path.display()),
@@ -51,23 +52,21 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
         ));
     }
     let report = PairSummary {
-        domain: args.domain.clone(),
-        target: args.target.clone(),
-        image: args.outputs.output.clone(),
-        boundary_file: args.outputs.boundary.clone(),
-        png: args.outputs.png.clone(),
-        vtu: args.outputs.vtu.clone(),
+        domain: (&args.domain).into(),
+        target: (&args.target).into(),
+        image: (&args.outputs.output).into(),
+        boundary_file: file_name(args.outputs.boundary.as_ref()),
+        png: file_name(args.outputs.png.as_ref()),
+        vtu: file_name(args.outputs.vtu.as_ref()),
         pair: report,
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || summary(&report))?;
+    if report.pair.concluded {
+        output.warn(interrupt::concluded("boundary map"));
+        return Ok(CommandOutcome::CheckFailed);
+    }
     Ok(CommandOutcome::Done)
-}
-
-/// Triangles of the plain image that face against the target.
-fn plain_image_flipped(map: &BoundaryMap) -> anyhow::Result<usize> {
-    let checked = check(map, None, &BoundaryCheckOptions::default(), None)?;
-    Ok(checked.composition.map_or(0, |found| found.plain_image_flipped))
 }
 
 fn summary(report: &PairSummary) -> String {

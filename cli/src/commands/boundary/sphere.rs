@@ -1,6 +1,5 @@
 //! `solidmap boundary sphere`: a surface of genus 0 mapped to the unit sphere, one to one.
 
-use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
@@ -11,19 +10,20 @@ use solidmap::spherical::{EmbeddingCheck, SphereEnergy, SphereOptions, SphereRep
 use super::write;
 use crate::CommandOutcome;
 use crate::args::{BoundarySphereArgs, SphereEnergyKind, SphereStartKind};
+use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
-use crate::shared::{boundary_map, input};
+use crate::shared::{boundary_map, input, interrupt};
 
 /// What `boundary sphere --json` prints.
 #[derive(Serialize)]
 struct SphereSummary {
-    model: PathBuf,
+    model: FileName,
     vertices: usize,
     faces: usize,
-    image: PathBuf,
-    boundary_file: Option<PathBuf>,
-    png: Option<PathBuf>,
-    vtu: Option<PathBuf>,
+    image: FileName,
+    boundary_file: Option<FileName>,
+    png: Option<FileName>,
+    vtu: Option<FileName>,
     #[serde(flatten)]
     sphere: SphereReport,
     certificate: EmbeddingCheck,
@@ -43,13 +43,13 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Command
         start: args.start.into(),
         ..SphereOptions::default()
     };
-    let (map, sphere) = boundary_map::to_sphere(&surface, &args.model, &options, output)?;
+    let (map, sphere) = boundary_map::to_sphere(&surface, &args.model, &options, true, output)?;
     if args.start == SphereStartKind::Flow && sphere.start != SphereStart::Flow {
         output.warn(
             "the flow folds this surface, or shrinks its limbs to specks; the progressive start was used instead",
         );
     }
-    if !sphere.converged {
+    if !sphere.converged && !sphere.concluded {
         output.warn(format!(
             "the optimisation was stopped after {} iterations, before it converged; the map is one to one all the same",
             sphere.iterations
@@ -60,15 +60,15 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Command
     output.progress("measuring");
     let distortion = SurfaceDistortion::of(boundary.domain(), boundary.image());
     output.progress("writing");
-    write::outputs(&boundary, &args.outputs, &[("domain", &args.model)], output)?;
+    write::outputs(&boundary, None, &args.outputs, &[("domain", &args.model)], output)?;
     let report = SphereSummary {
-        model: args.model.clone(),
+        model: (&args.model).into(),
         vertices: boundary.domain().vertices().len(),
         faces: boundary.domain().triangles().len(),
-        image: args.outputs.output.clone(),
-        boundary_file: args.outputs.boundary.clone(),
-        png: args.outputs.png.clone(),
-        vtu: args.outputs.vtu.clone(),
+        image: (&args.outputs.output).into(),
+        boundary_file: file_name(args.outputs.boundary.as_ref()),
+        png: file_name(args.outputs.png.as_ref()),
+        vtu: file_name(args.outputs.vtu.as_ref()),
         sphere,
         certificate,
         distortion,
@@ -76,6 +76,10 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Command
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || summary(&report))?;
+    if report.sphere.concluded {
+        output.warn(interrupt::concluded("boundary map"));
+        return Ok(CommandOutcome::CheckFailed);
+    }
     Ok(CommandOutcome::Done)
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use solidmap::boundary_map::check::{BoundaryCheckOptions, check};
+use solidmap::boundary_map::check::{BoundaryCheck, BoundaryCheckOptions, check};
 use solidmap::boundary_map::{BoundaryMap, TriangleDistortion, triangle_distortions};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata};
 use solidmap::io::{self, Cells, VtkFields};
@@ -26,10 +26,11 @@ impl BoundaryOutputs {
     }
 }
 
-/// Writes the image, and where asked for the boundary map, its fields and its picture. `inputs` are files by their
-/// roles.
+/// Writes the image, and where asked for the boundary map, its fields and its picture, which needs what
+/// `checked` has found in it. `inputs` are files by their roles.
 pub fn outputs(
     map: &BoundaryMap,
+    checked: Option<&BoundaryCheck>,
     outputs: &BoundaryOutputs,
     inputs: &[(&str, &Path)],
     output: &Output,
@@ -50,8 +51,13 @@ pub fn outputs(
     }
     if let Some(path) = &outputs.png {
         output.progress("drawing");
-        let checked = check(map, None, &BoundaryCheckOptions::default(), None)?;
-        let figure = pictures::boundary(map, &checked, outputs.up)?;
+        let figure = match checked {
+            Some(checked) => pictures::boundary(map, checked, outputs.up)?,
+            None => {
+                let checked = check(map, None, &BoundaryCheckOptions::default(), None)?;
+                pictures::boundary(map, &checked, outputs.up)?
+            }
+        };
         write_file(path, &figure.to_png()?)?;
     }
     io::write_surface(&outputs.output, &map.target())?;

@@ -6,11 +6,12 @@ use std::path::Path;
 use super::Comparison;
 use super::job::Figures;
 use super::tables::{Part, parts};
+use crate::shared::json;
 use crate::shared::output::write_file;
 
 /// Writes `comparison.txt`, `.md`, `.csv` and `.json`.
 pub fn write(folder: &Path, comparison: &Comparison) -> anyhow::Result<()> {
-    let json = serde_json::to_string_pretty(comparison)?;
+    let json = json::document(comparison)?;
     for (name, text) in [
         ("comparison.txt", text(comparison)),
         ("comparison.md", markdown(comparison)),

@@ -11,6 +11,7 @@ use solidmap::energy::{DensityQuantiles, Determinants, DistortionMetrics};
 use solidmap::fit::BoundaryError;
 
 use crate::shared::input::BoundarySource;
+use crate::shared::stored_paths;
 
 /// A task, with all that it depends on.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -20,6 +21,7 @@ pub struct Job {
     /// How the domain is meshed; `None` for the default.
     pub mesh: Option<MeshSpec>,
     /// A tet mesh of the domain to use instead.
+    #[serde(with = "stored_paths")]
     pub given: Option<PathBuf>,
     pub tolerance: f64,
     /// Distance of the sources from the surface, over their spacing.
@@ -33,10 +35,13 @@ pub struct Job {
     /// The section that pictures show.
     pub section: Option<SectionView>,
     /// Files of images by the reference: of the points inside, and of those of the section.
+    #[serde(with = "stored_paths")]
     pub reference: Option<[PathBuf; 2]>,
     /// Folder for what later processes and the pictures need.
+    #[serde(with = "stored_paths")]
     pub scratch: PathBuf,
     /// Folder for results that the user gets.
+    #[serde(with = "stored_paths")]
     pub keep: Option<PathBuf>,
 }
 
@@ -48,7 +53,7 @@ pub enum Task {
     /// Make a finer map that the others are compared with.
     Reference,
     /// Map the domain to one frame after the other.
-    Sequence(ComparedMethod, Vec<PathBuf>),
+    Sequence(ComparedMethod, #[serde(with = "stored_paths")] Vec<PathBuf>),
 }
 
 /// A plane perpendicular to a coordinate axis, and what points up in pictures of it.

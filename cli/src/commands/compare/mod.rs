@@ -10,7 +10,7 @@ mod verdict;
 pub mod worker;
 mod worker_sequence;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, ensure};
 use serde::Serialize;
@@ -21,6 +21,8 @@ use solidmap::mesh::SurfaceMesh;
 use crate::CommandOutcome;
 use crate::args::{CompareArgs, MapMethod};
 use crate::shared::interrupt;
+use crate::shared::json::{FileName, file_name};
+use crate::shared::made_folder::MadeFolder;
 use crate::shared::output::{Output, describe};
 use job::{Figures, MethodRow, SequenceFigures};
 use runner::{Runner, methods_of};
@@ -29,10 +31,10 @@ use worker::Reference;
 /// The results of a comparison.
 #[derive(Serialize)]
 struct Comparison {
-    domain: Option<PathBuf>,
-    image: Option<PathBuf>,
+    domain: Option<FileName>,
+    image: Option<FileName>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    boundary_file: Option<PathBuf>,
+    boundary_file: Option<FileName>,
     reference: Option<Reference>,
     methods: Vec<MethodRow>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -90,8 +92,8 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
         read => worker::outward(read?)?,
     };
     require_solvable(boundary.domain(), source.domain())?;
+    let _made = args.out.as_deref().map(MadeFolder::new).transpose()?;
     if let Some(folder) = &args.out {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{}`", folder.display()))?;
         // Fails before the work, not after it. The file has no name, and is gone when it is dropped.
         tempfile::tempfile_in(folder).with_context(|| format!("cannot write to the folder `{}`", folder.display()))?;
     }
@@ -123,9 +125,9 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
         .map(|method| runner.row(method, reference.is_some()))
         .collect();
     let comparison = Comparison {
-        domain: args.files.domain.clone(),
-        image: args.files.image.clone(),
-        boundary_file: args.files.boundary.clone(),
+        domain: file_name(args.files.domain.as_ref()),
+        image: file_name(args.files.image.as_ref()),
+        boundary_file: file_name(args.files.boundary.as_ref()),
         equal_accuracy: runner.equal_accuracy(&methods),
         mesh_study: runner.mesh_study(reference.is_some()),
         sequence: runner.sequence(),
@@ -136,8 +138,7 @@ pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow:
     if let Some(folder) = &args.out {
         export::write(folder, &comparison)?;
     }
-    // The JSON report lists the methods alone; all else is in the folder.
-    output.result(&comparison.methods, || export::text(&comparison))?;
+    output.result(&comparison, || export::text(&comparison))?;
     let remarks = comparison
         .methods
         .iter()
@@ -170,9 +171,19 @@ fn none_possible(args: &CompareArgs, error: &anyhow::Error, output: &Output) -> 
     };
     let rows: Vec<MethodRow> = methods_of(args).map(row).collect();
     output.warn(&error);
-    output.result(&rows, || {
+    let comparison = Comparison {
+        domain: file_name(args.files.domain.as_ref()),
+        image: file_name(args.files.image.as_ref()),
+        boundary_file: file_name(args.files.boundary.as_ref()),
+        reference: None,
+        methods: rows,
+        equal_accuracy: vec![],
+        mesh_study: vec![],
+        sequence: vec![],
+    };
+    output.result(&comparison, || {
         let line = |row: &MethodRow| format!("{}: {error}", row.name);
-        rows.iter().map(line).collect::<Vec<_>>().join("\n")
+        comparison.methods.iter().map(line).collect::<Vec<_>>().join("\n")
     })?;
     Ok(CommandOutcome::CheckFailed)
 }

@@ -58,10 +58,10 @@ fn wait(mut child: Child, label: &str, time_limit: f64, output: &Output) -> Resu
         })
     });
     let begun = Instant::now();
-    output.progress(label.to_owned());
+    output.progress(label);
     let status = loop {
         match lines.recv_timeout(TICK) {
-            Ok(line) => output.progress(format!("{label}: {line}")),
+            Ok(line) => output.progress_in(label, line),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => std::thread::sleep(TICK),
         }

@@ -1,6 +1,6 @@
 //! `solidmap eval --inverse`: preimages of points.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, bail};
 use serde::Serialize;
@@ -14,14 +14,15 @@ use crate::CommandOutcome;
 use crate::args::EvalArgs;
 use crate::shared::fields::scalar;
 use crate::shared::input::{self, extension};
+use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns};
 use crate::shared::points::{is_table, read_points, status_number, warn_of_preimages, write_table};
 
 /// What `eval --inverse --json` prints.
 #[derive(Serialize)]
 struct InverseSummary {
-    map: PathBuf,
-    output: PathBuf,
+    map: FileName,
+    output: FileName,
     #[serde(flatten)]
     inverse: InverseReport,
 }
@@ -58,8 +59,8 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     warn_of_preimages(output, &report);
     let complete = report.folded + report.not_converged == 0;
     let report = InverseSummary {
-        map: args.map.clone(),
-        output: args.output.clone(),
+        map: (&args.map).into(),
+        output: (&args.output).into(),
         inverse: report,
     };
     output.result(&report, || two_columns(rows(&report)))?;

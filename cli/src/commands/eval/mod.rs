@@ -2,7 +2,7 @@
 
 mod inverse;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
 use serde::Serialize;
@@ -16,6 +16,7 @@ use solidmap::{Matrix3, Point};
 use crate::CommandOutcome;
 use crate::args::EvalArgs;
 use crate::shared::input::{self, extension};
+use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns};
 use crate::shared::points::{is_table, read_points, write_table};
 
@@ -27,9 +28,9 @@ const OUTPUTS: [&str; 8] = ["csv", "npy", "obj", "ply", "off", "mesh", "vtk", "v
 /// What `eval --json` prints.
 #[derive(Serialize)]
 struct EvalSummary {
-    map: PathBuf,
+    map: FileName,
     points: usize,
-    output: PathBuf,
+    output: FileName,
     /// Points with NaN or infinite coordinates, and points at sources: they have no image.
     not_finite: usize,
     /// Points outside the domain, where values of the formula mean nothing. `None` if the file has no domain.
@@ -95,9 +96,9 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         ));
     }
     let report = EvalSummary {
-        map: args.map.clone(),
+        map: (&args.map).into(),
         points: points.len(),
-        output: args.output.clone(),
+        output: (&args.output).into(),
         not_finite,
         outside,
         flipped_tets,

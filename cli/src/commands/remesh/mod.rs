@@ -19,6 +19,7 @@ use crate::args::{CellShape, RemeshArgs};
 use crate::shared::carried_mesh_file;
 use crate::shared::carried_mesh_picture::{self, show_phase};
 use crate::shared::input::{self, extension};
+use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, peak_rss_bytes, write_file};
 use crate::shared::self_intersections::finder;
 
@@ -28,10 +29,10 @@ const OUTPUTS: [&str; 4] = ["vtu", "vtk", "mesh", "msh"];
 /// What `remesh --json` prints.
 #[derive(Serialize)]
 struct RemeshSummary {
-    map: PathBuf,
-    mesh: Option<PathBuf>,
-    output: PathBuf,
-    domain_mesh: Option<PathBuf>,
+    map: FileName,
+    mesh: Option<FileName>,
+    output: FileName,
+    domain_mesh: Option<FileName>,
     /// Inverted cells of the result.
     flipped_cells: usize,
     /// How many of them there are for each reason.
@@ -104,10 +105,10 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     }
     let picture = args.png.as_ref().and_then(|_| picture(&remeshed, args, output));
     let report = RemeshSummary {
-        map: args.map.clone(),
-        mesh: args.mesh.clone(),
-        output: args.output.clone(),
-        domain_mesh: args.domain_mesh.clone(),
+        map: (&args.map).into(),
+        mesh: file_name(args.mesh.as_ref()),
+        output: (&args.output).into(),
+        domain_mesh: file_name(args.domain_mesh.as_ref()),
         flipped_cells: flipped,
         reasons,
         min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),

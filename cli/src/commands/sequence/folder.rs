@@ -5,8 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
+use solidmap::io::sync_folder;
 
 use crate::shared::interrupt;
+use crate::shared::made_folder::MadeFolder;
 
 /// Folders of the series, and names of their collections.
 pub const CELLS: &str = "cells";
@@ -31,6 +33,8 @@ pub struct ResultFolder {
     folder: PathBuf,
     /// Removed when it is dropped, and by an interrupt.
     scratch: tempfile::TempDir,
+    /// Dropped after the folder that it holds.
+    _made: MadeFolder,
     /// Files of the series that an earlier run has left.
     earlier: Vec<PathBuf>,
 }
@@ -45,7 +49,7 @@ impl ResultFolder {
         frames: usize,
     ) -> anyhow::Result<Self> {
         let shown = folder.display();
-        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder `{shown}`"))?;
+        let made = MadeFolder::new(folder)?;
         let earlier: Vec<PathBuf> = SERIES.into_iter().flat_map(|series| earlier(folder, series)).collect();
         let written = written(folder, written_series, frames);
         let canonical = |path: &Path| fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
@@ -78,6 +82,7 @@ impl ResultFolder {
         Ok(Self {
             folder: folder.to_owned(),
             scratch,
+            _made: made,
             earlier,
         })
     }
@@ -103,6 +108,13 @@ impl ResultFolder {
                 if self.scratch().join(name).exists() {
                     moved.push(self.move_into_place(Path::new(name))?);
                 }
+            }
+            for folder in SERIES
+                .map(|series| self.folder.join(series))
+                .iter()
+                .chain([&self.folder])
+            {
+                sync_folder(folder);
             }
             for left in self.earlier.iter().filter(|path| !moved.contains(path)) {
                 // The user may have removed it meanwhile.

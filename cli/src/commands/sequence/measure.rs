@@ -179,7 +179,7 @@ impl<'a> Measurement<'a> {
     }
 
     fn add_row(&mut self, frame: usize, found: Option<MeasuredRow>, skipped: Option<String>) {
-        let file = self.args.frames[frame].clone();
+        let file = &self.args.frames[frame];
         if let Some(reason) = &skipped {
             // Errors of files name them already.
             let name = format!("`{}`", file.display());
@@ -193,7 +193,7 @@ impl<'a> Measurement<'a> {
         self.rows.push(FrameRow {
             frame,
             time: frame as f64 / self.args.fps,
-            file,
+            file: file.into(),
             found,
             skipped,
         });

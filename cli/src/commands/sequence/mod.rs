@@ -20,8 +20,8 @@ use crate::CommandOutcome;
 use crate::args::SequenceArgs;
 use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::{fit_options, show_phase};
-use crate::shared::input;
 use crate::shared::output::{Output, with_option_names};
+use crate::shared::{input, self_intersections};
 use folder::{CELLS, MATERIAL, ResultFolder, SURFACE};
 use measure::Measurement;
 use summary::SequenceTimings;
@@ -49,6 +49,10 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<CommandOutcom
     let options = options(args).with_context(|| format!("cannot use `{}`", args.reference.display()))?;
     let sequence = Sequence::new(&reference, &options, &|phase| show_phase(phase, "", output));
     let sequence = sequence.map_err(|error| advised(error, args))?;
+    let mut warnings = sequence.warnings().to_vec();
+    output.progress("looking for self-intersections");
+    warnings.extend(self_intersections::warning(sequence.domain(), &args.reference));
+    warnings.iter().for_each(|warning| output.warn_of_fit(warning));
     let material = args
         .material
         .as_deref()
@@ -78,7 +82,7 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<CommandOutcom
     results.publish()?;
     seconds.drawing += drawing.elapsed().as_secs_f64();
     seconds.total = start.elapsed().as_secs_f64();
-    measurement.finish(cycles, per_block, seconds)
+    measurement.finish(warnings, cycles, per_block, seconds)
 }
 
 /// Reads the mesh of `--material`.

@@ -1,7 +1,5 @@
 //! The report on a sequence, as JSON and in words.
 
-use std::path::PathBuf;
-
 use serde::Serialize;
 use solidmap::check::ClosedHole;
 use solidmap::energy::DensityQuantiles;
@@ -12,6 +10,7 @@ use super::measure::Measurement;
 use super::series::Series;
 use crate::CommandOutcome;
 use crate::drawing::significant;
+use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{memory_row, peak_rss_bytes, two_columns};
 
 /// A frame whose volume is more than this times the reference's, or less than the inverse, may be in another unit.
@@ -22,9 +21,9 @@ const LISTED: usize = 20;
 /// What `sequence --json` prints.
 #[derive(Serialize)]
 struct SequenceSummary {
-    reference: PathBuf,
-    output: PathBuf,
-    material: Option<PathBuf>,
+    reference: FileName,
+    output: FileName,
+    material: Option<FileName>,
     vertices: usize,
     faces: usize,
     closed_holes: Vec<ClosedHole>,
@@ -40,6 +39,8 @@ struct SequenceSummary {
     tolerance_met: bool,
     cycles: Option<Cycles>,
     no_cycles: Option<String>,
+    /// What is unusual about the reference.
+    warnings: Vec<String>,
     seconds: SequenceTimings,
     peak_rss_bytes: u64,
 }
@@ -61,7 +62,7 @@ pub struct SequenceTimings {
 pub struct FrameRow {
     pub frame: usize,
     pub time: f64,
-    pub file: PathBuf,
+    pub file: FileName,
     #[serde(flatten)]
     pub found: Option<MeasuredRow>,
     /// Why it was skipped.
@@ -99,6 +100,7 @@ impl Measurement<'_> {
     /// Prints the report, with warnings.
     pub fn finish(
         self,
+        warnings: Vec<String>,
         cycles: Result<Cycles, CycleError>,
         per_block: usize,
         seconds: SequenceTimings,
@@ -119,7 +121,7 @@ impl Measurement<'_> {
                 "99 % of the boundary is met only to {worst:.1e} of the frame's diagonal, and the tolerance is \
                  {tolerance:.1e}, in {}; energies there are less certain. Raise --tolerance, or see where the frames \
                  jump or fold",
-                listed(missed.iter().map(|row| row.frame))
+                listed(missed.iter().copied())
             ));
         }
         let tolerance_met = missed.is_empty();
@@ -129,7 +131,7 @@ impl Measurement<'_> {
             found.deformation_energy_error > allowed.max(self.sequence.resolution_of_energy())
         };
         let inaccurate = |row: &&FrameRow| row.found.as_ref().is_some_and(inaccurate);
-        let uncertain: Vec<usize> = self.rows.iter().filter(inaccurate).map(|row| row.frame).collect();
+        let uncertain: Vec<&FrameRow> = self.rows.iter().filter(inaccurate).collect();
         if !uncertain.is_empty() {
             self.output.warn(format!(
                 "the deformation energy is less accurate than --energy-tolerance {wanted} in {}; `energy.csv` has the \
@@ -144,15 +146,15 @@ impl Measurement<'_> {
         };
         let domain = self.sequence.domain();
         let report = SequenceSummary {
-            reference: self.args.reference.clone(),
-            output: self.args.output.clone(),
+            reference: (&self.args.reference).into(),
+            output: (&self.args.output).into(),
             vertices: domain.vertices().len(),
             faces: domain.triangles().len(),
             closed_holes: self.sequence.holes().to_vec(),
             volume: self.sequence.quadrature().volume(),
             points: self.sequence.quadrature().points().len(),
             frames_per_block: per_block,
-            material: self.args.material.clone(),
+            material: file_name(self.args.material.as_ref()),
             own_volume: self.args.own_volume,
             frames: self.rows,
             skipped,
@@ -160,6 +162,7 @@ impl Measurement<'_> {
             tolerance_met,
             cycles: found,
             no_cycles: none,
+            warnings,
             seconds,
             peak_rss_bytes: peak_rss_bytes(),
         };
@@ -172,12 +175,9 @@ impl Measurement<'_> {
         let found = || {
             self.rows
                 .iter()
-                .filter_map(|row| Some((row.frame, row.found.as_ref()?.volume / own)))
+                .filter_map(|row| Some((row, row.found.as_ref()?.volume / own)))
         };
-        let mirrored: Vec<usize> = found()
-            .filter(|(_, ratio)| *ratio < 0.0)
-            .map(|(frame, _)| frame)
-            .collect();
+        let mirrored: Vec<&FrameRow> = found().filter(|(_, ratio)| *ratio < 0.0).map(|(row, _)| row).collect();
         if !mirrored.is_empty() {
             self.output.warn(format!(
                 "mirror images of the reference, or surfaces turned inside out, which the deformation energy does not \
@@ -186,9 +186,9 @@ impl Measurement<'_> {
             ));
         }
         let is_other = |ratio: f64| !(1.0 / OTHER_UNIT..=OTHER_UNIT).contains(&ratio.abs());
-        let other: Vec<usize> = found()
+        let other: Vec<&FrameRow> = found()
             .filter(|(_, ratio)| is_other(*ratio))
-            .map(|(frame, _)| frame)
+            .map(|(row, _)| row)
             .collect();
         if !other.is_empty() && !self.args.own_volume {
             self.output.warn(format!(
@@ -200,14 +200,17 @@ impl Measurement<'_> {
     }
 }
 
-/// The numbers of frames, a few of them.
-fn listed(frames: impl ExactSizeIterator<Item = usize>) -> String {
+/// The files of frames, a few of them.
+fn listed<'r>(frames: impl ExactSizeIterator<Item = &'r FrameRow>) -> String {
     let count = frames.len();
-    let mut text: Vec<String> = frames.take(LISTED).map(|frame| frame.to_string()).collect();
+    let mut text: Vec<String> = frames
+        .take(LISTED)
+        .map(|row| format!("`{}`", row.file.display()))
+        .collect();
     if count > LISTED {
-        text.push(format!("and {} more", count - LISTED));
+        text.push(format!("and {} more frames", count - LISTED));
     }
-    format!("{} {}", if count == 1 { "frame" } else { "frames" }, text.join(", "))
+    text.join(", ")
 }
 
 /// Cycles in words.
@@ -222,18 +225,19 @@ pub fn describe(cycles: &Cycles) -> String {
 }
 
 fn summary(report: &SequenceSummary, series: Option<&Series>) -> String {
-    let found: Vec<(usize, &MeasuredRow)> = report
+    let found: Vec<(&FrameRow, &MeasuredRow)> = report
         .frames
         .iter()
-        .filter_map(|row| Some((row.frame, row.found.as_ref()?)))
+        .filter_map(|row| Some((row, row.found.as_ref()?)))
         .collect();
-    let energy = |(_, found): &&(usize, &MeasuredRow)| found.deformation_energy;
+    let energy = |(_, found): &&(&FrameRow, &MeasuredRow)| found.deformation_energy;
     let least = found.iter().min_by(|a, b| energy(a).total_cmp(&energy(b)));
     let most = found.iter().max_by(|a, b| energy(a).total_cmp(&energy(b)));
     let worst = |of: fn(&MeasuredRow) -> f64| found.iter().map(|(_, f)| of(f)).fold(0.0, f64::max);
-    let extreme = |frame: Option<&(usize, &MeasuredRow)>| {
-        frame.map_or(String::new(), |(frame, f)| {
-            format!("{} (frame {frame})", significant(f.deformation_energy, 4))
+    let extreme = |frame: Option<&(&FrameRow, &MeasuredRow)>| {
+        frame.map_or(String::new(), |(row, f)| {
+            let (energy, file) = (significant(f.deformation_energy, 4), row.file.display());
+            format!("{energy} (frame {}, `{file}`)", row.frame)
         })
     };
     let mut rows = vec![

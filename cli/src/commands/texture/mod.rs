@@ -20,6 +20,7 @@ use crate::CommandOutcome;
 use crate::args::{TextureArgs, TextureOutputArgs};
 use crate::shared::fitting::show_phase;
 use crate::shared::input;
+use crate::shared::json::file_name;
 use crate::shared::output::{Output, peak_rss_bytes, write_file};
 use crate::shared::pictures::require_position;
 use model::{Model, is_texture_file};
@@ -94,8 +95,8 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<CommandOutcome
         .tolerance
         .map(|tolerance| fit.boundary_error.p99 <= tolerance);
     let report = TextureSummary {
-        model: args.model.clone(),
-        image: args.image.clone(),
+        model: (&args.model).into(),
+        image: file_name(args.image.as_ref()),
         extended: texture.extended(),
         fit,
         uv_box,
@@ -107,8 +108,8 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<CommandOutcome
         tolerance_met,
         volume,
         points,
-        picture: written.png.clone(),
-        map: written.map.clone(),
+        picture: file_name(written.png.as_ref()),
+        map: file_name(written.map.as_ref()),
         seconds,
         peak_rss_bytes: peak_rss_bytes(),
     };

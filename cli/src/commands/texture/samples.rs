@@ -30,7 +30,7 @@ pub fn write_volume(
     };
     io::write_vti(path, &image, "rgba", 4, volume.rgba.as_flattened())?;
     Ok(VolumeSummary {
-        file: path.to_owned(),
+        file: path.into(),
         size: grid.size,
         spacing: grid.spacing,
         inside: volume.inside,
@@ -107,7 +107,7 @@ pub fn write_points(
         ));
     }
     Ok(PointsSummary {
-        file: path.to_path_buf(),
+        file: path.into(),
         points: positions.len(),
         outside,
     })

@@ -1,19 +1,18 @@
 //! The report on a texture, as JSON and in words.
 
-use std::path::PathBuf;
-
 use serde::Serialize;
 use solidmap::fit::FitReport;
 use solidmap::texture::{ColourError, ExtendedQuantity, SeamReport};
 
 use crate::drawing::significant;
+use crate::shared::json::FileName;
 use crate::shared::output::{mebibytes, two_columns};
 
 /// What `texture --json` prints.
 #[derive(Serialize)]
 pub struct TextureSummary {
-    pub model: PathBuf,
-    pub image: Option<PathBuf>,
+    pub model: FileName,
+    pub image: Option<FileName>,
     pub extended: ExtendedQuantity,
     pub fit: FitReport,
     /// Lowest and highest texture coordinates.
@@ -29,15 +28,15 @@ pub struct TextureSummary {
     pub tolerance_met: Option<bool>,
     pub volume: Option<VolumeSummary>,
     pub points: Option<PointsSummary>,
-    pub picture: Option<PathBuf>,
-    pub map: Option<PathBuf>,
+    pub picture: Option<FileName>,
+    pub map: Option<FileName>,
     pub seconds: TextureTimings,
     pub peak_rss_bytes: u64,
 }
 
 #[derive(Serialize)]
 pub struct VolumeSummary {
-    pub file: PathBuf,
+    pub file: FileName,
     pub size: [usize; 3],
     pub spacing: f64,
     pub inside: usize,
@@ -46,7 +45,7 @@ pub struct VolumeSummary {
 
 #[derive(Serialize)]
 pub struct PointsSummary {
-    pub file: PathBuf,
+    pub file: FileName,
     pub points: usize,
     pub outside: usize,
 }

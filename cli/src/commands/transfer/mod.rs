@@ -21,6 +21,7 @@ use crate::CommandOutcome;
 use crate::args::TransferArgs;
 use crate::shared::fields::{MeshWithFields, fields_of, scalar};
 use crate::shared::input;
+use crate::shared::json::FileName;
 use crate::shared::output::{Output, write_file};
 use crate::shared::points::{is_table, read_points, status_number, warn_of_preimages};
 use checks::{FieldSummary, TransferChecks};
@@ -28,8 +29,8 @@ use checks::{FieldSummary, TransferChecks};
 /// What `transfer --json` prints.
 #[derive(Serialize)]
 struct TransferSummary {
-    map: PathBuf,
-    output: PathBuf,
+    map: FileName,
+    output: FileName,
     /// Points that carry the fields.
     points: usize,
     /// Tetrahedra between them.
@@ -136,8 +137,8 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
     }
     warn(output, args, outside.unwrap_or(0), &checks);
     let report = TransferSummary {
-        map: args.map.clone(),
-        output: args.output.clone(),
+        map: (&args.map).into(),
+        output: (&args.output).into(),
         points: carrier.points.len(),
         tets: carrier.tets.len(),
         written_points: carried.mesh.carrier.points.len(),

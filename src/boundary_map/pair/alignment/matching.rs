@@ -15,6 +15,8 @@ pub(super) struct Registration<'a> {
     pub(super) target: &'a AlignmentSurface,
     /// Weight of normals in the frame of the target.
     pub(super) beta: f64,
+    /// Called, on any thread, when one of the steps of a search is done.
+    pub(super) on_step: &'a (dyn Fn() + Sync),
 }
 
 /// For each sample of the domain its closest point on the target, and vice versa.
@@ -91,6 +93,7 @@ impl<'a> Registration<'a> {
             domain,
             target,
             beta: NORMAL_WEIGHT * target.size,
+            on_step: &|| (),
         }
     }
 

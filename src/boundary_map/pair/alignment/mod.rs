@@ -15,6 +15,8 @@ mod tests;
 
 use std::f64::consts::PI;
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use rayon::prelude::*;
 
 use crate::geometry::{Similarity, similarity};
@@ -143,7 +145,20 @@ const EXACT: f64 = 1e-6;
 /// started from principal axes are equivariant under similarities of the solids; those from the coordinates as given
 /// are not. Costs up to two seconds of processor time.
 pub fn align(domain: &AlignmentSurface, target: &AlignmentSurface) -> Alignments {
-    let pair = Registration::new(domain, target);
+    align_with_progress(domain, target, &|_, _| ())
+}
+
+/// As [`align`]. `progress` gets the number of steps that are done, and of how many; on any thread.
+pub(super) fn align_with_progress(
+    domain: &AlignmentSurface,
+    target: &AlignmentSurface,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Alignments {
+    let (done, of) = (AtomicUsize::new(0), STARTS + FINALISTS + MIRRORED_STARTS + 1);
+    let pair = Registration {
+        on_step: &|| progress(done.fetch_add(1, Ordering::Relaxed) + 1, of),
+        ..Registration::new(domain, target)
+    };
     let (best, mirrored) = rayon::join(|| pair.search(1.0), || pair.search(-1.0));
     Alignments {
         best,
@@ -240,13 +255,18 @@ impl Registration<'_> {
             .collect();
         let improved = distinct(starts, most_starts)
             .par_iter()
-            .map(|start| self.improve_coarsely(start))
+            .map(|start| {
+                let improved = self.improve_coarsely(start);
+                (self.on_step)();
+                improved
+            })
             .collect();
         let mut refined: Vec<(Alignment, Similarity)> = distinct(improved, most)
             .par_iter()
             .map(|AlignmentCandidate { similarity, start, .. }| {
                 let refined = self.refine(similarity, &[], Refinement::SAMPLES);
                 let refined = self.refine(&refined, &[], Refinement::TRIANGLES);
+                (self.on_step)();
                 (self.describe(&refined, *start), refined)
             })
             .collect();
