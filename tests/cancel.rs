@@ -5,10 +5,12 @@ use std::ops::ControlFlow;
 
 use solidmap::Vector;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::boundary_map::pair::{PairError, PairOptions, map_pair};
-use solidmap::fit::{DomainFactor, FitError, FitOptions, Phase, fit};
+use solidmap::boundary_map::pair::{PairError, PairOptions, PairPhase, map_pair};
+use solidmap::fit::{DomainFactor, FitError, FitOptions, Phase, RefinementEnd, fit};
 use solidmap::mesh::shapes;
+use solidmap::progress::ProgressControl;
 use solidmap::remesh::{CellKind, CellSize, RemeshError, RemeshOptions, RemeshSource, remesh};
+use solidmap::spherical::{SphereOptions, SpherePhase, map_to_sphere};
 
 /// A cube that becomes a ball: two rounds of refinement.
 fn rounded_cube() -> BoundaryMap {
@@ -97,4 +99,73 @@ fn mapping_a_pair_can_be_cancelled_between_its_steps() {
     });
     assert!(matches!(ended, Err(PairError::Cancelled)));
     assert!(phases.borrow().len() < 20);
+}
+
+/// Asks for the best result from the first call on for which this holds.
+fn conclude_from<T>(first: impl Fn(&T) -> bool) -> impl Fn(T) -> ProgressControl {
+    let concluded = Cell::new(false);
+    move |phase| {
+        concluded.set(concluded.get() || first(&phase));
+        if concluded.get() {
+            ProgressControl::Conclude
+        } else {
+            ProgressControl::Continue
+        }
+    }
+}
+
+#[test]
+fn a_fit_can_be_concluded_with_the_best_map_so_far() {
+    let boundary = rounded_cube();
+    let options = FitOptions::default();
+    let coarse = FitOptions {
+        refine: false,
+        ..options
+    };
+    let unrefined = fit(&boundary, &coarse, &|_| ()).unwrap();
+    // Whether it is asked for at once or in the refinement, the first map is the result.
+    let at_once = fit(&boundary, &options, &|_| ProgressControl::Conclude).unwrap();
+    let refining = conclude_from(|phase| matches!(phase, Phase::Refining { .. }));
+    let later = fit(&boundary, &options, &refining).unwrap();
+    for concluded in [at_once, later] {
+        assert_eq!(concluded.report.refinement_end, Some(RefinementEnd::Concluded));
+        assert_eq!(concluded.map.coefficients(), unrefined.map.coefficients());
+        assert_eq!(concluded.report.boundary_error, unrefined.report.boundary_error);
+    }
+}
+
+#[test]
+fn a_map_of_a_pair_can_be_concluded_at_any_phase_and_is_a_bijection() {
+    let domain = shapes::bumpy_sphere(10);
+    let target = shapes::deformed(&domain, |p| [1.5 * p.x, p.y + 0.3 * p.x * p.x, p.z].into());
+    let options = PairOptions::default();
+    let (_, whole) = map_pair(&domain, &target, &options, &|_| ()).unwrap();
+    assert!(!whole.concluded);
+    for k in 0..5 {
+        let progress = conclude_from(move |phase| match phase {
+            PairPhase::Sphere(..) => k == 0,
+            PairPhase::Aligning { .. } => k == 1,
+            PairPhase::CoarseEmbeddings { .. } => k == 2,
+            PairPhase::Refining { .. } => k == 3,
+            _ => k == 4,
+        });
+        // Bijections of both surfaces with the sphere are checked exactly when they are made.
+        let (map, report) = map_pair(&domain, &target, &options, &progress).unwrap();
+        assert!(report.concluded && map.domain_embedding().is_some(), "phase {k}");
+        let [found, best] = [&report, &whole].map(|report| report.after.mean_symmetric_dirichlet);
+        assert!(
+            found.is_finite() && found > 0.99 * best,
+            "phase {k}: {found}, and {best} in the end"
+        );
+    }
+}
+
+#[test]
+fn a_map_to_the_sphere_can_be_concluded() {
+    let surface = shapes::bumpy_sphere(10);
+    let options = SphereOptions::default();
+    let (_, whole) = map_to_sphere(&surface, &options, &|_| ()).unwrap();
+    let optimising = conclude_from(|phase| matches!(phase, SpherePhase::Optimising { .. }));
+    let (_, report) = map_to_sphere(&surface, &options, &optimising).unwrap();
+    assert!(report.concluded && !whole.concluded && report.iterations < whole.iterations);
 }

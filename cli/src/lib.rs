@@ -67,7 +67,10 @@ fn refuse_arguments(error: &clap::Error) -> ! {
     let as_json = std::env::args_os().any(|argument| argument == "--json");
     if as_json && error.use_stderr() {
         let text = error.to_string();
-        let message = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
+        // What is wrong comes first, on one or several lines; then usage and advice.
+        let lines = text.lines().take_while(|line| !line.is_empty()).map(str::trim);
+        let message = lines.collect::<Vec<_>>().join(" ");
+        let message = message.trim_start_matches("error: ");
         let _ = to_stdout(&json::error(ErrorKind::Usage, message, error.exit_code()));
     }
     error.exit()

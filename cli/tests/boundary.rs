@@ -121,7 +121,7 @@ fn a_pair_is_mapped_in_every_form_asked_for_and_landmarks_are_met() {
     assert_eq!(roles, ["domain", "target", "landmarks"]);
     let report = json(&place.ends_with(0, "boundary check way.safetensors --json"));
     assert_eq!(report["verdict"], "bijective");
-    assert!(report["by_sphere"]["round_trip"]["max"].as_f64().unwrap() < 1e-9);
+    assert!(report["composition"]["round_trip"]["max"].as_f64().unwrap() < 1e-9);
 
     // The same landmarks in two files, and the other method.
     let line = "boundary pair domain.obj target.obj -o two.ply --json --landmarks first.txt --landmarks second.txt";

@@ -55,10 +55,10 @@ fn a_map_to_the_sphere_is_reported_one_to_one_in_words_numbers_and_pictures() {
     assert_words_and_picture(&place, "boundary check domain.obj sphere.ply", &fragments);
     let report = json(&place.ends_with(0, "boundary check domain.obj sphere.ply --json"));
     assert_eq!(report["verdict"], "bijective");
-    assert_eq!(report["against"]["surface"], "sphere");
+    assert_eq!(report["compared_with"]["surface"], "sphere");
     assert_eq!((&report["degree"]["value"], &report["flipped"]), (&1.into(), &0.into()));
     assert!(report["distortion"]["angle"]["p90"].as_f64().unwrap() >= 1.0);
-    assert!(report["coverage"].is_null() && report["seconds"].as_f64().unwrap() > 0.0);
+    assert!(report["coverage"].is_null() && report["seconds"]["total"].as_f64().unwrap() > 0.0);
 }
 
 #[test]
@@ -68,7 +68,7 @@ fn a_target_adds_coverage_both_ways() {
     let line = "boundary check domain.obj domain.obj --target fine.obj";
     let report = json(&place.ends_with(0, &format!("{line} --json")));
     assert_eq!(
-        (&report["verdict"], &report["against"]["surface"]),
+        (&report["verdict"], &report["compared_with"]["surface"]),
         (&"no_defect_found".into(), &"target".into())
     );
     for way in ["image_to_target", "target_to_image"] {
@@ -126,11 +126,11 @@ fn boundary_files_are_decided_exactly_with_and_without_their_domain() {
         (&"bijective".into(), &"domain.obj".into(), &"through.safetensors".into())
     );
     // Some roundings of coordinates of size 1 and of barycentric coordinates.
-    assert!(report["by_sphere"]["round_trip"]["max"].as_f64().unwrap() < 1e-13);
+    assert!(report["composition"]["round_trip"]["max"].as_f64().unwrap() < 1e-13);
     assert!(report["coverage"]["target_to_image"]["max"].as_f64().unwrap() < 1e-13);
     let report = json(&place.ends_with(0, "boundary check onto.safetensors --json --png onto.png"));
     assert_eq!(
-        (&report["verdict"], &report["against"]["surface"]),
+        (&report["verdict"], &report["compared_with"]["surface"]),
         (&"bijective".into(), &"sphere".into())
     );
     assert!(place.path("onto.png").exists());

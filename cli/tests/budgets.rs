@@ -52,6 +52,60 @@ fn a_command_ends_at_its_time_limit_and_leaves_nothing() {
 }
 
 #[test]
+fn a_fit_that_runs_out_of_time_writes_the_best_map_so_far() {
+    let place = place();
+    // The first map is there in a fraction of a second; refining it to this tolerance takes far longer.
+    let line = "fit cube.ply --image round.ply -o best.map --tolerance 1e-8 --json";
+    let begun = Instant::now();
+    let output = place.ends_with(1, &format!("{line} --time-limit 3"));
+    assert!(begun.elapsed() < Duration::from_secs(30));
+    let report = json(&output);
+    assert_eq!(report["refinement_end"], "concluded", "{report}");
+    assert!(report["boundary_error"]["p99"].as_f64().unwrap() < 0.1);
+    let said = text(&output.stderr);
+    assert!(said.contains("Raise --time-limit"), "{said}");
+    place.ends_with(0, "eval best.map cube.ply -o images.csv");
+}
+
+/// Address space that is too small for a command leads to an error, whatever it is doing then.
+#[cfg(target_os = "linux")]
+#[test]
+fn memory_that_the_system_refuses_is_an_error_and_no_abort() {
+    let place = place();
+    let program = assert_cmd::cargo::cargo_bin("solidmap");
+    let mut out_of_memory = 0;
+    for kib in [60_000, 90_000, 120_000, 160_000, 200_000, 250_000] {
+        for line in [
+            "boundary pair ball.ply cube.ply -o image.ply --json --threads 2",
+            "certify cube.map --json --threads 2",
+            "fit ball.ply --image ball.ply -o out.map --json --threads 2",
+        ] {
+            let script = format!("ulimit -v {kib} && exec {} {line}", program.display());
+            let output = std::process::Command::new("sh")
+                .current_dir(place.folder.path())
+                .args(["-c", &script])
+                .output()
+                .unwrap();
+            let said = format!("{line} with {kib} KiB: {}", text(&output.stderr));
+            match output.status.code() {
+                Some(0 | 1) => {}
+                Some(2) => {
+                    let report = json(&output);
+                    assert_eq!(report["error"]["exit_code"], 2, "{said}");
+                    assert!(text(&output.stderr).contains("error: "), "{said}");
+                    out_of_memory += usize::from(report["error"]["kind"] == "out_of_memory");
+                }
+                other => panic!("{other:?}: {said}"),
+            }
+            let files = std::fs::read_dir(place.folder.path()).unwrap().flatten();
+            let left = files.filter(|file| file.file_name().to_string_lossy().starts_with('.'));
+            assert_eq!(left.count(), 0, "{said}");
+        }
+    }
+    assert!(out_of_memory > 0, "no limit was small enough");
+}
+
+#[test]
 fn what_needs_more_memory_than_allowed_is_refused_before_it_is_taken() {
     let place = place();
     for (line, fragments) in [

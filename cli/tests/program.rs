@@ -71,7 +71,7 @@ fn outputs_and_settings_that_make_no_sense_are_refused_before_the_work() {
     place.fails(&format!("{energy} nan"), &["give a positive tolerance"]);
     let undivided = json(&place.ends_with(0, &format!("{energy} inf --json")));
     assert_eq!(undivided["errors"]["within_tolerance"], Value::from(true));
-    assert!(undivided["errors"]["harmonic"].as_f64().unwrap() < 1e-6);
+    assert!(undivided["errors"]["harmonic_energy"].as_f64().unwrap() < 1e-6);
 }
 
 #[test]
@@ -275,13 +275,16 @@ fn energy_measures_and_pictures() {
     place.ends_with(0, "fit ball.obj --image ball.obj -o identity.map");
     let identity = json(&place.ends_with(0, "energy identity.map --json"));
     assert!(
-        (identity["harmonic"].as_f64().unwrap() - 3.0).abs() < 1e-9,
+        (identity["harmonic_energy"].as_f64().unwrap() - 3.0).abs() < 1e-9,
         "{identity}"
     );
-    assert!(identity["deformation"].as_f64().unwrap() < 1e-12);
+    assert!(identity["deformation_energy"].as_f64().unwrap() < 1e-12);
 
     let report = json(&place.ends_with(0, "energy ball.map --json --png section.png --axis x --vtu cells.vtu"));
-    assert!((report["harmonic"].as_f64().unwrap() - 5.5).abs() < 1e-8, "{report}");
+    assert!(
+        (report["harmonic_energy"].as_f64().unwrap() - 5.5).abs() < 1e-8,
+        "{report}"
+    );
     assert_eq!(report["inverted_points"], Value::from(0));
     let png = std::fs::read(place.path("section.png")).unwrap();
     assert_eq!(png[..8], *b"\x89PNG\r\n\x1a\n");
@@ -548,7 +551,7 @@ fn energies_are_those_of_the_repaired_domain() {
             "{model}: {report}"
         );
         assert!(
-            (report["harmonic"].as_f64().unwrap() - 3.0).abs() < 1e-6,
+            (report["harmonic_energy"].as_f64().unwrap() - 3.0).abs() < 1e-6,
             "{model}: {report}"
         );
         assert_eq!(report["inverted_points"], Value::from(0));
@@ -567,7 +570,7 @@ fn a_reflecting_map_is_not_folded() {
     let report = json(&place.ends_with(0, "energy mirror.map --json --png mirror.png"));
     assert_eq!(report["inverted_points"], Value::from(0));
     assert_eq!(report["inverted_fraction"], Value::from(0.0));
-    assert!((report["harmonic"].as_f64().unwrap() - 3.0).abs() < 1e-9);
+    assert!((report["harmonic_energy"].as_f64().unwrap() - 3.0).abs() < 1e-9);
 }
 
 #[test]
@@ -764,7 +767,10 @@ fn tet_and_offset_write_meshes() {
     place.ends_with(0, "tet ball.obj -o tets.vtu");
     place.ends_with(0, "eval ball.map tets.vtu -o carried.vtu");
     let report = json(&place.ends_with(0, "energy ball.map --mesh tets.vtu --vtu energy.vtu --json"));
-    assert!((report["harmonic"].as_f64().unwrap() - 5.5).abs() < 1e-8, "{report}");
+    assert!(
+        (report["harmonic_energy"].as_f64().unwrap() - 5.5).abs() < 1e-8,
+        "{report}"
+    );
     place.surface("large.obj", &shapes::sphere(3.0, 2));
     place.ends_with(0, "tet large.obj -o large.vtu");
     place.fails(
@@ -775,7 +781,7 @@ fn tet_and_offset_write_meshes() {
     place.fails("tet ball.obj -o tets.xyz", &["tets.xyz", ".vtu"]);
     let report = json(&place.ends_with(0, "offset ball.obj --distance 0.1 --relative -o offset.ply --json"));
     let offset = io::read_surface(place.path("offset.ply")).unwrap();
-    assert_eq!(report["triangles"], Value::from(offset.triangles().len()));
+    assert_eq!(report["faces"], Value::from(offset.triangles().len()));
     let distance = report["distance"].as_f64().unwrap();
     assert!(
         offset
@@ -1003,23 +1009,100 @@ fn names_of_any_length_are_written() {
 
 #[cfg(unix)]
 #[test]
-fn names_that_json_cannot_hold_are_refused_before_the_work() {
+fn names_that_are_not_utf8_are_accepted_and_marked_in_json() {
     use std::os::unix::ffi::OsStrExt;
     let place = with_affine_map();
-    let run = |json: bool| {
+    let run = |arguments: &[&[u8]]| {
         let mut command = solidmap();
-        command
-            .current_dir(place.folder.path())
-            .args(["eval", "ball.map", "ball.obj", "-o"]);
-        command.arg(std::ffi::OsStr::from_bytes(b"\xfe.obj"));
-        command.args(json.then_some("--json")).output().unwrap()
+        command.current_dir(place.folder.path());
+        command.args(arguments.iter().map(|argument| std::ffi::OsStr::from_bytes(argument)));
+        command.output().unwrap()
     };
-    let files = || std::fs::read_dir(place.folder.path()).unwrap().count();
-    let before = files();
-    let output = run(true);
-    assert_eq!((output.status.code(), files()), (Some(2), before));
-    assert!(stderr(&output).contains("is not UTF-8"), "{}", stderr(&output));
-    assert_eq!((run(false).status.code(), files()), (Some(0), before + 1));
+    let plain = run(&[b"eval", b"ball.map", b"ball.obj", b"-o", b"x.obj", b"--json"]);
+    assert!(json(&plain).get("lossy_names").is_none());
+    let output = run(&[b"eval", b"ball.map", b"ball.obj", b"-o", b"\xfe.obj", b"--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let report = json(&output);
+    assert_eq!(
+        (&report["lossy_names"], &report["output"]),
+        (&true.into(), &"\u{fffd}.obj".into())
+    );
+    let written = place.folder.path().join(std::ffi::OsStr::from_bytes(b"\xfe.obj"));
+    assert_eq!(
+        std::fs::read(&written).unwrap(),
+        std::fs::read(place.path("x.obj")).unwrap()
+    );
+    // It is read too, also by the processes of `compare`.
+    let fitted = run(&[
+        b"fit",
+        b"\xfe.obj",
+        b"--image",
+        b"image.ply",
+        b"-o",
+        b"\xfe.map",
+        b"--json",
+    ]);
+    assert_eq!(json(&fitted)["map"], "\u{fffd}.map");
+    let compared = run(&[
+        b"compare",
+        b"\xfe.obj",
+        b"--image",
+        b"image.ply",
+        b"--methods",
+        b"mvc",
+        b"--no-reference",
+        b"--json",
+    ]);
+    assert_eq!(
+        json(&compared)["methods"][0].get("error"),
+        None,
+        "{}",
+        stderr(&compared)
+    );
+}
+
+#[test]
+fn errors_are_json_too() {
+    let place = with_affine_map();
+    let error = |code: i32, line: &str| {
+        let report = place.report(code, &format!("{line} --json"));
+        assert_eq!(report["version"]["program"], env!("CARGO_PKG_VERSION"), "{line}");
+        assert_eq!(report["error"]["exit_code"], code, "{line}");
+        let message = report["error"]["message"].as_str().unwrap().to_owned();
+        (report["error"]["kind"].as_str().unwrap().to_owned(), message)
+    };
+    let (kind, message) = error(2, "eval none.map ball.obj -o x.obj");
+    assert!(
+        kind == "failed" && message.contains("none.map") && !message.starts_with("error"),
+        "{message}"
+    );
+    let (kind, message) = error(2, "fit ball.obj -o x.map");
+    assert!(kind == "usage" && message.contains("--target"), "{message}");
+    assert!(!message.contains("Usage"), "{message}");
+    let (kind, message) = error(2, "fit ball.obj --image image.ply -o x.map --time-limit 0.001");
+    assert!(kind == "time_limit" && message.contains("0.001"), "{message}");
+    // A report that says more is not followed by another document.
+    let report = place.report(2, "check none.obj ball.obj --json");
+    assert!(report.get("error").is_none() && report["models"][0]["unreadable"].is_string());
+    // Help is no error.
+    let help = place.ends_with(0, "fit --help --json");
+    assert!(String::from_utf8_lossy(&help.stdout).contains("Usage"));
+}
+
+#[test]
+fn piped_progress_names_the_phases_of_long_work_and_keeps_silent_about_short() {
+    let place = with_affine_map();
+    assert_eq!(stderr(&place.ends_with(0, "eval ball.map ball.obj -o x.obj")), "");
+    place.surface("large.ply", &shapes::sphere(1.0, 6));
+    let said = stderr(&place.run("fit large.ply --image large.ply -o x.map --tolerance 1e-7 --time-limit 4"));
+    let phases: Vec<&str> = said
+        .lines()
+        .filter_map(|line| line.split_once(" s  "))
+        .map(|(_, phase)| phase)
+        .collect();
+    let place_of = |name: &str| phases.iter().position(|phase| *phase == name);
+    let order = ["reading", "checking", "placing sources", "factoring patches"].map(place_of);
+    assert!(order[0].is_some() && order.is_sorted(), "{said}");
 }
 
 #[test]

@@ -401,3 +401,90 @@ fn material_moves_with_every_frame() {
     let frames = std::fs::read_dir(place.path("out/material")).unwrap().count();
     assert_eq!(frames, 2, "an earlier run's are removed");
 }
+
+#[test]
+fn a_reference_that_intersects_itself_is_warned_of_as_by_fit() {
+    let place = SequencePlace::new();
+    // Two balls that overlap.
+    let other = shapes::deformed(&place.ball, |p| Point::new(p.x + 1.0, p.y, p.z));
+    let shift = place.ball.vertices().len() as u32;
+    let vertices = [place.ball.vertices(), other.vertices()].concat();
+    let shifted = other.triangles().iter().map(|t| t.map(|v| v + shift));
+    let triangles: Vec<[u32; 3]> = place.ball.triangles().iter().copied().chain(shifted).collect();
+    let both = SurfaceMesh::new(vertices, triangles).unwrap();
+    place.surface("both.obj", &both);
+    place.surface("bent.obj", &shapes::deformed(&both, bent(0.1)));
+    let warning = |line: &str| {
+        let output = place.run(line);
+        let said = text(&output.stderr);
+        let found = said
+            .lines()
+            .find(|line| line.contains("intersects itself"))
+            .map(str::to_owned);
+        (found, json(&output)["warnings"].as_array().unwrap().clone())
+    };
+    let (of_fit, _) = warning("fit both.obj --image bent.obj -o x.map --json --no-refine");
+    let (of_sequence, listed) =
+        warning("sequence both.obj bent.obj -o out --no-vtu --resolution 12 --json --no-refine");
+    assert_eq!(of_fit, of_sequence);
+    if cfg!(feature = "native") {
+        let said = of_sequence.unwrap();
+        assert!(said.contains("both.obj"), "{said}");
+        assert!(
+            listed.iter().any(|warning| said.ends_with(warning.as_str().unwrap())),
+            "{listed:?}"
+        );
+    }
+}
+
+#[test]
+fn messages_on_frames_name_their_files() {
+    let place = SequencePlace::new();
+    place.frame("grown.ply", |p| Point::from(p.coords * 3.0));
+    place.frame("mirrored.ply", |p| Point::new(-p.x, p.y, p.z));
+    let output = place.ends_with(
+        0,
+        "sequence ref.obj ref.obj grown.ply mirrored.ply -o out --no-vtu --resolution 12",
+    );
+    let said = text(&output.stderr);
+    let warning = |word: &str| {
+        said.lines()
+            .find(|line| line.contains(word))
+            .unwrap_or_default()
+            .to_owned()
+    };
+    assert!(warning("mirror images").contains("`mirrored.ply`"), "{said}");
+    assert!(warning("change of size").contains("`grown.ply`"), "{said}");
+    assert!(
+        text(&output.stdout).contains("`grown.ply`"),
+        "the frame of most energy is named"
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_sequence_leaves_no_empty_folder() {
+    let place = SequencePlace::new();
+    let names = place.bends(12, 1.0);
+    let line = format!("sequence ref.obj {names} -o new/out --tolerance 1e-7 --resolution 64 --frames-per-block 1");
+    let mut program = std::process::Command::new(assert_cmd::cargo::cargo_bin("solidmap"))
+        .current_dir(place.folder.path())
+        .args(line.split_whitespace())
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let begun = std::time::Instant::now();
+    while !place.path("new/out").exists() {
+        assert!(begun.elapsed().as_secs() < 60 && program.try_wait().unwrap().is_none());
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    let id = program.id().to_string();
+    let asked = std::process::Command::new("kill")
+        .args(["-s", "INT", &id])
+        .status()
+        .unwrap();
+    assert!(asked.success());
+    assert_eq!(program.wait().unwrap().code(), Some(130));
+    assert!(!place.path("new").exists());
+}

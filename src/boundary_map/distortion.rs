@@ -55,6 +55,7 @@ pub struct SurfaceDistortion {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DistortionQuantiles {
     /// Median.
+    #[serde(rename = "median")]
     pub p50: f64,
     /// 90th percentile.
     pub p90: f64,

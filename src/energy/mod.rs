@@ -56,8 +56,10 @@ impl Default for EnergyOptions {
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct EnergyReport {
     /// Integral of [`harmonic_density()`].
+    #[serde(rename = "harmonic_energy")]
     pub harmonic: f64,
     /// Integral of [`deformation_density()`].
+    #[serde(rename = "deformation_energy")]
     pub deformation: f64,
     /// Estimated errors of both, where the quadrature was adaptive.
     pub errors: Option<EnergyErrors>,
@@ -87,8 +89,10 @@ pub struct EnergyReport {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct EnergyErrors {
     /// Error of [`EnergyReport::harmonic`].
+    #[serde(rename = "harmonic_energy")]
     pub harmonic: f64,
     /// Error of [`EnergyReport::deformation`].
+    #[serde(rename = "deformation_energy")]
     pub deformation: f64,
     /// Whether both are within the tolerance.
     pub within_tolerance: bool,

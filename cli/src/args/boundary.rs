@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 
-use super::section::UpKind;
+use super::section::{TargetUpArgs, UpKind};
 
 #[derive(Debug, Subcommand)]
 pub enum BoundaryCommand {
@@ -70,6 +70,8 @@ pub struct BoundaryPairArgs {
     pub pair: PairArgs,
     #[command(flatten)]
     pub outputs: BoundaryOutputs,
+    #[command(flatten)]
+    pub target_up: TargetUpArgs,
 }
 
 /// How the boundary map of a pair is made.
@@ -142,6 +144,8 @@ pub struct BoundaryCheckArgs {
     /// Axis that points up in the picture
     #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
     pub up: UpKind,
+    #[command(flatten)]
+    pub target_up: TargetUpArgs,
     /// Seed of the sample points
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

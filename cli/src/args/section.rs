@@ -10,8 +10,8 @@ pub struct SectionArgs {
     #[arg(long, value_enum)]
     pub axis: Option<AxisKind>,
     /// Axis that points up in pictures
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub up: AxisKind,
+    #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
+    pub up: UpKind,
     /// Position of the cross-section along the axis, from 0 to 1 across the domain's bounding box
     #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
     pub position: f64,
@@ -38,7 +38,27 @@ pub enum UpKind {
     MinusZ,
 }
 
+/// What points up where the target is pictured beside the domain.
+#[derive(Debug, Args)]
+pub struct TargetUpArgs {
+    /// Axis that points up in pictures of the target [default: that of --up]
+    #[arg(long, value_enum, allow_hyphen_values = true, value_name = "UP")]
+    target_up: Option<UpKind>,
+}
+
+impl TargetUpArgs {
+    /// The direction, where that of the domain is `up`.
+    pub fn or(&self, up: UpKind) -> UpKind {
+        self.target_up.unwrap_or(up)
+    }
+}
+
 impl UpKind {
+    /// Whether pictures with the axis up have to be turned by 180°.
+    pub fn is_upside_down(self) -> bool {
+        self.axis().1
+    }
+
     /// The axis, and whether its negative end points up.
     pub fn axis(self) -> (Axis, bool) {
         match self {
@@ -49,6 +69,22 @@ impl UpKind {
             Self::MinusY => (Axis::Y, true),
             Self::MinusZ => (Axis::Z, true),
         }
+    }
+}
+
+impl From<Axis> for UpKind {
+    fn from(axis: Axis) -> Self {
+        match axis {
+            Axis::X => Self::X,
+            Axis::Y => Self::Y,
+            Axis::Z => Self::Z,
+        }
+    }
+}
+
+impl From<UpKind> for Axis {
+    fn from(up: UpKind) -> Self {
+        up.axis().0
     }
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::section::AxisKind;
+use super::section::UpKind;
 
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true, after_help = TEXTURE_HELP)]
@@ -67,8 +67,8 @@ pub struct TextureOutputArgs {
     #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
     pub position: f64,
     /// Axis that points up in the picture
-    #[arg(long, value_enum, default_value_t = AxisKind::Z)]
-    pub up: AxisKind,
+    #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
+    pub up: UpKind,
     /// Texture file to write (.safetensors), which may be given as MODEL later
     #[arg(long, value_name = "FILE")]
     pub map: Option<PathBuf>,

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::section::SectionArgs;
+use super::section::{SectionArgs, TargetUpArgs};
 
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true, after_help = TRANSFER_HELP)]
@@ -46,6 +46,8 @@ pub struct TransferArgs {
     pub png: Option<PathBuf>,
     #[command(flatten)]
     pub section: SectionArgs,
+    #[command(flatten)]
+    pub target_up: TargetUpArgs,
 }
 
 const TRANSFER_HELP: &str = "\

@@ -12,7 +12,7 @@ use solidmap::geometry::PlaneSection;
 use solidmap::io::{self, Cells, VtkFields};
 
 use crate::CommandOutcome;
-use crate::args::CertifyArgs;
+use crate::args::{CertifyArgs, UpKind};
 use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange, significant};
 use crate::shared::fields::scalar;
 use crate::shared::input;
@@ -31,6 +31,7 @@ struct CertifySummary {
     locally_one_to_one: bool,
     #[serde(flatten)]
     certificate: CertificateReport,
+    #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
     peak_rss_bytes: u64,
 }
@@ -73,7 +74,10 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<CommandOutcome
     }
     if let (Some(path), Some(section)) = (&args.png, &section) {
         output.progress("drawing");
-        write_file(path, &Figure::row(panels(&certificate, section)?).to_png()?)?;
+        write_file(
+            path,
+            &Figure::row(panels(&certificate, section, args.section.up)?).to_png()?,
+        )?;
     }
     let found = certificate.report;
     let report = CertifySummary {
@@ -117,7 +121,7 @@ fn write(path: &Path, certificate: &Certificate) -> anyhow::Result<()> {
 }
 
 /// The verdicts, and the lower bounds of the least singular value.
-fn panels(certificate: &Certificate, section: &PlaneSection) -> anyhow::Result<Vec<Panel>> {
+fn panels(certificate: &Certificate, section: &PlaneSection, up: UpKind) -> anyhow::Result<Vec<Panel>> {
     let leaves: Vec<_> = section.points().iter().map(|p| certificate.cell_at(p)).collect();
     let verdicts: Vec<f64> = leaves
         .iter()
@@ -148,7 +152,8 @@ fn panels(certificate: &Certificate, section: &PlaneSection) -> anyhow::Result<V
             .with_bar(&bar);
         panels.push(panel);
     }
-    Ok(panels)
+    let turned = panels.into_iter().map(|panel| panel.turned_if(up.is_upside_down()));
+    Ok(turned.collect())
 }
 
 fn summary(report: &CertifySummary) -> String {

@@ -83,6 +83,7 @@ fn pairs() -> [DemoPair; 2] {
 struct DemoSummary {
     folder: FileName,
     pairs: Vec<DemoPairSummary>,
+    #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
     peak_rss_bytes: u64,
 }
@@ -94,7 +95,7 @@ struct DemoPairSummary {
     energy: EnergyReport,
     /// Tetrahedra of the carried mesh; absent without CGAL and TetGen.
     tets: Option<usize>,
-    flipped_tets: Option<usize>,
+    inverted_tets: Option<usize>,
     /// The hexahedra that the domain is meshed with, where it is a polycube.
     remesh: Option<RemeshReport>,
 }
@@ -149,7 +150,7 @@ fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Res
         domain,
         target: &target,
         options,
-        up: pair.camera.up,
+        up: pair.camera.up.into(),
     };
     let mut panels = pictured.section(plane_across(pair.section, 0.5, domain), SECTION_PIXELS)?;
     panels.push(pictured.target_section(plane_across(pair.section, 0.5, &target), SECTION_PIXELS)?);
@@ -185,7 +186,7 @@ fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Res
         fit: fit.report,
         energy,
         tets: carried.as_ref().map(|c| c.before.tets().len()),
-        flipped_tets: carried.as_ref().and_then(CarriedTets::flipped),
+        inverted_tets: carried.as_ref().and_then(CarriedTets::flipped),
         remesh,
     })
 }
@@ -314,7 +315,7 @@ fn summary(report: &DemoSummary) -> String {
             format!("{:.4}", pair.energy.harmonic),
             format!("{:.4}", pair.energy.deformation),
             or_dash(pair.tets),
-            or_dash(pair.flipped_tets),
+            or_dash(pair.inverted_tets),
             or_dash(pair.remesh.as_ref().map(|r| r.cells)),
             or_dash(pair.remesh.as_ref().map(|r| r.before.cells.len())),
             or_dash(pair.remesh.as_ref().map(|r| r.after.cells.len())),

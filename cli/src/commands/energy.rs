@@ -99,7 +99,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
             domain: boundary.domain(),
             target: &target,
             options,
-            up: args.section.up.into(),
+            up: args.section.up,
         };
         let panels = pictured.section(args.section.plane(boundary.domain()), SECTION_PIXELS)?;
         write_file(path, &Figure::row(panels).to_png()?)?;

@@ -20,7 +20,7 @@ struct OffsetSummary {
     output: FileName,
     distance: f64,
     vertices: usize,
-    triangles: usize,
+    faces: usize,
     vertex_error: f64,
     centroid_error: f64,
     min_distance: f64,
@@ -28,6 +28,7 @@ struct OffsetSummary {
     model_genus: Option<usize>,
     components: usize,
     raw_wrap: bool,
+    #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
 }
 
@@ -66,7 +67,7 @@ pub fn run(args: &OffsetArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         output: (&args.output).into(),
         distance,
         vertices: offset.mesh.vertices().len(),
-        triangles: offset.mesh.triangles().len(),
+        faces: offset.mesh.triangles().len(),
         vertex_error: offset.vertex_error,
         centroid_error: offset.centroid_error,
         min_distance: offset.min_distance,
@@ -80,7 +81,7 @@ pub fn run(args: &OffsetArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         two_columns(vec![
             [
                 "offset".into(),
-                format!("{} triangles at {distance:.6}, in {seconds:.2} s", report.triangles),
+                format!("{} triangles at {distance:.6}, in {seconds:.2} s", report.faces),
             ],
             [
                 "error".into(),

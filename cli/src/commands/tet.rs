@@ -24,6 +24,7 @@ struct TetSummary {
     tets: usize,
     volume: f64,
     surface_volume: f64,
+    #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
 }
 

@@ -43,6 +43,11 @@ impl Canvas {
         &mut self.pixels
     }
 
+    /// Turns the picture by 180°.
+    pub(super) fn turn(&mut self) {
+        self.pixels.reverse();
+    }
+
     #[cfg(test)]
     pub(super) fn get(&self, x: usize, y: usize) -> Rgb {
         self.pixels[y * self.width + x]

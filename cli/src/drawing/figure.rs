@@ -309,10 +309,10 @@ fn ticks_along(axes: &[PanelAxis; 2], direction: usize, length: f64, em: f64) ->
     let spacing = [5.0, 2.6][direction] * em;
     let axis = &axes[direction];
     let count = (length / spacing).clamp(1.0, 6.0) as usize;
-    let ticks = |count| linear_ticks(axis.low, axis.high, count);
+    let ticks = |count| linear_ticks(axis.low.min(axis.high), axis.low.max(axis.high), count);
     // A scale needs two labels: on a short edge they are closer together, as long as they do not touch.
     let several = |ticks: &Ticks| match ticks.positions[..] {
-        [first, second, ..] => (second - first) / (axis.high - axis.low) * length > spacing / 2.0,
+        [first, second, ..] => (second - first) / (axis.high - axis.low).abs() * length > spacing / 2.0,
         _ => false,
     };
     (count..count + 5)
@@ -376,6 +376,41 @@ mod tests {
         let values: Vec<f64> = section.points().iter().map(|p| p.x).collect();
         let bar = ColourBar::new("x", [-1.0, 1.0], ValueRange::Full, Scale::Linear).unwrap();
         (section, values, bar)
+    }
+
+    #[test]
+    fn a_panel_upside_down_has_its_pixels_and_coordinates_turned() {
+        let (section, values, bar) = ball_by_x();
+        let upright = Panel::of_section(&section, &values, &bar).unwrap();
+        let turned = upright.clone().turned_if(true);
+        assert_eq!(upright.clone().turned_if(false), upright);
+        let (width, height) = (upright.canvas.width(), upright.canvas.height());
+        for (x, y) in [(width / 4, height / 2), (width / 2, height / 3)] {
+            assert_eq!(
+                turned.canvas.get(x, y),
+                upright.canvas.get(width - 1 - x, height - 1 - y)
+            );
+        }
+        let ends = |panel: &Panel| {
+            panel
+                .axes
+                .as_ref()
+                .map(|axes| axes.each_ref().map(|axis| [axis.low, axis.high]))
+        };
+        assert_eq!(
+            ends(&turned),
+            ends(&upright).map(|axes| axes.map(|[low, high]| [high, low]))
+        );
+        // Its coordinates are written as often as before.
+        let labels = |panel: &Panel| {
+            let ticks = ticks_along(panel.axes.as_ref().unwrap(), 0, 400.0, 12.0);
+            ticks.labels
+        };
+        assert_eq!(labels(&turned), labels(&upright));
+        assert_ne!(
+            Figure::row(vec![turned]).to_png().unwrap(),
+            Figure::row(vec![upright]).to_png().unwrap()
+        );
     }
 
     #[test]

@@ -107,6 +107,17 @@ impl Panel {
         }
     }
 
+    /// The same panel, turned by 180° if `upside_down`: its coordinates then fall to the right and upwards.
+    pub fn turned_if(mut self, upside_down: bool) -> Self {
+        if upside_down {
+            self.canvas.turn();
+            for axis in self.axes.iter_mut().flatten() {
+                std::mem::swap(&mut axis.low, &mut axis.high);
+            }
+        }
+        self
+    }
+
     /// The same panel under this title.
     pub fn titled(mut self, title: impl Into<String>) -> Self {
         self.title = title.into();

@@ -102,6 +102,15 @@ impl Deref for FileName {
     }
 }
 
+/// Serialises seconds as other reports have them, which name the phases as well.
+pub fn total_seconds<S: Serializer>(seconds: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Seconds {
+        total: f64,
+    }
+    Seconds { total: *seconds }.serialize(serializer)
+}
+
 /// The name of a file that may not have been given.
 pub fn file_name(path: Option<impl AsRef<Path>>) -> Option<FileName> {
     path.map(FileName::from)

@@ -6,7 +6,7 @@ use solidmap::geometry::{Axis, AxisPlane, PlaneSection, distance_field};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
 
-use crate::args::SectionArgs;
+use crate::args::{SectionArgs, UpKind};
 use crate::drawing::{ColourBar, Panel, Scale, ValueRange};
 
 /// Refuses a position of a section outside 0 to 1.
@@ -51,15 +51,15 @@ pub struct Pictured<'a> {
     pub target: &'a SurfaceMesh,
     /// How energies are measured.
     pub options: EnergyOptions,
-    /// The axis that points up in pictures.
-    pub up: Axis,
+    /// What points up in pictures.
+    pub up: UpKind,
 }
 
 impl Pictured<'_> {
     /// Harmonic energy density, deformation energy density, and the target's distance field pulled back by the map, on
     /// a cross-section of the domain: figures 2 (c)–(e) and 7 (d) of the paper.
     pub fn section(&self, plane: AxisPlane, pixels: usize) -> anyhow::Result<Vec<Panel>> {
-        let section = PlaneSection::new(self.domain, plane, self.up, pixels)?;
+        let section = PlaneSection::new(self.domain, plane, self.up.into(), pixels)?;
         let volumes = [self.domain.volume(), self.target.volume()];
         let densities = densities(self.map, section.points(), volumes[0], volumes[1], &self.options)?;
         // A few points at creases have densities far above all others; the colour bar says that it clamps them.
@@ -73,16 +73,19 @@ impl Pictured<'_> {
         ];
         fields
             .iter()
-            .map(|(name, values, range)| panel(&section, *name, values, *range))
+            .map(
+                |(name, values, range)| Ok(panel(&section, *name, values, *range)?.turned_if(self.up.is_upside_down())),
+            )
             .collect()
     }
 
     /// The target's own distance field on a cross-section of the target.
     pub fn target_section(&self, plane: AxisPlane, pixels: usize) -> anyhow::Result<Panel> {
-        let section = PlaneSection::new(self.target, plane, self.up, pixels)?;
+        let section = PlaneSection::new(self.target, plane, self.up.into(), pixels)?;
         let distances = distance_field(self.target, section.points())?;
         let range = from_zero(&distances);
-        panel(&section, ["distance field of the target", DISTANCE], &distances, range)
+        let panel = panel(&section, ["distance field of the target", DISTANCE], &distances, range)?;
+        Ok(panel.turned_if(self.up.is_upside_down()))
     }
 }
 

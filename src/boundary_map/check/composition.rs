@@ -24,7 +24,6 @@ use crate::statistics::Summary;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CompositionCheck {
     /// The domain's embedding, and the target's where it has a mesh of its own. If each is a bijection, so is the map.
-    #[serde(rename = "drawings")]
     pub embeddings: Vec<EmbeddingCheck>,
     /// Triangles of the target with corners exactly on a line: a bijection of the triangles, but not of the points.
     pub flat_in_target: usize,

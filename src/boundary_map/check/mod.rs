@@ -61,7 +61,6 @@ pub struct BoundaryCheck {
     /// Number of triangles of the domain.
     pub faces: usize,
     /// What the image was compared with.
-    #[serde(rename = "against")]
     pub compared_with: ComparedWith,
     /// Whether the map is a bijection.
     pub verdict: BijectivityVerdict,
@@ -86,7 +85,6 @@ pub struct BoundaryCheck {
     /// Pairs of triangles of the image (for a composition: of the plain image) that intersect.
     pub self_intersections: SelfIntersections,
     /// Results for a map onto or through the sphere; `None` for others.
-    #[serde(rename = "by_sphere")]
     pub composition: Option<CompositionCheck>,
     /// Defects, errors first.
     pub findings: Vec<MapFinding>,

@@ -24,10 +24,8 @@ pub(crate) type SoftTargets = Vec<Option<(Vector, f64)>>;
 pub struct SoftTargetSchedule {
     /// Energy of the soft targets if all vertices were at distance 1 from theirs on the unit sphere, over the energy of
     /// undistorted triangles.
-    #[serde(rename = "pull")]
     pub strength: f64,
     /// Number of embedded vertices up to which the soft targets pull.
-    #[serde(rename = "until")]
     pub until_vertices: usize,
 }
 

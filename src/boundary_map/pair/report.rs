@@ -64,7 +64,6 @@ pub struct PairReport {
     /// Number of landmarks; all are met exactly.
     pub landmarks: usize,
     /// Number of coarse embeddings that were compared.
-    #[serde(rename = "drawings")]
     pub coarse_embeddings: usize,
     /// For each alignment the lowest mean symmetric Dirichlet energy (4 for an isometry) of its coarse embeddings, when
     /// they were last compared; protrusions of the target inside a triangle count. Empty with
@@ -100,7 +99,6 @@ pub struct PairTimings {
     /// Alignments and soft targets.
     pub align: f64,
     /// Coarse embeddings.
-    #[serde(rename = "sketch")]
     pub coarse: f64,
     /// Refinement and optimisation of the best embedding.
     pub improve: f64,

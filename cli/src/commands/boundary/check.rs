@@ -25,6 +25,7 @@ struct BoundaryCheckSummary {
     target: Option<FileName>,
     #[serde(flatten)]
     check: BoundaryCheck,
+    #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
     peak_rss_bytes: u64,
 }
@@ -56,7 +57,7 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<CommandO
         .with_context(|| format!("cannot check `{}`", source.image().display()))?;
     if let Some(png) = &args.png {
         output.progress("drawing");
-        let figure = pictures::boundary(&map, &check, args.up)?;
+        let figure = pictures::boundary(&map, &check, [args.up, args.target_up.or(args.up)])?;
         write_file(png, &figure.to_png()?)?;
         output.note(format_args!("picture in {}", png.display()));
     }

@@ -39,7 +39,14 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
     let mut read: Vec<(&str, &Path)> = vec![("domain", &args.domain), ("target", &args.target)];
     read.extend(args.pair.landmarks.iter().map(|file| ("landmarks", file.as_path())));
     let checked = check(&map, None, &BoundaryCheckOptions::default(), None)?;
-    write::outputs(&map, Some(&checked), &args.outputs, &read, output)?;
+    write::outputs(
+        &map,
+        Some(&checked),
+        &args.outputs,
+        &read,
+        args.target_up.or(args.outputs.up),
+        output,
+    )?;
     let flipped = checked.composition.map_or(0, |found| found.plain_image_flipped);
     if flipped > 0 {
         let instead = match &args.outputs.boundary {

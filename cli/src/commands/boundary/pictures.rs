@@ -40,13 +40,17 @@ struct ShownDistortion {
 /// The domain and its image side by side, from the front and from behind, with one chequered pattern, and coloured by
 /// the distortion of areas and angles. For a composition of spherical embeddings the target itself is shown, painted by
 /// the inverse map, and below it the sphere.
-pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow::Result<Figure> {
-    let (up, upside_down) = up.axis();
-    let [front, back] = [30.0, 210.0].map(|azimuth| Camera {
-        azimuth,
-        elevation: 20.0,
-        up,
-        upside_down,
+/// `ups` point up in pictures of the domain and of the target.
+pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, ups: [UpKind; 2]) -> anyhow::Result<Figure> {
+    // For each of the two solids, from the front and from behind.
+    let cameras = ups.map(|up| {
+        let (up, upside_down) = up.axis();
+        [30.0, 210.0].map(|azimuth| Camera {
+            azimuth,
+            elevation: 20.0,
+            up,
+            upside_down,
+        })
     });
     let pair = match (map.domain_embedding(), map.inverse()) {
         (Some(_), Some(back)) => through_sphere(map, back),
@@ -54,13 +58,16 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow:
         (None, _) => straight(map, check.compared_with)?,
     };
     let pattern = match check.compared_with {
-        ComparedWith::Sphere { .. } => Pattern::Graticule { pole: up, cells: CELLS },
+        ComparedWith::Sphere { .. } => Pattern::Graticule {
+            pole: ups[0].into(),
+            cells: CELLS,
+        },
         ComparedWith::Target | ComparedWith::Itself => cubes(&pair[0].mesh),
     };
     let mut top = vec![];
-    for (camera, suffix) in [(&front, ""), (&back, ", from behind")] {
-        for shown in &pair {
-            top.push(shown.painted(pattern, camera, suffix)?);
+    for (side, suffix) in ["", ", from behind"].into_iter().enumerate() {
+        for (shown, cameras) in pair.iter().zip(&cameras) {
+            top.push(shown.painted(pattern, &cameras[side], suffix)?);
         }
     }
     let mut rows = vec![top];
@@ -68,13 +75,16 @@ pub fn boundary(map: &BoundaryMap, check: &BoundaryCheck, up: UpKind) -> anyhow:
         let mut bottom = vec![];
         for (kind, bar) in [DistortionKind::Area, DistortionKind::Angle].into_iter().zip(&bars) {
             let [first, last] = &pair;
-            bottom.extend(first.measured(kind, bar, &front)?);
-            bottom.extend(last.measured(kind, bar, &front)?.map(|panel| panel.with_bar(bar)));
+            bottom.extend(first.measured(kind, bar, &cameras[0][0])?);
+            bottom.extend(
+                last.measured(kind, bar, &cameras[1][0])?
+                    .map(|panel| panel.with_bar(bar)),
+            );
         }
         rows.push(bottom);
     }
     if let (Some(domain), Some(target)) = (map.domain_embedding(), map.target_embedding()) {
-        rows.push(sphere_row([domain, target], pattern, [&front, &back])?);
+        rows.push(sphere_row([domain, target], pattern, &cameras[0])?);
     }
     Ok(Figure::grid(rows))
 }
@@ -135,7 +145,7 @@ fn through_sphere(map: &BoundaryMap, back: BoundaryMap) -> [Shown; 2] {
 fn sphere_row(
     surfaces: [&SphericalEmbedding; 2],
     pattern: Pattern,
-    [front, back]: [&Camera; 2],
+    [front, back]: &[Camera; 2],
 ) -> anyhow::Result<Vec<Panel>> {
     let mut spheres = vec![];
     let (mut values, mut weights) = (vec![], vec![]);

@@ -28,6 +28,7 @@ struct SphereSummary {
     sphere: SphereReport,
     certificate: EmbeddingCheck,
     distortion: Option<SurfaceDistortion>,
+    #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
     peak_rss_bytes: u64,
 }
@@ -60,7 +61,14 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Command
     output.progress("measuring");
     let distortion = SurfaceDistortion::of(boundary.domain(), boundary.image());
     output.progress("writing");
-    write::outputs(&boundary, None, &args.outputs, &[("domain", &args.model)], output)?;
+    write::outputs(
+        &boundary,
+        None,
+        &args.outputs,
+        &[("domain", &args.model)],
+        args.outputs.up,
+        output,
+    )?;
     let report = SphereSummary {
         model: (&args.model).into(),
         vertices: boundary.domain().vertices().len(),

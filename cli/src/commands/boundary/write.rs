@@ -8,7 +8,7 @@ use solidmap::files::{self, BoundaryFile, BoundaryMetadata};
 use solidmap::io::{self, Cells, VtkFields};
 
 use super::pictures;
-use crate::args::BoundaryOutputs;
+use crate::args::{BoundaryOutputs, UpKind};
 use crate::shared::fields::{positions, scalar};
 use crate::shared::input;
 use crate::shared::output::{Output, write_file};
@@ -33,6 +33,7 @@ pub fn outputs(
     checked: Option<&BoundaryCheck>,
     outputs: &BoundaryOutputs,
     inputs: &[(&str, &Path)],
+    target_up: UpKind,
     output: &Output,
 ) -> anyhow::Result<()> {
     if let Some(path) = &outputs.boundary {
@@ -51,11 +52,12 @@ pub fn outputs(
     }
     if let Some(path) = &outputs.png {
         output.progress("drawing");
+        let ups = [outputs.up, target_up];
         let figure = match checked {
-            Some(checked) => pictures::boundary(map, checked, outputs.up)?,
+            Some(checked) => pictures::boundary(map, checked, ups)?,
             None => {
                 let checked = check(map, None, &BoundaryCheckOptions::default(), None)?;
-                pictures::boundary(map, &checked, outputs.up)?
+                pictures::boundary(map, &checked, ups)?
             }
         };
         write_file(path, &figure.to_png()?)?;

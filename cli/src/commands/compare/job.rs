@@ -88,7 +88,7 @@ pub struct Figures {
     pub peak_rss_bytes: u64,
     /// Tetrahedra that the map is linear over, or that were carried to count inverted ones.
     pub tets: Option<usize>,
-    pub flipped_tets: Option<usize>,
+    pub inverted_tets: Option<usize>,
     /// Unknowns per coordinate.
     pub unknowns: usize,
     pub iterations: Option<usize>,
@@ -98,7 +98,7 @@ pub struct Figures {
     /// With both solids at unit volume, as the deformation energy.
     pub harmonic_energy: f64,
     pub deformation_energy: f64,
-    pub energy_density: DensityQuantiles,
+    pub harmonic_density: DensityQuantiles,
     pub min_det_jacobian: f64,
     pub det_jacobian: Option<Determinants>,
     /// Fraction of the volume where the map is folded.

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::args::UpKind;
 use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange};
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
@@ -50,9 +51,10 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
     if densities.is_empty() {
         return Ok(false);
     }
+    let up = runner.args.measure.section.up;
     let most = ValueRange::Quantiles(0.0, 0.99);
     let mut rows = vec![panels(
-        section,
+        (section, up),
         &densities,
         "harmonic energy density",
         most,
@@ -61,7 +63,7 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
     if !distances.is_empty() {
         let range = ValueRange::Fixed(1e-6, 1e-2);
         rows.push(panels(
-            section,
+            (section, up),
             &distances,
             "distance to the reference / diagonal",
             range,
@@ -75,7 +77,7 @@ pub fn write(path: &Path, section: &PlaneSection, runner: &Runner, comparison: &
 
 /// Panels with a common colour bar, at the last.
 fn panels(
-    section: &PlaneSection,
+    (section, up): (&PlaneSection, UpKind),
     fields: &[(String, Vec<f64>)],
     label: &str,
     range: ValueRange,
@@ -84,7 +86,8 @@ fn panels(
     let all = fields.iter().flat_map(|(_, values)| values.iter().copied());
     let bar = ColourBar::new(label, all, range, scale)?;
     let panel = |(k, (name, values)): (usize, &(String, Vec<f64>))| {
-        let panel = Panel::of_section(section, values, &bar)?.titled(name);
+        let panel = Panel::of_section(section, values, &bar)?;
+        let panel = panel.turned_if(up.is_upside_down()).titled(name);
         Ok(if k + 1 == fields.len() {
             panel.with_bar(&bar)
         } else {

@@ -158,9 +158,9 @@ fn accuracy(rows: &[MethodRow]) -> Part {
         }
         cells.extend([
             format!("{:.5}", f.harmonic_energy),
-            format!("{:.3}", f.energy_density.median),
-            format!("{:.3}", f.energy_density.p99),
-            format!("{:.3}", f.energy_density.max),
+            format!("{:.3}", f.harmonic_density.median),
+            format!("{:.3}", f.harmonic_density.p99),
+            format!("{:.3}", f.harmonic_density.max),
         ]);
         cells
     };
@@ -184,7 +184,7 @@ fn accuracy(rows: &[MethodRow]) -> Part {
 
 fn quality(rows: &[MethodRow]) -> Part {
     let cells = |f: &Figures| {
-        let mut cells = vec![count(f.flipped_tets), format!("{:.3}", 100.0 * f.folded_fraction)];
+        let mut cells = vec![count(f.inverted_tets), format!("{:.3}", 100.0 * f.folded_fraction)];
         match &f.det_jacobian {
             Some(d) => cells.extend([d.min, d.p1, d.median].map(|v| significant(v, 3))),
             None => cells.extend([DASH; 3].map(String::from)),

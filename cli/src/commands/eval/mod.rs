@@ -37,6 +37,7 @@ struct EvalSummary {
     outside: Option<usize>,
     /// Tetrahedra of a carried tet mesh that the map inverts or flattens.
     flipped_tets: Option<usize>,
+    #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
 }
 

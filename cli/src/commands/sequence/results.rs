@@ -54,7 +54,7 @@ impl Measurement<'_> {
             let numbers = row.found.as_ref().map(|f| {
                 [
                     f.deformation_energy,
-                    f.deformation_energy_error,
+                    f.errors.deformation,
                     f.harmonic_energy,
                     f.deformation_density.p99,
                     f.deformation_density.max,
@@ -139,7 +139,9 @@ impl Measurement<'_> {
         let range = ValueRange::Fixed(0.0, most.max(self.sequence.resolution_of_energy()));
         let bar = ColourBar::new(DENSITY, all, range, Scale::Linear)?;
         let panels = pictures.iter().map(|(title, file, densities)| {
-            let panel = Panel::of_section(&self.section, densities, &bar)?.titled(title);
+            let panel = Panel::of_section(&self.section, densities, &bar)?
+                .turned_if(self.args.section.up.is_upside_down())
+                .titled(title);
             anyhow::Ok(file.iter().fold(panel, Panel::captioned))
         });
         let panels: Vec<Panel> = panels.collect::<Result<_, _>>()?;

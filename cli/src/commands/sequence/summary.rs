@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use solidmap::check::ClosedHole;
-use solidmap::energy::DensityQuantiles;
+use solidmap::energy::{DensityQuantiles, EnergyErrors};
 use solidmap::fit::BoundaryError;
 use solidmap::sequence::{CycleError, Cycles, FrameMeasurement};
 
@@ -73,9 +73,9 @@ pub struct FrameRow {
 #[derive(Serialize)]
 pub struct MeasuredRow {
     pub deformation_energy: f64,
-    /// Estimated error of the deformation energy by integration.
-    pub deformation_energy_error: f64,
     pub harmonic_energy: f64,
+    /// Estimated errors of both energies by integration.
+    pub errors: EnergyErrors,
     pub deformation_density: DensityQuantiles,
     pub boundary_error: BoundaryError,
     pub inverted_fraction: f64,
@@ -86,8 +86,8 @@ impl MeasuredRow {
     pub fn new(measured: &FrameMeasurement) -> Self {
         Self {
             deformation_energy: measured.deformation,
-            deformation_energy_error: measured.errors.deformation,
             harmonic_energy: measured.harmonic,
+            errors: measured.errors,
             deformation_density: measured.deformation_density,
             boundary_error: measured.boundary_error,
             inverted_fraction: measured.inverted_fraction,
@@ -128,7 +128,7 @@ impl Measurement<'_> {
         let wanted = self.args.accuracy.tolerance();
         let inaccurate = |found: &MeasuredRow| {
             let allowed = wanted * found.deformation_energy;
-            found.deformation_energy_error > allowed.max(self.sequence.resolution_of_energy())
+            found.errors.deformation > allowed.max(self.sequence.resolution_of_energy())
         };
         let inaccurate = |row: &&FrameRow| row.found.as_ref().is_some_and(inaccurate);
         let uncertain: Vec<&FrameRow> = self.rows.iter().filter(inaccurate).collect();

@@ -19,12 +19,12 @@ const TRIANGLES: usize = 400_000;
 
 /// The surface, the solid cut open, and sections across the three axes.
 pub fn figure(texture: &SolidTexture, args: &TextureOutputArgs, output: &Output) -> anyhow::Result<Figure> {
-    let up = Axis::from(args.up);
+    let (up, upside_down) = args.up.axis();
     let axes = [Axis::X, Axis::Y, Axis::Z];
     let mut panels = vec![];
     for axis in axes {
         match section(texture, axis, up, args.position, SECTION) {
-            Ok(section) => panels.push(painted(texture, &section)?),
+            Ok(section) => panels.push(painted(texture, &section)?.turned_if(upside_down)),
             // The middle of a ring is empty.
             Err(error @ (SectionError::PlaneMissesSolid { .. } | SectionError::BelowPixel { .. })) => {
                 output.warn(format!("left out of the picture: {error} (--position)"));
@@ -38,7 +38,7 @@ pub fn figure(texture: &SolidTexture, args: &TextureOutputArgs, output: &Output)
         azimuth: cut.as_ref().map_or(FRONT, |cut| cut.azimuth),
         elevation: 22.0,
         up,
-        upside_down: false,
+        upside_down,
     };
     let mut views = vec![view(&whole, &camera)?.titled("Surface")];
     if let Some(CutOpenView { section, towards, .. }) = cut {

@@ -49,6 +49,7 @@ struct TransferSummary {
     inverse: Option<InverseReport>,
     /// Preimages of `--at` beyond FIELD's tetrahedra, which got the value at the closest point of their boundary.
     beyond_carrier: usize,
+    #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
 }
 

@@ -33,12 +33,8 @@ pub fn draw(
     let target = boundary.outward_target();
     let plane = args.section.plane(boundary.domain());
     let of_domain = PlaneSection::new(boundary.domain(), plane, args.section.up.into(), SECTION_PIXELS)?;
-    let of_target = PlaneSection::new(
-        &target,
-        args.section.plane(&target),
-        args.section.up.into(),
-        SECTION_PIXELS,
-    )?;
+    let target_up = args.target_up.or(args.section.up);
+    let of_target = PlaneSection::new(&target, args.section.plane(&target), target_up.into(), SECTION_PIXELS)?;
     let before = values_at(of_domain.points())?;
     let (preimages, _) = inverse.preimages(of_target.points());
     let places: Vec<Point> = preimages
@@ -53,9 +49,11 @@ pub fn draw(
     let all = before.iter().chain(&after).copied();
     let bar = ColourBar::new(&field.name, all, ValueRange::Quantiles(0.0, 1.0), Scale::Linear)?;
     let domain = Panel::of_section(&of_domain, &before, &bar)?
+        .turned_if(args.section.up.is_upside_down())
         .titled("domain")
         .with_bar(&bar);
     let target = Panel::of_section(&of_target, &after, &bar)?
+        .turned_if(target_up.is_upside_down())
         .titled("target")
         .with_bar(&bar);
     Ok(Figure::row(vec![domain, target]).to_png()?)
