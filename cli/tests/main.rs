@@ -11,6 +11,8 @@ mod common;
 #[cfg(feature = "native")]
 mod compare;
 mod inverse;
+#[cfg(feature = "native")]
+mod json;
 mod models;
 #[cfg(unix)]
 mod no_loss;

@@ -1,0 +1,199 @@
+//! `docs/json.md` and the program agree: every field that a command writes is documented, and every documented field is
+//! written by one of the runs below, but for those in [`NOT_MADE_HERE`].
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde_json::Value;
+use solidmap::Point;
+use solidmap::mesh::shapes;
+
+use crate::common::bent;
+use crate::workplace::{Workplace, json};
+
+const PAGE: &str = include_str!("../../docs/json.md");
+
+/// Fields of reports that take defects, other builds or long runs.
+const NOT_MADE_HERE: [&str; 0] = [];
+
+/// A section of the page: its fields, and parts all of whose fields it has.
+#[derive(Default)]
+struct Section {
+    /// Paths, and for a part its name.
+    rows: Vec<(String, Option<String>)>,
+    all_of: Vec<String>,
+}
+
+/// The target of a link to a part in a line.
+fn part(line: &str) -> Option<String> {
+    let (_, rest) = line.split_once("](#")?;
+    Some(rest.split(')').next()?.replace('-', " "))
+}
+
+fn sections() -> BTreeMap<String, Section> {
+    let mut sections: BTreeMap<String, Section> = BTreeMap::new();
+    let mut name = String::new();
+    for line in PAGE.lines() {
+        if let Some(heading) = line.strip_prefix("## ").or(line.strip_prefix("### ")) {
+            name = heading.to_lowercase();
+            assert!(
+                sections.insert(name.clone(), Section::default()).is_none(),
+                "{name} twice"
+            );
+        } else if line.starts_with("All fields of ") {
+            sections.get_mut(&name).unwrap().all_of.extend(part(line));
+        } else if let Some(row) = line.strip_prefix("| `") {
+            let path = row.split('`').next().unwrap().to_owned();
+            let section = sections.get_mut(&name).unwrap();
+            section.rows.push((path, part(line.split(" | ").nth(1).unwrap())));
+        }
+    }
+    sections
+}
+
+/// All paths of a section to values that have no fields.
+fn leaves(sections: &BTreeMap<String, Section>, name: &str) -> BTreeSet<String> {
+    let section = sections.get(name).unwrap_or_else(|| panic!("no section `{name}`"));
+    let mut found: BTreeSet<String> = section.all_of.iter().flat_map(|part| leaves(sections, part)).collect();
+    for (path, part) in &section.rows {
+        match part {
+            Some(part) => found.extend(leaves(sections, part).iter().map(|leaf| format!("{path}.{leaf}"))),
+            None => drop(found.insert(path.clone())),
+        }
+    }
+    found
+}
+
+/// Adds the paths of all values without fields; of `null` and empty lists, which may stand for values with fields,
+/// separately.
+fn written(value: &Value, path: &str, found: &mut BTreeSet<String>, empty: &mut BTreeSet<String>) {
+    match value {
+        Value::Object(fields) => {
+            for (name, value) in fields {
+                let dot = if path.is_empty() { "" } else { "." };
+                written(value, &format!("{path}{dot}{name}"), found, empty);
+            }
+        }
+        Value::Array(values) if values.is_empty() => drop(empty.insert(format!("{path}[]"))),
+        Value::Array(values) => values
+            .iter()
+            .for_each(|value| written(value, &format!("{path}[]"), found, empty)),
+        Value::Null => drop(empty.insert(path.to_owned())),
+        _ => drop(found.insert(path.to_owned())),
+    }
+}
+
+/// A folder with models, and a map from a cube to a ball.
+fn place() -> Workplace {
+    let place = Workplace::new();
+    let cube = shapes::cube(2.0, 6);
+    place.surface("cube.ply", &cube);
+    place.surface("round.ply", &shapes::projected_to_sphere(&cube, 1.0));
+    let ball = shapes::sphere(1.0, 2);
+    place.surface("ball.ply", &ball);
+    place.surface("bent.ply", &shapes::deformed(&ball, bent(0.2)));
+    place.surface(
+        "folded.ply",
+        &shapes::deformed(&ball, |p| Point::new(p.x.abs(), p.y, p.z)),
+    );
+    let mut open = ball.triangles().to_vec();
+    open.pop();
+    let open = solidmap::mesh::SurfaceMesh::new(ball.vertices().to_vec(), open).unwrap();
+    place.surface("open.ply", &open);
+    std::fs::write(place.path("field.csv"), "x,y,z,s\n0,0,0,1\n0.1,0,0,2\n").unwrap();
+    std::fs::write(place.path("at.csv"), "x,y,z\n0,0,0\n0.3,0.1,0\n").unwrap();
+    for k in 0..12 {
+        let a = 0.1 * (1.0 - (std::f64::consts::TAU * k as f64 / 4.0).cos());
+        place.surface(&format!("f{k:02}.ply"), &shapes::deformed(&ball, bent(a)));
+    }
+    place.ends_with(0, "fit cube.ply --image round.ply --tolerance 0.01 -o cube.map");
+    place.ends_with(0, "fit ball.ply --image bent.ply --tolerance 0.01 -o ball.map");
+    place
+}
+
+#[test]
+fn every_field_of_a_report_is_documented_and_written() {
+    let place = place();
+    let runs: &[(&str, &str)] = &[
+        ("check", "check ball.ply open.ply none.ply cube.ply"),
+        (
+            "boundary pair",
+            "boundary pair ball.ply bent.ply -o p.ply --boundary p.safetensors --png p.png --vtu p.vtu",
+        ),
+        (
+            "boundary pair",
+            "boundary pair ball.ply bent.ply -o q.ply --via conformal",
+        ),
+        ("boundary check", "boundary check ball.ply bent.ply"),
+        ("boundary check", "boundary check ball.ply folded.ply --target ball.ply"),
+        ("boundary check", "boundary check p.safetensors"),
+        ("boundary check", "boundary check cube.ply round.ply"),
+        (
+            "boundary sphere",
+            "boundary sphere cube.ply -o s.ply --boundary s.safetensors --png s.png --vtu s.vtu",
+        ),
+        ("fit", "fit ball.ply --image bent.ply -o x.map --tolerance 0.01"),
+        (
+            "fit",
+            "fit ball.ply --image bent.ply -o x.map --method dense --tolerance 0.1",
+        ),
+        ("fit", "fit ball.ply --image bent.ply -o x.map --paper --tolerance 0.1"),
+        (
+            "fit",
+            "fit ball.ply --image bent.ply -o x.map --radius 2 --method svd --tolerance 0.1",
+        ),
+        ("fit", "fit ball.ply --target sphere -o x.map --tolerance 0.01"),
+        ("fit", "fit --boundary p.safetensors -o x.map --tolerance 0.01"),
+        ("eval", "eval cube.map at.csv -o e.csv"),
+        ("eval --inverse", "eval cube.map at.csv --inverse -o i.csv"),
+        ("energy", "energy cube.map --resolution 8"),
+        ("certify", "certify ball.map --finest 32"),
+        ("transfer", "transfer cube.map field.csv -o t.csv"),
+        ("transfer", "transfer cube.map field.csv --at at.csv -o t.csv"),
+        ("remesh", "remesh cube.map --cells 64 -o r.vtu --domain-mesh rd.vtu"),
+        (
+            "texture",
+            "texture ball.obj --checker 4 -o v.vti --png v.png --map v.map --at at.csv --colours c.ply",
+        ),
+        (
+            "sequence",
+            "sequence ball.ply f00.ply f01.ply f02.ply f03.ply f04.ply f05.ply f06.ply f07.ply f08.ply f09.ply \
+                      f10.ply f11.ply cube.ply -o seq --resolution 8 --no-vtu",
+        ),
+        ("compare", "compare ball.ply --image bent.ply --resolution 8"),
+    ];
+    let sections = sections();
+    let frame = leaves(&sections, "every document");
+    let mut documented: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+    let mut seen: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+    let mut wrong = Vec::new();
+    for (name, line) in runs {
+        let report = json(&place.run(&format!("{line} --json")));
+        assert!(report.get("error").is_none(), "{line}: {report}");
+        let allowed = documented.entry(name).or_insert_with(|| leaves(&sections, name));
+        let (mut found, mut empty) = (BTreeSet::new(), BTreeSet::new());
+        written(&report, "", &mut found, &mut empty);
+        for path in &found {
+            if !allowed.contains(path) && !frame.contains(path) {
+                wrong.push(format!("{name} writes `{path}`, which is not documented"));
+            }
+        }
+        for path in &empty {
+            let within = [".", "["].map(|next| format!("{path}{next}"));
+            let is_known = |leaf: &String| leaf == path || within.iter().any(|start| leaf.starts_with(start));
+            if !allowed.iter().any(is_known) {
+                wrong.push(format!("{name} writes `{path}`, which is not documented"));
+            }
+        }
+        seen.entry(name).or_default().extend(found);
+    }
+    for (name, allowed) in &documented {
+        for path in allowed.difference(&seen[name]) {
+            let whole = format!("{name}: {path}");
+            if !NOT_MADE_HERE.iter().any(|known| whole.starts_with(known)) {
+                wrong.push(format!("{name} does not write `{path}`"));
+            }
+        }
+    }
+    wrong.dedup();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
