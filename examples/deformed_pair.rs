@@ -25,7 +25,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::create_dir_all(&folder)?;
     let model = match io::read_solid(model)? {
         SolidMesh::Surface(surface) => surface,
-        SolidMesh::Tets(tets) => tets.boundary().surface,
+        SolidMesh::Cells(cells) => cells.boundary().surface,
     };
     let (low, high) = model.bounding_box().ok_or("the model has no vertices")?;
     let (centre, diagonal) = (nalgebra::center(&low, &high), (high - low).norm());

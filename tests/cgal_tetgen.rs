@@ -632,7 +632,7 @@ fn offset_of_a_shell_is_outside_only() {
 fn read(folder: &Path, name: &str) -> SurfaceMesh {
     match read_solid(folder.join(name)).unwrap_or_else(|error| panic!("{error}")) {
         SolidMesh::Surface(surface) => surface,
-        SolidMesh::Tets(tets) => tets.boundary().surface,
+        SolidMesh::Cells(cells) => cells.boundary().surface,
     }
 }
 

@@ -86,7 +86,10 @@ fn tets_read_back_to_the_same_bits() {
         let read = read_tets(path).unwrap();
         assert_eq!(bits(read.vertices()), bits(mesh.vertices()), "{path:?}");
         assert_eq!(read.tets(), mesh.tets(), "{path:?}");
-        assert!(matches!(read_solid(path).unwrap(), SolidMesh::Tets(_)), "{path:?}");
+        let SolidMesh::Cells(cells) = read_solid(path).unwrap() else {
+            panic!("{path:?} was read as a surface");
+        };
+        assert!(matches!(cells.cells(), CellList::Tets(_)), "{path:?}");
     };
     for extension in ["mesh", "vtk", "vtu"] {
         let path = folder.path().join(format!("a.{extension}"));
@@ -146,7 +149,7 @@ fn points_read_back_to_the_same_bits() {
 }
 
 #[test]
-fn hexahedra_are_cells_but_not_read_as_a_solid() {
+fn hexahedra_are_read_as_a_solid_but_not_as_tetrahedra_or_a_surface() {
     let folder = tempfile::tempdir().unwrap();
     let points: Vec<Point> = (0..8)
         .map(|k| Point::new((k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2) as f64))
@@ -155,16 +158,30 @@ fn hexahedra_are_cells_but_not_read_as_a_solid() {
     for extension in ["mesh", "vtk", "vtu"] {
         let path = folder.path().join(format!("a.{extension}"));
         write_cells(&path, &points, hexes).unwrap();
-        for error in [
-            read_solid(&path).map(drop).unwrap_err(),
-            read_tets(&path).map(drop).unwrap_err(),
-            read_surface(&path).map(drop).unwrap_err(),
+        for (error, advice) in [
+            (
+                read_tets(&path).map(drop).unwrap_err(),
+                "cut its hexahedra into tetrahedra",
+            ),
+            (
+                read_surface(&path).map(drop).unwrap_err(),
+                "extract the boundary of the cells",
+            ),
         ] {
-            assert!(matches!(error, IoError::Unsupported { .. }), "{error}");
-            assert!(error.to_string().contains("1 hexahedra"), "{error}");
+            assert!(matches!(error, IoError::WrongKind { .. }), "{error}");
+            let said = error.to_string();
+            assert!(said.contains("1 hexahedra") && said.contains(advice), "{said}");
         }
         assert_eq!(read_points(&path).unwrap(), points);
         let read = read_cells(&path).unwrap();
+        let solid = read_solid(&path).unwrap();
+        assert_eq!(solid, SolidMesh::Cells(read.clone()));
+        let boundary = solid.into_surface();
+        assert_eq!(
+            (boundary.triangles().len(), boundary.volume()),
+            (12, 1.0),
+            "{extension}"
+        );
         assert_eq!(*read.cells(), CellList::Hexes(vec![[0, 1, 3, 2, 4, 5, 7, 6]]));
         assert_eq!(read.nodes(), points);
     }
@@ -299,10 +316,10 @@ fn real_volumes_have_their_known_counts_and_orientations() {
         ("maps/bird_object.vtk", 5650, 20203, 8658, false),
         ("maps/bird_polycube.vtk", 5650, 20203, 8658, false),
     ] {
-        let SolidMesh::Tets(mesh) = read_solid(models.join(name)).unwrap_or_else(|error| panic!("{error}")) else {
+        let SolidMesh::Cells(mesh) = read_solid(models.join(name)).unwrap_or_else(|error| panic!("{error}")) else {
             panic!("{name} was read as a surface");
         };
-        assert_eq!((mesh.vertices().len(), mesh.tets().len()), (vertices, tets), "{name}");
+        assert_eq!((mesh.nodes().len(), mesh.cells().len()), (vertices, tets), "{name}");
         assert_eq!(mesh.boundary().surface.triangles().len(), boundary, "{name}");
         assert_eq!(mesh.volume() > 0.0, is_positive, "{name}");
     }
@@ -319,9 +336,9 @@ fn real_volumes_have_their_known_counts_and_orientations() {
 fn unusable_models_are_refused_for_the_right_reason() {
     let Some(models) = models() else { return };
     let refused = |name: &str| read_solid(models.join(name)).map(drop).unwrap_err();
-    let hexes = refused("volumes/rockerarm_g1_hex.mesh");
+    let hexes = read_tets(models.join("volumes/rockerarm_g1_hex.mesh")).unwrap_err();
     assert!(
-        matches!(&hexes, IoError::Unsupported { found, .. } if found == "10600 hexahedra"),
+        matches!(&hexes, IoError::WrongKind { found, .. } if found == "10600 hexahedra"),
         "{hexes}"
     );
     let cells = read_cells(models.join("volumes/rockerarm_g1_hex.mesh")).unwrap();

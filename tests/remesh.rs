@@ -790,10 +790,10 @@ fn the_bird_has_no_bad_hexahedron_once_a_few_boundary_nodes_slide() {
 fn pair(domain: &str, image: &str) -> Option<BoundaryMap> {
     let models = models()?.join("maps");
     let [domain, image] = [domain, image].map(|name| match io::read_solid(models.join(name)).unwrap() {
-        SolidMesh::Tets(tets) => tets,
+        SolidMesh::Cells(cells) => cells,
         SolidMesh::Surface(_) => panic!("{name} is a surface"),
     });
-    Some(BoundaryMap::between_tets(&domain, &image).unwrap())
+    Some(BoundaryMap::between_cells(&domain, &image).unwrap())
 }
 
 #[test]

@@ -206,8 +206,8 @@ fn refinement_reaches_the_tolerance_on_real_polycubes() {
         ("max_planck_cube.mesh", "max_planck_object.mesh"),
         ("bird_polycube.vtk", "bird_object.vtk"),
     ] {
-        let read = |file| solidmap::io::read_tets(folder.join("maps").join(file)).unwrap();
-        let boundary = BoundaryMap::between_tets(&read(domain), &read(image)).unwrap();
+        let read = |file| solidmap::io::read_cells(folder.join("maps").join(file)).unwrap();
+        let boundary = BoundaryMap::between_cells(&read(domain), &read(image)).unwrap();
         let fit = fitted(&boundary, &with_tolerance(1e-3));
         let report = &fit.report;
         println!(

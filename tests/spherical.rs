@@ -49,7 +49,7 @@ const CLOSED: [&str; 31] = [
 fn surface(path: &Path) -> SurfaceMesh {
     match io::read_solid(path).unwrap() {
         SolidMesh::Surface(surface) => surface,
-        SolidMesh::Tets(tets) => tets.boundary().surface,
+        SolidMesh::Cells(cells) => cells.boundary().surface,
     }
 }
 

@@ -4,7 +4,7 @@ use crate::common::boundary_map;
 use solidmap::energy::{GridResolution, clipped_grid};
 use solidmap::inverse::{InverseMap, InverseOptions, lattice_mesh};
 use solidmap::map::VolumeMap;
-use solidmap::mesh::{SurfaceMesh, TetMesh, shapes};
+use solidmap::mesh::{CellList, SurfaceMesh, TetMesh, shapes};
 use solidmap::transfer::{
     FieldKind, FieldMesh, FieldSampler, TransferError, TransferField, distribution_check, label_shares, push_forward,
     resample, volume_check,
@@ -72,7 +72,7 @@ fn carrier() -> FieldMesh {
             field("octant", 1, FieldKind::Label, over_points(&octant)),
         ],
         cell_fields: vec![field("number", 1, FieldKind::Label, sizes)],
-        tets: mesh.tets().to_vec(),
+        cells: CellList::Tets(mesh.tets().to_vec()),
         points,
     }
 }
@@ -82,7 +82,7 @@ fn carrying_keeps_values_and_connectivity_and_moves_points_exactly() {
     let (map, given) = (stretch(), carrier());
     let carried = push_forward(&map, &given).unwrap();
     assert_eq!(carried.points, map.evaluate(&given.points));
-    assert_eq!(carried.tets, given.tets);
+    assert_eq!(carried.cells, given.cells);
     assert_eq!(carried.point_fields[0], given.point_fields[0]);
     assert_eq!(carried.cell_fields, given.cell_fields);
     for (before, after) in given.point_fields[1]
@@ -193,7 +193,7 @@ fn cube() -> (TetMesh, FieldMesh) {
             FieldKind::Label,
             (0..tets.len()).map(|t| t as f64).collect(),
         )],
-        tets: tets.clone(),
+        cells: CellList::Tets(tets.clone()),
         points: points.clone(),
     };
     (TetMesh::new(points, tets).unwrap(), carrier)
@@ -327,10 +327,13 @@ fn fields_that_do_not_fit_are_refused() {
         Err(TransferError::NotAVector { components: 1, .. })
     ));
     let mut wrong = carrier();
-    wrong.tets[3][1] = 1_000_000;
+    let CellList::Tets(tets) = &mut wrong.cells else {
+        panic!("hexahedra")
+    };
+    tets[3][1] = 1_000_000;
     assert!(matches!(
         FieldSampler::new(&wrong).err(),
-        Some(TransferError::IndexOutOfRange { tet: 3, .. })
+        Some(TransferError::IndexOutOfRange { cell: 3, .. })
     ));
     assert_eq!(
         FieldSampler::new(&FieldMesh::default()).err(),

@@ -197,7 +197,7 @@ fn the_bird_and_its_polycube_are_told_apart_from_their_mirror_images() {
     );
     let image = match io::read_solid(&polycube).unwrap() {
         io::SolidMesh::Surface(surface) => surface,
-        io::SolidMesh::Tets(tets) => tets.boundary().surface,
+        io::SolidMesh::Cells(cells) => cells.boundary().surface,
     };
     place.surface(
         "mirrored.ply",

@@ -101,7 +101,7 @@ fn real_solids_follow_a_smooth_map() {
         let path = models.join(file);
         let domain = match solidmap::io::read_solid(&path).unwrap() {
             solidmap::io::SolidMesh::Surface(surface) => surface,
-            solidmap::io::SolidMesh::Tets(tets) => tets.boundary().surface,
+            solidmap::io::SolidMesh::Cells(cells) => cells.boundary().surface,
         };
         let image = folder.path().join("image.ply");
         solidmap::io::write_surface(&image, &bent(&domain)).unwrap();

@@ -7,7 +7,7 @@ use crate::common::{bent, with_hole};
 use crate::workplace::{Workplace, json, text};
 use solidmap::Point;
 use solidmap::io;
-use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::mesh::{CellList, SurfaceMesh, shapes};
 
 struct SequencePlace {
     place: Workplace,
@@ -373,7 +373,7 @@ fn material_moves_with_every_frame() {
         let name = format!("material/frame_{k:05}.vtu");
         assert!(collection.contains(&format!("file=\"{name}\"")), "{collection}");
         let carried = io::read_fields(place.path("out").join(name)).unwrap();
-        assert_eq!(carried.tets, [[0, 1, 2, 3]]);
+        assert_eq!(carried.cells, CellList::Tets(vec![[0, 1, 2, 3]]));
         let values = |name: &str| {
             let all = carried.point.iter().chain(&carried.cell);
             all.clone().find(|field| field.name == name).unwrap().values.clone()
@@ -388,7 +388,7 @@ fn material_moves_with_every_frame() {
     }
     std::fs::write(place.path("points.csv"), "x,y,z,heat\n0,0,0,1\n").unwrap();
     let refused = place.ends_with(2, "sequence ref.obj shear0.ply -o out --material points.csv");
-    assert!(text(&refused.stderr).contains("`points.csv` has no triangles and no tetrahedra"));
+    assert!(text(&refused.stderr).contains("`points.csv` has no triangles and no cells"));
     let own = place.ends_with(
         2,
         "sequence ref.obj shear0.ply -o out --material out/material/frame_00000.vtu",

@@ -5,7 +5,7 @@ use serde_json::Value;
 use solidmap::Point;
 use solidmap::inverse::lattice_mesh;
 use solidmap::io::{self, Cells, Field, VtkEncoding, VtkFields};
-use solidmap::mesh::shapes;
+use solidmap::mesh::{CellList, CellMesh, shapes};
 
 fn image(p: &Point) -> Point {
     Point::new(2.0 * p.x, p.y + 0.1 * p.x, 0.5 * p.z)
@@ -149,8 +149,8 @@ fn meshes_keep_their_fields_and_are_resampled() {
     assert!(shares.len() == 3 && (total - 1.0).abs() < 1e-9);
     let out = io::read_fields(place.path("out.vtu")).unwrap();
     assert_eq!(
-        (out.tets.as_slice(), &out.point, &out.cell),
-        (mesh.tets(), &fields.point, &fields.cell)
+        (out.cells, &out.point, &out.cell),
+        (CellList::Tets(mesh.tets().to_vec()), &fields.point, &fields.cell)
     );
     assert!(std::fs::read(place.path("out.png")).unwrap().starts_with(b"\x89PNG"));
 
@@ -184,9 +184,9 @@ fn structured_points_are_a_mesh() {
     (0..24).for_each(|c| text += &format!("{c} "));
     std::fs::write(place.path("grid.vtk"), &text).unwrap();
     let read = io::read_fields(place.path("grid.vtk")).unwrap();
-    let mesh = solidmap::mesh::TetMesh::new(read.points.clone(), read.tets.clone()).unwrap();
+    let mesh = CellMesh::new(read.points.clone(), read.cells.clone(), vec![0; read.cells.len()]).unwrap();
     assert_eq!(
-        (read.points.len(), read.tets.len(), read.cell[0].values.len()),
+        (read.points.len(), read.cells.len(), read.cell[0].values.len()),
         (60, 144, 144)
     );
     assert!((0..144).all(|t| (mesh.signed_volume(t) - 0.008 / 6.0).abs() < 1e-12));
@@ -233,7 +233,7 @@ fn image_data_are_carried_as_a_mesh() {
     io::write_vti(place.path("grid.vti"), &grid, "label", 1, &bytes).unwrap();
     place.ends_with(0, "transfer map.safetensors grid.vti --label label -o out.vtu");
     let carried = io::read_fields(place.path("out.vtu")).unwrap();
-    assert_eq!((carried.points.len(), carried.tets.len()), (60, 144));
+    assert_eq!((carried.points.len(), carried.cells.len()), (60, 144));
     assert!(
         carried.point[0]
             .values

@@ -1,6 +1,7 @@
 //! Every surface that can be read goes to `check`. The first byte chooses the format.
 #![no_main]
 
+use solidmap::check::examine_cells;
 use solidmap::io::{SolidMesh, read_solid};
 use solidmap_fuzz::{examine, with_file};
 
@@ -13,7 +14,10 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let extension = FORMATS[usize::from(format) % FORMATS.len()];
     match with_file(extension, bytes, |path| read_solid(path)) {
         Ok(SolidMesh::Surface(surface)) => examine(&surface, 16),
-        Ok(SolidMesh::Tets(tets)) => examine(&tets.boundary().surface, 16),
+        Ok(SolidMesh::Cells(cells)) => {
+            let _ = examine_cells(&cells);
+            examine(&cells.boundary().surface, 16);
+        }
         Err(_) => {}
     }
 });

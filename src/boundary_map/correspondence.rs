@@ -10,7 +10,7 @@ use super::composition::Composition;
 use super::error::{extent, require_extent, require_finite, require_same_count, require_same_elements};
 use super::function::PointFunction;
 use crate::mesh::shapes::quartered;
-use crate::mesh::{SurfaceMesh, SurfacePoint, TetMesh};
+use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
 use crate::spherical::SphericalEmbedding;
 use crate::{Point, Vector};
 
@@ -180,17 +180,27 @@ impl BoundaryMap {
         Self::new(domain, image.vertices().to_vec())
     }
 
-    /// The map between the boundaries of two tetrahedral meshes of the same connectivity. The boundary's vertices keep
-    /// the order they have in the meshes.
+    /// The map between the boundaries of two meshes of the same cells ([`CellMesh::boundary`]). The boundary's vertices
+    /// keep the order they have in the meshes.
     ///
     /// # Errors
     ///
     /// As [`BoundaryMap::between`].
-    pub fn between_tets(domain: &TetMesh, image: &TetMesh) -> Result<Self, BoundaryMapError> {
-        require_same_count(domain.vertices(), image.vertices())?;
-        require_same_elements("tetrahedron", domain.tets(), image.tets())?;
+    pub fn between_cells(domain: &CellMesh, image: &CellMesh) -> Result<Self, BoundaryMapError> {
+        require_same_count(domain.nodes(), image.nodes())?;
+        match (domain.cells(), image.cells()) {
+            (CellList::Tets(own), CellList::Tets(other)) => require_same_elements("tetrahedron", own, other)?,
+            (CellList::Hexes(own), CellList::Hexes(other)) => require_same_elements("hexahedron", own, other)?,
+            (own, _) => {
+                return Err(BoundaryMapError::FaceCount {
+                    element: own.element(),
+                    domain: own.len(),
+                    image: 0,
+                });
+            }
+        }
         let boundary = domain.boundary();
-        let images = boundary.vertex_ids.iter().map(|&v| image.vertices()[v as usize]);
+        let images = boundary.vertex_ids.iter().map(|&v| image.nodes()[v as usize]);
         Self::new(boundary.surface, images.collect())
     }
 

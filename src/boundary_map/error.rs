@@ -18,13 +18,13 @@ pub enum BoundaryMapError {
         /// Vertices of the image.
         image: usize,
     },
-    /// The image's mesh has a different number of triangles or tetrahedra.
+    /// The image's mesh has a different number of triangles or cells, or another kind of cells.
     #[error(
         "the domain has {domain} {element}s and the image {image}; the image must be the domain's mesh with other \
          vertex positions"
     )]
     FaceCount {
-        /// `"triangle"` or `"tetrahedron"`.
+        /// `"triangle"`, `"tetrahedron"` or `"hexahedron"`.
         element: &'static str,
         /// Elements of the domain.
         domain: usize,
@@ -37,7 +37,7 @@ pub enum BoundaryMapError {
          domain's mesh with other vertex positions, in the same order"
     )]
     Connectivity {
-        /// `"triangle"` or `"tetrahedron"`.
+        /// `"triangle"`, `"tetrahedron"` or `"hexahedron"`.
         element: &'static str,
         /// The first that differs, 0-based.
         index: usize,

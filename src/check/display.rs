@@ -1,7 +1,7 @@
 use std::fmt::{self, Display, Formatter};
 
-use super::text::{counted, write_ids, write_wrapped};
-use super::{CheckReport, ComponentKind, ComponentReport, Finding, SelfIntersections, Severity};
+use super::text::{counted, label_of, write_ids, write_wrapped};
+use super::{CheckReport, ComponentKind, ComponentReport, Finding, SelfIntersections};
 
 /// Components listed one by one; the rest are counted.
 const LISTED: usize = 12;
@@ -24,11 +24,7 @@ impl Display for CheckReport {
 
 impl Display for Finding {
     fn fmt(&self, f: &mut Formatter) -> fmt::Result {
-        let label = match self.severity {
-            Severity::Error => "error",
-            Severity::Warning => "warning",
-        };
-        writeln!(f, "{label}: {}", self.message)?;
+        writeln!(f, "{}: {}", label_of(self.severity), self.message)?;
         let edges: Vec<String> = self.edges.iter().map(|[a, b]| format!("{a}-{b}")).collect();
         write_ids(f, "vertices", &self.vertices, self.vertices.len())?;
         write_ids(f, "edges", &edges, edges.len())?;
@@ -135,7 +131,7 @@ fn bounds(component: &ComponentReport) -> String {
 }
 
 /// Four significant digits.
-fn short(x: f64) -> String {
+pub(super) fn short(x: f64) -> String {
     let magnitude = x.abs();
     if x == 0.0 {
         "0".to_string()

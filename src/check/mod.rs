@@ -1,13 +1,19 @@
-//! Examines surfaces: what is wrong with one, where, and how to repair it.
+//! Examines surfaces and meshes of cells: what is wrong with one, where, and how to repair it.
 //!
 //! A surface can be solved on when it bounds a solid: closed, every edge between two triangles, orientable, with finite
-//! coordinates and a volume. Every other defect is a warning. [`check`] examines; [`repair()`] reorients triangles so
+//! coordinates and a volume. Every other defect is a warning. [`check()`] examines; [`repair()`] reorients triangles so
 //! that solids face outward and cavities into the cavity, and neither moves, adds or removes anything. [`close_holes`]
 //! adds triangles over small holes.
+//!
+//! [`examine_cells`] examines the cells of a mesh of tetrahedra or hexahedra; its boundary
+//! ([`crate::mesh::CellMesh::boundary`]) is a surface for [`check()`].
 
 mod anatomy;
+mod cell_report;
+mod cells;
 mod display;
 mod examine;
+mod hanging_nodes;
 mod holes;
 mod repair;
 #[cfg(test)]
@@ -16,6 +22,8 @@ pub(crate) mod text;
 
 use serde::Serialize;
 
+pub use cell_report::{BodyReport, CellFinding, CellFindingKind, CellReport};
+pub use cells::{SLIVER, examine_cells};
 pub use examine::check;
 pub use holes::{ClosedHole, HoleError, MOST_RIM_EDGES, close_holes};
 pub use repair::{AppliedRepair, RepairKind, repair};
@@ -145,14 +153,16 @@ pub struct Finding {
     pub advice: String,
 }
 
-/// Whether a finding prevents a solve.
+/// How bad a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// There is no solid to solve on.
+    /// There is no solid to solve on, or cells are not valid.
     Error,
     /// Does not prevent a solve, or is repaired by [`repair()`] first.
     Warning,
+    /// Worth knowing, but no defect.
+    Note,
 }
 
 /// Kinds of findings.

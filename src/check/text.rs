@@ -2,8 +2,19 @@
 
 use std::fmt::{self, Formatter};
 
+use super::Severity;
+
 /// Ids shown of a list, at most.
 const SHOWN: usize = 8;
+
+/// What a finding begins with.
+pub(crate) fn label_of(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Error => "error",
+        Severity::Warning => "warning",
+        Severity::Note => "note",
+    }
+}
 
 /// A line with the first of the listed ids, where there are any; `count` is how many there are in all.
 pub(crate) fn write_ids(f: &mut Formatter, name: &str, ids: &[impl ToString], count: usize) -> fmt::Result {

@@ -2,14 +2,15 @@
 //!
 //! Sections 4.3.1 and 4.3.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling
 //! applications* (2007). A [`Quadrature`] of the domain says where a density is evaluated and what volume each point
-//! stands for: [`clipped_grid`] makes one from a surface, as the paper does, [`tet_quadrature`] from a tetrahedral
-//! mesh; [`adaptive_quadrature`] divides the cells of a grid until the integrals are accurate. [`mod@distortion`] measures the quality of a map by the metrics that are usual elsewhere.
+//! stands for: [`clipped_grid`] makes one from a surface, as the paper does, [`cell_quadrature`] from a mesh of tetrahedra
+//! or hexahedra; [`adaptive_quadrature`] divides the cells of a grid until the integrals are accurate. [`mod@distortion`] measures the quality of a map by the metrics that are usual elsewhere.
 
 mod adaptive;
 mod clipped_grid;
 mod density;
 pub mod distortion;
 mod distribution;
+mod hex_quadrature;
 mod quadrature;
 mod tet_quadrature;
 mod unit_volume;
@@ -21,6 +22,7 @@ pub use distortion::{
     Determinants, DistortionMetrics, DistortionReport, distortion, distortion_of_jacobians, tet_distortion,
 };
 pub use distribution::DensityQuantiles;
+pub use hex_quadrature::cell_quadrature;
 pub use quadrature::{CellLayout, CellMean, Grid, Quadrature, QuadratureError};
 pub use tet_quadrature::tet_quadrature;
 pub use unit_volume::UnitVolumeScale;

@@ -9,9 +9,9 @@ use crate::{Point, Vector};
 #[non_exhaustive]
 pub enum QuadratureError {
     /// Nothing to integrate over.
-    #[error("the mesh has no {element}; give a closed surface or a tetrahedral mesh of the solid")]
+    #[error("the mesh has no {element}; give a closed surface, or a mesh of the solid by tetrahedra or hexahedra")]
     Empty {
-        /// `"triangle"` or `"tetrahedron"`.
+        /// `"triangle"`, `"tetrahedron"` or `"hexahedron"`.
         element: &'static str,
     },
     /// A vertex in use has a coordinate that is NaN or infinite.
@@ -74,7 +74,7 @@ pub enum QuadratureError {
 
 /// Points inside a solid and the volume that each represents: `∫ g ≈ Σ weights · g(points)`.
 ///
-/// The points lie in cells, boxes of a [`Grid`] or tetrahedra, so that a density at the points also gives means over
+/// The points lie in cells, boxes of a [`Grid`], tetrahedra or hexahedra, so that a density at the points also gives means over
 /// cells; the points of a cell are consecutive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quadrature {
@@ -92,6 +92,11 @@ pub enum CellLayout {
     /// The tetrahedra of a mesh, numbered as there; flat ones have no points.
     Tets {
         /// How many tetrahedra the mesh has.
+        count: usize,
+    },
+    /// The hexahedra of a mesh, numbered as there; flat ones have no points.
+    Hexes {
+        /// How many hexahedra the mesh has.
         count: usize,
     },
 }

@@ -14,16 +14,22 @@ use crate::{Point, Vector, mesh::TetMesh};
 ///
 /// Hammer, Marlowe & Stroud, *Numerical integration over simplexes and cones*, Math. Tables Aids Comput. 10 (1956).
 pub fn tet_quadrature(mesh: &TetMesh) -> Result<Quadrature, QuadratureError> {
-    let count = mesh.tets().len();
+    over_tets(mesh.vertices(), mesh.tets())
+}
+
+/// [`tet_quadrature`] over tetrahedra that name these vertices.
+pub(super) fn over_tets(vertices: &[Point], tets: &[[u32; 4]]) -> Result<Quadrature, QuadratureError> {
+    let count = tets.len();
     if count == 0 {
         return Err(QuadratureError::Empty { element: "tetrahedron" });
     }
-    require_finite(mesh.vertices(), mesh.tets())?;
+    require_finite(vertices, tets)?;
     let (mut points, mut weights, mut cells) = (Vec::new(), Vec::new(), Vec::new());
-    for tet in 0..count {
-        let volume = mesh.signed_volume(tet).abs();
+    for (tet, corners) in tets.iter().enumerate() {
+        let [a, b, c, d] = corners.map(|v| vertices[v as usize]);
+        let volume = ((b - a).dot(&(c - a).cross(&(d - a))) / 6.0).abs();
         if volume > 0.0 {
-            points.extend(rule_points(mesh.corners(tet)));
+            points.extend(rule_points([a, b, c, d]));
             weights.extend([volume / 4.0; 4]);
             cells.extend([tet as u32; 4]);
         }

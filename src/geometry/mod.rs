@@ -4,6 +4,7 @@
 
 mod aabb;
 mod bvh;
+mod cell_shape;
 pub(crate) mod clip;
 mod closest_point;
 mod distance_field;
@@ -17,9 +18,12 @@ mod winding_number;
 
 pub use aabb::Aabb;
 pub use bvh::{Bvh, BvhNode};
+pub(crate) use cell_shape::{
+    hex_scaled_jacobian, least_jacobian_inside, lesser, tet_scaled_jacobian, trilinear_gradients,
+};
 pub use closest_point::{Feature, TrianglePoint, closest_point_on_triangle};
 pub use distance_field::{are_outside, count_outside, distance_field};
-pub use predicates::{FlipCounts, flipped_tets, orientation};
+pub use predicates::{FlipCounts, flipped_cells, flipped_tets, orientation};
 pub(crate) use procrustes::similarity;
 pub use procrustes::{Similarity, SphereRotation, sphere_rotation};
 pub use section::{Axis, AxisPlane, PlaneSection, SectionError};

@@ -8,9 +8,10 @@ use std::cmp::Ordering;
 use rayon::prelude::*;
 use robust::{Coord3D, orient3d};
 
-use crate::{Point, mesh::TetMesh};
+use crate::Point;
+use crate::mesh::{CellList, CellMesh, HEX_CORNERS, TetMesh};
 
-/// Numbers of tetrahedra whose orientation a map does not preserve.
+/// Numbers of cells whose orientation a map does not preserve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct FlipCounts {
     /// The image has the opposite orientation.
@@ -24,15 +25,15 @@ pub struct FlipCounts {
 }
 
 impl FlipCounts {
-    /// Tetrahedra with an orientation in the domain whose images do not have it.
+    /// Cells with an orientation in the domain whose images do not have it.
     pub fn count(&self) -> usize {
         self.negative + self.degenerate + self.not_finite
     }
 
-    /// Tetrahedra, of `tets` in all, that do not have the orientation of the majority: none if a map mirrors the whole
+    /// Cells, of `cells` in all, that do not have the orientation of the majority: none if a map mirrors the whole
     /// domain. Those that are flat in the domain count too.
-    pub fn against_most(&self, tets: usize) -> usize {
-        (self.count() + self.flat_in_domain).min(tets - self.negative)
+    pub fn against_most(&self, cells: usize) -> usize {
+        (self.count() + self.flat_in_domain).min(cells - self.negative)
     }
 
     fn of_one(domain: Option<Ordering>, image: Option<Ordering>) -> Self {
@@ -95,6 +96,39 @@ pub fn flipped_tets(domain: &TetMesh, images: &[Point]) -> Option<FlipCounts> {
     };
     let counts = domain.tets().par_iter().map(flipped);
     Some(counts.reduce(FlipCounts::default, FlipCounts::plus))
+}
+
+/// Counts the cells that a map inverts or flattens, as [`flipped_tets`]. A hexahedron is judged by the tetrahedra at its
+/// eight corners: it is negative when all of them are, not finite or flat in the domain when one is, and otherwise
+/// degenerate when they are not all as in the domain.
+pub fn flipped_cells(domain: &CellMesh, images: &[Point]) -> Option<FlipCounts> {
+    if images.len() != domain.nodes().len() {
+        return None;
+    }
+    let flipped = |tet: [u32; 4]| {
+        let side = |points: &[Point]| {
+            let [a, b, c, d] = tet.map(|v| &points[v as usize]);
+            orientation(a, b, c, d)
+        };
+        FlipCounts::of_one(side(domain.nodes()), side(images))
+    };
+    let of_hex = |hex: &[u32; 8]| {
+        let corners = HEX_CORNERS.map(|corner| flipped(corner.map(|k| hex[k])));
+        let at_corners = corners.into_iter().fold(FlipCounts::default(), FlipCounts::plus);
+        let mut counts = FlipCounts::default();
+        match at_corners {
+            found if found.not_finite > 0 => counts.not_finite = 1,
+            found if found.flat_in_domain > 0 => counts.flat_in_domain = 1,
+            found if found.negative == corners.len() => counts.negative = 1,
+            found => counts.degenerate = usize::from(found.count() > 0),
+        }
+        counts
+    };
+    let none = FlipCounts::default;
+    Some(match domain.cells() {
+        CellList::Tets(tets) => tets.par_iter().map(|t| flipped(*t)).reduce(none, FlipCounts::plus),
+        CellList::Hexes(hexes) => hexes.par_iter().map(of_hex).reduce(none, FlipCounts::plus),
+    })
 }
 
 /// A power of two that scales `size` to about one, where products of three coordinates neither overflow nor vanish.
@@ -207,6 +241,31 @@ mod tests {
         assert_eq!(lost, FlipCounts { not_finite: 3, ..kept });
         assert_eq!(lost.count(), 3);
         assert_eq!(flipped_tets(&domain, &vertices[1..]), None);
+    }
+
+    #[test]
+    fn counts_each_hexahedron_by_its_corners() {
+        let nodes: Vec<Point> = crate::mesh::HEXAHEDRON.map(|c| Point::from(c.map(f64::from))).to_vec();
+        let hex = [0, 1, 2, 3, 4, 5, 6, 7];
+        let cells = CellList::Hexes(vec![hex, [4, 5, 6, 7, 0, 1, 2, 3]]);
+        let domain = CellMesh::new(nodes.clone(), cells, vec![0; 2]).unwrap();
+        let count = |image: &dyn Fn(&Point) -> Point| {
+            flipped_cells(&domain, &nodes.iter().map(image).collect::<Vec<_>>()).unwrap()
+        };
+        assert_eq!(count(&|v| *v), FlipCounts::default());
+        let mirrored = count(&|v| p(-v.x, v.y, v.z));
+        assert_eq!((mirrored.negative, mirrored.against_most(2)), (2, 0));
+        // One corner is pushed through the opposite faces.
+        let folded = count(&|v| {
+            if v.x + v.y + v.z == 3.0 {
+                p(-1.0, -1.0, -1.0)
+            } else {
+                *v
+            }
+        });
+        assert_eq!((folded.degenerate, folded.against_most(2)), (2, 2));
+        assert_eq!(count(&|v| p(v.x, f64::NAN, v.z)).not_finite, 2);
+        assert_eq!(flipped_cells(&domain, &nodes[1..]), None);
     }
 
     #[test]

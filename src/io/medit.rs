@@ -154,7 +154,7 @@ mod tests {
         assert_eq!(mesh.tets(), [[0, 1, 2, 3], [1, 0, 2, 3]]);
         assert_eq!(mesh.vertices().len(), 5);
         assert!(mesh.vertices()[4].x.is_nan() && mesh.vertices()[4].y.is_infinite());
-        assert!(matches!(solid("mesh", TETS.as_bytes()), Ok(SolidMesh::Tets(_))));
+        assert!(matches!(solid("mesh", TETS.as_bytes()), Ok(SolidMesh::Cells(_))));
         assert!(matches!(
             surface("mesh", TETS.as_bytes()),
             Err(IoError::WrongKind { .. })

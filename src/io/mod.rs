@@ -57,16 +57,50 @@ pub use vtk::{ImageGrid, VtkEncoding, write_vti, write_vtk, write_vtu};
 
 use crate::{
     Point,
-    mesh::{CellMesh, SurfaceMesh, TetMesh},
+    mesh::{CellList, CellMesh, SurfaceMesh, TetMesh},
 };
 
-/// A solid, given by its surface or filled with tetrahedra.
+/// A solid, given by its surface or filled with tetrahedra or hexahedra.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SolidMesh {
     /// A surface that bounds the solid.
     Surface(SurfaceMesh),
-    /// Tetrahedra that fill the solid.
-    Tets(TetMesh),
+    /// Cells that fill the solid.
+    Cells(CellMesh),
+}
+
+impl SolidMesh {
+    /// The vertices of the surface, or the nodes of the cells.
+    pub fn vertices(&self) -> &[Point] {
+        match self {
+            Self::Surface(surface) => surface.vertices(),
+            Self::Cells(cells) => cells.nodes(),
+        }
+    }
+
+    /// The triangles, or the cells.
+    pub fn elements(&self) -> Cells<'_> {
+        match self {
+            Self::Surface(surface) => Cells::Triangles(surface.triangles()),
+            Self::Cells(cells) => cells.cells().into(),
+        }
+    }
+
+    /// The surface, or the boundary of the cells ([`CellMesh::boundary`]).
+    pub fn into_surface(self) -> SurfaceMesh {
+        match self {
+            Self::Surface(surface) => surface,
+            Self::Cells(cells) => cells.boundary().surface,
+        }
+    }
+
+    /// The same elements over other positions of the vertices, such as their images. `None` when the count differs.
+    pub fn with_vertices(&self, vertices: Vec<Point>) -> Option<Self> {
+        match self {
+            Self::Surface(surface) => surface.with_vertices(vertices).map(Self::Surface),
+            Self::Cells(cells) => cells.with_nodes(vertices).map(Self::Cells),
+        }
+    }
 }
 
 /// Points with fields, and the mesh between them.
@@ -74,13 +108,13 @@ pub enum SolidMesh {
 pub struct FieldFile {
     /// The points, or the vertices of the mesh.
     pub points: Vec<Point>,
-    /// Tetrahedra between them.
-    pub tets: Vec<[u32; 4]>,
-    /// Triangles between them, in a file without tetrahedra.
+    /// Tetrahedra or hexahedra between them.
+    pub cells: CellList,
+    /// Triangles between them, in a file without cells.
     pub triangles: Vec<[u32; 3]>,
     /// Fields over the points.
     pub point: Vec<Field>,
-    /// Fields over the tetrahedra.
+    /// Fields over the cells.
     pub cell: Vec<Field>,
 }
 
@@ -95,7 +129,7 @@ pub fn is_mesh(path: impl AsRef<Path>) -> bool {
 ///
 /// # Errors
 ///
-/// Any [`IoError`] but those of writing; [`IoError::WrongKind`] when the file holds tetrahedra.
+/// Any [`IoError`] but those of writing; [`IoError::WrongKind`] when the file holds tetrahedra or hexahedra.
 pub fn read_surface(path: impl AsRef<Path>) -> Result<SurfaceMesh, IoError> {
     let path = path.as_ref();
     read_mesh(path, "a surface")?.into_surface(path)
@@ -106,7 +140,7 @@ pub fn read_surface(path: impl AsRef<Path>) -> Result<SurfaceMesh, IoError> {
 ///
 /// # Errors
 ///
-/// Any [`IoError`] but those of writing; [`IoError::WrongKind`] when the file holds a surface.
+/// Any [`IoError`] but those of writing; [`IoError::WrongKind`] when the file holds a surface, or hexahedra.
 pub fn read_tets(path: impl AsRef<Path>) -> Result<TetMesh, IoError> {
     let path = path.as_ref();
     read_mesh(path, "a tetrahedral mesh")?.into_tets(path)
@@ -129,12 +163,12 @@ pub fn read_cells(path: impl AsRef<Path>) -> Result<CellMesh, IoError> {
     }
 }
 
-/// Reads a surface or a tetrahedral mesh, by content: a file with tetrahedra is a tetrahedral mesh even if it has
-/// triangles too.
+/// Reads a surface, or a mesh of tetrahedra or of hexahedra, by content: a file with cells is a mesh of cells even if it
+/// has triangles too. Regions are as in [`read_cells`], but all 0 where a reference in the file is not a 32-bit integer.
 ///
 /// # Errors
 ///
-/// Any [`IoError`] but those of writing.
+/// Any [`IoError`] but those of writing; [`IoError::Unsupported`] when the cells are of several kinds or of another kind.
 pub fn read_solid(path: impl AsRef<Path>) -> Result<SolidMesh, IoError> {
     let path = path.as_ref();
     read_mesh(path, "a solid")?.into_solid(path)
@@ -152,8 +186,8 @@ pub fn read_points(path: impl AsRef<Path>) -> Result<Vec<Point>, IoError> {
 }
 
 /// Reads points with fields: the columns beside `x`, `y` and `z` of a CSV table (three in a row whose names differ only
-/// in a final x, y and z are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, triangles
-/// or points, and of at most 2²² structured points in a `.vtk` or `.vti` file, whose cells become six tetrahedra each.
+/// in a final x, y and z are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, hexahedra,
+/// triangles or points, and of at most 2²² structured points in a `.vtk` or `.vti` file, whose cells become six tetrahedra each.
 /// Cell data of triangles and of flat grids are skipped. All other formats have no fields; labels in a `.mesh` are not
 /// read as fields.
 ///
@@ -199,6 +233,37 @@ pub fn write_surface(path: impl AsRef<Path>, mesh: &SurfaceMesh) -> Result<(), I
 /// [`IoError::UnknownExtension`], [`IoError::Write`].
 pub fn write_tets(path: impl AsRef<Path>, mesh: &TetMesh) -> Result<(), IoError> {
     write_cells(path, mesh.vertices(), Cells::Tets(mesh.tets()))
+}
+
+/// Writes a solid: a surface as [`write_surface`], cells as [`write_cell_mesh`].
+///
+/// # Errors
+///
+/// As the two.
+pub fn write_solid(path: impl AsRef<Path>, solid: &SolidMesh) -> Result<(), IoError> {
+    match solid {
+        SolidMesh::Surface(surface) => write_surface(path, surface),
+        SolidMesh::Cells(cells) => write_cell_mesh(path, cells),
+    }
+}
+
+/// Writes a mesh of tetrahedra or hexahedra: `.mesh` and `.msh` with its regions, as [`write_groups`]; `.vtk` and `.vtu`
+/// without, as [`write_cells`]. Coordinates read back to the same bits.
+///
+/// # Errors
+///
+/// [`IoError::UnknownExtension`], [`IoError::Write`].
+pub fn write_cell_mesh(path: impl AsRef<Path>, mesh: &CellMesh) -> Result<(), IoError> {
+    let path = path.as_ref();
+    let cells = Cells::from(mesh.cells());
+    match extension(path).as_str() {
+        "mesh" | "msh" => {
+            let (labels, names) = (mesh.regions(), &[]);
+            write_groups(path, mesh.nodes(), &[CellGroup { cells, labels, names }], "")
+        }
+        "vtk" | "vtu" => write_cells(path, mesh.nodes(), cells),
+        _ => Err(unknown_extension(path, "writing cells", ["mesh", "msh", "vtk", "vtu"])),
+    }
 }
 
 /// Writes points and cells (`.mesh`; `.vtk` in binary; `.vtu`). Coordinates read back to the same bits.

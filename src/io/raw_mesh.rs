@@ -21,8 +21,9 @@ pub(super) struct RawMesh {
     pub other_cells: Option<(String, usize)>,
     /// The file's index of the first vertex, 0 or 1, for messages.
     pub base: i64,
-    /// The index of each tetrahedron among all cells of the file, in formats with cell fields.
-    pub cell_of_tet: Vec<usize>,
+    /// The index of each tetrahedron or hexahedron among all cells of the file, in formats with cell fields; in order
+    /// where all are of one kind.
+    pub cell_of_volume: Vec<usize>,
     /// Number of cells of any kind so far.
     pub cells: usize,
     /// Fields over the vertices and over all cells of the file, if they were asked for.
@@ -76,11 +77,11 @@ impl RawMesh {
 
     pub fn into_surface(self, path: &Path) -> Result<SurfaceMesh, IoError> {
         self.refuse_other_cells(path)?;
-        if !self.tets.is_empty() {
+        if self.has_cells() {
             return Err(IoError::WrongKind {
                 path: path.to_owned(),
-                found: format!("{} tetrahedra", self.tets.len()),
-                wanted: "a surface is needed here; extract the boundary of the tetrahedra",
+                found: self.cell_counts(),
+                wanted: "a surface is needed here; extract the boundary of the cells",
             });
         }
         let triangles = self.triangles(path)?;
@@ -92,6 +93,14 @@ impl RawMesh {
 
     pub fn into_tets(self, path: &Path) -> Result<TetMesh, IoError> {
         self.refuse_other_cells(path)?;
+        if !self.hexes.is_empty() {
+            return Err(IoError::WrongKind {
+                path: path.to_owned(),
+                found: self.cell_counts(),
+                wanted: "a mesh of tetrahedra alone is needed here; tetrahedralise its boundary, or cut its hexahedra \
+                         into tetrahedra",
+            });
+        }
         if self.tets.is_empty() && !self.polygons.ends.is_empty() {
             return Err(IoError::WrongKind {
                 path: path.to_owned(),
@@ -107,51 +116,72 @@ impl RawMesh {
     }
 
     pub fn into_cells(self, path: &Path) -> Result<CellMesh, IoError> {
-        let mixed = |found| IoError::unsupported(path, found, "give a mesh of tetrahedra or of hexahedra alone");
-        if let Some((kind, count)) = &self.other_cells {
-            return Err(mixed(format!("{count} {kind}")));
+        if self.other_cells.is_none() && !self.has_cells() && !self.polygons.ends.is_empty() {
+            return Err(IoError::WrongKind {
+                path: path.to_owned(),
+                found: format!("{} faces and no cells", self.polygons.ends.len()),
+                wanted: "a mesh of tetrahedra or hexahedra is needed here",
+            });
         }
-        let cells = match (self.tets.len(), self.hexes.len()) {
-            (0, 0) if self.polygons.ends.is_empty() => return Err(self.no_geometry(path)),
-            (0, 0) => {
-                return Err(IoError::WrongKind {
-                    path: path.to_owned(),
-                    found: format!("{} faces and no cells", self.polygons.ends.len()),
-                    wanted: "a mesh of tetrahedra or hexahedra is needed here",
-                });
-            }
-            (_, 0) => CellList::Tets(self.cells_in_range(path, "tetrahedron", &self.tets)?),
-            (0, _) => CellList::Hexes(self.cells_in_range(path, "hexahedron", &self.hexes)?),
-            (tets, hexes) => return Err(mixed(format!("{tets} tetrahedra and {hexes} hexahedra"))),
-        };
-        let [of_tets, of_hexes] = self.labels;
-        let labels = if of_tets.is_empty() { of_hexes } else { of_tets };
-        let regions = if labels.len() == cells.len() {
-            let region = |label: &i64| {
-                let found = "a cell whose reference is not a 32-bit integer";
-                let remedy = "number the regions by smaller integers";
-                i32::try_from(*label).map_err(|_| IoError::unsupported(path, found, remedy))
-            };
-            labels.iter().map(region).collect::<Result<_, _>>()?
-        } else {
-            vec![0; cells.len()]
-        };
+        let cells = self.cells_of_one_kind(path)?;
+        let regions = self.regions(&cells).ok_or_else(|| {
+            let found = "a cell whose reference is not a 32-bit integer";
+            IoError::unsupported(path, found, "number the regions by smaller integers")
+        })?;
         CellMesh::new(self.vertices, cells, regions).map_err(|error| with_path(error, path))
     }
 
     pub fn into_solid(self, path: &Path) -> Result<SolidMesh, IoError> {
-        if self.tets.is_empty() {
-            self.into_surface(path).map(SolidMesh::Surface)
-        } else {
-            self.into_tets(path).map(SolidMesh::Tets)
+        if !self.has_cells() {
+            return self.into_surface(path).map(SolidMesh::Surface);
+        }
+        let cells = self.cells_of_one_kind(path)?;
+        let regions = self.regions(&cells).unwrap_or_else(|| vec![0; cells.len()]);
+        let mesh = CellMesh::new(self.vertices, cells, regions).map_err(|error| with_path(error, path));
+        mesh.map(SolidMesh::Cells)
+    }
+
+    fn has_cells(&self) -> bool {
+        !(self.tets.is_empty() && self.hexes.is_empty())
+    }
+
+    /// How many tetrahedra and hexahedra there are, in words.
+    fn cell_counts(&self) -> String {
+        match (self.tets.len(), self.hexes.len()) {
+            (tets, 0) => format!("{tets} tetrahedra"),
+            (0, hexes) => format!("{hexes} hexahedra"),
+            (tets, hexes) => format!("{tets} tetrahedra and {hexes} hexahedra"),
         }
     }
 
-    /// Points with their fields, and the tetrahedra or else the triangles. Cell fields are kept only for tetrahedra.
+    /// The cells, which must be there and all tetrahedra or all hexahedra.
+    fn cells_of_one_kind(&self, path: &Path) -> Result<CellList, IoError> {
+        self.refuse_other_cells(path)?;
+        match (self.tets.len(), self.hexes.len()) {
+            (0, 0) => Err(self.no_geometry(path)),
+            (_, 0) => Ok(CellList::Tets(self.cells_in_range(path, "tetrahedron", &self.tets)?)),
+            (0, _) => Ok(CellList::Hexes(self.cells_in_range(path, "hexahedron", &self.hexes)?)),
+            _ => {
+                let remedy = "give a mesh of tetrahedra or of hexahedra alone, or the boundary as a surface";
+                Err(IoError::unsupported(path, self.cell_counts(), remedy))
+            }
+        }
+    }
+
+    /// The regions of the cells, 0 in formats without labels; `None` when a label is not a 32-bit integer.
+    fn regions(&self, cells: &CellList) -> Option<Vec<i32>> {
+        let labels = &self.labels[usize::from(matches!(cells, CellList::Hexes(_)))];
+        if labels.len() != cells.len() {
+            return Some(vec![0; cells.len()]);
+        }
+        labels.iter().map(|&label| i32::try_from(label).ok()).collect()
+    }
+
+    /// Points with their fields, and the cells or else the triangles. Cell fields are kept only for cells.
     pub fn into_fields(mut self, path: &Path) -> Result<FieldFile, IoError> {
         let point = std::mem::take(&mut self.point_fields);
         let cell = std::mem::take(&mut self.cell_fields);
-        let cell_of_tet = std::mem::take(&mut self.cell_of_tet);
+        let cell_of_volume = std::mem::take(&mut self.cell_of_volume);
         let (vertices, cells) = (self.vertices.len(), self.cells);
         if let Some(field) = point.iter().chain(&cell).find(|f| f.components > MAX_COMPONENTS) {
             let (name, components) = (excerpt(field.name.as_bytes()), field.components);
@@ -168,7 +198,7 @@ impl RawMesh {
             }
         }
         self.refuse_other_cells(path)?;
-        if self.tets.is_empty() {
+        if !self.has_cells() {
             let triangles = self.triangles(path)?;
             return Ok(FieldFile {
                 points: self.vertices,
@@ -177,17 +207,20 @@ impl RawMesh {
                 ..FieldFile::default()
             });
         }
-        let of_tets = |field: Field| {
+        let of_volumes = |field: Field| {
             let value = |&c: &usize| &field.values[c * field.components..][..field.components];
-            let values = cell_of_tet.iter().flat_map(value).copied().collect();
+            let values = cell_of_volume.iter().flat_map(value).copied().collect();
             Field { values, ..field }
         };
-        let (points, tets) = self.into_tets(path)?.into_parts();
+        let cells = self.cells_of_one_kind(path)?;
+        let regions = vec![0; cells.len()];
+        let mesh = CellMesh::new(self.vertices, cells, regions).map_err(|error| with_path(error, path))?;
+        let (points, cells, _) = mesh.into_parts();
         Ok(FieldFile {
             points,
-            tets,
+            cells,
             point,
-            cell: cell.into_iter().map(of_tets).collect(),
+            cell: cell.into_iter().map(of_volumes).collect(),
             ..FieldFile::default()
         })
     }
@@ -249,9 +282,7 @@ impl RawMesh {
     }
 
     fn refuse_other_cells(&self, path: &Path) -> Result<(), IoError> {
-        let hexes = Some(("hexahedra", self.hexes.len())).filter(|_| !self.hexes.is_empty());
-        let others = self.other_cells.as_ref().map(|(kind, count)| (kind.as_str(), *count));
-        match hexes.or(others) {
+        match &self.other_cells {
             Some((kind, count)) => {
                 let remedy = "cut its cells into linear tetrahedra, or give the boundary as a surface";
                 Err(IoError::unsupported(path, format!("{count} {kind}"), remedy))

@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use rayon::prelude::*;
 
-use crate::mesh::{CellList, CellMesh, TET_FACES};
+pub(super) use crate::mesh::{CellFace, faces, sorted};
+use crate::mesh::{CellList, CellMesh, outer};
 use crate::{Point, Vector};
 
 /// A mesh of a solid with its boundary.
@@ -28,98 +29,6 @@ pub struct CellSetBoundary {
     pub cells: Vec<u32>,
     /// For each triangle `[a, b, c]` whether `ab`, `bc` and `ca` are edges of cells, not diagonals of quads.
     pub edges: Vec<[bool; 3]>,
-}
-
-/// Faces of a right-handed hexahedron, counter-clockwise seen from outside.
-const HEX_FACES: [[usize; 4]; 6] = [
-    [0, 3, 2, 1],
-    [4, 5, 6, 7],
-    [0, 1, 5, 4],
-    [1, 2, 6, 5],
-    [2, 3, 7, 6],
-    [3, 0, 4, 7],
-];
-
-/// A face of a cell, which its neighbour has with the opposite orientation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct CellFace {
-    /// Its nodes, ascending; the last is `u32::MAX` for a triangle.
-    pub nodes: [u32; 4],
-    pub cell: u32,
-    /// Which face of the cell.
-    pub side: u8,
-    /// Its orientation as seen from outside the cell; consistently oriented neighbours have opposite values at their
-    /// common face.
-    pub reversed: bool,
-    /// The node of a quad opposite to the lowest one: four nodes can form three quads. 0 for a triangle.
-    pub opposite: u32,
-}
-
-/// The faces of all cells, sorted so that the two copies of a shared face are adjacent.
-pub(super) fn faces(cells: &CellList) -> Vec<CellFace> {
-    let of_tet = |(cell, tet): (usize, &[u32; 4])| {
-        let corners = TET_FACES.map(|face| face.map(|k| tet[k]));
-        (0u8..).zip(corners).map(move |(side, [a, b, c])| {
-            let nodes = sorted([a, b, c, u32::MAX]);
-            CellFace {
-                nodes,
-                cell: cell as u32,
-                side,
-                reversed: [[a, b], [b, c], [c, a]].contains(&[nodes[0], nodes[1]]),
-                opposite: 0,
-            }
-        })
-    };
-    let of_hex = |(cell, hex): (usize, &[u32; 8])| {
-        let corners = HEX_FACES.map(|face| face.map(|k| hex[k]));
-        (0u8..).zip(corners).map(move |(side, around)| {
-            let nodes = sorted(around);
-            let first = around.iter().position(|v| *v == nodes[0]).unwrap_or(0);
-            CellFace {
-                nodes,
-                cell: cell as u32,
-                side,
-                reversed: around[(first + 1) % 4] < around[(first + 3) % 4],
-                opposite: around[(first + 2) % 4],
-            }
-        })
-    };
-    let mut faces: Vec<CellFace> = match cells {
-        CellList::Tets(tets) => tets.par_iter().enumerate().flat_map_iter(of_tet).collect(),
-        CellList::Hexes(hexes) => hexes.par_iter().enumerate().flat_map_iter(of_hex).collect(),
-    };
-    faces.par_sort_unstable();
-    faces
-}
-
-/// The corners in ascending order.
-pub(super) fn sorted<const N: usize>(mut corners: [u32; N]) -> [u32; N] {
-    corners.sort_unstable();
-    corners
-}
-
-/// The sorted faces that belong to one cell only.
-pub(super) fn outer(faces: &[CellFace]) -> impl Iterator<Item = &CellFace> {
-    let groups = faces.chunk_by(|a, b| a.nodes == b.nodes);
-    groups.filter(|group| group.len() == 1).map(|group| &group[0])
-}
-
-impl CellFace {
-    /// Its triangles, facing out of the cell.
-    pub fn triangles(&self, cells: &CellList) -> impl Iterator<Item = [u32; 3]> {
-        let (a, b) = match cells {
-            CellList::Tets(tets) => {
-                let tet = tets[self.cell as usize];
-                (TET_FACES[self.side as usize].map(|k| tet[k]), None)
-            }
-            CellList::Hexes(hexes) => {
-                let hex = hexes[self.cell as usize];
-                let [a, b, c, d] = HEX_FACES[self.side as usize].map(|k| hex[k]);
-                ([a, b, c], Some([a, c, d]))
-            }
-        };
-        std::iter::once(a).chain(b)
-    }
 }
 
 impl BoundedMesh {

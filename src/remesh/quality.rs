@@ -4,10 +4,12 @@ use std::cmp::Ordering;
 
 use rayon::prelude::*;
 
-use crate::geometry::orientation;
+use crate::geometry::{hex_scaled_jacobian, least_jacobian_inside, orientation, tet_scaled_jacobian};
+pub(super) use crate::geometry::{lesser, trilinear_gradients};
+pub(super) use crate::mesh::HEX_CORNERS;
 use crate::mesh::{CellList, TET_FACES};
 use crate::statistics::quantiles;
-use crate::{Matrix3, Point, Vector};
+use crate::{Point, Vector};
 
 /// Cells that are inverted or degenerate.
 #[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
@@ -38,21 +40,6 @@ pub struct CellQuality {
     pub max_dihedral: f64,
 }
 
-/// Points per side of the lattice at which hexahedra are examined.
-const LATTICE: usize = 5;
-
-/// Corners of a hexahedron, each with its neighbours in right-handed order.
-pub(super) const HEX_CORNERS: [[usize; 4]; 8] = [
-    [0, 1, 3, 4],
-    [1, 2, 0, 5],
-    [2, 3, 1, 6],
-    [3, 0, 2, 7],
-    [4, 7, 5, 0],
-    [5, 4, 6, 1],
-    [6, 5, 7, 2],
-    [7, 6, 4, 3],
-];
-
 /// Position of a node; NaN for a missing one.
 pub(super) fn at(x: &[Point], v: u32) -> Point {
     x.get(v as usize)
@@ -63,11 +50,6 @@ pub(super) fn at(x: &[Point], v: u32) -> Point {
 /// Whether a determinant is positive; not for NaN.
 pub(super) fn is_positive(det: f64) -> bool {
     det > 0.0
-}
-
-/// The smaller of two numbers; NaN if one is, where `f64::min` would return the other.
-pub(super) fn lesser(a: f64, b: f64) -> f64 {
-    if a.is_nan() || a < b { a } else { b }
 }
 
 /// Whether a tetrahedron is right-handed, decided exactly; not with a missing node.
@@ -86,7 +68,7 @@ pub fn invalid_cells(cells: &CellList, x: &[Point]) -> InvalidCells {
             .map(|h| {
                 if !HEX_CORNERS.iter().all(|c| is_right_handed(x, c.map(|k| h[k]))) {
                     1
-                } else if is_positive(least_inside(&h.map(|v| at(x, v)))) {
+                } else if is_positive(least_jacobian_inside(&h.map(|v| at(x, v)))) {
                     0
                 } else {
                     2
@@ -109,68 +91,27 @@ pub(super) fn inverted_inside(cells: &CellList, x: &[Point]) -> Vec<u32> {
         CellList::Tets(_) => vec![],
         CellList::Hexes(hexes) => (0..hexes.len() as u32)
             .into_par_iter()
-            .filter(|&h| !is_positive(least_inside(&hexes[h as usize].map(|v| at(x, v)))))
+            .filter(|&h| !is_positive(least_jacobian_inside(&hexes[h as usize].map(|v| at(x, v)))))
             .collect(),
     }
-}
-
-/// Least determinant of the trilinear map at a lattice of points; NaN when one is.
-fn least_inside(corners: &[Point; 8]) -> f64 {
-    let mut least = f64::INFINITY;
-    let at = |i: usize| i as f64 / (LATTICE - 1) as f64;
-    for i in 0..LATTICE {
-        for j in 0..LATTICE {
-            for k in 0..LATTICE {
-                let slopes = trilinear_gradients([at(i), at(j), at(k)]);
-                let jacobian: Matrix3 = (0..8).map(|c| corners[c].coords * slopes[c].transpose()).sum();
-                least = lesser(least, jacobian.determinant());
-            }
-        }
-    }
-    least
-}
-
-/// Gradients of the trilinear shape functions of a cube's corners.
-pub(super) fn trilinear_gradients(at: [f64; 3]) -> [Vector; 8] {
-    std::array::from_fn(|k| {
-        // Around the bottom, then the top.
-        let upper = [matches!(k % 4, 1 | 2), k % 4 > 1, k > 3];
-        let value = |m: usize| if upper[m] { at[m] } else { 1.0 - at[m] };
-        let sign = |m: usize| if upper[m] { 1.0 } else { -1.0 };
-        Vector::from_fn(|m, _| sign(m) * value((m + 1) % 3) * value((m + 2) % 3))
-    })
 }
 
 /// Scaled Jacobian of every cell: for a tetrahedron √2 times its determinant over the largest product of the lengths of
 /// the three edges at a corner, for a hexahedron the least determinant of the three unit edges at a corner (Knupp 2000;
 /// Stimpson et al., *The Verdict geometric quality library*, 2007).
 pub fn scaled_jacobians(cells: &CellList, x: &[Point]) -> Vec<f64> {
-    let edges = |[a, b, c, d]: [Point; 4]| [b - a, c - a, d - a];
     match cells {
         CellList::Tets(tets) => tet_scaled_jacobians(tets, x),
-        CellList::Hexes(hexes) => hexes
-            .par_iter()
-            .map(|h| {
-                let corner = |c: &[usize; 4]| {
-                    let [a, b, c] = edges(c.map(|k| at(x, h[k]))).map(|e| e.normalize());
-                    a.dot(&b.cross(&c))
-                };
-                HEX_CORNERS.iter().map(corner).fold(f64::INFINITY, lesser)
-            })
-            .collect(),
+        CellList::Hexes(hexes) => {
+            let of_hex = |h: &[u32; 8]| hex_scaled_jacobian(&h.map(|v| at(x, v)));
+            hexes.par_iter().map(of_hex).collect()
+        }
     }
 }
 
 /// [`scaled_jacobians`] of tetrahedra.
 pub(super) fn tet_scaled_jacobians(tets: &[[u32; 4]], x: &[Point]) -> Vec<f64> {
-    let of_tet = |t: &[u32; 4]| {
-        let p = t.map(|v| at(x, v));
-        let length = |i: usize, j: usize| (p[i] - p[j]).norm();
-        let largest = (0..4)
-            .map(|i| (0..4).filter(|&j| j != i).map(|j| length(i, j)).product::<f64>())
-            .fold(0.0, f64::max);
-        std::f64::consts::SQRT_2 * determinant(x, *t) / largest
-    };
+    let of_tet = |t: &[u32; 4]| tet_scaled_jacobian(&t.map(|v| at(x, v)));
     tets.par_iter().map(of_tet).collect()
 }
 

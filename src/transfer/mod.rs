@@ -10,6 +10,7 @@ mod sampler;
 
 use crate::inverse::{InverseMap, InverseReport, Preimage};
 use crate::map::VolumeMap;
+use crate::mesh::CellList;
 use crate::{Matrix3, Point, Vector};
 
 pub use checks::{
@@ -28,7 +29,7 @@ pub enum FieldKind {
     Label,
 }
 
-/// A field with a value for every point or every tetrahedron.
+/// A field with a value for every point or every cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferField {
     /// Its name.
@@ -41,16 +42,16 @@ pub struct TransferField {
     pub kind: FieldKind,
 }
 
-/// Points with fields, and tetrahedra over them, if any.
+/// Points with fields, and tetrahedra or hexahedra over them, if any.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FieldMesh {
     /// The points, in the domain or in the target.
     pub points: Vec<Point>,
-    /// Tetrahedra over the points; may be empty.
-    pub tets: Vec<[u32; 4]>,
+    /// Cells over the points; may be empty.
+    pub cells: CellList,
     /// Fields over the points.
     pub point_fields: Vec<TransferField>,
-    /// Fields over the tetrahedra.
+    /// Fields over the cells.
     pub cell_fields: Vec<TransferField>,
 }
 
@@ -58,12 +59,12 @@ pub struct FieldMesh {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TransferError {
-    /// A field does not have a value for each point or tetrahedron.
+    /// A field does not have a value for each point or cell.
     #[error("the field `{name}` has {found} entries, but {expected} are needed for {count} {element}")]
     ValueCount {
         /// Name of the field.
         name: String,
-        /// Points or tetrahedra.
+        /// Points, tetrahedra or hexahedra.
         element: &'static str,
         /// Number of them.
         count: usize,
@@ -80,11 +81,13 @@ pub enum TransferError {
         /// Its components.
         components: usize,
     },
-    /// A tetrahedron refers to a point that is not there.
-    #[error("tetrahedron {tet} names point {point}, but there are only {points} points")]
+    /// A cell refers to a point that is not there.
+    #[error("{element} {cell} names point {point}, but there are only {points} points")]
     IndexOutOfRange {
-        /// The tetrahedron.
-        tet: usize,
+        /// `"tetrahedron"` or `"hexahedron"`.
+        element: &'static str,
+        /// The cell.
+        cell: usize,
         /// The point.
         point: u32,
         /// How many points there are.
@@ -98,14 +101,13 @@ pub enum TransferError {
 /// Fields at points of the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResampledFields {
-    /// The fields over points, then those over tetrahedra; NaN at points without preimage.
+    /// The fields over points, then those over cells; NaN at points without preimage.
     pub fields: Vec<TransferField>,
     /// Preimages of the points.
     pub preimages: Vec<Preimage>,
     /// Report of the inverse map.
     pub inverse: InverseReport,
-    /// Preimages outside the tetrahedra, which got the value at the closest point of their boundary; 0 without
-    /// tetrahedra.
+    /// Preimages outside the cells, which got the value at the closest point of their boundary; 0 without cells.
     pub outside_mesh: usize,
 }
 
@@ -116,19 +118,20 @@ impl FieldMesh {
     ///
     /// [`TransferError`] for the first that does not.
     pub fn check(&self) -> Result<(), TransferError> {
-        for (tet, corners) in self.tets.iter().enumerate() {
+        for (cell, corners) in self.cells.iter().enumerate() {
             if let Some(&point) = corners.iter().find(|&&v| v as usize >= self.points.len()) {
                 return Err(TransferError::IndexOutOfRange {
-                    tet,
+                    element: self.cells.element(),
+                    cell,
                     point,
                     points: self.points.len(),
                 });
             }
         }
-        let (points, tets) = (self.points.len(), self.tets.len());
+        let (points, cells, elements) = (self.points.len(), self.cells.len(), self.cells.elements());
         let over_points = self.point_fields.iter().map(|f| (f, "points", points));
-        let over_tets = self.cell_fields.iter().map(|f| (f, "tetrahedra", tets));
-        over_points.chain(over_tets).try_for_each(|(field, element, count)| {
+        let over_cells = self.cell_fields.iter().map(|f| (f, elements, cells));
+        over_points.chain(over_cells).try_for_each(|(field, element, count)| {
             let (expected, found) = (count.saturating_mul(field.components), field.values.len());
             if found != expected {
                 let name = field.name.clone();
@@ -149,16 +152,16 @@ impl FieldMesh {
     }
 
     fn centroids(&self) -> Vec<Point> {
-        let centroid = |tet: &[u32; 4]| {
-            let sum: Vector = tet.iter().map(|&v| self.points[v as usize].coords).sum();
-            Point::from(sum / 4.0)
+        let centroid = |corners: &[u32]| {
+            let sum: Vector = corners.iter().map(|&v| self.points[v as usize].coords).sum();
+            Point::from(sum / corners.len() as f64)
         };
-        self.tets.iter().map(centroid).collect()
+        self.cells.iter().map(centroid).collect()
     }
 }
 
-/// Maps a mesh with its fields to the target: every point to its image, with its values, and the same tetrahedra.
-/// Vectors over tetrahedra are pushed forward at the centroids.
+/// Maps a mesh with its fields to the target: every point to its image, with its values, and the same cells. Vectors over
+/// cells are pushed forward at the means of their corners.
 ///
 /// # Errors
 ///
@@ -171,7 +174,7 @@ pub fn push_forward(map: &dyn VolumeMap, field_mesh: &FieldMesh) -> Result<Field
     } else {
         (map.evaluate(&field_mesh.points), vec![])
     };
-    let in_tets = match has_vectors(&field_mesh.cell_fields) {
+    let in_cells = match has_vectors(&field_mesh.cell_fields) {
         true => map.jacobian(&field_mesh.centroids()),
         false => vec![],
     };
@@ -184,9 +187,9 @@ pub fn push_forward(map: &dyn VolumeMap, field_mesh: &FieldMesh) -> Result<Field
     };
     Ok(FieldMesh {
         points,
-        tets: field_mesh.tets.clone(),
+        cells: field_mesh.cells.clone(),
         point_fields: pushed(&field_mesh.point_fields, &jacobians),
-        cell_fields: pushed(&field_mesh.cell_fields, &in_tets),
+        cell_fields: pushed(&field_mesh.cell_fields, &in_cells),
     })
 }
 

@@ -1,17 +1,23 @@
 //! Interpolation of fields.
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use super::{FieldKind, FieldMesh, TransferError, TransferField};
 use crate::geometry::{Aabb, Bvh, closest_point_on_triangle};
 use crate::inverse::barycentric;
+use crate::mesh::{CellList, tets_of_hex};
 use crate::{Point, Vector};
 
 /// Evaluates the fields of a mesh at any points: linear in tetrahedra, outside them as at the closest point of their
-/// boundary. Without tetrahedra, the values are those of the nearest point. Labels are those of the corner with the
-/// largest weight, or of the tetrahedron for fields over tetrahedra.
+/// boundary. Hexahedra are cut into six tetrahedra each ([`tets_of_hex`]). Without cells, the values are those of the
+/// nearest point. Labels are those of the corner with the largest weight, or of the cell for fields over cells.
 pub struct FieldSampler<'a> {
     field_mesh: &'a FieldMesh,
+    tets: Cow<'a, [[u32; 4]]>,
+    /// Tetrahedra that a cell is cut into.
+    tets_per_cell: u32,
     tet_tree: Bvh,
     tet_of_item: Vec<u32>,
     boundary_tree: Bvh,
@@ -50,8 +56,12 @@ impl<'a> FieldSampler<'a> {
     pub fn new(field_mesh: &'a FieldMesh) -> Result<Self, TransferError> {
         field_mesh.check()?;
         let is_finite = |v: &u32| field_mesh.points[*v as usize].iter().all(|c| c.is_finite());
-        let tet_of_item: Vec<u32> = (0..field_mesh.tets.len() as u32)
-            .filter(|&t| field_mesh.tets[t as usize].iter().all(is_finite))
+        let (tets, tets_per_cell): (Cow<[[u32; 4]]>, u32) = match &field_mesh.cells {
+            CellList::Tets(tets) => (tets.into(), 1),
+            CellList::Hexes(hexes) => (hexes.iter().flat_map(tets_of_hex).collect(), 6),
+        };
+        let tet_of_item: Vec<u32> = (0..tets.len() as u32)
+            .filter(|&t| tets[t as usize].iter().all(is_finite))
             .collect();
         let boundary = if tet_of_item.is_empty() {
             let all = (0..field_mesh.points.len() as u32).filter(is_finite);
@@ -61,13 +71,13 @@ impl<'a> FieldSampler<'a> {
             })
             .collect()
         } else {
-            boundary_faces(&field_mesh.tets, &tet_of_item)
+            boundary_faces(&tets, &tet_of_item)
         };
         if boundary.is_empty() {
             return Err(TransferError::Empty);
         }
         let point = |v: u32| field_mesh.points[v as usize];
-        let around_tet = |&t: &u32| with_slack(Aabb::around(&field_mesh.tets[t as usize].map(point)));
+        let around_tet = |&t: &u32| with_slack(Aabb::around(&tets[t as usize].map(point)));
         let boxes: Vec<Aabb> = tet_of_item.iter().map(around_tet).collect();
         let boundary_boxes: Vec<Aabb> = boundary
             .iter()
@@ -77,17 +87,18 @@ impl<'a> FieldSampler<'a> {
         let diagonal = boundary_tree.nodes()[0].bounds.extent().norm();
         Ok(Self {
             field_mesh,
+            tets_per_cell,
             tet_tree: Bvh::new(&boxes),
             tet_of_item,
             boundary_tree,
             boundary,
             margin_squared: (MARGIN * diagonal).powi(2),
+            tets,
         })
     }
 
-    /// The fields over points, then those over tetrahedra, at these points; NaN at points that are not finite. Also
-    /// which points lie outside the tetrahedra by more than a millionth of the mesh's diagonal; none without
-    /// tetrahedra.
+    /// The fields over points, then those over cells, at these points; NaN at points that are not finite. Also which
+    /// points lie outside the cells by more than a millionth of the mesh's diagonal; none without cells.
     pub fn sample(&self, points: &[Point]) -> (Vec<TransferField>, Vec<bool>) {
         let locations: Vec<Option<SampleLocation>> = points.par_iter().map(|p| self.locate(p)).collect();
         let is_outside = |location: &Option<SampleLocation>| location.is_some_and(|location| location.outside);
@@ -98,8 +109,10 @@ impl<'a> FieldSampler<'a> {
             ..
         } = self.field_mesh;
         let over_points = point_fields.iter().map(|field| over_points(field, &locations));
-        let over_tets = cell_fields.iter().map(|field| over_tets(field, &locations));
-        (over_points.chain(over_tets).collect(), outside)
+        let over_cells = cell_fields
+            .iter()
+            .map(|field| over_cells(field, self.tets_per_cell, &locations));
+        (over_points.chain(over_cells).collect(), outside)
     }
 
     fn locate(&self, p: &Point) -> Option<SampleLocation> {
@@ -125,7 +138,7 @@ impl<'a> FieldSampler<'a> {
             }
             for &item in &self.tet_tree.order()[node.items()] {
                 let tet = self.tet_of_item[item as usize];
-                let points = self.field_mesh.tets[tet as usize];
+                let points = self.tets[tet as usize];
                 let weights = barycentric(&points.map(|v| self.field_mesh.points[v as usize]), p);
                 let inside = weights.filter(|weights| weights.iter().all(|&w| w >= -SLACK));
                 if let Some(weights) = inside.filter(|_| best.is_none_or(|best| tet < best.tet)) {
@@ -218,10 +231,10 @@ fn weighted(weight: f64, value: f64) -> f64 {
     if weight == 0.0 { 0.0 } else { weight * value }
 }
 
-fn over_tets(field: &TransferField, locations: &[Option<SampleLocation>]) -> TransferField {
+fn over_cells(field: &TransferField, tets_per_cell: u32, locations: &[Option<SampleLocation>]) -> TransferField {
     with_values(field, locations, |location, k| match location.tet {
         NONE => f64::NAN,
-        tet => field.values[tet as usize * field.components + k],
+        tet => field.values[(tet / tets_per_cell) as usize * field.components + k],
     })
 }
 

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use serde::Serialize;
-use solidmap::check::{CheckReport, check};
+use solidmap::check::{CellReport, CheckReport, check, examine_cells};
+use solidmap::io::SolidMesh;
 
 use crate::CommandOutcome;
 use crate::args::CheckArgs;
@@ -22,6 +23,9 @@ struct CheckSummary {
 #[derive(Serialize)]
 struct ModelReport {
     model: FileName,
+    /// What was found in the cells of a tet or hex mesh; `None` for a surface.
+    cell_mesh: Option<CellReport>,
+    /// What was found in the surface, or in the boundary of the cells.
     #[serde(flatten)]
     report: Option<CheckReport>,
     unreadable: Option<String>,
@@ -32,15 +36,12 @@ pub fn run(args: &CheckArgs, output: &Output) -> anyhow::Result<CommandOutcome> 
     let mut models = Vec::new();
     for model in &args.models {
         output.progress(format!("checking {}", model.display()));
-        let (report, unreadable) = match examine(model) {
-            Ok(report) => (Some(report), None),
-            Err(error) => (None, Some(describe(&error))),
-        };
-        models.push(ModelReport {
+        models.push(examine(model).unwrap_or_else(|error| ModelReport {
             model: model.into(),
-            report,
-            unreadable,
-        });
+            cell_mesh: None,
+            report: None,
+            unreadable: Some(describe(&error)),
+        }));
     }
     let report = CheckSummary { models };
     output.result(&report, || {
@@ -51,23 +52,40 @@ pub fn run(args: &CheckArgs, output: &Output) -> anyhow::Result<CommandOutcome> 
     if unreadable > 0 {
         anyhow::bail!("{unreadable} of {} models could not be read", report.models.len());
     }
-    let healthy = report
-        .models
-        .iter()
-        .flat_map(|m| &m.report)
-        .all(|r| r.findings.is_empty());
-    Ok(CommandOutcome::from_check(healthy))
+    Ok(CommandOutcome::from_check(
+        report.models.iter().all(ModelReport::is_healthy),
+    ))
 }
 
-fn examine(model: &Path) -> anyhow::Result<CheckReport> {
-    let surface = input::read_surface(model)?;
-    Ok(check(&surface, finder()))
+fn examine(model: &Path) -> anyhow::Result<ModelReport> {
+    let solid = input::read_solid(model)?;
+    let cell_mesh = match &solid {
+        SolidMesh::Surface(_) => None,
+        SolidMesh::Cells(mesh) => Some(examine_cells(mesh)),
+    };
+    Ok(ModelReport {
+        model: model.into(),
+        cell_mesh,
+        report: Some(check(&solid.into_surface(), finder())),
+        unreadable: None,
+    })
+}
+
+impl ModelReport {
+    /// Whether nothing is wrong with the surface, and no cell is invalid. Notes are no defects.
+    fn is_healthy(&self) -> bool {
+        self.report.as_ref().is_some_and(|report| report.findings.is_empty())
+            && self.cell_mesh.as_ref().is_none_or(CellReport::is_valid)
+    }
 }
 
 fn text(model: &ModelReport) -> String {
     let name = model.model.display();
-    match (&model.report, &model.unreadable) {
-        (Some(report), _) => format!("{name}\n{report}"),
-        (None, reason) => format!("{name}\n  {}\n", reason.as_deref().unwrap_or_default()),
+    match (&model.report, &model.cell_mesh, &model.unreadable) {
+        (Some(report), Some(cells), _) => {
+            format!("{name}\n{cells}\nThe boundary of the cells, as a surface with vertices of its own:\n{report}")
+        }
+        (Some(report), None, _) => format!("{name}\n{report}"),
+        (None, _, reason) => format!("{name}\n  {}\n", reason.as_deref().unwrap_or_default()),
     }
 }

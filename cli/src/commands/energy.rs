@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::energy::{
-    DensityQuantiles, EnergyErrors, EnergyOptions, EnergyReport, adaptive_energies, energies, tet_quadrature,
+    DensityQuantiles, EnergyErrors, EnergyOptions, EnergyReport, adaptive_energies, cell_quadrature, energies,
 };
 use solidmap::geometry::distance_field;
 use solidmap::io;
@@ -48,7 +48,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
     let target = boundary.outward_target();
-    let mesh = args.mesh.as_ref().map(io::read_tets).transpose()?;
+    let mesh = args.mesh.as_ref().map(io::read_cells).transpose()?;
 
     ensure!(
         args.no_normalize || target.volume() > 1e-12 * target.diagonal().powi(3),
@@ -59,8 +59,8 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     let target_volume = boundary.target_volume();
     let (quadrature, energy) = match (&mesh, &args.mesh) {
         (Some(mesh), Some(path)) => {
-            let cannot_measure = || format!("cannot measure over the tet mesh `{}`", path.display());
-            let quadrature = tet_quadrature(mesh).with_context(cannot_measure)?;
+            let cannot_measure = || format!("cannot measure over the mesh `{}`", path.display());
+            let quadrature = cell_quadrature(mesh).with_context(cannot_measure)?;
             let volume = quadrature.volume();
             require_same_solid(path, volume, boundary.domain())?;
             let energy = energies(&file.map, &quadrature, volume, target_volume, &options);
@@ -181,8 +181,8 @@ fn require_same_solid(mesh: &Path, volume: f64, domain: &SurfaceMesh) -> anyhow:
     let expected = domain.volume();
     ensure!(
         (volume / expected - 1.0).abs() < 0.05,
-        "`{}` has a volume of {volume:.6}, and the domain of the map {expected:.6}; give a tet mesh of the domain \
-         (`solidmap tet`)",
+        "`{}` has a volume of {volume:.6}, and the domain of the map {expected:.6}; give a mesh of the domain \
+         (`solidmap tet` makes one)",
         mesh.display()
     );
     Ok(())

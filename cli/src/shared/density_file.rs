@@ -4,7 +4,7 @@ use std::path::Path;
 
 use solidmap::energy::{CellLayout, Densities, Quadrature};
 use solidmap::io::{self, Cells, VtkFields};
-use solidmap::mesh::TetMesh;
+use solidmap::mesh::{CellList, CellMesh};
 
 use super::fields::scalar;
 
@@ -18,12 +18,11 @@ pub fn fields<'a>(densities: &'a Densities, distances: &'a [f64]) -> [(&'static 
     ]
 }
 
-/// Writes the cell means of fields given at the points of a quadrature. Cells are tetrahedra of a mesh, or boxes of a
-/// grid, which are written whole where the surface cuts them.
+/// Writes the cell means of fields given at the points of a quadrature. Cells are those of a mesh, or boxes of a grid, which are written whole where the surface cuts them.
 pub fn write(
     path: &Path,
     quadrature: &Quadrature,
-    mesh: Option<&TetMesh>,
+    mesh: Option<&CellMesh>,
     fields: &[(&str, &[f64])],
 ) -> anyhow::Result<()> {
     let means = |values| quadrature.cell_means(values).iter().map(|c| c.mean).collect();
@@ -36,17 +35,18 @@ pub fn write(
         ..VtkFields::default()
     };
     match (quadrature.layout(), mesh) {
-        (CellLayout::Tets { .. }, Some(mesh)) => {
-            let tets: Vec<_> = cells.iter().map(|&c| mesh.tets()[c as usize]).collect();
-            io::write_vtu(path, mesh.vertices(), Cells::Tets(&tets), &fields)?;
-        }
         (CellLayout::Grid(grid), _) => {
             let (points, hexes) = grid.hexahedra(&cells);
             io::write_vtu(path, &points, Cells::Hexes(&hexes), &fields)?;
         }
-        (CellLayout::Tets { .. }, None) => {
-            anyhow::bail!("densities on tetrahedra cannot be written without their mesh")
+        (_, Some(mesh)) => {
+            let with_points = match mesh.cells() {
+                CellList::Tets(tets) => CellList::Tets(cells.iter().map(|&c| tets[c as usize]).collect()),
+                CellList::Hexes(hexes) => CellList::Hexes(cells.iter().map(|&c| hexes[c as usize]).collect()),
+            };
+            io::write_vtu(path, mesh.nodes(), Cells::from(&with_points), &fields)?;
         }
+        (_, None) => anyhow::bail!("densities on the cells of a mesh cannot be written without it"),
     }
     Ok(())
 }

@@ -13,8 +13,7 @@ use super::input::extension;
 /// Names, in lower case, of fields of three components that are not pushed forward as vectors.
 const NOT_VECTORS: [&str; 7] = ["rgb", "color", "colors", "colour", "colours", "normal", "normals"];
 
-/// A mesh with fields: points and tetrahedra that carry them, and triangles between the points where there are no
-/// tetrahedra.
+/// A mesh with fields: points and cells that carry them, and triangles between the points where there are no cells.
 pub struct MeshWithFields {
     pub carrier: FieldMesh,
     pub triangles: Vec<[u32; 3]>,
@@ -41,7 +40,7 @@ impl MeshWithFields {
         Self {
             carrier: FieldMesh {
                 points: file.points,
-                tets: file.tets,
+                cells: file.cells,
                 point_fields: file.point.into_iter().map(named).collect(),
                 cell_fields: file.cell.into_iter().map(named).collect(),
             },
@@ -54,8 +53,8 @@ impl MeshWithFields {
         let given = Self::new(io::read_fields(path)?, &[], None);
         let (carrier, shown) = (&given.carrier, path.display());
         ensure!(
-            !(carrier.tets.is_empty() && given.triangles.is_empty()),
-            "`{shown}` has no triangles and no tetrahedra between its points; give a .vtu or .vtk that has"
+            !(carrier.cells.is_empty() && given.triangles.is_empty()),
+            "`{shown}` has no triangles and no cells between its points; give a .vtu or .vtk that has"
         );
         carrier.check().with_context(|| format!("cannot carry `{shown}`"))?;
         Ok(given)
@@ -76,9 +75,9 @@ impl MeshWithFields {
             cell: fields_of(&self.carrier.cell_fields).collect(),
             ..VtkFields::default()
         };
-        let cells = match self.carrier.tets.is_empty() {
+        let cells = match self.carrier.cells.is_empty() {
             true => Cells::Triangles(&self.triangles),
-            false => Cells::Tets(&self.carrier.tets),
+            false => Cells::from(&self.carrier.cells),
         };
         let points = &self.carrier.points;
         if extension(path) == "vtk" {

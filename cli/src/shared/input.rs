@@ -13,18 +13,15 @@ use solidmap::mesh::SurfaceMesh;
 use super::stored_paths;
 use crate::args::BoundaryMapFiles;
 
-/// A closed surface, or a tet mesh. That a path is a folder says more than that it has no known extension.
-fn read_solid(path: &Path) -> anyhow::Result<SolidMesh> {
+/// A closed surface, or a mesh of tetrahedra or hexahedra. That a path is a folder says more than that it has no known extension.
+pub fn read_solid(path: &Path) -> anyhow::Result<SolidMesh> {
     anyhow::ensure!(!path.is_dir(), "cannot read `{}`: it is a folder", path.display());
     Ok(io::read_solid(path)?)
 }
 
-/// A closed surface, or the boundary of a tet mesh.
+/// A closed surface, or the boundary of a mesh of tetrahedra or hexahedra.
 pub fn read_surface(path: &Path) -> anyhow::Result<SurfaceMesh> {
-    Ok(match read_solid(path)? {
-        SolidMesh::Surface(surface) => surface,
-        SolidMesh::Tets(tets) => tets.boundary().surface,
-    })
+    Ok(read_solid(path)?.into_surface())
 }
 
 /// Where a boundary map comes from.
@@ -99,10 +96,8 @@ impl BoundarySource {
 pub fn read_boundary_map(domain: &Path, image: &Path) -> anyhow::Result<BoundaryMap> {
     let (domain_solid, image_solid) = rayon::join(|| read_solid(domain), || read_solid(image));
     let map = match (domain_solid?, image_solid?) {
-        (SolidMesh::Tets(domain), SolidMesh::Tets(image)) => BoundaryMap::between_tets(&domain, &image),
-        (SolidMesh::Tets(domain), SolidMesh::Surface(image)) => BoundaryMap::between(domain.boundary().surface, &image),
-        (SolidMesh::Surface(domain), SolidMesh::Tets(image)) => BoundaryMap::between(domain, &image.boundary().surface),
-        (SolidMesh::Surface(domain), SolidMesh::Surface(image)) => BoundaryMap::between(domain, &image),
+        (SolidMesh::Cells(domain), SolidMesh::Cells(image)) => BoundaryMap::between_cells(&domain, &image),
+        (domain, image) => BoundaryMap::between(domain.into_surface(), &image.into_surface()),
     };
     map.with_context(|| format!("cannot map `{}` to `{}`", domain.display(), image.display()))
 }

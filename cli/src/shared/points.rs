@@ -20,10 +20,7 @@ pub fn read_points(path: &Path) -> anyhow::Result<(Option<SolidMesh>, Vec<Point>
         return Ok((None, io::read_points(path)?));
     }
     let solid = io::read_solid(path)?;
-    let points = match &solid {
-        SolidMesh::Surface(surface) => surface.vertices().to_vec(),
-        SolidMesh::Tets(tets) => tets.vertices().to_vec(),
-    };
+    let points = solid.vertices().to_vec();
     Ok((Some(solid), points))
 }
 

@@ -4,8 +4,8 @@ use super::{
     BijectivityVerdict, BoundaryCheck, ComparedWith, CompositionCheck, Coverage, Degree, MapFinding, RoundTrip,
     SurfaceDistance,
 };
-use crate::check::text::{counted, write_ids, write_wrapped};
-use crate::check::{SelfIntersections, Severity};
+use crate::check::SelfIntersections;
+use crate::check::text::{counted, label_of, write_ids, write_wrapped};
 
 impl Display for BoundaryCheck {
     fn fmt(&self, f: &mut Formatter) -> fmt::Result {
@@ -152,10 +152,7 @@ impl CompositionCheck {
 
 impl Display for MapFinding {
     fn fmt(&self, f: &mut Formatter) -> fmt::Result {
-        let label = match self.severity {
-            Severity::Error => "error",
-            Severity::Warning => "warning",
-        };
+        let label = label_of(self.severity);
         write_wrapped(f, &format!("{label}: "), &self.message)?;
         let edges: Vec<String> = self.edges.iter().map(|[a, b]| format!("{a}-{b}")).collect();
         write_ids(f, "edges", &edges, self.count.max(edges.len()))?;

@@ -259,6 +259,6 @@ fn verdict(findings: &[MapFinding], is_exact: bool) -> BijectivityVerdict {
         Some(Severity::Error) => BijectivityVerdict::NotBijective,
         _ if is_exact => BijectivityVerdict::Bijective,
         Some(Severity::Warning) => BijectivityVerdict::Doubtful,
-        None => BijectivityVerdict::NoDefectFound,
+        Some(Severity::Note) | None => BijectivityVerdict::NoDefectFound,
     }
 }

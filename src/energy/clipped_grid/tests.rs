@@ -12,7 +12,7 @@ fn by_count(surface: &SurfaceMesh, cells: usize) -> Quadrature {
 fn grid_of(rule: &Quadrature) -> Grid {
     match rule.layout() {
         CellLayout::Grid(grid) => grid,
-        CellLayout::Tets { .. } => panic!("not a grid"),
+        CellLayout::Tets { .. } | CellLayout::Hexes { .. } => panic!("not a grid"),
     }
 }
 

@@ -32,14 +32,21 @@ pub(super) fn add_cells<'c>(
             (9, &[a, b, c, d]) => raw.polygons.push([a, b, c, d]),
             (10, &[a, b, c, d]) => {
                 raw.tets.push([a, b, c, d]);
-                raw.cell_of_tet.push(raw.cells - 1);
+                raw.cell_of_volume.push(raw.cells - 1);
             }
-            (12, &[a, b, c, d, e, f, g, h]) => raw.hexes.push([a, b, c, d, e, f, g, h]),
-            (5 | 8..=10 | 12, _) => {
+            (12, &[a, b, c, d, e, f, g, h]) => {
+                raw.hexes.push([a, b, c, d, e, f, g, h]);
+                raw.cell_of_volume.push(raw.cells - 1);
+            }
+            // The corners of a voxel are in rows, not around its faces.
+            (11, &[a, b, c, d, e, f, g, h]) => {
+                raw.hexes.push([a, b, d, c, e, f, h, g]);
+                raw.cell_of_volume.push(raw.cells - 1);
+            }
+            (5 | 8..=12, _) => {
                 let found = format!("cell {index} has VTK type {kind} but {} corners", corners.len());
                 return Err(file.malformed_at(place, found));
             }
-            (11, _) => raw.add_other_cells("voxels", 1),
             (13, _) => raw.add_other_cells("wedges", 1),
             (14, _) => raw.add_other_cells("pyramids", 1),
             (24, _) => raw.add_other_cells("quadratic tetrahedra", 1),

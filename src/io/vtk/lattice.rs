@@ -59,13 +59,13 @@ impl Lattice {
             return;
         }
         raw.tets.reserve_exact(6 * cells);
-        raw.cell_of_tet.reserve_exact(6 * cells);
+        raw.cell_of_volume.reserve_exact(6 * cells);
         let is_first = |i: &usize| at(*i)[0] + 1 < nx && at(*i)[1] + 1 < ny && at(*i)[2] + 1 < nz;
         for (cell, first) in (0..total).filter(is_first).enumerate() {
             let corner = |m: usize| (first + (m & 1) + (m >> 1 & 1) * nx + (m >> 2) * nx * ny) as i64;
             for tet in KUHN {
                 raw.tets.push(tet.map(corner));
-                raw.cell_of_tet.push(cell);
+                raw.cell_of_volume.push(cell);
             }
         }
     }

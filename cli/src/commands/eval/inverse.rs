@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use serde::Serialize;
 use solidmap::inverse::{InverseMap, InverseOptions, InverseReport, Preimage};
-use solidmap::io::{self, Cells, SolidMesh, VtkEncoding, VtkFields};
+use solidmap::io::{self, SolidMesh, VtkEncoding, VtkFields};
 use solidmap::map::VolumeMap;
 use solidmap::{Matrix3, Point};
 
@@ -159,10 +159,7 @@ fn write_preimages(
 /// nearest, and its status says so.
 fn write_mesh(path: &Path, solid: &SolidMesh, preimages: &[Preimage]) -> anyhow::Result<()> {
     let places: Vec<Point> = preimages.iter().map(|preimage| preimage.point).collect();
-    let cells = match solid {
-        SolidMesh::Surface(surface) => Cells::Triangles(surface.triangles()),
-        SolidMesh::Tets(tets) => Cells::Tets(tets.tets()),
-    };
+    let cells = solid.elements();
     let field = |name: &str, value: fn(&Preimage) -> f64| scalar(name, preimages.iter().map(value).collect());
     let fields = VtkFields {
         point: vec![
@@ -175,13 +172,10 @@ fn write_mesh(path: &Path, solid: &SolidMesh, preimages: &[Preimage]) -> anyhow:
     match extension(path).as_str() {
         "vtu" => io::write_vtu(path, &places, cells, &fields)?,
         "vtk" => io::write_vtk(path, &places, cells, &fields, VtkEncoding::Binary)?,
-        _ => match solid {
-            SolidMesh::Surface(surface) => {
-                let moved = surface.with_vertices(places);
-                io::write_surface(path, &moved.context("another number of preimages than points")?)?;
-            }
-            SolidMesh::Tets(_) => io::write_cells(path, &places, cells)?,
-        },
+        _ => {
+            let moved = solid.with_vertices(places);
+            io::write_solid(path, &moved.context("another number of preimages than points")?)?;
+        }
     }
     Ok(())
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, bail, ensure};
 use serde::Serialize;
 use solidmap::files;
-use solidmap::geometry::{QueryError, are_outside, distance_field, flipped_tets};
+use solidmap::geometry::{QueryError, are_outside, distance_field, flipped_cells};
 use solidmap::io::{self, SolidMesh};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
@@ -23,7 +23,7 @@ use crate::shared::points::{is_table, read_points, write_table};
 /// Columns of a Jacobian's entries.
 const JACOBIAN: [&str; 9] = ["j00", "j01", "j02", "j10", "j11", "j12", "j20", "j21", "j22"];
 /// Extensions that results are written to.
-const OUTPUTS: [&str; 8] = ["csv", "npy", "obj", "ply", "off", "mesh", "vtk", "vtu"];
+const OUTPUTS: [&str; 9] = ["csv", "npy", "obj", "ply", "off", "mesh", "msh", "vtk", "vtu"];
 
 /// What `eval --json` prints.
 #[derive(Serialize)]
@@ -35,8 +35,8 @@ struct EvalSummary {
     not_finite: usize,
     /// Points outside the domain, where values of the formula mean nothing. `None` if the file has no domain.
     outside: Option<usize>,
-    /// Tetrahedra of a carried tet mesh that the map inverts or flattens.
-    flipped_tets: Option<usize>,
+    /// Cells of a carried mesh of tetrahedra or hexahedra that the map inverts or flattens.
+    inverted_cells: Option<usize>,
     #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
 }
@@ -78,9 +78,9 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     });
 
     output.progress(format!("writing {}", args.output.display()));
-    let mut flipped_tets = None;
+    let mut inverted_cells = None;
     match solid {
-        Some(solid) if writes_mesh => flipped_tets = write_mesh(&args.output, &solid, images.clone())?,
+        Some(solid) if writes_mesh => inverted_cells = write_mesh(&args.output, &solid, images.clone())?,
         _ => write_images(&args.output, &points, &images, jacobians.as_deref(), location.as_ref())?,
     }
     if not_finite > 0 {
@@ -102,7 +102,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         output: (&args.output).into(),
         not_finite,
         outside,
-        flipped_tets,
+        inverted_cells,
         seconds,
     };
     output.result(&report, || two_columns(rows(&report)))?;
@@ -157,27 +157,24 @@ fn rows(report: &EvalSummary) -> Vec<[String; 2]> {
     if let Some(outside) = report.outside {
         rows.push(["outside".into(), format!("{outside} of {} points", report.points)]);
     }
-    if let Some(flipped) = report.flipped_tets {
-        rows.push(["flipped tets".into(), flipped.to_string()]);
+    if let Some(flipped) = report.inverted_cells {
+        rows.push(["inverted cells".into(), flipped.to_string()]);
     }
     rows
 }
 
-/// Writes the mesh with its vertices at their images; counts the tetrahedra whose orientation is not that of the
-/// majority.
+/// Writes the mesh with its vertices at their images; counts the cells whose orientation is not that of the majority.
 fn write_mesh(path: &Path, solid: &SolidMesh, images: Vec<Point>) -> anyhow::Result<Option<usize>> {
     let mismatch = "the map gave another number of images than points";
-    match solid {
-        SolidMesh::Surface(surface) => {
-            io::write_surface(path, &surface.with_vertices(images).context(mismatch)?)?;
-            Ok(None)
+    let flipped = match solid {
+        SolidMesh::Surface(_) => None,
+        SolidMesh::Cells(mesh) => {
+            let flipped = flipped_cells(mesh, &images).context(mismatch)?;
+            Some(flipped.against_most(mesh.cells().len()))
         }
-        SolidMesh::Tets(tets) => {
-            let flipped = flipped_tets(tets, &images).context(mismatch)?;
-            io::write_tets(path, &tets.with_vertices(images).context(mismatch)?)?;
-            Ok(Some(flipped.against_most(tets.tets().len())))
-        }
-    }
+    };
+    io::write_solid(path, &solid.with_vertices(images).context(mismatch)?)?;
+    Ok(flipped)
 }
 
 /// CSV: the points, their images, the Jacobians' entries, and where the points are. NPY has no names: the images, the

@@ -55,10 +55,12 @@ impl<'a> PointsToColour<'a> {
             (None, "vtu") => {
                 bail!("`{shown}` holds points without a mesh; write their colours to .csv, .npy or .ply")
             }
-            (Some(SolidMesh::Tets(_)), "ply") => bail!("`{shown}` holds tetrahedra; write their colours to .vtu"),
+            (Some(SolidMesh::Cells(mesh)), "ply") => {
+                let elements = mesh.cells().elements();
+                bail!("`{shown}` holds {elements}; write their colours to .vtu")
+            }
             (None, _) => io::read_points(points)?,
-            (Some(SolidMesh::Surface(surface)), _) => surface.vertices().to_vec(),
-            (Some(SolidMesh::Tets(tets)), _) => tets.vertices().to_vec(),
+            (Some(solid), _) => solid.vertices().to_vec(),
         };
         Ok(Self {
             points,
@@ -69,11 +71,8 @@ impl<'a> PointsToColour<'a> {
     }
 
     fn cells(&self) -> Cells<'_> {
-        match &self.solid {
-            None => Cells::Triangles(&[]),
-            Some(SolidMesh::Surface(surface)) => Cells::Triangles(surface.triangles()),
-            Some(SolidMesh::Tets(tets)) => Cells::Tets(tets.tets()),
-        }
+        let elements = self.solid.as_ref().map(SolidMesh::elements);
+        elements.unwrap_or(Cells::Triangles(&[]))
     }
 }
 

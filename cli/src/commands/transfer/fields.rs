@@ -8,6 +8,7 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::geometry::distance_field;
 use solidmap::inverse::lattice_mesh;
 use solidmap::io::{self, FieldFile};
+use solidmap::mesh::CellList;
 use solidmap::transfer::{FieldKind, FieldMesh, TransferField};
 
 use crate::args::TransferArgs;
@@ -29,7 +30,7 @@ pub fn read(args: &TransferArgs, boundary: &BoundaryMap) -> anyhow::Result<MeshW
             let mesh = lattice_mesh(boundary.domain(), MESH_NODES)?;
             FieldFile {
                 points: mesh.vertices().to_vec(),
-                tets: mesh.tets().to_vec(),
+                cells: CellList::Tets(mesh.tets().to_vec()),
                 ..FieldFile::default()
             }
         }
@@ -74,7 +75,7 @@ pub fn shown(args: &TransferArgs) -> Display<'_> {
 fn require_matching_output(args: &TransferArgs, given: &MeshWithFields) -> anyhow::Result<()> {
     let has_mesh = match &args.at {
         Some(at) => !is_table(at),
-        None => !(given.carrier.tets.is_empty() && given.triangles.is_empty()),
+        None => !(given.carrier.cells.is_empty() && given.triangles.is_empty()),
     };
     if !has_mesh && !is_table(&args.output) {
         bail!(

@@ -15,6 +15,7 @@ use solidmap::geometry::count_outside;
 use solidmap::inverse::{InverseMap, InverseOptions, InverseReport, Preimage};
 use solidmap::io::{self, Field, SolidMesh};
 use solidmap::map::VolumeMap;
+use solidmap::mesh::CellList;
 use solidmap::transfer::{FieldMesh, VolumeCheck, resample};
 
 use crate::CommandOutcome;
@@ -35,6 +36,8 @@ struct TransferSummary {
     points: usize,
     /// Tetrahedra between them.
     tets: usize,
+    /// Hexahedra between them.
+    hexes: usize,
     /// Points that got values: images, or those of `--at`.
     written_points: usize,
     /// Points without a finite image or without a preimage.
@@ -43,11 +46,11 @@ struct TransferSummary {
     outside: Option<usize>,
     fields: Vec<FieldSummary>,
     volume: VolumeCheck,
-    /// Share of the domain's volume outside FIELD's tetrahedra, which labels and distributions leave out.
+    /// Share of the domain's volume outside FIELD's cells, which labels and distributions leave out.
     volume_beyond_field: f64,
     /// The preimages of the points of `--at`.
     inverse: Option<InverseReport>,
-    /// Preimages of `--at` beyond FIELD's tetrahedra, which got the value at the closest point of their boundary.
+    /// Preimages of `--at` beyond FIELD's cells, which got the value at the closest point of their boundary.
     beyond_carrier: usize,
     #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
@@ -137,11 +140,16 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
         None => {}
     }
     warn(output, args, outside.unwrap_or(0), &checks);
+    let (tets, hexes) = match &carrier.cells {
+        CellList::Tets(tets) => (tets.len(), 0),
+        CellList::Hexes(hexes) => (0, hexes.len()),
+    };
     let report = TransferSummary {
         map: (&args.map).into(),
         output: (&args.output).into(),
         points: carrier.points.len(),
-        tets: carrier.tets.len(),
+        tets,
+        hexes,
         written_points: carried.mesh.carrier.points.len(),
         without_value,
         outside,
@@ -200,16 +208,16 @@ fn resampled(
         let places: Vec<Point> = found.preimages.iter().map(Preimage::position).collect();
         field.values = fields::distances(boundary, &places)?;
     }
-    let (tets, triangles) = match solid {
-        Some(SolidMesh::Tets(mesh)) => (mesh.tets().to_vec(), vec![]),
-        Some(SolidMesh::Surface(mesh)) => (vec![], mesh.triangles().to_vec()),
-        None => (vec![], vec![]),
+    let (cells, triangles) = match solid {
+        Some(SolidMesh::Cells(mesh)) => (mesh.into_parts().1, vec![]),
+        Some(SolidMesh::Surface(mesh)) => (CellList::default(), mesh.triangles().to_vec()),
+        None => (CellList::default(), vec![]),
     };
     Ok(CarriedFields {
         mesh: MeshWithFields {
             carrier: FieldMesh {
                 points,
-                tets,
+                cells,
                 point_fields: found.fields,
                 cell_fields: vec![],
             },

@@ -7,12 +7,16 @@ use crate::shared::output::two_columns;
 /// The report as text.
 pub fn text(report: &TransferSummary) -> String {
     let volume = &report.volume;
+    let cells = match (report.tets, report.hexes) {
+        (tets, 0) => format!("{tets} tetrahedra"),
+        (_, hexes) => format!("{hexes} hexahedra"),
+    };
     let mut rows = vec![
         [
             "points".into(),
             format!(
-                "{} with {} tetrahedra; {} written in {:.3} s",
-                report.points, report.tets, report.written_points, report.seconds
+                "{} with {cells}; {} written in {:.3} s",
+                report.points, report.written_points, report.seconds
             ),
         ],
         ["written".into(), report.output.display().to_string()],

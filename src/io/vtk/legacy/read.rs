@@ -269,7 +269,7 @@ mod tests {
             assert_eq!(mesh.vertices()[3], Point::new(0., 0., 1.));
             let odd = mesh.vertices()[4];
             assert!(odd.x.is_nan() && odd.y == f64::INFINITY && odd.z == f64::NEG_INFINITY);
-            assert!(matches!(solid("vtk", &bytes), Ok(SolidMesh::Tets(_))));
+            assert!(matches!(solid("vtk", &bytes), Ok(SolidMesh::Cells(_))));
             assert!(matches!(surface("vtk", &bytes), Err(IoError::WrongKind { .. })));
         }
     }

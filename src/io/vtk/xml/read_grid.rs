@@ -114,7 +114,7 @@ mod tests {
                 "{name}"
             );
             assert_eq!(mesh.vertices()[7].z, -1.5, "{name}");
-            assert!(matches!(solid("vtu", &bytes), Ok(SolidMesh::Tets(_))));
+            assert!(matches!(solid("vtu", &bytes), Ok(SolidMesh::Cells(_))));
         }
     }
 

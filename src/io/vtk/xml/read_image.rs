@@ -80,7 +80,7 @@ mod tests {
     use super::{super::test_files::Builder, *};
     use crate::{
         io::{FieldFile, ImageGrid, Place, read_fields, write_vti},
-        mesh::TetMesh,
+        mesh::CellMesh,
     };
 
     const AXES: &str = "WholeExtent='-1 1 2 3 0 1' Origin='1 2 3' Spacing='0.5 2 4'";
@@ -114,8 +114,8 @@ mod tests {
     }
 
     fn volumes(read: &FieldFile) -> Vec<f64> {
-        let mesh = TetMesh::new(read.points.clone(), read.tets.clone()).unwrap();
-        (0..read.tets.len()).map(|t| mesh.signed_volume(t)).collect()
+        let mesh = CellMesh::new(read.points.clone(), read.cells.clone(), vec![0; read.cells.len()]).unwrap();
+        (0..read.cells.len()).map(|t| mesh.signed_volume(t)).collect()
     }
 
     #[test]
@@ -126,7 +126,7 @@ mod tests {
             assert_eq!(read.points[1] - read.points[0], Vector::new(0.5, 0.0, 0.0), "{name}");
             assert_eq!(read.points[3] - read.points[0], Vector::new(0.0, 2.0, 0.0), "{name}");
             assert_eq!(read.points[11], Point::new(1.5, 8.0, 7.0), "{name}");
-            assert_eq!((read.points.len(), read.tets.len()), (12, 12), "{name}");
+            assert_eq!((read.points.len(), read.cells.len()), (12, 12), "{name}");
             assert!(volumes(&read).iter().all(|v| (v - 4.0 / 6.0).abs() < 1e-12), "{name}");
             assert_eq!((read.point.len(), read.cell.len()), (2, 1), "{name}");
             assert_eq!(
@@ -173,7 +173,7 @@ mod tests {
         for (i, p) in read.points.iter().enumerate() {
             assert_eq!(*p, grid.origin + Vector::from(place(i)));
         }
-        assert_eq!(read.tets.len(), 6 * 4 * 3 * 2);
+        assert_eq!(read.cells.len(), 6 * 4 * 3 * 2);
         assert_eq!((read.point.len(), read.point[0].components), (1, 4));
         assert!(
             read.point[0]
@@ -191,7 +191,7 @@ mod tests {
         write_vti(&path, &flat, "rgba", 4, &bytes).unwrap();
         let read = read_fields(&path).unwrap();
         assert_eq!(
-            (read.points.len(), read.tets.len(), read.point[0].values.len()),
+            (read.points.len(), read.cells.len(), read.point[0].values.len()),
             (60, 0, 240)
         );
     }
