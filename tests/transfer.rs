@@ -4,7 +4,7 @@ use crate::common::boundary_map;
 use solidmap::energy::{GridResolution, clipped_grid};
 use solidmap::inverse::{InverseMap, InverseOptions, lattice_mesh};
 use solidmap::map::VolumeMap;
-use solidmap::mesh::{CellList, SurfaceMesh, TetMesh, shapes};
+use solidmap::mesh::{CellList, HEXAHEDRON, SurfaceMesh, TetMesh, shapes};
 use solidmap::transfer::{
     FieldKind, FieldMesh, FieldSampler, TransferError, TransferField, distribution_check, label_shares, push_forward,
     resample, volume_check,
@@ -339,4 +339,46 @@ fn fields_that_do_not_fit_are_refused() {
         FieldSampler::new(&FieldMesh::default()).err(),
         Some(TransferError::Empty)
     );
+}
+
+/// The unit cube of 27 deformed hexahedra, some listed upside down, with a linear field and labels.
+#[test]
+fn fields_on_hexahedra_are_interpolated_pushed_forward_and_kept_on_hexahedra() {
+    let at = |i: u32| [i % 4, i / 4 % 4, i / 16];
+    let points: Vec<Point> = (0..64)
+        .map(|i| Point::from(at(i).map(|k| f64::from(k) / 3.0)))
+        .map(|p| Point::new(p.x + 0.05 * (7.0 * p.y).sin(), p.y, p.z + 0.04 * p.x * p.y))
+        .collect();
+    let mut hexes: Vec<[u32; 8]> = (0..64)
+        .filter(|&i| at(i).iter().all(|&k| k < 3))
+        .map(|first| HEXAHEDRON.map(|[i, j, k]| first + u32::from(i) + 4 * u32::from(j) + 16 * u32::from(k)))
+        .collect();
+    hexes.iter_mut().step_by(4).for_each(|hex| hex.rotate_left(4));
+    let carrier = FieldMesh {
+        point_fields: vec![field(
+            "linear",
+            1,
+            FieldKind::Values,
+            points.iter().map(linear).collect(),
+        )],
+        cell_fields: vec![field("number", 1, FieldKind::Label, (0..27).map(f64::from).collect())],
+        cells: CellList::Hexes(hexes.clone()),
+        points: points.clone(),
+    };
+    let mean = |hex: &[u32; 8]| Point::from(hex.iter().map(|&v| points[v as usize].coords).sum::<Vector>() / 8.0);
+    let centres: Vec<Point> = hexes.iter().map(mean).collect();
+    let (fields, beyond) = FieldSampler::new(&carrier).unwrap().sample(&centres);
+    for (k, centre) in centres.iter().enumerate() {
+        assert!((fields[0].values[k] - linear(centre)).abs() < 1e-12 && !beyond[k]);
+        assert_eq!(fields[1].values[k], k as f64);
+    }
+    let carried = push_forward(&stretch(), &carrier).unwrap();
+    assert_eq!(
+        (carried.cells, carried.cell_fields),
+        (carrier.cells.clone(), carrier.cell_fields.clone())
+    );
+    let mut wrong = carrier;
+    wrong.cell_fields[0].values.pop();
+    let message = FieldSampler::new(&wrong).err().unwrap().to_string();
+    assert!(message.contains("27 hexahedra"), "{message}");
 }

@@ -5,6 +5,7 @@ mod bad_input;
 mod boundary;
 mod boundary_check;
 mod budgets;
+mod cells;
 mod certify;
 #[path = "../../tests/common/mod.rs"]
 mod common;

@@ -10,10 +10,10 @@ use solidmap::files::{
 };
 use solidmap::fit::{FitOptions, fit};
 use solidmap::io::{
-    Cells, Field, ImageGrid, VtkEncoding, VtkFields, write_cells, write_csv, write_npy, write_surface, write_tets,
-    write_vti, write_vtk, write_vtu,
+    Cells, Field, ImageGrid, VtkEncoding, VtkFields, write_cell_mesh, write_cells, write_csv, write_npy, write_surface,
+    write_tets, write_vti, write_vtk, write_vtu,
 };
-use solidmap::mesh::{SurfaceMesh, TetMesh, shapes};
+use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, TetMesh, shapes};
 use solidmap::spherical::SphericalEmbedding;
 use solidmap::texture::{ColouredSurface, Picture, SolidTexture, TextureOptions, Wrap};
 
@@ -36,6 +36,7 @@ pub enum Format {
     Ply,
     Stl,
     Medit,
+    Gmsh,
     Vtk,
     Vtu,
     Vti,
@@ -57,6 +58,7 @@ impl Format {
             Self::Ply => "ply",
             Self::Stl => "stl",
             Self::Medit => "mesh",
+            Self::Gmsh => "msh",
             Self::Vtk => "vtk",
             Self::Vtu => "vtu",
             Self::Vti => "vti",
@@ -73,7 +75,7 @@ impl Format {
     /// Whether it holds a mesh.
     pub fn is_mesh(self) -> bool {
         use Format::*;
-        matches!(self, Obj | Off | Ply | Stl | Medit | Vtk | Vtu)
+        matches!(self, Obj | Off | Ply | Stl | Medit | Gmsh | Vtk | Vtu)
     }
 }
 
@@ -126,7 +128,19 @@ fn meshes(add: &mut Add) {
         let cells = Cells::Hexes(&[[0, 1, 2, 3, 4, 5, 6, 7]]);
         add("hex", format, &|path| write_cells(path, &corners, cells).unwrap());
     }
+    let hex = CellList::Hexes(vec![[0, 1, 2, 3, 4, 5, 6, 7]]);
+    let hex = CellMesh::new(corners, hex, vec![5]).unwrap();
+    add("hex", Gmsh, &|path| write_cell_mesh(path, &hex).unwrap());
+    add("tets", Gmsh, &|path| {
+        write_cell_mesh(path, &CellMesh::from(tets.clone())).unwrap()
+    });
+    add("blocks", Gmsh, &|path| std::fs::write(path, GMSH_4).unwrap());
 }
+
+/// A tetrahedron in Gmsh's format 4.1.
+const GMSH_4: &str = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n2 4 1 4\n2 1 1 3\n1\n2\n3\n0 0 0 0.5 0.5\n\
+                      1 0 0 0.5 0.5\n0 1 0 0.5 0.5\n3 1 0 1\n4\n0 0 1\n$EndNodes\n$Elements\n2 2 1 2\n2 1 2 1\n1 1 2 3\n\
+                      3 1 4 1\n2 1 2 3 4\n$EndElements\n";
 
 /// Variants that other programs write and this one does not.
 fn other_meshes(add: &mut Add) {

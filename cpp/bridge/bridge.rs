@@ -5,7 +5,7 @@ use super::maps::{
     boundary_to_sphere, factor_new, factor_refined, fit, fit_defaults, inverse_new, map_load, no_boundaries,
 };
 use super::measures::{
-    distortion_in_tets, distortion_on_grid, energies_in_tets, energies_on_grid, energy_densities, plane_section,
+    distortion_in_cells, distortion_on_grid, energies_in_cells, energies_on_grid, energy_densities, plane_section,
 };
 use super::meshes::{
     Surface, VolumeMesh, cells_hexes, cells_load, cells_tets, surface_cube, surface_load, surface_new,
@@ -18,13 +18,37 @@ use super::{has_native, licence, version};
 pub(super) mod ffi {
     struct Finding {
         kind: String,
-        error: bool,
+        /// 0 error, 1 warning, 2 note.
+        severity: u8,
         count: usize,
         vertices: Vec<u32>,
         edges: Vec<u32>,
         triangles: Vec<u32>,
         message: String,
         advice: String,
+    }
+
+    struct CellFinding {
+        kind: String,
+        /// As in `Finding`.
+        severity: u8,
+        count: usize,
+        cells: Vec<u32>,
+        vertices: Vec<u32>,
+        places: Vec<f64>,
+        message: String,
+        advice: String,
+    }
+
+    struct CellReport {
+        valid: bool,
+        inverted: usize,
+        flat: usize,
+        slivers: usize,
+        body_cells: Vec<usize>,
+        body_volumes: Vec<f64>,
+        findings: Vec<CellFinding>,
+        text: String,
     }
 
     struct Component {
@@ -279,6 +303,7 @@ pub(super) mod ffi {
         fn boundary(self: &VolumeMesh, nodes: &mut Vec<u32>) -> Result<Box<Surface>>;
         fn inverted(self: &VolumeMesh) -> Result<Vec<u32>>;
         fn quality(self: &VolumeMesh) -> Result<CellQuality>;
+        fn check(self: &VolumeMesh) -> Result<CellReport>;
     }
 
     extern "Rust" {
@@ -354,9 +379,9 @@ pub(super) mod ffi {
             lambda: f64,
             mu: f64,
         ) -> Result<EnergyReport>;
-        fn energies_in_tets(
+        fn energies_in_cells(
             map: &Map,
-            tets: &VolumeMesh,
+            mesh: &VolumeMesh,
             normalize: bool,
             lambda: f64,
             mu: f64,
@@ -370,7 +395,7 @@ pub(super) mod ffi {
         ) -> Result<EnergyDensities>;
         fn plane_section(surface: &Surface, axis: u8, position: f64, up: u8, pixels: usize) -> Result<PlaneSection>;
         fn distortion_on_grid(map: &Map, cells: usize) -> Result<DistortionReport>;
-        fn distortion_in_tets(map: &Map, tets: &VolumeMesh) -> Result<DistortionReport>;
+        fn distortion_in_cells(map: &Map, mesh: &VolumeMesh) -> Result<DistortionReport>;
     }
 
     extern "Rust" {

@@ -7,7 +7,8 @@ use super::maps::Map;
 use super::meshes::{Surface, VolumeMesh, whole_points};
 use solidmap::energy::{
     AdaptiveOptions, DensityQuantiles, DistortionMetrics, DistortionReport, EnergyErrors, EnergyOptions, EnergyReport,
-    GridResolution, Lame, Quadrature, adaptive_energies, clipped_grid, densities, distortion, energies, tet_quadrature,
+    GridResolution, Lame, Quadrature, adaptive_energies, cell_quadrature, clipped_grid, densities, distortion,
+    energies,
 };
 use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
 
@@ -38,16 +39,16 @@ pub fn energies_on_grid(
     })
 }
 
-pub fn energies_in_tets(
+pub fn energies_in_cells(
     map: &Map,
-    tets: &VolumeMesh,
+    mesh: &VolumeMesh,
     normalize: bool,
     lambda: f64,
     mu: f64,
 ) -> Result<ffi::EnergyReport, Error> {
     guarded(|| {
         let options = energy_options(normalize, lambda, mu)?;
-        let quadrature = tet_quadrature(&tets.tets("an energy")?)?;
+        let quadrature = cell_quadrature(&mesh.0)?;
         let target_volume = map.boundary_map()?.target_volume();
         let report = energies(map.map(), &quadrature, quadrature.volume(), target_volume, &options)?;
         Ok(converted(&report))
@@ -110,8 +111,8 @@ pub fn distortion_on_grid(map: &Map, cells: usize) -> Result<ffi::DistortionRepo
     guarded(|| distortion_over(map, &grid(map, cells)?))
 }
 
-pub fn distortion_in_tets(map: &Map, tets: &VolumeMesh) -> Result<ffi::DistortionReport, Error> {
-    guarded(|| distortion_over(map, &tet_quadrature(&tets.tets("a distortion")?)?))
+pub fn distortion_in_cells(map: &Map, mesh: &VolumeMesh) -> Result<ffi::DistortionReport, Error> {
+    guarded(|| distortion_over(map, &cell_quadrature(&mesh.0)?))
 }
 
 fn energy_options(normalize: bool, lambda: f64, mu: f64) -> Result<EnergyOptions, Error> {

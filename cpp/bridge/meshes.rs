@@ -4,8 +4,8 @@ use super::bridge::ffi;
 use super::error::{Category, Error, guarded};
 use super::{flat, path, points};
 use solidmap::check::{self, CheckReport, ComponentKind, SelfIntersections, Severity};
-use solidmap::io::{self, CellGroup, IoError};
-use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, TetMesh, shapes};
+use solidmap::io;
+use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, shapes};
 use solidmap::remesh::{invalid_cells, quality};
 
 pub struct Surface(pub SurfaceMesh);
@@ -182,28 +182,7 @@ pub fn cells_load(bytes: &[u8]) -> Result<Box<VolumeMesh>, Error> {
 
 impl VolumeMesh {
     pub fn save(&self, bytes: &[u8]) -> Result<(), Error> {
-        guarded(|| {
-            let path = path(bytes)?;
-            let cells = match self.0.cells() {
-                CellList::Tets(tets) => io::Cells::Tets(tets),
-                CellList::Hexes(hexes) => io::Cells::Hexes(hexes),
-            };
-            let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-            if extension == "mesh" || extension == "msh" {
-                let (labels, names) = (self.0.regions(), &[]);
-                let group = CellGroup { cells, labels, names };
-                return Ok(io::write_groups(path, self.0.nodes(), &[group], "")?);
-            }
-            match io::write_cells(&path, self.0.nodes(), cells) {
-                Err(IoError::UnknownExtension { path, purpose, known }) => Err(IoError::UnknownExtension {
-                    path,
-                    purpose,
-                    known: format!("{known}, .msh"),
-                }
-                .into()),
-                written => Ok(written?),
-            }
-        })
+        guarded(|| Ok(io::write_cell_mesh(path(bytes)?, &self.0)?))
     }
 
     pub fn nodes(&self) -> &[f64] {
@@ -242,7 +221,7 @@ impl VolumeMesh {
 
     pub fn boundary(&self, nodes: &mut Vec<u32>) -> Result<Box<Surface>, Error> {
         guarded(|| {
-            let boundary = self.tets("the boundary")?.boundary();
+            let boundary = self.0.boundary();
             *nodes = boundary.vertex_ids;
             boxed(boundary.surface)
         })
@@ -256,15 +235,30 @@ impl VolumeMesh {
         guarded(|| Ok(quality_of(self.0.cells(), self.0.nodes())))
     }
 
-    /// The mesh as tetrahedra; for hexahedra, the error that `purpose` does not support them.
-    pub fn tets(&self, purpose: &str) -> Result<TetMesh, Error> {
-        match self.0.cells() {
-            CellList::Tets(tets) => Ok(TetMesh::new(self.0.nodes().to_vec(), tets.clone())?),
-            CellList::Hexes(_) => Err(Error::new(
-                Category::Unsupported,
-                format!("{purpose} of a mesh of hexahedra is not supported; give one of tetrahedra"),
-            )),
-        }
+    pub fn check(&self) -> Result<ffi::CellReport, Error> {
+        guarded(|| {
+            let report = check::examine_cells(&self.0);
+            let finding = |f: &check::CellFinding| ffi::CellFinding {
+                kind: name_of(&f.kind),
+                severity: severity_of(f.severity),
+                count: f.count,
+                cells: f.cells.clone(),
+                vertices: f.vertices.clone(),
+                places: f.places.as_flattened().to_vec(),
+                message: f.message.clone(),
+                advice: f.advice.clone(),
+            };
+            Ok(ffi::CellReport {
+                valid: report.is_valid(),
+                inverted: report.inverted_cells,
+                flat: report.flat_cells,
+                slivers: report.slivers,
+                body_cells: report.bodies.iter().map(|body| body.cells).collect(),
+                body_volumes: report.bodies.iter().map(|body| body.volume).collect(),
+                findings: report.findings.iter().map(finding).collect(),
+                text: report.to_string(),
+            })
+        })
     }
 }
 
@@ -334,7 +328,7 @@ fn converted(report: &CheckReport) -> ffi::CheckReport {
     };
     let finding = |f: &check::Finding| ffi::Finding {
         kind: name_of(&f.kind),
-        error: f.severity == Severity::Error,
+        severity: severity_of(f.severity),
         count: f.count,
         vertices: f.vertices.clone(),
         edges: f.edges.as_flattened().to_vec(),
@@ -358,6 +352,15 @@ fn converted(report: &CheckReport) -> ffi::CheckReport {
         components: report.components.iter().map(component).collect(),
         findings: report.findings.iter().map(finding).collect(),
         text: report.to_string(),
+    }
+}
+
+/// The number of a severity in C++.
+fn severity_of(severity: Severity) -> u8 {
+    match severity {
+        Severity::Error => 0,
+        Severity::Warning => 1,
+        Severity::Note => 2,
     }
 }
 

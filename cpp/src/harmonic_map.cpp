@@ -143,9 +143,10 @@ EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options) {
   });
 }
 
-EnergyReport energies(const HarmonicMap& map, const CellMesh& tets, const EnergyOptions& options) {
+EnergyReport energies(const HarmonicMap& map, const CellMesh& mesh, const EnergyOptions& options) {
   return guarded([&] {
-    return converted(ffi::energies_in_tets(Access::of(map), Access::of(tets), options.normalize, options.lambda, options.mu));
+    return converted(
+        ffi::energies_in_cells(Access::of(map), Access::of(mesh), options.normalize, options.lambda, options.mu));
   });
 }
 
@@ -161,8 +162,8 @@ DistortionReport distortion(const HarmonicMap& map, std::size_t cells) {
   return guarded([&] { return converted(ffi::distortion_on_grid(Access::of(map), cells)); });
 }
 
-DistortionReport distortion(const HarmonicMap& map, const CellMesh& tets) {
-  return guarded([&] { return converted(ffi::distortion_in_tets(Access::of(map), Access::of(tets))); });
+DistortionReport distortion(const HarmonicMap& map, const CellMesh& mesh) {
+  return guarded([&] { return converted(ffi::distortion_in_cells(Access::of(map), Access::of(mesh))); });
 }
 
 }  // namespace solidmap

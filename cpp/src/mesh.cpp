@@ -61,7 +61,7 @@ CheckReport Surface::check(bool self_intersections) const {
   for (const ffi::Finding& from : found.findings) {
     Finding& finding = report.findings.emplace_back();
     finding.kind = std::string(from.kind);
-    finding.severity = from.error ? Severity::error : Severity::warning;
+    finding.severity = static_cast<Severity>(from.severity);
     finding.count = from.count;
     finding.vertices = copied(from.vertices);
     for (std::size_t i = 0; i + 1 < from.edges.size(); i += 2) {
@@ -192,6 +192,33 @@ CellMesh::Boundary CellMesh::boundary() const {
   rust::Vec<std::uint32_t> nodes;
   Surface surface = guarded([&] { return make_surface(Access::of(*this).boundary(nodes)); });
   return {std::move(surface), copied(nodes)};
+}
+
+CellReport CellMesh::check() const {
+  const ffi::CellReport found = guarded([&] { return Access::of(*this).check(); });
+  CellReport report;
+  report.valid = found.valid;
+  report.inverted = found.inverted;
+  report.flat = found.flat;
+  report.slivers = found.slivers;
+  for (std::size_t i = 0; i < found.body_cells.size(); ++i) {
+    report.bodies.push_back({found.body_cells[i], found.body_volumes[i]});
+  }
+  for (const ffi::CellFinding& from : found.findings) {
+    CellFinding& finding = report.findings.emplace_back();
+    finding.kind = std::string(from.kind);
+    finding.severity = static_cast<Severity>(from.severity);
+    finding.count = from.count;
+    finding.cells = copied(from.cells);
+    finding.vertices = copied(from.vertices);
+    for (std::size_t i = 0; i + 2 < from.places.size(); i += 3) {
+      finding.places.push_back({from.places[i], from.places[i + 1], from.places[i + 2]});
+    }
+    finding.message = std::string(from.message);
+    finding.advice = std::string(from.advice);
+  }
+  report.text = std::string(found.text);
+  return report;
 }
 
 std::vector<std::uint32_t> CellMesh::inverted() const {

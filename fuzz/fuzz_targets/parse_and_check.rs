@@ -5,7 +5,7 @@ use solidmap::check::examine_cells;
 use solidmap::io::{SolidMesh, read_solid};
 use solidmap_fuzz::{examine, with_file};
 
-const FORMATS: [&str; 7] = ["obj", "off", "ply", "stl", "mesh", "vtk", "vtu"];
+const FORMATS: [&str; 8] = ["obj", "off", "ply", "stl", "mesh", "msh", "vtk", "vtu"];
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let Some((&format, bytes)) = bytes.split_first() else {

@@ -16,10 +16,15 @@ use crate::{Point, Vector};
 /// How many cells, vertices and places a finding lists.
 const LISTED: usize = 20;
 
-/// Cells that are not inverted but have a scaled Jacobian below this are slivers: no finite element computation likes
-/// them, and rounding or a small deformation inverts them. Meshers that bound dihedral angles stay above it: a tetrahedron
-/// with a dihedral angle of 3° has about 0.05.
+/// Cells that are neither inverted nor flat but have a scaled Jacobian below this are slivers: of regular tetrahedra and
+/// cubes it is 1, of flat cells 0 (Knupp 2000, as Verdict defines it). Such cells spoil the condition of finite element
+/// systems, and a small deformation inverts them.
 pub const SLIVER: f64 = 0.05;
+
+/// What repairs inverted and flat cells.
+const REPAIR: &str = "mesh the solid anew (solidmap tet), or keep the boundary and the cells and move the inner vertices: \
+                      solidmap fit MESH --image MESH -o same.map makes the map that moves nothing, and solidmap remesh \
+                      same.map --mesh MESH -o repaired.mesh repairs the cells that are inverted or flat.";
 
 /// Shape of a cell as its corners are listed.
 #[derive(Clone, Copy, PartialEq)]
@@ -58,7 +63,8 @@ pub fn examine_cells(mesh: &CellMesh) -> CellReport {
     let inverted: Vec<u32> = (0..shapes.len() as u32).filter(is_inverted).collect();
     let flat = of_shape(&[Shape::Flat]);
     let quality = scaled_jacobians(mesh, &shapes);
-    let sound = |&c: &u32| !is_inverted(&c) && quality[c as usize].is_finite();
+    let is_flat = |c: u32| shapes[c as usize] == Shape::Flat;
+    let sound = |&c: &u32| !is_flat(c) && !is_inverted(&c) && quality[c as usize].is_finite();
     let slivers: Vec<u32> = (0..shapes.len() as u32)
         .filter(|c| sound(c) && quality[*c as usize] < SLIVER)
         .collect();
@@ -387,8 +393,10 @@ fn inverted_cells(mesh: &CellMesh, cells: &[u32], fit: &CellFit) -> Option<CellF
         "{is} inverted ({how}){folded}; first {}",
         cell_at(mesh, *cells.first()?)
     );
-    let advice = "if the mesh is the image of another by a map, the map folds there, or is too coarse: carry the mesh again \
-                  with solidmap remesh --mesh, which repairs inverted cells; otherwise mesh the solid anew (solidmap tet)";
+    let advice = format!(
+        "{REPAIR} If the mesh is the image of another one by a map, carry that one with solidmap remesh --mesh instead, which \
+         repairs what the map inverts"
+    );
     let finding = CellFinding::new(
         CellFindingKind::InvertedCells,
         Severity::Error,
@@ -413,8 +421,7 @@ fn flat_cells(mesh: &CellMesh, cells: &[u32]) -> Option<CellFinding> {
         ),
     };
     let message = format!("{what} exactly in a plane; first {}", cell_at(mesh, *cells.first()?));
-    let advice = "a cell whose corners are all on the boundary becomes flat where the boundary is: solidmap remesh --mesh \
-                  splits such tetrahedra and repairs them; otherwise mesh the solid anew (solidmap tet)";
+    let advice = format!("{REPAIR} Tetrahedra with all corners on the boundary are split there");
     let finding = CellFinding::new(
         CellFindingKind::FlatCells,
         Severity::Error,
@@ -609,7 +616,13 @@ fn unused_vertices(mesh: &CellMesh) -> Option<CellFinding> {
 }
 
 impl CellFinding {
-    fn new(kind: CellFindingKind, severity: Severity, count: usize, message: String, advice: &str) -> Self {
+    fn new(
+        kind: CellFindingKind,
+        severity: Severity,
+        count: usize,
+        message: String,
+        advice: impl Into<String>,
+    ) -> Self {
         Self {
             kind,
             severity,
@@ -618,7 +631,7 @@ impl CellFinding {
             vertices: Vec::new(),
             places: Vec::new(),
             message,
-            advice: advice.to_owned(),
+            advice: advice.into(),
         }
     }
 
@@ -663,3 +676,7 @@ fn at(p: &Point) -> String {
 fn plural(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
+
+#[cfg(test)]
+#[path = "cell_tests.rs"]
+mod tests;

@@ -72,7 +72,7 @@ fn visit_boxes_with(tree: &Bvh, p: &Point, mut visit: impl FnMut(u32)) {
 }
 
 impl OuterFace {
-    /// `None` unless all corners are finite.
+    /// `None` unless all corners are finite, and so near each other that distances are.
     fn of(mesh: &CellMesh, face: &CellFace) -> Option<Self> {
         let (vertices, fourth) = face.corners(mesh.cells());
         let corners: Vec<Point> = vertices
@@ -80,21 +80,19 @@ impl OuterFace {
             .chain(fourth)
             .map(|v| mesh.nodes()[v as usize])
             .collect();
-        if !corners.iter().all(is_finite) {
-            return None;
-        }
         let count = corners.len();
         let longest = (0..count)
             .map(|k| (corners[k] - corners[(k + 1) % count]).norm())
             .fold(0.0, f64::max);
         let magnitude = corners.iter().map(|p| p.coords.amax()).fold(0.0, f64::max);
         let rounding = (SINGLE_PRECISION * magnitude).min(MOST_ROUNDING * longest);
-        Some(Self {
+        let tolerance = rounding.max(ON_FACE * longest);
+        (corners.iter().all(is_finite) && tolerance.is_finite()).then_some(Self {
             cell: face.cell,
             vertices,
             fourth,
             corners,
-            tolerance: rounding.max(ON_FACE * longest),
+            tolerance,
         })
     }
 

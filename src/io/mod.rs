@@ -11,7 +11,7 @@
 //! | `.off` | surface | surface |
 //! | `.stl` | surface (text, binary) | no: it would lose the order of vertices |
 //! | `.mesh` | surface, tetrahedra, hexahedra | triangles, quads, tetrahedra, hexahedra; labels |
-//! | `.msh` | no | as `.mesh`, in Gmsh's format 2.2 |
+//! | `.msh` | as `.mesh` (Gmsh's formats 2.2 and 4.1, text) | as `.mesh`, in Gmsh's format 2.2 |
 //! | `.vtk` | surface, tetrahedra, hexahedra; fields (text, binary) | triangles, quads, tetrahedra, hexahedra; fields |
 //! | `.vtu` | surface, tetrahedra, hexahedra; fields (all encodings but LZ4 and LZMA) | as `.vtk` |
 //! | `.vti` | fields on a grid (encodings as `.vtu`) | bytes on a grid, compressed |
@@ -124,7 +124,7 @@ pub fn is_mesh(path: impl AsRef<Path>) -> bool {
     MESH_FORMATS.iter().any(|format| format.extension == extension)
 }
 
-/// Reads a surface (`.obj`, `.ply`, `.off`, `.stl`, `.mesh`, `.vtk`, `.vtu`). Several objects in one file become one
+/// Reads a surface (`.obj`, `.ply`, `.off`, `.stl`, `.mesh`, `.msh`, `.vtk`, `.vtu`). Several objects in one file become one
 /// mesh; unreferenced vertices stay.
 ///
 /// # Errors
@@ -135,7 +135,7 @@ pub fn read_surface(path: impl AsRef<Path>) -> Result<SurfaceMesh, IoError> {
     read_mesh(path, "a surface")?.into_surface(path)
 }
 
-/// Reads a tetrahedral mesh (`.mesh`, `.vtk`, `.vtu`), inverted tetrahedra included. Triangles, lines and points are
+/// Reads a tetrahedral mesh (`.mesh`, `.msh`, `.vtk`, `.vtu`), inverted tetrahedra included. Triangles, lines and points are
 /// skipped.
 ///
 /// # Errors
@@ -146,8 +146,8 @@ pub fn read_tets(path: impl AsRef<Path>) -> Result<TetMesh, IoError> {
     read_mesh(path, "a tetrahedral mesh")?.into_tets(path)
 }
 
-/// Reads a mesh of tetrahedra or of hexahedra (`.mesh`, `.vtk`, `.vtu`), inverted cells included. Regions are the
-/// references of `.mesh` files, and 0 in others. Everything but the cells is skipped.
+/// Reads a mesh of tetrahedra or of hexahedra (`.mesh`, `.msh`, `.vtk`, `.vtu`), inverted cells included. Regions are the
+/// references of `.mesh` files and the physical groups of `.msh` files in format 2.2, and 0 in others. Everything but the cells is skipped.
 ///
 /// # Errors
 ///
@@ -158,7 +158,7 @@ pub fn read_cells(path: impl AsRef<Path>) -> Result<CellMesh, IoError> {
     const PURPOSE: &str = "a mesh of tetrahedra or hexahedra";
     match read_mesh(path, PURPOSE) {
         // A surface format is parsed all the same, to say what the file holds, but the error does not suggest one.
-        Err(IoError::UnknownExtension { .. }) => Err(unknown_extension(path, PURPOSE, CELL_EXTENSIONS)),
+        Err(IoError::UnknownExtension { .. }) => Err(unknown_extension(path, PURPOSE, CELL_MESH_EXTENSIONS)),
         raw => raw?.into_cells(path),
     }
 }
@@ -262,7 +262,7 @@ pub fn write_cell_mesh(path: impl AsRef<Path>, mesh: &CellMesh) -> Result<(), Io
             write_groups(path, mesh.nodes(), &[CellGroup { cells, labels, names }], "")
         }
         "vtk" | "vtu" => write_cells(path, mesh.nodes(), cells),
-        _ => Err(unknown_extension(path, "writing cells", ["mesh", "msh", "vtk", "vtu"])),
+        _ => Err(unknown_extension(path, "writing cells", CELL_MESH_EXTENSIONS)),
     }
 }
 
@@ -334,12 +334,13 @@ const fn format(
     Format { extension, name, parse }
 }
 
-static MESH_FORMATS: [Format; 7] = [
+static MESH_FORMATS: [Format; 8] = [
     format("obj", "OBJ", obj::parse),
     format("ply", "PLY", ply::parse),
     format("off", "OFF", off::parse),
     format("stl", "STL", stl::parse),
     format("mesh", "Medit mesh", medit::parse),
+    format("msh", "Gmsh mesh", gmsh::parse),
     format("vtk", "VTK", |file| vtk::parse_legacy(file, false)),
     format("vtu", "VTU", |file| vtk::parse_vtu(file, false)),
 ];
@@ -357,7 +358,10 @@ static FIELD_FORMATS: [Format; 4] = [
     format("vti", "VTI", vtk::parse_vti),
 ];
 
-/// The formats for any kind of cell.
+/// The formats of meshes of tetrahedra or hexahedra.
+const CELL_MESH_EXTENSIONS: [&str; 4] = ["mesh", "msh", "vtk", "vtu"];
+
+/// The formats that any kind of cell is written to without labels.
 const CELL_EXTENSIONS: [&str; 3] = ["mesh", "vtk", "vtu"];
 
 fn read_mesh(path: &Path, purpose: &'static str) -> Result<RawMesh, IoError> {

@@ -19,7 +19,7 @@ pub enum BoundaryCommand {
 /// Files that a boundary map is read from. Each command puts --image, --boundary and its alternatives into one group.
 #[derive(Debug, Args)]
 pub struct BoundaryMapFiles {
-    /// Boundary of the solid to map, or a tet mesh of it; with --boundary it may be left out
+    /// Boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra; with --boundary it may be left out
     #[arg(required_unless_present = "boundary")]
     pub domain: Option<PathBuf>,
     /// DOMAIN's mesh with every vertex at its image
@@ -32,7 +32,7 @@ pub struct BoundaryMapFiles {
 
 #[derive(Debug, Args)]
 pub struct BoundarySphereArgs {
-    /// Boundary of the solid to map, or a tet mesh of it
+    /// Boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra
     pub model: PathBuf,
     /// What the map preserves
     #[arg(long, value_enum, default_value_t = SphereEnergyKind::Balanced)]
@@ -62,9 +62,9 @@ pub enum SphereStartKind {
 
 #[derive(Debug, Args)]
 pub struct BoundaryPairArgs {
-    /// Boundary of the solid to map, or a tet mesh of it; of genus 0
+    /// Boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra; of genus 0
     pub domain: PathBuf,
-    /// Boundary of the solid to map to, or a tet mesh of it; of genus 0
+    /// Boundary of the solid to map to, or a mesh of it by tetrahedra or hexahedra; of genus 0
     pub target: PathBuf,
     #[command(flatten)]
     pub pair: PairArgs,
@@ -126,7 +126,7 @@ pub struct BoundaryOutputs {
 
 #[derive(Debug, Args)]
 pub struct BoundaryCheckArgs {
-    /// Boundary of the solid that is mapped, or a tet mesh of it; or a boundary file alone
+    /// Boundary of the solid that is mapped, or a mesh of it by tetrahedra or hexahedra; or a boundary file alone
     #[arg(value_name = "DOMAIN")]
     pub domain: PathBuf,
     /// DOMAIN's mesh with every vertex at its image, or a boundary file

@@ -60,7 +60,8 @@ pub struct CompareTets {
     /// Program that makes the tetrahedra
     #[arg(long, value_enum, default_value_t = Mesher::Tetgen)]
     pub mesher: Mesher,
-    /// Tet mesh of the domain to use instead of making one
+    /// Tet mesh of the domain to use instead of making one; the finite elements are linear in tetrahedra, so that
+    /// hexahedra cannot be used
     #[arg(long, value_name = "TETS", conflicts_with_all = ["mesh_size", "equal_accuracy", "mesh_study"])]
     pub mesh: Option<PathBuf>,
 }

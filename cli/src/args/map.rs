@@ -90,7 +90,8 @@ pub struct EnergyArgs {
     pub map: PathBuf,
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
-    /// Integrate over this tet mesh of the domain, instead of over a grid, without an estimate of the error
+    /// Integrate over this mesh of the domain by tetrahedra or hexahedra, instead of over a grid, without an estimate of
+    /// the error
     #[arg(long, value_name = "TETS", conflicts_with_all = ["resolution", "energy_tolerance"])]
     pub mesh: Option<PathBuf>,
     /// Do not scale both solids to unit volume

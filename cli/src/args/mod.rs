@@ -59,7 +59,7 @@ const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 ran, but a check failed (tolerance missed, defects found); 2 could not run;
 130 interrupted.
 
-Surfaces are read from .obj .ply .off .stl, and from the boundary of tet meshes .mesh .vtk .vtu.";
+Surfaces are read from .obj .ply .off .stl, and from the boundary of tet and hex meshes .mesh .msh .vtk .vtu.";
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
@@ -107,7 +107,8 @@ pub struct DemoArgs {
 
 #[derive(Debug, Args)]
 pub struct CheckArgs {
-    /// Surfaces or tet meshes to check
+    /// Surfaces, or meshes of tetrahedra or hexahedra, whose cells are examined too. The exit code is 1 if anything is
+    /// wrong with a surface, or if cells are inverted, flat, or do not fit together
     #[arg(required = true)]
     pub models: Vec<PathBuf>,
 }

@@ -12,7 +12,7 @@ use super::values::bytes;
 pub struct RemeshArgs {
     /// Map file. Without --mesh its domain has to be a polycube: a solid whose faces are perpendicular to the axes
     pub map: PathBuf,
-    /// Mesh of the domain to carry instead of a regular one: tetrahedra or hexahedra (.mesh, .vtk, .vtu). Tetrahedra
+    /// Mesh of the domain to carry instead of a regular one: tetrahedra or hexahedra (.mesh, .msh, .vtk, .vtu). Tetrahedra
     /// with all corners on the boundary are split
     #[arg(long, value_name = "MESH", conflicts_with_all = ["kind", "cells", "cell_size", "max_cells"])]
     pub mesh: Option<PathBuf>,

@@ -12,7 +12,7 @@ use super::section::SectionArgs;
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct SequenceArgs {
-    /// Boundary of the solid that frames are compared with, or a tet mesh of it
+    /// Boundary of the solid that frames are compared with, or a mesh of it by tetrahedra or hexahedra
     #[arg(value_name = "REF")]
     pub reference: PathBuf,
     /// REF's mesh with its vertices as they are in each frame, in the order of time

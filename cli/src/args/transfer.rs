@@ -12,18 +12,18 @@ pub struct TransferArgs {
     /// Map file
     pub map: PathBuf,
     /// Fields on the domain: a table (.csv with columns x, y, z and others, where three such as vx, vy, vz are a
-    /// vector); a mesh (.vtu or .vtk with point or cell data on tetrahedra, or point data on triangles); or a grid
-    /// (.vti with image data, .vtk with structured points). May be left out with --distance: a mesh of the domain is
-    /// made then
+    /// vector); a mesh (.vtu or .vtk with point or cell data on tetrahedra or hexahedra, or point data on triangles);
+    /// or a grid (.vti with image data, .vtk with structured points). May be left out with --distance: a mesh of the
+    /// domain is made then
     #[arg(required_unless_present = "distance")]
     pub field: Option<PathBuf>,
     /// Fields on the target, to write: .csv (without cell data), or .vtu or .vtk for a mesh
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
     /// Points of the target at which fields are evaluated (.csv, .npy, or a mesh, which stands for its vertices),
-    /// instead of at the images of FIELD's points. Values are interpolated linearly in tetrahedra; outside them, they
-    /// are those at the closest point of their boundary; without tetrahedra, those of the nearest point; nan where
-    /// there is no preimage
+    /// instead of at the images of FIELD's points. Values are interpolated linearly in tetrahedra, six of which stand
+    /// for a hexahedron; outside them, they are those at the closest point of their boundary; without cells, those of
+    /// the nearest point; nan where there is no preimage
     #[arg(long, value_name = "POINTS")]
     pub at: Option<PathBuf>,
     /// Field whose values are labels, which are never averaged: that of the corner with the largest weight is taken.

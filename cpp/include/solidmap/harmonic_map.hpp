@@ -190,11 +190,11 @@ struct EnergyReport {
   double inverted_fraction = 0;
 };
 
-/// Energies of a map, integrated on a grid, or over the tetrahedra of a mesh, which must be a mesh of the domain: that
-/// is not checked. Throws Error (invalid_input: no volume, no cells, no tolerance; numerical: a Jacobian that is not finite;
+/// Energies of a map, integrated on a grid, or over the cells of a mesh, which must be a mesh of the domain: that is not
+/// checked. Tetrahedra get four points each, hexahedra eight, the Gauss points of their trilinear map. Throws Error (invalid_input: no volume, no cells, no tolerance; numerical: a Jacobian that is not finite;
 /// unsupported: no boundary map).
 EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options = {});
-EnergyReport energies(const HarmonicMap& map, const CellMesh& tets, const EnergyOptions& options = {});
+EnergyReport energies(const HarmonicMap& map, const CellMesh& mesh, const EnergyOptions& options = {});
 
 /// Densities of the two energies, and the determinant of the map's Jacobian in model units, one for each point.
 struct EnergyDensities {
@@ -219,9 +219,9 @@ struct DistortionReport {
   double left_out_fraction = 0;
 };
 
-/// Distortion of a map, integrated on a grid of `cells` cells along the longest side, or over tetrahedra. Throws Error
-/// as energies().
+/// Distortion of a map, integrated on a grid of `cells` cells along the longest side, or over the cells of a mesh. Throws
+/// Error as energies().
 DistortionReport distortion(const HarmonicMap& map, std::size_t cells = 48);
-DistortionReport distortion(const HarmonicMap& map, const CellMesh& tets);
+DistortionReport distortion(const HarmonicMap& map, const CellMesh& mesh);
 
 }  // namespace solidmap

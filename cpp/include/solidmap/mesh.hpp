@@ -21,8 +21,8 @@ struct SurfaceImpl;
 struct CellMeshImpl;
 }  // namespace detail
 
-/// Whether a Finding prevents a fit.
-enum class Severity { error, warning };
+/// How bad a finding is: whether it prevents a fit; a note is no defect.
+enum class Severity { error, warning, note };
 
 /// One thing that is wrong with a surface.
 struct Finding {
@@ -88,7 +88,7 @@ class Surface {
   /// Throws Error (invalid_input) when an index is out of range.
   Surface(Span<const Point> vertices, Span<const Triangle> triangles);
 
-  /// Reads .obj, .ply, .off, .stl, .mesh, .vtk or .vtu. Vertices keep their order; polygons become triangles.
+  /// Reads .obj, .ply, .off, .stl, .mesh, .msh, .vtk or .vtu. Vertices keep their order; polygons become triangles.
   /// Throws Error (not_found, io, unsupported, or invalid_input for a damaged file).
   static Surface load(const std::filesystem::path& path);
   /// Writes .obj, .ply, .off, .mesh, .vtk or .vtu; coordinates read back to the same bits. The file is replaced as a
@@ -182,6 +182,44 @@ struct CellQuality {
   double max_dihedral = 0;
 };
 
+/// Something found in a mesh of cells.
+struct CellFinding {
+  /// What was found, such as `"inverted_cells"`, `"flat_cells"`, `"crowded_faces"`, `"duplicate_cells"`,
+  /// `"hanging_nodes"`, `"slivers"`, `"several_bodies"`.
+  std::string kind;
+  /// An error where the mesh is not valid; else a note.
+  Severity severity = Severity::error;
+  std::size_t count = 0;
+  /// The first cells and vertices concerned, at most 20 of each, and where they are: the positions of `vertices`, or else
+  /// the means of the corners of `cells`.
+  std::vector<std::uint32_t> cells;
+  std::vector<std::uint32_t> vertices;
+  std::vector<Point> places;
+  /// What was found and where, and what to do about it.
+  std::string message;
+  std::string advice;
+};
+
+/// Cells that are connected across faces.
+struct Body {
+  std::size_t cells = 0;
+  /// Sum of their volumes, inverted ones negative.
+  double volume = 0;
+};
+
+/// What CellMesh::check() found.
+struct CellReport {
+  /// No finding is an error: all cells are right side out, have a volume, and fit together.
+  bool valid = false;
+  /// Cells that are inverted; exactly flat; neither, but with a scaled Jacobian below 0.05.
+  std::size_t inverted = 0, flat = 0, slivers = 0;
+  std::vector<Body> bodies;
+  /// Errors first.
+  std::vector<CellFinding> findings;
+  /// All of it in words, several lines.
+  std::string text;
+};
+
 /// A solid cut into tetrahedra or hexahedra. Immutable; copies share their data and cost nothing.
 class CellMesh {
  public:
@@ -190,7 +228,8 @@ class CellMesh {
   CellMesh(Span<const Point> nodes, Span<const Tet> tets, Span<const std::int32_t> regions = {});
   CellMesh(Span<const Point> nodes, Span<const Hex> hexes, Span<const std::int32_t> regions = {});
 
-  /// Reads .mesh, .vtk or .vtu; regions are the references of .mesh files. Throws Error as Surface::load().
+  /// Reads .mesh, .msh, .vtk or .vtu; regions are the references of .mesh files and the physical groups of .msh files in
+  /// format 2.2. Throws Error as Surface::load().
   static CellMesh load(const std::filesystem::path& path);
   /// Writes .mesh and .msh (Gmsh 2.2) with regions, .vtk and .vtu without; as a whole or not at all. Throws Error (io,
   /// unsupported).
@@ -214,13 +253,18 @@ class CellMesh {
   /// Throws Error (invalid_input) when their count differs.
   CellMesh with_nodes(Span<const Point> nodes) const;
 
-  /// The triangles that belong to one tetrahedron only, facing outward. `nodes[v]` is the mesh's node of vertex v.
+  /// The faces that belong to one cell only, as triangles that face outward. `nodes[v]` is the mesh's node of vertex v. A
+  /// quad of a hexahedron is split by the diagonal from its first corner, as everywhere in solidmap.
   struct Boundary {
     Surface surface;
     std::vector<std::uint32_t> nodes;
   };
-  /// Throws Error (unsupported) for hexahedra.
   Boundary boundary() const;
+
+  /// Which cells are inverted, flat or slivers, and whether the cells fit together. Orientation is decided exactly. A cell
+  /// counts as inverted when its neighbours, oriented consistently across their faces, have the other sign: all cells may
+  /// be listed left-handed. The boundary is a surface with a check of its own.
+  CellReport check() const;
 
   /// Indices of the cells that are inverted or flat, ascending; decided as CellQuality::inverted.
   std::vector<std::uint32_t> inverted() const;

@@ -134,9 +134,35 @@ TEST_CASE("cells keep regions, find their boundary and what is inverted") {
   CHECK(mesh.with_nodes(mirrored).inverted() == std::vector<std::uint32_t>{0, 1});
   CHECK(mesh.with_nodes(mirrored).quality().inverted == 2);
   CHECK(thrown_by([&] { mesh.with_nodes({nodes.data(), 4}); }) == "invalid_input");
-  const std::vector<Hex> hexes = {{0, 1, 2, 3, 4, 4, 4, 4}};
-  CHECK(thrown_by([&] { CellMesh(nodes, hexes).boundary(); }) == "unsupported");
+  CHECK(CellMesh::load(folder / "a.msh").regions()[0] == 5);
   CHECK(thrown_by([&] { CellMesh(nodes, tets, Span<const std::int32_t>(regions.data(), 1)); }) == "invalid_input");
+}
+
+TEST_CASE("hexahedra have a boundary, and the check finds those that are inverted") {
+  const std::vector<Point> nodes = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0, 0, 1}, {1, 0, 1},
+                                    {1, 1, 1}, {0, 1, 1}, {0, 0, 2}, {1, 0, 2}, {1, 1, 2}, {0, 1, 2}};
+  const std::vector<Hex> hexes = {{0, 1, 2, 3, 4, 5, 6, 7}, {4, 5, 6, 7, 8, 9, 10, 11}};
+  const CellMesh mesh(nodes, hexes);
+  CHECK(mesh.boundary().surface.triangles().size() == 20);
+  CHECK(mesh.boundary().surface.volume() == doctest::Approx(2.0));
+  const CellReport sound = mesh.check();
+  CHECK(sound.valid);
+  CHECK(sound.findings.empty());
+  REQUIRE(sound.bodies.size() == 1);
+  CHECK(sound.bodies[0].cells == 2);
+  CHECK(sound.bodies[0].volume == doctest::Approx(2.0));
+
+  std::vector<Point> folded = nodes;
+  for (std::size_t i = 8; i < 12; ++i) folded[i][2] = 0.5;
+  const CellReport report = mesh.with_nodes(folded).check();
+  CHECK(!report.valid);
+  CHECK(report.inverted == 1);
+  REQUIRE(!report.findings.empty());
+  CHECK(report.findings[0].kind == "inverted_cells");
+  CHECK(report.findings[0].severity == Severity::error);
+  CHECK(report.findings[0].cells == std::vector<std::uint32_t>{1});
+  CHECK(report.findings[0].places.at(0)[2] == doctest::Approx(0.75));
+  CHECK(report.text.find("NOT VALID") != std::string::npos);
 }
 
 TEST_CASE("copies share, and objects that were moved from throw") {
