@@ -146,12 +146,15 @@ fn a_map_of_a_pair_can_be_concluded_at_any_phase_and_is_a_bijection() {
             PairPhase::Sphere(..) => k == 0,
             PairPhase::Aligning { .. } => k == 1,
             PairPhase::CoarseEmbeddings { .. } => k == 2,
-            PairPhase::Refining { .. } => k == 3,
-            _ => k == 4,
+            // This domain has all its vertices in the coarse embeddings.
+            PairPhase::Refining { .. } | PairPhase::Improving { .. } => k == 3,
+            PairPhase::Measuring { .. } => k == 4,
         });
         // Bijections of both surfaces with the sphere are checked exactly when they are made.
         let (map, report) = map_pair(&domain, &target, &options, &progress).unwrap();
-        assert!(report.concluded && map.domain_embedding().is_some(), "phase {k}");
+        assert!(map.domain_embedding().is_some(), "phase {k}");
+        // Measuring comes after all that could have been better.
+        assert_eq!(report.concluded, k < 4, "phase {k}");
         let [found, best] = [&report, &whole].map(|report| report.after.mean_symmetric_dirichlet);
         assert!(
             found.is_finite() && found > 0.99 * best,

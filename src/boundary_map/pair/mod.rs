@@ -161,7 +161,7 @@ impl PairMapping<'_> {
             self.take_exact_targets(&embedder, soft_targets, &mut after);
         }
         self.require_landmarks(&after)?;
-        let improved = self.elapsed();
+        let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
         let (map, [before, after]) = self.measured(&target, &plain, &after)?;
         let report = PairReport {
             method: PairMethod::SoftTargets,
@@ -180,7 +180,7 @@ impl PairMapping<'_> {
                 improve: improved - compared,
                 total: self.elapsed(),
             },
-            concluded: self.reporter.should_conclude(),
+            concluded,
             warnings,
         };
         Ok((map, report))
@@ -233,7 +233,7 @@ impl PairMapping<'_> {
             embedder.finish(&mut after, &|rounds| self.improving(rounds));
         }
         self.require_landmarks(&after)?;
-        let improved = self.elapsed();
+        let (improved, concluded) = (self.elapsed(), self.reporter.should_conclude());
         let (map, [before, after]) = self.measured(&target, &before, &after)?;
         let report = PairReport {
             method: PairMethod::Conformal,
@@ -252,7 +252,7 @@ impl PairMapping<'_> {
                 improve: improved - align,
                 total: self.elapsed(),
             },
-            concluded: self.reporter.should_conclude(),
+            concluded,
             warnings,
         };
         Ok((map, report))
