@@ -142,6 +142,7 @@ fn methods_are_compared_on_a_boundary_file() {
     let line = "compare --boundary through.safetensors --methods mfs,mean-value --no-reference --resolution 8 \
                 --tolerance 0.05 --json";
     let rows = json(&place.run(line));
+    let rows = &rows["methods"];
     for row in rows.as_array().unwrap() {
         assert!(row["boundary_error"]["rms"].as_f64().unwrap() < 0.05, "{row}");
     }
@@ -150,7 +151,10 @@ fn methods_are_compared_on_a_boundary_file() {
         1,
         "compare sphere.ply --boundary through.safetensors --methods mfs --json",
     ));
-    assert!(rows[0]["error"].as_str().unwrap().contains("another domain"), "{rows}");
+    assert!(
+        rows["methods"][0]["error"].as_str().unwrap().contains("another domain"),
+        "{rows}"
+    );
 }
 
 #[test]

@@ -508,12 +508,16 @@ fn processes_end_with_the_program() {
             assert!(ended.elapsed() < Duration::from_secs(2), "{signal}: a process goes on");
             std::thread::sleep(Duration::from_millis(20));
         }
-        let names = place.names("out");
-        assert!(
-            names
-                .iter()
-                .all(|name| !name.contains("tmp") && !name.starts_with("comparison")),
-            "{names:?}"
-        );
+        // Maps that are complete may be there; without any the folder is gone too.
+        if place.path("out").exists() {
+            let names = place.names("out");
+            assert!(!names.is_empty());
+            assert!(
+                names
+                    .iter()
+                    .all(|name| !name.contains("tmp") && !name.starts_with("comparison")),
+                "{names:?}"
+            );
+        }
     }
 }

@@ -205,22 +205,30 @@ pub fn read_fields(path: impl AsRef<Path>) -> Result<FieldFile, IoError> {
     read(path, "fields", FIELD_FORMATS.iter().chain(others))?.into_fields(path)
 }
 
-/// Writes a surface (`.obj`, `.ply`, `.off`, `.mesh`, `.vtk`, `.vtu`). Coordinates read back to the same bits.
+/// Writes a surface (`.obj`, `.ply`, `.off`, `.mesh`, `.msh`, `.vtk`, `.vtu`, `.stl`). Coordinates read back to the same
+/// bits, but from `.stl`, which has them in single precision, and no vertices that triangles share.
 ///
 /// # Errors
 ///
-/// [`IoError::UnknownExtension`], [`IoError::Write`].
+/// [`IoError::UnknownExtension`], [`IoError::Write`], also for coordinates that are finite in double precision only.
 pub fn write_surface(path: impl AsRef<Path>, mesh: &SurfaceMesh) -> Result<(), IoError> {
     let path = path.as_ref();
     match extension(path).as_str() {
         "obj" => atomic_write(path, |writer| obj::write(writer, mesh)),
         "ply" => atomic_write(path, |writer| ply::write(writer, mesh)),
         "off" => atomic_write(path, |writer| off::write(writer, mesh)),
+        "stl" => atomic_write(path, |writer| stl::write(writer, mesh)),
+        "msh" => {
+            let cells = Cells::Triangles(mesh.triangles());
+            let labels = &vec![1; cells.count()];
+            let names = &[];
+            write_groups(path, mesh.vertices(), &[CellGroup { cells, labels, names }], "")
+        }
         extension if CELL_EXTENSIONS.contains(&extension) => {
             write_cells(path, mesh.vertices(), Cells::Triangles(mesh.triangles()))
         }
         _ => {
-            let known = ["obj", "ply", "off"].into_iter().chain(CELL_EXTENSIONS);
+            let known = ["obj", "ply", "off", "stl", "msh"].into_iter().chain(CELL_EXTENSIONS);
             Err(unknown_extension(path, "writing a surface", known))
         }
     }
@@ -482,7 +490,7 @@ mod tests {
             write(&path).unwrap();
             files.push((extension.to_owned(), fs::read(&path).unwrap()));
         };
-        for extension in ["obj", "ply", "off", "mesh", "vtk", "vtu"] {
+        for extension in ["obj", "ply", "off", "mesh", "msh", "vtk", "vtu"] {
             add_written(extension, &|path| write_surface(path, &surface));
         }
         for extension in CELL_EXTENSIONS {

@@ -4,6 +4,7 @@
 //! its errors have no positions.
 
 use std::collections::HashMap;
+use std::io::{self, Write};
 
 use super::{
     IoError,
@@ -11,6 +12,7 @@ use super::{
     raw_mesh::RawMesh,
 };
 use crate::Point;
+use crate::mesh::SurfaceMesh;
 
 /// Bytes of the header and of a facet in a binary file.
 const HEADER: usize = 80;
@@ -143,6 +145,42 @@ impl CornerMerger {
     }
 }
 
+/// Writes binary STL, with the triangles' normals.
+pub(super) fn write(writer: &mut dyn Write, mesh: &SurfaceMesh) -> io::Result<()> {
+    let mut header = [b' '; HEADER];
+    // Not `solid`, with which text begins.
+    let title = b"binary STL, little-endian";
+    header[..title.len()].copy_from_slice(title);
+    writer.write_all(&header)?;
+    let count = u32::try_from(mesh.triangles().len())
+        .map_err(|_| io::Error::new(io::ErrorKind::InvalidInput, "STL counts triangles with 32 bits"))?;
+    writer.write_all(&count.to_le_bytes())?;
+    let mut facet = Vec::with_capacity(FACET);
+    for (t, corners) in mesh.triangles().iter().enumerate() {
+        let area = mesh.area_vector(t);
+        // A triangle without area has no normal: zeros, which readers take for "unknown".
+        let normal = area
+            .try_normalize(0.0)
+            .filter(|normal| normal.iter().all(|c| c.is_finite()));
+        facet.clear();
+        let normal = normal.unwrap_or_default();
+        facet.extend(normal.iter().flat_map(|&c| (c as f32).to_le_bytes()));
+        for &v in corners {
+            for &exact in mesh.vertices()[v as usize].iter() {
+                let single = exact as f32;
+                if exact.is_finite() && single.is_infinite() {
+                    let message = format!("vertex {v} has the coordinate {exact}, too large for single precision");
+                    return Err(io::Error::new(io::ErrorKind::InvalidInput, message));
+                }
+                facet.extend(single.to_le_bytes());
+            }
+        }
+        facet.extend([0; 2]);
+        writer.write_all(&facet)?;
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -256,5 +294,35 @@ mod tests {
             surface("stl", &absurd),
             Err(IoError::CountExceedsFile { count: 0xffff_ffff, .. })
         ));
+    }
+
+    #[test]
+    fn a_written_surface_has_the_same_triangles_in_single_precision() {
+        let mesh = crate::mesh::shapes::bumpy_sphere(4);
+        let mut bytes = Vec::new();
+        write(&mut bytes, &mesh).unwrap();
+        assert_eq!(bytes.len(), HEADER + 4 + FACET * mesh.triangles().len());
+        let read = super::super::testing::surface("stl", &bytes).unwrap();
+        assert_eq!(read.triangles().len(), mesh.triangles().len());
+        for (t, (a, b)) in mesh.triangles().iter().zip(read.triangles()).enumerate() {
+            for (&v, &w) in a.iter().zip(b) {
+                let (exact, single) = (mesh.vertices()[v as usize], read.vertices()[w as usize]);
+                assert!((exact - single).norm() <= 1e-7 * exact.coords.norm(), "triangle {t}");
+            }
+            let normal =
+                |k: usize| f32::from_le_bytes(bytes[HEADER + 4 + FACET * t + 4 * k..][..4].try_into().unwrap());
+            let expected = mesh.area_vector(t).normalize();
+            assert!(
+                (0..3).all(|k| (f64::from(normal(k)) - expected[k]).abs() < 1e-6),
+                "triangle {t}"
+            );
+        }
+        let far = crate::mesh::shapes::deformed(&mesh, |p| p * 1e300);
+        assert!(
+            write(&mut Vec::new(), &far)
+                .unwrap_err()
+                .to_string()
+                .contains("single precision")
+        );
     }
 }

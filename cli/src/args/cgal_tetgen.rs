@@ -45,7 +45,7 @@ pub struct OffsetArgs {
     /// Distance from the model, in model units
     #[arg(long, value_name = "D")]
     pub distance: f64,
-    /// Surface to write: .obj, .ply, .off, .mesh, .vtk or .vtu
+    /// Surface to write: .obj, .ply, .off, .stl, .mesh, .msh, .vtk or .vtu
     #[arg(short, long)]
     pub output: PathBuf,
     /// Take --distance as a fraction of the diagonal of the model's bounding box

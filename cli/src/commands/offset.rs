@@ -36,7 +36,7 @@ struct OffsetSummary {
 pub fn run(args: &OffsetArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     input::require_writable(
         &args.output,
-        &["obj", "ply", "off", "mesh", "vtk", "vtu"],
+        &["obj", "ply", "off", "stl", "mesh", "msh", "vtk", "vtu"],
         &[&args.model],
     )?;
     output.progress("reading");

@@ -91,7 +91,8 @@ class Surface {
   /// Reads .obj, .ply, .off, .stl, .mesh, .msh, .vtk or .vtu. Vertices keep their order; polygons become triangles.
   /// Throws Error (not_found, io, unsupported, or invalid_input for a damaged file).
   static Surface load(const std::filesystem::path& path);
-  /// Writes .obj, .ply, .off, .mesh, .vtk or .vtu; coordinates read back to the same bits. The file is replaced as a
+  /// Writes .obj, .ply, .off, .mesh, .msh, .vtk or .vtu, whose coordinates read back to the same bits, or .stl (single
+  /// precision). The file is replaced as a
   /// whole or not at all. Throws Error (io, unsupported).
   void save(const std::filesystem::path& path) const;
 

@@ -23,7 +23,7 @@ use crate::shared::points::{is_table, read_points, write_table};
 /// Columns of a Jacobian's entries.
 const JACOBIAN: [&str; 9] = ["j00", "j01", "j02", "j10", "j11", "j12", "j20", "j21", "j22"];
 /// Extensions that results are written to.
-const OUTPUTS: [&str; 9] = ["csv", "npy", "obj", "ply", "off", "mesh", "msh", "vtk", "vtu"];
+const OUTPUTS: [&str; 10] = ["csv", "npy", "obj", "ply", "off", "stl", "mesh", "msh", "vtk", "vtu"];
 
 /// What `eval --json` prints.
 #[derive(Serialize)]
