@@ -72,7 +72,11 @@ fn remeshing_can_be_cancelled_in_repair_and_polish() {
         size: CellSize::Along(8),
         most_cells: 100_000,
     };
-    let (options, calls) = (RemeshOptions::default(), Cell::new(0));
+    let options = RemeshOptions {
+        polish_valid: true,
+        ..RemeshOptions::default()
+    };
+    let calls = Cell::new(0);
     remesh(&boundary, &map, source.clone(), &options, &|_| {
         calls.set(calls.get() + 1)
     })

@@ -11,8 +11,9 @@ use solidmap::io::{self, SolidMesh};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, shapes};
 use solidmap::remesh::{
-    BoundedMesh, CellKind, CellSize, GivenMeshError, InversionCause, Polycube, PolycubeError, RemeshError,
-    RemeshOptions, RemeshSource, Remeshed, given_mesh, invalid_cells, inversion_causes, regular_mesh, remesh,
+    BoundedMesh, CellKind, CellSize, GivenMeshError, InversionCause, PolishOutcome, Polycube, PolycubeError,
+    RemeshError, RemeshOptions, RemeshSource, Remeshed, cell_count, given_mesh, grid_points, invalid_cells,
+    inversion_causes, memory_estimate, regular_mesh, remesh,
 };
 use solidmap::{Matrix3, Point, Vector};
 
@@ -64,8 +65,17 @@ const UNREPAIRED: RemeshOptions = RemeshOptions {
     repair: false,
     slide: true,
     polish: 0,
+    polish_valid: false,
     memory: None,
 };
+
+/// A polish even where nothing is inverted.
+fn polished() -> RemeshOptions {
+    RemeshOptions {
+        polish_valid: true,
+        ..RemeshOptions::default()
+    }
+}
 
 /// The surface of the boxes with these indices in the grid of `planes`, each quad cut into `cuts` by `cuts`.
 fn surface_of_boxes(boxes: &[[usize; 3]], planes: [&[f64]; 3], cuts: usize) -> SurfaceMesh {
@@ -268,9 +278,9 @@ fn nodes_are_exactly_where_a_smooth_map_puts_them() {
             assert!((bent(node) - found).norm() < 1e-14);
         }
         assert_eq!(result.report.largest_shift, 0.0);
-        let report = run(&boundary, &Formula(bent), grid(kind, 8)).report;
+        let report = run_with(&boundary, &Formula(bent), grid(kind, 8), &polished()).report;
         assert!((report.volume - report.target_volume).abs() < 1e-2 * report.target_volume);
-        assert!(report.target_to_mesh.max < 1e-14 && report.repair.polish_iterations > 0);
+        assert!(report.target_to_mesh.max < 1e-14 && report.repair.polish.iterations > 0);
     }
 }
 
@@ -520,6 +530,197 @@ fn given_meshes_are_carried_and_untangled() {
     let result = run(&boundary, &collapsed, RemeshSource::Given(hexes));
     assert_eq!(result.mesh.regions(), (0..64).collect::<Vec<i32>>());
     assert_eq!(result.report.after.cells, [] as [u32; 0], "{:?}", result.report);
+}
+
+/// A cube of hexahedra, the smaller the nearer to one of its corners: the largest have 8³ times the volume of the
+/// smallest.
+fn graded(boxes: usize) -> CellMesh {
+    let side = boxes + 1;
+    // Sizes in a geometric series.
+    let ratio = 8f64.powf(1.0 / (boxes - 1) as f64);
+    let at = |i: usize| 2.0 * (ratio.powi(i as i32) - 1.0) / (ratio.powi(boxes as i32) - 1.0) - 1.0;
+    let nodes = (0..side.pow(3))
+        .map(|n| Point::new(at(n % side), at(n / side % side), at(n / side / side)))
+        .collect();
+    let hexes = (0..boxes.pow(3))
+        .map(|n| [n % boxes, n / boxes % boxes, n / boxes / boxes])
+        .map(|[i, j, k]| {
+            let first = i + side * (j + side * k);
+            let layer = side * side;
+            [0, 1, side + 1, side, layer, layer + 1, layer + side + 1, layer + side].map(|step| (first + step) as u32)
+        })
+        .collect();
+    CellMesh::new(nodes, CellList::Hexes(hexes), vec![0; boxes.pow(3)]).unwrap()
+}
+
+/// Moves points inside the cube by up to `size`, in no order.
+fn shaken(p: &Point, size: f64) -> Point {
+    let seed = p
+        .iter()
+        .fold(1, |s, c| (s ^ c.to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    let mut random = StdRng::seed_from_u64(seed);
+    p + Vector::from_fn(|_, _| random.random_range(-size..size))
+}
+
+#[test]
+fn a_mesh_without_inverted_cells_is_moved_only_if_a_polish_is_asked_for() {
+    let domain = shapes::cube(2.0, 8);
+    let image: Vec<Point> = domain.vertices().iter().map(bent).collect();
+    let boundary = BoundaryMap::new(domain, image).unwrap();
+    for source in [
+        RemeshSource::Given(graded(6)),
+        RemeshSource::Given(kuhn(4)),
+        grid(CellKind::Tets, 8),
+        grid(CellKind::Hexes, 8),
+    ] {
+        let kept = run(&boundary, &Formula(bent), source.clone());
+        assert_eq!(kept.report.before.cells, [] as [u32; 0]);
+        assert_eq!(kept.images, kept.carried);
+        assert_eq!(kept.report.quality, kept.report.quality_as_mapped);
+        assert_eq!(kept.report.repair.polish.outcome, PolishOutcome::NothingInverted);
+        let asked = run_with(&boundary, &Formula(bent), source, &polished());
+        assert!(asked.report.repair.polish.iterations > 0);
+    }
+}
+
+#[test]
+fn a_polish_lowers_neither_the_least_scaled_jacobian_nor_its_quantile() {
+    let domain = shapes::cube(2.0, 8);
+    let image: Vec<Point> = domain.vertices().iter().map(bent).collect();
+    let boundary = BoundaryMap::new(domain, image).unwrap();
+    // As good as it gets, shaken a little, and with inverted cells.
+    for (size, is_inverted) in [(0.0, false), (0.02, false), (0.2, true)] {
+        let map = Formula(|p: &Point| bent(&shaken(p, size + f64::MIN_POSITIVE)));
+        for source in [
+            RemeshSource::Given(graded(8)),
+            RemeshSource::Given(kuhn(8)),
+            grid(CellKind::Tets, 8),
+            grid(CellKind::Hexes, 8),
+        ] {
+            let unpolished = RemeshOptions {
+                polish: 0,
+                ..RemeshOptions::default()
+            };
+            let before = run_with(&boundary, &map, source.clone(), &unpolished).report;
+            let after = run_with(&boundary, &map, source, &polished()).report;
+            assert_eq!(!before.before.cells.is_empty(), is_inverted, "{size}: {before:?}");
+            assert_eq!(after.after.cells, [] as [u32; 0]);
+            let [old, new] = [before.quality.unwrap(), after.quality.unwrap()];
+            assert!(
+                new.min_scaled_jacobian >= old.min_scaled_jacobian
+                    && new.p01_scaled_jacobian >= old.p01_scaled_jacobian,
+                "{size}: {old:?} {new:?}"
+            );
+            let moved = after.quality != before.quality;
+            assert_eq!(
+                moved,
+                after.repair.polish.outcome == PolishOutcome::Kept,
+                "{:?}",
+                after.repair
+            );
+            assert_eq!(moved, after.repair.polish.kept_iterations > 0);
+            if is_inverted {
+                assert!(
+                    moved && new.min_scaled_jacobian > old.min_scaled_jacobian,
+                    "{old:?} {new:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_polish_keeps_the_sizes_of_a_graded_mesh() {
+    let domain = shapes::cube(2.0, 8);
+    let boundary = BoundaryMap::new(domain.clone(), domain.vertices().to_vec()).unwrap();
+    let mesh = graded(8);
+    // Inner nodes move by up to a tenth of the smallest edge about them.
+    let smallest = 2.0 * (8f64.powf(1.0 / 7.0) - 1.0) / (8f64.powf(8.0 / 7.0) - 1.0);
+    let map = Formula(|p: &Point| shaken(p, 0.2 * smallest));
+    let result = run_with(&boundary, &map, RemeshSource::Given(mesh.clone()), &polished());
+    let [old, new] = [result.report.quality_as_mapped.unwrap(), result.report.quality.unwrap()];
+    assert_eq!(result.report.repair.polish.outcome, PolishOutcome::Kept);
+    assert!(
+        new.min_scaled_jacobian > 0.95 && old.min_scaled_jacobian < 0.9,
+        "{old:?} {new:?}"
+    );
+    let CellList::Hexes(hexes) = mesh.cells() else {
+        panic!("hexahedra")
+    };
+    for h in hexes {
+        let diagonal = |x: &[Point]| (x[h[6] as usize] - x[h[0] as usize]).norm();
+        let ratio = diagonal(&result.images) / diagonal(mesh.nodes());
+        assert!((0.9..1.1).contains(&ratio), "{ratio}");
+    }
+}
+
+#[test]
+fn boundary_nodes_slide_even_if_there_are_no_inner_nodes() {
+    // A plate of one layer. One quad of its upper side is folded by the boundary map.
+    let count = 24;
+    let side = count + 1;
+    let nodes: Vec<Point> = (0..2 * side * side)
+        .map(|n| Point::new((n % side) as f64, (n / side % side) as f64, (n / side / side) as f64))
+        .collect();
+    let hexes = (0..count * count)
+        .map(|n| n % count + side * (n / count))
+        .map(|first| {
+            let layer = side * side;
+            [0, 1, side + 1, side, layer, layer + 1, layer + side + 1, layer + side].map(|step| (first + step) as u32)
+        })
+        .collect();
+    let mesh = CellMesh::new(nodes, CellList::Hexes(hexes), vec![0; count * count]).unwrap();
+    let domain = surface_of(&mesh);
+    let folded = |p: &Point| {
+        if *p == Point::new(12.0, 12.0, 1.0) {
+            Point::new(13.3, 13.3, 1.0)
+        } else {
+            *p
+        }
+    };
+    let image = domain.vertices().iter().map(folded).collect();
+    let target = domain.clone();
+    let boundary = BoundaryMap::new(domain, image).unwrap();
+    let result = run(&boundary, &Formula(|p: &Point| *p), RemeshSource::Given(mesh.clone())).report;
+    assert!(!result.before.cells.is_empty());
+    assert_eq!(result.after.cells, [] as [u32; 0], "{result:?}");
+    assert!(result.slid_nodes > 0 && (result.volume - target.volume()).abs() < 1e-9 * target.volume());
+    let fixed = RemeshOptions {
+        slide: false,
+        ..RemeshOptions::default()
+    };
+    let fixed = run_with(&boundary, &Formula(|p: &Point| *p), RemeshSource::Given(mesh), &fixed).report;
+    assert_eq!(fixed.before, fixed.after);
+}
+
+#[test]
+fn the_memory_limit_counts_the_whole_grid_of_a_domain_that_fills_little_of_it() {
+    // Three arms of length 60 along the axes: 1/1000 of their box.
+    let arms: Vec<[usize; 3]> = vec![[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]];
+    let planes: &[f64] = &[0.0, 1.0, 60.0];
+    let domain = surface_of_boxes(&arms, [planes; 3], 2);
+    let boundary = BoundaryMap::new(domain.clone(), domain.vertices().to_vec()).unwrap();
+    let polycube = Polycube::of(&domain).unwrap();
+    let points = grid_points(&polycube, 0.25);
+    assert_eq!(points, 241usize.pow(3));
+    let cells = cell_count(&polycube, 0.25, CellKind::Hexes, usize::MAX).unwrap();
+    let [with, without] = [points, 0].map(|points| memory_estimate(CellKind::Hexes, cells, points, &domain));
+    // An index and a flag at every point.
+    assert!(with - without >= 5 * points as u64, "{with} {without}");
+    let limited = |memory| RemeshOptions {
+        memory: Some(memory),
+        ..UNREPAIRED
+    };
+    let made = |memory| {
+        let source = sized(CellKind::Hexes, CellSize::Length(0.25));
+        remesh(&boundary, &Formula(|p: &Point| *p), source, &limited(memory), &|_| ())
+    };
+    let refused = made(with - 1);
+    assert!(
+        matches!(refused, Err(RemeshError::TooLarge { need, .. }) if need == with),
+        "{refused:?}"
+    );
+    assert_eq!(made(with).unwrap().report.memory_estimate, with);
 }
 
 #[test]

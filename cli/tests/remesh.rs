@@ -55,7 +55,7 @@ fn inverted_cells_have_groups_of_their_own() {
 
     // All cells are inverted, those with all corners on the boundary for a reason that is known.
     let report = place.report(1, "remesh mirrored.map --cells 4 -o all.msh --json");
-    assert_eq!(report["flipped_cells"], whole);
+    assert_eq!(report["inverted_cells"], whole);
     let (names, counts) = groups_of_tets(&std::fs::read_to_string(place.path("all.msh")).unwrap());
     for (reason, name) in [
         ("unknown", "inverted"),
@@ -113,5 +113,75 @@ fn references_of_inverted_cells_are_explained_and_know_their_region() {
             words.starts_with("inverted") && words.ends_with(&format!(", of region {region}")),
             "{words}"
         );
+    }
+}
+
+#[test]
+fn every_file_that_was_written_is_listed() {
+    let place = cubes();
+    let line = "remesh cube.map --cells 4 -o mesh.vtu --domain-mesh grid.msh --png picture.png";
+    let words = text(&place.ends_with(0, line).stdout);
+    let written = words.lines().find_map(|line| line.strip_prefix("written")).unwrap();
+    assert_eq!(written.trim(), "mesh.vtu, grid.msh, picture.png", "{words}");
+    let report = place.report(0, &format!("{line} --json"));
+    for (key, file) in [
+        ("output", "mesh.vtu"),
+        ("domain_mesh", "grid.msh"),
+        ("picture", "picture.png"),
+    ] {
+        assert_eq!(report[key], file, "{report}");
+        assert!(place.path(file).exists());
+    }
+    let report = place.report(0, "remesh cube.map --cells 4 -o mesh.vtu --json");
+    assert!(
+        report["domain_mesh"].is_null() && report["picture"].is_null(),
+        "{report}"
+    );
+}
+
+#[test]
+fn a_mesh_in_which_nothing_is_inverted_is_polished_only_with_the_option_and_the_report_says_so() {
+    let place = cubes();
+    place.ends_with(0, "remesh cube.map --cells 4 --kind hex -o hexes.mesh");
+    for line in [
+        "remesh cube.map --mesh hexes.mesh -o mesh.vtu",
+        "remesh cube.map --cells 4 --kind hex -o mesh.vtu",
+    ] {
+        let report = place.report(0, &format!("{line} --json"));
+        assert_eq!(report["repair"]["polish"]["outcome"], "nothing_inverted", "{report}");
+        assert_eq!(report["quality"], report["quality_as_mapped"], "{report}");
+        let words = text(&place.ends_with(0, line).stdout);
+        assert!(
+            words.contains("as mapped        at least") && words.contains("--polish asks for it"),
+            "{words}"
+        );
+
+        let report = place.report(0, &format!("{line} --polish 50 --json"));
+        assert!(report["repair"]["polish"]["iterations"].as_u64() > Some(0), "{report}");
+        for key in ["min_scaled_jacobian", "p01_scaled_jacobian"] {
+            let [now, mapped] = ["quality", "quality_as_mapped"].map(|at| report[at][key].as_f64().unwrap());
+            assert!(now >= mapped, "{key}: {now} {mapped}");
+        }
+        let words = text(&place.ends_with(0, &format!("{line} --polish 0")).stdout);
+        assert!(!words.contains("\npolish"), "{words}");
+    }
+}
+
+#[test]
+fn every_cell_that_stays_inverted_has_a_reason_in_words() {
+    let place = cubes();
+    for (options, unknown) in [
+        ("", "for an unknown reason"),
+        (" --no-repair", "that a repair may help"),
+    ] {
+        let line = format!("remesh mirrored.map --cells 4 -o all.vtu{options}");
+        let report = place.report(1, &format!("{line} --json"));
+        let reasons = report["reasons"].as_object().unwrap();
+        let counts: u64 = reasons.values().map(|count| count.as_u64().unwrap()).sum();
+        assert_eq!(report["inverted_cells"], counts, "{report}");
+        let warning = text(&place.ends_with(1, &line).stderr);
+        let expected = reasons["unknown"].as_u64() > Some(0);
+        assert_eq!(warning.contains(unknown), expected, "{warning}");
+        assert!(!warning.contains("no reason"), "{warning}");
     }
 }

@@ -233,14 +233,17 @@ pub(super) mod ffi {
         repair: bool,
         slide: bool,
         polish: usize,
+        polish_valid: bool,
         memory: u64,
     }
 
     struct RemeshReport {
         nodes: usize,
         boundary_nodes: usize,
-        inverted_as_mapped: usize,
+        quality_as_mapped: CellQuality,
         quality: CellQuality,
+        /// 0 not asked, 1 nothing inverted, 2 cells inverted, 3 no gain, 4 kept, 5 undone.
+        polish: u8,
         mesh_to_target_max: f64,
         mesh_to_target_mean: f64,
         target_to_mesh_max: f64,

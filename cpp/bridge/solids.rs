@@ -8,7 +8,7 @@ use super::error::{Error, guarded};
 use super::maps::{Map, ask};
 use super::meshes::{Surface, VolumeMesh, quality_of};
 use solidmap::mesh::CellMesh;
-use solidmap::remesh::{self, CellKind, CellSize, RemeshOptions, RemeshPhase, RemeshSource};
+use solidmap::remesh::{self, CellKind, CellSize, PolishOutcome, RemeshOptions, RemeshPhase, RemeshSource};
 
 pub struct RemeshResult(remesh::Remeshed);
 
@@ -155,13 +155,16 @@ fn carried(
         repair: options.repair,
         slide: options.slide,
         polish: options.polish,
+        polish_valid: options.polish_valid,
         memory: (options.memory > 0).then_some(options.memory),
     };
     let progress = |phase| {
         let (step, detail) = match phase {
             RemeshPhase::Meshing => ("meshing", String::new()),
             RemeshPhase::Mapping { nodes } => ("mapping", format!("{nodes} nodes")),
-            RemeshPhase::Repairing { round, inverted } => ("repairing", format!("round {round}, {inverted} inverted")),
+            RemeshPhase::Repairing { round, inverted } => {
+                ("repairing", format!("round {round}, {inverted} cells inverted"))
+            }
             RemeshPhase::Verifying => ("verifying", String::new()),
         };
         ask(watcher, step, f64::NAN, &detail)
@@ -177,8 +180,16 @@ impl RemeshResult {
             Ok(ffi::RemeshReport {
                 nodes: report.nodes,
                 boundary_nodes: report.boundary_nodes,
-                inverted_as_mapped: report.before.cells.len(),
+                quality_as_mapped: quality_of(mesh.cells(), &self.0.carried),
                 quality: quality_of(mesh.cells(), &self.0.images),
+                polish: match report.repair.polish.outcome {
+                    PolishOutcome::NotAsked => 0,
+                    PolishOutcome::NothingInverted => 1,
+                    PolishOutcome::CellsInverted => 2,
+                    PolishOutcome::NoGain => 3,
+                    PolishOutcome::Kept => 4,
+                    PolishOutcome::Undone => 5,
+                },
                 mesh_to_target_max: report.mesh_to_target.max,
                 mesh_to_target_mean: report.mesh_to_target.mean,
                 target_to_mesh_max: report.target_to_mesh.max,

@@ -38,7 +38,7 @@ OffsetSurface offset_surface(const Surface& surface, double distance, const Offs
 namespace {
 
 ffi::RemeshOptions for_rust(const RemeshOptions& options) {
-  return {options.repair, options.slide, options.polish, options.memory};
+  return {options.repair, options.slide, options.polish, options.polish_valid, options.memory};
 }
 
 Remeshed converted(const rust::Box<ffi::RemeshResult>& remeshed) {
@@ -46,8 +46,10 @@ Remeshed converted(const rust::Box<ffi::RemeshResult>& remeshed) {
   RemeshReport report;
   report.nodes = found.nodes;
   report.boundary_nodes = found.boundary_nodes;
-  report.inverted_as_mapped = found.inverted_as_mapped;
+  report.quality_as_mapped = quality_of(found.quality_as_mapped);
+  report.inverted_as_mapped = report.quality_as_mapped.inverted;
   report.quality = quality_of(found.quality);
+  report.polish = static_cast<PolishOutcome>(found.polish);
   report.mesh_to_target_max = found.mesh_to_target_max;
   report.mesh_to_target_mean = found.mesh_to_target_mean;
   report.target_to_mesh_max = found.target_to_mesh_max;

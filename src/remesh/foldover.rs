@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 
 use rayon::prelude::*;
 
-use super::quality::{HEX_CORNERS, is_positive, lesser, tet_scaled_jacobians, trilinear_gradients};
+use super::quality::{HEX_AXES, HEX_CORNERS, is_positive, lesser, tet_scaled_jacobians, trilinear_gradients};
 use crate::{Matrix3, Point, Vector};
 
 /// The energy of a mesh. Each cell is a linear map of a reference shape, each hexahedron eight of them, one per corner.
@@ -31,11 +31,11 @@ enum ReferenceCells {
         /// Weights in the energy, with sum 1.
         weights: Vec<f64>,
     },
-    /// Corners of hexahedra, relative to a cube's.
+    /// Corners of hexahedra, relative to those of boxes.
     Hexes {
         corners: Vec<[u32; 8]>,
-        /// One over the cube's edge length.
-        scale: f64,
+        /// One over the edge lengths of each box, along the axes of [`HEX_AXES`].
+        scales: Vec<[f64; 3]>,
         /// Which hexahedra are evaluated inside too; empty for none.
         inside: Vec<bool>,
     },
@@ -45,11 +45,11 @@ enum ReferenceCells {
 const LAMBDA: f64 = 1.0;
 /// Scaled Jacobian below which a tetrahedron is not used as a reference: far below that of cells that are thin on
 /// purpose.
-const SLIVER: f64 = 2e-3;
+pub(super) const SLIVER: f64 = 2e-3;
 /// Cells per task.
 const RUN: usize = 2048;
 
-/// The energy, the least determinant and the number of determinants that are not positive.
+/// The energy, the least determinant and how many are not positive.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EnergyValue {
     pub energy: f64,
@@ -57,6 +57,8 @@ pub(super) struct EnergyValue {
     pub least: f64,
     /// Determinants that are not positive.
     pub inverted: usize,
+    /// Cells with such a determinant.
+    pub inverted_cells: usize,
 }
 
 impl FoldoverEnergy {
@@ -98,7 +100,26 @@ impl FoldoverEnergy {
         Self::new(
             ReferenceCells::Hexes {
                 corners: hexes.to_vec(),
-                scale: side.recip(),
+                scales: vec![[side.recip(); 3]; hexes.len()],
+                inside: vec![],
+            },
+            nodes,
+        )
+    }
+
+    /// Tetrahedra that count the same, over `nodes` nodes; `rest` are the inverse matrices of the reference edges.
+    pub fn of_tets_with(tets: Vec<[u32; 4]>, rest: Vec<Matrix3>, nodes: usize) -> Self {
+        let weights = vec![1.0 / tets.len().max(1) as f64; tets.len()];
+        let corners = tets;
+        Self::new(ReferenceCells::Tets { corners, rest, weights }, nodes)
+    }
+
+    /// Hexahedra relative to boxes of these edge lengths, over `nodes` nodes.
+    pub fn of_hexes_with(hexes: Vec<[u32; 8]>, lengths: &[[f64; 3]], nodes: usize) -> Self {
+        Self::new(
+            ReferenceCells::Hexes {
+                corners: hexes,
+                scales: lengths.iter().map(|box_| box_.map(f64::recip)).collect(),
                 inside: vec![],
             },
             nodes,
@@ -132,10 +153,11 @@ impl FoldoverEnergy {
                 .zip(rest)
                 .map(|(t, rest)| (edges(t.map(|v| x[v as usize])) * rest).determinant())
                 .collect(),
-            ReferenceCells::Hexes { corners, scale, .. } => corners
+            ReferenceCells::Hexes { corners, scales, .. } => corners
                 .par_iter()
-                .flat_map_iter(|h| {
-                    HEX_CORNERS.map(|c| edges(c.map(|k| x[h[k] as usize])).determinant() * scale.powi(3))
+                .zip(scales)
+                .flat_map_iter(|(h, [a, b, c])| {
+                    HEX_CORNERS.map(|corner| edges(corner.map(|k| x[h[k] as usize])).determinant() * (a * b * c))
                 })
                 .collect(),
         }
@@ -160,6 +182,16 @@ impl FoldoverEnergy {
             .collect()
     }
 
+    /// The cells at these nodes, ascending.
+    pub fn cells_at(&self, nodes: &[u32]) -> Vec<u32> {
+        let corners = self.cells.corners() as u32;
+        let around = nodes.iter().flat_map(|&v| {
+            let uses = self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
+            self.uses[uses].iter().map(|use_| use_ / corners)
+        });
+        sorted_unique(around.collect())
+    }
+
     /// Nodes of cells and of `rings` rings of cells around them, ascending.
     pub fn rings(&self, cells: &[u32], rings: usize) -> Vec<u32> {
         let (flat, corners) = (self.cells.flat(), self.cells.corners());
@@ -169,11 +201,7 @@ impl FoldoverEnergy {
         };
         let mut found = nodes(cells);
         for _ in 0..rings {
-            let around = found.iter().flat_map(|&v| {
-                let uses = self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
-                self.uses[uses].iter().map(|use_| use_ / corners as u32)
-            });
-            found = nodes(&sorted_unique(around.collect()));
+            found = nodes(&self.cells_at(&found));
         }
         found
     }
@@ -205,6 +233,7 @@ impl FoldoverEnergy {
         for value in values {
             sum.energy += value.energy;
             sum.inverted += value.inverted;
+            sum.inverted_cells += value.inverted_cells;
             sum.add_determinant(value.least);
         }
         sum
@@ -238,6 +267,7 @@ impl ReferenceCells {
                     let (t, rest) = (corners[first + i], &rest[first + i]);
                     let jacobian = edges(t.map(|v| x[v as usize])) * rest;
                     let by_jacobian = value.add(&jacobian, weights[first + i], epsilon);
+                    value.inverted_cells = value.inverted;
                     // J = E R, so that ∂/∂E = ∂/∂J Rᵀ.
                     let by_edges = by_jacobian * rest.transpose();
                     for k in 0..3 {
@@ -246,28 +276,38 @@ impl ReferenceCells {
                     part[0] = -(part[1] + part[2] + part[3]);
                 }
             }
-            Self::Hexes { corners, scale, inside } => {
+            Self::Hexes {
+                corners,
+                scales,
+                inside,
+            } => {
                 let weight = 1.0 / (8 * corners.len()) as f64;
                 for (i, part) in parts.chunks_exact_mut(8).enumerate() {
-                    let p = corners[first + i].map(|v| x[v as usize] * *scale);
+                    let (p, scale) = (corners[first + i].map(|v| x[v as usize]), &scales[first + i]);
+                    let inverted = value.inverted;
                     part.fill(Vector::zeros());
-                    for c in HEX_CORNERS {
-                        let by_edges = value.add(&edges(c.map(|k| p[k])), weight, epsilon) * *scale;
+                    for (c, axes) in HEX_CORNERS.iter().zip(&HEX_AXES) {
+                        let mut jacobian = edges(c.map(|k| p[k]));
+                        (0..3).for_each(|k| jacobian.column_mut(k).scale_mut(scale[axes[k]]));
+                        let by_jacobian = value.add(&jacobian, weight, epsilon);
                         for k in 0..3 {
-                            let by_edge = by_edges.column(k).into_owned();
+                            let by_edge = by_jacobian.column(k) * scale[axes[k]];
                             part[c[k + 1]] += by_edge;
                             part[c[0]] -= by_edge;
                         }
                     }
                     if inside.get(first + i) == Some(&true) {
+                        let scale = Vector::from_row_slice(scale);
                         for slopes in between_corners() {
+                            let slopes = slopes.map(|slope| slope.component_mul(&scale));
                             let jacobian = (0..8).map(|k| p[k].coords * slopes[k].transpose()).sum();
-                            let by_jacobian = value.add(&jacobian, weight, epsilon) * *scale;
+                            let by_jacobian = value.add(&jacobian, weight, epsilon);
                             for k in 0..8 {
                                 part[k] += by_jacobian * slopes[k];
                             }
                         }
                     }
+                    value.inverted_cells += usize::from(value.inverted > inverted);
                 }
             }
         }
@@ -280,6 +320,7 @@ impl EnergyValue {
         energy: 0.0,
         least: f64::INFINITY,
         inverted: 0,
+        inverted_cells: 0,
     };
 
     /// Adds the energy of a Jacobian; returns the derivative with respect to it.
@@ -313,12 +354,12 @@ impl EnergyValue {
 }
 
 /// Edges from the first corner to the others.
-fn edges([a, b, c, d]: [Point; 4]) -> Matrix3 {
+pub(super) fn edges([a, b, c, d]: [Point; 4]) -> Matrix3 {
     Matrix3::from_columns(&[b - a, c - a, d - a])
 }
 
 /// Edges of a regular tetrahedron of volume 1.
-fn regular_edges() -> Matrix3 {
+pub(super) fn regular_edges() -> Matrix3 {
     let side = (6.0 * std::f64::consts::SQRT_2).cbrt();
     let third = 3.0f64.sqrt() / 6.0;
     let columns = [
@@ -347,7 +388,7 @@ fn between_corners() -> &'static [[Vector; 8]] {
 }
 
 /// The length, or 1 if it is not positive and finite.
-fn length_or_one(length: f64) -> f64 {
+pub(super) fn length_or_one(length: f64) -> f64 {
     if length > 0.0 && length.is_finite() {
         length
     } else {
@@ -391,7 +432,10 @@ mod tests {
     fn gradient_matches_central_differences_even_for_inverted_cells() {
         let (mut checked_inside, x) = hex();
         checked_inside.check_inside(&[0]);
-        for (energy, x) in [tets(), hex(), (checked_inside, x)] {
+        let lengths = [[2.0, 0.7, 1.1]];
+        let mut of_box = FoldoverEnergy::of_hexes_with(vec![[0, 1, 2, 3, 4, 5, 6, 7]], &lengths, 8);
+        of_box.check_inside(&[0]);
+        for (energy, x) in [tets(), hex(), (checked_inside, x.clone()), (of_box, x)] {
             let free: Vec<u32> = (0..x.len() as u32).collect();
             let mut gradient = vec![Vector::zeros(); x.len()];
             for epsilon in [1.0, 0.1, 1e-2] {

@@ -91,6 +91,13 @@ pub fn cell_count(polycube: &Polycube, size: f64, kind: CellKind, most_cells: us
     Ok(cells as usize)
 }
 
+/// The number of points of the grid that [`regular_mesh`] makes over the bounding box of the domain, whatever part of it
+/// the domain fills.
+pub fn grid_points(polycube: &Polycube, size: f64) -> usize {
+    let [_, points] = counts(polycube, size, CellKind::Tets);
+    points as usize
+}
+
 /// A regular mesh with boxes of about `size`.
 ///
 /// Tetrahedra come from Kuhn's subdivision, mirrored with the parity of the box: every tetrahedron has a node whose

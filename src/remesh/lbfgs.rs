@@ -82,6 +82,18 @@ impl<'a> Lbfgs<'a> {
 
     /// Lowers the energy; returns its last value and the number of iterations.
     pub fn run(&mut self, x: &mut Vec<Point>, epsilon: f64, rule: &StoppingRule) -> (EnergyValue, usize) {
+        self.run_watched(x, epsilon, rule, &mut |_, _| true)
+    }
+
+    /// As [`Lbfgs::run`]; `watch` sees the number of iterations and the positions after each, and says whether to go
+    /// on.
+    pub fn run_watched(
+        &mut self,
+        x: &mut Vec<Point>,
+        epsilon: f64,
+        rule: &StoppingRule,
+        watch: &mut dyn FnMut(usize, &[Point]) -> bool,
+    ) -> (EnergyValue, usize) {
         let mut state = self.state(std::mem::take(x), epsilon);
         let mut memory: VecDeque<(Vec<Vector>, Vec<Vector>, f64)> = VecDeque::with_capacity(MEMORY);
         let (mut iterations, mut energies) = (0, VecDeque::with_capacity(WINDOW));
@@ -129,6 +141,9 @@ impl<'a> Lbfgs<'a> {
             }
             energies.push_back(state.value.energy);
             state = next;
+            if !watch(iterations, &state.x) {
+                break;
+            }
             if energies.len() == WINDOW {
                 let before = energies.pop_front().unwrap_or(f64::INFINITY);
                 if before - state.value.energy < rule.gain * before.abs() {

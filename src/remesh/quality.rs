@@ -40,6 +40,18 @@ pub struct CellQuality {
     pub max_dihedral: f64,
 }
 
+/// The axis of a hexahedron's box along which each neighbour in [`HEX_CORNERS`] lies.
+pub(super) const HEX_AXES: [[usize; 3]; 8] = [
+    [0, 1, 2],
+    [1, 0, 2],
+    [0, 1, 2],
+    [1, 0, 2],
+    [1, 0, 2],
+    [0, 1, 2],
+    [1, 0, 2],
+    [0, 1, 2],
+];
+
 /// Position of a node; NaN for a missing one.
 pub(super) fn at(x: &[Point], v: u32) -> Point {
     x.get(v as usize)

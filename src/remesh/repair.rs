@@ -1,9 +1,11 @@
-//! Repairs inverted cells by moving inner nodes, with the boundary fixed as long as that suffices, and then improves
-//! the shapes of all cells.
+//! Repairs inverted cells by moving inner nodes, with the boundary fixed as long as that suffices. The shapes of
+//! cells are improved afterwards.
 
+use super::bounded_mesh::BoundedMesh;
 use super::foldover::FoldoverEnergy;
 use super::lbfgs::{Lbfgs, StoppingRule};
-use super::quality::inverted_inside;
+use super::polish::{Polish, PolishOutcome, PolishReport};
+use super::quality::{invalid_cells, inverted_inside};
 use super::slide::{SlideReport, SlidingSurface, slide};
 use crate::Point;
 use crate::mesh::CellList;
@@ -22,12 +24,6 @@ const ROUND: StoppingRule = StoppingRule {
 /// Rounds without fewer inverted corners before giving up.
 const MAX_STALLED: usize = 10;
 const MAX_ROUNDS: usize = 100;
-/// ε of the polish: a step that inverts a sample costs more than any gain.
-const POLISH_EPSILON: f64 = 1e-9;
-
-/// Relative decrease of the energy below which the polish stops.
-const POLISH_GAIN: f64 = 1e-6;
-
 /// How often hexahedra are checked inside and repaired.
 const MAX_INSIDE_CHECKS: usize = 10;
 
@@ -38,8 +34,8 @@ pub struct RepairReport {
     pub rounds: usize,
     /// Iterations of descent in all rounds.
     pub iterations: usize,
-    /// Iterations of the polish.
-    pub polish_iterations: usize,
+    /// The improvement of shapes after the repair.
+    pub polish: PolishReport,
     /// How boundary nodes slid on the target, where fixed ones left inverted cells.
     pub slide: SlideReport,
 }
@@ -77,48 +73,85 @@ impl Best {
 
 /// What a repair works on.
 pub(super) struct Repair<'a> {
-    pub cells: &'a CellList,
+    pub mesh: &'a BoundedMesh,
     /// Inner nodes.
     pub free: &'a [u32],
+    /// Signed volume of the image.
+    pub volume: f64,
     /// Largest displacement of a node in a first step.
     pub step: f64,
-    /// Iterations of each polish.
+    /// Iterations of the polish.
     pub polish: usize,
+    /// Whether meshes are polished in which nothing was inverted.
+    pub polish_valid: bool,
     /// The surface that boundary nodes may slide on, if they may.
     pub sliding_surface: Option<&'a SlidingSurface<'a>>,
-    /// Receives rounds and inverted corners; asked in every iteration whether to continue.
+    /// Receives rounds and inverted cells; asked in every iteration whether to continue.
     pub monitor: &'a ProgressMonitor<'a, (usize, usize)>,
 }
 
 impl Repair<'_> {
     /// Moves nodes until no cell is inverted, or as few as possible; polishes the shapes if none is left.
-    pub fn run(&self, energy: &mut FoldoverEnergy, x: &mut Vec<Point>) -> RepairReport {
+    pub fn run(&self, x: &mut Vec<Point>) -> RepairReport {
         let mut report = RepairReport::default();
-        if self.free.is_empty() {
-            return report;
-        }
-        let mut left = self.untangle(energy, x, &mut report);
+        let inverted = invalid_cells(&self.mesh.cells, x).cells.len();
+        self.monitor.report((0, inverted));
+        let anything_inverted = inverted > 0;
+        // Hexahedra that the energy is evaluated inside, too.
+        let mut inside = Vec::new();
+        let all_repaired = !anything_inverted || self.untangle_all(x, &mut inside, &mut report);
+        report.polish = if self.polish == 0 {
+            PolishReport::default()
+        } else if !all_repaired {
+            PolishOutcome::CellsInverted.into()
+        } else if !anything_inverted && !self.polish_valid {
+            PolishOutcome::NothingInverted.into()
+        } else {
+            Polish {
+                mesh: self.mesh,
+                free: self.free,
+                inside: &inside,
+                of_repair: &|| self.energy_of_all(),
+                iterations: self.polish,
+                step: self.step,
+                monitor: self.monitor,
+            }
+            .run(x)
+        };
+        report
+    }
+
+    /// Whether no cell is inverted at a corner afterwards.
+    fn untangle_all(&self, x: &mut Vec<Point>, inside: &mut Vec<u32>, report: &mut RepairReport) -> bool {
+        let mut energy = self.energy_of_all();
+        let mut left = self.untangle(&energy, x, report);
         if let (1.., Some(sliding_surface)) = (left, self.sliding_surface) {
-            report.slide = slide(energy, x, self.step, sliding_surface, self.monitor);
+            report.slide = slide(&energy, x, self.step, sliding_surface, self.monitor);
             left = energy.inverted(x).len();
         }
         if left > 0 {
-            return report;
+            return false;
         }
-        self.polish(energy, x, &mut report);
         for _ in 0..MAX_INSIDE_CHECKS {
-            if !self.monitor.should_continue() {
+            let bad = inverted_inside(&self.mesh.cells, x);
+            if bad.is_empty() || !self.monitor.should_continue() {
                 break;
             }
-            let bad = inverted_inside(self.cells, x);
-            if bad.is_empty() {
-                break;
-            }
-            energy.check_inside(&bad);
-            self.untangle(energy, x, &mut report);
-            self.polish(energy, x, &mut report);
+            inside.extend(bad);
+            energy.check_inside(inside);
+            self.untangle(&energy, x, report);
         }
-        report
+        energy.inverted(x).is_empty()
+    }
+
+    /// The energy of the whole mesh: tetrahedra relative to those of the domain where these are well-shaped, corners of
+    /// hexahedra relative to those of a cube. It untangles any start, where own sizes may mean nothing.
+    fn energy_of_all(&self) -> FoldoverEnergy {
+        let nodes = &self.mesh.nodes;
+        match &self.mesh.cells {
+            CellList::Tets(tets) => FoldoverEnergy::of_tets(tets, nodes, self.volume),
+            CellList::Hexes(hexes) => FoldoverEnergy::of_hexes(hexes, nodes.len(), self.volume),
+        }
     }
 
     /// Minimises the energy for decreasing ε; returns the number of inverted corners that are left.
@@ -129,7 +162,7 @@ impl Repair<'_> {
         let mut best = Best::new(inverted, x);
         let mut epsilon = 1.0;
         for round in 0..MAX_ROUNDS {
-            if inverted == 0 || best.stalled == MAX_STALLED {
+            if inverted == 0 || self.free.is_empty() || best.stalled == MAX_STALLED {
                 break;
             }
             if round > 0 {
@@ -140,28 +173,12 @@ impl Repair<'_> {
             report.iterations += iterations;
             (least, inverted) = (value.least, value.inverted);
             best.update(inverted, x);
-            self.monitor.report((report.rounds, inverted));
+            self.monitor.report((report.rounds, value.inverted_cells));
             if !value.energy.is_finite() || !self.monitor.should_continue() {
                 break;
             }
         }
         *x = best.nodes;
         best.inverted
-    }
-
-    fn polish(&self, energy: &FoldoverEnergy, x: &mut Vec<Point>, report: &mut RepairReport) {
-        let rule = StoppingRule {
-            iterations: self.polish,
-            gain: POLISH_GAIN,
-            until_positive: false,
-        };
-        let mut descent = Lbfgs::new(energy, self.free, self.step, self.monitor);
-        let before = x.clone();
-        let (value, iterations) = descent.run(x, POLISH_EPSILON, &rule);
-        report.polish_iterations += iterations;
-        // A cell so small that it hardly counts may have been inverted in favour of others.
-        if value.inverted > 0 {
-            *x = before;
-        }
     }
 }

@@ -23,6 +23,8 @@ pub struct Histogram {
     low: f64,
     high: f64,
     fields: Vec<Shares>,
+    /// What values that are not positive are called in the legend.
+    uncounted: String,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -73,7 +75,14 @@ impl Histogram {
             label,
             low,
             high,
+            uncounted: "not positive".into(),
         })
+    }
+
+    /// The same, with values that are not positive called this in the legend.
+    pub fn counting(mut self, uncounted: impl Into<String>) -> Self {
+        self.uncounted = uncounted.into();
+        self
     }
 }
 
@@ -178,7 +187,7 @@ impl HistogramDrawing<'_> {
             let y = top + (1.2 + 1.5 * k as f64) * em;
             let below = match field.not_positive {
                 0 => "all positive".to_owned(),
-                count => format!("{} not positive", typeset(count as f64, 6)),
+                count => format!("{} {}", typeset(count as f64, 6), self.histogram.uncounted),
             };
             let text = format!("{}: {below}", field.name);
             let ink = self.area.text(if field.not_positive == 0 { GREY_INK } else { INK });

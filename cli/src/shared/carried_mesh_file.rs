@@ -62,7 +62,7 @@ pub fn write(path: &Path, remeshed: &Remeshed, positions: &[Point], origin: &str
             scalar("scaled_jacobian", scaled_jacobians(mesh.cells(), positions)),
             scalar(
                 "det_jacobian",
-                min_per_cell(mesh, &determinants(mesh.cells(), mesh.nodes(), &remeshed.images)),
+                least_of_cells(mesh, &determinants(mesh.cells(), mesh.nodes(), &remeshed.images)),
             ),
             scalar("inverted", inverted),
             scalar("obstacle", obstacle),
@@ -124,7 +124,7 @@ fn numbered(names: &[String]) -> Vec<(i32, String)> {
 }
 
 /// The smallest determinant of each cell; NaN where one is.
-fn min_per_cell(mesh: &BoundedMesh, determinants: &[f64]) -> Vec<f64> {
+pub fn least_of_cells(mesh: &BoundedMesh, determinants: &[f64]) -> Vec<f64> {
     let corners = determinants.len() / mesh.cells().len().max(1);
     let least = |dets: &[f64]| {
         dets.iter()

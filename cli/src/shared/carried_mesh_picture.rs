@@ -11,6 +11,7 @@ use solidmap::remesh::{
 };
 use solidmap::{Point, Vector};
 
+use super::carried_mesh_file::least_of_cells;
 use super::output::Output;
 use crate::args::UpKind;
 
@@ -18,7 +19,7 @@ use crate::args::UpKind;
 const PIXELS: [usize; 2] = [620, 580];
 
 /// Domain, target as mapped, and target as it is now, cut open along the same cells and coloured by their scaled
-/// Jacobian; the whole target from two sides; and a histogram of the cells' determinants. `now` names the last
+/// Jacobian; the whole target from two sides; and histograms of the cells' determinants and scaled Jacobians. `now` names the last
 /// state, as in "Repaired".
 pub fn figure(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Figure> {
     let (up, upside_down) = up.axis();
@@ -43,17 +44,35 @@ pub fn figure(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Figu
     let [domain, as_mapped, repaired] = [0, 1, 2].map(|k| view(&open, places[k], &qualities[k], &bar, &front));
     let [from_front, from_behind] = [&front, &back].map(|camera| view(&whole, places[2], &qualities[2], &bar, camera));
     let mut below = vec![from_front?.titled("Target"), from_behind?.titled("Target, from behind")];
-    let dets = [1, 2].map(|k| determinants(mesh.cells(), mesh.nodes(), places[k]));
+    // One value for each cell, and none that is positive for an inverted one, so that the counts are those above.
+    let of_cells = |mut values: Vec<f64>, inverted: &InvalidCells| {
+        inverted.cells.iter().for_each(|&cell| values[cell as usize] = f64::NAN);
+        values
+    };
+    let both = |of: &dyn Fn(usize) -> Vec<f64>| {
+        [(1, &report.before), (2, &report.after)].map(|(k, cells)| of_cells(of(k), cells))
+    };
+    let dets = both(&|k| least_of_cells(mesh, &determinants(mesh.cells(), mesh.nodes(), places[k])));
+    let shapes = both(&|k| qualities[k].clone());
     let what = match report.kind {
         CellKind::Tets => "det J of cells, 1 is that of the whole",
-        CellKind::Hexes => "det J at corners of cells, 1 is the mean",
+        CellKind::Hexes => "least det J at the corners of cells, 1 is the mean",
     };
-    let fields = [("as mapped", &dets[0][..]), (&now.to_lowercase(), &dets[1])];
-    // A mesh with inverted cells alone has no histogram.
-    if let Ok(histogram) = Histogram::logarithmic(what, &fields) {
-        below.push(Panel::of_histogram(&histogram, PIXELS)?.titled("How volumes change"));
+    let now_in_words = now.to_lowercase();
+    for (values, label, title) in [
+        (&dets, what, "How volumes change"),
+        (&shapes, "scaled Jacobian of cells", "How well cells are shaped"),
+    ] {
+        let fields = [("as mapped", &values[0][..]), (&now_in_words, &values[1])];
+        // A mesh with inverted cells alone has no histogram.
+        if let Ok(histogram) = Histogram::logarithmic(label, &fields) {
+            below.push(Panel::of_histogram(&histogram.counting("inverted"), PIXELS)?.titled(title));
+        }
     }
-    let count = |words: &str, cells: &InvalidCells| format!("{words}: {} inverted", cells.cells.len());
+    let count = |words: &str, cells: &InvalidCells| match cells.cells.len() {
+        1 => format!("{words}: 1 cell inverted"),
+        count => format!("{words}: {count} cells inverted"),
+    };
     let above = vec![
         domain?.titled("Domain, cut open"),
         as_mapped?.titled(count("As mapped", &report.before)),
@@ -116,7 +135,7 @@ pub fn show_phase(phase: RemeshPhase, output: &Output) {
         RemeshPhase::Meshing => output.progress("meshing the domain"),
         RemeshPhase::Mapping { nodes } => output.progress(format!("mapping {nodes} nodes")),
         RemeshPhase::Repairing { round, inverted } => {
-            output.progress_in("repairing", format!("round {round}, {inverted} inverted"));
+            output.progress_in("repairing", format!("round {round}, {inverted} cells inverted"));
         }
         RemeshPhase::Verifying => output.progress("counting and measuring"),
     }

@@ -94,18 +94,28 @@ struct RemeshOptions {
   bool repair = true;
   /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
   bool slide = true;
-  /// Iterations that improve the shapes of cells after the repair.
+  /// Iterations at most that improve the shapes of cells after the repair; 0 for none. They never lower the least scaled
+  /// Jacobian nor its 1 % quantile.
   std::size_t polish = 200;
+  /// Whether a mesh is polished, too, in which nothing is inverted as mapped.
+  bool polish_valid = false;
   /// Bytes that the run may take, estimated before they are taken: more throws Error (memory). 0: no limit.
   std::uint64_t memory = 0;
 };
+
+/// What became of the polish: none was asked for; none was made, since nothing was inverted as mapped or cells stay
+/// inverted; no node had a better place; shapes are better; or it would have lowered the least scaled Jacobian or its 1 %
+/// quantile, and was undone.
+enum class PolishOutcome : std::uint8_t { not_asked, nothing_inverted, cells_inverted, no_gain, kept, undone };
 
 /// The report on a carried mesh. Distances, shifts and slides are fractions of the target's diagonal.
 struct RemeshReport {
   std::size_t nodes = 0, boundary_nodes = 0;
   /// Inverted cells before the repair; those left are in `quality`.
   std::size_t inverted_as_mapped = 0;
-  CellQuality quality;
+  /// The cells as mapped, and as they are now.
+  CellQuality quality_as_mapped, quality;
+  PolishOutcome polish = PolishOutcome::not_asked;
   double mesh_to_target_max = 0, mesh_to_target_mean = 0, target_to_mesh_max = 0, target_to_mesh_mean = 0;
   /// Volumes of the mesh and of the target.
   double volume = 0, target_volume = 0;

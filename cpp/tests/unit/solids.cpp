@@ -43,6 +43,14 @@ TEST_CASE("a polycube's grid is carried without an inverted cell") {
     if (kind == CellKind::tets) {
       const Remeshed again = remesh(map, remeshed.domain_mesh);
       CHECK(again.report.quality.inverted == 0);
+      CHECK((again.report.polish == PolishOutcome::nothing_inverted));
+      CHECK(again.report.quality.min_scaled_jacobian == again.report.quality_as_mapped.min_scaled_jacobian);
+      RemeshOptions polished;
+      polished.polish_valid = true;
+      const RemeshReport asked = remesh(map, remeshed.domain_mesh, polished).report;
+      CHECK((asked.polish == PolishOutcome::kept || asked.polish == PolishOutcome::undone));
+      CHECK(asked.quality.min_scaled_jacobian >= asked.quality_as_mapped.min_scaled_jacobian);
+      CHECK(asked.quality.p01_scaled_jacobian >= asked.quality_as_mapped.p01_scaled_jacobian);
       CHECK(energies(map, remeshed.domain_mesh).volume == doctest::Approx(3.0));
       CHECK(std::isnan(energies(map, remeshed.domain_mesh).harmonic_error));
       CHECK(distortion(map, remeshed.domain_mesh).folded_points == 0);

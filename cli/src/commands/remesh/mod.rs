@@ -33,8 +33,10 @@ struct RemeshSummary {
     mesh: Option<FileName>,
     output: FileName,
     domain_mesh: Option<FileName>,
+    /// The picture; none where there was nothing to draw.
+    picture: Option<FileName>,
     /// Inverted cells of the result.
-    flipped_cells: usize,
+    inverted_cells: usize,
     /// How many of them there are for each reason.
     reasons: Reasons,
     /// The least scaled Jacobian of the result.
@@ -62,7 +64,8 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     let options = RemeshOptions {
         repair: !args.no_repair,
         slide: !args.fix_boundary,
-        polish: args.polish,
+        polish: args.polish.unwrap_or(RemeshOptions::default().polish),
+        polish_valid: args.polish.is_some(),
         memory: args.memory.or_else(input::most_memory),
     };
     output.progress("reading");
@@ -79,16 +82,16 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     if let Some(path) = &args.domain_mesh {
         carried_mesh_file::write(path, &remeshed, remeshed.mesh.nodes(), &origin)?;
     }
-    let flipped = remeshed.report.after.cells.len();
+    let inverted = remeshed.report.after.cells.len();
     let reasons = Reasons::of(&remeshed.report);
-    if flipped > 0 {
+    if inverted > 0 {
         output.warn(format!(
             "{}: {}. In {}, {}. Smaller cells may help, or a boundary map that distorts \
              less there",
-            if flipped == 1 {
+            if inverted == 1 {
                 "1 cell stays inverted".into()
             } else {
-                format!("{flipped} cells stay inverted")
+                format!("{inverted} cells stay inverted")
             },
             reasons.words(!args.no_repair),
             args.output.display(),
@@ -109,25 +112,33 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         mesh: file_name(args.mesh.as_ref()),
         output: (&args.output).into(),
         domain_mesh: file_name(args.domain_mesh.as_ref()),
-        flipped_cells: flipped,
+        picture: file_name(args.png.as_ref().filter(|_| picture.is_some())),
+        inverted_cells: inverted,
         reasons,
         min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),
         crossings,
         remesh: remeshed.report,
         peak_rss_bytes: peak_rss_bytes(),
     };
-    output.result(&report, || summary::table(&report))?;
     if let (Some(path), Some(png)) = (&args.png, picture) {
         write_file(path, &png)?;
-        output.note(format_args!("picture in {}", path.display()));
     }
-    Ok(CommandOutcome::from_check(flipped == 0 && !report.crossings.found()))
+    output.result(&report, || summary::table(&report))?;
+    Ok(CommandOutcome::from_check(inverted == 0 && !report.crossings.found()))
 }
 
 /// The picture. A mesh with nodes that are not finite has none, which is a warning only.
 fn picture(remeshed: &Remeshed, args: &RemeshArgs, output: &Output) -> Option<Vec<u8>> {
-    let repaired = if args.no_repair { "Not repaired" } else { "Repaired" };
-    let drawn = carried_mesh_picture::figure(remeshed, repaired, args.up).and_then(|figure| Ok(figure.to_png()?));
+    let now = if args.no_repair {
+        "Not repaired"
+    } else if remeshed.images == remeshed.carried {
+        "Unchanged"
+    } else if remeshed.report.before.cells.is_empty() {
+        "Polished"
+    } else {
+        "Repaired"
+    };
+    let drawn = carried_mesh_picture::figure(remeshed, now, args.up).and_then(|figure| Ok(figure.to_png()?));
     drawn
         .inspect_err(|error| output.warn(format_args!("no picture: {error}")))
         .ok()

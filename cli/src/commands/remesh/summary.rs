@@ -4,7 +4,8 @@ use crate::drawing::significant;
 use serde::Serialize;
 use solidmap::memory::readable;
 use solidmap::remesh::{
-    BoundaryIntersections, CellKind, CellQuality, InvalidCells, InversionCause, InversionCauses, RemeshReport,
+    BoundaryIntersections, CellKind, CellQuality, InvalidCells, InversionCause, InversionCauses, PolishOutcome,
+    PolishReport, RemeshReport,
 };
 
 use super::RemeshSummary;
@@ -140,6 +141,7 @@ pub fn table(report: &RemeshSummary) -> String {
     };
     for (name, of) in [
         ("scaled Jacobian", &found.quality),
+        ("as mapped", &found.quality_as_mapped),
         ("in the domain", &found.domain_quality),
     ] {
         rows.extend(of.as_ref().map(|of| [name.to_owned(), quality(of)]));
@@ -157,15 +159,14 @@ pub fn table(report: &RemeshSummary) -> String {
             ),
         ]);
     }
-    if found.repair.iterations + found.repair.polish_iterations > 0 {
+    if found.repair.iterations + found.repair.polish.iterations > 0 {
         let repair = &found.repair;
         rows.push([
             "repair".into(),
             format!(
-                "{} rounds, {} iterations, {} to polish; inner nodes moved by {} of the diagonal at most",
+                "{} rounds, {} iterations; inner nodes moved by {} of the diagonal at most, with the polish",
                 repair.rounds + repair.slide.rounds,
                 repair.iterations + repair.slide.iterations,
-                repair.polish_iterations,
                 significant(found.largest_shift, 2)
             ),
         ]);
@@ -182,6 +183,7 @@ pub fn table(report: &RemeshSummary) -> String {
             },
         ]);
     }
+    rows.extend(polish(&found.repair.polish).map(|words| ["polish".to_owned(), words]));
     rows.push(["crossings".into(), intersections(&report.crossings)]);
     rows.push([
         "target".into(),
@@ -210,8 +212,40 @@ pub fn table(report: &RemeshSummary) -> String {
             readable(found.memory_estimate)
         ),
     ]);
-    rows.push(["written".into(), report.output.display().to_string()]);
+    let files = [
+        Some(&report.output),
+        report.domain_mesh.as_ref(),
+        report.picture.as_ref(),
+    ];
+    let files: Vec<String> = files
+        .into_iter()
+        .flatten()
+        .map(|path| path.display().to_string())
+        .collect();
+    rows.push(["written".into(), files.join(", ")]);
     two_columns(rows)
+}
+
+/// What became of the polish, in words.
+fn polish(polish: &PolishReport) -> Option<String> {
+    let PolishReport {
+        outcome,
+        iterations,
+        kept_iterations,
+    } = polish;
+    Some(match outcome {
+        PolishOutcome::NotAsked => return None,
+        PolishOutcome::NothingInverted => "none, as nothing was inverted; --polish asks for it".into(),
+        PolishOutcome::CellsInverted => "none, as cells stay inverted".into(),
+        PolishOutcome::NoGain => "no node has a better place".into(),
+        PolishOutcome::Kept => format!(
+            "{kept_iterations} of {iterations} iterations kept, as far as neither the least scaled Jacobian nor its \
+             1 % quantile falls"
+        ),
+        PolishOutcome::Undone => {
+            format!("undone: {iterations} iterations would have lowered the least scaled Jacobian or its 1 % quantile")
+        }
+    })
 }
 
 /// The warning about a boundary that passes through itself.

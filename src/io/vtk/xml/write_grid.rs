@@ -78,9 +78,14 @@ fn write_array<const N: usize>(
     count: usize,
     values: impl Iterator<Item = [u8; N]>,
 ) -> io::Result<()> {
+    // One component is the default. Where it is written, meshio reads scalars as arrays of shape (n, 1), not (n,).
+    let components = match components {
+        1 => String::new(),
+        _ => format!(" NumberOfComponents=\"{components}\""),
+    };
     write!(
         writer,
-        "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"binary\">"
+        "<DataArray type=\"{kind}\" Name=\"{name}\"{components} format=\"binary\">"
     )?;
     let mut encoder = EncoderWriter::new(&mut *writer, &STANDARD);
     encoder.write_all(&((count * N) as u64).to_le_bytes())?;
@@ -90,4 +95,32 @@ fn write_array<const N: usize>(
     encoder.finish()?;
     drop(encoder);
     writeln!(writer, "</DataArray>")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_arrays_of_several_components_say_how_many() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("tet.vtu");
+        let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(Point::from);
+        let field = |name: &str, components: usize| Field {
+            name: name.into(),
+            components,
+            values: vec![1.0; components],
+        };
+        let fields = VtkFields {
+            cell: vec![field("scalar", 1), field("vector", 3)],
+            ..VtkFields::default()
+        };
+        write_vtu(&path, &points, Cells::Tets(&[[0, 1, 2, 3]]), &fields).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains("Name=\"scalar\" format"), "{text}");
+        assert!(
+            text.contains("Name=\"vector\" NumberOfComponents=\"3\" format"),
+            "{text}"
+        );
+    }
 }

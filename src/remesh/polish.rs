@@ -1,0 +1,212 @@
+//! Improvement of the shapes of cells, once none is inverted: descent of the energy relative to cells of their own
+//! sizes. The energy is not what shapes are judged by, and what lowers it may flatten single cells. Neither the least
+//! scaled Jacobian nor its 1 % quantile may fall, so that both are measured along the way.
+
+use super::bounded_mesh::BoundedMesh;
+use super::foldover::FoldoverEnergy;
+use super::lbfgs::{Lbfgs, StoppingRule};
+use super::own_size::{OwnShape, own_size_energy};
+use super::quality::{invalid_cells, scaled_jacobians};
+use crate::Point;
+use crate::progress::ProgressMonitor;
+use crate::statistics::quantiles;
+
+/// ε of the polish: a step that inverts a sample costs more than any gain.
+const EPSILON: f64 = 1e-9;
+/// Relative decrease of the energy below which the polish stops.
+const GAIN: f64 = 1e-6;
+/// Iterations between two measurements of the quality.
+const CHECK_EVERY: usize = 10;
+/// Iterations after which a descent ends that has found nothing more to keep.
+const PATIENCE: usize = 60;
+
+/// What became of the polish.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PolishOutcome {
+    /// None was asked for.
+    #[default]
+    NotAsked,
+    /// Nothing was inverted as mapped, and a polish of such meshes was not asked for.
+    NothingInverted,
+    /// Cells stay inverted.
+    CellsInverted,
+    /// No node can be moved to a better place.
+    NoGain,
+    /// The cells' shapes are better.
+    Kept,
+    /// It would have lowered the least scaled Jacobian or its 1 % quantile, and was undone.
+    Undone,
+}
+
+/// The polish.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct PolishReport {
+    /// What became of it.
+    pub outcome: PolishOutcome,
+    /// Iterations of descent.
+    pub iterations: usize,
+    /// How many of them led to the result; 0 unless it was kept.
+    pub kept_iterations: usize,
+}
+
+impl From<PolishOutcome> for PolishReport {
+    fn from(outcome: PolishOutcome) -> Self {
+        Self {
+            outcome,
+            ..Self::default()
+        }
+    }
+}
+
+/// What a polish may not make worse: the number of invalid cells, the least scaled Jacobian and its 1 % quantile.
+#[derive(Debug, Clone, Copy)]
+struct Floor {
+    invalid: usize,
+    least: f64,
+    p01: f64,
+}
+
+impl Floor {
+    fn of(mesh: &BoundedMesh, x: &[Point]) -> Self {
+        let [least, p01] = lowest(mesh, x);
+        Self {
+            invalid: invalid_cells(&mesh.cells, x).cells.len(),
+            least,
+            p01,
+        }
+    }
+
+    /// The measures of a mesh that is no worse.
+    fn raised(&self, mesh: &BoundedMesh, x: &[Point]) -> Option<Self> {
+        let [least, p01] = lowest(mesh, x);
+        // Written so that NaN is worse.
+        if !(least >= self.least && p01 >= self.p01) {
+            return None;
+        }
+        let invalid = invalid_cells(&mesh.cells, x).cells.len();
+        (invalid <= self.invalid).then_some(Self { invalid, least, p01 })
+    }
+}
+
+/// The least scaled Jacobian and its 1 % quantile; NaN where one is.
+fn lowest(mesh: &BoundedMesh, x: &[Point]) -> [f64; 2] {
+    let scaled = scaled_jacobians(&mesh.cells, x);
+    if scaled.iter().any(|s| s.is_nan()) {
+        return [f64::NAN; 2];
+    }
+    quantiles(&scaled, [0.0, 0.01]).unwrap_or([f64::NAN; 2])
+}
+
+/// What a polish works on.
+pub(super) struct Polish<'a> {
+    pub mesh: &'a BoundedMesh,
+    /// Inner nodes.
+    pub free: &'a [u32],
+    /// Hexahedra that the energy is evaluated inside, too.
+    pub inside: &'a [u32],
+    /// The energy of the repair.
+    pub of_repair: &'a dyn Fn() -> FoldoverEnergy,
+    /// Largest number of iterations of each pass.
+    pub iterations: usize,
+    /// Largest displacement of a node in a first step.
+    pub step: f64,
+    pub monitor: &'a ProgressMonitor<'a, (usize, usize)>,
+}
+
+/// What cells are to be like.
+#[derive(Debug, Clone, Copy)]
+enum PolishReference {
+    /// Cells of their own sizes.
+    Own(OwnShape),
+    /// Those of the repair, which are as large everywhere as they are in the domain, or cubes of one size.
+    OfRepair,
+}
+
+/// In the order in which they are tried. The first leaves a good mesh much as it is; the others are for meshes that the
+/// map or the repair has left with sizes that are no good as targets.
+const REFERENCES: [PolishReference; 3] = [
+    PolishReference::Own(OwnShape::Given),
+    PolishReference::OfRepair,
+    PolishReference::Own(OwnShape::Regular),
+];
+
+impl Polish<'_> {
+    /// Polishes all cells, and then once more those at the low end of the scaled Jacobian. After each pass the last
+    /// positions are kept that are no worse than those before it.
+    pub fn run(&self, x: &mut Vec<Point>) -> PolishReport {
+        let mut report = PolishReport::default();
+        let mut floor = Floor::of(self.mesh, x);
+        for reference in REFERENCES {
+            let mut energy = match reference {
+                PolishReference::Own(shape) => own_size_energy(self.mesh, x, shape, None),
+                PolishReference::OfRepair => (self.of_repair)(),
+            };
+            energy.check_inside(self.inside);
+            if self.pass(&energy, self.free, x, &mut floor, &mut report) {
+                break;
+            }
+        }
+        self.polish_lowest(x, &mut floor, &mut report);
+        report.outcome = match (report.iterations, report.kept_iterations) {
+            (0, _) => PolishOutcome::NoGain,
+            (_, 0) => PolishOutcome::Undone,
+            _ => PolishOutcome::Kept,
+        };
+        report
+    }
+
+    /// Polishes the cells below the 1 % quantile, and those around them, towards regular ones.
+    fn polish_lowest(&self, x: &mut Vec<Point>, floor: &mut Floor, report: &mut PolishReport) {
+        let scaled = scaled_jacobians(&self.mesh.cells, x);
+        let low = (0..).zip(&scaled).filter(|(_, s)| **s <= floor.p01);
+        let low: Vec<u32> = low.map(|(cell, _)| cell).collect();
+        let all = (self.of_repair)();
+        let mut free = all.rings(&low, 1);
+        free.retain(|&v| !self.mesh.on_boundary[v as usize]);
+        let cells = all.cells_at(&free);
+        drop(all);
+        let mut energy = own_size_energy(self.mesh, x, OwnShape::Regular, Some(&cells));
+        let of_part = |cell: &u32| cells.binary_search(cell).ok().map(|k| k as u32);
+        energy.check_inside(&self.inside.iter().filter_map(of_part).collect::<Vec<u32>>());
+        self.pass(&energy, &free, x, floor, report);
+    }
+
+    /// One descent; whether most of it was kept.
+    fn pass(
+        &self,
+        energy: &FoldoverEnergy,
+        free: &[u32],
+        x: &mut Vec<Point>,
+        floor: &mut Floor,
+        report: &mut PolishReport,
+    ) -> bool {
+        if free.is_empty() || !self.monitor.should_continue() {
+            return false;
+        }
+        let rule = StoppingRule {
+            iterations: self.iterations,
+            gain: GAIN,
+            until_positive: false,
+        };
+        let (mut moved, start) = (x.clone(), *floor);
+        let mut kept_iterations = 0;
+        let mut keep = |iterations: usize, at: &[Point]| {
+            if let Some(found) = start.raised(self.mesh, at) {
+                (kept_iterations, *floor) = (iterations, found);
+                x.copy_from_slice(at);
+            }
+            iterations < kept_iterations + PATIENCE
+        };
+        let mut descent = Lbfgs::new(energy, free, self.step, self.monitor);
+        let (_, iterations) = descent.run_watched(&mut moved, EPSILON, &rule, &mut |iterations, at| {
+            iterations % CHECK_EVERY != 0 || keep(iterations, at)
+        });
+        if iterations % CHECK_EVERY != 0 {
+            keep(iterations, &moved);
+        }
+        report.iterations += iterations;
+        report.kept_iterations += kept_iterations;
+        kept_iterations > iterations / 2
+    }
+}
