@@ -1,4 +1,4 @@
-//! Histograms: columns over a logarithmic axis, several fields over one another.
+//! Histograms: columns over a logarithmic or linear axis, several fields over one another.
 
 use super::DrawingError;
 use super::canvas::{Canvas, GREY_INK, INK, Rgb, WHITE};
@@ -16,10 +16,11 @@ const DECADES: f64 = 8.0;
 /// Colours of the fields, in order.
 const COLOURS: [Rgb; 3] = [[214, 96, 77], [67, 117, 180], [90, 160, 90]];
 
-/// Fractions of values in intervals of equal ratio.
+/// Fractions of values in intervals of equal ratio, or of equal length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Histogram {
     label: String,
+    scale: Scale,
     low: f64,
     high: f64,
     fields: Vec<Shares>,
@@ -52,6 +53,17 @@ impl Histogram {
             return Err(DrawingError::NoPositiveValue { label });
         };
         let (low, high) = widened((least.max(most / 10f64.powf(DECADES)), most), Scale::Log);
+        Ok(Self::over(label, fields, Scale::Log, [low, high]))
+    }
+
+    /// The distribution of fields over a linear axis from 0 to 1 with this name. Values that are not positive or not
+    /// finite are counted in the legend; those above 1 are in the last column.
+    pub fn from_0_to_1(label: impl Into<String>, fields: &[(&str, &[f64])]) -> Self {
+        Self::over(label.into(), fields, Scale::Linear, [0.0, 1.0])
+    }
+
+    fn over(label: String, fields: &[(&str, &[f64])], scale: Scale, [low, high]: [f64; 2]) -> Self {
+        let positive = |x: &&f64| x.is_finite() && **x > 0.0;
         let shares = |(name, values): &(&str, &[f64])| {
             let mut columns = vec![0.0; COLUMNS];
             let mut not_positive = 0;
@@ -60,7 +72,10 @@ impl Histogram {
                     not_positive += 1;
                     continue;
                 }
-                let along = (value / low).ln() / (high / low).ln();
+                let along = match scale {
+                    Scale::Log => (value / low).ln() / (high / low).ln(),
+                    Scale::Linear => (value - low) / (high - low),
+                };
                 let column = ((along * COLUMNS as f64).max(0.0) as usize).min(COLUMNS - 1);
                 columns[column] += 1.0 / values.len() as f64;
             }
@@ -70,13 +85,14 @@ impl Histogram {
                 not_positive,
             }
         };
-        Ok(Self {
+        Self {
             fields: fields.iter().map(shares).collect(),
             label,
+            scale,
             low,
             high,
             uncounted: "not positive".into(),
-        })
+        }
     }
 
     /// The same, with values that are not positive called this in the legend.
@@ -150,9 +166,18 @@ impl HistogramDrawing<'_> {
             text.draw(canvas, &format!("{label} %"), place, Anchor::End);
         }
         let Histogram { low, high, label, .. } = self.histogram;
-        let across = logarithmic_ticks(*low, *high, 8);
-        let place = |value: f64| left + (value / low).ln() / (high / low).ln() * (right - left);
-        self.area.draw_ticks_across(canvas, &across, place, label, 3.0);
+        match self.histogram.scale {
+            Scale::Log => {
+                let place = |value: f64| left + (value / low).ln() / (high / low).ln() * (right - left);
+                let across = logarithmic_ticks(*low, *high, 8);
+                self.area.draw_ticks_across(canvas, &across, place, label, 3.0);
+            }
+            Scale::Linear => {
+                let place = |value: f64| left + (value - low) / (high - low) * (right - left);
+                self.area
+                    .draw_ticks_across(canvas, &linear_ticks(*low, *high, 6), place, label, 3.0);
+            }
+        }
         self.area.draw_axes(canvas);
     }
 
@@ -217,6 +242,12 @@ mod tests {
             Err(DrawingError::NoPositiveValue { .. })
         ));
         assert!(Histogram::logarithmic("x", &[("a", &[3.0; 5])]).is_ok(), "one value");
+        let linear = Histogram::from_0_to_1("x", &[("a", &[0.01, 0.5, 1.0, -0.2])]);
+        assert_eq!(linear.fields[0].not_positive, 1);
+        for column in [0, COLUMNS / 2, COLUMNS - 1] {
+            assert!((linear.fields[0].columns[column] - 0.25).abs() < 1e-15);
+        }
+        assert!(Panel::of_histogram(&linear, [400, 300]).is_ok());
         let panel = Panel::of_histogram(&histogram, [400, 300]).unwrap();
         assert!(panel.canvas.pixels().iter().any(|p| *p != WHITE));
         assert!(matches!(

@@ -59,16 +59,19 @@ pub fn figure(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Figu
         CellKind::Hexes => "least det J at the corners of cells, 1 is the mean",
     };
     let now_in_words = now.to_lowercase();
-    for (values, label, title) in [
-        (&dets, what, "How volumes change"),
-        (&shapes, "scaled Jacobian of cells", "How well cells are shaped"),
-    ] {
-        let fields = [("as mapped", &values[0][..]), (&now_in_words, &values[1])];
-        // A mesh with inverted cells alone has no histogram.
-        if let Ok(histogram) = Histogram::logarithmic(label, &fields) {
-            below.push(Panel::of_histogram(&histogram.counting("inverted"), PIXELS)?.titled(title));
-        }
+    let [dets, shapes] = [&dets, &shapes].map(|[mapped, now]| [("as mapped", &mapped[..]), (&now_in_words, &now[..])]);
+    let mut add = |histogram: Histogram, title: &str| -> anyhow::Result<()> {
+        below.push(Panel::of_histogram(&histogram.counting("inverted"), PIXELS)?.titled(title));
+        Ok(())
+    };
+    // A mesh with inverted cells alone has no histogram of determinants.
+    if let Ok(histogram) = Histogram::logarithmic(what, &dets) {
+        add(histogram, "How volumes change")?;
     }
+    add(
+        Histogram::from_0_to_1("scaled Jacobian of cells", &shapes),
+        "How well cells are shaped",
+    )?;
     let count = |words: &str, cells: &InvalidCells| match cells.cells.len() {
         1 => format!("{words}: 1 cell inverted"),
         count => format!("{words}: {count} cells inverted"),
