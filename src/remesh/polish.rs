@@ -134,7 +134,7 @@ const REFERENCES: [PolishReference; 3] = [
 impl Polish<'_> {
     /// Polishes all cells, and then once more those at the low end of the scaled Jacobian. After each pass the last
     /// positions are kept that are no worse than those before it.
-    pub fn run(&self, x: &mut Vec<Point>) -> PolishReport {
+    pub fn run(&self, x: &mut [Point]) -> PolishReport {
         let mut report = PolishReport::default();
         let mut floor = Floor::of(self.mesh, x);
         for reference in REFERENCES {
@@ -157,7 +157,7 @@ impl Polish<'_> {
     }
 
     /// Polishes the cells below the 1 % quantile, and those around them, towards regular ones.
-    fn polish_lowest(&self, x: &mut Vec<Point>, floor: &mut Floor, report: &mut PolishReport) {
+    fn polish_lowest(&self, x: &mut [Point], floor: &mut Floor, report: &mut PolishReport) {
         let scaled = scaled_jacobians(&self.mesh.cells, x);
         let low = (0..).zip(&scaled).filter(|(_, s)| **s <= floor.p01);
         let low: Vec<u32> = low.map(|(cell, _)| cell).collect();
@@ -177,7 +177,7 @@ impl Polish<'_> {
         &self,
         energy: &FoldoverEnergy,
         free: &[u32],
-        x: &mut Vec<Point>,
+        x: &mut [Point],
         floor: &mut Floor,
         report: &mut PolishReport,
     ) -> bool {
@@ -189,7 +189,7 @@ impl Polish<'_> {
             gain: GAIN,
             until_positive: false,
         };
-        let (mut moved, start) = (x.clone(), *floor);
+        let (mut moved, start) = (x.to_vec(), *floor);
         let mut kept_iterations = 0;
         let mut keep = |iterations: usize, at: &[Point]| {
             if let Some(found) = start.raised(self.mesh, at) {
