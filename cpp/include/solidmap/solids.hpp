@@ -136,7 +136,7 @@ struct Remeshed {
 };
 
 /// A regular mesh of the map's domain, which has to be a polycube, or a given mesh of it, carried into the target and
-/// repaired. About 3 s for 100 000 tetrahedra and 15 s for 100 000 hexahedra on two cores. Cells that stay inverted are
+/// repaired. About 4 s for 100 000 tetrahedra and 30 s for 100 000 hexahedra on two cores. Cells that stay inverted are
 /// not an error: they are counted in the report. Throws Error: invalid_input (not a polycube, a mesh of another solid),
 /// unsupported (a map without boundary map), memory (more cells or bytes than allowed), cancelled.
 Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOptions& options = {},
