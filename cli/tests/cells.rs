@@ -178,7 +178,7 @@ fn every_command_takes_hexahedra() {
             .zip(cube().nodes())
             .all(|(a, b)| (a - b).norm() < 1e-8)
     );
-    place.ends_with(0, "boundary check cube.mesh --image image.vtu --target image.msh");
+    place.ends_with(0, "boundary check cube.mesh image.vtu --target image.msh");
 
     // Both integrate the constant densities of an affine map exactly.
     let over_hexes = place.report(0, "energy cube.map --mesh cube.vtu --vtu energy.vtu --json");
