@@ -73,6 +73,7 @@ pub mod spherical;
 pub mod statistics;
 pub mod texture;
 pub mod transfer;
+pub mod worst_places;
 
 /// The licences of this build: with the feature `native` it contains CGAL and TetGen.
 pub const LICENCE: &str = if cfg!(feature = "native") {

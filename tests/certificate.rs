@@ -4,10 +4,12 @@ use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::certificate::{
     Certificate, CertificateCell, CertificateError, CertificateOptions, StopReason, Verdict, certify,
 };
+use solidmap::energy::{AdaptiveOptions, EnergyOptions, GridResolution, adaptive_energies, worst_places};
 use solidmap::fit::FitOptions;
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::solver::Coefficients;
+use solidmap::worst_places::PlaceKind;
 use solidmap::{Matrix3, Point, Vector};
 
 const IDENTITY: [[f64; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -142,6 +144,148 @@ fn a_fold_is_proved_where_samples_find_it_and_nowhere_else() {
     assert!(report.folded.fraction + report.undecided.fraction > sampled - tolerance);
 }
 
+/// The volume that [`folding`] folds: with `r` and `θ` about the source, `det J = 1 − cos θ / (2π r²)` is negative for
+/// `r² < cos θ / 2π`, and the cube is where `r cos θ > 1/4`. Integrated over `r`, then over `c = cos θ`.
+fn folded_volume() -> f64 {
+    let tau = std::f64::consts::TAU;
+    let least = (tau / 16.0).cbrt();
+    let upper = tau.powf(-1.5) * 0.4 * (1.0 - least.powf(2.5));
+    let lower = 0.25f64.powi(3) * 0.5 * (least.powi(-2) - 1.0);
+    tau / 3.0 * (upper - lower)
+}
+
+/// Certificates prove bounds, energies estimate; both of the volume where `det J` has not the target's sign.
+#[test]
+fn certificates_and_energies_agree_with_the_volume_that_is_folded() {
+    let (map, domain, exact) = (folding(), shapes::cube(1.0, 1), folded_volume());
+    let certificate = certified(&map, &domain, 1.0, 128).report;
+    let (least, most) = (
+        certificate.folded.fraction,
+        certificate.folded.fraction + certificate.undecided.fraction,
+    );
+    assert!(
+        least < exact && exact < most && most - least < 0.01,
+        "{least} {exact} {most}"
+    );
+    let mut found = vec![];
+    for (cells, tolerance) in [(6, 0.5), (12, 0.05), (24, 0.01), (48, 0.01)] {
+        let accuracy = AdaptiveOptions {
+            resolution: GridResolution::CellsAlongLongestSide(cells),
+            tolerance,
+            max_points: None,
+        };
+        let options = EnergyOptions::default();
+        let (quadrature, energy) = adaptive_energies(&map, &domain, 1.0, &options, &accuracy).unwrap();
+        let folded = energy.folded;
+        let error = folded.error.unwrap();
+        assert!(
+            (folded.fraction - exact).abs() <= error,
+            "{cells}: {folded:?}, exactly {exact}"
+        );
+        assert!(
+            folded.fraction - error < most && folded.fraction + error > least,
+            "{folded:?}"
+        );
+        assert!((folded.volume - folded.fraction).abs() < 1e-12);
+        let places = worst_places(&quadrature, &energy.densities, 1.0, None, 1);
+        assert_eq!(places[0].kind, PlaceKind::Folded);
+        assert!(
+            (places[0].measure - folded.volume).abs() < 1e-12,
+            "one place: {places:?}"
+        );
+        found.push(error);
+    }
+    assert!(found[3] < 0.3 * exact && found[3] < 0.5 * found[1], "{found:?}");
+}
+
+#[test]
+fn a_fold_is_one_place_of_its_volume_and_position() {
+    let (map, domain) = (folding(), shapes::cube(1.0, 1));
+    let certificate = certified(&map, &domain, 1.0, 64);
+    let places = certificate.worst_places(2);
+    assert_eq!(places.len(), 2);
+    assert_eq!(
+        [places[0].kind, places[1].kind],
+        [PlaceKind::Folded, PlaceKind::Undecided]
+    );
+    // The fold ends where `cos θ = 1` and `r² = 1 / 2π`, and at the cube's top.
+    let (deepest, half) = (0.75 - std::f64::consts::TAU.sqrt().recip(), 0.2325);
+    for place in &places {
+        assert!(
+            place.centre[0].abs() < 0.01 && place.centre[1].abs() < 0.01,
+            "{place:?}"
+        );
+        assert!(
+            (place.high[2] - 0.5).abs() < 1e-12 && (place.low[2] - deepest).abs() < 0.04,
+            "{place:?}"
+        );
+        assert!(
+            (place.high[0] - half).abs() < 0.04 && (place.low[1] + half).abs() < 0.04,
+            "{place:?}"
+        );
+    }
+    assert!((places[0].measure - certificate.report.folded.volume).abs() < 1e-12);
+    assert_eq!(places[0].count, certificate.report.folded.cells);
+    assert_eq!(
+        certificate.cell_at(&places[0].point.into()).unwrap().verdict,
+        Verdict::Folded
+    );
+    assert!(places[0].value.unwrap() < -0.9, "{places:?}");
+}
+
+/// Bounds of merged cells hold at samples all over them.
+#[test]
+fn merged_cells_are_fewer_and_prove_as_much() {
+    let (map, domain) = (folding(), shapes::sphere(0.6, 3));
+    let certificate = certified(&map, &domain, 1.0, 64);
+    let merged = certificate.merged(&map);
+    assert!(10 * merged.cells().len() < 9 * certificate.cells().len());
+    assert!(assert_sound(&map, &merged, 1.0, 12) > 200);
+    let volume = |certificate: &Certificate, verdict| {
+        let cells = certificate.cells().iter().filter(|leaf| leaf.verdict == verdict);
+        cells.map(|leaf| leaf.volume).sum::<f64>()
+    };
+    for verdict in [Verdict::Positive, Verdict::Folded, Verdict::Undecided] {
+        assert!((volume(&merged, verdict) - volume(&certificate, verdict)).abs() < 1e-12);
+    }
+    for point in crate::common::interior_points(&domain, 2000, 8) {
+        let (before, after) = (certificate.cell_at(&point).unwrap(), merged.cell_at(&point).unwrap());
+        assert!(before.verdict == after.verdict && after.size >= before.size);
+        assert!(after.det_bound <= before.det_bound && after.sigma_min <= before.sigma_min);
+        let det = map.jacobian(&[after.centre()])[0].determinant();
+        assert!(after.size == before.size || (after.det_centre / det - 1.0).abs() < 1e-6);
+    }
+    let (a, b) = (certificate.worst_places(9), merged.worst_places(9));
+    assert_eq!(a.len(), b.len());
+    for (a, b) in a.iter().zip(&b) {
+        assert!((a.measure - b.measure).abs() < 1e-12 && a.low == b.low && a.high == b.high);
+    }
+}
+
+/// Two cubes, the second of which a map reflects in itself. `f = (x, y, z) + a ∇…` cannot be affine, so it is fitted.
+#[test]
+fn a_part_that_is_mirrored_as_a_whole_is_named() {
+    let (left, right) = (shapes::cube(1.0, 4), shapes::cube(0.8, 4));
+    let right = shapes::deformed(&right, |p| p + Vector::new(3.0, 0.0, 0.0));
+    let domain = shapes::joined(&left, &right);
+    let mirrored = crate::common::boundary_map(
+        &domain,
+        |p| {
+            if p.x > 1.5 { Point::new(6.0 - p.x, p.y, p.z) } else { *p }
+        },
+    );
+    let fit = crate::common::fitted(&mirrored, &FitOptions::default());
+    let report = certified(&fit.map, &domain, mirrored.target_volume(), 64).report;
+    assert_eq!((report.mirrored.count, report.mirrored.parts), (1, 2));
+    let share = 0.512 / 1.512;
+    assert!((report.mirrored.fraction - share).abs() < 1e-9, "{report:?}");
+    assert!((report.folded.fraction - share).abs() < 0.05, "{report:?}");
+    let straight = crate::common::boundary_map(&domain, |p| *p);
+    let fit = crate::common::fitted(&straight, &FitOptions::default());
+    let report = certified(&fit.map, &domain, straight.target_volume(), 64).report;
+    assert_eq!((report.mirrored.count, report.folded.cells), (0, 0));
+}
+
 /// Cells that meet the surface `det J = 0` stay undecided, and the volume of a layer of cells halves with their size.
 #[test]
 fn the_undecided_volume_falls_with_the_size_of_the_cells() {
@@ -216,6 +360,7 @@ fn does_not_depend_on_the_number_of_threads() {
     let (one, three) = (with(1), with(3));
     assert_eq!(one.report, three.report);
     assert_eq!(one.cells().len(), three.cells().len());
+    assert_eq!(one.worst_places(9), three.worst_places(9));
     for (a, b) in one.cells().iter().zip(three.cells()) {
         assert_eq!(
             (a.low, a.verdict, a.sigma_min.to_bits()),

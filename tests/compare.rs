@@ -465,7 +465,7 @@ fn folds_of_a_pleated_cube_are_all_counted() {
 
     let boundary = boundary_map(&shapes::cube(SIDE, 6), |p| pleat(p).0);
     let measured = evaluator(&boundary, 12).measure(&Formula(pleat)).unwrap();
-    assert!((measured.energy.inverted_fraction - 1.0 / 6.0).abs() < 1e-12);
+    assert!((measured.energy.folded.fraction - 1.0 / 6.0).abs() < 1e-12);
     assert_eq!(measured.energy.det_jacobian.min, -1.0);
     let determinants = measured.distortion.determinants.unwrap();
     assert!(

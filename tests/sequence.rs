@@ -80,7 +80,7 @@ fn rigid_frames_have_no_energy_even_among_others() {
         // Strains err by some ulp of positions of size 60 over a solid of size 1, and the energy is their square.
         assert!(found[k].deformation < 1e-24, "{k}: {:e}", found[k].deformation);
         assert!((found[k].harmonic - 3.0).abs() < 1e-11);
-        assert!(found[k].boundary_error.max < 1e-13 && found[k].inverted_fraction == 0.0);
+        assert!(found[k].boundary_error.max < 1e-13 && found[k].folded_fraction == 0.0);
     }
     assert!(found[1].deformation > 1e-3);
 }

@@ -56,6 +56,11 @@ fn a_map_to_the_sphere_is_reported_one_to_one_in_words_numbers_and_pictures() {
     let report = json(&place.ends_with(0, "boundary check domain.obj sphere.ply --json"));
     assert_eq!(report["verdict"], "bijective");
     assert_eq!(report["compared_with"]["surface"], "sphere");
+    let places = report["worst_places"].as_array().unwrap();
+    assert!(
+        (1..=5).contains(&places.len()) && places[0]["kind"] == "distortion",
+        "{report}"
+    );
     assert_eq!((&report["degree"]["value"], &report["flipped"]), (&1.into(), &0.into()));
     assert!(report["distortion"]["angle"]["p90"].as_f64().unwrap() >= 1.0);
     assert!(report["coverage"].is_null() && report["seconds"]["total"].as_f64().unwrap() > 0.0);

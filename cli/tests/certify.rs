@@ -1,6 +1,6 @@
 //! `solidmap certify` from the command line: a map file in, what is proved and pictures out.
 
-use crate::workplace::{Workplace, text};
+use crate::workplace::{Workplace, json, text};
 use serde_json::Value;
 use solidmap::Point;
 use solidmap::mesh::shapes;
@@ -68,6 +68,88 @@ fn what_is_proved_is_printed_written_and_drawn() {
 
     let said = text(&place.ends_with(1, "certify folded.map --finest 64").stdout);
     assert!(said.contains("The map folds: it is not one to one."), "{said}");
+}
+
+/// The middle of the cube is turned inside out: one place about its centre, in every command that measures it.
+#[test]
+fn the_place_of_a_fold_is_listed_drawn_and_the_same_in_energy() {
+    let place = with_maps();
+    let line = "certify folded.map --finest 128 --json --png through.png";
+    let report = json(&place.ends_with(1, line));
+    let places = report["worst_places"].as_array().unwrap();
+    assert!((2..=5).contains(&places.len()), "{report}");
+    let worst = &places[0];
+    assert_eq!(worst["kind"], "folded");
+    let number = |value: &Value| value.as_f64().unwrap();
+    let sides = |name: &str| [0, 1, 2].map(|k| number(&worst[name][k]));
+    let (low, high) = (sides("low"), sides("high"));
+    for k in 0..3 {
+        assert!(low[k] <= sides("point")[k] && sides("point")[k] <= high[k], "{worst}");
+        assert!(sides("centre")[k].abs() < 0.05, "{worst}");
+    }
+    assert!(high[0] - low[0] < 0.5 && number(&worst["value"]) < 0.0, "{worst}");
+    assert!(
+        (number(&worst["share"]) - number(&report["folded"]["fraction"])).abs() < 0.01,
+        "{report}"
+    );
+    assert!(report["folded_places"].as_u64().unwrap() >= 1 && report["undecided_places"].as_u64().unwrap() >= 1);
+    let png = |name: &str| std::fs::read(place.path(name)).unwrap();
+    place.ends_with(
+        1,
+        "certify folded.map --finest 128 --png across.png --axis x --position 0.9",
+    );
+    assert!(png("through.png").len() > 10_000 && png("through.png") != png("across.png"));
+
+    let said = text(&place.ends_with(1, "certify folded.map --finest 64 --worst 1").stdout);
+    assert!(
+        said.contains("worst places") && said.matches("det J").count() == 1,
+        "{said}"
+    );
+    let said = text(&place.ends_with(1, "certify folded.map --finest 64 --worst 0").stdout);
+    assert!(!said.contains("worst places"), "{said}");
+
+    let energy = json(&place.ends_with(0, "energy folded.map --json"));
+    let (found, error) = (
+        number(&energy["folded"]["fraction"]),
+        number(&energy["folded"]["error"]),
+    );
+    let proved = number(&report["folded"]["fraction"]);
+    let possible = proved + number(&report["undecided"]["fraction"]);
+    assert!(
+        found + error >= proved && found - error <= possible,
+        "{energy} {report}"
+    );
+    let same = &energy["worst_places"][0];
+    assert_eq!(same["kind"], "folded");
+    for k in 0..3 {
+        assert!(
+            (number(&same["centre"][k]) - sides("centre")[k]).abs() < 0.05,
+            "{same} {worst}"
+        );
+    }
+    let said = text(&place.ends_with(0, "energy folded.map").stdout);
+    assert!(said.contains("worst places") && said.contains(" ± "), "{said}");
+}
+
+/// A cube beside another that is reflected.
+#[test]
+fn a_part_that_is_mirrored_is_said_to_be() {
+    let place = Workplace::new();
+    let right = shapes::deformed(&shapes::cube(1.0, 4), |p| Point::new(p.x + 3.0, p.y, p.z));
+    let domain = shapes::joined(&shapes::cube(1.2, 4), &right);
+    place.surface("domain.obj", &domain);
+    let mirrored = shapes::deformed(
+        &domain,
+        |p| if p.x > 1.5 { Point::new(6.0 - p.x, p.y, p.z) } else { *p },
+    );
+    place.surface("image.obj", &mirrored);
+    place.ends_with(0, "fit domain.obj --image image.obj -o mirrored.map --tolerance 0.05");
+    let said = text(&place.ends_with(1, "certify mirrored.map --finest 64").stdout);
+    assert!(
+        said.contains("turns 1 of the 2 parts of the domain inside out"),
+        "{said}"
+    );
+    assert!(!said.contains("The map folds"), "{said}");
 }
 
 #[test]

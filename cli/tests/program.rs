@@ -118,6 +118,9 @@ fn fit_reports_what_scripts_rely_on() {
         assert!(report["seconds"][key].as_f64().unwrap() >= 0.0);
     }
     assert!(report["peak_rss_bytes"].as_u64().unwrap() > 1_000_000);
+    let worst = &report["worst_places"][0];
+    assert_eq!(worst["kind"], "boundary_error", "{report}");
+    assert!(worst["value"].as_f64().unwrap() < 1e-9 && worst["share"].as_f64().unwrap() < 0.011);
     let again = std::fs::read(place.path("again.map")).unwrap();
     let twice = json(&place.ends_with(0, "fit ball.obj --image image.ply -o twice.map --json"));
     assert_eq!(twice["boundary_error"], report["boundary_error"]);
@@ -285,7 +288,7 @@ fn energy_measures_and_pictures() {
         (report["harmonic_energy"].as_f64().unwrap() - 5.5).abs() < 1e-8,
         "{report}"
     );
-    assert_eq!(report["inverted_points"], Value::from(0));
+    assert_eq!(report["folded"]["points"], Value::from(0));
     let png = std::fs::read(place.path("section.png")).unwrap();
     assert_eq!(png[..8], *b"\x89PNG\r\n\x1a\n");
     assert!(
@@ -554,7 +557,7 @@ fn energies_are_those_of_the_repaired_domain() {
             (report["harmonic_energy"].as_f64().unwrap() - 3.0).abs() < 1e-6,
             "{model}: {report}"
         );
-        assert_eq!(report["inverted_points"], Value::from(0));
+        assert_eq!(report["folded"]["points"], Value::from(0));
     }
 }
 
@@ -568,8 +571,8 @@ fn a_reflecting_map_is_not_folded() {
     );
     place.ends_with(0, "fit ball.obj --image mirror.obj -o mirror.map");
     let report = json(&place.ends_with(0, "energy mirror.map --json --png mirror.png"));
-    assert_eq!(report["inverted_points"], Value::from(0));
-    assert_eq!(report["inverted_fraction"], Value::from(0.0));
+    assert_eq!(report["folded"]["points"], Value::from(0));
+    assert_eq!(report["folded"]["fraction"], Value::from(0.0));
     assert!((report["harmonic_energy"].as_f64().unwrap() - 3.0).abs() < 1e-9);
 }
 

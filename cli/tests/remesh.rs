@@ -56,6 +56,11 @@ fn inverted_cells_have_groups_of_their_own() {
     // All cells are inverted, those with all corners on the boundary for a reason that is known.
     let report = place.report(1, "remesh mirrored.map --cells 4 -o all.msh --json");
     assert_eq!(report["inverted_cells"], whole);
+    let places = report["worst_places"].as_array().unwrap();
+    assert_eq!((places.len(), &places[0]["kind"]), (1, &"inverted".into()), "{report}");
+    assert_eq!(places[0]["count"], whole);
+    assert!((places[0]["measure"].as_f64().unwrap() - 8.0).abs() < 1e-9, "{report}");
+    assert_eq!(places[0]["low"], serde_json::json!([-1.0, -1.0, -1.0]));
     let (names, counts) = groups_of_tets(&std::fs::read_to_string(place.path("all.msh")).unwrap());
     for (reason, name) in [
         ("unknown", "inverted"),

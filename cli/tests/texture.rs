@@ -311,6 +311,10 @@ fn coloured_vertices_need_no_picture() {
 #[test]
 fn refusals_name_the_file_and_the_way_out() {
     let place = TexturePlace::new();
+    place.refuses(
+        "--checker ball.obj",
+        &["`ball.obj` is not a number of squares", "name a model before"],
+    );
     place.refuses("ball.obj --checker", &["nothing would be written", "--png"]);
     place.refuses("ball.obj --checker -o ball.txt", &["ball.txt", ".vti"]);
     place.refuses("ball.obj -o x.vti", &["ball.obj", "--image", "--checker"]);

@@ -5,7 +5,8 @@ use super::maps::{
     boundary_to_sphere, factor_new, factor_refined, fit, fit_defaults, inverse_new, map_load, no_boundaries,
 };
 use super::measures::{
-    distortion_in_cells, distortion_on_grid, energies_in_cells, energies_on_grid, energy_densities, plane_section,
+    certified, distortion_in_cells, distortion_on_grid, energies_in_cells, energies_on_grid, energy_densities,
+    plane_section, worst_boundary_errors,
 };
 use super::meshes::{
     Surface, VolumeMesh, cells_hexes, cells_load, cells_tets, surface_cube, surface_load, surface_new,
@@ -153,8 +154,42 @@ pub(super) mod ffi {
         harmonic_density: Distribution,
         deformation_density: Distribution,
         det_jacobian: Distribution,
-        inverted_points: usize,
-        inverted_fraction: f64,
+        folded_points: usize,
+        folded_fraction: f64,
+        folded_error: f64,
+        worst_places: Vec<WorstPlace>,
+    }
+
+    struct WorstPlace {
+        /// The number of the kind in `cpp/include/solidmap/worst_place.hpp`.
+        kind: u8,
+        count: usize,
+        point: [f64; 3],
+        centre: [f64; 3],
+        low: [f64; 3],
+        high: [f64; 3],
+        measure: f64,
+        share: f64,
+        value: f64,
+    }
+
+    struct VerdictTotals {
+        cells: usize,
+        places: usize,
+        volume: f64,
+        fraction: f64,
+    }
+
+    struct CertificateReport {
+        positive: VerdictTotals,
+        folded: VerdictTotals,
+        undecided: VerdictTotals,
+        undecided_negative: f64,
+        sigma_min_99: f64,
+        locally_one_to_one: bool,
+        mirrored_parts: usize,
+        parts: usize,
+        worst_places: Vec<WorstPlace>,
     }
 
     struct EnergyDensities {
@@ -255,6 +290,7 @@ pub(super) mod ffi {
         largest_slide: f64,
         split_cells: usize,
         seconds: f64,
+        worst_places: Vec<WorstPlace>,
     }
 
     unsafe extern "C++" {
@@ -396,6 +432,8 @@ pub(super) mod ffi {
             lambda: f64,
             mu: f64,
         ) -> Result<EnergyDensities>;
+        fn certified(map: &Map, finest: usize, max_cells: usize, undecided: f64) -> Result<CertificateReport>;
+        fn worst_boundary_errors(map: &Map, most: usize) -> Result<Vec<WorstPlace>>;
         fn plane_section(surface: &Surface, axis: u8, position: f64, up: u8, pixels: usize) -> Result<PlaneSection>;
         fn distortion_on_grid(map: &Map, cells: usize) -> Result<DistortionReport>;
         fn distortion_in_cells(map: &Map, mesh: &VolumeMesh) -> Result<DistortionReport>;

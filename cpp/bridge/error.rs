@@ -8,6 +8,7 @@ use std::sync::{Mutex, Once, PoisonError};
 
 use solidmap::boundary_map::BoundaryMapError;
 use solidmap::boundary_map::pair::PairError;
+use solidmap::certificate::CertificateError;
 #[cfg(feature = "native")]
 use solidmap::cgal_tetgen::CgalTetgenError;
 use solidmap::check::HoleError;
@@ -122,7 +123,14 @@ macro_rules! invalid_input {
     };
 }
 
-invalid_input!(MeshError, BoundaryMapError, HoleError, QuadratureError, SectionError);
+invalid_input!(
+    MeshError,
+    BoundaryMapError,
+    CertificateError,
+    HoleError,
+    QuadratureError,
+    SectionError
+);
 
 impl Categorised for IoError {
     fn category(&self) -> Category {

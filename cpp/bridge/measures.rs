@@ -5,12 +5,16 @@ use super::error::{Error, guarded};
 use super::flat;
 use super::maps::Map;
 use super::meshes::{Surface, VolumeMesh, whole_points};
+use solidmap::certificate::{CertificateOptions, StopReason, VerdictTotals, certify};
 use solidmap::energy::{
     AdaptiveOptions, DensityQuantiles, DistortionMetrics, DistortionReport, EnergyErrors, EnergyOptions, EnergyReport,
     GridResolution, Lame, Quadrature, adaptive_energies, cell_quadrature, clipped_grid, densities, distortion,
-    energies,
+    energies, worst_places,
 };
+use solidmap::fit;
 use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
+use solidmap::mesh::CellMesh;
+use solidmap::worst_places::{LISTED, PlaceKind, WorstPlace};
 
 pub fn energies_on_grid(
     map: &Map,
@@ -28,14 +32,14 @@ pub fn energies_on_grid(
             max_points: None,
         };
         let boundary = map.boundary_map()?;
-        let (_, report) = adaptive_energies(
+        let (quadrature, report) = adaptive_energies(
             map.map(),
             boundary.domain(),
             boundary.target_volume(),
             &options,
             &accuracy,
         )?;
-        Ok(converted(&report))
+        Ok(converted(&report, &quadrature, None))
     })
 }
 
@@ -51,7 +55,7 @@ pub fn energies_in_cells(
         let quadrature = cell_quadrature(&mesh.0)?;
         let target_volume = map.boundary_map()?.target_volume();
         let report = energies(map.map(), &quadrature, quadrature.volume(), target_volume, &options)?;
-        Ok(converted(&report))
+        Ok(converted(&report, &quadrature, Some(&mesh.0)))
     })
 }
 
@@ -131,7 +135,74 @@ fn grid(map: &Map, cells: usize) -> Result<Quadrature, Error> {
     Ok(clipped_grid(map.boundary_map()?.domain(), resolution)?)
 }
 
-fn converted(report: &EnergyReport) -> ffi::EnergyReport {
+/// What is proved where, in few enough words for C++.
+pub fn certified(map: &Map, finest: usize, max_cells: usize, undecided: f64) -> Result<ffi::CertificateReport, Error> {
+    guarded(|| {
+        let options = CertificateOptions {
+            finest,
+            max_cells,
+            undecided,
+        };
+        let boundary = map.boundary_map()?;
+        let certificate = certify(
+            map.map(),
+            boundary.domain(),
+            boundary.target_volume(),
+            &options,
+            &|_| {},
+        )?;
+        let report = certificate.report;
+        let (folded, undecided) = (certificate.folded_places(), certificate.undecided_places());
+        let totals = |found: &VerdictTotals, places| ffi::VerdictTotals {
+            cells: found.cells,
+            places,
+            volume: found.volume,
+            fraction: found.fraction,
+        };
+        Ok(ffi::CertificateReport {
+            positive: totals(&report.positive, 0),
+            folded: totals(&report.folded, folded.len()),
+            undecided: totals(&report.undecided, undecided.len()),
+            undecided_negative: report.undecided_negative,
+            sigma_min_99: report.sigma_min_99.unwrap_or(f64::NAN),
+            locally_one_to_one: report.stop_reason == StopReason::AllDecided && report.folded.cells == 0,
+            mirrored_parts: report.mirrored.count,
+            parts: report.mirrored.parts,
+            worst_places: folded.iter().chain(&undecided).take(LISTED).map(worst_place).collect(),
+        })
+    })
+}
+
+pub fn worst_boundary_errors(map: &Map, most: usize) -> Result<Vec<ffi::WorstPlace>, Error> {
+    guarded(|| {
+        let found = fit::worst_places(map.map(), map.boundary_map()?, most);
+        Ok(found.iter().map(worst_place).collect())
+    })
+}
+
+/// A place with the number of its kind in C++.
+pub fn worst_place(place: &WorstPlace) -> ffi::WorstPlace {
+    ffi::WorstPlace {
+        kind: match place.kind {
+            PlaceKind::Folded => 0,
+            PlaceKind::Undecided => 1,
+            PlaceKind::EnergyDensity => 2,
+            PlaceKind::Inverted => 3,
+            // Checks of boundary maps, which have other kinds, are not passed to C++.
+            _ => 4,
+        },
+        count: place.count,
+        point: place.point,
+        centre: place.centre,
+        low: place.low,
+        high: place.high,
+        measure: place.measure,
+        share: place.share,
+        value: place.value.unwrap_or(f64::NAN),
+    }
+}
+
+fn converted(report: &EnergyReport, quadrature: &Quadrature, mesh: Option<&CellMesh>) -> ffi::EnergyReport {
     let quantiles = |d: &DensityQuantiles| ffi::Distribution {
         min: d.min,
         median: d.median,
@@ -149,8 +220,13 @@ fn converted(report: &EnergyReport) -> ffi::EnergyReport {
         harmonic_density: quantiles(&report.harmonic_density),
         deformation_density: quantiles(&report.deformation_density),
         det_jacobian: quantiles(&report.det_jacobian),
-        inverted_points: report.inverted_points,
-        inverted_fraction: report.inverted_fraction,
+        folded_points: report.folded.points,
+        folded_fraction: report.folded.fraction,
+        folded_error: report.folded.error.unwrap_or(f64::NAN),
+        worst_places: worst_places(quadrature, &report.densities, report.target_volume, mesh, LISTED)
+            .iter()
+            .map(worst_place)
+            .collect(),
     }
 }
 

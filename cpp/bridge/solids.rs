@@ -6,9 +6,11 @@ use super::bridge::ffi::Watcher;
 use super::error::Category;
 use super::error::{Error, guarded};
 use super::maps::{Map, ask};
+use super::measures::worst_place;
 use super::meshes::{Surface, VolumeMesh, quality_of};
 use solidmap::mesh::CellMesh;
 use solidmap::remesh::{self, CellKind, CellSize, PolishOutcome, RemeshOptions, RemeshPhase, RemeshSource};
+use solidmap::worst_places::LISTED;
 
 pub struct RemeshResult(remesh::Remeshed);
 
@@ -201,6 +203,7 @@ impl RemeshResult {
                 largest_slide: report.largest_slide,
                 split_cells: report.split_cells,
                 seconds: report.seconds.total,
+                worst_places: self.0.worst_places(LISTED).iter().map(worst_place).collect(),
             })
         })
     }

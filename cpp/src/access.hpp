@@ -51,6 +51,25 @@ struct Access {
   }
 };
 
+inline std::vector<WorstPlace> converted(const rust::Vec<ffi::WorstPlace>& found) {
+  std::vector<WorstPlace> places;
+  places.reserve(found.size());
+  for (const ffi::WorstPlace& place : found) {
+    WorstPlace made;
+    made.kind = static_cast<WorstPlace::Kind>(place.kind);
+    made.count = place.count;
+    made.point = place.point;
+    made.centre = place.centre;
+    made.low = place.low;
+    made.high = place.high;
+    made.measure = place.measure;
+    made.share = place.share;
+    made.value = place.value;
+    places.push_back(made);
+  }
+  return places;
+}
+
 inline Surface make_surface(rust::Box<ffi::Surface> box) {
   return Access::make<Surface, SurfaceImpl>(std::move(box));
 }

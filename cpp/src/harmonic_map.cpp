@@ -121,9 +121,15 @@ EnergyReport converted(const ffi::EnergyReport& found) {
   report.harmonic_density = converted(found.harmonic_density);
   report.deformation_density = converted(found.deformation_density);
   report.det_jacobian = converted(found.det_jacobian);
-  report.inverted_points = found.inverted_points;
-  report.inverted_fraction = found.inverted_fraction;
+  report.folded_points = found.folded_points;
+  report.folded_fraction = found.folded_fraction;
+  report.folded_error = found.folded_error;
+  report.worst_places = detail::converted(found.worst_places);
   return report;
+}
+
+VerdictTotals converted(const ffi::VerdictTotals& found) {
+  return {found.cells, found.places, found.volume, found.fraction};
 }
 
 Distortion converted(const ffi::Distortion& found) {
@@ -156,6 +162,28 @@ EnergyDensities energy_densities(const HarmonicMap& map, Span<const Point> point
         ffi::energy_densities(Access::of(map), flat(points), options.normalize, options.lambda, options.mu);
     return EnergyDensities{copied(found.harmonic), copied(found.deformation), copied(found.det_jacobian)};
   });
+}
+
+CertificateReport certify(const HarmonicMap& map, const CertificateOptions& options) {
+  return guarded([&] {
+    const ffi::CertificateReport found =
+        ffi::certified(Access::of(map), options.finest, options.max_cells, options.undecided);
+    CertificateReport report;
+    report.positive = converted(found.positive);
+    report.folded = converted(found.folded);
+    report.undecided = converted(found.undecided);
+    report.undecided_negative = found.undecided_negative;
+    report.sigma_min_99 = found.sigma_min_99;
+    report.locally_one_to_one = found.locally_one_to_one;
+    report.mirrored_parts = found.mirrored_parts;
+    report.parts = found.parts;
+    report.worst_places = detail::converted(found.worst_places);
+    return report;
+  });
+}
+
+std::vector<WorstPlace> worst_boundary_errors(const HarmonicMap& map, std::size_t most) {
+  return guarded([&] { return detail::converted(ffi::worst_boundary_errors(Access::of(map), most)); });
 }
 
 DistortionReport distortion(const HarmonicMap& map, std::size_t cells) {

@@ -61,6 +61,7 @@ Remeshed converted(const rust::Box<ffi::RemeshResult>& remeshed) {
   report.largest_slide = found.largest_slide;
   report.split_cells = found.split_cells;
   report.seconds = found.seconds;
+  report.worst_places = detail::converted(found.worst_places);
   return {make_cells(remeshed->mesh()), make_cells(remeshed->domain_mesh()), report};
 }
 

@@ -28,7 +28,9 @@
 
 mod bounds;
 mod harmonics;
+mod mirrored;
 mod octree;
+mod places;
 mod volume;
 
 use std::collections::HashMap;
@@ -136,7 +138,7 @@ pub struct CertificateReport {
     pub volume: f64,
     /// Cells proved to preserve the orientation.
     pub positive: VerdictTotals,
-    /// Cells proved to be inverted.
+    /// Cells proved to be folded: `det J` has not the sign of the target's orientation anywhere in them.
     pub folded: VerdictTotals,
     /// All others.
     pub undecided: VerdictTotals,
@@ -158,6 +160,19 @@ pub struct CertificateReport {
     pub stop_reason: StopReason,
     /// Volumes of all cells over the domain's volume, less one.
     pub volume_error: f64,
+    /// Parts of the domain that the map turns inside out as a whole; only looked for where a cell is proved folded.
+    pub mirrored: MirroredParts,
+}
+
+/// Parts of a domain whose orientation a map reverses: everything in them is folded, though nothing in them folds over.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
+pub struct MirroredParts {
+    /// How many.
+    pub count: usize,
+    /// Parts of the domain; 0 where they were not looked for.
+    pub parts: usize,
+    /// Volume of the mirrored ones as a fraction of that of all, cavities included in both.
+    pub fraction: f64,
 }
 
 /// The leaf cells of an octree over a domain, with what is proved in each.
@@ -167,6 +182,8 @@ pub struct Certificate {
     pub report: CertificateReport,
     low: Point,
     side: f64,
+    /// Sign of the target's volume.
+    orientation: f64,
     cells: Vec<CertificateCell>,
 }
 
@@ -272,16 +289,24 @@ pub fn certify(
     }
 
     let (closed, stop_reason) = descend(&builder, root, options, progress);
+    let orientation = target_volume.signum();
     let mut cells: Vec<CertificateCell> = closed
         .iter()
-        .map(|closed| certificate_cell(&builder, closed, target_volume.signum()))
+        .map(|closed| certificate_cell(&builder, closed, orientation))
         .collect();
     cells.sort_unstable_by_key(|cell| curve_key(cell.level, cell.steps));
-    set_undecided_determinants(map, target_volume.signum(), &mut cells);
+    // By the map itself: many undecided cells are too large for an expansion.
+    let undecided = cells.iter_mut().filter(|cell| cell.verdict == Verdict::Undecided);
+    set_determinants(map, orientation, undecided);
+    let mut report = summary(&cells, volume, stop_reason);
+    if report.folded.cells > 0 {
+        report.mirrored = MirroredParts::find(map, domain, orientation);
+    }
     Ok(Certificate {
-        report: summary(&cells, volume, stop_reason),
+        report,
         low,
         side,
+        orientation,
         cells,
     })
 }
@@ -457,15 +482,11 @@ fn certificate_cell(builder: &OctreeBuilder, closed: &ClosedCell, orientation: f
     }
 }
 
-/// Sets the determinants at the centres of undecided cells, by the map itself: many of these cells are too large for an
-/// expansion.
-fn set_undecided_determinants(map: &HarmonicMap, orientation: f64, cells: &mut [CertificateCell]) {
-    let mut undecided: Vec<&mut CertificateCell> = cells
-        .iter_mut()
-        .filter(|cell| cell.verdict == Verdict::Undecided)
-        .collect();
-    let centres: Vec<Point> = undecided.iter().map(|cell| cell.centre()).collect();
-    for (cell, jacobian) in undecided.iter_mut().zip(map.jacobian(&centres)) {
+/// Sets the determinants at the centres of these cells, by the map itself.
+fn set_determinants<'a>(map: &HarmonicMap, orientation: f64, cells: impl Iterator<Item = &'a mut CertificateCell>) {
+    let mut cells: Vec<&mut CertificateCell> = cells.collect();
+    let centres: Vec<Point> = cells.iter().map(|cell| cell.centre()).collect();
+    for (cell, jacobian) in cells.iter_mut().zip(map.jacobian(&centres)) {
         cell.det_centre = jacobian.determinant() * orientation;
     }
 }
@@ -496,6 +517,7 @@ fn summary(cells: &[CertificateCell], volume: f64, stop_reason: StopReason) -> C
         levels: finest.map_or(0, |cell| cell.level),
         stop_reason,
         volume_error: total(&mut cells.iter()) / volume - 1.0,
+        mirrored: MirroredParts::default(),
     }
 }
 

@@ -86,7 +86,7 @@ type Densities<'a, E> = dyn FnMut(&[Point]) -> Result<Vec<Vec<f64>>, E> + 'a;
 
 /// Cells of all levels. Those of level 0 are twice as large as those of the undivided grid, which is level 1.
 #[derive(Clone)]
-struct Refinement<'a> {
+pub(super) struct Refinement<'a> {
     surface: &'a SurfaceMesh,
     grids: Vec<Grid>,
     /// How many densities there are.
@@ -121,7 +121,7 @@ pub fn adaptive_quadrature<E: From<QuadratureError>>(
 ) -> Result<AdaptiveQuadrature, E> {
     let start = AdaptiveStart::new(surface, options)?;
     let values = densities(start.points())?;
-    start.refined(negligible, &values, densities)
+    Ok(start.refined(negligible, &values, densities)?.0)
 }
 
 /// The undivided grid, and the grid of twice its cell size: where every adaptive quadrature of a solid begins.
@@ -152,13 +152,14 @@ impl<'a> AdaptiveStart<'a> {
         &self.refinement.points
     }
 
-    /// Divides cells until the integrals are accurate; `values` are those at [`Self::points`].
+    /// Divides cells until the integrals are accurate; `values` are those at [`Self::points`]. Also returns the cells of
+    /// all levels.
     pub(super) fn refined<E>(
         &self,
         negligible: &[f64],
         values: &[Vec<f64>],
         densities: &mut Densities<E>,
-    ) -> Result<AdaptiveQuadrature, E> {
+    ) -> Result<(AdaptiveQuadrature, Refinement<'a>), E> {
         let mut refinement = self.refinement.clone();
         refinement.begin(values);
         loop {
@@ -170,12 +171,13 @@ impl<'a> AdaptiveStart<'a> {
             let marked = refinement.marked(&errors, &allowed, self.limit);
             if is_converged || !refinement.divide(&marked, densities)? {
                 let (quadrature, rows) = refinement.leaves(self.volume);
-                return Ok(AdaptiveQuadrature {
+                let adapted = AdaptiveQuadrature {
                     quadrature,
                     rows,
                     errors,
                     is_converged,
-                });
+                };
+                return Ok((adapted, refinement));
             }
         }
     }
@@ -358,6 +360,34 @@ impl<'a> Refinement<'a> {
                 .map(|cell| self.errors[cell * self.columns + column]))
         };
         (0..self.columns).map(of_column).collect()
+    }
+
+    /// How much of the volume may be on the other side of zero than the points say, as a fraction; `values` are those of a
+    /// continuous function at all points that were asked for.
+    ///
+    /// The function is taken to vary over a part by as much as over the points of the cell that was divided into it: twice
+    /// as much as a linear function would. Where its value is smaller than that, it may change sign on up to half of the
+    /// part.
+    pub(super) fn sign_error(&self, values: &[f64]) -> f64 {
+        let is_leaf = |part: &usize| self.cells[*part].parts.is_empty();
+        let mut doubtful = 0.0;
+        for whole in self.cells.iter().filter(|cell| !cell.parts.is_empty()) {
+            let parts = || whole.parts.clone();
+            let of_parts = parts().flat_map(|part| self.cells[part].points.clone());
+            let samples = whole.points.clone().chain(of_parts).map(|point| values[point]);
+            let (low, high) = samples.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+                (low.min(x), high.max(x))
+            });
+            let variation = high - low;
+            for point in parts().filter(is_leaf).flat_map(|part| self.cells[part].points.clone()) {
+                let size = values[point].abs();
+                if size < variation {
+                    doubtful += 0.5 * (1.0 - size / variation) * self.volumes[point];
+                }
+            }
+        }
+        let points = self.undivided().flat_map(|cell| self.cells[cell].points.clone());
+        doubtful / sum(points.map(|point| self.volumes[point]))
     }
 
     /// The cells whose parts are to be divided: for each density as few as leave little more than the allowed error, and

@@ -7,7 +7,9 @@
 
 use rayon::prelude::*;
 
-use super::{CHUNK, EnergyError, Quadrature, UnitVolumeScale, quadrature::sum, require_count};
+use super::{
+    CHUNK, EnergyError, Quadrature, UnitVolumeScale, determinant::determinant, quadrature::sum, require_count,
+};
 use crate::statistics::weighted_quantiles;
 use crate::{Matrix3, Point, map::VolumeMap, mesh::TetMesh};
 
@@ -285,13 +287,13 @@ impl StretchSample {
         let [first, second, third] = stretches(jacobian);
         Self {
             stretches: [first, second, third * orientation],
-            determinant: jacobian.determinant() * orientation,
+            determinant: determinant(jacobian) * orientation,
             weight,
         }
     }
 
     fn is_finite(&self) -> bool {
-        self.stretches[0].is_finite() && self.determinant.is_finite()
+        self.stretches.iter().all(|stretch| stretch.is_finite())
     }
 
     fn is_regular(&self) -> bool {
@@ -329,7 +331,7 @@ fn mean(values: impl Iterator<Item = (DistortionMetrics, f64)> + Clone) -> Optio
     let mean = |metric: fn(&DistortionMetrics) -> f64| {
         sum(values.clone().map(|(value, weight)| metric(&value) * weight)) / total
     };
-    (total > 0.0).then(|| DistortionMetrics {
+    (total > 0.0 && total.is_finite()).then(|| DistortionMetrics {
         conformal: mean(|d| d.conformal),
         dirichlet: mean(|d| d.dirichlet),
         symmetric_dirichlet: mean(|d| d.symmetric_dirichlet),

@@ -8,12 +8,14 @@
 mod adaptive;
 mod clipped_grid;
 mod density;
+mod determinant;
 pub mod distortion;
 mod distribution;
 mod hex_quadrature;
 mod quadrature;
 mod tet_quadrature;
 mod unit_volume;
+mod worst_places;
 
 pub use adaptive::{AdaptiveOptions, AdaptiveQuadrature, adaptive_quadrature};
 pub use clipped_grid::{GridResolution, clipped_grid};
@@ -26,11 +28,13 @@ pub use hex_quadrature::cell_quadrature;
 pub use quadrature::{CellLayout, CellMean, Grid, Quadrature, QuadratureError};
 pub use tet_quadrature::tet_quadrature;
 pub use unit_volume::UnitVolumeScale;
+pub use worst_places::worst_places;
 
 use std::ops::Range;
 
 use crate::{Matrix3, Point, map::VolumeMap, mesh::SurfaceMesh};
 use adaptive::AdaptiveStart;
+use determinant::determinant;
 
 /// Points whose Jacobians are held at a time: enough for all cores, and small compared with the densities.
 const CHUNK: usize = 1 << 16;
@@ -78,13 +82,27 @@ pub struct EnergyReport {
     /// `det J` in model units, also when energies are normalised. Where its sign is not that of `target_volume`, the
     /// map is folded.
     pub det_jacobian: DensityQuantiles,
-    /// Points where the map is folded: `det J` is zero or does not have the sign of `target_volume`.
-    pub inverted_points: usize,
-    /// Fraction of the domain's volume that those points represent.
-    pub inverted_fraction: f64,
+    /// Where the map is folded.
+    pub folded: FoldedVolume,
     /// The values at the points of the quadrature.
     #[serde(skip)]
     pub densities: Densities,
+}
+
+/// Where a map is folded, at the points of a quadrature: `det J` is zero or does not have the sign of the target's volume.
+///
+/// A [certificate](crate::certificate) proves the same of whole cells.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
+pub struct FoldedVolume {
+    /// How many of the points.
+    pub points: usize,
+    /// Volume of the domain that those represent.
+    pub volume: f64,
+    /// That as a fraction of the domain's.
+    pub fraction: f64,
+    /// Estimated error of the fraction, where the quadrature was adaptive: `det J` may change its sign between points, and
+    /// folds that are thinner than the cells hide there. Not a bound.
+    pub error: Option<f64>,
 }
 
 /// Estimated errors of energies that an [`adaptive_quadrature`] gave.
@@ -129,7 +147,7 @@ impl Densities {
         let scaled = jacobian * scale;
         self.harmonic.push(harmonic_density(&scaled));
         self.deformation.push(deformation_density(&scaled, lame));
-        self.det_jacobian.push(jacobian.determinant());
+        self.det_jacobian.push(determinant(jacobian));
     }
 
     /// Adds those of several Jacobians, one for each point, which must be finite.
@@ -308,10 +326,11 @@ pub(crate) fn adaptive_energies_of_maps(
     let measured = samples.map(|(map, (samples, &target_volume))| {
         let mut samples = samples?;
         let first = samples.take(start.points().len())?;
-        let adapted = start.refined(&negligible, &first, &mut |points| {
+        let (adapted, cells) = start.refined(&negligible, &first, &mut |points| {
             jacobians(map..map + 1, points, &mut |_, list| samples.add(list, points));
             samples.take(points.len())
         })?;
+        let folded_error = cells.sign_error(&samples.densities.det_jacobian);
         let (quadrature, scale) = (adapted.quadrature, samples.scale);
         let densities = samples.densities.rows(&adapted.rows);
         let mut report = report(
@@ -327,6 +346,7 @@ pub(crate) fn adaptive_energies_of_maps(
             deformation: adapted.errors[1] * scale.volume_element,
             within_tolerance: adapted.is_converged,
         });
+        report.folded.error = Some(folded_error);
         Ok((quadrature, report))
     });
     Ok(measured.collect())
@@ -415,8 +435,8 @@ fn report(
     // A map that reflects as a whole is folded where it preserves the orientation.
     let orientation = if target_volume < 0.0 { -1.0 } else { 1.0 };
     let points = densities.det_jacobian.iter().zip(weights);
-    let inverted = points.filter(|(det, _)| **det * orientation <= 0.0);
-    let inverted_volume = inverted.clone().fold(0.0, |sum, (_, weight)| sum + weight);
+    let folded = points.filter(|(det, _)| **det * orientation <= 0.0);
+    let folded_volume = folded.clone().fold(0.0, |sum, (_, weight)| sum + weight);
     Ok(EnergyReport {
         harmonic: quadrature.integrate(&densities.harmonic) * scale.volume_element,
         deformation: quadrature.integrate(&densities.deformation) * scale.volume_element,
@@ -427,8 +447,12 @@ fn report(
         harmonic_density: distribution(&densities.harmonic)?,
         deformation_density: distribution(&densities.deformation)?,
         det_jacobian: distribution(&densities.det_jacobian)?,
-        inverted_points: inverted.count(),
-        inverted_fraction: inverted_volume / quadrature.volume(),
+        folded: FoldedVolume {
+            points: folded.count(),
+            volume: folded_volume,
+            fraction: folded_volume / quadrature.volume(),
+            error: None,
+        },
         densities,
     })
 }
@@ -501,7 +525,7 @@ mod tests {
         assert!((normalized.harmonic - 3.0).abs() < 1e-13);
         assert!(normalized.deformation.abs() < 1e-28);
         assert_eq!(normalized.det_jacobian.min, 1.0);
-        assert_eq!(normalized.inverted_points, 0);
+        assert_eq!(normalized.folded.points, 0);
     }
 
     #[test]
@@ -672,8 +696,8 @@ mod tests {
             |p: &Point| Matrix3::from_diagonal(&Vector::new(2.0 * p.x - 1.0, 1.0, 1.0)),
         );
         let report = measured(&fold, &grid(&surface, 8), 1.0, &RAW);
-        assert_eq!(report.inverted_points, 3 * 64);
-        assert!((report.inverted_fraction - 0.375).abs() < 1e-13);
+        assert_eq!(report.folded.points, 3 * 64);
+        assert!((report.folded.fraction - 0.375).abs() < 1e-13);
         assert!((report.det_jacobian.min - -0.625).abs() < 1e-13);
         assert!((report.det_jacobian.max - 1.125).abs() < 1e-13);
     }

@@ -17,6 +17,7 @@ mod size;
 mod system;
 mod timings;
 mod unit_frame;
+mod worst_places;
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -30,6 +31,7 @@ pub use phase::Phase;
 pub use report::{BoundaryError, Fit, FitReport, RefinementEnd};
 pub use size::FitSize;
 pub use timings::FitTimings;
+pub use worst_places::worst_places;
 
 use crate::boundary_map::BoundaryMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};

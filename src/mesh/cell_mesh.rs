@@ -64,6 +64,14 @@ impl CellList {
         }
     }
 
+    /// Some of the cells, in this order.
+    pub(crate) fn select(&self, cells: &[u32]) -> Self {
+        match self {
+            Self::Tets(tets) => Self::Tets(cells.iter().map(|&cell| tets[cell as usize]).collect()),
+            Self::Hexes(hexes) => Self::Hexes(cells.iter().map(|&cell| hexes[cell as usize]).collect()),
+        }
+    }
+
     /// The corners of each cell.
     pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
         let (flat, corners) = match self {

@@ -19,6 +19,7 @@ mod quality;
 mod repair;
 mod self_intersections;
 mod slide;
+mod worst_places;
 
 use std::ops::ControlFlow;
 use std::time::Instant;

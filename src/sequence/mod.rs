@@ -102,7 +102,7 @@ pub struct FrameMeasurement {
     pub volume: f64,
     /// Fraction of the reference's volume where the map is folded: `det J` is zero or does not have the sign of
     /// `volume`.
-    pub inverted_fraction: f64,
+    pub folded_fraction: f64,
     /// Error of the map on the frame's surface.
     pub boundary_error: BoundaryError,
     /// Estimated errors of both energies.
@@ -363,7 +363,7 @@ impl Sequence {
             harmonic: energy.harmonic * per_volume,
             deformation_density: energy.deformation_density,
             volume,
-            inverted_fraction: energy.inverted_fraction,
+            folded_fraction: energy.folded.fraction,
             boundary_error,
             errors: EnergyErrors {
                 harmonic: errors.harmonic * per_volume,

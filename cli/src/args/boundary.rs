@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 
+use super::places::PlacesArgs;
 use super::section::{TargetUpArgs, UpKind};
 
 #[derive(Debug, Subcommand)]
@@ -149,4 +150,6 @@ pub struct BoundaryCheckArgs {
     /// Seed of the sample points
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    #[command(flatten)]
+    pub places: PlacesArgs,
 }

@@ -7,6 +7,7 @@ use solidmap::fit::{FitOptions, Placement};
 use solidmap::solver::DenseOptions;
 
 use super::boundary::{BoundaryMapFiles, PairArgs};
+use super::places::PlacesArgs;
 use super::values::bytes;
 
 #[derive(Debug, Args)]
@@ -30,6 +31,8 @@ pub struct FitArgs {
     /// Also write the boundary with its images and errors, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,
+    #[command(flatten)]
+    pub places: PlacesArgs,
     // A help heading applies to all following arguments that have none of their own.
     #[command(flatten, next_help_heading = "Boundary map, with --target MODEL")]
     pub pair: PairArgs,

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use solidmap::energy::{AdaptiveOptions, GridResolution, Lame};
 
+use super::places::PlacesArgs;
 use super::section::SectionArgs;
 
 #[derive(Debug, Args)]
@@ -108,6 +109,8 @@ pub struct EnergyArgs {
     pub png: Option<PathBuf>,
     #[command(flatten)]
     pub section: SectionArgs,
+    #[command(flatten)]
+    pub places: PlacesArgs,
 }
 
 #[derive(Debug, Args)]
@@ -120,10 +123,11 @@ pub struct EnergyArgs {
 pub struct CertifyArgs {
     /// Map file
     pub map: PathBuf,
-    /// Write all cells with what is proved in them, for ParaView (.vtu)
+    /// Write all cells with what is proved in them, for ParaView (.vtu). Eight siblings with the same verdict are written
+    /// as one cell, with the least of their bounds
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Write a picture of a cross-section, coloured by what is proved (.png)
+    /// Write a picture of a cross-section, coloured by what is proved, and of its worst place enlarged (.png)
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
     /// Size of the smallest cells: how many along the longest side of the domain, rounded up to a power of two
@@ -137,4 +141,6 @@ pub struct CertifyArgs {
     pub undecided: f64,
     #[command(flatten)]
     pub section: SectionArgs,
+    #[command(flatten)]
+    pub places: PlacesArgs,
 }

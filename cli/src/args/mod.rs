@@ -5,6 +5,7 @@ mod cgal_tetgen;
 mod compare;
 mod fit;
 mod map;
+mod places;
 mod remesh;
 mod section;
 mod sequence;

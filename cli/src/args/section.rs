@@ -6,15 +6,24 @@ use solidmap::geometry::Axis;
 /// Where pictures cut the domain.
 #[derive(Debug, Args)]
 pub struct SectionArgs {
-    /// Axis perpendicular to the cross-section [default: z; for `sequence` that of the largest cross-section]
+    /// Axis perpendicular to the cross-section [default: z; for `sequence` that of the largest
+    /// cross-section]
     #[arg(long, value_enum)]
     pub axis: Option<AxisKind>,
     /// Axis that points up in pictures
     #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
     pub up: UpKind,
-    /// Position of the cross-section along the axis, from 0 to 1 across the domain's bounding box
-    #[arg(long, default_value_t = 0.5, value_name = "FRACTION")]
-    pub position: f64,
+    /// Position of the cross-section along the axis, from 0 to 1 across the domain's bounding box [default: 0.5; for
+    /// `certify` through the worst place]
+    #[arg(long, value_name = "FRACTION")]
+    pub position: Option<f64>,
+}
+
+impl SectionArgs {
+    /// The position, by default the middle.
+    pub fn position(&self) -> f64 {
+        self.position.unwrap_or(0.5)
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::section::UpKind;
+use super::values::squares;
 
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true, after_help = TEXTURE_HELP)]
@@ -15,7 +16,7 @@ pub struct TextureArgs {
     #[arg(long, value_name = "PICTURE")]
     pub image: Option<PathBuf>,
     /// Chequered pattern instead of a picture, of N squares along each side (16 where N is left out)
-    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image")]
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "16", conflicts_with = "image", value_parser = squares)]
     pub checker: Option<usize>,
     /// Which colour texture coordinates outside the picture have [default: repeat]
     #[arg(long, value_enum)]

@@ -6,6 +6,16 @@ pub fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| format!("`{text}` is not a number of seconds from 0.001 to 1e9"))
 }
 
+/// A number of squares of a chequered pattern.
+pub fn squares(text: &str) -> Result<usize, String> {
+    text.parse().map_err(|_| {
+        format!(
+            "`{text}` is not a number of squares, such as 16. What follows --checker is taken for one: name a model before \
+             it"
+        )
+    })
+}
+
 /// A number of bytes with an optional unit: KB, MB, GB, TB are powers of 1000; K, KiB and so on of 1024.
 pub fn bytes(text: &str) -> Result<u64, String> {
     let wanted = || format!("`{text}` is not a size; write it as 4GiB, 500MB or a number of bytes");

@@ -6,11 +6,13 @@ use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::energy::{
     DensityQuantiles, EnergyErrors, EnergyOptions, EnergyReport, adaptive_energies, cell_quadrature, energies,
+    worst_places,
 };
 use solidmap::geometry::distance_field;
 use solidmap::io;
 use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
+use solidmap::worst_places::WorstPlace;
 
 use crate::CommandOutcome;
 use crate::args::EnergyArgs;
@@ -18,6 +20,7 @@ use crate::drawing::{Figure, significant};
 use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns, write_file};
 use crate::shared::pictures::Pictured;
+use crate::shared::places::{percent, with_places};
 use crate::shared::{density_file, input};
 
 /// Pixels along the longer side of a section.
@@ -31,6 +34,7 @@ struct EnergySummary {
     points: usize,
     #[serde(flatten)]
     energy: EnergyReport,
+    worst_places: Vec<WorstPlace>,
 }
 
 /// Measures the energies of a map, and writes and pictures their densities.
@@ -110,9 +114,18 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         map: (&args.map).into(),
         cells,
         points: quadrature.points().len(),
+        worst_places: worst_places(
+            &quadrature,
+            &energy.densities,
+            target_volume,
+            mesh.as_ref(),
+            args.places.worst,
+        ),
         energy,
     };
-    output.result(&report, || two_columns(energy_rows(&report.energy)))?;
+    output.result(&report, || {
+        with_places(two_columns(energy_rows(&report.energy)), &report.worst_places)
+    })?;
     Ok(CommandOutcome::Done)
 }
 
@@ -168,9 +181,13 @@ fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
         [
             "folded".into(),
             format!(
-                "{} points, {:.2} % of the volume",
-                energy.inverted_points,
-                100.0 * energy.inverted_fraction
+                "{}{} of the volume, {} points",
+                percent(energy.folded.fraction),
+                energy
+                    .folded
+                    .error
+                    .map_or(String::new(), |error| format!(" ± {}", percent(error))),
+                energy.folded.points
             ),
         ],
     ]

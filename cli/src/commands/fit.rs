@@ -6,11 +6,12 @@ use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::files::{self, MapFile, MapMetadata};
-use solidmap::fit::{FitReport, Placement, RefinementEnd};
+use solidmap::fit::{FitReport, Placement, RefinementEnd, worst_places};
 use solidmap::io::{self, Cells, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::solver::SchwarzStop;
 use solidmap::spherical::SphereOptions;
+use solidmap::worst_places::WorstPlace;
 
 use crate::CommandOutcome;
 use crate::args::{FitArgs, PairArgs};
@@ -19,6 +20,7 @@ use crate::shared::fitting::{fit_in_time, fit_options};
 use crate::shared::input::BoundarySource;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
+use crate::shared::places::with_places;
 use crate::shared::{boundary_map, input, self_intersections};
 
 /// What `fit --json` prints.
@@ -33,6 +35,8 @@ struct FitSummary {
     fit: FitReport,
     tolerance: f64,
     tolerance_met: bool,
+    /// Where the boundary error is largest.
+    worst_places: Vec<WorstPlace>,
     peak_rss_bytes: u64,
 }
 
@@ -155,6 +159,9 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         write_boundary(path, boundary, &file.map)?;
     }
 
+    output.progress("measuring");
+    let boundary = file.boundary.as_ref();
+    let worst_places = boundary.map_or(vec![], |boundary| worst_places(&file.map, boundary, args.places.worst));
     let tolerance_met = fit.report.boundary_error.p99 <= args.tolerance;
     let report = FitSummary {
         domain: file_name(args.files.domain.as_ref()),
@@ -165,9 +172,10 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         fit: fit.report,
         tolerance: args.tolerance,
         tolerance_met,
+        worst_places,
         peak_rss_bytes: peak_rss_bytes(),
     };
-    output.result(&report, || summary(&report))?;
+    output.result(&report, || with_places(summary(&report), &report.worst_places))?;
     if tolerance_met {
         return Ok(CommandOutcome::Done);
     }

@@ -9,6 +9,9 @@ use solidmap::mesh::SurfaceMesh;
 /// Least width and height of a panel, in pixels.
 pub(super) const LEAST_SIDE: usize = 16;
 
+/// Least width and height of a mark, in pixels.
+const LEAST_MARK: f64 = 14.0;
+
 /// Most pixels of a picture: 8192 × 8192, what common viewers open.
 const MOST_PIXELS: usize = 1 << 26;
 
@@ -127,6 +130,21 @@ impl Panel {
     /// The same panel with one more line of caption.
     pub fn captioned(mut self, caption: impl Into<String>) -> Self {
         self.captions.push(caption.into());
+        self
+    }
+
+    /// The same panel with a rectangle drawn around what lies between two corners, in pixels from the top left corner of
+    /// the picture; at least [`LEAST_MARK`] pixels wide and high, so that it is seen.
+    pub fn marked(mut self, [a, b]: [[f64; 2]; 2]) -> Self {
+        let ends = [0, 1].map(|k| {
+            let (middle, half) = ((a[k] + b[k]) / 2.0, ((b[k] - a[k]).abs() / 2.0).max(LEAST_MARK / 2.0));
+            [middle - half, middle + half]
+        });
+        let corner = |i: usize, j: usize| [ends[0][i], ends[1][j]];
+        let corners = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+        let sides: Vec<_> = (0..4).map(|k| [corners[k], corners[(k + 1) % 4]]).collect();
+        let width = (self.canvas.width().max(self.canvas.height()) as f64 / 300.0).max(1.6);
+        self.canvas.stroke(&sides, width, INK);
         self
     }
 

@@ -16,6 +16,7 @@ pub mod made_folder;
 pub mod output;
 pub mod picture_file;
 pub mod pictures;
+pub mod places;
 pub mod points;
 pub mod progress;
 pub mod self_intersections;

@@ -29,12 +29,12 @@ pub fn plane_across(axis: Axis, position: f64, solid: &SurfaceMesh) -> AxisPlane
 impl SectionArgs {
     /// Refuses a position outside 0 to 1.
     pub fn require_valid(&self) -> anyhow::Result<()> {
-        require_position(self.position)
+        require_position(self.position())
     }
 
     /// The plane through a solid.
     pub fn plane(&self, solid: &SurfaceMesh) -> AxisPlane {
-        plane_across(self.axis.map_or(Axis::Z, Axis::from), self.position, solid)
+        plane_across(self.axis.map_or(Axis::Z, Axis::from), self.position(), solid)
     }
 }
 

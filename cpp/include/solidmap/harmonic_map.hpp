@@ -14,6 +14,7 @@
 #include "solidmap/boundary_map.hpp"
 #include "solidmap/mesh.hpp"
 #include "solidmap/span.hpp"
+#include "solidmap/worst_place.hpp"
 
 namespace solidmap {
 
@@ -185,9 +186,13 @@ struct EnergyReport {
   Distribution harmonic_density, deformation_density;
   /// Determinant of the Jacobian, in model units also when energies are normalised.
   Distribution det_jacobian;
-  /// Points of the quadrature where the map is folded, and the fraction of the domain's volume that they stand for.
-  std::size_t inverted_points = 0;
-  double inverted_fraction = 0;
+  /// Points of the quadrature where the map is folded (`det J` is zero or has not the sign of the target's orientation),
+  /// the fraction of the domain's volume that they stand for, and the estimated error of that; NaN for integrals over a
+  /// mesh. certify() proves bounds of it.
+  std::size_t folded_points = 0;
+  double folded_fraction = 0, folded_error = 0;
+  /// Where the map is folded, the largest place first, then where its harmonic energy density is largest; at most five.
+  std::vector<WorstPlace> worst_places;
 };
 
 /// Energies of a map, integrated on a grid, or over the cells of a mesh, which must be a mesh of the domain: that is not
@@ -204,6 +209,49 @@ struct EnergyDensities {
 /// Energy densities at any points of the domain, such as those of a PlaneSection; not finite where the Jacobian is not.
 /// `options.cells` is not used. Throws Error (invalid_input; unsupported: no boundary map).
 EnergyDensities energy_densities(const HarmonicMap& map, Span<const Point> points, const EnergyOptions& options = {});
+
+/// How far cells are divided to prove where a map folds.
+struct CertificateOptions {
+  /// Cells along the longest side of the domain at the finest level; rounded up to a power of two, 2 to 2²⁰.
+  std::size_t finest = 4096;
+  /// Largest number of cells, of 2 KB each while they may be divided.
+  std::size_t max_cells = 1'000'000;
+  /// Stops when at most this fraction of the volume is undecided.
+  double undecided = 0;
+};
+
+/// The cells with one verdict: how many, in how many connected groups, their volume, and that as a fraction of the
+/// domain's.
+struct VerdictTotals {
+  std::size_t cells = 0, places = 0;
+  double volume = 0, fraction = 0;
+};
+
+/// What is proved of the sign of `det J` over a domain.
+struct CertificateReport {
+  /// Cells where the map is proved to be locally one to one, proved to be folded, and all others. Groups of positive cells
+  /// are not counted.
+  VerdictTotals positive, folded, undecided;
+  /// Fraction of the volume in undecided cells with `det J` negative at their centre.
+  double undecided_negative = 0;
+  /// The smallest singular value is at least this over 99 % of the volume; NaN where less is proved.
+  double sigma_min_99 = 0;
+  /// Whether the map is proved to be locally one to one everywhere.
+  bool locally_one_to_one = false;
+  /// Parts of the domain that the map turns inside out as a whole, and how many parts there are (0 where they were not
+  /// looked for, since nothing is folded).
+  std::size_t mirrored_parts = 0, parts = 0;
+  /// Where it folds, then where it is undecided, the largest place of each first; at most five.
+  std::vector<WorstPlace> worst_places;
+};
+
+/// Proves where a map is locally one to one, and where it folds, by bounds of its Jacobian over the cells of an octree.
+/// Some 20 µs for each cell. Throws Error (invalid_input; unsupported: no boundary map).
+CertificateReport certify(const HarmonicMap& map, const CertificateOptions& options = {});
+
+/// Where the map misses its boundary map most: groups of triangles of the domain, the largest error first. Throws Error
+/// (unsupported: no boundary map).
+std::vector<WorstPlace> worst_boundary_errors(const HarmonicMap& map, std::size_t most = 5);
 
 /// Means of the metrics of Cherchi & Livesu, VOLMAP (2023), over the volume where the map is regular.
 struct Distortion {

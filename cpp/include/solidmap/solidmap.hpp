@@ -24,6 +24,7 @@
 #include "solidmap/progress.hpp"
 #include "solidmap/solids.hpp"
 #include "solidmap/span.hpp"
+#include "solidmap/worst_place.hpp"
 
 namespace solidmap {
 

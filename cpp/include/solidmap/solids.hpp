@@ -4,10 +4,12 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "solidmap/harmonic_map.hpp"
 #include "solidmap/mesh.hpp"
 #include "solidmap/progress.hpp"
+#include "solidmap/worst_place.hpp"
 
 namespace solidmap {
 
@@ -126,6 +128,8 @@ struct RemeshReport {
   /// Tetrahedra of a given mesh that had all their nodes on the boundary, and were split.
   std::size_t split_cells = 0;
   double seconds = 0;
+  /// Where cells stay inverted, in the target: at most five groups, the largest first.
+  std::vector<WorstPlace> worst_places;
 };
 
 /// A mesh of the target, and the mesh of the domain that it was carried from.

@@ -257,7 +257,9 @@ TEST_CASE("the identity has its energies, a twist has more") {
   CHECK(identity.deformation == doctest::Approx(0.0));
   CHECK(identity.volume == doctest::Approx(ball.volume()));
   CHECK(identity.det_jacobian.median == doctest::Approx(1.0));
-  CHECK(identity.inverted_points == 0);
+  CHECK(identity.folded_points == 0);
+  CHECK(identity.folded_error == 0.0);
+  CHECK(identity.worst_places.size() <= 5);
   const HarmonicMap twisted = fit(twisted_ball());
   const EnergyReport found = energies(twisted);
   CHECK(found.harmonic > 3.001);
@@ -271,6 +273,35 @@ TEST_CASE("the identity has its energies, a twist has more") {
   EnergyOptions exact;
   exact.tolerance = 0;
   CHECK(thrown_by([&] { energies(twisted, exact); }) == "invalid_input");
+}
+
+TEST_CASE("a fold has a place, a volume within proved bounds, and a value") {
+  const Surface cube = shapes::cube(1.0, 8);
+  const auto pushed = [](const Point& p) { return Point{4 * p[0] * p[0] * p[0] - 0.2 * p[0], p[1], p[2]}; };
+  FitOptions loose;
+  loose.tolerance = 0.05;
+  const HarmonicMap map = fit(BoundaryMap(cube, mapped(cube.vertices(), pushed)), loose);
+  CertificateOptions options;
+  options.finest = 64;
+  const CertificateReport proved = certify(map, options);
+  const EnergyReport energy = energies(map);
+  CHECK(!proved.locally_one_to_one);
+  CHECK(proved.folded.fraction > 0.02);
+  CHECK(proved.folded.places >= 1);
+  REQUIRE(!proved.worst_places.empty());
+  const WorstPlace& worst = proved.worst_places.front();
+  CHECK((worst.kind == WorstPlace::Kind::folded));
+  CHECK(worst.value < 0);
+  for (int k = 0; k < 3; ++k) CHECK((worst.low[k] <= worst.point[k] && worst.point[k] <= worst.high[k]));
+  CHECK(energy.folded_fraction + energy.folded_error >= proved.folded.fraction);
+  CHECK(energy.folded_fraction - energy.folded_error <= proved.folded.fraction + proved.undecided.fraction);
+  REQUIRE(!energy.worst_places.empty());
+  CHECK((energy.worst_places.front().kind == WorstPlace::Kind::folded));
+  const auto misses = worst_boundary_errors(map, 2);
+  CHECK(misses.size() <= 2);
+  for (const WorstPlace& miss : misses) CHECK((miss.kind == WorstPlace::Kind::boundary_error));
+  options.finest = 1;
+  CHECK(thrown_by([&] { certify(map, options); }) == "invalid_input");
 }
 
 TEST_CASE("a section shows the energy densities of a map") {

@@ -86,12 +86,13 @@ pub(super) fn check(
         .flatten()
         .map(|embedding| check_embedding(embedding.surface().triangles(), embedding.directions()))
         .collect();
-    let flat = |mesh: &SurfaceMesh| {
-        let triangles = (0..mesh.triangles().len()).into_par_iter();
-        triangles.filter(|&t| is_flat(&mesh.corners(t))).count()
+    let flat = |mesh: &SurfaceMesh| -> Vec<u32> {
+        let triangles = (0..mesh.triangles().len() as u32).into_par_iter();
+        triangles.filter(|&t| is_flat(&mesh.corners(t as usize))).collect()
     };
     let folded = FoldedEdges::find(domain, &plain);
     let covering = Covering {
+        triangles: domain.triangles().len(),
         compared_with: match map.target_embedding() {
             Some(_) => ComparedWith::Target,
             None => ComparedWith::Sphere {
@@ -124,13 +125,17 @@ pub(super) fn check(
     };
     let composition = CompositionCheck {
         embeddings,
-        flat_in_target: map.target_surface().map_or(0, flat),
+        flat_in_target: map.target_surface().map_or(0, |mesh| flat(mesh).len()),
         round_trip: RoundTrip::measure(map, embedding, options),
         cuts,
         plain_image_flipped,
     };
     let distortion = SurfaceDistortion::of(fine.domain(), fine.image());
-    Ok(measurements.report(distortion, self_intersections, Some(composition)))
+    let worst_places = measurements.worst_places((fine.domain(), fine.image()), options.worst_places);
+    Ok(BoundaryCheck {
+        worst_places,
+        ..measurements.report(distortion, self_intersections, Some(composition))
+    })
 }
 
 /// The map over a subdivided domain, and the number of subdivisions.

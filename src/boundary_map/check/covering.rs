@@ -47,12 +47,15 @@ pub struct Degree {
 /// The degree of a map, and its defective triangles.
 pub(super) struct Covering {
     pub compared_with: ComparedWith,
+    /// How many triangles there are.
+    pub triangles: usize,
     pub degree: Option<Degree>,
     /// Inverted triangles, ascending.
     pub flipped: Vec<u32>,
     /// Triangles with an area whose images have none.
     pub degenerate: Vec<u32>,
-    pub flat_in_domain: usize,
+    /// Triangles of the domain without an area, ascending.
+    pub flat_in_domain: Vec<u32>,
 }
 
 /// Edges at which an image is folded.
@@ -131,11 +134,27 @@ impl Covering {
         };
         Self {
             compared_with,
+            triangles: domain.triangles().len(),
             degree: bounds_a_solid(domain).then_some(degree),
             flipped: with_area(Facing::Inward),
             degenerate: with_area(Facing::Flat),
-            flat_in_domain: flat_in_domain.iter().filter(|flat| **flat).count(),
+            flat_in_domain: (0..)
+                .zip(&flat_in_domain)
+                .filter(|(_, flat)| **flat)
+                .map(|(t, _)| t)
+                .collect(),
         }
+    }
+
+    /// Triangles that face the other way than the map as a whole: those that are not inverted, where it reverses the
+    /// orientation. Compared with itself alone, an image has no way that its triangles should face.
+    pub fn facing_wrong_way(&self) -> Vec<u32> {
+        if !self.is_mirrored() || matches!(self.compared_with, ComparedWith::Itself) {
+            return self.flipped.clone();
+        }
+        let lists = [&self.flipped, &self.degenerate, &self.flat_in_domain];
+        let is_listed = |t: &u32| lists.iter().any(|list| list.binary_search(t).is_ok());
+        (0..self.triangles as u32).filter(|t| !is_listed(t)).collect()
     }
 
     /// Whether the map reverses the orientation.

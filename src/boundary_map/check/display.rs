@@ -6,6 +6,7 @@ use super::{
 };
 use crate::check::SelfIntersections;
 use crate::check::text::{counted, label_of, write_ids, write_wrapped};
+use crate::worst_places::PlaceTable;
 
 impl Display for BoundaryCheck {
     fn fmt(&self, f: &mut Formatter) -> fmt::Result {
@@ -34,6 +35,9 @@ impl Display for BoundaryCheck {
         }
         if let Some(composition) = &self.composition {
             composition.write_remarks(f)?;
+        }
+        if !self.worst_places.is_empty() {
+            write!(f, "\n{}", PlaceTable(&self.worst_places))?;
         }
         let names_ids = |finding: &MapFinding| !finding.faces.is_empty() || !finding.edges.is_empty();
         if self.findings.iter().any(names_ids) {

@@ -108,15 +108,7 @@ impl Measurements<'_> {
     }
 
     fn flipped(&self) -> Option<MapFinding> {
-        let Covering {
-            flipped, degenerate, ..
-        } = self.covering;
-        let decided = !matches!(self.covering.compared_with, ComparedWith::Itself);
-        let wrong = if self.covering.is_mirrored() && decided {
-            others(self.domain.triangles().len(), [flipped, degenerate])
-        } else {
-            flipped.clone()
-        };
+        let wrong = self.covering.facing_wrong_way();
         let message = format!("{} inverted in the image", are(wrong.len(), "triangle"));
         let advice = "move their vertices back into the rings of their neighbours, or make the map by `solidmap \
                       boundary`, whose maps cannot fold";
@@ -232,12 +224,6 @@ fn described(shape: &[i64]) -> String {
         [characteristic] => format!("of Euler characteristic {characteristic}"),
         several => format!("of {} parts with Euler characteristics {several:?}", several.len()),
     }
-}
-
-/// The triangles in neither of two ascending lists.
-fn others(count: usize, lists: [&[u32]; 2]) -> Vec<u32> {
-    let is_listed = |t: &u32| lists.iter().any(|list| list.binary_search(t).is_ok());
-    (0..count as u32).filter(|t| !is_listed(t)).collect()
 }
 
 fn are(count: usize, noun: &str) -> String {

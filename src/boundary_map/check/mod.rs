@@ -14,6 +14,7 @@ mod display;
 mod findings;
 #[cfg(test)]
 mod tests;
+mod worst;
 
 use serde::Serialize;
 
@@ -25,6 +26,7 @@ use super::{BoundaryMap, SurfaceDistortion};
 use crate::check::{FindSelfIntersections, SelfIntersections, Severity, look_for_self_intersections, repair};
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::SurfaceMesh;
+use crate::worst_places::{self, WorstPlace};
 use covering::{Covering, FoldedEdges};
 use findings::Measurements;
 
@@ -40,6 +42,8 @@ pub struct BoundaryCheckOptions {
     pub samples: usize,
     /// Seed of these points and of those inside the target.
     pub seed: u64,
+    /// Largest number of [`BoundaryCheck::worst_places`].
+    pub worst_places: usize,
 }
 
 impl Default for BoundaryCheckOptions {
@@ -49,6 +53,7 @@ impl Default for BoundaryCheckOptions {
             distance_error: 2e-4,
             samples: 20_000,
             seed: 1,
+            worst_places: worst_places::LISTED,
         }
     }
 }
@@ -88,6 +93,9 @@ pub struct BoundaryCheck {
     pub composition: Option<CompositionCheck>,
     /// Defects, errors first.
     pub findings: Vec<MapFinding>,
+    /// Where on the domain triangles are inverted, then where their images have no area or pass through each other, then
+    /// where they are distorted most; groups of triangles across edges.
+    pub worst_places: Vec<WorstPlace>,
 }
 
 /// Whether a map is a bijection.
@@ -218,7 +226,11 @@ pub fn check(
         tolerance: options.tolerance,
     };
     let distortion = SurfaceDistortion::of(&domain, image.vertices());
-    Ok(measurements.report(distortion, self_intersections, None))
+    let worst_places = measurements.worst_places((&domain, image.vertices()), options.worst_places);
+    Ok(BoundaryCheck {
+        worst_places,
+        ..measurements.report(distortion, self_intersections, None)
+    })
 }
 
 /// Distance from the target, over its diagonal, beyond which an image is at another place or of another size.
@@ -242,13 +254,14 @@ impl Measurements<'_> {
             degree: self.covering.degree,
             flipped: self.covering.flipped.len(),
             degenerate: self.covering.degenerate.len(),
-            flat_in_domain: self.covering.flat_in_domain,
+            flat_in_domain: self.covering.flat_in_domain.len(),
             folded_edges: self.folded.edges.len(),
             coverage: self.coverage,
             distortion,
             self_intersections,
             composition,
             findings,
+            worst_places: vec![],
         }
     }
 }

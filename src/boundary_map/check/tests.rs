@@ -3,6 +3,7 @@ use super::*;
 use crate::mesh::shapes;
 use crate::spherical::SphericalEmbedding;
 use crate::spherical::testing::radial_embedding;
+use crate::worst_places::PlaceKind;
 use crate::{Point, Vector};
 
 fn map(domain: &SurfaceMesh, f: impl Fn(&Point) -> Point) -> BoundaryMap {
@@ -426,5 +427,85 @@ fn a_given_target_is_compared_with_the_surface_that_is_mapped_to() {
     assert!(
         report.findings.is_empty() && report.coverage.unwrap().hausdorff() < 0.01,
         "{report}"
+    );
+}
+
+/// A triangle without area in the domain is no triangle of the map that could be inverted.
+#[test]
+fn a_mirrored_map_is_not_blamed_for_a_flat_triangle_of_its_domain() {
+    let (mut vertices, mut triangles) = shapes::cube(1.0, 4).into_parts();
+    // A vertex in the middle of an edge, and the flat triangle between its halves.
+    let [a, b, c] = triangles[0];
+    let other = triangles
+        .iter()
+        .position(|t| *t != [a, b, c] && t.contains(&a) && t.contains(&b));
+    let middle = vertices.len() as u32;
+    vertices.push(nalgebra::center(&vertices[a as usize], &vertices[b as usize]));
+    triangles[0] = [a, middle, c];
+    triangles.push([middle, b, c]);
+    triangles.push([a, b, middle]);
+    assert!(other.is_some());
+    let domain = SurfaceMesh::new(vertices, triangles).unwrap();
+    let mirrored = map(&domain, |p| Point::new(-p.x, p.y, p.z));
+    let target = shapes::cube(1.0, 4);
+    let report = checked(&mirrored, Some(&target));
+    assert_eq!(report.flat_in_domain, 1, "{report}");
+    assert!(has(&report, MapFindingKind::Mirrored), "{report}");
+    assert!(!has(&report, MapFindingKind::Flipped), "{report}");
+    assert!(report.worst_places.iter().all(|place| place.kind != PlaceKind::Flipped));
+}
+
+/// Two folds far from each other, one of more triangles.
+#[test]
+fn flipped_triangles_are_listed_by_place_the_largest_first() {
+    let domain = shapes::sphere(1.0, 3);
+    let mut image = domain.vertices().to_vec();
+    // Points near the two poles are reflected in a plane through the pole: their triangles turn over.
+    for (vertex, place) in domain.vertices().iter().zip(&mut image) {
+        if vertex.z > 0.9 || vertex.z < -0.97 {
+            place.x = -place.x;
+        }
+    }
+    let folded = BoundaryMap::new(domain.clone(), image).unwrap();
+    let report = checked(&folded, Some(&domain));
+    let flipped: Vec<_> = report
+        .worst_places
+        .iter()
+        .filter(|place| place.kind == PlaceKind::Flipped)
+        .collect();
+    assert!(flipped.len() >= 2, "{report}");
+    assert!(flipped[0].centre[2] > 0.8 && flipped[1].centre[2] < -0.8, "{flipped:?}");
+    assert!(flipped[0].count > flipped[1].count && flipped[0].share > flipped[1].share);
+    assert!(report.to_string().contains("worst places"), "{report}");
+    let few = BoundaryCheckOptions {
+        worst_places: 1,
+        ..Default::default()
+    };
+    assert_eq!(
+        check(&folded, Some(&domain), &few, None).unwrap().worst_places,
+        [*flipped[0]]
+    );
+}
+
+/// One bump of a sphere is stretched.
+#[test]
+fn the_most_distorted_place_is_found_on_a_map_without_defects() {
+    let domain = shapes::sphere(1.0, 4);
+    let stretched = map(&domain, |p| {
+        let near = (-((p - Point::new(1.0, 0.0, 0.0)).norm_squared() / 0.05)).exp();
+        Point::from(p.coords * (1.0 + 0.6 * near))
+    });
+    let report = checked(&stretched, None);
+    let worst = report.worst_places[0];
+    assert_eq!(worst.kind, PlaceKind::Distortion, "{report}");
+    assert!(
+        worst.centre[0] > 0.8 && worst.share < 0.011 && worst.value.unwrap() > 4.0,
+        "{worst:?}"
+    );
+    assert!(
+        report
+            .worst_places
+            .windows(2)
+            .all(|pair| pair[0].value >= pair[1].value)
     );
 }

@@ -398,3 +398,23 @@ fn a_published_map_with_flipped_and_flat_tets_has_finite_means() {
         assert!(values.conformal > 1.0 && values.mips > values.conformal);
     }
 }
+
+/// A determinant beyond the range of `f64` is no Jacobian that is not finite, and does not fold the map.
+#[test]
+fn stretches_of_any_size_are_finite_and_keep_their_sign() {
+    for size in [1e-130, 1e130] {
+        let mesh = cube();
+        let rule = tet_quadrature(&mesh).unwrap();
+        let stretched = Jacobians(|_: &Point| diagonal(size, 2.0 * size, 3.0 * size));
+        let found = distortion(&stretched, &rule, 1.0, 1.0).unwrap();
+        assert_eq!((found.not_finite, found.left_out_fraction), (0, 0.0), "{size}");
+        let determinants = found.determinants.unwrap();
+        assert!(determinants.negative == 0 && determinants.min > 0.0, "{determinants:?}");
+        assert!((found.mean.unwrap().conformal - conformal(&[3.0, 2.0, 1.0])).abs() < 1e-12);
+        let mirrored = distortion(&stretched, &rule, 1.0, -1.0).unwrap();
+        assert_eq!((mirrored.not_finite, mirrored.left_out_fraction), (0, 1.0), "{size}");
+        assert_eq!(mirrored.determinants.unwrap().negative, rule.points().len());
+        let energy = crate::energy::energies(&stretched, &rule, 1.0, 1.0, &Default::default()).unwrap();
+        assert_eq!(energy.folded.points, 0, "{size}");
+    }
+}

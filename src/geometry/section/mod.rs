@@ -167,6 +167,32 @@ impl PlaneSection {
     ///
     /// [`SectionError`].
     pub fn new(surface: &SurfaceMesh, plane: AxisPlane, up: Axis, pixels: usize) -> Result<Self, SectionError> {
+        Self::framed_by(surface, plane, up, pixels, None)
+    }
+
+    /// As [`PlaneSection::new`], but the picture shows the part of the section inside a box, such as one around a
+    /// [worst place](crate::worst_places); so does [`PlaneSection::area`]. The box should have an extent in the plane.
+    ///
+    /// # Errors
+    ///
+    /// [`SectionError`]; [`SectionError::BelowPixel`] where nothing of the section is in the box.
+    pub fn enlarged(
+        surface: &SurfaceMesh,
+        plane: AxisPlane,
+        up: Axis,
+        pixels: usize,
+        window: [Point; 2],
+    ) -> Result<Self, SectionError> {
+        Self::framed_by(surface, plane, up, pixels, Some(window))
+    }
+
+    fn framed_by(
+        surface: &SurfaceMesh,
+        plane: AxisPlane,
+        up: Axis,
+        pixels: usize,
+        window: Option<[Point; 2]>,
+    ) -> Result<Self, SectionError> {
         let [least, most] = PIXELS;
         if !(least..=most).contains(&pixels) {
             return Err(SectionError::Pixels { pixels, least, most });
@@ -191,6 +217,7 @@ impl PlaneSection {
         if outline.is_empty() {
             return Err(misses());
         }
+        let [low, high] = window.unwrap_or([low, high]);
         let mut section = Self::framed(plane, axes, low, high, pixels);
         section.outline = outline;
         section.cover()?;
@@ -216,7 +243,7 @@ impl PlaneSection {
         &self.outline
     }
 
-    /// Area of the section in squared model units, from chords a fifth of a pixel apart.
+    /// Area of the section, as far as the picture shows it, in squared model units, from chords a fifth of a pixel apart.
     pub fn area(&self) -> f64 {
         self.area
     }
@@ -304,7 +331,9 @@ impl PlaneSection {
                 let [x, y, z] = near.coords.into();
                 SectionError::OpenSurface { x, y, z }
             })?;
-            covered_length += spans.iter().map(|[a, b]| b - a).sum::<f64>();
+            let (left, right) = self.extent(0);
+            let length = |[a, b]: &[f64; 2]| (b.min(right) - a.max(left)).max(0.0);
+            covered_length += spans.iter().map(length).sum::<f64>();
             picture_rows[k / SUBROWS].extend(spans.into_iter().map(|span| (k % SUBROWS, span)));
         }
         self.area = covered_length * self.pixel / SUBROWS as f64;

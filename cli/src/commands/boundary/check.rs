@@ -51,6 +51,7 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<CommandO
     let options = BoundaryCheckOptions {
         tolerance: args.tolerance,
         seed: args.seed,
+        worst_places: args.places.worst,
         ..BoundaryCheckOptions::default()
     };
     let check = check(&map, target.as_ref(), &options, finder())

@@ -187,7 +187,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: ComparedMethod) -> anyhow
         harmonic_density: found.energy.harmonic_density,
         min_det_jacobian: determinants.map_or(f64::NAN, |d| d.min),
         det_jacobian: determinants,
-        folded_fraction: found.energy.inverted_fraction,
+        folded_fraction: found.energy.folded.fraction,
         distortion: found.distortion.mean_normalized,
         volmap: found.distortion.volmap,
         quadrature_points: found.quadrature_points,

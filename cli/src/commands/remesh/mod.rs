@@ -11,6 +11,7 @@ use solidmap::io;
 use solidmap::remesh::{
     BoundaryIntersections, CellKind, CellSize, RemeshOptions, RemeshReport, RemeshSource, Remeshed, remesh,
 };
+use solidmap::worst_places::WorstPlace;
 
 use summary::Reasons;
 
@@ -21,6 +22,7 @@ use crate::shared::carried_mesh_picture::{self, show_phase};
 use crate::shared::input::{self, extension};
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, peak_rss_bytes, write_file};
+use crate::shared::places::with_places;
 use crate::shared::self_intersections::finder;
 
 /// Extensions of meshes that can be written.
@@ -43,6 +45,8 @@ struct RemeshSummary {
     min_scaled_jacobian: Option<f64>,
     /// Where the boundary passes through itself.
     crossings: BoundaryIntersections,
+    /// Where cells stay inverted, in the target.
+    worst_places: Vec<WorstPlace>,
     #[serde(flatten)]
     remesh: RemeshReport,
     peak_rss_bytes: u64,
@@ -117,13 +121,14 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         reasons,
         min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),
         crossings,
+        worst_places: remeshed.worst_places(args.places.worst),
         remesh: remeshed.report,
         peak_rss_bytes: peak_rss_bytes(),
     };
     if let (Some(path), Some(png)) = (&args.png, picture) {
         write_file(path, &png)?;
     }
-    output.result(&report, || summary::table(&report))?;
+    output.result(&report, || with_places(summary::table(&report), &report.worst_places))?;
     Ok(CommandOutcome::from_check(inverted == 0 && !report.crossings.found()))
 }
 

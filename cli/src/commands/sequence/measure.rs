@@ -25,7 +25,7 @@ const SECTION_PIXELS: usize = 480;
 /// The cross-section that was asked for; where no axis was named, the largest of those across each axis.
 fn section(asked: &SectionArgs, domain: &SurfaceMesh) -> anyhow::Result<PlaneSection> {
     let up = Axis::from(asked.up);
-    let across = |axis| PlaneSection::new(domain, plane_across(axis, asked.position, domain), up, SECTION_PIXELS);
+    let across = |axis| PlaneSection::new(domain, plane_across(axis, asked.position(), domain), up, SECTION_PIXELS);
     if let Some(axis) = asked.axis {
         return Ok(across(Axis::from(axis))?);
     }

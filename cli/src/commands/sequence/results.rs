@@ -44,7 +44,7 @@ impl Measurement<'_> {
             "boundary_error_rms",
             "boundary_error_p99",
             "boundary_error_max",
-            "inverted_fraction",
+            "folded_fraction",
             "volume",
             "volume_ratio",
             "skipped",
@@ -61,7 +61,7 @@ impl Measurement<'_> {
                     f.boundary_error.rms,
                     f.boundary_error.p99,
                     f.boundary_error.max,
-                    f.inverted_fraction,
+                    f.folded_fraction,
                     f.volume,
                     f.volume / volume,
                 ]

@@ -78,7 +78,7 @@ pub struct MeasuredRow {
     pub errors: EnergyErrors,
     pub deformation_density: DensityQuantiles,
     pub boundary_error: BoundaryError,
-    pub inverted_fraction: f64,
+    pub folded_fraction: f64,
     pub volume: f64,
 }
 
@@ -90,7 +90,7 @@ impl MeasuredRow {
             errors: measured.errors,
             deformation_density: measured.deformation_density,
             boundary_error: measured.boundary_error,
-            inverted_fraction: measured.inverted_fraction,
+            folded_fraction: measured.folded_fraction,
             volume: measured.volume,
         }
     }
@@ -291,7 +291,7 @@ fn summary(report: &SequenceSummary, series: Option<&Series>) -> String {
             "folded".into(),
             format!(
                 "{:.2} % of the volume in the worst frame",
-                100.0 * worst(|f| f.inverted_fraction)
+                100.0 * worst(|f| f.folded_fraction)
             ),
         ],
         [

@@ -1,9 +1,10 @@
 //! VTK's formats in XML, which ParaView reads and writes: unstructured grids (`.vtu`) and image data (`.vti`).
 //!
 //! Reading: numbers as text, base64 or appended (raw or base64), plain or compressed by zlib. Writing: inline
-//! base64, which every reader supports and which is valid XML.
+//! base64, which every reader supports and which is valid XML, compressed by zlib.
 
 mod arrays;
+mod compress;
 mod document;
 mod read_grid;
 mod read_image;

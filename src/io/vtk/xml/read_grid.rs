@@ -137,6 +137,40 @@ mod tests {
     }
 
     #[test]
+    fn written_grids_are_compressed_and_read_back_to_the_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        // Arrays of several blocks, none of whose sizes divides them.
+        let count = 100_003;
+        let points: Vec<Point> = (0..count)
+            .map(|k| Point::new((f64::from(k)).sin(), 1.0, f64::from(k)))
+            .collect();
+        let tets: Vec<[u32; 4]> = (0..count as u32 - 3).map(|k| [k, k + 1, k + 2, k + 3]).collect();
+        let values: Vec<f64> = (0..count).map(|k| f64::from(k % 7)).collect();
+        let fields = VtkFields {
+            point: vec![Field {
+                name: "phase".into(),
+                components: 1,
+                values: values.clone(),
+            }],
+            ..VtkFields::default()
+        };
+        write_vtu(&path, &points, Cells::Tets(&tets), &fields).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let uncompressed = 24 * points.len() + 8 * (4 * tets.len() + tets.len() + points.len()) + tets.len();
+        assert!(2 * bytes.len() < uncompressed, "{} of {uncompressed}", bytes.len());
+        let read = crate::io::read_fields(&path).unwrap();
+        assert!(
+            read.points == points
+                && read.cells == crate::mesh::CellList::Tets(tets.clone())
+                && read.point[0].values == values
+        );
+        write_vtu(&path, &[], Cells::Tets(&[]), &VtkFields::default()).unwrap();
+        let empty = String::from_utf8(std::fs::read(&path).unwrap()).unwrap();
+        assert!(empty.contains("vtkZLibDataCompressor"), "{empty}");
+    }
+
+    #[test]
     fn names_of_fields_are_escaped() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.vtu");

@@ -1,20 +1,20 @@
-//! Writing unstructured grids: inline base64, uncompressed.
+//! Writing unstructured grids: inline base64, compressed.
 
 use std::{
     io::{self, Write},
     path::Path,
 };
 
-use base64::{engine::general_purpose::STANDARD, write::EncoderWriter};
 use quick_xml::escape::escape;
 
 use super::super::cells::vtk_type;
+use super::compress::write_values;
 use crate::{
     Point,
     io::{Cells, Field, IoError, VtkFields, atomic_write, fields::check},
 };
 
-/// Writes an unstructured grid with double-precision coordinates and fields.
+/// Writes an unstructured grid with double-precision coordinates and fields, compressed by zlib.
 ///
 /// # Errors
 ///
@@ -41,19 +41,18 @@ fn write(writer: &mut dyn Write, points: &[Point], cells: Cells, fields: &VtkFie
     writeln!(
         writer,
         "<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
-         header_type=\"UInt64\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n<Points>",
+         header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n<Points>",
         points.len(),
         cells.count()
     )?;
-    let coordinates = points.iter().flat_map(|p| p.iter().map(|x| x.to_le_bytes()));
-    write_array(writer, "Float64", "Points", 3, 3 * points.len(), coordinates)?;
+    let coordinate = |k: usize| points[k / 3][k % 3].to_le_bytes();
+    write_array(writer, "Float64", "Points", 3, 3 * points.len(), &coordinate)?;
     writeln!(writer, "</Points>\n<Cells>")?;
-    let connectivity = cells.flat().iter().map(|&v| i64::from(v).to_le_bytes());
-    write_array(writer, "Int64", "connectivity", 1, cells.flat().len(), connectivity)?;
-    let offsets = (1..=cells.count()).map(|k| ((k * corners) as i64).to_le_bytes());
-    write_array(writer, "Int64", "offsets", 1, cells.count(), offsets)?;
-    let types = (0..cells.count()).map(|_| [vtk_type(cells)]);
-    write_array(writer, "UInt8", "types", 1, cells.count(), types)?;
+    let corner = |k: usize| i64::from(cells.flat()[k]).to_le_bytes();
+    write_array(writer, "Int64", "connectivity", 1, cells.flat().len(), &corner)?;
+    let end = |k: usize| (((k + 1) * corners) as i64).to_le_bytes();
+    write_array(writer, "Int64", "offsets", 1, cells.count(), &end)?;
+    write_array(writer, "UInt8", "types", 1, cells.count(), &|_| [vtk_type(cells)])?;
     writeln!(writer, "</Cells>")?;
     write_fields(writer, "PointData", &fields.point)?;
     write_fields(writer, "CellData", &fields.cell)?;
@@ -64,8 +63,8 @@ fn write_fields(writer: &mut dyn Write, element: &str, fields: &[Field]) -> io::
     writeln!(writer, "<{element}>")?;
     for field in fields {
         let (name, count) = (escape(field.name.as_str()), field.values.len());
-        let bytes = field.values.iter().map(|x| x.to_le_bytes());
-        write_array(writer, "Float64", &name, field.components, count, bytes)?;
+        let value = |k: usize| field.values[k].to_le_bytes();
+        write_array(writer, "Float64", &name, field.components, count, &value)?;
     }
     writeln!(writer, "</{element}>")
 }
@@ -76,7 +75,7 @@ fn write_array<const N: usize>(
     name: &str,
     components: usize,
     count: usize,
-    values: impl Iterator<Item = [u8; N]>,
+    value: &(dyn Fn(usize) -> [u8; N] + Sync),
 ) -> io::Result<()> {
     // One component is the default. Where it is written, meshio reads scalars as arrays of shape (n, 1), not (n,).
     let components = match components {
@@ -87,13 +86,7 @@ fn write_array<const N: usize>(
         writer,
         "<DataArray type=\"{kind}\" Name=\"{name}\"{components} format=\"binary\">"
     )?;
-    let mut encoder = EncoderWriter::new(&mut *writer, &STANDARD);
-    encoder.write_all(&((count * N) as u64).to_le_bytes())?;
-    for value in values {
-        encoder.write_all(&value)?;
-    }
-    encoder.finish()?;
-    drop(encoder);
+    write_values(writer, count, value)?;
     writeln!(writer, "</DataArray>")
 }
 

@@ -1,17 +1,10 @@
-//! Writing image data (`.vti`): values on a regular grid of points.
-//!
-//! The values are compressed by zlib in independent blocks and written as inline base64: a header (number of blocks,
-//! their size, the size of the last, their compressed sizes, all as 64-bit integers) and the blocks, encoded
-//! separately.
+//! Writing image data (`.vti`): values on a regular grid of points, compressed.
 
-use std::io::Write;
 use std::path::Path;
 
-use base64::{Engine, engine::general_purpose::STANDARD, write::EncoderWriter};
-use flate2::{Compression, write::ZlibEncoder};
 use quick_xml::escape::escape;
-use rayon::prelude::*;
 
+use super::compress::write_bytes;
 use crate::{
     Point,
     io::{IoError, atomic_write},
@@ -27,9 +20,6 @@ pub struct ImageGrid {
     /// Points along x, y and z.
     pub size: [usize; 3],
 }
-
-/// Bytes of a block before it is compressed.
-const BLOCK: usize = 1 << 20;
 
 /// Writes one array of bytes, `components` for each point of the grid: x varies fastest, then y, then z.
 ///
@@ -51,19 +41,6 @@ pub fn write_vti(
         let expected = expected.unwrap_or_default();
         return Err(IoError::value_count(path.as_ref(), name, expected, bytes.len()));
     }
-    let compressed: Vec<Vec<u8>> = bytes
-        .par_chunks(BLOCK)
-        .map(|block| {
-            let mut encoder = ZlibEncoder::new(Vec::new(), Compression::new(5));
-            // Writing into memory does not fail.
-            let _ = encoder.write_all(block);
-            encoder.finish().unwrap_or_default()
-        })
-        .collect();
-    // The size of a last block that is not full, else 0.
-    let sizes = [compressed.len(), BLOCK, bytes.len() % BLOCK].into_iter();
-    let sizes = sizes.chain(compressed.iter().map(Vec::len));
-    let header: Vec<u8> = sizes.flat_map(|size| (size as u64).to_le_bytes()).collect();
     let extent = format!("0 {} 0 {} 0 {}", width - 1, height - 1, depth - 1);
     let name = escape(name);
     let (origin, spacing) = (grid.origin, grid.spacing);
@@ -78,13 +55,9 @@ pub fn write_vti(
         )?;
         write!(
             writer,
-            "<DataArray type=\"UInt8\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"binary\">{}",
-            STANDARD.encode(&header)
+            "<DataArray type=\"UInt8\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"binary\">"
         )?;
-        let mut encoder = EncoderWriter::new(&mut *writer, &STANDARD);
-        compressed.iter().try_for_each(|block| encoder.write_all(block))?;
-        encoder.finish()?;
-        drop(encoder);
+        write_bytes(writer, bytes)?;
         writeln!(writer, "</DataArray>\n</PointData>\n</Piece>\n</ImageData>\n</VTKFile>")
     })
 }
