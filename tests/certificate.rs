@@ -9,7 +9,7 @@ use solidmap::fit::FitOptions;
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, shapes};
 use solidmap::solver::Coefficients;
-use solidmap::worst_places::PlaceKind;
+use solidmap::worst_places::{PlaceKind, WorstPlace};
 use solidmap::{Matrix3, Point, Vector};
 
 const IDENTITY: [[f64; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -255,11 +255,14 @@ fn merged_cells_are_fewer_and_prove_as_much() {
         let det = map.jacobian(&[after.centre()])[0].determinant();
         assert!(after.size == before.size || (after.det_centre / det - 1.0).abs() < 1e-6);
     }
-    let (a, b) = (certificate.worst_places(9), merged.worst_places(9));
-    assert_eq!(a.len(), b.len());
-    for (a, b) in a.iter().zip(&b) {
-        assert!((a.measure - b.measure).abs() < 1e-12 && a.low == b.low && a.high == b.high);
+    // Places of equal size may change their order.
+    let (before, after) = (certificate.worst_places(1)[0], merged.worst_places(1)[0]);
+    assert!((before.measure - after.measure).abs() < 1e-12 && after.count < before.count);
+    let corners = |place: &WorstPlace| [Point::from(place.low), Point::from(place.high)];
+    for (before, after) in corners(&before).iter().zip(corners(&after)) {
+        assert!((before - after).norm() < 1e-12);
     }
+    assert_eq!(certificate.undecided_places().len(), merged.undecided_places().len());
 }
 
 /// Two cubes, the second of which a map reflects in itself. `f = (x, y, z) + a ∇…` cannot be affine, so it is fitted.

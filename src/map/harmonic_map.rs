@@ -44,6 +44,14 @@ impl HarmonicMap {
         }
     }
 
+    /// The same map with sums that are no more accurate than this, relative to their size.
+    pub(crate) fn with_accuracy_at_most(self, accuracy: f64) -> Self {
+        Self {
+            accuracy: self.accuracy.max(accuracy),
+            ..self
+        }
+    }
+
     /// Positions `Q` of the sources, outside the domain.
     pub fn sources(&self) -> &[Point] {
         &self.sources
