@@ -10,7 +10,7 @@ impl Certificate {
     /// The connected groups of cells proved folded, then those of undecided cells, the largest of each first; at most
     /// `most` in all. A part of the domain whose orientation the map reverses is one place.
     ///
-    /// A few percent of the time that [`super::certify`] takes.
+    /// Some 2 % of the time that [`super::certify`] takes.
     pub fn worst_places(&self, most: usize) -> Vec<WorstPlace> {
         listed([self.folded_places(), self.undecided_places()], most)
     }

@@ -17,8 +17,8 @@ const MAX_SUM_ERROR: f64 = 1e-4;
 /// The connected groups of triangles of the domain at whose centres the boundary error exceeds what it does not on 99 % of
 /// the area, the largest error first; at most `most`.
 ///
-/// Takes the values of both maps at all centres, the map's no more accurate than its error asks for: some percent of the
-/// time of a fit.
+/// Takes the values of both maps at all centres, the map's no more accurate than its error asks for: a fifth of the time
+/// of a fit without refinement.
 pub fn worst_places(map: &HarmonicMap, boundary: &BoundaryMap, most: usize) -> Vec<WorstPlace> {
     let (domain, diagonal) = (boundary.domain(), boundary.target_diagonal());
     let centres: Vec<SurfacePoint> = (0..domain.triangles().len() as u32)
