@@ -252,7 +252,7 @@ pub struct Remeshed {
 
 /// Maps a mesh of the domain of `boundary` to its target, and repairs inverted cells.
 ///
-/// Apart from the evaluation of the map, it takes some 3 s per 100 000 tetrahedra and 15 s per 100 000 hexahedra on two
+/// Apart from the evaluation of the map, it takes some 4 s per 100 000 tetrahedra and 30 s per 100 000 hexahedra on two
 /// cores, more if boundary nodes have to slide; most of it for the polish.
 ///
 /// # Errors
