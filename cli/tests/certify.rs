@@ -49,7 +49,7 @@ fn what_is_proved_is_printed_written_and_drawn() {
     let sum = share("folded") + share("positive") + share("undecided");
     assert!((sum - 1.0).abs() < 1e-9 && report["volume_error"].as_f64().unwrap().abs() < 1e-9);
     assert_eq!(
-        (&report["locally_one_to_one"], &report["ending"]),
+        (&report["locally_one_to_one"], &report["stop_reason"]),
         (&false.into(), &"finest".into())
     );
     let png = std::fs::read(place.path("section.png")).unwrap();

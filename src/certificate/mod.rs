@@ -156,7 +156,6 @@ pub struct CertificateReport {
     /// Level of the smallest cell.
     pub levels: u8,
     /// Why the subdivision stopped.
-    #[serde(rename = "ending")]
     pub stop_reason: StopReason,
     /// Volumes of all cells over the domain's volume, less one.
     pub volume_error: f64,

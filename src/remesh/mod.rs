@@ -196,14 +196,12 @@ pub struct RemeshReport {
     /// Largest distance of a given mesh's boundary nodes from the domain's surface, over its diagonal.
     pub off_surface: f64,
     /// Causes of inversion as long as the boundary stays as it is mapped.
-    #[serde(rename = "obstacles")]
     pub causes_before: InversionCauses,
     /// Invalid cells after mapping, before the repair.
     pub before: InvalidCells,
     /// Invalid cells of the result.
     pub after: InvalidCells,
     /// Causes of inversion with the boundary of the result.
-    #[serde(rename = "obstacles_after")]
     pub causes_after: InversionCauses,
     /// Quality of the mesh in the domain.
     pub domain_quality: Option<CellQuality>,

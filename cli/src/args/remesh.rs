@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::places::PlacesArgs;
-use super::section::UpKind;
+use super::section::{TargetUpArgs, UpKind};
 use super::values::bytes;
 
 #[derive(Debug, Args)]
@@ -59,6 +59,8 @@ pub struct RemeshArgs {
     /// Axis that points up in the picture
     #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
     pub up: UpKind,
+    #[command(flatten)]
+    pub target_up: TargetUpArgs,
     #[command(flatten)]
     pub places: PlacesArgs,
 }

@@ -202,7 +202,7 @@ fn hexahedra(pair: &DemoPair, map: &HarmonicMap, folder: &Path, output: &Output)
     let meshed = remesh(&pair.boundary, map, source, &RemeshOptions::default(), &progress)?;
     let origin = concat!("solidmap ", env!("CARGO_PKG_VERSION"), ": mesh of `solidmap demo`");
     carried_mesh_file::write(&folder.join("hexahedra.vtu"), &meshed, &meshed.images, origin)?;
-    let figure = carried_mesh_picture::figure(&meshed, "Repaired", UpKind::Z)?;
+    let figure = carried_mesh_picture::figure(&meshed, "Repaired", [UpKind::Z; 2])?;
     save(&folder.join("hexahedra.png"), &figure.titled(pair.title))?;
     Ok(meshed.report)
 }

@@ -20,15 +20,17 @@ const PIXELS: [usize; 2] = [620, 580];
 
 /// Domain, target as mapped, and target as it is now, cut open along the same cells and coloured by their scaled
 /// Jacobian; the whole target from two sides; and histograms of the cells' determinants and scaled Jacobians. `now` names the last
-/// state, as in "Repaired".
-pub fn figure(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Figure> {
-    let (up, upside_down) = up.axis();
-    let [front, back] = [32.0, 212.0].map(|azimuth| Camera {
+/// state, as in "Repaired"; `ups` point up in pictures of the domain and of the target.
+pub fn figure(remeshed: &Remeshed, now: &str, ups: [UpKind; 2]) -> anyhow::Result<Figure> {
+    let camera = |up: UpKind, azimuth| Camera {
         azimuth,
         elevation: 18.0,
-        up,
-        upside_down,
-    });
+        up: up.into(),
+        upside_down: up.is_upside_down(),
+    };
+    let [of_domain, front] = ups.map(|up| camera(up, 32.0));
+    let back = camera(ups[1], 212.0);
+    let up = Axis::from(ups[1]);
     let (mesh, report) = (&remeshed.mesh, &remeshed.report);
     let kept = behind(remeshed, towards_front(up));
     let open = mesh.boundary_of(|cell| kept[cell as usize]);
@@ -41,7 +43,8 @@ pub fn figure(remeshed: &Remeshed, now: &str, up: UpKind) -> anyhow::Result<Figu
         ValueRange::Fixed(0.0, 1.0),
         Scale::Linear,
     )?;
-    let [domain, as_mapped, repaired] = [0, 1, 2].map(|k| view(&open, places[k], &qualities[k], &bar, &front));
+    let cameras = [&of_domain, &front, &front];
+    let [domain, as_mapped, repaired] = [0, 1, 2].map(|k| view(&open, places[k], &qualities[k], &bar, cameras[k]));
     let [from_front, from_behind] = [&front, &back].map(|camera| view(&whole, places[2], &qualities[2], &bar, camera));
     let mut below = vec![from_front?.titled("Target"), from_behind?.titled("Target, from behind")];
     // One value for each cell, and none that is positive for an inverted one, so that the counts are those above.

@@ -143,7 +143,8 @@ fn picture(remeshed: &Remeshed, args: &RemeshArgs, output: &Output) -> Option<Ve
     } else {
         "Repaired"
     };
-    let drawn = carried_mesh_picture::figure(remeshed, now, args.up).and_then(|figure| Ok(figure.to_png()?));
+    let ups = [args.up, args.target_up.or(args.up)];
+    let drawn = carried_mesh_picture::figure(remeshed, now, ups).and_then(|figure| Ok(figure.to_png()?));
     drawn
         .inspect_err(|error| output.warn(format_args!("no picture: {error}")))
         .ok()

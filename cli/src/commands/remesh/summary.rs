@@ -87,12 +87,12 @@ pub fn table(report: &RemeshSummary) -> String {
         ),
     };
     let seconds = found.seconds;
-    let inverted = |found: &InvalidCells| {
+    let inverted = |found: &InvalidCells, when: &str| {
         let inside = match found.inverted_inside {
             0 => String::new(),
-            count => format!(" and {count} inside only"),
+            count => format!(" (and {count} more at points inside them, not at corners)"),
         };
-        format!("{}{inside}", found.inverted)
+        format!("{} {when}{inside}", found.inverted)
     };
     let mut rows = vec![
         [
@@ -105,9 +105,9 @@ pub fn table(report: &RemeshSummary) -> String {
         [
             "inverted".into(),
             format!(
-                "{} as mapped, {} now, decided exactly{per_cell}",
-                inverted(&found.before),
-                inverted(&found.after)
+                "{}, {}, decided exactly{per_cell}",
+                inverted(&found.before, "as mapped"),
+                inverted(&found.after, "now")
             ),
         ],
     ];
