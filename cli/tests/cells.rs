@@ -155,7 +155,7 @@ fn every_command_takes_hexahedra() {
     for format in FORMATS {
         let report = place.report(0, &format!("eval cube.map cube.{format} -o out.{format} --json"));
         assert_eq!(
-            (&report["points"], &report["flipped_cells"], &report["outside"]),
+            (&report["points"], &report["inverted_cells"], &report["outside"]),
             (&125.into(), &0.into(), &0.into())
         );
         let out = io::read_cells(place.path(&format!("out.{format}"))).unwrap();

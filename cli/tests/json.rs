@@ -165,7 +165,7 @@ fn every_field_of_a_report_is_documented_and_written() {
         ("remesh", "remesh cube.map --cells 64 -o r.vtu --domain-mesh rd.vtu"),
         (
             "texture",
-            "texture ball.obj --checker 4 -o v.vti --png v.png --map v.map --at at.csv --colours c.ply",
+            "texture ball.obj --checker 4 -o v.vti --png v.png --map v.safetensors --at at.csv --colours c.csv --resolution 16",
         ),
         (
             "sequence",

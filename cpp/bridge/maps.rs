@@ -280,7 +280,9 @@ pub fn map_load(bytes: &[u8]) -> Result<Box<Map>, Error> {
 
 impl Map {
     fn of(fit: Fit) -> Self {
-        let Fit { map, boundary, report } = fit;
+        let Fit {
+            map, boundary, report, ..
+        } = fit;
         let metadata = MapMetadata::new(report.clone(), vec![]);
         let boundary = Some(boundary);
         Self {

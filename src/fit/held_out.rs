@@ -1,6 +1,6 @@
 //! Boundary points that the solver does not see, and the errors of maps there.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
@@ -23,12 +23,20 @@ const MAX_SUM_ERROR: f64 = 1e-4;
 
 /// Points of the boundary that are not collocation points.
 pub(super) struct HeldOut {
-    points: Vec<SurfacePoint>,
+    points: Arc<[SurfacePoint]>,
     /// The first `even` points are spread evenly by area; averages are taken over these alone.
     even: usize,
     positions: Vec<Point>,
     /// Built for the current sources when first needed, and kept for further boundary maps.
     evaluator: OnceLock<Evaluator>,
+}
+
+/// The errors of one map.
+#[derive(Debug, Clone)]
+pub(super) struct HeldOutErrors {
+    pub points: Arc<[SurfacePoint]>,
+    /// At each point, as fractions of the target's diagonal.
+    pub errors: Vec<f64>,
 }
 
 impl HeldOut {
@@ -38,7 +46,7 @@ impl HeldOut {
         Self {
             positions: points.par_iter().map(position).collect(),
             even: even.min(points.len()),
-            points,
+            points: points.into(),
             evaluator: OnceLock::new(),
         }
     }
@@ -48,13 +56,13 @@ impl HeldOut {
         self.evaluator = OnceLock::new();
     }
 
-    /// The boundary error of each map of a solution.
+    /// The boundary error of each map of a solution, and the errors that it is of.
     pub fn errors(
         &self,
         system: &System,
         solution: &SystemSolution,
         data: &[BoundaryData],
-    ) -> Result<Vec<BoundaryError>, FitError> {
+    ) -> Result<Vec<(BoundaryError, HeldOutErrors)>, FitError> {
         let evaluator = match self.evaluator.get() {
             Some(evaluator) => evaluator,
             None => {
@@ -70,7 +78,9 @@ impl HeldOut {
                 let [x, y, z] = [0, 1, 2].map(|i| values.row(r)[3 * k + i]);
                 (Vector::new(x, y, z) - exact).norm()
             };
-            self.summary(&exact.par_iter().enumerate().map(distance).collect::<Vec<_>>())
+            let errors: Vec<f64> = exact.par_iter().enumerate().map(distance).collect();
+            let points = self.points.clone();
+            Ok((self.summary(&errors)?, HeldOutErrors { points, errors }))
         };
         data.par_iter().enumerate().map(error_of).collect()
     }

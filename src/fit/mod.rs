@@ -329,9 +329,10 @@ impl DomainFactor {
         let timings = FitTimings::default().with(solve, clock.lap() / data.len() as f64);
 
         let maps = self.system.maps(&solution, data).into_iter().zip(errors).enumerate();
-        let measured = maps.map(|(k, (map, error))| MeasuredMap {
+        let measured = maps.map(|(k, (map, (error, held_out)))| MeasuredMap {
             map,
             report: FitReport::new(&self.domain, &self.options, &self.system, (&solution, k), error),
+            held_out,
             timings,
         });
         Ok((measured.collect(), solution))
@@ -356,7 +357,12 @@ impl DomainFactor {
     }
 
     fn fit_of(&self, map: MeasuredMap, data: BoundaryData) -> Fit {
-        let MeasuredMap { map, report, timings } = map;
+        let MeasuredMap {
+            map,
+            report,
+            held_out,
+            timings,
+        } = map;
         let report = FitReport {
             seconds: Some(self.timings.with(timings.solve, timings.check)),
             warnings: self.warnings.iter().cloned().chain(data.warning()).collect(),
@@ -366,6 +372,7 @@ impl DomainFactor {
             map,
             boundary: data.boundary,
             report,
+            held_out,
         }
     }
 }

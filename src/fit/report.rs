@@ -1,3 +1,4 @@
+use super::held_out::HeldOutErrors;
 use super::system::{System, SystemSolution};
 use super::{FitOptions, FitTimings, Placement};
 use crate::boundary_map::BoundaryMap;
@@ -134,6 +135,7 @@ pub enum RefinementEnd {
 pub(super) struct MeasuredMap {
     pub map: HarmonicMap,
     pub report: FitReport,
+    pub held_out: HeldOutErrors,
     /// For solving and measuring.
     pub timings: FitTimings,
 }
@@ -154,4 +156,5 @@ pub struct Fit {
     pub boundary: BoundaryMap,
     /// How it was made and how good it is.
     pub report: FitReport,
+    pub(super) held_out: HeldOutErrors,
 }

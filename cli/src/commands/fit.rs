@@ -6,7 +6,7 @@ use anyhow::Context;
 use serde::Serialize;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::files::{self, MapFile, MapMetadata};
-use solidmap::fit::{FitReport, Placement, RefinementEnd, worst_places};
+use solidmap::fit::{FitReport, Placement, RefinementEnd};
 use solidmap::io::{self, Cells, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::solver::SchwarzStop;
@@ -147,6 +147,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     intersections.iter().for_each(|warning| output.warn(warning));
     fit.report.warnings.extend(intersections);
 
+    let worst_places = fit.worst_places(args.places.worst);
     output.progress("writing");
     let metadata = MapMetadata::new(fit.report.clone(), inputs);
     let file = MapFile {
@@ -159,9 +160,6 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         write_boundary(path, boundary, &file.map)?;
     }
 
-    output.progress("measuring");
-    let boundary = file.boundary.as_ref();
-    let worst_places = boundary.map_or(vec![], |boundary| worst_places(&file.map, boundary, args.places.worst));
     let tolerance_met = fit.report.boundary_error.p99 <= args.tolerance;
     let report = FitSummary {
         domain: file_name(args.files.domain.as_ref()),
