@@ -204,7 +204,7 @@ fn unknown_extensions_are_refused_with_the_known_ones() {
     assert!(read_points("a.txt").unwrap_err().to_string().contains(".csv, .npy"));
     assert!(matches!(read_surface("a.csv"), Err(IoError::UnknownExtension { .. })));
     assert!(matches!(
-        write_surface("a.stl", &mesh),
+        write_surface("a.vti", &mesh),
         Err(IoError::UnknownExtension { .. })
     ));
     assert!(matches!(

@@ -43,7 +43,6 @@ pub fn run() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => refuse_arguments(&error),
     };
-    exhausted_memory::end_with_an_error(cli.json);
     let output = Output::new(cli.json);
     let ended = execute(&cli, &output);
     output.finish();
@@ -89,6 +88,8 @@ fn execute(cli: &Cli, output: &Output) -> anyhow::Result<CommandOutcome> {
         shared::isolation::serve()?;
         return Ok(CommandOutcome::Done);
     }
+    // The worker's end is for the program to tell, whatever its cause.
+    exhausted_memory::end_with_an_error(cli.json);
     #[cfg(feature = "native")]
     shared::isolation::isolate(cli)?;
     interrupt::end_cleanly(output);

@@ -183,7 +183,7 @@ fn every_command_takes_hexahedra() {
     // Both integrate the constant densities of an affine map exactly.
     let over_hexes = place.report(0, "energy cube.map --mesh cube.vtu --vtu energy.vtu --json");
     let over_grid = place.report(0, "energy cube.map --json");
-    for key in ["harmonic", "deformation", "volume"] {
+    for key in ["harmonic_energy", "deformation_energy", "volume"] {
         let [a, b] = [&over_hexes, &over_grid].map(|report| report[key].as_f64().unwrap());
         assert!((a / b - 1.0).abs() < 1e-9, "{key}: {a} {b}");
     }

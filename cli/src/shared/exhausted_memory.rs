@@ -71,7 +71,12 @@ pub fn end_with_an_error(as_json: bool) {
 #[cfg(unix)]
 extern "C" fn on_abort(_: libc::c_int) {
     if !FAILED.load(Ordering::Relaxed) {
-        // Another abort: when this returns, it ends the process.
+        // Another abort, or a signal from outside: it ends the process when this returns.
+        // SAFETY: both may be called in handlers.
+        unsafe {
+            libc::signal(libc::SIGABRT, libc::SIG_DFL);
+            libc::raise(libc::SIGABRT);
+        }
         return;
     }
     solidmap::io::try_abandon_writes();
