@@ -13,7 +13,7 @@ use crate::workplace::{Workplace, json};
 const PAGE: &str = include_str!("../../docs/json.md");
 
 /// Fields of reports that take defects, other builds or long runs.
-const NOT_MADE_HERE: [(&str, &str); 14] = [
+const NOT_MADE_HERE: [(&str, &str); 15] = [
     // In builds without CGAL.
     ("boundary check", "self_intersections.reason"),
     ("checked model", "self_intersections.reason"),
@@ -31,6 +31,7 @@ const NOT_MADE_HERE: [(&str, &str); 14] = [
     ("texture", "tolerance"),
     ("texture", "tolerance_met"),
     ("compared map", "remarks[]"),
+    ("compare", "sequence[].error"),
 ];
 
 /// A section of the page: its fields, and parts all of whose fields it has.
