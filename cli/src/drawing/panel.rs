@@ -134,7 +134,7 @@ impl Panel {
     }
 
     /// The same panel with a rectangle drawn around what lies between two corners, in pixels from the top left corner of
-    /// the picture; at least [`LEAST_MARK`] pixels wide and high, so that it is seen.
+    /// the picture; at least `LEAST_MARK` pixels wide and high, so that it is seen.
     pub fn marked(mut self, [a, b]: [[f64; 2]; 2]) -> Self {
         let ends = [0, 1].map(|k| {
             let (middle, half) = ((a[k] + b[k]) / 2.0, ((b[k] - a[k]).abs() / 2.0).max(LEAST_MARK / 2.0));
