@@ -1,8 +1,8 @@
 //! Progress callbacks of long work, and cancellation through them.
 //!
-//! A progress callback returns nothing, a [`ControlFlow`] or a [`ProgressControl`]. [`ControlFlow::Break`] cancels the work,
-//! which then returns the error `Cancelled` of its stage; [`ProgressControl::Conclude`] asks for the best result so far.
-//! Callbacks run on the calling thread, at least once in every iteration of a solver.
+//! A progress callback returns nothing, a [`ControlFlow`] or a [`ProgressControl`]. [`ControlFlow::Break`] cancels the
+//! work, which then returns the error `Cancelled` of its stage; [`ProgressControl::Conclude`] asks for the best result
+//! so far. Callbacks run on the calling thread, at least once in every iteration of a solver.
 
 use std::cell::Cell;
 use std::ops::ControlFlow;

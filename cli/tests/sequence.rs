@@ -174,10 +174,12 @@ fn a_slit_is_closed_when_asked_for() {
     let moved = shapes::deformed(&place.ball, |p| Point::new(p.x + 3.0, -p.y, -p.z));
     place.surface("moved.obj", &with_hole(&moved));
     let refused = place.ends_with(2, "sequence open.obj moved.obj -o out");
-    assert!(text(&refused.stderr).contains("--mend closes small holes"));
-    let large = place.ends_with(2, "sequence open.obj moved.obj -o out --mend=3");
+    assert!(text(&refused.stderr).contains("--close-holes closes small holes"));
+    let large = place.ends_with(2, "sequence open.obj moved.obj -o out --close-holes=3");
     assert!(text(&large.stderr).contains("holes of up to 3 edges are closed"));
-    let report = json(&place.ends_with(0, "sequence open.obj moved.obj -o out --mend --json"));
+    // The option's former name is still taken.
+    place.ends_with(0, "sequence open.obj moved.obj -o former --mend --no-vtu");
+    let report = json(&place.ends_with(0, "sequence open.obj moved.obj -o out --close-holes --json"));
     assert_eq!(report["closed_holes"].as_array().unwrap().len(), 1);
     assert_eq!(report["faces"], place.ball.triangles().len());
     assert!(report["frames"][0]["deformation_energy"].as_f64().unwrap() < 1e-13);
@@ -230,8 +232,8 @@ fn bad_requests_are_refused_before_any_work() {
         ("sequence none.obj f.obj -o out2", "none.obj"),
         ("sequence ref.obj f.obj -o out2 --tolerance -1", "tolerance"),
         (
-            "sequence ref.obj f.obj -o out2 --mend=1001",
-            "--mend is 1001, but must be at most 1000",
+            "sequence ref.obj f.obj -o out2 --close-holes=1001",
+            "--close-holes is 1001, but must be at most 1000",
         ),
         ("sequence ref.obj f.obj -o out", "not by an earlier run"),
         ("sequence ref.obj -o out", "FRAME"),

@@ -3,7 +3,8 @@
 //! Sections 4.3.1 and 4.3.2 of Li, Guo, Wang, He, Gu & Qin, *Harmonic volumetric mapping for solid modeling
 //! applications* (2007). A [`Quadrature`] of the domain says where a density is evaluated and what volume each point
 //! stands for: [`clipped_grid`] makes one from a surface, as the paper does, [`cell_quadrature`] from a mesh of tetrahedra
-//! or hexahedra; [`adaptive_quadrature`] divides the cells of a grid until the integrals are accurate. [`mod@distortion`] measures the quality of a map by the metrics that are usual elsewhere.
+//! or hexahedra; [`adaptive_quadrature`] divides the cells of a grid until the integrals are accurate.
+//! [`mod@distortion`] measures the quality of a map by the metrics that are usual elsewhere.
 
 mod adaptive;
 mod clipped_grid;

@@ -74,8 +74,8 @@ pub enum QuadratureError {
 
 /// Points inside a solid and the volume that each represents: `∫ g ≈ Σ weights · g(points)`.
 ///
-/// The points lie in cells, boxes of a [`Grid`], tetrahedra or hexahedra, so that a density at the points also gives means over
-/// cells; the points of a cell are consecutive.
+/// The points lie in cells, boxes of a [`Grid`], tetrahedra or hexahedra, so that a density at the points also gives
+/// means over cells; the points of a cell are consecutive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quadrature {
     points: Vec<Point>,

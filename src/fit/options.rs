@@ -116,7 +116,8 @@ pub struct FitOptions {
     pub affine: bool,
     /// The boundary error (99 % of the area, as a fraction of the target's diagonal) to be reached.
     pub tolerance: f64,
-    /// Whether [`fit`](crate::fit::fit) adds sources where the error is too large for the tolerance. Needs the Schwarz solver.
+    /// Whether [`fit`](crate::fit::fit) adds sources where the error is too large for the tolerance. Needs the Schwarz
+    /// solver.
     pub refine: bool,
     /// Bytes that a fit may need by the estimate [`FitSize::bytes`](crate::fit::FitSize::bytes): more is refused, and
     /// refinement ends where it would need more. `None` for [`default_budget`](crate::memory::default_budget) at the

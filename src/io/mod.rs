@@ -124,8 +124,8 @@ pub fn is_mesh(path: impl AsRef<Path>) -> bool {
     MESH_FORMATS.iter().any(|format| format.extension == extension)
 }
 
-/// Reads a surface (`.obj`, `.ply`, `.off`, `.stl`, `.mesh`, `.msh`, `.vtk`, `.vtu`). Several objects in one file become one
-/// mesh; unreferenced vertices stay.
+/// Reads a surface (`.obj`, `.ply`, `.off`, `.stl`, `.mesh`, `.msh`, `.vtk`, `.vtu`). Several objects in one file
+/// become one mesh; unreferenced vertices stay.
 ///
 /// # Errors
 ///
@@ -135,8 +135,8 @@ pub fn read_surface(path: impl AsRef<Path>) -> Result<SurfaceMesh, IoError> {
     read_mesh(path, "a surface")?.into_surface(path)
 }
 
-/// Reads a tetrahedral mesh (`.mesh`, `.msh`, `.vtk`, `.vtu`), inverted tetrahedra included. Triangles, lines and points are
-/// skipped.
+/// Reads a tetrahedral mesh (`.mesh`, `.msh`, `.vtk`, `.vtu`), inverted tetrahedra included. Triangles, lines and
+/// points are skipped.
 ///
 /// # Errors
 ///
@@ -147,7 +147,8 @@ pub fn read_tets(path: impl AsRef<Path>) -> Result<TetMesh, IoError> {
 }
 
 /// Reads a mesh of tetrahedra or of hexahedra (`.mesh`, `.msh`, `.vtk`, `.vtu`), inverted cells included. Regions are the
-/// references of `.mesh` files and the physical groups of `.msh` files in format 2.2, and 0 in others. Everything but the cells is skipped.
+/// references of `.mesh` files and the physical groups of `.msh` files in format 2.2, and 0 in others. Everything but
+/// the cells is skipped.
 ///
 /// # Errors
 ///
@@ -187,9 +188,9 @@ pub fn read_points(path: impl AsRef<Path>) -> Result<Vec<Point>, IoError> {
 
 /// Reads points with fields: the columns beside `x`, `y` and `z` of a CSV table (three in a row whose names differ only
 /// in a final x, y and z are a vector), or the point and cell data of a `.vtk` or `.vtu` file of tetrahedra, hexahedra,
-/// triangles or points, and of at most 2²² structured points in a `.vtk` or `.vti` file, whose cells become six tetrahedra each.
-/// Cell data of triangles and of flat grids are skipped. All other formats have no fields; labels in a `.mesh` are not
-/// read as fields.
+/// triangles or points, and of at most 2²² structured points in a `.vtk` or `.vti` file, whose cells become six
+/// tetrahedra each. Cell data of triangles and of flat grids are skipped. All other formats have no fields; labels in a
+/// `.mesh` are not read as fields.
 ///
 /// # Errors
 ///

@@ -35,8 +35,8 @@ pub struct SequenceArgs {
     pub own_volume: bool,
     /// Close holes and slits of REF of up to so many edges (64 where EDGES is left out, 1000 at most), by triangles
     /// over their rims, in all frames alike
-    #[arg(long, value_name = "EDGES", num_args = 0..=1, default_missing_value = "64", require_equals = true)]
-    pub mend: Option<usize>,
+    #[arg(long, value_name = "EDGES", num_args = 0..=1, default_missing_value = "64", require_equals = true, alias = "mend")]
+    pub close_holes: Option<usize>,
     /// Mesh with fields in REF (.vtu, .vtk), carried by the map of every frame to `material.pvd`: vectors turn and
     /// stretch with the solid, all other fields keep their values. See `solidmap transfer`
     #[arg(long, value_name = "FIELD")]

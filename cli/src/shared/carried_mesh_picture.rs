@@ -19,8 +19,8 @@ use crate::args::UpKind;
 const PIXELS: [usize; 2] = [620, 580];
 
 /// Domain, target as mapped, and target as it is now, cut open along the same cells and coloured by their scaled
-/// Jacobian; the whole target from two sides; and histograms of the cells' determinants and scaled Jacobians. `now` names the last
-/// state, as in "Repaired"; `ups` point up in pictures of the domain and of the target.
+/// Jacobian; the whole target from two sides; and histograms of the cells' determinants and scaled Jacobians. `now`
+/// names the last state, as in "Repaired"; `ups` point up in pictures of the domain and of the target.
 pub fn figure(remeshed: &Remeshed, now: &str, ups: [UpKind; 2]) -> anyhow::Result<Figure> {
     let camera = |up: UpKind, azimuth| Camera {
         azimuth,

@@ -18,7 +18,8 @@ pub fn fields<'a>(densities: &'a Densities, distances: &'a [f64]) -> [(&'static 
     ]
 }
 
-/// Writes the cell means of fields given at the points of a quadrature. Cells are those of a mesh, or boxes of a grid, which are written whole where the surface cuts them.
+/// Writes the cell means of fields given at the points of a quadrature. Cells are those of a mesh, or boxes of a grid,
+/// which are written whole where the surface cuts them.
 pub fn write(
     path: &Path,
     quadrature: &Quadrature,

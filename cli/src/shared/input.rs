@@ -13,7 +13,8 @@ use solidmap::mesh::SurfaceMesh;
 use super::stored_paths;
 use crate::args::BoundaryMapFiles;
 
-/// A closed surface, or a mesh of tetrahedra or hexahedra. That a path is a folder says more than that it has no known extension.
+/// A closed surface, or a mesh of tetrahedra or hexahedra. That a path is a folder says more than that it has no known
+/// extension.
 pub fn read_solid(path: &Path) -> anyhow::Result<SolidMesh> {
     anyhow::ensure!(!path.is_dir(), "cannot read `{}`: it is a folder", path.display());
     Ok(io::read_solid(path)?)

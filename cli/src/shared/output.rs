@@ -11,7 +11,7 @@ use solidmap::fit::FitError;
 use solidmap::sequence::SequenceError;
 use solidmap::texture::TextureError;
 
-use super::json;
+use super::json::{self, FileName};
 use super::progress::Progress;
 
 /// Where results and messages go.
@@ -167,6 +167,12 @@ pub fn mebibytes(bytes: u64) -> f64 {
 /// The line of a summary that gives the memory.
 pub fn memory_row(peak_rss_bytes: u64) -> [String; 2] {
     ["memory".into(), format!("{:.0} MiB at most", mebibytes(peak_rss_bytes))]
+}
+
+/// The line of a summary that names the files that were written.
+pub fn written_row<'f>(files: impl IntoIterator<Item = Option<&'f FileName>>) -> [String; 2] {
+    let names = files.into_iter().flatten().map(|file| file.display().to_string());
+    ["written".into(), names.collect::<Vec<_>>().join(", ")]
 }
 
 /// Lines of a name and a text, with texts aligned.

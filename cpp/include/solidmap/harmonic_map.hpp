@@ -196,8 +196,9 @@ struct EnergyReport {
 };
 
 /// Energies of a map, integrated on a grid, or over the cells of a mesh, which must be a mesh of the domain: that is not
-/// checked. Tetrahedra get four points each, hexahedra eight, the Gauss points of their trilinear map. Throws Error (invalid_input: no volume, no cells, no tolerance; numerical: a Jacobian that is not finite;
-/// unsupported: no boundary map).
+/// checked. Tetrahedra get four points each, hexahedra eight, the Gauss points of their trilinear map. Throws Error
+/// (invalid_input: no volume, no cells, no tolerance; numerical: a Jacobian that is not finite; unsupported: no
+/// boundary map).
 EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options = {});
 EnergyReport energies(const HarmonicMap& map, const CellMesh& mesh, const EnergyOptions& options = {});
 

@@ -84,8 +84,8 @@ pub struct PairReport {
     #[serde(rename = "seconds")]
     pub timings: PairTimings,
     /// Whether the work was ended by the progress callback
-    /// ([`ProgressControl::Conclude`](crate::progress::ProgressControl::Conclude)): the map is valid, but more distorted than
-    /// it would have become.
+    /// ([`ProgressControl::Conclude`](crate::progress::ProgressControl::Conclude)): the map is valid, but more
+    /// distorted than it would have become.
     pub concluded: bool,
     /// What is unusual about the pair, for the user to read.
     pub warnings: Vec<String>,

@@ -9,7 +9,7 @@ use solidmap::remesh::{
 };
 
 use super::RemeshSummary;
-use crate::shared::output::{mebibytes, two_columns};
+use crate::shared::output::{mebibytes, two_columns, written_row};
 
 /// How many cells stay inverted, by their cause.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
@@ -212,17 +212,11 @@ pub fn table(report: &RemeshSummary) -> String {
             readable(found.memory_estimate)
         ),
     ]);
-    let files = [
+    rows.push(written_row([
         Some(&report.output),
         report.domain_mesh.as_ref(),
         report.picture.as_ref(),
-    ];
-    let files: Vec<String> = files
-        .into_iter()
-        .flatten()
-        .map(|path| path.display().to_string())
-        .collect();
-    rows.push(["written".into(), files.join(", ")]);
+    ]));
     two_columns(rows)
 }
 

@@ -113,9 +113,9 @@ fn require_valid(args: &SequenceArgs) -> anyhow::Result<()> {
         "--frames-per-block is 0, but must be at least 1"
     );
     ensure!(
-        args.mend.is_none_or(|edges| edges <= MOST_RIM_EDGES),
-        "--mend is {}, but must be at most {MOST_RIM_EDGES}",
-        args.mend.unwrap_or_default()
+        args.close_holes.is_none_or(|edges| edges <= MOST_RIM_EDGES),
+        "--close-holes is {}, but must be at most {MOST_RIM_EDGES}",
+        args.close_holes.unwrap_or_default()
     );
     let most = args.frames.len();
     let beyond = args.show.iter().find(|&&frame| frame >= most);
@@ -133,7 +133,7 @@ fn options(args: &SequenceArgs) -> anyhow::Result<SequenceOptions> {
         quadrature: args.accuracy.options(),
         lame: args.lame.constants()?,
         own_volume: args.own_volume,
-        close_holes: args.mend,
+        close_holes: args.close_holes,
         frames_per_block: args.frames_per_block,
     })
 }
@@ -142,8 +142,8 @@ fn options(args: &SequenceArgs) -> anyhow::Result<SequenceOptions> {
 fn advised(error: SequenceError, args: &SequenceArgs) -> anyhow::Error {
     let is_open = |report: &solidmap::check::CheckReport| !report.closed;
     let open = matches!(&error, SequenceError::Fit(FitError::DefectiveDomain(report)) if is_open(report));
-    let hint = if open && args.mend.is_none() {
-        "; --mend closes small holes and slits, in all frames alike"
+    let hint = if open && args.close_holes.is_none() {
+        "; --close-holes closes small holes and slits, in all frames alike"
     } else {
         ""
     };

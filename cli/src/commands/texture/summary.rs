@@ -6,7 +6,7 @@ use solidmap::texture::{ColourError, ExtendedQuantity, SeamReport};
 
 use crate::drawing::significant;
 use crate::shared::json::FileName;
-use crate::shared::output::{mebibytes, two_columns};
+use crate::shared::output::{mebibytes, two_columns, written_row};
 
 /// What `texture --json` prints.
 #[derive(Serialize)]
@@ -129,17 +129,11 @@ pub fn text(report: &TextureSummary) -> String {
             seconds.texture, seconds.volume, seconds.picture
         ),
     ]);
-    let files = [
+    rows.push(written_row([
         report.volume.as_ref().map(|volume| &volume.file),
         report.points.as_ref().map(|points| &points.file),
         report.picture.as_ref(),
         report.map.as_ref(),
-    ];
-    let files: Vec<String> = files
-        .into_iter()
-        .flatten()
-        .map(|path| path.display().to_string())
-        .collect();
-    rows.push(["written".into(), files.join(", ")]);
+    ]));
     two_columns(rows)
 }
