@@ -6,6 +6,7 @@
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;
@@ -116,6 +117,50 @@ pub(crate) fn run_cancellable<T: Copy + Send, R: Send>(
         }
     });
     result.filter(|_| !cancelled.into_inner())
+}
+
+/// How [`run_abandonable`] starts work on another thread.
+pub(crate) type Spawn = fn(Box<dyn FnOnce() + Send>);
+
+/// On a thread of rayon's, for work that is parallel itself.
+pub(crate) const ON_RAYON: Spawn = |work| rayon::spawn(work);
+
+/// On a thread of its own, for work that may block its thread for long. There is no result if the system has no thread
+/// left.
+#[cfg(feature = "native")]
+pub(crate) const ON_NEW_THREAD: Spawn = |work| drop(std::thread::Builder::new().spawn(work));
+
+/// Why [`run_abandonable`] has no result.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Unfinished {
+    /// The callback cancelled the work.
+    Cancelled,
+    /// There was no thread for it.
+    NotStarted,
+}
+
+/// Runs work that cannot be interrupted, while the calling thread calls the callback. When that cancels, this returns at
+/// once: the work goes on to its end in the background, and its result is dropped.
+pub(crate) fn run_abandonable<R: Send + 'static>(
+    spawn: Spawn,
+    progress: &dyn Fn() -> ControlFlow<()>,
+    work: impl FnOnce() -> R + Send + 'static,
+) -> Result<R, Unfinished> {
+    let (sender, result) = channel();
+    // A panic on a thread of rayon's would end the process.
+    let work = AssertUnwindSafe(work);
+    spawn(Box::new(move || drop(sender.send(catch_unwind(work)))));
+    loop {
+        match result.recv_timeout(POLL_INTERVAL) {
+            Ok(Ok(result)) => return Ok(result),
+            Ok(Err(panic)) => resume_unwind(panic),
+            Err(RecvTimeoutError::Disconnected) => return Err(Unfinished::NotStarted),
+            Err(RecvTimeoutError::Timeout) => drop(rayon::yield_now()),
+        }
+        if progress().is_break() {
+            return Err(Unfinished::Cancelled);
+        }
+    }
 }
 
 /// The worker's end of [`run_cancellable`].
@@ -273,6 +318,33 @@ mod tests {
         let done =
             pool.install(|| run_cancellable(&|()| ProgressControl::Continue, |sender| sender.send(()).is_continue()));
         assert_eq!(done, Some(true));
+    }
+
+    #[test]
+    fn work_that_cannot_be_interrupted_is_left_behind() {
+        let (end, ended) = channel::<()>();
+        let left = run_abandonable(
+            ON_RAYON,
+            &|| ControlFlow::Break(()),
+            // Ends only after it was left.
+            move || ended.recv().is_err(),
+        );
+        assert_eq!(left, Err(Unfinished::Cancelled));
+        drop(end);
+        let calls = Cell::new(0);
+        let poll = || {
+            calls.set(calls.get() + 1);
+            ControlFlow::Continue(())
+        };
+        let slow = || std::thread::sleep(3 * POLL_INTERVAL);
+        assert_eq!(run_abandonable(ON_RAYON, &poll, slow), Ok(()));
+        assert!(calls.get() > 0);
+        assert_eq!(run_abandonable(drop, &poll, slow), Err(Unfinished::NotStarted));
+        let panicked = catch_unwind(|| run_abandonable(ON_RAYON, &|| ControlFlow::Continue(()), || panic!("seen")));
+        assert_eq!(panicked.unwrap_err().downcast_ref(), Some(&"seen"));
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let inside = pool.install(|| run_abandonable(ON_RAYON, &|| ControlFlow::Continue(()), || 7));
+        assert_eq!(inside, Ok(7));
     }
 
     #[test]

@@ -3,14 +3,16 @@
 use std::cell::{Cell, RefCell};
 use std::ops::ControlFlow;
 
-use solidmap::Vector;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{PairError, PairOptions, PairPhase, map_pair};
+use solidmap::certificate::{CertificateError, CertificateOptions, certify};
 use solidmap::fit::{DomainFactor, FitError, FitOptions, Phase, RefinementEnd, fit};
+use solidmap::inverse::{InverseError, InverseMap, InverseOptions};
 use solidmap::mesh::shapes;
 use solidmap::progress::ProgressControl;
 use solidmap::remesh::{CellKind, CellSize, RemeshError, RemeshOptions, RemeshSource, remesh};
 use solidmap::spherical::{SphereOptions, SpherePhase, map_to_sphere};
+use solidmap::{Point, Vector};
 
 /// A cube that becomes a ball: two rounds of refinement.
 fn rounded_cube() -> BoundaryMap {
@@ -103,6 +105,66 @@ fn mapping_a_pair_can_be_cancelled_between_its_steps() {
     });
     assert!(matches!(ended, Err(PairError::Cancelled)));
     assert!(phases.borrow().len() < 20);
+}
+
+#[test]
+fn a_dense_decomposition_is_left_behind_when_it_is_cancelled() {
+    let ball = shapes::sphere(1.0, 4);
+    let boundary = BoundaryMap::new(ball.clone(), ball.vertices().to_vec()).unwrap();
+    let polls = Cell::new(0);
+    // Seconds of work, so that the callback is called in the middle of it.
+    let ended = fit(&boundary, &FitOptions::paper(), &|phase| match phase {
+        Phase::Decomposing { rows, columns } => {
+            assert!(rows >= columns);
+            break_after(2, &polls)
+        }
+        _ => ControlFlow::Continue(()),
+    });
+    assert!(matches!(ended, Err(FitError::Cancelled)));
+    assert_eq!(polls.get(), 3);
+}
+
+#[test]
+fn a_search_for_preimages_can_be_cancelled_at_every_call_of_its_callback() {
+    let boundary = rounded_cube();
+    let map = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap().map;
+    let inverse = InverseMap::new(&map, &boundary, &InverseOptions::default()).unwrap();
+    let points: Vec<Point> = (0..200).map(|k| Point::new(0.004 * f64::from(k), 0.1, 0.2)).collect();
+    let calls = Cell::new(0);
+    let whole = inverse
+        .preimages_with_progress(&points, &|_| calls.set(calls.get() + 1))
+        .unwrap();
+    assert_eq!(whole.0, inverse.preimages(&points).0);
+    assert!(calls.get() > 3, "{} calls", calls.get());
+    for last in 0..calls.get() {
+        let count = Cell::new(0);
+        let ended = inverse.preimages_with_progress(&points, &|_| break_after(last, &count));
+        assert_eq!(ended, Err(InverseError::Cancelled), "after {last} calls");
+        assert_eq!(count.get(), last + 1, "called again after it broke off");
+    }
+}
+
+#[test]
+fn a_certificate_can_be_cancelled_at_every_call_of_its_callback() {
+    let boundary = rounded_cube();
+    let map = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap().map;
+    let options = CertificateOptions {
+        finest: 64,
+        ..CertificateOptions::default()
+    };
+    let certified = |progress: &dyn Fn() -> ControlFlow<()>| {
+        certify(&map, boundary.domain(), boundary.target_volume(), &options, &|_| {
+            progress()
+        })
+    };
+    let calls = Cell::new(0);
+    assert!(certified(&|| break_after(usize::MAX, &calls)).is_ok());
+    assert!(calls.get() > 3, "{} calls", calls.get());
+    for last in 0..calls.get() {
+        let count = Cell::new(0);
+        let ended = certified(&|| break_after(last, &count)).map(|certificate| certificate.cells().len());
+        assert_eq!(ended, Err(CertificateError::Cancelled), "after {last} calls");
+    }
 }
 
 /// Asks for the best result from the first call on for which this holds.

@@ -1,6 +1,8 @@
 //! CGAL and TetGen in a process of their own: the same results, and an error when that process ends.
 #![cfg(feature = "native")]
 
+use std::cell::Cell;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -8,8 +10,8 @@ use std::time::{Duration, Instant};
 
 use solidmap::Point;
 use solidmap::cgal_tetgen::{
-    CgalTetgenError, Isolation, Mesh3Options, OffsetOptions, SignedDistanceField, TetOptions, isolate, offset_surface,
-    self_intersections, self_test, tetrahedralize, tetrahedralize_mesh3,
+    CgalTetgenError, Isolation, Mesh3Options, OffsetOptions, SignedDistanceField, TetOptions, cancellable, isolate,
+    offset_surface, self_intersections, self_test, tetrahedralize, tetrahedralize_mesh3,
 };
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
@@ -201,6 +203,51 @@ fn a_call_ends_at_its_time_limit() {
     assert!(children(std::process::id()).is_empty(), "the worker is gone");
     assert!(tetrahedralize(&shapes::cube(1.0, 2), &TetOptions::default()).is_ok());
     isolate(None);
+}
+
+/// Cancels a long run of TetGen after a few calls of the callback.
+fn cancelled_tetgen() {
+    let (ball, options) = long_work();
+    let calls = Cell::new(0);
+    let progress = || {
+        calls.set(calls.get() + 1);
+        if calls.get() > 3 {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    };
+    let ended = cancellable(&progress, move || tetrahedralize(&ball, &options));
+    assert_eq!(ended.map(|mesh| mesh.tets().len()), Err(CgalTetgenError::Cancelled));
+    assert_eq!(calls.get(), 4);
+}
+
+#[test]
+fn a_cancelled_call_ends_its_worker() {
+    let _turn = turn();
+    isolated(None);
+    let begun = Instant::now();
+    cancelled_tetgen();
+    // Not a measure of speed: the thread that waited for the worker ends it.
+    while !children(std::process::id()).is_empty() {
+        assert!(begun.elapsed() < Duration::from_secs(5), "the worker goes on");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let cube = shapes::cube(1.0, 2);
+    let made = cancellable(&|| (), move || tetrahedralize(&cube, &TetOptions::default()));
+    assert!(made.is_ok());
+    isolate(None);
+}
+
+#[test]
+fn a_cancelled_call_in_this_process_is_left_behind() {
+    let _turn = turn();
+    isolate(None);
+    cancelled_tetgen();
+    let ball = shapes::sphere(1.0, 3);
+    assert!(offset_surface(&ball, 0.2, &OffsetOptions::default()).is_ok());
+    // This one waits for the other to end.
+    assert!(tetrahedralize(&ball, &TetOptions::default()).is_ok());
 }
 
 #[test]

@@ -406,7 +406,7 @@ pub(super) mod ffi {
 
         type Inverse;
         fn inverse_new(map: &Map, tolerance: f64, seed_nodes: usize, iterations: usize) -> Result<Box<Inverse>>;
-        fn preimages(self: &Inverse, points: &[f64]) -> Result<Vec<Preimage>>;
+        fn preimages(self: &Inverse, points: &[f64], watcher: &Watcher) -> Result<Vec<Preimage>>;
     }
 
     extern "Rust" {
@@ -417,6 +417,7 @@ pub(super) mod ffi {
             normalize: bool,
             lambda: f64,
             mu: f64,
+            watcher: &Watcher,
         ) -> Result<EnergyReport>;
         fn energies_in_cells(
             map: &Map,
@@ -424,6 +425,7 @@ pub(super) mod ffi {
             normalize: bool,
             lambda: f64,
             mu: f64,
+            watcher: &Watcher,
         ) -> Result<EnergyReport>;
         fn energy_densities(
             map: &Map,
@@ -432,19 +434,26 @@ pub(super) mod ffi {
             lambda: f64,
             mu: f64,
         ) -> Result<EnergyDensities>;
-        fn certified(map: &Map, finest: usize, max_cells: usize, undecided: f64) -> Result<CertificateReport>;
+        fn certified(
+            map: &Map,
+            finest: usize,
+            max_cells: usize,
+            undecided: f64,
+            watcher: &Watcher,
+        ) -> Result<CertificateReport>;
         fn worst_boundary_errors(map: &Map, most: usize) -> Result<Vec<WorstPlace>>;
         fn plane_section(surface: &Surface, axis: u8, position: f64, up: u8, pixels: usize) -> Result<PlaneSection>;
-        fn distortion_on_grid(map: &Map, cells: usize) -> Result<DistortionReport>;
-        fn distortion_in_cells(map: &Map, mesh: &VolumeMesh) -> Result<DistortionReport>;
+        fn distortion_on_grid(map: &Map, cells: usize, watcher: &Watcher) -> Result<DistortionReport>;
+        fn distortion_in_cells(map: &Map, mesh: &VolumeMesh, watcher: &Watcher) -> Result<DistortionReport>;
     }
 
     extern "Rust" {
-        fn tetrahedralise(surface: &Surface, options: &TetOptions) -> Result<Box<VolumeMesh>>;
+        fn tetrahedralise(surface: &Surface, options: &TetOptions, watcher: &Watcher) -> Result<Box<VolumeMesh>>;
         fn offset_surface(
             surface: &Surface,
             distance: f64,
             options: &OffsetOptions,
+            watcher: &Watcher,
             report: &mut OffsetReport,
         ) -> Result<Box<Surface>>;
 

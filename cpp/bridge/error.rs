@@ -18,6 +18,7 @@ use solidmap::fit::FitError;
 use solidmap::geometry::SectionError;
 use solidmap::inverse::InverseError;
 use solidmap::io::IoError;
+use solidmap::map::Cancelled;
 use solidmap::mesh::MeshError;
 use solidmap::remesh::RemeshError;
 use solidmap::solver::SolveError;
@@ -123,14 +124,7 @@ macro_rules! invalid_input {
     };
 }
 
-invalid_input!(
-    MeshError,
-    BoundaryMapError,
-    CertificateError,
-    HoleError,
-    QuadratureError,
-    SectionError
-);
+invalid_input!(MeshError, BoundaryMapError, HoleError, QuadratureError, SectionError);
 
 impl Categorised for IoError {
     fn category(&self) -> Category {
@@ -200,9 +194,25 @@ impl Categorised for FitError {
     }
 }
 
+impl Categorised for Cancelled {
+    fn category(&self) -> Category {
+        Category::Cancelled
+    }
+}
+
+impl Categorised for CertificateError {
+    fn category(&self) -> Category {
+        match self {
+            Self::Cancelled => Category::Cancelled,
+            _ => Category::InvalidInput,
+        }
+    }
+}
+
 impl Categorised for InverseError {
     fn category(&self) -> Category {
         match self {
+            Self::Cancelled => Category::Cancelled,
             Self::NoValues => Category::Numerical,
             _ => Category::InvalidInput,
         }
@@ -236,6 +246,7 @@ impl Categorised for CgalTetgenError {
                 Category::InvalidInput
             }
             Self::OutOfMemory | Self::TooFine { .. } | Self::TooLarge { .. } => Category::Memory,
+            Self::Cancelled => Category::Cancelled,
             _ => Category::Native,
         }
     }

@@ -512,9 +512,11 @@ pub fn inverse_new(map: &Map, tolerance: f64, seed_nodes: usize, iterations: usi
 }
 
 impl Inverse {
-    pub fn preimages(&self, points: &[f64]) -> Result<Vec<ffi::Preimage>, Error> {
+    pub fn preimages(&self, points: &[f64], watcher: &Watcher) -> Result<Vec<ffi::Preimage>, Error> {
         guarded(|| {
-            let (found, _) = self.inverse.preimages(whole_points("points", points)?);
+            let points = whole_points("points", points)?;
+            let progress = |done| ask(watcher, "searching", share(done, points.len()), "");
+            let (found, _) = self.inverse.preimages_with_progress(points, &progress)?;
             let converted = found.into_iter().map(|preimage| ffi::Preimage {
                 point: preimage.point.into(),
                 round_trip: preimage.round_trip,
@@ -643,6 +645,6 @@ pub fn ask(watcher: &Watcher, step: &str, fraction: f64, detail: &str) -> Contro
     }
 }
 
-fn share(done: usize, of: usize) -> f64 {
+pub fn share(done: usize, of: usize) -> f64 {
     done as f64 / of.max(1) as f64
 }

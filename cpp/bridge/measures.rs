@@ -1,11 +1,14 @@
 //! Energies and distortion of fitted maps, and the plane sections that show them.
 
+use std::ops::ControlFlow;
+
 use super::bridge::ffi;
+use super::bridge::ffi::Watcher;
 use super::error::{Error, guarded};
 use super::flat;
-use super::maps::Map;
+use super::maps::{Map, ask, share};
 use super::meshes::{Surface, VolumeMesh, whole_points};
-use solidmap::certificate::{CertificateOptions, StopReason, VerdictTotals, certify};
+use solidmap::certificate::{CertificateOptions, CertificateProgress, StopReason, VerdictTotals, certify};
 use solidmap::energy::{
     AdaptiveOptions, DensityQuantiles, DistortionMetrics, DistortionReport, EnergyErrors, EnergyOptions, EnergyReport,
     GridResolution, Lame, Quadrature, adaptive_energies, cell_quadrature, clipped_grid, densities, distortion,
@@ -13,6 +16,7 @@ use solidmap::energy::{
 };
 use solidmap::fit;
 use solidmap::geometry::{Axis, AxisPlane, PlaneSection};
+use solidmap::map::with_cancellation;
 use solidmap::mesh::CellMesh;
 use solidmap::worst_places::{LISTED, PlaceKind, WorstPlace};
 
@@ -23,6 +27,7 @@ pub fn energies_on_grid(
     normalize: bool,
     lambda: f64,
     mu: f64,
+    watcher: &Watcher,
 ) -> Result<ffi::EnergyReport, Error> {
     guarded(|| {
         let options = energy_options(normalize, lambda, mu)?;
@@ -32,13 +37,9 @@ pub fn energies_on_grid(
             max_points: None,
         };
         let boundary = map.boundary_map()?;
-        let (quadrature, report) = adaptive_energies(
-            map.map(),
-            boundary.domain(),
-            boundary.target_volume(),
-            &options,
-            &accuracy,
-        )?;
+        let (quadrature, report) = with_cancellation(map.map(), &|| integrating(watcher), |map| {
+            adaptive_energies(map, boundary.domain(), boundary.target_volume(), &options, &accuracy)
+        })??;
         Ok(converted(&report, &quadrature, None))
     })
 }
@@ -49,12 +50,15 @@ pub fn energies_in_cells(
     normalize: bool,
     lambda: f64,
     mu: f64,
+    watcher: &Watcher,
 ) -> Result<ffi::EnergyReport, Error> {
     guarded(|| {
         let options = energy_options(normalize, lambda, mu)?;
         let quadrature = cell_quadrature(&mesh.0)?;
         let target_volume = map.boundary_map()?.target_volume();
-        let report = energies(map.map(), &quadrature, quadrature.volume(), target_volume, &options)?;
+        let report = with_cancellation(map.map(), &|| integrating(watcher), |map| {
+            energies(map, &quadrature, quadrature.volume(), target_volume, &options)
+        })??;
         Ok(converted(&report, &quadrature, Some(&mesh.0)))
     })
 }
@@ -111,12 +115,12 @@ pub fn plane_section(
     })
 }
 
-pub fn distortion_on_grid(map: &Map, cells: usize) -> Result<ffi::DistortionReport, Error> {
-    guarded(|| distortion_over(map, &grid(map, cells)?))
+pub fn distortion_on_grid(map: &Map, cells: usize, watcher: &Watcher) -> Result<ffi::DistortionReport, Error> {
+    guarded(|| distortion_over(map, &grid(map, cells)?, watcher))
 }
 
-pub fn distortion_in_cells(map: &Map, mesh: &VolumeMesh) -> Result<ffi::DistortionReport, Error> {
-    guarded(|| distortion_over(map, &cell_quadrature(&mesh.0)?))
+pub fn distortion_in_cells(map: &Map, mesh: &VolumeMesh, watcher: &Watcher) -> Result<ffi::DistortionReport, Error> {
+    guarded(|| distortion_over(map, &cell_quadrature(&mesh.0)?, watcher))
 }
 
 fn energy_options(normalize: bool, lambda: f64, mu: f64) -> Result<EnergyOptions, Error> {
@@ -130,13 +134,23 @@ fn energy_options(normalize: bool, lambda: f64, mu: f64) -> Result<EnergyOptions
     }
 }
 
+fn integrating(watcher: &Watcher) -> ControlFlow<()> {
+    ask(watcher, "integrating", f64::NAN, "")
+}
+
 fn grid(map: &Map, cells: usize) -> Result<Quadrature, Error> {
     let resolution = GridResolution::CellsAlongLongestSide(cells);
     Ok(clipped_grid(map.boundary_map()?.domain(), resolution)?)
 }
 
 /// What is proved where, in few enough words for C++.
-pub fn certified(map: &Map, finest: usize, max_cells: usize, undecided: f64) -> Result<ffi::CertificateReport, Error> {
+pub fn certified(
+    map: &Map,
+    finest: usize,
+    max_cells: usize,
+    undecided: f64,
+    watcher: &Watcher,
+) -> Result<ffi::CertificateReport, Error> {
     guarded(|| {
         let options = CertificateOptions {
             finest,
@@ -149,7 +163,9 @@ pub fn certified(map: &Map, finest: usize, max_cells: usize, undecided: f64) -> 
             boundary.domain(),
             boundary.target_volume(),
             &options,
-            &|_| {},
+            &|CertificateProgress { level, done, of, .. }| {
+                ask(watcher, "dividing cells", share(done, of), &format!("level {level}"))
+            },
         )?;
         let report = certificate.report;
         let (folded, undecided) = (certificate.folded_places(), certificate.undecided_places());
@@ -230,9 +246,11 @@ fn converted(report: &EnergyReport, quadrature: &Quadrature, mesh: Option<&CellM
     }
 }
 
-fn distortion_over(map: &Map, quadrature: &Quadrature) -> Result<ffi::DistortionReport, Error> {
+fn distortion_over(map: &Map, quadrature: &Quadrature, watcher: &Watcher) -> Result<ffi::DistortionReport, Error> {
     let target_volume = map.boundary_map()?.target_volume();
-    let report: DistortionReport = distortion(map.map(), quadrature, quadrature.volume(), target_volume)?;
+    let report: DistortionReport = with_cancellation(map.map(), &|| integrating(watcher), |map| {
+        distortion(map, quadrature, quadrature.volume(), target_volume)
+    })??;
     let value =
         |of: &Option<DistortionMetrics>, metric: fn(&DistortionMetrics) -> f64| of.as_ref().map_or(f64::NAN, metric);
     let converted = |mean: &Option<DistortionMetrics>| ffi::Distortion {

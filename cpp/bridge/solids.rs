@@ -26,7 +26,7 @@ pub fn needs_native(what: &str) -> Error {
 }
 
 #[cfg(not(feature = "native"))]
-pub fn tetrahedralise(_: &Surface, _: &ffi::TetOptions) -> Result<Box<VolumeMesh>, Error> {
+pub fn tetrahedralise(_: &Surface, _: &ffi::TetOptions, _: &Watcher) -> Result<Box<VolumeMesh>, Error> {
     Err(needs_native("tetrahedralisation"))
 }
 
@@ -35,20 +35,27 @@ pub fn offset_surface(
     _: &Surface,
     _: f64,
     _: &ffi::OffsetOptions,
+    _: &Watcher,
     _: &mut ffi::OffsetReport,
 ) -> Result<Box<Surface>, Error> {
     Err(needs_native("an offset surface"))
 }
 
 #[cfg(feature = "native")]
-pub fn tetrahedralise(surface: &Surface, options: &ffi::TetOptions) -> Result<Box<VolumeMesh>, Error> {
-    use solidmap::cgal_tetgen::{Mesh3Options, TetOptions, tetrahedralize, tetrahedralize_mesh3};
+pub fn tetrahedralise(
+    surface: &Surface,
+    options: &ffi::TetOptions,
+    watcher: &Watcher,
+) -> Result<Box<VolumeMesh>, Error> {
+    use solidmap::cgal_tetgen::{Mesh3Options, TetOptions, cancellable, tetrahedralize, tetrahedralize_mesh3};
     use solidmap::mesh::CellList;
     use std::time::Duration;
 
     let given = |value: f64| (value != 0.0).then_some(value);
     let memory = (options.memory > 0).then_some(options.memory);
     guarded(|| {
+        let progress = || ask(watcher, "meshing", f64::NAN, "");
+        let surface = surface.0.clone();
         let mesh = if options.cgal {
             let time_limit = Duration::try_from_secs_f64(options.time_limit)
                 .map_err(|error| Error::invalid(format!("time_limit is {}: {error}", options.time_limit)))?;
@@ -59,7 +66,7 @@ pub fn tetrahedralise(surface: &Surface, options: &ffi::TetOptions) -> Result<Bo
                 time_limit,
                 memory,
             };
-            tetrahedralize_mesh3(&surface.0, &options)?
+            cancellable(&progress, move || tetrahedralize_mesh3(&surface, &options))?
         } else {
             let options = TetOptions {
                 radius_edge_ratio: given(options.radius_edge_ratio),
@@ -67,7 +74,7 @@ pub fn tetrahedralise(surface: &Surface, options: &ffi::TetOptions) -> Result<Bo
                 max_volume: given(options.max_volume),
                 memory,
             };
-            tetrahedralize(&surface.0, &options)?
+            cancellable(&progress, move || tetrahedralize(&surface, &options))?
         };
         let (nodes, tets) = mesh.into_parts();
         let regions = vec![1; tets.len()];
@@ -84,9 +91,10 @@ pub fn offset_surface(
     surface: &Surface,
     distance: f64,
     options: &ffi::OffsetOptions,
+    watcher: &Watcher,
     report: &mut ffi::OffsetReport,
 ) -> Result<Box<Surface>, Error> {
-    use solidmap::cgal_tetgen::{self, OffsetOptions};
+    use solidmap::cgal_tetgen::{self, OffsetOptions, cancellable};
     guarded(|| {
         let options = OffsetOptions {
             alpha: (options.alpha != 0.0).then_some(options.alpha),
@@ -96,7 +104,11 @@ pub fn offset_surface(
             genus: None,
             max_triangles: options.max_triangles,
         };
-        let found = cgal_tetgen::offset_surface(&surface.0, distance, &options)?;
+        let surface = surface.0.clone();
+        let progress = || ask(watcher, "wrapping", f64::NAN, "");
+        let found = cancellable(&progress, move || {
+            cgal_tetgen::offset_surface(&surface, distance, &options)
+        })?;
         *report = ffi::OffsetReport {
             vertex_error: found.vertex_error,
             centroid_error: found.centroid_error,

@@ -93,8 +93,9 @@ Inverse::Inverse(const HarmonicMap& map, const InverseOptions& options)
             ffi::inverse_new(Access::of(map), options.tolerance, options.seed_nodes, options.iterations));
       })) {}
 
-std::vector<Preimage> Inverse::operator()(Span<const Point> points) const {
-  const auto found = guarded([&] { return Access::inside(impl_).preimages(flat(points)); });
+std::vector<Preimage> Inverse::operator()(Span<const Point> points, const ProgressCallback& progress) const {
+  const auto found = watched(
+      progress, [&](const Watcher& watcher) { return Access::inside(impl_).preimages(flat(points), watcher); });
   std::vector<Preimage> preimages(found.size());
   for (std::size_t i = 0; i < found.size(); ++i) {
     preimages[i].status = static_cast<Preimage::Status>(found[i].status);
@@ -142,17 +143,18 @@ DistortionReport converted(const ffi::DistortionReport& found) {
 
 }  // namespace
 
-EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options) {
-  return guarded([&] {
+EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options, const ProgressCallback& progress) {
+  return watched(progress, [&](const Watcher& watcher) {
     return converted(ffi::energies_on_grid(Access::of(map), options.cells, options.tolerance, options.normalize,
-                                           options.lambda, options.mu));
+                                           options.lambda, options.mu, watcher));
   });
 }
 
-EnergyReport energies(const HarmonicMap& map, const CellMesh& mesh, const EnergyOptions& options) {
-  return guarded([&] {
-    return converted(
-        ffi::energies_in_cells(Access::of(map), Access::of(mesh), options.normalize, options.lambda, options.mu));
+EnergyReport energies(const HarmonicMap& map, const CellMesh& mesh, const EnergyOptions& options,
+                      const ProgressCallback& progress) {
+  return watched(progress, [&](const Watcher& watcher) {
+    return converted(ffi::energies_in_cells(Access::of(map), Access::of(mesh), options.normalize, options.lambda,
+                                            options.mu, watcher));
   });
 }
 
@@ -164,10 +166,11 @@ EnergyDensities energy_densities(const HarmonicMap& map, Span<const Point> point
   });
 }
 
-CertificateReport certify(const HarmonicMap& map, const CertificateOptions& options) {
-  return guarded([&] {
+CertificateReport certify(const HarmonicMap& map, const CertificateOptions& options,
+                          const ProgressCallback& progress) {
+  return watched(progress, [&](const Watcher& watcher) {
     const ffi::CertificateReport found =
-        ffi::certified(Access::of(map), options.finest, options.max_cells, options.undecided);
+        ffi::certified(Access::of(map), options.finest, options.max_cells, options.undecided, watcher);
     CertificateReport report;
     report.positive = converted(found.positive);
     report.folded = converted(found.folded);
@@ -186,12 +189,16 @@ std::vector<WorstPlace> worst_boundary_errors(const HarmonicMap& map, std::size_
   return guarded([&] { return detail::converted(ffi::worst_boundary_errors(Access::of(map), most)); });
 }
 
-DistortionReport distortion(const HarmonicMap& map, std::size_t cells) {
-  return guarded([&] { return converted(ffi::distortion_on_grid(Access::of(map), cells)); });
+DistortionReport distortion(const HarmonicMap& map, std::size_t cells, const ProgressCallback& progress) {
+  return watched(progress, [&](const Watcher& watcher) {
+    return converted(ffi::distortion_on_grid(Access::of(map), cells, watcher));
+  });
 }
 
-DistortionReport distortion(const HarmonicMap& map, const CellMesh& mesh) {
-  return guarded([&] { return converted(ffi::distortion_in_cells(Access::of(map), Access::of(mesh))); });
+DistortionReport distortion(const HarmonicMap& map, const CellMesh& mesh, const ProgressCallback& progress) {
+  return watched(progress, [&](const Watcher& watcher) {
+    return converted(ffi::distortion_in_cells(Access::of(map), Access::of(mesh), watcher));
+  });
 }
 
 }  // namespace solidmap

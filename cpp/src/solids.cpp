@@ -6,7 +6,7 @@ namespace solidmap {
 
 using namespace detail;
 
-CellMesh tetrahedralise(const Surface& surface, const TetOptions& options) {
+CellMesh tetrahedralise(const Surface& surface, const TetOptions& options, const ProgressCallback& progress) {
   require_one_of("mesher", options.mesher, TetOptions::Mesher::cgal);
   ffi::TetOptions to = {};
   to.cgal = options.mesher == TetOptions::Mesher::cgal;
@@ -18,10 +18,13 @@ CellMesh tetrahedralise(const Surface& surface, const TetOptions& options) {
   to.feature_angle = options.feature_angle;
   to.time_limit = options.time_limit;
   to.memory = options.memory;
-  return guarded([&] { return make_cells(ffi::tetrahedralise(Access::of(surface), to)); });
+  return watched(progress, [&](const Watcher& watcher) {
+    return make_cells(ffi::tetrahedralise(Access::of(surface), to, watcher));
+  });
 }
 
-OffsetSurface offset_surface(const Surface& surface, double distance, const OffsetOptions& options) {
+OffsetSurface offset_surface(const Surface& surface, double distance, const OffsetOptions& options,
+                             const ProgressCallback& progress) {
   ffi::OffsetOptions to = {};
   to.alpha = options.alpha;
   to.rounds = options.rounds;
@@ -29,8 +32,9 @@ OffsetSurface offset_surface(const Surface& surface, double distance, const Offs
   to.min_fraction = options.min_fraction;
   to.max_triangles = options.max_triangles;
   ffi::OffsetReport found = {};
-  Surface made =
-      guarded([&] { return make_surface(ffi::offset_surface(Access::of(surface), distance, to, found)); });
+  Surface made = watched(progress, [&](const Watcher& watcher) {
+    return make_surface(ffi::offset_surface(Access::of(surface), distance, to, watcher, found));
+  });
   return {std::move(made), found.vertex_error, found.centroid_error, found.min_distance,
           found.genus,     found.components,   found.alpha,          found.raw_wrap};
 }

@@ -34,6 +34,7 @@ mod places;
 mod volume;
 
 use std::collections::HashMap;
+use std::ops::ControlFlow;
 
 use octree::{CellIndex, ClosedCell, OctreeBuilder, OpenCell, Subdivision};
 use volume::CellClipper;
@@ -41,6 +42,7 @@ use volume::CellClipper;
 use crate::Point;
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{HEXAHEDRON, SurfaceMesh};
+use crate::progress::ProgressResponse;
 
 /// Options of [`certify`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -245,6 +247,9 @@ pub enum CertificateError {
         /// What is possible.
         range: &'static str,
     },
+    /// A progress callback cancelled the work.
+    #[error("cancelled by the progress callback")]
+    Cancelled,
 }
 
 /// Deepest level: the three coordinates of a cell fit into 64 bits.
@@ -266,13 +271,13 @@ const OPEN: f64 = 1e-6;
 ///
 /// # Errors
 ///
-/// [`CertificateError`].
-pub fn certify(
+/// [`CertificateError`]; [`CertificateError::Cancelled`] when `progress` cancels it ([`ProgressResponse`]).
+pub fn certify<A: ProgressResponse>(
     map: &HarmonicMap,
     domain: &SurfaceMesh,
     target_volume: f64,
     options: &CertificateOptions,
-    progress: &dyn Fn(CertificateProgress),
+    progress: &dyn Fn(CertificateProgress) -> A,
 ) -> Result<Certificate, CertificateError> {
     require_finite(map)?;
     require_options(options)?;
@@ -287,7 +292,8 @@ pub fn certify(
         return Err(CertificateError::Open { volume, found });
     }
 
-    let (closed, stop_reason) = descend(&builder, root, options, progress);
+    let report = |progress_made| progress(progress_made).control_flow();
+    let (closed, stop_reason) = descend(&builder, root, options, &report).ok_or(CertificateError::Cancelled)?;
     let orientation = target_volume.signum();
     let mut cells: Vec<CertificateCell> = closed
         .iter()
@@ -408,13 +414,13 @@ fn cube_around(domain: &SurfaceMesh) -> Result<(Point, f64), CertificateError> {
     }
 }
 
-/// Divides cells level by level.
+/// Divides cells level by level; `None` when cancelled.
 fn descend(
     builder: &OctreeBuilder,
     root: OpenCell,
     options: &CertificateOptions,
-    progress: &dyn Fn(CertificateProgress),
-) -> (Vec<ClosedCell>, StopReason) {
+    progress: &dyn Fn(CertificateProgress) -> ControlFlow<()>,
+) -> Option<(Vec<ClosedCell>, StopReason)> {
     let levels = options.finest.next_power_of_two().ilog2() as u8;
     let volume = root.volume;
     let (mut found, mut last) = (Subdivision::of(root), false);
@@ -427,12 +433,15 @@ fn descend(
         }
         last |= level == levels;
         for (group, some) in cells.chunks(GROUP).enumerate() {
-            progress(CertificateProgress {
+            let so_far = CertificateProgress {
                 level,
                 done: group * GROUP,
                 of: cells.len(),
                 undecided,
-            });
+            };
+            if progress(so_far).is_break() {
+                return None;
+            }
             found.append(builder.divide(some, last));
             if found.closed.len() + 8 * found.open.len() > options.max_cells {
                 // No further level follows, so that nothing is kept for it.
@@ -442,7 +451,7 @@ fn descend(
         }
         if last && level < levels {
             let stop_reason = stop_reason_of(&found, StopReason::CellLimit);
-            return (found.closed, stop_reason);
+            return Some((found.closed, stop_reason));
         }
     }
     let otherwise = if last {
@@ -452,7 +461,7 @@ fn descend(
     };
     let stop_reason = stop_reason_of(&found, otherwise);
     found.close_all();
-    (found.closed, stop_reason)
+    Some((found.closed, stop_reason))
 }
 
 fn stop_reason_of(found: &Subdivision, otherwise: StopReason) -> StopReason {

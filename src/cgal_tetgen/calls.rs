@@ -2,6 +2,7 @@
 
 use super::CgalTetgenError;
 use super::bridge::ffi;
+use super::cancellation::require_wanted;
 use super::error::CallFailure;
 use super::input::flat;
 use super::worker::{Message, connection};
@@ -24,6 +25,7 @@ pub(super) fn call(
     options: &[f64],
 ) -> Result<Mesh, CgalTetgenError> {
     let Some(connection) = connection() else {
+        require_wanted()?;
         return Ok(run_in_process(operation, xyz, triangles, options)?);
     };
     let request = Message {

@@ -253,6 +253,9 @@ pub enum CgalTetgenError {
         /// The system's message.
         reason: String,
     },
+    /// A progress callback cancelled the call; see [`cancellable`](super::cancellable).
+    #[error("cancelled by the progress callback")]
+    Cancelled,
     /// An error that has no other variant.
     #[error("the C++ side failed: {0}")]
     Unknown(String),
@@ -262,11 +265,11 @@ pub enum CgalTetgenError {
 }
 
 impl CgalTetgenError {
-    /// Whether the worker is gone and everything it held with it.
-    pub(super) fn is_worker_lost(&self) -> bool {
+    /// Whether no further call is of use: the worker is gone with everything it held, or calls are cancelled.
+    pub(super) fn is_final(&self) -> bool {
         matches!(
             self,
-            Self::Crashed { .. } | Self::TimeLimit { .. } | Self::NoWorker { .. } | Self::Lost
+            Self::Crashed { .. } | Self::TimeLimit { .. } | Self::NoWorker { .. } | Self::Lost | Self::Cancelled
         )
     }
 }

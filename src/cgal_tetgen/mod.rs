@@ -16,6 +16,7 @@
 
 mod bridge;
 mod calls;
+mod cancellation;
 mod distance;
 mod error;
 mod input;
@@ -24,6 +25,7 @@ mod offset;
 mod tetrahedra;
 mod worker;
 
+pub use cancellation::cancellable;
 pub use distance::SignedDistanceField;
 pub use error::{CgalTetgenError, InputDefect};
 pub use intersections::self_intersections;

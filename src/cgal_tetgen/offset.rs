@@ -113,14 +113,14 @@ pub fn offset_surface(
                 .and_then(|mesh| problem.checked(mesh, alpha, retries, false));
             match projected {
                 Ok(result) => return Ok(result),
-                Err(error) if error.is_worker_lost() => return Err(error),
+                Err(error) if error.is_final() => return Err(error),
                 Err(error) => failure = Some(error),
             }
         }
         match problem.checked(wrap, alpha, retries, true) {
             Ok(result) if options.rounds == 0 => return Ok(result),
             Ok(result) => fallback = Some(result),
-            Err(error) if error.is_worker_lost() => return Err(error),
+            Err(error) if error.is_final() => return Err(error),
             Err(error) => failure = Some(error),
         }
         alpha /= 2.0;

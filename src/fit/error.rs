@@ -41,7 +41,7 @@ pub enum FitError {
     /// The offset surface could not be built.
     #[cfg(feature = "native")]
     #[error("cannot build the offset surface for the sources: {0}")]
-    Offset(#[from] crate::cgal_tetgen::CgalTetgenError),
+    Offset(#[source] crate::cgal_tetgen::CgalTetgenError),
     /// Distances to the domain's surface cannot be queried.
     #[error(transparent)]
     Query(#[from] QueryError),
@@ -81,6 +81,16 @@ pub enum FitError {
     /// The progress callback cancelled the fit.
     #[error("cancelled by the progress callback")]
     Cancelled,
+}
+
+#[cfg(feature = "native")]
+impl From<crate::cgal_tetgen::CgalTetgenError> for FitError {
+    fn from(error: crate::cgal_tetgen::CgalTetgenError) -> Self {
+        match error {
+            crate::cgal_tetgen::CgalTetgenError::Cancelled => Self::Cancelled,
+            error => Self::Offset(error),
+        }
+    }
 }
 
 impl From<SolveError> for FitError {

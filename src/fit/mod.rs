@@ -101,7 +101,7 @@ impl DomainFactor {
         let (domain, mut warnings) = checked(domain)?;
 
         progress.enter(Phase::Sampling)?;
-        let placed = PlacedPoints::new(&domain, &options, &mut warnings)?;
+        let placed = PlacedPoints::new(&domain, &options, &mut warnings, &progress)?;
         progress.enter(Phase::Sampling)?;
         let held_out = HeldOut::new(&domain, options.held_out, options.seed);
         let system = UnfactoredSystem::new(placed, &domain, &options);

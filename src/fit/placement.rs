@@ -2,6 +2,7 @@
 
 use super::levels::{dropped_warning, levels};
 use super::options::PointCounts;
+use super::phase::Progress;
 use super::unit_frame::UnitFrame;
 use super::{FitError, FitMethod, FitOptions, Placement};
 use crate::Point;
@@ -27,7 +28,12 @@ pub(super) enum SourceSets {
 
 impl PlacedPoints {
     /// Adds a warning where there are fewer sources than asked for.
-    pub fn new(domain: &SurfaceMesh, options: &FitOptions, warnings: &mut Vec<String>) -> Result<Self, FitError> {
+    pub fn new(
+        domain: &SurfaceMesh,
+        options: &FitOptions,
+        warnings: &mut Vec<String>,
+        progress: &Progress,
+    ) -> Result<Self, FitError> {
         let counts = PointCounts::of(domain, options);
         warnings.extend(counts.warning());
         let anchors = Anchors::choose(domain, counts.sources);
@@ -42,7 +48,7 @@ impl PlacedPoints {
                 placement,
                 options: dense,
             } => {
-                let sources = place_sources(domain, &anchors, &counts, placement, options.seed, warnings)?;
+                let sources = place_sources(domain, &anchors, &counts, placement, options.seed, warnings, progress)?;
                 SourceSets::Dense(sources, dense)
             }
         };
@@ -62,12 +68,13 @@ fn place_sources(
     placement: Placement,
     seed: u64,
     warnings: &mut Vec<String>,
+    progress: &Progress,
 ) -> Result<Vec<Point>, FitError> {
     let sources = match placement {
         Placement::Adaptive { alpha } => near_sources(domain, anchors, alpha, warnings)?,
         Placement::Offset { distance } => {
             let (cavity, count) = cavity_anchors(domain, anchors, counts);
-            let mut sources = offset_sources(domain, distance, count, seed, warnings)?;
+            let mut sources = offset_sources(domain, distance, count, seed, warnings, progress)?;
             sources.extend(near_sources(domain, &cavity, Placement::DEFAULT_ALPHA, warnings)?);
             sources
         }
@@ -132,7 +139,14 @@ fn cavity_vertices(domain: &SurfaceMesh) -> Vec<bool> {
 }
 
 #[cfg(not(feature = "native"))]
-fn offset_sources(_: &SurfaceMesh, _: f64, _: usize, _: u64, _: &mut Vec<String>) -> Result<Vec<Point>, FitError> {
+fn offset_sources(
+    _: &SurfaceMesh,
+    _: f64,
+    _: usize,
+    _: u64,
+    _: &mut Vec<String>,
+    _: &Progress,
+) -> Result<Vec<Point>, FitError> {
     Err(FitError::NeedsNative)
 }
 
@@ -143,9 +157,15 @@ fn offset_sources(
     count: usize,
     seed: u64,
     warnings: &mut Vec<String>,
+    progress: &Progress,
 ) -> Result<Vec<Point>, FitError> {
+    use super::Phase;
+    use crate::cgal_tetgen::{OffsetOptions, cancellable, offset_surface};
     let distance = distance * UnitFrame::of(domain).diagonal;
-    let offset = crate::cgal_tetgen::offset_surface(domain, distance, &crate::cgal_tetgen::OffsetOptions::default())?;
+    let surface = domain.clone();
+    let offset = cancellable(&|| progress.report(Phase::Sampling), move || {
+        offset_surface(&surface, distance, &OffsetOptions::default())
+    })?;
     if offset.raw_wrap {
         warnings.push("no projected offset surface is valid: the wrap itself is used, about 1 % off".into());
     }

@@ -107,12 +107,14 @@ impl UnfactoredSystem {
                     sources: &sources,
                     affine: self.affine,
                 };
-                progress.enter(Phase::Decomposing {
+                let phase = Phase::Decomposing {
                     rows: self.points.len(),
                     columns: system.unknowns(),
-                })?;
+                };
+                progress.enter(phase)?;
+                let factor = DenseFactor::new_with_progress(&system, &options, &|| progress.report(phase))?;
                 let factor = Factor::Dense {
-                    factor: Box::new(DenseFactor::new(&system, &options)?),
+                    factor: Box::new(factor),
                     decomposition: options.decomposition,
                     points: self.points,
                 };
@@ -355,6 +357,8 @@ fn positions(domain: &SurfaceMesh, points: &[SurfacePoint]) -> Vec<Point> {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::ControlFlow;
+
     use super::*;
     use crate::boundary_map::BoundaryMap;
     use crate::geometry::test_models;
@@ -377,7 +381,8 @@ mod tests {
                 max_sources,
                 ..FitOptions::adaptive()
             };
-            let placed = PlacedPoints::new(&domain, &options, &mut Vec::new()).unwrap();
+            let progress = Progress(&|_| ControlFlow::Continue(()));
+            let placed = PlacedPoints::new(&domain, &options, &mut Vec::new(), &progress).unwrap();
             let system = UnfactoredSystem::new(placed, &domain, &options);
             let SourceSets::Levels(levels, _) = system.sources else {
                 panic!("levels for the Schwarz solver");

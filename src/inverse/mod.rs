@@ -20,6 +20,7 @@ use crate::boundary_map::BoundaryMap;
 use crate::geometry::{ClosestPoint, QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
 use crate::mesh::SurfacePoint;
+use crate::progress::{ProgressMonitor, ProgressResponse};
 
 use newton::{NewtonEffort, NewtonLimits, NewtonRoot};
 use seeds::{SeedMesh, is_finite};
@@ -168,6 +169,9 @@ pub enum InverseError {
     /// No node of the domain has a finite image.
     #[error("the map is not finite anywhere in the domain; fit it again")]
     NoValues,
+    /// A progress callback cancelled the search.
+    #[error("cancelled by the progress callback")]
+    Cancelled,
 }
 
 /// The inverse of a map, prepared once and evaluated at many points.
@@ -260,6 +264,37 @@ impl<'a> InverseMap<'a> {
     /// Preimages of the points, in order, and a report. They do not depend on the number of threads, if the map does
     /// not.
     pub fn preimages(&self, points: &[Point]) -> (Vec<Preimage>, InverseReport) {
+        self.preimages_while(points, &|_| true)
+    }
+
+    /// As [`Self::preimages`]. `progress` is called in every iteration of Newton's method, with the number of points that
+    /// are done; 131 072 points are searched for together.
+    ///
+    /// # Errors
+    ///
+    /// [`InverseError::Cancelled`] when `progress` cancels the search ([`ProgressResponse`]).
+    pub fn preimages_with_progress<A: ProgressResponse>(
+        &self,
+        points: &[Point],
+        progress: &dyn Fn(usize) -> A,
+    ) -> Result<(Vec<Preimage>, InverseReport), InverseError> {
+        let report = |done| progress(done).control();
+        let monitor = ProgressMonitor::new(0, &report);
+        let found = self.preimages_while(points, &|done| {
+            monitor.report(done);
+            !monitor.is_cancelled()
+        });
+        (!monitor.is_cancelled())
+            .then_some(found)
+            .ok_or(InverseError::Cancelled)
+    }
+
+    /// Searches on while it should, asking with the number of points that are done; what was found is incomplete otherwise.
+    fn preimages_while(
+        &self,
+        points: &[Point],
+        should_continue: &dyn Fn(usize) -> bool,
+    ) -> (Vec<Preimage>, InverseReport) {
         let start = Instant::now();
         let mut found = Vec::with_capacity(points.len());
         let mut report = InverseReport {
@@ -270,7 +305,11 @@ impl<'a> InverseMap<'a> {
             ..InverseReport::default()
         };
         for batch in points.chunks(BATCH) {
-            let (preimages, effort) = self.batch(batch);
+            let done = found.len();
+            if !should_continue(done) {
+                break;
+            }
+            let (preimages, effort) = self.batch(batch, &|| should_continue(done));
             report.iterations = report.iterations.max(effort.iterations);
             report.evaluations += effort.evaluations;
             found.extend(preimages);
@@ -282,19 +321,19 @@ impl<'a> InverseMap<'a> {
 
     /// Searches first from the mapped tetrahedra that contain the points, then, where the preimages found do not sum up
     /// to the degree of the map, from the nodes with the nearest images.
-    fn batch(&self, points: &[Point]) -> (Vec<Preimage>, NewtonEffort) {
+    fn batch(&self, points: &[Point], should_continue: &dyn Fn() -> bool) -> (Vec<Preimage>, NewtonEffort) {
         let containing = |y: &Point| match is_finite(y) {
             true => self.seeds.containing(y, MAX_CONTAINING),
             false => vec![],
         };
         let starts: Vec<Vec<Point>> = points.par_iter().map(containing).collect();
-        let (mut found, mut effort) = self.search(points, &starts);
+        let (mut found, mut effort) = self.search(points, &starts, should_continue);
         let windings = self.windings(points);
 
         let doubtful = self.doubtful(points, &found, &windings);
         let ys = picked(points, &doubtful);
         let starts: Vec<Vec<Point>> = ys.par_iter().map(|y| self.seeds.nearest(y, MAX_NEAREST)).collect();
-        let (more, further) = self.search(&ys, &starts);
+        let (more, further) = self.search(&ys, &starts, should_continue);
         effort.add(further);
         for (i, more) in doubtful.into_iter().zip(more) {
             more.into_iter().for_each(|new| self.add(&mut found[i], new));
@@ -337,7 +376,12 @@ impl<'a> InverseMap<'a> {
     }
 
     /// The distinct preimages that Newton's method finds from the starts of each point.
-    fn search(&self, points: &[Point], starts: &[Vec<Point>]) -> (Vec<Vec<FoundPreimage>>, NewtonEffort) {
+    fn search(
+        &self,
+        points: &[Point],
+        starts: &[Vec<Point>],
+        should_continue: &dyn Fn() -> bool,
+    ) -> (Vec<Vec<FoundPreimage>>, NewtonEffort) {
         let pairs: Vec<(Point, Point)> = points
             .iter()
             .zip(starts)
@@ -350,7 +394,7 @@ impl<'a> InverseMap<'a> {
             longest_step: LONGEST_STEP * self.domain_diagonal,
             iterations: self.options.iterations,
         };
-        let (mut roots, mut effort) = newton::solve(self.map, &pairs, &limits);
+        let (mut roots, mut effort) = newton::solve(self.map, &pairs, &limits, should_continue);
         effort.evaluations += self.update_jacobians(&mut roots);
         let (beyond, evaluations) = self.beyond(&pairs, &roots);
         effort.evaluations += evaluations;

@@ -98,13 +98,14 @@ pub(super) fn solve(
     map: &dyn VolumeMap,
     starts: &[(Point, Point)],
     limits: &NewtonLimits,
+    should_continue: &dyn Fn() -> bool,
 ) -> (Vec<NewtonRoot>, NewtonEffort) {
     let mut searches: Vec<NewtonSearch> = starts
         .iter()
         .map(|&(y, seed)| NewtonSearch::new(y, seed, limits))
         .collect();
     let mut effort = NewtonEffort::default();
-    while effort.iterations < limits.iterations {
+    while effort.iterations < limits.iterations && should_continue() {
         let (running, near) = split_by_need(&mut searches);
         if running.is_empty() && near.is_empty() {
             break;
@@ -258,7 +259,7 @@ mod tests {
                 longest_step: 1.0,
                 iterations: 60,
             };
-            let root = solve(&Square, &start, &limits).0[0];
+            let root = solve(&Square, &start, &limits, &|| true).0[0];
             let error = (root.jacobian[(0, 0)] - 2.0 * root.x.x).abs();
             assert!(
                 root.converged && root.is_fresh == fresh && (error == 0.0) == fresh,

@@ -15,6 +15,7 @@ use faer::linalg::triangular_solve;
 use faer::{Conj, Mat, MatRef, Par};
 
 use super::{Coefficients, CollocationSystem, SolveError, Values};
+use crate::progress::{ON_RAYON, ProgressResponse, run_abandonable};
 
 /// How the dense system is decomposed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -44,6 +45,55 @@ impl Default for DenseOptions {
             decomposition: Decomposition::default(),
             truncation: 1e-10,
         }
+    }
+}
+
+/// A system before its decomposition.
+struct UnfactoredMatrix {
+    matrix: Mat<f64>,
+    options: DenseOptions,
+    scales: Vec<f64>,
+    row_weights: Vec<f64>,
+    sources: usize,
+}
+
+impl UnfactoredMatrix {
+    fn new(system: &CollocationSystem<'_>, options: &DenseOptions) -> Result<Self, SolveError> {
+        let (collocation, unknowns, sources) = (system.collocation.len(), system.unknowns(), system.sources.len());
+        if collocation < unknowns || unknowns == 0 {
+            return Err(SolveError::Underdetermined {
+                collocation,
+                unknowns,
+                sources,
+            });
+        }
+        let (matrix, scales) = system.matrix()?;
+        Ok(Self {
+            matrix,
+            options: *options,
+            scales,
+            row_weights: system.row_weights.to_vec(),
+            sources,
+        })
+    }
+
+    fn decomposed(self) -> Result<DenseFactor, SolveError> {
+        let truncation = self.options.truncation;
+        let (decomposition, rank, condition) = match self.options.decomposition {
+            Decomposition::Svd => svd(self.matrix, truncation)?,
+            Decomposition::Qr => qr(self.matrix, truncation),
+        };
+        if rank == 0 {
+            return Err(SolveError::RankZero { truncation });
+        }
+        Ok(DenseFactor {
+            decomposition,
+            scales: self.scales,
+            row_weights: self.row_weights,
+            sources: self.sources,
+            rank,
+            condition,
+        })
     }
 }
 
@@ -78,32 +128,24 @@ impl DenseFactor {
     ///
     /// When there are fewer rows than columns, a matrix entry is not finite, or nothing is left after truncation.
     pub fn new(system: &CollocationSystem<'_>, options: &DenseOptions) -> Result<Self, SolveError> {
-        let (collocation, unknowns, sources) = (system.collocation.len(), system.unknowns(), system.sources.len());
-        if collocation < unknowns || unknowns == 0 {
-            return Err(SolveError::Underdetermined {
-                collocation,
-                unknowns,
-                sources,
-            });
-        }
-        let (matrix, scales) = system.matrix()?;
-        let (decomposition, rank, condition) = match options.decomposition {
-            Decomposition::Svd => svd(matrix, options.truncation)?,
-            Decomposition::Qr => qr(matrix, options.truncation),
-        };
-        if rank == 0 {
-            return Err(SolveError::RankZero {
-                truncation: options.truncation,
-            });
-        }
-        Ok(Self {
-            decomposition,
-            scales,
-            row_weights: system.row_weights.to_vec(),
-            sources,
-            rank,
-            condition,
-        })
+        let unfactored = UnfactoredMatrix::new(system, options)?;
+        unfactored.decomposed()
+    }
+
+    /// As [`Self::new`]. `progress` is called ten times in a second. A decomposition cannot be interrupted: when it is
+    /// cancelled, this returns at once, but the processors and the memory that it takes are free only when it is done.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`], and [`SolveError::Cancelled`].
+    pub fn new_with_progress<A: ProgressResponse>(
+        system: &CollocationSystem<'_>,
+        options: &DenseOptions,
+        progress: &dyn Fn() -> A,
+    ) -> Result<Self, SolveError> {
+        let unfactored = UnfactoredMatrix::new(system, options)?;
+        run_abandonable(ON_RAYON, &|| progress().control_flow(), || unfactored.decomposed())
+            .unwrap_or(Err(SolveError::Cancelled))
     }
 
     /// Number of singular values or pivots kept.

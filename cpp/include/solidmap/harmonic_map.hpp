@@ -13,6 +13,7 @@
 
 #include "solidmap/boundary_map.hpp"
 #include "solidmap/mesh.hpp"
+#include "solidmap/progress.hpp"
 #include "solidmap/span.hpp"
 #include "solidmap/worst_place.hpp"
 
@@ -148,8 +149,9 @@ class Inverse {
   /// unsupported without a boundary map).
   explicit Inverse(const HarmonicMap& map, const InverseOptions& options = {});
 
-  /// Preimages of the points, in order. Search for many in one call, on all cores: about 10 µs per point and core.
-  std::vector<Preimage> operator()(Span<const Point> points) const;
+  /// Preimages of the points, in order. Search for many in one call, on all cores: about 10 µs per point and core. Throws
+  /// Error (cancelled).
+  std::vector<Preimage> operator()(Span<const Point> points, const ProgressCallback& progress = {}) const;
 
  private:
   std::shared_ptr<const detail::InverseImpl> impl_;
@@ -198,9 +200,10 @@ struct EnergyReport {
 /// Energies of a map, integrated on a grid, or over the cells of a mesh, which must be a mesh of the domain: that is not
 /// checked. Tetrahedra get four points each, hexahedra eight, the Gauss points of their trilinear map. Throws Error
 /// (invalid_input: no volume, no cells, no tolerance; numerical: a Jacobian that is not finite; unsupported: no
-/// boundary map).
-EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options = {});
-EnergyReport energies(const HarmonicMap& map, const CellMesh& mesh, const EnergyOptions& options = {});
+/// boundary map; cancelled).
+EnergyReport energies(const HarmonicMap& map, const EnergyOptions& options = {}, const ProgressCallback& progress = {});
+EnergyReport energies(const HarmonicMap& map, const CellMesh& mesh, const EnergyOptions& options = {},
+                      const ProgressCallback& progress = {});
 
 /// Densities of the two energies, and the determinant of the map's Jacobian in model units, one for each point.
 struct EnergyDensities {
@@ -247,8 +250,9 @@ struct CertificateReport {
 };
 
 /// Proves where a map is locally one to one, and where it folds, by bounds of its Jacobian over the cells of an octree.
-/// Some 20 µs for each cell. Throws Error (invalid_input; unsupported: no boundary map).
-CertificateReport certify(const HarmonicMap& map, const CertificateOptions& options = {});
+/// Some 20 µs for each cell. Throws Error (invalid_input; unsupported: no boundary map; cancelled).
+CertificateReport certify(const HarmonicMap& map, const CertificateOptions& options = {},
+                          const ProgressCallback& progress = {});
 
 /// Where the map misses its boundary map most: groups of triangles of the domain, the largest error first. Throws Error
 /// (unsupported: no boundary map).
@@ -270,7 +274,7 @@ struct DistortionReport {
 
 /// Distortion of a map, integrated on a grid of `cells` cells along the longest side, or over the cells of a mesh. Throws
 /// Error as energies().
-DistortionReport distortion(const HarmonicMap& map, std::size_t cells = 48);
-DistortionReport distortion(const HarmonicMap& map, const CellMesh& mesh);
+DistortionReport distortion(const HarmonicMap& map, std::size_t cells = 48, const ProgressCallback& progress = {});
+DistortionReport distortion(const HarmonicMap& map, const CellMesh& mesh, const ProgressCallback& progress = {});
 
 }  // namespace solidmap

@@ -42,8 +42,9 @@ struct TetOptions {
 
 /// Tetrahedra that fill the solid inside `surface`. With tetgen the first nodes are the surface's vertices, bit for
 /// bit. TetGen runs once at a time in a process; other calls wait. Throws Error: unsupported without CGAL and TetGen
-/// (has_native()), invalid_input (open, degenerate, intersecting itself), memory, native.
-CellMesh tetrahedralise(const Surface& surface, const TetOptions& options = {});
+/// (has_native()), invalid_input (open, degenerate, intersecting itself), memory, native, cancelled. Neither mesher can be
+/// interrupted: a cancelled call returns at once, but its thread and memory are free only when the mesher has ended.
+CellMesh tetrahedralise(const Surface& surface, const TetOptions& options = {}, const ProgressCallback& progress = {});
 
 /// How offset_surface() works.
 struct OffsetOptions {
@@ -76,7 +77,8 @@ struct OffsetSurface {
 
 /// The surface at `distance` (model units) outside a closed one, which may intersect itself; cavities get none. Throws
 /// Error as tetrahedralise().
-OffsetSurface offset_surface(const Surface& surface, double distance, const OffsetOptions& options = {});
+OffsetSurface offset_surface(const Surface& surface, double distance, const OffsetOptions& options = {},
+                             const ProgressCallback& progress = {});
 
 /// A regular mesh of a polycube.
 struct RegularMesh {

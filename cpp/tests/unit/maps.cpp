@@ -245,6 +245,7 @@ TEST_CASE("the inverse undoes the map") {
   const std::vector<Point> odd = {{10, 0, 0}, {std::nan(""), 0, 0}};
   CHECK((inverse(odd)[0].status == Preimage::Status::outside));
   CHECK((inverse(odd)[1].status == Preimage::Status::not_finite));
+  CHECK(thrown_by([&] { inverse(odd, [](const Progress&) { return false; }); }) == "cancelled");
   InverseOptions loose;
   loose.tolerance = 1;
   CHECK(thrown_by([&] { Inverse(map, loose); }) == "invalid_input");
@@ -267,6 +268,13 @@ TEST_CASE("the identity has its energies, a twist has more") {
   CHECK((found.deformation_error > 0.0 && found.deformation_error < 0.01 * found.deformation));
   CHECK(distortion(twisted, 24).mean.conformal > 1.0);
   CHECK(distortion(fit(BoundaryMap(ball, ball.vertices())), 24).mean.symmetric_dirichlet == doctest::Approx(6.0));
+  const ProgressCallback refuse = [](const Progress&) { return false; };
+  CHECK(thrown_by([&] { energies(twisted, {}, refuse); }) == "cancelled");
+  CHECK(thrown_by([&] { distortion(twisted, 24, refuse); }) == "cancelled");
+  CHECK(thrown_by([&] { certify(twisted, {}, refuse); }) == "cancelled");
+  std::size_t calls = 0;
+  CHECK_THROWS_AS(energies(twisted, {}, [&](const Progress&) -> bool { if (++calls > 0) throw 7; return true; }), int);
+  CHECK(energies(twisted, {}, [&](const Progress& p) { return p.step == "integrating"; }).harmonic == found.harmonic);
   EnergyOptions none;
   none.cells = 0;
   CHECK(thrown_by([&] { energies(twisted, none); }) == "invalid_input");

@@ -91,6 +91,10 @@ TEST_CASE("solids are filled and wrapped, or the error says what the build lacks
   CHECK(tets.boundary().surface.volume() == doctest::Approx(8.0));
   CHECK(farthest({tets.nodes().data(), cube.vertices().size()}, cube.vertices()) == 0.0);
   CHECK(tetrahedralise(cube, by_cgal).boundary().surface.volume() == doctest::Approx(8.0).epsilon(0.01));
+  const ProgressCallback refuse = [](const Progress&) { return false; };
+  CHECK(thrown_by([&] { tetrahedralise(cube, {}, refuse); }) == "cancelled");
+  CHECK(thrown_by([&] { tetrahedralise(cube, by_cgal, refuse); }) == "cancelled");
+  CHECK(thrown_by([&] { offset_surface(cube, 0.2, {}, refuse); }) == "cancelled");
   const OffsetSurface around = offset_surface(cube, 0.2);
   CHECK(around.min_distance > 0.1);
   CHECK(around.genus == 0);

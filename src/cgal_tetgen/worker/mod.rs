@@ -19,6 +19,7 @@ use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
 use super::CgalTetgenError;
+use super::cancellation;
 use super::error::CallFailure;
 
 pub use message::Message;
@@ -162,7 +163,8 @@ impl Connection {
             Some(worker) => worker,
             empty => empty.insert(Worker::start(&self.isolation)?),
         };
-        match worker.exchange(&request, self.isolation.time_limit) {
+        let limit = self.isolation.time_limit;
+        match cancellation::exchange(&worker.socket, || worker.exchange(&request, limit))? {
             Ok(reply) if reply.tag == 0 => Ok((reply, worker.id)),
             Ok(Message { tag, text, .. }) => Err(CallFailure::new(tag as i32, text).into()),
             Err(error) => {
@@ -214,7 +216,7 @@ impl Worker {
         matches!(self.child.try_wait(), Ok(Some(_)))
     }
 
-    fn exchange(&mut self, request: &Message, limit: Option<Duration>) -> std::io::Result<Message> {
+    fn exchange(&self, request: &Message, limit: Option<Duration>) -> std::io::Result<Message> {
         // A timeout of zero is an error.
         let limit = limit.map(|limit| limit.max(Duration::from_millis(1)));
         self.socket.set_read_timeout(limit)?;
