@@ -36,6 +36,26 @@ fn solids() -> Vec<(&'static str, SurfaceMesh)> {
     solids
 }
 
+/// A cylinder over a regular polygon, with all triangles of its bottom and of its top about one corner.
+fn fans(corners: u32) -> SurfaceMesh {
+    let angle = |k: u32| 2.0 * PI * f64::from(k) / f64::from(corners);
+    let circle = |z| (0..corners).map(move |k| Point::new(angle(k).cos(), angle(k).sin(), z));
+    let fan = (1..corners - 1).flat_map(|k| [[0, k + 1, k], [corners, corners + k, corners + k + 1]]);
+    let walls = (0..corners).flat_map(|a| {
+        let b = (a + 1) % corners;
+        [[a, b, b + corners], [a, b + corners, a + corners]]
+    });
+    SurfaceMesh::new(circle(0.0).chain(circle(1.0)).collect(), fan.chain(walls).collect()).unwrap()
+}
+
+/// TetGen recurses over the triangles about a vertex, and overflows the stack of a test's thread (2 MiB) on this one.
+#[test]
+fn a_fan_of_500_triangles_does_not_overflow_the_stack() {
+    let surface = fans(500);
+    let mesh = tetrahedralize(&surface, &TetOptions::default()).unwrap();
+    assert_fills("a cylinder of fans", &mesh, &surface);
+}
+
 /// What [`tetrahedralize`] promises, checked independently of it.
 fn assert_fills(name: &str, mesh: &TetMesh, surface: &SurfaceMesh) {
     assert!(

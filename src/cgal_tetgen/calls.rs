@@ -1,6 +1,9 @@
 //! Calls of CGAL and TetGen on plain arrays, in this process or in the worker if there is one. Nothing is checked here.
 
 use super::CgalTetgenError;
+use std::panic::resume_unwind;
+use std::thread::Builder;
+
 use super::bridge::ffi;
 use super::cancellation::require_wanted;
 use super::error::CallFailure;
@@ -40,8 +43,30 @@ pub(super) fn call(
     })
 }
 
+/// Stack of the thread that runs a call, the first that the system grants. TetGen recurses over the triangles about a
+/// vertex: 2000 of them took more than 64 MiB. Pages that are not used take no memory.
+const STACKS: [usize; 2] = [1 << 30, 1 << 27];
+
 /// As [`call`], in this process.
 pub(super) fn run_in_process(
+    operation: Operation,
+    xyz: &[f64],
+    triangles: &[u32],
+    options: &[f64],
+) -> Result<Mesh, CallFailure> {
+    let run = || run_on_this_stack(operation, xyz, triangles, options);
+    std::thread::scope(|scope| {
+        let started = STACKS
+            .into_iter()
+            .find_map(|stack| Builder::new().stack_size(stack).spawn_scoped(scope, run).ok());
+        match started {
+            Some(thread) => thread.join().unwrap_or_else(|panic| resume_unwind(panic)),
+            None => run(),
+        }
+    })
+}
+
+fn run_on_this_stack(
     operation: Operation,
     xyz: &[f64],
     triangles: &[u32],
