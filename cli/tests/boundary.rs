@@ -164,8 +164,14 @@ fn pairs_that_cannot_be_mapped_end_with_2_and_name_the_side() {
     std::fs::write(place.path("far.txt"), "0 100000\n").unwrap();
     std::fs::write(place.path("words.txt"), "nose nose\n").unwrap();
     for (line, fragments) in [
-        ("pair domain.obj ring.obj", vec!["target", "genus 1"]),
-        ("pair ring.obj domain.obj", vec!["domain", "genus 1"]),
+        (
+            "pair domain.obj ring.obj",
+            vec!["cannot map `ring.obj` to the sphere: the surface has genus 1"],
+        ),
+        (
+            "pair ring.obj domain.obj",
+            vec!["cannot map `ring.obj` to the sphere: the surface has genus 1"],
+        ),
         ("pair domain.obj missing.obj", vec!["missing.obj"]),
         (
             "pair domain.obj target.obj --landmarks missing.txt",

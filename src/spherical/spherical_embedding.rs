@@ -233,17 +233,17 @@ fn require_manifold(surface: &SurfaceMesh, topology: &Topology) -> Result<(), Sp
     }
     let edges = topology.non_manifold_edges();
     if let Some([a, b]) = edges.first() {
-        return found(format!(
-            "{} edges have more than two triangles, the first joins vertices {a} and {b}",
-            edges.len()
-        ));
+        return found(match edges.len() {
+            1 => format!("the edge between vertices {a} and {b} has more than two triangles"),
+            count => format!("{count} edges have more than two triangles, the first joins vertices {a} and {b}"),
+        });
     }
     let vertices = topology.non_manifold_vertices();
     if let Some(v) = vertices.first() {
-        return found(format!(
-            "it touches itself at {} vertices, the first is {v}",
-            vertices.len()
-        ));
+        return found(match vertices.len() {
+            1 => format!("it touches itself at vertex {v}"),
+            count => format!("it touches itself at {count} vertices, the first is {v}"),
+        });
     }
     Ok(())
 }

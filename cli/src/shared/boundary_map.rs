@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase, PairReport, map_pair};
+use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairPhase, PairReport, map_pair};
 use solidmap::files;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::progress::ProgressControl;
@@ -75,8 +75,17 @@ pub fn to_model(
             ProgressControl::Continue
         }
     };
-    let (map, report) = map_pair(domain, &target, &options, &progress)
-        .with_context(|| format!("cannot map `{}` to `{}`", files[0].display(), files[1].display()))?;
+    let (map, report) = map_pair(domain, &target, &options, &progress).map_err(|error| match error {
+        // Only one of the files is at fault.
+        PairError::Sphere { side, error } => {
+            let file = files[usize::from(side == "target")];
+            anyhow::Error::new(error).context(cannot_map(file))
+        }
+        error => {
+            let (domain, target) = (files[0].display(), files[1].display());
+            anyhow::Error::new(error).context(format!("cannot map `{domain}` to `{target}`"))
+        }
+    })?;
     report.warnings.iter().for_each(|warning| output.warn(warning));
     Ok((map, report))
 }
