@@ -2,7 +2,8 @@
 //!
 //! A progress callback returns nothing, a [`ControlFlow`] or a [`ProgressControl`]. [`ControlFlow::Break`] cancels the
 //! work, which then returns the error `Cancelled` of its stage; [`ProgressControl::Conclude`] asks for the best result
-//! so far. Callbacks run on the calling thread, at least once in every iteration of a solver.
+//! so far. Callbacks run on the calling thread: at least once in every iteration of a solver, or ten times in a second
+//! while it waits for others.
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -124,11 +125,6 @@ pub(crate) type Spawn = fn(Box<dyn FnOnce() + Send>);
 
 /// On a thread of rayon's, for work that is parallel itself.
 pub(crate) const ON_RAYON: Spawn = |work| rayon::spawn(work);
-
-/// On a thread of its own, for work that may block its thread for long. There is no result if the system has no thread
-/// left.
-#[cfg(feature = "native")]
-pub(crate) const ON_NEW_THREAD: Spawn = |work| drop(std::thread::Builder::new().spawn(work));
 
 /// Why [`run_abandonable`] has no result.
 #[derive(Debug, PartialEq, Eq)]

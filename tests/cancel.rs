@@ -71,7 +71,7 @@ fn remeshing_can_be_cancelled_in_repair_and_polish() {
     let map = fit(&boundary, &FitOptions::default(), &|_| {}).unwrap().map;
     let source = RemeshSource::Regular {
         kind: CellKind::Hexes,
-        size: CellSize::Along(8),
+        size: CellSize::Along(20),
         most_cells: 100_000,
     };
     let options = RemeshOptions {
@@ -83,8 +83,9 @@ fn remeshing_can_be_cancelled_in_repair_and_polish() {
         calls.set(calls.get() + 1)
     })
     .unwrap();
-    assert!(calls.get() > 30, "{} calls", calls.get());
-    for last in [0, 1, 2, 5, calls.get() / 2, calls.get() - 2] {
+    // The work is done on other threads, and the callback called ten times in a second.
+    assert!(calls.get() > 10, "{} calls", calls.get());
+    for last in [0, 1, 2, 3, calls.get() / 2] {
         let count = Cell::new(0);
         let ended = remesh(&boundary, &map, source.clone(), &options, &|_| {
             break_after(last, &count)

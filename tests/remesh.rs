@@ -1,19 +1,21 @@
 //! Regular meshes of polycubes: conforming, carried exactly, and with no cell inverted, counted independently.
 
 use std::collections::HashMap;
+use std::path::Path;
 
 use crate::common::models;
 use rand::{Rng, SeedableRng, rngs::StdRng};
+use solidmap::baseline::{HarmonicOptions, TetHarmonic, TetMap};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{FitOptions, fit};
 use solidmap::geometry::SurfaceQuery;
 use solidmap::io::{self, SolidMesh};
 use solidmap::map::VolumeMap;
-use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, shapes};
+use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, TetMesh, shapes};
 use solidmap::remesh::{
     BoundedMesh, CellKind, CellSize, GivenMeshError, InversionCause, PolishOutcome, Polycube, PolycubeError,
-    RemeshError, RemeshOptions, RemeshSource, Remeshed, cell_count, given_mesh, grid_points, invalid_cells,
-    inversion_causes, memory_estimate, regular_mesh, remesh,
+    RemeshError, RemeshOptions, RemeshSource, Remeshed, RepairStart, cell_count, given_mesh, grid_points,
+    invalid_cells, inversion_causes, memory_estimate, regular_mesh, remesh,
 };
 use solidmap::{Matrix3, Point, Vector};
 
@@ -63,6 +65,7 @@ fn run_with(boundary: &BoundaryMap, map: &dyn VolumeMap, source: RemeshSource, o
 /// The images under the map, without repair or polish.
 const UNREPAIRED: RemeshOptions = RemeshOptions {
     repair: false,
+    most_added: None,
     slide: true,
     polish: 0,
     polish_valid: false,
@@ -409,100 +412,6 @@ fn kuhn(boxes: usize) -> CellMesh {
     CellMesh::new(nodes, CellList::Tets(tets), regions).unwrap()
 }
 
-/// Number of tetrahedra of that mesh with all their nodes on the surface of the cube.
-fn kuhn_alone(boxes: usize) -> usize {
-    let mesh = kuhn(boxes);
-    let CellList::Tets(tets) = mesh.cells() else {
-        panic!("tets")
-    };
-    let outer = |v: &u32| mesh.nodes()[*v as usize].coords.amax() == 1.0;
-    tets.iter().filter(|t| t.iter().all(outer)).count()
-}
-
-/// Number of tetrahedra with all their nodes on the boundary.
-fn on_boundary_alone(mesh: &BoundedMesh) -> usize {
-    match mesh.cells() {
-        CellList::Tets(tets) => {
-            let alone = |t: &&[u32; 4]| t.iter().all(|v| mesh.on_boundary()[*v as usize]);
-            tets.iter().filter(alone).count()
-        }
-        CellList::Hexes(_) => panic!("hexahedra"),
-    }
-}
-
-#[test]
-fn tetrahedra_on_the_boundary_alone_are_split_and_regions_stay() {
-    // One tetrahedron has no interior edge or face, two that share a face no interior edge; boxes have interior edges.
-    let tet = CellMesh::new(
-        vec![
-            Point::origin(),
-            Point::new(1.0, 0.0, 0.0),
-            Point::new(0.0, 1.0, 0.0),
-            Point::new(0.0, 0.0, 1.0),
-        ],
-        CellList::Tets(vec![[0, 2, 1, 3]]),
-        vec![7],
-    );
-    let points = [
-        [0.0; 3],
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.3, 0.3, 1.0],
-        [0.3, 0.3, -1.0],
-    ]
-    .map(Point::from);
-    let two = CellMesh::new(
-        points.into(),
-        CellList::Tets(vec![[0, 1, 2, 3], [0, 1, 2, 4]]),
-        vec![7, -8],
-    );
-    for (mesh, alone) in [
-        (tet.unwrap(), 1),
-        (two.unwrap(), 2),
-        (kuhn(1), 6),
-        (kuhn(2), 24),
-        (kuhn(4), kuhn_alone(4)),
-    ] {
-        let counted = |mesh: &CellMesh| {
-            let CellList::Tets(tets) = mesh.cells() else {
-                panic!("tets")
-            };
-            let mut volumes = std::collections::BTreeMap::new();
-            for (t, region) in tets.iter().zip(mesh.regions()) {
-                let [a, b, c, d] = t.map(|v| mesh.nodes()[v as usize]);
-                *volumes.entry(*region).or_insert(0.0) += (b - a).dot(&(c - a).cross(&(d - a))).abs() / 6.0;
-            }
-            volumes
-        };
-        let cube = shapes::cube(2.0, 1);
-        let domain = if alone > 2 {
-            cube
-        } else {
-            let elsewhere = given_mesh(mesh.clone(), &cube);
-            assert!(
-                matches!(elsewhere, Err(GivenMeshError::OtherPlace { .. })),
-                "{elsewhere:?}"
-            );
-            surface_of(&mesh)
-        };
-        let given = given_mesh(mesh.clone(), &domain).unwrap();
-        assert_eq!(given.on_boundary_alone, alone);
-        let split = &given.mesh;
-        assert_eq!(on_boundary_alone(split), 0);
-        assert_eq!(split.nodes()[..mesh.nodes().len()], *mesh.nodes());
-        let faces = faces(split);
-        assert!(faces.values().all(|&n| n <= 2));
-        assert_eq!(faces.values().filter(|n| **n == 1).count(), split.boundary().len());
-        assert_eq!(invalid_cells(split.cells(), split.nodes()).cells, [] as [u32; 0]);
-        let after = CellMesh::new(split.nodes().to_vec(), split.cells().clone(), split.regions().to_vec()).unwrap();
-        let volumes = counted(&mesh).into_iter().zip(counted(&after));
-        for ((region, volume), (after_region, after_volume)) in volumes {
-            assert_eq!(region, after_region);
-            assert!((volume - after_volume).abs() < 1e-13);
-        }
-    }
-}
-
 #[test]
 fn given_meshes_are_carried_and_untangled() {
     let domain = shapes::cube(2.0, 4);
@@ -511,7 +420,8 @@ fn given_meshes_are_carried_and_untangled() {
     let collapsed = Formula(|_: &Point| Point::new(0.1, 0.0, 0.2));
     let result = run(&boundary, &collapsed, RemeshSource::Given(kuhn(4)));
     assert_eq!(result.report.after.cells, [] as [u32; 0], "{:?}", result.report);
-    assert!(result.report.split_cells == kuhn_alone(4) && result.report.off_surface < 1e-15);
+    assert!(result.report.repair.split.cells_added == 0 && result.report.off_surface < 1e-15);
+    assert_eq!(result.report.repair.start, RepairStart::FiniteElements);
     // Named by where they face in the domain.
     let mut names = result.mesh.part_names().to_vec();
     names.iter_mut().for_each(|name| *name = name.split_off(7));
@@ -801,8 +711,8 @@ fn meshes_that_cannot_be_carried_are_refused() {
 
 #[test]
 fn what_blocks_a_repair_is_proved() {
-    // A mirrored tetrahedron: its new node in the middle has no valid position.
-    let nodes = vec![
+    // A mirrored tetrahedron, and one that is cut into four: the node in its middle has no valid position.
+    let mut nodes = vec![
         Point::origin(),
         Point::new(1.0, 0.0, 0.0),
         Point::new(0.0, 1.0, 0.0),
@@ -810,12 +720,21 @@ fn what_blocks_a_repair_is_proved() {
     ];
     let domain = SurfaceMesh::new(nodes.clone(), vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
     let mesh = CellMesh::new(nodes.clone(), CellList::Tets(vec![[0, 1, 2, 3]]), vec![0]).unwrap();
-    let given = given_mesh(mesh, &domain).unwrap().mesh;
-    assert_eq!(inversion_causes(&given, given.nodes()).blocked_nodes, 0);
-    let mirrored: Vec<Point> = given.nodes().iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
-    let found = inversion_causes(&given, &mirrored);
-    assert_eq!((found.blocked_nodes, found.boundary_cells), (1, 0));
-    assert_eq!(found.of_cells, [InversionCause::BlockedNode; 4]);
+    nodes.push(Point::new(0.25, 0.25, 0.25));
+    let parts = [[4, 1, 2, 3], [0, 4, 2, 3], [0, 1, 4, 3], [0, 1, 2, 4]];
+    let cut = CellMesh::new(nodes, CellList::Tets(parts.to_vec()), vec![0; 4]).unwrap();
+    for (mesh, counts, cause) in [
+        (mesh, (0, 1), InversionCause::Boundary),
+        (cut, (1, 0), InversionCause::BlockedNode),
+    ] {
+        let given = given_mesh(mesh, &domain).unwrap().mesh;
+        let unmoved = inversion_causes(&given, given.nodes());
+        assert_eq!((unmoved.blocked_nodes, unmoved.boundary_cells), (0, 0));
+        let mirrored: Vec<Point> = given.nodes().iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
+        let found = inversion_causes(&given, &mirrored);
+        assert_eq!((found.blocked_nodes, found.boundary_cells), counts);
+        assert!(found.of_cells.iter().all(|of_cell| *of_cell == cause));
+    }
     // The corners of a cube of hexahedra without padding are the boundary's alone.
     let nodes: Vec<Point> = (0..27)
         .map(|n| Point::new((n % 3) as f64, (n / 3 % 3) as f64, (n / 9) as f64))
@@ -1026,4 +945,95 @@ fn the_bird_has_no_inverted_tetrahedron_with_its_boundary_fixed() {
     let report = run(&boundary, &fit.map, tets).report;
     assert!(!report.before.cells.is_empty());
     assert_eq!(report.after.cells, [] as [u32; 0], "{report:?}");
+}
+
+/// A case of VOLMAP's group G1: the map by finite elements, and the mesh.
+fn volmap_case(folder: &Path, case: &str) -> (BoundaryMap, TetMap, CellMesh) {
+    let (model, _) = case.rsplit_once('_').unwrap();
+    let mesh = solidmap::io::read_cells(folder.join(format!("{model}.mesh"))).unwrap();
+    let CellList::Tets(tets) = mesh.cells() else {
+        panic!("tetrahedra")
+    };
+    // Some of them are left-handed as a whole.
+    let mut tets = TetMesh::new(mesh.nodes().to_vec(), tets.clone()).unwrap();
+    if tets.volume() < 0.0 {
+        let reversed = tets.tets().iter().map(|&[a, b, c, d]| [b, a, c, d]).collect();
+        tets = TetMesh::new(mesh.nodes().to_vec(), reversed).unwrap();
+    }
+    let text = std::fs::read_to_string(folder.join(format!("{case}.txt"))).unwrap();
+    let line = |line: &str| {
+        let words: Vec<f64> = line.split_whitespace().map(|word| word.parse().unwrap()).collect();
+        (words[0] as u32, Point::new(words[1], words[2], words[3]))
+    };
+    let images: HashMap<u32, Point> = text.lines().filter(|text| !text.trim().is_empty()).map(line).collect();
+    let harmonic = TetHarmonic::new(tets.clone(), &HarmonicOptions::default()).unwrap();
+    let outer: Vec<Point> = harmonic.boundary_vertices().iter().map(|v| images[v]).collect();
+    let map = harmonic.solve(&outer).unwrap();
+    let boundary = BoundaryMap::new(tets.boundary().surface, outer).unwrap();
+    let (nodes, tets) = tets.into_parts();
+    let regions = vec![0; tets.len()];
+    (
+        boundary,
+        map,
+        CellMesh::new(nodes, CellList::Tets(tets), regions).unwrap(),
+    )
+}
+
+/// In the first two cells stay inverted as long as none is split, in the second also all edges between boundary nodes.
+#[test]
+fn cases_of_volmap_are_repaired_with_the_boundary_as_it_is() {
+    let Some(models) = models() else { return };
+    let volmap = models.join("volmap");
+    for (case, is_split) in [("bone_cube", true), ("bone_star", true), ("duck_star", false)] {
+        let (boundary, map, mesh) = volmap_case(&volmap, case);
+        let options = RemeshOptions {
+            slide: false,
+            ..RemeshOptions::default()
+        };
+        let carried = |options: &RemeshOptions| {
+            let source = RemeshSource::Given(mesh.clone());
+            remesh(&boundary, &map, source, options, &|_| {}).unwrap()
+        };
+        let found = carried(&options);
+        let report = &found.report;
+        assert_eq!(report.after.cells, [] as [u32; 0], "{case}");
+        assert!(report.before.inverted > 0 && report.slid_nodes == 0, "{case}");
+        let added = report.repair.split.cells_added;
+        assert_eq!(added > 0, is_split, "{case}: {added} added");
+        assert!(added <= mesh.cells().len() / 3, "{case}: {added} added");
+        // Nodes keep their indices, and those of the boundary their images.
+        assert_eq!(found.mesh.nodes()[..mesh.nodes().len()], *mesh.nodes());
+        let outer = (0..found.images.len()).filter(|&v| found.mesh.on_boundary()[v]);
+        for v in outer {
+            assert!(
+                v < mesh.nodes().len() && found.images[v] == found.carried[v],
+                "{case}: node {v}"
+            );
+        }
+        let in_domain = invalid_cells(found.mesh.cells(), found.mesh.nodes());
+        assert_eq!(in_domain.cells, [] as [u32; 0], "{case}");
+        let quality = report.quality.unwrap();
+        assert!(quality.min_scaled_jacobian > 1e-6, "{case}: {quality:?}");
+
+        let unsplit = carried(&RemeshOptions {
+            most_added: Some(0),
+            ..options
+        });
+        assert_eq!(unsplit.mesh.cells(), mesh.cells());
+        assert_eq!(unsplit.report.after.inverted > 0, is_split, "{case}");
+        assert!(unsplit.report.after.inverted <= unsplit.report.before.inverted);
+    }
+}
+
+#[test]
+fn repairs_do_not_depend_on_the_number_of_threads() {
+    let Some(models) = models() else { return };
+    let (boundary, map, mesh) = volmap_case(&models.join("volmap"), "bone_cube");
+    let images = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let source = RemeshSource::Given(mesh.clone());
+        let found = pool.install(|| remesh(&boundary, &map, source, &RemeshOptions::default(), &|_| {}).unwrap());
+        found.images
+    };
+    assert_eq!(images(1), images(3));
 }

@@ -269,6 +269,7 @@ pub(super) mod ffi {
         slide: bool,
         polish: usize,
         polish_valid: bool,
+        most_added: usize,
         memory: u64,
     }
 
@@ -288,7 +289,8 @@ pub(super) mod ffi {
         largest_shift: f64,
         slid_nodes: usize,
         largest_slide: f64,
-        split_cells: usize,
+        cells_added: usize,
+        from_finite_elements: bool,
         seconds: f64,
         worst_places: Vec<WorstPlace>,
     }

@@ -9,7 +9,9 @@ use super::maps::{Map, ask};
 use super::measures::worst_place;
 use super::meshes::{Surface, VolumeMesh, quality_of};
 use solidmap::mesh::CellMesh;
-use solidmap::remesh::{self, CellKind, CellSize, PolishOutcome, RemeshOptions, RemeshPhase, RemeshSource};
+use solidmap::remesh::{
+    self, CellKind, CellSize, PolishOutcome, RemeshOptions, RemeshPhase, RemeshSource, RepairStart,
+};
 use solidmap::worst_places::LISTED;
 
 pub struct RemeshResult(remesh::Remeshed);
@@ -168,6 +170,7 @@ fn carried(
     let options = RemeshOptions {
         repair: options.repair,
         slide: options.slide,
+        most_added: (options.most_added != usize::MAX).then_some(options.most_added),
         polish: options.polish,
         polish_valid: options.polish_valid,
         memory: (options.memory > 0).then_some(options.memory),
@@ -213,7 +216,8 @@ impl RemeshResult {
                 largest_shift: report.largest_shift,
                 slid_nodes: report.slid_nodes,
                 largest_slide: report.largest_slide,
-                split_cells: report.split_cells,
+                cells_added: report.repair.split.cells_added,
+                from_finite_elements: report.repair.start == RepairStart::FiniteElements,
                 seconds: report.seconds.total,
                 worst_places: self.0.worst_places(LISTED).iter().map(worst_place).collect(),
             })

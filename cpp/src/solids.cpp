@@ -1,5 +1,7 @@
 #include "solidmap/solids.hpp"
 
+#include <limits>
+
 #include "access.hpp"
 
 namespace solidmap {
@@ -42,7 +44,12 @@ OffsetSurface offset_surface(const Surface& surface, double distance, const Offs
 namespace {
 
 ffi::RemeshOptions for_rust(const RemeshOptions& options) {
-  return {options.repair, options.slide, options.polish, options.polish_valid, options.memory};
+  return {options.repair,
+          options.slide,
+          options.polish,
+          options.polish_valid,
+          options.most_added.value_or(std::numeric_limits<std::size_t>::max()),
+          options.memory};
 }
 
 Remeshed converted(const rust::Box<ffi::RemeshResult>& remeshed) {
@@ -63,7 +70,8 @@ Remeshed converted(const rust::Box<ffi::RemeshResult>& remeshed) {
   report.largest_shift = found.largest_shift;
   report.slid_nodes = found.slid_nodes;
   report.largest_slide = found.largest_slide;
-  report.split_cells = found.split_cells;
+  report.cells_added = found.cells_added;
+  report.from_finite_elements = found.from_finite_elements;
   report.seconds = found.seconds;
   report.worst_places = detail::converted(found.worst_places);
   return {make_cells(remeshed->mesh()), make_cells(remeshed->domain_mesh()), report};

@@ -7,7 +7,7 @@ use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::CgalTetgenError;
-use crate::progress::{ON_NEW_THREAD, ProgressResponse, Unfinished, run_abandonable};
+use crate::progress::{ProgressResponse, Spawn, Unfinished, run_abandonable};
 
 /// Runs calls of this module on another thread; `progress` is called ten times in a second on this one.
 ///
@@ -52,6 +52,9 @@ pub fn cancellable<R: Send + 'static, A: ProgressResponse>(
         Unfinished::NotStarted => Err(CgalTetgenError::OutOfMemory),
     })
 }
+
+/// On a thread of its own, since calls may block it for long; not at all if the system has no thread left.
+const ON_NEW_THREAD: Spawn = |work| drop(std::thread::Builder::new().spawn(work));
 
 thread_local! {
     /// The call that this thread makes.

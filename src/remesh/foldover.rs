@@ -240,6 +240,82 @@ impl FoldoverEnergy {
     }
 }
 
+impl FoldoverEnergy {
+    /// For each of the nodes `free` the 3 × 3 block of the Hessian on its diagonal, without the curvature of `χ`: the
+    /// energy is convex in the Jacobian, `d` and `χ` together, so that the blocks are positive semi-definite. For
+    /// hexahedra all blocks are the identity.
+    pub fn diagonal_blocks(&self, x: &[Point], epsilon: f64, free: &[u32]) -> Vec<Matrix3> {
+        let ReferenceCells::Tets { corners, rest, weights } = &self.cells else {
+            return vec![Matrix3::identity(); free.len()];
+        };
+        let block = |&v: &u32| {
+            let uses = self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
+            let of_use = |&use_: &u32| {
+                let (cell, corner) = (use_ as usize / 4, use_ as usize % 4);
+                let jacobian = edges(corners[cell].map(|v| x[v as usize])) * rest[cell];
+                // Moving the corner by u adds u sᵀ to the Jacobian.
+                let slope = match corner {
+                    0 => -(rest[cell].row_sum().transpose()),
+                    k => rest[cell].row(k - 1).transpose(),
+                };
+                block_of_jacobian(&jacobian, &slope, epsilon) * weights[cell]
+            };
+            self.uses[uses].iter().map(of_use).sum()
+        };
+        free.par_iter().with_min_len(512).map(block).collect()
+    }
+}
+
+/// The Hessian of the energy of a Jacobian `J + u sᵀ` with respect to `u`, without the curvature of `χ`.
+fn block_of_jacobian(jacobian: &Matrix3, slope: &Vector, epsilon: f64) -> Matrix3 {
+    let [a, b, c] = [0, 1, 2].map(|k| jacobian.column(k).into_owned());
+    let cofactors = Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)]);
+    let det = a.dot(&cofactors.column(0));
+    let (chi, chi_slope) = chi(det, epsilon);
+    let shape = cube_root(chi).powi(-2);
+    // Derivatives with respect to u: of d, of χ, and of half of |J|².
+    let by_det = cofactors * slope;
+    let by_chi = by_det * chi_slope;
+    let by_norm = jacobian * slope;
+    let mixed = by_norm * by_chi.transpose();
+    let norm = jacobian.norm_squared();
+    let size = det * det + 1.0;
+    let of_size = 2.0 / chi - 4.0 * det * chi_slope / (chi * chi) + 2.0 * size * chi_slope * chi_slope / chi.powi(3);
+    Matrix3::identity() * (2.0 * shape * slope.norm_squared()) - (mixed + mixed.transpose()) * (4.0 / 3.0 * shape / chi)
+        + by_chi * by_chi.transpose() * (10.0 / 9.0 * norm * shape / (chi * chi))
+        + by_det * by_det.transpose() * (LAMBDA * of_size)
+}
+
+/// `χ` and its derivative.
+#[inline]
+fn chi(det: f64, epsilon: f64) -> (f64, f64) {
+    let root = (det * det + epsilon * epsilon).sqrt();
+    // Rewritten, because the sum would cancel.
+    let chi = if det < 0.0 {
+        epsilon * epsilon / (2.0 * (root - det))
+    } else {
+        0.5 * (det + root)
+    };
+    (chi, chi / root)
+}
+
+/// The cube root of a positive number, to 2e-14, which takes less time than [`f64::cbrt`], which rounds
+/// correctly: a third of the exponent, and two steps of Halley's method.
+#[inline]
+fn cube_root(x: f64) -> f64 {
+    /// Two thirds of the bits of 1, which makes the first error at most 3.3 %.
+    const OFFSET: u64 = 0x2a9f_7893_0000_0000;
+    if !(f64::MIN_POSITIVE..1e300).contains(&x) {
+        return x.cbrt();
+    }
+    let mut root = f64::from_bits(x.to_bits() / 3 + OFFSET);
+    for _ in 0..2 {
+        let cube = root * root * root;
+        root *= (cube + 2.0 * x) / (2.0 * cube + x);
+    }
+    root
+}
+
 impl ReferenceCells {
     /// The corners of all cells, one after the other.
     fn flat(&self) -> &[u32] {
@@ -329,16 +405,9 @@ impl EnergyValue {
         let [a, b, c] = [0, 1, 2].map(|k| jacobian.column(k).into_owned());
         let cofactors = Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)]);
         let det = a.dot(&cofactors.column(0));
-        let root = (det * det + epsilon * epsilon).sqrt();
-        // Rewritten, because the sum would cancel.
-        let chi = if det < 0.0 {
-            epsilon * epsilon / (2.0 * (root - det))
-        } else {
-            0.5 * (det + root)
-        };
-        let slope = chi / root;
+        let (chi, slope) = chi(det, epsilon);
         let norm = jacobian.norm_squared();
-        let third = chi.cbrt();
+        let third = cube_root(chi);
         let shape = 1.0 / (third * third);
         let size = (det * det + 1.0) / chi;
         let by_det = -2.0 / 3.0 * norm * shape * slope / chi + LAMBDA * (2.0 * det - size * slope) / chi;
@@ -460,6 +529,57 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn diagonal_blocks_are_second_derivatives_but_for_the_curvature_of_chi() {
+        let (energy, x) = tets();
+        let free: Vec<u32> = (0..x.len() as u32).collect();
+        // Without inverted cells and ε, χ is d, which is linear.
+        let images: Vec<Point> = [[0.0; 3], [1.0, 0.1, 0.0], [0.2, 1.1, 0.1], [0.1, 0.2, 0.9]]
+            .map(Point::from)
+            .into();
+        let single = FoldoverEnergy::of_tets(&[[0, 1, 2, 3]], &x, 0.2);
+        let blocks = single.diagonal_blocks(&images, 1e-9, &[0, 1, 2, 3]);
+        let gradient = |x: &[Point]| {
+            let mut gradient = vec![Vector::zeros(); 4];
+            single.evaluate(x, 1e-9, &[0, 1, 2, 3], &mut vec![], &mut gradient);
+            gradient
+        };
+        let h = 1e-5;
+        for v in 0..4 {
+            for k in 0..3 {
+                let at = |step: f64| {
+                    let mut moved = images.clone();
+                    moved[v][k] += step;
+                    gradient(&moved)[v]
+                };
+                let column = (at(h) - at(-h)) / (2.0 * h);
+                assert!(
+                    (column - blocks[v].column(k)).norm() < 1e-5 * blocks[v].norm(),
+                    "{v} {k}"
+                );
+            }
+        }
+        for epsilon in [1.0, 0.1, 1e-3] {
+            for block in energy.diagonal_blocks(&x, epsilon, &free) {
+                let least = block.symmetric_eigenvalues().min();
+                assert!(least > -1e-12 * block.norm() && block.norm() > 0.0, "{block}");
+            }
+        }
+    }
+
+    #[test]
+    fn cube_roots_are_those_of_the_standard_library() {
+        for k in -1000..1000 {
+            for x in [1.0, 1.37, 1.9999, 3.3, 7.999].map(|x: f64| x * 2f64.powi(k)) {
+                assert!((cube_root(x) / x.cbrt() - 1.0).abs() < 2e-14, "{x:e}");
+            }
+        }
+        for x in [0.0, 1e-320, f64::INFINITY, f64::MAX, -8.0] {
+            assert_eq!(cube_root(x).to_bits(), x.cbrt().to_bits());
+        }
+        assert!(cube_root(f64::NAN).is_nan());
     }
 
     #[test]

@@ -1,14 +1,10 @@
-//! Preparation of given meshes: the boundary is found, and tetrahedra with all nodes on the boundary are split.
+//! Preparation of given meshes: the boundary is found, and cells are oriented.
 
-use std::collections::{HashMap, HashSet};
-
-use rayon::prelude::*;
-
-use super::bounded_mesh::{BoundedMesh, CellFace, faces, sorted};
+use super::bounded_mesh::{BoundedMesh, CellFace, faces};
 use super::grid::MAX_CELLS;
+use crate::Point;
 use crate::geometry::{QueryError, SurfaceQuery};
 use crate::mesh::{CellList, CellMesh, SurfaceMesh};
-use crate::{Point, Vector};
 
 /// Why a given mesh cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -58,7 +54,7 @@ pub enum GivenMeshError {
     /// There are more cells than the limit.
     #[error("it has {cells} cells, more than the limit of {limit:.0}", limit = MAX_CELLS)]
     TooMany {
-        /// How many, including those that splitting adds.
+        /// How many.
         cells: usize,
     },
     /// The boundary of the mesh is not the surface of the map's domain.
@@ -88,10 +84,8 @@ pub enum GivenMeshError {
 /// A given mesh, ready to be mapped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GivenMesh {
-    /// The mesh. Its nodes are those given, followed by those that splitting added.
+    /// The mesh, with its nodes and cells as they were given.
     pub mesh: BoundedMesh,
-    /// Number of tetrahedra that had all their nodes on the boundary.
-    pub on_boundary_alone: usize,
     /// Largest distance of a boundary node from the domain's surface, as a fraction of its diagonal. Such nodes are
     /// mapped like the nearest point of the surface.
     pub off_surface: f64,
@@ -102,9 +96,7 @@ const OFF_SURFACE: f64 = 0.01;
 /// Largest allowed relative difference of volumes.
 const OTHER_VOLUME: f64 = 0.1;
 
-/// Finds the boundary of a mesh of `domain`, orients its cells, and splits tetrahedra with all nodes on the boundary,
-/// whose orientation no inner node could change. An inner edge is split, or an inner face where there is none, or else
-/// the tetrahedron itself.
+/// Finds the boundary of a mesh of `domain`, and orients its cells.
 ///
 /// # Errors
 ///
@@ -117,19 +109,9 @@ pub fn given_mesh(mesh: CellMesh, domain: &SurfaceMesh) -> Result<GivenMesh, Giv
     if any_reversed {
         cell_faces = faces(mesh.cells());
     }
-    let mut mesh = BoundedMesh::of(mesh, &cell_faces);
+    let mesh = BoundedMesh::of(mesh, &cell_faces);
     let off_surface = check_place(&mesh, domain)?;
-    let on_boundary_alone = split(&mut mesh);
-    if mesh.cells.len() as f64 > MAX_CELLS {
-        return Err(GivenMeshError::TooMany {
-            cells: mesh.cells.len(),
-        });
-    }
-    Ok(GivenMesh {
-        mesh,
-        on_boundary_alone,
-        off_surface,
-    })
+    Ok(GivenMesh { mesh, off_surface })
 }
 
 fn check_cells(mesh: &CellMesh) -> Result<(), GivenMeshError> {
@@ -299,118 +281,6 @@ fn check_place(mesh: &BoundedMesh, domain: &SurfaceMesh) -> Result<f64, GivenMes
         });
     }
     Ok(distance)
-}
-
-/// The edge, face or cell at whose centroid a new node is inserted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-enum SplitSimplex {
-    Edge([u32; 2]),
-    Face([u32; 3]),
-    Cell([u32; 4]),
-}
-
-impl SplitSimplex {
-    fn corners(&self) -> &[u32] {
-        match self {
-            Self::Edge(corners) => corners,
-            Self::Face(corners) => corners,
-            Self::Cell(corners) => corners,
-        }
-    }
-}
-
-/// The edges, the faces and the cell of a tetrahedron, each with ascending corners.
-fn simplices(tet: [u32; 4]) -> impl Iterator<Item = SplitSimplex> {
-    let [a, b, c, d] = sorted(tet);
-    let edges = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(SplitSimplex::Edge);
-    let faces = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(SplitSimplex::Face);
-    edges.into_iter().chain(faces).chain([SplitSimplex::Cell([a, b, c, d])])
-}
-
-/// Splits tetrahedra with all their nodes on the boundary; returns how many there were. New nodes are inside, so that
-/// none of the new tetrahedra has to be split again.
-fn split(mesh: &mut BoundedMesh) -> usize {
-    let CellList::Tets(tets) = &mut mesh.cells else {
-        return 0;
-    };
-    let outer_simplices = |t: &[u32; 3]| {
-        let [a, b, c] = sorted(*t);
-        let edges = [[a, b], [b, c], [a, c]].map(SplitSimplex::Edge);
-        edges.into_iter().chain([SplitSimplex::Face([a, b, c])])
-    };
-    let outer: HashSet<SplitSimplex> = mesh.boundary.iter().flat_map(outer_simplices).collect();
-    let mut first_count = None;
-    loop {
-        let flat: Vec<[u32; 4]> = tets
-            .par_iter()
-            .filter(|t| t.iter().all(|v| mesh.on_boundary[*v as usize]))
-            .copied()
-            .collect();
-        first_count.get_or_insert(flat.len());
-        if flat.is_empty() {
-            break;
-        }
-        let mut simplices: Vec<SplitSimplex> = flat.iter().map(|&t| simplex_to_split(t, &mesh.nodes, &outer)).collect();
-        simplices.sort_unstable();
-        simplices.dedup();
-        let cells_around = cells_around(tets, &simplices);
-        let mut touched = HashSet::new();
-        for (simplex, cells) in simplices.iter().zip(cells_around) {
-            // Other splits of the same cell wait for the next pass.
-            if cells.iter().any(|c| touched.contains(c)) {
-                continue;
-            }
-            touched.extend(cells.iter().copied());
-            let corners = simplex.corners();
-            let sum: Vector = corners.iter().map(|&v| mesh.nodes[v as usize].coords).sum();
-            let centre = mesh.nodes.len() as u32;
-            mesh.nodes.push(Point::from(sum / corners.len() as f64));
-            mesh.on_boundary.push(false);
-            for cell in cells {
-                let whole = tets[cell as usize];
-                // One tetrahedron for each corner of the simplex, with the new node in its place.
-                let mut parts = corners
-                    .iter()
-                    .map(|gone| whole.map(|v| if v == *gone { centre } else { v }));
-                tets[cell as usize] = parts.next().expect("simplices have corners");
-                for part in parts {
-                    tets.push(part);
-                    mesh.regions.push(mesh.regions[cell as usize]);
-                }
-            }
-        }
-    }
-    first_count.unwrap_or(0)
-}
-
-/// The longest inner edge, else an inner face, else the cell itself.
-fn simplex_to_split(t: [u32; 4], nodes: &[Point], outer: &HashSet<SplitSimplex>) -> SplitSimplex {
-    let inner: Vec<SplitSimplex> = simplices(t).filter(|simplex| !outer.contains(simplex)).collect();
-    let length = |edge: &SplitSimplex| {
-        let [a, b] = [0, 1].map(|k| nodes[edge.corners()[k] as usize]);
-        (a - b).norm()
-    };
-    let edges = inner.iter().filter(|simplex| matches!(simplex, SplitSimplex::Edge(_)));
-    let longest = edges.max_by(|a, b| length(a).total_cmp(&length(b)));
-    *longest.unwrap_or(&inner[0])
-}
-
-/// The cells that contain each simplex, ascending.
-fn cells_around(tets: &[[u32; 4]], wanted: &[SplitSimplex]) -> Vec<Vec<u32>> {
-    let index: HashMap<SplitSimplex, usize> = wanted.iter().enumerate().map(|(i, simplex)| (*simplex, i)).collect();
-    let near: HashSet<u32> = wanted.iter().flat_map(SplitSimplex::corners).copied().collect();
-    let of_cell = |(cell, t): (usize, &[u32; 4])| -> Vec<(usize, u32)> {
-        if t.iter().filter(|v| near.contains(v)).count() < 2 {
-            return vec![];
-        }
-        simplices(*t)
-            .filter_map(|simplex| Some((*index.get(&simplex)?, cell as u32)))
-            .collect()
-    };
-    let pairs: Vec<(usize, u32)> = tets.par_iter().enumerate().flat_map_iter(of_cell).collect();
-    let mut found = vec![vec![]; wanted.len()];
-    pairs.into_iter().for_each(|(simplex, cell)| found[simplex].push(cell));
-    found
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@ use std::collections::VecDeque;
 use rayon::prelude::*;
 
 use super::foldover::{EnergyValue, FoldoverEnergy};
-use crate::progress::ProgressMonitor;
-use crate::{Point, Vector};
+use crate::progress::ProgressSender;
+use crate::{Matrix3, Point, Vector};
 
 /// Steps in the memory of the Hessian approximation.
 const MEMORY: usize = 8;
@@ -28,11 +28,14 @@ pub(super) struct Lbfgs<'a> {
     free: &'a [u32],
     /// Constraints on some of the free nodes.
     pub constraints: Vec<TangentConstraint>,
+    /// Whether directions are preconditioned by the blocks of the Hessian on its diagonal, one for each node, as they
+    /// are at the start of a run. For tetrahedra only.
+    pub has_block_preconditioner: bool,
     parts: Vec<Vector>,
-    /// Largest displacement of a node in a first step.
+    /// Largest displacement of a node in a first step without a preconditioner.
     step: f64,
     /// Asked in every iteration whether to continue.
-    monitor: &'a ProgressMonitor<'a, (usize, usize)>,
+    monitor: &'a ProgressSender<'a, (usize, usize)>,
 }
 
 /// Keeps a free node in a plane and near a point.
@@ -68,12 +71,13 @@ impl<'a> Lbfgs<'a> {
         energy: &'a FoldoverEnergy,
         free: &'a [u32],
         step: f64,
-        monitor: &'a ProgressMonitor<'a, (usize, usize)>,
+        monitor: &'a ProgressSender<'a, (usize, usize)>,
     ) -> Self {
         Self {
             energy,
             free,
             constraints: vec![],
+            has_block_preconditioner: false,
             parts: vec![],
             step,
             monitor,
@@ -95,13 +99,18 @@ impl<'a> Lbfgs<'a> {
         watch: &mut dyn FnMut(usize, &[Point]) -> bool,
     ) -> (EnergyValue, usize) {
         let mut state = self.state(std::mem::take(x), epsilon);
+        let blocks = self.has_block_preconditioner.then(|| {
+            let blocks = self.energy.diagonal_blocks(&state.x, epsilon, self.free);
+            blocks.iter().map(inverse_block).collect::<Vec<_>>()
+        });
+        let blocks = blocks.as_deref();
         let mut memory: VecDeque<(Vec<Vector>, Vec<Vector>, f64)> = VecDeque::with_capacity(MEMORY);
         let (mut iterations, mut energies) = (0, VecDeque::with_capacity(WINDOW));
         while self.monitor.should_continue()
             && iterations < rule.iterations
             && !(rule.until_positive && state.value.least > 0.0)
         {
-            let mut direction = search_direction(&state.gradient, &memory);
+            let mut direction = search_direction(&state.gradient, &memory, blocks);
             let mut slope = dot(&direction, &state.gradient);
             let descends = slope < 0.0;
             if !descends {
@@ -114,7 +123,7 @@ impl<'a> Lbfgs<'a> {
             if !descends {
                 break;
             }
-            let first = if memory.is_empty() {
+            let first = if memory.is_empty() && blocks.is_none() {
                 self.step / direction.iter().map(|d| d.norm()).fold(0.0, f64::max)
             } else {
                 1.0
@@ -206,7 +215,11 @@ impl<'a> Lbfgs<'a> {
 }
 
 /// The search direction: the two-loop recursion of L-BFGS.
-fn search_direction(gradient: &[Vector], memory: &VecDeque<(Vec<Vector>, Vec<Vector>, f64)>) -> Vec<Vector> {
+fn search_direction(
+    gradient: &[Vector],
+    memory: &VecDeque<(Vec<Vector>, Vec<Vector>, f64)>,
+    blocks: Option<&[Matrix3]>,
+) -> Vec<Vector> {
     let mut q: Vec<Vector> = gradient.iter().map(|g| -g).collect();
     let mut alphas = Vec::with_capacity(memory.len());
     for (displacement, gradient_change, curvature) in memory.iter().rev() {
@@ -214,7 +227,13 @@ fn search_direction(gradient: &[Vector], memory: &VecDeque<(Vec<Vector>, Vec<Vec
         add(&mut q, gradient_change, -alpha);
         alphas.push(alpha);
     }
-    if let Some((_, gradient_change, curvature)) = memory.back() {
+    if let Some(blocks) = blocks {
+        let scale = memory.back().map_or(1.0, |(_, gradient_change, curvature)| {
+            curvature / dot(gradient_change, &products(blocks, gradient_change))
+        });
+        let rows = q.par_iter_mut().zip(blocks).with_min_len(RUN);
+        rows.for_each(|(q, block)| *q = block * *q * scale);
+    } else if let Some((_, gradient_change, curvature)) = memory.back() {
         let scale = curvature / dot(gradient_change, gradient_change);
         q.par_iter_mut().with_min_len(RUN).for_each(|q| *q *= scale);
     }
@@ -223,6 +242,21 @@ fn search_direction(gradient: &[Vector], memory: &VecDeque<(Vec<Vector>, Vec<Vec
         add(&mut q, displacement, alpha - beta);
     }
     q
+}
+
+fn products(blocks: &[Matrix3], vectors: &[Vector]) -> Vec<Vector> {
+    let rows = blocks.par_iter().zip(vectors).with_min_len(RUN);
+    rows.map(|(block, vector)| block * vector).collect()
+}
+
+/// The inverse of a positive semi-definite block, with small eigenvalues raised so that there is one.
+fn inverse_block(block: &Matrix3) -> Matrix3 {
+    const RAISED: f64 = 1e-12;
+    let raised = block + Matrix3::identity() * (RAISED * block.trace());
+    raised
+        .try_inverse()
+        .filter(|inverse| inverse.iter().all(|x| x.is_finite()))
+        .unwrap_or_else(Matrix3::identity)
 }
 
 fn add(to: &mut [Vector], vectors: &[Vector], factor: f64) {

@@ -3,8 +3,8 @@
 //!
 //! The boundary map maps the boundary nodes, the volume map the inner ones. That inverts some cells: harmonic maps of
 //! solids need not be one to one, and cells have straight edges. Inner nodes are then moved until no cell is inverted
-//! ([`Garanzha et al. 2021`](https://doi.org/10.1145/3450626.3459847)), and the result is checked from its node
-//! positions alone.
+//! ([`Garanzha et al. 2021`](https://doi.org/10.1145/3450626.3459847)); tetrahedra are split where nodes are stuck. The
+//! result is checked from its node positions alone.
 
 mod bounded_mesh;
 mod foldover;
@@ -13,12 +13,15 @@ mod grid;
 mod inversion_causes;
 mod lbfgs;
 mod own_size;
+mod patches;
 mod planes;
 mod polish;
 mod quality;
 mod repair;
 mod self_intersections;
 mod slide;
+mod split;
+mod start;
 mod worst_places;
 
 use std::ops::ControlFlow;
@@ -30,7 +33,7 @@ use crate::geometry::{QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
 use crate::memory::readable;
 use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
-use crate::progress::{ProgressMonitor, ProgressResponse};
+use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::statistics::quantiles;
 
 pub use bounded_mesh::{BoundedMesh, CellSetBoundary};
@@ -40,7 +43,7 @@ pub use inversion_causes::{InversionCause, InversionCauses, inversion_causes};
 pub use planes::{Polycube, PolycubeError};
 pub use polish::{PolishOutcome, PolishReport};
 pub use quality::{CellQuality, InvalidCells, determinants, invalid_cells, quality, scaled_jacobians};
-pub use repair::RepairReport;
+pub use repair::{RepairReport, RepairStart, SplitReport};
 pub use self_intersections::BoundaryIntersections;
 pub use slide::SlideReport;
 
@@ -56,7 +59,7 @@ pub enum RemeshSource {
         /// Largest number of cells; more are refused before any is made.
         most_cells: usize,
     },
-    /// A mesh of the domain. Tetrahedra with all their nodes on the boundary are split.
+    /// A mesh of the domain.
     Given(CellMesh),
 }
 
@@ -67,6 +70,9 @@ pub struct RemeshOptions {
     pub repair: bool,
     /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
     pub slide: bool,
+    /// Largest number of tetrahedra that splitting may add where moving nodes does not suffice; 0 for no splitting. `None`
+    /// for a third of those that the mesh has, and 5000.
+    pub most_added: Option<usize>,
     /// Largest number of iterations of the polish, which improves the shapes of cells after the repair; 0 for none. It
     /// never lowers the least scaled Jacobian nor its 1 % quantile: it ends where it would, or is undone.
     pub polish: usize,
@@ -77,11 +83,15 @@ pub struct RemeshOptions {
     pub memory: Option<u64>,
 }
 
+/// Tetrahedra that splitting may add to any mesh, however small.
+const ROOM_TO_SPLIT: usize = 5000;
+
 impl Default for RemeshOptions {
     fn default() -> Self {
         Self {
             repair: true,
             slide: true,
+            most_added: None,
             polish: 200,
             polish_valid: false,
             memory: None,
@@ -183,21 +193,19 @@ pub struct RemeshTimings {
 pub struct RemeshReport {
     /// Kind of the cells.
     pub kind: CellKind,
-    /// How many.
+    /// How many, with those that splitting added ([`SplitReport`]).
     pub cells: usize,
-    /// Nodes.
+    /// Nodes, also with those that splitting added.
     pub nodes: usize,
     /// Nodes on the boundary.
     pub boundary_nodes: usize,
     /// Requested edge length of the boxes, in the units of the domain; `None` for a given mesh.
     pub cell_size: Option<f64>,
-    /// Tetrahedra of a given mesh that had all their nodes on the boundary, and were split.
-    pub split_cells: usize,
     /// Largest distance of a given mesh's boundary nodes from the domain's surface, over its diagonal.
     pub off_surface: f64,
-    /// Causes of inversion as long as the boundary stays as it is mapped.
+    /// Causes of inversion as long as the boundary stays as it is mapped and no cell is split.
     pub causes_before: InversionCauses,
-    /// Invalid cells after mapping, before the repair.
+    /// Invalid cells after mapping, before the repair, by the indices that cells had then.
     pub before: InvalidCells,
     /// Invalid cells of the result.
     pub after: InvalidCells,
@@ -271,25 +279,32 @@ pub fn remesh<A: ProgressResponse>(
         ControlFlow::Break(()) => Err(RemeshError::Cancelled),
     };
     report(RemeshPhase::Meshing)?;
-    let prepared = prepare(source, boundary, options)?;
+    let mut prepared = prepare(source, boundary, options)?;
     let meshed = start.elapsed().as_secs_f64();
 
     report(RemeshPhase::Mapping {
         nodes: prepared.mesh.nodes.len(),
     })?;
-    let carried = mapped_nodes(&prepared.mesh, boundary, map)?;
+    let mut carried = mapped_nodes(&prepared.mesh, boundary, map)?;
     let mapped = start.elapsed().as_secs_f64();
 
+    let as_mapped = AsMapped::of(&prepared.mesh, &carried);
     let target = boundary.target_surface().cloned().unwrap_or_else(|| boundary.target());
     let (images, repair) = if options.repair {
-        repaired(&prepared.mesh, &carried, boundary, &target, options, progress)?
+        let is_regular = prepared.cell_size.is_some();
+        let on_round = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control();
+        run_cancellable(&on_round, |monitor| {
+            let mesh = &mut prepared.mesh;
+            repaired(mesh, &mut carried, is_regular, boundary, &target, options, monitor)
+        })
+        .unwrap_or(Err(RemeshError::Cancelled))?
     } else {
         (carried.clone(), RepairReport::default())
     };
     let repaired = start.elapsed().as_secs_f64();
 
     report(RemeshPhase::Verifying)?;
-    let mut remeshed = verified(prepared, carried, images, boundary, &target, repair)?;
+    let mut remeshed = verified(prepared, as_mapped, carried, images, boundary, &target, repair)?;
     let total = start.elapsed().as_secs_f64();
     remeshed.report.seconds = RemeshTimings {
         mesh: meshed,
@@ -305,7 +320,6 @@ pub fn remesh<A: ProgressResponse>(
 struct PreparedMesh {
     mesh: BoundedMesh,
     cell_size: Option<f64>,
-    split_cells: usize,
     off_surface: f64,
     /// Bytes that the whole run takes.
     memory: u64,
@@ -323,7 +337,6 @@ fn prepare(source: RemeshSource, boundary: &BoundaryMap, options: &RemeshOptions
                 memory,
                 mesh: regular_mesh(&polycube, size, kind, most_cells)?,
                 cell_size: Some(size),
-                split_cells: 0,
                 off_surface: 0.0,
             }
         }
@@ -331,11 +344,9 @@ fn prepare(source: RemeshSource, boundary: &BoundaryMap, options: &RemeshOptions
             require_room(kind_of(mesh.cells()), mesh.cells().len(), 0, domain, options)?;
             let given = given_mesh(mesh, domain)?;
             PreparedMesh {
-                // Splitting adds cells.
                 memory: memory_estimate(kind_of(&given.mesh.cells), given.mesh.cells.len(), 0, domain),
                 mesh: given.mesh,
                 cell_size: None,
-                split_cells: given.on_boundary_alone,
                 off_surface: given.off_surface,
             }
         }
@@ -343,50 +354,62 @@ fn prepare(source: RemeshSource, boundary: &BoundaryMap, options: &RemeshOptions
 }
 
 /// The node positions after the repair.
-fn repaired<A: ProgressResponse>(
-    mesh: &BoundedMesh,
-    carried: &[Point],
+fn repaired(
+    mesh: &mut BoundedMesh,
+    carried: &mut Vec<Point>,
+    is_regular: bool,
     boundary: &BoundaryMap,
     target: &SurfaceMesh,
     options: &RemeshOptions,
-    progress: &dyn Fn(RemeshPhase) -> A,
+    monitor: &ProgressSender<(usize, usize)>,
 ) -> Result<(Vec<Point>, RepairReport), RemeshError> {
-    let free: Vec<u32> = (0..mesh.nodes.len() as u32)
-        .filter(|&v| !mesh.on_boundary[v as usize])
-        .collect();
-    let on_round = |(round, inverted)| progress(RemeshPhase::Repairing { round, inverted }).control();
-    let monitor = ProgressMonitor::new((0, 0), &on_round);
     let mut sliding_surface = None;
     if options.slide {
         sliding_surface = Some(slide::SlidingSurface {
             target,
             query: SurfaceQuery::with_winding_sign(target)?,
-            on_boundary: &mesh.on_boundary,
+            on_boundary: mesh.on_boundary.clone(),
             stiffness: slide::stiffness(mesh.cells.len(), mean_boundary_edge(mesh, carried)),
         });
     }
-    let repair = repair::Repair {
-        mesh,
-        free: &free,
+    let cells = mesh.cells.len();
+    let polish_all = options.polish_valid || is_regular || matches!(mesh.cells, CellList::Hexes(_));
+    let mut repair = repair::Repair {
         volume: boundary_of(mesh, carried).volume(),
-        step: 0.1 * (boundary.target_volume().abs() / mesh.cells.len() as f64).cbrt(),
+        step: 0.1 * (boundary.target_volume().abs() / cells as f64).cbrt(),
+        most_added: options.most_added.unwrap_or(cells / 3 + ROOM_TO_SPLIT),
+        mesh,
+        carried,
         polish: options.polish,
         polish_valid: options.polish_valid,
+        polish_all,
         sliding_surface: sliding_surface.as_ref(),
-        monitor: &monitor,
+        monitor,
     };
-    let mut images = carried.to_vec();
-    let report = repair.run(&mut images);
-    if monitor.should_continue() {
-        Ok((images, report))
-    } else {
-        Err(RemeshError::Cancelled)
+    Ok(repair.run())
+}
+
+/// A mesh before its repair.
+struct AsMapped {
+    invalid: InvalidCells,
+    causes: InversionCauses,
+    quality: Option<CellQuality>,
+}
+
+impl AsMapped {
+    fn of(mesh: &BoundedMesh, carried: &[Point]) -> Self {
+        Self {
+            invalid: invalid_cells(&mesh.cells, carried),
+            causes: inversion_causes(mesh, carried),
+            quality: quality(&mesh.cells, carried),
+        }
     }
 }
 
 /// The result with all its measurements but the timings.
 fn verified(
     prepared: PreparedMesh,
+    as_mapped: AsMapped,
     carried: Vec<Point>,
     mut images: Vec<Point>,
     boundary: &BoundaryMap,
@@ -396,18 +419,21 @@ fn verified(
     let PreparedMesh {
         mesh,
         cell_size,
-        split_cells,
         off_surface,
         memory,
     } = prepared;
-    let before = invalid_cells(&mesh.cells, &carried);
+    let AsMapped {
+        invalid: before,
+        causes: causes_before,
+        quality: quality_as_mapped,
+    } = as_mapped;
     let mut after = invalid_cells(&mesh.cells, &images);
     // The exact count decides: the repair works with rounded determinants.
     if after.cells.len() > before.cells.len() {
-        (images, after) = (carried.clone(), before.clone());
+        images = carried.clone();
+        after = invalid_cells(&mesh.cells, &images);
         repair.polish = PolishOutcome::CellsInverted.into();
     }
-    let causes_before = inversion_causes(&mesh, &carried);
     let causes_after = inversion_causes(&mesh, &images);
     let diagonal = boundary.target_diagonal();
     let shifts = |of_boundary: bool| -> Vec<f64> {
@@ -426,14 +452,13 @@ fn verified(
         nodes: mesh.nodes.len(),
         boundary_nodes: mesh.on_boundary.iter().filter(|is| **is).count(),
         cell_size,
-        split_cells,
         off_surface,
         causes_before,
         before,
         after,
         causes_after,
         domain_quality: quality(&mesh.cells, &mesh.nodes),
-        quality_as_mapped: quality(&mesh.cells, &carried),
+        quality_as_mapped,
         quality: quality(&mesh.cells, &images),
         determinants: quantiles(&determinants, [0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0]),
         target_to_mesh,

@@ -6,9 +6,11 @@ use super::bounded_mesh::BoundedMesh;
 use super::foldover::FoldoverEnergy;
 use super::lbfgs::{Lbfgs, StoppingRule};
 use super::own_size::{OwnShape, own_size_energy};
+use super::patches::raise_lowest;
 use super::quality::{invalid_cells, scaled_jacobians};
 use crate::Point;
-use crate::progress::ProgressMonitor;
+use crate::mesh::CellList;
+use crate::progress::ProgressSender;
 use crate::statistics::quantiles;
 
 /// ε of the polish: a step that inverts a sample costs more than any gain.
@@ -19,6 +21,11 @@ const GAIN: f64 = 1e-6;
 const CHECK_EVERY: usize = 10;
 /// Iterations after which a descent ends that has found nothing more to keep.
 const PATIENCE: usize = 60;
+
+/// How often the lowest tetrahedra are raised at most, and the ratio by which one of both measures has to rise for another
+/// time.
+const MAX_RAISES: usize = 12;
+const WORTH_RAISING: f64 = 1.05;
 
 /// What became of the polish.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
@@ -103,6 +110,8 @@ pub(super) struct Polish<'a> {
     pub mesh: &'a BoundedMesh,
     /// Inner nodes.
     pub free: &'a [u32],
+    /// Whether all cells are polished, or only the lowest.
+    pub all_cells: bool,
     /// Hexahedra that the energy is evaluated inside, too.
     pub inside: &'a [u32],
     /// The energy of the repair.
@@ -111,7 +120,7 @@ pub(super) struct Polish<'a> {
     pub iterations: usize,
     /// Largest displacement of a node in a first step.
     pub step: f64,
-    pub monitor: &'a ProgressMonitor<'a, (usize, usize)>,
+    pub monitor: &'a ProgressSender<'a, (usize, usize)>,
 }
 
 /// What cells are to be like.
@@ -132,14 +141,15 @@ const REFERENCES: [PolishReference; 3] = [
 ];
 
 impl Polish<'_> {
-    /// Polishes all cells, and then once more those at the low end of the scaled Jacobian. After each pass the last
-    /// positions are kept that are no worse than those before it.
+    /// Polishes all cells, if they are asked for, and then those at the low end of the scaled Jacobian. After each pass the
+    /// last positions are kept that are no worse than those before it.
     pub fn run(&self, x: &mut [Point]) -> PolishReport {
         let mut report = PolishReport::default();
         let mut floor = Floor::of(self.mesh, x);
-        for reference in REFERENCES {
+        let references: &[PolishReference] = if self.all_cells { &REFERENCES } else { &[] };
+        for reference in references {
             let mut energy = match reference {
-                PolishReference::Own(shape) => own_size_energy(self.mesh, x, shape, None),
+                PolishReference::Own(shape) => own_size_energy(self.mesh, x, *shape, None),
                 PolishReference::OfRepair => (self.of_repair)(),
             };
             energy.check_inside(self.inside);
@@ -147,13 +157,45 @@ impl Polish<'_> {
                 break;
             }
         }
-        self.polish_lowest(x, &mut floor, &mut report);
+        match self.mesh.cells {
+            CellList::Tets(_) => self.raise_lowest(x, &mut floor, &mut report),
+            CellList::Hexes(_) => self.polish_lowest(x, &mut floor, &mut report),
+        }
         report.outcome = match (report.iterations, report.kept_iterations) {
             (0, _) => PolishOutcome::NoGain,
             (_, 0) => PolishOutcome::Undone,
             _ => PolishOutcome::Kept,
         };
         report
+    }
+
+    /// Raises the tetrahedra below the 1 % quantile in patches of their own, again and again as long as that helps.
+    fn raise_lowest(&self, x: &mut [Point], floor: &mut Floor, report: &mut PolishReport) {
+        for _ in 0..MAX_RAISES {
+            if !self.monitor.should_continue() {
+                break;
+            }
+            let scaled = scaled_jacobians(&self.mesh.cells, x);
+            let low = (0..).zip(&scaled).filter(|(_, s)| **s <= floor.p01);
+            let low: Vec<u32> = low.map(|(cell, _)| cell).collect();
+            // The quantile is between these two.
+            let mut ascending = scaled.clone();
+            ascending.sort_unstable_by(f64::total_cmp);
+            let rank = low.len().min(ascending.len() - 1);
+            let bounds = [ascending[rank.saturating_sub(1)], ascending[rank]];
+            let mut raised = x.to_vec();
+            let (iterations, kept) = raise_lowest(self.mesh, &mut raised, &low, bounds, self.monitor);
+            report.iterations += iterations;
+            let before = *floor;
+            if let Some(found) = floor.raised(self.mesh, &raised) {
+                report.kept_iterations += kept;
+                x.copy_from_slice(&raised);
+                *floor = found;
+            }
+            if !(floor.least > WORTH_RAISING * before.least || floor.p01 > WORTH_RAISING * before.p01) {
+                break;
+            }
+        }
     }
 
     /// Polishes the cells below the 1 % quantile, and those around them, towards regular ones.

@@ -1,15 +1,18 @@
-//! Repairs inverted cells by moving inner nodes, with the boundary fixed as long as that suffices. The shapes of
-//! cells are improved afterwards.
+//! Repairs inverted cells by moving inner nodes, with the boundary fixed as long as that suffices, and by splitting
+//! tetrahedra where it does not. The shapes of cells are improved afterwards.
 
 use super::bounded_mesh::BoundedMesh;
 use super::foldover::FoldoverEnergy;
 use super::lbfgs::{Lbfgs, StoppingRule};
+use super::patches::{PatchEffort, repair_patches};
 use super::polish::{Polish, PolishOutcome, PolishReport};
-use super::quality::{invalid_cells, inverted_inside};
+use super::quality::{invalid_cells, inverted_inside, scaled_jacobians};
 use super::slide::{SlideReport, SlidingSurface, slide};
+use super::split::{StuckNodes, split, stuck_simplices};
+use super::start::better_start;
 use crate::Point;
 use crate::mesh::CellList;
-use crate::progress::ProgressMonitor;
+use crate::progress::ProgressSender;
 
 /// Smallest ε², reached as the least determinant approaches zero, and ε as a fraction of that determinant.
 const LEAST_EPSILON_SQUARED: f64 = 1e-6;
@@ -27,13 +30,43 @@ const MAX_ROUNDS: usize = 100;
 /// How often hexahedra are checked inside and repaired.
 const MAX_INSIDE_CHECKS: usize = 10;
 
+/// Turns of splitting and moving, by either effort, without fewer inverted cells before giving up.
+const MAX_STALLED_TURNS: usize = 3;
+
+/// Scaled Jacobian below which a tetrahedron with all its nodes on the boundary is split although it is not inverted.
+const FLAT: f64 = 1e-6;
+
+/// Where the repair of tetrahedra began.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RepairStart {
+    /// With the nodes as mapped.
+    #[default]
+    AsMapped,
+    /// With the inner nodes by linear finite elements on these tetrahedra, which inverted fewer of them.
+    FiniteElements,
+}
+
+/// How tetrahedra were split where moving nodes did not suffice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct SplitReport {
+    /// Turns in which cells were split.
+    pub turns: usize,
+    /// Cells that splitting added.
+    pub cells_added: usize,
+}
+
 /// What a repair did.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
 pub struct RepairReport {
+    /// Where it began.
+    pub start: RepairStart,
     /// Rounds of decreasing ε.
     pub rounds: usize,
     /// Iterations of descent in all rounds.
     pub iterations: usize,
+    /// How tetrahedra were split.
+    pub split: SplitReport,
     /// The improvement of shapes after the repair.
     pub polish: PolishReport,
     /// How boundary nodes slid on the target, where fixed ones left inverted cells.
@@ -73,33 +106,44 @@ impl Best {
 
 /// What a repair works on.
 pub(super) struct Repair<'a> {
-    pub mesh: &'a BoundedMesh,
-    /// Inner nodes.
-    pub free: &'a [u32],
+    /// Gets the nodes and cells that splitting adds.
+    pub mesh: &'a mut BoundedMesh,
+    /// Images as mapped; new nodes get theirs, too.
+    pub carried: &'a mut Vec<Point>,
     /// Signed volume of the image.
     pub volume: f64,
     /// Largest displacement of a node in a first step.
     pub step: f64,
+    /// Largest number of tetrahedra that splitting may add.
+    pub most_added: usize,
     /// Iterations of the polish.
     pub polish: usize,
     /// Whether meshes are polished in which nothing was inverted.
     pub polish_valid: bool,
+    /// Whether all cells are polished, or only the lowest: of tetrahedra that are given, most are as good as they were.
+    pub polish_all: bool,
     /// The surface that boundary nodes may slide on, if they may.
     pub sliding_surface: Option<&'a SlidingSurface<'a>>,
     /// Receives rounds and inverted cells; asked in every iteration whether to continue.
-    pub monitor: &'a ProgressMonitor<'a, (usize, usize)>,
+    pub monitor: &'a ProgressSender<'a, (usize, usize)>,
 }
 
 impl Repair<'_> {
-    /// Moves nodes until no cell is inverted, or as few as possible; polishes the shapes if none is left.
-    pub fn run(&self, x: &mut Vec<Point>) -> RepairReport {
+    /// Moves nodes from where they are mapped until no cell is inverted, or as few as possible; polishes the shapes if none
+    /// is left. Returns the positions of the nodes.
+    pub fn run(&mut self) -> (Vec<Point>, RepairReport) {
         let mut report = RepairReport::default();
-        let inverted = invalid_cells(&self.mesh.cells, x).cells.len();
-        self.monitor.report((0, inverted));
+        let mut x = self.carried.clone();
+        let inverted = self.invalid(&x);
+        let _ = self.monitor.send((0, inverted));
         let anything_inverted = inverted > 0;
         // Hexahedra that the energy is evaluated inside, too.
         let mut inside = Vec::new();
-        let all_repaired = !anything_inverted || self.untangle_all(x, &mut inside, &mut report);
+        let all_repaired = !anything_inverted
+            || match self.mesh.cells {
+                CellList::Tets(_) => self.untangle_tets(&mut x, &mut report),
+                CellList::Hexes(_) => self.untangle_hexes(&mut x, &mut inside, &mut report),
+            };
         report.polish = if self.polish == 0 {
             PolishReport::default()
         } else if !all_repaired {
@@ -109,22 +153,100 @@ impl Repair<'_> {
         } else {
             Polish {
                 mesh: self.mesh,
-                free: self.free,
+                free: &self.inner_nodes(),
+                all_cells: self.polish_all,
                 inside: &inside,
                 of_repair: &|| self.energy_of_all(),
                 iterations: self.polish,
                 step: self.step,
                 monitor: self.monitor,
             }
-            .run(x)
+            .run(&mut x)
         };
-        report
+        (x, report)
+    }
+
+    fn inner_nodes(&self) -> Vec<u32> {
+        let nodes = 0..self.mesh.nodes.len() as u32;
+        nodes.filter(|&v| !self.mesh.on_boundary[v as usize]).collect()
+    }
+
+    /// How many cells are invalid, exactly.
+    fn invalid(&self, x: &[Point]) -> usize {
+        invalid_cells(&self.mesh.cells, x).cells.len()
+    }
+
+    /// Whether no cell is inverted afterwards. Nodes near inverted cells move; then boundary nodes slide; then cells are
+    /// split where nodes are stuck, in turns with moving them.
+    fn untangle_tets(&mut self, x: &mut Vec<Point>, report: &mut RepairReport) -> bool {
+        if let Some(better) = better_start(self.mesh, x) {
+            *x = better;
+            report.start = RepairStart::FiniteElements;
+        }
+        // Nothing else can help cells without inner nodes, nor make flat ones better.
+        self.split_stuck(x, StuckNodes::OnBoundary, report);
+        self.move_patches(x, &PatchEffort::FAST, report);
+        if let (1.., Some(sliding_surface)) = (self.invalid(x), self.sliding_surface) {
+            report.slide = slide(&self.energy_of_all(), x, self.step, sliding_surface, self.monitor);
+            self.move_patches(x, &PatchEffort::FAST, report);
+        }
+        self.move_patches(x, &PatchEffort::SLOW, report);
+        let left = self.invalid(x);
+        if left == 0 {
+            return true;
+        }
+        let unsplit = (self.mesh.clone(), self.carried.clone(), x.clone(), report.split);
+        let mut least = left;
+        for effort in [PatchEffort::FAST, PatchEffort::SLOW] {
+            let mut stalled = 0;
+            while stalled < MAX_STALLED_TURNS && self.monitor.should_continue() {
+                self.split_stuck(x, StuckNodes::All, report);
+                self.move_patches(x, &effort, report);
+                let inverted = self.invalid(x);
+                if inverted == 0 {
+                    return true;
+                }
+                stalled = if inverted < least { 0 } else { stalled + 1 };
+                least = least.min(inverted);
+            }
+        }
+        if self.invalid(x) >= left {
+            (*self.mesh, *self.carried, *x, report.split) = unsplit;
+        }
+        false
+    }
+
+    fn move_patches(&self, x: &mut [Point], effort: &PatchEffort, report: &mut RepairReport) {
+        for &rings in effort.rings {
+            let left = self.invalid(x);
+            let _ = self.monitor.send((report.rounds, left));
+            if left == 0 || !self.monitor.should_continue() {
+                return;
+            }
+            let (rounds, iterations) = repair_patches(self.mesh, x, rings, effort, self.monitor);
+            report.rounds += rounds;
+            report.iterations += iterations;
+        }
+    }
+
+    fn split_stuck(&mut self, x: &mut Vec<Point>, stuck: StuckNodes, report: &mut RepairReport) {
+        let mut cells = invalid_cells(&self.mesh.cells, x).cells;
+        if stuck == StuckNodes::OnBoundary {
+            let scaled = scaled_jacobians(&self.mesh.cells, x);
+            cells.extend((0..).zip(scaled).filter(|(_, s)| s.abs() < FLAT).map(|(cell, _)| cell));
+        }
+        let simplices = stuck_simplices(self.mesh, &cells, stuck);
+        let room = self.most_added.saturating_sub(report.split.cells_added);
+        let added = split(self.mesh, &mut [x, self.carried], simplices, room);
+        report.split.turns += usize::from(added > 0);
+        report.split.cells_added += added;
     }
 
     /// Whether no cell is inverted at a corner afterwards.
-    fn untangle_all(&self, x: &mut Vec<Point>, inside: &mut Vec<u32>, report: &mut RepairReport) -> bool {
+    fn untangle_hexes(&self, x: &mut Vec<Point>, inside: &mut Vec<u32>, report: &mut RepairReport) -> bool {
+        let free = self.inner_nodes();
         let mut energy = self.energy_of_all();
-        let mut left = self.untangle(&energy, x, report);
+        let mut left = self.untangle(&energy, &free, x, report);
         if let (1.., Some(sliding_surface)) = (left, self.sliding_surface) {
             report.slide = slide(&energy, x, self.step, sliding_surface, self.monitor);
             left = energy.inverted(x).len();
@@ -139,7 +261,7 @@ impl Repair<'_> {
             }
             inside.extend(bad);
             energy.check_inside(inside);
-            self.untangle(&energy, x, report);
+            self.untangle(&energy, &free, x, report);
         }
         energy.inverted(x).is_empty()
     }
@@ -155,14 +277,14 @@ impl Repair<'_> {
     }
 
     /// Minimises the energy for decreasing ε; returns the number of inverted corners that are left.
-    fn untangle(&self, energy: &FoldoverEnergy, x: &mut Vec<Point>, report: &mut RepairReport) -> usize {
+    fn untangle(&self, energy: &FoldoverEnergy, free: &[u32], x: &mut Vec<Point>, report: &mut RepairReport) -> usize {
         let start = energy.evaluate(x, 1.0, &[], &mut vec![], &mut []);
         let (mut least, mut inverted) = (start.least, start.inverted);
-        let mut descent = Lbfgs::new(energy, self.free, self.step, self.monitor);
+        let mut descent = Lbfgs::new(energy, free, self.step, self.monitor);
         let mut best = Best::new(inverted, x);
         let mut epsilon = 1.0;
         for round in 0..MAX_ROUNDS {
-            if inverted == 0 || self.free.is_empty() || best.stalled == MAX_STALLED {
+            if inverted == 0 || free.is_empty() || best.stalled == MAX_STALLED {
                 break;
             }
             if round > 0 {
@@ -173,7 +295,7 @@ impl Repair<'_> {
             report.iterations += iterations;
             (least, inverted) = (value.least, value.inverted);
             best.update(inverted, x);
-            self.monitor.report((report.rounds, value.inverted_cells));
+            let _ = self.monitor.send((report.rounds, value.inverted_cells));
             if !value.energy.is_finite() || !self.monitor.should_continue() {
                 break;
             }

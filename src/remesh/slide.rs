@@ -6,7 +6,7 @@ use super::lbfgs::{Lbfgs, StoppingRule, TangentConstraint};
 use super::repair::{Best, next_epsilon};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::SurfaceMesh;
-use crate::progress::ProgressMonitor;
+use crate::progress::ProgressSender;
 use crate::{Point, Vector};
 
 /// Rings of cells around inverted ones whose boundary nodes slide, at first and at most.
@@ -46,7 +46,7 @@ pub(super) fn stiffness(cells: usize, edge: f64) -> f64 {
 pub(super) struct SlidingSurface<'a> {
     pub target: &'a SurfaceMesh,
     pub query: SurfaceQuery,
-    pub on_boundary: &'a [bool],
+    pub on_boundary: Vec<bool>,
     /// Stiffness of the springs that hold sliding nodes, in units of the whole energy.
     pub stiffness: f64,
 }
@@ -58,7 +58,7 @@ pub(super) fn slide(
     x: &mut Vec<Point>,
     step: f64,
     sliding_surface: &SlidingSurface,
-    monitor: &ProgressMonitor<(usize, usize)>,
+    monitor: &ProgressSender<(usize, usize)>,
 ) -> SlideReport {
     let mut report = SlideReport::default();
     let start = x.clone();

@@ -6,15 +6,14 @@ use clap::{Args, ValueEnum};
 
 use super::places::PlacesArgs;
 use super::section::{TargetUpArgs, UpKind};
-use super::values::bytes;
+use super::values::{bytes, off_or_count};
 
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct RemeshArgs {
     /// Map file. Without --mesh its domain has to be a polycube: a solid whose faces are perpendicular to the axes
     pub map: PathBuf,
-    /// Mesh of the domain to carry instead of a regular one: tetrahedra or hexahedra (.mesh, .msh, .vtk, .vtu). Tetrahedra
-    /// with all corners on the boundary are split
+    /// Mesh of the domain to carry instead of a regular one: tetrahedra or hexahedra (.mesh, .msh, .vtk, .vtu)
     #[arg(long, value_name = "MESH", conflicts_with_all = ["kind", "cells", "cell_size", "max_cells"])]
     pub mesh: Option<PathBuf>,
     /// Mesh of the target to write (.vtu, .vtk, .mesh, .msh). All formats have regions, and mark cells that stay
@@ -38,6 +37,10 @@ pub struct RemeshArgs {
     /// Leave boundary nodes where the boundary map puts them, even if cells stay inverted
     #[arg(long)]
     pub fix_boundary: bool,
+    /// Cells at most that are added where nodes are stuck: there all edges are split, in domain and target alike. For
+    /// tetrahedra only; `off` never splits [default: a third of the mesh's cells, and 5000]
+    #[arg(long, value_name = "off|N", value_parser = off_or_count)]
+    pub split_stuck: Option<usize>,
     /// Iterations at most that improve the shapes of cells once none is inverted. They never lower the least scaled
     /// Jacobian, nor its 1 % quantile. Given here, a mesh is polished too that needs no repair [default: 200 after a
     /// repair]

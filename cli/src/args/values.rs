@@ -16,6 +16,15 @@ pub fn squares(text: &str) -> Result<usize, String> {
     })
 }
 
+/// A number, or `off` for none.
+pub fn off_or_count(text: &str) -> Result<usize, String> {
+    if text == "off" {
+        return Ok(0);
+    }
+    text.parse()
+        .map_err(|_| format!("`{text}` is neither `off` nor a number of cells"))
+}
+
 /// A number of bytes with an optional unit: KB, MB, GB, TB are powers of 1000; K, KiB and so on of 1024.
 pub fn bytes(text: &str) -> Result<u64, String> {
     let wanted = || format!("`{text}` is not a size; write it as 4GiB, 500MB or a number of bytes");

@@ -7,7 +7,7 @@ use crate::drawing::{
 use solidmap::geometry::Axis;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::remesh::{
-    CellKind, CellSetBoundary, InvalidCells, RemeshPhase, Remeshed, determinants, scaled_jacobians,
+    CellKind, CellSetBoundary, InvalidCells, RemeshPhase, Remeshed, determinants, invalid_cells, scaled_jacobians,
 };
 use solidmap::{Point, Vector};
 
@@ -52,8 +52,10 @@ pub fn figure(remeshed: &Remeshed, now: &str, ups: [UpKind; 2]) -> anyhow::Resul
         inverted.cells.iter().for_each(|&cell| values[cell as usize] = f64::NAN);
         values
     };
+    // Splitting has renumbered the cells.
+    let as_mapped_now = invalid_cells(mesh.cells(), places[1]);
     let both = |of: &dyn Fn(usize) -> Vec<f64>| {
-        [(1, &report.before), (2, &report.after)].map(|(k, cells)| of_cells(of(k), cells))
+        [(1, &as_mapped_now), (2, &report.after)].map(|(k, cells)| of_cells(of(k), cells))
     };
     let dets = both(&|k| least_of_cells(mesh, &determinants(mesh.cells(), mesh.nodes(), places[k])));
     let shapes = both(&|k| qualities[k].clone());

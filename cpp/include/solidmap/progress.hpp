@@ -18,7 +18,7 @@ struct Progress {
   std::string detail;
 };
 
-/// Called on the calling thread, often: at least once in every iteration of a solver. Return false to end the work: the
+/// Called on the calling thread, often: at least once in every iteration of a solver, or ten times in a second. Return false to end the work: the
 /// call then throws an Error of Category::cancelled, for 100 000 vertices within a second. What cannot be interrupted (a
 /// dense decomposition, CGAL, TetGen) goes on to its end on other threads, and its result is dropped. Exceptions thrown by the callback end the work too and arrive at the caller as they are.
 ///

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "solidmap/harmonic_map.hpp"
@@ -103,6 +104,9 @@ struct RemeshOptions {
   std::size_t polish = 200;
   /// Whether a mesh is polished, too, in which nothing is inverted as mapped.
   bool polish_valid = false;
+  /// Largest number of tetrahedra that splitting may add where moving nodes does not suffice; 0 for no splitting. A third
+  /// of those that the mesh has, and 5000, where there is no value.
+  std::optional<std::size_t> most_added;
   /// Bytes that the run may take, estimated before they are taken: more throws Error (memory). 0: no limit.
   std::uint64_t memory = 0;
 };
@@ -127,8 +131,11 @@ struct RemeshReport {
   double largest_shift = 0;
   std::size_t slid_nodes = 0;
   double largest_slide = 0;
-  /// Tetrahedra of a given mesh that had all their nodes on the boundary, and were split.
-  std::size_t split_cells = 0;
+  /// Tetrahedra that splitting added where nodes were stuck. Nodes that it added follow all others.
+  std::size_t cells_added = 0;
+  /// Whether the repair began with the inner nodes by finite elements on the tetrahedra of the mesh, which inverted fewer
+  /// of them than the map.
+  bool from_finite_elements = false;
   double seconds = 0;
   /// Where cells stay inverted, in the target: at most five groups, the largest first.
   std::vector<WorstPlace> worst_places;

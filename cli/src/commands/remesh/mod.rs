@@ -68,6 +68,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     let options = RemeshOptions {
         repair: !args.no_repair,
         slide: !args.fix_boundary,
+        most_added: args.split_stuck,
         polish: args.polish.unwrap_or(RemeshOptions::default().polish),
         polish_valid: args.polish.is_some(),
         memory: args.memory.or_else(input::most_memory),

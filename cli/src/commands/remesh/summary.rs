@@ -5,7 +5,7 @@ use serde::Serialize;
 use solidmap::memory::readable;
 use solidmap::remesh::{
     BoundaryIntersections, CellKind, CellQuality, InvalidCells, InversionCause, InversionCauses, PolishOutcome,
-    PolishReport, RemeshReport,
+    PolishReport, RemeshReport, RepairStart,
 };
 
 use super::RemeshSummary;
@@ -113,16 +113,9 @@ pub fn table(report: &RemeshSummary) -> String {
     ];
     if report.mesh.is_some() {
         let off = significant(found.off_surface, 2);
-        let split = match found.kind {
-            CellKind::Tets => format!(
-                "{} tetrahedra with all nodes on the boundary split; ",
-                found.split_cells
-            ),
-            CellKind::Hexes => String::new(),
-        };
         rows.push([
             "given".into(),
-            format!("{split}boundary within {off} of the domain's diagonal"),
+            format!("boundary within {off} of the domain's diagonal"),
         ]);
     }
     let obstacles = obstacles(&found.causes_before);
@@ -161,15 +154,27 @@ pub fn table(report: &RemeshSummary) -> String {
     }
     if found.repair.iterations + found.repair.polish.iterations > 0 {
         let repair = &found.repair;
+        let start = match repair.start {
+            RepairStart::AsMapped => "",
+            RepairStart::FiniteElements => "from finite elements, which inverted fewer cells; ",
+        };
         rows.push([
             "repair".into(),
             format!(
-                "{} rounds, {} iterations; inner nodes moved by {} of the diagonal at most, with the polish",
+                "{start}{} rounds, {} iterations; inner nodes moved by {} of the diagonal at most, with the polish",
                 repair.rounds + repair.slide.rounds,
                 repair.iterations + repair.slide.iterations,
                 significant(found.largest_shift, 2)
             ),
         ]);
+        if repair.split.cells_added > 0 {
+            let added = repair.split.cells_added;
+            let share = significant(100.0 * added as f64 / (found.cells - added) as f64, 2);
+            rows.push([
+                "split".into(),
+                format!("{added} cells added ({share} %), where nodes were stuck; --split-stuck off forbids it"),
+            ]);
+        }
         rows.push([
             "boundary".into(),
             match found.slid_nodes {

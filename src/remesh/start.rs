@@ -1,0 +1,22 @@
+//! Where a repair of tetrahedra starts: the nodes as mapped, or as finite elements on these tetrahedra place them.
+
+use super::bounded_mesh::BoundedMesh;
+use super::quality::invalid_cells;
+use crate::Point;
+use crate::baseline::{HarmonicOptions, TetHarmonic};
+use crate::mesh::{CellList, TetMesh};
+
+/// The images by finite elements, if fewer cells are inverted by them than as mapped. `None` also where there are none,
+/// as for a mesh with flat tetrahedra.
+pub(super) fn better_start(mesh: &BoundedMesh, carried: &[Point]) -> Option<Vec<Point>> {
+    let CellList::Tets(tets) = &mesh.cells else {
+        return None;
+    };
+    let domain = TetMesh::new(mesh.nodes.clone(), tets.clone()).ok()?;
+    let harmonic = TetHarmonic::new(domain, &HarmonicOptions::default()).ok()?;
+    let boundary = harmonic.boundary_vertices().iter();
+    let boundary: Vec<Point> = boundary.map(|&v| carried[v as usize]).collect();
+    let found = harmonic.solve(&boundary).ok()?.images().to_vec();
+    let [by_elements, as_mapped] = [&found, carried].map(|x| invalid_cells(&mesh.cells, x).cells.len());
+    (by_elements < as_mapped).then_some(found)
+}
