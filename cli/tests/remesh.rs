@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::common::models;
 use crate::workplace::{Workplace, text};
 use solidmap::Point;
 use solidmap::io;
@@ -189,4 +190,29 @@ fn every_cell_that_stays_inverted_has_a_reason_in_words() {
         assert_eq!(warning.contains(unknown), expected, "{warning}");
         assert!(!warning.contains("no reason"), "{warning}");
     }
+}
+
+#[test]
+fn stuck_tetrahedra_are_split_unless_the_option_forbids_it() {
+    let Some(models) = models() else { return };
+    let place = Workplace::new();
+    let model = |name: &str| models.join("maps").join(name).display().to_string();
+    let fit = format!(
+        "fit {} --image {} -o bird.map",
+        model("bird_polycube.vtk"),
+        model("bird_object.vtk")
+    );
+    place.ends_with(0, &fit);
+    let line = "remesh bird.map --cell-size 0.06 --fix-boundary -o tets.mesh";
+    let report = place.report(0, &format!("{line} --json"));
+    let added = report["repair"]["split"]["cells_added"].as_u64().unwrap();
+    assert!(added > 0 && report["inverted_cells"] == 0, "{report}");
+    let words = text(&place.ends_with(0, line).stdout);
+    assert!(words.contains(&format!("{added} cells added")), "{words}");
+
+    let report = place.report(1, &format!("{line} --split-stuck off --json"));
+    assert_eq!(report["repair"]["split"]["cells_added"], 0, "{report}");
+    let warning = text(&place.ends_with(1, &format!("{line} --split-stuck off")).stderr);
+    assert!(warning.contains("Leave out --split-stuck off"), "{warning}");
+    place.ends_with(2, &format!("{line} --split-stuck some"));
 }

@@ -507,8 +507,9 @@ const PROGRAM: f64 = 13e6;
 const PER_VERTEX: f64 = 1000.0;
 /// Bytes for each point of the grid, inside the domain or not: the index of its node, and whether its box is filled.
 const PER_GRID_POINT: f64 = 5.0;
-/// Bytes for each tetrahedron with its nodes: connectivity, references for the repair, vectors of the descent.
-const PER_TET: f64 = 375.0;
+/// Bytes for each tetrahedron with its nodes: connectivity, finite elements for the start, references for the repair, vectors
+/// of the descent.
+const PER_TET: f64 = 450.0;
 /// Bytes for each hexahedron; the repair looks at each of its eight corners.
 const PER_HEX: f64 = 1200.0;
 

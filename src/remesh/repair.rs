@@ -200,11 +200,14 @@ impl Repair<'_> {
         for effort in [PatchEffort::FAST, PatchEffort::SLOW] {
             let mut stalled = 0;
             while stalled < MAX_STALLED_TURNS && self.monitor.should_continue() {
-                self.split_stuck(x, StuckNodes::All, report);
+                let any_split = self.split_stuck(x, StuckNodes::All, report);
                 self.move_patches(x, &effort, report);
                 let inverted = self.invalid(x);
                 if inverted == 0 {
                     return true;
+                }
+                if inverted >= least && !any_split {
+                    break;
                 }
                 stalled = if inverted < least { 0 } else { stalled + 1 };
                 least = least.min(inverted);
@@ -229,7 +232,8 @@ impl Repair<'_> {
         }
     }
 
-    fn split_stuck(&mut self, x: &mut Vec<Point>, stuck: StuckNodes, report: &mut RepairReport) {
+    /// Whether any cell was split.
+    fn split_stuck(&mut self, x: &mut Vec<Point>, stuck: StuckNodes, report: &mut RepairReport) -> bool {
         let mut cells = invalid_cells(&self.mesh.cells, x).cells;
         if stuck == StuckNodes::OnBoundary {
             let scaled = scaled_jacobians(&self.mesh.cells, x);
@@ -240,6 +244,7 @@ impl Repair<'_> {
         let added = split(self.mesh, &mut [x, self.carried], simplices, room);
         report.split.turns += usize::from(added > 0);
         report.split.cells_added += added;
+        added > 0
     }
 
     /// Whether no cell is inverted at a corner afterwards.

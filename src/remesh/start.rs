@@ -3,7 +3,7 @@
 use super::bounded_mesh::BoundedMesh;
 use super::quality::invalid_cells;
 use crate::Point;
-use crate::baseline::{HarmonicOptions, TetHarmonic};
+use crate::baseline::{HarmonicOptions, HarmonicSolver, TetHarmonic};
 use crate::mesh::{CellList, TetMesh};
 
 /// The images by finite elements, if fewer cells are inverted by them than as mapped. `None` also where there are none,
@@ -13,7 +13,13 @@ pub(super) fn better_start(mesh: &BoundedMesh, carried: &[Point]) -> Option<Vec<
         return None;
     };
     let domain = TetMesh::new(mesh.nodes.clone(), tets.clone()).ok()?;
-    let harmonic = TetHarmonic::new(domain, &HarmonicOptions::default()).ok()?;
+    // A factor of a regular grid would take more memory than all the rest.
+    let options = HarmonicOptions {
+        solver: HarmonicSolver::Iterative,
+        tolerance: 1e-8,
+        ..HarmonicOptions::default()
+    };
+    let harmonic = TetHarmonic::new(domain, &options).ok()?;
     let boundary = harmonic.boundary_vertices().iter();
     let boundary: Vec<Point> = boundary.map(|&v| carried[v as usize]).collect();
     let found = harmonic.solve(&boundary).ok()?.images().to_vec();

@@ -91,8 +91,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     let reasons = Reasons::of(&remeshed.report);
     if inverted > 0 {
         output.warn(format!(
-            "{}: {}. In {}, {}. Smaller cells may help, or a boundary map that distorts \
-             less there",
+            "{}: {}. In {}, {}. {}",
             if inverted == 1 {
                 "1 cell stays inverted".into()
             } else {
@@ -104,6 +103,10 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
                 "msh" => "groups called \"inverted\" hold them",
                 "mesh" => "their references are explained in its header",
                 _ => "`inverted` is 1 there",
+            },
+            match (args.split_stuck, remeshed.report.kind) {
+                (Some(0), CellKind::Tets) => "Leave out --split-stuck off: nodes that splitting adds may help",
+                _ => "Smaller cells may help, or a boundary map that distorts less there",
             }
         ));
     }
