@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn polygons_are_fanned_about_their_first_corner() {
+    fn polygons_are_cut_by_the_order_of_their_corners() {
         let mesh = surface(
             "obj",
             b"v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nf 2 3 4 5 1\nf 1 2 3 4\n",
@@ -367,7 +367,7 @@ mod tests {
         .unwrap();
         assert_eq!(
             mesh.triangles(),
-            [[1, 2, 3], [1, 3, 4], [1, 4, 0], [0, 1, 2], [0, 2, 3]]
+            [[1, 2, 3], [3, 4, 0], [1, 3, 0], [0, 1, 2], [0, 2, 3]]
         );
     }
 

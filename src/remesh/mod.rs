@@ -501,8 +501,8 @@ pub fn memory_estimate(kind: CellKind, cells: usize, grid_points: usize, domain:
     (PROGRAM + of_domain + PER_GRID_POINT * grid_points as f64 + per_cell * cells as f64) as u64
 }
 
-/// Bytes of the program itself.
-const PROGRAM: f64 = 13e6;
+/// Bytes of the program itself, and of what its threads keep.
+const PROGRAM: f64 = 19e6;
 /// Bytes for each vertex of the domain: both surfaces, and the map's sources.
 const PER_VERTEX: f64 = 1000.0;
 /// Bytes for each point of the grid, inside the domain or not: the index of its node, and whether its box is filled.
