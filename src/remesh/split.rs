@@ -212,7 +212,7 @@ mod tests {
     fn bounded(nodes: Vec<Point>, tets: Vec<[u32; 4]>) -> BoundedMesh {
         let regions = (0..tets.len() as i32).map(|cell| cell % 3).collect();
         let mesh = CellMesh::new(nodes, CellList::Tets(tets), regions).unwrap();
-        let (surface, _) = (mesh.boundary().surface, ());
+        let surface = mesh.boundary().surface;
         given_mesh(mesh, &surface).unwrap().mesh
     }
 
