@@ -9,7 +9,8 @@ mod shared;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use clap::Parser;
+use clap::error::{ContextKind, ContextValue};
+use clap::{CommandFactory, Parser};
 
 pub use shared::exhausted_memory::NotingAllocator;
 pub use shared::picture_file::{PictureError, read_picture};
@@ -41,7 +42,7 @@ const COULD_NOT_RUN: u8 = 2;
 pub fn run() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) => refuse_arguments(&error),
+        Err(error) => refuse_arguments(&without_hidden_commands(error)),
     };
     let output = Output::new(cli.json);
     let ended = execute(&cli, &output);
@@ -59,6 +60,21 @@ pub fn run() -> ExitCode {
             ExitCode::from(COULD_NOT_RUN)
         }
     }
+}
+
+/// The error without the commands that only the program itself calls.
+fn without_hidden_commands(mut error: clap::Error) -> clap::Error {
+    if let Some(ContextValue::Strings(commands)) = error.get(ContextKind::ValidSubcommand) {
+        let program = Cli::command();
+        let is_shown = |name: &&String| {
+            program
+                .find_subcommand(name)
+                .is_some_and(|command| !command.is_hide_set())
+        };
+        let shown = commands.iter().filter(is_shown).cloned().collect();
+        error.insert(ContextKind::ValidSubcommand, ContextValue::Strings(shown));
+    }
+    error
 }
 
 /// Prints help, the version, or what is wrong with the arguments, and exits.

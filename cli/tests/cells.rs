@@ -243,3 +243,31 @@ fn what_cannot_take_hexahedra_says_what_to_give() {
     assert_eq!(io::read_solid(place.path("cube.msh")).unwrap(), SolidMesh::Cells(cube));
     assert!(json(&place.ends_with(0, "check tets.vtk --json"))["models"][0]["cell_mesh"].is_object());
 }
+
+#[test]
+fn energies_are_not_measured_over_cells_that_do_not_fill_the_domain() {
+    let place = cubes();
+    place.ends_with(0, "fit cube.vtk --image image.vtk -o cube.map");
+    let refused = |name: &str, mesh: &CellMesh, words: &str| {
+        io::write_cell_mesh(place.path(name), mesh).unwrap();
+        let said = stderr(&place.ends_with(2, &format!("energy cube.map --mesh {name}")));
+        assert!(said.contains(words) && said.contains(name), "{said}");
+    };
+    refused("folded.vtu", &folded(&cube()), "inverted");
+    refused("folded.mesh", &folded(&in_tets(&cube())), "inverted");
+    let by = |mesh: &CellMesh, step: f64| {
+        let nodes = mesh.nodes().iter().map(|p| Point::new(p.x + step, p.y, p.z)).collect();
+        mesh.with_nodes(nodes).unwrap()
+    };
+    refused("moved.vtu", &by(&cube(), 0.1), "away from its surface");
+    let CellList::Hexes(mut hexes) = cube().cells().clone() else {
+        unreachable!()
+    };
+    hexes.push(hexes[7]);
+    let twice = CellMesh::new(cube().nodes().to_vec(), CellList::Hexes(hexes), vec![0; 65]).unwrap();
+    refused("twice.vtu", &twice, "earlier one");
+    // A little beside the domain: measured, with a warning.
+    io::write_cell_mesh(place.path("near.vtu"), &by(&cube(), 0.01)).unwrap();
+    let near = place.ends_with(0, "energy cube.map --mesh near.vtu");
+    assert!(stderr(&near).contains("warning: boundary vertex"), "{}", stderr(&near));
+}

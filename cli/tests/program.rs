@@ -48,7 +48,7 @@ fn outputs_and_settings_that_make_no_sense_are_refused_before_the_work() {
     );
     place.fails(
         &format!("{fit} -o out.map --alpha 1e9"),
-        &["--alpha is 1000000000", "at most 100"],
+        &["--alpha is 1000000000", "at most 5"],
     );
     place.fails(&format!("{fit} -o out.map --alpha nan"), &["--alpha is NaN"]);
     place.fails(
@@ -1080,12 +1080,43 @@ fn errors_are_json_too() {
     assert!(!message.contains("Usage"), "{message}");
     let (kind, message) = error(2, "fit ball.obj --image image.ply -o x.map --time-limit 0.001");
     assert!(kind == "time_limit" && message.contains("0.001"), "{message}");
+    let (_, message) = error(2, "");
+    assert!(message.contains("certify") && !message.contains("worker"), "{message}");
     // A report that says more is not followed by another document.
     let report = place.report(2, "check none.obj ball.obj --json");
     assert!(report.get("error").is_none() && report["models"][0]["unreadable"].is_string());
     // Help is no error.
     let help = place.ends_with(0, "fit --help --json");
     assert!(String::from_utf8_lossy(&help.stdout).contains("Usage"));
+}
+
+/// The ends of the letter L are concave: by the order of their corners they would be cut into triangles that overlap.
+#[test]
+fn concave_faces_are_cut_by_their_shape_and_alike_in_an_image() {
+    let place = Workplace::new();
+    let letter = |outline: [[f64; 2]; 6]| {
+        let ends = [0.0, 1.0].map(|z| outline.map(|[x, y]| format!("v {x} {y} {z}\n")).concat());
+        let sides: String = (0..6)
+            .map(|k| format!("f {} {} {} {}\n", k + 1, (k + 1) % 6 + 1, (k + 1) % 6 + 7, k + 7))
+            .collect();
+        format!("{}f 6 5 4 3 2 1\nf 7 8 9 10 11 12\n{sides}", ends.concat())
+    };
+    let outline = [[0., 0.], [3., 0.], [3., 1.], [1., 1.], [1., 4.], [0., 4.]];
+    // The inner corner pulled outward until no corner is concave; then the order would do.
+    let convex = [[0., 0.], [3., 0.], [3.2, 1.], [2.6, 3.], [1.5, 4.], [0., 4.]];
+    std::fs::write(place.path("letter.obj"), letter(outline)).unwrap();
+    std::fs::write(place.path("convex.obj"), letter(convex)).unwrap();
+    let report = place.report(0, "check letter.obj --json");
+    assert_eq!(report["models"][0]["self_intersections"]["pairs"], 0, "{report}");
+    let check = place.report(0, "boundary check letter.obj convex.obj --json");
+    assert_eq!(check["findings"].as_array().unwrap().len(), 0, "{check}");
+    // The other way round the domain's cut, which is by order, folds in the image: said of the map, not of the files.
+    let check = place.report(1, "boundary check convex.obj letter.obj --json");
+    assert_eq!(check["findings"][0]["kind"], "flipped", "{check}");
+    if cfg!(feature = "native") {
+        let tets = place.report(0, "tet letter.obj -o letter.mesh --json");
+        assert!((tets["volume"].as_f64().unwrap() - 6.0).abs() < 1e-12, "{tets}");
+    }
 }
 
 #[test]

@@ -94,6 +94,7 @@ pub(super) mod ffi {
         source_ratio: f64,
         collocation_ratio: f64,
         max_sources: usize,
+        max_source_ratio: f64,
         affine: bool,
         /// 0 Schwarz, 1 QR, 2 SVD.
         solver: u8,

@@ -12,7 +12,7 @@ use solidmap::certificate::CertificateError;
 #[cfg(feature = "native")]
 use solidmap::cgal_tetgen::CgalTetgenError;
 use solidmap::check::HoleError;
-use solidmap::energy::{EnergyError, QuadratureError};
+use solidmap::energy::{DomainMeshError, EnergyError, QuadratureError};
 use solidmap::files::TensorFileError;
 use solidmap::fit::FitError;
 use solidmap::geometry::SectionError;
@@ -124,7 +124,14 @@ macro_rules! invalid_input {
     };
 }
 
-invalid_input!(MeshError, BoundaryMapError, HoleError, QuadratureError, SectionError);
+invalid_input!(
+    MeshError,
+    BoundaryMapError,
+    HoleError,
+    DomainMeshError,
+    QuadratureError,
+    SectionError
+);
 
 impl Categorised for IoError {
     fn category(&self) -> Category {

@@ -11,7 +11,7 @@ use super::meshes::{Surface, VolumeMesh, whole_points};
 use solidmap::certificate::{CertificateOptions, CertificateProgress, StopReason, VerdictTotals, certify};
 use solidmap::energy::{
     AdaptiveOptions, DensityQuantiles, DistortionMetrics, DistortionReport, EnergyErrors, EnergyOptions, EnergyReport,
-    GridResolution, Lame, Quadrature, adaptive_energies, cell_quadrature, clipped_grid, densities, distortion,
+    GridResolution, Lame, Quadrature, adaptive_energies, clipped_grid, densities, distortion, domain_mesh_quadrature,
     energies, worst_places,
 };
 use solidmap::fit;
@@ -54,8 +54,9 @@ pub fn energies_in_cells(
 ) -> Result<ffi::EnergyReport, Error> {
     guarded(|| {
         let options = energy_options(normalize, lambda, mu)?;
-        let quadrature = cell_quadrature(&mesh.0)?;
-        let target_volume = map.boundary_map()?.target_volume();
+        let boundary = map.boundary_map()?;
+        let quadrature = domain_mesh_quadrature(&mesh.0, boundary.domain())?.quadrature;
+        let target_volume = boundary.target_volume();
         let report = with_cancellation(map.map(), &|| integrating(watcher), |map| {
             energies(map, &quadrature, quadrature.volume(), target_volume, &options)
         })??;
@@ -120,7 +121,10 @@ pub fn distortion_on_grid(map: &Map, cells: usize, watcher: &Watcher) -> Result<
 }
 
 pub fn distortion_in_cells(map: &Map, mesh: &VolumeMesh, watcher: &Watcher) -> Result<ffi::DistortionReport, Error> {
-    guarded(|| distortion_over(map, &cell_quadrature(&mesh.0)?, watcher))
+    guarded(|| {
+        let found = domain_mesh_quadrature(&mesh.0, map.boundary_map()?.domain())?;
+        distortion_over(map, &found.quadrature, watcher)
+    })
 }
 
 fn energy_options(normalize: bool, lambda: f64, mu: f64) -> Result<EnergyOptions, Error> {

@@ -21,6 +21,7 @@ ffi::FitOptions for_rust(const FitOptions& options) {
   to.source_ratio = options.source_ratio;
   to.collocation_ratio = options.collocation_ratio;
   to.max_sources = options.max_sources;
+  to.max_source_ratio = options.max_source_ratio;
   to.affine = options.affine;
   to.solver = static_cast<std::uint8_t>(options.solver);
   to.most_iterations = options.max_iterations;
@@ -41,6 +42,7 @@ FitOptions preset(std::uint8_t number) {
   options.source_ratio = from.source_ratio;
   options.collocation_ratio = from.collocation_ratio;
   options.max_sources = from.max_sources;
+  options.max_source_ratio = from.max_source_ratio;
   options.affine = from.affine;
   options.solver = static_cast<Solver>(from.solver);
   options.max_iterations = from.most_iterations;

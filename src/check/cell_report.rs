@@ -94,6 +94,8 @@ pub enum CellFindingKind {
     DuplicateCells,
     /// Vertices inside a face or an edge of a cell.
     HangingNodes,
+    /// Pairs of cells with faces that overlap and are not the same.
+    MismatchedFaces,
     /// Cells that are almost flat.
     Slivers,
     /// Cells whose corners are listed in the other orientation than VTK's.

@@ -264,6 +264,50 @@ fn vertices_inside_faces_and_edges_of_larger_cells_are_found() {
 }
 
 #[test]
+fn squares_cut_along_both_diagonals_do_not_fit_together() {
+    let (nodes, cubes) = lattice(3);
+    // One cube with its corners numbered from another one: its diagonals run the other way.
+    let turned = |c: usize, [a, b, c_, d, e, f, g, h]: [u32; 8]| match c {
+        13 => [b, c_, d, a, f, g, h, e],
+        _ => [a, b, c_, d, e, f, g, h],
+    };
+    // Six tetrahedra about the diagonal from corner 0 to corner 6.
+    let around = [[1, 2], [2, 3], [3, 7], [7, 4], [4, 5], [5, 1]];
+    let cells = cubes.iter().enumerate().flat_map(|(c, &cube)| {
+        let cube = turned(c, cube);
+        around.map(|[k, l]| [cube[0], cube[k], cube[l], cube[6]])
+    });
+    let report = examine_cells(&mesh_of(nodes.clone(), CellList::Tets(cells.collect())));
+    let found = finding(&report, CellFindingKind::MismatchedFaces);
+    assert!(
+        found.severity == Severity::Error && found.advice.contains("same diagonal"),
+        "{report}"
+    );
+    // Tetrahedra 78 to 83 are those of the turned cube.
+    assert!(
+        found.cells.iter().any(|cell| (78..84).contains(cell)),
+        "{:?}",
+        found.cells
+    );
+    let mut cubes = cubes;
+    cubes[13][4..].rotate_left(1);
+    let report = examine_cells(&mesh_of(nodes, CellList::Hexes(cubes)));
+    let found = finding(&report, CellFindingKind::MismatchedFaces);
+    assert!(found.cells.contains(&13) && found.advice.contains("VTK"), "{report}");
+    assert!(!report.is_valid());
+}
+
+#[test]
+fn flat_hexahedra_count_in_the_quality() {
+    let (mut nodes, cubes) = lattice(4);
+    // A vertex inside comes to lie on its neighbour: edges of length zero.
+    nodes[62] = nodes[63];
+    let report = examine_cells(&mesh_of(nodes, CellList::Hexes(cubes)));
+    assert!(report.flat_cells > 0, "{report}");
+    assert!(report.min_scaled_jacobian.unwrap() <= 0.0, "{report}");
+}
+
+#[test]
 fn bodies_are_counted_with_their_cells_and_volumes() {
     let (mut nodes, mut cells) = lattice(2);
     let count = nodes.len() as u32;

@@ -1,11 +1,12 @@
 //! Examines meshes of tetrahedra or hexahedra: orientation, shape, and how cells fit together.
 
 use std::cmp::Ordering;
+use std::collections::HashSet;
 
 use rayon::prelude::*;
 
 use super::cell_report::{BodyReport, CellFinding, CellFindingKind, CellReport};
-use super::hanging_nodes::hanging_nodes;
+use super::hanging_nodes::{hanging_nodes, mismatched_faces};
 use super::{Severity, anatomy::is_finite};
 use crate::geometry::{hex_scaled_jacobian, least_jacobian_inside, orientation, tet_scaled_jacobian};
 use crate::mesh::topology::DisjointSets;
@@ -80,6 +81,10 @@ pub fn examine_cells(mesh: &CellMesh) -> CellReport {
         .collect();
 
     let hanging = hanging_nodes(mesh, &faces);
+    let mut mismatched = mismatched_faces(mesh, &faces);
+    // Where cells of different size meet, that is said already.
+    let coarse: HashSet<u32> = hanging.iter().map(|[_, cell]| *cell).collect();
+    mismatched.retain(|pair| !pair.iter().any(|cell| coarse.contains(cell)));
     let duplicates = duplicate_cells(mesh);
     let findings: Vec<CellFinding> = [
         empty(mesh),
@@ -92,9 +97,10 @@ pub fn examine_cells(mesh: &CellMesh) -> CellReport {
         crossed_faces(mesh, &faces),
         duplicate(mesh, &duplicates),
         hanging_vertices(mesh, &hanging),
+        overlapping_faces(mesh, &mismatched),
         sliver_cells(mesh, &slivers, &quality),
         left_handed(mesh, &shapes, &fit),
-        several_bodies(mesh, &fit),
+        several_bodies(mesh, &fit, !mismatched.is_empty() || !hanging.is_empty()),
         unused_vertices(mesh),
     ]
     .into_iter()
@@ -171,13 +177,15 @@ fn scaled_jacobians(mesh: &CellMesh, shapes: &[Shape]) -> Vec<f64> {
     let at = |v: u32| mesh.nodes()[v as usize];
     let of_tet = |(tet, shape): (&[u32; 4], &Shape)| match shape {
         Shape::Undefined => f64::NAN,
+        Shape::Flat => 0.0,
         _ => tet_scaled_jacobian(&tet.map(at)).abs(),
     };
     let of_hex = |(hex, shape): (&[u32; 8], &Shape)| match shape {
         Shape::Undefined => f64::NAN,
         Shape::LeftHanded => hex_scaled_jacobian(&mirrored(hex.map(at))),
         Shape::Tangled => hex_scaled_jacobian(&hex.map(at)).abs(),
-        Shape::RightHanded | Shape::Flat => hex_scaled_jacobian(&hex.map(at)),
+        Shape::Flat => 0.0,
+        Shape::RightHanded => hex_scaled_jacobian(&hex.map(at)),
     };
     match mesh.cells() {
         CellList::Tets(tets) => tets.par_iter().zip(shapes).map(of_tet).collect(),
@@ -529,6 +537,29 @@ fn hanging_vertices(mesh: &CellMesh, hanging: &[[u32; 2]]) -> Option<CellFinding
     Some(finding)
 }
 
+fn overlapping_faces(mesh: &CellMesh, pairs: &[[u32; 2]]) -> Option<CellFinding> {
+    let &[a, b] = pairs.first()?;
+    let message = format!(
+        "{} faces that overlap, but have other corners, first cells {a} and {b} at {}: the cells do not fit together there",
+        plural(pairs.len(), "pair of cells has", "pairs of cells have"),
+        at(&centre(mesh, a))
+    );
+    let advice = match mesh.cells() {
+        CellList::Tets(_) => {
+            "cut the square between two pairs of tetrahedra along the same diagonal from both sides (of cubes that are cut \
+             into tetrahedra, number the corners alike in all), or mesh the solid anew (solidmap tet); until then the mesh \
+             has cracks"
+        }
+        CellList::Hexes(_) => "list the corners of one of them in VTK's order: around the bottom, then around the top",
+    };
+    let kind = CellFindingKind::MismatchedFaces;
+    let finding = CellFinding::new(kind, Severity::Error, pairs.len(), message, advice);
+    let mut cells: Vec<u32> = pairs.iter().flatten().copied().collect();
+    cells.sort_unstable();
+    cells.dedup();
+    Some(finding.at_cells(mesh, &cells))
+}
+
 fn sliver_cells(mesh: &CellMesh, cells: &[u32], quality: &[f64]) -> Option<CellFinding> {
     let worst = *cells
         .iter()
@@ -574,7 +605,7 @@ fn left_handed(mesh: &CellMesh, shapes: &[Shape], fit: &CellFit) -> Option<CellF
     Some(finding.at_cells(mesh, &cells))
 }
 
-fn several_bodies(mesh: &CellMesh, fit: &CellFit) -> Option<CellFinding> {
+fn several_bodies(mesh: &CellMesh, fit: &CellFit, do_not_fit: bool) -> Option<CellFinding> {
     if fit.bodies.len() < 2 {
         return None;
     }
@@ -591,8 +622,13 @@ fn several_bodies(mesh: &CellMesh, fit: &CellFit) -> Option<CellFinding> {
         fit.bodies.len(),
         sizes.join(", ")
     );
-    let advice = "nothing to do if that is meant; cells that should be joined need common vertices: merge the vertices that \
-                  coincide";
+    let advice = match do_not_fit {
+        true => "first repair what does not fit together (above): it may be all that divides them",
+        false => {
+            "nothing to do if that is meant; cells that should be joined need common vertices: merge the vertices that \
+             coincide"
+        }
+    };
     let kind = CellFindingKind::SeveralBodies;
     let finding = CellFinding::new(kind, Severity::Note, fit.bodies.len(), message, advice);
     let first: Vec<u32> = largest.iter().map(|&body| fit.first[body]).collect();

@@ -1,4 +1,5 @@
-//! Vertices that lie inside a face or an edge of a cell that does not name them, where cells of different size meet.
+//! Where cells do not fit together: vertices inside a face or an edge of a cell that does not name them, where cells of
+//! different size meet; faces that lie on one another with other corners.
 
 use rayon::prelude::*;
 
@@ -56,6 +57,51 @@ pub(super) fn hanging_nodes(mesh: &CellMesh, faces: &[CellFace]) -> Vec<[u32; 2]
     vertices.par_iter().filter_map(first).collect()
 }
 
+/// Pairs of boundary faces that overlap though they are not the same: a square that one pair of tetrahedra cuts along the
+/// other diagonal than the pair behind it, and faces of hexahedra of which one has its corners in a wrong order. Either
+/// share two vertices or more and lie on one another; or they are quads that share three. `faces` are those of all cells,
+/// sorted; each face is in the first of its pairs only.
+pub(super) fn mismatched_faces(mesh: &CellMesh, faces: &[CellFace]) -> Vec<[u32; 2]> {
+    let outer: Vec<OuterFace> = outer(faces).filter_map(|face| OuterFace::of(mesh, face)).collect();
+    let boxes: Vec<Aabb> = outer.iter().map(OuterFace::bounds).collect();
+    let tree = Bvh::new(&boxes);
+    let on_another = |face: &OuterFace| {
+        let centre = face.centre();
+        let mut found: Option<u32> = None;
+        visit_boxes_with(&tree, &centre, |item| {
+            let other = &outer[item as usize];
+            if other.cell != face.cell
+                && found.is_none_or(|cell| other.cell < cell)
+                && face.shared_with(other) >= 2
+                && other.is_on(&centre)
+            {
+                found = Some(other.cell);
+            }
+        });
+        found.map(|cell| [face.cell, cell])
+    };
+    let mut pairs: Vec<[u32; 2]> = outer.par_iter().filter_map(on_another).collect();
+
+    let threes = |face: &OuterFace| {
+        let v: Vec<u32> = face.vertices().collect();
+        let of_quad = (v.len() == 4).then(|| [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]].map(|k| k.map(|k| v[k])));
+        let cell = face.cell;
+        of_quad.into_iter().flatten().map(move |mut three| {
+            three.sort_unstable();
+            (three, cell)
+        })
+    };
+    let mut shared: Vec<([u32; 3], u32)> = outer.iter().flat_map(threes).collect();
+    shared.par_sort_unstable();
+    let groups = shared.chunk_by(|a, b| a.0 == b.0);
+    pairs.extend(groups.flat_map(|group| group.windows(2).map(|two| [two[0].1, two[1].1])));
+    pairs.retain(|[a, b]| a != b);
+    pairs.iter_mut().for_each(|pair| pair.sort_unstable());
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
+}
+
 /// Calls `visit` with every item of the tree in a leaf whose box contains the point.
 fn visit_boxes_with(tree: &Bvh, p: &Point, mut visit: impl FnMut(u32)) {
     let (nodes, mut at) = (tree.nodes(), 0);
@@ -100,6 +146,15 @@ impl OuterFace {
         self.vertices.into_iter().chain(self.fourth)
     }
 
+    fn centre(&self) -> Point {
+        Point::from(self.corners.iter().map(|p| p.coords).sum::<Vector>() / self.corners.len() as f64)
+    }
+
+    /// How many vertices both faces have.
+    fn shared_with(&self, other: &Self) -> usize {
+        self.vertices().filter(|&v| other.vertices().any(|w| v == w)).count()
+    }
+
     fn bounds(&self) -> Aabb {
         let around = Aabb::around(&self.corners);
         Aabb {
@@ -123,6 +178,11 @@ impl OuterFace {
                 return !is_triangle(vertices[k], vertices[next]);
             }
         }
+        self.is_on(p)
+    }
+
+    /// Whether a point lies on the face.
+    fn is_on(&self, p: &Point) -> bool {
         match self.corners[..] {
             [a, b, c] => self.is_on_triangle(p, [a, b, c]),
             [a, b, c, d] => {

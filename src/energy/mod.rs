@@ -12,12 +12,14 @@ mod density;
 mod determinant;
 pub mod distortion;
 mod distribution;
+mod domain_mesh;
 mod hex_quadrature;
 mod quadrature;
 mod tet_quadrature;
 mod unit_volume;
 mod worst_places;
 
+pub(crate) use adaptive::undivided_grid;
 pub use adaptive::{AdaptiveOptions, AdaptiveQuadrature, adaptive_quadrature};
 pub use clipped_grid::{GridResolution, clipped_grid};
 pub use density::{Lame, deformation_density, harmonic_density};
@@ -25,6 +27,7 @@ pub use distortion::{
     Determinants, DistortionMetrics, DistortionReport, distortion, distortion_of_jacobians, tet_distortion,
 };
 pub use distribution::DensityQuantiles;
+pub use domain_mesh::{DomainMeshError, DomainMeshQuadrature, domain_mesh_quadrature};
 pub use hex_quadrature::cell_quadrature;
 pub use quadrature::{CellLayout, CellMean, Grid, Quadrature, QuadratureError};
 pub use tet_quadrature::tet_quadrature;

@@ -119,6 +119,8 @@ pub enum RefinementEnd {
     Fixed,
     /// The limit on the number of sources is reached.
     MaxSources,
+    /// The limit on the number of sources per boundary vertex is reached.
+    MaxSourceRatio,
     /// The limit on memory is reached.
     Memory,
     /// Several rounds did not lower the error.

@@ -132,10 +132,14 @@ impl FitSize {
             let sources = self.sources;
             format!("refinement ended before the tolerance was met: it calls for {sources} sources, {limit}")
         };
-        let most = options.max_sources;
+        let most = options.most_refined_sources(self.vertices);
         if self.sources > most {
-            let limit = format!("and {most} are allowed; `max_sources` raises the limit");
-            return Some((RefinementEnd::MaxSources, warning(limit)));
+            let (end, option) = match most < options.max_sources {
+                true => (RefinementEnd::MaxSourceRatio, "`max_source_ratio`"),
+                false => (RefinementEnd::MaxSources, "`max_sources`"),
+            };
+            let limit = format!("and {most} are allowed; {option} raises the limit");
+            return Some((end, warning(limit)));
         }
         let (need, allowed) = (self.bytes(), options.memory?);
         (need > allowed).then(|| {

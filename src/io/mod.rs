@@ -33,6 +33,7 @@ mod obj;
 mod off;
 mod ply;
 mod points;
+mod polygon;
 mod pvd;
 mod raw_mesh;
 mod stl;
@@ -127,12 +128,27 @@ pub fn is_mesh(path: impl AsRef<Path>) -> bool {
 /// Reads a surface (`.obj`, `.ply`, `.off`, `.stl`, `.mesh`, `.msh`, `.vtk`, `.vtu`). Several objects in one file
 /// become one mesh; unreferenced vertices stay.
 ///
+/// Polygons are cut into triangles by the order of their corners alone, so that surfaces with the same faces have the same
+/// triangles; but concave ones, and those with corners on straight sides, by their shape where that is needed for triangles
+/// that do not overlap. [`read_surface_as`] reads the image of such a surface.
+///
 /// # Errors
 ///
 /// Any [`IoError`] but those of writing; [`IoError::WrongKind`] when the file holds tetrahedra or hexahedra.
 pub fn read_surface(path: impl AsRef<Path>) -> Result<SurfaceMesh, IoError> {
     let path = path.as_ref();
     read_mesh(path, "a surface")?.into_surface(path)
+}
+
+/// As [`read_surface`], but cuts polygons into the triangles of another surface wherever that has been cut from the same
+/// polygons: so a boundary map can go from one to the other whatever their shapes.
+///
+/// # Errors
+///
+/// As [`read_surface`].
+pub fn read_surface_as(path: impl AsRef<Path>, other: &SurfaceMesh) -> Result<SurfaceMesh, IoError> {
+    let path = path.as_ref();
+    read_mesh(path, "a surface")?.into_surface_as(path, other)
 }
 
 /// Reads a tetrahedral mesh (`.mesh`, `.msh`, `.vtk`, `.vtu`), inverted tetrahedra included. Triangles, lines and

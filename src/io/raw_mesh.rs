@@ -1,7 +1,9 @@
 //! The unchecked content of any mesh file, and its conversion to a surface, a volume mesh or points with fields.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
+use super::polygon::{self, Triangles};
 use super::{Field, FieldFile, IoError, SolidMesh, input::excerpt};
 use crate::{
     Point,
@@ -38,6 +40,9 @@ pub(super) struct CornerLists {
     /// The end of each list in `corners`.
     pub ends: Vec<usize>,
 }
+
+/// The triangles of some polygons, by their number in the file.
+pub(super) type PolygonCuts = BTreeMap<usize, Triangles>;
 
 /// More components per value are taken for an error in the file's header.
 const MAX_COMPONENTS: usize = 4096;
@@ -76,6 +81,18 @@ impl RawMesh {
     }
 
     pub fn into_surface(self, path: &Path) -> Result<SurfaceMesh, IoError> {
+        let cuts = self.cuts_by_shape();
+        self.into_surface_cut(path, &cuts)
+    }
+
+    /// As [`Self::into_surface`], but with polygons cut into the triangles of another surface where it has the same ones.
+    pub fn into_surface_as(self, path: &Path, other: &SurfaceMesh) -> Result<SurfaceMesh, IoError> {
+        let cuts = self.cuts_as_in(other);
+        self.into_surface_cut(path, &cuts)
+    }
+
+    /// As [`Self::into_surface`], but with polygons cut as said, and the others by the order of their corners.
+    pub fn into_surface_cut(self, path: &Path, cuts: &PolygonCuts) -> Result<SurfaceMesh, IoError> {
         self.refuse_other_cells(path)?;
         if self.has_cells() {
             return Err(IoError::WrongKind {
@@ -84,7 +101,7 @@ impl RawMesh {
                 wanted: "a surface is needed here; extract the boundary of the cells",
             });
         }
-        let triangles = self.triangles(path)?;
+        let triangles = self.triangles(path, cuts)?;
         if triangles.is_empty() {
             return Err(self.no_geometry(path));
         }
@@ -199,7 +216,7 @@ impl RawMesh {
         }
         self.refuse_other_cells(path)?;
         if !self.has_cells() {
-            let triangles = self.triangles(path)?;
+            let triangles = self.triangles(path, &self.cuts_by_shape())?;
             return Ok(FieldFile {
                 points: self.vertices,
                 triangles,
@@ -225,13 +242,43 @@ impl RawMesh {
         })
     }
 
-    /// Cuts polygons into triangles: every second corner is cut off, and so on with the polygon that is left, so that few
-    /// triangles meet at a corner. In a fan about one corner all of them do: for TetGen, a face of 1000 corners then takes
-    /// 14 times as long.
-    ///
-    /// The cut depends only on the order of the corners, not on positions, so that two meshes with the same faces, as
-    /// in a boundary map, get the same triangles. A strongly concave polygon therefore gets overlapping triangles.
-    fn triangles(&self, path: &Path) -> Result<Vec<[u32; 3]>, IoError> {
+    /// How polygons are cut whose shape asks for it: see [`polygon::cut_by_shape`].
+    pub fn cuts_by_shape(&self) -> PolygonCuts {
+        let of_face = |(face, corners): (usize, &[i64])| {
+            if corners.len() < 4 {
+                return None;
+            }
+            let at = |&v: &i64| self.vertices.get(usize::try_from(v).ok()?).copied();
+            let places: Vec<Point> = corners.iter().map(at).collect::<Option<_>>()?;
+            Some((face, polygon::cut_by_shape(&places)?))
+        };
+        self.polygons.iter().enumerate().filter_map(of_face).collect()
+    }
+
+    /// How polygons are cut to get the triangles of another surface, as far as these are triangles of the same polygons, in
+    /// order.
+    fn cuts_as_in(&self, surface: &SurfaceMesh) -> PolygonCuts {
+        let mut left = surface.triangles();
+        let mut cuts = PolygonCuts::new();
+        for (face, corners) in self.polygons.iter().enumerate() {
+            let Some((own, others)) = left.split_at_checked(corners.len().saturating_sub(2)) else {
+                break;
+            };
+            left = others;
+            let corner = |v: u32| corners.iter().position(|&c| c == i64::from(v)).map(|k| k as u32);
+            let cut = own.iter().map(|t| match t.map(corner) {
+                [Some(a), Some(b), Some(c)] => Some([a, b, c]),
+                _ => None,
+            });
+            if let Some(cut) = cut.collect() {
+                cuts.insert(face, cut);
+            }
+        }
+        cuts
+    }
+
+    /// The triangles of all polygons, cut as said, and the others by the order of their corners.
+    fn triangles(&self, path: &Path, cuts: &PolygonCuts) -> Result<Vec<[u32; 3]>, IoError> {
         let mut triangles = Vec::with_capacity(self.polygons.ends.len());
         for (face, corners) in self.polygons.iter().enumerate() {
             if corners.len() < 3 {
@@ -241,7 +288,10 @@ impl RawMesh {
                     corners: corners.len(),
                 });
             }
-            for triangle in cut_into_triangles(corners) {
+            let by_shape = cuts.get(&face).filter(|cut| cut.len() + 2 == corners.len());
+            let by_order = by_shape.is_none().then(|| polygon::cut_by_order(corners.len()));
+            for triangle in by_shape.or(by_order.as_ref()).into_iter().flatten() {
+                let triangle = triangle.map(|k| corners[k as usize]);
                 triangles.push(self.in_range(path, "face", face, triangle)?);
             }
         }
@@ -301,27 +351,6 @@ impl RawMesh {
     }
 }
 
-/// A polygon's triangles, from three corners on.
-fn cut_into_triangles(polygon: &[i64]) -> Vec<[i64; 3]> {
-    let mut triangles = Vec::with_capacity(polygon.len() - 2);
-    let mut left = polygon.to_vec();
-    while left.len() > 3 {
-        let mut kept = Vec::with_capacity(left.len() / 2 + 1);
-        for two in left.chunks(2) {
-            kept.push(two[0]);
-            if let &[a, b] = two {
-                let next = left.get(2 * kept.len());
-                triangles.push(next.map_or([left[0], a, b], |&next| [a, b, next]));
-            }
-        }
-        left = kept;
-    }
-    if let &[a, b, c] = left.as_slice() {
-        triangles.push([a, b, c]);
-    }
-    triangles
-}
-
 fn with_path(error: MeshError, path: &Path) -> IoError {
     let path = path.to_owned();
     match error {
@@ -354,8 +383,6 @@ fn with_path(error: MeshError, path: &Path) -> IoError {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
-
     use super::*;
 
     #[test]
@@ -388,49 +415,51 @@ mod tests {
     }
 
     #[test]
-    fn the_cut_of_a_polygon_depends_on_its_corners_alone() {
-        let polygons = || {
+    fn the_cut_of_a_convex_polygon_depends_on_its_corners_alone() {
+        let surface = |height: f64| {
             let mut polygons = CornerLists::default();
             polygons.push([2, 4, 3, 1, 0]);
-            polygons
-        };
-        let surface = |height: f64| {
+            let place = |k: i32| {
+                let angle = [4.0, 3.0, 0.0, 2.0, 1.0][k as usize];
+                Point::new(f64::cos(angle), f64::sin(angle), height * f64::from(k % 2))
+            };
             let raw = RawMesh {
-                vertices: (0..5)
-                    .map(|k| Point::new(f64::from(k), height * f64::from(k % 2), 0.0))
-                    .collect(),
-                polygons: polygons(),
+                vertices: (0..5).map(place).collect(),
+                polygons,
                 ..RawMesh::default()
             };
             raw.into_surface(Path::new("a.obj")).unwrap()
         };
-        let [flat, bent] = [surface(0.0), surface(7.0)];
+        let [flat, bent] = [surface(0.0), surface(0.4)];
         assert_eq!(flat.triangles(), [[2, 4, 3], [3, 1, 0], [2, 3, 0]]);
         assert_eq!(flat.triangles(), bent.triangles());
     }
 
     #[test]
-    fn a_polygon_of_any_size_is_cut_so_that_few_triangles_meet() {
-        for corners in 3..200_i64 {
-            let polygon: Vec<i64> = (0..corners).collect();
-            let triangles = cut_into_triangles(&polygon);
-            assert_eq!(triangles.len() as i64, corners - 2);
-            // Every edge of the polygon once, and every other edge twice, in opposite directions.
-            let edges = || triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
-            let is_border = |[a, b]: &[i64; 2]| (a + 1) % corners == *b;
-            let borders: BTreeSet<[i64; 2]> = edges().filter(is_border).collect();
-            let inner: BTreeSet<[i64; 2]> = edges().filter(|edge| !is_border(edge)).collect();
-            assert_eq!(
-                borders.len() + inner.len(),
-                3 * triangles.len(),
-                "an edge twice in one direction"
-            );
-            assert_eq!(borders.len() as i64, corners);
-            assert!(inner.iter().all(|&[a, b]| inner.contains(&[b, a])));
-            let most = (0..corners).map(|v| triangles.iter().flatten().filter(|&&corner| corner == v).count());
-            let levels = 1 + corners.ilog2() as usize;
-            assert!(most.max().unwrap() <= 2 * levels, "{corners} corners");
-        }
-        assert_eq!(cut_into_triangles(&[5, 6, 7, 8]), [[5, 6, 7], [5, 7, 8]]);
+    fn an_image_is_cut_as_its_domain() {
+        let raw = |reflex: f64| {
+            let mut polygons = CornerLists::default();
+            polygons.push([0, 1, 2]);
+            polygons.push([0, 1, 2, 3]);
+            polygons.push([3, 2, 1, 0]);
+            let corners = [[0., 0., 0.], [2., -3., 0.], [reflex, 0., 0.], [2., 3., 0.]];
+            RawMesh {
+                vertices: corners.map(Point::from).to_vec(),
+                polygons,
+                ..RawMesh::default()
+            }
+        };
+        let path = Path::new("a.obj");
+        // Convex, and concave at corner 2: there the order from corner 3 on is not that of a good cut.
+        let convex = raw(5.0).into_surface(path).unwrap();
+        let own = raw(1.0).into_surface(path).unwrap();
+        assert_eq!(own.triangles()[..3], [[0, 1, 2], [0, 1, 2], [0, 2, 3]]);
+        assert_eq!(convex.triangles()[..3], own.triangles()[..3]);
+        assert_eq!(convex.triangles()[3..], [[3, 2, 1], [3, 1, 0]]);
+        assert_ne!(own.triangles(), convex.triangles());
+        let same = raw(1.0).into_surface_as(path, &convex).unwrap();
+        assert_eq!(same.triangles(), convex.triangles());
+        let back = raw(5.0).into_surface_as(path, &own).unwrap();
+        assert_eq!(back.triangles(), own.triangles());
     }
 }

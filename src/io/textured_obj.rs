@@ -4,7 +4,8 @@ use std::path::Path;
 
 use super::input::{InputFile, excerpt, parsed};
 use super::obj;
-use super::{IoError, read_bytes, read_surface};
+use super::raw_mesh::PolygonCuts;
+use super::{IoError, read_bytes, read_mesh, read_surface};
 use crate::mesh::SurfaceMesh;
 
 /// A surface with texture coordinates and colours.
@@ -29,10 +30,9 @@ pub struct TexturedSurface {
 /// and others not.
 pub fn read_textured_surface(path: impl AsRef<Path>) -> Result<TexturedSurface, IoError> {
     let path = path.as_ref();
-    let surface = read_surface(path)?;
     if super::extension(path) != "obj" {
         return Ok(TexturedSurface {
-            surface,
+            surface: read_surface(path)?,
             uv: None,
             colours: None,
         });
@@ -43,20 +43,21 @@ pub fn read_textured_surface(path: impl AsRef<Path>) -> Result<TexturedSurface, 
         format: "OBJ",
         bytes: &bytes,
     };
+    let raw = read_mesh(path, "a surface")?;
+    let cuts = raw.cuts_by_shape();
     Ok(TexturedSurface {
-        uv: uv_of_corners(&file)?,
+        surface: raw.into_surface_cut(path, &cuts)?,
+        uv: uv_of_corners(&file, &cuts)?,
         colours: colours(&file)?,
-        surface,
     })
 }
 
-/// Reads the faces with texture coordinates as vertices, so that they are split into the same triangles and checked in
-/// the same way.
-fn uv_of_corners(file: &InputFile) -> Result<Option<Vec<[[f64; 2]; 3]>>, IoError> {
+/// Reads the faces with texture coordinates as vertices, cut into the same triangles and checked in the same way.
+fn uv_of_corners(file: &InputFile, cuts: &PolygonCuts) -> Result<Option<Vec<[[f64; 2]; 3]>>, IoError> {
     let Some(raw) = obj::parse_uv(file)? else {
         return Ok(None);
     };
-    let layout = raw.into_surface(file.path).map_err(for_texture_coordinates)?;
+    let layout = raw.into_surface_cut(file.path, cuts).map_err(for_texture_coordinates)?;
     let corners = (0..layout.triangles().len()).map(|t| layout.corners(t).map(|p| [p.x, p.y]));
     Ok(Some(corners.collect()))
 }

@@ -134,9 +134,8 @@ fn determinant(x: &[Point], t: [u32; 4]) -> f64 {
 }
 
 /// Determinants of the map of the cells that takes nodes from `from` to `to`: one per tetrahedron; of a hexahedron,
-/// eight at its corners, which are compared with cubes of one size. They are divided by the ratio of the total
-/// volumes, so that 1 is a cell whose volume changes as the total does. For a tetrahedron that is flat in `from` it is
-/// infinite or NaN.
+/// eight, each comparing the tetrahedra at a corner. They are divided by the ratio of the sums of both, so that 1 is a
+/// cell whose volume changes as the total does. For what is flat in `from` it is infinite or NaN.
 pub fn determinants(cells: &CellList, from: &[Point], to: &[Point]) -> Vec<f64> {
     let corners = |x: &[Point]| -> Vec<f64> {
         match cells {
@@ -147,20 +146,11 @@ pub fn determinants(cells: &CellList, from: &[Point], to: &[Point]) -> Vec<f64> 
                 .collect(),
         }
     };
-    let images = corners(to);
+    let (images, shapes) = (corners(to), corners(from));
     let sum = |volumes: &[f64]| volumes.iter().sum::<f64>().abs();
-    match cells {
-        CellList::Tets(_) => {
-            let shapes = corners(from);
-            let change = sum(&images) / sum(&shapes);
-            let pairs = images.iter().zip(&shapes);
-            pairs.map(|(image, shape)| image / shape / change).collect()
-        }
-        CellList::Hexes(_) => {
-            let mean = sum(&images) / images.len().max(1) as f64;
-            images.iter().map(|image| image / mean).collect()
-        }
-    }
+    let change = sum(&images) / sum(&shapes);
+    let pairs = images.iter().zip(&shapes);
+    pairs.map(|(image, shape)| image / shape / change).collect()
 }
 
 /// The quality of all cells; `None` without cells. Cells with edges of zero length, whose quality is not defined, count
@@ -214,4 +204,34 @@ pub fn quality(cells: &CellList, x: &[Point]) -> Option<CellQuality> {
 
 fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hexahedra_of_different_sizes_are_compared_with_themselves() {
+        // Layers of height 1, 2 and 4 that the map scales by 3 as a whole.
+        let heights = [0.0, 1.0, 3.0, 7.0];
+        let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let nodes: Vec<Point> = heights
+            .iter()
+            .flat_map(|&z| square.map(|[x, y]| Point::new(x, y, z)))
+            .collect();
+        let layer = |k: u32| std::array::from_fn(|n| 4 * k + n as u32);
+        let cells = CellList::Hexes((0..3).map(layer).collect());
+        let images: Vec<Point> = nodes.iter().map(|p| p * 3.0).collect();
+        assert!(
+            determinants(&cells, &nodes, &images)
+                .iter()
+                .all(|det| (det - 1.0).abs() < 1e-14)
+        );
+        // The lowest layer takes half of the next one's height.
+        let mut moved = nodes.clone();
+        moved[4..8].iter_mut().for_each(|p| p.z = 2.0);
+        let found = determinants(&cells, &nodes, &moved);
+        let expected = [2.0, 0.5, 1.0];
+        assert!((0..24).all(|k| (found[k] - expected[k / 8]).abs() < 1e-14), "{found:?}");
+    }
 }

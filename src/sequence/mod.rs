@@ -24,7 +24,7 @@ use crate::boundary_map::{BoundaryMap, BoundaryMapError};
 use crate::check::{ClosedHole, HoleError, close_holes};
 use crate::energy::{
     AdaptiveOptions, Densities, DensityQuantiles, EnergyError, EnergyErrors, EnergyOptions, EnergyReport, Lame,
-    Quadrature, QuadratureError, UnitVolumeScale, adaptive_energies_of_maps, clipped_grid, deformation_density,
+    Quadrature, QuadratureError, UnitVolumeScale, adaptive_energies_of_maps, deformation_density, undivided_grid,
 };
 use crate::fit::{BoundaryError, DomainFactor, Fit, FitError, FitOptions, FitSize, Phase, RefinementEnd, is_flat};
 use crate::map::HarmonicMap;
@@ -148,7 +148,7 @@ impl Sequence {
         let (outward, _) = crate::check::repair(&domain);
         Ok(Self {
             reference: Arc::new(reference.clone()),
-            quadrature: clipped_grid(&outward, options.quadrature.resolution)?,
+            quadrature: undivided_grid(&outward, options.quadrature.resolution)?.1,
             domain: Arc::new(outward),
             holes,
             factor,
@@ -165,6 +165,11 @@ impl Sequence {
     /// The closed holes.
     pub fn holes(&self) -> &[ClosedHole] {
         &self.holes
+    }
+
+    /// The reference as it was given: frames have its triangles.
+    pub fn reference(&self) -> &SurfaceMesh {
+        &self.reference
     }
 
     /// What is unusual about the reference, and how it was repaired, for the user to read.

@@ -111,6 +111,16 @@ pub struct MethodArgs {
         value_name = "N",
     )]
     pub max_sources: Option<usize>,
+    #[arg(
+        long,
+        help = format!(
+            "Largest number of sources after refinement, per boundary vertex; 20 000 are allowed in any case, and inf is no \
+             limit [default: {}]",
+            FitOptions::adaptive().max_source_ratio
+        ),
+        value_name = "RATIO",
+    )]
+    pub max_s_ratio: Option<f64>,
     /// Limit on the memory, such as 500MB, 4GiB or a number of bytes: a fit that needs more is refused before it
     /// starts, and refinement ends there [default: 9/10 of the available memory]
     #[arg(long, value_name = "SIZE", value_parser = bytes)]

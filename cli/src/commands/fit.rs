@@ -251,6 +251,7 @@ fn refinement(report: &FitReport) -> String {
         RefinementEnd::Off => "not asked for",
         RefinementEnd::Fixed => "this method does not refine",
         RefinementEnd::MaxSources => "ended by --max-sources",
+        RefinementEnd::MaxSourceRatio => "ended by --max-s-ratio",
         RefinementEnd::Memory => "ended by --memory",
         RefinementEnd::InVain => "more sources did not help",
         RefinementEnd::NoRoom => "no room for more sources",
@@ -285,6 +286,10 @@ fn advice(fit: &FitReport) -> &'static str {
     let is_adaptive = matches!(fit.placement, Placement::Adaptive { .. });
     match fit.refinement_end {
         Some(RefinementEnd::MaxSources) => "Raise --max-sources, or the tolerance",
+        Some(RefinementEnd::MaxSourceRatio) => {
+            "More sources helped little: --vtu shows where the boundary map jumps, folds, or is too coarse. Or raise \
+             --max-s-ratio, or the tolerance"
+        }
         Some(RefinementEnd::Concluded) => "Raise --time-limit, or the tolerance",
         Some(RefinementEnd::Memory) => "Raise --memory, or the tolerance",
         Some(RefinementEnd::Off) => "Leave out --no-refine: sources are then added where the error is large",

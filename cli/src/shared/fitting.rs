@@ -110,6 +110,7 @@ pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptio
         source_ratio: args.s_ratio.unwrap_or(base.source_ratio),
         collocation_ratio: args.c_ratio.unwrap_or(base.collocation_ratio),
         max_sources: args.max_sources.unwrap_or(method.default_max_sources()),
+        max_source_ratio: args.max_s_ratio.unwrap_or(base.max_source_ratio),
         affine: !args.no_affine,
         tolerance,
         refine: !args.no_refine,

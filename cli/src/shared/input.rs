@@ -98,9 +98,27 @@ pub fn read_boundary_map(domain: &Path, image: &Path) -> anyhow::Result<Boundary
     let (domain_solid, image_solid) = rayon::join(|| read_solid(domain), || read_solid(image));
     let map = match (domain_solid?, image_solid?) {
         (SolidMesh::Cells(domain), SolidMesh::Cells(image)) => BoundaryMap::between_cells(&domain, &image),
+        (SolidMesh::Surface(domain), SolidMesh::Surface(surface)) => {
+            let surface = cut_as(image, surface, &domain)?;
+            BoundaryMap::between(domain, &surface)
+        }
         (domain, image) => BoundaryMap::between(domain.into_surface(), &image.into_surface()),
     };
     map.with_context(|| format!("cannot map `{}` to `{}`", domain.display(), image.display()))
+}
+
+/// The image of a surface, from a file with the same faces.
+pub fn read_image(path: &Path, domain: &SurfaceMesh) -> anyhow::Result<SurfaceMesh> {
+    cut_as(path, read_surface(path)?, domain)
+}
+
+/// A surface as it was read, or read again with its polygons cut as those of another one.
+fn cut_as(path: &Path, read: SurfaceMesh, other: &SurfaceMesh) -> anyhow::Result<SurfaceMesh> {
+    let may_be_cut = read.triangles().len() == other.triangles().len() && read.triangles() != other.triangles();
+    Ok(match may_be_cut {
+        true => io::read_surface_as(path, other)?,
+        false => read,
+    })
 }
 
 /// The boundary map of a boundary file; of this domain, if one is named.

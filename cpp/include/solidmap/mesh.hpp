@@ -186,7 +186,7 @@ struct CellQuality {
 /// Something found in a mesh of cells.
 struct CellFinding {
   /// What was found, such as `"inverted_cells"`, `"flat_cells"`, `"crowded_faces"`, `"duplicate_cells"`,
-  /// `"hanging_nodes"`, `"slivers"`, `"several_bodies"`.
+  /// `"hanging_nodes"`, `"mismatched_faces"`, `"slivers"`, `"several_bodies"`.
   std::string kind;
   /// An error where the mesh is not valid; else a note.
   Severity severity = Severity::error;

@@ -426,14 +426,23 @@ impl PairMapping<'_> {
         let (Some(of_first), Some(of_last)) = (of_first, distortion(&last)) else {
             return Err(AlignError::NoArea { side: "domain" }.into());
         };
-        // The optimiser lowers the distortion of straight triangles, which can raise that of the map itself. Compared
-        // by a quantile: a few triangles across narrow limbs dominate the mean.
-        if before.missed().is_empty() && of_first.symmetric_dirichlet.p90 < of_last.symmetric_dirichlet.p90 {
+        if before.missed().is_empty() && !is_lower(&of_last, &of_first) {
             Ok((first, [of_first; 2]))
         } else {
             Ok((last, [of_first, of_last]))
         }
     }
+}
+
+/// Whether optimisation was of use: it lowers the distortion of straight triangles, which can raise that of the map itself,
+/// and it may trade one part of the surface for another. Compared by the product of three quantiles: a few triangles across
+/// narrow limbs dominate the mean, and one quantile alone does not see what lies above it.
+fn is_lower(after: &SurfaceDistortion, before: &SurfaceDistortion) -> bool {
+    let product = |of: &SurfaceDistortion| {
+        let quantiles = of.symmetric_dirichlet;
+        quantiles.p50 * quantiles.p90 * quantiles.p99
+    };
+    product(after) <= product(before)
 }
 
 /// Distortion of the map itself rather than of straight triangles: over triangles cut into four, whose new vertices go

@@ -84,6 +84,41 @@ fn a_layer_below_the_surface_is_resolved() {
 }
 
 #[test]
+fn few_cells_do_not_make_an_integral_look_exact() {
+    let ball = shapes::sphere(1.0, 4);
+    let density = |p: &Point| 1.0 + (4.0 * (p.x + 0.3)).exp();
+    let (_, exact, _) = integrated(&ball, &options(128, 0.01), density);
+    for cells in [1, 2, 3, 5, 8] {
+        let (adapted, integral, _) = integrated(&ball, &options(cells, 0.01), density);
+        assert!(adapted.quadrature.points().len() >= FEWEST_POINTS);
+        let error = (integral - exact).abs();
+        assert!(
+            error > 0.0 && error <= adapted.errors[0],
+            "{cells}: {error:e} {:?}",
+            adapted.errors
+        );
+    }
+}
+
+#[test]
+fn a_rod_has_points_enough() {
+    // A rod of 80 times its thickness, with a bulge of density a twentieth of its length wide near one end.
+    let rod = shapes::deformed(&shapes::cube(1.0, 16), |p| Point::new(p.x, 0.0125 * p.y, 0.0125 * p.z));
+    let density = |p: &Point| {
+        let across = (p.y * p.y + p.z * p.z) / 0.005f64.powi(2);
+        1.0 + 1e3 * across * across * (-((p.x - 0.41) / 0.01).powi(2)).exp()
+    };
+    let (_, exact, _) = integrated(&rod, &options(3000, 1e-3), density);
+    let (adapted, integral, _) = integrated(&rod, &options(48, 0.01), density);
+    assert!(
+        (integral - exact).abs() <= adapted.errors[0],
+        "{integral} {exact} {:?}",
+        adapted.errors
+    );
+    assert!(adapted.is_converged);
+}
+
+#[test]
 fn the_limit_of_points_is_kept_and_told() {
     let cube = shapes::cube(1.0, 4);
     let options = AdaptiveOptions {

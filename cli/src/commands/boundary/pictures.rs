@@ -20,7 +20,7 @@ const PIXELS: [usize; 2] = [560, 520];
 const CELLS: usize = 16;
 
 /// Surfaces are subdivided up to this many triangles, so that the map is drawn between vertices too.
-const TRIANGLES: usize = 400_000;
+const TRIANGLES: usize = 100_000;
 
 /// A surface to show, with what it is coloured by.
 struct Shown {

@@ -31,7 +31,8 @@ pub fn sequence(
     let mut skipped = Vec::new();
     let mut maps = Vec::new();
     for path in frames {
-        let read = input::read_surface(path).and_then(|s| Ok(BoundaryMap::between(boundary.domain().clone(), &s)?));
+        let read = input::read_image(path, boundary.domain())
+            .and_then(|s| Ok(BoundaryMap::between(boundary.domain().clone(), &s)?));
         match read {
             Ok(map) => maps.push(map),
             Err(error) => skipped.push(format!("`{}`: {}", path.display(), describe(&error))),

@@ -97,7 +97,7 @@ impl<'a> Measurement<'a> {
             frames.end - 1,
             self.args.frames.len()
         );
-        output.progress(format!("{name}reading"));
+        output.progress(format!("{name}reading frames"));
         let mut unusable = Vec::new();
         let (mut numbers, mut maps) = (Vec::new(), Vec::new());
         for frame in frames.clone() {
@@ -135,7 +135,8 @@ impl<'a> Measurement<'a> {
     }
 
     fn read(&self, frame: usize) -> Result<BoundaryMap, String> {
-        let surface = input::read_surface(&self.args.frames[frame]).map_err(|error| describe(&error))?;
+        let surface = input::read_image(&self.args.frames[frame], self.sequence.reference());
+        let surface = surface.map_err(|error| describe(&error))?;
         self.sequence.frame(&surface).map_err(|error| error.to_string())
     }
 
