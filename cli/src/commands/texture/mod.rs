@@ -240,6 +240,7 @@ fn options(args: &TextureArgs) -> TextureOptions {
             refine: extension.tolerance.is_some(),
             tolerance: extension.tolerance.unwrap_or(default.fit.tolerance),
             max_sources: max_sources(args),
+            max_source_ratio: f64::INFINITY,
             ..default.fit
         },
     }
