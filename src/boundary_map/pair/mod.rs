@@ -435,14 +435,14 @@ impl PairMapping<'_> {
 }
 
 /// Whether optimisation was of use: it lowers the distortion of straight triangles, which can raise that of the map itself,
-/// and it may trade one part of the surface for another. Compared by the product of three quantiles: a few triangles across
-/// narrow limbs dominate the mean, and one quantile alone does not see what lies above it.
+/// and it may trade one part of the surface for another. Compared by the mean, or by the product of three quantiles: a few
+/// triangles across narrow limbs may dominate the mean, and one quantile alone does not see what lies above it.
 fn is_lower(after: &SurfaceDistortion, before: &SurfaceDistortion) -> bool {
     let product = |of: &SurfaceDistortion| {
         let quantiles = of.symmetric_dirichlet;
         quantiles.p50 * quantiles.p90 * quantiles.p99
     };
-    product(after) <= product(before)
+    product(after) <= product(before) || after.mean_symmetric_dirichlet <= before.mean_symmetric_dirichlet
 }
 
 /// Distortion of the map itself rather than of straight triangles: over triangles cut into four, whose new vertices go
