@@ -960,12 +960,8 @@ fn volmap_case(folder: &Path, case: &str) -> (BoundaryMap, TetMap, CellMesh) {
         let reversed = tets.tets().iter().map(|&[a, b, c, d]| [b, a, c, d]).collect();
         tets = TetMesh::new(mesh.nodes().to_vec(), reversed).unwrap();
     }
-    let text = std::fs::read_to_string(folder.join(format!("{case}.txt"))).unwrap();
-    let line = |line: &str| {
-        let words: Vec<f64> = line.split_whitespace().map(|word| word.parse().unwrap()).collect();
-        (words[0] as u32, Point::new(words[1], words[2], words[3]))
-    };
-    let images: HashMap<u32, Point> = text.lines().filter(|text| !text.trim().is_empty()).map(line).collect();
+    let images = solidmap::io::read_node_images(folder.join(format!("{case}.txt"))).unwrap();
+    let images: HashMap<u32, Point> = images.into_iter().collect();
     let harmonic = TetHarmonic::new(tets.clone(), &HarmonicOptions::default()).unwrap();
     let outer: Vec<Point> = harmonic.boundary_vertices().iter().map(|v| images[v]).collect();
     let map = harmonic.solve(&outer).unwrap();

@@ -9,7 +9,7 @@ use std::path::Path;
 use solidmap::Point;
 use solidmap::baseline::{HarmonicOptions, TetHarmonic};
 use solidmap::boundary_map::BoundaryMap;
-use solidmap::io::read_cells;
+use solidmap::io::{read_cells, read_node_images};
 use solidmap::mesh::{CellList, TetMesh};
 use solidmap::remesh::{RemeshOptions, RemeshSource, remesh};
 
@@ -51,12 +51,8 @@ fn run(folder: &Path, case: &str) -> Result<bool, Failure> {
     if tets.iter().map(det).sum::<f64>() < 0.0 {
         tets.iter_mut().for_each(|t| t.swap(0, 1));
     }
-    let text = std::fs::read_to_string(folder.join(format!("{case}.txt")))?;
-    let mut images: HashMap<u32, Point> = HashMap::new();
-    for line in text.lines().filter(|line| !line.trim().is_empty()) {
-        let words: Vec<f64> = line.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
-        images.insert(words[0] as u32, Point::new(words[1], words[2], words[3]));
-    }
+    let images = read_node_images(folder.join(format!("{case}.txt")))?;
+    let images: HashMap<u32, Point> = images.into_iter().collect();
     let mesh = TetMesh::new(nodes.clone(), tets.clone())?;
     let harmonic = TetHarmonic::new(mesh, &HarmonicOptions::default())?;
     let outer = harmonic.boundary_vertices();

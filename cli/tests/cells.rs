@@ -271,3 +271,74 @@ fn energies_are_not_measured_over_cells_that_do_not_fill_the_domain() {
     let near = place.ends_with(0, "energy cube.map --mesh near.vtu");
     assert!(stderr(&near).contains("warning: boundary vertex"), "{}", stderr(&near));
 }
+
+/// The format of VOLMAP's data: a mesh of tetrahedra, and a line for the image of each boundary node.
+#[test]
+fn images_of_nodes_in_a_text_are_a_boundary_map_and_maps_of_meshes_are_measured() {
+    let place = cubes();
+    let (mesh, image) = (in_tets(&cube()), in_tets(&stretched(&cube())));
+    io::write_cell_mesh(place.path("tets.mesh"), &mesh).unwrap();
+    io::write_cell_mesh(place.path("image.mesh"), &image).unwrap();
+    let boundary = mesh.boundary().vertex_ids;
+    let line = |v: &u32| {
+        let p = image.nodes()[*v as usize];
+        format!("{v} {:?} {:?} {:?}\n", p.x, p.y, p.z)
+    };
+    // In any order.
+    let lines: Vec<String> = boundary.iter().rev().map(line).collect();
+    let write = |name: &str, text: &str| std::fs::write(place.path(name), text).unwrap();
+    write("image.txt", &lines.concat());
+    place.ends_with(0, "fit tets.mesh --image image.txt -o text.map");
+    place.ends_with(0, "fit tets.mesh --image image.mesh -o mesh.map");
+    place.ends_with(0, "eval text.map cube.vtu -o text.csv");
+    place.ends_with(0, "eval mesh.map cube.vtu -o mesh.csv");
+    let read = |name: &str| std::fs::read(place.path(name)).unwrap();
+    assert_eq!(read("text.csv"), read("mesh.csv"));
+    place.ends_with(0, "boundary check tets.mesh image.txt");
+    let refused = |text: &str, words: &str| {
+        write("wrong.txt", text);
+        let said = stderr(&place.ends_with(2, "fit tets.mesh --image wrong.txt -o x.map"));
+        assert!(said.contains(words) && said.contains("wrong.txt"), "{said}");
+    };
+    refused(&lines[1..].concat(), "has no image");
+    refused(&format!("{}{}", lines.concat(), lines[0]), "has two images");
+    refused(&format!("{}125 0 0 0\n", lines.concat()), "is not in the mesh");
+    refused("0 1 2\n", "line 1");
+
+    place.ends_with(
+        0,
+        "remesh text.map --mesh tets.mesh --fix-boundary -o tets_output.mesh --domain-mesh tets_input.mesh",
+    );
+    let out = io::read_cells(place.path("tets_output.mesh")).unwrap();
+    assert!(
+        boundary
+            .iter()
+            .all(|&v| out.nodes()[v as usize] == image.nodes()[v as usize])
+    );
+    place.ends_with(
+        0,
+        "compare tets_input.mesh --image tets_output.mesh --metrics volmap.csv",
+    );
+    let table = String::from_utf8(read("volmap.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(
+        rows[0][..5],
+        ["map", "num_tets", "num_inv_tets", "conformal_min", "conformal_max"]
+    );
+    assert_eq!(rows[0].len(), rows[1].len());
+    let value = |column: &str| -> f64 {
+        let k = rows[0].iter().position(|name| *name == column).unwrap();
+        rows[1][k].parse().unwrap()
+    };
+    assert_eq!((value("num_tets"), value("num_inv_tets")), (384.0, 0.0));
+    // The map is affine: every tetrahedron has the Dirichlet energy of its matrix.
+    let dirichlet = 1.5f64.powi(2) + 0.2f64.powi(2) + 1.0 + 1.0 + 0.1f64.powi(2);
+    for column in ["dirichlet_min", "dirichlet_max", "dirichlet_E"] {
+        assert!((value(column) - dirichlet).abs() < 1e-3, "{column}: {}", value(column));
+    }
+    io::write_cell_mesh(place.path("folded.mesh"), &folded(&mesh)).unwrap();
+    let report = place.report(1, "compare tets.mesh --image folded.mesh --metrics v.csv --json");
+    assert!(report["metrics"]["inverted"].as_u64().unwrap() > 0, "{report}");
+    let said = stderr(&place.ends_with(2, "compare tets.mesh --image cube.mesh --metrics v.csv"));
+    assert!(said.contains("cube.mesh"), "{said}");
+}

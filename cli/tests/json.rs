@@ -258,6 +258,7 @@ fn every_field_of_a_report_is_documented_and_written() {
                      f00.ply f01.ply",
         ),
         ("compare", "compare ball.ply --image cube.ply --resolution 8"),
+        ("compare --metrics", "compare ball.vtu --image ball.vtu --metrics m.csv"),
         (
             "compare",
             "compare ball.ply --image bent.ply --resolution 8 --methods fem --no-reference --frames cube.ply f01.ply",

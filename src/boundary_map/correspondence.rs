@@ -180,6 +180,31 @@ impl BoundaryMap {
         Self::new(domain, image.vertices().to_vec())
     }
 
+    /// The map of a mesh's boundary that takes its nodes to given places, in any order; places of nodes inside are left out.
+    /// The vertices of the domain are the nodes of the boundary, ascending ([`CellMesh::boundary`]).
+    ///
+    /// # Errors
+    ///
+    /// [`BoundaryMapError::NodeImages`] when a node of the boundary has no place or any node two, or when there is no such
+    /// node; else as [`BoundaryMap::new`].
+    pub fn of_nodes(domain: &CellMesh, images: &[(u32, Point)]) -> Result<Self, BoundaryMapError> {
+        let boundary = domain.boundary();
+        let images = images_of(&boundary.vertex_ids, domain.nodes().len(), images)?;
+        Self::new(boundary.surface, images)
+    }
+
+    /// As [`Self::of_nodes`], for a surface, all of whose vertices need a place.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::of_nodes`].
+    pub fn of_vertices(domain: impl Into<Arc<SurfaceMesh>>, images: &[(u32, Point)]) -> Result<Self, BoundaryMapError> {
+        let domain = domain.into();
+        let all: Vec<u32> = (0..domain.vertices().len() as u32).collect();
+        let images = images_of(&all, all.len(), images)?;
+        Self::new(domain, images)
+    }
+
     /// The map between the boundaries of two meshes of the same cells ([`CellMesh::boundary`]). The boundary's vertices
     /// keep the order they have in the meshes.
     ///
@@ -350,6 +375,22 @@ impl BoundaryMap {
 /// The values of `f` at the points, in their order.
 fn in_parallel<T: Send>(points: &[SurfacePoint], f: impl Fn(&SurfacePoint) -> T + Sync + Send) -> Vec<T> {
     points.par_iter().with_min_len(256).map(f).collect()
+}
+
+/// The images of some nodes of a mesh that has `count`, by a list of them.
+fn images_of(nodes: &[u32], count: usize, images: &[(u32, Point)]) -> Result<Vec<Point>, BoundaryMapError> {
+    let mut image_of: Vec<Option<Point>> = vec![None; count];
+    let failed = |node, problem| BoundaryMapError::NodeImages { node, problem };
+    for &(node, image) in images {
+        match image_of.get_mut(node as usize) {
+            None => return Err(failed(node, "is not in the mesh")),
+            Some(Some(_)) => return Err(failed(node, "has two images")),
+            Some(place) => *place = Some(image),
+        }
+    }
+    let of_node =
+        |&node: &u32| image_of[node as usize].ok_or_else(|| failed(node, "is on the boundary and has no image"));
+    nodes.iter().map(of_node).collect()
 }
 
 #[cfg(test)]

@@ -46,6 +46,14 @@ pub enum BoundaryMapError {
         /// Its vertices in the image.
         image: Vec<u32>,
     },
+    /// The images of nodes are not those of the boundary's nodes.
+    #[error("node {node} {problem}; give the image of every boundary node once, with nodes counted from 0")]
+    NodeImages {
+        /// The first node at fault.
+        node: u32,
+        /// What is wrong with it.
+        problem: &'static str,
+    },
     /// An image position is NaN or infinite.
     #[error("the image of vertex {vertex} is not finite: ({}, {}, {})", position[0], position[1], position[2])]
     NonFinite {

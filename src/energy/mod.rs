@@ -17,6 +17,7 @@ mod hex_quadrature;
 mod quadrature;
 mod tet_quadrature;
 mod unit_volume;
+mod volmap;
 mod worst_places;
 
 pub(crate) use adaptive::undivided_grid;
@@ -32,6 +33,7 @@ pub use hex_quadrature::cell_quadrature;
 pub use quadrature::{CellLayout, CellMean, Grid, Quadrature, QuadratureError};
 pub use tet_quadrature::tet_quadrature;
 pub use unit_volume::UnitVolumeScale;
+pub use volmap::{VolmapMetrics, VolmapRange, volmap_metrics};
 pub use worst_places::worst_places;
 
 use std::ops::Range;

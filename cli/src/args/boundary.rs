@@ -23,7 +23,8 @@ pub struct BoundaryMapFiles {
     /// Boundary of the solid to map, or a mesh of it by tetrahedra or hexahedra; with --boundary it may be left out
     #[arg(required_unless_present = "boundary")]
     pub domain: Option<PathBuf>,
-    /// DOMAIN's mesh with every vertex at its image
+    /// DOMAIN's mesh with every vertex at its image; or a text (.txt) with a line `node x y z` for every vertex of the
+    /// boundary, counted from 0
     #[arg(long, value_name = "IMAGE", requires = "domain")]
     pub image: Option<PathBuf>,
     /// Boundary file, as `boundary pair --boundary` writes it: it says where every point goes, not only the vertices

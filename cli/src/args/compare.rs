@@ -29,6 +29,10 @@ pub struct CompareArgs {
     /// Folder for tables, pictures, and the maps at points and on a tet mesh
     #[arg(short, long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Make no maps, but measure one: that from the tetrahedra of DOMAIN to those of IMAGE, both meshes of the same
+    /// tetrahedra. Writes the metrics of VOLMAP's program (.csv); the exit code is 1 if a tetrahedron is inverted
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "equal_accuracy", "mesh_study", "frames", "boundary"])]
+    pub metrics: Option<PathBuf>,
     /// Refine the finite elements until their difference to the reference inside is no larger than that of mfs
     #[arg(long)]
     pub equal_accuracy: bool,

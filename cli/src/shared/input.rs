@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
-use solidmap::boundary_map::BoundaryMap;
+use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::check;
 use solidmap::files::{self, MapFile, Provenance};
 use solidmap::io::{self, SolidMesh};
@@ -95,6 +95,10 @@ impl BoundarySource {
 
 /// The boundary map from one file to another of the same connectivity.
 pub fn read_boundary_map(domain: &Path, image: &Path) -> anyhow::Result<BoundaryMap> {
+    if is_node_images(image) {
+        let map = read_map_of_nodes(domain, image)?;
+        return map.with_context(|| format!("cannot map `{}` by `{}`", domain.display(), image.display()));
+    }
     let (domain_solid, image_solid) = rayon::join(|| read_solid(domain), || read_solid(image));
     let map = match (domain_solid?, image_solid?) {
         (SolidMesh::Cells(domain), SolidMesh::Cells(image)) => BoundaryMap::between_cells(&domain, &image),
@@ -105,6 +109,21 @@ pub fn read_boundary_map(domain: &Path, image: &Path) -> anyhow::Result<Boundary
         (domain, image) => BoundaryMap::between(domain.into_surface(), &image.into_surface()),
     };
     map.with_context(|| format!("cannot map `{}` to `{}`", domain.display(), image.display()))
+}
+
+/// Whether a file holds the images of nodes, as lines `node x y z`.
+pub fn is_node_images(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("txt"))
+}
+
+/// The boundary map of a mesh, or of a surface, whose nodes go where a file says.
+fn read_map_of_nodes(domain: &Path, images: &Path) -> anyhow::Result<Result<BoundaryMap, BoundaryMapError>> {
+    let (solid, images) = (read_solid(domain)?, io::read_node_images(images)?);
+    Ok(match solid {
+        SolidMesh::Cells(mesh) => BoundaryMap::of_nodes(&mesh, &images),
+        SolidMesh::Surface(surface) => BoundaryMap::of_vertices(surface, &images),
+    })
 }
 
 /// The image of a surface, from a file with the same faces.

@@ -86,7 +86,9 @@ pub fn run(args: &BoundaryCheckArgs, output: &Output) -> anyhow::Result<CommandO
 fn source(args: &BoundaryCheckArgs) -> anyhow::Result<BoundarySource> {
     let (first, second) = (args.domain.clone(), args.image.clone());
     Ok(match second {
-        Some(image) if io::is_mesh(&image) => BoundarySource::Image { domain: first, image },
+        Some(image) if io::is_mesh(&image) || input::is_node_images(&image) => {
+            BoundarySource::Image { domain: first, image }
+        }
         Some(file) => BoundarySource::File {
             file,
             domain: Some(first),

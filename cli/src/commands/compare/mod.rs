@@ -2,6 +2,7 @@
 
 mod export;
 mod job;
+mod metrics;
 mod pictures;
 mod process;
 mod runner;
@@ -80,6 +81,9 @@ struct SequenceRow {
 
 /// Compares the methods on one boundary map.
 pub fn run(args: &CompareArgs, threads: Option<u16>, output: &Output) -> anyhow::Result<CommandOutcome> {
+    if let Some(table) = &args.metrics {
+        return metrics::run(args, table, output);
+    }
     require_valid(args)?;
     output.progress("reading");
     let source = args
