@@ -3,7 +3,7 @@
 use crate::common::{boundary_map, fitted, interior_points, largest_distance, models};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::{BoundaryMap, examples};
-use solidmap::fit::{BoundaryError, DomainFactor, Fit, FitOptions};
+use solidmap::fit::{BoundaryError, DomainFactor, Fit, FitOptions, RefinementEnd, fit};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::sampling::{self, Anchors, Collocation};
@@ -587,4 +587,38 @@ fn the_error_falls_at_first_order_or_faster_in_the_spacing() {
             "{name}: {errors:?}"
         );
     }
+}
+
+/// A limb that grows out of 0.2 % of a ball's surface: 99 % of the area say nothing about it.
+#[test]
+fn sources_are_added_where_the_largest_error_is_though_99_per_cent_are_met() {
+    let ball = shapes::sphere(1.0, 4);
+    let limb = |p: &Point| {
+        let across = (p.y * p.y + p.z * p.z) / 0.01;
+        let out = if p.x > 0.0 { 0.6 * (-across * across).exp() } else { 0.0 };
+        Point::new(p.x + out, p.y, p.z)
+    };
+    let image: Vec<Point> = ball.vertices().iter().map(limb).collect();
+    let boundary = BoundaryMap::new(ball, image).unwrap();
+    let fitted = |max_error_ratio: f64| {
+        let options = FitOptions {
+            tolerance: 2e-3,
+            max_error_ratio,
+            ..FitOptions::default()
+        };
+        let report = fit(&boundary, &options, &|_| {}).unwrap().report;
+        let met = options.is_met_by(&report.boundary_error);
+        assert_eq!(met, report.refinement_end == Some(RefinementEnd::Tolerance));
+        report
+    };
+    let (loose, strict) = (fitted(f64::INFINITY), fitted(5.0));
+    assert!(
+        loose.boundary_error.p99 <= 2e-3 && loose.boundary_error.max > 1e-2,
+        "{loose:?}"
+    );
+    assert!(
+        strict.boundary_error.max <= 1e-2 && strict.sources > loose.sources,
+        "{strict:?}"
+    );
+    assert!(strict.sources < 2 * loose.sources, "{strict:?}");
 }

@@ -101,6 +101,7 @@ pub(super) mod ffi {
         most_iterations: usize,
         truncation: f64,
         tolerance: f64,
+        max_error_ratio: f64,
         refine: bool,
         /// 0: nine tenths of what is available.
         memory: u64,

@@ -27,6 +27,7 @@ ffi::FitOptions for_rust(const FitOptions& options) {
   to.most_iterations = options.max_iterations;
   to.truncation = options.truncation;
   to.tolerance = options.tolerance;
+  to.max_error_ratio = options.max_error_ratio;
   to.refine = options.refine;
   to.memory = options.memory.value_or(0);
   to.held_out = options.held_out;
@@ -48,6 +49,7 @@ FitOptions preset(std::uint8_t number) {
   options.max_iterations = from.most_iterations;
   options.truncation = from.truncation;
   options.tolerance = from.tolerance;
+  options.max_error_ratio = from.max_error_ratio;
   options.refine = from.refine;
   if (from.memory > 0) options.memory = from.memory;
   options.held_out = from.held_out;

@@ -266,12 +266,13 @@ impl DomainFactor {
             let (map, next) = solved?;
             spent = spent.with(map.timings.solve, map.timings.check);
             (latest, solution) = (Rc::new(map), next);
-            in_vain = if latest.error() < GAIN * best.error() {
+            let error = |map: &MeasuredMap| self.options.criterion(&map.report.boundary_error);
+            in_vain = if error(&latest) < GAIN * error(&best) {
                 0
             } else {
                 in_vain + 1
             };
-            if latest.error() < best.error() {
+            if error(&latest) < error(&best) {
                 best = latest.clone();
             }
         };
@@ -292,7 +293,7 @@ impl DomainFactor {
         let mut clock = Stopwatch::start();
         progress.enter(Phase::Refining {
             round: self.system.size.refinements + 1,
-            error: map.error(),
+            error: self.options.criterion(&map.report.boundary_error),
             sources: self.system.size.sources,
         })?;
         let errors_at = |points: &[SurfacePoint]| data.errors_of(&map.map, points);
@@ -349,7 +350,7 @@ impl DomainFactor {
     }
 
     fn is_met_by(&self, map: &MeasuredMap) -> bool {
-        map.error() <= self.options.tolerance
+        self.options.is_met_by(&map.report.boundary_error)
     }
 
     fn data_of(&self, boundary: &BoundaryMap) -> Result<BoundaryData, FitError> {

@@ -1,6 +1,6 @@
 //! What can be chosen about a fit.
 
-use super::FitError;
+use super::{BoundaryError, FitError};
 use crate::memory;
 use crate::mesh::SurfaceMesh;
 use crate::solver::{Decomposition, DenseOptions, SchwarzOptions};
@@ -119,6 +119,9 @@ pub struct FitOptions {
     pub affine: bool,
     /// The boundary error (99 % of the area, as a fraction of the target's diagonal) to be reached.
     pub tolerance: f64,
+    /// The largest boundary error to be reached, as a multiple of the tolerance: an image of which 99 % are right may lack a
+    /// limb. Infinite for no such limit.
+    pub max_error_ratio: f64,
     /// Whether [`fit`](crate::fit::fit) adds sources where the error is too large for the tolerance. Needs the Schwarz
     /// solver.
     pub refine: bool,
@@ -173,6 +176,7 @@ impl FitOptions {
             max_source_ratio: 16.0,
             affine: true,
             tolerance: 1e-3,
+            max_error_ratio: 20.0,
             refine: true,
             memory: None,
             held_out: 20_000,
@@ -257,6 +261,8 @@ impl FitOptions {
             tolerance,
             "positive (1e-3 of the target's diagonal is usual)",
         )?;
+        let most = self.max_error_ratio;
+        require(most >= 1.0, "max_error_ratio", most, "at least 1 (20 is usual)")?;
         let held_out = self.held_out;
         require(
             (1..=MOST_HELD_OUT).contains(&held_out),
@@ -264,6 +270,16 @@ impl FitOptions {
             held_out as f64,
             "from 1 to 10 million",
         )
+    }
+
+    /// Whether an error is within the tolerance: on 99 % of the area, and everywhere within its multiple.
+    pub fn is_met_by(&self, error: &BoundaryError) -> bool {
+        self.criterion(error) <= self.tolerance
+    }
+
+    /// What is compared with the tolerance, and what refinement lowers.
+    pub(super) fn criterion(&self, error: &BoundaryError) -> f64 {
+        error.p99.max(error.max / self.max_error_ratio)
     }
 
     /// At most this many sources after refinement, in a domain with this many vertices.

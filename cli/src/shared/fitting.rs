@@ -113,6 +113,7 @@ pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptio
         max_source_ratio: args.max_s_ratio.unwrap_or(base.max_source_ratio),
         affine: !args.no_affine,
         tolerance,
+        max_error_ratio: base.max_error_ratio,
         refine: !args.no_refine,
         memory: args.memory,
         held_out: args.held_out,

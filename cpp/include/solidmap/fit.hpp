@@ -50,6 +50,8 @@ enum class Solver {
 struct FitOptions {
   /// Boundary error to reach on 99 % of the area, as a fraction of the target's diagonal.
   double tolerance = 1e-3;
+  /// Largest boundary error to reach anywhere, as a multiple of the tolerance. Infinity: no such limit.
+  double max_error_ratio = 20;
   /// Whether fit() adds sources where the error exceeds the tolerance. Solver::schwarz only.
   bool refine = true;
   /// Largest number of sources, refinement included.

@@ -42,7 +42,7 @@ struct FitReport {
   std::size_t iterations = 0;
   /// Rounds of refinement, and why they ended: `"tolerance"` (it is met), `"off"`, `"fixed"` (the solver has none),
   /// `"max_sources"`, `"max_source_ratio"`, `"memory"`, `"in_vain"` (more sources did not help), `"no_room"` (for finer
-  /// sources outside the domain); empty where no tolerance was set. `boundary_error.p99` tells whether it is met.
+  /// sources outside the domain); empty where no tolerance was set. `boundary_error` tells whether it is met.
   std::size_t refinements = 0;
   std::string refinement_end;
   BoundaryError boundary_error;
