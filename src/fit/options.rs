@@ -113,7 +113,7 @@ pub struct FitOptions {
     /// The coarser levels of the Schwarz solver, a tenth more, do not count, except towards the limit on refinement.
     pub max_sources: usize,
     /// At most this many sources per boundary vertex after refinement: it ends where that is not enough for the tolerance,
-    /// as where the boundary map jumps. 20 000 sources are allowed in any case. Infinite for no such limit.
+    /// as where the boundary map jumps. 50 000 sources are allowed in any case. Infinite for no such limit.
     pub max_source_ratio: f64,
     /// Whether the affine functions are in the basis; the paper's basis is without them.
     pub affine: bool,
@@ -305,8 +305,9 @@ impl Default for FitOptions {
 /// the tolerance up to 3 or 4; at 7 the error was tens of per cent of the diagonal, and took a hundred times as long.
 const MOST_ALPHA: f64 = 5.0;
 
-/// Sources that refinement may use in any domain, however few vertices it has: they are solved for in seconds.
-const ALWAYS_ALLOWED: usize = 20_000;
+/// Sources that refinement may use in any domain, however few vertices it has: they are solved for in some
+/// five seconds of processor time. A polycube of few vertices needs more than 20 000 for a tolerance of 1e-3.
+const ALWAYS_ALLOWED: usize = 50_000;
 
 /// Limit on [`FitOptions::held_out`].
 const MOST_HELD_OUT: usize = 10_000_000;

@@ -117,7 +117,7 @@ pub struct MethodArgs {
     #[arg(
         long,
         help = format!(
-            "Largest number of sources after refinement, per boundary vertex; 20 000 are allowed in any case, and inf is no \
+            "Largest number of sources after refinement, per boundary vertex; 50 000 are allowed in any case, and inf is no \
              limit [default: {}]",
             FitOptions::adaptive().max_source_ratio
         ),

@@ -56,7 +56,7 @@ struct FitOptions {
   bool refine = true;
   /// Largest number of sources, refinement included.
   std::size_t max_sources = 2'000'000;
-  /// Largest number of sources after refinement, per boundary vertex; 20 000 are allowed in any case. Infinity: no limit.
+  /// Largest number of sources after refinement, per boundary vertex; 50 000 are allowed in any case. Infinity: no limit.
   double max_source_ratio = 16;
   /// Bytes that a fit may need, estimated before they are taken: more throws Error (memory), and refinement ends there.
   /// std::nullopt: nine tenths of what is available at the start.

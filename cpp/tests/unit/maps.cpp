@@ -12,6 +12,8 @@ void check_same(const FitOptions& a, const FitOptions& b) {
   CHECK(a.tolerance == b.tolerance);
   CHECK(a.refine == b.refine);
   CHECK(a.max_sources == b.max_sources);
+  CHECK(a.max_source_ratio == b.max_source_ratio);
+  CHECK(a.max_error_ratio == b.max_error_ratio);
   CHECK(a.memory == b.memory);
   CHECK((a.placement.kind == b.placement.kind && a.placement.value == b.placement.value));
   CHECK(a.source_ratio == b.source_ratio);
