@@ -23,7 +23,7 @@ const POINTS_FACTOR: usize = 32;
 /// layers are as small as elsewhere. Evaluating a map so often takes about a second.
 const LEAST_LIMIT: usize = 100_000;
 /// Fewest points of the undivided grid: a difference between few cells says little about their error. On a cat, grids of 1
-/// to 244 points were off by up to 1.4 times their estimate or had none, and no grid of 1000 points was.
+/// to 244 points were off by up to 1.4 times their estimate or had none, and those of 586 and more were not.
 const FEWEST_POINTS: usize = 1000;
 /// The error of the parts as a fraction of the difference between them and the whole: twice that of a rule of second
 /// order, because densities are less than smooth near the edges of a boundary map that is linear over triangles.

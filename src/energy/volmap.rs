@@ -97,7 +97,7 @@ pub fn volmap_metrics(domain: &TetMesh, images: &[Point]) -> Result<VolmapMetric
 }
 
 impl VolmapRange {
-    /// Of values with weights; `None` without any.
+    /// The range and the weighted mean of pairs of a value and a weight; `None` for no pairs.
     fn of(values: impl Iterator<Item = (f64, f64)> + Clone) -> Option<Self> {
         let min = values.clone().map(|(value, _)| value).reduce(f64::min)?;
         let max = values.clone().map(|(value, _)| value).reduce(f64::max)?;

@@ -301,8 +301,9 @@ impl Default for FitOptions {
     }
 }
 
-/// Limit on `alpha`: sources that are several times as far as they are apart are nearly dependent. On seven models fits met
-/// the tolerance up to 3 or 4; at 7 the error was tens of per cent of the diagonal, and took a hundred times as long.
+/// Limit on `alpha`: sources that are several times as far as they are apart are nearly dependent. Fits of a cow met
+/// the tolerance up to 2, of a cat up to 4; at 7 their errors were 26 % and 9 % of the diagonal, and they took 19 and 31
+/// times as long as at 1.2.
 const MOST_ALPHA: f64 = 5.0;
 
 /// Sources that refinement may use in any domain, however few vertices it has: they are solved for in some
