@@ -1106,8 +1106,10 @@ fn concave_faces_are_cut_by_their_shape_and_alike_in_an_image() {
     let convex = [[0., 0.], [3., 0.], [3.2, 1.], [2.6, 3.], [1.5, 4.], [0., 4.]];
     std::fs::write(place.path("letter.obj"), letter(outline)).unwrap();
     std::fs::write(place.path("convex.obj"), letter(convex)).unwrap();
-    let report = place.report(0, "check letter.obj --json");
-    assert_eq!(report["models"][0]["self_intersections"]["pairs"], 0, "{report}");
+    if cfg!(feature = "native") {
+        let report = place.report(0, "check letter.obj --json");
+        assert_eq!(report["models"][0]["self_intersections"]["pairs"], 0, "{report}");
+    }
     let check = place.report(0, "boundary check letter.obj convex.obj --json");
     assert_eq!(check["findings"].as_array().unwrap().len(), 0, "{check}");
     // The other way round the domain's cut, which is by order, folds in the image: said of the map, not of the files.
