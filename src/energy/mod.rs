@@ -112,7 +112,7 @@ pub struct FoldedVolume {
 }
 
 /// Estimated errors of energies that an [`adaptive_quadrature`] gave.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct EnergyErrors {
     /// Error of [`EnergyReport::harmonic`].
     #[serde(rename = "harmonic_energy")]
@@ -262,24 +262,6 @@ pub fn energies(
 ) -> Result<EnergyReport, EnergyError> {
     measure(quadrature, domain_volume, target_volume, options, |chunk| {
         map.jacobian(&quadrature.points()[chunk])
-    })
-}
-
-/// [`energies`] of a map whose Jacobians at the points of the quadrature are known already.
-///
-/// # Errors
-///
-/// As [`energies`].
-pub fn energies_of_jacobians(
-    jacobians: &[Matrix3],
-    quadrature: &Quadrature,
-    domain_volume: f64,
-    target_volume: f64,
-    options: &EnergyOptions,
-) -> Result<EnergyReport, EnergyError> {
-    require_count(jacobians.len(), quadrature.points().len())?;
-    measure(quadrature, domain_volume, target_volume, options, |chunk| {
-        jacobians[chunk].to_vec()
     })
 }
 

@@ -81,16 +81,6 @@ impl UpKind {
     }
 }
 
-impl From<Axis> for UpKind {
-    fn from(axis: Axis) -> Self {
-        match axis {
-            Axis::X => Self::X,
-            Axis::Y => Self::Y,
-            Axis::Z => Self::Z,
-        }
-    }
-}
-
 impl From<UpKind> for Axis {
     fn from(up: UpKind) -> Self {
         up.axis().0

@@ -38,11 +38,24 @@ struct DemoPair {
     title: &'static str,
     boundary: BoundaryMap,
     camera: Camera,
+    up: UpKind,
     /// Axis that sections are perpendicular to, through the middle of the domain.
     section: Axis,
     /// Axis perpendicular to the cut through the tet meshes.
     cut: Axis,
     is_polycube: bool,
+}
+
+impl DemoPair {
+    fn with_up(self, up: UpKind) -> Self {
+        let (axis, upside_down) = up.axis();
+        let camera = Camera {
+            up: axis,
+            upside_down,
+            ..self.camera
+        };
+        Self { camera, up, ..self }
+    }
 }
 
 fn pairs() -> [DemoPair; 2] {
@@ -57,6 +70,7 @@ fn pairs() -> [DemoPair; 2] {
                 up: Axis::Z,
                 upside_down: false,
             },
+            up: UpKind::Z,
             section: Axis::Y,
             cut: Axis::Y,
             is_polycube: true,
@@ -71,6 +85,7 @@ fn pairs() -> [DemoPair; 2] {
                 up: Axis::Z,
                 upside_down: false,
             },
+            up: UpKind::Z,
             section: Axis::Z,
             cut: Axis::Z,
             is_polycube: false,
@@ -104,7 +119,7 @@ struct DemoPairSummary {
 pub fn run(args: &DemoArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let start = Instant::now();
     let mut reports = Vec::new();
-    for pair in pairs() {
+    for pair in pairs().map(|pair| pair.with_up(args.up)) {
         let folder = args.out.join(pair.name);
         let _made = MadeFolder::new(&folder)?;
         reports.push(map_and_write(&pair, &folder, output).with_context(|| format!("cannot map the {}", pair.name))?);
@@ -150,7 +165,7 @@ fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Res
         domain,
         target: &target,
         options,
-        up: pair.camera.up.into(),
+        up: pair.up,
     };
     let mut panels = pictured.section(plane_across(pair.section, 0.5, domain), SECTION_PIXELS)?;
     panels.push(pictured.target_section(plane_across(pair.section, 0.5, &target), SECTION_PIXELS)?);
@@ -177,6 +192,7 @@ fn map_and_write(pair: &DemoPair, folder: &Path, output: &Output) -> anyhow::Res
     let file = MapFile {
         map: fit.map,
         boundary: Some(fit.boundary),
+        bijective: None,
         metadata,
     };
     files::write_map(&folder.join("map.safetensors"), &file)?;
@@ -202,7 +218,7 @@ fn hexahedra(pair: &DemoPair, map: &HarmonicMap, folder: &Path, output: &Output)
     let meshed = remesh(&pair.boundary, map, source, &RemeshOptions::default(), &progress)?;
     let origin = concat!("solidmap ", env!("CARGO_PKG_VERSION"), ": mesh of `solidmap demo`");
     carried_mesh_file::write(&folder.join("hexahedra.vtu"), &meshed, &meshed.images, origin)?;
-    let figure = carried_mesh_picture::figure(&meshed, "Repaired", [UpKind::Z; 2])?;
+    let figure = carried_mesh_picture::figure(&meshed, "Repaired", [pair.up; 2])?;
     save(&folder.join("hexahedra.png"), &figure.titled(pair.title))?;
     Ok(meshed.report)
 }
@@ -249,15 +265,12 @@ fn cut_views(pair: &DemoPair, carried: &CarriedTets) -> anyhow::Result<Vec<Panel
     let axis = pair.cut.index();
     let (low, high) = carried.before.bounding_box().context("the tet mesh is empty")?;
     let middle = (low[axis] + high[axis]) / 2.0;
+    let is_in_front = pair.camera.towards_viewer()[axis] > 0.0;
     let half: Vec<[u32; 4]> = (0..carried.before.tets().len())
         .filter(|&t| {
             let height = carried.before.corners(t).iter().map(|p| p[axis]).sum::<f64>() / 4.0;
-            // The half behind the cut: the camera is on the side of low y and of high z.
-            if pair.cut == Axis::Y {
-                height > middle
-            } else {
-                height < middle
-            }
+            // The half behind the cut.
+            if is_in_front { height < middle } else { height > middle }
         })
         .map(|t| carried.before.tets()[t])
         .collect();

@@ -51,6 +51,11 @@ impl Default for Camera {
 }
 
 impl Camera {
+    /// The unit vector from what is seen to the viewer.
+    pub fn towards_viewer(&self) -> Vector {
+        self.frame()[2]
+    }
+
     /// Unit vectors to the right and upwards in the picture, and towards the viewer.
     fn frame(&self) -> [Vector; 3] {
         let [right, up, front] = match self.up {
