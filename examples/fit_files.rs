@@ -44,6 +44,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
         metadata: MapMetadata::new(fit.report, Vec::new()),
         map: fit.map,
         boundary: Some(fit.boundary),
+        bijective: None,
     };
     files::write_map(output.as_ref(), &file)?;
     Ok(())

@@ -44,6 +44,7 @@
 #![deny(missing_docs, rustdoc::broken_intra_doc_links)]
 
 pub mod baseline;
+pub mod bijective;
 pub mod boundary_map;
 pub mod certificate;
 #[cfg(feature = "native")]

@@ -2,6 +2,7 @@
 
 mod analytic;
 mod architecture;
+mod bijective;
 mod cancel;
 mod certificate;
 #[cfg(feature = "native")]

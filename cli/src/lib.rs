@@ -125,6 +125,7 @@ fn execute(cli: &Cli, output: &Output) -> anyhow::Result<CommandOutcome> {
             "this solidmap was built without CGAL and TetGen; build it with the feature `native` (the default)"
         ),
         Command::Boundary(command) => boundary::run(command, output),
+        Command::Bijective(args) => commands::bijective::run(args, output),
         Command::Fit(args) => fit::run(args, output),
         Command::Eval(args) => eval::run(args, output),
         Command::Energy(args) => energy::run(args, output),

@@ -92,6 +92,11 @@ fn assert_has_figures(row: &Value) {
     for key in ["harmonic_energy", "min_det_jacobian", "peak_rss_bytes"] {
         assert!(row[key].as_f64().unwrap() > 0.0, "{key} in {row}");
     }
+    let error = row["errors"]["harmonic_energy"].as_f64().unwrap();
+    assert!(
+        (0.0..0.1).contains(&(error / row["harmonic_energy"].as_f64().unwrap())),
+        "{row}"
+    );
     for key in ["rms", "p99", "max"] {
         // Mesh_3 makes a surface of its own, at a distance from the domain's.
         assert!(row["boundary_error"][key].as_f64().unwrap() < 0.03, "{key} in {row}");
@@ -192,6 +197,27 @@ fn only_the_methods_asked_for_are_compared() {
         assert!(row["interior_difference"].is_null(), "{row}");
     }
     assert_eq!(place.run("--methods magic").status.code(), Some(2));
+}
+
+#[cfg(feature = "native")]
+#[test]
+fn the_bijective_map_has_a_row_of_its_own_when_it_is_asked_for() {
+    let place = ComparePlace::new();
+    let rows = place.rows("--methods bijective,mfs --no-reference", 0);
+    assert_eq!(rows.iter().map(name).collect::<Vec<_>>(), ["mfs", "bijective"]);
+    rows.iter().for_each(assert_has_figures);
+    let bijective = &rows[1];
+    assert_eq!(
+        (&bijective["inverted_tets"], &bijective["folded_fraction"]),
+        (&0.into(), &0.0.into())
+    );
+    // Linear over the triangles of the boundary, as the boundary map is.
+    assert!(
+        bijective["boundary_error"]["max"].as_f64().unwrap() < 1e-12,
+        "{bijective}"
+    );
+    let energy = |row: &Value| row["harmonic_energy"].as_f64().unwrap();
+    assert!(energy(bijective) > 0.99 * energy(&rows[0]), "{rows:?}");
 }
 
 /// One vertex is pushed through the other side of the surface: TetGen refuses, and the other methods are not affected.

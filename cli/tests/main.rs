@@ -2,6 +2,7 @@
 //! and TetGen, which is a setting of the whole process, are in `isolation.rs`.
 
 mod bad_input;
+mod bijective;
 mod boundary;
 mod boundary_check;
 mod budgets;

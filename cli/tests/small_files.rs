@@ -394,6 +394,7 @@ fn tensor_files(add: &mut Add) {
                 &MapFile {
                     map,
                     boundary,
+                    bijective: None,
                     metadata,
                 },
             )

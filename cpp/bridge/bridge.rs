@@ -1,5 +1,6 @@
 //! Declarations for C++. What they mean is documented where users read it, in `cpp/include/solidmap`.
 
+use super::bijective::{Bijective, bijective_new, bijective_of};
 use super::maps::{
     Boundaries, Boundary, Factored, Inverse, Map, Maps, boundary_between, boundary_load, boundary_new, boundary_pair,
     boundary_to_sphere, factor_new, factor_refined, fit, fit_defaults, inverse_new, map_load, no_boundaries,
@@ -137,6 +138,20 @@ pub(super) mod ffi {
         preimages: usize,
         status: u8,
         beyond_boundary: bool,
+    }
+
+    struct BijectiveReport {
+        tets: usize,
+        nodes: usize,
+        boundary_nodes: usize,
+        inverted_as_mapped: usize,
+        cells_added: usize,
+        min_scaled_jacobian: f64,
+        difference_rms: f64,
+        difference_max: f64,
+        difference_place: [f64; 3],
+        gap: f64,
+        boundary_one_to_one: bool,
     }
 
     struct Distribution {
@@ -411,6 +426,25 @@ pub(super) mod ffi {
         type Inverse;
         fn inverse_new(map: &Map, tolerance: f64, seed_nodes: usize, iterations: usize) -> Result<Box<Inverse>>;
         fn preimages(self: &Inverse, points: &[f64], watcher: &Watcher) -> Result<Vec<Preimage>>;
+
+        type Bijective;
+        fn bijective_new(
+            map: &Map,
+            mesh: &VolumeMesh,
+            tolerance: f64,
+            most_added: usize,
+            memory: u64,
+            watcher: &Watcher,
+        ) -> Result<Box<Bijective>>;
+        fn has_bijective(self: &Map) -> bool;
+        fn bijective_of(map: &Map) -> Result<Box<Bijective>>;
+        fn save(self: &Bijective, map: &Map, path: &[u8]) -> Result<()>;
+        fn evaluate(self: &Bijective, points: &[f64], images: &mut [f64]) -> Result<()>;
+        fn jacobian(self: &Bijective, points: &[f64], jacobians: &mut [f64]) -> Result<()>;
+        fn preimages(self: &Bijective, points: &[f64]) -> Result<Vec<Preimage>>;
+        fn report(self: &Bijective) -> Result<BijectiveReport>;
+        fn domain(self: &Bijective) -> Result<Box<VolumeMesh>>;
+        fn target(self: &Bijective) -> Result<Box<VolumeMesh>>;
     }
 
     extern "Rust" {

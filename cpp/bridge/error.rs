@@ -6,6 +6,7 @@ use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Mutex, Once, PoisonError};
 
+use solidmap::bijective::BijectiveError;
 use solidmap::boundary_map::BoundaryMapError;
 use solidmap::boundary_map::pair::PairError;
 use solidmap::certificate::CertificateError;
@@ -195,6 +196,17 @@ impl Categorised for FitError {
             Self::Offset(error) => error.category(),
             Self::TooLarge { .. } => Category::Memory,
             Self::Solve(error) => error.category(),
+            Self::Cancelled => Category::Cancelled,
+            _ => Category::InvalidInput,
+        }
+    }
+}
+
+impl Categorised for BijectiveError {
+    fn category(&self) -> Category {
+        match self {
+            Self::NotRepaired { .. } | Self::Boundary { .. } => Category::Numerical,
+            Self::Remesh(error) => error.category(),
             Self::Cancelled => Category::Cancelled,
             _ => Category::InvalidInput,
         }

@@ -4,6 +4,7 @@
 //! category, and lets no panic through: both arrive in C++ as one exception type. Arrays are passed as slices, three
 //! coordinates per point.
 
+mod bijective;
 mod bridge;
 mod error;
 mod maps;

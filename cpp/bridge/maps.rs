@@ -13,7 +13,7 @@ use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
 use solidmap::fit::{self, DomainFactor, Fit, FitMethod, FitOptions, FitReport, Phase, Placement};
-use solidmap::inverse::{InverseMap, InverseOptions};
+use solidmap::inverse::{InverseMap, InverseOptions, Preimage};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint};
 use solidmap::solver::{Decomposition, DenseOptions, SchwarzOptions};
@@ -291,6 +291,7 @@ impl Map {
             file: Arc::new(MapFile {
                 map,
                 boundary,
+                bijective: None,
                 metadata,
             }),
             report: Some(report),
@@ -299,6 +300,14 @@ impl Map {
 
     pub fn map(&self) -> &HarmonicMap {
         &self.file.map
+    }
+
+    pub fn file(&self) -> &MapFile {
+        &self.file
+    }
+
+    pub fn has_bijective(&self) -> bool {
+        self.file.bijective.is_some()
     }
 
     /// The boundary map, which everything but evaluation needs.
@@ -519,16 +528,20 @@ impl Inverse {
             let points = whole_points("points", points)?;
             let progress = |done| ask(watcher, "searching", share(done, points.len()), "");
             let (found, _) = self.inverse.preimages_with_progress(points, &progress)?;
-            let converted = found.into_iter().map(|preimage| ffi::Preimage {
-                point: preimage.point.into(),
-                round_trip: preimage.round_trip,
-                preimages: preimage.preimages,
-                status: preimage.status as u8,
-                beyond_boundary: preimage.beyond_boundary,
-            });
-            Ok(converted.collect())
+            Ok(preimages_of(found))
         })
     }
+}
+
+pub fn preimages_of(found: Vec<Preimage>) -> Vec<ffi::Preimage> {
+    let converted = found.into_iter().map(|preimage| ffi::Preimage {
+        point: preimage.point.into(),
+        round_trip: preimage.round_trip,
+        preimages: preimage.preimages,
+        status: preimage.status as u8,
+        beyond_boundary: preimage.beyond_boundary,
+    });
+    converted.collect()
 }
 
 fn boundary_of(file: &MapFile) -> Result<&BoundaryMap, Error> {
@@ -545,7 +558,7 @@ fn boxed_boundary(boundary: BoundaryMap) -> Result<Box<Boundary>, Error> {
 }
 
 /// Refuses, before any work, an array for results of other than `entries` elements, `per_point` for each point.
-fn require_room(out: &[f64], entries: usize, per_point: usize) -> Result<(), Error> {
+pub fn require_room(out: &[f64], entries: usize, per_point: usize) -> Result<(), Error> {
     if out.len() == entries {
         return Ok(());
     }
@@ -556,7 +569,7 @@ fn require_room(out: &[f64], entries: usize, per_point: usize) -> Result<(), Err
     )))
 }
 
-fn write(out: &mut [f64], found: &[f64]) -> Result<(), Error> {
+pub fn write(out: &mut [f64], found: &[f64]) -> Result<(), Error> {
     if out.len() != found.len() {
         return Err(Error::invalid(format!(
             "there is room for {} entries, and the result has {}",
@@ -569,7 +582,7 @@ fn write(out: &mut [f64], found: &[f64]) -> Result<(), Error> {
 }
 
 /// Writes Jacobians row by row: `∂f_i / ∂x_k` at `3 i + k`.
-fn write_rows(out: &mut [f64], found: &[Matrix3]) -> Result<(), Error> {
+pub fn write_rows(out: &mut [f64], found: &[Matrix3]) -> Result<(), Error> {
     if out.len() != 9 * found.len() {
         return write(out, &vec![0.0; 9 * found.len()]);
     }

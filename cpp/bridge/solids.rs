@@ -1,5 +1,7 @@
 //! Tetrahedra and offset surfaces by CGAL and TetGen, and meshes carried by maps.
 
+use std::ops::ControlFlow;
+
 use super::bridge::ffi;
 use super::bridge::ffi::Watcher;
 #[cfg(not(feature = "native"))]
@@ -175,19 +177,21 @@ fn carried(
         polish_valid: options.polish_valid,
         memory: (options.memory > 0).then_some(options.memory),
     };
-    let progress = |phase| {
-        let (step, detail) = match phase {
-            RemeshPhase::Meshing => ("meshing", String::new()),
-            RemeshPhase::Mapping { nodes } => ("mapping", format!("{nodes} nodes")),
-            RemeshPhase::Repairing { round, inverted } => {
-                ("repairing", format!("round {round}, {inverted} cells inverted"))
-            }
-            RemeshPhase::Verifying => ("verifying", String::new()),
-        };
-        ask(watcher, step, f64::NAN, &detail)
-    };
+    let progress = |phase| on_remesh_phase(watcher, phase);
     let remeshed = remesh::remesh(map.boundary_map()?, map.map(), source, &options, &progress)?;
     Ok(Box::new(RemeshResult(remeshed)))
+}
+
+pub fn on_remesh_phase(watcher: &Watcher, phase: RemeshPhase) -> ControlFlow<()> {
+    let (step, detail) = match phase {
+        RemeshPhase::Meshing => ("meshing", String::new()),
+        RemeshPhase::Mapping { nodes } => ("mapping", format!("{nodes} nodes")),
+        RemeshPhase::Repairing { round, inverted } => {
+            ("repairing", format!("round {round}, {inverted} cells inverted"))
+        }
+        RemeshPhase::Verifying => ("verifying", String::new()),
+    };
+    ask(watcher, step, f64::NAN, &detail)
 }
 
 impl RemeshResult {

@@ -25,6 +25,7 @@ struct CellMeshImpl : Held<ffi::VolumeMesh> {};
 struct BoundaryMapImpl : Held<ffi::Boundary> {};
 struct HarmonicMapImpl : Held<ffi::Map> {};
 struct InverseImpl : Held<ffi::Inverse> {};
+struct BijectiveMapImpl : Held<ffi::Bijective> {};
 struct FactorImpl : Held<ffi::Factored> {};
 
 /// The one friend of the public classes.
@@ -195,6 +196,8 @@ inline std::vector<std::string> copied(const rust::Vec<rust::String>& from) {
   for (const rust::String& string : from) strings.emplace_back(string.data(), string.size());
   return strings;
 }
+
+std::vector<Preimage> converted(const rust::Vec<ffi::Preimage>& found);
 
 CellQuality quality_of(const ffi::CellQuality& found);
 

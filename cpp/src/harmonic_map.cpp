@@ -96,6 +96,10 @@ Inverse::Inverse(const HarmonicMap& map, const InverseOptions& options)
 std::vector<Preimage> Inverse::operator()(Span<const Point> points, const ProgressCallback& progress) const {
   const auto found = watched(
       progress, [&](const Watcher& watcher) { return Access::inside(impl_).preimages(flat(points), watcher); });
+  return detail::converted(found);
+}
+
+std::vector<Preimage> detail::converted(const rust::Vec<ffi::Preimage>& found) {
   std::vector<Preimage> preimages(found.size());
   for (std::size_t i = 0; i < found.size(); ++i) {
     preimages[i].status = static_cast<Preimage::Status>(found[i].status);

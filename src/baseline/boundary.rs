@@ -6,8 +6,8 @@ use super::BaselineError;
 use super::stiffness::{Incidence, check_vertices};
 use crate::Point;
 use crate::boundary_map::BoundaryMap;
-use crate::geometry::SurfaceQuery;
-use crate::mesh::{SurfacePoint, TetMesh};
+use crate::geometry::{ClosestPoint, SurfaceQuery};
+use crate::mesh::TetMesh;
 
 /// Images of the boundary vertices of a tetrahedral mesh.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,10 +51,7 @@ pub fn boundary_images(mesh: &TetMesh, boundary: &BoundaryMap) -> Result<Boundar
         let positions: Vec<Point> = others.iter().map(|&v| mesh.vertices()[v as usize]).collect();
         let closest = SurfaceQuery::new(boundary.domain())?.closest_points(&positions);
         farthest = closest.iter().map(|c| c.distance).fold(0.0, f64::max);
-        let on_surface = closest.iter().map(|c| SurfacePoint {
-            triangle: c.triangle as u32,
-            barycentric: c.barycentric,
-        });
+        let on_surface = closest.iter().map(ClosestPoint::surface_point);
         of_others = boundary.evaluate(&on_surface.collect::<Vec<_>>());
     }
     let shared = vertices.len() - others.len();

@@ -285,6 +285,11 @@ impl BoundaryMap {
         }
     }
 
+    /// Whether the map is linear over the triangles of the domain.
+    pub fn is_linear(&self) -> bool {
+        matches!(self.interpolation, Interpolation::Linear)
+    }
+
     /// Whether the map is given by a function, so that the images need not bound a solid.
     pub(crate) fn is_by_function(&self) -> bool {
         matches!(self.interpolation, Interpolation::Function(_))

@@ -7,10 +7,12 @@ use crate::Point;
 use crate::baseline::{
     BoundaryImages, DescentOptions, HarmonicOptions, MeanValueMap, TetHarmonic, TetLaplacian, TetMap, boundary_images,
 };
+use crate::bijective::{Bijective, RefinementOptions, make_bijective, refined_at_boundary};
 use crate::boundary_map::BoundaryMap;
 use crate::fit::{FitOptions, FitReport, Phase, fit};
 use crate::map::VolumeMap;
 use crate::mesh::{SurfaceMesh, TetMesh};
+use crate::remesh::RemeshOptions;
 
 /// A method that extends a boundary map to the solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -24,11 +26,19 @@ pub enum ComparedMethod {
     Variational,
     /// Mean value coordinates of Ju et al. 2005, which are not harmonic: [`MeanValueMap`].
     MeanValue,
+    /// The fit, made one to one over tetrahedra: [`crate::bijective`].
+    Bijective,
 }
 
 impl ComparedMethod {
     /// All methods, in the order of the tables.
-    pub const ALL: [Self; 4] = [Self::Mfs, Self::Fem, Self::Variational, Self::MeanValue];
+    pub const ALL: [Self; 5] = [
+        Self::Mfs,
+        Self::Fem,
+        Self::Variational,
+        Self::MeanValue,
+        Self::Bijective,
+    ];
 
     /// Its name in reports.
     pub fn name(self) -> &'static str {
@@ -37,12 +47,18 @@ impl ComparedMethod {
             Self::Fem => "fem",
             Self::Variational => "variational",
             Self::MeanValue => "mean_value",
+            Self::Bijective => "bijective",
         }
     }
 
     /// Whether it needs a tetrahedral mesh.
     pub fn is_on_tets(self) -> bool {
-        matches!(self, Self::Fem | Self::Variational)
+        matches!(self, Self::Fem | Self::Variational | Self::Bijective)
+    }
+
+    /// Whether it keeps something of a domain that makes the next boundary map cheaper, and has settings to study.
+    pub fn is_prepared(self) -> bool {
+        !matches!(self, Self::MeanValue | Self::Bijective)
     }
 }
 
@@ -149,6 +165,7 @@ pub fn build(
         ComparedMethod::Fem => by_finite_elements(boundary, options, progress),
         ComparedMethod::Variational => by_descent(boundary, options, progress),
         ComparedMethod::MeanValue => by_mean_values(boundary),
+        ComparedMethod::Bijective => by_repair(boundary, options, progress),
     }
 }
 
@@ -367,6 +384,34 @@ fn on_tets(
             evaluate: 0.0,
         },
     }
+}
+
+fn by_repair(
+    boundary: &BoundaryMap,
+    options: &BuildOptions,
+    progress: &dyn Fn(String),
+) -> Result<BuiltMap, CompareError> {
+    let fitted = by_fundamental_solutions(boundary, options, progress)?;
+    progress("meshing".into());
+    let ((mesh, boundary), meshing) = timed(|| mesh_for(boundary, &options.mesh, options.given))?;
+    progress("making it one to one".into());
+    let (found, repair) = timed(|| {
+        let (mesh, _) = refined_at_boundary(&boundary, mesh, &RefinementOptions::default(), None)?;
+        make_bijective(&boundary, &*fitted.map, mesh, &RemeshOptions::default(), None, &|_| {})
+    })
+    .map_err(Box::new)?;
+    let Bijective { map, report } = found;
+    Ok(BuiltMap {
+        tets: Some((map.domain().clone(), map.target().vertices().to_vec())),
+        map: Box::new(map),
+        unknowns: report.nodes - report.boundary_nodes,
+        seconds: BuildTimings {
+            mesh: meshing,
+            solve: fitted.seconds.solve + repair,
+            ..fitted.seconds
+        },
+        ..fitted
+    })
 }
 
 fn by_mean_values(boundary: &BoundaryMap) -> Result<BuiltMap, CompareError> {

@@ -10,8 +10,8 @@ use super::CompareError;
 use super::build::images_of;
 use crate::boundary_map::BoundaryMap;
 use crate::energy::{
-    DistortionReport, EnergyOptions, EnergyReport, GridResolution, Quadrature, clipped_grid, distortion_of_jacobians,
-    energies_of_jacobians,
+    AdaptiveOptions, DistortionReport, EnergyOptions, EnergyReport, GridResolution, Quadrature, adaptive_energies,
+    clipped_grid, distortion_of_jacobians, energies,
 };
 use crate::fit::BoundaryError;
 use crate::geometry::{SurfaceQuery, flipped_tets};
@@ -19,12 +19,13 @@ use crate::map::VolumeMap;
 use crate::mesh::TetMesh;
 use crate::sampling;
 use crate::statistics::Summary;
-use crate::{Matrix3, Point, Vector};
+use crate::{Point, Vector};
 
 /// Options of [`MapEvaluator`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EvaluationOptions {
-    /// Cells of the integration grid along the longest side of the domain.
+    /// Cells of the grid along the longest side of the domain, which maps are evaluated on, and whose cells are divided
+    /// until a map's energies are accurate to 1 %.
     pub resolution: usize,
     /// Points inside at which maps are compared.
     pub interior: usize,
@@ -45,9 +46,10 @@ impl Default for EvaluationOptions {
     }
 }
 
-/// Measures all maps of one boundary map at the same points.
+/// Measures all maps of one boundary map in the same way.
 pub struct MapEvaluator<'a> {
     boundary: &'a BoundaryMap,
+    accuracy: AdaptiveOptions,
     quadrature: Quadrature,
     interior: Vec<Point>,
     /// Boundary points to average over, and their seed: not that of a fit, which may have used its points to decide
@@ -73,13 +75,14 @@ pub struct MapMeasurements {
     /// Distance from the boundary map at points of the boundary that no method was fitted to. By the maximum principle
     /// a harmonic map errs no more inside than at its worst point of the boundary.
     pub boundary_error: BoundaryError,
-    /// Energies, by the quadrature that all maps share.
+    /// Energies, with their errors: by the grid that all maps share, its cells divided where this map needs it. Without
+    /// errors by that grid as it is, if points of divided cells have no values.
     pub energy: EnergyReport,
     /// Distortion, by the same quadrature.
     pub distortion: DistortionReport,
-    /// Seconds for images and Jacobians at the quadrature's points.
+    /// Seconds for images and Jacobians at the points of [`MapEvaluator::quadrature`].
     pub evaluate_seconds: f64,
-    /// Points of the quadrature.
+    /// Points that the energies were integrated with.
     pub quadrature_points: usize,
 }
 
@@ -100,6 +103,10 @@ pub struct FoldCount {
     pub flipped: usize,
 }
 
+/// Largest number of points that energies are integrated with, as a multiple of those of the grid, and at least: fewer than
+/// for one map alone, since a map by mean value coordinates takes as long for each point as the surface is large.
+const POINTS_FACTOR: usize = 4;
+const LEAST_LIMIT: usize = 20_000;
 /// Largest number of triangles that the largest boundary error is taken over.
 const TRIANGLES: usize = 100_000;
 /// Largest number of random points to try for each point inside.
@@ -113,8 +120,15 @@ impl<'a> MapEvaluator<'a> {
     /// When the domain is open or too thin.
     pub fn new(boundary: &'a BoundaryMap, options: &EvaluationOptions) -> Result<Self, CompareError> {
         let domain = boundary.domain();
+        let resolution = GridResolution::CellsAlongLongestSide(options.resolution);
+        let quadrature = clipped_grid(domain, resolution)?;
         Ok(Self {
-            quadrature: clipped_grid(domain, GridResolution::CellsAlongLongestSide(options.resolution))?,
+            accuracy: AdaptiveOptions {
+                resolution,
+                max_points: Some((POINTS_FACTOR * quadrature.points().len()).max(LEAST_LIMIT)),
+                ..AdaptiveOptions::default()
+            },
+            quadrature,
             interior: interior_points(boundary, options.interior, options.seed)?,
             held_out: options.held_out,
             seed: options.seed.wrapping_add(1),
@@ -127,7 +141,7 @@ impl<'a> MapEvaluator<'a> {
         &self.interior
     }
 
-    /// The quadrature that all energies are integrated by.
+    /// The grid that all maps are evaluated on.
     pub fn quadrature(&self) -> &Quadrature {
         &self.quadrature
     }
@@ -139,18 +153,28 @@ impl<'a> MapEvaluator<'a> {
     /// When the map is not finite somewhere.
     pub fn measure(&self, map: &dyn VolumeMap) -> Result<MapMeasurements, CompareError> {
         let start = Instant::now();
-        let jacobians: Vec<Matrix3> = map.jacobian(self.quadrature.points());
+        std::hint::black_box(map.jacobian(self.quadrature.points()));
         let images = map.evaluate(self.quadrature.points());
         let evaluate_seconds = start.elapsed().as_secs_f64();
         require_finite(&images)?;
-        let (volume, target) = (self.quadrature.volume(), self.boundary.target_volume());
+        let (domain, target) = (self.boundary.domain(), self.boundary.target_volume());
         let options = EnergyOptions::default();
+        let (quadrature, energy) = match adaptive_energies(map, domain, target, &options, &self.accuracy) {
+            Ok(found) => found,
+            // Where a surface crosses itself, parts of cells may have points without values.
+            Err(_) => {
+                let undivided = self.quadrature.clone();
+                let energy = energies(map, &undivided, undivided.volume(), target, &options)?;
+                (undivided, energy)
+            }
+        };
+        let jacobians = map.jacobian(quadrature.points());
         Ok(MapMeasurements {
             boundary_error: boundary_error(map, self.boundary, self.held_out, self.seed)?,
-            energy: energies_of_jacobians(&jacobians, &self.quadrature, volume, target, &options)?,
-            distortion: distortion_of_jacobians(&jacobians, &self.quadrature, volume, target)?,
+            energy,
+            distortion: distortion_of_jacobians(&jacobians, &quadrature, quadrature.volume(), target)?,
             evaluate_seconds,
-            quadrature_points: self.quadrature.points().len(),
+            quadrature_points: quadrature.points().len(),
         })
     }
 

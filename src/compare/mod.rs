@@ -1,7 +1,7 @@
 //! Comparison of methods: maps of the same boundary map, measured in the same way (extends section 4.7 of the paper).
 //!
 //! [`build`] computes a map by one [`ComparedMethod`] and times its phases. [`MapEvaluator`] holds what all maps are
-//! measured at: one quadrature for all energies and one set of points inside. It returns [`MapMeasurements`] for each
+//! measured at: one grid to begin all integrals with, and one set of points inside. It returns [`MapMeasurements`] for each
 //! map. [`spread`] measures how much the maps of one method differ among themselves.
 
 mod build;
@@ -16,6 +16,7 @@ pub use measure::{
 };
 
 use crate::baseline::{BaselineError, MeanValueError};
+use crate::bijective::BijectiveError;
 use crate::energy::{EnergyError, QuadratureError};
 use crate::fit::FitError;
 use crate::geometry::QueryError;
@@ -30,6 +31,9 @@ pub enum CompareError {
     /// A method on tetrahedra failed.
     #[error(transparent)]
     Baseline(#[from] BaselineError),
+    /// The map cannot be made one to one.
+    #[error(transparent)]
+    Bijective(#[from] Box<BijectiveError>),
     /// Mean value coordinates failed.
     #[error(transparent)]
     MeanValue(#[from] MeanValueError),

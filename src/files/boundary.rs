@@ -139,6 +139,7 @@ mod tests {
             let file = MapFile {
                 map: crate::map::HarmonicMap::new(vec![], coefficients).unwrap(),
                 boundary: Some(map.clone()),
+                bijective: None,
                 metadata: crate::files::MapMetadata {
                     format_version: "1.1".into(),
                     ..Default::default()

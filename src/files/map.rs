@@ -6,6 +6,9 @@
 //! | `coefficients` | f64, N_s × 3 | their coefficients `w` |
 //! | `affine` | f64, 4 × 3 | rows for the functions 1, x, y, z |
 //!
+//! | `bijective_nodes`, `bijective_images` | f64, n × 3 | nodes of a tet mesh of the domain, and their images (optional) |
+//! | `bijective_tets` | u32, m × 4 | its tetrahedra; the map that is linear over them is one to one |
+//!
 //! The tensors of [`boundary_tensors`](super::boundary_tensors) hold the boundary map that was fitted (optional).
 //! Readers of format 1.1 and later read a composition of spherical embeddings exactly; older ones interpolate linearly
 //! between its vertices.
@@ -18,19 +21,23 @@ use std::path::Path;
 use super::Provenance;
 use super::boundary_tensors::{self, BoundaryHeader, Way};
 use super::tensor_file::{GENERATOR, MAP, Reader, Tensor, TensorFileError};
+use crate::bijective::{Bijective, BijectiveMap, BijectiveReport};
 use crate::boundary_map::BoundaryMap;
 use crate::fit::FitReport;
 use crate::io::read_bytes;
 use crate::map::HarmonicMap;
+use crate::mesh::TetMesh;
 use crate::solver::Coefficients;
 
-/// A map as stored: the map, the boundary map it was fitted to, and its history.
+/// A map as stored: the map, the boundary map it was fitted to, the bijective map that was made from it, and its history.
 #[derive(Debug, Clone)]
 pub struct MapFile {
     /// The map.
     pub map: HarmonicMap,
     /// The boundary map; `None` in a file written by other means.
     pub boundary: Option<BoundaryMap>,
+    /// The one-to-one map that was made from it (format 1.2).
+    pub bijective: Option<Bijective>,
     /// What else the file says.
     pub metadata: MapMetadata,
 }
@@ -48,6 +55,20 @@ pub struct MapMetadata {
     /// The files the map was made from.
     #[serde(default)]
     pub inputs: Vec<Provenance>,
+}
+
+impl MapFile {
+    /// The same file with a bijective map, in the format that has it.
+    pub fn with_bijective(self, bijective: Bijective) -> Self {
+        Self {
+            bijective: Some(bijective),
+            metadata: MapMetadata {
+                format_version: MAP.format_version(),
+                ..self.metadata
+            },
+            ..self
+        }
+    }
 }
 
 impl MapMetadata {
@@ -69,7 +90,19 @@ struct MapHeader<'a> {
     metadata: &'a MapMetadata,
     #[serde(skip_serializing_if = "Option::is_none")]
     boundary: Option<BoundaryHeader>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bijective: Option<&'a BijectiveReport>,
 }
+
+/// The part of the metadata about the bijective map.
+#[derive(serde::Deserialize)]
+struct BijectiveHeader {
+    bijective: BijectiveReport,
+}
+
+const NODES: &str = "bijective_nodes";
+const IMAGES: &str = "bijective_images";
+const TETS: &str = "bijective_tets";
 
 /// Writes a map file. The same map gives the same bytes.
 ///
@@ -79,11 +112,17 @@ struct MapHeader<'a> {
 pub fn write_map(path: &Path, file: &MapFile) -> Result<(), TensorFileError> {
     let mut tensors = Vec::from(tensors_of(&file.map));
     tensors.extend(file.boundary.iter().flat_map(boundary_tensors::tensors_of));
+    if let Some(Bijective { map, .. }) = &file.bijective {
+        tensors.push(Tensor::points(NODES, map.domain().vertices()));
+        tensors.push(Tensor::points(IMAGES, map.target().vertices()));
+        tensors.push(Tensor::tets(TETS, map.domain().tets()));
+    }
     let boundary = file.boundary.as_ref().map(boundary_tensors::header_of);
     let header = MapHeader {
         metadata: &file.metadata,
         // Straight maps are written as they always were.
         boundary: boundary.filter(|header| header.way != Way::Straight),
+        bijective: file.bijective.as_ref().map(|bijective| &bijective.report),
     };
     MAP.write(path, &header, &tensors)
 }
@@ -93,7 +132,7 @@ pub fn write_map(path: &Path, file: &MapFile) -> Result<(), TensorFileError> {
 /// # Errors
 ///
 /// When it cannot be read, is not a complete map file, is of a newer major version, or holds a boundary map whose
-/// spherical embeddings are not one to one.
+/// spherical embeddings are not one to one, or a bijective map with inverted tetrahedra.
 pub fn read_map(path: &Path) -> Result<MapFile, TensorFileError> {
     let content = read_bytes(path)?;
     let reader = Reader::new(&MAP, path, &content)?;
@@ -106,10 +145,26 @@ pub fn read_map(path: &Path) -> Result<MapFile, TensorFileError> {
         .has("domain_vertices")
         .then(|| boundary_tensors::read(&reader))
         .transpose()?;
+    let bijective = reader.has(TETS).then(|| read_bijective(&reader, boundary.as_ref()));
     Ok(MapFile {
         map,
         boundary,
+        bijective: bijective.transpose()?,
         metadata,
+    })
+}
+
+/// The bijective map, with its tetrahedra checked anew.
+fn read_bijective(reader: &Reader, boundary: Option<&BoundaryMap>) -> Result<Bijective, TensorFileError> {
+    let BijectiveHeader { bijective: report } = reader.metadata()?;
+    let mesh = TetMesh::new(reader.points(NODES)?, reader.tets(TETS)?);
+    let mesh = mesh.map_err(|error| reader.problem(TETS, error.to_string()))?;
+    let map = BijectiveMap::new(mesh, reader.points(IMAGES)?);
+    let map = map.map_err(|error| reader.problem(TETS, error.to_string()))?;
+    let gap = boundary.map_or(0.0, |boundary| report.gap * boundary.target_diagonal());
+    Ok(Bijective {
+        map: map.with_gap(gap),
+        report,
     })
 }
 
@@ -164,6 +219,7 @@ mod tests {
         MapFile {
             map: HarmonicMap::new(sources, coefficients).unwrap(),
             boundary: Some(BoundaryMap::new(domain, image).unwrap()),
+            bijective: None,
             metadata: MapMetadata {
                 inputs,
                 format_version: "1.0".into(),
@@ -189,6 +245,55 @@ mod tests {
         let again = folder.path().join("again.map");
         write_map(&again, &read).unwrap();
         assert_eq!(std::fs::read(path).unwrap(), std::fs::read(again).unwrap());
+    }
+
+    /// A tetrahedron, and its image under `p ↦ (2 p.x, p.y + p.x, 3 p.z)`.
+    fn bijective() -> Bijective {
+        let corners = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]]
+            .map(Point::from)
+            .to_vec();
+        let images = corners
+            .iter()
+            .map(|p| Point::new(2.0 * p.x, p.y + p.x, 3.0 * p.z))
+            .collect();
+        let mesh = TetMesh::new(corners, vec![[0, 1, 2, 3]]).unwrap();
+        Bijective {
+            map: BijectiveMap::new(mesh, images).unwrap(),
+            report: BijectiveReport {
+                tets: 1,
+                difference_place: [0.1, 0.2, 0.3],
+                ..BijectiveReport::default()
+            },
+        }
+    }
+
+    #[test]
+    fn a_bijective_map_is_read_back_bit_for_bit_and_refused_with_inverted_tetrahedra() {
+        let (folder, mut file) = (folder(), example());
+        let path = folder.path().join("bijective.map");
+        file.bijective = Some(bijective());
+        write_map(&path, &file).unwrap();
+        let read = read_map(&path).unwrap();
+        assert_eq!(read.bijective, file.bijective);
+        let again = folder.path().join("again.map");
+        write_map(&again, &read).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert_eq!(bytes, std::fs::read(again).unwrap());
+        // The first tensor in the file is the one whose name comes first: the images. A mirrored corner inverts the only
+        // tetrahedron, which is a mirrored map; a flat one is none.
+        let header = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+        let text = String::from_utf8_lossy(&bytes[8..8 + header]).into_owned();
+        let described: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let begin = described[IMAGES]["data_offsets"][0].as_u64().unwrap() as usize;
+        let last = 8 + header + begin + 8 * 11;
+        let mut flat = bytes.clone();
+        flat[last..last + 8].copy_from_slice(&0f64.to_le_bytes());
+        std::fs::write(&path, flat).unwrap();
+        let error = read_map(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("bijective_tets") && error.contains("inverted or flat"),
+            "{error}"
+        );
     }
 
     #[test]

@@ -73,7 +73,7 @@ pub(super) struct FileKind {
 pub(super) static MAP: FileKind = FileKind {
     name: "map file",
     key: "solidmap",
-    version: (1, 1),
+    version: (1, 2),
     purpose: "it holds a fitted map, for `solidmap eval` and `energy`",
 };
 
@@ -91,20 +91,23 @@ pub(super) static TEXTURE: FileKind = FileKind {
     purpose: "it holds a solid texture, for `solidmap texture`",
 };
 
-/// A table with three columns.
+/// A table.
 pub(super) struct Tensor {
     name: &'static str,
     dtype: Dtype,
     rows: usize,
+    columns: usize,
     data: Vec<u8>,
 }
 
 impl Tensor {
+    /// A table with three columns.
     fn new(name: &'static str, dtype: Dtype, rows: usize, data: Vec<u8>) -> Self {
         Self {
             name,
             dtype,
             rows,
+            columns: 3,
             data,
         }
     }
@@ -124,6 +127,14 @@ impl Tensor {
         Self::new(name, Dtype::U32, triangles.len(), data)
     }
 
+    pub fn tets(name: &'static str, tets: &[[u32; 4]]) -> Self {
+        let data = tets.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+        Self {
+            columns: 4,
+            ..Self::new(name, Dtype::U32, tets.len(), data)
+        }
+    }
+
     pub fn bytes(name: &'static str, rows: &[[u8; 3]]) -> Self {
         Self::new(name, Dtype::U8, rows.len(), rows.as_flattened().to_vec())
     }
@@ -139,7 +150,7 @@ impl FileKind {
         let metadata = serde_json::to_string(metadata).map_err(|e| self.foreign(path, &e))?;
         let views: Vec<_> = tensors
             .iter()
-            .map(|t| Ok((t.name, TensorView::new(t.dtype, vec![t.rows, 3], &t.data)?)))
+            .map(|t| Ok((t.name, TensorView::new(t.dtype, vec![t.rows, t.columns], &t.data)?)))
             .collect::<Result<_, safetensors::SafeTensorError>>()
             .map_err(|e| self.foreign(path, &e))?;
         let entries = HashMap::from([(self.key.to_owned(), metadata)]);
@@ -209,34 +220,41 @@ impl<'a> Reader<'a> {
     }
 
     pub fn rows(&self, tensor: &'static str) -> Result<Vec<[f64; 3]>, TensorFileError> {
-        let data = self.data(tensor, Dtype::F64)?;
+        let data = self.data(tensor, Dtype::F64, 3)?;
         let (numbers, _) = data.as_chunks::<8>();
         let (rows, _) = numbers.as_chunks::<3>();
         Ok(rows.iter().map(|row| row.map(f64::from_le_bytes)).collect())
     }
 
     pub fn triangles(&self, tensor: &'static str) -> Result<Vec<[u32; 3]>, TensorFileError> {
-        let data = self.data(tensor, Dtype::U32)?;
+        let data = self.data(tensor, Dtype::U32, 3)?;
         let (words, _) = data.as_chunks::<4>();
         let (triangles, _) = words.as_chunks::<3>();
         Ok(triangles.iter().map(|t| t.map(u32::from_le_bytes)).collect())
     }
 
+    pub fn tets(&self, tensor: &'static str) -> Result<Vec<[u32; 4]>, TensorFileError> {
+        let data = self.data(tensor, Dtype::U32, 4)?;
+        let (words, _) = data.as_chunks::<4>();
+        let (tets, _) = words.as_chunks::<4>();
+        Ok(tets.iter().map(|t| t.map(u32::from_le_bytes)).collect())
+    }
+
     pub fn bytes(&self, tensor: &'static str) -> Result<Vec<[u8; 3]>, TensorFileError> {
-        let (rows, _) = self.data(tensor, Dtype::U8)?.as_chunks::<3>();
+        let (rows, _) = self.data(tensor, Dtype::U8, 3)?.as_chunks::<3>();
         Ok(rows.to_vec())
     }
 
-    fn data(&self, tensor: &'static str, dtype: Dtype) -> Result<&[u8], TensorFileError> {
+    fn data(&self, tensor: &'static str, dtype: Dtype, columns: usize) -> Result<&[u8], TensorFileError> {
         let view = self
             .tensors
             .tensor(tensor)
             .map_err(|_| self.problem(tensor, "is missing".into()))?;
         match view.shape() {
-            [_, 3] if view.dtype() == dtype => Ok(view.data()),
+            [_, found] if *found == columns && view.dtype() == dtype => Ok(view.data()),
             shape => {
                 let found = view.dtype();
-                let problem = format!("is {found:?} of shape {shape:?} instead of {dtype:?} of shape [n, 3]");
+                let problem = format!("is {found:?} of shape {shape:?} instead of {dtype:?} of shape [n, {columns}]");
                 Err(self.problem(tensor, problem))
             }
         }

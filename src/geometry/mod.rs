@@ -14,6 +14,7 @@ mod section;
 mod surface_query;
 #[cfg(test)]
 pub(crate) mod test_models;
+mod tet_locator;
 mod winding_number;
 
 pub use aabb::Aabb;
@@ -29,4 +30,5 @@ pub use procrustes::{Similarity, SphereRotation, sphere_rotation};
 pub use section::{Axis, AxisPlane, PlaneSection, SectionError};
 pub(crate) use surface_query::morton_order;
 pub use surface_query::{ClosestPoint, QueryError, SurfaceQuery};
+pub use tet_locator::{TetLocator, TetPoint};
 pub use winding_number::{solid_angle, winding_number};

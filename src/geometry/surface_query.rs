@@ -13,7 +13,7 @@ use super::closest_point::is_thin;
 use super::winding_number::FarField;
 use super::{Aabb, Bvh, Feature, TrianglePoint, closest_point_on_triangle};
 use crate::mesh::topology::{NONE, Topology};
-use crate::mesh::{SurfaceMesh, welded};
+use crate::mesh::{SurfaceMesh, SurfacePoint, welded};
 use crate::{Point, Vector};
 
 /// Closest points, signed distances and inside tests on a surface, for any number of points.
@@ -45,6 +45,16 @@ pub struct ClosestPoint {
     pub feature: Feature,
     /// How far it is; NaN when the query point has a NaN coordinate.
     pub distance: f64,
+}
+
+impl ClosestPoint {
+    /// The same point by its triangle and weights.
+    pub fn surface_point(&self) -> SurfacePoint {
+        SurfacePoint {
+            triangle: self.triangle as u32,
+            barycentric: self.barycentric,
+        }
+    }
 }
 
 /// Why a surface cannot be queried.

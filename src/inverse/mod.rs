@@ -19,7 +19,6 @@ use crate::Point;
 use crate::boundary_map::BoundaryMap;
 use crate::geometry::{ClosestPoint, QueryError, SurfaceQuery};
 use crate::map::VolumeMap;
-use crate::mesh::SurfacePoint;
 use crate::progress::{ProgressMonitor, ProgressResponse};
 
 use newton::{NewtonEffort, NewtonLimits, NewtonRoot};
@@ -174,6 +173,12 @@ pub enum InverseError {
     Cancelled,
 }
 
+/// What finds preimages: [`InverseMap`] for any map, [`crate::bijective::BijectiveMap`] for itself.
+pub trait Inverse: Sync {
+    /// Preimages of the points, in order, and a report.
+    fn preimages(&self, points: &[Point]) -> (Vec<Preimage>, InverseReport);
+}
+
 /// The inverse of a map, prepared once and evaluated at many points.
 pub struct InverseMap<'a> {
     map: &'a dyn VolumeMap,
@@ -297,25 +302,28 @@ impl<'a> InverseMap<'a> {
     ) -> (Vec<Preimage>, InverseReport) {
         let start = Instant::now();
         let mut found = Vec::with_capacity(points.len());
-        let mut report = InverseReport {
-            points: points.len(),
-            seed_nodes: self.seeds.node_count(),
-            evaluations: self.seeds.node_count(),
-            seed_seconds: self.seed_seconds,
-            ..InverseReport::default()
-        };
+        let mut effort = NewtonEffort::default();
         for batch in points.chunks(BATCH) {
             let done = found.len();
             if !should_continue(done) {
                 break;
             }
-            let (preimages, effort) = self.batch(batch, &|| should_continue(done));
-            report.iterations = report.iterations.max(effort.iterations);
-            report.evaluations += effort.evaluations;
+            let (preimages, of_batch) = self.batch(batch, &|| should_continue(done));
+            effort.iterations = effort.iterations.max(of_batch.iterations);
+            effort.evaluations += of_batch.evaluations;
             found.extend(preimages);
         }
-        self.summarise(&found, &mut report);
-        report.seconds = self.seed_seconds + start.elapsed().as_secs_f64();
+        let report = InverseReport {
+            points: points.len(),
+            farthest_beyond: self.farthest_beyond(&found),
+            boundary_error: self.gap_max / self.target_diagonal,
+            iterations: effort.iterations,
+            evaluations: self.seeds.node_count() + effort.evaluations,
+            seed_nodes: self.seeds.node_count(),
+            seconds: self.seed_seconds + start.elapsed().as_secs_f64(),
+            seed_seconds: self.seed_seconds,
+            ..InverseReport::of(&found)
+        };
         (found, report)
     }
 
@@ -461,10 +469,7 @@ impl<'a> InverseMap<'a> {
     fn gaps_next_to(&self, places: &[Point]) -> Vec<BoundaryGap> {
         let closest = self.domain.closest_points(places);
         let images = self.map.evaluate(&closest.iter().map(|c| c.point).collect::<Vec<_>>());
-        let on_boundary = closest.iter().map(|closest| SurfacePoint {
-            triangle: closest.triangle as u32,
-            barycentric: closest.barycentric,
-        });
+        let on_boundary = closest.iter().map(ClosestPoint::surface_point);
         let expected = self.boundary.evaluate(&on_boundary.collect::<Vec<_>>());
         let gap = |((closest, image), expected): ((&ClosestPoint, Point), Point)| BoundaryGap {
             distance: closest.distance,
@@ -547,24 +552,39 @@ impl<'a> InverseMap<'a> {
         }
     }
 
-    fn summarise(&self, found: &[Preimage], report: &mut InverseReport) {
-        let count = |status| found.iter().filter(|p| p.status == status).count();
-        report.ok = count(PreimageStatus::Ok);
-        report.folded = count(PreimageStatus::Folded);
-        report.outside = count(PreimageStatus::Outside);
-        report.not_converged = count(PreimageStatus::NotConverged);
-        report.not_finite = count(PreimageStatus::NotFinite);
-        report.several = found.iter().filter(|p| p.preimages > 1).count();
+    /// Largest distance of preimages beyond the boundary, as a fraction of the domain's diagonal.
+    fn farthest_beyond(&self, found: &[Preimage]) -> f64 {
         let beyond: Vec<Point> = found.iter().filter(|p| p.beyond_boundary).map(|p| p.point).collect();
-        report.beyond_boundary = beyond.len();
         let closest = self.domain.closest_points(&beyond);
-        let farthest = closest.iter().map(|c| c.distance).fold(0.0, f64::max);
-        report.farthest_beyond = farthest / self.domain_diagonal;
+        closest.iter().map(|c| c.distance).fold(0.0, f64::max) / self.domain_diagonal
+    }
+}
+
+impl Inverse for InverseMap<'_> {
+    fn preimages(&self, points: &[Point]) -> (Vec<Preimage>, InverseReport) {
+        self.preimages(points)
+    }
+}
+
+impl InverseReport {
+    /// Counts of the results, and their round trips; what depends on how they were found is left at 0.
+    pub(crate) fn of(found: &[Preimage]) -> Self {
+        let count = |status| found.iter().filter(|p| p.status == status).count();
         let ok = found.iter().filter(|p| p.status == PreimageStatus::Ok);
         let errors: Vec<f64> = ok.map(|p| p.round_trip).collect();
-        report.round_trip_rms = root_mean_square(&errors);
-        report.round_trip_max = errors.into_iter().fold(0.0, f64::max);
-        report.boundary_error = self.gap_max / self.target_diagonal;
+        Self {
+            points: found.len(),
+            ok: count(PreimageStatus::Ok),
+            folded: count(PreimageStatus::Folded),
+            outside: count(PreimageStatus::Outside),
+            not_converged: count(PreimageStatus::NotConverged),
+            not_finite: count(PreimageStatus::NotFinite),
+            several: found.iter().filter(|p| p.preimages > 1).count(),
+            beyond_boundary: found.iter().filter(|p| p.beyond_boundary).count(),
+            round_trip_rms: root_mean_square(&errors),
+            round_trip_max: errors.into_iter().fold(0.0, f64::max),
+            ..Self::default()
+        }
     }
 }
 

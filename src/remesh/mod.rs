@@ -46,6 +46,7 @@ pub use quality::{CellQuality, InvalidCells, determinants, invalid_cells, qualit
 pub use repair::{RepairReport, RepairStart, SplitReport};
 pub use self_intersections::BoundaryIntersections;
 pub use slide::SlideReport;
+pub(crate) use split::split_edges;
 
 /// Where the mesh of the domain comes from.
 #[derive(Debug, Clone, PartialEq)]

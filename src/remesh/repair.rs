@@ -37,7 +37,7 @@ const MAX_STALLED_TURNS: usize = 3;
 const FLAT: f64 = 1e-6;
 
 /// Where the repair of tetrahedra began.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RepairStart {
     /// With the nodes as mapped.

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::bounded_mesh::{BoundedMesh, sorted};
 use super::quality::is_right_handed;
-use crate::mesh::CellList;
+use crate::mesh::{CellList, TetMesh};
 use crate::{Point, Vector};
 
 /// The edge, face or cell at whose centroid a new node is inserted, with ascending corners.
@@ -190,6 +190,21 @@ pub(super) fn split(
         }
     }
     tets.len() - before
+}
+
+/// A mesh with edges divided at their midpoints, one after the other, and all tetrahedra around them. An edge is left alone
+/// whose parts are so short that tetrahedra at it would be flat.
+pub(crate) fn split_edges(mesh: TetMesh, edges: &HashSet<[u32; 2]>) -> TetMesh {
+    let (nodes, tets) = mesh.into_parts();
+    let regions = vec![0; tets.len()];
+    let on_boundary = vec![false; nodes.len()];
+    let mut mesh = BoundedMesh::new(nodes, CellList::Tets(tets), regions, on_boundary, vec![]);
+    let edges = edges.iter().map(|&[a, b]| SplitSimplex::edge(a, b));
+    split(&mut mesh, &mut [], edges, usize::MAX);
+    match mesh.cells {
+        CellList::Tets(tets) => TetMesh::new(mesh.nodes, tets).expect("parts name nodes"),
+        CellList::Hexes(_) => TetMesh::default(),
+    }
 }
 
 fn centroid(points: &[Point], corners: &[u32]) -> Point {

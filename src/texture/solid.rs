@@ -280,10 +280,7 @@ impl SolidTexture {
         let mut values = self.map.evaluate(&everywhere);
         let harmonic_at_closest = values.split_off(points.len());
         for ((k, closest, weight), harmonic) in layer.iter().zip(harmonic_at_closest) {
-            let place = SurfacePoint {
-                triangle: closest.triangle as u32,
-                barycentric: closest.barycentric,
-            };
+            let place = closest.surface_point();
             values[*k as usize] += (boundary_value(&self.coloured_surface, self.extended, &place) - harmonic) * *weight;
         }
         values.par_iter().map(|value| self.colour_of(value)).collect()

@@ -8,7 +8,7 @@
 mod checks;
 mod sampler;
 
-use crate::inverse::{InverseMap, InverseReport, Preimage};
+use crate::inverse::{Inverse, InverseReport, Preimage};
 use crate::map::VolumeMap;
 use crate::mesh::CellList;
 use crate::{Matrix3, Point, Vector};
@@ -200,7 +200,7 @@ pub fn push_forward(map: &dyn VolumeMap, field_mesh: &FieldMesh) -> Result<Field
 /// As [`FieldSampler::new`].
 pub fn resample(
     map: &dyn VolumeMap,
-    inverse: &InverseMap,
+    inverse: &dyn Inverse,
     field_mesh: &FieldMesh,
     points: &[Point],
 ) -> Result<ResampledFields, TransferError> {

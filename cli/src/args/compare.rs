@@ -77,7 +77,8 @@ pub struct CompareMeasure {
     /// Boundary error that mfs aims at over 99 % of the area, as a fraction of the target's diagonal
     #[arg(long, value_name = "FRACTION", default_value_t = FitOptions::adaptive().tolerance)]
     pub tolerance: f64,
-    /// Cells of the integration grid along the longest side of the domain
+    /// Cells of the integration grid along the longest side of the domain; they are divided where energies are not
+    /// accurate to 1 %
     #[arg(long, default_value_t = 40, value_name = "N")]
     pub resolution: usize,
     /// Points inside at which maps are compared with the reference
@@ -127,6 +128,8 @@ pub enum MapMethod {
     /// Mean value coordinates, which give no harmonic map
     #[value(name = "mean_value", alias = "mean-value")]
     MeanValue,
+    /// The map by mfs, made one to one over tetrahedra (as `solidmap bijective` does)
+    Bijective,
 }
 
 impl From<MapMethod> for solidmap::compare::ComparedMethod {
@@ -136,6 +139,7 @@ impl From<MapMethod> for solidmap::compare::ComparedMethod {
             MapMethod::Fem => Self::Fem,
             MapMethod::Variational => Self::Variational,
             MapMethod::MeanValue => Self::MeanValue,
+            MapMethod::Bijective => Self::Bijective,
         }
     }
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use solidmap::energy::{AdaptiveOptions, GridResolution, Lame};
 
+use super::bijective::MapChoice;
 use super::places::PlacesArgs;
 use super::section::SectionArgs;
 
@@ -37,6 +38,8 @@ pub struct EvalArgs {
     /// diagonal; at most 1e-3, and less than 1e-10 is not reached
     #[arg(long, value_name = "FRACTION", default_value_t = 1e-10, requires = "inverse")]
     pub tolerance: f64,
+    #[command(flatten)]
+    pub choice: MapChoice,
 }
 
 #[derive(Debug, Args)]
@@ -99,6 +102,8 @@ pub struct EnergyArgs {
     #[arg(long)]
     pub no_normalize: bool,
     #[command(flatten)]
+    pub choice: MapChoice,
+    #[command(flatten)]
     pub lame: LameArgs,
     /// Write the energy densities of all cells, for ParaView (.vtu)
     #[arg(long, value_name = "FILE")]
@@ -139,6 +144,8 @@ pub struct CertifyArgs {
     /// Stop when at most this fraction of the volume is undecided
     #[arg(long, default_value_t = 0.0, value_name = "FRACTION")]
     pub undecided: f64,
+    #[command(flatten)]
+    pub choice: MapChoice,
     #[command(flatten)]
     pub section: SectionArgs,
     #[command(flatten)]

@@ -1,5 +1,6 @@
 //! The arguments of the program. Their help texts are their documentation; their names must not change.
 
+mod bijective;
 mod boundary;
 mod cgal_tetgen;
 mod compare;
@@ -17,6 +18,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
+pub use bijective::{BijectiveArgs, MapChoice, MapKind};
 pub use boundary::{
     BoundaryCheckArgs, BoundaryCommand, BoundaryMapFiles, BoundaryOutputs, BoundaryPairArgs, BoundarySphereArgs,
     PairArgs, SphereEnergyKind, SphereStartKind, ViaKind,
@@ -83,6 +85,8 @@ pub enum Command {
     Energy(EnergyArgs),
     /// Prove where a map is locally one to one, and where it folds
     Certify(CertifyArgs),
+    /// Add to a map file the one-to-one map that is linear over tetrahedra
+    Bijective(BijectiveArgs),
     /// Carry fields from a map's domain to its target: scalars, vectors, labels, the distance field
     Transfer(TransferArgs),
     /// Carry a regular mesh of a polycube, or a given mesh, into the target, and repair inverted cells
@@ -104,6 +108,9 @@ pub struct DemoArgs {
     /// Folder for the results
     #[arg(long, default_value = "solidmap-demo", value_name = "DIR")]
     pub out: PathBuf,
+    /// Axis that points up in pictures
+    #[arg(long, value_enum, allow_hyphen_values = true, default_value_t = UpKind::Z)]
+    pub up: UpKind,
 }
 
 #[derive(Debug, Args)]

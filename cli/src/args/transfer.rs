@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::bijective::MapChoice;
 use super::section::{SectionArgs, TargetUpArgs};
 
 #[derive(Debug, Args)]
@@ -35,6 +36,8 @@ pub struct TransferArgs {
     /// forward
     #[arg(long, value_name = "NAMES", num_args = 0..=1, require_equals = true, value_delimiter = ',')]
     pub plain_vectors: Option<Vec<String>>,
+    #[command(flatten)]
+    pub choice: MapChoice,
     /// Add the distance from the domain's boundary as the field `distance`
     #[arg(long)]
     pub distance: bool,

@@ -5,17 +5,18 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::energy::{
-    DensityQuantiles, EnergyErrors, EnergyOptions, EnergyReport, adaptive_energies, domain_mesh_quadrature, energies,
-    worst_places,
+    DensityQuantiles, EnergyErrors, EnergyOptions, EnergyReport, Quadrature, adaptive_energies, cell_quadrature,
+    domain_mesh_quadrature, energies, worst_places,
 };
 use solidmap::geometry::distance_field;
 use solidmap::io;
-use solidmap::map::VolumeMap;
+use solidmap::mesh::CellMesh;
 use solidmap::worst_places::WorstPlace;
 
 use crate::CommandOutcome;
 use crate::args::EnergyArgs;
 use crate::drawing::{Figure, significant};
+use crate::shared::chosen_map::{ChosenMap, MapName};
 use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns, write_file};
 use crate::shared::pictures::Pictured;
@@ -29,6 +30,7 @@ const SECTION_PIXELS: usize = 640;
 #[derive(Serialize)]
 struct EnergySummary {
     map: FileName,
+    map_kind: MapName,
     cells: usize,
     points: usize,
     #[serde(flatten)]
@@ -51,7 +53,13 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
     let target = boundary.outward_target();
-    let mesh = args.mesh.as_ref().map(io::read_cells).transpose()?;
+    let chosen = ChosenMap::of(&file, &args.map, &args.choice)?;
+    // Its own tetrahedra integrate a map exactly that is linear over them.
+    let own = match (chosen, &args.mesh) {
+        (ChosenMap::Bijective(map), None) => Some(CellMesh::from(map.domain().clone())),
+        _ => None,
+    };
+    let given = args.mesh.as_ref().map(io::read_cells).transpose()?;
 
     ensure!(
         args.no_normalize || target.volume() > 1e-12 * target.diagonal().powi(3),
@@ -60,26 +68,29 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     );
     output.progress("integrating");
     let target_volume = boundary.target_volume();
-    let (quadrature, energy) = match (&mesh, &args.mesh) {
-        (Some(mesh), Some(path)) => {
+    let cannot_measure_map = || format!("cannot measure `{}`", args.map.display());
+    let over = |quadrature: Quadrature| {
+        let energy = energies(chosen.map(), &quadrature, quadrature.volume(), target_volume, &options);
+        anyhow::Ok((quadrature, energy.with_context(cannot_measure_map)?))
+    };
+    let (quadrature, energy) = match (&given, &args.mesh, &own) {
+        (Some(mesh), Some(path), _) => {
             let cannot_measure = || format!("cannot measure over the mesh `{}`", path.display());
             let found = domain_mesh_quadrature(mesh, boundary.domain()).with_context(cannot_measure)?;
             found.warnings.into_iter().for_each(|warning| output.warn(warning));
-            let quadrature = found.quadrature;
-            let volume = quadrature.volume();
-            let energy = energies(&file.map, &quadrature, volume, target_volume, &options);
-            let energy = energy.with_context(|| format!("cannot measure `{}`", args.map.display()))?;
-            (quadrature, energy)
+            over(found.quadrature)?
         }
+        (_, _, Some(own)) => over(cell_quadrature(own).with_context(cannot_measure_map)?)?,
         _ => adaptive_energies(
-            &file.map,
+            chosen.map(),
             boundary.domain(),
             target_volume,
             &options,
             &args.accuracy.options(),
         )
-        .with_context(|| format!("cannot measure `{}`", args.map.display()))?,
+        .with_context(cannot_measure_map)?,
     };
+    let mesh = given.or(own);
     if let Some(errors) = energy.errors.filter(|errors| !errors.within_tolerance) {
         output.warn(format!(
             "--energy-tolerance is {}, but the errors are estimated at {:.1} % of the harmonic and {:.1} % of the \
@@ -92,14 +103,14 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
 
     if let Some(path) = &args.vtu {
         output.progress("writing");
-        let distances = distance_field(&target, &file.map.evaluate(quadrature.points()))?;
+        let distances = distance_field(&target, &chosen.map().evaluate(quadrature.points()))?;
         let fields = density_file::fields(&energy.densities, &distances);
         density_file::write(path, &quadrature, mesh.as_ref(), &fields)?;
     }
     if let Some(path) = &args.png {
         output.progress("drawing");
         let pictured = Pictured {
-            map: &file.map,
+            map: chosen.map(),
             domain: boundary.domain(),
             target: &target,
             options,
@@ -112,6 +123,7 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     let cells = quadrature.cell_means(&energy.densities.harmonic).len();
     let report = EnergySummary {
         map: (&args.map).into(),
+        map_kind: chosen.name(),
         cells,
         points: quadrature.points().len(),
         worst_places: worst_places(

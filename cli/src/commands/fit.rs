@@ -4,24 +4,27 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use serde::Serialize;
+use solidmap::bijective::{Bijective, RefinementOptions};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{FitOptions, FitReport, Placement, RefinementEnd};
-use solidmap::io::{self, Cells, VtkFields};
+use solidmap::io::{self, Cells, SolidMesh, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
+use solidmap::mesh::{CellList, TetMesh};
 use solidmap::solver::SchwarzStop;
 use solidmap::spherical::SphereOptions;
 use solidmap::worst_places::WorstPlace;
 
 use crate::CommandOutcome;
 use crate::args::{FitArgs, PairArgs};
+use crate::shared::bijective::{BijectiveSummary, Making};
 use crate::shared::fields::{positions, scalar};
 use crate::shared::fitting::{fit_in_time, fit_options};
 use crate::shared::input::BoundarySource;
 use crate::shared::json::{FileName, file_name};
-use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
+use crate::shared::output::{Output, describe, memory_row, peak_rss_bytes, two_columns};
 use crate::shared::places::with_places;
-use crate::shared::{boundary_map, input, self_intersections};
+use crate::shared::{bijective, boundary_map, input, self_intersections};
 
 /// What `fit --json` prints.
 #[derive(Serialize)]
@@ -35,6 +38,8 @@ struct FitSummary {
     fit: FitReport,
     tolerance: f64,
     tolerance_met: bool,
+    /// The bijective map, where it was asked for and found.
+    bijective: Option<BijectiveSummary>,
     /// Where the boundary error is largest.
     worst_places: Vec<WorstPlace>,
     peak_rss_bytes: u64,
@@ -153,12 +158,27 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let worst_places = fit.worst_places(args.places.worst);
     output.progress("writing");
     let metadata = MapMetadata::new(fit.report.clone(), inputs);
-    let file = MapFile {
+    let mut file = MapFile {
         map: fit.map,
         boundary: Some(fit.boundary),
+        bijective: None,
         metadata,
     };
     files::write_map(&args.output, &file)?;
+    let mut of_bijective = None;
+    if let (true, Some(boundary)) = (args.bijective, file.boundary.clone()) {
+        match bijective(args, &file.map, &boundary, output) {
+            Ok((bijective, summary)) => {
+                file = file.with_bijective(bijective);
+                files::write_map(&args.output, &file)?;
+                of_bijective = Some(summary);
+            }
+            Err(error) => output.warn(format!(
+                "no bijective map was made; the harmonic one was written all the same: {}",
+                describe(&error)
+            )),
+        }
+    }
     if let (Some(path), Some(boundary)) = (&args.vtu, &file.boundary) {
         write_boundary(path, boundary, &file.map)?;
     }
@@ -173,12 +193,15 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         fit: fit.report,
         tolerance: args.tolerance,
         tolerance_met,
+        bijective: of_bijective,
         worst_places,
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || with_places(summary(&report), &report.worst_places))?;
     if tolerance_met {
-        return Ok(CommandOutcome::Done);
+        return Ok(CommandOutcome::from_check(
+            !args.bijective || report.bijective.is_some(),
+        ));
     }
     let error = &report.fit.boundary_error;
     let missed = match error.p99 <= args.tolerance {
@@ -199,6 +222,30 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         advice(&report.fit)
     ));
     Ok(CommandOutcome::CheckFailed)
+}
+
+/// The bijective map, over the tetrahedra of the domain if it has any.
+fn bijective(
+    args: &FitArgs,
+    map: &HarmonicMap,
+    boundary: &BoundaryMap,
+    output: &Output,
+) -> anyhow::Result<(Bijective, BijectiveSummary)> {
+    let domain = args.files.domain.as_deref();
+    let mesh = match domain.map(io::read_solid).transpose()? {
+        Some(SolidMesh::Cells(mesh)) => match mesh.into_parts() {
+            (nodes, CellList::Tets(tets), _) => Some(TetMesh::new(nodes, tets)?),
+            _ => None,
+        },
+        _ => None,
+    };
+    let making = Making {
+        mesh,
+        refinement: RefinementOptions::default(),
+        split_stuck: None,
+        memory: input::most_memory(),
+    };
+    Ok(bijective::make(map, boundary, making, output)??)
 }
 
 /// The lines of the summary that say how good a fit is.
@@ -290,6 +337,7 @@ fn summary(report: &FitSummary) -> String {
             format!("{:.2} s, of which factoring {:.2} s", seconds.total, seconds.factor),
         ]);
     }
+    rows.extend(report.bijective.as_ref().map_or(vec![], bijective::rows));
     rows.push(memory_row(report.peak_rss_bytes));
     rows.push(["map".into(), report.map.display().to_string()]);
     two_columns(rows)

@@ -1,5 +1,6 @@
 //! The commands: one file or folder each, none of which imports another. What they share is in [`crate::shared`].
 
+pub mod bijective;
 pub mod boundary;
 pub mod certify;
 pub mod check;

@@ -1,8 +1,10 @@
 //! What several commands share.
 
+pub mod bijective;
 pub mod boundary_map;
 pub mod carried_mesh_file;
 pub mod carried_mesh_picture;
+pub mod chosen_map;
 pub mod density_file;
 pub mod exhausted_memory;
 pub mod fields;

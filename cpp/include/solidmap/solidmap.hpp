@@ -16,6 +16,7 @@
 /// use throws.
 #pragma once
 
+#include "solidmap/bijective_map.hpp"
 #include "solidmap/boundary_map.hpp"
 #include "solidmap/error.hpp"
 #include "solidmap/fit.hpp"

@@ -179,10 +179,7 @@ fn subdivision_changes_no_image_and_carries_midpoints_onto_the_target() {
     assert_eq!(&finer.image()[..old], map.image());
     let points = held_out(finer.domain(), 2000, 2000, SEED);
     let query = SurfaceQuery::new(map.domain()).unwrap();
-    let on_coarse = |c: crate::geometry::ClosestPoint| SurfacePoint {
-        triangle: c.triangle as u32,
-        barycentric: c.barycentric,
-    };
+    let on_coarse = |c: crate::geometry::ClosestPoint| c.surface_point();
     let coarse: Vec<_> = query
         .closest_points(&finer.positions(&points))
         .into_iter()

@@ -132,6 +132,8 @@ fn fields(figures: Option<&Figures>) -> Vec<(&'static str, Option<f64>)> {
         ("interior_difference_max", of(&|f| Some(f.interior_difference?.max))),
         ("harmonic_energy", some(&|f| f.harmonic_energy)),
         ("deformation_energy", some(&|f| f.deformation_energy)),
+        ("harmonic_energy_error", of(&|f| Some(f.errors?.harmonic))),
+        ("deformation_energy_error", of(&|f| Some(f.errors?.deformation))),
         ("harmonic_density_median", some(&|f| f.harmonic_density.median)),
         ("harmonic_density_p99", some(&|f| f.harmonic_density.p99)),
         ("harmonic_density_max", some(&|f| f.harmonic_density.max)),

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use solidmap::compare::{BuildTimings, ComparedMethod, MapDifference, MeshSpec};
-use solidmap::energy::{DensityQuantiles, Determinants, DistortionMetrics};
+use solidmap::energy::{DensityQuantiles, Determinants, DistortionMetrics, EnergyErrors};
 use solidmap::fit::BoundaryError;
 
 use crate::shared::input::BoundarySource;
@@ -98,6 +98,9 @@ pub struct Figures {
     /// With both solids at unit volume, as the deformation energy.
     pub harmonic_energy: f64,
     pub deformation_energy: f64,
+    /// Estimated errors of the energies.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub errors: Option<EnergyErrors>,
     pub harmonic_density: DensityQuantiles,
     pub min_det_jacobian: f64,
     pub det_jacobian: Option<Determinants>,

@@ -258,7 +258,7 @@ impl Runner<'_> {
             format!("sources at {} spacings", ALPHAS[k])
         };
         self.methods()
-            .filter(|&method| method != ComparedMethod::MeanValue)
+            .filter(|method| method.is_prepared())
             .map(|method| {
                 let runs = (0..4).map(|k| {
                     let mut job = self.job(Task::Method(method), &format!("study-{}-{k}", method.name()));
@@ -296,7 +296,7 @@ impl Runner<'_> {
             return Vec::new();
         }
         let frames = &self.args.frames;
-        let methods = self.methods().filter(|&method| method != ComparedMethod::MeanValue);
+        let methods = self.methods().filter(|method| method.is_prepared());
         methods
             .map(|method| {
                 let job = self.job(

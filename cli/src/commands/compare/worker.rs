@@ -135,7 +135,10 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: ComparedMethod) -> anyhow
     let peak = peak_rss_bytes();
 
     let evaluator = evaluator(job, boundary)?;
-    tell(format!("measuring at {} points", evaluator.quadrature().points().len()));
+    tell(format!(
+        "measuring from {} points on",
+        evaluator.quadrature().points().len()
+    ));
     let found = evaluator.measure(&*map)?;
     seconds.evaluate = found.evaluate_seconds;
     let samples = evaluator.interior_images(&*map)?;
@@ -152,6 +155,9 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: ComparedMethod) -> anyhow
     }
     // A mesh to count inverted tets of; without a mesher there are no counts.
     let mut remarks = Vec::new();
+    if found.energy.errors.is_none() {
+        remarks.push("no error of the energies: the map has no values at points of a finer grid".into());
+    }
     let on_tets = match tets {
         Some(own) => Some(own),
         None => match carried_mesh(boundary, &spec, given.as_ref(), &*map) {
@@ -184,6 +190,7 @@ fn measured(job: &Job, boundary: &BoundaryMap, method: ComparedMethod) -> anyhow
         interior_difference,
         harmonic_energy: found.energy.harmonic,
         deformation_energy: found.energy.deformation,
+        errors: found.energy.errors,
         harmonic_density: found.energy.harmonic_density,
         min_det_jacobian: determinants.map_or(f64::NAN, |d| d.min),
         det_jacobian: determinants,

@@ -43,7 +43,9 @@ pub fn sequence(
         ComparedMethod::Mfs => sequence_by_fundamental_solutions(job, boundary, &maps)?,
         ComparedMethod::Fem => sequence_by_finite_elements(job, boundary, &maps)?,
         ComparedMethod::Variational => sequence_by_descent(job, boundary, &maps)?,
-        ComparedMethod::MeanValue => anyhow::bail!("mean value coordinates have nothing to keep from frame to frame"),
+        ComparedMethod::MeanValue | ComparedMethod::Bijective => {
+            anyhow::bail!("{} keeps nothing from frame to frame", method.name())
+        }
     };
     figures.skipped = skipped;
     figures.peak_rss_bytes = peak_rss_bytes();

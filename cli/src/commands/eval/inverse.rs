@@ -4,14 +4,14 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 use serde::Serialize;
-use solidmap::inverse::{InverseMap, InverseOptions, InverseReport, Preimage};
+use solidmap::inverse::{InverseOptions, InverseReport, Preimage};
 use solidmap::io::{self, SolidMesh, VtkEncoding, VtkFields};
-use solidmap::map::VolumeMap;
 use solidmap::{Matrix3, Point};
 
 use super::JACOBIAN;
 use crate::CommandOutcome;
 use crate::args::EvalArgs;
+use crate::shared::chosen_map::{ChosenInverse, ChosenMap, MapName};
 use crate::shared::fields::scalar;
 use crate::shared::input::{self, extension};
 use crate::shared::json::FileName;
@@ -22,6 +22,7 @@ use crate::shared::points::{is_table, read_points, status_number, warn_of_preima
 #[derive(Serialize)]
 struct InverseSummary {
     map: FileName,
+    map_kind: MapName,
     output: FileName,
     #[serde(flatten)]
     inverse: InverseReport,
@@ -38,11 +39,9 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         tolerance: args.tolerance,
         ..InverseOptions::default()
     };
-    // Newton's method converges only as far as the sums are accurate.
-    let map = file.map.clone().with_error(0.0);
-    let inverse = InverseMap::new(&map, &boundary, &options)
-        .with_context(|| format!("cannot invert `{}`", args.map.display()))?;
-    let (preimages, report) = inverse.preimages(&points);
+    let chosen = ChosenMap::of(&file, &args.map, &args.choice)?;
+    let inverse = ChosenInverse::of(chosen, &boundary, options);
+    let (preimages, report) = inverse.prepared(&args.map)?.preimages(&points);
     if solid.is_some() && !is_table(&args.output) {
         require_status_if_incomplete(args, &preimages)?;
     }
@@ -52,7 +51,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         Some(solid) if !is_table(&args.output) => write_mesh(&args.output, solid, &preimages)?,
         _ => {
             let places: Vec<Point> = preimages.iter().map(Preimage::position).collect();
-            let jacobians = args.jacobian.then(|| map.jacobian(&places));
+            let jacobians = args.jacobian.then(|| inverse.map().jacobian(&places));
             write_preimages(&args.output, &points, &preimages, jacobians.as_deref())?;
         }
     }
@@ -60,6 +59,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let complete = report.folded + report.not_converged == 0;
     let report = InverseSummary {
         map: (&args.map).into(),
+        map_kind: chosen.name(),
         output: (&args.output).into(),
         inverse: report,
     };
@@ -90,10 +90,13 @@ fn rows(report: &InverseSummary) -> Vec<[String; 2]> {
     let mut rows = vec![
         [
             "points".into(),
-            format!(
-                "{} in {:.3} s ({:.3} s for the seed mesh, {} rounds)",
-                found.points, found.seconds, found.seed_seconds, found.iterations
-            ),
+            match report.map_kind {
+                MapName::Harmonic => format!(
+                    "{} in {:.3} s ({:.3} s for the seed mesh, {} rounds)",
+                    found.points, found.seconds, found.seed_seconds, found.iterations
+                ),
+                MapName::Bijective => format!("{} in {:.3} s, by point location", found.points, found.seconds),
+            },
         ],
         ["ok".into(), found.ok.to_string()],
         [

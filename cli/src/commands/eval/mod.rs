@@ -9,12 +9,12 @@ use serde::Serialize;
 use solidmap::files;
 use solidmap::geometry::{QueryError, are_outside, distance_field, flipped_cells};
 use solidmap::io::{self, SolidMesh};
-use solidmap::map::VolumeMap;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::{Matrix3, Point};
 
 use crate::CommandOutcome;
 use crate::args::EvalArgs;
+use crate::shared::chosen_map::{ChosenMap, MapName};
 use crate::shared::input::{self, extension};
 use crate::shared::json::FileName;
 use crate::shared::output::{Output, two_columns};
@@ -29,6 +29,7 @@ const OUTPUTS: [&str; 10] = ["csv", "npy", "obj", "ply", "off", "stl", "mesh", "
 #[derive(Serialize)]
 struct EvalSummary {
     map: FileName,
+    map_kind: MapName,
     points: usize,
     output: FileName,
     /// Points with NaN or infinite coordinates, and points at sources: they have no image.
@@ -50,13 +51,14 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     }
     output.progress("reading");
     let file = files::read_map(&args.map)?;
+    let chosen = ChosenMap::of(&file, &args.map, &args.choice)?;
     let writes_mesh = !is_table(&args.output);
     let (solid, points) = read_points(&args.points)?;
 
     output.progress(format!("mapping {} points", points.len()));
     let start = std::time::Instant::now();
-    let images = file.map.evaluate(&points);
-    let jacobians = args.jacobian.then(|| file.map.jacobian(&points));
+    let images = chosen.map().evaluate(&points);
+    let jacobians = args.jacobian.then(|| chosen.map().jacobian(&points));
     let seconds = start.elapsed().as_secs_f64();
     let not_finite = images.iter().filter(|p| !is_finite(p)).count();
 
@@ -98,6 +100,7 @@ pub fn run(args: &EvalArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     }
     let report = EvalSummary {
         map: (&args.map).into(),
+        map_kind: chosen.name(),
         points: points.len(),
         output: (&args.output).into(),
         not_finite,

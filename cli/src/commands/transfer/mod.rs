@@ -12,7 +12,7 @@ use serde::Serialize;
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::geometry::count_outside;
-use solidmap::inverse::{InverseMap, InverseOptions, InverseReport, Preimage};
+use solidmap::inverse::{Inverse, InverseOptions, InverseReport, Preimage};
 use solidmap::io::{self, Field, SolidMesh};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::CellList;
@@ -20,6 +20,7 @@ use solidmap::transfer::{FieldMesh, VolumeCheck, resample};
 
 use crate::CommandOutcome;
 use crate::args::TransferArgs;
+use crate::shared::chosen_map::{ChosenInverse, ChosenMap, MapName};
 use crate::shared::fields::{MeshWithFields, fields_of, scalar};
 use crate::shared::input;
 use crate::shared::json::FileName;
@@ -31,6 +32,7 @@ use checks::{FieldSummary, TransferChecks};
 #[derive(Serialize)]
 struct TransferSummary {
     map: FileName,
+    map_kind: MapName,
     output: FileName,
     /// Points that carry the fields.
     points: usize,
@@ -79,6 +81,7 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
     input::require_all_writable(&outputs, &inputs)?;
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
+    let chosen = ChosenMap::of(&file, &args.map, &args.choice)?;
     let given = fields::read(args, &boundary)?;
     let drawn = args
         .png
@@ -89,17 +92,14 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
 
     output.progress(format!("carrying {} points", carrier.points.len()));
     let start = std::time::Instant::now();
-    // Newton's method converges only as far as the sums are accurate.
-    let exact = (args.at.is_some() || args.png.is_some()).then(|| file.map.clone().with_error(0.0));
-    let inverse = exact
-        .as_ref()
-        .map(|map| InverseMap::new(map, &boundary, &InverseOptions::default()))
-        .transpose()
-        .with_context(|| format!("cannot invert `{}`", args.map.display()))?;
+    let to_invert = ChosenInverse::of(chosen, &boundary, InverseOptions::default());
+    let inverse = (args.at.is_some() || args.png.is_some())
+        .then(|| to_invert.prepared(&args.map))
+        .transpose()?;
     let carried = match (&args.at, &inverse) {
-        (Some(at), Some(inverse)) => resampled(at, args, &file.map, inverse, &boundary, carrier)?,
+        (Some(at), Some(inverse)) => resampled(at, args, chosen.map(), &**inverse, &boundary, carrier)?,
         _ => CarriedFields {
-            mesh: given.carried(&file.map)?,
+            mesh: given.carried(chosen.map())?,
             preimages: None,
             inverse: None,
             beyond_carrier: 0,
@@ -111,11 +111,11 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
         .transpose()?;
 
     output.progress("checking volumes");
-    let checks = checks::check(args, &file.map, &boundary, carrier)?;
+    let checks = checks::check(args, chosen.map(), &boundary, carrier)?;
     let png = match (drawn, &inverse) {
         (Some(which), Some(inverse)) => {
             output.progress("drawing");
-            Some(picture::draw(which, args, &boundary, inverse, carrier)?)
+            Some(picture::draw(which, args, &boundary, &**inverse, carrier)?)
         }
         _ => None,
     };
@@ -146,6 +146,7 @@ pub fn run(args: &TransferArgs, output: &Output) -> anyhow::Result<CommandOutcom
     };
     let report = TransferSummary {
         map: (&args.map).into(),
+        map_kind: chosen.name(),
         output: (&args.output).into(),
         points: carrier.points.len(),
         tets,
@@ -197,7 +198,7 @@ fn resampled(
     at: &Path,
     args: &TransferArgs,
     map: &dyn VolumeMap,
-    inverse: &InverseMap,
+    inverse: &dyn Inverse,
     boundary: &BoundaryMap,
     carrier: &FieldMesh,
 ) -> anyhow::Result<CarriedFields> {

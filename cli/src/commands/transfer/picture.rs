@@ -4,7 +4,7 @@ use anyhow::Context;
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::geometry::PlaneSection;
-use solidmap::inverse::{InverseMap, PreimageStatus};
+use solidmap::inverse::{Inverse, PreimageStatus};
 use solidmap::transfer::{FieldMesh, FieldSampler};
 
 use super::fields::{all_fields, distances, is_distance};
@@ -19,7 +19,7 @@ pub fn draw(
     which: usize,
     args: &TransferArgs,
     boundary: &BoundaryMap,
-    inverse: &InverseMap,
+    inverse: &dyn Inverse,
     carrier: &FieldMesh,
 ) -> anyhow::Result<Vec<u8>> {
     let (_, field) = all_fields(carrier).nth(which).context("there is no such field")?;

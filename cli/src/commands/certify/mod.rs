@@ -1,5 +1,7 @@
 //! `solidmap certify`: where a map is proved to be one to one, and where it is proved to fold.
 
+mod bijective;
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -18,6 +20,7 @@ use solidmap::worst_places::{PlaceKind, WorstPlace};
 use crate::CommandOutcome;
 use crate::args::{CertifyArgs, SectionArgs};
 use crate::drawing::{ColourBar, Figure, Panel, Scale, ValueRange, significant};
+use crate::shared::chosen_map::{ChosenMap, MapName};
 use crate::shared::fields::scalar;
 use crate::shared::input;
 use crate::shared::json::FileName;
@@ -31,6 +34,7 @@ const SECTION_PIXELS: usize = 640;
 #[derive(Serialize)]
 struct CertifySummary {
     map: FileName,
+    map_kind: MapName,
     cells: usize,
     /// Proved for the whole domain.
     locally_one_to_one: bool,
@@ -57,6 +61,10 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<CommandOutcome
     };
     output.progress("reading");
     let (file, boundary) = input::read_fitted_map(&args.map)?;
+    let chosen = ChosenMap::of(&file, &args.map, &args.choice)?;
+    if let ChosenMap::Bijective(map) = chosen {
+        return bijective::run(args, map, output);
+    }
     let plane = args.section.plane(boundary.domain());
     let asked = args.png.as_ref().map(|_| {
         let up = args.section.up.into();
@@ -97,6 +105,7 @@ pub fn run(args: &CertifyArgs, output: &Output) -> anyhow::Result<CommandOutcome
     let found = certificate.report;
     let report = CertifySummary {
         map: (&args.map).into(),
+        map_kind: chosen.name(),
         cells: certificate.cells().len(),
         locally_one_to_one: found.stop_reason == StopReason::AllDecided && found.folded.cells == 0,
         certificate: found,
