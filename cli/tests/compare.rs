@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use crate::workplace::{Workplace, json, stderr};
 use serde_json::Value;
-use solidmap::compare::ComparedMethod;
 use solidmap::geometry::SurfaceQuery;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
@@ -325,8 +324,8 @@ fn surfaces_of_different_connectivity_are_named() {
                 assert!(text.contains(fragment), "no `{fragment}` in: {text}");
             }
         }
-        for method in ComparedMethod::ALL {
-            assert!(rows.contains(method.name()), "no {method:?} in: {rows}");
+        for method in METHODS {
+            assert!(rows.contains(method), "no {method} in: {rows}");
         }
     }
     let missing = place

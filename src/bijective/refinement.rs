@@ -98,13 +98,8 @@ pub fn refined_at_boundary(
         images: HashMap::new(),
     };
     refining.until_nearly_linear();
-    for _ in 0..CROSSING_ROUNDS {
-        let Some(find) = find else { break };
-        let sides = refining.crossing_sides(find);
-        if sides.is_empty() || !refining.divide(&sides) {
-            break;
-        }
-        refining.until_nearly_linear();
+    if let Some(find) = find {
+        refining.until_nothing_crosses(find);
     }
     let diagonal = boundary.target_diagonal();
     let (deviation, triangles) = refining.deviation();
@@ -219,19 +214,36 @@ impl Refining<'_> {
         bent
     }
 
-    /// The sides of triangles whose images intersect. What cannot be looked for is found out when the result is certified.
-    fn crossing_sides(&mut self, find: FindSelfIntersections) -> HashSet<[u32; 2]> {
+    /// Divides triangles whose images intersect, as long as that leaves fewer pairs of them: where the map folds, it does not.
+    fn until_nothing_crosses(&mut self, find: FindSelfIntersections) {
+        let (mut pairs, mut sides) = self.crossings(find);
+        for _ in 0..CROSSING_ROUNDS {
+            let before = self.mesh.clone();
+            if pairs == 0 || !self.divide(&sides) {
+                break;
+            }
+            self.until_nearly_linear();
+            let left = self.crossings(find);
+            if left.0 >= pairs {
+                self.mesh = before;
+                break;
+            }
+            (pairs, sides) = left;
+        }
+    }
+
+    /// Pairs of triangles whose images intersect, and the sides of these triangles. What cannot be looked for is found out
+    /// when the result is certified.
+    fn crossings(&mut self, find: FindSelfIntersections) -> (usize, HashSet<[u32; 2]>) {
         let triangles = self.triangles();
         self.map_nodes(&triangles);
         let image = |v: u32| self.images.get(&v).copied().unwrap_or_default();
         let images = (0..self.mesh.vertices().len() as u32).map(image).collect();
         let surface = SurfaceMesh::new(images, triangles.clone()).expect("triangles name nodes");
         let pairs = find(&surface).unwrap_or_default();
-        let crossing: HashSet<u32> = pairs.into_iter().flatten().collect();
-        crossing
-            .into_iter()
-            .flat_map(|t| sides(triangles[t as usize]))
-            .collect()
+        let crossing: HashSet<u32> = pairs.iter().flatten().copied().collect();
+        let of_crossing = crossing.into_iter().flat_map(|t| sides(triangles[t as usize]));
+        (pairs.len(), of_crossing.collect())
     }
 
     /// Divides sides of the boundary's triangles at their midpoints, and all edges of the tetrahedra at these triangles: a
