@@ -1,9 +1,12 @@
 //! Bijective maps: there and back within rounding, the boundary where the boundary map has it, and errors where there is none.
 
-use crate::common::{boundary_map, interior_points, models};
+#[cfg(feature = "native")]
+use crate::common::models;
+use crate::common::{boundary_map, interior_points};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::bijective::{Bijective, BijectiveError, BijectiveMap, BoundaryProof, make_bijective};
 use solidmap::boundary_map::BoundaryMap;
+#[cfg(feature = "native")]
 use solidmap::fit::{FitOptions, fit};
 use solidmap::inverse::PreimageStatus;
 use solidmap::map::VolumeMap;
