@@ -77,7 +77,7 @@ TEST_CASE("a bijective map goes there and back within rounding, and is kept in t
   const auto again = BijectiveMap::of(loaded);
   REQUIRE(again.has_value());
   CHECK(again->evaluate(points) == images);
-  CHECK(loaded.evaluate(points) == map.evaluate(points));
+  CHECK(farthest(loaded.evaluate(points), map.evaluate(points)) < 1e-9);
 }
 
 TEST_CASE("what cannot become one to one throws, and work can be cancelled") {
