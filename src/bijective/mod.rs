@@ -68,30 +68,30 @@ pub enum BijectiveError {
         solid: &'static str,
         /// How many.
         count: usize,
-        /// Of how many.
+        /// Tetrahedra of the mesh.
         tets: usize,
         /// The first of them, 0-based.
         first: usize,
     },
     /// The repair left inverted tetrahedra.
     #[error(
-        "{left} of {tets} tetrahedra stay inverted ({proved} of them provably so, as long as the boundary stays), the worst near \
+        "{left} of {tets} tetrahedra stay inverted ({proved} of them provably so, as long as the boundary stays), one of them near \
          ({x:.4}, {y:.4}, {z:.4}) in the domain; a finer mesh (--mesh) may help, or a boundary map that distorts less there",
         x = place[0], y = place[1], z = place[2]
     )]
     NotRepaired {
         /// How many stay inverted.
         left: usize,
-        /// Of how many.
+        /// Tetrahedra of the mesh.
         tets: usize,
-        /// Of those left, how many cannot be repaired with this boundary.
+        /// Those that are proved to stay inverted as long as the boundary does not move.
         proved: usize,
         /// The centroid of one of them in the domain.
         place: Point,
     },
-    /// The boundary meets itself in the target.
+    /// The boundary of the mesh or of its image meets itself, or does not bound a solid.
     #[error(
-        "the boundary of the image meets itself: {problem}. The boundary map is not one to one there, or the boundary of the \
+        "the boundary of the mesh or of its image is wrong: {problem}. The boundary map is not one to one there, or the boundary of the \
          mesh is too coarse for it (`solidmap boundary check` tells which)"
     )]
     Boundary {

@@ -30,7 +30,7 @@ pub struct Making {
 pub struct BijectiveSummary {
     #[serde(flatten)]
     pub report: BijectiveReport,
-    /// Of the mesh at its boundary, before it was carried.
+    /// How the mesh was refined at its boundary before it was carried.
     pub refinement: BoundaryRefinement,
     #[serde(serialize_with = "crate::shared::json::total_seconds")]
     pub seconds: f64,
