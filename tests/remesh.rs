@@ -968,11 +968,12 @@ fn the_bird_has_no_inverted_tetrahedron_with_its_boundary_fixed() {
     assert_eq!(report.after.cells, [] as [u32; 0], "{report:?}");
 }
 
-/// A cube pressed to a wave that is thinner than the chords of a coarse grid are high. Below and above, these begin and end
-/// at different places.
+/// A cube pressed to a wave. Along its middle it is thinner than the chords of a coarse grid are high, which begin and end
+/// at different places below and above.
 fn wave(p: &Point) -> Point {
     let along = p.x + 0.125 * p.z;
-    Point::new(along, p.y, 0.03 * p.z + 0.5 * (std::f64::consts::PI * along).sin())
+    let thickness = 0.02 + 0.5 * p.y * p.y;
+    Point::new(along, p.y, thickness * p.z + 0.3 * (std::f64::consts::PI * along).sin())
 }
 
 #[test]
@@ -981,7 +982,11 @@ fn a_boundary_that_passes_through_itself_because_it_is_coarse_is_split_until_it_
     let image = cube.vertices().iter().map(wave).collect();
     let (boundary, map) = (BoundaryMap::new(cube, image).unwrap(), Formula(wave));
     let tets = || grid(CellKind::Tets, 4);
-    let result = run(&boundary, &map, tets());
+    let enough = RemeshOptions {
+        most_added: Some(20_000),
+        ..RemeshOptions::default()
+    };
+    let result = run_with(&boundary, &map, tets(), &enough);
     let found = result.report.repair.boundary_split;
     assert!(found.crossings_before > 0 && found.crossings_after == 0, "{found:?}");
     assert!(found.edges > 0 && found.triangles_added == 2 * found.edges && found.cells_added >= 2 * found.edges);
