@@ -1,7 +1,11 @@
 //! Repairs inverted cells by moving inner nodes, with the boundary fixed as long as that suffices, and by splitting
 //! tetrahedra where it does not. The shapes of cells are improved afterwards.
 
+use std::mem::replace;
+
+use super::boundary_split::{BoundaryRefinement, BoundarySplitReport, Unrefined, boundary_at_stuck};
 use super::bounded_mesh::BoundedMesh;
+use super::crossings::crossing_triangles;
 use super::foldover::FoldoverEnergy;
 use super::lbfgs::{Lbfgs, StoppingRule};
 use super::patches::{PatchEffort, repair_patches};
@@ -30,7 +34,14 @@ const MAX_ROUNDS: usize = 100;
 /// How often hexahedra are checked inside and repaired.
 const MAX_INSIDE_CHECKS: usize = 10;
 
-/// Turns of splitting and moving, by either effort, without fewer inverted cells before giving up.
+/// How cells are split and moved in turns, one stage after the other: with which effort, and whether the boundary is split,
+/// too.
+const SPLITTING_STAGES: [(PatchEffort, bool); 3] = [
+    (PatchEffort::FAST, false),
+    (PatchEffort::SLOW, false),
+    (PatchEffort::FAST, true),
+];
+/// Turns of splitting and moving, by any effort, without fewer inverted cells before giving up.
 const MAX_STALLED_TURNS: usize = 3;
 
 /// Scaled Jacobian below which a tetrahedron with all its nodes on the boundary is split although it is not inverted.
@@ -65,6 +76,8 @@ pub struct RepairReport {
     pub rounds: usize,
     /// Iterations of descent in all rounds.
     pub iterations: usize,
+    /// How the boundary of a regular mesh of tetrahedra was split where it passed through itself.
+    pub boundary_split: BoundarySplitReport,
     /// How tetrahedra were split.
     pub split: SplitReport,
     /// The improvement of shapes after the repair.
@@ -122,6 +135,8 @@ pub(super) struct Repair<'a> {
     pub polish_valid: bool,
     /// Whether all cells are polished, or only the lowest: of tetrahedra that are given, most are as good as they were.
     pub polish_all: bool,
+    /// Images of points on the domain's surface, if edges of the boundary may be split.
+    pub boundary_image: Option<&'a dyn Fn(&[Point]) -> Vec<Point>>,
     /// The surface that boundary nodes may slide on, if they may.
     pub sliding_surface: Option<&'a SlidingSurface<'a>>,
     /// Receives rounds and inverted cells; asked in every iteration whether to continue.
@@ -130,9 +145,67 @@ pub(super) struct Repair<'a> {
 
 impl Repair<'_> {
     /// Moves nodes from where they are mapped until no cell is inverted, or as few as possible; polishes the shapes if none
-    /// is left. Returns the positions of the nodes.
+    /// is left. Returns the positions of the nodes. Where the boundary passes through itself it is split first, and left
+    /// unsplit if that leaves more cells inverted.
     pub fn run(&mut self) -> (Vec<Point>, RepairReport) {
-        let mut report = RepairReport::default();
+        let (boundary_split, unrefined) = self.refine_boundary();
+        let (x, report) = self.attempt(boundary_split);
+        let Some((mesh, carried)) = unrefined else {
+            return (x, report);
+        };
+        let bad = self.bad(&x);
+        if bad == (0, 0) || !self.monitor.should_continue() {
+            return (x, report);
+        }
+        let refined = (replace(self.mesh, mesh), replace(self.carried, carried));
+        let unsplit = self.attempt(boundary_split.undone());
+        if self.bad(&unsplit.0) < bad {
+            return unsplit;
+        }
+        (*self.mesh, *self.carried) = refined;
+        (x, report)
+    }
+
+    /// Splits the boundary where it passes through itself. Returns the mesh as it was, if anything was split.
+    fn refine_boundary(&mut self) -> (BoundarySplitReport, Option<Unrefined>) {
+        match self.boundary_refinement(&BoundarySplitReport::default(), &SplitReport::default()) {
+            Some(mut refinement) => refinement.run(),
+            None => Default::default(),
+        }
+    }
+
+    fn boundary_refinement(
+        &mut self,
+        boundary: &BoundarySplitReport,
+        inside: &SplitReport,
+    ) -> Option<BoundaryRefinement<'_>> {
+        Some(BoundaryRefinement {
+            image: self.boundary_image?,
+            // The rest is for the inside.
+            most_added: (self.most_added / 2).min(self.room(boundary, inside) + boundary.cells_added),
+            mesh: self.mesh,
+            carried: self.carried,
+            monitor: self.monitor,
+        })
+    }
+
+    /// How many cells splitting may still add.
+    fn room(&self, boundary: &BoundarySplitReport, inside: &SplitReport) -> usize {
+        self.most_added
+            .saturating_sub(boundary.cells_added + inside.cells_added)
+    }
+
+    /// Inverted cells and pairs of boundary triangles that pass through each other.
+    fn bad(&self, x: &[Point]) -> (usize, usize) {
+        (self.invalid(x), crossing_triangles(&self.mesh.boundary, x).len())
+    }
+
+    /// The repair and the polish, once the boundary does not pass through itself or cannot be helped.
+    fn attempt(&mut self, boundary_split: BoundarySplitReport) -> (Vec<Point>, RepairReport) {
+        let mut report = RepairReport {
+            boundary_split,
+            ..RepairReport::default()
+        };
         let mut x = self.carried.clone();
         let inverted = self.invalid(&x);
         let _ = self.monitor.send((0, inverted));
@@ -186,8 +259,17 @@ impl Repair<'_> {
         // Nothing else can help cells without inner nodes, nor make flat ones better.
         self.split_stuck(x, StuckNodes::OnBoundary, report);
         self.move_patches(x, &PatchEffort::FAST, report);
-        if let (1.., Some(sliding_surface)) = (self.invalid(x), self.sliding_surface) {
-            report.slide = slide(&self.energy_of_all(), x, self.step, sliding_surface, self.monitor);
+        // A boundary that was split follows the target, and does not need to slide.
+        let slides = report.boundary_split.turns == 0;
+        if let (1.., Some(sliding_surface), true) = (self.invalid(x), self.sliding_surface, slides) {
+            report.slide = slide(
+                &self.energy_of_all(),
+                x,
+                self.step,
+                sliding_surface,
+                &self.mesh.on_boundary,
+                self.monitor,
+            );
             self.move_patches(x, &PatchEffort::FAST, report);
         }
         self.move_patches(x, &PatchEffort::SLOW, report);
@@ -195,12 +277,13 @@ impl Repair<'_> {
         if left == 0 {
             return true;
         }
-        let unsplit = (self.mesh.clone(), self.carried.clone(), x.clone(), report.split);
+        let unsplit = (self.mesh.clone(), self.carried.clone(), x.clone(), *report);
         let mut least = left;
-        for effort in [PatchEffort::FAST, PatchEffort::SLOW] {
+        for (effort, splits_boundary) in SPLITTING_STAGES {
             let mut stalled = 0;
             while stalled < MAX_STALLED_TURNS && self.monitor.should_continue() {
-                let any_split = self.split_stuck(x, StuckNodes::All, report);
+                let outside = splits_boundary && self.split_boundary_at_stuck(x, report);
+                let any_split = self.split_stuck(x, StuckNodes::All, report) || outside;
                 self.move_patches(x, &effort, report);
                 let inverted = self.invalid(x);
                 if inverted == 0 {
@@ -214,9 +297,26 @@ impl Repair<'_> {
             }
         }
         if self.invalid(x) >= left {
-            (*self.mesh, *self.carried, *x, report.split) = unsplit;
+            let (rounds, iterations) = (report.rounds, report.iterations);
+            (*self.mesh, *self.carried, *x, *report) = unsplit;
+            (report.rounds, report.iterations) = (rounds, iterations);
         }
         false
+    }
+
+    /// Splits boundary triangles of the cells at the inner nodes of inverted cells: images of points between their corners
+    /// may leave more room. Whether any was split.
+    fn split_boundary_at_stuck(&mut self, x: &mut Vec<Point>, report: &mut RepairReport) -> bool {
+        let inverted = invalid_cells(&self.mesh.cells, x).cells;
+        let triangles = boundary_at_stuck(self.mesh, &inverted);
+        let (mut boundary, inside) = (report.boundary_split, report.split);
+        let before = boundary.edges;
+        if let Some(mut refinement) = self.boundary_refinement(&boundary, &inside) {
+            refinement.split(triangles, &mut boundary);
+        }
+        report.boundary_split = boundary;
+        x.extend(&self.carried[x.len()..]);
+        boundary.edges > before
     }
 
     fn move_patches(&self, x: &mut [Point], effort: &PatchEffort, report: &mut RepairReport) {
@@ -240,7 +340,7 @@ impl Repair<'_> {
             cells.extend((0..).zip(scaled).filter(|(_, s)| s.abs() < FLAT).map(|(cell, _)| cell));
         }
         let simplices = stuck_simplices(self.mesh, &cells, stuck);
-        let room = self.most_added.saturating_sub(report.split.cells_added);
+        let room = self.room(&report.boundary_split, &report.split);
         let added = split(self.mesh, &mut [x, self.carried], simplices, room);
         report.split.turns += usize::from(added > 0);
         report.split.cells_added += added;
@@ -253,7 +353,14 @@ impl Repair<'_> {
         let mut energy = self.energy_of_all();
         let mut left = self.untangle(&energy, &free, x, report);
         if let (1.., Some(sliding_surface)) = (left, self.sliding_surface) {
-            report.slide = slide(&energy, x, self.step, sliding_surface, self.monitor);
+            report.slide = slide(
+                &energy,
+                x,
+                self.step,
+                sliding_surface,
+                &self.mesh.on_boundary,
+                self.monitor,
+            );
             left = energy.inverted(x).len();
         }
         if left > 0 {
