@@ -7,6 +7,7 @@
 //! result is checked from its node positions alone.
 
 mod bounded_mesh;
+mod crossings;
 mod foldover;
 mod given;
 mod grid;
@@ -17,6 +18,7 @@ mod patches;
 mod planes;
 mod polish;
 mod quality;
+mod relax;
 mod repair;
 mod self_intersections;
 mod slide;
@@ -43,6 +45,7 @@ pub use inversion_causes::{InversionCause, InversionCauses, inversion_causes};
 pub use planes::{Polycube, PolycubeError};
 pub use polish::{PolishOutcome, PolishReport};
 pub use quality::{CellQuality, InvalidCells, determinants, invalid_cells, quality, scaled_jacobians};
+pub use relax::RelaxReport;
 pub use repair::{RepairReport, RepairStart, SplitReport};
 pub use self_intersections::BoundaryIntersections;
 pub use slide::SlideReport;
@@ -68,7 +71,8 @@ pub enum RemeshSource {
 pub struct RemeshOptions {
     /// Whether inner nodes are moved until no cell is inverted.
     pub repair: bool,
-    /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
+    /// Whether boundary nodes may slide along the target where inner nodes alone cannot help, and where the boundary of a
+    /// regular mesh passes through itself.
     pub slide: bool,
     /// Largest number of tetrahedra that splitting may add where moving nodes does not suffice; 0 for no splitting. `None`
     /// for a third of those that the mesh has, and 5000.
@@ -383,6 +387,7 @@ fn repaired(
         polish: options.polish,
         polish_valid: options.polish_valid,
         polish_all,
+        is_regular,
         sliding_surface: sliding_surface.as_ref(),
         monitor,
     };
