@@ -928,6 +928,54 @@ fn the_bird_has_no_bad_hexahedron_once_a_few_boundary_nodes_slide() {
     assert_eq!(moved, free.report.slid_nodes);
 }
 
+#[test]
+fn a_coarse_grid_of_the_bird_is_relaxed_until_its_boundary_is_simple_and_no_cell_inverted() {
+    let Some(boundary) = pair("bird_polycube.vtk", "bird_object.vtk") else {
+        return;
+    };
+    let fit = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap();
+    let query = SurfaceQuery::new(&boundary.target()).unwrap();
+    for kind in [CellKind::Tets, CellKind::Hexes] {
+        let found = run(&boundary, &fit.map, grid(kind, 16));
+        let report = &found.report;
+        assert_eq!(report.after.cells, [] as [u32; 0], "{report:?}");
+        assert!(report.repair.relax.nodes > 0 && report.slid_nodes > 0, "{report:?}");
+        for (p, _) in found.images.iter().zip(found.mesh.on_boundary()).filter(|(_, on)| **on) {
+            assert!(query.closest_point(p).distance < 1e-12);
+        }
+        // As near to the target as the chords of the grid as it is mapped.
+        let unrepaired = run_with(&boundary, &fit.map, grid(kind, 16), &UNREPAIRED).report;
+        for [now, mapped] in [
+            [report.target_to_mesh, unrepaired.target_to_mesh],
+            [report.mesh_to_target, unrepaired.mesh_to_target],
+        ] {
+            assert!(now.max < 1.1 * mapped.max, "{now:?} {mapped:?}");
+        }
+        #[cfg(feature = "native")]
+        {
+            let find = |surface: &SurfaceMesh| {
+                solidmap::cgal_tetgen::self_intersections(surface).map_err(|error| error.to_string())
+            };
+            let crossings = found.boundary_intersections(Some(&find));
+            let is_simple = matches!(
+                crossings,
+                solidmap::remesh::BoundaryIntersections::Counted {
+                    as_mapped: 1..,
+                    result: 0
+                }
+            );
+            assert!(is_simple, "{crossings:?}");
+        }
+        let options = RemeshOptions {
+            slide: false,
+            ..RemeshOptions::default()
+        };
+        let fixed = run_with(&boundary, &fit.map, grid(kind, 16), &options).report;
+        assert_eq!((fixed.slid_nodes, fixed.repair.relax.nodes), (0, 0));
+        assert!(!fixed.after.cells.is_empty());
+    }
+}
+
 fn pair(domain: &str, image: &str) -> Option<BoundaryMap> {
     let models = models()?.join("maps");
     let [domain, image] = [domain, image].map(|name| match io::read_solid(models.join(name)).unwrap() {

@@ -19,6 +19,7 @@ mod patches;
 mod planes;
 mod polish;
 mod quality;
+mod relax;
 mod repair;
 mod self_intersections;
 mod slide;
@@ -46,6 +47,7 @@ pub use inversion_causes::{InversionCause, InversionCauses, inversion_causes};
 pub use planes::{Polycube, PolycubeError};
 pub use polish::{PolishOutcome, PolishReport};
 pub use quality::{CellQuality, InvalidCells, determinants, invalid_cells, quality, scaled_jacobians};
+pub use relax::RelaxReport;
 pub use repair::{RepairReport, RepairStart, SplitReport};
 pub use self_intersections::BoundaryIntersections;
 pub use slide::SlideReport;
@@ -72,8 +74,8 @@ pub enum RemeshSource {
 pub struct RemeshOptions {
     /// Whether inner nodes are moved until no cell is inverted.
     pub repair: bool,
-    /// Whether boundary nodes may slide along the target where inner nodes alone cannot help, and whether edges of the
-    /// boundary of a regular mesh of tetrahedra are split where it passes through itself.
+    /// Whether boundary nodes may slide along the target where inner nodes alone cannot help; and whether the boundary of a
+    /// regular mesh is split (tetrahedra) or relaxed where it passes through itself.
     pub slide: bool,
     /// Largest number of tetrahedra that splitting may add where moving nodes does not suffice; 0 for no splitting. `None`
     /// for a third of those that the mesh has, and 5000. Half of it may be used up at the boundary.
@@ -397,6 +399,7 @@ fn repaired(
         polish_valid: options.polish_valid,
         polish_all,
         boundary_image: splits_boundary.then_some(&boundary_image),
+        is_regular,
         sliding_surface: sliding_surface.as_ref(),
         monitor,
     };

@@ -11,6 +11,7 @@ use super::lbfgs::{Lbfgs, StoppingRule};
 use super::patches::{PatchEffort, repair_patches};
 use super::polish::{Polish, PolishOutcome, PolishReport};
 use super::quality::{invalid_cells, inverted_inside, scaled_jacobians};
+use super::relax::{RelaxReport, Relaxation, RelaxationSurface};
 use super::slide::{SlideReport, SlidingSurface, slide};
 use super::split::{StuckNodes, split, stuck_simplices};
 use super::start::better_start;
@@ -84,6 +85,8 @@ pub struct RepairReport {
     pub polish: PolishReport,
     /// How boundary nodes slid on the target, where fixed ones left inverted cells.
     pub slide: SlideReport,
+    /// How boundary nodes were relaxed, where boundary triangles passed through each other or sliding left inverted cells.
+    pub relax: RelaxReport,
 }
 
 /// ε of the next round, from the least determinant so far.
@@ -137,6 +140,9 @@ pub(super) struct Repair<'a> {
     pub polish_all: bool,
     /// Images of points on the domain's surface, if edges of the boundary may be split.
     pub boundary_image: Option<&'a dyn Fn(&[Point]) -> Vec<Point>>,
+    /// Whether the mesh is a regular grid, whose boundary is relaxed where it passes through itself; a given boundary is no
+    /// matter of the grid's.
+    pub is_regular: bool,
     /// The surface that boundary nodes may slide on, if they may.
     pub sliding_surface: Option<&'a SlidingSurface<'a>>,
     /// Receives rounds and inverted cells; asked in every iteration whether to continue.
@@ -212,7 +218,7 @@ impl Repair<'_> {
         let anything_inverted = inverted > 0;
         // Hexahedra that the energy is evaluated inside, too.
         let mut inside = Vec::new();
-        let all_repaired = !anything_inverted
+        let all_repaired = !(anything_inverted || self.faulty_crossings(&x))
             || match self.mesh.cells {
                 CellList::Tets(_) => self.untangle_tets(&mut x, &mut report),
                 CellList::Hexes(_) => self.untangle_hexes(&mut x, &mut inside, &mut report),
@@ -249,8 +255,8 @@ impl Repair<'_> {
         invalid_cells(&self.mesh.cells, x).cells.len()
     }
 
-    /// Whether no cell is inverted afterwards. Nodes near inverted cells move; then boundary nodes slide; then cells are
-    /// split where nodes are stuck, in turns with moving them.
+    /// Whether no cell is inverted afterwards. Nodes near inverted cells move; then boundary nodes slide; then cells are split
+    /// where nodes are stuck, in turns with moving them; what is left is relaxed.
     fn untangle_tets(&mut self, x: &mut Vec<Point>, report: &mut RepairReport) -> bool {
         if let Some(better) = better_start(self.mesh, x) {
             *x = better;
@@ -260,19 +266,21 @@ impl Repair<'_> {
         self.split_stuck(x, StuckNodes::OnBoundary, report);
         self.move_patches(x, &PatchEffort::FAST, report);
         // A boundary that was split follows the target, and does not need to slide.
-        let slides = report.boundary_split.turns == 0;
-        if let (1.., Some(sliding_surface), true) = (self.invalid(x), self.sliding_surface, slides) {
-            report.slide = slide(
-                &self.energy_of_all(),
-                x,
-                self.step,
-                sliding_surface,
-                &self.mesh.on_boundary,
-                self.monitor,
-            );
+        if report.boundary_split.turns == 0 && self.sliding_surface.is_some() && self.invalid(x) > 0 {
+            self.slide(x, report);
             self.move_patches(x, &PatchEffort::FAST, report);
         }
         self.move_patches(x, &PatchEffort::SLOW, report);
+        let all_right = self.split_and_move(x, report);
+        if all_right && !self.faulty_crossings(x) {
+            return true;
+        }
+        let helps = self.relax_boundary(x, true, report);
+        if helps { self.split_and_move(x, report) } else { all_right }
+    }
+
+    /// Whether no cell is inverted afterwards. Cells are split where nodes are stuck, in turns with moving them.
+    fn split_and_move(&mut self, x: &mut Vec<Point>, report: &mut RepairReport) -> bool {
         let left = self.invalid(x);
         if left == 0 {
             return true;
@@ -319,6 +327,66 @@ impl Repair<'_> {
         boundary.edges > before
     }
 
+    /// Relaxes the boundary, if it may move, where its triangles pass through each other and, if `cells` says so, near
+    /// invalid cells. Returns whether that helped.
+    fn relax_boundary(&self, x: &mut Vec<Point>, cells: bool, report: &mut RepairReport) -> bool {
+        let Some(sliding_surface) = self.sliding_surface else {
+            return false;
+        };
+        let relaxation = Relaxation {
+            mesh: self.mesh,
+            anchors: self.carried,
+            surface: &RelaxationSurface::new(sliding_surface.target, &sliding_surface.query),
+            monitor: self.monitor,
+        };
+        relaxation.run(x, cells, &mut report.relax)
+    }
+
+    /// Slides boundary nodes near inverted cells, if they may.
+    fn slide(&self, x: &mut Vec<Point>, report: &mut RepairReport) {
+        if let Some(sliding_surface) = self.sliding_surface {
+            report.slide = slide(
+                &self.energy_of_all(),
+                x,
+                self.step,
+                sliding_surface,
+                &self.mesh.on_boundary,
+                self.monitor,
+            );
+        }
+    }
+
+    /// Where relaxation left faults, repairs the mesh from the start by sliding instead, and takes that if it leaves fewer;
+    /// returns whether it does.
+    fn or_slid(
+        &self,
+        x: &mut Vec<Point>,
+        mut start: Vec<Point>,
+        report: &mut RepairReport,
+        slide: impl FnOnce(&Self, &mut Vec<Point>, &mut RepairReport),
+    ) -> bool {
+        let faults = |x: &[Point]| self.invalid(x) + crossing_triangles(&self.mesh.boundary, x).len();
+        let left = faults(x);
+        if left == 0 || self.sliding_surface.is_none() || !self.monitor.should_continue() {
+            return false;
+        }
+        let before = *report;
+        slide(self, &mut start, report);
+        let helps = faults(&start) < left;
+        if helps {
+            *x = start;
+            report.relax = RelaxReport::default();
+        } else {
+            report.slide = before.slide;
+        }
+        helps
+    }
+
+    /// Whether boundary triangles of a regular grid pass through each other, and may move.
+    fn faulty_crossings(&self, x: &[Point]) -> bool {
+        self.is_regular && self.sliding_surface.is_some() && !crossing_triangles(&self.mesh.boundary, x).is_empty()
+    }
+
     fn move_patches(&self, x: &mut [Point], effort: &PatchEffort, report: &mut RepairReport) {
         for &rings in effort.rings {
             let left = self.invalid(x);
@@ -351,16 +419,19 @@ impl Repair<'_> {
     fn untangle_hexes(&self, x: &mut Vec<Point>, inside: &mut Vec<u32>, report: &mut RepairReport) -> bool {
         let free = self.inner_nodes();
         let mut energy = self.energy_of_all();
+        let must_be_simple = self.faulty_crossings(x);
+        let mut is_relaxed = false;
         let mut left = self.untangle(&energy, &free, x, report);
-        if let (1.., Some(sliding_surface)) = (left, self.sliding_surface) {
-            report.slide = slide(
-                &energy,
-                x,
-                self.step,
-                sliding_surface,
-                &self.mesh.on_boundary,
-                self.monitor,
-            );
+        if must_be_simple {
+            let untangled = x.clone();
+            self.relax_boundary(x, true, report);
+            is_relaxed = !self.or_slid(x, untangled, report, |repair, x, report| repair.slide(x, report));
+            left = energy.inverted(x).len();
+        } else if left > 0 {
+            self.slide(x, report);
+            left = energy.inverted(x).len();
+        }
+        if left > 0 && !is_relaxed && self.relax_boundary(x, true, report) {
             left = energy.inverted(x).len();
         }
         if left > 0 {

@@ -109,6 +109,7 @@ impl SlidingSurface<'_> {
             TangentConstraint {
                 free,
                 normal: area.try_normalize(0.0).unwrap_or_else(Vector::zeros),
+                along: None,
                 anchor: start[v as usize],
                 stiffness: self.stiffness,
             }

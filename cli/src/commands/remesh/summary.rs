@@ -194,8 +194,12 @@ pub fn table(report: &RemeshSummary) -> String {
             match found.slid_nodes {
                 0 => "every node exactly where the boundary map puts it".into(),
                 slid => format!(
-                    "{slid} nodes slid along the target, by {} of a cell at most, {} of the diagonal; the others did \
+                    "{slid} nodes slid along the target{}, by {} of a cell at most, {} of the diagonal; the others did \
                      not move",
+                    match repair.relax.nodes {
+                        0 => "",
+                        _ => ", relaxed where the boundary passed through itself or sliding left inverted cells",
+                    },
                     significant(found.largest_slide_in_cells, 2),
                     significant(found.largest_slide, 2)
                 ),
