@@ -276,7 +276,11 @@ impl Repair<'_> {
             return true;
         }
         let helps = self.relax_boundary(x, true, report);
-        if helps { self.split_and_move(x, report) } else { all_right }
+        if helps {
+            self.split_and_move(x, report)
+        } else {
+            all_right
+        }
     }
 
     /// Whether no cell is inverted afterwards. Cells are split where nodes are stuck, in turns with moving them.
