@@ -47,12 +47,15 @@ impl BoundarySplitReport {
     }
 }
 
+/// Images of points on the domain's surface.
+pub(super) type BoundaryImage<'a> = &'a dyn Fn(&[Point]) -> Vec<Point>;
+
 /// What a refinement of the boundary works on: a mesh of tetrahedra and the images of its nodes.
 pub(super) struct BoundaryRefinement<'a> {
     pub mesh: &'a mut BoundedMesh,
     pub carried: &'a mut Vec<Point>,
     /// Images of points on the domain's surface.
-    pub image: &'a dyn Fn(&[Point]) -> Vec<Point>,
+    pub image: BoundaryImage<'a>,
     /// Largest number of tetrahedra that may be added.
     pub most_added: usize,
     pub monitor: &'a ProgressSender<'a, (usize, usize)>,

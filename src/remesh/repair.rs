@@ -1,9 +1,9 @@
 //! Repairs inverted cells by moving inner nodes, with the boundary fixed as long as that suffices, and by splitting
 //! tetrahedra where it does not. The shapes of cells are improved afterwards.
 
-use std::mem::replace;
+use std::mem::{replace, swap};
 
-use super::boundary_split::{BoundaryRefinement, BoundarySplitReport, Unrefined, boundary_at_stuck};
+use super::boundary_split::{BoundaryImage, BoundaryRefinement, BoundarySplitReport, Unrefined, boundary_at_stuck};
 use super::bounded_mesh::BoundedMesh;
 use super::crossings::crossing_triangles;
 use super::foldover::FoldoverEnergy;
@@ -139,7 +139,7 @@ pub(super) struct Repair<'a> {
     /// Whether all cells are polished, or only the lowest: of tetrahedra that are given, most are as good as they were.
     pub polish_all: bool,
     /// Images of points on the domain's surface, if edges of the boundary may be split.
-    pub boundary_image: Option<&'a dyn Fn(&[Point]) -> Vec<Point>>,
+    pub boundary_image: Option<BoundaryImage<'a>>,
     /// Whether the mesh is a regular grid, whose boundary is relaxed where it passes through itself; a given boundary is no
     /// matter of the grid's.
     pub is_regular: bool,
@@ -151,24 +151,31 @@ pub(super) struct Repair<'a> {
 
 impl Repair<'_> {
     /// Moves nodes from where they are mapped until no cell is inverted, or as few as possible; polishes the shapes if none
-    /// is left. Returns the positions of the nodes. Where the boundary passes through itself it is split first, and left
-    /// unsplit if that leaves more cells inverted.
+    /// is left. Returns the positions of the nodes. Where the boundary passes through itself both is tried, to split it and
+    /// to leave it unsplit, unless the first is good; the better result stays.
     pub fn run(&mut self) -> (Vec<Point>, RepairReport) {
-        let (boundary_split, unrefined) = self.refine_boundary();
-        let (x, report) = self.attempt(boundary_split);
-        let Some((mesh, carried)) = unrefined else {
-            return (x, report);
+        let (boundary_split, unsplit) = self.refine_boundary();
+        let Some(mut other) = unsplit else {
+            return self.attempt(boundary_split);
         };
+        let (mut first, mut second) = (boundary_split, boundary_split.undone());
+        // Splitting that does not suffice is less likely to help than to take long.
+        if boundary_split.crossings_after > 0 {
+            swap(self.mesh, &mut other.0);
+            swap(self.carried, &mut other.1);
+            swap(&mut first, &mut second);
+        }
+        let (x, report) = self.attempt(first);
         let bad = self.bad(&x);
         if bad == (0, 0) || !self.monitor.should_continue() {
             return (x, report);
         }
-        let refined = (replace(self.mesh, mesh), replace(self.carried, carried));
-        let unsplit = self.attempt(boundary_split.undone());
-        if self.bad(&unsplit.0) < bad {
-            return unsplit;
+        let attempted = (replace(self.mesh, other.0), replace(self.carried, other.1));
+        let again = self.attempt(second);
+        if self.bad(&again.0) < bad {
+            return again;
         }
-        (*self.mesh, *self.carried) = refined;
+        (*self.mesh, *self.carried) = attempted;
         (x, report)
     }
 
