@@ -257,6 +257,11 @@ impl Repair<'_> {
         nodes.filter(|&v| !self.mesh.on_boundary[v as usize]).collect()
     }
 
+    /// Invalid cells, and pairs of boundary triangles that pass through each other.
+    fn faults(&self, x: &[Point]) -> usize {
+        self.invalid(x) + crossing_triangles(&self.mesh.boundary, x).len()
+    }
+
     /// How many cells are invalid, exactly.
     fn invalid(&self, x: &[Point]) -> usize {
         invalid_cells(&self.mesh.cells, x).cells.len()
@@ -376,14 +381,13 @@ impl Repair<'_> {
         report: &mut RepairReport,
         slide: impl FnOnce(&Self, &mut Vec<Point>, &mut RepairReport),
     ) -> bool {
-        let faults = |x: &[Point]| self.invalid(x) + crossing_triangles(&self.mesh.boundary, x).len();
-        let left = faults(x);
+        let left = self.faults(x);
         if left == 0 || self.sliding_surface.is_none() || !self.monitor.should_continue() {
             return false;
         }
         let before = *report;
         slide(self, &mut start, report);
-        let helps = faults(&start) < left;
+        let helps = self.faults(&start) < left;
         if helps {
             *x = start;
             report.relax = RelaxReport::default();
@@ -434,9 +438,18 @@ impl Repair<'_> {
         let mut is_relaxed = false;
         let mut left = self.untangle(&energy, &free, x, report);
         if must_be_simple {
+            // Sliding is stiffer, and moves nodes less.
             let untangled = x.clone();
-            self.relax_boundary(x, true, report);
-            is_relaxed = !self.or_slid(x, untangled, report, |repair, x, report| repair.slide(x, report));
+            self.slide(x, report);
+            let by_sliding = self.faults(x);
+            if by_sliding > 0 {
+                let (slid, slide) = (std::mem::replace(x, untangled), std::mem::take(&mut report.slide));
+                self.relax_boundary(x, true, report);
+                is_relaxed = self.faults(x) <= by_sliding;
+                if !is_relaxed {
+                    (*x, report.slide, report.relax) = (slid, slide, RelaxReport::default());
+                }
+            }
             left = energy.inverted(x).len();
         } else if left > 0 {
             self.slide(x, report);
