@@ -42,6 +42,8 @@ const SPLITTING_STAGES: [(PatchEffort, bool); 3] = [
     (PatchEffort::SLOW, false),
     (PatchEffort::FAST, true),
 ];
+/// Largest part of the boundary's edges that are split before the boundary is tried unsplit.
+const MOST_SPLIT_FIRST: f64 = 0.02;
 /// Turns of splitting and moving, by any effort, without fewer inverted cells before giving up.
 const MAX_STALLED_TURNS: usize = 3;
 
@@ -159,8 +161,9 @@ impl Repair<'_> {
             return self.attempt(boundary_split);
         };
         let (mut first, mut second) = (boundary_split, boundary_split.undone());
-        // Splitting that does not suffice is less likely to help than to take long.
-        if boundary_split.crossings_after > 0 {
+        // Splitting that does not suffice, or much of it, is less likely to help than to take long.
+        let most = MOST_SPLIT_FIRST * 1.5 * other.0.boundary.len() as f64;
+        if boundary_split.crossings_after > 0 || boundary_split.edges as f64 > most {
             swap(self.mesh, &mut other.0);
             swap(self.carried, &mut other.1);
             swap(&mut first, &mut second);
@@ -276,10 +279,16 @@ impl Repair<'_> {
         }
         // Nothing else can help cells without inner nodes, nor make flat ones better.
         self.split_stuck(x, StuckNodes::OnBoundary, report);
+        let must_be_simple = self.faulty_crossings(x);
         self.move_patches(x, &PatchEffort::FAST, report);
         // A boundary that was split follows the target, and does not need to slide.
         if report.boundary_split.turns == 0 && self.sliding_surface.is_some() && self.invalid(x) > 0 {
             self.slide(x, report);
+            self.move_patches(x, &PatchEffort::FAST, report);
+        }
+        // Sliding moves nodes less than relaxation does.
+        if must_be_simple && (self.invalid(x) > 0 || self.faulty_crossings(x)) {
+            self.relax_boundary(x, true, report);
             self.move_patches(x, &PatchEffort::FAST, report);
         }
         self.move_patches(x, &PatchEffort::SLOW, report);
@@ -370,31 +379,6 @@ impl Repair<'_> {
                 self.monitor,
             );
         }
-    }
-
-    /// Where relaxation left faults, repairs the mesh from the start by sliding instead, and takes that if it leaves fewer;
-    /// returns whether it does.
-    fn or_slid(
-        &self,
-        x: &mut Vec<Point>,
-        mut start: Vec<Point>,
-        report: &mut RepairReport,
-        slide: impl FnOnce(&Self, &mut Vec<Point>, &mut RepairReport),
-    ) -> bool {
-        let left = self.faults(x);
-        if left == 0 || self.sliding_surface.is_none() || !self.monitor.should_continue() {
-            return false;
-        }
-        let before = *report;
-        slide(self, &mut start, report);
-        let helps = self.faults(&start) < left;
-        if helps {
-            *x = start;
-            report.relax = RelaxReport::default();
-        } else {
-            report.slide = before.slide;
-        }
-        helps
     }
 
     /// Whether boundary triangles of a regular grid pass through each other, and may move.
