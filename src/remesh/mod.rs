@@ -78,7 +78,8 @@ pub struct RemeshOptions {
     /// regular mesh is split (tetrahedra) or relaxed where it passes through itself.
     pub slide: bool,
     /// Largest number of tetrahedra that splitting may add where moving nodes does not suffice; 0 for no splitting. `None`
-    /// for a third of those that the mesh has, and 5000. Half of it may be used up at the boundary.
+    /// for a third of those that the mesh has, and 5000. Half of it may be used up at the boundary of
+    /// a regular mesh, where much splitting comes before moving nodes only if a number is given.
     pub most_added: Option<usize>,
     /// Largest number of iterations of the polish, which improves the shapes of cells after the repair; 0 for none. It
     /// never lowers the least scaled Jacobian nor its 1 % quantile: it ends where it would, or is undone.
@@ -399,6 +400,7 @@ fn repaired(
         polish_valid: options.polish_valid,
         polish_all,
         boundary_image: splits_boundary.then_some(&boundary_image),
+        splits_first: options.most_added.is_some(),
         is_regular,
         sliding_surface: sliding_surface.as_ref(),
         monitor,
@@ -520,7 +522,7 @@ pub fn memory_estimate(kind: CellKind, cells: usize, grid_points: usize, domain:
 }
 
 /// Bytes of the program itself, and of what its threads keep.
-const PROGRAM: f64 = 19e6;
+const PROGRAM: f64 = 23e6;
 /// Bytes for each vertex of the domain: both surfaces, and the map's sources.
 const PER_VERTEX: f64 = 1000.0;
 /// Bytes for each point of the grid, inside the domain or not: the index of its node, and whether its box is filled.

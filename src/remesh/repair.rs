@@ -142,6 +142,8 @@ pub(super) struct Repair<'a> {
     pub polish_all: bool,
     /// Images of points on the domain's surface, if edges of the boundary may be split.
     pub boundary_image: Option<BoundaryImage<'a>>,
+    /// Whether much splitting at the boundary, too, comes before moving its nodes.
+    pub splits_first: bool,
     /// Whether the mesh is a regular grid, whose boundary is relaxed where it passes through itself; a given boundary is no
     /// matter of the grid's.
     pub is_regular: bool,
@@ -163,7 +165,8 @@ impl Repair<'_> {
         let (mut first, mut second) = (boundary_split, boundary_split.undone());
         // Splitting that does not suffice, or much of it, is less likely to help than to take long.
         let most = MOST_SPLIT_FIRST * 1.5 * other.0.boundary.len() as f64;
-        if boundary_split.crossings_after > 0 || boundary_split.edges as f64 > most {
+        let is_much = boundary_split.edges as f64 > most && !self.splits_first;
+        if boundary_split.crossings_after > 0 || is_much {
             swap(self.mesh, &mut other.0);
             swap(self.carried, &mut other.1);
             swap(&mut first, &mut second);
