@@ -565,6 +565,27 @@ fn a_polish_keeps_the_sizes_of_a_graded_mesh() {
 }
 
 #[test]
+fn boundary_nodes_may_slide_after_tetrahedra_of_a_given_mesh_were_split() {
+    // All nodes are on the boundary, so that there are inner ones only after splitting; a corner is pulled through the
+    // opposite side, which no inner node can repair.
+    let domain = shapes::cube(2.0, 1);
+    let pulled = |p: &Point| {
+        if *p == Point::new(1.0, 1.0, 1.0) {
+            Point::new(-3.0, -2.0, -2.5)
+        } else {
+            *p
+        }
+    };
+    let image = domain.vertices().iter().map(pulled).collect();
+    let boundary = BoundaryMap::new(domain, image).unwrap();
+    let report = run(&boundary, &Formula(|p: &Point| *p), RemeshSource::Given(kuhn(1))).report;
+    assert!(
+        report.repair.split.cells_added > 0 && !report.after.cells.is_empty(),
+        "{report:?}"
+    );
+}
+
+#[test]
 fn boundary_nodes_slide_even_if_there_are_no_inner_nodes() {
     // A plate of one layer. One quad of its upper side is folded by the boundary map.
     let count = 24;
@@ -907,6 +928,54 @@ fn the_bird_has_no_bad_hexahedron_once_a_few_boundary_nodes_slide() {
     assert_eq!(moved, free.report.slid_nodes);
 }
 
+#[test]
+fn a_coarse_grid_of_the_bird_is_relaxed_until_its_boundary_is_simple_and_no_cell_inverted() {
+    let Some(boundary) = pair("bird_polycube.vtk", "bird_object.vtk") else {
+        return;
+    };
+    let fit = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap();
+    let query = SurfaceQuery::new(&boundary.target()).unwrap();
+    for kind in [CellKind::Tets, CellKind::Hexes] {
+        let found = run(&boundary, &fit.map, grid(kind, 16));
+        let report = &found.report;
+        assert_eq!(report.after.cells, [] as [u32; 0], "{report:?}");
+        assert!(report.repair.relax.nodes > 0 && report.slid_nodes > 0, "{report:?}");
+        for (p, _) in found.images.iter().zip(found.mesh.on_boundary()).filter(|(_, on)| **on) {
+            assert!(query.closest_point(p).distance < 1e-12);
+        }
+        // As near to the target as the chords of the grid as it is mapped.
+        let unrepaired = run_with(&boundary, &fit.map, grid(kind, 16), &UNREPAIRED).report;
+        for [now, mapped] in [
+            [report.target_to_mesh, unrepaired.target_to_mesh],
+            [report.mesh_to_target, unrepaired.mesh_to_target],
+        ] {
+            assert!(now.max < 1.1 * mapped.max, "{now:?} {mapped:?}");
+        }
+        #[cfg(feature = "native")]
+        {
+            let find = |surface: &SurfaceMesh| {
+                solidmap::cgal_tetgen::self_intersections(surface).map_err(|error| error.to_string())
+            };
+            let crossings = found.boundary_intersections(Some(&find));
+            let is_simple = matches!(
+                crossings,
+                solidmap::remesh::BoundaryIntersections::Counted {
+                    as_mapped: 1..,
+                    result: 0
+                }
+            );
+            assert!(is_simple, "{crossings:?}");
+        }
+        let options = RemeshOptions {
+            slide: false,
+            ..RemeshOptions::default()
+        };
+        let fixed = run_with(&boundary, &fit.map, grid(kind, 16), &options).report;
+        assert_eq!((fixed.slid_nodes, fixed.repair.relax.nodes), (0, 0));
+        assert!(!fixed.after.cells.is_empty());
+    }
+}
+
 fn pair(domain: &str, image: &str) -> Option<BoundaryMap> {
     let models = models()?.join("maps");
     let [domain, image] = [domain, image].map(|name| match io::read_solid(models.join(name)).unwrap() {
@@ -945,6 +1014,95 @@ fn the_bird_has_no_inverted_tetrahedron_with_its_boundary_fixed() {
     let report = run(&boundary, &fit.map, tets).report;
     assert!(!report.before.cells.is_empty());
     assert_eq!(report.after.cells, [] as [u32; 0], "{report:?}");
+}
+
+/// A cube pressed to a wave. Along its middle it is thinner than the chords of a coarse grid are high, which begin and end
+/// at different places below and above.
+fn wave(p: &Point) -> Point {
+    let along = p.x + 0.125 * p.z;
+    let thickness = 0.02 + 0.5 * p.y * p.y;
+    Point::new(along, p.y, thickness * p.z + 0.3 * (std::f64::consts::PI * along).sin())
+}
+
+#[test]
+fn a_boundary_that_passes_through_itself_because_it_is_coarse_is_split_until_it_does_not() {
+    let cube = shapes::cube(2.0, 32);
+    let image = cube.vertices().iter().map(wave).collect();
+    let (boundary, map) = (BoundaryMap::new(cube, image).unwrap(), Formula(wave));
+    let tets = || grid(CellKind::Tets, 4);
+    let enough = RemeshOptions {
+        most_added: Some(20_000),
+        ..RemeshOptions::default()
+    };
+    let result = run_with(&boundary, &map, tets(), &enough);
+    let found = result.report.repair.boundary_split;
+    assert!(found.crossings_before > 0 && found.crossings_after == 0, "{found:?}");
+    assert!(found.edges > 0 && found.triangles_added == 2 * found.edges && found.cells_added >= 2 * found.edges);
+    assert_eq!(result.report.after.cells, [] as [u32; 0]);
+    assert_eq!(result.report.slid_nodes, 0);
+    let whole = 6 * 4 * 4 * 4;
+    let inside = result.report.repair.split.cells_added;
+    assert_eq!(result.mesh.cells().len(), whole + found.cells_added + inside);
+
+    // New nodes of the boundary are on the cube, and where the boundary map sends them.
+    let query = SurfaceQuery::new(&boundary.target()).unwrap();
+    for (v, p) in result.mesh.nodes().iter().enumerate() {
+        let is_outside = p.iter().any(|x| x.abs() == 1.0);
+        assert_eq!(is_outside, result.mesh.on_boundary()[v]);
+        assert!(!is_outside || query.closest_point(&result.images[v]).distance < 1e-12);
+    }
+    assert!(invalid_cells(result.mesh.cells(), result.mesh.nodes()).cells.is_empty());
+    let nodes = result.mesh.nodes().to_vec();
+    let outside = SurfaceMesh::new(nodes, result.mesh.boundary().to_vec()).unwrap();
+    assert!((outside.volume() - 8.0).abs() < 1e-12);
+    let outer = faces(&result.mesh).into_values().filter(|cells| *cells == 1).count();
+    assert_eq!(outer, result.mesh.boundary().len());
+    assert_eq!(result.mesh.parts().len(), result.mesh.boundary().len());
+
+    for options in [
+        RemeshOptions {
+            slide: false,
+            ..RemeshOptions::default()
+        },
+        RemeshOptions {
+            most_added: Some(0),
+            ..RemeshOptions::default()
+        },
+    ] {
+        let fixed = run_with(&boundary, &map, tets(), &options);
+        assert_eq!(
+            (fixed.report.repair.boundary_split.edges, fixed.mesh.cells().len()),
+            (0, whole)
+        );
+    }
+    // Where nothing passes through itself, nothing is split.
+    let fine = run(&boundary, &map, grid(CellKind::Tets, 16))
+        .report
+        .repair
+        .boundary_split;
+    assert_eq!((fine.crossings_before, fine.edges), (0, 0));
+}
+
+#[test]
+fn the_bird_with_few_cells_has_no_inverted_tetrahedron_once_its_boundary_is_split() {
+    let Some(boundary) = pair("bird_polycube.vtk", "bird_object.vtk") else {
+        return;
+    };
+    let fit = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap();
+    let tets = || grid(CellKind::Tets, 16);
+    let report = run(&boundary, &fit.map, tets()).report;
+    assert_eq!(report.after.cells, [] as [u32; 0], "{report:?}");
+    let found = report.repair.boundary_split;
+    assert!(
+        found.crossings_before > 0 && found.crossings_after == 0 && found.edges < 20,
+        "{found:?}"
+    );
+    let options = RemeshOptions {
+        slide: false,
+        ..RemeshOptions::default()
+    };
+    let fixed = run_with(&boundary, &fit.map, tets(), &options).report;
+    assert!(!fixed.after.cells.is_empty(), "{fixed:?}");
 }
 
 /// A case of VOLMAP's group G1: the map by finite elements, and the mesh.

@@ -307,6 +307,8 @@ pub(super) mod ffi {
         slid_nodes: usize,
         largest_slide: f64,
         cells_added: usize,
+        boundary_edges_split: usize,
+        boundary_cells_added: usize,
         from_finite_elements: bool,
         seconds: f64,
         worst_places: Vec<WorstPlace>,

@@ -221,6 +221,8 @@ impl RemeshResult {
                 slid_nodes: report.slid_nodes,
                 largest_slide: report.largest_slide,
                 cells_added: report.repair.split.cells_added,
+                boundary_edges_split: report.repair.boundary_split.edges,
+                boundary_cells_added: report.repair.boundary_split.cells_added,
                 from_finite_elements: report.repair.start == RepairStart::FiniteElements,
                 seconds: report.seconds.total,
                 worst_places: self.0.worst_places(LISTED).iter().map(worst_place).collect(),

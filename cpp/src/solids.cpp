@@ -71,6 +71,8 @@ Remeshed converted(const rust::Box<ffi::RemeshResult>& remeshed) {
   report.slid_nodes = found.slid_nodes;
   report.largest_slide = found.largest_slide;
   report.cells_added = found.cells_added;
+  report.boundary_edges_split = found.boundary_edges_split;
+  report.boundary_cells_added = found.boundary_cells_added;
   report.from_finite_elements = found.from_finite_elements;
   report.seconds = found.seconds;
   report.worst_places = detail::converted(found.worst_places);

@@ -242,23 +242,15 @@ impl FoldoverEnergy {
 
 impl FoldoverEnergy {
     /// For each of the nodes `free` the 3 × 3 block of the Hessian on its diagonal, without the curvature of `χ`: the
-    /// energy is convex in the Jacobian, `d` and `χ` together, so that the blocks are positive semi-definite. For
-    /// hexahedra all blocks are the identity.
+    /// energy is convex in the Jacobian, `d` and `χ` together, so that the blocks are positive semi-definite. Of
+    /// hexahedra only their corners count.
     pub fn diagonal_blocks(&self, x: &[Point], epsilon: f64, free: &[u32]) -> Vec<Matrix3> {
-        let ReferenceCells::Tets { corners, rest, weights } = &self.cells else {
-            return vec![Matrix3::identity(); free.len()];
-        };
+        let per_cell = self.cells.corners();
         let block = |&v: &u32| {
             let uses = self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
             let of_use = |&use_: &u32| {
-                let (cell, corner) = (use_ as usize / 4, use_ as usize % 4);
-                let jacobian = edges(corners[cell].map(|v| x[v as usize])) * rest[cell];
-                // Moving the corner by u adds u sᵀ to the Jacobian.
-                let slope = match corner {
-                    0 => -(rest[cell].row_sum().transpose()),
-                    k => rest[cell].row(k - 1).transpose(),
-                };
-                block_of_jacobian(&jacobian, &slope, epsilon) * weights[cell]
+                self.cells
+                    .block(use_ as usize / per_cell, use_ as usize % per_cell, x, epsilon)
             };
             self.uses[uses].iter().map(of_use).sum()
         };
@@ -330,6 +322,37 @@ impl ReferenceCells {
         match self {
             Self::Tets { .. } => 4,
             Self::Hexes { .. } => 8,
+        }
+    }
+
+    /// The block of the Hessian for a corner of a cell.
+    fn block(&self, cell: usize, corner: usize, x: &[Point], epsilon: f64) -> Matrix3 {
+        match self {
+            Self::Tets { corners, rest, weights } => {
+                let jacobian = edges(corners[cell].map(|v| x[v as usize])) * rest[cell];
+                // Moving the corner by u adds u sᵀ to the Jacobian.
+                let slope = match corner {
+                    0 => -(rest[cell].row_sum().transpose()),
+                    k => rest[cell].row(k - 1).transpose(),
+                };
+                block_of_jacobian(&jacobian, &slope, epsilon) * weights[cell]
+            }
+            Self::Hexes { corners, scales, .. } => {
+                let (p, scale) = (corners[cell].map(|v| x[v as usize]), &scales[cell]);
+                let of_corner = |(c, axes): (&[usize; 4], &[usize; 3])| {
+                    let place = c.iter().position(|&k| k == corner)?;
+                    let sizes = Vector::from(axes.map(|axis| scale[axis]));
+                    let mut jacobian = edges(c.map(|k| p[k]));
+                    (0..3).for_each(|k| jacobian.column_mut(k).scale_mut(sizes[k]));
+                    let slope = match place {
+                        0 => -sizes,
+                        k => Vector::ith(k - 1, sizes[k - 1]),
+                    };
+                    Some(block_of_jacobian(&jacobian, &slope, epsilon))
+                };
+                let blocks: Matrix3 = HEX_CORNERS.iter().zip(&HEX_AXES).filter_map(of_corner).sum();
+                blocks / (8 * corners.len()) as f64
+            }
         }
     }
 
@@ -565,6 +588,33 @@ mod tests {
             for block in energy.diagonal_blocks(&x, epsilon, &free) {
                 let least = block.symmetric_eigenvalues().min();
                 assert!(least > -1e-12 * block.norm() && block.norm() > 0.0, "{block}");
+            }
+        }
+    }
+
+    #[test]
+    fn diagonal_blocks_of_a_sound_hexahedron_are_second_derivatives() {
+        let (_, mut x) = hex();
+        x[6] = Point::new(1.1, 0.9, 1.2);
+        let energy = FoldoverEnergy::of_hexes_with(vec![[0, 1, 2, 3, 4, 5, 6, 7]], &[[1.1, 0.9, 1.2]], 8);
+        let free: Vec<u32> = (0..8).collect();
+        let blocks = energy.diagonal_blocks(&x, 1e-9, &free);
+        let gradient = |x: &[Point]| {
+            let mut gradient = vec![Vector::zeros(); 8];
+            energy.evaluate(x, 1e-9, &free, &mut vec![], &mut gradient);
+            gradient
+        };
+        let h = 1e-5;
+        for v in 0..8 {
+            for k in 0..3 {
+                let at = |step: f64| {
+                    let mut moved = x.clone();
+                    moved[v][k] += step;
+                    gradient(&moved)[v]
+                };
+                let column = (at(h) - at(-h)) / (2.0 * h);
+                let off = (column - blocks[v].column(k)).norm();
+                assert!(off < 1e-5 * blocks[v].norm(), "{v} {k}: {off}");
             }
         }
     }

@@ -29,7 +29,7 @@ pub(super) struct Lbfgs<'a> {
     /// Constraints on some of the free nodes.
     pub constraints: Vec<TangentConstraint>,
     /// Whether directions are preconditioned by the blocks of the Hessian on its diagonal, one for each node, as they
-    /// are at the start of a run. For tetrahedra only.
+    /// are at the start of a run.
     pub has_block_preconditioner: bool,
     parts: Vec<Vector>,
     /// Largest displacement of a node in a first step without a preconditioner.
@@ -45,9 +45,24 @@ pub(super) struct TangentConstraint {
     pub free: usize,
     /// Unit normal of the plane that it moves in.
     pub normal: Vector,
+    /// Unit vector of the line that it moves along, if it may not move in the whole plane.
+    pub along: Option<Vector>,
     /// A spring pulls it here: `stiffness` times the squared distance is added to the energy.
     pub anchor: Point,
     pub stiffness: f64,
+}
+
+impl TangentConstraint {
+    /// The inverse of a block with the spring's, in the directions that the node moves in, and zero in the others.
+    fn inverse_block(&self, block: &Matrix3) -> Matrix3 {
+        let allowed = match self.along {
+            Some(along) => along * along.transpose(),
+            None => Matrix3::identity() - self.normal * self.normal.transpose(),
+        };
+        let spring = Matrix3::identity() * (2.0 * self.stiffness);
+        let others = (Matrix3::identity() - allowed) * block.trace();
+        allowed * inverse_block(&(allowed * (block + spring) * allowed + others)) * allowed
+    }
 }
 
 /// When to stop.
@@ -101,7 +116,11 @@ impl<'a> Lbfgs<'a> {
         let mut state = self.state(std::mem::take(x), epsilon);
         let blocks = self.has_block_preconditioner.then(|| {
             let blocks = self.energy.diagonal_blocks(&state.x, epsilon, self.free);
-            blocks.iter().map(inverse_block).collect::<Vec<_>>()
+            let mut inverse: Vec<Matrix3> = blocks.iter().map(inverse_block).collect();
+            for constraint in &self.constraints {
+                inverse[constraint.free] = constraint.inverse_block(&blocks[constraint.free]);
+            }
+            inverse
         });
         let blocks = blocks.as_deref();
         let mut memory: VecDeque<(Vec<Vector>, Vec<Vector>, f64)> = VecDeque::with_capacity(MEMORY);
@@ -174,6 +193,9 @@ impl<'a> Lbfgs<'a> {
             let slope = &mut gradient[constraint.free];
             *slope += 2.0 * constraint.stiffness * away;
             *slope -= constraint.normal * constraint.normal.dot(slope);
+            if let Some(along) = constraint.along {
+                *slope = along * along.dot(slope);
+            }
         }
         LbfgsState { x, gradient, value }
     }

@@ -6,7 +6,9 @@
 //! ([`Garanzha et al. 2021`](https://doi.org/10.1145/3450626.3459847)); tetrahedra are split where nodes are stuck. The
 //! result is checked from its node positions alone.
 
+mod boundary_split;
 mod bounded_mesh;
+mod crossings;
 mod foldover;
 mod given;
 mod grid;
@@ -17,6 +19,7 @@ mod patches;
 mod planes;
 mod polish;
 mod quality;
+mod relax;
 mod repair;
 mod self_intersections;
 mod slide;
@@ -36,6 +39,7 @@ use crate::mesh::{CellList, CellMesh, SurfaceMesh, SurfacePoint};
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::statistics::quantiles;
 
+pub use boundary_split::BoundarySplitReport;
 pub use bounded_mesh::{BoundedMesh, CellSetBoundary};
 pub use given::{GivenMesh, GivenMeshError, given_mesh};
 pub use grid::{CellKind, CellSize, cell_count, grid_points, regular_mesh};
@@ -43,6 +47,7 @@ pub use inversion_causes::{InversionCause, InversionCauses, inversion_causes};
 pub use planes::{Polycube, PolycubeError};
 pub use polish::{PolishOutcome, PolishReport};
 pub use quality::{CellQuality, InvalidCells, determinants, invalid_cells, quality, scaled_jacobians};
+pub use relax::RelaxReport;
 pub use repair::{RepairReport, RepairStart, SplitReport};
 pub use self_intersections::BoundaryIntersections;
 pub use slide::SlideReport;
@@ -69,10 +74,12 @@ pub enum RemeshSource {
 pub struct RemeshOptions {
     /// Whether inner nodes are moved until no cell is inverted.
     pub repair: bool,
-    /// Whether boundary nodes may slide along the target where inner nodes alone cannot help.
+    /// Whether boundary nodes may slide along the target where inner nodes alone cannot help; and whether the boundary of a
+    /// regular mesh is split (tetrahedra) or relaxed where it passes through itself.
     pub slide: bool,
     /// Largest number of tetrahedra that splitting may add where moving nodes does not suffice; 0 for no splitting. `None`
-    /// for a third of those that the mesh has, and 5000.
+    /// for a third of those that the mesh has, and 5000. Half of it may be used up at the boundary of
+    /// a regular mesh, where much splitting comes before moving nodes only if a number is given.
     pub most_added: Option<usize>,
     /// Largest number of iterations of the polish, which improves the shapes of cells after the repair; 0 for none. It
     /// never lowers the least scaled Jacobian nor its 1 % quantile: it ends where it would, or is undone.
@@ -255,6 +262,8 @@ pub struct Remeshed {
     pub images: Vec<Point>,
     /// What was done, and measurements of the result.
     pub report: RemeshReport,
+    /// The boundary before its edges were split, if they were.
+    unsplit_boundary: Option<Vec<[u32; 3]>>,
 }
 
 /// Maps a mesh of the domain of `boundary` to its target, and repairs inverted cells.
@@ -290,6 +299,7 @@ pub fn remesh<A: ProgressResponse>(
     let mapped = start.elapsed().as_secs_f64();
 
     let as_mapped = AsMapped::of(&prepared.mesh, &carried);
+    let unsplit_boundary = prepared.mesh.boundary.clone();
     let target = boundary.target_surface().cloned().unwrap_or_else(|| boundary.target());
     let (images, repair) = if options.repair {
         let is_regular = prepared.cell_size.is_some();
@@ -314,6 +324,9 @@ pub fn remesh<A: ProgressResponse>(
         verify: total - repaired,
         total,
     };
+    if remeshed.report.repair.boundary_split.edges > 0 {
+        remeshed.unsplit_boundary = Some(unsplit_boundary);
+    }
     Ok(remeshed)
 }
 
@@ -369,10 +382,12 @@ fn repaired(
         sliding_surface = Some(slide::SlidingSurface {
             target,
             query: SurfaceQuery::with_winding_sign(target)?,
-            on_boundary: mesh.on_boundary.clone(),
             stiffness: slide::stiffness(mesh.cells.len(), mean_boundary_edge(mesh, carried)),
         });
     }
+    let domain = SurfaceQuery::with_winding_sign(boundary.domain())?;
+    let boundary_image = |points: &[Point]| boundary.evaluate(&surface_points(&domain, points));
+    let splits_boundary = options.slide && is_regular && matches!(mesh.cells, CellList::Tets(_));
     let cells = mesh.cells.len();
     let polish_all = options.polish_valid || is_regular || matches!(mesh.cells, CellList::Hexes(_));
     let mut repair = repair::Repair {
@@ -384,6 +399,9 @@ fn repaired(
         polish: options.polish,
         polish_valid: options.polish_valid,
         polish_all,
+        boundary_image: splits_boundary.then_some(&boundary_image),
+        splits_first: options.most_added.is_some(),
+        is_regular,
         sliding_surface: sliding_surface.as_ref(),
         monitor,
     };
@@ -479,6 +497,7 @@ fn verified(
         carried,
         images,
         report,
+        unsplit_boundary: None,
     })
 }
 
@@ -503,7 +522,7 @@ pub fn memory_estimate(kind: CellKind, cells: usize, grid_points: usize, domain:
 }
 
 /// Bytes of the program itself, and of what its threads keep.
-const PROGRAM: f64 = 19e6;
+const PROGRAM: f64 = 23e6;
 /// Bytes for each vertex of the domain: both surfaces, and the map's sources.
 const PER_VERTEX: f64 = 1000.0;
 /// Bytes for each point of the grid, inside the domain or not: the index of its node, and whether its box is filled.
@@ -536,19 +555,23 @@ fn mapped_nodes(mesh: &BoundedMesh, boundary: &BoundaryMap, map: &dyn VolumeMap)
         nodes.filter(|(_, is)| **is == on).map(|(p, _)| *p).collect()
     };
     let query = SurfaceQuery::with_winding_sign(boundary.domain())?;
-    let places: Vec<SurfacePoint> = query
-        .closest_points(&select(true))
-        .iter()
-        .map(|found| SurfacePoint {
-            triangle: found.triangle as u32,
-            barycentric: found.barycentric,
-        })
-        .collect();
+    let places = surface_points(&query, &select(true));
     let mut outer = boundary.evaluate(&places).into_iter();
     let mut inner = map.evaluate(&select(false)).into_iter();
     let image = |&on: &bool| if on { outer.next() } else { inner.next() };
     let images = mesh.on_boundary.iter().map(image);
     Ok(images.map(|p| p.unwrap_or(Point::from([f64::NAN; 3]))).collect())
+}
+
+/// The points of a surface that are closest to these.
+fn surface_points(surface: &SurfaceQuery, points: &[Point]) -> Vec<SurfacePoint> {
+    let found = surface.closest_points(points).into_iter();
+    found
+        .map(|found| SurfacePoint {
+            triangle: found.triangle as u32,
+            barycentric: found.barycentric,
+        })
+        .collect()
 }
 
 /// The boundary of the mesh with its nodes at `positions`; inner nodes are vertices without triangles.

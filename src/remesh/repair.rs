@@ -1,12 +1,17 @@
 //! Repairs inverted cells by moving inner nodes, with the boundary fixed as long as that suffices, and by splitting
 //! tetrahedra where it does not. The shapes of cells are improved afterwards.
 
+use std::mem::{replace, swap};
+
+use super::boundary_split::{BoundaryImage, BoundaryRefinement, BoundarySplitReport, Unrefined, boundary_at_stuck};
 use super::bounded_mesh::BoundedMesh;
+use super::crossings::crossing_triangles;
 use super::foldover::FoldoverEnergy;
 use super::lbfgs::{Lbfgs, StoppingRule};
 use super::patches::{PatchEffort, repair_patches};
 use super::polish::{Polish, PolishOutcome, PolishReport};
 use super::quality::{invalid_cells, inverted_inside, scaled_jacobians};
+use super::relax::{RelaxReport, Relaxation, RelaxationSurface};
 use super::slide::{SlideReport, SlidingSurface, slide};
 use super::split::{StuckNodes, split, stuck_simplices};
 use super::start::better_start;
@@ -30,7 +35,16 @@ const MAX_ROUNDS: usize = 100;
 /// How often hexahedra are checked inside and repaired.
 const MAX_INSIDE_CHECKS: usize = 10;
 
-/// Turns of splitting and moving, by either effort, without fewer inverted cells before giving up.
+/// How cells are split and moved in turns, one stage after the other: with which effort, and whether the boundary is split,
+/// too.
+const SPLITTING_STAGES: [(PatchEffort, bool); 3] = [
+    (PatchEffort::FAST, false),
+    (PatchEffort::SLOW, false),
+    (PatchEffort::FAST, true),
+];
+/// Largest part of the boundary's edges that are split before the boundary is tried unsplit.
+const MOST_SPLIT_FIRST: f64 = 0.02;
+/// Turns of splitting and moving, by any effort, without fewer inverted cells before giving up.
 const MAX_STALLED_TURNS: usize = 3;
 
 /// Scaled Jacobian below which a tetrahedron with all its nodes on the boundary is split although it is not inverted.
@@ -65,12 +79,16 @@ pub struct RepairReport {
     pub rounds: usize,
     /// Iterations of descent in all rounds.
     pub iterations: usize,
+    /// How the boundary of a regular mesh of tetrahedra was split where it passed through itself.
+    pub boundary_split: BoundarySplitReport,
     /// How tetrahedra were split.
     pub split: SplitReport,
     /// The improvement of shapes after the repair.
     pub polish: PolishReport,
     /// How boundary nodes slid on the target, where fixed ones left inverted cells.
     pub slide: SlideReport,
+    /// How boundary nodes were relaxed, where boundary triangles passed through each other or sliding left inverted cells.
+    pub relax: RelaxReport,
 }
 
 /// ε of the next round, from the least determinant so far.
@@ -122,6 +140,13 @@ pub(super) struct Repair<'a> {
     pub polish_valid: bool,
     /// Whether all cells are polished, or only the lowest: of tetrahedra that are given, most are as good as they were.
     pub polish_all: bool,
+    /// Images of points on the domain's surface, if edges of the boundary may be split.
+    pub boundary_image: Option<BoundaryImage<'a>>,
+    /// Whether much splitting at the boundary, too, comes before moving its nodes.
+    pub splits_first: bool,
+    /// Whether the mesh is a regular grid, whose boundary is relaxed where it passes through itself; a given boundary is no
+    /// matter of the grid's.
+    pub is_regular: bool,
     /// The surface that boundary nodes may slide on, if they may.
     pub sliding_surface: Option<&'a SlidingSurface<'a>>,
     /// Receives rounds and inverted cells; asked in every iteration whether to continue.
@@ -130,16 +155,83 @@ pub(super) struct Repair<'a> {
 
 impl Repair<'_> {
     /// Moves nodes from where they are mapped until no cell is inverted, or as few as possible; polishes the shapes if none
-    /// is left. Returns the positions of the nodes.
+    /// is left. Returns the positions of the nodes. Where the boundary passes through itself both is tried, to split it and
+    /// to leave it unsplit, unless the first is good; the better result stays.
     pub fn run(&mut self) -> (Vec<Point>, RepairReport) {
-        let mut report = RepairReport::default();
+        let (boundary_split, unsplit) = self.refine_boundary();
+        let Some(mut other) = unsplit else {
+            return self.attempt(boundary_split);
+        };
+        let (mut first, mut second) = (boundary_split, boundary_split.undone());
+        // Splitting that does not suffice, or much of it, is less likely to help than to take long.
+        let most = MOST_SPLIT_FIRST * 1.5 * other.0.boundary.len() as f64;
+        let is_much = boundary_split.edges as f64 > most && !self.splits_first;
+        if boundary_split.crossings_after > 0 || is_much {
+            swap(self.mesh, &mut other.0);
+            swap(self.carried, &mut other.1);
+            swap(&mut first, &mut second);
+        }
+        let (x, report) = self.attempt(first);
+        let bad = self.bad(&x);
+        if bad == (0, 0) || !self.monitor.should_continue() {
+            return (x, report);
+        }
+        let attempted = (replace(self.mesh, other.0), replace(self.carried, other.1));
+        let again = self.attempt(second);
+        if self.bad(&again.0) < bad {
+            return again;
+        }
+        (*self.mesh, *self.carried) = attempted;
+        (x, report)
+    }
+
+    /// Splits the boundary where it passes through itself. Returns the mesh as it was, if anything was split.
+    fn refine_boundary(&mut self) -> (BoundarySplitReport, Option<Unrefined>) {
+        match self.boundary_refinement(&BoundarySplitReport::default(), &SplitReport::default()) {
+            Some(mut refinement) => refinement.run(),
+            None => Default::default(),
+        }
+    }
+
+    fn boundary_refinement(
+        &mut self,
+        boundary: &BoundarySplitReport,
+        inside: &SplitReport,
+    ) -> Option<BoundaryRefinement<'_>> {
+        Some(BoundaryRefinement {
+            image: self.boundary_image?,
+            // The rest is for the inside.
+            most_added: (self.most_added / 2).min(self.room(boundary, inside) + boundary.cells_added),
+            mesh: self.mesh,
+            carried: self.carried,
+            monitor: self.monitor,
+        })
+    }
+
+    /// How many cells splitting may still add.
+    fn room(&self, boundary: &BoundarySplitReport, inside: &SplitReport) -> usize {
+        self.most_added
+            .saturating_sub(boundary.cells_added + inside.cells_added)
+    }
+
+    /// Inverted cells and pairs of boundary triangles that pass through each other.
+    fn bad(&self, x: &[Point]) -> (usize, usize) {
+        (self.invalid(x), crossing_triangles(&self.mesh.boundary, x).len())
+    }
+
+    /// The repair and the polish, once the boundary does not pass through itself or cannot be helped.
+    fn attempt(&mut self, boundary_split: BoundarySplitReport) -> (Vec<Point>, RepairReport) {
+        let mut report = RepairReport {
+            boundary_split,
+            ..RepairReport::default()
+        };
         let mut x = self.carried.clone();
         let inverted = self.invalid(&x);
         let _ = self.monitor.send((0, inverted));
         let anything_inverted = inverted > 0;
         // Hexahedra that the energy is evaluated inside, too.
         let mut inside = Vec::new();
-        let all_repaired = !anything_inverted
+        let all_repaired = !(anything_inverted || self.faulty_crossings(&x))
             || match self.mesh.cells {
                 CellList::Tets(_) => self.untangle_tets(&mut x, &mut report),
                 CellList::Hexes(_) => self.untangle_hexes(&mut x, &mut inside, &mut report),
@@ -171,13 +263,18 @@ impl Repair<'_> {
         nodes.filter(|&v| !self.mesh.on_boundary[v as usize]).collect()
     }
 
+    /// Invalid cells, and pairs of boundary triangles that pass through each other.
+    fn faults(&self, x: &[Point]) -> usize {
+        self.invalid(x) + crossing_triangles(&self.mesh.boundary, x).len()
+    }
+
     /// How many cells are invalid, exactly.
     fn invalid(&self, x: &[Point]) -> usize {
         invalid_cells(&self.mesh.cells, x).cells.len()
     }
 
-    /// Whether no cell is inverted afterwards. Nodes near inverted cells move; then boundary nodes slide; then cells are
-    /// split where nodes are stuck, in turns with moving them.
+    /// Whether no cell is inverted afterwards. Nodes near inverted cells move; then boundary nodes slide; then cells are split
+    /// where nodes are stuck, in turns with moving them; what is left is relaxed.
     fn untangle_tets(&mut self, x: &mut Vec<Point>, report: &mut RepairReport) -> bool {
         if let Some(better) = better_start(self.mesh, x) {
             *x = better;
@@ -185,22 +282,44 @@ impl Repair<'_> {
         }
         // Nothing else can help cells without inner nodes, nor make flat ones better.
         self.split_stuck(x, StuckNodes::OnBoundary, report);
+        let must_be_simple = self.faulty_crossings(x);
         self.move_patches(x, &PatchEffort::FAST, report);
-        if let (1.., Some(sliding_surface)) = (self.invalid(x), self.sliding_surface) {
-            report.slide = slide(&self.energy_of_all(), x, self.step, sliding_surface, self.monitor);
+        // A boundary that was split follows the target, and does not need to slide.
+        if report.boundary_split.turns == 0 && self.sliding_surface.is_some() && self.invalid(x) > 0 {
+            self.slide(x, report);
+            self.move_patches(x, &PatchEffort::FAST, report);
+        }
+        // Sliding moves nodes less than relaxation does.
+        if must_be_simple && (self.invalid(x) > 0 || self.faulty_crossings(x)) {
+            self.relax_boundary(x, true, report);
             self.move_patches(x, &PatchEffort::FAST, report);
         }
         self.move_patches(x, &PatchEffort::SLOW, report);
+        let all_right = self.split_and_move(x, report);
+        if all_right && !self.faulty_crossings(x) {
+            return true;
+        }
+        let helps = self.relax_boundary(x, true, report);
+        if helps {
+            self.split_and_move(x, report)
+        } else {
+            all_right
+        }
+    }
+
+    /// Whether no cell is inverted afterwards. Cells are split where nodes are stuck, in turns with moving them.
+    fn split_and_move(&mut self, x: &mut Vec<Point>, report: &mut RepairReport) -> bool {
         let left = self.invalid(x);
         if left == 0 {
             return true;
         }
-        let unsplit = (self.mesh.clone(), self.carried.clone(), x.clone(), report.split);
+        let unsplit = (self.mesh.clone(), self.carried.clone(), x.clone(), *report);
         let mut least = left;
-        for effort in [PatchEffort::FAST, PatchEffort::SLOW] {
+        for (effort, splits_boundary) in SPLITTING_STAGES {
             let mut stalled = 0;
             while stalled < MAX_STALLED_TURNS && self.monitor.should_continue() {
-                let any_split = self.split_stuck(x, StuckNodes::All, report);
+                let outside = splits_boundary && self.split_boundary_at_stuck(x, report);
+                let any_split = self.split_stuck(x, StuckNodes::All, report) || outside;
                 self.move_patches(x, &effort, report);
                 let inverted = self.invalid(x);
                 if inverted == 0 {
@@ -214,9 +333,60 @@ impl Repair<'_> {
             }
         }
         if self.invalid(x) >= left {
-            (*self.mesh, *self.carried, *x, report.split) = unsplit;
+            let (rounds, iterations) = (report.rounds, report.iterations);
+            (*self.mesh, *self.carried, *x, *report) = unsplit;
+            (report.rounds, report.iterations) = (rounds, iterations);
         }
         false
+    }
+
+    /// Splits boundary triangles of the cells at the inner nodes of inverted cells: images of points between their corners
+    /// may leave more room. Whether any was split.
+    fn split_boundary_at_stuck(&mut self, x: &mut Vec<Point>, report: &mut RepairReport) -> bool {
+        let inverted = invalid_cells(&self.mesh.cells, x).cells;
+        let triangles = boundary_at_stuck(self.mesh, &inverted);
+        let (mut boundary, inside) = (report.boundary_split, report.split);
+        let before = boundary.edges;
+        if let Some(mut refinement) = self.boundary_refinement(&boundary, &inside) {
+            refinement.split(triangles, &mut boundary);
+        }
+        report.boundary_split = boundary;
+        x.extend(&self.carried[x.len()..]);
+        boundary.edges > before
+    }
+
+    /// Relaxes the boundary, if it may move, where its triangles pass through each other and, if `cells` says so, near
+    /// invalid cells. Returns whether that helped.
+    fn relax_boundary(&self, x: &mut Vec<Point>, cells: bool, report: &mut RepairReport) -> bool {
+        let Some(sliding_surface) = self.sliding_surface else {
+            return false;
+        };
+        let relaxation = Relaxation {
+            mesh: self.mesh,
+            anchors: self.carried,
+            surface: &RelaxationSurface::new(sliding_surface.target, &sliding_surface.query),
+            monitor: self.monitor,
+        };
+        relaxation.run(x, cells, &mut report.relax)
+    }
+
+    /// Slides boundary nodes near inverted cells, if they may.
+    fn slide(&self, x: &mut Vec<Point>, report: &mut RepairReport) {
+        if let Some(sliding_surface) = self.sliding_surface {
+            report.slide = slide(
+                &self.energy_of_all(),
+                x,
+                self.step,
+                sliding_surface,
+                &self.mesh.on_boundary,
+                self.monitor,
+            );
+        }
+    }
+
+    /// Whether boundary triangles of a regular grid pass through each other, and may move.
+    fn faulty_crossings(&self, x: &[Point]) -> bool {
+        self.is_regular && self.sliding_surface.is_some() && !crossing_triangles(&self.mesh.boundary, x).is_empty()
     }
 
     fn move_patches(&self, x: &mut [Point], effort: &PatchEffort, report: &mut RepairReport) {
@@ -240,7 +410,7 @@ impl Repair<'_> {
             cells.extend((0..).zip(scaled).filter(|(_, s)| s.abs() < FLAT).map(|(cell, _)| cell));
         }
         let simplices = stuck_simplices(self.mesh, &cells, stuck);
-        let room = self.most_added.saturating_sub(report.split.cells_added);
+        let room = self.room(&report.boundary_split, &report.split);
         let added = split(self.mesh, &mut [x, self.carried], simplices, room);
         report.split.turns += usize::from(added > 0);
         report.split.cells_added += added;
@@ -251,9 +421,28 @@ impl Repair<'_> {
     fn untangle_hexes(&self, x: &mut Vec<Point>, inside: &mut Vec<u32>, report: &mut RepairReport) -> bool {
         let free = self.inner_nodes();
         let mut energy = self.energy_of_all();
+        let must_be_simple = self.faulty_crossings(x);
         let mut left = self.untangle(&energy, &free, x, report);
-        if let (1.., Some(sliding_surface)) = (left, self.sliding_surface) {
-            report.slide = slide(&energy, x, self.step, sliding_surface, self.monitor);
+        if left > 0 || must_be_simple {
+            // Sliding is stiffer, and moves nodes less.
+            let untangled = x.clone();
+            self.slide(x, report);
+            if self.invalid(x) > 0 || self.faulty_crossings(x) {
+                self.relax_boundary(x, true, report);
+            }
+            let faults = self.faults(x);
+            if must_be_simple && faults > 0 {
+                let mut other = untangled;
+                let mut relaxed = RepairReport {
+                    slide: SlideReport::default(),
+                    relax: RelaxReport::default(),
+                    ..*report
+                };
+                self.relax_boundary(&mut other, true, &mut relaxed);
+                if self.faults(&other) < faults {
+                    (*x, *report) = (other, relaxed);
+                }
+            }
             left = energy.inverted(x).len();
         }
         if left > 0 {

@@ -31,14 +31,15 @@ impl Remeshed {
             let reason = "it needs CGAL, which this build does not have".into();
             return BoundaryIntersections::NotCounted { reason };
         };
-        let pairs = |positions: &[Point]| {
-            let surface = SurfaceMesh::new(positions.to_vec(), self.mesh.boundary().to_vec());
+        let pairs = |positions: &[Point], boundary: &[[u32; 3]]| {
+            let surface = SurfaceMesh::new(positions.to_vec(), boundary.to_vec());
             find(&surface.map_err(|error| error.to_string())?).map(|pairs| pairs.len())
         };
         let count = || {
-            let as_mapped = pairs(&self.carried)?;
-            let result = if self.report.slid_nodes > 0 {
-                pairs(&self.images)?
+            let boundary = self.mesh.boundary();
+            let as_mapped = pairs(&self.carried, self.unsplit_boundary.as_deref().unwrap_or(boundary))?;
+            let result = if self.report.slid_nodes > 0 || self.unsplit_boundary.is_some() {
+                pairs(&self.images, boundary)?
             } else {
                 as_mapped
             };

@@ -46,7 +46,6 @@ pub(super) fn stiffness(cells: usize, edge: f64) -> f64 {
 pub(super) struct SlidingSurface<'a> {
     pub target: &'a SurfaceMesh,
     pub query: SurfaceQuery,
-    pub on_boundary: Vec<bool>,
     /// Stiffness of the springs that hold sliding nodes, in units of the whole energy.
     pub stiffness: f64,
 }
@@ -58,6 +57,7 @@ pub(super) fn slide(
     x: &mut Vec<Point>,
     step: f64,
     sliding_surface: &SlidingSurface,
+    on_boundary: &[bool],
     monitor: &ProgressSender<(usize, usize)>,
 ) -> SlideReport {
     let mut report = SlideReport::default();
@@ -65,16 +65,16 @@ pub(super) fn slide(
     let bad = energy.inverted(x);
     let (mut best, mut rings) = (Best::new(bad.len(), x), FIRST_RINGS);
     let mut epsilon = 1.0;
-    let mut sliding = sliding_surface.near(energy, &bad, rings);
-    let most = MAX_SLIDING_PART * sliding_surface.on_boundary.iter().filter(|is| **is).count() as f64;
+    let mut sliding = near(energy, &bad, rings, on_boundary);
+    let most = MAX_SLIDING_PART * on_boundary.iter().filter(|is| **is).count() as f64;
     let mut slid = 0;
     while monitor.should_continue() && best.inverted > 0 && rings <= MAX_RINGS && sliding.len() as f64 <= most {
         slid = sliding.len();
         let free: Vec<u32> = (0..x.len() as u32)
-            .filter(|&v| !sliding_surface.on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
+            .filter(|&v| !on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
             .collect();
         let mut descent = Lbfgs::new(energy, &free, step, monitor);
-        descent.constraints = sliding_surface.constraints(x, &start, &free);
+        descent.constraints = sliding_surface.constraints(x, &start, &free, on_boundary);
         let (value, iterations) = descent.run(x, epsilon, &ROUND);
         report.rounds += 1;
         report.iterations += iterations;
@@ -84,7 +84,7 @@ pub(super) fn slide(
         if best.stalled == MAX_STALLED {
             (best.stalled, rings, epsilon) = (0, rings + 1, 1.0);
             x.clone_from(&best.nodes);
-            sliding = sliding_surface.near(energy, &energy.inverted(x), rings);
+            sliding = near(energy, &energy.inverted(x), rings, on_boundary);
         }
     }
     *x = best.nodes;
@@ -92,23 +92,24 @@ pub(super) fn slide(
     report
 }
 
-impl SlidingSurface<'_> {
-    /// Boundary nodes within `rings` rings of these cells, ascending.
-    fn near(&self, energy: &FoldoverEnergy, cells: &[u32], rings: usize) -> Vec<u32> {
-        let mut nodes = energy.rings(cells, rings);
-        nodes.retain(|&v| self.on_boundary[v as usize]);
-        nodes
-    }
+/// Boundary nodes within `rings` rings of these cells, ascending.
+fn near(energy: &FoldoverEnergy, cells: &[u32], rings: usize, on_boundary: &[bool]) -> Vec<u32> {
+    let mut nodes = energy.rings(cells, rings);
+    nodes.retain(|&v| on_boundary[v as usize]);
+    nodes
+}
 
+impl SlidingSurface<'_> {
     /// For the boundary nodes among the free ones, the tangent planes of the target and springs to their start.
-    fn constraints(&self, x: &[Point], start: &[Point], free: &[u32]) -> Vec<TangentConstraint> {
-        let sliding = free.iter().enumerate().filter(|(_, v)| self.on_boundary[**v as usize]);
+    fn constraints(&self, x: &[Point], start: &[Point], free: &[u32], on_boundary: &[bool]) -> Vec<TangentConstraint> {
+        let sliding = free.iter().enumerate().filter(|(_, v)| on_boundary[**v as usize]);
         let constraint = |(free, &v): (usize, &u32)| {
             let found = self.query.closest_point(&x[v as usize]);
             let area = self.target.area_vector(found.triangle);
             TangentConstraint {
                 free,
                 normal: area.try_normalize(0.0).unwrap_or_else(Vector::zeros),
+                along: None,
                 anchor: start[v as usize],
                 stiffness: self.stiffness,
             }

@@ -34,11 +34,11 @@ pub struct RemeshArgs {
     /// Leave all nodes where the map puts them, and cells inverted
     #[arg(long)]
     pub no_repair: bool,
-    /// Leave boundary nodes where the boundary map puts them, even if cells stay inverted
+    /// Leave boundary nodes where the boundary map puts them, and the boundary unsplit, even if cells stay inverted
     #[arg(long)]
     pub fix_boundary: bool,
-    /// Cells at most that are added where nodes are stuck: there all edges are split, in domain and target alike. For
-    /// tetrahedra only; `off` never splits [default: a third of the mesh's cells, and 5000]
+    /// Cells at most that are added where nodes are stuck, or where the boundary of a regular mesh passes through itself:
+    /// there edges are split, in domain and target alike. For tetrahedra only; `off` never splits [default: a third of the mesh's cells, and 5000]
     #[arg(long, value_name = "off|N", value_parser = off_or_count)]
     pub split_stuck: Option<usize>,
     /// Iterations at most that improve the shapes of cells once none is inverted. They never lower the least scaled

@@ -133,6 +133,9 @@ struct RemeshReport {
   double largest_slide = 0;
   /// Tetrahedra that splitting added where nodes were stuck. Nodes that it added follow all others.
   std::size_t cells_added = 0;
+  /// Edges of the boundary of a regular mesh that were split where it passed through itself, and the tetrahedra that this
+  /// added.
+  std::size_t boundary_edges_split = 0, boundary_cells_added = 0;
   /// Whether the repair began with the inner nodes by finite elements on the tetrahedra of the mesh, which inverted fewer
   /// of them than the map.
   bool from_finite_elements = false;

@@ -167,9 +167,23 @@ pub fn table(report: &RemeshSummary) -> String {
                 significant(found.largest_shift, 2)
             ),
         ]);
+        let outside = &repair.boundary_split;
+        if outside.edges > 0 {
+            rows.push([
+                "boundary split".into(),
+                format!(
+                    "{} edges, {} cells added, where {} pairs of boundary triangles passed through each other ({} after \
+                     that) or nodes were stuck; --fix-boundary forbids it",
+                    outside.edges, outside.cells_added, outside.crossings_before, outside.crossings_after
+                ),
+            ]);
+        }
         if repair.split.cells_added > 0 {
             let added = repair.split.cells_added;
-            let share = significant(100.0 * added as f64 / (found.cells - added) as f64, 2);
+            let share = significant(
+                100.0 * added as f64 / (found.cells - added - outside.cells_added) as f64,
+                2,
+            );
             rows.push([
                 "split".into(),
                 format!("{added} cells added ({share} %), where nodes were stuck; --split-stuck off forbids it"),
@@ -180,8 +194,12 @@ pub fn table(report: &RemeshSummary) -> String {
             match found.slid_nodes {
                 0 => "every node exactly where the boundary map puts it".into(),
                 slid => format!(
-                    "{slid} nodes slid along the target, by {} of a cell at most, {} of the diagonal; the others did \
+                    "{slid} nodes slid along the target{}, by {} of a cell at most, {} of the diagonal; the others did \
                      not move",
+                    match repair.relax.nodes {
+                        0 => "",
+                        _ => ", relaxed where the boundary passed through itself or sliding left inverted cells",
+                    },
                     significant(found.largest_slide_in_cells, 2),
                     significant(found.largest_slide, 2)
                 ),
