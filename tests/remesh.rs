@@ -13,9 +13,9 @@ use solidmap::io::{self, SolidMesh};
 use solidmap::map::VolumeMap;
 use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, TetMesh, shapes};
 use solidmap::remesh::{
-    BoundedMesh, CellKind, CellSize, GivenMeshError, InversionCause, PolishOutcome, Polycube, PolycubeError,
-    RemeshError, RemeshOptions, RemeshSource, Remeshed, RepairStart, cell_count, given_mesh, grid_points,
-    invalid_cells, inversion_causes, memory_estimate, regular_mesh, remesh,
+    BoundedMesh, CellKind, CellSize, DEFAULT_EFFORT, GivenMeshError, InversionCause, PolishOutcome, Polycube,
+    PolycubeError, RemeshError, RemeshOptions, RemeshSource, Remeshed, RepairStart, cell_count, given_mesh,
+    grid_points, invalid_cells, inversion_causes, memory_estimate, regular_mesh, remesh,
 };
 use solidmap::{Matrix3, Point, Vector};
 
@@ -66,6 +66,7 @@ fn run_with(boundary: &BoundaryMap, map: &dyn VolumeMap, source: RemeshSource, o
 const UNREPAIRED: RemeshOptions = RemeshOptions {
     repair: false,
     most_added: None,
+    effort: DEFAULT_EFFORT,
     slide: true,
     polish: 0,
     polish_valid: false,
@@ -326,15 +327,19 @@ fn cells_that_cannot_be_repaired_are_counted() {
     let boundary = BoundaryMap::new(domain, image).unwrap();
     let nowhere = Formula(|_: &Point| Point::new(f64::NAN, 0.0, 0.0));
     for kind in KINDS {
-        let mirrored = run(
-            &boundary,
-            &Formula(|p: &Point| Point::new(-p.x, p.y, p.z)),
-            grid(kind, 4),
-        )
-        .report;
+        let reflection = Formula(|p: &Point| Point::new(-p.x, p.y, p.z));
+        let mirrored = run_with(&boundary, &reflection, grid(kind, 4), &UNREPAIRED).report;
         assert_eq!(mirrored.before.cells.len(), mirrored.cells);
-        assert!(!mirrored.after.cells.is_empty());
-        let lost = run(&boundary, &nowhere, grid(kind, 4)).report;
+        assert_eq!(mirrored.after.cells.len(), mirrored.cells);
+        let repaired = remesh(
+            &boundary,
+            &reflection,
+            grid(kind, 4),
+            &RemeshOptions::default(),
+            &|_| (),
+        );
+        assert!(matches!(repaired, Err(RemeshError::Mirrored)));
+        let lost = run_with(&boundary, &nowhere, grid(kind, 4), &UNREPAIRED).report;
         assert_eq!(
             lost.after.cells.len(),
             lost.cells,
@@ -565,13 +570,58 @@ fn a_polish_keeps_the_sizes_of_a_graded_mesh() {
 }
 
 #[test]
+fn a_repair_that_cannot_succeed_ends_at_its_limit_of_effort_and_leaves_no_more_inverted() {
+    // A corner in the middle of the cube is drawn far through a side, so that cells at the boundary stay inverted.
+    let domain = shapes::cube(2.0, 6);
+    let pulled = |p: &Point| {
+        if p.x == 1.0 && p.y.abs() < 0.5 && p.z.abs() < 0.5 {
+            Point::new(-4.0, p.y, p.z)
+        } else {
+            *p
+        }
+    };
+    let image = domain.vertices().iter().map(pulled).collect();
+    let boundary = BoundaryMap::new(domain, image).unwrap();
+    let fixed = |effort: f64| RemeshOptions {
+        slide: false,
+        effort,
+        ..RemeshOptions::default()
+    };
+    let least = |effort: f64| {
+        let map = Formula(|p: &Point| *p);
+        run_with(&boundary, &map, RemeshSource::Given(kuhn(6)), &fixed(effort)).report
+    };
+    let long = least(50.0);
+    let short = least(1e-3);
+    for report in [&long, &short] {
+        assert!(!report.after.cells.is_empty() && report.after.cells.len() <= report.before.cells.len());
+        assert!(report.repair.exhausted, "{:?}", report.repair);
+    }
+    assert!(
+        short.repair.work < long.repair.work,
+        "{:?} {:?}",
+        short.repair,
+        long.repair
+    );
+    // Of a mesh that is repaired, the limit is not mentioned, however low.
+    let sound = BoundaryMap::new(shapes::cube(2.0, 6), shapes::cube(2.0, 6).vertices().to_vec()).unwrap();
+    let swirl = Formula(|p: &Point| {
+        let inside = (1.0 - p.x * p.x) * (1.0 - p.y * p.y) * (1.0 - p.z * p.z);
+        p + 3.0 * inside * Vector::new(p.y, -p.x, p.z)
+    });
+    let repaired = run_with(&sound, &swirl, RemeshSource::Given(kuhn(6)), &fixed(1e-3)).report;
+    assert!(!repaired.before.cells.is_empty());
+    assert_eq!(repaired.repair.exhausted, !repaired.after.cells.is_empty());
+}
+
+#[test]
 fn boundary_nodes_may_slide_after_tetrahedra_of_a_given_mesh_were_split() {
     // All nodes are on the boundary, so that there are inner ones only after splitting; a corner is pulled through the
     // opposite side, which no inner node can repair.
     let domain = shapes::cube(2.0, 1);
     let pulled = |p: &Point| {
         if *p == Point::new(1.0, 1.0, 1.0) {
-            Point::new(-3.0, -2.0, -2.5)
+            Point::new(-1.3, -0.6, -0.6)
         } else {
             *p
         }
@@ -579,10 +629,10 @@ fn boundary_nodes_may_slide_after_tetrahedra_of_a_given_mesh_were_split() {
     let image = domain.vertices().iter().map(pulled).collect();
     let boundary = BoundaryMap::new(domain, image).unwrap();
     let report = run(&boundary, &Formula(|p: &Point| *p), RemeshSource::Given(kuhn(1))).report;
-    assert!(
-        report.repair.split.cells_added > 0 && !report.after.cells.is_empty(),
-        "{report:?}"
-    );
+    // What splitting adds is given back where it leaves more inverted cells.
+    let left = report.after.cells.len();
+    assert!(0 < left && left <= report.before.cells.len(), "{report:?}");
+    assert_eq!((report.repair.split.cells_added, report.cells), (0, 6));
 }
 
 #[test]
@@ -935,8 +985,13 @@ fn a_coarse_grid_of_the_bird_is_relaxed_until_its_boundary_is_simple_and_no_cell
     };
     let fit = fit(&boundary, &FitOptions::default(), &|_| ()).unwrap();
     let query = SurfaceQuery::new(&boundary.target()).unwrap();
+    // Tetrahedra may not be split, which comes first.
+    let unsplit = RemeshOptions {
+        most_added: Some(0),
+        ..RemeshOptions::default()
+    };
     for kind in [CellKind::Tets, CellKind::Hexes] {
-        let found = run(&boundary, &fit.map, grid(kind, 16));
+        let found = run_with(&boundary, &fit.map, grid(kind, 16), &unsplit);
         let report = &found.report;
         assert_eq!(report.after.cells, [] as [u32; 0], "{report:?}");
         assert!(report.repair.relax.nodes > 0 && report.slid_nodes > 0, "{report:?}");

@@ -108,12 +108,14 @@ fn where_there_is_no_bijective_map_nothing_is_written_and_the_reason_is_told() {
     );
     place.ends_with(0, "fit cube.obj --image mirrored.obj -o mirrored.map");
     let before = std::fs::read(place.path("mirrored.map")).unwrap();
-    let report = place.report(1, "bijective mirrored.map --mesh cube.mesh --json");
-    assert!(
-        report["problem"].as_str().unwrap().contains("stay inverted"),
-        "{report}"
+    place.fails(
+        "bijective mirrored.map --mesh cube.mesh",
+        &["mirrored.map", "mirrors the solid"],
     );
-    assert!(report["bijective"].is_null() && report["output"].is_null());
+    place.fails(
+        "remesh mirrored.map --cells 4 -o x.mesh",
+        &["mirrored.map", "mirrors the solid"],
+    );
     assert_eq!(std::fs::read(place.path("mirrored.map")).unwrap(), before);
     place.surface("large.obj", &shapes::cube(3.0, 4));
     place.ends_with(0, "remesh cube.map --cells 4 -o other.mesh");

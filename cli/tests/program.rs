@@ -959,14 +959,15 @@ fn what_cannot_be_remeshed_is_named() {
         "remesh cube.map -o m.vtu --cells 1000 --max-cells 100",
         &["limit of 100"],
     );
-    // A mirrored target: all cells are inverted; they are written, with a warning.
+    // A mirrored target: no cell could be repaired. Unrepaired, they are written, with a warning.
     place.surface(
         "mirrored.obj",
         &shapes::deformed(&shapes::cube(2.0, 2), |p| Point::new(-p.x, p.y, p.z)),
     );
     let fitted = place.run("fit cube.obj --image mirrored.obj -o mirrored.map");
     assert_eq!(fitted.status.code(), Some(0), "{}", stderr(&fitted));
-    let output = place.run("remesh mirrored.map --cells 4 -o mirrored.vtu");
+    place.fails("remesh mirrored.map --cells 4 -o mirrored.vtu", &["mirrors the solid"]);
+    let output = place.run("remesh mirrored.map --cells 4 -o mirrored.vtu --no-repair");
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(stderr(&output).contains("cells stay inverted") && place.path("mirrored.vtu").exists());
 }

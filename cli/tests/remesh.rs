@@ -55,7 +55,7 @@ fn inverted_cells_have_groups_of_their_own() {
     assert_eq!(counts, BTreeMap::from([(1, whole)]));
 
     // All cells are inverted, those with all corners on the boundary for a reason that is known.
-    let report = place.report(1, "remesh mirrored.map --cells 4 -o all.msh --json");
+    let report = place.report(1, "remesh mirrored.map --cells 4 -o all.msh --no-repair --json");
     assert_eq!(report["inverted_cells"], whole);
     let places = report["worst_places"].as_array().unwrap();
     assert_eq!((places.len(), &places[0]["kind"]), (1, &"inverted".into()), "{report}");
@@ -176,11 +176,20 @@ fn a_mesh_in_which_nothing_is_inverted_is_polished_only_with_the_option_and_the_
 #[test]
 fn every_cell_that_stays_inverted_has_a_reason_in_words() {
     let place = cubes();
+    // A side is drawn through the opposite one and a part of it back.
+    let cube = shapes::cube(2.0, 8);
+    io::write_surface(place.path("fine.obj"), &cube).unwrap();
+    let pulled = shapes::deformed(&cube, |p| match p.x == 1.0 && p.y.abs() < 0.4 && p.z.abs() < 0.4 {
+        true => Point::new(-3.0, p.y, p.z),
+        false => *p,
+    });
+    io::write_surface(place.path("pulled.obj"), &pulled).unwrap();
+    place.run("fit fine.obj --image pulled.obj -o pulled.map --tolerance 0.1");
     for (options, unknown) in [
-        ("", "for an unknown reason"),
-        (" --no-repair", "that a repair may help"),
+        ("--fix-boundary", "for an unknown reason"),
+        ("--no-repair", "that a repair may help"),
     ] {
-        let line = format!("remesh mirrored.map --cells 4 -o all.vtu{options}");
+        let line = format!("remesh pulled.map --cells 8 -o all.vtu {options}");
         let report = place.report(1, &format!("{line} --json"));
         let reasons = report["reasons"].as_object().unwrap();
         let counts: u64 = reasons.values().map(|count| count.as_u64().unwrap()).sum();

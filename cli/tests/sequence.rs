@@ -468,14 +468,34 @@ fn messages_on_frames_name_their_files() {
 fn an_interrupted_sequence_leaves_no_empty_folder() {
     let place = SequencePlace::new();
     let names = place.bends(12, 1.0);
+    ends_without_a_folder(&place, &names, "INT", &[]);
+    // What a script runs in the background ignores Ctrl-C, and under `nohup` the end of the session.
+    ends_without_a_folder(&place, &names, "TERM", &[libc::SIGINT]);
+    ends_without_a_folder(&place, &names, "TERM", &[libc::SIGHUP, libc::SIGINT]);
+}
+
+/// That a sequence that gets a signal while others are ignored ends and leaves nothing.
+#[cfg(unix)]
+fn ends_without_a_folder(place: &SequencePlace, names: &str, signal: &str, ignored: &'static [i32]) {
+    use std::os::unix::process::CommandExt;
+
     let line = format!("sequence ref.obj {names} -o new/out --tolerance 1e-7 --resolution 64 --frames-per-block 1");
-    let mut program = std::process::Command::new(assert_cmd::cargo::cargo_bin("solidmap"))
+    let mut program = std::process::Command::new(assert_cmd::cargo::cargo_bin("solidmap"));
+    program
         .current_dir(place.folder.path())
         .args(line.split_whitespace())
         .stdout(std::process::Stdio::null())
-        .stderr(std::process::Stdio::null())
-        .spawn()
-        .unwrap();
+        .stderr(std::process::Stdio::null());
+    let ignore = move || {
+        for &signal in ignored {
+            // SAFETY: to ignore a signal runs no code of ours.
+            unsafe { libc::signal(signal, libc::SIG_IGN) };
+        }
+        Ok(())
+    };
+    // SAFETY: between fork and exec only `signal` is called, which may be called there.
+    unsafe { program.pre_exec(ignore) };
+    let mut program = program.spawn().unwrap();
     let begun = std::time::Instant::now();
     while !place.path("new/out").exists() {
         assert!(begun.elapsed().as_secs() < 60 && program.try_wait().unwrap().is_none());
@@ -483,7 +503,7 @@ fn an_interrupted_sequence_leaves_no_empty_folder() {
     }
     let id = program.id().to_string();
     let asked = std::process::Command::new("kill")
-        .args(["-s", "INT", &id])
+        .args(["-s", signal, &id])
         .status()
         .unwrap();
     assert!(asked.success());

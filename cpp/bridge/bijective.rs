@@ -28,6 +28,7 @@ pub fn bijective_new(
     mesh: &VolumeMesh,
     tolerance: f64,
     most_added: usize,
+    effort: f64,
     memory: u64,
     watcher: &Watcher,
 ) -> Result<Box<Bijective>, Error> {
@@ -45,6 +46,7 @@ pub fn bijective_new(
         };
         let (mesh, _) = refined_at_boundary(boundary, TetMesh::new(nodes, tets)?, &refinement, finder())?;
         let options = RemeshOptions {
+            effort,
             most_added: (most_added != usize::MAX).then_some(most_added),
             memory: (memory > 0).then_some(memory),
             ..RemeshOptions::default()

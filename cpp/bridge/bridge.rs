@@ -287,6 +287,7 @@ pub(super) mod ffi {
         polish: usize,
         polish_valid: bool,
         most_added: usize,
+        effort: f64,
         memory: u64,
     }
 
@@ -435,6 +436,7 @@ pub(super) mod ffi {
             mesh: &VolumeMesh,
             tolerance: f64,
             most_added: usize,
+            effort: f64,
             memory: u64,
             watcher: &Watcher,
         ) -> Result<Box<Bijective>>;

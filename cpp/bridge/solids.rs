@@ -173,6 +173,7 @@ fn carried(
         repair: options.repair,
         slide: options.slide,
         most_added: (options.most_added != usize::MAX).then_some(options.most_added),
+        effort: options.effort,
         polish: options.polish,
         polish_valid: options.polish_valid,
         memory: (options.memory > 0).then_some(options.memory),

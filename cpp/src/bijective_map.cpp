@@ -21,7 +21,7 @@ BijectiveMap BijectiveMap::make(const HarmonicMap& map, const CellMesh& mesh, co
   const std::size_t most_added = options.most_added.value_or(std::numeric_limits<std::size_t>::max());
   return watched(progress, [&](const Watcher& watcher) {
     return make_bijective(ffi::bijective_new(Access::of(map), Access::of(mesh), options.tolerance, most_added,
-                                             options.memory, watcher));
+                                             options.effort, options.memory, watcher));
   });
 }
 

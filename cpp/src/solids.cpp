@@ -49,6 +49,7 @@ ffi::RemeshOptions for_rust(const RemeshOptions& options) {
           options.polish,
           options.polish_valid,
           options.most_added.value_or(std::numeric_limits<std::size_t>::max()),
+          options.effort,
           options.memory};
 }
 

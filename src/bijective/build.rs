@@ -188,6 +188,7 @@ fn not_repaired(report: &RemeshReport, cells: &CellList, nodes: &[Point]) -> Bij
         left: left.len(),
         tets: report.cells,
         proved: left.iter().filter(is_proved).count(),
+        exhausted: report.repair.exhausted,
         place: Point::from(sum / corners.len().max(1) as f64),
     }
 }

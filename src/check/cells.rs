@@ -216,8 +216,10 @@ impl CellFit {
             group[1..]
                 .iter()
                 .for_each(|face| bodies.unite(group[0].cell, face.cell));
+            // A cell that occurs twice has no neighbour in itself.
             if let [a, b] = group
                 && a.cell != b.cell
+                && !have_the_same_corners(mesh, a.cell, b.cell)
             {
                 let agree = a.reversed != b.reversed;
                 pairs.push([(a.cell, agree), (b.cell, agree)]);
@@ -300,6 +302,11 @@ impl CellFit {
             folded_faces,
         }
     }
+}
+
+fn have_the_same_corners(mesh: &CellMesh, a: u32, b: u32) -> bool {
+    let [a, b] = [a, b].map(|cell| mesh.cells().corners(cell as usize));
+    a.iter().all(|v| b.contains(v)) && b.iter().all(|v| a.contains(v))
 }
 
 /// Cells over the vertices of an earlier one, each with it.

@@ -176,8 +176,9 @@ pub(super) struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     pub fn new(kind: &'static FileKind, path: &'a Path, content: &'a [u8]) -> Result<Self, TensorFileError> {
-        let tensors = SafeTensors::deserialize(content).map_err(|e| kind.foreign(path, &e))?;
-        let (_, header) = SafeTensors::read_metadata(content).map_err(|e| kind.foreign(path, &e))?;
+        let no_container = |e| kind.foreign(path, &format_args!("it is no safetensors file, or a damaged one ({e})"));
+        let tensors = SafeTensors::deserialize(content).map_err(no_container)?;
+        let (_, header) = SafeTensors::read_metadata(content).map_err(no_container)?;
         let empty = HashMap::new();
         let entries = header.metadata().as_ref().unwrap_or(&empty);
         let Some(text) = entries.get(kind.key) else {

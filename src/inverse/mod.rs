@@ -634,7 +634,8 @@ fn gaps_at_vertices(map: &dyn VolumeMap, boundary: &BoundaryMap) -> Vec<f64> {
 }
 
 fn root_mean_square(values: &[f64]) -> f64 {
-    let squares: f64 = values.iter().map(|value| value * value).sum();
+    // The sum of no values is -0.
+    let squares: f64 = values.iter().map(|value| value * value).sum::<f64>() + 0.0;
     (squares / values.len().max(1) as f64).sqrt()
 }
 

@@ -8,6 +8,7 @@
 
 mod boundary_split;
 mod bounded_mesh;
+mod cells_at_nodes;
 mod crossings;
 mod foldover;
 mod given;
@@ -81,6 +82,9 @@ pub struct RemeshOptions {
     /// for a third of those that the mesh has, and 5000. Half of it may be used up at the boundary of
     /// a regular mesh, where much splitting comes before moving nodes only if a number is given.
     pub most_added: Option<usize>,
+    /// Work after which a repair ends although cells stay inverted: iterations of descent for each cell of the mesh, in
+    /// the mean, beyond those that any mesh gets, however small.
+    pub effort: f64,
     /// Largest number of iterations of the polish, which improves the shapes of cells after the repair; 0 for none. It
     /// never lowers the least scaled Jacobian nor its 1 % quantile: it ends where it would, or is undone.
     pub polish: usize,
@@ -94,12 +98,21 @@ pub struct RemeshOptions {
 /// Tetrahedra that splitting may add to any mesh, however small.
 const ROOM_TO_SPLIT: usize = 5000;
 
+/// Volume of a target over the cube of its diagonal below which its sign may be a rounding error.
+const LEAST_VOLUME: f64 = 1e-12;
+
+/// The default of [`RemeshOptions::effort`].
+pub const DEFAULT_EFFORT: f64 = 1e4;
+/// Cells whose effort any mesh gets, however small.
+const CELLS_IN_ANY: usize = 20_000;
+
 impl Default for RemeshOptions {
     fn default() -> Self {
         Self {
             repair: true,
             slide: true,
             most_added: None,
+            effort: DEFAULT_EFFORT,
             polish: 200,
             polish_valid: false,
             memory: None,
@@ -164,6 +177,12 @@ pub enum RemeshError {
         /// Bytes that are allowed.
         allowed: u64,
     },
+    /// The boundary map turns the solid inside out.
+    #[error(
+        "the map mirrors the solid: the image of its boundary is inside out, and so would every cell be; reflect one of the \
+         two models, for example by changing the sign of all x in the image, or correct the boundary map"
+    )]
+    Mirrored,
     /// A surface cannot be queried.
     #[error(transparent)]
     Query(#[from] QueryError),
@@ -273,7 +292,8 @@ pub struct Remeshed {
 ///
 /// # Errors
 ///
-/// When the domain is not a polycube, there would be too many cells, or a given mesh is not one of the domain;
+/// When the domain is not a polycube, there would be too many cells, a given mesh is not one of the domain, or the map
+/// mirrors it;
 /// [`RemeshError::Cancelled`] when `progress` cancels it ([`ProgressResponse`]). Cells that stay inverted are not an
 /// error; the report lists them.
 pub fn remesh<A: ProgressResponse>(
@@ -299,6 +319,13 @@ pub fn remesh<A: ProgressResponse>(
     let mapped = start.elapsed().as_secs_f64();
 
     let as_mapped = AsMapped::of(&prepared.mesh, &carried);
+    let most_are_inverted = 2 * as_mapped.invalid.cells.len() > prepared.mesh.cells.len();
+    if options.repair
+        && most_are_inverted
+        && boundary.target_volume() < -LEAST_VOLUME * boundary.target_diagonal().powi(3)
+    {
+        return Err(RemeshError::Mirrored);
+    }
     let unsplit_boundary = prepared.mesh.boundary.clone();
     let target = boundary.target_surface().cloned().unwrap_or_else(|| boundary.target());
     let (images, repair) = if options.repair {
@@ -394,6 +421,7 @@ fn repaired(
         volume: boundary_of(mesh, carried).volume(),
         step: 0.1 * (boundary.target_volume().abs() / cells as f64).cbrt(),
         most_added: options.most_added.unwrap_or(cells / 3 + ROOM_TO_SPLIT),
+        most_work: (options.effort * cells.max(CELLS_IN_ANY) as f64) as u64,
         mesh,
         carried,
         polish: options.polish,

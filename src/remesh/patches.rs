@@ -7,10 +7,11 @@
 use rayon::prelude::*;
 
 use super::bounded_mesh::BoundedMesh;
+use super::cells_at_nodes::CellsAtNodes;
 use super::foldover::{FoldoverEnergy, edges, length_or_one, regular_edges};
 use super::lbfgs::{Lbfgs, StoppingRule};
 use super::quality::{invalid_cells, is_right_handed, lesser, tet_scaled_jacobians};
-use super::repair::{Best, next_epsilon};
+use super::repair::{Best, DescentCounts, next_epsilon};
 use crate::mesh::CellList;
 use crate::mesh::topology::DisjointSets;
 use crate::progress::ProgressSender;
@@ -62,32 +63,6 @@ const PASSES: usize = 4;
 /// Smallest volume that a cell is taken to have, as a fraction of the mean of those at its nodes.
 const LEAST_VOLUME: f64 = 1e-3;
 
-/// Which cells meet at each node.
-pub(super) struct CellsAtNodes {
-    starts: Vec<u32>,
-    cells: Vec<u32>,
-}
-
-impl CellsAtNodes {
-    pub fn new(tets: &[[u32; 4]], nodes: usize) -> Self {
-        let mut starts = vec![0u32; nodes + 1];
-        tets.as_flattened().iter().for_each(|&v| starts[v as usize + 1] += 1);
-        (0..nodes).for_each(|v| starts[v + 1] += starts[v]);
-        let (mut next, mut cells) = (starts.clone(), vec![0; 4 * tets.len()]);
-        for (cell, t) in (0..).zip(tets) {
-            for &v in t {
-                cells[next[v as usize] as usize] = cell;
-                next[v as usize] += 1;
-            }
-        }
-        Self { starts, cells }
-    }
-
-    pub fn of(&self, node: u32) -> &[u32] {
-        &self.cells[self.starts[node as usize] as usize..self.starts[node as usize + 1] as usize]
-    }
-}
-
 /// Nodes that move together, and the cells at them, both ascending.
 struct Patch {
     free: Vec<u32>,
@@ -95,19 +70,19 @@ struct Patch {
 }
 
 /// Moves inner nodes within `rings` rings of cells around those that are inverted. No patch has more inverted cells
-/// afterwards. Returns the rounds and iterations of descent in all patches.
+/// afterwards.
 pub(super) fn repair_patches(
     mesh: &BoundedMesh,
     x: &mut [Point],
     rings: usize,
     effort: &PatchEffort,
     monitor: &ProgressSender<(usize, usize)>,
-) -> (usize, usize) {
+) -> DescentCounts {
     let CellList::Tets(tets) = &mesh.cells else {
-        return (0, 0);
+        return DescentCounts::default();
     };
     let bad = invalid_cells(&mesh.cells, x).cells;
-    let at_nodes = CellsAtNodes::new(tets, mesh.nodes.len());
+    let at_nodes = CellsAtNodes::new(&mesh.cells, mesh.nodes.len());
     let sizes = local_volumes(tets, x);
     // No cell is in two patches.
     let repaired: Vec<(Patch, RepairedPatch)> = patches(mesh, tets, &at_nodes, &bad, rings)
@@ -118,34 +93,34 @@ pub(super) fn repair_patches(
             (patch, repaired)
         })
         .collect();
-    let (mut rounds, mut iterations) = (0, 0);
+    let mut counts = DescentCounts::default();
     for (patch, repaired) in repaired {
         patch
             .free
             .iter()
             .zip(repaired.free)
             .for_each(|(&v, to)| x[v as usize] = to);
-        rounds += repaired.rounds;
-        iterations += repaired.iterations;
+        counts.add(repaired.rounds, repaired.iterations, patch.cells.len());
     }
-    (rounds, iterations)
+    counts
 }
 
 /// Moves inner nodes within a ring of cells around the cells `low`, so that the lowest scaled Jacobian of each patch rises:
 /// the energy grows without bound as a cell gets flat. Of the positions along the way the last are kept in which no cell is
 /// inverted, the patch's least scaled Jacobian is no lower, and no more of its cells are below each of two bounds: then no
-/// more of the whole mesh are. Returns the iterations made, and those that led to positions that were kept.
+/// more of the whole mesh are. No patch takes more than `most_iterations`. Returns the iterations made, and those that led to positions that were kept.
 pub(super) fn raise_lowest(
     mesh: &BoundedMesh,
     x: &mut [Point],
     low: &[u32],
     bounds: [f64; 2],
+    most_iterations: usize,
     monitor: &ProgressSender<(usize, usize)>,
 ) -> (usize, usize) {
     let CellList::Tets(tets) = &mesh.cells else {
         return (0, 0);
     };
-    let at_nodes = CellsAtNodes::new(tets, mesh.nodes.len());
+    let at_nodes = CellsAtNodes::new(&mesh.cells, mesh.nodes.len());
     let sizes = local_volumes(tets, x);
     let raise = |patch: &Patch| {
         let local = LocalPatch::new(tets, x, patch, &sizes);
@@ -163,7 +138,11 @@ pub(super) fn raise_lowest(
         };
         let mut descent = Lbfgs::new(&local.energy, &local.free, 1.0, monitor);
         descent.has_block_preconditioner = true;
-        let (_, iterations) = descent.run_watched(&mut moved, EPSILON, &RAISING, &mut |iterations, at| {
+        let rule = StoppingRule {
+            iterations: most_iterations.min(RAISING.iterations),
+            ..RAISING
+        };
+        let (_, iterations) = descent.run_watched(&mut moved, EPSILON, &rule, &mut |iterations, at| {
             iterations % CHECK_EVERY != 0 || keep(iterations, at)
         });
         keep(iterations, &moved);

@@ -184,7 +184,7 @@ impl Polish<'_> {
             let rank = low.len().min(ascending.len() - 1);
             let bounds = [ascending[rank.saturating_sub(1)], ascending[rank]];
             let mut raised = x.to_vec();
-            let (iterations, kept) = raise_lowest(self.mesh, &mut raised, &low, bounds, self.monitor);
+            let (iterations, kept) = raise_lowest(self.mesh, &mut raised, &low, bounds, self.iterations, self.monitor);
             report.iterations += iterations;
             let before = *floor;
             if let Some(found) = floor.raised(self.mesh, &raised) {

@@ -10,12 +10,13 @@ use std::collections::HashMap;
 use rayon::prelude::*;
 
 use super::bounded_mesh::BoundedMesh;
+use super::cells_at_nodes::CellsAtNodes;
 use super::crossings::crossing_triangles;
 use super::foldover::length_or_one;
 use super::lbfgs::{Lbfgs, StoppingRule, TangentConstraint};
 use super::own_size::{OwnShape, own_size_energy};
 use super::quality::{invalid_cells, inverted_inside};
-use super::repair::{Best, next_epsilon};
+use super::repair::{Best, DescentCounts, next_epsilon};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::topology::DisjointSets;
 use crate::mesh::{CellList, SurfaceMesh};
@@ -193,9 +194,9 @@ struct Glider {
 
 impl Relaxation<'_> {
     /// Relaxes the boundary near the places where its triangles pass through each other and, if `cells` says so, near invalid
-    /// cells, until there are none or passes stop helping. No pass adds such places, nor invalid cells if `cells`. Returns
-    /// whether any pass helped.
-    pub fn run(&self, x: &mut Vec<Point>, cells: bool, report: &mut RelaxReport) -> bool {
+    /// cells, until there are none, passes stop helping, or `most_work` is done. No pass adds such places, nor invalid
+    /// cells if `cells`. Returns whether any pass helped, and the work that was done.
+    pub fn run(&self, x: &mut Vec<Point>, cells: bool, most_work: u64, report: &mut RelaxReport) -> (bool, u64) {
         let faults = |x: &[Point]| Faults {
             cells: match cells {
                 true => invalid_cells(&self.mesh.cells, x).cells,
@@ -204,16 +205,19 @@ impl Relaxation<'_> {
             crossings: crossing_triangles(&self.mesh.boundary, x),
         };
         let (start, mut left) = (x.clone(), faults(x));
-        let cells_at = CellsAtNodes::new(self.mesh);
-        let mut any_helped = false;
+        let cells_at = CellsAtNodes::new(&self.mesh.cells, self.mesh.nodes.len());
+        let (mut any_helped, mut work) = (false, 0);
         let passes = if cells { &PASSES[..] } else { &PASSES_FOR_CROSSINGS };
         for &(rings, stiffness) in passes {
             for _ in 0..MAX_REPEATS {
-                if left.count() == 0 || !self.monitor.should_continue() {
+                if left.count() == 0 || work >= most_work || !self.monitor.should_continue() {
                     break;
                 }
                 let mut moved = x.clone();
-                self.pass(&cells_at, &mut moved, &left, rings, stiffness, report);
+                let counts = self.pass(&cells_at, &mut moved, &left, rings, stiffness);
+                report.rounds += counts.rounds;
+                report.iterations += counts.iterations;
+                work += counts.work;
                 let found = faults(&moved);
                 let helps = found.count() < left.count()
                     && found.cells.len() <= left.cells.len()
@@ -227,7 +231,7 @@ impl Relaxation<'_> {
         }
         let boundary = (0..x.len()).filter(|&v| self.mesh.on_boundary[v]);
         report.nodes = report.nodes.max(boundary.filter(|&v| x[v] != start[v]).count());
-        any_helped
+        (any_helped, work)
     }
 
     /// Relaxes the patches within `rings` rings of cells around faults.
@@ -238,8 +242,7 @@ impl Relaxation<'_> {
         faults: &Faults,
         rings: usize,
         stiffness: f64,
-        report: &mut RelaxReport,
-    ) {
+    ) -> DescentCounts {
         let edge_lengths = self.edge_lengths();
         let patches = self.patches(cells_at, x, faults, rings, stiffness.is_finite());
         let relaxed: Vec<(Vec<Point>, usize, usize)> = patches
@@ -247,13 +250,14 @@ impl Relaxation<'_> {
             .with_max_len(1)
             .map(|(patch, freedoms)| self.relax_patch(patch, freedoms, x, &edge_lengths, stiffness))
             .collect();
+        let mut counts = DescentCounts::default();
         for ((patch, _), (nodes, rounds, iterations)) in patches.iter().zip(relaxed) {
             for &v in &patch.free {
                 x[patch.nodes[v as usize] as usize] = nodes[v as usize];
             }
-            report.rounds += rounds;
-            report.iterations += iterations;
+            counts.add(rounds, iterations, patch.cells.cells.len());
         }
+        counts
     }
 
     /// The connected parts of the cells at nodes near the given ones, with the freedom of each free node.
@@ -472,35 +476,6 @@ impl Relaxation<'_> {
         }
         let mean = |(v, (sum, count)): (u32, (f64, f64))| (v, length_or_one(sum / count));
         sums.into_iter().map(mean).collect()
-    }
-}
-
-/// Which cells meet at each node.
-struct CellsAtNodes {
-    starts: Vec<u32>,
-    cells: Vec<u32>,
-}
-
-impl CellsAtNodes {
-    fn new(mesh: &BoundedMesh) -> Self {
-        let mut starts = vec![0u32; mesh.nodes.len() + 1];
-        for cell in mesh.cells.iter() {
-            cell.iter().for_each(|&v| starts[v as usize + 1] += 1);
-        }
-        (0..mesh.nodes.len()).for_each(|v| starts[v + 1] += starts[v]);
-        let mut next = starts.clone();
-        let mut cells = vec![0; starts.last().map_or(0, |end| *end as usize)];
-        for (index, cell) in (0..).zip(mesh.cells.iter()) {
-            for &v in cell {
-                cells[next[v as usize] as usize] = index;
-                next[v as usize] += 1;
-            }
-        }
-        Self { starts, cells }
-    }
-
-    fn of(&self, node: u32) -> &[u32] {
-        &self.cells[self.starts[node as usize] as usize..self.starts[node as usize + 1] as usize]
     }
 }
 

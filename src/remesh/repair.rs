@@ -12,7 +12,7 @@ use super::patches::{PatchEffort, repair_patches};
 use super::polish::{Polish, PolishOutcome, PolishReport};
 use super::quality::{invalid_cells, inverted_inside, scaled_jacobians};
 use super::relax::{RelaxReport, Relaxation, RelaxationSurface};
-use super::slide::{SlideReport, SlidingSurface, slide};
+use super::slide::{SlideReport, Sliding, SlidingSurface};
 use super::split::{StuckNodes, split, stuck_simplices};
 use super::start::better_start;
 use crate::Point;
@@ -79,6 +79,10 @@ pub struct RepairReport {
     pub rounds: usize,
     /// Iterations of descent in all rounds.
     pub iterations: usize,
+    /// Iterations of descent of rounds, sliding and relaxation, each counted once for every cell that took part.
+    pub work: u64,
+    /// Whether cells stay inverted because [`RemeshOptions::effort`](super::RemeshOptions::effort) allowed no more work.
+    pub exhausted: bool,
     /// How the boundary of a regular mesh of tetrahedra was split where it passed through itself.
     pub boundary_split: BoundarySplitReport,
     /// How tetrahedra were split.
@@ -89,6 +93,22 @@ pub struct RepairReport {
     pub slide: SlideReport,
     /// How boundary nodes were relaxed, where boundary triangles passed through each other or sliding left inverted cells.
     pub relax: RelaxReport,
+}
+
+/// Rounds and iterations of descent in several patches, and their work: iterations times cells.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct DescentCounts {
+    pub rounds: usize,
+    pub iterations: usize,
+    pub work: u64,
+}
+
+impl DescentCounts {
+    pub fn add(&mut self, rounds: usize, iterations: usize, cells: usize) {
+        self.rounds += rounds;
+        self.iterations += iterations;
+        self.work += iterations as u64 * cells as u64;
+    }
 }
 
 /// ε of the next round, from the least determinant so far.
@@ -134,6 +154,8 @@ pub(super) struct Repair<'a> {
     pub step: f64,
     /// Largest number of tetrahedra that splitting may add.
     pub most_added: usize,
+    /// Work after which a repair ends, successful or not. It is looked at between passes, which a single one exceeds.
+    pub most_work: u64,
     /// Iterations of the polish.
     pub polish: usize,
     /// Whether meshes are polished in which nothing was inverted.
@@ -229,6 +251,8 @@ impl Repair<'_> {
         let inverted = self.invalid(&x);
         let _ = self.monitor.send((0, inverted));
         let anything_inverted = inverted > 0;
+        let can_be_split = anything_inverted && matches!(self.mesh.cells, CellList::Tets(_));
+        let as_mapped = can_be_split.then(|| (self.mesh.clone(), self.carried.clone()));
         // Hexahedra that the energy is evaluated inside, too.
         let mut inside = Vec::new();
         let all_repaired = !(anything_inverted || self.faulty_crossings(&x))
@@ -236,6 +260,15 @@ impl Repair<'_> {
                 CellList::Tets(_) => self.untangle_tets(&mut x, &mut report),
                 CellList::Hexes(_) => self.untangle_hexes(&mut x, &mut inside, &mut report),
             };
+        // Splitting multiplies cells that cannot be repaired.
+        if let (false, Some(as_mapped)) = (all_repaired, as_mapped)
+            && self.invalid(&x) > inverted
+        {
+            (*self.mesh, *self.carried) = as_mapped;
+            x.clone_from(self.carried);
+            report.split = SplitReport::default();
+        }
+        report.exhausted = !all_repaired && report.work >= self.most_work;
         report.polish = if self.polish == 0 {
             PolishReport::default()
         } else if !all_repaired {
@@ -266,6 +299,11 @@ impl Repair<'_> {
     /// Invalid cells, and pairs of boundary triangles that pass through each other.
     fn faults(&self, x: &[Point]) -> usize {
         self.invalid(x) + crossing_triangles(&self.mesh.boundary, x).len()
+    }
+
+    /// Whether neither the caller nor the limit of effort ends the repair.
+    fn may_go_on(&self, report: &RepairReport) -> bool {
+        self.monitor.should_continue() && report.work < self.most_work
     }
 
     /// How many cells are invalid, exactly.
@@ -317,7 +355,7 @@ impl Repair<'_> {
         let mut least = left;
         for (effort, splits_boundary) in SPLITTING_STAGES {
             let mut stalled = 0;
-            while stalled < MAX_STALLED_TURNS && self.monitor.should_continue() {
+            while stalled < MAX_STALLED_TURNS && self.may_go_on(report) {
                 let outside = splits_boundary && self.split_boundary_at_stuck(x, report);
                 let any_split = self.split_stuck(x, StuckNodes::All, report) || outside;
                 self.move_patches(x, &effort, report);
@@ -333,9 +371,9 @@ impl Repair<'_> {
             }
         }
         if self.invalid(x) >= left {
-            let (rounds, iterations) = (report.rounds, report.iterations);
+            let (rounds, iterations, work) = (report.rounds, report.iterations, report.work);
             (*self.mesh, *self.carried, *x, *report) = unsplit;
-            (report.rounds, report.iterations) = (rounds, iterations);
+            (report.rounds, report.iterations, report.work) = (rounds, iterations, work);
         }
         false
     }
@@ -367,20 +405,26 @@ impl Repair<'_> {
             surface: &RelaxationSurface::new(sliding_surface.target, &sliding_surface.query),
             monitor: self.monitor,
         };
-        relaxation.run(x, cells, &mut report.relax)
+        let room = self.most_work.saturating_sub(report.work);
+        let (helped, work) = relaxation.run(x, cells, room, &mut report.relax);
+        report.work += work;
+        helped
     }
 
     /// Slides boundary nodes near inverted cells, if they may.
     fn slide(&self, x: &mut Vec<Point>, report: &mut RepairReport) {
         if let Some(sliding_surface) = self.sliding_surface {
-            report.slide = slide(
-                &self.energy_of_all(),
-                x,
-                self.step,
-                sliding_surface,
-                &self.mesh.on_boundary,
-                self.monitor,
-            );
+            let cells = self.mesh.cells.len() as u64;
+            let sliding = Sliding {
+                energy: &self.energy_of_all(),
+                step: self.step,
+                surface: sliding_surface,
+                on_boundary: &self.mesh.on_boundary,
+                most_iterations: self.most_work.saturating_sub(report.work).div_ceil(cells.max(1)) as usize,
+                monitor: self.monitor,
+            };
+            report.slide = sliding.run(x);
+            report.work += report.slide.iterations as u64 * cells;
         }
     }
 
@@ -393,12 +437,13 @@ impl Repair<'_> {
         for &rings in effort.rings {
             let left = self.invalid(x);
             let _ = self.monitor.send((report.rounds, left));
-            if left == 0 || !self.monitor.should_continue() {
+            if left == 0 || !self.may_go_on(report) {
                 return;
             }
-            let (rounds, iterations) = repair_patches(self.mesh, x, rings, effort, self.monitor);
-            report.rounds += rounds;
-            report.iterations += iterations;
+            let counts = repair_patches(self.mesh, x, rings, effort, self.monitor);
+            report.rounds += counts.rounds;
+            report.iterations += counts.iterations;
+            report.work += counts.work;
         }
     }
 
@@ -487,10 +532,11 @@ impl Repair<'_> {
             let (value, iterations) = descent.run(x, epsilon, &ROUND);
             report.rounds += 1;
             report.iterations += iterations;
+            report.work += iterations as u64 * self.mesh.cells.len() as u64;
             (least, inverted) = (value.least, value.inverted);
             best.update(inverted, x);
             let _ = self.monitor.send((report.rounds, value.inverted_cells));
-            if !value.energy.is_finite() || !self.monitor.should_continue() {
+            if !value.energy.is_finite() || !self.may_go_on(report) {
                 break;
             }
         }

@@ -50,46 +50,55 @@ pub(super) struct SlidingSurface<'a> {
     pub stiffness: f64,
 }
 
-/// Lets boundary nodes near inverted cells slide on the target until no cell is inverted or sliding stops helping.
-/// Inner nodes move with them.
-pub(super) fn slide(
-    energy: &FoldoverEnergy,
-    x: &mut Vec<Point>,
-    step: f64,
-    sliding_surface: &SlidingSurface,
-    on_boundary: &[bool],
-    monitor: &ProgressSender<(usize, usize)>,
-) -> SlideReport {
-    let mut report = SlideReport::default();
-    let start = x.clone();
-    let bad = energy.inverted(x);
-    let (mut best, mut rings) = (Best::new(bad.len(), x), FIRST_RINGS);
-    let mut epsilon = 1.0;
-    let mut sliding = near(energy, &bad, rings, on_boundary);
-    let most = MAX_SLIDING_PART * on_boundary.iter().filter(|is| **is).count() as f64;
-    let mut slid = 0;
-    while monitor.should_continue() && best.inverted > 0 && rings <= MAX_RINGS && sliding.len() as f64 <= most {
-        slid = sliding.len();
-        let free: Vec<u32> = (0..x.len() as u32)
-            .filter(|&v| !on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
-            .collect();
-        let mut descent = Lbfgs::new(energy, &free, step, monitor);
-        descent.constraints = sliding_surface.constraints(x, &start, &free, on_boundary);
-        let (value, iterations) = descent.run(x, epsilon, &ROUND);
-        report.rounds += 1;
-        report.iterations += iterations;
-        sliding_surface.project(x, &sliding);
-        epsilon = next_epsilon(epsilon, value.least);
-        best.update(energy.inverted(x).len(), x);
-        if best.stalled == MAX_STALLED {
-            (best.stalled, rings, epsilon) = (0, rings + 1, 1.0);
-            x.clone_from(&best.nodes);
-            sliding = near(energy, &energy.inverted(x), rings, on_boundary);
+/// What slides, and how.
+pub(super) struct Sliding<'a> {
+    pub energy: &'a FoldoverEnergy,
+    /// Largest displacement of a node in a first step.
+    pub step: f64,
+    pub surface: &'a SlidingSurface<'a>,
+    pub on_boundary: &'a [bool],
+    /// Iterations after which no further round begins.
+    pub most_iterations: usize,
+    pub monitor: &'a ProgressSender<'a, (usize, usize)>,
+}
+
+impl Sliding<'_> {
+    /// Lets boundary nodes near inverted cells slide on the target until no cell is inverted or sliding stops helping.
+    /// Inner nodes move with them.
+    pub fn run(&self, x: &mut Vec<Point>) -> SlideReport {
+        let (energy, on_boundary) = (self.energy, self.on_boundary);
+        let mut report = SlideReport::default();
+        let start = x.clone();
+        let bad = energy.inverted(x);
+        let (mut best, mut rings) = (Best::new(bad.len(), x), FIRST_RINGS);
+        let mut epsilon = 1.0;
+        let mut sliding = near(energy, &bad, rings, on_boundary);
+        let most = MAX_SLIDING_PART * on_boundary.iter().filter(|is| **is).count() as f64;
+        let mut slid = 0;
+        let may_go_on = |iterations: usize| self.monitor.should_continue() && iterations < self.most_iterations;
+        while best.inverted > 0 && may_go_on(report.iterations) && rings <= MAX_RINGS && sliding.len() as f64 <= most {
+            slid = sliding.len();
+            let free: Vec<u32> = (0..x.len() as u32)
+                .filter(|&v| !on_boundary[v as usize] || sliding.binary_search(&v).is_ok())
+                .collect();
+            let mut descent = Lbfgs::new(energy, &free, self.step, self.monitor);
+            descent.constraints = self.surface.constraints(x, &start, &free, on_boundary);
+            let (value, iterations) = descent.run(x, epsilon, &ROUND);
+            report.rounds += 1;
+            report.iterations += iterations;
+            self.surface.project(x, &sliding);
+            epsilon = next_epsilon(epsilon, value.least);
+            best.update(energy.inverted(x).len(), x);
+            if best.stalled == MAX_STALLED {
+                (best.stalled, rings, epsilon) = (0, rings + 1, 1.0);
+                x.clone_from(&best.nodes);
+                sliding = near(energy, &energy.inverted(x), rings, on_boundary);
+            }
         }
+        *x = best.nodes;
+        report.nodes = slid;
+        report
     }
-    *x = best.nodes;
-    report.nodes = slid;
-    report
 }
 
 /// Boundary nodes within `rings` rings of these cells, ascending.

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use solidmap::bijective::RefinementOptions;
+use solidmap::remesh::DEFAULT_EFFORT;
 
-use super::values::{bytes, off_or_count};
+use super::values::{bytes, effort, off_or_count};
 
 /// Which map of a file is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -54,6 +55,9 @@ pub struct BijectiveArgs {
     /// 5000]
     #[arg(long, value_name = "off|N", value_parser = off_or_count)]
     pub split_stuck: Option<usize>,
+    /// Work after which the repair ends although cells stay inverted: iterations for each cell in the mean
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_EFFORT, value_parser = effort)]
+    pub effort: f64,
     /// Limit on the memory, such as 500MB, 4GiB or a number of bytes [default: 9/10 of the available memory]
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     pub memory: Option<u64>,

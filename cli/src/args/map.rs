@@ -50,12 +50,13 @@ pub struct LameArgs {
 }
 
 impl LameArgs {
-    /// The constants; refused when they are not finite.
+    /// The constants; refused where they are not those of a material, whose energy is positive.
     pub fn constants(&self) -> anyhow::Result<Lame> {
         let (lambda, mu) = (self.lame[0], self.lame[1]);
         anyhow::ensure!(
-            lambda.is_finite() && mu.is_finite(),
-            "--lame is {lambda} {mu}, but must be two finite numbers"
+            lambda.is_finite() && mu.is_finite() && mu > 0.0 && 3.0 * lambda + 2.0 * mu > 0.0,
+            "--lame is {lambda} {mu}, but both must be finite, MU positive, and 3 LAMBDA + 2 MU too: otherwise the energy \
+             of a deformation can be negative"
         );
         Ok(Lame { lambda, mu })
     }

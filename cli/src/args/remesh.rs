@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use solidmap::remesh::DEFAULT_EFFORT;
 
 use super::places::PlacesArgs;
 use super::section::{TargetUpArgs, UpKind};
-use super::values::{bytes, off_or_count};
+use super::values::{bytes, effort, off_or_count};
 
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
@@ -41,7 +42,10 @@ pub struct RemeshArgs {
     /// there edges are split, in domain and target alike. For tetrahedra only; `off` never splits [default: a third of the mesh's cells, and 5000]
     #[arg(long, value_name = "off|N", value_parser = off_or_count)]
     pub split_stuck: Option<usize>,
-    /// Iterations at most that improve the shapes of cells once none is inverted. They never lower the least scaled
+    /// Work after which the repair ends although cells stay inverted: iterations for each cell in the mean
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_EFFORT, value_parser = effort)]
+    pub effort: f64,
+    /// Iterations at most of each descent that improves the shapes of cells once none is inverted. They never lower the least scaled
     /// Jacobian, nor its 1 % quantile. Given here, a mesh is polished too that needs no repair [default: 200 after a
     /// repair]
     #[arg(long, value_name = "N")]

@@ -25,6 +25,14 @@ pub fn off_or_count(text: &str) -> Result<usize, String> {
         .map_err(|_| format!("`{text}` is neither `off` nor a number of cells"))
 }
 
+/// A positive number.
+pub fn effort(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(number) if number > 0.0 => Ok(number),
+        _ => Err(format!("`{text}` is not a positive number of iterations")),
+    }
+}
+
 /// A number of bytes with an optional unit: KB, MB, GB, TB are powers of 1000; K, KiB and so on of 1024.
 pub fn bytes(text: &str) -> Result<u64, String> {
     let wanted = || format!("`{text}` is not a size; write it as 4GiB, 500MB or a number of bytes");

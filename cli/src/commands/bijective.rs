@@ -41,6 +41,7 @@ pub fn run(args: &BijectiveArgs, output: &Output) -> anyhow::Result<CommandOutco
             ..RefinementOptions::default()
         },
         split_stuck: args.split_stuck,
+        effort: args.effort,
         memory: args.memory.or_else(input::most_memory),
     };
     let cannot_make = || format!("cannot make a bijective map of `{}`", args.map.display());

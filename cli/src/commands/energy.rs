@@ -136,7 +136,11 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         energy,
     };
     output.result(&report, || {
-        with_places(two_columns(energy_rows(&report.energy)), &report.worst_places)
+        let mut rows = energy_rows(&report.energy);
+        for path in [&args.vtu, &args.png].into_iter().flatten() {
+            rows.push(["written".into(), path.display().to_string()]);
+        }
+        with_places(two_columns(rows), &report.worst_places)
     })?;
     Ok(CommandOutcome::Done)
 }
@@ -158,8 +162,11 @@ fn energy_rows(energy: &EnergyReport) -> Vec<[String; 2]> {
         [
             name.to_owned(),
             format!(
-                "{total:<12.6} {error:<10} density {:.3e} to {:.3e}, median {:.3e}",
-                d.min, d.max, d.median
+                "{:<12} {error:<10} density {:.3e} to {:.3e}, median {:.3e}",
+                significant(total, 6),
+                d.min,
+                d.max,
+                d.median
             ),
         ]
     };

@@ -11,6 +11,7 @@ use solidmap::fit::{FitOptions, FitReport, Placement, RefinementEnd};
 use solidmap::io::{self, Cells, SolidMesh, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{CellList, TetMesh};
+use solidmap::remesh::DEFAULT_EFFORT;
 use solidmap::solver::SchwarzStop;
 use solidmap::spherical::SphereOptions;
 use solidmap::worst_places::WorstPlace;
@@ -24,7 +25,7 @@ use crate::shared::input::BoundarySource;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, describe, memory_row, peak_rss_bytes, two_columns};
 use crate::shared::places::with_places;
-use crate::shared::{bijective, boundary_map, input, self_intersections};
+use crate::shared::{bijective, boundary_map, input, interrupt, self_intersections};
 
 /// What `fit --json` prints.
 #[derive(Serialize)]
@@ -105,7 +106,13 @@ impl<'a> BoundaryInput<'a> {
             Self::Files(source) => source.read(),
             Self::ToSphere { domain } => {
                 let surface = input::read_surface(domain)?;
-                let (map, _) = boundary_map::to_sphere(&surface, domain, &SphereOptions::default(), false, output)?;
+                let (map, _) = boundary_map::to_sphere(
+                    &surface,
+                    domain,
+                    &SphereOptions::default(),
+                    SHARE_OF_BOUNDARY_MAP,
+                    output,
+                )?;
                 BoundaryMap::onto_sphere(map).with_context(|| boundary_map::cannot_map(domain))
             }
             Self::ToModel { domain, target, pair } => to_model(domain, target, pair, output),
@@ -113,10 +120,16 @@ impl<'a> BoundaryInput<'a> {
     }
 }
 
+/// The share of a time limit after which the best boundary map so far is taken.
+const SHARE_OF_BOUNDARY_MAP: f64 = 0.5;
+
 /// The map of a solid's boundary to another's.
 fn to_model(domain: &Path, target: &Path, args: &PairArgs, output: &Output) -> anyhow::Result<BoundaryMap> {
     let surface = input::read_surface(domain)?;
-    let (map, report) = boundary_map::to_model(&surface, [domain, target], args, false, output)?;
+    let (map, report) = boundary_map::to_model(&surface, [domain, target], args, SHARE_OF_BOUNDARY_MAP, output)?;
+    if report.concluded {
+        output.warn(interrupt::concluded("boundary map"));
+    }
     output.note(format_args!(
         "boundary map in {:.1} s: one to one; symmetric Dirichlet energy {:.2} at the median and {:.3e} at most (that of \
          an isometry is 4). See `solidmap boundary pair`",
@@ -243,6 +256,7 @@ fn bijective(
         mesh,
         refinement: RefinementOptions::default(),
         split_stuck: None,
+        effort: DEFAULT_EFFORT,
         memory: input::most_memory(),
     };
     Ok(bijective::make(map, boundary, making, output)??)

@@ -22,6 +22,7 @@ pub struct Making {
     pub mesh: Option<TetMesh>,
     pub refinement: RefinementOptions,
     pub split_stuck: Option<usize>,
+    pub effort: f64,
     pub memory: Option<u64>,
 }
 
@@ -46,6 +47,7 @@ pub fn make(
     let start = std::time::Instant::now();
     let options = RemeshOptions {
         most_added: making.split_stuck,
+        effort: making.effort,
         memory: making.memory,
         ..RemeshOptions::default()
     };

@@ -7,19 +7,19 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairPhase, PairReport, map_pair};
 use solidmap::files;
 use solidmap::mesh::SurfaceMesh;
-use solidmap::progress::ProgressControl;
 use solidmap::spherical::{SphereOptions, SpherePhase, SphereReport, SphericalEmbedding, map_to_sphere};
 
 use super::output::Output;
 use super::{input, interrupt};
 use crate::args::{PairArgs, ViaKind};
 
-/// The map of a model to the sphere. At the time limit the best map so far is taken, if `in_time` and there is one.
+/// The map of a model to the sphere. At this share of the time limit the best map so far is taken, if there
+/// is one.
 pub fn to_sphere(
     surface: &SurfaceMesh,
     model: &Path,
     options: &SphereOptions,
-    in_time: bool,
+    share: f64,
     output: &Output,
 ) -> anyhow::Result<(SphericalEmbedding, SphereReport)> {
     let show = |phase| match phase {
@@ -33,11 +33,7 @@ pub fn to_sphere(
     };
     let progress = |phase| {
         show(phase);
-        if in_time {
-            interrupt::control(matches!(phase, SpherePhase::Optimising { .. }))
-        } else {
-            ProgressControl::Continue
-        }
+        interrupt::control_until(share, matches!(phase, SpherePhase::Optimising { .. }))
     };
     map_to_sphere(surface, options, &progress).with_context(|| cannot_map(model))
 }
@@ -47,13 +43,13 @@ pub fn cannot_map(model: &Path) -> String {
     format!("cannot map `{}` to the sphere", model.display())
 }
 
-/// The map from `domain`, which was read from the first of the two files, to the surface in the second. At the time limit
-/// the best map so far is taken, if `in_time` and there is one.
+/// The map from `domain`, which was read from the first of the two files, to the surface in the second. At this share of the
+/// time limit the best map so far is taken, if there is one.
 pub fn to_model(
     domain: &SurfaceMesh,
     files: [&Path; 2],
     args: &PairArgs,
-    in_time: bool,
+    share: f64,
     output: &Output,
 ) -> anyhow::Result<(BoundaryMap, PairReport)> {
     let target = input::read_surface(files[1])?;
@@ -67,13 +63,9 @@ pub fn to_model(
     };
     let progress = |phase| {
         show_phase(phase, output);
-        if in_time {
-            // Any one of the coarse embeddings becomes a map by inserting the rest of the vertices.
-            let has_result = !matches!(phase, PairPhase::Sphere(..) | PairPhase::Aligning { .. });
-            interrupt::control(has_result)
-        } else {
-            ProgressControl::Continue
-        }
+        // Any one of the coarse embeddings becomes a map by inserting the rest of the vertices.
+        let has_result = !matches!(phase, PairPhase::Sphere(..) | PairPhase::Aligning { .. });
+        interrupt::control_until(share, has_result)
     };
     let (map, report) = map_pair(domain, &target, &options, &progress).map_err(|error| match error {
         // Only one of the files is at fault.

@@ -57,11 +57,53 @@ pub fn hold_off<T>(work: impl FnOnce() -> T) -> T {
 pub fn end_cleanly(output: &Output) {
     let line = output.progress_line();
     let as_json = output.errors_as_json();
+    let ignored = IgnoredSignals::now();
     // Without a handler the system ends the program, which may leave a temporary file.
-    let _ = ctrlc::try_set_handler(move || end(&line, ErrorKind::Interrupted, "interrupted", as_json));
+    let _ = ctrlc::set_handler(move || end(&line, ErrorKind::Interrupted, "interrupted", as_json));
+    ignored.ignore();
 }
 
-/// `--time-limit` in seconds, and when it is reached.
+/// The signals that end programs and are ignored: Ctrl-C by what a script runs in the background, the end of a session under
+/// `nohup`.
+#[cfg(unix)]
+struct IgnoredSignals(Vec<libc::c_int>);
+
+#[cfg(unix)]
+impl IgnoredSignals {
+    fn now() -> Self {
+        let mut signals = vec![libc::SIGINT, libc::SIGTERM, libc::SIGHUP];
+        signals.retain(|&signal| {
+            let mut action = std::mem::MaybeUninit::<libc::sigaction>::zeroed();
+            // SAFETY: a null pointer leaves the action as it is, and the other one points to room for it, which is zero
+            // where none is written.
+            let found = unsafe { libc::sigaction(signal, std::ptr::null(), action.as_mut_ptr()) };
+            // SAFETY: all of it was zeroed, for which it has a meaning.
+            found == 0 && unsafe { action.assume_init() }.sa_sigaction == libc::SIG_IGN
+        });
+        Self(signals)
+    }
+
+    fn ignore(&self) {
+        for &signal in &self.0 {
+            // SAFETY: to ignore a signal runs no code of ours.
+            unsafe { libc::signal(signal, libc::SIG_IGN) };
+        }
+    }
+}
+
+#[cfg(not(unix))]
+struct IgnoredSignals;
+
+#[cfg(not(unix))]
+impl IgnoredSignals {
+    fn now() -> Self {
+        Self
+    }
+
+    fn ignore(&self) {}
+}
+
+/// `--time-limit` in seconds, and when it began.
 static TIME_LIMIT: OnceLock<(f64, Instant)> = OnceLock::new();
 /// Whether a valid result is near, that the time limit waits for.
 static RESULT_IS_NEAR: AtomicBool = AtomicBool::new(false);
@@ -69,11 +111,16 @@ static RESULT_IS_NEAR: AtomicBool = AtomicBool::new(false);
 /// How work goes on that can be concluded, so that its best result so far is written: it is once the time limit is
 /// reached. `has_result` says that there is one, or soon will be; until then the limit ends the program.
 pub fn control(has_result: bool) -> ProgressControl {
+    control_until(1.0, has_result)
+}
+
+/// As [`control`], for work that other work follows: it is concluded at this share of the time limit.
+pub fn control_until(share: f64, has_result: bool) -> ProgressControl {
     if has_result {
         RESULT_IS_NEAR.store(true, Ordering::Relaxed);
     }
     match TIME_LIMIT.get() {
-        Some((_, deadline)) if Instant::now() >= *deadline => ProgressControl::Conclude,
+        Some((limit, begun)) if begun.elapsed().as_secs_f64() >= share * limit => ProgressControl::Conclude,
         _ => ProgressControl::Continue,
     }
 }
@@ -92,7 +139,7 @@ const LEAST_GRACE: f64 = 10.0;
 /// Ends the program so many seconds from now, as an interrupt does; somewhat later where a result is near
 /// ([`control`]).
 pub fn end_after(seconds: f64, output: &Output) {
-    let _ = TIME_LIMIT.set((seconds, Instant::now() + Duration::from_secs_f64(seconds)));
+    let _ = TIME_LIMIT.set((seconds, Instant::now()));
     let line = output.progress_line();
     let as_json = output.errors_as_json();
     // Without a thread there is no memory left for anything else either.

@@ -34,7 +34,7 @@ pub fn run(args: &BoundaryPairArgs, output: &Output) -> anyhow::Result<CommandOu
     args.outputs.require_writable(&inputs)?;
     output.progress("reading");
     let domain = input::read_surface(&args.domain)?;
-    let (map, report) = boundary_map::to_model(&domain, [&args.domain, &args.target], &args.pair, true, output)?;
+    let (map, report) = boundary_map::to_model(&domain, [&args.domain, &args.target], &args.pair, 1.0, output)?;
     output.progress("writing");
     let mut read: Vec<(&str, &Path)> = vec![("domain", &args.domain), ("target", &args.target)];
     read.extend(args.pair.landmarks.iter().map(|file| ("landmarks", file.as_path())));

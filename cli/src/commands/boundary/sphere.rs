@@ -44,7 +44,7 @@ pub fn run(args: &BoundarySphereArgs, output: &Output) -> anyhow::Result<Command
         start: args.start.into(),
         ..SphereOptions::default()
     };
-    let (map, sphere) = boundary_map::to_sphere(&surface, &args.model, &options, true, output)?;
+    let (map, sphere) = boundary_map::to_sphere(&surface, &args.model, &options, 1.0, output)?;
     if args.start == SphereStartKind::Flow && sphere.start != SphereStart::Flow {
         output.warn(
             "the flow folds this surface, or shrinks its limbs to specks; the progressive start was used instead",

@@ -69,6 +69,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         repair: !args.no_repair,
         slide: !args.fix_boundary,
         most_added: args.split_stuck,
+        effort: args.effort,
         polish: args.polish.unwrap_or(RemeshOptions::default().polish),
         polish_valid: args.polish.is_some(),
         memory: args.memory.or_else(input::most_memory),
@@ -106,6 +107,10 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
             },
             match (args.split_stuck, remeshed.report.kind) {
                 (Some(0), CellKind::Tets) => "Leave out --split-stuck off: nodes that splitting adds may help",
+                _ if remeshed.report.repair.exhausted => {
+                    "The repair ended at its limit: more --effort may help, smaller cells, or a boundary map that distorts \
+                     less there"
+                }
                 _ => "Smaller cells may help, or a boundary map that distorts less there",
             }
         ));
