@@ -1127,7 +1127,7 @@ fn piped_progress_names_the_phases_of_long_work_and_keeps_silent_about_short() {
     let place = with_affine_map();
     assert_eq!(stderr(&place.ends_with(0, "eval ball.map ball.obj -o x.obj")), "");
     place.surface("large.ply", &shapes::sphere(1.0, 6));
-    let said = stderr(&place.run("fit large.ply --image large.ply -o x.map --tolerance 1e-7 --time-limit 4"));
+    let said = stderr(&place.run("fit large.ply --image large.ply -o x.map --tolerance 1e-7 --time-limit 8"));
     let phases: Vec<&str> = said
         .lines()
         .filter_map(|line| line.split_once(" s  "))

@@ -102,9 +102,9 @@ const ROOM_TO_SPLIT: usize = 5000;
 const LEAST_VOLUME: f64 = 1e-12;
 
 /// The default of [`RemeshOptions::effort`].
-pub const DEFAULT_EFFORT: f64 = 1e4;
+pub const DEFAULT_EFFORT: f64 = 2000.0;
 /// Cells whose effort any mesh gets, however small.
-const CELLS_IN_ANY: usize = 20_000;
+const CELLS_IN_ANY: usize = 100_000;
 
 impl Default for RemeshOptions {
     fn default() -> Self {

@@ -30,7 +30,7 @@ struct BijectiveOptions {
   /// the mesh has, and 5000, where there is no value.
   std::optional<std::size_t> most_added;
   /// Work after which the repair ends although cells stay inverted: iterations of descent for each cell in the mean.
-  double effort = 1e4;
+  double effort = 2000;
   /// Bytes that the run may take, estimated before they are taken: more throws Error (memory). 0: no limit.
   std::uint64_t memory = 0;
 };
