@@ -603,7 +603,7 @@ fn a_repair_that_cannot_succeed_ends_at_its_limit_of_effort_and_leaves_no_more_i
         short.repair,
         long.repair
     );
-    // Of a mesh that is repaired, the limit is not mentioned, however low.
+    // A repair that succeeds is not reported as ended by its limit, however low that is.
     let sound = BoundaryMap::new(shapes::cube(2.0, 6), shapes::cube(2.0, 6).vertices().to_vec()).unwrap();
     let swirl = Formula(|p: &Point| {
         let inside = (1.0 - p.x * p.x) * (1.0 - p.y * p.y) * (1.0 - p.z * p.z);

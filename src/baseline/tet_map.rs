@@ -1,11 +1,10 @@
-use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
 use super::stiffness::{ScaledTet, check_vertices};
 use super::{BaselineError, check_images};
-use crate::geometry::{Aabb, Bvh, closest_point_on_triangle, morton_order};
+use crate::geometry::{TetLocator, TetPoint, morton_order};
 use crate::map::VolumeMap;
 use crate::mesh::TetMesh;
 use crate::{Matrix3, Point, Vector};
@@ -38,25 +37,6 @@ impl SharedMesh {
         Self { mesh, locator }
     }
 }
-
-/// Finds the tetrahedron of a point.
-#[derive(Debug)]
-struct TetLocator {
-    bvh: Bvh,
-    /// Tetrahedra that are not flat, in the order of the tree's leaves.
-    tets: Vec<u32>,
-    longest_side: f64,
-}
-
-/// A point of a tetrahedron.
-struct Located {
-    tet: u32,
-    /// Weights of its corners: not negative, with sum 1.
-    barycentric: [f64; 4],
-}
-
-/// Corners of the sides of a tetrahedron.
-const SIDES: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
 /// Points per task.
 const RUN: usize = 512;
@@ -121,14 +101,17 @@ impl TetMap {
         &self,
         points: &[Point],
         undefined: T,
-        value: impl Fn(&Located) -> T + Sync,
+        value: impl Fn(&TetPoint) -> T + Sync,
     ) -> Vec<T> {
-        let locator = self.solid.locator.get_or_init(|| TetLocator::new(&self.solid.mesh));
+        let locator = self.solid.locator.get_or_init(|| {
+            let mesh = &self.solid.mesh;
+            TetLocator::new(mesh, |t| ScaledTet::new(&mesh.corners(t)).is_some())
+        });
         let order = morton_order(points);
         let found: Vec<T> = order
             .par_chunks(RUN)
             .flat_map_iter(|run| {
-                let locate = |&i: &u32| locator.locate(&self.solid.mesh, &points[i as usize]);
+                let locate = |&i: &u32| locator.locate_by(&self.solid.mesh, &points[i as usize], weights_inside);
                 run.iter().map(locate).map(|at| at.as_ref().map_or(undefined, &value))
             })
             .collect();
@@ -151,76 +134,6 @@ impl VolumeMap for TetMap {
 
     fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
         self.at_points(points, Matrix3::repeat(f64::NAN), |at| self.jacobian_in(at.tet))
-    }
-}
-
-impl TetLocator {
-    fn new(mesh: &TetMesh) -> Self {
-        let all = (0..mesh.tets().len() as u32).into_par_iter();
-        let solid: Vec<u32> = all
-            .filter(|&t| ScaledTet::new(&mesh.corners(t as usize)).is_some())
-            .collect();
-        let corners = |&t: &u32| Aabb::around(&mesh.corners(t as usize));
-        let boxes: Vec<Aabb> = solid.par_iter().map(corners).collect();
-        let bvh = Bvh::new(&boxes);
-        let longest = boxes.iter().map(|b| b.extent().norm()).fold(0.0, f64::max);
-        Self {
-            tets: bvh.order().iter().map(|&i| solid[i as usize]).collect(),
-            bvh,
-            longest_side: longest,
-        }
-    }
-
-    /// The tetrahedron that contains `p`, else the closest one with its closest point. `None` for points that are not
-    /// finite.
-    fn locate(&self, mesh: &TetMesh, p: &Point) -> Option<Located> {
-        if !p.iter().all(|c| c.is_finite()) {
-            return None;
-        }
-        self.containing(mesh, p).or_else(|| self.closest(mesh, p))
-    }
-
-    /// The tetrahedron that contains the point; if it lies on a side common to several, the first in the order of the
-    /// tree.
-    fn containing(&self, mesh: &TetMesh, p: &Point) -> Option<Located> {
-        const STOP: f64 = -1.0;
-        let mut found = None;
-        self.bvh.visit_nearest(p, 0.0, |leaf: Range<usize>, limit| {
-            for &tet in &self.tets[leaf] {
-                if let Some(barycentric) = weights_inside(&mesh.corners(tet as usize), p) {
-                    found = Some(Located { tet, barycentric });
-                    return STOP;
-                }
-            }
-            limit
-        });
-        found
-    }
-
-    /// The closest tetrahedron; of equally close ones that of the lowest index.
-    fn closest(&self, mesh: &TetMesh, p: &Point) -> Option<Located> {
-        let mut least = f64::INFINITY;
-        let mut best: Option<Located> = None;
-        self.bvh.visit_nearest(p, f64::INFINITY, |leaf: Range<usize>, _| {
-            for &tet in &self.tets[leaf] {
-                let corners = mesh.corners(tet as usize);
-                for side in SIDES {
-                    let closest = closest_point_on_triangle(p, &side.map(|k| corners[k]));
-                    let distance = closest.offset.norm_squared();
-                    let lower = || best.as_ref().is_none_or(|b| tet < b.tet);
-                    if distance < least || (distance == least && lower()) {
-                        least = distance;
-                        let mut barycentric = [0.0; 4];
-                        (0..3).for_each(|k| barycentric[side[k]] = closest.barycentric[k]);
-                        best = Some(Located { tet, barycentric });
-                    }
-                }
-            }
-            // Distances are off by a few roundings of themselves and the sides.
-            let distance = least.sqrt();
-            (distance + 32.0 * f64::EPSILON * (distance + self.longest_side)).powi(2)
-        });
-        best
     }
 }
 

@@ -209,7 +209,7 @@ fn overlapping_and_repeated_cells_are_named() {
     // Three faces inside the cube now have three cells.
     let crowded = finding(&report, CellFindingKind::CrowdedFaces);
     assert_eq!((crowded.severity, crowded.count), (Severity::Error, 3));
-    // The two cells share faces that no other cell has, where they are not on the wrong side of each other.
+    // On the three outer faces, the cell and its copy are not neighbours on the same side.
     assert_eq!(report.inverted_cells, 0);
 
     cells.pop();

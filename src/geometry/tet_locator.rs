@@ -52,29 +52,42 @@ impl TetLocator {
     /// The tetrahedron that contains `p`, else the closest one with its closest point. `None` for points that are not
     /// finite, and without tetrahedra.
     pub fn locate(&self, mesh: &TetMesh, p: &Point) -> Option<TetPoint> {
+        let exactly = |corners: &[Point; 4], p: &Point| contains(corners, p).then(|| weights(corners, p)).flatten();
+        self.locate_by(mesh, p, exactly)
+    }
+
+    /// As [`Self::locate`], where `weights_inside` decides which tetrahedra contain the point, and with which weights.
+    pub(crate) fn locate_by(
+        &self,
+        mesh: &TetMesh,
+        p: &Point,
+        weights_inside: impl Fn(&[Point; 4], &Point) -> Option<[f64; 4]>,
+    ) -> Option<TetPoint> {
         if !p.iter().all(|c| c.is_finite()) {
             return None;
         }
-        self.containing(mesh, p).or_else(|| self.closest(mesh, p))
+        self.containing(mesh, p, weights_inside)
+            .or_else(|| self.closest(mesh, p))
     }
 
-    /// The tetrahedron that contains the point, decided exactly; if it lies on a side common to several, the first in the
-    /// order of the tree.
-    fn containing(&self, mesh: &TetMesh, p: &Point) -> Option<TetPoint> {
+    /// The tetrahedron that contains the point; if it lies on a side common to several, the first in the order of the tree.
+    fn containing(
+        &self,
+        mesh: &TetMesh,
+        p: &Point,
+        weights_inside: impl Fn(&[Point; 4], &Point) -> Option<[f64; 4]>,
+    ) -> Option<TetPoint> {
         const STOP: f64 = -1.0;
         let mut found = None;
         self.bvh.visit_nearest(p, 0.0, |leaf: Range<usize>, limit| {
             for &tet in &self.tets[leaf] {
-                let corners = mesh.corners(tet as usize);
-                if contains(&corners, p) {
-                    found = weights(&corners, p).map(|barycentric| TetPoint {
+                if let Some(barycentric) = weights_inside(&mesh.corners(tet as usize), p) {
+                    found = Some(TetPoint {
                         tet,
                         barycentric,
                         distance: 0.0,
                     });
-                    if found.is_some() {
-                        return STOP;
-                    }
+                    return STOP;
                 }
             }
             limit

@@ -83,7 +83,7 @@ pub struct RemeshOptions {
     /// a regular mesh, where much splitting comes before moving nodes only if a number is given.
     pub most_added: Option<usize>,
     /// Work after which a repair ends although cells stay inverted: iterations of descent for each cell of the mesh, in
-    /// the mean, beyond those that any mesh gets, however small.
+    /// the mean. Meshes of fewer than 100 000 cells get as much as one of so many.
     pub effort: f64,
     /// Largest number of iterations of the polish, which improves the shapes of cells after the repair; 0 for none. It
     /// never lowers the least scaled Jacobian nor its 1 % quantile: it ends where it would, or is undone.

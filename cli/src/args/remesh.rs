@@ -39,15 +39,16 @@ pub struct RemeshArgs {
     #[arg(long)]
     pub fix_boundary: bool,
     /// Cells at most that are added where nodes are stuck, or where the boundary of a regular mesh passes through itself:
-    /// there edges are split, in domain and target alike. For tetrahedra only; `off` never splits [default: a third of the mesh's cells, and 5000]
+    /// there edges are split, in domain and target alike. For tetrahedra only; `off` never splits [default: a third of the
+    /// mesh's cells, and 5000]
     #[arg(long, value_name = "off|N", value_parser = off_or_count)]
     pub split_stuck: Option<usize>,
     /// Work after which the repair ends although cells stay inverted: iterations for each cell in the mean
     #[arg(long, value_name = "N", default_value_t = DEFAULT_EFFORT, value_parser = effort)]
     pub effort: f64,
-    /// Iterations at most of each descent that improves the shapes of cells once none is inverted. They never lower the least scaled
-    /// Jacobian, nor its 1 % quantile. Given here, a mesh is polished too that needs no repair [default: 200 after a
-    /// repair]
+    /// Iterations at most of each descent that improves the shapes of cells once none is inverted. They never lower the
+    /// least scaled Jacobian, nor its 1 % quantile. Given here, a mesh is polished too that needs no repair [default: 200
+    /// after a repair]
     #[arg(long, value_name = "N")]
     pub polish: Option<usize>,
     /// Largest number of cells

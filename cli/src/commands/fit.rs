@@ -106,13 +106,16 @@ impl<'a> BoundaryInput<'a> {
             Self::Files(source) => source.read(),
             Self::ToSphere { domain } => {
                 let surface = input::read_surface(domain)?;
-                let (map, _) = boundary_map::to_sphere(
+                let (map, report) = boundary_map::to_sphere(
                     &surface,
                     domain,
                     &SphereOptions::default(),
                     SHARE_OF_BOUNDARY_MAP,
                     output,
                 )?;
+                if report.concluded {
+                    output.warn(interrupt::concluded("boundary map"));
+                }
                 BoundaryMap::onto_sphere(map).with_context(|| boundary_map::cannot_map(domain))
             }
             Self::ToModel { domain, target, pair } => to_model(domain, target, pair, output),
