@@ -16,10 +16,15 @@ pub fn default_budget() -> Option<u64> {
 /// [`default_budget`] for work that decomposes matrices. The matrix kernels reserve a gibibyte of address space per
 /// thread, use little of it, and abort where that is refused.
 pub(crate) fn default_solver_budget() -> Option<u64> {
+    let addresses = solver_addresses().unwrap_or(u64::MAX);
+    Some(nine_tenths(available()?.min(addresses)))
+}
+
+/// Address space for such work beyond what the matrix kernels reserve, where it is limited (`ulimit -v`).
+pub(crate) fn solver_addresses() -> Option<u64> {
     const RESERVED: u64 = 1 << 30;
     let threads = rayon::current_num_threads() as u64 + 1;
-    let addresses = address_space().map(|bytes| bytes.saturating_sub(threads * RESERVED));
-    Some(nine_tenths(available()?.min(addresses.unwrap_or(u64::MAX))))
+    address_space().map(|bytes| bytes.saturating_sub(threads * RESERVED))
 }
 
 fn nine_tenths(bytes: u64) -> u64 {

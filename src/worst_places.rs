@@ -41,6 +41,9 @@ pub enum PlaceKind {
     Inverted,
     /// The boundary error is among the largest percent; the value is the largest, as a fraction of the target's diagonal.
     BoundaryError,
+    /// The boundary error is among the largest percent, and above 1, as a multiple of the spacing of the image's vertices
+    /// around; the value is the largest.
+    LocalError,
 }
 
 /// A connected group of cells or triangles where a map is worst.
@@ -77,7 +80,10 @@ impl PlaceKind {
 
     /// Whether places are ordered by their size. Those of a large quantity are ordered by it.
     fn is_by_size(self) -> bool {
-        !matches!(self, Self::EnergyDensity | Self::Distortion | Self::BoundaryError)
+        !matches!(
+            self,
+            Self::EnergyDensity | Self::Distortion | Self::BoundaryError | Self::LocalError
+        )
     }
 
     /// Whether the least value is the worst.
@@ -97,6 +103,7 @@ impl PlaceKind {
             Self::Distortion => "large distortion",
             Self::Inverted => "inverted",
             Self::BoundaryError => "large boundary error",
+            Self::LocalError => "beyond the next vertex",
         }
     }
 
@@ -108,6 +115,7 @@ impl PlaceKind {
             Self::Distortion => "symmetric Dirichlet",
             Self::Inverted => "scaled Jacobian",
             Self::BoundaryError => "of the diagonal",
+            Self::LocalError => "of the image's spacing",
             Self::Undecided | Self::Flipped | Self::Degenerate | Self::SelfIntersecting => "",
         }
     }

@@ -8,6 +8,7 @@ use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint, shapes};
 use solidmap::sampling::{self, Anchors, Collocation};
 use solidmap::solver::SchwarzStop;
+use solidmap::worst_places::PlaceKind;
 use solidmap::{Point, Vector};
 
 fn radial(domain: &SurfaceMesh) -> BoundaryMap {
@@ -607,7 +608,7 @@ fn sources_are_added_where_the_largest_error_is_though_99_per_cent_are_met() {
             ..FitOptions::default()
         };
         let report = fit(&boundary, &options, &|_| {}).unwrap().report;
-        let met = options.is_met_by(&report.boundary_error);
+        let met = options.is_met_by(&report);
         assert_eq!(met, report.refinement_end == Some(RefinementEnd::Tolerance));
         report
     };
@@ -621,4 +622,69 @@ fn sources_are_added_where_the_largest_error_is_though_99_per_cent_are_met() {
         "{strict:?}"
     );
     assert!(strict.sources < 2 * loose.sources, "{strict:?}");
+}
+
+/// A patch of a ball that its image squeezes into a dot: an error far below the tolerance turns it over.
+#[test]
+fn errors_beside_the_size_of_the_image_are_reported_with_their_place_and_lowered_on_request() {
+    let ball = shapes::sphere(1.0, 4);
+    // Around the pole of the x-axis, to a thousandth of the size, with a steep rim.
+    let squeezed = |p: &Point| {
+        let r = p.y.hypot(p.z);
+        let factor = if p.x > 0.0 {
+            ((r - 0.3) / 0.2).clamp(1e-3, 1.0)
+        } else {
+            1.0
+        };
+        Point::new(p.x, factor * p.y, factor * p.z)
+    };
+    let image: Vec<Point> = ball.vertices().iter().map(squeezed).collect();
+    let boundary = BoundaryMap::new(ball, image).unwrap();
+    let fitted = |max_local_error: f64| {
+        let options = FitOptions {
+            tolerance: 2e-2,
+            source_ratio: 0.1,
+            collocation_ratio: 0.3,
+            max_local_error,
+            ..FitOptions::default()
+        };
+        let found = fit(&boundary, &options, &|_| {}).unwrap();
+        let met = options.is_met_by(&found.report);
+        assert_eq!(met, found.report.refinement_end == Some(RefinementEnd::Tolerance));
+        found
+    };
+    let loose = fitted(f64::INFINITY);
+    let local = loose.report.local_error.unwrap();
+    assert!(
+        loose.report.boundary_error.p99 <= 2e-2 && local.max > 1.0,
+        "{:?}",
+        loose.report
+    );
+    let places = loose.worst_places(6);
+    let place = places.iter().find(|place| place.kind == PlaceKind::LocalError).unwrap();
+    let [x, y, z] = place.point;
+    assert!(x > 0.8 && y.hypot(z) < 0.4, "{place:?}");
+    assert!(
+        (place.value.unwrap() - local.max).abs() < 1e-9 * local.max,
+        "{place:?} {local:?}"
+    );
+    assert_eq!(places[0].kind, PlaceKind::BoundaryError);
+
+    let strict = fitted(0.25 * local.max).report;
+    assert!(
+        strict.local_error.unwrap().max <= 0.25 * local.max && strict.sources > loose.report.sources,
+        "{strict:?}"
+    );
+    assert!(strict.sources < 4 * loose.report.sources, "{strict:?}");
+    // Multiples of a length: they do not depend on the unit.
+    let scaled: Vec<Point> = boundary.image().iter().map(|p| p * 1000.0).collect();
+    let scaled = BoundaryMap::new(boundary.domain().clone(), scaled).unwrap();
+    let options = FitOptions {
+        tolerance: 2e-2,
+        source_ratio: 0.1,
+        collocation_ratio: 0.3,
+        ..FitOptions::default()
+    };
+    let again = fit(&scaled, &options, &|_| {}).unwrap().report.local_error.unwrap();
+    assert!((again.max / local.max - 1.0).abs() < 1e-6 && (again.p99 / local.p99 - 1.0).abs() < 1e-6);
 }

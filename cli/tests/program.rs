@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Output;
 
-use crate::workplace::{Workplace, json, solidmap, stderr};
+use crate::workplace::{Workplace, json, solidmap, stderr, text};
 use serde_json::Value;
 use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
@@ -298,6 +298,30 @@ fn energy_measures_and_pictures() {
         }
     );
     place.fails("energy ball.map --position 1.5", &["--position", "from 0 to 1"]);
+    let words = text(
+        &place
+            .ends_with(0, "energy ball.map --png again.png --vtu again.vtu")
+            .stdout,
+    );
+    for file in ["again.png", "again.vtu"] {
+        let is_listed = |line: &str| line.starts_with("written") && line.ends_with(file);
+        assert!(words.lines().any(is_listed), "{words}");
+    }
+}
+
+#[test]
+fn energies_that_miss_their_tolerance_exit_with_1_and_say_so() {
+    let place = Workplace::new();
+    let ball = shapes::sphere(1.0, 3);
+    place.surface("ball.obj", &ball);
+    let bent = |p: &Point| Point::new(p.x + 0.5 * p.y * p.y, p.y, p.z + 0.3 * (5.0 * p.x).sin());
+    place.surface("bent.obj", &shapes::deformed(&ball, bent));
+    place.ends_with(0, "fit ball.obj --image bent.obj -o bent.map");
+    let within = json(&place.ends_with(0, "energy bent.map --json"));
+    assert_eq!(within["errors"]["within_tolerance"], true);
+    let missed = place.ends_with(1, "energy bent.map --energy-tolerance 1e-9 --resolution 8 --json");
+    assert_eq!(json(&missed)["errors"]["within_tolerance"], false);
+    assert!(stderr(&missed).contains("--energy-tolerance is"), "{}", stderr(&missed));
 }
 
 #[test]
@@ -531,6 +555,11 @@ fn options_out_of_range_are_refused_at_once() {
         ("fit ball.obj --image ball.obj -o out.map --vtu out.txt", ".vtu"),
         ("energy ball.map --resolution 100000", "cells"),
         ("energy ball.map --lame nan 1", "--lame"),
+        ("energy ball.map --lame 1 -1", "MU positive"),
+        (
+            "fit ball.obj --image ball.obj -o out.map --max-local-error 0",
+            "--max-local-error",
+        ),
         ("energy ball.map --png out.jpg", ".png"),
         ("eval ball.map ball.obj -o out.xyz", "out.xyz"),
     ] {

@@ -103,6 +103,7 @@ pub(super) mod ffi {
         truncation: f64,
         tolerance: f64,
         max_error_ratio: f64,
+        max_local_error: f64,
         refine: bool,
         /// 0: nine tenths of what is available.
         memory: u64,
@@ -122,6 +123,8 @@ pub(super) mod ffi {
         rms: f64,
         p99: f64,
         max: f64,
+        local_p99: f64,
+        local_max: f64,
         residual_rms: f64,
         c_error: f64,
         seconds_total: f64,

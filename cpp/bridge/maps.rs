@@ -12,7 +12,7 @@ use solidmap::Matrix3;
 use solidmap::boundary_map::pair::{Landmarks, PairMethod, PairOptions, PairPhase, map_pair};
 use solidmap::boundary_map::{BoundaryMap, SurfaceDistortion};
 use solidmap::files::{self, BoundaryFile, BoundaryMetadata, MapFile, MapMetadata};
-use solidmap::fit::{self, DomainFactor, Fit, FitMethod, FitOptions, FitReport, Phase, Placement};
+use solidmap::fit::{self, DomainFactor, Fit, FitMethod, FitOptions, FitReport, LocalError, Phase, Placement};
 use solidmap::inverse::{InverseMap, InverseOptions, Preimage};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{SurfaceMesh, SurfacePoint};
@@ -256,6 +256,7 @@ pub fn fit_defaults(preset: u8) -> ffi::FitOptions {
         truncation,
         tolerance: options.tolerance,
         max_error_ratio: options.max_error_ratio,
+        max_local_error: options.max_local_error,
         refine: options.refine,
         memory: options.memory.unwrap_or(0),
         held_out: options.held_out,
@@ -360,6 +361,10 @@ impl Map {
             ));
         };
         let seconds = report.seconds.unwrap_or_default();
+        let local = report.local_error.unwrap_or(LocalError {
+            p99: f64::NAN,
+            max: f64::NAN,
+        });
         Ok(ffi::FitReport {
             vertices: report.vertices,
             triangles: report.faces,
@@ -372,6 +377,8 @@ impl Map {
             rms: report.boundary_error.rms,
             p99: report.boundary_error.p99,
             max: report.boundary_error.max,
+            local_p99: local.p99,
+            local_max: local.max,
             residual_rms: report.residual_rms,
             c_error: report.c_error,
             seconds_total: seconds.total,
@@ -624,6 +631,7 @@ fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
         affine: options.affine,
         tolerance: options.tolerance,
         max_error_ratio: options.max_error_ratio,
+        max_local_error: options.max_local_error,
         refine: options.refine,
         memory: (options.memory > 0).then_some(options.memory),
         held_out: options.held_out,

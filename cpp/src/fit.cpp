@@ -28,6 +28,7 @@ ffi::FitOptions for_rust(const FitOptions& options) {
   to.truncation = options.truncation;
   to.tolerance = options.tolerance;
   to.max_error_ratio = options.max_error_ratio;
+  to.max_local_error = options.max_local_error;
   to.refine = options.refine;
   to.memory = options.memory.value_or(0);
   to.held_out = options.held_out;
@@ -50,6 +51,7 @@ FitOptions preset(std::uint8_t number) {
   options.truncation = from.truncation;
   options.tolerance = from.tolerance;
   options.max_error_ratio = from.max_error_ratio;
+  options.max_local_error = from.max_local_error;
   options.refine = from.refine;
   if (from.memory > 0) options.memory = from.memory;
   options.held_out = from.held_out;

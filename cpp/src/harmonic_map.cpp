@@ -65,6 +65,7 @@ FitReport HarmonicMap::report() const {
   report.refinements = found.refinements;
   report.refinement_end = std::string(found.refinement_end);
   report.boundary_error = {found.rms, found.p99, found.max};
+  report.local_error = {found.local_p99, found.local_max};
   report.residual_rms = found.residual_rms;
   report.c_error = found.c_error;
   report.seconds = found.seconds_total;

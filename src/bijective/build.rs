@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{BijectiveError, BijectiveMap};
+use super::{BijectiveError, BijectiveMap, centroid};
 use crate::Point;
 use crate::boundary_map::BoundaryMap;
 use crate::check::FindSelfIntersections;
@@ -196,11 +196,7 @@ fn not_repaired(report: &RemeshReport, cells: &CellList, nodes: &[Point]) -> Bij
 /// The nodes and centroids of the domain's mesh, and their images.
 fn compared(map: &BijectiveMap) -> (Vec<Point>, Vec<Point>) {
     let of = |mesh: &TetMesh| -> Vec<Point> {
-        let centroid = |t: usize| {
-            let sum: crate::Vector = mesh.corners(t).iter().map(|p| p.coords).sum();
-            Point::from(sum / 4.0)
-        };
-        let centroids = (0..mesh.tets().len()).map(centroid);
+        let centroids = (0..mesh.tets().len()).map(|tet| centroid(mesh, tet));
         mesh.vertices().iter().copied().chain(centroids).collect()
     };
     (of(map.domain()), of(map.target()))

@@ -61,7 +61,8 @@ pub enum BijectiveError {
     },
     /// Tetrahedra are flat, or have not all one orientation; or a corner is not finite.
     #[error(
-        "{count} of {tets} tetrahedra are inverted or flat in the {solid}, the first is tetrahedron {first} (from 0)"
+        "{count} of {tets} tetrahedra are inverted or flat in the {solid}, one of them near ({x:.4}, {y:.4}, {z:.4})",
+        x = place[0], y = place[1], z = place[2]
     )]
     Inverted {
         /// `"domain"` or `"target"`.
@@ -72,6 +73,8 @@ pub enum BijectiveError {
         tets: usize,
         /// The first of them, 0-based.
         first: usize,
+        /// Its centroid: a mesh that was divided at its boundary has other numbers than the file it is from.
+        place: Point,
     },
     /// The repair left inverted tetrahedra.
     #[error(
@@ -388,6 +391,11 @@ fn sign(mesh: &TetMesh, tet: usize) -> Option<Ordering> {
     orientation(&a, &b, &c, &d)
 }
 
+fn centroid(mesh: &TetMesh, tet: usize) -> Point {
+    let sum: Vector = mesh.corners(tet).iter().map(|p| p.coords).sum();
+    Point::from(sum / 4.0)
+}
+
 /// Refuses flat tetrahedra, and those of the other orientation than most.
 fn require_one_orientation(solid: &'static str, mesh: &TetMesh) -> Result<(), BijectiveError> {
     let tets = mesh.tets().len();
@@ -409,6 +417,7 @@ fn require_one_orientation(solid: &'static str, mesh: &TetMesh) -> Result<(), Bi
             count: others.count(),
             tets,
             first,
+            place: centroid(mesh, first),
         }),
     }
 }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::cell_report::{BodyReport, CellFinding, CellFindingKind, CellReport};
 use super::hanging_nodes::{hanging_nodes, mismatched_faces};
 use super::{Severity, anatomy::is_finite};
-use crate::geometry::{hex_scaled_jacobian, least_jacobian_inside, orientation, tet_scaled_jacobian};
+use crate::geometry::{hex_scaled_jacobian, is_hex_positive, orientation, tet_scaled_jacobian};
 use crate::mesh::topology::DisjointSets;
 use crate::mesh::{CellFace, CellList, CellMesh, HEX_CORNERS, faces};
 use crate::statistics::quantiles;
@@ -42,8 +42,8 @@ enum Shape {
 
 /// Examines a mesh of cells: which cells are inverted, flat or slivers, and whether they fit together.
 ///
-/// Orientation is decided exactly: of a tetrahedron, and at the eight corners of a hexahedron, whose trilinear map is
-/// examined at 125 points too. A file may list the corners of its cells in either orientation: a cell counts as inverted
+/// Orientation is decided exactly: of a tetrahedron, and at the eight corners of a hexahedron, whose trilinear map
+/// has to be proved positive inside too (Johnen, Remacle & Geuzaine 2013). A file may list the corners of its cells in either orientation: a cell counts as inverted
 /// when neighbours, oriented consistently across their faces, have the other sign, so that it lies on the same side of a
 /// face as its neighbour. The boundary is not examined: see [`super::check()`]. Takes about two seconds per million
 /// cells.
@@ -155,8 +155,8 @@ fn shapes(mesh: &CellMesh) -> Vec<Shape> {
         let corners = hex.map(|v| mesh.nodes()[v as usize]);
         let has = |wanted: Ordering| signs.contains(&Some(wanted));
         match (has(Ordering::Greater), has(Ordering::Less), has(Ordering::Equal)) {
-            (true, false, false) if least_jacobian_inside(&corners) > 0.0 => Shape::RightHanded,
-            (false, true, false) if least_jacobian_inside(&mirrored(corners)) > 0.0 => Shape::LeftHanded,
+            (true, false, false) if is_hex_positive(&corners) => Shape::RightHanded,
+            (false, true, false) if is_hex_positive(&mirrored(corners)) => Shape::LeftHanded,
             (true, false, true) | (false, true, true) | (false, false, true) => Shape::Flat,
             _ => Shape::Tangled,
         }
@@ -397,7 +397,7 @@ fn inverted_cells(mesh: &CellMesh, cells: &[u32], fit: &CellFit) -> Option<CellF
         ),
         CellList::Hexes(_) => (
             plural(cells.len(), "hexahedron is", "hexahedra are"),
-            "decided exactly at the corners, and at 125 points inside",
+            "decided exactly at the corners, and by bounds on the determinant inside",
         ),
     };
     let folded = match fit.folded_faces {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::FitError;
+use super::image_spacing::ImageSpacing;
 use crate::boundary_map::BoundaryMap;
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
@@ -20,6 +21,8 @@ pub(super) struct BoundaryData {
     pub boundary: BoundaryMap,
     pub origin: Point,
     pub diagonal: f64,
+    /// `None` where images are no positions.
+    spacing: Option<ImageSpacing>,
 }
 
 impl BoundaryData {
@@ -34,11 +37,21 @@ impl BoundaryData {
         } else {
             Point::origin()
         };
+        let diagonal = (high - low).norm();
+        let spacing = (!boundary.is_by_function()).then(|| ImageSpacing::of(&boundary, diagonal));
         Ok(Self {
             boundary,
             origin,
-            diagonal: (high - low).norm(),
+            diagonal,
+            spacing,
         })
+    }
+
+    /// Spacing of the image's vertices around a point of the boundary, as a fraction of the target's diagonal; `None` where
+    /// images are no positions.
+    pub fn spacing_at(&self, point: &SurfacePoint) -> Option<f64> {
+        let spacing = self.spacing.as_ref()?;
+        Some(spacing.at(self.boundary.domain(), point))
     }
 
     /// Images of points of the boundary in the normalised coordinates.

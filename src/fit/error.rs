@@ -55,10 +55,8 @@ pub enum FitError {
     NonFiniteMap,
     /// The fit would not fit into memory.
     #[error(
-        "{sources} sources and {collocation} collocation points need about {}, and {} are allowed{}; lower the number \
-         of sources (`max_sources`, `source_ratio`) or of collocation points (`collocation_ratio`), use a coarser mesh, or \
-         allow more (`memory`)",
-        readable(*.need), readable(*.allowed), describe_fitting(*.fitting)
+        "{sources} sources and {collocation} collocation points need about {}, and {} are allowed{}; {}",
+        readable(*.need), readable(*.allowed), describe_fitting(*.fitting), describe_remedy(*.addresses_are_short)
     )]
     TooLarge {
         /// Sources of all levels.
@@ -71,6 +69,8 @@ pub enum FitError {
         allowed: u64,
         /// Sources to ask for (`max_sources`) that would fit; 0 when the mesh alone is too large.
         fitting: usize,
+        /// Whether the address space is limited (`ulimit -v`) to less than is needed and the matrix kernels reserve.
+        addresses_are_short: bool,
     },
     /// The boundary map is unusable.
     #[error(transparent)]
@@ -107,6 +107,16 @@ fn describe_fitting(sources: usize) -> String {
         String::new()
     } else {
         format!(", enough for {sources} sources")
+    }
+}
+
+fn describe_remedy(addresses_are_short: bool) -> &'static str {
+    if addresses_are_short {
+        "the address space of this process is limited (ulimit -v), and the matrix kernels reserve 1 GiB of it for each thread \
+         and one more: raise that limit, or take fewer threads"
+    } else {
+        "lower the number of sources (`max_sources`, `source_ratio`) or of collocation points (`collocation_ratio`), use a \
+         coarser mesh, or allow more (`memory`)"
     }
 }
 

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::FitError;
 use super::boundary_data::BoundaryData;
-use super::report::BoundaryError;
+use super::report::{BoundaryError, LocalError};
 use super::system::{Evaluator, System, SystemSolution};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling;
@@ -37,7 +37,12 @@ pub(super) struct HeldOutErrors {
     pub points: Arc<[SurfacePoint]>,
     /// At each point, as fractions of the target's diagonal.
     pub errors: Vec<f64>,
+    /// The same as multiples of the spacing of the image around; empty where images are no positions.
+    pub local_errors: Vec<f64>,
 }
+
+/// What a report says of them.
+type Errors = (BoundaryError, Option<LocalError>);
 
 impl HeldOut {
     pub fn new(domain: &SurfaceMesh, even: usize, seed: u64) -> Self {
@@ -56,13 +61,13 @@ impl HeldOut {
         self.evaluator = OnceLock::new();
     }
 
-    /// The boundary error of each map of a solution, and the errors that it is of.
+    /// The errors of each map of a solution.
     pub fn errors(
         &self,
         system: &System,
         solution: &SystemSolution,
         data: &[BoundaryData],
-    ) -> Result<Vec<(BoundaryError, HeldOutErrors)>, FitError> {
+    ) -> Result<Vec<(Errors, HeldOutErrors)>, FitError> {
         let evaluator = match self.evaluator.get() {
             Some(evaluator) => evaluator,
             None => {
@@ -79,19 +84,42 @@ impl HeldOut {
                 (Vector::new(x, y, z) - exact).norm()
             };
             let errors: Vec<f64> = exact.par_iter().enumerate().map(distance).collect();
-            let points = self.points.clone();
-            Ok((self.summary(&errors)?, HeldOutErrors { points, errors }))
+            let pairs = self.points.iter().zip(&errors);
+            let local: Option<Vec<f64>> = pairs
+                .map(|(point, error)| Some(error / data.spacing_at(point)?))
+                .collect();
+            let local_error = local.as_deref().map(|local| self.local_error(local)).transpose()?;
+            let held_out = HeldOutErrors {
+                points: self.points.clone(),
+                local_errors: local.unwrap_or_default(),
+                errors,
+            };
+            Ok(((self.boundary_error(&held_out.errors)?, local_error), held_out))
         };
         data.par_iter().enumerate().map(error_of).collect()
     }
 
-    fn summary(&self, errors: &[f64]) -> Result<BoundaryError, FitError> {
-        let even = Summary::of(&errors[..self.even]).filter(|_| errors.iter().all(|e| e.is_finite()));
-        let even = even.ok_or(FitError::NonFiniteMap)?;
+    fn boundary_error(&self, errors: &[f64]) -> Result<BoundaryError, FitError> {
+        let even = self.of_even(errors)?;
+        let max = errors.iter().copied().fold(0.0, f64::max);
         Ok(BoundaryError {
             rms: even.rms,
             p99: even.p99,
-            max: errors.iter().copied().fold(0.0, f64::max),
+            max,
         })
+    }
+
+    fn local_error(&self, errors: &[f64]) -> Result<LocalError, FitError> {
+        let max = errors.iter().copied().fold(0.0, f64::max);
+        Ok(LocalError {
+            p99: self.of_even(errors)?.p99,
+            max,
+        })
+    }
+
+    /// Errors at the points that are spread evenly.
+    fn of_even(&self, errors: &[f64]) -> Result<Summary, FitError> {
+        let even = Summary::of(&errors[..self.even]).filter(|_| errors.iter().all(|e| e.is_finite()));
+        even.ok_or(FitError::NonFiniteMap)
     }
 }

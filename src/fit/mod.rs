@@ -7,6 +7,7 @@ mod boundary_data;
 mod domain;
 mod error;
 mod held_out;
+mod image_spacing;
 mod levels;
 mod options;
 mod phase;
@@ -28,7 +29,7 @@ pub(crate) use boundary_data::is_flat;
 pub use error::FitError;
 pub use options::{FitMethod, FitOptions, Placement};
 pub use phase::Phase;
-pub use report::{BoundaryError, Fit, FitReport, RefinementEnd};
+pub use report::{BoundaryError, Fit, FitReport, LocalError, RefinementEnd};
 pub use size::FitSize;
 pub use timings::FitTimings;
 pub use worst_places::worst_places;
@@ -266,7 +267,7 @@ impl DomainFactor {
             let (map, next) = solved?;
             spent = spent.with(map.timings.solve, map.timings.check);
             (latest, solution) = (Rc::new(map), next);
-            let error = |map: &MeasuredMap| self.options.criterion(&map.report.boundary_error);
+            let error = |map: &MeasuredMap| self.options.criterion(&map.report);
             in_vain = if error(&latest) < GAIN * error(&best) {
                 0
             } else {
@@ -293,11 +294,13 @@ impl DomainFactor {
         let mut clock = Stopwatch::start();
         progress.enter(Phase::Refining {
             round: self.system.size.refinements + 1,
-            error: self.options.criterion(&map.report.boundary_error),
+            error: self.options.criterion(&map.report),
             sources: self.system.size.sources,
         })?;
         let errors_at = |points: &[SurfacePoint]| data.errors_of(&map.map, points);
-        let finer = refiner.refine(&self.domain, self.system.collocation.len(), &self.options, &errors_at);
+        let spacing_at = |point: &SurfacePoint| data.spacing_at(point);
+        let rows = self.system.collocation.len();
+        let finer = refiner.refine(&self.domain, rows, &self.options, &errors_at, &spacing_at);
         self.timings.sampling += clock.lap();
         let Some(finer) = finer else {
             return Ok(Some(RefinementEnd::NoRoom));
@@ -330,9 +333,9 @@ impl DomainFactor {
         let timings = FitTimings::default().with(solve, clock.lap() / data.len() as f64);
 
         let maps = self.system.maps(&solution, data).into_iter().zip(errors).enumerate();
-        let measured = maps.map(|(k, (map, (error, held_out)))| MeasuredMap {
+        let measured = maps.map(|(k, (map, (errors, held_out)))| MeasuredMap {
             map,
-            report: FitReport::new(&self.domain, &self.options, &self.system, (&solution, k), error),
+            report: FitReport::new(&self.domain, &self.options, &self.system, (&solution, k), errors),
             held_out,
             timings,
         });
@@ -350,7 +353,7 @@ impl DomainFactor {
     }
 
     fn is_met_by(&self, map: &MeasuredMap) -> bool {
-        self.options.is_met_by(&map.report.boundary_error)
+        self.options.is_met_by(&map.report)
     }
 
     fn data_of(&self, boundary: &BoundaryMap) -> Result<BoundaryData, FitError> {

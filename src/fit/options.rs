@@ -1,6 +1,6 @@
 //! What can be chosen about a fit.
 
-use super::{BoundaryError, FitError};
+use super::{FitError, FitReport};
 use crate::memory;
 use crate::mesh::SurfaceMesh;
 use crate::solver::{Decomposition, DenseOptions, SchwarzOptions};
@@ -122,6 +122,10 @@ pub struct FitOptions {
     /// The largest boundary error to be reached, as a multiple of the tolerance: an image of which 99 % are right may lack a
     /// limb. Infinite for no such limit.
     pub max_error_ratio: f64,
+    /// The largest boundary error to be reached as a multiple of the spacing of the image's vertices around
+    /// ([`LocalError`](crate::fit::LocalError)): where a limb is squeezed, a small error may turn it over. Infinite, the
+    /// default, for no such limit.
+    pub max_local_error: f64,
     /// Whether [`fit`](crate::fit::fit) adds sources where the error is too large for the tolerance. Needs the Schwarz
     /// solver.
     pub refine: bool,
@@ -177,6 +181,7 @@ impl FitOptions {
             affine: true,
             tolerance: 1e-3,
             max_error_ratio: 20.0,
+            max_local_error: f64::INFINITY,
             refine: true,
             memory: None,
             held_out: 20_000,
@@ -263,6 +268,13 @@ impl FitOptions {
         )?;
         let most = self.max_error_ratio;
         require(most >= 1.0, "max_error_ratio", most, "at least 1 (20 is usual)")?;
+        let most = self.max_local_error;
+        require(
+            most > 0.0,
+            "max_local_error",
+            most,
+            "positive (1 is as far as the next vertex of the image)",
+        )?;
         let held_out = self.held_out;
         require(
             (1..=MOST_HELD_OUT).contains(&held_out),
@@ -272,14 +284,20 @@ impl FitOptions {
         )
     }
 
-    /// Whether an error is within the tolerance: on 99 % of the area, and everywhere within its multiple.
-    pub fn is_met_by(&self, error: &BoundaryError) -> bool {
-        self.criterion(error) <= self.tolerance
+    /// Whether the errors are within the tolerance on 99 % of the area, and everywhere within its multiple and that of the
+    /// spacing of the image.
+    pub fn is_met_by(&self, report: &FitReport) -> bool {
+        self.criterion(report) <= self.tolerance
     }
 
     /// What is compared with the tolerance, and what refinement lowers.
-    pub(super) fn criterion(&self, error: &BoundaryError) -> f64 {
-        error.p99.max(error.max / self.max_error_ratio)
+    pub(super) fn criterion(&self, report: &FitReport) -> f64 {
+        let error = &report.boundary_error;
+        let local = report.local_error.map_or(0.0, |local| local.max / self.max_local_error);
+        error
+            .p99
+            .max(error.max / self.max_error_ratio)
+            .max(local * self.tolerance)
     }
 
     /// At most this many sources after refinement, in a domain with this many vertices.

@@ -49,8 +49,9 @@ impl Refiner {
         rows: usize,
         options: &FitOptions,
         errors_at: &dyn Fn(&[SurfacePoint]) -> Vec<f64>,
+        spacing_at: &dyn Fn(&SurfacePoint) -> Option<f64>,
     ) -> Option<FinerLevel> {
-        let marked = self.marked(options, errors_at);
+        let marked = self.marked(options, errors_at, spacing_at);
         let refinement = self.cells.refine(domain, &marked);
         let sites = SiteLevel {
             rows: (rows as u32..).take(refinement.owner.len()).collect(),
@@ -67,8 +68,13 @@ impl Refiner {
     }
 
     /// Marks the cells with the most area where the error exceeds the tolerance, until at most [`LEFT_OUT`] of the
-    /// whole area is left; and all where it exceeds the limit on the largest error.
-    fn marked(&mut self, options: &FitOptions, errors_at: &dyn Fn(&[SurfacePoint]) -> Vec<f64>) -> Vec<bool> {
+    /// whole area is left; and all where it exceeds a limit on the largest error.
+    fn marked(
+        &mut self,
+        options: &FitOptions,
+        errors_at: &dyn Fn(&[SurfacePoint]) -> Vec<f64>,
+        spacing_at: &dyn Fn(&SurfacePoint) -> Option<f64>,
+    ) -> Vec<bool> {
         let tolerance = options.tolerance;
         let limit = options.max_error_ratio * tolerance;
         self.rounds += 1;
@@ -76,7 +82,14 @@ impl Refiner {
         let (points, cell_of) = self.cells.probes(per_cell, options.seed.wrapping_add(self.rounds));
         // For each cell, the area on which the error is too large, and the largest error.
         let mut excess = vec![(0.0, 0.0f64); self.cells.len()];
-        for (error, cell) in errors_at(&points).into_iter().zip(cell_of) {
+        let local_limit = |point| match spacing_at(point) {
+            Some(spacing) if options.max_local_error.is_finite() => options.max_local_error * spacing,
+            _ => f64::INFINITY,
+        };
+        let limits = points.iter().map(|point| limit.min(local_limit(point)));
+        let mut marked = vec![false; self.cells.len()];
+        for ((error, limit), cell) in errors_at(&points).into_iter().zip(limits).zip(cell_of) {
+            marked[cell as usize] |= error > limit;
             let (area, worst) = &mut excess[cell as usize];
             *worst = worst.max(error);
             if error > tolerance {
@@ -93,7 +106,6 @@ impl Refiner {
         });
         let total: f64 = (0..excess.len()).map(|cell| self.cells.area(cell)).sum();
         let mut left = excess.iter().map(|(area, _)| area).sum::<f64>();
-        let mut marked: Vec<bool> = excess.iter().map(|&(_, worst)| worst > limit).collect();
         // At least the worst cell, even if the error is not too large at any probe.
         for (rank, cell) in order.into_iter().enumerate() {
             if rank > 0 && left <= LEFT_OUT * total {

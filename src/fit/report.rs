@@ -20,6 +20,19 @@ pub struct BoundaryError {
     pub max: f64,
 }
 
+/// Boundary errors as multiples of the spacing of the image's vertices around (the mean length of the image's edges,
+/// linear between vertices).
+///
+/// Where it is above 1, the map misses its place by more than a vertex: what is that fine in the image, such as a
+/// squeezed limb, is lost or turned over, however small the error is beside the target's diagonal.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct LocalError {
+    /// 99th percentile over the area.
+    pub p99: f64,
+    /// The largest, over the points that [`BoundaryError::max`] is taken over.
+    pub max: f64,
+}
+
 /// What a fit did, and how well it meets its boundary map.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FitReport {
@@ -56,6 +69,9 @@ pub struct FitReport {
     pub condition: Option<f64>,
     /// How well the map meets its boundary map.
     pub boundary_error: BoundaryError,
+    /// The same beside the local size of the image; `None` for boundary values that are no positions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub local_error: Option<LocalError>,
     /// The paper's C-Error (section 4.5), `Σ |f(p) − f'(p)|²` over the collocation points, in units of the target's
     /// diagonal squared. It is small whenever the system is solved, and says little about the boundary between these
     /// points.
@@ -79,7 +95,7 @@ impl FitReport {
         options: &FitOptions,
         system: &System,
         (solution, k): (&SystemSolution, usize),
-        boundary_error: BoundaryError,
+        (boundary_error, local_error): (BoundaryError, Option<LocalError>),
     ) -> Self {
         let (size, residual) = (&system.size, &solution.residuals[k]);
         let dense = system.rank_and_condition();
@@ -98,6 +114,7 @@ impl FitReport {
             rank: dense.map(|(rank, _)| rank),
             condition: dense.map(|(_, condition)| condition).filter(|c| c.is_finite()),
             boundary_error,
+            local_error,
             c_error: residual.sum_of_squares,
             residual_rms: residual.rms,
             memory_estimate: size.bytes(),

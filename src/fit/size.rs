@@ -6,7 +6,7 @@
 
 use super::options::PointCounts;
 use super::{FitError, FitMethod, FitOptions, RefinementEnd};
-use crate::memory::readable;
+use crate::memory::{readable, solver_addresses};
 use crate::mesh::SurfaceMesh;
 use crate::solver::{Decomposition, SchwarzOptions};
 
@@ -123,6 +123,7 @@ impl FitSize {
             need,
             allowed,
             fitting: self.fitting_sources(allowed),
+            addresses_are_short: solver_addresses().is_some_and(|left| left < need),
         })
     }
 

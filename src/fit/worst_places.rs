@@ -43,25 +43,37 @@ pub fn worst_places(map: &HarmonicMap, boundary: &BoundaryMap, most: usize) -> V
     };
     let accuracy = (PART_OF_ERROR * probed.rms).min(MAX_SUM_ERROR);
     let errors = errors_at(&map.clone().with_accuracy_at_most(accuracy), &centres);
-    groups(domain, &errors, most)
+    groups(domain, PlaceKind::BoundaryError, &errors, most)
 }
 
 impl Fit {
     /// As [`worst_places`], by the largest error at the held-out points in each triangle, which the fit has measured: takes
-    /// a few milliseconds. In a domain of more than 100 000 triangles some have no such point, and count as exact.
+    /// a few milliseconds. In a domain of more than 100 000 triangles some have no such point, and count as exact. Where errors
+    /// exceed the spacing of the image around, up to half of the places are those.
     pub fn worst_places(&self, most: usize) -> Vec<WorstPlace> {
         let domain = self.boundary.domain();
         let mut errors = vec![0.0f64; domain.triangles().len()];
-        for (point, &error) in self.held_out.points.iter().zip(&self.held_out.errors) {
-            let largest = &mut errors[point.triangle as usize];
-            *largest = largest.max(error);
-        }
-        groups(domain, &errors, most)
+        let mut local_errors = errors.clone();
+        let largest = |of: &mut [f64], values: &[f64]| {
+            for (point, &error) in self.held_out.points.iter().zip(values) {
+                let largest = &mut of[point.triangle as usize];
+                *largest = largest.max(error);
+            }
+        };
+        largest(&mut errors, &self.held_out.errors);
+        largest(&mut local_errors, &self.held_out.local_errors);
+        let mut places = groups(domain, PlaceKind::BoundaryError, &errors, most);
+        // Smaller ones are no fault.
+        let mut local = groups(domain, PlaceKind::LocalError, &local_errors, most);
+        local.retain(|place| place.value > Some(1.0));
+        let shown = (most / 2).min(local.len());
+        places.truncate(most.saturating_sub(shown).max(1).min(most));
+        listed([places, local], most)
     }
 }
 
 /// The groups of triangles with the largest errors, of which each triangle has one.
-fn groups(domain: &SurfaceMesh, errors: &[f64], most: usize) -> Vec<WorstPlace> {
+fn groups(domain: &SurfaceMesh, kind: PlaceKind, errors: &[f64], most: usize) -> Vec<WorstPlace> {
     let areas: Vec<f64> = (0..errors.len())
         .into_par_iter()
         .map(|t| triangle_area(&domain.corners(t)))
@@ -72,13 +84,7 @@ fn groups(domain: &SurfaceMesh, errors: &[f64], most: usize) -> Vec<WorstPlace> 
     let bad = (0..).zip(errors).filter(|(_, error)| **error > large);
     let bad: Vec<(u32, f64)> = bad.map(|(t, error)| (t, *error)).collect();
     let corners = |t: u32| domain.corners(t as usize);
-    let found = of_triangles(
-        PlaceKind::BoundaryError,
-        corners,
-        domain.triangles(),
-        &bad,
-        domain.area(),
-    );
+    let found = of_triangles(kind, corners, domain.triangles(), &bad, domain.area());
     listed([found], most)
 }
 

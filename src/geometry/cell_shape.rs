@@ -5,10 +5,7 @@
 //! library*, Sandia National Laboratories, 2007.
 
 use crate::mesh::HEX_CORNERS;
-use crate::{Matrix3, Point, Vector};
-
-/// Points per side of the lattice at which hexahedra are examined.
-const LATTICE: usize = 5;
+use crate::{Point, Vector};
 
 /// √2 times a tetrahedron's determinant over the largest product of the lengths of the three edges at a corner: 1 when it
 /// is regular, negative when it is left-handed, NaN when its corners coincide.
@@ -28,22 +25,6 @@ pub(crate) fn hex_scaled_jacobian(p: &[Point; 8]) -> f64 {
         a.dot(&b.cross(&c))
     };
     HEX_CORNERS.iter().map(corner).fold(f64::INFINITY, lesser)
-}
-
-/// Least determinant of the trilinear map at a lattice of points; NaN when one is.
-pub(crate) fn least_jacobian_inside(corners: &[Point; 8]) -> f64 {
-    let mut least = f64::INFINITY;
-    let at = |i: usize| i as f64 / (LATTICE - 1) as f64;
-    for i in 0..LATTICE {
-        for j in 0..LATTICE {
-            for k in 0..LATTICE {
-                let slopes = trilinear_gradients([at(i), at(j), at(k)]);
-                let jacobian: Matrix3 = (0..8).map(|c| corners[c].coords * slopes[c].transpose()).sum();
-                least = lesser(least, jacobian.determinant());
-            }
-        }
-    }
-    least
 }
 
 /// Gradients of the trilinear shape functions of a cube's corners.

@@ -8,6 +8,7 @@ mod cell_shape;
 pub(crate) mod clip;
 mod closest_point;
 mod distance_field;
+mod hex_validity;
 mod predicates;
 mod procrustes;
 mod section;
@@ -19,11 +20,10 @@ mod winding_number;
 
 pub use aabb::Aabb;
 pub use bvh::{Bvh, BvhNode};
-pub(crate) use cell_shape::{
-    hex_scaled_jacobian, least_jacobian_inside, lesser, tet_scaled_jacobian, trilinear_gradients,
-};
+pub(crate) use cell_shape::{hex_scaled_jacobian, lesser, tet_scaled_jacobian, trilinear_gradients};
 pub use closest_point::{Feature, TrianglePoint, closest_point_on_triangle};
 pub use distance_field::{are_outside, count_outside, distance_field};
+pub(crate) use hex_validity::is_hex_positive;
 pub use predicates::{FlipCounts, flipped_cells, flipped_tets, orientation};
 pub(crate) use procrustes::similarity;
 pub use procrustes::{Similarity, SphereRotation, sphere_rotation};

@@ -31,6 +31,10 @@ pub struct FitArgs {
     /// Largest boundary error to reach anywhere, as a multiple of --tolerance; inf for no such limit
     #[arg(long, value_name = "RATIO", default_value_t = FitOptions::adaptive().max_error_ratio)]
     pub max_error: f64,
+    /// Largest boundary error to reach anywhere, as a multiple of the spacing of the image's vertices around: 1 keeps
+    /// squeezed limbs apart
+    #[arg(long, value_name = "RATIO", default_value_t = FitOptions::adaptive().max_local_error)]
+    pub max_local_error: f64,
     /// Also make the one-to-one map that is linear over tetrahedra (those of DOMAIN, if it is a tet mesh), and store it
     /// beside the harmonic one; other commands then use it. If there is none, the harmonic map is written all the same,
     /// and the exit code is 1. `solidmap bijective` has the options

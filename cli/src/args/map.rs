@@ -89,7 +89,10 @@ impl AccuracyArgs {
 }
 
 #[derive(Debug, Args)]
-#[command(allow_negative_numbers = true)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "The exit code is 1 when the errors of the energies exceed --energy-tolerance."
+)]
 pub struct EnergyArgs {
     /// Map file
     pub map: PathBuf,

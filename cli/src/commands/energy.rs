@@ -142,7 +142,8 @@ pub fn run(args: &EnergyArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         }
         with_places(two_columns(rows), &report.worst_places)
     })?;
-    Ok(CommandOutcome::Done)
+    let is_accurate = report.energy.errors.is_none_or(|errors| errors.within_tolerance);
+    Ok(CommandOutcome::from_check(is_accurate))
 }
 
 /// The lines of the summary that say what energies a map has.

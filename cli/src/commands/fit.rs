@@ -7,7 +7,7 @@ use serde::Serialize;
 use solidmap::bijective::{Bijective, RefinementOptions};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::files::{self, MapFile, MapMetadata};
-use solidmap::fit::{FitOptions, FitReport, Placement, RefinementEnd};
+use solidmap::fit::{FitOptions, FitReport, LocalError, Placement, RefinementEnd};
 use solidmap::io::{self, Cells, SolidMesh, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
 use solidmap::mesh::{CellList, TetMesh};
@@ -18,6 +18,7 @@ use solidmap::worst_places::WorstPlace;
 
 use crate::CommandOutcome;
 use crate::args::{FitArgs, PairArgs};
+use crate::drawing::significant;
 use crate::shared::bijective::{BijectiveSummary, Making};
 use crate::shared::fields::{positions, scalar};
 use crate::shared::fitting::{fit_in_time, fit_options};
@@ -156,6 +157,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let cannot_map = || format!("cannot map `{}`", name.display());
     let options = FitOptions {
         max_error_ratio: args.max_error,
+        max_local_error: args.max_local_error,
         ..fit_options(&args.method, args.tolerance).with_context(cannot_map)?
     };
     let boundary = source.boundary_map(output)?;
@@ -199,7 +201,7 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         write_boundary(path, boundary, &file.map)?;
     }
 
-    let tolerance_met = options.is_met_by(&fit.report.boundary_error);
+    let tolerance_met = options.is_met_by(&fit.report);
     let report = FitSummary {
         domain: file_name(args.files.domain.as_ref()),
         image: file_name(args.files.image.as_ref()),
@@ -214,13 +216,25 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || with_places(summary(&report), &report.worst_places))?;
+    if let Some(local) = report.fit.local_error.filter(|local| local.p99 > 1.0) {
+        output.warn(format!(
+            "on a hundredth of the boundary the map misses its place by {} times the spacing of the image's vertices or more: \
+             what is that fine there, such as a squeezed limb, is lost or folded. --max-local-error 1 adds sources there",
+            significant(local.p99, 2)
+        ));
+    }
     if tolerance_met {
         return Ok(CommandOutcome::from_check(
             !args.bijective || report.bijective.is_some(),
         ));
     }
     let error = &report.fit.boundary_error;
+    let local = report.fit.local_error.unwrap_or_default();
     let missed = match error.p99 <= args.tolerance {
+        true if local.max > options.max_local_error => format!(
+            "the boundary is off by up to {:.1} times the spacing of the image's vertices around, and --max-local-error is {}",
+            local.max, options.max_local_error
+        ),
         true => format!(
             "the boundary is met only to {:.1e} of the target's diagonal at its worst place (above), and {:.1e} is allowed \
              there (--max-error {} times the tolerance)",
@@ -268,6 +282,10 @@ fn bijective(
 /// The lines of the summary that say how good a fit is.
 fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
     let error = report.boundary_error;
+    let local = |local: LocalError| {
+        let (p99, max) = (significant(local.p99, 2), significant(local.max, 2));
+        format!("99 % {p99}   max {max}, of the spacing of the image's vertices around")
+    };
     vec![
         [
             "boundary".into(),
@@ -287,6 +305,7 @@ fn fit_rows(report: &FitReport) -> Vec<[String; 2]> {
             "".into(),
             "at held-out points, as fractions of the target's diagonal".into(),
         ],
+        ["local error".into(), report.local_error.map_or("none".into(), local)],
         [
             "residual".into(),
             format!(

@@ -114,6 +114,7 @@ pub fn fit_options(args: &MethodArgs, tolerance: f64) -> anyhow::Result<FitOptio
         affine: !args.no_affine,
         tolerance,
         max_error_ratio: base.max_error_ratio,
+        max_local_error: base.max_local_error,
         refine: !args.no_refine,
         memory: args.memory,
         held_out: args.held_out,

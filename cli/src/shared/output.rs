@@ -101,10 +101,11 @@ pub fn to_stdout(text: &str) -> io::Result<()> {
 /// A message about a fit with the names of the library's settings replaced by those of the options. Not for messages that
 /// may name files, which can be called `alpha`.
 pub fn with_option_names(message: impl std::fmt::Display) -> String {
-    const OPTIONS: [[&str; 2]; 10] = [
+    const OPTIONS: [[&str; 2]; 11] = [
         ["`max_sources`", "--max-sources"],
         ["`max_source_ratio`", "--max-s-ratio"],
         ["`max_error_ratio`", "--max-error"],
+        ["`max_local_error`", "--max-local-error"],
         ["`source_ratio`", "--s-ratio"],
         ["`collocation_ratio`", "--c-ratio"],
         ["`held_out`", "--held-out"],

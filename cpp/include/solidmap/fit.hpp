@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -52,6 +53,9 @@ struct FitOptions {
   double tolerance = 1e-3;
   /// Largest boundary error to reach anywhere, as a multiple of the tolerance. Infinity: no such limit.
   double max_error_ratio = 20;
+  /// Largest boundary error to reach anywhere, as a multiple of the spacing of the image's vertices around (LocalError).
+  /// Infinity: no such limit.
+  double max_local_error = std::numeric_limits<double>::infinity();
   /// Whether fit() adds sources where the error exceeds the tolerance. Solver::schwarz only.
   bool refine = true;
   /// Largest number of sources, refinement included.

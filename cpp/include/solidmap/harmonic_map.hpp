@@ -32,6 +32,13 @@ struct BoundaryError {
   double rms = 0, p99 = 0, max = 0;
 };
 
+/// Boundary errors as multiples of the spacing of the image's vertices around. Where it is above 1, what is that fine in
+/// the image, such as a squeezed limb, is lost or folded, however small the error is beside the diagonal.
+struct LocalError {
+  /// 99 % quantile by area, and maximum; NaN for a map whose file does not say.
+  double p99 = 0, max = 0;
+};
+
 /// What a fit did, and how well it meets its boundary map.
 struct FitReport {
   std::size_t vertices = 0, triangles = 0;
@@ -46,6 +53,7 @@ struct FitReport {
   std::size_t refinements = 0;
   std::string refinement_end;
   BoundaryError boundary_error;
+  LocalError local_error;
   /// Residual at the collocation points: root mean square as a fraction of the target's diagonal, and the C-Error of Li
   /// et al. 2007.
   double residual_rms = 0, c_error = 0;

@@ -171,7 +171,7 @@ enum class CellKind { tets, hexes };
 /// How good cells are. Values are NaN for a mesh without cells.
 struct CellQuality {
   std::size_t cells = 0;
-  /// Cells that are inverted or flat: tetrahedra by exact predicates, hexahedra at their corners and 125 points inside.
+  /// Cells that are inverted or flat: tetrahedra by exact predicates, hexahedra at their corners, and by bounds inside.
   std::size_t inverted = 0;
   /// Minimum, 1 % quantile and mean over the cells of the scaled Jacobian, the least value in each cell: 1 for a
   /// regular tetrahedron or a cube.

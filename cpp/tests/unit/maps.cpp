@@ -14,6 +14,7 @@ void check_same(const FitOptions& a, const FitOptions& b) {
   CHECK(a.max_sources == b.max_sources);
   CHECK(a.max_source_ratio == b.max_source_ratio);
   CHECK(a.max_error_ratio == b.max_error_ratio);
+  CHECK(a.max_local_error == b.max_local_error);
   CHECK(a.memory == b.memory);
   CHECK((a.placement.kind == b.placement.kind && a.placement.value == b.placement.value));
   CHECK(a.source_ratio == b.source_ratio);

@@ -83,14 +83,14 @@ pub fn table(report: &RemeshSummary) -> String {
         CellKind::Tets => ("tetrahedra", ""),
         CellKind::Hexes => (
             "hexahedra",
-            " at their corners, and at 125 points of each in floating point",
+            " at their corners, and by bounds on the determinant inside",
         ),
     };
     let seconds = found.seconds;
     let inverted = |found: &InvalidCells, when: &str| {
         let inside = match found.inverted_inside {
             0 => String::new(),
-            count => format!(" (and {count} more at points inside them, not at corners)"),
+            count => format!(" (and {count} more inside, not at corners)"),
         };
         format!("{} {when}{inside}", found.inverted)
     };
