@@ -1,7 +1,9 @@
 //! Cases of VOLMAP's group G1 (Cherchi & Livesu 2023): tetrahedral meshes and images of their boundary nodes. Each is
 //! mapped by finite elements on its own tetrahedra, and repaired with the boundary fixed.
 //!
-//! `cargo bench --bench volmap -- FOLDER [CASE ...]`; by hand, since all cases take minutes.
+//! `cargo bench --bench volmap -- FOLDER [CASE ...] [--svg=FILE]`; by hand, since all cases take minutes.
+
+mod plot;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -13,9 +15,12 @@ use solidmap::io::{read_cells, read_node_images};
 use solidmap::mesh::{CellList, TetMesh};
 use solidmap::remesh::{RemeshOptions, RemeshSource, remesh};
 
+use plot::{Row, svg};
+
 type Failure = Box<dyn std::error::Error>;
 
 fn main() -> Result<(), Failure> {
+    let picture = std::env::args().find_map(|argument| argument.strip_prefix("--svg=").map(str::to_owned));
     let mut arguments = std::env::args().skip(1).filter(|argument| !argument.starts_with("--"));
     let folder = arguments.next().ok_or("name the folder with the cases")?;
     let folder = Path::new(&folder);
@@ -30,16 +35,21 @@ fn main() -> Result<(), Failure> {
     println!("Finite elements on the given tetrahedra, and the repair; processor time without the former.\n");
     println!("| case | tets | inverted | now | tets added | least scaled Jacobian | its 1 % quantile | CPU s |");
     println!("|---|--:|--:|--:|--:|--:|--:|--:|");
-    let mut valid = 0;
+    let (mut valid, mut rows) = (0, Vec::new());
     for case in &cases {
-        valid += usize::from(run(folder, case)?);
+        let (is_valid, row) = run(folder, case)?;
+        valid += usize::from(is_valid);
+        rows.push(row);
     }
     println!("{valid} of {} valid", cases.len());
+    if let Some(picture) = picture {
+        std::fs::write(picture, svg(&rows))?;
+    }
     Ok(())
 }
 
-fn run(folder: &Path, case: &str) -> Result<bool, Failure> {
-    let (model, _) = case.rsplit_once('_').ok_or("cases are called MODEL_TARGET")?;
+fn run(folder: &Path, case: &str) -> Result<(bool, Row), Failure> {
+    let (model, target) = case.rsplit_once('_').ok_or("cases are called MODEL_TARGET")?;
     let (nodes, cells, regions) = read_cells(folder.join(format!("{model}.mesh")))?.into_parts();
     let CellList::Tets(mut tets) = cells else {
         return Err("tetrahedra are needed".into());
@@ -70,17 +80,23 @@ fn run(folder: &Path, case: &str) -> Result<bool, Failure> {
     let remeshed = remesh(&boundary, &map, RemeshSource::Given(given), &options, &|_| {})?;
     let report = &remeshed.report;
     let quality = report.quality.ok_or("no quality")?;
+    let row = Row {
+        target: target.to_owned(),
+        tets: report.cells - report.repair.split.cells_added,
+        seconds: processor_seconds() - used,
+        least: quality.min_scaled_jacobian,
+    };
     println!(
         "| {case} | {} | {} | {} | {} | {:.1e} | {:.1e} | {:.1} |",
-        report.cells - report.repair.split.cells_added,
+        row.tets,
         report.before.inverted,
         report.after.inverted,
         report.repair.split.cells_added,
-        quality.min_scaled_jacobian,
+        row.least,
         quality.p01_scaled_jacobian,
-        processor_seconds() - used,
+        row.seconds,
     );
-    Ok(report.after.inverted == 0)
+    Ok((report.after.inverted == 0, row))
 }
 
 /// Processor time of this process, from Linux's clock ticks.

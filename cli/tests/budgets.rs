@@ -67,6 +67,39 @@ fn a_fit_that_runs_out_of_time_writes_the_best_map_so_far() {
     place.ends_with(0, "eval best.map cube.ply -o images.csv");
 }
 
+#[test]
+fn a_pair_that_runs_out_of_time_leaves_a_map_or_nothing_and_says_which() {
+    let Some(models) = models() else { return };
+    let place = Workplace::new();
+    let model = |name: &str| models.join("surfaces").join(name).display().to_string();
+    let line = format!(
+        "fit {} --target {} -o best.map --json",
+        model("spot_uv_2k9.obj"),
+        model("goathead_2k8.obj")
+    );
+    // How long the pair takes depends on the machine. It has a valid map long before it has its best one, so that some of
+    // these limits falls between.
+    for limit in [1, 2, 4, 8, 16, 32, 64] {
+        let output = place.run(&format!("{line} --time-limit {limit}"));
+        let report = json(&output);
+        match output.status.code() {
+            Some(2) => {
+                assert_eq!(report["error"]["kind"], "time_limit", "{report}");
+                assert!(!place.path("best.map").exists());
+            }
+            Some(1) => {
+                assert!(report["boundary_error"]["rms"].as_f64().unwrap() < 0.2, "{report}");
+                let said = text(&output.stderr);
+                assert!(said.contains("time limit") || said.contains("--time-limit"), "{said}");
+                place.ends_with(0, &format!("eval best.map {} -o images.csv", model("spot_uv_2k9.obj")));
+                return;
+            }
+            code => panic!("{code:?} at {limit} s: the limit was not reached"),
+        }
+    }
+    panic!("no map in 64 s");
+}
+
 /// Address space that is too small for a command leads to an error, whatever it is doing then.
 #[cfg(target_os = "linux")]
 #[test]
