@@ -399,6 +399,7 @@ impl Relaxation<'_> {
         let [cells, mut crossings] = faults(&own);
         let mut best = Best::new(cells + crossings, &own);
         let (mut rounds, mut iterations, mut epsilon) = (0, 0, FIRST_EPSILON);
+        let mut is_hidden = false;
         while rounds < MAX_ROUNDS && self.monitor.should_continue() {
             if best.inverted == 0 || best.stalled >= MAX_STALLED {
                 break;
@@ -412,7 +413,7 @@ impl Relaxation<'_> {
             descent.has_block_preconditioner = true;
             descent.constraints = constraints;
             let rule = StoppingRule {
-                until_positive: crossings == 0,
+                until_positive: crossings == 0 && !is_hidden,
                 ..ROUND
             };
             let (value, made) = descent.run(&mut own, epsilon, &rule);
@@ -430,6 +431,10 @@ impl Relaxation<'_> {
             best.update(cells + crossings, &own);
             if cells > 0 && energy.inverted(&own).is_empty() {
                 energy.check_inside(&inverted_inside(&patch.cells.cells, &own));
+                // Hexahedra that are positive at all samples, and not between them, have to get better still.
+                is_hidden = energy.inverted(&own).is_empty();
+            } else {
+                is_hidden = false;
             }
         }
         (best.nodes, rounds, iterations)

@@ -32,6 +32,14 @@ const ROUND: StoppingRule = StoppingRule {
 /// Rounds without fewer inverted corners before giving up.
 const MAX_STALLED: usize = 10;
 const MAX_ROUNDS: usize = 100;
+/// The descent of hexahedra that are positive at all samples, and not between them; with this ε a step that inverts a sample
+/// costs more than any gain.
+const RAISING: StoppingRule = StoppingRule {
+    iterations: 100,
+    gain: 1e-6,
+    until_positive: false,
+};
+const RAISING_EPSILON: f64 = 1e-9;
 /// How often hexahedra are checked inside and repaired.
 const MAX_INSIDE_CHECKS: usize = 10;
 
@@ -498,11 +506,41 @@ impl Repair<'_> {
             if bad.is_empty() || !self.monitor.should_continue() {
                 break;
             }
-            inside.extend(bad);
+            inside.extend(&bad);
             energy.check_inside(inside);
-            self.untangle(&energy, &free, x, report);
+            if energy.inverted(x).is_empty() {
+                // Positive at all samples, and not between them.
+                if !self.raise_hexes(&energy, &free, x, bad.len(), report) {
+                    break;
+                }
+            } else {
+                self.untangle(&energy, &free, x, report);
+            }
         }
         energy.inverted(x).is_empty()
+    }
+
+    /// Lowers the energy of a mesh that is positive at all samples, and keeps that if fewer than `bad` hexahedra are left
+    /// that are not positive everywhere. Whether there are.
+    fn raise_hexes(
+        &self,
+        energy: &FoldoverEnergy,
+        free: &[u32],
+        x: &mut Vec<Point>,
+        bad: usize,
+        report: &mut RepairReport,
+    ) -> bool {
+        let mut moved = x.clone();
+        let mut descent = Lbfgs::new(energy, free, self.step, self.monitor);
+        let (_, iterations) = descent.run(&mut moved, RAISING_EPSILON, &RAISING);
+        report.rounds += 1;
+        report.iterations += iterations;
+        report.work += iterations as u64 * self.mesh.cells.len() as u64;
+        let helps = self.invalid(&moved) < bad;
+        if helps {
+            *x = moved;
+        }
+        helps
     }
 
     /// The energy of the whole mesh: tetrahedra relative to those of the domain where these are well-shaped, corners of
