@@ -281,6 +281,10 @@ fn every_field_of_a_report_is_documented_and_written() {
             "sequence",
             "sequence open.ply opened.ply -o seq2 --close-holes --resolution 8 --material ball.vtu",
         ),
+        (
+            "sequence",
+            "sequence ball.ply bent.ply -o seq4 --map bijective --resolution 8 --no-vtu",
+        ),
         ("sequence", "sequence both.ply both.ply -o seq3 --resolution 8 --no-vtu"),
         ("check", "check shell.ply"),
         ("tet", "tet ball.ply -o ball.vtu"),
