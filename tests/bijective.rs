@@ -2,7 +2,7 @@
 
 #[cfg(feature = "native")]
 use crate::common::models;
-use crate::common::{boundary_map, interior_points};
+use crate::common::{boundary_map, interior_points, tets_of};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::bijective::{Bijective, BijectiveError, BijectiveMap, BoundaryProof, make_bijective};
 use solidmap::boundary_map::BoundaryMap;
@@ -10,8 +10,8 @@ use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{FitOptions, fit};
 use solidmap::inverse::PreimageStatus;
 use solidmap::map::VolumeMap;
-use solidmap::mesh::{CellList, SurfaceMesh, TetMesh, shapes};
-use solidmap::remesh::{CellKind, CellSize, Polycube, RemeshOptions, regular_mesh};
+use solidmap::mesh::{SurfaceMesh, TetMesh, shapes};
+use solidmap::remesh::RemeshOptions;
 use solidmap::{Matrix3, Point, Vector};
 
 /// A map by a formula.
@@ -30,13 +30,8 @@ impl<F: Fn(&Point) -> Point + Sync> VolumeMap for Formula<F> {
 /// The cube from -1 to 1, and a mesh of it.
 fn cube(cells: usize) -> (SurfaceMesh, TetMesh) {
     let surface = shapes::cube(2.0, 4);
-    let polycube = Polycube::of(&surface).unwrap();
-    let size = CellSize::Along(cells).of(&polycube);
-    let mesh = regular_mesh(&polycube, size, CellKind::Tets, 1_000_000).unwrap();
-    let CellList::Tets(tets) = mesh.cells().clone() else {
-        panic!("asked for tetrahedra");
-    };
-    (surface, TetMesh::new(mesh.nodes().to_vec(), tets).unwrap())
+    let mesh = tets_of(&surface, cells);
+    (surface, mesh)
 }
 
 /// Stretched to 1000 at one end and squeezed to 1/1000 at the other: one to one.

@@ -2,13 +2,16 @@
 
 use std::f64::consts::TAU;
 
-use crate::common::{bent, models, with_hole};
+use crate::common::{bent, horseshoe, models, rod, tets_of, with_hole};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::energy::{AdaptiveOptions, GridResolution, Lame, deformation_density};
 use solidmap::fit::{FitOptions, FitSize};
 use solidmap::mesh::{SurfaceMesh, shapes};
-use solidmap::sequence::{FrameMeasurement, Sequence, SequenceError, SequenceOptions, cycles};
+use solidmap::remesh::RemeshOptions;
+use solidmap::sequence::{
+    FilledReference, FrameMeasurement, Sequence, SequenceError, SequenceOptions, SequencePhase, cycles,
+};
 use solidmap::{Matrix3, Point, Vector};
 
 fn options() -> SequenceOptions {
@@ -388,4 +391,84 @@ fn blocks_leave_room_for_the_densities_of_their_frames() {
     };
     assert_eq!(with_memory(work.bytes() + 32 * 60 * points), 32);
     assert_eq!(with_memory(work.bytes() + 20 * 60 * points), 16);
+}
+
+fn filled(sequence: &Sequence, cells: usize) -> FilledReference<'static> {
+    let mesh = tets_of(sequence.domain(), cells);
+    FilledReference::new(sequence, mesh, RemeshOptions::default(), None).unwrap()
+}
+
+#[test]
+fn one_to_one_maps_have_the_energy_of_their_matrix_and_no_errors_of_integration() {
+    let reference = rod();
+    let matrix = Matrix3::new(1.2, 0.5, -0.3, 0.1, 0.8, 0.2, -0.4, 0.3, 1.1);
+    for own_volume in [false, true] {
+        let mut sequence = prepared(
+            &reference,
+            &SequenceOptions {
+                own_volume,
+                ..options()
+            },
+        );
+        let filled = filled(&sequence, 6);
+        let image = images(&reference, |p| Point::from(matrix * p.coords));
+        let frame = frames(&sequence, &reference, &[image]);
+        let found = sequence.measure_bijective(&filled, &frame, &|_| {}).remove(0).unwrap();
+        let scale = if own_volume { matrix.determinant().cbrt() } else { 1.0 };
+        let expected = deformation_density(&(matrix / scale), &Lame::default());
+        // Jacobians of tetrahedra that are a tenth of the solid have rounding errors of some ulp.
+        assert!((found.deformation / expected - 1.0).abs() < 1e-12, "{own_volume}");
+        assert!((found.deformation_density.max / found.deformation_density.min - 1.0).abs() < 1e-12);
+        assert_eq!((found.errors.deformation, found.errors.harmonic), (0.0, 0.0));
+        assert!(found.boundary_error.max < 1e-14 && found.folded_fraction == 0.0);
+        assert!((found.volume / found.quadrature.volume() / matrix.determinant() - 1.0).abs() < 1e-13);
+        let densities = sequence.densities_at(&[&found], &[Point::new(0.3, 0.1, -0.2)]);
+        assert!((densities[0][0] / expected - 1.0).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn a_frame_whose_harmonic_map_folds_is_one_to_one_when_repaired() {
+    let reference = rod();
+    let mut sequence = prepared(&reference, &options());
+    let filled = filled(&sequence, 16);
+    let all = [
+        images(&reference, horseshoe),
+        images(&reference, |p| Point::new(-p.x, p.y, p.z)),
+        images(&reference, bent(0.05)),
+    ];
+    let frames = frames(&sequence, &reference, &all);
+    let harmonic = sequence.measure(&frames[..1], &|_| {}).remove(0).unwrap();
+    assert!(harmonic.folded_fraction > 0.005, "{}", harmonic.folded_fraction);
+    let repaired = std::cell::RefCell::new(Vec::new());
+    let found = sequence.measure_bijective(&filled, &frames, &|phase| {
+        if let SequencePhase::Repair { frame, .. } = phase {
+            repaired.borrow_mut().push(frame);
+        }
+    });
+    repaired.borrow_mut().dedup();
+    assert_eq!(*repaired.borrow(), [0, 1, 2]);
+    let horseshoe = found[0].as_ref().unwrap();
+    assert_eq!(horseshoe.folded_fraction, 0.0);
+    assert!(horseshoe.densities.det_jacobian.iter().all(|det| *det > 0.0));
+    let report = &horseshoe.map.bijective().unwrap().report;
+    assert!(report.inverted_as_mapped > 0, "{report:?}");
+    // Dirichlet's principle.
+    assert!(horseshoe.harmonic > harmonic.harmonic);
+    // The boundary of the mesh has its own triangles, which are chords of arcs: 2 rad / 16 of radius 4 at most.
+    assert!(horseshoe.boundary_error.max < 0.02, "{:?}", horseshoe.boundary_error);
+    // A mirror image has no such map, and does not stop the others.
+    let error = found[1].as_ref().unwrap_err();
+    assert!(matches!(error, SequenceError::Bijective(_)), "{error}");
+    assert!(error.to_string().contains("mirrors the solid"), "{error}");
+    assert!(found[2].as_ref().unwrap().deformation > 0.0);
+}
+
+#[test]
+fn a_mesh_of_another_solid_is_refused_before_any_frame() {
+    let sequence = prepared(&rod(), &options());
+    let other = tets_of(&shapes::cube(2.0, 2), 4);
+    let refused = FilledReference::new(&sequence, other, RemeshOptions::default(), None);
+    let error = refused.err().unwrap().to_string();
+    assert!(error.contains("the given mesh cannot be used"), "{error}");
 }

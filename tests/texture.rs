@@ -2,8 +2,8 @@
 
 use std::f64::consts::{PI, TAU};
 
-use crate::common::interior_points;
-use solidmap::Point;
+use crate::common::{interior_points, tets_of};
+use solidmap::bijective::BijectiveMap;
 use solidmap::boundary_map::{BoundaryMap, BoundaryMapError};
 use solidmap::files::{self, TensorFileError, TextureFile, TextureMetadata};
 use solidmap::fit::{FitError, FitOptions};
@@ -15,6 +15,7 @@ use solidmap::texture::{
     ColouredSurface, ExtendedQuantity, LinearRgb, Picture, SolidTexture, TextureError, TextureOptions, VoxelGrid, Wrap,
     from_srgb,
 };
+use solidmap::{Matrix3, Point};
 
 const SEED: u64 = 5;
 
@@ -203,6 +204,43 @@ fn colours_linear_in_space_are_reproduced_inside() {
     let expected: Vec<LinearRgb> = points.iter().map(linear).collect();
     let difference = largest_difference(&texture.sample(&points), &expected);
     assert!(difference < 2.0 * on_surface + 1e-9, "{difference}");
+}
+
+/// Colours linear in space, in the target of an affine map: those of the analytic preimages, by the tolerance of
+/// `colours_linear_in_space_are_reproduced_inside`; on the cube's surface, linear over its triangles, to rounding.
+#[test]
+fn the_target_of_a_map_has_the_colours_of_preimages() {
+    let cube = shapes::cube(2.0, 4);
+    let linear = |p: &Point| {
+        [
+            0.5 + 0.2 * p.x - 0.1 * p.z,
+            0.4 + 0.3 * p.y,
+            0.3 - 0.1 * p.x + 0.1 * p.y,
+        ]
+    };
+    let colours = cube.vertices().iter().map(linear).collect();
+    let texture = solid(ColouredSurface::from_vertex_colours(&cube, colours).unwrap());
+    let matrix = Matrix3::new(1.2, 0.5, -0.3, 0.1, 0.8, 0.2, -0.4, 0.3, 1.1);
+    let mesh = tets_of(&cube, 4);
+    let images = mesh.vertices().iter().map(|p| Point::from(matrix * p.coords)).collect();
+    let map = BijectiveMap::new(mesh, images).unwrap();
+    let carried = |points: &[Point]| -> Vec<Point> { points.iter().map(|p| Point::from(matrix * p.coords)).collect() };
+    let inside = interior_points(&cube, 2000, SEED);
+    let (found, report) = texture.sample_through(&map, &carried(&inside));
+    assert_eq!((report.ok, report.points), (2000, 2000));
+    let expected: Vec<LinearRgb> = inside.iter().map(linear).collect();
+    let allowed = 2.0 * 3f64.sqrt() * texture.report().boundary_error.max + 1e-9;
+    assert!(largest_difference(&found, &expected) < allowed);
+    // Rounding puts preimages of points of the surface beyond it; they have colours all the same.
+    let (on_surface, expected) = colours_of(texture.coloured_surface(), &held_out(&cube, 5000, 0, SEED));
+    let (found, _) = texture.sample_through(&map, &carried(&on_surface));
+    assert!(largest_difference(&found, &expected) < 1e-12);
+    // In the gap between image and target, the colour of the closest point.
+    let beyond = carried(&[Point::new(0.3, 0.2, 1.01)]);
+    let (found, _) = texture.sample_through(&map.clone().with_gap(0.1), &beyond);
+    assert!(largest_difference(&found, &[linear(&Point::new(0.3, 0.2, 1.0))]) < 0.01);
+    let (found, report) = texture.sample_through(&map, &beyond);
+    assert!(found[0][0].is_nan() && report.outside == 1);
 }
 
 /// Poisson's integral of the picture over the ball. The triangles lie up to h²/8 = 1.5e-3 inside of the sphere (h =

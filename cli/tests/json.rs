@@ -257,6 +257,10 @@ fn every_field_of_a_report_is_documented_and_written() {
             "texture uv.obj --checker=4 -o v.vti --png v.png --map v.safetensors --at at.csv --colours c.csv --resolution 16",
         ),
         (
+            "texture",
+            "texture uv.obj --checker=4 --through both.map -o w.vti --at at.csv --colours d.csv --resolution 8",
+        ),
+        (
             "sequence",
             "sequence ball.ply f00.ply f01.ply f02.ply f03.ply f04.ply f05.ply f06.ply f07.ply f08.ply f09.ply \
                       f10.ply f11.ply cube.ply -o seq --resolution 8 --no-vtu",
@@ -280,6 +284,10 @@ fn every_field_of_a_report_is_documented_and_written() {
         (
             "sequence",
             "sequence open.ply opened.ply -o seq2 --close-holes --resolution 8 --material ball.vtu",
+        ),
+        (
+            "sequence",
+            "sequence ball.ply bent.ply -o seq4 --map bijective --resolution 8 --no-vtu",
         ),
         ("sequence", "sequence both.ply both.ply -o seq3 --resolution 8 --no-vtu"),
         ("check", "check shell.ply"),

@@ -3,11 +3,12 @@
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
-use crate::common::{bent, with_hole};
+use crate::common::{bent, horseshoe, rod, tets_of, with_hole};
 use crate::workplace::{Workplace, json, text};
-use solidmap::Point;
+use solidmap::energy::{Lame, deformation_density};
 use solidmap::io;
-use solidmap::mesh::{CellList, SurfaceMesh, shapes};
+use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, shapes};
+use solidmap::{Matrix3, Point};
 
 struct SequencePlace {
     place: Workplace,
@@ -509,4 +510,114 @@ fn ends_without_a_folder(place: &SequencePlace, names: &str, signal: &str, ignor
     assert!(asked.success());
     assert_eq!(program.wait().unwrap().code(), Some(130));
     assert!(!place.path("new").exists());
+}
+
+/// A matrix, and the energy of the frame that it makes.
+fn stretched() -> (Matrix3, f64) {
+    let matrix = Matrix3::new(1.1, 0.2, 0.0, 0.0, 0.9, 0.1, -0.2, 0.0, 1.2);
+    (matrix, deformation_density(&matrix, &Lame::default()))
+}
+
+/// A rod by tetrahedra, `rod.mesh`, frames of it: `affine.obj`, `horseshoe.obj`, whose harmonic map folds, and
+/// `mirrored.obj`.
+fn rod_of_tets() -> Workplace {
+    let place = Workplace::new();
+    let mesh = CellMesh::from(tets_of(&rod(), 16));
+    io::write_cell_mesh(place.path("rod.mesh"), &mesh).unwrap();
+    let surface = io::read_solid(place.path("rod.mesh")).unwrap().into_surface();
+    let frame = |name: &str, f: &dyn Fn(&Point) -> Point| place.surface(name, &shapes::deformed(&surface, f));
+    frame("affine.obj", &|p| Point::from(stretched().0 * p.coords));
+    frame("horseshoe.obj", &horseshoe);
+    frame("mirrored.obj", &|p| Point::new(-p.x, p.y, p.z));
+    place
+}
+
+#[test]
+fn bijective_maps_are_measured_over_the_tetrahedra_of_the_reference() {
+    let place = rod_of_tets();
+    let frames = "rod.mesh affine.obj mirrored.obj horseshoe.obj";
+    let line = format!("sequence {frames} -o out --map bijective --material rod.mesh --resolution 12 --json");
+    let output = place.ends_with(1, &line);
+    let report = json(&output);
+    let mesh = io::read_cells(place.path("rod.mesh")).unwrap();
+    assert_eq!(
+        (&report["map_kind"], &report["tets"]),
+        (&"bijective".into(), &mesh.cells().len().into())
+    );
+    assert!(report["points"].is_null());
+    let number = |frame: usize, key: &str| report["frames"][frame][key].as_f64().unwrap();
+    // Rounding: coordinates are a hundred times as large as what differs within a tetrahedron at most.
+    assert!((number(0, "deformation_energy") / stretched().1 - 1.0).abs() < 1e-11);
+    for frame in [0, 2] {
+        assert_eq!(number(frame, "folded_fraction"), 0.0);
+        assert_eq!(report["frames"][frame]["errors"]["deformation_energy"], 0.0);
+        // Every node of the boundary goes where the frame has it, and triangles with them.
+        assert!(report["frames"][frame]["boundary_error"]["max"].as_f64().unwrap() < 1e-13);
+    }
+    assert_eq!(report["frames"][0]["inverted_as_mapped"], 0);
+    assert!(number(2, "inverted_as_mapped") > 0.0);
+    // No bijective map: skipped with the reason, in the table too; the others are measured.
+    assert_eq!(report["skipped"], 1);
+    let reason = report["frames"][1]["skipped"].as_str().unwrap();
+    assert!(
+        reason.contains("no bijective map") && reason.contains("mirrors the solid"),
+        "{reason}"
+    );
+    assert!(text(&output.stderr).contains("frame 1 is skipped: `mirrored.obj`"));
+    let table = std::fs::read_to_string(place.path("out/energy.csv")).unwrap();
+    assert!(table.lines().nth(2).unwrap().contains("mirrors the solid"), "{table}");
+
+    // The cells of a frame are the tetrahedra, with those that splitting added; the material is carried by the same map.
+    let cells = io::read_cells(place.path("out/cells/frame_00000.vtu")).unwrap();
+    assert_eq!((cells.cells(), cells.nodes()), (mesh.cells(), mesh.nodes()));
+    let carried = io::read_cells(place.path("out/material/frame_00000.vtu")).unwrap();
+    for (p, image) in mesh.nodes().iter().zip(carried.nodes()) {
+        assert!((stretched().0 * p.coords - image.coords).norm() < 1e-13, "{p}");
+    }
+
+    // The harmonic maps of the same frames: the affine one has the same energy, the horseshoe folds.
+    let line = "sequence rod.mesh affine.obj horseshoe.obj -o out --resolution 12 --no-vtu --no-refine";
+    let harmonic = json(&place.run(&format!("{line} --map harmonic --json")));
+    assert_eq!(harmonic["map_kind"], "harmonic");
+    assert!(harmonic["tets"].is_null() && harmonic["frames"][0]["inverted_as_mapped"].is_null());
+    let number = |frame: usize, key: &str| harmonic["frames"][frame][key].as_f64().unwrap();
+    assert!((number(0, "deformation_energy") / stretched().1 - 1.0).abs() < 1e-11);
+    assert!(number(1, "folded_fraction") > 0.005, "{harmonic}");
+    let said = text(
+        &place
+            .ends_with(0, "sequence rod.mesh affine.obj -o out --map bijective")
+            .stdout,
+    );
+    assert!(said.contains("bijective, linear over"), "{said}");
+}
+
+/// Surfaces are filled by TetGen, which keeps their triangles, and closed holes too.
+#[cfg(feature = "native")]
+#[test]
+fn bijective_maps_of_surfaces_are_exact_on_them() {
+    let place = SequencePlace::new();
+    place.surface("open.obj", &with_hole(&place.ball));
+    let shapes = [bent(0.1), bent(0.2)].map(|f| with_hole(&shapes::deformed(&place.ball, f)));
+    for (k, shape) in shapes.iter().enumerate() {
+        place.surface(&format!("bent{k}.obj"), shape);
+    }
+    let line = "sequence open.obj bent0.obj bent1.obj -o out --close-holes --map bijective --no-vtu --json";
+    let report = json(&place.ends_with(0, line));
+    assert_eq!(report["closed_holes"].as_array().unwrap().len(), 1);
+    let number = |frame: usize, key: &str| report["frames"][frame][key].as_f64().unwrap();
+    assert!(number(1, "deformation_energy") > 2.0 * number(0, "deformation_energy"));
+    for frame in [0, 1] {
+        assert!(report["frames"][frame]["boundary_error"]["max"].as_f64().unwrap() < 1e-13);
+        assert_eq!(number(frame, "folded_fraction"), 0.0);
+    }
+}
+
+#[cfg(not(feature = "native"))]
+#[test]
+fn without_tetgen_a_surface_has_no_bijective_maps_and_what_to_give_is_told() {
+    let place = SequencePlace::new();
+    place.fails(
+        "sequence ref.obj ref.obj -o out --map bijective",
+        &["ref.obj", "needs TetGen", "in place of its surface"],
+    );
 }

@@ -6,11 +6,13 @@ use std::io::Read;
 use std::ops::Deref;
 use std::process::Output;
 
-use crate::workplace::Workplace;
+use crate::common::tets_of;
+use crate::workplace::{Workplace, text};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use serde_json::Value;
-use solidmap::Point;
-use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::io;
+use solidmap::mesh::{CellMesh, SurfaceMesh, shapes};
+use solidmap::{Matrix3, Point};
 
 struct TexturePlace {
     place: Workplace,
@@ -362,4 +364,190 @@ fn a_missed_tolerance_is_a_failed_check() {
     let output = place.ends_with(1, &format!("{line} --uv --across-seams"));
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("of the box of texture coordinates"), "{said}");
+}
+
+/// A cube with coloured vertices, `painted.obj`, and `both.map`, the harmonic and the bijective map by [`affine`].
+fn painted_cube() -> TexturePlace {
+    let place = TexturePlace {
+        place: Workplace::new(),
+    };
+    let cube = shapes::cube(2.0, 4);
+    let mut text = String::new();
+    for p in cube.vertices() {
+        let [r, g, b] = [p.x, p.y, p.z].map(|x| 0.5 + 0.45 * x);
+        writeln!(text, "v {} {} {} {r} {g} {b}", p.x, p.y, p.z).unwrap();
+    }
+    let faces = cube.triangles().iter().map(|t| t.map(|v| v + 1));
+    faces.for_each(|[a, b, c]| writeln!(text, "f {a} {b} {c}").unwrap());
+    place.write("painted.obj", &text);
+    place.surface("cube.obj", &cube);
+    place.surface("target.obj", &shapes::deformed(&cube, affine));
+    io::write_cell_mesh(place.path("cube.mesh"), &CellMesh::from(tets_of(&cube, 4))).unwrap();
+    place.place.ends_with(0, "fit cube.obj --image target.obj -o cube.map");
+    place
+        .place
+        .ends_with(0, "bijective cube.map --mesh cube.mesh -o both.map");
+    place.ends_with(0, "painted.obj --map painted.safetensors");
+    place
+}
+
+fn matrix() -> Matrix3 {
+    Matrix3::new(1.2, 0.5, -0.3, 0.1, 0.8, 0.2, -0.4, 0.3, 1.1)
+}
+
+fn affine(p: &Point) -> Point {
+    Point::from(matrix() * p.coords) + solidmap::Vector::new(4.0, 0.0, -1.0)
+}
+
+fn write_points(place: &TexturePlace, name: &str, points: &[Point]) {
+    let values: Vec<f64> = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
+    io::write_npy(place.path(name), 3, &values).unwrap();
+}
+
+/// Codes from 0 to 255 of a table of colours; `None` where there is none.
+fn codes(place: &TexturePlace, name: &str) -> Vec<Option<[f64; 3]>> {
+    let rows = io::read_points(place.path(name)).unwrap();
+    let code = |p: &Point| (!p.x.is_nan()).then(|| [p.x, p.y, p.z].map(|c| (255.0 * c).round()));
+    rows.iter().map(code).collect()
+}
+
+/// Colours that are a code apart count as the same: preimages are within 1e-10 of the diagonal.
+#[test]
+fn the_target_of_a_map_has_the_colours_of_the_analytic_preimages() {
+    let place = painted_cube();
+    let inside: Vec<Point> = (0..300)
+        .map(|k| Point::from([1.7, 2.3, 3.1].map(|f| 0.99 * (f * f64::from(k)).sin())))
+        .collect();
+    let mut carried: Vec<Point> = inside.iter().map(affine).collect();
+    carried.push(affine(&Point::new(1.5, 0.0, 0.0)));
+    write_points(&place, "inside.npy", &inside);
+    write_points(&place, "carried.npy", &carried);
+    place.ends_with(0, "painted.safetensors --at inside.npy --colours expected.npy");
+    let expected = codes(&place, "expected.npy");
+    for (options, kind) in [
+        ("", "bijective"),
+        ("--through-kind harmonic", "harmonic"),
+        ("--through-kind bijective", "bijective"),
+    ] {
+        let report = place.report(&format!(
+            "painted.safetensors --through both.map {options} --at carried.npy --colours found.npy -o target.vti \
+             --resolution 14 --json"
+        ));
+        let through = &report["through"];
+        assert_eq!(
+            (&through["map"], &through["map_kind"]),
+            (&"both.map".into(), &kind.into())
+        );
+        assert_eq!((&through["folded"], &through["not_found"]), (&0.into(), &0.into()));
+        assert_eq!(report["points"]["outside"], 1);
+        let found = codes(&place, "found.npy");
+        assert!(found[300].is_none());
+        for (a, b) in expected.iter().zip(&found) {
+            let (a, b) = (a.unwrap(), b.unwrap());
+            assert!((0..3).all(|k| (a[k] - b[k]).abs() <= 1.0), "{kind}: {a:?} {b:?}");
+        }
+
+        // Voxels of the target's box, those whose preimage is in the cube with its colour.
+        let image = read_vti(&std::fs::read_to_string(place.path("target.vti")).unwrap());
+        let inverse = matrix().try_inverse().unwrap();
+        let [width, height, depth] = image.size;
+        let centres = (0..width * height * depth).map(|k| {
+            let steps = [k % width, k / width % height, k / width / height];
+            let centre = Point::from([0, 1, 2].map(|i| image.origin[i] + steps[i] as f64 * image.spacing[i]));
+            Point::from(inverse * (centre - affine(&Point::origin())))
+        });
+        let preimages: Vec<Point> = centres.collect();
+        write_points(&place, "preimages.npy", &preimages);
+        place.ends_with(0, "painted.safetensors --at preimages.npy --colours voxels.npy");
+        let mut inside = 0;
+        for ((voxel, p), code) in image.bytes.chunks(4).zip(&preimages).zip(codes(&place, "voxels.npy")) {
+            if (p.coords.amax() - 1.0).abs() < 1e-6 {
+                continue;
+            }
+            assert_eq!(voxel[3], if p.coords.amax() < 1.0 { 255 } else { 0 }, "{kind} {p}");
+            if let Some(code) = code {
+                assert!(
+                    (0..3).all(|k| (code[k] - f64::from(voxel[k])).abs() <= 1.0),
+                    "{kind} {p} {voxel:?}"
+                );
+                inside += 1;
+            }
+        }
+        assert!(
+            inside > 300 && report["volume"]["inside"].as_u64().unwrap() >= inside,
+            "{inside}"
+        );
+    }
+    // Vertices of the target's surface have the colours of the model's.
+    place.ends_with(
+        0,
+        "painted.safetensors --through both.map --at target.obj --colours target.npy",
+    );
+    place.ends_with(0, "painted.safetensors --at cube.obj --colours cube.npy");
+    for (a, b) in codes(&place, "cube.npy").iter().zip(codes(&place, "target.npy")) {
+        let (a, b) = (a.unwrap(), b.unwrap());
+        assert!((0..3).all(|k| (a[k] - b[k]).abs() <= 1.0), "{a:?} {b:?}");
+    }
+    let said = text(
+        &place
+            .ends_with(0, "painted.safetensors --through both.map -o x.vti --resolution 4")
+            .stdout,
+    );
+    assert!(said.contains("`both.map`, bijective"), "{said}");
+}
+
+#[test]
+fn a_texture_is_carried_by_maps_of_its_own_solid_only() {
+    let place = painted_cube();
+    place.surface("small.obj", &shapes::cube(1.9, 4));
+    place
+        .place
+        .ends_with(0, "fit small.obj --image target.obj -o small.map");
+    place.refuses(
+        "painted.safetensors --through small.map -o x.vti",
+        &["painted.safetensors", "small.map", "is not the domain"],
+    );
+    // The same cube, meshed differently.
+    place.surface("coarse.obj", &shapes::cube(2.0, 2));
+    place.surface("coarse_target.obj", &shapes::deformed(&shapes::cube(2.0, 2), affine));
+    place
+        .place
+        .ends_with(0, "fit coarse.obj --image coarse_target.obj -o coarse.map");
+    place.ends_with(0, "painted.safetensors --through coarse.map -o x.vti --resolution 4");
+    place.refuses(
+        "painted.safetensors --through cube.map --through-kind bijective -o x.vti",
+        &["holds no bijective map", "solidmap bijective cube.map"],
+    );
+    place.refuses(
+        "painted.safetensors --through cube.map --png x.png",
+        &["--png shows the model itself", "--through"],
+    );
+    place.refuses("painted.safetensors --through cube.map", &["nothing would be written"]);
+    place.refuses("painted.safetensors --through-kind harmonic -o x.vti", &["--through"]);
+    place.refuses("painted.safetensors --through none.map -o x.vti", &["none.map"]);
+}
+
+/// The map of a ball onto one half of it folds: its points have two preimages.
+#[test]
+fn folds_of_a_map_are_counted_and_fail() {
+    let place = TexturePlace::new();
+    let ball = io::read_surface(place.path("ball.obj")).unwrap();
+    place.surface(
+        "folded.obj",
+        &shapes::deformed(&ball, |p| Point::new(p.x.abs() + 0.1 * p.x, p.y, p.z)),
+    );
+    place
+        .place
+        .run("fit ball.obj --image folded.obj -o folded.map --tolerance 0.1");
+    let output = place.ends_with(
+        1,
+        "ball.obj --checker 4 --through folded.map -o folded.vti --resolution 8 --json",
+    );
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(report["through"]["folded"].as_u64().unwrap() > 0, "{report}");
+    assert!(
+        text(&output.stderr).contains("solidmap bijective"),
+        "{}",
+        text(&output.stderr)
+    );
 }

@@ -4,7 +4,6 @@ use std::time::Instant;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 
 use super::CompareError;
 use super::build::images_of;
@@ -17,7 +16,6 @@ use crate::fit::BoundaryError;
 use crate::geometry::{SurfaceQuery, flipped_tets};
 use crate::map::VolumeMap;
 use crate::mesh::TetMesh;
-use crate::sampling;
 use crate::statistics::Summary;
 use crate::{Point, Vector};
 
@@ -107,8 +105,6 @@ pub struct FoldCount {
 /// for one map alone, since a map by mean value coordinates takes as long for each point as the surface is large.
 const POINTS_FACTOR: usize = 4;
 const LEAST_LIMIT: usize = 20_000;
-/// Largest number of triangles that the largest boundary error is taken over.
-const TRIANGLES: usize = 100_000;
 /// Largest number of random points to try for each point inside.
 const TRIES: usize = 1000;
 
@@ -217,18 +213,7 @@ pub fn boundary_error(
     even: usize,
     seed: u64,
 ) -> Result<BoundaryError, CompareError> {
-    let points = sampling::held_out(boundary.domain(), even, TRIANGLES, seed);
-    let mapped = map.evaluate(&boundary.positions(&points));
-    require_finite(&mapped)?;
-    let (exact, diagonal) = (boundary.evaluate(&points), boundary.target_diagonal());
-    let pairs = mapped.par_iter().zip(&exact);
-    let errors: Vec<f64> = pairs.map(|(f, exact)| (f - exact).norm() / diagonal).collect();
-    let summary = Summary::of(&errors[..even.min(errors.len())]);
-    Ok(summary.map_or(BoundaryError::default(), |even| BoundaryError {
-        rms: even.rms,
-        p99: even.p99,
-        max: errors.iter().copied().fold(0.0, f64::max),
-    }))
+    crate::fit::boundary_error(map, boundary, even, seed).map_err(|_| CompareError::NonFiniteBoundary)
 }
 
 impl FoldCount {

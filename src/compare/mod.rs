@@ -111,4 +111,7 @@ pub enum CompareError {
         /// Points that were evaluated.
         of: usize,
     },
+    /// The map is not finite on the boundary.
+    #[error("the map has no finite value at points of the boundary")]
+    NonFiniteBoundary,
 }

@@ -8,6 +8,8 @@ use super::FitError;
 use super::boundary_data::BoundaryData;
 use super::report::{BoundaryError, LocalError};
 use super::system::{Evaluator, System, SystemSolution};
+use crate::boundary_map::BoundaryMap;
+use crate::map::VolumeMap;
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling;
 use crate::statistics::Summary;
@@ -20,6 +22,26 @@ const TRIANGLES: usize = 100_000;
 const PART_OF_ERROR: f64 = 0.3;
 /// Largest relative error allowed in these sums, whatever the map's error.
 const MAX_SUM_ERROR: f64 = 1e-4;
+
+/// Distance of a map from the boundary map at points of the boundary that depend on the seed: averages over `even` points,
+/// spread by area, the largest also over one in each triangle.
+///
+/// # Errors
+///
+/// [`FitError::NonFiniteMap`] when the map is not finite at one.
+pub fn boundary_error(
+    map: &dyn VolumeMap,
+    boundary: &BoundaryMap,
+    even: usize,
+    seed: u64,
+) -> Result<BoundaryError, FitError> {
+    let held_out = HeldOut::new(boundary.domain(), even, seed);
+    let (images, exact) = (map.evaluate(&held_out.positions), boundary.evaluate(&held_out.points));
+    let diagonal = boundary.target_diagonal();
+    let pairs = images.par_iter().zip(&exact);
+    let errors: Vec<f64> = pairs.map(|(image, exact)| (image - exact).norm() / diagonal).collect();
+    held_out.boundary_error(&errors)
+}
 
 /// Points of the boundary that are not collocation points.
 pub(super) struct HeldOut {

@@ -27,6 +27,7 @@ use std::sync::Arc;
 
 pub(crate) use boundary_data::is_flat;
 pub use error::FitError;
+pub use held_out::boundary_error;
 pub use options::{FitMethod, FitOptions, Placement};
 pub use phase::Phase;
 pub use report::{BoundaryError, Fit, FitReport, LocalError, RefinementEnd};

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::FrameMap;
 use crate::kernel::Sums;
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::{Matrix3, Point};
@@ -21,16 +22,15 @@ pub(super) fn frames_at_a_time(points: usize) -> usize {
 
 /// The Jacobians of each map. Maps with the same sources as the first map that has any are evaluated together, with
 /// each kernel value computed once.
-pub(super) fn jacobians(maps: &[&HarmonicMap], points: &[Point]) -> Vec<Vec<Matrix3>> {
-    let sources = maps
-        .iter()
-        .map(|map| map.sources())
-        .find(|sources| !sources.is_empty())
-        .unwrap_or_default();
-    let shares = |map: &HarmonicMap| !sources.is_empty() && map.sources() == sources;
-    let sharing: Vec<&HarmonicMap> = maps.iter().copied().filter(|map| shares(map)).collect();
+pub(super) fn jacobians(maps: &[&FrameMap], points: &[Point]) -> Vec<Vec<Matrix3>> {
+    let with_sources = |map: &&HarmonicMap| !map.sources().is_empty();
+    let first = maps.iter().filter_map(|map| map.harmonic()).find(with_sources);
+    let sources = first.map_or(&[][..], HarmonicMap::sources);
+    let shares = |map: &&HarmonicMap| with_sources(map) && map.sources() == sources;
+    let shared_by = |map: &FrameMap| map.harmonic().filter(shares).is_some();
+    let sharing: Vec<&HarmonicMap> = maps.iter().filter_map(|map| map.harmonic()).filter(shares).collect();
     let mut shared = gradients(&sharing, sources, points).into_iter();
-    let jacobians = maps.iter().map(|map| match shares(map) {
+    let jacobians = maps.iter().map(|map| match shared_by(map) {
         true => shared.next().unwrap_or_default(),
         false => map.jacobian(points),
     });
@@ -65,7 +65,7 @@ mod tests {
     use crate::solver::Coefficients;
 
     /// A map with sources on a sphere of radius 3, its coefficients depending on `seed`.
-    fn map(sources: usize, seed: usize) -> HarmonicMap {
+    fn map(sources: usize, seed: usize) -> FrameMap {
         let place = |s: usize| {
             let (z, turn) = (2.0 * (s as f64 + 0.5) / sources as f64 - 1.0, 2.4 * s as f64);
             let r = f64::sqrt(1.0 - z * z);
@@ -76,7 +76,7 @@ mod tests {
             sources: (0..sources).map(coefficient).collect(),
             affine: [[0.0; 3], [1.0, 0.1, 0.0], [0.0, 1.0, 0.2], [seed as f64, 0.0, 1.0]],
         };
-        HarmonicMap::new((0..sources).map(place).collect(), coefficients).unwrap()
+        FrameMap::Harmonic(HarmonicMap::new((0..sources).map(place).collect(), coefficients).unwrap())
     }
 
     #[test]

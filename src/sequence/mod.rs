@@ -13,13 +13,22 @@
 //! ([`SequenceOptions::own_volume`]): uniform growth would have no energy then. Green's strain is invariant under rigid
 //! motions, so that frames need not be aligned.
 
+//!
+//! # Folds
+//!
+//! The harmonic map of a frame may fold. [`Sequence::measure_bijective`] measures one-to-one maps instead
+//! ([`crate::bijective`]), over tetrahedra that fill the reference.
+
+mod bijective;
 mod cycles;
 mod jacobians;
 
+pub use bijective::{FilledReference, SequencePhase};
 pub use cycles::{CycleError, Cycles, cycles};
 
 use std::sync::Arc;
 
+use crate::bijective::{Bijective, BijectiveError};
 use crate::boundary_map::{BoundaryMap, BoundaryMapError};
 use crate::check::{ClosedHole, HoleError, close_holes};
 use crate::energy::{
@@ -27,7 +36,7 @@ use crate::energy::{
     Quadrature, QuadratureError, UnitVolumeScale, adaptive_energies_of_maps, deformation_density, undivided_grid,
 };
 use crate::fit::{BoundaryError, DomainFactor, Fit, FitError, FitOptions, FitSize, Phase, RefinementEnd, is_flat};
-use crate::map::HarmonicMap;
+use crate::map::{HarmonicMap, VolumeMap};
 use crate::memory;
 use crate::mesh::SurfaceMesh;
 use crate::solver::Coefficients;
@@ -87,6 +96,53 @@ pub enum SequenceError {
     /// The energy of the map cannot be computed.
     #[error(transparent)]
     Energy(#[from] EnergyError),
+    /// No one-to-one map of the frame was found, or the mesh of the reference cannot be used.
+    #[error("no bijective map: {0}")]
+    Bijective(#[from] Box<BijectiveError>),
+}
+
+/// The map that a frame is measured of.
+#[derive(Debug, Clone)]
+pub enum FrameMap {
+    /// The harmonic map, by [`Sequence::measure`].
+    Harmonic(HarmonicMap),
+    /// The one-to-one map, and how it was made, by [`Sequence::measure_bijective`].
+    Bijective(Box<Bijective>),
+}
+
+impl FrameMap {
+    /// The harmonic map, if it is one.
+    pub fn harmonic(&self) -> Option<&HarmonicMap> {
+        match self {
+            Self::Harmonic(map) => Some(map),
+            Self::Bijective(_) => None,
+        }
+    }
+
+    /// The one-to-one map, if it is one.
+    pub fn bijective(&self) -> Option<&Bijective> {
+        match self {
+            Self::Harmonic(_) => None,
+            Self::Bijective(made) => Some(made),
+        }
+    }
+
+    fn as_volume_map(&self) -> &dyn VolumeMap {
+        match self {
+            Self::Harmonic(map) => map,
+            Self::Bijective(made) => &made.map,
+        }
+    }
+}
+
+impl VolumeMap for FrameMap {
+    fn evaluate(&self, points: &[Point]) -> Vec<Point> {
+        self.as_volume_map().evaluate(points)
+    }
+
+    fn jacobian(&self, points: &[Point]) -> Vec<Matrix3> {
+        self.as_volume_map().jacobian(points)
+    }
 }
 
 /// Energies of a frame, and the map they are measured of.
@@ -105,14 +161,14 @@ pub struct FrameMeasurement {
     pub folded_fraction: f64,
     /// Error of the map on the frame's surface.
     pub boundary_error: BoundaryError,
-    /// Estimated errors of both energies.
+    /// Estimated errors of both energies; zero for a one-to-one map, whose energies are sums over tetrahedra.
     pub errors: EnergyErrors,
     /// The points and weights that energies were integrated with.
     pub quadrature: Quadrature,
     /// Densities at the points of the quadrature.
     pub densities: Densities,
     /// The map from the reference to the frame.
-    pub map: HarmonicMap,
+    pub map: FrameMap,
     /// Factor on Jacobians before densities are computed.
     stretch: f64,
 }
@@ -195,13 +251,17 @@ impl Sequence {
     /// Number of frames to measure at once: as many as asked for, as far as their solution and densities fit into
     /// memory.
     pub fn frames_per_block(&self) -> usize {
+        let points = self.options.quadrature.point_limit(self.quadrature.points().len());
+        self.frames_that_fit(BYTES_PER_POINT.saturating_mul(points as u64))
+    }
+
+    /// As many frames as asked for, as far as their solution and so many bytes for each fit into memory.
+    fn frames_that_fit(&self, measured: u64) -> usize {
         let budget = self.options.fit.memory.or_else(memory::default_solver_budget);
         let allowed = budget.unwrap_or(u64::MAX);
         let mut size = FitSize::of(&self.domain, &self.options.fit);
         size.maps = self.options.frames_per_block.unwrap_or(FRAMES).max(1);
-        let points = self.options.quadrature.point_limit(self.quadrature.points().len());
-        let densities = BYTES_PER_POINT.saturating_mul(points as u64);
-        let bytes = |size: &FitSize| size.bytes().saturating_add(densities.saturating_mul(size.maps as u64));
+        let bytes = |size: &FitSize| size.bytes().saturating_add(measured.saturating_mul(size.maps as u64));
         while size.maps > 1 && bytes(&size) > allowed {
             size.maps /= 2;
         }
@@ -243,11 +303,7 @@ impl Sequence {
                 volumes.push(frame.target_volume());
             }
         }
-        let options = EnergyOptions {
-            normalize: self.options.own_volume,
-            lame: self.options.lame,
-        };
-        let accuracy = &self.options.quadrature;
+        let (options, accuracy) = (self.energy_options(), &self.options.quadrature);
         let energies = adaptive_energies_of_maps(&self.domain, &volumes, &options, accuracy, |range, points, add| {
             let at_a_time = frames_at_a_time(points.len());
             for (part, maps) in maps[range].chunks(at_a_time).enumerate() {
@@ -270,7 +326,7 @@ impl Sequence {
     pub fn densities_at(&self, frames: &[&FrameMeasurement], points: &[Point]) -> Vec<Vec<f64>> {
         let mut densities = Vec::with_capacity(frames.len());
         for part in frames.chunks(frames_at_a_time(points.len())) {
-            let maps: Vec<&HarmonicMap> = part.iter().map(|frame| &frame.map).collect();
+            let maps: Vec<&FrameMap> = part.iter().map(|frame| &frame.map).collect();
             let density = |frame: &FrameMeasurement, jacobian: &Matrix3| {
                 deformation_density(&(jacobian * frame.stretch), &self.options.lame)
             };
@@ -285,12 +341,19 @@ impl Sequence {
         self.options.lame.negligible_density()
     }
 
-    /// The maps, and how well they meet the frames.
+    fn energy_options(&self) -> EnergyOptions {
+        EnergyOptions {
+            normalize: self.options.own_volume,
+            lame: self.options.lame,
+        }
+    }
+
+    /// The harmonic maps, and how well they meet the frames.
     fn solve(
         &mut self,
         frames: &[BoundaryMap],
         progress: &dyn Fn(Phase),
-    ) -> Vec<Result<(HarmonicMap, BoundaryError), SequenceError>> {
+    ) -> Vec<Result<(FrameMap, BoundaryError), SequenceError>> {
         let tolerance = AFFINE * self.options.fit.tolerance;
         let affine: Vec<_> = frames.iter().map(|frame| affine_map(frame, tolerance)).collect();
         let others = frames.iter().zip(&affine).filter(|(_, affine)| affine.is_none());
@@ -303,6 +366,7 @@ impl Sequence {
         affine
             .into_iter()
             .map(|affine| affine.map_or_else(|| of_others(fits.next()), Ok))
+            .map(|found| found.map(|(map, error)| (FrameMap::Harmonic(map), error)))
             .collect()
     }
 
@@ -356,7 +420,7 @@ impl Sequence {
 
     fn measured(
         &self,
-        map: HarmonicMap,
+        map: FrameMap,
         boundary_error: BoundaryError,
         volume: f64,
         (quadrature, energy): (Quadrature, EnergyReport),
@@ -367,7 +431,12 @@ impl Sequence {
         } else {
             (1.0, 1.0 / own)
         };
-        let errors = energy.errors.expect("the quadrature is adaptive");
+        // Only an adaptive quadrature has errors.
+        let errors = energy.errors.unwrap_or(EnergyErrors {
+            harmonic: 0.0,
+            deformation: 0.0,
+            within_tolerance: true,
+        });
         Ok(FrameMeasurement {
             deformation: energy.deformation * per_volume,
             harmonic: energy.harmonic * per_volume,

@@ -11,6 +11,7 @@ use super::volume::{GIB, allowed_memory};
 use crate::boundary_map::BoundaryMap;
 use crate::fit::{FitMethod, FitOptions, FitReport, FitSize, Phase, Placement, fit};
 use crate::geometry::{Aabb, ClosestPoint, SurfaceQuery};
+use crate::inverse::{Inverse, InverseReport, Preimage};
 use crate::map::{HarmonicMap, VolumeMap};
 use crate::mesh::{SurfaceMesh, SurfacePoint};
 use crate::sampling;
@@ -270,6 +271,21 @@ impl SolidTexture {
         let off = self.surface.are_outside(&is_off);
         inside.extend(others.iter().zip(off).filter(|(_, off)| !off).map(|(&k, _)| k));
         inside
+    }
+
+    /// Linear colours of points of the target of a map of the solid, those of their preimages: NaN where there is none.
+    /// Preimages that lie beyond the surface, by a map's boundary error, have the colour of its closest point.
+    pub fn sample_through(&self, inverse: &dyn Inverse, points: &[Point]) -> (Vec<LinearRgb>, InverseReport) {
+        let (preimages, report) = inverse.preimages(points);
+        let places: Vec<Point> = preimages.iter().map(Preimage::position).collect();
+        let mut colours = self.sample(&places);
+        let is_beyond = |k: &usize| colours[*k][0].is_nan() && places[*k].x.is_finite();
+        let beyond: Vec<usize> = (0..places.len()).filter(is_beyond).collect();
+        let at: Vec<Point> = beyond.iter().map(|&k| places[k]).collect();
+        for (k, closest) in beyond.into_iter().zip(self.surface.closest_points(&at)) {
+            colours[k] = self.coloured_surface.colour(&closest.surface_point());
+        }
+        (colours, report)
     }
 
     /// Colours of points that are in the solid or on its surface.

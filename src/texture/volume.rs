@@ -1,6 +1,6 @@
 //! The texture as a volume of voxels.
 
-use super::colour::to_srgb;
+use super::colour::{LinearRgb, to_srgb};
 use super::{SolidTexture, TextureError};
 use crate::Point;
 use crate::memory;
@@ -96,16 +96,21 @@ impl VoxelGrid {
     }
 }
 
-impl SolidTexture {
-    /// The texture at the centres of all voxels. `progress` is called with the number of voxels done so far.
-    pub fn volume(&self, grid: &VoxelGrid, progress: &dyn Fn(usize)) -> VoxelTexture {
+impl VoxelTexture {
+    /// The colours that `sample` gives the centres of all voxels, NaN where there is none. `progress` is called with the
+    /// number of voxels done so far.
+    pub fn sampled(
+        grid: &VoxelGrid,
+        mut sample: impl FnMut(&[Point]) -> Vec<LinearRgb>,
+        progress: &dyn Fn(usize),
+    ) -> Self {
         let voxels = grid.voxels();
         let mut rgba = Vec::with_capacity(voxels);
         for first in (0..voxels).step_by(POINTS_AT_ONCE) {
             let centres: Vec<Point> = (first..voxels.min(first + POINTS_AT_ONCE))
                 .map(|k| grid.centre(k))
                 .collect();
-            rgba.extend(self.sample(&centres).into_iter().map(|light| {
+            rgba.extend(sample(&centres).into_iter().map(|light| {
                 if light[0].is_nan() {
                     return [0; 4];
                 }
@@ -114,10 +119,17 @@ impl SolidTexture {
             }));
             progress(rgba.len());
         }
-        VoxelTexture {
+        Self {
             grid: *grid,
             inside: rgba.iter().filter(|voxel| voxel[3] > 0).count(),
             rgba,
         }
+    }
+}
+
+impl SolidTexture {
+    /// The texture at the centres of all voxels. `progress` is called with the number of voxels done so far.
+    pub fn volume(&self, grid: &VoxelGrid, progress: &dyn Fn(usize)) -> VoxelTexture {
+        VoxelTexture::sampled(grid, |centres| self.sample(centres), progress)
     }
 }

@@ -10,7 +10,8 @@ use solidmap::Point;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::fit::{Fit, FitOptions, fit};
 use solidmap::geometry::SurfaceQuery;
-use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::mesh::{CellList, SurfaceMesh, TetMesh, shapes};
+use solidmap::remesh::{CellKind, CellSize, Polycube, regular_mesh};
 
 /// Solids of every kind the method must handle, coarse (`level` 0) to fine.
 pub fn solids(level: u32) -> Vec<(&'static str, SurfaceMesh)> {
@@ -32,6 +33,30 @@ pub fn boundary_map(domain: &SurfaceMesh, f: impl Fn(&Point) -> Point) -> Bounda
 /// A bend about the y axis that is harmonic: its two coordinates are `x + a (x² − z²)` and `z − 2 a x z`.
 pub fn bent(a: f64) -> impl Fn(&Point) -> Point {
     move |p| Point::new(p.x + a * (p.x * p.x - p.z * p.z), p.y, p.z - 2.0 * a * p.x * p.z)
+}
+
+/// A box of 5 by 2 by 2 about the origin, its sides divided into eight.
+pub fn rod() -> SurfaceMesh {
+    shapes::deformed(&shapes::cube(2.0, 8), |p| Point::new(2.5 * p.x, p.y, p.z))
+}
+
+/// The rod of [`rod`] bent into a horseshoe of 290 degrees. Its harmonic map folds at the inner side: on the cross-section
+/// the distance `f` from the axis has `Δf = f` and is `3 + y` on the boundary. Its slope there, 1 on the boundary, is
+/// lowered by that of `Δg = -3`, `g = 0` on the boundary, some 0.6 · 3 in the middle of a side of a square of this size.
+pub fn horseshoe(p: &Point) -> Point {
+    let radius = 3.0 + p.y;
+    Point::new(radius * p.x.sin(), radius * p.x.cos(), p.z)
+}
+
+/// A regular mesh of a polycube, of so many boxes along its longest side.
+pub fn tets_of(polycube: &SurfaceMesh, cells: usize) -> TetMesh {
+    let polycube = Polycube::of(polycube).unwrap();
+    let size = CellSize::Along(cells).of(&polycube);
+    let mesh = regular_mesh(&polycube, size, CellKind::Tets, 1_000_000).unwrap();
+    let CellList::Tets(tets) = mesh.cells().clone() else {
+        panic!("asked for tetrahedra");
+    };
+    TetMesh::new(mesh.nodes().to_vec(), tets).unwrap()
 }
 
 /// The mesh without its first triangle and that one's first neighbour: a hole of four edges.

@@ -8,12 +8,12 @@ use solidmap::remesh::DEFAULT_EFFORT;
 
 use super::values::{bytes, effort, off_or_count};
 
-/// Which map of a file is used.
+/// Which map of a solid is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MapKind {
     /// The harmonic map, a sum over sources
     Harmonic,
-    /// The one-to-one map that `bijective` or `fit --bijective` made, linear over tetrahedra
+    /// The one-to-one map, linear over tetrahedra, as `solidmap bijective` makes it
     Bijective,
 }
 

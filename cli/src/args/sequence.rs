@@ -4,10 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use solidmap::fit::FitOptions;
+use solidmap::remesh::DEFAULT_EFFORT;
 
+use super::bijective::MapKind;
 use super::fit::MethodArgs;
 use super::map::{AccuracyArgs, LameArgs};
 use super::section::SectionArgs;
+use super::values::effort;
 
 #[derive(Debug, Args)]
 #[command(allow_negative_numbers = true)]
@@ -26,6 +29,14 @@ pub struct SequenceArgs {
     /// it is larger; frames where it cannot be reached are measured all the same, and the exit code is 1
     #[arg(long, value_name = "FRACTION", default_value_t = FitOptions::adaptive().tolerance)]
     pub tolerance: f64,
+    /// Map that frames are measured of. For `bijective` REF is filled with tetrahedra, its own or TetGen's, and the map of
+    /// every frame is repaired over them; a frame for which no such map is found is left out, and the exit code is 1
+    #[arg(long = "map", id = "map_kind", value_enum, value_name = "KIND", default_value_t = MapKind::Harmonic)]
+    pub map_kind: MapKind,
+    /// With --map bijective: work after which the repair of a frame ends although tetrahedra stay inverted, in iterations
+    /// for each tetrahedron in the mean
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_EFFORT, value_parser = effort)]
+    pub effort: f64,
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
     #[command(flatten)]

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use super::bijective::MapKind;
 use super::section::UpKind;
 use super::values::squares;
 
@@ -23,6 +24,8 @@ pub struct TextureArgs {
     pub wrap: Option<WrapKind>,
     #[command(flatten)]
     pub extension: TextureExtensionArgs,
+    #[command(flatten)]
+    pub through: TextureThroughArgs,
     #[command(flatten)]
     pub written: TextureOutputArgs,
 }
@@ -49,6 +52,20 @@ pub struct TextureExtensionArgs {
     /// Largest number of sources [default: 100000]
     #[arg(long, value_name = "N")]
     pub max_sources: Option<usize>,
+}
+
+/// A map that carries the texture to another solid.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Through a map")]
+pub struct TextureThroughArgs {
+    /// Map file whose domain is MODEL: the volume (-o) and the colours of points (--at) are those of its target, where
+    /// each point has the colour of its preimage. Points without a preimage get none, and the exit code is 1 if there are
+    /// such points in the target, or points with several preimages
+    #[arg(long, value_name = "MAP")]
+    pub through: Option<PathBuf>,
+    /// Which map of that file to use [default: bijective if the file has it, else harmonic]
+    #[arg(long, value_enum, value_name = "KIND", requires = "through")]
+    pub through_kind: Option<MapKind>,
 }
 
 /// Outputs of a texture.
@@ -85,7 +102,8 @@ const TEXTURE_HELP: &str = "\
 Colours are averaged in linear RGB. On the surface the texture equals the picture exactly; details that are too fine \
 for the sources go no deeper than these are apart.
 
-Exit code 1 when --tolerance is missed, or when the texture differs from the picture on the surface.";
+Exit code 1 when --tolerance is missed, when the texture differs from the picture on the surface, or when points of the \
+target of --through have no preimage or several.";
 
 /// Which colour texture coordinates outside the picture have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -8,9 +8,8 @@ use solidmap::bijective::{Bijective, RefinementOptions};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{FitOptions, FitReport, LocalError, Placement, RefinementEnd};
-use solidmap::io::{self, Cells, SolidMesh, VtkFields};
+use solidmap::io::{self, Cells, VtkFields};
 use solidmap::map::{HarmonicMap, VolumeMap};
-use solidmap::mesh::{CellList, TetMesh};
 use solidmap::remesh::DEFAULT_EFFORT;
 use solidmap::solver::SchwarzStop;
 use solidmap::spherical::SphereOptions;
@@ -262,15 +261,9 @@ fn bijective(
     output: &Output,
 ) -> anyhow::Result<(Bijective, BijectiveSummary)> {
     let domain = args.files.domain.as_deref();
-    let mesh = match domain.map(io::read_solid).transpose()? {
-        Some(SolidMesh::Cells(mesh)) => match mesh.into_parts() {
-            (nodes, CellList::Tets(tets), _) => Some(TetMesh::new(nodes, tets)?),
-            _ => None,
-        },
-        _ => None,
-    };
+    let solid = domain.map(io::read_solid).transpose()?;
     let making = Making {
-        mesh,
+        mesh: solid.map(bijective::own_tets).transpose()?.flatten(),
         refinement: RefinementOptions::default(),
         split_stuck: None,
         effort: DEFAULT_EFFORT,

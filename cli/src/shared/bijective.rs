@@ -7,8 +7,9 @@ use solidmap::bijective::{
     refined_at_boundary,
 };
 use solidmap::boundary_map::BoundaryMap;
+use solidmap::io::SolidMesh;
 use solidmap::map::HarmonicMap;
-use solidmap::mesh::{SurfaceMesh, TetMesh};
+use solidmap::mesh::{CellList, SurfaceMesh, TetMesh};
 use solidmap::remesh::{RemeshOptions, RepairStart};
 
 use super::carried_mesh_picture::show_phase;
@@ -51,14 +52,8 @@ pub fn make(
         memory: making.memory,
         ..RemeshOptions::default()
     };
-    let progress = |phase| show_phase(phase, output);
-    let mesh = match making.mesh {
-        Some(mesh) => mesh,
-        None => {
-            output.progress("tetrahedralising");
-            tetrahedra(boundary.domain(), making.memory).context("cannot fill the domain with tetrahedra")?
-        }
-    };
+    let progress = |phase| show_phase(phase, "", output);
+    let mesh = filled(boundary.domain(), making.mesh, making.memory, output)?;
     output.progress("refining the boundary");
     let (mesh, refinement) = match refined_at_boundary(boundary, mesh, &making.refinement, finder()) {
         Ok(refined) => refined,
@@ -82,6 +77,29 @@ pub fn make(
     }))
 }
 
+/// The tetrahedra of a solid that was given by them.
+pub fn own_tets(solid: SolidMesh) -> anyhow::Result<Option<TetMesh>> {
+    let SolidMesh::Cells(mesh) = solid else { return Ok(None) };
+    Ok(match mesh.into_parts() {
+        (nodes, CellList::Tets(tets), _) => Some(TetMesh::new(nodes, tets)?),
+        _ => None,
+    })
+}
+
+/// Tetrahedra that fill a domain: the given ones, or TetGen's.
+pub fn filled(
+    domain: &SurfaceMesh,
+    given: Option<TetMesh>,
+    memory: Option<u64>,
+    output: &Output,
+) -> anyhow::Result<TetMesh> {
+    if let Some(mesh) = given {
+        return Ok(mesh);
+    }
+    output.progress("tetrahedralising");
+    tetrahedra(domain, memory).context("cannot fill the domain with tetrahedra")
+}
+
 #[cfg(feature = "native")]
 fn tetrahedra(domain: &SurfaceMesh, memory: Option<u64>) -> anyhow::Result<TetMesh> {
     use solidmap::cgal_tetgen::{TetOptions, tetrahedralize};
@@ -94,7 +112,9 @@ fn tetrahedra(domain: &SurfaceMesh, memory: Option<u64>) -> anyhow::Result<TetMe
 
 #[cfg(not(feature = "native"))]
 fn tetrahedra(_: &SurfaceMesh, _: Option<u64>) -> anyhow::Result<TetMesh> {
-    anyhow::bail!("it needs TetGen, and this solidmap was built without it; give a tet mesh of the domain (--mesh)")
+    anyhow::bail!(
+        "it needs TetGen, and this solidmap was built without it; give a tet mesh of the domain, with --mesh or in place of its surface"
+    )
 }
 
 /// Whether an error says that no bijective map was found, and not that the input cannot be used.

@@ -138,13 +138,14 @@ fn view(
 }
 
 /// Shows the progress of a remeshing.
-pub fn show_phase(phase: RemeshPhase, output: &Output) {
+pub fn show_phase(phase: RemeshPhase, what: &str, output: &Output) {
     match phase {
-        RemeshPhase::Meshing => output.progress("meshing the domain"),
-        RemeshPhase::Mapping { nodes } => output.progress(format!("mapping {nodes} nodes")),
+        RemeshPhase::Meshing => output.progress(format!("{what}meshing the domain")),
+        RemeshPhase::Mapping { nodes } => output.progress(format!("{what}mapping {nodes} nodes")),
         RemeshPhase::Repairing { round, inverted } => {
-            output.progress_in("repairing", format!("round {round}, {inverted} cells inverted"));
+            let detail = format!("round {round}, {inverted} cells inverted");
+            output.progress_in(format!("{what}repairing"), detail);
         }
-        RemeshPhase::Verifying => output.progress("counting and measuring"),
+        RemeshPhase::Verifying => output.progress(format!("{what}counting and measuring")),
     }
 }

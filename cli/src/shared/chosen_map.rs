@@ -27,6 +27,15 @@ pub enum MapName {
     Bijective,
 }
 
+impl From<MapKind> for MapName {
+    fn from(kind: MapKind) -> Self {
+        match kind {
+            MapKind::Harmonic => Self::Harmonic,
+            MapKind::Bijective => Self::Bijective,
+        }
+    }
+}
+
 impl<'a> ChosenMap<'a> {
     /// The map that was asked for: by default the bijective one, where the file has it.
     pub fn of(file: &'a MapFile, path: &Path, choice: &MapChoice) -> anyhow::Result<Self> {

@@ -77,7 +77,7 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     output.progress("reading");
     let source = source(args)?;
     let (file, boundary) = input::read_fitted_map(&args.map)?;
-    let progress = |phase| show_phase(phase, output);
+    let progress = |phase| show_phase(phase, "", output);
     let remeshed = remesh(&boundary, &file.map, source, &options, &progress).with_context(|| match &args.mesh {
         Some(mesh) => format!("cannot carry `{}` by `{}`", mesh.display(), args.map.display()),
         None => format!("cannot remesh by `{}`", args.map.display()),

@@ -8,11 +8,12 @@ use anyhow::ensure;
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::geometry::{Axis, PlaneSection};
 use solidmap::mesh::SurfaceMesh;
-use solidmap::sequence::{CycleError, Cycles, FrameMeasurement, Sequence, cycles};
+use solidmap::sequence::{CycleError, Cycles, FilledReference, FrameMeasurement, Sequence, SequencePhase, cycles};
 
 use super::series::{Material, Series};
 use super::summary::{FrameRow, MeasuredRow, SequenceTimings};
 use crate::args::{SectionArgs, SequenceArgs};
+use crate::shared::carried_mesh_picture;
 use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::show_phase;
 use crate::shared::input;
@@ -45,6 +46,8 @@ pub struct Measurement<'a> {
     pub(super) folder: PathBuf,
     pub(super) output: &'a Output,
     pub(super) sequence: Sequence,
+    /// With `--map bijective`.
+    pub(super) filled: Option<FilledReference<'static>>,
     pub(super) section: PlaneSection,
     pub(super) rows: Vec<FrameRow>,
     /// Sum of the densities on the section over all frames, and how many there are.
@@ -64,6 +67,7 @@ impl<'a> Measurement<'a> {
         folder: &Path,
         sequence: Sequence,
         material: Option<MeshWithFields>,
+        filled: Option<FilledReference<'static>>,
         output: &'a Output,
     ) -> anyhow::Result<Self> {
         let section = section(&args.section, sequence.domain())?;
@@ -78,6 +82,7 @@ impl<'a> Measurement<'a> {
             sum: vec![0.0; section.points().len()],
             section,
             sequence,
+            filled,
             rows: Vec::new(),
             measured: 0,
             shown: Vec::new(),
@@ -85,6 +90,14 @@ impl<'a> Measurement<'a> {
             series,
             material,
         })
+    }
+
+    /// Number of frames to measure at once.
+    pub fn frames_per_block(&self) -> usize {
+        match &self.filled {
+            Some(filled) => self.sequence.frames_per_block_of(filled),
+            None => self.sequence.frames_per_block(),
+        }
     }
 
     /// Reads, measures and writes some frames.
@@ -109,12 +122,22 @@ impl<'a> Measurement<'a> {
                 Err(reason) => unusable.push((frame, reason)),
             }
         }
-        let measured = self.sequence.measure(&maps, &|phase| show_phase(phase, &name, output));
+        let measured = match &self.filled {
+            None => self.sequence.measure(&maps, &|phase| show_phase(phase, &name, output)),
+            Some(filled) => self.sequence.measure_bijective(filled, &maps, &|phase| match phase {
+                SequencePhase::Fit(phase) => show_phase(phase, &name, output),
+                SequencePhase::Repair { frame, phase } => {
+                    let name = format!("{name}frame {}: ", numbers[frame]);
+                    carried_mesh_picture::show_phase(phase, &name, output);
+                }
+            }),
+        };
         let mut found = Vec::new();
         for ((frame, map), measured) in numbers.into_iter().zip(&maps).zip(measured) {
             match measured {
                 Ok(measured) => found.push((frame, map, measured)),
-                Err(error) => unusable.push((frame, with_option_names(error))),
+                // Meshes of a reference are given as the reference itself.
+                Err(error) => unusable.push((frame, with_option_names(error).replace("(--mesh)", "(as REF)"))),
             }
         }
         output.progress(format!("{name}densities"));

@@ -14,10 +14,13 @@ use anyhow::{Context, ensure};
 use solidmap::check::MOST_RIM_EDGES;
 use solidmap::fit::FitError;
 use solidmap::geometry::count_outside;
-use solidmap::sequence::{Sequence, SequenceError, SequenceOptions};
+use solidmap::mesh::TetMesh;
+use solidmap::remesh::RemeshOptions;
+use solidmap::sequence::{FilledReference, Sequence, SequenceError, SequenceOptions};
 
 use crate::CommandOutcome;
-use crate::args::SequenceArgs;
+use crate::args::{MapKind, SequenceArgs};
+use crate::shared::bijective::{filled, own_tets};
 use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::{fit_options, show_phase};
 use crate::shared::output::{Output, with_option_names};
@@ -45,7 +48,12 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<CommandOutcom
         ));
     }
     output.progress("reading the reference");
-    let reference = input::read_surface(&args.reference)?;
+    let solid = input::read_solid(&args.reference)?;
+    let own = match args.map_kind {
+        MapKind::Harmonic => None,
+        MapKind::Bijective => own_tets(solid.clone())?,
+    };
+    let reference = solid.into_surface();
     let options = options(args).with_context(|| format!("cannot use `{}`", args.reference.display()))?;
     let sequence = Sequence::new(&reference, &options, &|phase| show_phase(phase, "", output));
     let sequence = sequence.map_err(|error| advised(error, args))?;
@@ -65,12 +73,16 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<CommandOutcom
             hole.rim[0]
         ));
     }
+    let filled = match args.map_kind {
+        MapKind::Harmonic => None,
+        MapKind::Bijective => Some(filled_reference(args, own, &sequence, output)?),
+    };
     let mut seconds = SequenceTimings {
         setup: start.elapsed().as_secs_f64(),
         ..SequenceTimings::default()
     };
-    let mut measurement = Measurement::new(args, results.scratch(), sequence, material, output)?;
-    let per_block = measurement.sequence.frames_per_block();
+    let mut measurement = Measurement::new(args, results.scratch(), sequence, material, filled, output)?;
+    let per_block = measurement.frames_per_block();
     for first in (0..args.frames.len()).step_by(per_block) {
         measurement.block(first..args.frames.len().min(first + per_block), &mut seconds)?;
     }
@@ -83,6 +95,24 @@ pub fn run(args: &SequenceArgs, output: &Output) -> anyhow::Result<CommandOutcom
     seconds.drawing += drawing.elapsed().as_secs_f64();
     seconds.total = start.elapsed().as_secs_f64();
     measurement.finish(warnings, cycles, per_block, seconds)
+}
+
+/// The tetrahedra of the reference, its own where it has any, and how maps over them are repaired.
+fn filled_reference(
+    args: &SequenceArgs,
+    own: Option<TetMesh>,
+    sequence: &Sequence,
+    output: &Output,
+) -> anyhow::Result<FilledReference<'static>> {
+    let memory = args.method.memory.or_else(input::most_memory);
+    let mesh = filled(sequence.domain(), own, memory, output)
+        .with_context(|| format!("cannot use `{}`", args.reference.display()))?;
+    let options = RemeshOptions {
+        effort: args.effort,
+        memory,
+        ..RemeshOptions::default()
+    };
+    FilledReference::new(sequence, mesh, options, self_intersections::finder()).map_err(|error| advised(error, args))
 }
 
 /// Reads the mesh of `--material`.

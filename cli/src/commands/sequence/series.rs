@@ -7,7 +7,7 @@ use anyhow::Context;
 use solidmap::Point;
 use solidmap::io::{self, Cells, VtkFields};
 use solidmap::map::VolumeMap;
-use solidmap::mesh::SurfaceMesh;
+use solidmap::mesh::{CellMesh, SurfaceMesh};
 use solidmap::sequence::{FrameMeasurement, Sequence};
 
 use super::folder::{CELLS, MATERIAL, SURFACE, collection_name, frame_name};
@@ -64,7 +64,11 @@ impl Series {
             ("harmonic_energy", &densities.harmonic),
             ("det_jacobian", &densities.det_jacobian),
         ];
-        density_file::write(&paths[0], &measured.quadrature, None, &fields)?;
+        let tets = measured
+            .map
+            .bijective()
+            .map(|made| CellMesh::from(made.map.domain().clone()));
+        density_file::write(&paths[0], &measured.quadrature, tets.as_ref(), &fields)?;
         let domain = sequence.domain();
         let fields = VtkFields {
             point: vec![positions("reference", domain.vertices())],

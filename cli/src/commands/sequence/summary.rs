@@ -10,8 +10,10 @@ use super::measure::Measurement;
 use super::series::Series;
 use crate::CommandOutcome;
 use crate::drawing::significant;
+use crate::shared::chosen_map::MapName;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{memory_row, peak_rss_bytes, two_columns};
+use crate::shared::self_intersections::finder;
 
 /// A frame whose volume is more than this times the reference's, or less than the inverse, may be in another unit.
 const OTHER_UNIT: f64 = 4.0;
@@ -22,6 +24,7 @@ const LISTED: usize = 20;
 #[derive(Serialize)]
 struct SequenceSummary {
     reference: FileName,
+    map_kind: MapName,
     output: FileName,
     material: Option<FileName>,
     vertices: usize,
@@ -29,8 +32,10 @@ struct SequenceSummary {
     closed_holes: Vec<ClosedHole>,
     /// Volume of the reference.
     volume: f64,
-    /// Quadrature points.
-    points: usize,
+    /// Quadrature points of the harmonic maps.
+    points: Option<usize>,
+    /// Tetrahedra of the reference that bijective maps are made over.
+    tets: Option<usize>,
     frames_per_block: usize,
     own_volume: bool,
     frames: Vec<FrameRow>,
@@ -79,6 +84,8 @@ pub struct MeasuredRow {
     pub deformation_density: DensityQuantiles,
     pub boundary_error: BoundaryError,
     pub folded_fraction: f64,
+    /// Tetrahedra that the harmonic map inverts, where the map is bijective.
+    pub inverted_as_mapped: Option<usize>,
     pub volume: f64,
 }
 
@@ -91,6 +98,7 @@ impl MeasuredRow {
             deformation_density: measured.deformation_density,
             boundary_error: measured.boundary_error,
             folded_fraction: measured.folded_fraction,
+            inverted_as_mapped: measured.map.bijective().map(|made| made.report.inverted_as_mapped),
             volume: measured.volume,
         }
     }
@@ -145,14 +153,17 @@ impl Measurement<'_> {
             Err(none) => (None, Some(none.to_string())),
         };
         let domain = self.sequence.domain();
+        let tets = self.filled.as_ref().map(|filled| filled.mesh().tets().len());
         let report = SequenceSummary {
             reference: (&self.args.reference).into(),
+            map_kind: self.args.map_kind.into(),
             output: (&self.args.output).into(),
             vertices: domain.vertices().len(),
             faces: domain.triangles().len(),
             closed_holes: self.sequence.holes().to_vec(),
             volume: self.sequence.quadrature().volume(),
-            points: self.sequence.quadrature().points().len(),
+            points: tets.is_none().then(|| self.sequence.quadrature().points().len()),
+            tets,
             frames_per_block: per_block,
             material: file_name(self.args.material.as_ref()),
             own_volume: self.args.own_volume,
@@ -249,6 +260,20 @@ fn summary(report: &SequenceSummary, series: Option<&Series>) -> String {
                 report.faces,
                 significant(report.volume, 5)
             ),
+        ],
+        [
+            "map".into(),
+            report.tets.map_or("harmonic".into(), |tets| {
+                let inverted = found.iter().filter_map(|(_, f)| f.inverted_as_mapped).max();
+                format!(
+                    "bijective, linear over {tets} tetrahedra, of which the harmonic one inverts {} in the worst frame{}",
+                    inverted.unwrap_or(0),
+                    match finder() {
+                        Some(_) => "",
+                        None => "; whether frames pass through themselves was not looked for, which needs CGAL",
+                    }
+                )
+            }),
         ],
         [
             "frames".into(),

@@ -4,6 +4,7 @@ mod model;
 mod pictures;
 mod samples;
 mod summary;
+mod through;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -24,8 +25,9 @@ use crate::shared::json::file_name;
 use crate::shared::output::{Output, peak_rss_bytes, write_file};
 use crate::shared::pictures::require_position;
 use model::{Model, is_texture_file};
-use samples::{PointsToColour, write_points, write_volume};
-use summary::{TextureSummary, TextureTimings};
+use samples::{Colours, PointsToColour, write_points, write_volume};
+use summary::{TextureSummary, TextureTimings, ThroughSummary};
+use through::ThroughMap;
 
 /// Points of the surface at which the texture is compared with the picture.
 const HELD_OUT: usize = 20_000;
@@ -46,13 +48,20 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<CommandOutcome
         _ => None,
     };
     let surface = model.coloured_surface().surface();
+    let through = ThroughMap::read(args, surface)?;
+    let target = through.as_ref().map(ThroughMap::target);
     let grid = written
         .output
         .as_ref()
-        .map(|_| VoxelGrid::of(surface, written.resolution));
+        .map(|_| VoxelGrid::of(target.as_ref().unwrap_or(surface), written.resolution));
     let grid = grid
         .transpose()
         .with_context(|| format!("cannot sample `{}`", args.model.display()))?;
+    let to_invert = through.as_ref().map(ThroughMap::inverse).transpose()?;
+    let inverse = match (&to_invert, &through) {
+        (Some((inverse, _)), Some(through)) => Some(inverse.prepared(through.path)?),
+        _ => None,
+    };
     let texture = texture(model, args, output)?;
     let mut seconds = TextureTimings {
         texture: seconds_since(start),
@@ -71,15 +80,16 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<CommandOutcome
     seconds.measure = seconds_since(start);
     warn(&texture, &seams, uv_box, output);
 
+    let mut colours = Colours::new(&texture, inverse.as_deref());
     let start = Instant::now();
     let volume = match (&written.output, grid) {
-        (Some(path), Some(grid)) => Some(write_volume(path, &texture, &grid, output)?),
+        (Some(path), Some(grid)) => Some(write_volume(path, &mut colours, &grid, output)?),
         _ => None,
     };
     seconds.volume = seconds_since(start);
     let start = Instant::now();
     let points = to_colour
-        .map(|points| write_points(&points, &texture, output))
+        .map(|points| write_points(&points, &mut colours, output))
         .transpose()?;
     seconds.points = seconds_since(start);
     let start = Instant::now();
@@ -89,6 +99,13 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<CommandOutcome
     }
     seconds.picture = seconds_since(start);
 
+    let through = to_invert.as_ref().zip(through.as_ref());
+    let through = through.map(|((_, map_kind), through)| ThroughSummary {
+        map: through.path.into(),
+        map_kind: *map_kind,
+        folded: colours.folded,
+        not_found: colours.not_found,
+    });
     let fit = texture.report().clone();
     let tolerance_met = args
         .extension
@@ -106,6 +123,7 @@ pub fn run(args: &TextureArgs, output: &Output) -> anyhow::Result<CommandOutcome
         layer,
         tolerance: args.extension.tolerance,
         tolerance_met,
+        through,
         volume,
         points,
         picture: file_name(written.png.as_ref()),
@@ -143,7 +161,13 @@ fn require_valid(args: &TextureArgs) -> anyhow::Result<()> {
         outputs.iter().any(|(path, _)| path.is_some()),
         "nothing would be written: name a volume (-o), a --png, a texture file (--map) or points (--at, --colours)"
     );
-    let inputs: Vec<&Path> = [Some(&args.model), args.image.as_ref(), at.as_ref()]
+    let through = args.through.through.as_ref();
+    ensure!(
+        through.is_none() || picture.is_none(),
+        "--png shows the model itself, and not what --through carries it to: leave it out, and write a volume (-o) or the \
+         colours of a mesh of the target (--at, --colours), which ParaView shows"
+    );
+    let inputs: Vec<&Path> = [Some(&args.model), args.image.as_ref(), at.as_ref(), through]
         .into_iter()
         .flatten()
         .map(PathBuf::as_path)
@@ -303,5 +327,21 @@ fn outcome(report: &TextureSummary, output: &Output) -> anyhow::Result<CommandOu
             report.fit.boundary_error.p99
         ));
     }
-    Ok(CommandOutcome::from_check(!misses && missed_tolerance.is_none()))
+    let through = report.through.as_ref();
+    let [not_found, folded] = through.map_or([0; 2], |through| [through.not_found, through.folded]);
+    if not_found > 0 {
+        output.warn(format!(
+            "{not_found} points lie in the target, but no preimage was found: they have no colour"
+        ));
+    }
+    if folded > 0 {
+        output.warn(format!(
+            "{folded} points lie where the map folds, and have the colour of one of several preimages; `solidmap bijective` \
+             makes a map that does not fold"
+        ));
+    }
+    let complete = not_found + folded == 0;
+    Ok(CommandOutcome::from_check(
+        !misses && missed_tolerance.is_none() && complete,
+    ))
 }

@@ -4,24 +4,58 @@ use std::path::Path;
 
 use anyhow::bail;
 use solidmap::Point;
+use solidmap::inverse::Inverse;
 use solidmap::io::{self, Cells, Field, ImageGrid, SolidMesh, VtkFields};
-use solidmap::texture::{LinearRgb, SolidTexture, VoxelGrid, to_srgb};
+use solidmap::texture::{LinearRgb, SolidTexture, VoxelGrid, VoxelTexture, to_srgb};
 
 use super::summary::{PointsSummary, VolumeSummary};
 use crate::shared::input::extension;
 use crate::shared::output::Output;
 use crate::shared::points::write_table;
 
-/// Samples the texture on a grid and writes the volume.
+/// The colours of a texture, or of the target that a map carries it to.
+pub struct Colours<'a> {
+    texture: &'a SolidTexture,
+    inverse: Option<&'a dyn Inverse>,
+    /// Points of the target that were sampled and have several preimages, or an inverted one.
+    pub folded: usize,
+    /// Points of the target that were sampled and for which no preimage was found.
+    pub not_found: usize,
+}
+
+impl<'a> Colours<'a> {
+    pub fn new(texture: &'a SolidTexture, inverse: Option<&'a dyn Inverse>) -> Self {
+        Self {
+            texture,
+            inverse,
+            folded: 0,
+            not_found: 0,
+        }
+    }
+
+    /// Colours of points; NaN outside of the solid and where there is no preimage.
+    fn sample(&mut self, points: &[Point]) -> Vec<LinearRgb> {
+        let Some(inverse) = self.inverse else {
+            return self.texture.sample(points);
+        };
+        let (colours, report) = self.texture.sample_through(inverse, points);
+        self.folded += report.folded;
+        self.not_found += report.not_converged;
+        colours
+    }
+}
+
+/// Samples colours on a grid and writes the volume.
 pub fn write_volume(
     path: &Path,
-    texture: &SolidTexture,
+    colours: &mut Colours,
     grid: &VoxelGrid,
     output: &Output,
 ) -> anyhow::Result<VolumeSummary> {
     let voxels = grid.voxels();
     output.progress_of("sampling voxels", 0, voxels);
-    let volume = texture.volume(grid, &|done| output.progress_of("sampling voxels", done, voxels));
+    let progress = |done| output.progress_of("sampling voxels", done, voxels);
+    let volume = VoxelTexture::sampled(grid, |centres| colours.sample(centres), &progress);
     output.progress(format!("writing {}", path.display()));
     let image = ImageGrid {
         origin: grid.origin,
@@ -79,7 +113,7 @@ impl<'a> PointsToColour<'a> {
 /// Writes the colours of points.
 pub fn write_points(
     to_colour: &PointsToColour,
-    texture: &SolidTexture,
+    colours: &mut Colours,
     output: &Output,
 ) -> anyhow::Result<PointsSummary> {
     let PointsToColour {
@@ -89,15 +123,17 @@ pub fn write_points(
         ..
     } = to_colour;
     output.progress(format!("colouring {}", points.display()));
-    let colours = texture.sample(positions);
-    let outside = colours.iter().filter(|colour| colour[0].is_nan()).count();
+    let not_found_before = colours.not_found;
+    let found = colours.sample(positions);
+    let without_colour = found.iter().filter(|colour| colour[0].is_nan()).count();
+    let outside = without_colour - (colours.not_found - not_found_before);
     match (extension(path).as_str(), to_colour.cells()) {
         ("ply", Cells::Triangles(triangles)) => {
-            let rgba: Vec<[u8; 4]> = colours.iter().map(with_opacity).collect();
+            let rgba: Vec<[u8; 4]> = found.iter().map(with_opacity).collect();
             io::write_coloured_ply(path, positions, &rgba, triangles)?;
         }
-        ("vtu", cells) => write_cells(path, cells, positions, &colours)?,
-        _ => write_colours(path, positions, &colours)?,
+        ("vtu", cells) => write_cells(path, cells, positions, &found)?,
+        _ => write_colours(path, positions, &found)?,
     }
     if outside > 0 {
         output.warn(format!(

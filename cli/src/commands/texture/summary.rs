@@ -5,6 +5,7 @@ use solidmap::fit::FitReport;
 use solidmap::texture::{ColourError, ExtendedQuantity, SeamReport};
 
 use crate::drawing::significant;
+use crate::shared::chosen_map::MapName;
 use crate::shared::json::FileName;
 use crate::shared::output::{mebibytes, two_columns, written_row};
 
@@ -26,12 +27,24 @@ pub struct TextureSummary {
     pub layer: [f64; 2],
     pub tolerance: Option<f64>,
     pub tolerance_met: Option<bool>,
+    pub through: Option<ThroughSummary>,
     pub volume: Option<VolumeSummary>,
     pub points: Option<PointsSummary>,
     pub picture: Option<FileName>,
     pub map: Option<FileName>,
     pub seconds: TextureTimings,
     pub peak_rss_bytes: u64,
+}
+
+/// The map that the texture was carried through.
+#[derive(Serialize)]
+pub struct ThroughSummary {
+    pub map: FileName,
+    pub map_kind: MapName,
+    /// Sampled points with several preimages, or an inverted one.
+    pub folded: usize,
+    /// Sampled points of the target for which no preimage was found.
+    pub not_found: usize,
 }
 
 #[derive(Serialize)]
@@ -103,6 +116,21 @@ pub fn text(report: &TextureSummary) -> String {
         "layer".into(),
         format!("{median:.2} % of the diagonal thick at the median, {most:.2} % at most"),
     ]);
+    if let Some(through) = &report.through {
+        let kind = match through.map_kind {
+            MapName::Harmonic => "harmonic",
+            MapName::Bijective => "bijective",
+        };
+        rows.push([
+            "through".into(),
+            format!(
+                "`{}`, {kind}; {} points where it folds, {} without a preimage",
+                through.map.display(),
+                through.folded,
+                through.not_found
+            ),
+        ]);
+    }
     if let Some(volume) = &report.volume {
         let [x, y, z] = volume.size;
         rows.push([
