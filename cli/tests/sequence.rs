@@ -601,8 +601,19 @@ fn bijective_maps_of_surfaces_are_exact_on_them() {
     for (k, shape) in shapes.iter().enumerate() {
         place.surface(&format!("bent{k}.obj"), shape);
     }
-    let line = "sequence open.obj bent0.obj bent1.obj -o out --close-holes --map bijective --no-vtu --json";
-    let report = json(&place.ends_with(0, line));
+    // A vertex far beyond the other side: the frame passes through itself.
+    let spike = shapes::deformed(
+        &place.ball,
+        |p| if p.z > 0.999 { Point::new(0.1, 0.2, -3.0) } else { *p },
+    );
+    place.surface("spike.obj", &with_hole(&spike));
+    let line = "sequence open.obj bent0.obj bent1.obj spike.obj -o out --close-holes --map bijective --no-vtu --json";
+    let report = json(&place.ends_with(1, line));
+    let reason = report["frames"][2]["skipped"].as_str().unwrap();
+    assert!(
+        report["skipped"] == 1 && reason.contains("pairs of triangles intersect"),
+        "{reason}"
+    );
     assert_eq!(report["closed_holes"].as_array().unwrap().len(), 1);
     let number = |frame: usize, key: &str| report["frames"][frame][key].as_f64().unwrap();
     assert!(number(1, "deformation_energy") > 2.0 * number(0, "deformation_energy"));

@@ -61,6 +61,18 @@ impl<'a> FilledReference<'a> {
     }
 }
 
+/// Refuses a frame that passes through itself: it has no one-to-one map, and a repair would take long to find none. Where
+/// that cannot be looked for, the map's own boundary is examined.
+fn require_no_intersection(frame: &BoundaryMap, find: Option<FindSelfIntersections>) -> Result<(), BijectiveError> {
+    let found = find.and_then(|find| find(&frame.outward_target()).ok());
+    let pairs = found.unwrap_or_default();
+    pairs.first().map_or(Ok(()), |[a, b]| {
+        let count = pairs.len();
+        let problem = format!("{count} pairs of triangles intersect, the first {a} and {b}");
+        Err(BijectiveError::Boundary { problem })
+    })
+}
+
 impl Sequence {
     /// As [`Sequence::measure`], by maps that are one to one: the harmonic map of each frame is carried to the tetrahedra
     /// of the reference and repaired ([`make_bijective`]), so that nothing is folded. Energies are sums over tetrahedra,
@@ -80,6 +92,7 @@ impl Sequence {
         let measured = solved.map(|(frame, (solved, boundary))| {
             let (harmonic, _) = solved?;
             let show = |phase| progress(SequencePhase::Repair { frame, phase });
+            require_no_intersection(boundary, filled.find).map_err(Box::new)?;
             let (mesh, options) = (filled.mesh.clone(), &filled.options);
             let made = make_bijective(boundary, &harmonic, mesh, options, filled.find, &show);
             let made = made.map_err(Box::new)?;

@@ -167,6 +167,10 @@ fn require_valid(args: &TextureArgs) -> anyhow::Result<()> {
         "--png shows the model itself, and not what --through carries it to: leave it out, and write a volume (-o) or the \
          colours of a mesh of the target (--at, --colours), which ParaView shows"
     );
+    ensure!(
+        through.is_none() || output.is_some() || at.is_some(),
+        "--through says where the colours of a volume (-o) or of points (--at) come from, and neither is asked for"
+    );
     let inputs: Vec<&Path> = [Some(&args.model), args.image.as_ref(), at.as_ref(), through]
         .into_iter()
         .flatten()
