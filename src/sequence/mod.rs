@@ -12,7 +12,6 @@
 //! which must be the same for all. The paper scales both solids to unit volume. Here that is a choice
 //! ([`SequenceOptions::own_volume`]): uniform growth would have no energy then. Green's strain is invariant under rigid
 //! motions, so that frames need not be aligned.
-
 //!
 //! # Folds
 //!
