@@ -79,8 +79,8 @@ pub enum BijectiveError {
     /// The repair left inverted tetrahedra.
     #[error(
         "{left} of {tets} tetrahedra stay inverted ({proved} of them provably so, as long as the boundary stays), one of them near \
-         ({x:.4}, {y:.4}, {z:.4}) in the domain; {}a finer mesh (--mesh) may help, or a boundary map that distorts less there",
-        if *exhausted { "the repair ended at its limit: more effort (--effort), " } else { "" },
+         ({x:.4}, {y:.4}, {z:.4}) in the domain; {}a finer mesh may help, or a boundary map that distorts less there",
+        if *exhausted { "the repair ended at its limit: more effort, " } else { "" },
         x = place[0], y = place[1], z = place[2]
     )]
     NotRepaired {

@@ -9,7 +9,8 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::bounded_mesh::{BoundedMesh, faces, sorted};
-use super::quality::{HEX_CORNERS, at, is_right_handed};
+use super::quality::{HEX_CORNERS, at, invalid_cells, is_right_handed};
+use super::rings::winding_rings;
 use crate::mesh::CellList;
 use crate::{Point, Vector};
 
@@ -24,6 +25,9 @@ pub enum InversionCause {
     BlockedNode,
     /// It has a boundary quad with a corner that faces against its mean. No proof, but such cells are often inverted.
     FoldedQuad,
+    /// It is at an inner edge about which the ring of boundary nodes around it winds by other than once. No proof, since the
+    /// edge may move, but nodes one by one cannot get out of there.
+    WindingRing,
     /// None of these is known.
     Unknown,
 }
@@ -37,6 +41,8 @@ pub struct InversionCauses {
     pub blocked_nodes: usize,
     /// Boundary quads with a corner that faces against their mean.
     pub folded_quads: usize,
+    /// Inner edges at inverted tetrahedra that [`InversionCause::WindingRing`] holds for, where the nodes are.
+    pub winding_rings: usize,
     /// The cause for each cell; [`InversionCause::Unknown`] for most.
     #[serde(skip)]
     pub of_cells: Vec<InversionCause>,
@@ -47,8 +53,8 @@ const ROUNDING: f64 = 1e-11;
 /// Sine of the angle at a triangle's corner below which its plane is too inaccurate to prove anything.
 const THIN: f64 = 1e-4;
 
-/// Looks for causes of inversion with the mesh's nodes at `x`; positions of inner nodes do not matter. Nodes missing in
-/// `x` prove nothing.
+/// Looks for causes of inversion with the mesh's nodes at `x`; positions of inner nodes matter for
+/// [`InversionCause::WindingRing`] alone. Nodes missing in `x` prove nothing.
 pub fn inversion_causes(mesh: &BoundedMesh, x: &[Point]) -> InversionCauses {
     let cells = mesh.cells.len();
     let mut found = InversionCauses {
@@ -60,6 +66,11 @@ pub fn inversion_causes(mesh: &BoundedMesh, x: &[Point]) -> InversionCauses {
         if let Some(cell) = quad {
             found.of_cells[cell as usize] = InversionCause::FoldedQuad;
         }
+    }
+    let rings = winding_rings(mesh, x, &invalid_cells(&mesh.cells, x).cells);
+    found.winding_rings = rings.len();
+    for cell in rings.into_iter().flat_map(|ring| ring.cells) {
+        found.of_cells[cell as usize] = InversionCause::WindingRing;
     }
     let (mut planes, mut fixed) = (Vec::new(), Vec::new());
     for (cell, t) in corners(mesh) {

@@ -22,6 +22,7 @@ mod polish;
 mod quality;
 mod relax;
 mod repair;
+mod rings;
 mod self_intersections;
 mod slide;
 mod split;

@@ -115,6 +115,7 @@ fn number_and_name(cause: InversionCause) -> (u8, &'static str) {
         InversionCause::Boundary => (1, "corner on the boundary alone"),
         InversionCause::BlockedNode => (2, "node without a right place"),
         InversionCause::FoldedQuad => (3, "folded boundary quad"),
+        InversionCause::WindingRing => (4, "ring that does not wind once"),
     }
 }
 

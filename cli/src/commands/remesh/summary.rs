@@ -17,6 +17,7 @@ pub struct Reasons {
     boundary: usize,
     blocked_node: usize,
     folded_quad: usize,
+    winding_ring: usize,
     unknown: usize,
 }
 
@@ -28,6 +29,7 @@ impl Reasons {
                 InversionCause::Boundary => reasons.boundary += 1,
                 InversionCause::BlockedNode => reasons.blocked_node += 1,
                 InversionCause::FoldedQuad => reasons.folded_quad += 1,
+                InversionCause::WindingRing => reasons.winding_ring += 1,
                 InversionCause::Unknown => reasons.unknown += 1,
             }
         }
@@ -46,6 +48,10 @@ impl Reasons {
                 "at an inner node that has no right place while the boundary stays (proved)",
             ),
             (self.folded_quad, "on a folded boundary quad"),
+            (
+                self.winding_ring,
+                "at an inner edge about which the boundary around it does not wind once",
+            ),
             (
                 self.unknown,
                 if repaired {
@@ -70,6 +76,7 @@ fn obstacles(found: &InversionCauses) -> String {
         ),
         ("inner nodes without a right place", found.blocked_nodes),
         ("folded boundary quads", found.folded_quads),
+        ("inner edges about which the boundary does not wind once", found.winding_rings),
     ];
     let of = of.into_iter().filter(|(_, count)| *count > 0);
     let of: Vec<String> = of.map(|(words, count)| format!("{words}: {count}")).collect();

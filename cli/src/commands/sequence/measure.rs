@@ -136,8 +136,7 @@ impl<'a> Measurement<'a> {
         for ((frame, map), measured) in numbers.into_iter().zip(&maps).zip(measured) {
             match measured {
                 Ok(measured) => found.push((frame, map, measured)),
-                // Meshes of a reference are given as the reference itself.
-                Err(error) => unusable.push((frame, with_option_names(error).replace("(--mesh)", "(as REF)"))),
+                Err(error) => unusable.push((frame, with_option_names(error))),
             }
         }
         output.progress(format!("{name}densities"));
