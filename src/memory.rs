@@ -105,7 +105,9 @@ mod tests {
         let write = |folder: &str, files: &[(&str, &str)]| {
             let folder = root.path().join(folder);
             std::fs::create_dir_all(&folder).unwrap();
-            files.iter().for_each(|(name, text)| std::fs::write(folder.join(name), text).unwrap());
+            files
+                .iter()
+                .for_each(|(name, text)| std::fs::write(folder.join(name), text).unwrap());
         };
         let left = |groups: &str| left_in_groups(groups, root.path());
         // No limit; a limit of the group above; one of the group itself, which keeps files in memory.
@@ -126,7 +128,10 @@ mod tests {
         assert_eq!(left("0::/docker/0123\n"), Some(4000));
         // Version 1.
         let old = ("memory.stat", "inactive_file 1\ntotal_inactive_file 20\n");
-        write("memory/c", &[("memory.limit_in_bytes", "90"), ("memory.usage_in_bytes", "60"), old]);
+        write(
+            "memory/c",
+            &[("memory.limit_in_bytes", "90"), ("memory.usage_in_bytes", "60"), old],
+        );
         assert_eq!(left("12:cpu,cpuacct:/c\n4:memory:/c\n"), Some(50));
         assert_eq!(left("12:cpu,cpuacct:/c\n"), None);
         assert_eq!(left("nothing"), None);

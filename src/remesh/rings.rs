@@ -52,9 +52,10 @@ pub(super) fn winding_rings(mesh: &BoundedMesh, x: &[Point], cells: &[u32]) -> V
         let mut sides: Vec<[u32; 2]> = Vec::with_capacity(cells.len());
         for &cell in &cells {
             let t = tets[cell as usize];
-            let [i, _, c, d] = EDGES_FIRST.into_iter().map(|order| order.map(|k| t[k])).find(|[i, j, ..]| {
-                [*i, *j] == [a, b] || [*j, *i] == [a, b]
-            })?;
+            let [i, _, c, d] = EDGES_FIRST
+                .into_iter()
+                .map(|order| order.map(|k| t[k]))
+                .find(|[i, j, ..]| [*i, *j] == [a, b] || [*j, *i] == [a, b])?;
             sides.push(if i == a { [c, d] } else { [d, c] });
         }
         // Around an inner edge every node ends one side and begins the next.
@@ -64,7 +65,11 @@ pub(super) fn winding_rings(mesh: &BoundedMesh, x: &[Point], cells: &[u32]) -> V
         if begins != ends || !begins.iter().all(|&v| mesh.on_boundary[v as usize]) {
             return None;
         }
-        let winding = turns(at(x, a), at(x, b), &sides.iter().map(|side| side.map(|v| at(x, v))).collect::<Vec<_>>())?;
+        let winding = turns(
+            at(x, a),
+            at(x, b),
+            &sides.iter().map(|side| side.map(|v| at(x, v))).collect::<Vec<_>>(),
+        )?;
         (winding != 1).then_some(WindingRing { winding, cells })
     };
     edges.into_iter().filter_map(ring).collect()
@@ -116,9 +121,9 @@ mod tests {
             assert!(rings.iter().all(|ring| ring.cells == all));
             rings.iter().map(|ring| ring.winding).collect()
         };
-        assert_eq!(found(&|t| t), []);
+        assert!(found(&|t| t).is_empty());
         // Unevenly, and turned.
-        assert_eq!(found(&|t| t * t + 0.2), []);
+        assert!(found(&|t| t * t + 0.2).is_empty());
         assert_eq!(found(&|t| 2.0 * t), [2]);
         assert_eq!(found(&|t| -t), [-1]);
         assert_eq!(found(&|t| 0.3 * (TAU * t).sin()), [0]);

@@ -76,7 +76,10 @@ fn obstacles(found: &InversionCauses) -> String {
         ),
         ("inner nodes without a right place", found.blocked_nodes),
         ("folded boundary quads", found.folded_quads),
-        ("inner edges about which the boundary does not wind once", found.winding_rings),
+        (
+            "inner edges about which the boundary does not wind once",
+            found.winding_rings,
+        ),
     ];
     let of = of.into_iter().filter(|(_, count)| *count > 0);
     let of: Vec<String> = of.map(|(words, count)| format!("{words}: {count}")).collect();
