@@ -431,6 +431,7 @@ fn repaired(
         boundary_image: splits_boundary.then_some(&boundary_image),
         splits_first: options.most_added.is_some(),
         is_regular,
+        shaken: None,
         sliding_surface: sliding_surface.as_ref(),
         monitor,
     };

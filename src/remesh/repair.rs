@@ -3,6 +3,9 @@
 
 use std::mem::{replace, swap};
 
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
 use super::boundary_split::{BoundaryImage, BoundaryRefinement, BoundarySplitReport, Unrefined, boundary_at_stuck};
 use super::bounded_mesh::BoundedMesh;
 use super::crossings::crossing_triangles;
@@ -15,9 +18,9 @@ use super::relax::{RelaxReport, Relaxation, RelaxationSurface};
 use super::slide::{SlideReport, Sliding, SlidingSurface};
 use super::split::{StuckNodes, split, stuck_simplices};
 use super::start::better_start;
-use crate::Point;
 use crate::mesh::CellList;
 use crate::progress::ProgressSender;
+use crate::{Point, Vector};
 
 /// Smallest ε², reached as the least determinant approaches zero, and ε as a fraction of that determinant.
 const LEAST_EPSILON_SQUARED: f64 = 1e-6;
@@ -58,6 +61,13 @@ const MAX_STALLED_TURNS: usize = 3;
 /// Scaled Jacobian below which a tetrahedron with all its nodes on the boundary is split although it is not inverted.
 const FLAT: f64 = 1e-6;
 
+/// How often the repair of a regular grid begins again, and how far inner nodes are displaced then, as a fraction of the
+/// largest first step.
+const MAX_RESTARTS: usize = 5;
+const SHAKE: f64 = 0.5;
+/// More inverted cells than this, and than a five-hundredth of all, are not left by chance.
+const MOST_RESTARTED: usize = 20;
+
 /// Where the repair of tetrahedra began.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -89,6 +99,9 @@ pub struct RepairReport {
     pub iterations: usize,
     /// Iterations of descent of rounds, sliding and relaxation, each counted once for every cell that took part.
     pub work: u64,
+    /// How often the repair of a regular grid began again, from inner nodes that were shaken, until the result that was
+    /// kept; 0 for the first.
+    pub restarts: usize,
     /// Whether cells stay inverted because [`RemeshOptions::effort`](super::RemeshOptions::effort) allowed no more work.
     pub exhausted: bool,
     /// How the boundary of a regular mesh of tetrahedra was split where it passed through itself.
@@ -177,6 +190,8 @@ pub(super) struct Repair<'a> {
     /// Whether the mesh is a regular grid, whose boundary is relaxed where it passes through itself; a given boundary is no
     /// matter of the grid's.
     pub is_regular: bool,
+    /// Seed of the displacements with which inner nodes start, if they are shaken.
+    pub shaken: Option<u64>,
     /// The surface that boundary nodes may slide on, if they may.
     pub sliding_surface: Option<&'a SlidingSurface<'a>>,
     /// Receives rounds and inverted cells; asked in every iteration whether to continue.
@@ -185,9 +200,46 @@ pub(super) struct Repair<'a> {
 
 impl Repair<'_> {
     /// Moves nodes from where they are mapped until no cell is inverted, or as few as possible; polishes the shapes if none
-    /// is left. Returns the positions of the nodes. Where the boundary passes through itself both is tried, to split it and
-    /// to leave it unsplit, unless the first is good; the better result stays.
+    /// is left. Returns the positions of the nodes.
+    ///
+    /// What is left of a regular grid on a target that is narrower than its cells is a few cells in a local minimum, and
+    /// which, is chance: as long as the limit of work allows, the repair begins again from positions a little off.
     pub fn run(&mut self) -> (Vec<Point>, RepairReport) {
+        if !self.is_regular || self.sliding_surface.is_none() {
+            return self.split_or_not();
+        }
+        let start = (self.mesh.clone(), self.carried.clone());
+        let (mut x, mut report) = self.split_or_not();
+        let (mut bad, mut work, limit) = (self.bad(&x), report.work, self.most_work);
+        for restart in 1..=MAX_RESTARTS {
+            let is_hopeless = bad.0 > MOST_RESTARTED.max(self.mesh.cells.len() / 500);
+            if bad == (0, 0) || is_hopeless || work >= limit || !self.monitor.should_continue() {
+                break;
+            }
+            let before = (
+                replace(self.mesh, start.0.clone()),
+                replace(self.carried, start.1.clone()),
+            );
+            self.shaken = Some(restart as u64);
+            self.most_work = limit - work;
+            let (again, found) = self.split_or_not();
+            work += found.work;
+            let left = self.bad(&again);
+            if left < bad {
+                (x, report, bad) = (again, found, left);
+                report.restarts = restart;
+            } else {
+                (*self.mesh, *self.carried) = before;
+            }
+        }
+        report.work = work;
+        report.exhausted = bad.0 > 0 && work >= limit;
+        (x, report)
+    }
+
+    /// Repairs once. Where the boundary passes through itself both is tried, to split it and to leave it unsplit, unless the
+    /// first is good; the better result stays.
+    fn split_or_not(&mut self) -> (Vec<Point>, RepairReport) {
         let (boundary_split, unsplit) = self.refine_boundary();
         let Some(mut other) = unsplit else {
             return self.attempt(boundary_split);
@@ -207,12 +259,14 @@ impl Repair<'_> {
             return (x, report);
         }
         let attempted = (replace(self.mesh, other.0), replace(self.carried, other.1));
-        let again = self.attempt(second);
-        if self.bad(&again.0) < bad {
-            return again;
+        let (x_again, mut again) = self.attempt(second);
+        let work = report.work + again.work;
+        if self.bad(&x_again) < bad {
+            again.work = work;
+            return (x_again, again);
         }
         (*self.mesh, *self.carried) = attempted;
-        (x, report)
+        (x, RepairReport { work, ..report })
     }
 
     /// Splits the boundary where it passes through itself. Returns the mesh as it was, if anything was split.
@@ -299,6 +353,15 @@ impl Repair<'_> {
         (x, report)
     }
 
+    /// Displaces inner nodes at random, if a seed is set.
+    fn shake(&self, x: &mut [Point]) {
+        let Some(seed) = self.shaken else { return };
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        for v in self.inner_nodes() {
+            x[v as usize] += Vector::from_fn(|_, _| random.random_range(-SHAKE..SHAKE)) * self.step;
+        }
+    }
+
     fn inner_nodes(&self) -> Vec<u32> {
         let nodes = 0..self.mesh.nodes.len() as u32;
         nodes.filter(|&v| !self.mesh.on_boundary[v as usize]).collect()
@@ -326,6 +389,7 @@ impl Repair<'_> {
             *x = better;
             report.start = RepairStart::FiniteElements;
         }
+        self.shake(x);
         // Nothing else can help cells without inner nodes, nor make flat ones better.
         self.split_stuck(x, StuckNodes::OnBoundary, report);
         let must_be_simple = self.faulty_crossings(x);
@@ -473,6 +537,7 @@ impl Repair<'_> {
     /// Whether no cell is inverted at a corner afterwards.
     fn untangle_hexes(&self, x: &mut Vec<Point>, inside: &mut Vec<u32>, report: &mut RepairReport) -> bool {
         let free = self.inner_nodes();
+        self.shake(x);
         let mut energy = self.energy_of_all();
         let must_be_simple = self.faulty_crossings(x);
         let mut left = self.untangle(&energy, &free, x, report);
