@@ -90,19 +90,13 @@ fn determinant(corners: &[Point; 8]) -> (Coefficients, f64) {
 fn halved(whole: &Coefficients) -> [Coefficients; 8] {
     std::array::from_fn(|part| {
         let mut found = *whole;
-        let upper = |axis: usize| part >> axis & 1 == 1;
-        for j in 0..3 {
-            for k in 0..3 {
-                let line = half([found[0][j][k], found[1][j][k], found[2][j][k]], upper(0));
-                (0..3).for_each(|i| found[i][j][k] = line[i]);
+        let values = found.as_flattened_mut().as_flattened_mut();
+        for (axis, stride) in [9, 3, 1].into_iter().enumerate() {
+            for first in (0..27).filter(|n| n / stride % 3 == 0) {
+                let line = [first, first + stride, first + 2 * stride];
+                let halves = half(line.map(|n| values[n]), part >> axis & 1 == 1);
+                line.into_iter().zip(halves).for_each(|(n, value)| values[n] = value);
             }
-        }
-        for plane in &mut found {
-            for k in 0..3 {
-                let line = half([plane[0][k], plane[1][k], plane[2][k]], upper(1));
-                (0..3).for_each(|j| plane[j][k] = line[j]);
-            }
-            plane.iter_mut().for_each(|row| *row = half(*row, upper(2)));
         }
         found
     })
