@@ -78,6 +78,8 @@ TEST_CASE("a fit meets its tolerance and says how") {
   CHECK(report.refinement_end == "tolerance");
   CHECK(report.boundary_error.p99 <= 1e-3);
   CHECK(report.boundary_error.rms > 0);
+  CHECK(report.local_error.p99 > 0);
+  CHECK(report.local_error.max >= report.local_error.p99);
   CHECK(report.seconds > 0);
   const auto vertices = boundary.domain().vertices();
   CHECK(farthest(map.evaluate(vertices), boundary.images()) < 1e-2);
