@@ -231,8 +231,9 @@ pub fn run(args: &FitArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let local = report.fit.local_error.unwrap_or_default();
     let missed = match error.p99 <= args.tolerance {
         true if local.max > options.max_local_error => format!(
-            "the boundary is off by up to {:.1} times the spacing of the image's vertices around, and --max-local-error is {}",
-            local.max, options.max_local_error
+            "the boundary is off by up to {} times the spacing of the image's vertices around, and --max-local-error is {}",
+            significant(local.max, 2),
+            options.max_local_error
         ),
         true => format!(
             "the boundary is met only to {:.1e} of the target's diagonal at its worst place (above), and {:.1e} is allowed \
