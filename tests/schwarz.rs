@@ -624,7 +624,7 @@ fn sources_are_added_where_the_largest_error_is_though_99_per_cent_are_met() {
     assert!(strict.sources < 2 * loose.sources, "{strict:?}");
 }
 
-/// A patch of a ball that its image squeezes into a dot: an error far below the tolerance turns it over.
+/// A patch of a ball that its image squeezes into a dot: an error far below the tolerance folds it.
 #[test]
 fn errors_beside_the_size_of_the_image_are_reported_with_their_place_and_lowered_on_request() {
     let ball = shapes::sphere(1.0, 4);

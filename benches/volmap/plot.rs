@@ -16,7 +16,7 @@ const HEIGHT: f64 = 300.0;
 const LEFT: f64 = 70.0;
 const TOP: f64 = 40.0;
 const BETWEEN: f64 = 110.0;
-/// Of Okabe & Ito, told apart also by the colour-blind.
+/// Okabe & Ito's colours, which colour-blind readers can tell apart.
 const COLOURS: [&str; 5] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00"];
 
 pub fn svg(rows: &[Row]) -> String {

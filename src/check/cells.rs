@@ -42,11 +42,11 @@ enum Shape {
 
 /// Examines a mesh of cells: which cells are inverted, flat or slivers, and whether they fit together.
 ///
-/// Orientation is decided exactly: of a tetrahedron, and at the eight corners of a hexahedron, whose trilinear map
-/// has to be proved positive inside too (Johnen, Remacle & Geuzaine 2013). A file may list the corners of its cells in either orientation: a cell counts as inverted
-/// when neighbours, oriented consistently across their faces, have the other sign, so that it lies on the same side of a
-/// face as its neighbour. The boundary is not examined: see [`super::check()`]. Takes about two seconds per million
-/// cells.
+/// Orientation is decided exactly: of a tetrahedron, and at the eight corners of a hexahedron, whose trilinear map has to
+/// be proved positive inside too (Johnen, Remacle & Geuzaine 2013). A file may list the corners of its cells in either
+/// orientation: a cell counts as inverted when neighbours, oriented consistently across their faces, have the other sign,
+/// so that it lies on the same side of a face as its neighbour. The boundary is not examined: see [`super::check()`]. Takes
+/// about two seconds per million cells.
 pub fn examine_cells(mesh: &CellMesh) -> CellReport {
     let shapes = shapes(mesh);
     let faces = faces(mesh.cells());

@@ -123,8 +123,8 @@ pub struct FitOptions {
     /// limb. Infinite for no such limit.
     pub max_error_ratio: f64,
     /// The largest boundary error to be reached as a multiple of the spacing of the image's vertices around
-    /// ([`LocalError`](crate::fit::LocalError)): where a limb is squeezed, a small error may turn it over. Infinite, the
-    /// default, for no such limit.
+    /// ([`LocalError`](crate::fit::LocalError)): where a limb is squeezed, a small error may fold it. Infinite, the default,
+    /// for no such limit.
     pub max_local_error: f64,
     /// Whether [`fit`](crate::fit::fit) adds sources where the error is too large for the tolerance. Needs the Schwarz
     /// solver.

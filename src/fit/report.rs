@@ -24,7 +24,7 @@ pub struct BoundaryError {
 /// linear between vertices).
 ///
 /// Where it is above 1, the map misses its place by more than a vertex: what is that fine in the image, such as a
-/// squeezed limb, is lost or turned over, however small the error is beside the target's diagonal.
+/// squeezed limb, is lost or folded, however small the error is beside the target's diagonal.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct LocalError {
     /// 99th percentile over the area.

@@ -11,8 +11,8 @@ use crate::{Point, Vector};
 const MOST_HALVINGS: u32 = 8;
 /// Cubes looked at before a hexahedron counts as undecided. Nearly all hexahedra take one.
 const MOST_CUBES: usize = 4096;
-/// Rounding errors of a coefficient, as a multiple of the product of the longest edges in each direction: 64
-/// determinants of three differences, with at most a dozen roundings each, and two more for each halving.
+/// Rounding errors of a coefficient, as a multiple of the product of the longest edges in each direction: a mean of at most
+/// eight determinants, with at most a dozen roundings each, and two more for each axis of each halving.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 /// Bernstein coefficients of degree 2 in three variables, by steps along each.

@@ -54,7 +54,7 @@ const AFFINE: f64 = 0.01;
 /// Settings of a [`Sequence`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SequenceOptions {
-    /// How maps are fitted; without its limit on the largest error, for which all frames would get more sources.
+    /// How maps are fitted; without its limits on the largest error, for which all frames would get more sources.
     pub fit: FitOptions,
     /// How energies are integrated: all frames on the same grid, whose cells are divided as each frame needs it.
     pub quadrature: AdaptiveOptions,
@@ -202,6 +202,7 @@ impl Sequence {
         // A frame meets the tolerance on 99 % of the area; refining for its worst place would cost all frames.
         let fit = FitOptions {
             max_error_ratio: f64::INFINITY,
+            max_local_error: f64::INFINITY,
             ..options.fit.clone()
         };
         let factor = DomainFactor::new(&domain, &fit, progress)?;
