@@ -64,6 +64,7 @@ pub mod map;
 pub mod memory;
 pub mod mesh;
 mod partition;
+pub mod polycube;
 pub mod progress;
 pub mod remesh;
 pub mod sampling;

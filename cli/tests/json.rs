@@ -13,7 +13,7 @@ use crate::workplace::{Workplace, json};
 const PAGE: &str = include_str!("../../docs/json.md");
 
 /// Fields of reports that take defects, other builds or long runs.
-const NOT_MADE_HERE: [(&str, &str); 17] = [
+const NOT_MADE_HERE: [(&str, &str); 18] = [
     // In builds without CGAL.
     ("boundary check", "self_intersections.reason"),
     ("checked model", "self_intersections.reason"),
@@ -32,6 +32,8 @@ const NOT_MADE_HERE: [(&str, &str); 17] = [
     ("texture", "tolerance_met"),
     ("compared map", "remarks[]"),
     ("compare", "sequence[].error"),
+    // Takes a model without a polycube, and minutes.
+    ("polycube", "problem"),
     // `tests/bijective.rs`: a file of such a map is written by no command.
     ("certify of a bijective map", "domain_problems[]"),
     ("certify of a bijective map", "target_problems[]"),
@@ -234,6 +236,10 @@ fn every_field_of_a_report_is_documented_and_written() {
         (
             "fit",
             "fit ball.ply --image bent.ply -o both.map --tolerance 0.01 --bijective",
+        ),
+        (
+            "polycube",
+            "polycube ball.vtu -o pc.obj --image pm.obj --tets pt.mesh --model-tets pn.mesh",
         ),
         ("bijective", "bijective ball.map --mesh ball.vtu -o other.map"),
         ("bijective", "bijective folded.map --mesh ball.vtu"),

@@ -18,6 +18,7 @@ mod json;
 mod models;
 #[cfg(unix)]
 mod no_loss;
+mod polycube;
 mod program;
 mod remesh;
 mod reproducible;

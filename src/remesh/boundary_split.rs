@@ -176,6 +176,26 @@ pub(super) fn boundary_at_stuck(mesh: &BoundedMesh, inverted: &[u32]) -> Vec<u32
         .collect()
 }
 
+/// Splits edges of the boundary at their midpoints, in the mesh and in `x` alike. Returns how many edges were split; at
+/// most about `most` cells are added.
+pub(crate) fn halve_boundary_edges(
+    mesh: &mut BoundedMesh,
+    x: &mut Vec<Point>,
+    edges: &[[u32; 2]],
+    most: usize,
+) -> usize {
+    let middle = |at: &[Point], [a, b]: [u32; 2]| nalgebra::center(&at[a as usize], &at[b as usize]);
+    let new = edges.iter().map(|&edge| NewNode {
+        edge,
+        at: middle(&mesh.nodes, edge),
+        image: middle(x, edge),
+    });
+    let new: Vec<NewNode> = new.collect();
+    let mut report = BoundarySplitReport::default();
+    split_boundary_edges(mesh, x, &new, most, &mut report);
+    report.edges
+}
+
 /// A node to be inserted in an edge of the boundary.
 struct NewNode {
     edge: [u32; 2],

@@ -4,19 +4,19 @@ use std::collections::HashMap;
 
 use rayon::prelude::*;
 
-pub(super) use crate::mesh::{CellFace, faces, sorted};
+pub(crate) use crate::mesh::{CellFace, faces, sorted};
 use crate::mesh::{CellList, CellMesh, outer};
 use crate::{Point, Vector};
 
 /// A mesh of a solid with its boundary.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoundedMesh {
-    pub(super) nodes: Vec<Point>,
-    pub(super) cells: CellList,
-    pub(super) regions: Vec<i32>,
-    pub(super) on_boundary: Vec<bool>,
-    pub(super) boundary: Vec<[u32; 3]>,
-    pub(super) parts: Vec<i32>,
+    pub(crate) nodes: Vec<Point>,
+    pub(crate) cells: CellList,
+    pub(crate) regions: Vec<i32>,
+    pub(crate) on_boundary: Vec<bool>,
+    pub(crate) boundary: Vec<[u32; 3]>,
+    pub(crate) parts: Vec<i32>,
     pub(super) part_names: Vec<String>,
 }
 
@@ -33,7 +33,7 @@ pub struct CellSetBoundary {
 
 impl BoundedMesh {
     /// A mesh with its outer faces as its boundary.
-    pub(super) fn of(mesh: CellMesh, faces: &[CellFace]) -> Self {
+    pub(crate) fn of(mesh: CellMesh, faces: &[CellFace]) -> Self {
         let (nodes, cells, regions) = mesh.into_parts();
         let boundary: Vec<[u32; 3]> = outer(faces).flat_map(|face| face.triangles(&cells)).collect();
         let mut on_boundary = vec![false; nodes.len()];

@@ -3,7 +3,7 @@
 use crate::mesh::CellList;
 
 /// The cells at each node, in one list.
-pub(super) struct CellsAtNodes {
+pub(crate) struct CellsAtNodes {
     starts: Vec<u32>,
     cells: Vec<u32>,
 }

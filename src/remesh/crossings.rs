@@ -9,7 +9,7 @@ use crate::geometry::{Aabb, Bvh, orientation};
 
 /// Pairs of triangles that pass through each other: an edge of one meets the other, apart from their common corner.
 /// Triangles with a common edge, in one plane, or with corners that are not finite are passed over.
-pub(super) fn crossing_triangles(triangles: &[[u32; 3]], x: &[Point]) -> Vec<[u32; 2]> {
+pub(crate) fn crossing_triangles(triangles: &[[u32; 3]], x: &[Point]) -> Vec<[u32; 2]> {
     let corners = |t: u32| triangles[t as usize].map(|v| x[v as usize]);
     let is_finite = |t: &u32| corners(*t).iter().flat_map(Point::iter).all(|x| x.is_finite());
     let ids: Vec<u32> = (0..triangles.len() as u32).filter(is_finite).collect();

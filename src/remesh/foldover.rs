@@ -9,12 +9,13 @@ use std::sync::LazyLock;
 
 use rayon::prelude::*;
 
+use super::lbfgs::DescentEnergy;
 use super::quality::{HEX_AXES, HEX_CORNERS, is_positive, lesser, tet_scaled_jacobians, trilinear_gradients};
 use crate::{Matrix3, Point, Vector};
 
 /// The energy of a mesh. Each cell is a linear map of a reference shape, each hexahedron eight of them, one per corner.
 #[derive(Debug)]
-pub(super) struct FoldoverEnergy {
+pub(crate) struct FoldoverEnergy {
     cells: ReferenceCells,
     /// Corners of cells at each node: those at node `v` are `uses[starts[v]..starts[v + 1]]`, each the index of a cell
     /// times its number of corners plus the corner.
@@ -51,7 +52,7 @@ const RUN: usize = 2048;
 
 /// The energy, the least determinant and how many are not positive.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct EnergyValue {
+pub(crate) struct EnergyValue {
     pub energy: f64,
     /// Least determinant, NaN if one is.
     pub least: f64,
@@ -110,7 +111,11 @@ impl FoldoverEnergy {
     /// Tetrahedra that count the same, over `nodes` nodes; `rest` are the inverse matrices of the reference edges.
     pub fn of_tets_with(tets: Vec<[u32; 4]>, rest: Vec<Matrix3>, nodes: usize) -> Self {
         let weights = vec![1.0 / tets.len().max(1) as f64; tets.len()];
-        let corners = tets;
+        Self::of_weighted_tets(tets, rest, weights, nodes)
+    }
+
+    /// Tetrahedra with these weights, over `nodes` nodes; `rest` are the inverse matrices of the reference edges.
+    pub fn of_weighted_tets(corners: Vec<[u32; 4]>, rest: Vec<Matrix3>, weights: Vec<f64>, nodes: usize) -> Self {
         Self::new(ReferenceCells::Tets { corners, rest, weights }, nodes)
     }
 
@@ -143,6 +148,11 @@ impl FoldoverEnergy {
             *slot += 1;
         }
         Self { cells, starts, uses }
+    }
+
+    /// How many cells there are.
+    pub fn cells(&self) -> usize {
+        self.uses.len() / self.cells.corners()
     }
 
     /// Determinants of all maps, 1 in the mean.
@@ -205,9 +215,10 @@ impl FoldoverEnergy {
         }
         found
     }
+}
 
-    /// The energy, and its gradient with respect to the nodes `free` into `gradient`. `parts` is scratch space.
-    pub fn evaluate(
+impl DescentEnergy for FoldoverEnergy {
+    fn evaluate(
         &self,
         x: &[Point],
         epsilon: f64,
@@ -238,13 +249,10 @@ impl FoldoverEnergy {
         }
         sum
     }
-}
 
-impl FoldoverEnergy {
-    /// For each of the nodes `free` the 3 × 3 block of the Hessian on its diagonal, without the curvature of `χ`: the
-    /// energy is convex in the Jacobian, `d` and `χ` together, so that the blocks are positive semi-definite. Of
-    /// hexahedra only their corners count.
-    pub fn diagonal_blocks(&self, x: &[Point], epsilon: f64, free: &[u32]) -> Vec<Matrix3> {
+    /// Without the curvature of `χ`: the energy is convex in the Jacobian, `d` and `χ` together, so that the blocks are
+    /// positive semi-definite. Of hexahedra only their corners count.
+    fn diagonal_blocks(&self, x: &[Point], epsilon: f64, free: &[u32]) -> Vec<Matrix3> {
         let per_cell = self.cells.corners();
         let block = |&v: &u32| {
             let uses = self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
@@ -280,7 +288,7 @@ fn block_of_jacobian(jacobian: &Matrix3, slope: &Vector, epsilon: f64) -> Matrix
 
 /// `χ` and its derivative.
 #[inline]
-fn chi(det: f64, epsilon: f64) -> (f64, f64) {
+pub(crate) fn chi(det: f64, epsilon: f64) -> (f64, f64) {
     let root = (det * det + epsilon * epsilon).sqrt();
     // Rewritten, because the sum would cancel.
     let chi = if det < 0.0 {
@@ -440,18 +448,18 @@ impl EnergyValue {
         jacobian * (2.0 * weight * shape) + cofactors * (weight * by_det)
     }
 
-    fn add_determinant(&mut self, det: f64) {
+    pub(crate) fn add_determinant(&mut self, det: f64) {
         self.least = lesser(self.least, det);
     }
 }
 
 /// Edges from the first corner to the others.
-pub(super) fn edges([a, b, c, d]: [Point; 4]) -> Matrix3 {
+pub(crate) fn edges([a, b, c, d]: [Point; 4]) -> Matrix3 {
     Matrix3::from_columns(&[b - a, c - a, d - a])
 }
 
 /// Edges of a regular tetrahedron of volume 1.
-pub(super) fn regular_edges() -> Matrix3 {
+pub(crate) fn regular_edges() -> Matrix3 {
     let side = (6.0 * std::f64::consts::SQRT_2).cbrt();
     let third = 3.0f64.sqrt() / 6.0;
     let columns = [
@@ -480,7 +488,7 @@ fn between_corners() -> &'static [[Vector; 8]] {
 }
 
 /// The length, or 1 if it is not positive and finite.
-pub(super) fn length_or_one(length: f64) -> f64 {
+pub(crate) fn length_or_one(length: f64) -> f64 {
     if length > 0.0 && length.is_finite() {
         length
     } else {

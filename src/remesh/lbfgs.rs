@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use rayon::prelude::*;
 
 use super::foldover::{EnergyValue, FoldoverEnergy};
+use super::shared_coordinates::SharedCoordinates;
 use crate::progress::ProgressSender;
 use crate::{Matrix3, Point, Vector};
 
@@ -22,12 +23,31 @@ const WINDOW: usize = 5;
 /// threads.
 const RUN: usize = 4096;
 
-/// Minimises the energy over the positions of some nodes.
-pub(super) struct Lbfgs<'a> {
-    energy: &'a FoldoverEnergy,
+/// An energy of node positions that grows without bound, for a small ε, where cells get flat.
+pub(crate) trait DescentEnergy {
+    /// The energy, and its gradient with respect to the nodes `free` into `gradient`. `parts` is scratch space.
+    fn evaluate(
+        &self,
+        x: &[Point],
+        epsilon: f64,
+        free: &[u32],
+        parts: &mut Vec<Vector>,
+        gradient: &mut [Vector],
+    ) -> EnergyValue;
+
+    /// For each of the nodes `free` an approximation of the 3 × 3 block of the Hessian on its diagonal, positive
+    /// semi-definite.
+    fn diagonal_blocks(&self, x: &[Point], epsilon: f64, free: &[u32]) -> Vec<Matrix3>;
+}
+
+/// Minimises an energy over the positions of some nodes.
+pub(crate) struct Lbfgs<'a, Energy = FoldoverEnergy, Report = (usize, usize)> {
+    energy: &'a Energy,
     free: &'a [u32],
     /// Constraints on some of the free nodes.
     pub constraints: Vec<TangentConstraint>,
+    /// Coordinates of the free nodes that are fixed, or that are equal and stay so.
+    pub shared: Option<&'a SharedCoordinates>,
     /// Whether directions are preconditioned by the blocks of the Hessian on its diagonal, one for each node, as they
     /// are at the start of a run.
     pub has_block_preconditioner: bool,
@@ -35,12 +55,12 @@ pub(super) struct Lbfgs<'a> {
     /// Largest displacement of a node in a first step without a preconditioner.
     step: f64,
     /// Asked in every iteration whether to continue.
-    monitor: &'a ProgressSender<'a, (usize, usize)>,
+    monitor: &'a ProgressSender<'a, Report>,
 }
 
 /// Keeps a free node in a plane and near a point.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct TangentConstraint {
+pub(crate) struct TangentConstraint {
     /// Its index among the free nodes.
     pub free: usize,
     /// Unit normal of the plane that it moves in.
@@ -67,7 +87,7 @@ impl TangentConstraint {
 
 /// When to stop.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct StoppingRule {
+pub(crate) struct StoppingRule {
     pub iterations: usize,
     /// Relative decrease of the energy over [`WINDOW`] iterations below which to stop.
     pub gain: f64,
@@ -81,17 +101,13 @@ struct LbfgsState {
     value: EnergyValue,
 }
 
-impl<'a> Lbfgs<'a> {
-    pub fn new(
-        energy: &'a FoldoverEnergy,
-        free: &'a [u32],
-        step: f64,
-        monitor: &'a ProgressSender<'a, (usize, usize)>,
-    ) -> Self {
+impl<'a, Energy: DescentEnergy, Report> Lbfgs<'a, Energy, Report> {
+    pub fn new(energy: &'a Energy, free: &'a [u32], step: f64, monitor: &'a ProgressSender<'a, Report>) -> Self {
         Self {
             energy,
             free,
             constraints: vec![],
+            shared: None,
             has_block_preconditioner: false,
             parts: vec![],
             step,
@@ -120,16 +136,22 @@ impl<'a> Lbfgs<'a> {
             for constraint in &self.constraints {
                 inverse[constraint.free] = constraint.inverse_block(&blocks[constraint.free]);
             }
+            if let Some(shared) = self.shared {
+                shared.restrict(&blocks, &mut inverse);
+            }
             inverse
         });
-        let blocks = blocks.as_deref();
+        let preconditioner = blocks.as_deref().map(|blocks| Preconditioner {
+            blocks,
+            shared: self.shared,
+        });
         let mut memory: VecDeque<(Vec<Vector>, Vec<Vector>, f64)> = VecDeque::with_capacity(MEMORY);
         let (mut iterations, mut energies) = (0, VecDeque::with_capacity(WINDOW));
         while self.monitor.should_continue()
             && iterations < rule.iterations
             && !(rule.until_positive && state.value.least > 0.0)
         {
-            let mut direction = search_direction(&state.gradient, &memory, blocks);
+            let mut direction = search_direction(&state.gradient, &memory, preconditioner.as_ref());
             let mut slope = dot(&direction, &state.gradient);
             let descends = slope < 0.0;
             if !descends {
@@ -142,7 +164,7 @@ impl<'a> Lbfgs<'a> {
             if !descends {
                 break;
             }
-            let first = if memory.is_empty() && blocks.is_none() {
+            let first = if memory.is_empty() && preconditioner.is_none() {
                 self.step / direction.iter().map(|d| d.norm()).fold(0.0, f64::max)
             } else {
                 1.0
@@ -197,6 +219,9 @@ impl<'a> Lbfgs<'a> {
                 *slope = along * along.dot(slope);
             }
         }
+        if let Some(shared) = self.shared {
+            shared.project(&mut gradient);
+        }
         LbfgsState { x, gradient, value }
     }
 
@@ -240,7 +265,7 @@ impl<'a> Lbfgs<'a> {
 fn search_direction(
     gradient: &[Vector],
     memory: &VecDeque<(Vec<Vector>, Vec<Vector>, f64)>,
-    blocks: Option<&[Matrix3]>,
+    preconditioner: Option<&Preconditioner>,
 ) -> Vec<Vector> {
     let mut q: Vec<Vector> = gradient.iter().map(|g| -g).collect();
     let mut alphas = Vec::with_capacity(memory.len());
@@ -249,12 +274,15 @@ fn search_direction(
         add(&mut q, gradient_change, -alpha);
         alphas.push(alpha);
     }
-    if let Some(blocks) = blocks {
+    if let Some(preconditioner) = preconditioner {
         let scale = memory.back().map_or(1.0, |(_, gradient_change, curvature)| {
-            curvature / dot(gradient_change, &products(blocks, gradient_change))
+            curvature / dot(gradient_change, &preconditioner.products(gradient_change))
         });
-        let rows = q.par_iter_mut().zip(blocks).with_min_len(RUN);
+        let rows = q.par_iter_mut().zip(preconditioner.blocks).with_min_len(RUN);
         rows.for_each(|(q, block)| *q = block * *q * scale);
+        if let Some(shared) = preconditioner.shared {
+            shared.project(&mut q);
+        }
     } else if let Some((_, gradient_change, curvature)) = memory.back() {
         let scale = curvature / dot(gradient_change, gradient_change);
         q.par_iter_mut().with_min_len(RUN).for_each(|q| *q *= scale);
@@ -266,13 +294,25 @@ fn search_direction(
     q
 }
 
-fn products(blocks: &[Matrix3], vectors: &[Vector]) -> Vec<Vector> {
-    let rows = blocks.par_iter().zip(vectors).with_min_len(RUN);
-    rows.map(|(block, vector)| block * vector).collect()
+/// Inverse blocks, in the subspace in which the free nodes move.
+struct Preconditioner<'a> {
+    blocks: &'a [Matrix3],
+    shared: Option<&'a SharedCoordinates>,
+}
+
+impl Preconditioner<'_> {
+    fn products(&self, vectors: &[Vector]) -> Vec<Vector> {
+        let rows = self.blocks.par_iter().zip(vectors).with_min_len(RUN);
+        let mut products: Vec<Vector> = rows.map(|(block, vector)| block * vector).collect();
+        if let Some(shared) = self.shared {
+            shared.project(&mut products);
+        }
+        products
+    }
 }
 
 /// The inverse of a positive semi-definite block, with small eigenvalues raised so that there is one.
-fn inverse_block(block: &Matrix3) -> Matrix3 {
+pub(super) fn inverse_block(block: &Matrix3) -> Matrix3 {
     const RAISED: f64 = 1e-12;
     let raised = block + Matrix3::identity() * (RAISED * block.trace());
     raised

@@ -162,6 +162,7 @@ const LEAST_RATIO: f64 = 1e-9;
 
 #[cfg(test)]
 mod tests {
+    use super::super::lbfgs::DescentEnergy;
     use super::*;
     use crate::mesh::CellMesh;
     use crate::remesh::bounded_mesh::faces;

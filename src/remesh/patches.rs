@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::bounded_mesh::BoundedMesh;
 use super::cells_at_nodes::CellsAtNodes;
 use super::foldover::{FoldoverEnergy, edges, length_or_one, regular_edges};
-use super::lbfgs::{Lbfgs, StoppingRule};
+use super::lbfgs::{DescentEnergy, Lbfgs, StoppingRule};
 use super::quality::{invalid_cells, is_right_handed, lesser, tet_scaled_jacobians};
 use super::repair::{Best, DescentCounts, next_epsilon};
 use crate::mesh::CellList;
@@ -221,7 +221,7 @@ fn patches(mesh: &BoundedMesh, tets: &[[u32; 4]], at_nodes: &CellsAtNodes, bad: 
 }
 
 /// For each cell the mean volume of the cells around it: of logarithms, since sizes differ by orders of magnitude.
-fn local_volumes(tets: &[[u32; 4]], x: &[Point]) -> Vec<f64> {
+pub(crate) fn local_volumes(tets: &[[u32; 4]], x: &[Point]) -> Vec<f64> {
     let volume = |t: &[u32; 4]| (edges(t.map(|v| x[v as usize])).determinant() / 6.0).abs();
     let volumes: Vec<f64> = tets.par_iter().map(volume).collect();
     let means = at_nodes(tets, x.len(), &volumes);

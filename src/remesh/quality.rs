@@ -66,7 +66,7 @@ pub(super) fn is_positive(det: f64) -> bool {
 }
 
 /// Whether a tetrahedron is right-handed, decided exactly; not with a missing node.
-pub(super) fn is_right_handed(x: &[Point], t: [u32; 4]) -> bool {
+pub(crate) fn is_right_handed(x: &[Point], t: [u32; 4]) -> bool {
     let [a, b, c, d] = t.map(|v| at(x, v));
     orientation(&a, &b, &c, &d) == Some(Ordering::Greater)
 }
@@ -123,7 +123,7 @@ pub fn scaled_jacobians(cells: &CellList, x: &[Point]) -> Vec<f64> {
 }
 
 /// [`scaled_jacobians`] of tetrahedra.
-pub(super) fn tet_scaled_jacobians(tets: &[[u32; 4]], x: &[Point]) -> Vec<f64> {
+pub(crate) fn tet_scaled_jacobians(tets: &[[u32; 4]], x: &[Point]) -> Vec<f64> {
     let of_tet = |t: &[u32; 4]| tet_scaled_jacobian(&t.map(|v| at(x, v)));
     tets.par_iter().map(of_tet).collect()
 }

@@ -10,7 +10,7 @@ use super::boundary_split::{BoundaryImage, BoundaryRefinement, BoundarySplitRepo
 use super::bounded_mesh::BoundedMesh;
 use super::crossings::crossing_triangles;
 use super::foldover::FoldoverEnergy;
-use super::lbfgs::{Lbfgs, StoppingRule};
+use super::lbfgs::{DescentEnergy, Lbfgs, StoppingRule};
 use super::patches::{PatchEffort, repair_patches};
 use super::polish::{Polish, PolishOutcome, PolishReport};
 use super::quality::{invalid_cells, inverted_inside, scaled_jacobians};
@@ -133,7 +133,7 @@ impl DescentCounts {
 }
 
 /// ε of the next round, from the least determinant so far.
-pub(super) fn next_epsilon(epsilon: f64, least: f64) -> f64 {
+pub(crate) fn next_epsilon(epsilon: f64, least: f64) -> f64 {
     (EPSILON_RATIO * epsilon).min((LEAST_EPSILON_SQUARED + (DETERMINANT_PART * least).powi(2)).sqrt())
 }
 

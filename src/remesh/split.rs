@@ -192,6 +192,34 @@ pub(super) fn split(
     tets.len() - before
 }
 
+/// Splits the inner edges and faces with all their nodes on the boundary, and the tetrahedra: images of a boundary that is
+/// flat there would be flat. Returns how many cells were added, at most about `most`.
+pub(crate) fn split_between_boundary_nodes(mesh: &mut BoundedMesh, x: &mut Vec<Point>, most: usize) -> usize {
+    let mut added = 0;
+    loop {
+        let CellList::Tets(tets) = &mesh.cells else {
+            return added;
+        };
+        let outer = outer_simplices(mesh);
+        let between = |t: &[u32; 4]| between_boundary_nodes(*t, &mesh.on_boundary, &outer);
+        let simplices: Vec<SplitSimplex> = tets.iter().flat_map(between).collect();
+        let now = split(mesh, &mut [x], simplices, most - added);
+        added += now;
+        if now == 0 {
+            return added;
+        }
+    }
+}
+
+/// Splits inner edges at their midpoints, those of the boundary excepted. Returns how many cells were added, at most about
+/// `most`.
+pub(crate) fn halve_edges(mesh: &mut BoundedMesh, x: &mut Vec<Point>, edges: &[[u32; 2]], most: usize) -> usize {
+    let outer = outer_simplices(mesh);
+    let edges = edges.iter().map(|&[a, b]| SplitSimplex::edge(a, b));
+    let inner: Vec<SplitSimplex> = edges.filter(|edge| !outer.contains(edge)).collect();
+    split(mesh, &mut [x], inner, most)
+}
+
 /// A mesh with edges divided at their midpoints, one after the other, and all tetrahedra around them. An edge is left alone
 /// whose parts are so short that tetrahedra at it would be flat.
 pub(crate) fn split_edges(mesh: TetMesh, edges: &HashSet<[u32; 2]>) -> TetMesh {

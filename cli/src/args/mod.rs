@@ -7,6 +7,7 @@ mod compare;
 mod fit;
 mod map;
 mod places;
+mod polycube;
 mod remesh;
 mod section;
 mod sequence;
@@ -27,6 +28,7 @@ pub use cgal_tetgen::{Mesher, OffsetArgs, TetArgs};
 pub use compare::{CompareArgs, CompareWorkerArgs, MapMethod};
 pub use fit::{FitArgs, MethodArgs, MethodKind, PlacementKind};
 pub use map::{CertifyArgs, EnergyArgs, EvalArgs};
+pub use polycube::PolycubeArgs;
 pub use remesh::{CellShape, RemeshArgs};
 pub use section::{SectionArgs, UpKind};
 pub use sequence::SequenceArgs;
@@ -89,6 +91,8 @@ pub enum Command {
     Bijective(BijectiveArgs),
     /// Carry fields from a map's domain to its target: scalars, vectors, labels, the distance field
     Transfer(TransferArgs),
+    /// Make a polycube of a model, with the model's triangles, for `fit` and `remesh`
+    Polycube(PolycubeArgs),
     /// Carry a regular mesh of a polycube, or a given mesh, into the target, and repair inverted cells
     Remesh(RemeshArgs),
     /// Measure how far each frame of an animation is deformed, and where, and count the cycles

@@ -11,6 +11,7 @@ pub mod eval;
 pub mod fit;
 #[cfg(feature = "native")]
 pub mod offset;
+pub mod polycube;
 pub mod remesh;
 pub mod sequence;
 #[cfg(feature = "native")]

@@ -1,0 +1,42 @@
+//! Arguments of `polycube`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use solidmap::polycube::PolycubeOptions;
+
+#[derive(Debug, Args)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "The model is filled with tetrahedra and deformed until each of its triangles lies across an axis. Then\n\
+                  solidmap fit POLYCUBE --image IMAGE -o MAP\n\
+                  solidmap remesh MAP --kind hex -o HEXES\n\
+                  carries a grid of the polycube into the model. The exit code is 1 if no polycube was found; then nothing \
+                  is written."
+)]
+pub struct PolycubeArgs {
+    /// Closed surface, or a mesh of tetrahedra (.mesh, .msh, .vtk, .vtu), which is used as it is. Any genus
+    pub model: PathBuf,
+    /// Surface of the polycube to write (.obj, .ply)
+    #[arg(short, long, value_name = "SURFACE")]
+    pub output: PathBuf,
+    /// Surface of the model to write, with the same triangles: those of MODEL, some of them split
+    #[arg(long, value_name = "SURFACE")]
+    pub image: PathBuf,
+    /// Also write the tetrahedra of the polycube (.mesh, .vtk, .vtu)
+    #[arg(long, value_name = "TETS")]
+    pub tets: Option<PathBuf>,
+    /// Also write the same tetrahedra in the model
+    #[arg(long, value_name = "TETS")]
+    pub model_tets: Option<PathBuf>,
+    #[arg(
+        long,
+        value_name = "FRACTION",
+        help = format!(
+            "How much borders between charts count against directions: 0.005 gives many charts, 0.04 few. Others are tried \
+             where no polycube is found [default: {}]",
+            PolycubeOptions::default().smoothness
+        )
+    )]
+    pub smoothness: Option<f64>,
+}

@@ -1,0 +1,89 @@
+//! `solidmap polycube`: files that `fit` and `remesh` take, and what is said where there is none.
+
+use solidmap::io;
+use solidmap::mesh::shapes;
+
+use crate::workplace::{Workplace, text};
+
+/// Tetrahedra of a bent bar, made by the program, in `bar.mesh`; their surface in `bar.obj`.
+fn bar() -> Workplace {
+    let place = Workplace::new();
+    let boxes = shapes::polycube(&[[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0]], 1);
+    let bent = |p: &solidmap::Point| solidmap::Point::new(p.x, p.y + 0.1 * p.x * p.x, p.z + 0.15 * p.y * p.x);
+    place.surface("boxes.obj", &boxes);
+    place.surface("bent.obj", &shapes::deformed(&boxes, bent));
+    place.ends_with(0, "fit boxes.obj --image bent.obj -o bent.map --tolerance 0.01");
+    place.ends_with(0, "remesh bent.map --cells 9 -o bar.mesh");
+    let surface = io::read_tets(place.path("bar.mesh")).unwrap().boundary().surface;
+    place.surface("bar.obj", &surface);
+    place
+}
+
+#[test]
+fn a_polycube_is_fitted_and_its_hexahedra_are_carried_into_the_model() {
+    let place = bar();
+    let report = place.report(
+        0,
+        "polycube bar.mesh -o p.obj --image m.ply --tets p.mesh --model-tets m.vtu --json",
+    );
+    let found = &report["polycube"];
+    assert_eq!(
+        (found["charts"].as_u64(), found["labels"].as_str()),
+        (Some(8), Some("cut"))
+    );
+    assert_eq!(
+        (found["inverted"].as_u64(), found["crossings"].as_u64()),
+        (Some(0), Some(0))
+    );
+    assert_eq!(
+        (&report["output"], &report["image"]),
+        (&"p.obj".into(), &"m.ply".into())
+    );
+    let [polycube, model] = ["p.obj", "m.ply"].map(|name| io::read_surface(place.path(name)).unwrap());
+    assert_eq!(polycube.triangles(), model.triangles());
+    let given = io::read_surface(place.path("bar.obj")).unwrap();
+    assert!((model.volume() - given.volume()).abs() < 1e-6 * given.volume());
+    let [images, cells] = ["p.mesh", "m.vtu"].map(|name| io::read_tets(place.path(name)).unwrap());
+    assert_eq!(images.tets(), cells.tets());
+    assert!((0..cells.tets().len()).all(|t| images.signed_volume(t) > 0.0 && cells.signed_volume(t) > 0.0));
+
+    place.ends_with(0, "fit p.obj --image m.ply -o p.map --tolerance 0.01");
+    let report = place.report(0, "remesh p.map --kind hex --cells 12 -o hexes.vtu --json");
+    assert_eq!(report["after"]["inverted"].as_u64(), Some(0), "{report}");
+    let hexes = io::read_cells(place.path("hexes.vtu")).unwrap();
+    assert!((hexes.volume() / given.volume() - 1.0).abs() < 0.05);
+
+    // Another number of charts is asked for, and the text says what was found.
+    let output = place.ends_with(0, "polycube bar.mesh -o q.obj --image n.obj --smoothness 0.005");
+    let text = text(&output.stdout);
+    assert!(
+        text.contains("graph cut with smoothness 0.005") && text.contains("written"),
+        "{text}"
+    );
+}
+
+#[cfg(feature = "native")]
+#[test]
+fn a_surface_is_filled_and_the_result_is_that_of_its_tetrahedra() {
+    let place = bar();
+    let report = place.report(0, "polycube bar.obj -o p.obj --image m.obj --json");
+    assert_eq!(report["polycube"]["charts"].as_u64(), Some(8));
+    assert!(report["tets"].is_null() && report["problem"].is_null());
+}
+
+#[test]
+fn models_and_options_that_cannot_be_used_are_refused() {
+    let place = Workplace::new();
+    place.surface("cube.obj", &shapes::cube(1.0, 2));
+    place.fails("polycube cube.obj -o p.obj --image p.obj", &["p.obj"]);
+    place.fails("polycube cube.obj -o p.stl --image m.obj", &["p.stl", ".obj"]);
+    place.fails("polycube missing.obj -o p.obj --image m.obj", &["missing.obj"]);
+    if cfg!(feature = "native") {
+        place.fails(
+            "polycube cube.obj -o p.obj --image m.obj --smoothness 0",
+            &["cube.obj", "smoothness is 0"],
+        );
+    } else {
+        place.fails("polycube cube.obj -o p.obj --image m.obj", &["TetGen", "tet mesh"]);
+    }
+}

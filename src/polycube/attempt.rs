@@ -1,0 +1,225 @@
+//! One attempt at a polycube: labels, and the deformation towards them.
+
+use super::charts::{level, planes};
+use super::cut::cut_labels;
+use super::descent::{polish, untangle};
+use super::energy::{PolycubeEnergy, References};
+use super::face_graph::{Charts, FaceGraph};
+use super::flatten::Flattening;
+use super::label_repair::repair_labels;
+use super::local_repair::repair;
+use super::solid::Solid;
+use super::sphere_labels::put_on_cube;
+use super::{LabelSource, MakePolycubeError, PolycubePhase, PolycubeReport, Way};
+use crate::progress::ProgressSender;
+use crate::remesh::{SharedCoordinates, crossing_triangles};
+
+/// Penalties of the rounds in which labels are found, and the smoothness of their cuts as a fraction of the last one's.
+const ROUNDS: [(f64, f64); 4] = [(0.1, 0.5), (0.3, 0.5), (1.0, 0.5), (3.0, 1.0)];
+/// Penalties with the final labels.
+const FINAL_PENALTIES: [f64; 4] = [3.0, 10.0, 30.0, 100.0];
+/// Turns of rotations and solves with each penalty, and with one unknown for each plane.
+const TURNS: usize = 4;
+const PLANE_TURNS: usize = 10;
+/// How often cells around inverted ones are split.
+const MOST_REFINEMENTS: usize = 4;
+/// More inverted cells than this, and than a five-hundredth of all, are not cured by splitting.
+const MOST_LEFT: usize = 30;
+/// More than this, and than a two-hundredth of all, are not cured by local repair.
+const MOST_LEFT_BY_DESCENT: usize = 60;
+
+/// A polycube, or what came next to one.
+pub(super) struct Attempt {
+    pub solid: Solid,
+    pub report: PolycubeReport,
+}
+
+impl Attempt {
+    /// What keeps it from being a polycube.
+    pub fn faults(&self) -> usize {
+        self.report.inverted + self.report.crossings
+    }
+}
+
+impl Way {
+    /// The part of the cells that may be inverted after a round of descent: labels are no good if more are, but the way from
+    /// the sphere is long.
+    fn most_inverted(self) -> f64 {
+        match self {
+            Self::Cut(_) => 0.05,
+            Self::Sphere => 1.0,
+        }
+    }
+}
+
+/// Labels in one way, and the deformation. `None` if the way is none for this solid.
+pub(super) fn attempt(
+    model: &Solid,
+    way: Way,
+    smoothness: f64,
+    most_added: usize,
+    monitor: &ProgressSender<PolycubePhase>,
+) -> Result<Option<Attempt>, MakePolycubeError> {
+    let graph = graph_of(model)?;
+    let mut solid = model.clone();
+    let mut report = PolycubeReport::default();
+    match way {
+        Way::Cut(factor) => {
+            report.smoothness = factor * smoothness;
+            let labels = find_labels(model, &graph, report.smoothness, monitor)?;
+            solid.set_labels(&labels);
+            flatten(&mut solid);
+        }
+        Way::Sphere => {
+            report.labels = LabelSource::Sphere;
+            if put_on_cube(&mut solid, &graph, monitor).is_none() {
+                return Ok(None);
+            }
+        }
+    }
+    let (refined, charts) = refine_at_borders(&mut solid, most_added)?;
+    let planes = planes(&refined, &charts, solid.x.len());
+    level(&mut solid.x, &planes);
+    if way != Way::Sphere {
+        relax(&mut solid, &planes);
+    }
+    report.charts = charts.labels.len();
+    report.corners = (0..solid.x.len() as u32)
+        .filter(|&v| refined.border_edges_at(v, &solid.labels()) > 2)
+        .count();
+    report.inverted_at_start = solid.inverted().count();
+    let planes = deform(&mut solid, way, most_added, monitor, &mut report)?;
+    report.planes = distinct(&solid, &planes);
+    report.crossings = crossing_triangles(&solid.mesh.boundary, &solid.x).len();
+    if !monitor.should_continue() {
+        return Err(MakePolycubeError::Cancelled);
+    }
+    Ok(Some(Attempt { solid, report }))
+}
+
+/// Distinct coordinates of planes across each axis.
+fn distinct(solid: &Solid, planes: &SharedCoordinates) -> [usize; 3] {
+    [0, 1, 2].map(|axis| {
+        let across = planes.equal.iter().filter(|(along, _)| *along == axis);
+        let mut coordinates: Vec<u64> = across
+            .filter_map(|(_, nodes)| nodes.first())
+            .map(|&v| solid.x[v as usize][axis].to_bits())
+            .collect();
+        coordinates.sort_unstable();
+        coordinates.dedup();
+        coordinates.len()
+    })
+}
+
+/// Labels by cuts on normals of a model that is flattened more and more.
+fn find_labels(
+    model: &Solid,
+    graph: &FaceGraph,
+    smoothness: f64,
+    monitor: &ProgressSender<PolycubePhase>,
+) -> Result<Vec<u8>, MakePolycubeError> {
+    let nodes = &model.mesh.nodes;
+    let mut flattening = Flattening::new(model.tets(), &graph.triangles, nodes);
+    let mut x = nodes.clone();
+    let free = SharedCoordinates::default();
+    let mut labels = vec![];
+    for (round, (penalty, factor)) in ROUNDS.into_iter().enumerate() {
+        let phase = PolycubePhase::Labelling { round: round + 1 };
+        if monitor.send(phase).is_break() {
+            return Err(MakePolycubeError::Cancelled);
+        }
+        cut_labels(graph, nodes, &x, factor * smoothness, &mut labels);
+        flattening.run(&mut x, &labels, penalty, &free, TURNS);
+    }
+    cut_labels(graph, nodes, &x, smoothness, &mut labels);
+    repair_labels(graph, nodes, &x, &mut labels);
+    Ok(labels)
+}
+
+/// Flattens the model towards its labels.
+fn flatten(solid: &mut Solid) {
+    let mut x = solid.mesh.nodes.clone();
+    let labels = solid.labels();
+    let mut flattening = Flattening::new(solid.tets(), &solid.mesh.boundary, &solid.mesh.nodes);
+    for penalty in FINAL_PENALTIES {
+        flattening.run(&mut x, &labels, penalty, &SharedCoordinates::default(), TURNS);
+    }
+    solid.x = x;
+}
+
+/// Makes the deformation as rigid as possible with charts in planes.
+fn relax(solid: &mut Solid, planes: &SharedCoordinates) {
+    let mut x = std::mem::take(&mut solid.x);
+    let mut flattening = Flattening::new(solid.tets(), &solid.mesh.boundary, &solid.mesh.nodes);
+    flattening.run(&mut x, &solid.labels(), 0.0, planes, PLANE_TURNS);
+    level(&mut x, planes);
+    solid.x = x;
+}
+
+fn graph_of(solid: &Solid) -> Result<FaceGraph, MakePolycubeError> {
+    FaceGraph::new(&solid.mesh.boundary, solid.x.len()).ok_or(MakePolycubeError::NotManifold)
+}
+
+/// Splits what a polycube with these labels would flatten.
+fn refine_at_borders(solid: &mut Solid, most_added: usize) -> Result<(FaceGraph, Charts), MakePolycubeError> {
+    let graph = graph_of(solid)?;
+    let charts = graph.charts(&solid.labels());
+    let edges = solid.surface_edges_to_split(&graph, &charts);
+    solid.split_edges(&edges, &[], most_added);
+    solid.split_between_boundary_nodes(most_added);
+    let graph = graph_of(solid)?;
+    let charts = graph.charts(&solid.labels());
+    Ok((graph, charts))
+}
+
+/// Moves nodes until nothing is inverted, and splits cells where that does not suffice. Returns the planes.
+fn deform(
+    solid: &mut Solid,
+    way: Way,
+    most_added: usize,
+    monitor: &ProgressSender<PolycubePhase>,
+    report: &mut PolycubeReport,
+) -> Result<SharedCoordinates, MakePolycubeError> {
+    let mut refinement = 0;
+    loop {
+        let graph = graph_of(solid)?;
+        let planes = planes(&graph, &graph.charts(&solid.labels()), solid.x.len());
+        let references = References::new(solid.tets(), &solid.mesh.boundary, &solid.mesh.nodes);
+        let energy = PolycubeEnergy::new(
+            solid.tets().to_vec(),
+            solid.mesh.boundary.clone(),
+            &solid.labels(),
+            references.clone(),
+            solid.x.len(),
+        );
+        // New nodes have room where they were split: there may be nothing left to do for the whole.
+        if refinement > 0 {
+            repair(solid, &references, monitor);
+        }
+        let end = untangle(&energy, &planes, &mut solid.x, way.most_inverted(), monitor);
+        if refinement == 0 {
+            report.inverted_after_descent = end.inverted;
+        }
+        let cells = solid.tets().len();
+        let is_hopeless = end.inverted > MOST_LEFT_BY_DESCENT.max(cells / 200);
+        let left = if is_hopeless {
+            end.inverted
+        } else {
+            repair(solid, &references, monitor)
+        };
+        report.energy = end.energy;
+        if left == 0 {
+            report.energy = polish(&energy, &planes, &mut solid.x, monitor);
+        }
+        let gives_up = refinement == MOST_REFINEMENTS || is_hopeless || left > MOST_LEFT.max(cells / 500);
+        if left == 0 || gives_up || !monitor.should_continue() {
+            // Counted again from the positions alone; a plane that is none would be a fault of the descent.
+            report.inverted = solid.inverted().count() + usize::from(!solid.is_flat(&planes));
+            return Ok(planes);
+        }
+        refinement += 1;
+        let (outer, inner) = solid.edges_around(&solid.inverted());
+        solid.split_edges(&outer, &inner, most_added);
+        solid.split_between_boundary_nodes(most_added);
+    }
+}

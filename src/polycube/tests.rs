@@ -1,0 +1,217 @@
+//! Polycubes of solids that are their own, of balls and of a torus, checked from what is returned alone.
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+
+use super::*;
+use crate::baseline::test_meshes;
+use crate::geometry::flipped_tets;
+use crate::mesh::shapes;
+use crate::mesh::topology::Topology;
+use crate::remesh::{CellKind, Polycube, regular_mesh};
+use crate::{Matrix3, Vector};
+
+fn made(mesh: &TetMesh) -> PolycubeMap {
+    make_polycube(mesh, &PolycubeOptions::default(), &|_| {}).unwrap()
+}
+
+/// Tetrahedra of boxes.
+fn boxes(cubes: &[[i32; 3]], size: f64) -> TetMesh {
+    let polycube = Polycube::of(&shapes::polycube(cubes, 1)).unwrap();
+    let mesh = regular_mesh(&polycube, size, CellKind::Tets, 1_000_000).unwrap();
+    match mesh.cells() {
+        crate::mesh::CellList::Tets(tets) => TetMesh::new(mesh.nodes().to_vec(), tets.clone()).unwrap(),
+        crate::mesh::CellList::Hexes(_) => panic!("tetrahedra were asked for"),
+    }
+}
+
+/// Everything that is promised of a polycube, except that it is found.
+fn check(found: &PolycubeMap, model: &TetMesh) {
+    assert_eq!(found.model.tets(), found.polycube.tets());
+    assert_eq!(&found.model.vertices()[..model.vertices().len()], model.vertices());
+    assert!((found.model.volume() - model.volume()).abs() < 1e-12 * model.volume());
+    assert_eq!(
+        flipped_tets(&found.model, found.polycube.vertices()).unwrap().count(),
+        0
+    );
+    assert!(
+        found
+            .polycube
+            .tets()
+            .iter()
+            .enumerate()
+            .all(|(t, _)| found.polycube.signed_volume(t) > 0.0)
+    );
+    let [polycube, own] = found.surfaces();
+    assert_eq!(polycube.triangles(), own.triangles());
+    let given = model.boundary().surface;
+    assert!((own.area() - given.area()).abs() < 1e-12 * given.area());
+    let shape = |surface: &SurfaceMesh| {
+        let components = Topology::new(surface).components();
+        components
+            .shapes
+            .iter()
+            .map(|shape| (shape.genus(), shape.closed))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(shape(&polycube), shape(&given));
+    // The remesher finds the planes, and a volume that is the surface's.
+    Polycube::of(&polycube).unwrap();
+    assert!((polycube.volume() - found.polycube.volume()).abs() < 1e-12 * polycube.volume());
+    let mut planes: [BTreeMap<u64, usize>; 3] = Default::default();
+    for (t, &label) in (0..).zip(&found.labels) {
+        let [a, b, c] = found.boundary[t].map(|v| found.polycube.vertices()[v as usize]);
+        let axis = usize::from(label / 2);
+        assert!(a[axis].to_bits() == b[axis].to_bits() && b[axis].to_bits() == c[axis].to_bits());
+        let area = (b - a).cross(&(c - a))[axis];
+        assert!(area != 0.0 && (area > 0.0) == (label % 2 == 1));
+        *planes[axis].entry(a[axis].to_bits()).or_default() += 1;
+    }
+    assert_eq!(found.report.planes, planes.map(|across| across.len()));
+    assert_eq!((found.report.inverted, found.report.crossings), (0, 0));
+}
+
+#[test]
+fn boxes_an_l_and_a_ring_return_themselves() {
+    let ring: Vec<[i32; 3]> = (0..9).filter(|k| *k != 4).map(|k| [k % 3, k / 3, 0]).collect();
+    for (cubes, charts, corners) in [
+        (vec![[0, 0, 0]], 6, 8),
+        (vec![[0, 0, 0], [1, 0, 0], [0, 1, 0]], 8, 12),
+        (ring, 10, 16),
+    ] {
+        let model = boxes(&cubes, 0.25);
+        let found = made(&model);
+        check(&found, &model);
+        let report = &found.report;
+        assert_eq!((report.charts, report.corners, report.attempts), (charts, corners, 1));
+        assert!((report.energy - 7.0).abs() < 1e-6, "{}", report.energy);
+        assert_eq!(report.labels, LabelSource::Cut);
+        let shift = found.polycube.vertices()[0] - found.model.vertices()[0];
+        let pairs = found.polycube.vertices().iter().zip(found.model.vertices());
+        let most = pairs.map(|(a, b)| (a - b - shift).norm()).fold(0.0, f64::max);
+        assert!(most < 1e-3, "{most}");
+    }
+}
+
+#[test]
+fn a_ball_becomes_a_cube_and_a_torus_stays_one() {
+    let ball = test_meshes::ball(5);
+    let found = made(&ball);
+    check(&found, &ball);
+    assert_eq!(found.report.charts, 6);
+    let distortion = found.report.distortion.unwrap();
+    assert!(
+        distortion.angle.p99 < 3.5 && distortion.area.p99 < 4.0,
+        "{distortion:?}"
+    );
+
+    let torus = test_meshes::torus(3);
+    let found = made(&torus);
+    check(&found, &torus);
+    assert!(found.report.charts >= 10, "{}", found.report.charts);
+}
+
+#[test]
+fn size_and_place_do_not_matter_and_axes_may_be_exchanged() {
+    let ball = test_meshes::ball(4);
+    let first = made(&ball);
+    for (scale, shift) in [(1024.0, 0.0), (1.0 / 4096.0, 0.0)] {
+        let moved = ball.with_vertices(
+            ball.vertices()
+                .iter()
+                .map(|p| p * scale + Vector::repeat(shift))
+                .collect(),
+        );
+        let other = made(&moved.unwrap());
+        let pairs = first.polycube.vertices().iter().zip(other.polycube.vertices());
+        assert!(pairs.clone().count() > 0 && pairs.clone().all(|(a, b)| (a * scale - b).norm() == 0.0));
+    }
+    let turn = Matrix3::new(0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0);
+    let turned = ball
+        .with_vertices(ball.vertices().iter().map(|p| turn * p).collect())
+        .unwrap();
+    let other = made(&turned);
+    check(&other, &turned);
+    assert_eq!(other.report.charts, first.report.charts);
+}
+
+#[test]
+fn two_runs_give_the_same_and_left_handed_cells_are_turned() {
+    let torus = test_meshes::torus(2);
+    let first = made(&torus);
+    assert_eq!(made(&torus).polycube, first.polycube);
+    let (nodes, mut tets) = torus.clone().into_parts();
+    tets.iter_mut().step_by(2).for_each(|t| t.swap(0, 1));
+    let other = made(&TetMesh::new(nodes, tets).unwrap());
+    check(&other, &torus);
+}
+
+#[test]
+fn a_twisted_bar_has_a_polycube_from_some_source() {
+    // A screw: its sides turn through all directions.
+    let bar = boxes(&(0..6).map(|k| [0, 0, k]).collect::<Vec<_>>(), 0.34);
+    let twisted = |p: &Point| {
+        let (sin, cos) = (1.1 * p.z).sin_cos();
+        let (x, y) = (p.x - 0.5, p.y - 0.5);
+        Point::new(cos * x - sin * y, sin * x + cos * y, p.z)
+    };
+    let model = bar.with_vertices(bar.vertices().iter().map(twisted).collect()).unwrap();
+    let found = made(&model);
+    check(&found, &model);
+    assert_eq!(
+        found.report.labels == LabelSource::Sphere,
+        found.report.smoothness == 0.0
+    );
+}
+
+#[test]
+fn meshes_and_options_that_cannot_be_used_are_refused() {
+    let make = |mesh: &TetMesh, smoothness: f64| {
+        let options = PolycubeOptions {
+            smoothness,
+            ..PolycubeOptions::default()
+        };
+        make_polycube(mesh, &options, &|_| {}).map(|_| ())
+    };
+    let cube = test_meshes::cube(2);
+    for smoothness in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert!(matches!(make(&cube, smoothness), Err(MakePolycubeError::Smoothness(_))));
+    }
+    assert_eq!(make(&TetMesh::default(), 0.02), Err(MakePolycubeError::Empty));
+    let mut vertices = cube.vertices().to_vec();
+    vertices[3].y = f64::NAN;
+    let with = |vertices: Vec<Point>| TetMesh::new(vertices, cube.tets().to_vec()).unwrap();
+    assert_eq!(make(&with(vertices), 0.02), Err(MakePolycubeError::NotFinite(3)));
+    let flat = cube.vertices().iter().map(|p| Point::new(p.x, p.y, 0.0)).collect();
+    assert_eq!(make(&with(flat), 0.02), Err(MakePolycubeError::Flat(0)));
+    // Two tetrahedra that share an edge alone.
+    let corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0]];
+    let corners: Vec<Point> = corners.map(|p| Point::from(p.map(f64::from))).into();
+    let pinched = TetMesh::new(corners, vec![[0, 1, 2, 3], [0, 4, 5, 3]]).unwrap();
+    assert_eq!(make(&pinched, 0.02), Err(MakePolycubeError::NotManifold));
+}
+
+#[test]
+fn the_callback_sees_all_phases_and_cancels() {
+    let ball = test_meshes::ball(4);
+    let phases = std::cell::RefCell::new(vec![]);
+    let options = PolycubeOptions::default();
+    make_polycube(&ball, &options, &|phase| phases.borrow_mut().push(phase)).unwrap();
+    let phases = phases.into_inner();
+    assert!(phases.contains(&PolycubePhase::Attempting { attempt: 1 }));
+    assert!(phases.contains(&PolycubePhase::Deforming { inverted: 0 }));
+    for number in 0..3 {
+        let calls = std::cell::Cell::new(0);
+        let cancelling = |_| {
+            calls.set(calls.get() + 1);
+            if calls.get() > number {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        };
+        let ended = make_polycube(&ball, &options, &cancelling);
+        assert_eq!(ended.map(|_| ()), Err(MakePolycubeError::Cancelled));
+        assert_eq!(calls.get(), number + 1);
+    }
+}
