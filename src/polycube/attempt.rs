@@ -41,17 +41,6 @@ impl Attempt {
     }
 }
 
-impl Way {
-    /// The part of the cells that may be inverted after a round of descent: labels are no good if more are, but the way from
-    /// the sphere is long.
-    fn most_inverted(self) -> f64 {
-        match self {
-            Self::Cut(_) => 0.05,
-            Self::Sphere => 1.0,
-        }
-    }
-}
-
 /// Labels in one way, and the deformation. `None` if the way is none for this solid.
 pub(super) fn attempt(
     model: &Solid,
@@ -196,12 +185,15 @@ fn deform(
         if refinement > 0 {
             repair(solid, &references, monitor);
         }
-        let end = untangle(&energy, &planes, &mut solid.x, way.most_inverted(), monitor);
+        let cells = solid.tets().len();
+        let most_left = MOST_LEFT_BY_DESCENT.max(cells / 200);
+        // The way from the sphere is long, and there is no other left.
+        let most_after_few = (way != Way::Sphere).then_some(most_left);
+        let end = untangle(&energy, &planes, &mut solid.x, most_after_few, monitor);
         if refinement == 0 {
             report.inverted_after_descent = end.inverted;
         }
-        let cells = solid.tets().len();
-        let is_hopeless = end.inverted > MOST_LEFT_BY_DESCENT.max(cells / 200);
+        let is_hopeless = end.inverted > most_left;
         let left = if is_hopeless {
             end.inverted
         } else {

@@ -18,6 +18,9 @@ const MOST_ROUNDS: usize = 60;
 /// Rounds without clearly fewer inverted cells before giving up, and how many fewer these are.
 const MOST_STALLED: usize = 3;
 const CLEARLY_FEWER: f64 = 0.8;
+/// Rounds after which more cells than can be repaired are inverted for good. Before, this many times as many may be.
+const FEW_ROUNDS: usize = 3;
+const BEFORE: usize = 10;
 /// The descent of a polycube in which nothing is inverted.
 const POLISH: StoppingRule = StoppingRule {
     iterations: 300,
@@ -34,13 +37,13 @@ pub(super) struct DescentEnd {
     pub inverted: usize,
 }
 
-/// Minimises the energy for decreasing ε until nothing is inverted, or more than the part `most_inverted` of the cells is after
-/// a round; `x` gets the positions with the fewest inverted cells.
+/// Minimises the energy for decreasing ε until nothing is inverted, or for a few rounds if more than `most_left` cells are left
+/// then; `x` gets the positions with the fewest inverted cells.
 pub(super) fn untangle(
     energy: &PolycubeEnergy,
     planes: &SharedCoordinates,
     x: &mut Vec<Point>,
-    most_inverted: f64,
+    most_left: Option<usize>,
     monitor: &ProgressSender<PolycubePhase>,
 ) -> DescentEnd {
     let free: Vec<u32> = (0..x.len() as u32).collect();
@@ -63,13 +66,21 @@ pub(super) fn untangle(
         if best.as_ref().is_none_or(|(best, _)| end.inverted < best.inverted) {
             best = Some((end, x.clone()));
         }
-        if (end.inverted as f64) < CLEARLY_FEWER * fewest {
+        let enough = if most_left.is_some() { CLEARLY_FEWER } else { 1.0 };
+        if (end.inverted as f64) < enough * fewest {
             (fewest, stalled) = (end.inverted as f64, 0);
         }
         let _ = monitor.send(PolycubePhase::Deforming {
             inverted: value.inverted,
         });
-        let is_hopeless = end.inverted as f64 > most_inverted * energy.cells() as f64;
+        let bound = |most: usize| {
+            if round < FEW_ROUNDS {
+                BEFORE.saturating_mul(most)
+            } else {
+                most
+            }
+        };
+        let is_hopeless = most_left.is_some_and(|most| end.inverted > bound(most));
         if value.inverted == 0
             || is_hopeless
             || stalled == MOST_STALLED

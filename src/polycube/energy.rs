@@ -133,11 +133,6 @@ impl PolycubeEnergy {
         Matrix2::from_columns(&[b - a, c - a]) * self.rest[face]
     }
 
-    /// How many cells there are.
-    pub fn cells(&self) -> usize {
-        self.tets.cells() + self.faces.len()
-    }
-
     /// Least determinant of all cells.
     pub fn least(&self, x: &[Point]) -> f64 {
         let tets = self.tets.determinants(x);

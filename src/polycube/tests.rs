@@ -164,6 +164,27 @@ fn a_twisted_bar_has_a_polycube_from_some_source() {
     );
 }
 
+/// An attempt from the map to the sphere alone.
+fn from_the_sphere(mesh: &TetMesh) -> Option<Attempt> {
+    let respond = |_: PolycubePhase| crate::progress::ProgressControl::Continue;
+    let work = |monitor: &ProgressSender<PolycubePhase>| {
+        let mut solid = Solid::new(mesh.clone()).unwrap();
+        scale_to_unit(&mut solid);
+        solid.split_between_boundary_nodes(10_000);
+        attempt(&solid, Way::Sphere, 0.02, 10_000, monitor).unwrap()
+    };
+    run_cancellable(&respond, work).unwrap()
+}
+
+#[test]
+fn the_map_to_the_sphere_gives_six_charts_and_none_for_a_torus() {
+    let bar = boxes(&[[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0]], 0.34);
+    let found = from_the_sphere(&bar).unwrap();
+    assert_eq!((found.faults(), found.report.charts, found.report.corners), (0, 6, 8));
+    assert_eq!(found.report.labels, LabelSource::Sphere);
+    assert!(from_the_sphere(&test_meshes::torus(2)).is_none());
+}
+
 #[test]
 fn meshes_and_options_that_cannot_be_used_are_refused() {
     let make = |mesh: &TetMesh, smoothness: f64| {

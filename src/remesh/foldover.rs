@@ -150,11 +150,6 @@ impl FoldoverEnergy {
         Self { cells, starts, uses }
     }
 
-    /// How many cells there are.
-    pub fn cells(&self) -> usize {
-        self.uses.len() / self.cells.corners()
-    }
-
     /// Determinants of all maps, 1 in the mean.
     pub fn determinants(&self, x: &[Point]) -> Vec<f64> {
         match &self.cells {
