@@ -67,7 +67,7 @@ pub(super) fn attempt(
         }
     }
     let (refined, charts) = refine_at_borders(&mut solid, most_added)?;
-    let planes = planes(&refined, &charts, solid.x.len());
+    let planes = planes(&refined, &charts);
     level(&mut solid.x, &planes);
     if way != Way::Sphere {
         relax(&mut solid, &planes);
@@ -79,7 +79,7 @@ pub(super) fn attempt(
     report.inverted_at_start = solid.inverted().count();
     let planes = deform(&mut solid, way, most_added, monitor, &mut report)?;
     report.planes = distinct(&solid, &planes);
-    report.crossings = crossing_triangles(&solid.mesh.boundary, &solid.x).len();
+    report.crossings = crossing_triangles(&solid.mesh.boundary, &solid.x).len() + solid.nested_parts();
     if !monitor.should_continue() {
         return Err(MakePolycubeError::Cancelled);
     }
@@ -172,7 +172,7 @@ fn deform(
     let mut refinement = 0;
     loop {
         let graph = graph_of(solid)?;
-        let planes = planes(&graph, &graph.charts(&solid.labels()), solid.x.len());
+        let planes = planes(&graph, &graph.charts(&solid.labels()));
         let references = References::new(solid.tets(), &solid.mesh.boundary, &solid.mesh.nodes);
         let energy = PolycubeEnergy::new(
             solid.tets().to_vec(),
@@ -201,7 +201,7 @@ fn deform(
         };
         report.energy = end.energy;
         if left == 0 {
-            report.energy = polish(&energy, &planes, &mut solid.x, monitor);
+            report.energy = polish(&energy, &planes, &mut solid.x, monitor).unwrap_or(end.energy);
         }
         let gives_up = refinement == MOST_REFINEMENTS || is_hopeless || left > MOST_LEFT.max(cells / 500);
         if left == 0 || gives_up || !monitor.should_continue() {

@@ -7,7 +7,7 @@ use crate::mesh::topology::DisjointSets;
 use crate::remesh::SharedCoordinates;
 
 /// A set for every chart, or for several charts across one axis that share a vertex.
-pub(super) fn planes(graph: &FaceGraph, charts: &Charts, nodes: usize) -> SharedCoordinates {
+pub(super) fn planes(graph: &FaceGraph, charts: &Charts) -> SharedCoordinates {
     let count = charts.labels.len();
     let mut sets = DisjointSets::new(count);
     let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(3 * graph.triangles.len());
@@ -33,7 +33,6 @@ pub(super) fn planes(graph: &FaceGraph, charts: &Charts, nodes: usize) -> Shared
     let mut shared = SharedCoordinates::default();
     for (chart, mut members) in members.into_iter().enumerate() {
         members.dedup();
-        members.retain(|&v| (v as usize) < nodes);
         if !members.is_empty() {
             shared.equal.push((axis_of(charts.labels[chart]), members));
         }

@@ -7,6 +7,7 @@
 //! are opposite, else 1. That is a metric (2 ≤ 1 + 1), so that every expansion is a minimum cut without changes to the
 //! energy.
 
+use super::axis_of;
 use super::face_graph::{FaceGraph, LABELS, are_opposite};
 use super::max_flow::CubicNetwork;
 use crate::{Point, Vector};
@@ -88,7 +89,7 @@ pub(super) fn best_labels(data: &[[f64; LABELS]]) -> Vec<u8> {
 /// The unit vector that a label stands for.
 pub(super) fn direction(label: u8) -> Vector {
     let mut direction = Vector::zeros();
-    direction[usize::from(label / 2) % 3] = if label % 2 == 1 { 1.0 } else { -1.0 };
+    direction[axis_of(label)] = if label % 2 == 1 { 1.0 } else { -1.0 };
     direction
 }
 

@@ -105,21 +105,22 @@ pub(super) fn untangle(
 /// The largest displacement of a node in a first step without a preconditioner, for a model of diagonal 1.
 pub(super) const STEP: f64 = 1e-3;
 
-/// Lowers the energy of a polycube in which nothing is inverted, and keeps it so.
+/// Lowers the energy of a polycube in which nothing is inverted; returns it, unless that failed and `x` is as it was.
 pub(super) fn polish(
     energy: &PolycubeEnergy,
     planes: &SharedCoordinates,
     x: &mut Vec<Point>,
     monitor: &ProgressSender<PolycubePhase>,
-) -> f64 {
+) -> Option<f64> {
     let free: Vec<u32> = (0..x.len() as u32).collect();
     let mut descent = Lbfgs::new(energy, &free, STEP, monitor);
     descent.shared = Some(planes);
     descent.has_block_preconditioner = true;
     let mut moved = x.clone();
     let (value, _) = descent.run(&mut moved, POLISH_EPSILON, &POLISH);
-    if value.inverted == 0 && value.energy.is_finite() {
+    let is_kept = value.inverted == 0 && value.energy.is_finite();
+    is_kept.then(|| {
         *x = moved;
-    }
-    value.energy
+        value.energy
+    })
 }

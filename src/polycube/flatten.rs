@@ -23,7 +23,7 @@ pub(super) struct Flattening<'a> {
     faces: &'a [[u32; 3]],
     /// Nodes at rest.
     rest: &'a [Point],
-    /// Of each tetrahedron the gradients of the barycentric coordinates, and the volume.
+    /// Gradients of the barycentric coordinates of each tetrahedron, and its volume.
     gradients: Vec<[Vector; 4]>,
     volumes: Vec<f64>,
     rotations: Vec<Rotation3<f64>>,

@@ -3,6 +3,7 @@
 
 use super::PolycubePhase;
 use super::axis_of;
+use super::descent::STEP;
 use super::energy::{PolycubeEnergy, References};
 use super::solid::Solid;
 use crate::Point;
@@ -185,7 +186,7 @@ fn repair_patch(
     }
     let before = energy.evaluate(&start, 1.0, &[], &mut vec![], &mut []).inverted;
     let (mut best, mut fewest, mut stalled) = (start, before, 0);
-    let mut descent = Lbfgs::new(&energy, &free, 1e-3, monitor);
+    let mut descent = Lbfgs::new(&energy, &free, STEP, monitor);
     descent.shared = Some(&constraints);
     descent.has_block_preconditioner = true;
     let mut least = energy.least(&x);

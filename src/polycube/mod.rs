@@ -150,7 +150,8 @@ pub struct PolycubeReport {
     pub inverted_after_descent: usize,
     /// Inverted tetrahedra and triangles: none in a result.
     pub inverted: usize,
-    /// Pairs of boundary triangles of the polycube that pass through each other: none in a result.
+    /// Pairs of boundary triangles of the polycube that pass through each other, and parts of the solid that lie within another:
+    /// none in a result.
     pub crossings: usize,
     /// Energy per volume and area: 7 for a polycube that is its own.
     pub energy: f64,
@@ -198,8 +199,8 @@ fn surfaces<const N: usize>(boundary: &[[u32; 3]], positions: [&[Point]; N]) -> 
 ///
 /// Labels are sought with the smoothness of the options, then with others, and for a solid of genus 0 last from its map to the
 /// sphere. The first polycube is returned in which every tetrahedron is right-handed, every boundary triangle faces along
-/// its direction (both decided exactly), the nodes of each chart have one coordinate bit for bit, and no boundary triangles
-/// pass through each other. The result is the same from run to run and for any number of threads.
+/// its direction (both decided exactly), the nodes of each chart have one coordinate bit for bit, no boundary triangles
+/// pass through each other, and no part of the solid lies within another. The result is the same from run to run and for any number of threads.
 ///
 /// An attempt takes about a second for every 10 000 tetrahedra where labels are good, and up to ten times that where local
 /// repair and splitting are needed.

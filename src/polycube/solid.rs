@@ -8,12 +8,14 @@ use robust::{Coord, orient2d};
 use super::MakePolycubeError;
 use super::energy::plane_axes;
 use super::face_graph::{Charts, FaceGraph};
-use crate::Point;
+use crate::geometry::orientation;
+use crate::mesh::topology::DisjointSets;
 use crate::mesh::{CellList, CellMesh, TetMesh};
 use crate::remesh::{
     BoundedMesh, SharedCoordinates, faces, halve_boundary_edges, halve_edges, is_right_handed,
     split_between_boundary_nodes,
 };
+use crate::{Point, Vector};
 
 /// A solid and its image. The mesh's nodes are those of the model; labels stand in its `parts`.
 #[derive(Debug, Clone)]
@@ -109,13 +111,13 @@ impl Solid {
     /// edge across from a corner at which a chart has a single triangle.
     pub fn surface_edges_to_split(&self, graph: &FaceGraph, charts: &Charts) -> Vec<[u32; 2]> {
         let labels = self.labels();
-        let mut on_border = vec![0u8; self.x.len()];
+        let mut on_border = vec![false; self.x.len()];
         for (face, corners) in graph.triangles.iter().enumerate() {
             for k in 0..3 {
                 let other = graph.neighbours[face][k] as usize;
                 if charts.of_face[other] != charts.of_face[face] {
-                    on_border[corners[k] as usize] = on_border[corners[k] as usize].max(1);
-                    on_border[corners[(k + 1) % 3] as usize] = on_border[corners[(k + 1) % 3] as usize].max(1);
+                    on_border[corners[k] as usize] = true;
+                    on_border[corners[(k + 1) % 3] as usize] = true;
                 }
             }
         }
@@ -125,7 +127,7 @@ impl Solid {
                 let [a, b] = [corners[k], corners[(k + 1) % 3]];
                 let other = graph.neighbours[face][k] as usize;
                 let same = labels[other] == labels[face];
-                if same && on_border[a as usize] > 0 && on_border[b as usize] > 0 {
+                if same && on_border[a as usize] && on_border[b as usize] {
                     edges.push([a.min(b), a.max(b)]);
                 }
                 // Both edges at corner `a` are borders: the edge across is split, so that the corner can be a right angle
@@ -188,6 +190,34 @@ impl Solid {
             Coord { x: p[u], y: p[v] }
         });
         orient2d(a, b, c).partial_cmp(&0.0) == Some(Ordering::Greater)
+    }
+
+    /// Connected parts of the solid that lie within another in the polycube, where no boundaries cross and nothing is
+    /// inverted: each then has a tetrahedron whose centre is in more than one. Linear in the tetrahedra for every part.
+    pub fn nested_parts(&self) -> usize {
+        let mut sets = DisjointSets::new(self.x.len());
+        for [a, b, c, d] in self.tets() {
+            [b, c, d].into_iter().for_each(|&other| sets.unite(*a, other));
+        }
+        let mut seen = vec![false; self.x.len()];
+        let mut is_first = |t: &&[u32; 4]| !std::mem::replace(&mut seen[sets.find(t[0]) as usize], true);
+        let firsts: Vec<[u32; 4]> = self.tets().iter().filter(|t| is_first(t)).copied().collect();
+        if firsts.len() < 2 {
+            return 0;
+        }
+        let corners = |t: &[u32; 4]| t.map(|v| self.x[v as usize]);
+        let has = |t: &[u32; 4], p: Point| {
+            (0..4).all(|k| {
+                let mut face = corners(t);
+                face[k] = p;
+                orientation(&face[0], &face[1], &face[2], &face[3]) != Some(Ordering::Less)
+            })
+        };
+        let is_nested = |first: &&[u32; 4]| {
+            let centre = Point::from(corners(first).iter().map(|p| p.coords).sum::<Vector>() / 4.0);
+            self.tets().iter().filter(|t| has(t, centre)).count() > 1
+        };
+        firsts.iter().filter(is_nested).count()
     }
 
     /// Whether all nodes of every plane have the same coordinate, bit for bit.

@@ -8,11 +8,11 @@ use solidmap::polycube::PolycubeOptions;
 #[derive(Debug, Args)]
 #[command(
     allow_negative_numbers = true,
-    after_help = "The model is filled with tetrahedra and deformed until each of its triangles lies across an axis. Then\n\
-                  solidmap fit POLYCUBE --image IMAGE -o MAP\n\
+    after_help = "The model is filled with tetrahedra and deformed until each of its triangles lies across an axis. A grid of the\n\
+                  polycube is then carried into the model by\n  \
+                  solidmap fit POLYCUBE --image IMAGE -o MAP\n  \
                   solidmap remesh MAP --kind hex -o HEXES\n\
-                  carries a grid of the polycube into the model. The exit code is 1 if no polycube was found; then nothing \
-                  is written."
+                  The exit code is 1 if no polycube was found; then nothing is written."
 )]
 pub struct PolycubeArgs {
     /// Closed surface, or a mesh of tetrahedra (.mesh, .msh, .vtk, .vtu), which is used as it is. Any genus
