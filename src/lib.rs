@@ -56,6 +56,7 @@ pub mod energy;
 pub mod files;
 pub mod fit;
 pub mod geometry;
+pub mod hexmesh;
 pub mod inverse;
 #[cfg(feature = "io")]
 pub mod io;

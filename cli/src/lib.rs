@@ -131,6 +131,7 @@ fn execute(cli: &Cli, output: &Output) -> anyhow::Result<CommandOutcome> {
         Command::Energy(args) => energy::run(args, output),
         Command::Transfer(args) => transfer::run(args, output),
         Command::Polycube(args) => commands::polycube::run(args, output),
+        Command::Hexmesh(args) => commands::hexmesh::run(args, output),
         Command::Remesh(args) => remesh::run(args, output),
         Command::Texture(args) => texture::run(args, output),
         Command::Sequence(args) => sequence::run(args, output),

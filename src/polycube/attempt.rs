@@ -7,12 +7,14 @@ use super::energy::{PolycubeEnergy, References};
 use super::face_graph::{Charts, FaceGraph};
 use super::flatten::Flattening;
 use super::label_repair::repair_labels;
+use super::lattice::{move_planes, on_lattice};
 use super::local_repair::repair;
 use super::solid::Solid;
 use super::sphere_labels::put_on_cube;
 use super::{LabelSource, MakePolycubeError, PolycubePhase, PolycubeReport, Way};
+use crate::mesh::SurfaceMesh;
 use crate::progress::ProgressSender;
-use crate::remesh::{SharedCoordinates, crossing_triangles};
+use crate::remesh::{Polycube, SharedCoordinates, crossing_triangles};
 
 /// Penalties of the rounds in which labels are found, and the smoothness of their cuts as a fraction of the last one's.
 const ROUNDS: [(f64, f64); 4] = [(0.1, 0.5), (0.3, 0.5), (1.0, 0.5), (3.0, 1.0)];
@@ -29,6 +31,7 @@ const MOST_LEFT: usize = 30;
 const MOST_LEFT_BY_DESCENT: usize = 60;
 
 /// A polycube, or what came next to one.
+#[derive(Clone)]
 pub(super) struct Attempt {
     pub solid: Solid,
     pub report: PolycubeReport,
@@ -77,13 +80,82 @@ pub(super) fn attempt(
         .filter(|&v| refined.border_edges_at(v, &solid.labels()) > 2)
         .count();
     report.inverted_at_start = solid.inverted().count();
-    let planes = deform(&mut solid, way, most_added, monitor, &mut report)?;
+    let descent = Descent {
+        planes_are_fixed: false,
+        // The way from the sphere is long, and there is no other left.
+        ends_early: way != Way::Sphere,
+        most_added,
+    };
+    finished(solid, report, &descent, monitor).map(Some)
+}
+
+/// Deforms a solid with labels, and looks at what comes out.
+fn finished(
+    mut solid: Solid,
+    mut report: PolycubeReport,
+    descent: &Descent,
+    monitor: &ProgressSender<PolycubePhase>,
+) -> Result<Attempt, MakePolycubeError> {
+    let planes = deform(&mut solid, descent, monitor, &mut report)?;
     report.planes = distinct(&solid, &planes);
     report.crossings = crossing_triangles(&solid.mesh.boundary, &solid.x).len() + solid.nested_parts();
     if !monitor.should_continue() {
         return Err(MakePolycubeError::Cancelled);
     }
-    Ok(Some(Attempt { solid, report }))
+    Ok(Attempt { solid, report })
+}
+
+/// A polycube with its planes on a lattice with cells of `size`, if one was found from `found`.
+pub(super) fn snapped(
+    found: &Attempt,
+    size: f64,
+    most_added: usize,
+    monitor: &ProgressSender<PolycubePhase>,
+) -> Result<Option<Attempt>, MakePolycubeError> {
+    let polycube_of = |solid: &Solid| {
+        let surface = SurfaceMesh::new(solid.x.clone(), solid.mesh.boundary.clone());
+        surface.ok().and_then(|surface| Polycube::of(&surface).ok())
+    };
+    let Some(polycube) = polycube_of(&found.solid) else {
+        return Ok(None);
+    };
+    let graph = graph_of(&found.solid)?;
+    let planes = planes(&graph, &graph.charts(&found.solid.labels()));
+    let mut tried = None;
+    for keeps_distance in [false, true] {
+        let coordinates = on_lattice(&found.solid, &polycube, &planes, size, keeps_distance);
+        if coordinates.is_none() || coordinates == tried {
+            continue;
+        }
+        if monitor.send(PolycubePhase::Snapping).is_break() {
+            return Err(MakePolycubeError::Cancelled);
+        }
+        let Attempt { mut solid, report } = found.clone();
+        move_planes(&mut solid, &planes, coordinates.as_deref().unwrap_or_default());
+        let descent = Descent {
+            planes_are_fixed: true,
+            ends_early: true,
+            most_added,
+        };
+        let before = report.inverted_after_descent;
+        let mut moved = finished(solid, report, &descent, monitor)?;
+        moved.report.inverted_after_descent = before;
+        if moved.faults() == 0 && polycube_of(&moved.solid).is_some() {
+            return Ok(Some(moved));
+        }
+        tried = coordinates;
+    }
+    Ok(None)
+}
+
+/// How a solid is deformed.
+struct Descent {
+    /// Whether the planes of the charts stay where they are.
+    planes_are_fixed: bool,
+    /// Whether to give up where it seems hopeless.
+    ends_early: bool,
+    /// Largest number of tetrahedra that splitting may add each time.
+    most_added: usize,
 }
 
 /// Distinct coordinates of planes across each axis.
@@ -164,8 +236,7 @@ fn refine_at_borders(solid: &mut Solid, most_added: usize) -> Result<(FaceGraph,
 /// Moves nodes until nothing is inverted, and splits cells where that does not suffice. Returns the planes.
 fn deform(
     solid: &mut Solid,
-    way: Way,
-    most_added: usize,
+    descent: &Descent,
     monitor: &ProgressSender<PolycubePhase>,
     report: &mut PolycubeReport,
 ) -> Result<SharedCoordinates, MakePolycubeError> {
@@ -174,6 +245,11 @@ fn deform(
         let graph = graph_of(solid)?;
         let planes = planes(&graph, &graph.charts(&solid.labels()));
         let references = References::new(solid.tets(), &solid.mesh.boundary, &solid.mesh.nodes);
+        let constraints = if descent.planes_are_fixed {
+            planes.as_fixed()
+        } else {
+            planes.clone()
+        };
         let energy = PolycubeEnergy::new(
             solid.tets().to_vec(),
             solid.mesh.boundary.clone(),
@@ -187,9 +263,8 @@ fn deform(
         }
         let cells = solid.tets().len();
         let most_left = MOST_LEFT_BY_DESCENT.max(cells / 200);
-        // The way from the sphere is long, and there is no other left.
-        let most_after_few = (way != Way::Sphere).then_some(most_left);
-        let end = untangle(&energy, &planes, &mut solid.x, most_after_few, monitor);
+        let most_after_few = descent.ends_early.then_some(most_left);
+        let end = untangle(&energy, &constraints, &mut solid.x, most_after_few, monitor);
         if refinement == 0 {
             report.inverted_after_descent = end.inverted;
         }
@@ -201,7 +276,7 @@ fn deform(
         };
         report.energy = end.energy;
         if left == 0 {
-            report.energy = polish(&energy, &planes, &mut solid.x, monitor).unwrap_or(end.energy);
+            report.energy = polish(&energy, &constraints, &mut solid.x, monitor).unwrap_or(end.energy);
         }
         let gives_up = refinement == MOST_REFINEMENTS || is_hopeless || left > MOST_LEFT.max(cells / 500);
         if left == 0 || gives_up || !monitor.should_continue() {
@@ -211,7 +286,7 @@ fn deform(
         }
         refinement += 1;
         let (outer, inner) = solid.edges_around(&solid.inverted());
-        solid.split_edges(&outer, &inner, most_added);
-        solid.split_between_boundary_nodes(most_added);
+        solid.split_edges(&outer, &inner, descent.most_added);
+        solid.split_between_boundary_nodes(descent.most_added);
     }
 }

@@ -13,6 +13,7 @@ mod energy;
 mod face_graph;
 mod flatten;
 mod label_repair;
+mod lattice;
 mod local_repair;
 mod max_flow;
 mod solid;
@@ -22,8 +23,9 @@ use crate::Point;
 use crate::boundary_map::SurfaceDistortion;
 use crate::mesh::{MeshError, SurfaceMesh, TetMesh};
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
+use crate::remesh::CellSize;
 
-use attempt::{Attempt, attempt};
+use attempt::{Attempt, attempt, snapped};
 use solid::Solid;
 
 /// The axis of a label: labels are counted as -x, +x, -y, +y, -z, +z.
@@ -40,6 +42,9 @@ pub struct PolycubeOptions {
     pub smoothness: f64,
     /// Largest number of tetrahedra that splitting may add, as a part of those given; 1000 more are always allowed.
     pub most_added: f64,
+    /// Cells of a lattice that the planes of the polycube are put on where that is possible: a regular mesh then has boxes of
+    /// this size everywhere.
+    pub lattice: Option<CellSize>,
 }
 
 impl Default for PolycubeOptions {
@@ -47,6 +52,7 @@ impl Default for PolycubeOptions {
         Self {
             smoothness: 0.02,
             most_added: 1.0,
+            lattice: None,
         }
     }
 }
@@ -69,6 +75,8 @@ pub enum PolycubePhase {
         /// Inverted tetrahedra, and triangles that face against their direction.
         inverted: usize,
     },
+    /// The planes of the polycube are put on the lattice.
+    Snapping,
 }
 
 /// Why there is no polycube.
@@ -78,6 +86,9 @@ pub enum MakePolycubeError {
     /// The smoothness is not positive and finite.
     #[error("the smoothness is {0}, but must be positive and finite")]
     Smoothness(f64),
+    /// The size of the lattice's cells is not positive and finite.
+    #[error("the lattice has cells of size {0}, but that must be positive and finite")]
+    Lattice(f64),
     /// The mesh has no cells, or names nodes that it does not have.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -140,6 +151,9 @@ pub struct PolycubeReport {
     pub corners: usize,
     /// Distinct planes of charts across each axis.
     pub planes: [usize; 3],
+    /// Size of the cells of the lattice that the planes are on, in the units of the model; `None` if none was asked for, or no
+    /// polycube was found with its planes there.
+    pub lattice: Option<f64>,
     /// Tetrahedra that were given.
     pub tets_given: usize,
     /// Tetrahedra, with those that splitting added.
@@ -238,6 +252,14 @@ fn make(
     if !is_usable {
         return Err(MakePolycubeError::Smoothness(options.smoothness));
     }
+    if let Some(CellSize::Length(size)) = options.lattice
+        && !(size > 0.0 && size.is_finite())
+    {
+        return Err(MakePolycubeError::Lattice(size));
+    }
+    if options.lattice == Some(CellSize::Along(0)) {
+        return Err(MakePolycubeError::Lattice(f64::INFINITY));
+    }
     let mut solid = Solid::new(mesh.clone())?;
     let scale = scale_to_unit(&mut solid);
     let most_added = (options.most_added.max(0.0) * solid.tets().len() as f64) as usize + 1000;
@@ -257,7 +279,7 @@ fn make(
             break;
         }
     }
-    let Some(Attempt { solid, mut report }) = best else {
+    let Some(Attempt { mut solid, mut report }) = best else {
         return Err(MakePolycubeError::NotManifold);
     };
     if report.inverted + report.crossings > 0 {
@@ -269,6 +291,13 @@ fn make(
         });
     }
     report.attempts = attempts;
+    if let Some(size) = options.lattice.map(|size| lattice_size(size, &solid, scale)) {
+        let found = Attempt { solid, report };
+        let on_lattice = snapped(&found, size, most_added, monitor)?;
+        let is_on_lattice = on_lattice.is_some();
+        Attempt { solid, report } = on_lattice.unwrap_or(found);
+        report.lattice = is_on_lattice.then_some(size / scale);
+    }
     report.tets_given = mesh.tets().len();
     report.tets = solid.tets().len();
     let [polycube, model] = surfaces(&solid.mesh.boundary, [&solid.x, &solid.mesh.nodes]);
@@ -284,6 +313,19 @@ fn make(
         labels,
         report,
     })
+}
+
+/// The size of the cells of a lattice for a polycube that is scaled by `scale`.
+fn lattice_size(size: CellSize, solid: &Solid, scale: f64) -> f64 {
+    let side = |axis: usize| {
+        let at = solid.mesh.boundary.iter().flatten().map(|&v| solid.x[v as usize][axis]);
+        let (low, high) = at.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
+        high - low
+    };
+    match size {
+        CellSize::Length(length) => length * scale,
+        CellSize::Along(count) => [0, 1, 2].map(side).into_iter().fold(0.0, f64::max) / count as f64,
+    }
 }
 
 /// Scales a solid to a diagonal between a half and one, by a power of two, so that nothing is rounded.

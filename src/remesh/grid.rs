@@ -52,7 +52,7 @@ fn counts(polycube: &Polycube, size: f64, kind: CellKind) -> [f64; 2] {
     let along = polycube
         .planes()
         .each_ref()
-        .map(|planes| -> Vec<f64> { planes.windows(2).map(|w| divisions(w[1] - w[0], size)).collect() });
+        .map(|planes| -> Vec<f64> { planes.windows(2).map(|w| divisions(w[1] - w[0], size, kind)).collect() });
     let box_count: f64 = polycube
         .filled()
         .map(|[i, j, k]| along[0][i] * along[1][j] * along[2][k])
@@ -115,29 +115,33 @@ pub fn regular_mesh(
     most_cells: usize,
 ) -> Result<BoundedMesh, RemeshError> {
     cell_count(polycube, size, kind, most_cells)?;
-    let grid = polycube.refined(size);
+    let grid = polycube.refined(size, kind);
     Ok(match kind {
         CellKind::Tets => grid.tets(),
         CellKind::Hexes => grid.hexes(),
     })
 }
 
-/// An even number of boxes of about `size` along a length.
-fn divisions(length: f64, size: f64) -> f64 {
+/// A number of boxes of about `size` along a length; an even one for tetrahedra.
+fn divisions(length: f64, size: f64, kind: CellKind) -> f64 {
+    let step = match kind {
+        CellKind::Tets => 2.0,
+        CellKind::Hexes => 1.0,
+    };
     // Slightly less, so that rounding adds no boxes where the size divides the length.
-    2.0 * (length / (2.0 * size) - 1e-9).ceil().max(1.0)
+    step * (length / (step * size) - 1e-9).ceil().max(1.0)
 }
 
 impl Polycube {
-    /// The same solid with more planes: the grid, with an even number of boxes between neighbouring planes.
-    fn refined(&self, size: f64) -> Self {
+    /// The same solid with more planes: the grid.
+    fn refined(&self, size: f64, kind: CellKind) -> Self {
         let mut planes: [Vec<f64>; 3] = Default::default();
         // The box of the polycube that each box of the grid lies in, along each axis.
         let mut parents: [Vec<usize>; 3] = Default::default();
         for k in 0..3 {
             planes[k].push(self.planes[k][0]);
             for (parent, w) in self.planes[k].windows(2).enumerate() {
-                let count = divisions(w[1] - w[0], size) as usize;
+                let count = divisions(w[1] - w[0], size, kind) as usize;
                 for i in 1..=count {
                     let t = i as f64 / count as f64;
                     planes[k].push(if i == count { w[1] } else { w[0] * (1.0 - t) + w[1] * t });

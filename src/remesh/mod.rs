@@ -71,7 +71,7 @@ pub enum RemeshSource {
     Regular {
         /// Kind of the cells.
         kind: CellKind,
-        /// Size of the boxes; the number of boxes between two planes is rounded up to an even one.
+        /// Size of the boxes; the number of boxes between two planes is rounded up, for tetrahedra to an even one.
         size: CellSize,
         /// Largest number of cells; more are refused before any is made.
         most_cells: usize,

@@ -165,12 +165,12 @@ impl Polycube {
     }
 
     /// Boxes of the solid.
-    pub(super) fn filled(&self) -> impl Iterator<Item = [usize; 3]> {
+    pub(crate) fn filled(&self) -> impl Iterator<Item = [usize; 3]> {
         boxes(self.counts()).filter(|at| self.contains(at.map(|i| i as isize)))
     }
 
     /// The faces of a box that bound the solid: their axis, and 0 for its lower side or 1 for the upper.
-    pub(super) fn outer_faces_of(&self, at: [usize; 3]) -> impl Iterator<Item = [usize; 2]> {
+    pub(crate) fn outer_faces_of(&self, at: [usize; 3]) -> impl Iterator<Item = [usize; 2]> {
         let faces = (0..3).flat_map(|axis| [[axis, 0], [axis, 1]]);
         faces.filter(move |&[axis, side]| {
             let mut beyond = at.map(|i| i as isize);

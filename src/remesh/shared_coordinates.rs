@@ -17,6 +17,16 @@ pub(crate) struct SharedCoordinates {
 }
 
 impl SharedCoordinates {
+    /// Constraints that keep all of these coordinates as they are.
+    pub fn as_fixed(&self) -> Self {
+        let all = |(axis, nodes): &(usize, Vec<u32>)| -> Vec<(u32, usize)> { nodes.iter().map(|&v| (v, *axis)).collect() };
+        let fixed = self.equal.iter().flat_map(all).chain(self.fixed.iter().copied());
+        Self {
+            fixed: fixed.collect(),
+            equal: vec![],
+        }
+    }
+
     /// The orthogonal projection: zero for fixed coordinates, the mean for equal ones. Equal ones are equal bit for bit
     /// afterwards.
     pub fn project(&self, vectors: &mut [Vector]) {

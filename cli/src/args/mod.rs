@@ -5,6 +5,7 @@ mod boundary;
 mod cgal_tetgen;
 mod compare;
 mod fit;
+mod hexmesh;
 mod map;
 mod places;
 mod polycube;
@@ -26,10 +27,11 @@ pub use boundary::{
 };
 pub use cgal_tetgen::{Mesher, OffsetArgs, TetArgs};
 pub use compare::{CompareArgs, CompareWorkerArgs, MapMethod};
+pub use hexmesh::HexmeshArgs;
 pub use fit::{FitArgs, MethodArgs, MethodKind, PlacementKind};
 pub use map::{CertifyArgs, EnergyArgs, EvalArgs};
 pub use polycube::PolycubeArgs;
-pub use remesh::{CellShape, RemeshArgs};
+pub use remesh::{RemeshArgs, RepairArgs};
 pub use section::{SectionArgs, UpKind};
 pub use sequence::SequenceArgs;
 pub use texture::{TextureArgs, TextureOutputArgs, WrapKind};
@@ -93,6 +95,8 @@ pub enum Command {
     Transfer(TransferArgs),
     /// Make a polycube of a model, with the model's triangles, for `fit` and `remesh`
     Polycube(PolycubeArgs),
+    /// Mesh a model with hexahedra: its polycube, the map from it, and the polycube's cells in the model
+    Hexmesh(HexmeshArgs),
     /// Carry a regular mesh of a polycube, or a given mesh, into the target, and repair inverted cells
     Remesh(RemeshArgs),
     /// Measure how far each frame of an animation is deformed, and where, and count the cycles

@@ -39,4 +39,8 @@ pub struct PolycubeArgs {
         )
     )]
     pub smoothness: Option<f64>,
+    /// Put the planes of the polycube on a lattice with cells of this size, in the units of the model, so that `remesh
+    /// --cell-size SIZE` makes no thin cells. The exit code is 1 if that was not possible; the polycube is then written without
+    #[arg(long, value_name = "SIZE")]
+    pub lattice: Option<f64>,
 }

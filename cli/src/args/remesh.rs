@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use solidmap::remesh::DEFAULT_EFFORT;
+use solidmap::remesh::{CellKind, DEFAULT_EFFORT};
 
 use super::places::PlacesArgs;
 use super::section::{TargetUpArgs, UpKind};
@@ -25,8 +25,8 @@ pub struct RemeshArgs {
     /// Shape of the cells
     #[arg(long, value_enum, default_value_t = CellShape::Tet)]
     pub kind: CellShape,
-    /// Cells along the longest side of the domain; between neighbouring planes of faces, their number is rounded to an
-    /// even one
+    /// Cells along the longest side of the domain; between neighbouring planes of faces, their number is rounded up,
+    /// for tetrahedra to an even one
     #[arg(long, default_value_t = 32, value_name = "N", conflicts_with = "cell_size")]
     pub cells: usize,
     /// Size of the cells, in the units of the domain
@@ -35,29 +35,13 @@ pub struct RemeshArgs {
     /// Leave all nodes where the map puts them, and cells inverted
     #[arg(long)]
     pub no_repair: bool,
-    /// Leave boundary nodes where the boundary map puts them, and the boundary unsplit, even if cells stay inverted
-    #[arg(long)]
-    pub fix_boundary: bool,
-    /// Cells at most that are added where nodes are stuck, or where the boundary of a regular mesh passes through itself:
-    /// there edges are split, in domain and target alike. For tetrahedra only; `off` never splits [default: a third of the
-    /// mesh's cells, and 5000]
-    #[arg(long, value_name = "off|N", value_parser = off_or_count)]
-    pub split_stuck: Option<usize>,
-    /// Work after which the repair ends although cells stay inverted: iterations for each cell in the mean
-    #[arg(long, value_name = "N", default_value_t = DEFAULT_EFFORT, value_parser = effort)]
-    pub effort: f64,
     /// Iterations at most of each descent that improves the shapes of cells once none is inverted. They never lower the
     /// least scaled Jacobian, nor its 1 % quantile. Given here, a mesh is polished too that needs no repair [default: 200
     /// after a repair]
     #[arg(long, value_name = "N")]
     pub polish: Option<usize>,
-    /// Largest number of cells
-    #[arg(long, default_value_t = 20_000_000, value_name = "N")]
-    pub max_cells: usize,
-    /// Limit on the memory, such as 500MB, 4GiB or a number of bytes: a mesh that needs more by an estimate is refused
-    /// before it is made [default: 9/10 of the available memory]
-    #[arg(long, value_name = "SIZE", value_parser = bytes)]
-    pub memory: Option<u64>,
+    #[command(flatten)]
+    pub repair: RepairArgs,
     /// Also write the mesh of the domain, with the same cells and nodes in the same order
     #[arg(long, value_name = "MESH")]
     pub domain_mesh: Option<PathBuf>,
@@ -73,10 +57,42 @@ pub struct RemeshArgs {
     pub places: PlacesArgs,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
+/// How cells are repaired, and what that may cost.
+#[derive(Debug, Args)]
+pub struct RepairArgs {
+    /// Leave boundary nodes where the boundary map puts them, and the boundary unsplit, even if cells stay inverted
+    #[arg(long)]
+    pub fix_boundary: bool,
+    /// Cells at most that are added where nodes are stuck, or where the boundary of a regular mesh passes through itself:
+    /// there edges are split, in domain and target alike. For tetrahedra only; `off` never splits [default: a third of the
+    /// mesh's cells, and 5000]
+    #[arg(long, value_name = "off|N", value_parser = off_or_count)]
+    pub split_stuck: Option<usize>,
+    /// Work after which the repair ends although cells stay inverted: iterations for each cell in the mean
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_EFFORT, value_parser = effort)]
+    pub effort: f64,
+    /// Largest number of cells
+    #[arg(long, default_value_t = 20_000_000, value_name = "N")]
+    pub max_cells: usize,
+    /// Limit on the memory, such as 500MB, 4GiB or a number of bytes: a mesh that needs more by an estimate is refused
+    /// before it is made [default: 9/10 of the available memory]
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    pub memory: Option<u64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum CellShape {
     /// Tetrahedra, none of which has all its corners on the boundary
     Tet,
     /// Hexahedra, with a padding layer of them under the boundary
     Hex,
+}
+
+impl From<CellShape> for CellKind {
+    fn from(shape: CellShape) -> Self {
+        match shape {
+            CellShape::Tet => Self::Tets,
+            CellShape::Hex => Self::Hexes,
+        }
+    }
 }

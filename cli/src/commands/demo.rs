@@ -23,7 +23,7 @@ use crate::shared::json::FileName;
 use crate::shared::made_folder::MadeFolder;
 use crate::shared::output::{Output, mebibytes, peak_rss_bytes, write_file};
 use crate::shared::pictures::{Pictured, plane_across};
-use crate::shared::{carried_mesh_file, carried_mesh_picture, density_file};
+use crate::shared::{carried_mesh_file, carried_mesh_picture, density_file, remeshing};
 
 /// Hexahedra along the longest side of a polycube.
 const HEXES: usize = 32;
@@ -214,7 +214,7 @@ fn hexahedra(pair: &DemoPair, map: &HarmonicMap, folder: &Path, output: &Output)
         size: CellSize::Along(HEXES),
         most_cells: 1_000_000,
     };
-    let progress = |phase| carried_mesh_picture::show_phase(phase, "", output);
+    let progress = |phase| remeshing::show_phase(phase, "", output);
     let meshed = remesh(&pair.boundary, map, source, &RemeshOptions::default(), &progress)?;
     let origin = concat!("solidmap ", env!("CARGO_PKG_VERSION"), ": mesh of `solidmap demo`");
     carried_mesh_file::write(&folder.join("hexahedra.vtu"), &meshed, &meshed.images, origin)?;

@@ -9,6 +9,7 @@ pub mod demo;
 pub mod energy;
 pub mod eval;
 pub mod fit;
+pub mod hexmesh;
 #[cfg(feature = "native")]
 pub mod offset;
 pub mod polycube;

@@ -1,23 +1,21 @@
 //! `solidmap polycube`: a polycube of a model, with the model's triangles.
 
 use std::cell::Cell;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::io;
-use solidmap::mesh::TetMesh;
-use solidmap::polycube::{
-    LabelSource, MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubePhase, PolycubeReport, make_polycube,
-};
+use solidmap::polycube::{MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubeReport, make_polycube};
+use solidmap::remesh::CellSize;
 
 use crate::CommandOutcome;
 use crate::args::PolycubeArgs;
-use crate::shared::bijective::own_tets;
 use crate::shared::input;
 use crate::shared::json::{FileName, file_name};
-use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns};
+use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, written_row};
+use crate::shared::polycubes::{self, show_phase, tetrahedra};
 
 /// What `polycube --json` prints.
 #[derive(Serialize)]
@@ -51,6 +49,7 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     let mesh = tetrahedra(&args.model, output)?;
     let options = PolycubeOptions {
         smoothness: args.smoothness.unwrap_or(PolycubeOptions::default().smoothness),
+        lattice: args.lattice.map(CellSize::Length),
         ..PolycubeOptions::default()
     };
     let attempt = Cell::new(1);
@@ -67,6 +66,13 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
         (None, None) => {}
     }
     let is_written = found.is_some();
+    let is_on_lattice = args.lattice.is_none() || found.as_ref().is_some_and(|found| found.report.lattice.is_some());
+    if is_written && !is_on_lattice {
+        output.warn(
+            "no polycube was found with its planes on this lattice; one that is not on it was written. Smaller cells of the \
+             lattice may help",
+        );
+    }
     let written = |file: Option<&PathBuf>| file_name(file.filter(|_| is_written));
     let report = Summary {
         model: (&args.model).into(),
@@ -80,44 +86,7 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || two_columns(rows(&report)))?;
-    Ok(CommandOutcome::from_check(is_written))
-}
-
-/// The model's own tetrahedra, or TetGen's.
-fn tetrahedra(model: &Path, output: &Output) -> anyhow::Result<TetMesh> {
-    let solid = input::read_solid(model)?;
-    if let Some(mesh) = own_tets(solid)? {
-        return Ok(mesh);
-    }
-    output.progress("tetrahedralising");
-    filled(model).with_context(|| format!("cannot fill `{}` with tetrahedra", model.display()))
-}
-
-#[cfg(feature = "native")]
-fn filled(model: &Path) -> anyhow::Result<TetMesh> {
-    use solidmap::cgal_tetgen::{TetOptions, tetrahedralize};
-    let options = TetOptions {
-        memory: input::most_memory(),
-        ..TetOptions::default()
-    };
-    Ok(tetrahedralize(&input::read_surface(model)?, &options)?)
-}
-
-#[cfg(not(feature = "native"))]
-fn filled(_: &Path) -> anyhow::Result<TetMesh> {
-    anyhow::bail!("it needs TetGen, and this solidmap was built without it; give a tet mesh in place of its surface")
-}
-
-fn show_phase(phase: PolycubePhase, attempt: &Cell<usize>, output: &Output) {
-    match phase {
-        PolycubePhase::Attempting { attempt: number } => attempt.set(number),
-        PolycubePhase::Labelling { round } => {
-            output.progress_in("directions", format!("attempt {}, round {round} of 4", attempt.get()));
-        }
-        PolycubePhase::Deforming { inverted } => {
-            output.progress_in("deforming", format!("attempt {}, {inverted} inverted", attempt.get()));
-        }
-    }
+    Ok(CommandOutcome::from_check(is_written && is_on_lattice))
 }
 
 fn write(found: &PolycubeMap, args: &PolycubeArgs, output: &Output) -> anyhow::Result<()> {
@@ -134,52 +103,12 @@ fn write(found: &PolycubeMap, args: &PolycubeArgs, output: &Output) -> anyhow::R
 }
 
 fn rows(report: &Summary) -> Vec<[String; 2]> {
-    let mut rows = vec![];
-    if let Some(found) = &report.polycube {
-        let directions = match found.labels {
-            LabelSource::Cut => format!("graph cut with smoothness {}", found.smoothness),
-            LabelSource::Sphere => "from the map to the sphere: no cut led to a polycube".into(),
-        };
-        let [x, y, z] = found.planes;
-        rows.push(["directions".into(), format!("{directions}, attempt {}", found.attempts)]);
-        rows.push([
-            "polycube".into(),
-            format!(
-                "{} charts, {} corners, {x}, {y} and {z} planes across x, y and z",
-                found.charts, found.corners
-            ),
-        ]);
-        rows.push([
-            "tets".into(),
-            format!(
-                "{}, {} of them by splitting; none inverted, no triangle against its direction, decided exactly",
-                found.tets,
-                found.tets - found.tets_given
-            ),
-        ]);
-        if let Some(distortion) = &found.distortion {
-            let of =
-                |q: &solidmap::boundary_map::DistortionQuantiles| format!("{:.2}, {:.2}, {:.2}", q.p50, q.p90, q.p99);
-            rows.push([
-                "distortion".into(),
-                format!(
-                    "ratio of stretches {}, of areas {} (50, 90 and 99 % of the area)",
-                    of(&distortion.angle),
-                    of(&distortion.area)
-                ),
-            ]);
-        }
-    }
+    let mut rows = report.polycube.as_ref().map_or(vec![], polycubes::rows);
     rows.push(["time".into(), format!("{:.1} s", report.seconds)]);
     rows.push(memory_row(report.peak_rss_bytes));
-    let files = [&report.output, &report.image, &report.tets, &report.model_tets];
-    let files: Vec<String> = files
-        .into_iter()
-        .flatten()
-        .map(|file| file.display().to_string())
-        .collect();
-    if !files.is_empty() {
-        rows.push(["written".into(), files.join(", ")]);
+    if report.output.is_some() {
+        let files = [&report.output, &report.image, &report.tets, &report.model_tets];
+        rows.push(written_row(files.map(Option::as_ref)));
     }
     rows
 }

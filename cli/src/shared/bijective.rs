@@ -12,7 +12,7 @@ use solidmap::map::HarmonicMap;
 use solidmap::mesh::{CellList, SurfaceMesh, TetMesh};
 use solidmap::remesh::{RemeshOptions, RepairStart};
 
-use super::carried_mesh_picture::show_phase;
+use super::remeshing::show_phase;
 use super::output::Output;
 use super::self_intersections::finder;
 use crate::drawing::significant;

@@ -7,7 +7,7 @@ use crate::drawing::{
 use solidmap::geometry::Axis;
 use solidmap::mesh::SurfaceMesh;
 use solidmap::remesh::{
-    CellKind, CellSetBoundary, InvalidCells, RemeshPhase, Remeshed, determinants, invalid_cells, scaled_jacobians,
+    CellKind, CellSetBoundary, InvalidCells, Remeshed, determinants, invalid_cells, scaled_jacobians,
 };
 use solidmap::{Point, Vector};
 
@@ -17,6 +17,24 @@ use crate::args::UpKind;
 
 /// Width and height of a view.
 const PIXELS: [usize; 2] = [620, 580];
+
+/// The picture, with these axes up in domain and target. A mesh with nodes that are not finite has none, which is a warning
+/// only.
+pub fn png(remeshed: &Remeshed, no_repair: bool, ups: [UpKind; 2], output: &Output) -> Option<Vec<u8>> {
+    let now = if no_repair {
+        "Not repaired"
+    } else if remeshed.images == remeshed.carried {
+        "Unchanged"
+    } else if remeshed.report.before.cells.is_empty() {
+        "Polished"
+    } else {
+        "Repaired"
+    };
+    let drawn = figure(remeshed, now, ups).and_then(|figure| Ok(figure.to_png()?));
+    drawn
+        .inspect_err(|error| output.warn(format_args!("no picture: {error}")))
+        .ok()
+}
 
 /// Domain, target as mapped, and target as it is now, cut open along the same cells and coloured by their scaled
 /// Jacobian; the whole target from two sides; and histograms of the cells' determinants and scaled Jacobians. `now`
@@ -135,17 +153,4 @@ fn view(
         edges: Edges::Marked(boundary.edges.clone()),
     };
     Ok(Panel::of_surface(&surface, &style, camera, PIXELS)?)
-}
-
-/// Shows the progress of a remeshing.
-pub fn show_phase(phase: RemeshPhase, what: &str, output: &Output) {
-    match phase {
-        RemeshPhase::Meshing => output.progress(format!("{what}meshing the domain")),
-        RemeshPhase::Mapping { nodes } => output.progress(format!("{what}mapping {nodes} nodes")),
-        RemeshPhase::Repairing { round, inverted } => {
-            let detail = format!("round {round}, {inverted} cells inverted");
-            output.progress_in(format!("{what}repairing"), detail);
-        }
-        RemeshPhase::Verifying => output.progress(format!("{what}counting and measuring")),
-    }
 }

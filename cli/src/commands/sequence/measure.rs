@@ -13,7 +13,7 @@ use solidmap::sequence::{CycleError, Cycles, FilledReference, FrameMeasurement, 
 use super::series::{Material, Series};
 use super::summary::{FrameRow, MeasuredRow, SequenceTimings};
 use crate::args::{SectionArgs, SequenceArgs};
-use crate::shared::carried_mesh_picture;
+use crate::shared::remeshing;
 use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::show_phase;
 use crate::shared::input;
@@ -128,7 +128,7 @@ impl<'a> Measurement<'a> {
                 SequencePhase::Fit(phase) => show_phase(phase, &name, output),
                 SequencePhase::Repair { frame, phase } => {
                     let name = format!("{name}frame {}: ", numbers[frame]);
-                    carried_mesh_picture::show_phase(phase, &name, output);
+                    remeshing::show_phase(phase, &name, output);
                 }
             }),
         };

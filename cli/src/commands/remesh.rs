@@ -1,29 +1,23 @@
 //! `solidmap remesh`: a regular mesh of a polycube, or a given mesh, carried into the target without inverted cells.
 
-mod summary;
-
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::files::MapMetadata;
 use solidmap::io;
-use solidmap::remesh::{
-    BoundaryIntersections, CellKind, CellSize, RemeshOptions, RemeshReport, RemeshSource, Remeshed, remesh,
-};
-use solidmap::worst_places::WorstPlace;
-
-use summary::Reasons;
+use solidmap::remesh::{CellSize, RemeshOptions, RemeshSource, remesh};
 
 use crate::CommandOutcome;
-use crate::args::{CellShape, RemeshArgs};
+use crate::args::RemeshArgs;
 use crate::shared::carried_mesh_file;
-use crate::shared::carried_mesh_picture::{self, show_phase};
-use crate::shared::input::{self, extension};
+use crate::shared::carried_mesh_picture;
+use crate::shared::carried_mesh_report::{self, CarriedMeshReport};
+use crate::shared::input;
 use crate::shared::json::{FileName, file_name};
-use crate::shared::output::{Output, peak_rss_bytes, write_file};
+use crate::shared::output::{Output, peak_rss_bytes, two_columns, write_file, written_row};
 use crate::shared::places::with_places;
-use crate::shared::self_intersections::finder;
+use crate::shared::remeshing::{remesh_options, show_phase};
 
 /// Extensions of meshes that can be written.
 const OUTPUTS: [&str; 4] = ["vtu", "vtk", "mesh", "msh"];
@@ -37,18 +31,8 @@ struct RemeshSummary {
     domain_mesh: Option<FileName>,
     /// The picture; none where there was nothing to draw.
     picture: Option<FileName>,
-    /// Inverted cells of the result.
-    inverted_cells: usize,
-    /// How many of them there are for each reason.
-    reasons: Reasons,
-    /// The least scaled Jacobian of the result.
-    min_scaled_jacobian: Option<f64>,
-    /// Where the boundary passes through itself.
-    crossings: BoundaryIntersections,
-    /// Where cells stay inverted, in the target.
-    worst_places: Vec<WorstPlace>,
     #[serde(flatten)]
-    remesh: RemeshReport,
+    carried: CarriedMeshReport,
     peak_rss_bytes: u64,
 }
 
@@ -67,12 +51,9 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     ensure!(args.cells > 0, "--cells is 0, but must be at least 1");
     let options = RemeshOptions {
         repair: !args.no_repair,
-        slide: !args.fix_boundary,
-        most_added: args.split_stuck,
-        effort: args.effort,
         polish: args.polish.unwrap_or(RemeshOptions::default().polish),
         polish_valid: args.polish.is_some(),
-        memory: args.memory.or_else(input::most_memory),
+        ..remesh_options(&args.repair)
     };
     output.progress("reading");
     let source = source(args)?;
@@ -88,75 +69,36 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
     if let Some(path) = &args.domain_mesh {
         carried_mesh_file::write(path, &remeshed, remeshed.mesh.nodes(), &origin)?;
     }
-    let inverted = remeshed.report.after.cells.len();
-    let reasons = Reasons::of(&remeshed.report);
-    if inverted > 0 {
-        output.warn(format!(
-            "{}: {}. In {}, {}. {}",
-            if inverted == 1 {
-                "1 cell stays inverted".into()
-            } else {
-                format!("{inverted} cells stay inverted")
-            },
-            reasons.words(!args.no_repair),
-            args.output.display(),
-            match extension(&args.output).as_str() {
-                "msh" => "groups called \"inverted\" hold them",
-                "mesh" => "their references are explained in its header",
-                _ => "`inverted` is 1 there",
-            },
-            match (args.split_stuck, remeshed.report.kind) {
-                (Some(0), CellKind::Tets) => "Leave out --split-stuck off: nodes that splitting adds may help",
-                _ if remeshed.report.repair.exhausted => {
-                    "The repair ended at its limit: more --effort may help, smaller cells, or a boundary map that distorts \
-                     less there"
-                }
-                _ => "Smaller cells may help, or a boundary map that distorts less there",
-            }
-        ));
-    }
-    let crossings = remeshed.boundary_intersections(finder());
-    if let Some(warning) = summary::warning(&crossings) {
-        output.warn(warning);
-    }
-    let picture = args.png.as_ref().and_then(|_| picture(&remeshed, args, output));
+    let mesh = CarriedMeshReport::new(&remeshed, args.places.worst);
+    mesh.warn(&args.output, args.repair.split_stuck != Some(0), !args.no_repair, output);
+    let ups = [args.up, args.target_up.or(args.up)];
+    let picture = args
+        .png
+        .as_ref()
+        .and_then(|_| carried_mesh_picture::png(&remeshed, args.no_repair, ups, output));
     let report = RemeshSummary {
         map: (&args.map).into(),
         mesh: file_name(args.mesh.as_ref()),
         output: (&args.output).into(),
         domain_mesh: file_name(args.domain_mesh.as_ref()),
         picture: file_name(args.png.as_ref().filter(|_| picture.is_some())),
-        inverted_cells: inverted,
-        reasons,
-        min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),
-        crossings,
-        worst_places: remeshed.worst_places(args.places.worst),
-        remesh: remeshed.report,
+        carried: mesh,
         peak_rss_bytes: peak_rss_bytes(),
     };
     if let (Some(path), Some(png)) = (&args.png, picture) {
         write_file(path, &png)?;
     }
-    output.result(&report, || with_places(summary::table(&report), &report.worst_places))?;
-    Ok(CommandOutcome::from_check(inverted == 0 && !report.crossings.found()))
+    output.result(&report, || with_places(summary(&report), &report.carried.worst_places))?;
+    Ok(CommandOutcome::from_check(report.carried.is_valid()))
 }
 
-/// The picture. A mesh with nodes that are not finite has none, which is a warning only.
-fn picture(remeshed: &Remeshed, args: &RemeshArgs, output: &Output) -> Option<Vec<u8>> {
-    let now = if args.no_repair {
-        "Not repaired"
-    } else if remeshed.images == remeshed.carried {
-        "Unchanged"
-    } else if remeshed.report.before.cells.is_empty() {
-        "Polished"
-    } else {
-        "Repaired"
-    };
-    let ups = [args.up, args.target_up.or(args.up)];
-    let drawn = carried_mesh_picture::figure(remeshed, now, ups).and_then(|figure| Ok(figure.to_png()?));
-    drawn
-        .inspect_err(|error| output.warn(format_args!("no picture: {error}")))
-        .ok()
+/// The report as text.
+fn summary(report: &RemeshSummary) -> String {
+    let mut rows = carried_mesh_report::rows(&report.carried, report.mesh.is_some());
+    rows.push(carried_mesh_report::memory_row(&report.carried.remesh, report.peak_rss_bytes));
+    let files = [Some(&report.output), report.domain_mesh.as_ref(), report.picture.as_ref()];
+    rows.push(written_row(files));
+    two_columns(rows)
 }
 
 /// The mesh that is carried.
@@ -164,15 +106,12 @@ fn source(args: &RemeshArgs) -> anyhow::Result<RemeshSource> {
     Ok(match &args.mesh {
         Some(path) => RemeshSource::Given(io::read_cells(path)?),
         None => RemeshSource::Regular {
-            kind: match args.kind {
-                CellShape::Tet => CellKind::Tets,
-                CellShape::Hex => CellKind::Hexes,
-            },
+            kind: args.kind.into(),
             size: match args.cell_size {
                 Some(length) => CellSize::Length(length),
                 None => CellSize::Along(args.cells),
             },
-            most_cells: args.max_cells,
+            most_cells: args.repair.max_cells,
         },
     })
 }

@@ -1,15 +1,20 @@
-//! The result of a remeshing, in words.
+//! What is said about a carried mesh: its part of the JSON report, warnings, and the lines of the summary.
+
+use std::path::Path;
 
 use crate::drawing::significant;
 use serde::Serialize;
 use solidmap::memory::readable;
 use solidmap::remesh::{
     BoundaryIntersections, CellKind, CellQuality, InvalidCells, InversionCause, InversionCauses, PolishOutcome,
-    PolishReport, RemeshReport, RepairStart,
+    PolishReport, RemeshReport, Remeshed, RepairStart,
 };
 
-use super::RemeshSummary;
-use crate::shared::output::{mebibytes, two_columns, written_row};
+use solidmap::worst_places::WorstPlace;
+
+use super::input::extension;
+use super::output::{Output, mebibytes};
+use super::self_intersections::finder;
 
 /// How many cells stay inverted, by their cause.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
@@ -86,8 +91,78 @@ fn obstacles(found: &InversionCauses) -> String {
     of.join(", ")
 }
 
-/// The report as text.
-pub fn table(report: &RemeshSummary) -> String {
+/// A carried mesh in reports.
+#[derive(Debug, Serialize)]
+pub struct CarriedMeshReport {
+    /// Inverted cells of the result.
+    inverted_cells: usize,
+    /// How many of them there are for each reason.
+    reasons: Reasons,
+    /// The least scaled Jacobian of the result.
+    min_scaled_jacobian: Option<f64>,
+    /// Where the boundary passes through itself.
+    crossings: BoundaryIntersections,
+    /// Where cells stay inverted, in the target.
+    pub worst_places: Vec<WorstPlace>,
+    #[serde(flatten)]
+    pub remesh: RemeshReport,
+}
+
+impl CarriedMeshReport {
+    /// Of a mesh, with this many of its worst places.
+    pub fn new(remeshed: &Remeshed, worst: usize) -> Self {
+        Self {
+            inverted_cells: remeshed.report.after.cells.len(),
+            reasons: Reasons::of(&remeshed.report),
+            min_scaled_jacobian: remeshed.report.quality.map(|q| q.min_scaled_jacobian),
+            crossings: remeshed.boundary_intersections(finder()),
+            worst_places: remeshed.worst_places(worst),
+            remesh: remeshed.report.clone(),
+        }
+    }
+
+    /// Whether nothing is inverted, and the boundary does not pass through itself.
+    pub fn is_valid(&self) -> bool {
+        self.inverted_cells == 0 && !self.crossings.found()
+    }
+
+    /// Warns of what keeps the mesh, written to `path`, from being valid. `may_split` unless splitting was forbidden, `repaired`
+    /// when a repair was tried.
+    pub fn warn(&self, path: &Path, may_split: bool, repaired: bool, output: &Output) {
+        let inverted = self.inverted_cells;
+        if inverted > 0 {
+            output.warn(format!(
+                "{}: {}. In {}, {}. {}",
+                if inverted == 1 {
+                    "1 cell stays inverted".into()
+                } else {
+                    format!("{inverted} cells stay inverted")
+                },
+                self.reasons.words(repaired),
+                path.display(),
+                match extension(path).as_str() {
+                    "msh" => "groups called \"inverted\" hold them",
+                    "mesh" => "their references are explained in its header",
+                    _ => "`inverted` is 1 there",
+                },
+                match (may_split, self.remesh.kind) {
+                    (false, CellKind::Tets) => "Leave out --split-stuck off: nodes that splitting adds may help",
+                    _ if self.remesh.repair.exhausted => {
+                        "The repair ended at its limit: more --effort may help, smaller cells, or a boundary map that distorts \
+                         less there"
+                    }
+                    _ => "Smaller cells may help, or a boundary map that distorts less there",
+                }
+            ));
+        }
+        if let Some(warning) = warning(&self.crossings) {
+            output.warn(warning);
+        }
+    }
+}
+
+/// The lines about the mesh.
+pub fn rows(report: &CarriedMeshReport, is_given: bool) -> Vec<[String; 2]> {
     let found = &report.remesh;
     let (cells, per_cell) = match found.kind {
         CellKind::Tets => ("tetrahedra", ""),
@@ -121,7 +196,7 @@ pub fn table(report: &RemeshSummary) -> String {
             ),
         ],
     ];
-    if report.mesh.is_some() {
+    if is_given {
         let off = significant(found.off_surface, 2);
         rows.push([
             "given".into(),
@@ -237,20 +312,19 @@ pub fn table(report: &RemeshSummary) -> String {
             seconds.total, seconds.mesh, seconds.map, seconds.repair, seconds.verify
         ),
     ]);
-    rows.push([
+    rows
+}
+
+/// The line about memory, with what was estimated.
+pub fn memory_row(report: &RemeshReport, peak_rss_bytes: u64) -> [String; 2] {
+    [
         "memory".into(),
         format!(
             "{:.0} MiB at most, {} by the estimate beforehand",
-            mebibytes(report.peak_rss_bytes),
-            readable(found.memory_estimate)
+            mebibytes(peak_rss_bytes),
+            readable(report.memory_estimate)
         ),
-    ]);
-    rows.push(written_row([
-        Some(&report.output),
-        report.domain_mesh.as_ref(),
-        report.picture.as_ref(),
-    ]));
-    two_columns(rows)
+    ]
 }
 
 /// What became of the polish, in words.
@@ -276,7 +350,7 @@ fn polish(polish: &PolishReport) -> Option<String> {
 }
 
 /// The warning about a boundary that passes through itself.
-pub fn warning(crossings: &BoundaryIntersections) -> Option<String> {
+fn warning(crossings: &BoundaryIntersections) -> Option<String> {
     match crossings {
         BoundaryIntersections::Counted { as_mapped, result } if result > as_mapped => Some(format!(
             "the boundary of the mesh passes through itself: {result} pairs of triangles, {as_mapped} before nodes \
