@@ -940,7 +940,7 @@ fn surface_of(mesh: &CellMesh) -> SurfaceMesh {
 }
 
 #[test]
-fn the_bird_has_no_bad_hexahedron_once_a_few_boundary_nodes_slide() {
+fn the_bird_has_no_bad_hexahedron_once_boundary_nodes_slide() {
     let Some(boundary) = pair("bird_polycube.vtk", "bird_object.vtk") else {
         return;
     };
@@ -948,8 +948,8 @@ fn the_bird_has_no_bad_hexahedron_once_a_few_boundary_nodes_slide() {
     let hexes = || sized(CellKind::Hexes, CellSize::Length(0.03));
     let free = run(&boundary, &fit.map, hexes());
     assert_eq!(free.report.after.cells, [] as [u32; 0], "{:?}", free.report);
-    assert!(free.report.slid_nodes > 0 && free.report.largest_slide_in_cells < 0.35);
-    assert!(free.report.quality.unwrap().min_scaled_jacobian > 0.01);
+    assert!(free.report.slid_nodes > 0 && free.report.largest_slide_in_cells < 2.0);
+    assert!(free.report.quality.unwrap().min_scaled_jacobian > 0.05);
     let options = RemeshOptions {
         slide: false,
         ..RemeshOptions::default()

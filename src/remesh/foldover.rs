@@ -9,8 +9,10 @@ use std::sync::LazyLock;
 
 use rayon::prelude::*;
 
+use super::hex_corners::{CornerPenalty, HexCorners};
 use super::lbfgs::DescentEnergy;
 use super::quality::{HEX_AXES, HEX_CORNERS, is_positive, lesser, tet_scaled_jacobians, trilinear_gradients};
+use crate::simd::Instructions;
 use crate::{Matrix3, Point, Vector};
 
 /// The energy of a mesh. Each cell is a linear map of a reference shape, each hexahedron eight of them, one per corner.
@@ -39,11 +41,13 @@ enum ReferenceCells {
         scales: Vec<[f64; 3]>,
         /// Which hexahedra are evaluated inside too; empty for none.
         inside: Vec<bool>,
+        /// What corners below a scaled Jacobian cost in addition.
+        penalty: Option<CornerPenalty>,
     },
 }
 
 /// Weight of the determinant term relative to the shape term.
-const LAMBDA: f64 = 1.0;
+pub(super) const LAMBDA: f64 = 1.0;
 /// Scaled Jacobian below which a tetrahedron is not used as a reference: far below that of cells that are thin on
 /// purpose.
 pub(super) const SLIVER: f64 = 2e-3;
@@ -103,6 +107,7 @@ impl FoldoverEnergy {
                 corners: hexes.to_vec(),
                 scales: vec![[side.recip(); 3]; hexes.len()],
                 inside: vec![],
+                penalty: None,
             },
             nodes,
         )
@@ -126,6 +131,7 @@ impl FoldoverEnergy {
                 corners: hexes,
                 scales: lengths.iter().map(|box_| box_.map(f64::recip)).collect(),
                 inside: vec![],
+                penalty: None,
             },
             nodes,
         )
@@ -174,6 +180,13 @@ impl FoldoverEnergy {
         if let ReferenceCells::Hexes { corners, inside, .. } = &mut self.cells {
             inside.resize(corners.len(), false);
             cells.iter().for_each(|&c| inside[c as usize] = true);
+        }
+    }
+
+    /// From now on corners of hexahedra with a low scaled Jacobian cost more; nothing for tetrahedra.
+    pub fn penalize(&mut self, corners: CornerPenalty) {
+        if let ReferenceCells::Hexes { penalty, .. } = &mut self.cells {
+            *penalty = Some(corners);
         }
     }
 
@@ -340,7 +353,12 @@ impl ReferenceCells {
                 };
                 block_of_jacobian(&jacobian, &slope, epsilon) * weights[cell]
             }
-            Self::Hexes { corners, scales, .. } => {
+            Self::Hexes {
+                corners,
+                scales,
+                penalty,
+                ..
+            } => {
                 let (p, scale) = (corners[cell].map(|v| x[v as usize]), &scales[cell]);
                 let of_corner = |(c, axes): (&[usize; 4], &[usize; 3])| {
                     let place = c.iter().position(|&k| k == corner)?;
@@ -351,7 +369,14 @@ impl ReferenceCells {
                         0 => -sizes,
                         k => Vector::ith(k - 1, sizes[k - 1]),
                     };
-                    Some(block_of_jacobian(&jacobian, &slope, epsilon))
+                    let mut block = block_of_jacobian(&jacobian, &slope, epsilon);
+                    // Without the curvature of the scaled Jacobian.
+                    if let Some((_, by_edges)) = penalty.and_then(|penalty| penalty.lack(&jacobian)) {
+                        let by_corner = by_edges * slope;
+                        let weight = penalty.map_or(0.0, |penalty| penalty.weight);
+                        block += by_corner * by_corner.transpose() * (2.0 * weight);
+                    }
+                    Some(block)
                 };
                 let blocks: Matrix3 = HEX_CORNERS.iter().zip(&HEX_AXES).filter_map(of_corner).sum();
                 blocks / (8 * corners.len()) as f64
@@ -382,20 +407,34 @@ impl ReferenceCells {
                 corners,
                 scales,
                 inside,
+                penalty,
             } => {
                 let weight = 1.0 / (8 * corners.len()) as f64;
+                let instructions = Instructions::detect();
                 for (i, part) in parts.chunks_exact_mut(8).enumerate() {
                     let (p, scale) = (corners[first + i].map(|v| x[v as usize]), &scales[first + i]);
                     let inverted = value.inverted;
                     part.fill(Vector::zeros());
-                    for (c, axes) in HEX_CORNERS.iter().zip(&HEX_AXES) {
-                        let mut jacobian = edges(c.map(|k| p[k]));
-                        (0..3).for_each(|k| jacobian.column_mut(k).scale_mut(scale[axes[k]]));
-                        let by_jacobian = value.add(&jacobian, weight, epsilon);
-                        for k in 0..3 {
-                            let by_edge = by_jacobian.column(k) * scale[axes[k]];
-                            part[c[k + 1]] += by_edge;
-                            part[c[0]] -= by_edge;
+                    instructions.run(HexCorners {
+                        nodes: &p,
+                        scale,
+                        weight,
+                        epsilon,
+                        gradient: part,
+                        value: &mut value,
+                    });
+                    if let Some(penalty) = penalty {
+                        for c in &HEX_CORNERS {
+                            let Some((lack, by_edges)) = penalty.lack(&edges(c.map(|k| p[k]))) else {
+                                continue;
+                            };
+                            let factor = weight * penalty.weight * lack;
+                            value.energy += factor * lack;
+                            for k in 0..3 {
+                                let by_edge = by_edges.column(k) * (2.0 * factor);
+                                part[c[k + 1]] -= by_edge;
+                                part[c[0]] += by_edge;
+                            }
                         }
                     }
                     if inside.get(first + i) == Some(&true) {
@@ -418,7 +457,7 @@ impl ReferenceCells {
 }
 
 impl EnergyValue {
-    const NONE: Self = Self {
+    pub(super) const NONE: Self = Self {
         energy: 0.0,
         least: f64::INFINITY,
         inverted: 0,
@@ -427,7 +466,7 @@ impl EnergyValue {
 
     /// Adds the energy of a Jacobian; returns the derivative with respect to it.
     #[inline]
-    fn add(&mut self, jacobian: &Matrix3, weight: f64, epsilon: f64) -> Matrix3 {
+    pub(super) fn add(&mut self, jacobian: &Matrix3, weight: f64, epsilon: f64) -> Matrix3 {
         let [a, b, c] = [0, 1, 2].map(|k| jacobian.column(k).into_owned());
         let cofactors = Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)]);
         let det = a.dot(&cofactors.column(0));
@@ -530,7 +569,13 @@ mod tests {
         let lengths = [[2.0, 0.7, 1.1]];
         let mut of_box = FoldoverEnergy::of_hexes_with(vec![[0, 1, 2, 3, 4, 5, 6, 7]], &lengths, 8);
         of_box.check_inside(&[0]);
-        for (energy, x) in [tets(), hex(), (checked_inside, x.clone()), (of_box, x)] {
+        let (mut penalized, _) = hex();
+        penalized.penalize(CornerPenalty {
+            bound: 0.9,
+            weight: 300.0,
+        });
+        let hexes = [(checked_inside, x.clone()), (of_box, x.clone()), (penalized, x)];
+        for (energy, x) in [tets(), hex()].into_iter().chain(hexes) {
             let free: Vec<u32> = (0..x.len() as u32).collect();
             let mut gradient = vec![Vector::zeros(); x.len()];
             for epsilon in [1.0, 0.1, 1e-2] {

@@ -2,6 +2,7 @@
 //! the weak Wolfe conditions by bisection (Lewis, Overton, *Nonsmooth optimization via quasi-Newton methods*, 2013).
 
 use std::collections::VecDeque;
+use std::ops::Mul;
 
 use rayon::prelude::*;
 
@@ -70,6 +71,39 @@ pub(crate) struct TangentConstraint {
     /// A spring pulls it here: `stiffness` times the squared distance is added to the energy.
     pub anchor: Point,
     pub stiffness: f64,
+    /// What else pulls it.
+    pub pull: Pull,
+}
+
+/// A quadratic energy of a node's position `x`: with `d = x − from`, `dᵀ matrix d − 2 vector · d`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pull {
+    pub from: Point,
+    pub matrix: Matrix3,
+    pub vector: Vector,
+}
+
+impl Pull {
+    /// None, of a node at `from`.
+    pub fn none(from: Point) -> Self {
+        Self {
+            from,
+            matrix: Matrix3::zeros(),
+            vector: Vector::zeros(),
+        }
+    }
+}
+
+impl Mul<f64> for Pull {
+    type Output = Self;
+
+    fn mul(self, factor: f64) -> Self {
+        Self {
+            matrix: self.matrix * factor,
+            vector: self.vector * factor,
+            ..self
+        }
+    }
 }
 
 impl TangentConstraint {
@@ -79,7 +113,7 @@ impl TangentConstraint {
             Some(along) => along * along.transpose(),
             None => Matrix3::identity() - self.normal * self.normal.transpose(),
         };
-        let spring = Matrix3::identity() * (2.0 * self.stiffness);
+        let spring = Matrix3::identity() * (2.0 * self.stiffness) + self.pull.matrix * 2.0;
         let others = (Matrix3::identity() - allowed) * block.trace();
         allowed * inverse_block(&(allowed * (block + spring) * allowed + others)) * allowed
     }
@@ -212,8 +246,12 @@ impl<'a, Energy: DescentEnergy, Report> Lbfgs<'a, Energy, Report> {
         for constraint in &self.constraints {
             let away = x[self.free[constraint.free] as usize] - constraint.anchor;
             value.energy += constraint.stiffness * away.norm_squared();
+            let pull = &constraint.pull;
+            let d = x[self.free[constraint.free] as usize] - pull.from;
+            let force = pull.matrix * d - pull.vector;
+            value.energy += d.dot(&(force - pull.vector));
             let slope = &mut gradient[constraint.free];
-            *slope += 2.0 * constraint.stiffness * away;
+            *slope += 2.0 * (constraint.stiffness * away + force);
             *slope -= constraint.normal * constraint.normal.dot(slope);
             if let Some(along) = constraint.along {
                 *slope = along * along.dot(slope);

@@ -13,6 +13,8 @@ mod crossings;
 pub(crate) mod foldover;
 mod given;
 mod grid;
+mod hex_corners;
+mod hex_polish;
 mod inversion_causes;
 pub(crate) mod lbfgs;
 mod own_size;
@@ -85,8 +87,9 @@ pub enum RemeshSource {
 pub struct RemeshOptions {
     /// Whether inner nodes are moved until no cell is inverted.
     pub repair: bool,
-    /// Whether boundary nodes may slide along the target where inner nodes alone cannot help; and whether the boundary of a
-    /// regular mesh is split (tetrahedra) or relaxed where it passes through itself.
+    /// Whether boundary nodes may slide along the target: where inner nodes alone cannot help, and in the polish of
+    /// hexahedra; and whether the boundary of a regular mesh is split (tetrahedra) or relaxed where it passes through
+    /// itself.
     pub slide: bool,
     /// Largest number of tetrahedra that splitting may add where moving nodes does not suffice; 0 for no splitting. `None`
     /// for a third of those that the mesh has, and 5000. Half of it may be used up at the boundary of
@@ -96,7 +99,9 @@ pub struct RemeshOptions {
     /// the mean. Meshes of fewer than 100 000 cells get as much as one of so many.
     pub effort: f64,
     /// Largest number of iterations of the polish, which improves the shapes of cells after the repair; 0 for none. It
-    /// never lowers the least scaled Jacobian nor its 1 % quantile: it ends where it would, or is undone.
+    /// never lowers the least scaled Jacobian nor its 1 % quantile: it ends where it would, or is undone. The boundary of
+    /// hexahedra, which slides if `slide` allows, gets no more than 10 % farther from the target's vertices in the mean, and
+    /// 50 % at most.
     pub polish: usize,
     /// Whether a mesh is polished, too, in which nothing is inverted as mapped.
     pub polish_valid: bool,

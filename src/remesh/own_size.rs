@@ -26,6 +26,9 @@ pub(super) enum OwnShape {
     Given,
     /// A regular tetrahedron, a cube.
     Regular,
+    /// For a hexahedron a box between a cube and one with the mean lengths of its edges in the image; for a tetrahedron a
+    /// regular one. Cells may stay as long and thin as they are, as long as their angles are right.
+    Imaged,
 }
 
 /// The energy of the cells `some`, or of all, relative to cells of their own sizes with the nodes at `x`. All cells
@@ -83,7 +86,13 @@ pub(super) fn own_size_energy(
             };
             let lengths = |h: &[u32; 8]| match shape {
                 OwnShape::Given => given(h),
-                OwnShape::Regular => [given(h).iter().product::<f64>().cbrt(); 3],
+                OwnShape::Regular | OwnShape::Imaged => [given(h).iter().product::<f64>().cbrt(); 3],
+            };
+            let stretches = |h: &[u32; 8]| {
+                let length = |[a, b]: [usize; 2]| (x[h[a] as usize] - x[h[b] as usize]).norm();
+                let lengths = HEX_EDGES.map(|parallel| length_or_one(0.25 * parallel.map(length).iter().sum::<f64>()));
+                let mean = lengths.iter().product::<f64>().cbrt();
+                lengths.map(|length| (length / mean).sqrt())
             };
             let own: Vec<f64> = hexes.par_iter().map(|h| lengths(h).iter().product()).collect();
             let image = hexes.par_iter().map(|h| {
@@ -94,7 +103,12 @@ pub(super) fn own_size_energy(
             let sizes = averaged(hexes, nodes, &own, &image);
             let boxes = chosen.iter().map(|&c| {
                 let scale = length_or_one(sizes[c as usize].cbrt());
-                lengths(&hexes[c as usize]).map(|length| length * scale)
+                let boxes = lengths(&hexes[c as usize]).map(|length| length * scale);
+                if shape != OwnShape::Imaged {
+                    return boxes;
+                }
+                let stretches = stretches(&hexes[c as usize]);
+                std::array::from_fn(|k| boxes[k] * stretches[k])
             });
             let boxes: Vec<[f64; 3]> = boxes.collect();
             let corners = chosen.iter().map(|&c| hexes[c as usize]).collect();
@@ -205,7 +219,7 @@ mod tests {
         let mut lost = mesh.nodes.clone();
         lost[7].x = f64::NAN;
         for x in [collapsed, lost] {
-            for shape in [OwnShape::Given, OwnShape::Regular] {
+            for shape in [OwnShape::Given, OwnShape::Regular, OwnShape::Imaged] {
                 let energy = own_size_energy(&mesh, &x, shape, None);
                 let dets = energy.determinants(&mesh.nodes);
                 assert!(dets.iter().all(|det| det.is_finite() && *det > 0.0), "{dets:?}");

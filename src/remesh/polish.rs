@@ -1,13 +1,16 @@
 //! Improvement of the shapes of cells, once none is inverted: descent of the energy relative to cells of their own
 //! sizes. The energy is not what shapes are judged by, and what lowers it may flatten single cells. Neither the least
-//! scaled Jacobian nor its 1 % quantile may fall, so that both are measured along the way.
+//! scaled Jacobian nor its 1 % quantile may fall, so that both are measured along the way. Hexahedra have a polish of their
+//! own, in which boundary nodes slide ([`HexPolish`]).
 
 use super::bounded_mesh::BoundedMesh;
 use super::foldover::FoldoverEnergy;
+use super::hex_polish::HexPolish;
 use super::lbfgs::{Lbfgs, StoppingRule};
 use super::own_size::{OwnShape, own_size_energy};
 use super::patches::raise_lowest;
 use super::quality::{invalid_cells, scaled_jacobians};
+use super::slide::SlidingSurface;
 use crate::Point;
 use crate::mesh::CellList;
 use crate::progress::ProgressSender;
@@ -68,14 +71,14 @@ impl From<PolishOutcome> for PolishReport {
 
 /// What a polish may not make worse: the number of invalid cells, the least scaled Jacobian and its 1 % quantile.
 #[derive(Debug, Clone, Copy)]
-struct Floor {
-    invalid: usize,
-    least: f64,
-    p01: f64,
+pub(super) struct Floor {
+    pub invalid: usize,
+    pub least: f64,
+    pub p01: f64,
 }
 
 impl Floor {
-    fn of(mesh: &BoundedMesh, x: &[Point]) -> Self {
+    pub fn of(mesh: &BoundedMesh, x: &[Point]) -> Self {
         let [least, p01] = lowest(mesh, x);
         Self {
             invalid: invalid_cells(&mesh.cells, x).cells.len(),
@@ -85,7 +88,7 @@ impl Floor {
     }
 
     /// The measures of a mesh that is no worse.
-    fn raised(&self, mesh: &BoundedMesh, x: &[Point]) -> Option<Self> {
+    pub fn raised(&self, mesh: &BoundedMesh, x: &[Point]) -> Option<Self> {
         let [least, p01] = lowest(mesh, x);
         // Written so that NaN is worse.
         if !(least >= self.least && p01 >= self.p01) {
@@ -110,14 +113,16 @@ pub(super) struct Polish<'a> {
     pub mesh: &'a BoundedMesh,
     /// Inner nodes.
     pub free: &'a [u32],
-    /// Whether all cells are polished, or only the lowest.
+    /// Whether all tetrahedra are polished, or only the lowest.
     pub all_cells: bool,
-    /// Hexahedra that the energy is evaluated inside, too.
-    pub inside: &'a [u32],
     /// The energy of the repair.
     pub of_repair: &'a dyn Fn() -> FoldoverEnergy,
     /// Largest number of iterations of each pass.
     pub iterations: usize,
+    /// Where the boundary map sends boundary nodes.
+    pub carried: &'a [Point],
+    /// The surface that boundary nodes of hexahedra slide on, if they may.
+    pub sliding_surface: Option<&'a SlidingSurface<'a>>,
     /// Largest displacement of a node in a first step.
     pub step: f64,
     pub monitor: &'a ProgressSender<'a, (usize, usize)>,
@@ -128,7 +133,7 @@ pub(super) struct Polish<'a> {
 enum PolishReference {
     /// Cells of their own sizes.
     Own(OwnShape),
-    /// Those of the repair, which are as large everywhere as they are in the domain, or cubes of one size.
+    /// Those of the repair, which are as large everywhere as they are in the domain.
     OfRepair,
 }
 
@@ -145,21 +150,17 @@ impl Polish<'_> {
     /// last positions are kept that are no worse than those before it.
     pub fn run(&self, x: &mut [Point]) -> PolishReport {
         let mut report = PolishReport::default();
-        let mut floor = Floor::of(self.mesh, x);
-        let references: &[PolishReference] = if self.all_cells { &REFERENCES } else { &[] };
-        for reference in references {
-            let mut energy = match reference {
-                PolishReference::Own(shape) => own_size_energy(self.mesh, x, *shape, None),
-                PolishReference::OfRepair => (self.of_repair)(),
-            };
-            energy.check_inside(self.inside);
-            if self.pass(&energy, self.free, x, &mut floor, &mut report) {
-                break;
-            }
-        }
-        match self.mesh.cells {
-            CellList::Tets(_) => self.raise_lowest(x, &mut floor, &mut report),
-            CellList::Hexes(_) => self.polish_lowest(x, &mut floor, &mut report),
+        if matches!(self.mesh.cells, CellList::Hexes(_)) {
+            HexPolish::new(
+                self.mesh,
+                self.carried,
+                self.sliding_surface,
+                self.iterations,
+                self.monitor,
+            )
+            .run(x, &mut report);
+        } else {
+            self.polish_tets(x, &mut report);
         }
         report.outcome = match (report.iterations, report.kept_iterations) {
             (0, _) => PolishOutcome::NoGain,
@@ -167,6 +168,21 @@ impl Polish<'_> {
             _ => PolishOutcome::Kept,
         };
         report
+    }
+
+    fn polish_tets(&self, x: &mut [Point], report: &mut PolishReport) {
+        let mut floor = Floor::of(self.mesh, x);
+        let references: &[PolishReference] = if self.all_cells { &REFERENCES } else { &[] };
+        for reference in references {
+            let energy = match reference {
+                PolishReference::Own(shape) => own_size_energy(self.mesh, x, *shape, None),
+                PolishReference::OfRepair => (self.of_repair)(),
+            };
+            if self.pass(&energy, self.free, x, &mut floor, report) {
+                break;
+            }
+        }
+        self.raise_lowest(x, &mut floor, report);
     }
 
     /// Raises the tetrahedra below the 1 % quantile in patches of their own, again and again as long as that helps.
@@ -196,22 +212,6 @@ impl Polish<'_> {
                 break;
             }
         }
-    }
-
-    /// Polishes the cells below the 1 % quantile, and those around them, towards regular ones.
-    fn polish_lowest(&self, x: &mut [Point], floor: &mut Floor, report: &mut PolishReport) {
-        let scaled = scaled_jacobians(&self.mesh.cells, x);
-        let low = (0..).zip(&scaled).filter(|(_, s)| **s <= floor.p01);
-        let low: Vec<u32> = low.map(|(cell, _)| cell).collect();
-        let all = (self.of_repair)();
-        let mut free = all.rings(&low, 1);
-        free.retain(|&v| !self.mesh.on_boundary[v as usize]);
-        let cells = all.cells_at(&free);
-        drop(all);
-        let mut energy = own_size_energy(self.mesh, x, OwnShape::Regular, Some(&cells));
-        let of_part = |cell: &u32| cells.binary_search(cell).ok().map(|k| k as u32);
-        energy.check_inside(&self.inside.iter().filter_map(of_part).collect::<Vec<u32>>());
-        self.pass(&energy, &free, x, floor, report);
     }
 
     /// One descent; whether most of it was kept.

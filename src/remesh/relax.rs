@@ -13,7 +13,7 @@ use super::bounded_mesh::BoundedMesh;
 use super::cells_at_nodes::CellsAtNodes;
 use super::crossings::crossing_triangles;
 use super::foldover::length_or_one;
-use super::lbfgs::{Lbfgs, StoppingRule, TangentConstraint};
+use super::lbfgs::{Lbfgs, Pull, StoppingRule, TangentConstraint};
 use super::own_size::{OwnShape, own_size_energy};
 use super::quality::{invalid_cells, inverted_inside};
 use super::repair::{Best, DescentCounts, next_epsilon};
@@ -79,7 +79,7 @@ pub(super) struct RelaxationSurface<'a> {
 
 /// How a boundary node may move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum NodeFreedom {
+pub(super) enum NodeFreedom {
     OnSurface,
     AlongCrease,
     None,
@@ -117,7 +117,7 @@ impl<'a> RelaxationSurface<'a> {
     }
 
     /// How a node at a point of the target may move, so that the target's creases and their corners stay.
-    fn freedom(&self, p: &Point) -> NodeFreedom {
+    pub fn freedom(&self, p: &Point) -> NodeFreedom {
         let found = self.query.closest_point(p);
         let t = self.target.triangles()[found.triangle];
         let near: Vec<u32> = (0..3)
@@ -137,7 +137,7 @@ impl<'a> RelaxationSurface<'a> {
     }
 
     /// The closest point of a crease, and its direction there.
-    fn closest_on_crease(&self, p: &Point) -> Option<(Point, Vector)> {
+    pub fn closest_on_crease(&self, p: &Point) -> Option<(Point, Vector)> {
         let on_edge = |ends: &[u32; 2]| {
             let [a, b] = ends.map(|v| self.target.vertices()[v as usize]);
             let edge = b - a;
@@ -146,6 +146,45 @@ impl<'a> RelaxationSurface<'a> {
         };
         let places = self.creases.iter().map(on_edge);
         places.min_by(|(a, _), (b, _)| (a - p).norm_squared().total_cmp(&(b - p).norm_squared()))
+    }
+
+    /// The target's normal where it is closest to a point.
+    pub fn normal_near(&self, p: &Point) -> Vector {
+        normal(self.target, self.query.closest_point(p).triangle)
+    }
+
+    /// Keeps a node in the target's tangent plane, or along its crease, with a spring to its anchor.
+    pub fn constraint(&self, glider: &Glider, x: &[Point], anchors: &[Point], stiffness: f64) -> TangentConstraint {
+        let p = &x[glider.node];
+        let crease = (glider.freedom == NodeFreedom::AlongCrease)
+            .then(|| self.closest_on_crease(p))
+            .flatten();
+        TangentConstraint {
+            free: glider.free,
+            normal: self.normal_near(p),
+            along: crease.map(|(_, along)| along),
+            anchor: anchors[glider.node],
+            stiffness: stiffness / (glider.edge * glider.edge),
+            pull: Pull::none(*p),
+        }
+    }
+
+    /// Where a node is put back on the target: no farther than an edge from where it was, and where the normal has turned
+    /// by an angle of a larger cosine than the given one, so not on the other side of a thin part.
+    pub fn put_back(&self, glider: &Glider, before: &[Point], x: &[Point], least_cosine: f64) -> Point {
+        let (from, to) = (before[glider.node], x[glider.node]);
+        let step = to - from;
+        let capped = from + step * (glider.edge / step.norm()).min(1.0);
+        if glider.freedom == NodeFreedom::AlongCrease {
+            return self.closest_on_crease(&capped).map_or(from, |(point, _)| point);
+        }
+        let [old, new] = [&from, &capped].map(|p| self.query.closest_point(p));
+        let [old, facing] = [old.triangle, new.triangle].map(|t| normal(self.target, t));
+        if old.dot(&facing) > least_cosine {
+            new.point
+        } else {
+            from
+        }
     }
 }
 
@@ -183,13 +222,13 @@ impl Faults {
 }
 
 /// A free boundary node of a patch.
-struct Glider {
+pub(super) struct Glider {
     /// Its index among the free nodes, and in the patch.
-    free: usize,
-    node: usize,
-    freedom: NodeFreedom,
+    pub free: usize,
+    pub node: usize,
+    pub freedom: NodeFreedom,
     /// Mean length of the boundary edges at it.
-    edge: f64,
+    pub edge: f64,
 }
 
 impl Relaxation<'_> {
@@ -406,7 +445,7 @@ impl Relaxation<'_> {
             }
             let constraints = gliders
                 .iter()
-                .map(|glider| self.constraint(glider, &own, &anchors, stiffness));
+                .map(|glider| self.surface.constraint(glider, &own, &anchors, stiffness));
             let constraints = constraints.collect();
             let before = own.clone();
             let mut descent = Lbfgs::new(&energy, &patch.free, 1.0, self.monitor);
@@ -424,7 +463,7 @@ impl Relaxation<'_> {
             }
             gliders
                 .iter()
-                .for_each(|glider| self.put_back(glider, &before, &mut own));
+                .for_each(|glider| own[glider.node] = self.surface.put_back(glider, &before, &own, 0.0));
             epsilon = next_epsilon(epsilon, value.least);
             let cells;
             [cells, crossings] = faults(&own);
@@ -438,35 +477,6 @@ impl Relaxation<'_> {
             }
         }
         (best.nodes, rounds, iterations)
-    }
-
-    fn constraint(&self, glider: &Glider, x: &[Point], anchors: &[Point], stiffness: f64) -> TangentConstraint {
-        let p = &x[glider.node];
-        let crease = (glider.freedom == NodeFreedom::AlongCrease)
-            .then(|| self.surface.closest_on_crease(p))
-            .flatten();
-        TangentConstraint {
-            free: glider.free,
-            normal: normal(self.surface.target, self.surface.query.closest_point(p).triangle),
-            along: crease.map(|(_, along)| along),
-            anchor: anchors[glider.node],
-            stiffness: stiffness / (glider.edge * glider.edge),
-        }
-    }
-
-    /// Puts a node back on the target, no farther than an edge from where it was, and not on the other side of a thin part.
-    fn put_back(&self, glider: &Glider, before: &[Point], x: &mut [Point]) {
-        let (from, to) = (before[glider.node], x[glider.node]);
-        let step = to - from;
-        let capped = from + step * (glider.edge / step.norm()).min(1.0);
-        let surface = self.surface;
-        x[glider.node] = if glider.freedom == NodeFreedom::AlongCrease {
-            surface.closest_on_crease(&capped).map_or(from, |(point, _)| point)
-        } else {
-            let [old, new] = [&from, &capped].map(|p| surface.query.closest_point(p));
-            let [old, facing] = [old.triangle, new.triangle].map(|t| normal(surface.target, t));
-            if old.dot(&facing) > 0.0 { new.point } else { from }
-        };
     }
 
     /// Mean length of the boundary triangles' sides at each boundary node, where the boundary map sends them.

@@ -315,12 +315,10 @@ impl Repair<'_> {
         let anything_inverted = inverted > 0;
         let can_be_split = anything_inverted && matches!(self.mesh.cells, CellList::Tets(_));
         let as_mapped = can_be_split.then(|| (self.mesh.clone(), self.carried.clone()));
-        // Hexahedra that the energy is evaluated inside, too.
-        let mut inside = Vec::new();
         let all_repaired = !(anything_inverted || self.faulty_crossings(&x))
             || match self.mesh.cells {
                 CellList::Tets(_) => self.untangle_tets(&mut x, &mut report),
-                CellList::Hexes(_) => self.untangle_hexes(&mut x, &mut inside, &mut report),
+                CellList::Hexes(_) => self.untangle_hexes(&mut x, &mut report),
             };
         // Splitting multiplies cells that cannot be repaired.
         if let (false, Some(as_mapped)) = (all_repaired, as_mapped)
@@ -342,10 +340,11 @@ impl Repair<'_> {
                 mesh: self.mesh,
                 free: &self.inner_nodes(),
                 all_cells: self.polish_all,
-                inside: &inside,
                 of_repair: &|| self.energy_of_all(),
                 iterations: self.polish,
                 step: self.step,
+                carried: self.carried,
+                sliding_surface: self.sliding_surface,
                 monitor: self.monitor,
             }
             .run(&mut x)
@@ -535,7 +534,7 @@ impl Repair<'_> {
     }
 
     /// Whether no cell is inverted at a corner afterwards.
-    fn untangle_hexes(&self, x: &mut Vec<Point>, inside: &mut Vec<u32>, report: &mut RepairReport) -> bool {
+    fn untangle_hexes(&self, x: &mut Vec<Point>, report: &mut RepairReport) -> bool {
         let free = self.inner_nodes();
         self.shake(x);
         let mut energy = self.energy_of_all();
@@ -566,13 +565,15 @@ impl Repair<'_> {
         if left > 0 {
             return false;
         }
+        // Hexahedra that the energy is evaluated inside, too.
+        let mut inside = Vec::new();
         for _ in 0..MAX_INSIDE_CHECKS {
             let bad = inverted_inside(&self.mesh.cells, x);
             if bad.is_empty() || !self.monitor.should_continue() {
                 break;
             }
             inside.extend(&bad);
-            energy.check_inside(inside);
+            energy.check_inside(&inside);
             if energy.inverted(x).is_empty() {
                 // Positive at all samples, and not between them.
                 if !self.raise_hexes(&energy, &free, x, bad.len(), report) {

@@ -2,7 +2,7 @@
 //! help.
 
 use super::foldover::FoldoverEnergy;
-use super::lbfgs::{Lbfgs, StoppingRule, TangentConstraint};
+use super::lbfgs::{Lbfgs, Pull, StoppingRule, TangentConstraint};
 use super::repair::{Best, next_epsilon};
 use crate::geometry::SurfaceQuery;
 use crate::mesh::SurfaceMesh;
@@ -121,6 +121,7 @@ impl SlidingSurface<'_> {
                 along: None,
                 anchor: start[v as usize],
                 stiffness: self.stiffness,
+                pull: Pull::none(x[v as usize]),
             }
         };
         sliding.map(constraint).collect()
