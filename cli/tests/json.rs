@@ -13,7 +13,7 @@ use crate::workplace::{Workplace, json};
 const PAGE: &str = include_str!("../../docs/json.md");
 
 /// Fields of reports that take defects, other builds or long runs.
-const NOT_MADE_HERE: [(&str, &str); 18] = [
+const NOT_MADE_HERE: [(&str, &str); 19] = [
     // In builds without CGAL.
     ("boundary check", "self_intersections.reason"),
     ("checked model", "self_intersections.reason"),
@@ -34,6 +34,7 @@ const NOT_MADE_HERE: [(&str, &str); 18] = [
     ("compare", "sequence[].error"),
     // Takes a model without a polycube, and minutes.
     ("polycube", "problem"),
+    ("hexmesh", "problem"),
     // `tests/bijective.rs`: a file of such a map is written by no command.
     ("certify of a bijective map", "domain_problems[]"),
     ("certify of a bijective map", "target_problems[]"),
@@ -239,8 +240,9 @@ fn every_field_of_a_report_is_documented_and_written() {
         ),
         (
             "polycube",
-            "polycube ball.vtu -o pc.obj --image pm.obj --tets pt.mesh --model-tets pn.mesh",
+            "polycube ball.vtu -o pc.obj --image pm.obj --tets pt.mesh --model-tets pn.mesh --lattice 0.3",
         ),
+        ("hexmesh", "hexmesh ball.vtu -o hm.vtu --cells 6 --keep hk --png hm.png"),
         ("bijective", "bijective ball.map --mesh ball.vtu -o other.map"),
         ("bijective", "bijective folded.map --mesh ball.vtu"),
         ("eval", "eval both.map at.csv -o e.csv"),

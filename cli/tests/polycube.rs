@@ -62,6 +62,68 @@ fn a_polycube_is_fitted_and_its_hexahedra_are_carried_into_the_model() {
     );
 }
 
+#[test]
+fn planes_are_on_the_lattice_that_is_asked_for_or_it_is_said() {
+    let place = bar();
+    let line = "polycube bar.mesh -o p.obj --image m.obj --lattice 0.25 --json";
+    let report = place.report(0, line);
+    assert_eq!(report["polycube"]["lattice"].as_f64(), Some(0.25));
+    let polycube = io::read_surface(place.path("p.obj")).unwrap();
+    let planes = solidmap::remesh::Polycube::of(&polycube).unwrap();
+    for plane in planes.planes().iter().flatten() {
+        assert!((plane / 0.25 - (plane / 0.25).round()).abs() < 1e-9, "{plane}");
+    }
+    place.fails(
+        "polycube bar.mesh -o p.obj --image m.obj --lattice 0",
+        &["bar.mesh", "size 0"],
+    );
+}
+
+#[test]
+fn a_model_is_meshed_in_one_go_and_what_led_there_is_kept() {
+    let place = bar();
+    let report = place.report(
+        0,
+        "hexmesh bar.mesh -o hexes.msh --cells 12 --keep kept --png hexes.png --json",
+    );
+    assert_eq!(report["mesh"]["inverted_cells"].as_u64(), Some(0), "{report}");
+    assert!(report["mesh"]["quality"]["min_scaled_jacobian"].as_f64() > Some(0.05));
+    assert!(report["polycube"]["lattice"].as_f64() > Some(0.0) && report["problem"].is_null());
+    assert_eq!(
+        (&report["output"], &report["keep"]),
+        (&"hexes.msh".into(), &"kept".into())
+    );
+    let given = io::read_tets(place.path("bar.mesh")).unwrap().volume();
+    let hexes = io::read_cells(place.path("hexes.msh")).unwrap();
+    assert!((hexes.volume() / given - 1.0).abs() < 0.05);
+    assert!(place.path("hexes.png").exists());
+
+    // What is kept is what the single commands take.
+    let again = place.report(
+        0,
+        "remesh kept/map.safetensors --kind hex --cells 12 -o again.vtu --json",
+    );
+    assert_eq!(again["after"]["inverted"].as_u64(), Some(0));
+    place.ends_with(
+        0,
+        "fit kept/polycube.obj --image kept/model.obj -o q.map --tolerance 0.01",
+    );
+    let [domain, image] =
+        ["polycube_tets", "model_tets"].map(|name| io::read_tets(place.path(&format!("kept/{name}.vtu"))).unwrap());
+    assert_eq!(domain.tets(), image.tets());
+    assert_eq!(
+        io::read_cells(place.path("kept/domain.vtu")).unwrap().cells().len(),
+        hexes.cells().len()
+    );
+
+    let output = place.ends_with(0, "hexmesh bar.mesh -o tets.vtu --kind tet --cell-size 0.3");
+    let text = text(&output.stdout);
+    assert!(
+        text.contains("tetrahedra") && text.contains("in all") && text.contains("lattice"),
+        "{text}"
+    );
+}
+
 #[cfg(feature = "native")]
 #[test]
 fn a_surface_is_filled_and_the_result_is_that_of_its_tetrahedra() {
@@ -78,6 +140,10 @@ fn models_and_options_that_cannot_be_used_are_refused() {
     place.fails("polycube cube.obj -o p.obj --image p.obj", &["p.obj"]);
     place.fails("polycube cube.obj -o p.stl --image m.obj", &["p.stl", ".obj"]);
     place.fails("polycube missing.obj -o p.obj --image m.obj", &["missing.obj"]);
+    place.fails("hexmesh missing.obj -o h.msh --keep kept", &["missing.obj"]);
+    assert!(!place.path("kept").exists(), "no empty folder is left");
+    place.fails("hexmesh cube.obj -o h.stl", &["h.stl", ".msh"]);
+    place.fails("hexmesh cube.obj -o h.msh --cells 0", &["--cells"]);
     if cfg!(feature = "native") {
         place.fails(
             "polycube cube.obj -o p.obj --image m.obj --smoothness 0",

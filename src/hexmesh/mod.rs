@@ -103,7 +103,9 @@ pub fn make_hexmesh<R: ProgressResponse>(
         lattice: Some(lattice_of(options)),
         ..options.polycube
     };
-    let polycube = make_polycube(model, &polycube_options, &|phase| progress(HexmeshPhase::Polycube(phase)))?;
+    let polycube = make_polycube(model, &polycube_options, &|phase| {
+        progress(HexmeshPhase::Polycube(phase))
+    })?;
     let [domain, target] = polycube.surfaces();
     let boundary = BoundaryMap::between(domain, &target)?;
     let fitted = fit(&boundary, &options.fit, &|phase| progress(HexmeshPhase::Fitting(phase)))?;
@@ -145,3 +147,6 @@ fn cell_size(options: &HexmeshOptions, polycube: &PolycubeMap) -> CellSize {
         None => options.size,
     }
 }
+
+#[cfg(test)]
+mod tests;

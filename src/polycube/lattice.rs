@@ -34,7 +34,9 @@ pub(super) fn on_lattice(
     let areas = areas(solid, planes);
     let mut coordinates = vec![0.0; planes.equal.len()];
     for axis in 0..3 {
-        let sets: Vec<usize> = (0..planes.equal.len()).filter(|&set| planes.equal[set].0 == axis).collect();
+        let sets: Vec<usize> = (0..planes.equal.len())
+            .filter(|&set| planes.equal[set].0 == axis)
+            .collect();
         let at: Vec<f64> = sets
             .iter()
             .map(|&set| Some(solid.x[*planes.equal[set].1.first()? as usize][axis] / size))
@@ -159,8 +161,11 @@ fn covered_points(
         let place = [interval(b, centre[b])?, interval(c, centre[c])?];
         let across = &polycube.planes()[axis];
         let after = across.partition_point(|&x| x < centre[axis]);
-        let nearest = (after.saturating_sub(1)..=after.min(across.len() - 1))
-            .min_by(|&i, &j| (across[i] - centre[axis]).abs().total_cmp(&(across[j] - centre[axis]).abs()))?;
+        let nearest = (after.saturating_sub(1)..=after.min(across.len() - 1)).min_by(|&i, &j| {
+            (across[i] - centre[axis])
+                .abs()
+                .total_cmp(&(across[j] - centre[axis]).abs())
+        })?;
         let &face = numbers.get(&(axis, usize::from(label % 2), nearest, place))?;
         let part = parts.find(face) as usize;
         if set_of_part[part] != u32::MAX && set_of_part[part] != set as u32 {
@@ -299,7 +304,9 @@ mod tests {
             }
             let found = whole_numbers(&targets, &weights, &orders);
             assert!(orders.iter().all(|&[i, j]| found[i as usize] < found[j as usize]));
-            let cost: f64 = (0..5).map(|i| weights[i] * (found[i] as f64 - targets[i]).powi(2)).sum();
+            let cost: f64 = (0..5)
+                .map(|i| weights[i] * (found[i] as f64 - targets[i]).powi(2))
+                .sum();
             let least = best(&targets, &weights, &orders);
             assert!(cost >= least - 1e-12 && cost < 1.5 * least + 1e-12, "{cost} {least}");
             same += usize::from(cost < least + 1e-9);

@@ -319,7 +319,9 @@ fn make(
 fn lattice_size(size: CellSize, solid: &Solid, scale: f64) -> f64 {
     let side = |axis: usize| {
         let at = solid.mesh.boundary.iter().flatten().map(|&v| solid.x[v as usize][axis]);
-        let (low, high) = at.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
+        let (low, high) = at.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+            (low.min(x), high.max(x))
+        });
         high - low
     };
     match size {

@@ -112,6 +112,37 @@ fn a_ball_becomes_a_cube_and_a_torus_stays_one() {
 }
 
 #[test]
+fn planes_are_put_on_a_lattice_and_everything_else_still_holds() {
+    let boxes = boxes(&[[0, 0, 0], [1, 0, 0], [0, 1, 0]], 0.25);
+    for (model, size) in [
+        (test_meshes::ball(4), CellSize::Along(7)),
+        (test_meshes::torus(3), CellSize::Length(0.21)),
+        (boxes, CellSize::Along(9)),
+    ] {
+        let options = PolycubeOptions {
+            lattice: Some(size),
+            ..PolycubeOptions::default()
+        };
+        let found = make_polycube(&model, &options, &|_| {}).unwrap();
+        check(&found, &model);
+        let cell = found.report.lattice.unwrap();
+        if let CellSize::Length(length) = size {
+            assert!((cell - length).abs() < 1e-12);
+        }
+        for (corners, label) in found.boundary.iter().zip(&found.labels) {
+            let height = found.polycube.vertices()[corners[0] as usize][axis_of(*label)] / cell;
+            assert!((height - height.round()).abs() < 1e-9, "{height}");
+        }
+        // No boxes but those of the lattice, and none of them lost: faces keep a cell between them.
+        let polycube = Polycube::of(&found.surfaces()[0]).unwrap();
+        for across in polycube.planes() {
+            assert!(across.windows(2).all(|w| w[1] - w[0] > 0.99 * cell));
+        }
+        assert!((found.polycube.volume() / model.volume() - 1.0).abs() < 0.3);
+    }
+}
+
+#[test]
 fn size_does_not_matter_and_axes_may_be_exchanged() {
     let ball = test_meshes::ball(4);
     let first = made(&ball);
@@ -208,6 +239,14 @@ fn meshes_and_options_that_cannot_be_used_are_refused() {
         make_polycube(mesh, &options, &|_| {}).map(|_| ())
     };
     let cube = test_meshes::cube(2);
+    for size in [CellSize::Length(-1.0), CellSize::Length(f64::NAN), CellSize::Along(0)] {
+        let options = PolycubeOptions {
+            lattice: Some(size),
+            ..PolycubeOptions::default()
+        };
+        let refused = make_polycube(&cube, &options, &|_| {}).map(|_| ());
+        assert!(matches!(refused, Err(MakePolycubeError::Lattice(_))), "{refused:?}");
+    }
     for smoothness in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(matches!(make(&cube, smoothness), Err(MakePolycubeError::Smoothness(_))));
     }

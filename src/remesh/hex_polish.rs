@@ -89,6 +89,8 @@ pub(super) struct HexPolish<'a> {
     anchors: &'a [Point],
     /// The surface that boundary nodes slide on, if they may.
     surface: Option<RelaxationSurface<'a>>,
+    /// What cells are to be like.
+    shape: OwnShape,
     /// Vertices of that surface that the boundary is compared with, and their areas.
     vertices: Vec<(Point, f64)>,
     /// Of each node the mean length of the boundary edges at it; 1 for other nodes.
@@ -156,6 +158,7 @@ impl<'a> HexPolish<'a> {
         mesh: &'a BoundedMesh,
         anchors: &'a [Point],
         surface: Option<&'a SlidingSurface<'a>>,
+        shape: OwnShape,
         iterations: usize,
         monitor: &'a ProgressSender<'a, (usize, usize)>,
     ) -> Self {
@@ -176,6 +179,7 @@ impl<'a> HexPolish<'a> {
             anchors,
             edges,
             edge,
+            shape,
             surface: surface.map(|surface| RelaxationSurface::new(surface.target, &surface.query)),
             vertices: vertices.unwrap_or_default(),
             iterations,
@@ -205,7 +209,8 @@ impl<'a> HexPolish<'a> {
                 (None, _) => true,
                 (Some(_), None) => false,
             };
-            if is_sound && floor.raised(self.mesh, &moved).is_some() {
+            let is_moved = moved.as_slice() != x;
+            if is_moved && is_sound && floor.raised(self.mesh, &moved).is_some() {
                 x.copy_from_slice(&moved);
                 report.kept_iterations = iterations;
                 return;
@@ -343,7 +348,7 @@ impl<'a> HexPolish<'a> {
             if !self.monitor.should_continue() {
                 break;
             }
-            let mut energy = own_size_energy(mesh, own, OwnShape::Imaged, None);
+            let mut energy = own_size_energy(mesh, own, self.shape, None);
             if let Some(penalty) = improvement.penalty {
                 energy.penalize(penalty);
             }
@@ -665,7 +670,7 @@ mod tests {
             while control == ProgressControl::Cancel && monitor.should_continue() {
                 std::thread::yield_now();
             }
-            HexPolish::new(mesh, start, surface, 200, monitor).run(&mut x, &mut report);
+            HexPolish::new(mesh, start, surface, OwnShape::Imaged, 200, monitor).run(&mut x, &mut report);
         });
         (x, report)
     }
@@ -733,7 +738,7 @@ mod tests {
         x[corner] = Point::new(0.8, 0.8, 1.0);
         let surface = surface(&cube);
         run_cancellable(&|_: (usize, usize)| ProgressControl::Continue, |monitor| {
-            let polish = HexPolish::new(&mesh, &x, Some(&surface), 200, monitor);
+            let polish = HexPolish::new(&mesh, &x, Some(&surface), OwnShape::Imaged, 200, monitor);
             for (v, pull) in polish.pulls(&x, 1.0).into_iter().enumerate() {
                 if v == corner {
                     assert!(pull.vector.x > 0.0 && pull.vector.y > 0.0, "{pull:?}");

@@ -113,6 +113,8 @@ pub(super) struct Polish<'a> {
     pub mesh: &'a BoundedMesh,
     /// Inner nodes.
     pub free: &'a [u32],
+    /// Whether it is a regular mesh, whose boundary nodes may slide and whose cells are to be near cubes.
+    pub is_regular: bool,
     /// Whether all tetrahedra are polished, or only the lowest.
     pub all_cells: bool,
     /// The energy of the repair.
@@ -151,14 +153,7 @@ impl Polish<'_> {
     pub fn run(&self, x: &mut [Point]) -> PolishReport {
         let mut report = PolishReport::default();
         if matches!(self.mesh.cells, CellList::Hexes(_)) {
-            HexPolish::new(
-                self.mesh,
-                self.carried,
-                self.sliding_surface,
-                self.iterations,
-                self.monitor,
-            )
-            .run(x, &mut report);
+            self.polish_hexes(x, &mut report);
         } else {
             self.polish_tets(x, &mut report);
         }
@@ -168,6 +163,21 @@ impl Polish<'_> {
             _ => PolishOutcome::Kept,
         };
         report
+    }
+
+    /// Lets boundary nodes slide, and leaves them where they are if that is no better.
+    fn polish_hexes(&self, x: &mut [Point], report: &mut PolishReport) {
+        // A given mesh has the shapes that it was made with, such as thin cells along a wall.
+        let (shape, surface) = if self.is_regular {
+            (OwnShape::Imaged, self.sliding_surface)
+        } else {
+            (OwnShape::Given, None)
+        };
+        let polish = |surface| HexPolish::new(self.mesh, self.carried, surface, shape, self.iterations, self.monitor);
+        polish(surface).run(x, report);
+        if report.kept_iterations == 0 && surface.is_some() {
+            polish(None).run(x, report);
+        }
     }
 
     fn polish_tets(&self, x: &mut [Point], report: &mut PolishReport) {

@@ -339,6 +339,7 @@ impl Repair<'_> {
             Polish {
                 mesh: self.mesh,
                 free: &self.inner_nodes(),
+                is_regular: self.is_regular,
                 all_cells: self.polish_all,
                 of_repair: &|| self.energy_of_all(),
                 iterations: self.polish,

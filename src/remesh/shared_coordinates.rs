@@ -19,7 +19,8 @@ pub(crate) struct SharedCoordinates {
 impl SharedCoordinates {
     /// Constraints that keep all of these coordinates as they are.
     pub fn as_fixed(&self) -> Self {
-        let all = |(axis, nodes): &(usize, Vec<u32>)| -> Vec<(u32, usize)> { nodes.iter().map(|&v| (v, *axis)).collect() };
+        let all =
+            |(axis, nodes): &(usize, Vec<u32>)| -> Vec<(u32, usize)> { nodes.iter().map(|&v| (v, *axis)).collect() };
         let fixed = self.equal.iter().flat_map(all).chain(self.fixed.iter().copied());
         Self {
             fixed: fixed.collect(),

@@ -27,8 +27,8 @@ pub use boundary::{
 };
 pub use cgal_tetgen::{Mesher, OffsetArgs, TetArgs};
 pub use compare::{CompareArgs, CompareWorkerArgs, MapMethod};
-pub use hexmesh::HexmeshArgs;
 pub use fit::{FitArgs, MethodArgs, MethodKind, PlacementKind};
+pub use hexmesh::HexmeshArgs;
 pub use map::{CertifyArgs, EnergyArgs, EvalArgs};
 pub use polycube::PolycubeArgs;
 pub use remesh::{RemeshArgs, RepairArgs};

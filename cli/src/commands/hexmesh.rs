@@ -161,7 +161,10 @@ fn written(
             fit.report.boundary_error.p99, args.tolerance
         ));
     }
-    fit.report.warnings.iter().for_each(|warning| output.warn_of_fit(warning));
+    fit.report
+        .warnings
+        .iter()
+        .for_each(|warning| output.warn_of_fit(warning));
     let mesh = CarriedMeshReport::new(&remeshed, args.places.worst);
     mesh.warn(&args.output, args.repair.split_stuck != Some(0), true, output);
     if let Some(folder) = &args.keep {
@@ -197,10 +200,13 @@ fn written(
 fn keep(folder: &Path, polycube: &PolycubeMap) -> anyhow::Result<()> {
     let [domain, model] = polycube.surfaces();
     for (name, surface) in [("polycube.obj", domain), ("model.obj", model)] {
-        io::write_surface(&folder.join(name), &surface)?;
+        io::write_surface(folder.join(name), &surface)?;
     }
-    for (name, tets) in [("polycube_tets.vtu", &polycube.polycube), ("model_tets.vtu", &polycube.model)] {
-        io::write_tets(&folder.join(name), tets)?;
+    for (name, tets) in [
+        ("polycube_tets.vtu", &polycube.polycube),
+        ("model_tets.vtu", &polycube.model),
+    ] {
+        io::write_tets(folder.join(name), tets)?;
     }
     Ok(())
 }

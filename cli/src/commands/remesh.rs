@@ -70,7 +70,12 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
         carried_mesh_file::write(path, &remeshed, remeshed.mesh.nodes(), &origin)?;
     }
     let mesh = CarriedMeshReport::new(&remeshed, args.places.worst);
-    mesh.warn(&args.output, args.repair.split_stuck != Some(0), !args.no_repair, output);
+    mesh.warn(
+        &args.output,
+        args.repair.split_stuck != Some(0),
+        !args.no_repair,
+        output,
+    );
     let ups = [args.up, args.target_up.or(args.up)];
     let picture = args
         .png
@@ -95,8 +100,15 @@ pub fn run(args: &RemeshArgs, output: &Output) -> anyhow::Result<CommandOutcome>
 /// The report as text.
 fn summary(report: &RemeshSummary) -> String {
     let mut rows = carried_mesh_report::rows(&report.carried, report.mesh.is_some());
-    rows.push(carried_mesh_report::memory_row(&report.carried.remesh, report.peak_rss_bytes));
-    let files = [Some(&report.output), report.domain_mesh.as_ref(), report.picture.as_ref()];
+    rows.push(carried_mesh_report::memory_row(
+        &report.carried.remesh,
+        report.peak_rss_bytes,
+    ));
+    let files = [
+        Some(&report.output),
+        report.domain_mesh.as_ref(),
+        report.picture.as_ref(),
+    ];
     rows.push(written_row(files));
     two_columns(rows)
 }

@@ -12,8 +12,8 @@ use solidmap::map::HarmonicMap;
 use solidmap::mesh::{CellList, SurfaceMesh, TetMesh};
 use solidmap::remesh::{RemeshOptions, RepairStart};
 
-use super::remeshing::show_phase;
 use super::output::Output;
+use super::remeshing::show_phase;
 use super::self_intersections::finder;
 use crate::drawing::significant;
 

@@ -81,8 +81,7 @@ pub fn rows(found: &PolycubeReport) -> Vec<[String; 2]> {
         ),
     ]);
     if let Some(distortion) = &found.distortion {
-        let of =
-            |q: &DistortionQuantiles| format!("{:.2}, {:.2}, {:.2}", q.p50, q.p90, q.p99);
+        let of = |q: &DistortionQuantiles| format!("{:.2}, {:.2}, {:.2}", q.p50, q.p90, q.p99);
         rows.push([
             "distortion".into(),
             format!(

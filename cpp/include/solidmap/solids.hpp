@@ -84,8 +84,8 @@ OffsetSurface offset_surface(const Surface& surface, double distance, const Offs
 /// A regular mesh of a polycube.
 struct RegularMesh {
   CellKind kind = CellKind::hexes;
-  /// Cells along the longest side of the domain. Between neighbouring planes of the polycube their number is rounded to
-  /// an even one; hexahedra get an additional layer along the boundary.
+  /// Cells along the longest side of the domain. Between neighbouring planes of the polycube their number is rounded up,
+  /// of tetrahedra to an even one; hexahedra get an additional layer along the boundary.
   std::size_t along = 16;
   /// Side of a cell, in model units; replaces `along` unless it is 0.
   double length = 0;

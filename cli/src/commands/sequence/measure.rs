@@ -13,12 +13,12 @@ use solidmap::sequence::{CycleError, Cycles, FilledReference, FrameMeasurement, 
 use super::series::{Material, Series};
 use super::summary::{FrameRow, MeasuredRow, SequenceTimings};
 use crate::args::{SectionArgs, SequenceArgs};
-use crate::shared::remeshing;
 use crate::shared::fields::MeshWithFields;
 use crate::shared::fitting::show_phase;
 use crate::shared::input;
 use crate::shared::output::{Output, describe, with_option_names};
 use crate::shared::pictures::plane_across;
+use crate::shared::remeshing;
 
 /// Pixels along the longer side of a section.
 const SECTION_PIXELS: usize = 480;

@@ -1,0 +1,133 @@
+//! Hexahedra and tetrahedra of a ball and a torus, checked from their nodes alone.
+
+use std::cell::RefCell;
+use std::ops::ControlFlow;
+
+use super::*;
+use crate::baseline::test_meshes;
+use crate::geometry::SurfaceQuery;
+use crate::mesh::topology::Topology;
+use crate::mesh::{CellList, SurfaceMesh};
+use crate::remesh::invalid_cells;
+
+fn options(kind: CellKind, cells: usize) -> HexmeshOptions {
+    HexmeshOptions {
+        kind,
+        size: CellSize::Along(cells),
+        ..HexmeshOptions::default()
+    }
+}
+
+#[test]
+fn models_of_genus_zero_and_one_get_valid_cells_on_a_lattice() {
+    for (model, genus) in [(test_meshes::ball(4), 0), (test_meshes::torus(3), 1)] {
+        for (kind, count) in [(CellKind::Hexes, 8), (CellKind::Tets, 8)] {
+            let made = make_hexmesh(&model, &options(kind, count), &|_| {}).unwrap();
+            let (mesh, images) = (&made.remeshed.mesh, &made.remeshed.images);
+            assert_eq!(invalid_cells(mesh.cells(), images).cells, [] as [u32; 0]);
+            let surface = SurfaceMesh::new(images.clone(), mesh.boundary().to_vec()).unwrap();
+            let shapes = Topology::new(&surface).components().shapes;
+            assert_eq!(
+                shapes.iter().map(|shape| shape.genus()).collect::<Vec<_>>(),
+                [Some(genus)]
+            );
+            let given = model.boundary().surface;
+            assert!((surface.volume() / given.volume() - 1.0).abs() < 0.1);
+            let query = SurfaceQuery::new(&given).unwrap();
+            let on_boundary = images.iter().zip(mesh.on_boundary()).filter(|(_, on)| **on);
+            let farthest = on_boundary
+                .map(|(p, _)| query.closest_point(p).distance)
+                .fold(0.0, f64::max);
+            assert!(farthest < 1e-9 * given.diagonal(), "{farthest}");
+            // Every edge of the domain's hexahedra that is not of the padding has the lattice's length.
+            let size = made.polycube.report.lattice.unwrap();
+            let planes = made.polycube.polycube.vertices().iter();
+            let heights: Vec<f64> = planes
+                .zip(made.polycube.model.vertices())
+                .map(|(p, _)| p.x / size)
+                .collect();
+            assert!(heights.iter().any(|h| (h - h.round()).abs() < 1e-9));
+            match mesh.cells() {
+                CellList::Hexes(_) => assert_eq!(made.remeshed.report.cell_size, Some(size)),
+                CellList::Tets(_) => assert_eq!(made.remeshed.report.cell_size, Some(size / 2.0)),
+            }
+        }
+    }
+}
+
+#[test]
+fn two_runs_give_the_same_and_a_length_is_that_of_the_cells() {
+    let model = test_meshes::ball(3);
+    let size = 0.3;
+    let options = HexmeshOptions {
+        size: CellSize::Length(size),
+        ..HexmeshOptions::default()
+    };
+    let [first, second] = [(); 2].map(|()| make_hexmesh(&model, &options, &|_| {}).unwrap());
+    assert_eq!(first.remeshed.images, second.remeshed.images);
+    assert_eq!(first.polycube.report.lattice, Some(size));
+    for (axis, &plane) in first
+        .polycube
+        .labels
+        .iter()
+        .zip(&first.polycube.boundary)
+        .map(|(l, f)| (l / 2, &f[0]))
+    {
+        let height = first.polycube.polycube.vertices()[plane as usize][usize::from(axis)] / size;
+        assert!((height - height.round()).abs() < 1e-9, "{height}");
+    }
+}
+
+#[test]
+fn phases_come_in_order_any_of_them_cancels_and_wrong_options_are_refused() {
+    let model = test_meshes::ball(3);
+    let wanted = options(CellKind::Hexes, 6);
+    let order = RefCell::new(vec![]);
+    let number = |phase: &HexmeshPhase| match phase {
+        HexmeshPhase::Polycube(_) => 0,
+        HexmeshPhase::Fitting(_) => 1,
+        HexmeshPhase::Remeshing(_) => 2,
+    };
+    make_hexmesh(&model, &wanted, &|phase| order.borrow_mut().push(number(&phase))).unwrap();
+    let mut order = order.into_inner();
+    assert!(order.is_sorted());
+    order.dedup();
+    assert_eq!(order, [0, 1, 2]);
+    for stop in 0..3 {
+        let cancel = |phase: HexmeshPhase| {
+            if number(&phase) == stop {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        };
+        let error = make_hexmesh(&model, &wanted, &cancel).unwrap_err();
+        let is_cancelled = matches!(
+            error,
+            HexmeshError::Polycube(MakePolycubeError::Cancelled)
+                | HexmeshError::Fit(FitError::Cancelled)
+                | HexmeshError::Remesh(RemeshError::Cancelled)
+        );
+        assert!(is_cancelled, "{error}");
+    }
+    for size in [CellSize::Length(0.0), CellSize::Length(f64::NAN), CellSize::Along(0)] {
+        let wrong = HexmeshOptions {
+            size,
+            ..HexmeshOptions::default()
+        };
+        let error = make_hexmesh(&model, &wrong, &|_| {}).unwrap_err();
+        assert!(
+            matches!(error, HexmeshError::Polycube(MakePolycubeError::Lattice(_))),
+            "{error}"
+        );
+    }
+    let few = HexmeshOptions {
+        most_cells: 10,
+        ..wanted
+    };
+    let error = make_hexmesh(&model, &few, &|_| {}).unwrap_err();
+    assert!(
+        matches!(error, HexmeshError::Remesh(RemeshError::TooMany { .. })),
+        "{error}"
+    );
+}
