@@ -8,6 +8,7 @@ use super::face_graph::{Charts, FaceGraph};
 use super::flatten::Flattening;
 use super::label_repair::repair_labels;
 use super::lattice::{move_planes, on_lattice};
+use super::layout::Layout;
 use super::local_repair::repair;
 use super::solid::Solid;
 use super::sphere_labels::put_on_cube;
@@ -27,6 +28,8 @@ const PLANE_TURNS: usize = 10;
 const MOST_REFINEMENTS: usize = 4;
 /// More inverted cells than this, and than a five-hundredth of all, are not cured by splitting.
 const MOST_LEFT: usize = 30;
+/// If more than this are left after splitting, and more than half of those before, splitting does not help.
+const FEW_LEFT: usize = 8;
 /// More than this, and than a two-hundredth of all, are not cured by local repair.
 const MOST_LEFT_BY_DESCENT: usize = 60;
 
@@ -44,14 +47,24 @@ impl Attempt {
     }
 }
 
-/// Labels in one way, and the deformation. `None` if the way is none for this solid.
-pub(super) fn attempt(
+/// A solid with labels, put near its polycube: where an attempt begins.
+pub(super) struct Beginning {
+    way: Way,
+    solid: Solid,
+    report: PolycubeReport,
+    /// How many edges of the polycube are bent to the wrong side: the more, the less likely it is that a descent succeeds.
+    pub wrong_edges: usize,
+}
+
+/// Labels in one way, and the model flattened towards them. `None` if the way is none for this solid, or the labels are
+/// those of no polycube.
+pub(super) fn begin(
     model: &Solid,
     way: Way,
     smoothness: f64,
     most_added: usize,
     monitor: &ProgressSender<PolycubePhase>,
-) -> Result<Option<Attempt>, MakePolycubeError> {
+) -> Result<Option<Beginning>, MakePolycubeError> {
     let graph = graph_of(model)?;
     let mut solid = model.clone();
     let mut report = PolycubeReport::default();
@@ -71,6 +84,13 @@ pub(super) fn attempt(
     }
     let (refined, charts) = refine_at_borders(&mut solid, most_added)?;
     let planes = planes(&refined, &charts);
+    let mut wrong_edges = 0;
+    if way != Way::Sphere {
+        let Some(changes) = Layout::new(&refined, &charts, &solid.x).and_then(|layout| layout.changes()) else {
+            return Ok(None);
+        };
+        wrong_edges = changes;
+    }
     level(&mut solid.x, &planes);
     if way != Way::Sphere {
         relax(&mut solid, &planes);
@@ -80,13 +100,27 @@ pub(super) fn attempt(
         .filter(|&v| refined.border_edges_at(v, &solid.labels()) > 2)
         .count();
     report.inverted_at_start = solid.inverted().count();
+    Ok(Some(Beginning {
+        way,
+        solid,
+        report,
+        wrong_edges,
+    }))
+}
+
+/// The deformation of what was begun.
+pub(super) fn attempt(
+    beginning: Beginning,
+    most_added: usize,
+    monitor: &ProgressSender<PolycubePhase>,
+) -> Result<Attempt, MakePolycubeError> {
     let descent = Descent {
         planes_are_fixed: false,
         // The way from the sphere is long, and there is no other left.
-        ends_early: way != Way::Sphere,
+        ends_early: beginning.way != Way::Sphere,
         most_added,
     };
-    finished(solid, report, &descent, monitor).map(Some)
+    finished(beginning.solid, beginning.report, &descent, monitor)
 }
 
 /// Deforms a solid with labels, and looks at what comes out.
@@ -241,6 +275,7 @@ fn deform(
     report: &mut PolycubeReport,
 ) -> Result<SharedCoordinates, MakePolycubeError> {
     let mut refinement = 0;
+    let mut left_before = usize::MAX;
     loop {
         let graph = graph_of(solid)?;
         let planes = planes(&graph, &graph.charts(&solid.labels()));
@@ -278,7 +313,10 @@ fn deform(
         if left == 0 {
             report.energy = polish(&energy, &constraints, &mut solid.x, monitor).unwrap_or(end.energy);
         }
-        let gives_up = refinement == MOST_REFINEMENTS || is_hopeless || left > MOST_LEFT.max(cells / 500);
+        let splits_in_vain = descent.ends_early && left > FEW_LEFT.max(left_before / 2);
+        left_before = left;
+        let gives_up =
+            refinement == MOST_REFINEMENTS || splits_in_vain || is_hopeless || left > MOST_LEFT.max(cells / 500);
         if left == 0 || gives_up || !monitor.should_continue() {
             // Counted again from the positions alone; a plane that is none would be a fault of the descent.
             report.inverted = solid.inverted().count() + usize::from(!solid.is_flat(&planes));
