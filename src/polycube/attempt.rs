@@ -47,24 +47,14 @@ impl Attempt {
     }
 }
 
-/// A solid with labels, put near its polycube: where an attempt begins.
-pub(super) struct Beginning {
-    way: Way,
-    solid: Solid,
-    report: PolycubeReport,
-    /// How many edges of the polycube are bent to the wrong side: the more, the less likely it is that a descent succeeds.
-    pub wrong_edges: usize,
-}
-
-/// Labels in one way, and the model flattened towards them. `None` if the way is none for this solid, or the labels are
-/// those of no polycube.
-pub(super) fn begin(
+/// Labels in one way, and the deformation. `None` if the way is none for this solid, or the labels are those of no polycube.
+pub(super) fn attempt(
     model: &Solid,
     way: Way,
     smoothness: f64,
     most_added: usize,
     monitor: &ProgressSender<PolycubePhase>,
-) -> Result<Option<Beginning>, MakePolycubeError> {
+) -> Result<Option<Attempt>, MakePolycubeError> {
     let graph = graph_of(model)?;
     let mut solid = model.clone();
     let mut report = PolycubeReport::default();
@@ -84,12 +74,9 @@ pub(super) fn begin(
     }
     let (refined, charts) = refine_at_borders(&mut solid, most_added)?;
     let planes = planes(&refined, &charts);
-    let mut wrong_edges = 0;
-    if way != Way::Sphere {
-        let Some(changes) = Layout::new(&refined, &charts, &solid.x).and_then(|layout| layout.changes()) else {
-            return Ok(None);
-        };
-        wrong_edges = changes;
+    let has_layout = || Layout::new(&refined, &charts, &solid.x).is_some_and(|layout| layout.is_possible());
+    if way != Way::Sphere && !has_layout() {
+        return Ok(None);
     }
     level(&mut solid.x, &planes);
     if way != Way::Sphere {
@@ -100,27 +87,13 @@ pub(super) fn begin(
         .filter(|&v| refined.border_edges_at(v, &solid.labels()) > 2)
         .count();
     report.inverted_at_start = solid.inverted().count();
-    Ok(Some(Beginning {
-        way,
-        solid,
-        report,
-        wrong_edges,
-    }))
-}
-
-/// The deformation of what was begun.
-pub(super) fn attempt(
-    beginning: Beginning,
-    most_added: usize,
-    monitor: &ProgressSender<PolycubePhase>,
-) -> Result<Attempt, MakePolycubeError> {
     let descent = Descent {
         planes_are_fixed: false,
         // The way from the sphere is long, and there is no other left.
-        ends_early: beginning.way != Way::Sphere,
+        ends_early: way != Way::Sphere,
         most_added,
     };
-    finished(beginning.solid, beginning.report, &descent, monitor)
+    finished(solid, report, &descent, monitor).map(Some)
 }
 
 /// Deforms a solid with labels, and looks at what comes out.

@@ -26,7 +26,7 @@ use crate::mesh::{MeshError, SurfaceMesh, TetMesh};
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::remesh::CellSize;
 
-use attempt::{Attempt, Beginning, attempt, begin, snapped};
+use attempt::{Attempt, attempt, snapped};
 use solid::Solid;
 
 /// The axis of a label: labels are counted as -x, +x, -y, +y, -z, +z.
@@ -247,63 +247,8 @@ enum Way {
     Sphere,
 }
 
-/// Factors of the smoothness, in the order in which they are tried.
-const FACTORS: [f64; 4] = [1.0, 1.5, 0.7, 2.25];
-/// Edges of a polycube that may be bent to the wrong side after the flattening if a descent is likely to succeed.
-const FEW_WRONG_EDGES: usize = 2;
-
-/// The search for a polycube.
-struct Search<'a> {
-    model: &'a Solid,
-    smoothness: f64,
-    most_added: usize,
-    /// The best attempt so far.
-    best: Option<Attempt>,
-    attempts: usize,
-    /// Beginnings that are tried if all else fails.
-    unlikely: Vec<Beginning>,
-    monitor: &'a ProgressSender<'a, PolycubePhase>,
-}
-
-impl Search<'_> {
-    /// Likely attempts first, then the one from the sphere, then the others.
-    fn run(&mut self) -> Result<(), MakePolycubeError> {
-        let ways = FACTORS.map(Way::Cut).into_iter().chain([Way::Sphere]);
-        for way in ways {
-            let attempt = self.attempts + 1;
-            let _ = self.monitor.send(PolycubePhase::Attempting { attempt });
-            let Some(begun) = begin(self.model, way, self.smoothness, self.most_added, self.monitor)? else {
-                continue;
-            };
-            if begun.wrong_edges > FEW_WRONG_EDGES {
-                self.unlikely.push(begun);
-            } else if self.attempt(begun)? {
-                return Ok(());
-            }
-        }
-        self.unlikely.sort_by_key(|begun| begun.wrong_edges);
-        for begun in std::mem::take(&mut self.unlikely) {
-            if self.attempt(begun)? {
-                break;
-            }
-        }
-        Ok(())
-    }
-
-    /// Whether the attempt is a polycube.
-    fn attempt(&mut self, begun: Beginning) -> Result<bool, MakePolycubeError> {
-        let attempt_number = self.attempts + 1;
-        let _ = self.monitor.send(PolycubePhase::Attempting {
-            attempt: attempt_number,
-        });
-        let found = attempt(begun, self.most_added, self.monitor)?;
-        self.attempts = attempt_number;
-        if self.best.as_ref().is_none_or(|best| found.faults() < best.faults()) {
-            self.best = Some(found);
-        }
-        Ok(self.best.as_ref().is_some_and(|best| best.faults() == 0))
-    }
-}
+/// Ways in the order in which they are tried.
+const WAYS: [Way; 5] = [Way::Cut(1.0), Way::Cut(1.5), Way::Cut(0.7), Way::Cut(2.25), Way::Sphere];
 
 fn make(
     mesh: &TetMesh,
@@ -326,17 +271,21 @@ fn make(
     let scale = scale_to_unit(&mut solid);
     let most_added = (options.most_added.max(0.0) * solid.tets().len() as f64) as usize + 1000;
     solid.split_between_boundary_nodes(most_added);
-    let mut search = Search {
-        model: &solid,
-        smoothness: options.smoothness,
-        most_added,
-        best: None,
-        attempts: 0,
-        unlikely: vec![],
-        monitor,
-    };
-    search.run()?;
-    let Search { best, attempts, .. } = search;
+    let mut best: Option<Attempt> = None;
+    let mut attempts = 0;
+    for way in WAYS {
+        let _ = monitor.send(PolycubePhase::Attempting { attempt: attempts + 1 });
+        let Some(found) = attempt(&solid, way, options.smoothness, most_added, monitor)? else {
+            continue;
+        };
+        attempts += 1;
+        if best.as_ref().is_none_or(|best| found.faults() < best.faults()) {
+            best = Some(found);
+        }
+        if best.as_ref().is_some_and(|best| best.faults() == 0) {
+            break;
+        }
+    }
     let Some(Attempt { mut solid, mut report }) = best else {
         return Err(MakePolycubeError::NoLabels);
     };

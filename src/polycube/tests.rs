@@ -197,9 +197,7 @@ fn from_the_sphere(mesh: &TetMesh) -> Option<Attempt> {
         let mut solid = Solid::new(mesh.clone()).unwrap();
         scale_to_unit(&mut solid);
         solid.split_between_boundary_nodes(10_000);
-        begin(&solid, Way::Sphere, 0.02, 10_000, monitor)
-            .unwrap()
-            .map(|begun| attempt(begun, 10_000, monitor).unwrap())
+        attempt(&solid, Way::Sphere, 0.02, 10_000, monitor).unwrap()
     };
     run_cancellable(&respond, work).unwrap()
 }
