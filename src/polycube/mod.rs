@@ -228,7 +228,7 @@ fn surfaces<const N: usize>(boundary: &[[u32; 3]], positions: [&[Point]; N]) -> 
 ///
 /// # Errors
 ///
-/// [`MakePolycubeError::NotFound`] where no attempt succeeds; others for meshes that cannot be used.
+/// [`MakePolycubeError::NotFound`] and [`MakePolycubeError::NoLabels`] where no attempt succeeds; others for meshes that cannot be used.
 pub fn make_polycube<R: ProgressResponse>(
     mesh: &TetMesh,
     options: &PolycubeOptions,

@@ -66,7 +66,9 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     };
     let made = match make_hexmesh(&tets, &options, &progress) {
         Ok(made) => Ok(made),
-        Err(HexmeshError::Polycube(error @ MakePolycubeError::NotFound { .. })) => Err(error.to_string()),
+        Err(HexmeshError::Polycube(error @ (MakePolycubeError::NotFound { .. } | MakePolycubeError::NoLabels))) => {
+            Err(error.to_string())
+        }
         Err(error) => return Err(error).with_context(|| format!("cannot mesh `{}`", args.model.display())),
     };
     let summary = HexmeshSummary {

@@ -56,7 +56,9 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     let show = |phase| show_phase(phase, &attempt, output);
     let (found, problem) = match make_polycube(&mesh, &options, &show) {
         Ok(found) => (Some(found), None),
-        Err(error @ MakePolycubeError::NotFound { .. }) => (None, Some(error.to_string())),
+        Err(error @ (MakePolycubeError::NotFound { .. } | MakePolycubeError::NoLabels)) => {
+            (None, Some(error.to_string()))
+        }
         Err(error) => return Err(error).with_context(|| format!("cannot use `{}`", args.model.display())),
     };
     let seconds = start.elapsed().as_secs_f64();
