@@ -116,6 +116,11 @@ fn a_model_is_meshed_in_one_go_and_what_led_there_is_kept() {
         hexes.cells().len()
     );
 
+    // What is kept never replaces the model or the mesh.
+    std::fs::copy(place.path("kept/model.obj"), place.path("model.obj")).unwrap();
+    place.fails("hexmesh model.obj -o other.msh --keep .", &["model.obj"]);
+    place.fails("hexmesh bar.mesh -o kept/domain.vtu --keep kept", &["domain.vtu"]);
+
     let output = place.ends_with(0, "hexmesh bar.mesh -o tets.vtu --kind tet --cell-size 0.3");
     let text = text(&output.stdout);
     assert!(

@@ -130,15 +130,17 @@ pub(super) fn snapped(
     let planes = planes(&graph, &graph.charts(&found.solid.labels()));
     let mut tried = None;
     for keeps_distance in [false, true] {
-        let coordinates = on_lattice(&found.solid, &polycube, &planes, size, keeps_distance);
-        if coordinates.is_none() || coordinates == tried {
+        let Some(coordinates) = on_lattice(&found.solid, &polycube, &planes, size, keeps_distance) else {
+            continue;
+        };
+        if tried.as_ref() == Some(&coordinates) {
             continue;
         }
         if monitor.send(PolycubePhase::Snapping).is_break() {
             return Err(MakePolycubeError::Cancelled);
         }
         let Attempt { mut solid, report } = found.clone();
-        move_planes(&mut solid, &planes, coordinates.as_deref().unwrap_or_default());
+        move_planes(&mut solid, &planes, &coordinates);
         let descent = Descent {
             planes_are_fixed: true,
             ends_early: true,
@@ -150,7 +152,7 @@ pub(super) fn snapped(
         if moved.faults() == 0 && polycube_of(&moved.solid).is_some() {
             return Ok(Some(moved));
         }
-        tried = coordinates;
+        tried = Some(coordinates);
     }
     Ok(None)
 }

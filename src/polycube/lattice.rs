@@ -13,6 +13,8 @@ use crate::remesh::{Polycube, SharedCoordinates};
 
 /// Offsets of the lattice that are tried along each axis, over a cell.
 const OFFSETS: usize = 8;
+/// Cells between a plane and the origin: whole numbers stay far from overflow, and no mesh has as many.
+const MOST_CELLS: f64 = 1e9;
 /// Sweeps of averages that spread the shifts of planes over the other nodes.
 const SWEEPS: usize = 150;
 
@@ -21,7 +23,7 @@ type Order = [u32; 2];
 
 /// The coordinate of each set of `planes` on a lattice with cells of `size`. With `keeps_distance`, planes also keep their
 /// order that would face each other if they were wider by a cell. `None` if the polycube's faces are not those of the
-/// planes.
+/// planes, or the cells are far too small.
 pub(super) fn on_lattice(
     solid: &Solid,
     polycube: &Polycube,
@@ -41,6 +43,9 @@ pub(super) fn on_lattice(
             .iter()
             .map(|&set| Some(solid.x[*planes.equal[set].1.first()? as usize][axis] / size))
             .collect::<Option<_>>()?;
+        if at.iter().any(|at| at.is_nan() || at.abs() > MOST_CELLS) {
+            return None;
+        }
         let weights: Vec<f64> = sets.iter().map(|&set| areas[set]).collect();
         let orders = orders(&sets, &at, &covered);
         let offset = |k: usize| k as f64 / OFFSETS as f64;

@@ -72,7 +72,7 @@ fn edge([a, b]: [u32; 2]) -> [u32; 2] {
 }
 
 impl Layout {
-    /// Of charts with their vertices at `x`. `None` where charts are none of a polycube: a corner without three axes, a border
+    /// The layout of charts with their vertices at `x`. `None` where charts are none of a polycube: a corner without three axes, a border
     /// without corners, or a loop with an odd number of them.
     pub fn new(graph: &FaceGraph, charts: &Charts, x: &[Point]) -> Option<Self> {
         let mut path_of: HashMap<[u32; 2], usize> = HashMap::new();

@@ -140,6 +140,15 @@ fn planes_are_put_on_a_lattice_and_everything_else_still_holds() {
         }
         assert!((found.polycube.volume() / model.volume() - 1.0).abs() < 0.3);
     }
+    // No lattice has as many cells: the polycube is not on it, and nothing overflows.
+    for size in [1e-300, 1e-12] {
+        let options = PolycubeOptions {
+            lattice: Some(CellSize::Length(size)),
+            ..PolycubeOptions::default()
+        };
+        let found = make_polycube(&test_meshes::ball(3), &options, &|_| {}).unwrap();
+        assert_eq!(found.report.lattice, None);
+    }
 }
 
 #[test]

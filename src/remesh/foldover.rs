@@ -371,7 +371,7 @@ impl ReferenceCells {
                     };
                     let mut block = block_of_jacobian(&jacobian, &slope, epsilon);
                     // Without the curvature of the scaled Jacobian.
-                    if let Some((_, by_edges)) = penalty.and_then(|penalty| penalty.lack(&jacobian)) {
+                    if let Some((_, by_edges)) = penalty.and_then(|penalty| penalty.shortfall(&jacobian)) {
                         let by_corner = by_edges * slope;
                         let weight = penalty.map_or(0.0, |penalty| penalty.weight);
                         block += by_corner * by_corner.transpose() * (2.0 * weight);
@@ -425,11 +425,11 @@ impl ReferenceCells {
                     });
                     if let Some(penalty) = penalty {
                         for c in &HEX_CORNERS {
-                            let Some((lack, by_edges)) = penalty.lack(&edges(c.map(|k| p[k]))) else {
+                            let Some((shortfall, by_edges)) = penalty.shortfall(&edges(c.map(|k| p[k]))) else {
                                 continue;
                             };
-                            let factor = weight * penalty.weight * lack;
-                            value.energy += factor * lack;
+                            let factor = weight * penalty.weight * shortfall;
+                            value.energy += factor * shortfall;
                             for k in 0..3 {
                                 let by_edge = by_edges.column(k) * (2.0 * factor);
                                 part[c[k + 1]] -= by_edge;

@@ -132,7 +132,7 @@ impl CornerPenalty {
     /// What the scaled Jacobian of a corner lacks, and the derivative of the scaled Jacobian with respect to the edges, or
     /// to multiples of them; `None` for nothing.
     #[inline]
-    pub fn lack(&self, edges: &Matrix3) -> Option<(f64, Matrix3)> {
+    pub fn shortfall(&self, edges: &Matrix3) -> Option<(f64, Matrix3)> {
         let [a, b, c] = [0, 1, 2].map(|k| edges.column(k).into_owned());
         let cofactors = Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)]);
         let squares = [a, b, c].map(|edge| edge.norm_squared());

@@ -14,7 +14,7 @@ use super::crossings::crossing_triangles;
 use super::foldover::length_or_one;
 use super::hex_corners::CornerPenalty;
 use super::lbfgs::{Lbfgs, Pull, StoppingRule, TangentConstraint};
-use super::own_size::{OwnShape, own_size_energy};
+use super::own_size::{HEX_EDGES, OwnShape, own_size_energy};
 use super::polish::{Floor, PolishReport};
 use super::quality::{invalid_cells, is_positive, lesser, scaled_jacobians};
 use super::relax::{Glider, NodeFreedom, RelaxationSurface};
@@ -52,7 +52,7 @@ const MARGIN: f64 = 0.1;
 const PENALTY: f64 = 1000.0;
 /// The springs of a patch are soft, since it is small.
 const PATCH_STIFFNESS: f64 = 0.01;
-/// A round of a patch that leaves more than this of what its cells lack is its last.
+/// A round of a patch that leaves more than this of its shortfall is its last.
 const WORTH_GOING_ON: f64 = 0.98;
 /// Cosine of the angle by which the target's normal at a node may turn in a round: nodes do not slide over creases.
 const MAX_TURN: f64 = 0.7;
@@ -66,22 +66,6 @@ const NO_DISTANCE: f64 = 1e-3;
 const LEAST_EDGE: f64 = 0.1;
 /// Vertices of the target for each triangle of the boundary that the boundary is compared with: of finer targets only some.
 const VERTICES_PER_TRIANGLE: usize = 4;
-/// Ends of the edges of a hexahedron.
-const HEX_EDGES: [[usize; 2]; 12] = [
-    [0, 1],
-    [3, 2],
-    [4, 5],
-    [7, 6],
-    [0, 3],
-    [1, 2],
-    [4, 7],
-    [5, 6],
-    [0, 4],
-    [1, 5],
-    [2, 6],
-    [3, 7],
-];
-
 /// The polish of hexahedra.
 pub(super) struct HexPolish<'a> {
     mesh: &'a BoundedMesh,
@@ -93,7 +77,7 @@ pub(super) struct HexPolish<'a> {
     shape: OwnShape,
     /// Vertices of that surface that the boundary is compared with, and their areas.
     vertices: Vec<(Point, f64)>,
-    /// Of each node the mean length of the boundary edges at it; 1 for other nodes.
+    /// Mean length of the boundary edges at each node; 1 for other nodes.
     edges: Vec<f64>,
     /// The mean over these nodes.
     edge: f64,
@@ -127,8 +111,8 @@ struct PatchMeasure {
     least: f64,
     /// Cells below each of two bounds.
     below: [usize; 2],
-    /// Sum of squares of what cells lack to the bound that they are raised to.
-    lack: f64,
+    /// Sum of squares by which cells are below the bound that they are raised to.
+    shortfall: f64,
 }
 
 /// What of the boundary may not get worse.
@@ -193,16 +177,18 @@ impl<'a> HexPolish<'a> {
     pub fn run(&self, x: &mut [Point], report: &mut PolishReport) {
         let floor = Floor::of(self.mesh, x);
         let boundary = self.boundary(x);
-        for fit in [Some(FIT), Some(STIFFER * FIT), None] {
+        // Whether all cells are improved first, and how stiff the pulls are.
+        let attempts: &[(bool, f64)] = match self.surface {
+            Some(_) => &[(true, FIT), (true, STIFFER * FIT), (false, STIFFER * FIT)],
+            None => &[(true, 0.0), (false, 0.0)],
+        };
+        for &(all, fit) in attempts {
             if !self.monitor.should_continue() {
                 return;
             }
-            if fit == Some(STIFFER * FIT) && self.surface.is_none() {
-                continue;
-            }
             let mut moved = x.to_vec();
-            let mut iterations = fit.map_or(0, |fit| self.improve_all(&mut moved, fit));
-            iterations += self.raise_lowest(&mut moved, fit.unwrap_or(STIFFER * FIT));
+            let mut iterations = if all { self.improve_all(&mut moved, fit) } else { 0 };
+            iterations += self.raise_lowest(&mut moved, fit);
             report.iterations += iterations;
             let is_sound = match (boundary, self.boundary(&moved)) {
                 (Some(before), Some(found)) => found.is_no_worse_than(&before, self.edge),
@@ -264,8 +250,8 @@ impl<'a> HexPolish<'a> {
     }
 
     /// Raises patches around the cells `low`. Keeps of each patch the last positions in which it has no more invalid cells,
-    /// its least scaled Jacobian is no lower, no more of its cells are below the 1 % quantile of the mesh, and what its cells
-    /// lack to the bound is less. Returns iterations times cells.
+    /// its least scaled Jacobian is no lower, no more of its cells are below the 1 % quantile of the mesh, and its
+    /// shortfall is less. Returns iterations times cells.
     fn raise_patches(&self, x: &mut [Point], low: &[u32], scaled: &[f64], bound: f64, fit: f64) -> usize {
         let at_nodes = CellsAtNodes::new(&self.mesh.cells, self.mesh.nodes.len());
         let mut ascending = scaled.to_vec();
@@ -294,7 +280,7 @@ impl<'a> HexPolish<'a> {
             let mut keep = |at: &[Point]| {
                 let found = measure(at);
                 let is_better = found.is_better_than(&best);
-                let goes_on = is_better && found.lack < WORTH_GOING_ON * best.lack;
+                let goes_on = is_better && found.shortfall < WORTH_GOING_ON * best.shortfall;
                 if is_better {
                     kept.copy_from_slice(at);
                     best = found;
@@ -547,7 +533,7 @@ impl PatchMeasure {
             least: scaled.iter().copied().fold(f64::INFINITY, lesser),
             // NaN counts as low.
             below: bounds.map(|bound| scaled.len() - scaled.iter().filter(|s| **s >= bound).count()),
-            lack: scaled.iter().map(|s| (raised_to - s).max(0.0).powi(2)).sum(),
+            shortfall: scaled.iter().map(|s| (raised_to - s).max(0.0).powi(2)).sum(),
         }
     }
 
@@ -557,7 +543,7 @@ impl PatchMeasure {
             && self.least >= other.least
             && self.below[0] <= other.below[0]
             && self.below[1] <= other.below[1]
-            && self.lack < other.lack
+            && self.shortfall < other.shortfall
     }
 }
 
@@ -580,7 +566,7 @@ fn mean_edges(mesh: &BoundedMesh, x: &[Point]) -> (Vec<f64>, f64) {
     let mut sums = vec![(0.0, 0.0); x.len()];
     if let CellList::Hexes(hexes) = &mesh.cells {
         for h in hexes {
-            for [a, b] in HEX_EDGES {
+            for &[a, b] in HEX_EDGES.as_flattened() {
                 let ends = [h[a] as usize, h[b] as usize];
                 let length = (x[ends[0]] - x[ends[1]]).norm();
                 if ends.iter().all(|&v| mesh.on_boundary[v]) && length.is_finite() {

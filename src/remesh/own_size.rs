@@ -12,7 +12,7 @@ use crate::{Matrix3, Point};
 /// Passes of averaging from cells to nodes and back.
 const PASSES: usize = 3;
 /// Edges of a hexahedron along each axis of its box.
-const HEX_EDGES: [[[usize; 2]; 4]; 3] = [
+pub(super) const HEX_EDGES: [[[usize; 2]; 4]; 3] = [
     [[0, 1], [3, 2], [4, 5], [7, 6]],
     [[0, 3], [1, 2], [4, 7], [5, 6]],
     [[0, 4], [1, 5], [2, 6], [3, 7]],

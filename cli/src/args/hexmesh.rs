@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use solidmap::hexmesh::TOLERANCE;
-use solidmap::polycube::PolycubeOptions;
 use solidmap::remesh::RemeshOptions;
 
 use super::places::PlacesArgs;
+use super::polycube::SmoothnessArgs;
 use super::remesh::{CellShape, RepairArgs};
 use super::section::UpKind;
 
@@ -38,16 +38,8 @@ pub struct HexmeshArgs {
     /// polycube_tets.vtu and model_tets.vtu, the map map.safetensors, and the cells in the polycube, domain.vtu
     #[arg(long, value_name = "DIR")]
     pub keep: Option<PathBuf>,
-    #[arg(
-        long,
-        value_name = "FRACTION",
-        help = format!(
-            "How much borders between charts of the polycube count against directions: 0.005 gives many charts, 0.04 few \
-             [default: {}]",
-            PolycubeOptions::default().smoothness
-        )
-    )]
-    pub smoothness: Option<f64>,
+    #[command(flatten)]
+    pub smoothness: SmoothnessArgs,
     /// Boundary error of the map over 99 % of the area, as a fraction of the model's diagonal
     #[arg(long, value_name = "FRACTION", default_value_t = TOLERANCE)]
     pub tolerance: f64,

@@ -29,18 +29,19 @@ pub struct PolycubeArgs {
     /// Also write the same tetrahedra in the model
     #[arg(long, value_name = "TETS")]
     pub model_tets: Option<PathBuf>,
-    #[arg(
-        long,
-        value_name = "FRACTION",
-        help = format!(
-            "How much borders between charts count against directions: 0.005 gives many charts, 0.04 few. Others are tried \
-             where no polycube is found [default: {}]",
-            PolycubeOptions::default().smoothness
-        )
-    )]
-    pub smoothness: Option<f64>,
+    #[command(flatten)]
+    pub smoothness: SmoothnessArgs,
     /// Put the planes of the polycube on a lattice with cells of this size, in the units of the model, so that `remesh
     /// --cell-size SIZE` makes no thin cells. The exit code is 1 if that was not possible; the polycube is then written without
     #[arg(long, value_name = "SIZE")]
     pub lattice: Option<f64>,
+}
+
+/// How many charts a polycube gets.
+#[derive(Debug, Args)]
+pub struct SmoothnessArgs {
+    /// How much borders between charts of the polycube count against directions: 0.005 gives many charts, 0.04 few. Others
+    /// are tried where no polycube is found
+    #[arg(long, value_name = "FRACTION", default_value_t = PolycubeOptions::default().smoothness)]
+    pub smoothness: f64,
 }

@@ -27,6 +27,32 @@ use crate::shared::{carried_mesh_file, carried_mesh_picture, fitting, input, pol
 /// Extensions of meshes that can be written.
 const OUTPUTS: [&str; 4] = ["msh", "mesh", "vtu", "vtk"];
 
+/// What is written into the folder of `--keep`.
+struct Kept;
+
+impl Kept {
+    const POLYCUBE: &str = "polycube.obj";
+    const MODEL: &str = "model.obj";
+    const POLYCUBE_TETS: &str = "polycube_tets.vtu";
+    const MODEL_TETS: &str = "model_tets.vtu";
+    const DOMAIN: &str = "domain.vtu";
+    const MAP: &str = "map.safetensors";
+
+    const fn names() -> [&'static str; 6] {
+        [
+            Self::POLYCUBE,
+            Self::MODEL,
+            Self::POLYCUBE_TETS,
+            Self::MODEL_TETS,
+            Self::DOMAIN,
+            Self::MAP,
+        ]
+    }
+}
+
+/// Their extensions.
+const KEPT: &[&str] = &["obj", "vtu", "safetensors"];
+
 /// What `hexmesh --json` prints.
 #[derive(Serialize)]
 struct HexmeshSummary {
@@ -54,6 +80,16 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     input::require_all_writable(&outputs, &[&args.model])?;
     ensure!(args.cells > 0, "--cells is 0, but must be at least 1");
     let folder = args.keep.as_deref().map(MadeFolder::new).transpose()?;
+    if let Some(folder) = &args.keep {
+        let others: Vec<&Path> = [Some(&args.model), Some(&args.output), args.png.as_ref()]
+            .into_iter()
+            .flatten()
+            .map(PathBuf::as_path)
+            .collect();
+        let kept = Kept::names().map(|name| folder.join(name));
+        let kept = kept.each_ref().map(|path| (Some(path), KEPT));
+        input::require_all_writable(&kept, &others)?;
+    }
     output.progress("reading");
     let start = Instant::now();
     let tets = polycubes::tetrahedra(&args.model, output)?;
@@ -112,7 +148,7 @@ fn options(args: &HexmeshArgs) -> HexmeshOptions {
         },
         most_cells: args.repair.max_cells,
         polycube: PolycubeOptions {
-            smoothness: args.smoothness.unwrap_or(polycube.smoothness),
+            smoothness: args.smoothness.smoothness,
             ..polycube
         },
         fit: FitOptions {
@@ -171,14 +207,14 @@ fn written(
     mesh.warn(&args.output, args.repair.split_stuck != Some(0), true, output);
     if let Some(folder) = &args.keep {
         keep(folder, &polycube)?;
-        carried_mesh_file::write(&folder.join("domain.vtu"), &remeshed, remeshed.mesh.nodes(), &origin)?;
+        carried_mesh_file::write(&folder.join(Kept::DOMAIN), &remeshed, remeshed.mesh.nodes(), &origin)?;
         let file = MapFile {
             map: fit.map,
             boundary: Some(fit.boundary),
             bijective: None,
             metadata: MapMetadata::new(fit.report.clone(), vec![model]),
         };
-        files::write_map(&folder.join("map.safetensors"), &file)?;
+        files::write_map(&folder.join(Kept::MAP), &file)?;
     }
     let ups = [args.up, args.up];
     let draw = || carried_mesh_picture::png(&remeshed, false, ups, output);
@@ -201,12 +237,12 @@ fn written(
 /// Writes the polycube and the model, with the same triangles and tetrahedra.
 fn keep(folder: &Path, polycube: &PolycubeMap) -> anyhow::Result<()> {
     let [domain, model] = polycube.surfaces();
-    for (name, surface) in [("polycube.obj", domain), ("model.obj", model)] {
+    for (name, surface) in [(Kept::POLYCUBE, domain), (Kept::MODEL, model)] {
         io::write_surface(folder.join(name), &surface)?;
     }
     for (name, tets) in [
-        ("polycube_tets.vtu", &polycube.polycube),
-        ("model_tets.vtu", &polycube.model),
+        (Kept::POLYCUBE_TETS, &polycube.polycube),
+        (Kept::MODEL_TETS, &polycube.model),
     ] {
         io::write_tets(folder.join(name), tets)?;
     }

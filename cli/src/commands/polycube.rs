@@ -48,7 +48,7 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     let start = Instant::now();
     let mesh = tetrahedra(&args.model, output)?;
     let options = PolycubeOptions {
-        smoothness: args.smoothness.unwrap_or(PolycubeOptions::default().smoothness),
+        smoothness: args.smoothness.smoothness,
         lattice: args.lattice.map(CellSize::Length),
         ..PolycubeOptions::default()
     };

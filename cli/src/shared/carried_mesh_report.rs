@@ -2,19 +2,18 @@
 
 use std::path::Path;
 
-use crate::drawing::significant;
 use serde::Serialize;
 use solidmap::memory::readable;
 use solidmap::remesh::{
     BoundaryIntersections, CellKind, CellQuality, InvalidCells, InversionCause, InversionCauses, PolishOutcome,
     PolishReport, RemeshReport, Remeshed, RepairStart,
 };
-
 use solidmap::worst_places::WorstPlace;
 
 use super::input::extension;
 use super::output::{Output, mebibytes};
 use super::self_intersections::finder;
+use crate::drawing::significant;
 
 /// How many cells stay inverted, by their cause.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
@@ -109,7 +108,7 @@ pub struct CarriedMeshReport {
 }
 
 impl CarriedMeshReport {
-    /// Of a mesh, with this many of its worst places.
+    /// The report of a mesh, with this many of its worst places.
     pub fn new(remeshed: &Remeshed, worst: usize) -> Self {
         Self {
             inverted_cells: remeshed.report.after.cells.len(),
