@@ -994,7 +994,9 @@ fn a_coarse_grid_of_the_bird_is_relaxed_until_its_boundary_is_simple_and_no_cell
         let found = run_with(&boundary, &fit.map, grid(kind, 16), &unsplit);
         let report = &found.report;
         assert_eq!(report.after.cells, [] as [u32; 0], "{report:?}");
-        assert!(report.repair.relax.nodes > 0 && report.slid_nodes > 0, "{report:?}");
+        assert!(report.slid_nodes > 0, "{report:?}");
+        // One box between planes that are close, where there were two, and hexahedra need no relaxation here any more.
+        assert!(report.repair.relax.nodes > 0 || kind == CellKind::Hexes, "{report:?}");
         for (p, _) in found.images.iter().zip(found.mesh.on_boundary()).filter(|(_, on)| **on) {
             assert!(query.closest_point(p).distance < 1e-12);
         }
