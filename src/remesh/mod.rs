@@ -574,8 +574,9 @@ const PER_GRID_POINT: f64 = 5.0;
 /// Bytes for each tetrahedron with its nodes: connectivity, finite elements for the start, references for the repair, vectors
 /// of the descent.
 const PER_TET: f64 = 450.0;
-/// Bytes for each hexahedron; the repair looks at each of its eight corners.
-const PER_HEX: f64 = 1200.0;
+/// Bytes for each hexahedron; the repair looks at each of its eight corners, and the polish has the mesh, its references and
+/// the vectors of its descent a second time.
+const PER_HEX: f64 = 1750.0;
 
 /// The memory that a run needs, by the estimate, unless it is more than allowed.
 fn require_room(
