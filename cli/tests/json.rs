@@ -243,6 +243,7 @@ fn every_field_of_a_report_is_documented_and_written() {
             "polycube ball.vtu -o pc.obj --image pm.obj --tets pt.mesh --model-tets pn.mesh --lattice 0.3",
         ),
         ("hexmesh", "hexmesh ball.vtu -o hm.vtu --cells 6 --keep hk --png hm.png"),
+        ("hexmesh", "hexmesh ball.vtu -o hv.vtu --cells 6 --polycube voxels"),
         ("bijective", "bijective ball.map --mesh ball.vtu -o other.map"),
         ("bijective", "bijective folded.map --mesh ball.vtu"),
         ("eval", "eval both.map at.csv -o e.csv"),

@@ -129,6 +129,34 @@ fn a_model_is_meshed_in_one_go_and_what_led_there_is_kept() {
     );
 }
 
+#[test]
+fn voxels_are_a_polycube_too_and_a_mesh_that_misses_a_part_of_the_model_is_no_success() {
+    let place = bar();
+    let line = "hexmesh bar.mesh -o v.vtu --polycube voxels --cells 16 --keep voxels";
+    let report = place.report(0, &format!("{line} --json"));
+    assert_eq!(report["mesh"]["inverted_cells"].as_u64(), Some(0), "{report}");
+    assert!(report["polycube"].is_null() && report["voxels"]["missed"].as_u64() == Some(0));
+    let given = io::read_tets(place.path("bar.mesh")).unwrap().volume();
+    let hexes = io::read_cells(place.path("v.vtu")).unwrap();
+    assert!((hexes.volume() / given - 1.0).abs() < 0.05);
+    // The map is kept, and the polycube, of which there are no tetrahedra.
+    let again = place.report(0, "remesh voxels/map.safetensors --kind hex --cells 16 -o a.vtu --json");
+    assert_eq!(again["after"]["inverted"].as_u64(), Some(0));
+    let polycube = io::read_surface(place.path("voxels/polycube.obj")).unwrap();
+    let voxels = report["voxels"]["voxels"].as_f64().unwrap() * report["voxels"]["size"].as_f64().unwrap().powi(3);
+    assert!((polycube.volume() / voxels - 1.0).abs() < 1e-9);
+    assert!(!place.path("voxels/polycube_tets.vtu").exists());
+
+    let output = place.ends_with(1, &format!("{line} --max-distance 1e-9"));
+    let (text, said) = (text(&output.stdout), text(&output.stderr));
+    assert!(
+        text.contains("voxels of") && said.contains("--max-distance"),
+        "{text}{said}"
+    );
+    assert!(place.path("v.vtu").exists());
+    place.fails(&format!("{line} --max-distance 0"), &["--max-distance"]);
+}
+
 #[cfg(feature = "native")]
 #[test]
 fn a_surface_is_filled_and_the_result_is_that_of_its_tetrahedra() {

@@ -18,6 +18,13 @@ fn options(kind: CellKind, cells: usize) -> HexmeshOptions {
     }
 }
 
+fn deformed(made: &Hexmesh) -> &PolycubeMap {
+    match &made.polycube {
+        HexmeshPolycube::Deformed(polycube) => polycube,
+        HexmeshPolycube::Voxels(..) => panic!("voxels"),
+    }
+}
+
 #[test]
 fn models_of_genus_zero_and_one_get_valid_cells_on_a_lattice() {
     for (model, genus) in [(test_meshes::ball(4), 0), (test_meshes::torus(3), 1)] {
@@ -40,10 +47,10 @@ fn models_of_genus_zero_and_one_get_valid_cells_on_a_lattice() {
                 .fold(0.0, f64::max);
             assert!(farthest < 1e-9 * given.diagonal(), "{farthest}");
             // Every edge of the domain's hexahedra that is not of the padding has the lattice's length.
-            let size = made.polycube.report.lattice.unwrap();
-            let planes = made.polycube.polycube.vertices().iter();
+            let size = deformed(&made).report.lattice.unwrap();
+            let planes = deformed(&made).polycube.vertices().iter();
             let heights: Vec<f64> = planes
-                .zip(made.polycube.model.vertices())
+                .zip(deformed(&made).model.vertices())
                 .map(|(p, _)| p.x / size)
                 .collect();
             assert!(heights.iter().any(|h| (h - h.round()).abs() < 1e-9));
@@ -65,15 +72,15 @@ fn two_runs_give_the_same_and_a_length_is_that_of_the_cells() {
     };
     let [first, second] = [(); 2].map(|()| make_hexmesh(&model, &options, &|_| {}).unwrap());
     assert_eq!(first.remeshed.images, second.remeshed.images);
-    assert_eq!(first.polycube.report.lattice, Some(size));
-    for (axis, &plane) in first
-        .polycube
+    assert_eq!(deformed(&first).report.lattice, Some(size));
+    let polycube = deformed(&first);
+    for (axis, &plane) in polycube
         .labels
         .iter()
-        .zip(&first.polycube.boundary)
+        .zip(&polycube.boundary)
         .map(|(l, f)| (l / 2, &f[0]))
     {
-        let height = first.polycube.polycube.vertices()[plane as usize][usize::from(axis)] / size;
+        let height = polycube.polycube.vertices()[plane as usize][usize::from(axis)] / size;
         assert!((height - height.round()).abs() < 1e-9, "{height}");
     }
 }
@@ -85,6 +92,7 @@ fn phases_come_in_order_any_of_them_cancels_and_wrong_options_are_refused() {
     let order = RefCell::new(vec![]);
     let number = |phase: &HexmeshPhase| match phase {
         HexmeshPhase::Polycube(_) => 0,
+        HexmeshPhase::Pairing(_) => panic!("voxels"),
         HexmeshPhase::Fitting(_) => 1,
         HexmeshPhase::Remeshing(_) => 2,
     };
@@ -102,13 +110,7 @@ fn phases_come_in_order_any_of_them_cancels_and_wrong_options_are_refused() {
             }
         };
         let error = make_hexmesh(&model, &wanted, &cancel).unwrap_err();
-        let is_cancelled = matches!(
-            error,
-            HexmeshError::Polycube(MakePolycubeError::Cancelled)
-                | HexmeshError::Fit(FitError::Cancelled)
-                | HexmeshError::Remesh(RemeshError::Cancelled)
-        );
-        assert!(is_cancelled, "{error}");
+        assert!(error.is_cancelled(), "{error}");
     }
     for size in [CellSize::Length(0.0), CellSize::Length(f64::NAN), CellSize::Along(0)] {
         let wrong = HexmeshOptions {
@@ -130,4 +132,79 @@ fn phases_come_in_order_any_of_them_cancels_and_wrong_options_are_refused() {
         matches!(error, HexmeshError::Remesh(RemeshError::TooMany { .. })),
         "{error}"
     );
+}
+
+/// No deformation is tried.
+fn without_attempts(options: HexmeshOptions) -> HexmeshOptions {
+    HexmeshOptions {
+        polycube: PolycubeOptions {
+            attempts: 0,
+            ..options.polycube
+        },
+        ..options
+    }
+}
+
+#[test]
+fn voxels_take_over_where_no_deformation_is_found() {
+    let ball = test_meshes::ball(4);
+    for kind in [CellKind::Hexes, CellKind::Tets] {
+        let wanted = without_attempts(options(kind, 16));
+        let made = make_hexmesh(&ball, &wanted, &|_| {}).unwrap();
+        assert_eq!(made.faults(), 0);
+        let HexmeshPolycube::Voxels(polycube, report) = &made.polycube else {
+            panic!("{kind:?}: no voxels")
+        };
+        assert_eq!((report.missed, report.voxels), (0, polycube.voxels.len()));
+        // A whole number of cells along a voxel.
+        let cells = polycube.size / made.remeshed.report.cell_size.unwrap();
+        assert!((cells - report.cells as f64).abs() < 1e-9);
+        let (mesh, images) = (&made.remeshed.mesh, &made.remeshed.images);
+        let surface = SurfaceMesh::new(images.clone(), mesh.boundary().to_vec()).unwrap();
+        let shapes = Topology::new(&surface).components().shapes;
+        assert_eq!(shapes.iter().map(|shape| shape.genus()).collect::<Vec<_>>(), [Some(0)]);
+        let given = ball.boundary().surface;
+        assert!((surface.volume() / given.volume() - 1.0).abs() < 0.05);
+        let query = SurfaceQuery::new(&given).unwrap();
+        let on_boundary = images.iter().zip(mesh.on_boundary()).filter(|(_, on)| **on);
+        let farthest = on_boundary
+            .map(|(p, _)| query.closest_point(p).distance)
+            .fold(0.0, f64::max);
+        assert!(farthest < 1e-9 * given.diagonal(), "{farthest}");
+    }
+    // Not for a torus, and not where only deformations are wanted.
+    let torus = make_hexmesh(
+        &test_meshes::torus(3),
+        &without_attempts(options(CellKind::Hexes, 8)),
+        &|_| {},
+    );
+    assert!(matches!(
+        torus,
+        Err(HexmeshError::Polycube(MakePolycubeError::NoLabels))
+    ));
+    let only = HexmeshOptions {
+        polycube_kind: PolycubeKind::Deformed,
+        ..without_attempts(options(CellKind::Hexes, 8))
+    };
+    let error = make_hexmesh(&ball, &only, &|_| {}).unwrap_err();
+    assert!(matches!(error, HexmeshError::Polycube(MakePolycubeError::NoLabels)));
+    let voxels = HexmeshOptions {
+        polycube_kind: PolycubeKind::Voxels,
+        ..options(CellKind::Hexes, 8)
+    };
+    let error = make_hexmesh(&test_meshes::torus(3), &voxels, &|_| {}).unwrap_err();
+    assert!(matches!(error, HexmeshError::Pair(PairError::Sphere { .. })), "{error}");
+    for stop in [0, 2, 9] {
+        let calls = RefCell::new(0);
+        let cancel = |phase: HexmeshPhase| {
+            *calls.borrow_mut() += usize::from(matches!(phase, HexmeshPhase::Pairing(_)));
+            let is_late = *calls.borrow() > stop;
+            if is_late {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        };
+        assert!(make_hexmesh(&ball, &voxels, &cancel).unwrap_err().is_cancelled());
+    }
 }

@@ -19,12 +19,15 @@ mod local_repair;
 mod max_flow;
 mod solid;
 mod sphere_labels;
+mod voxels;
 
 use crate::Point;
 use crate::boundary_map::SurfaceDistortion;
 use crate::mesh::{MeshError, SurfaceMesh, TetMesh};
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::remesh::CellSize;
+
+pub use voxels::{VoxelPolycube, VoxelPolycubeError};
 
 use attempt::{Attempt, attempt, snapped};
 use solid::Solid;
@@ -43,6 +46,8 @@ pub struct PolycubeOptions {
     pub smoothness: f64,
     /// Largest number of tetrahedra that splitting may add, as a part of those given; 1000 more are always allowed.
     pub most_added: f64,
+    /// Largest number of attempts, each with labels of its own; there are no more than 5.
+    pub attempts: usize,
     /// Cells of a lattice that the planes of the polycube are put on where that is possible: a regular mesh then has boxes of
     /// this size everywhere.
     pub lattice: Option<CellSize>,
@@ -53,6 +58,7 @@ impl Default for PolycubeOptions {
         Self {
             smoothness: 0.02,
             most_added: 1.0,
+            attempts: WAYS.len(),
             lattice: None,
         }
     }
@@ -219,7 +225,7 @@ fn surfaces<const N: usize>(boundary: &[[u32; 3]], positions: [&[Point]; N]) -> 
 /// A polycube of a solid that is filled with tetrahedra, of any genus.
 ///
 /// Labels are sought with the smoothness of the options, then with others, and for a solid of genus 0 last from its map to the
-/// sphere. The first polycube is returned in which every tetrahedron is right-handed, every boundary triangle faces along
+/// sphere ([`PolycubeOptions::attempts`]). The first polycube is returned in which every tetrahedron is right-handed, every boundary triangle faces along
 /// its direction (both decided exactly), the nodes of each chart have one coordinate bit for bit, no boundary triangles
 /// pass through each other, and no part of the solid lies within another. The result is the same from run to run and for any number of threads.
 ///
@@ -273,7 +279,7 @@ fn make(
     solid.split_between_boundary_nodes(most_added);
     let mut best: Option<Attempt> = None;
     let mut attempts = 0;
-    for way in WAYS {
+    for way in WAYS.into_iter().take(options.attempts) {
         let _ = monitor.send(PolycubePhase::Attempting { attempt: attempts + 1 });
         let Some(found) = attempt(&solid, way, options.smoothness, most_added, monitor)? else {
             continue;

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
-use solidmap::hexmesh::TOLERANCE;
+use clap::{Args, ValueEnum};
+use solidmap::hexmesh::{MAX_DISTANCE, PolycubeKind, TOLERANCE};
 use solidmap::remesh::RemeshOptions;
 
 use super::places::PlacesArgs;
@@ -16,8 +16,8 @@ use super::section::UpKind;
     allow_negative_numbers = true,
     after_help = "In one go what `polycube`, `fit` and `remesh` do: a polycube of the model with its faces on a lattice, the harmonic map\n\
                   from it to the model, and the cells of the lattice carried by the map and repaired.\n\
-                  The exit code is 1 if no polycube was found, which leaves no file, or if cells stay inverted or the boundary of the\n\
-                  mesh passes through itself; the mesh is written then, with what is wrong marked."
+                  The exit code is 1 if no polycube was found, which leaves no file, or if cells stay inverted, the boundary of the\n\
+                  mesh passes through itself, or it misses a part of the model; the mesh is written then, with what is wrong marked."
 )]
 pub struct HexmeshArgs {
     /// Closed surface, or a mesh of tetrahedra (.mesh, .msh, .vtk, .vtu), which is used as it is. Any genus
@@ -35,9 +35,12 @@ pub struct HexmeshArgs {
     #[arg(long, value_name = "LENGTH")]
     pub cell_size: Option<f64>,
     /// Folder for what leads to the mesh: polycube.obj and model.obj, as `fit` takes them, their tetrahedra
-    /// polycube_tets.vtu and model_tets.vtu, the map map.safetensors, and the cells in the polycube, domain.vtu
+    /// polycube_tets.vtu and model_tets.vtu (not of voxels), the map map.safetensors, and the cells in the polycube, domain.vtu
     #[arg(long, value_name = "DIR")]
     pub keep: Option<PathBuf>,
+    /// Where the polycube comes from
+    #[arg(long, value_enum, default_value_t = PolycubeChoice::Auto)]
+    pub polycube: PolycubeChoice,
     #[command(flatten)]
     pub smoothness: SmoothnessArgs,
     /// Boundary error of the map over 99 % of the area, as a fraction of the model's diagonal
@@ -47,6 +50,10 @@ pub struct HexmeshArgs {
     /// its 1 % quantile
     #[arg(long, value_name = "N", default_value_t = RemeshOptions::default().polish)]
     pub polish: usize,
+    /// Farthest that a vertex of the model may be from the mesh, as a fraction of the model's diagonal; beyond it the exit
+    /// code is 1
+    #[arg(long, value_name = "FRACTION", default_value_t = MAX_DISTANCE)]
+    pub max_distance: f64,
     #[command(flatten)]
     pub repair: RepairArgs,
     /// Write a picture: the mesh cut open, in the polycube, as mapped and repaired, and the distribution of det J
@@ -57,4 +64,25 @@ pub struct HexmeshArgs {
     pub up: UpKind,
     #[command(flatten)]
     pub places: PlacesArgs,
+}
+
+/// Where the polycube of `hexmesh` comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PolycubeChoice {
+    /// The model, deformed; for models without handles voxels, if two attempts lead to no valid mesh
+    Auto,
+    /// The model, deformed until each of its triangles lies across an axis. Any genus
+    Deformed,
+    /// Voxels that fill the model, their boundary mapped to the model's. For models without handles
+    Voxels,
+}
+
+impl From<PolycubeChoice> for PolycubeKind {
+    fn from(choice: PolycubeChoice) -> Self {
+        match choice {
+            PolycubeChoice::Auto => Self::Auto,
+            PolycubeChoice::Deformed => Self::Deformed,
+            PolycubeChoice::Voxels => Self::Voxels,
+        }
+    }
 }

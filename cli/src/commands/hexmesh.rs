@@ -7,8 +7,10 @@ use std::time::Instant;
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::files::{self, MapFile, MapMetadata};
-use solidmap::fit::{FitOptions, FitReport};
-use solidmap::hexmesh::{Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, make_hexmesh};
+use solidmap::fit::{Fit, FitOptions, FitReport};
+use solidmap::hexmesh::{
+    Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, VoxelReport, make_hexmesh,
+};
 use solidmap::io;
 use solidmap::polycube::{MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubeReport};
 use solidmap::remesh::{CellSize, RemeshOptions};
@@ -22,7 +24,7 @@ use crate::shared::made_folder::MadeFolder;
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, write_file, written_row};
 use crate::shared::places::with_places;
 use crate::shared::remeshing::remesh_options;
-use crate::shared::{carried_mesh_file, carried_mesh_picture, fitting, input, polycubes, remeshing};
+use crate::shared::{boundary_map, carried_mesh_file, carried_mesh_picture, fitting, input, polycubes, remeshing};
 
 /// Extensions of meshes that can be written.
 const OUTPUTS: [&str; 4] = ["msh", "mesh", "vtu", "vtk"];
@@ -65,7 +67,10 @@ struct HexmeshSummary {
     picture: Option<FileName>,
     /// Why no polycube was found.
     problem: Option<String>,
+    /// None where the polycube is one of voxels.
     polycube: Option<PolycubeReport>,
+    /// None where it is not.
+    voxels: Option<VoxelReport>,
     fit: Option<FitReport>,
     /// As `remesh` reports it.
     mesh: Option<CarriedMeshReport>,
@@ -79,6 +84,11 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     let outputs: [(Option<&PathBuf>, &[&str]); 2] = [(Some(&args.output), &OUTPUTS), (args.png.as_ref(), &["png"])];
     input::require_all_writable(&outputs, &[&args.model])?;
     ensure!(args.cells > 0, "--cells is 0, but must be at least 1");
+    ensure!(
+        args.max_distance > 0.0,
+        "--max-distance is {}, but must be positive",
+        args.max_distance
+    );
     let folder = args.keep.as_deref().map(MadeFolder::new).transpose()?;
     if let Some(folder) = &args.keep {
         let others: Vec<&Path> = [Some(&args.model), Some(&args.output), args.png.as_ref()]
@@ -97,6 +107,7 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     let attempt = Cell::new(1);
     let progress = |phase| match phase {
         HexmeshPhase::Polycube(phase) => polycubes::show_phase(phase, &attempt, output),
+        HexmeshPhase::Pairing(phase) => boundary_map::show_phase(phase, output),
         HexmeshPhase::Fitting(phase) => fitting::show_phase(phase, "", output),
         HexmeshPhase::Remeshing(phase) => remeshing::show_phase(phase, "", output),
     };
@@ -114,6 +125,7 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
         picture: None,
         problem: None,
         polycube: None,
+        voxels: None,
         fit: None,
         mesh: None,
         seconds: start.elapsed().as_secs_f64(),
@@ -133,8 +145,14 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     drop(folder);
     let places = summary.mesh.as_ref().map_or(&[][..], |mesh| &mesh.worst_places);
     output.result(&summary, || with_places(two_columns(rows(&summary)), places))?;
-    let is_valid = summary.mesh.as_ref().is_some_and(CarriedMeshReport::is_valid);
+    let is_valid = |mesh: &CarriedMeshReport| mesh.is_valid() && is_close(mesh, args);
+    let is_valid = summary.mesh.as_ref().is_some_and(is_valid);
     Ok(CommandOutcome::from_check(is_valid))
+}
+
+/// Whether the mesh misses no part of the model.
+fn is_close(mesh: &CarriedMeshReport, args: &HexmeshArgs) -> bool {
+    mesh.remesh.target_to_mesh.max <= args.max_distance
 }
 
 /// The library's options, from the arguments.
@@ -147,6 +165,8 @@ fn options(args: &HexmeshArgs) -> HexmeshOptions {
             None => CellSize::Along(args.cells),
         },
         most_cells: args.repair.max_cells,
+        max_distance: args.max_distance,
+        polycube_kind: args.polycube.into(),
         polycube: PolycubeOptions {
             smoothness: args.smoothness.smoothness,
             ..polycube
@@ -186,7 +206,11 @@ fn written(
         remeshed,
     } = made;
     carried_mesh_file::write(&args.output, &remeshed, &remeshed.images, &origin)?;
-    if polycube.report.lattice.is_none() {
+    let (deformed, voxels) = match polycube {
+        HexmeshPolycube::Deformed(found) => (Some(found), None),
+        HexmeshPolycube::Voxels(_, report) => (None, Some(*report)),
+    };
+    if deformed.as_ref().is_some_and(|found| found.report.lattice.is_none()) {
         output.warn(
             "no polycube was found with its faces on the lattice of the cells: between faces that are close there are thin \
              cells. Smaller cells may help",
@@ -205,8 +229,17 @@ fn written(
         .for_each(|warning| output.warn_of_fit(warning));
     let mesh = CarriedMeshReport::new(&remeshed, args.places.worst);
     mesh.warn(&args.output, args.repair.split_stuck != Some(0), true, output);
+    let farthest = mesh.remesh.target_to_mesh.max;
+    if !is_close(&mesh, args) {
+        output.warn(format!(
+            "the mesh misses a part of the model: a vertex is {} of the diagonal away from it, and {} are allowed \
+             (--max-distance). Smaller cells, --fix-boundary or another --polycube may help",
+            significant(farthest, 2),
+            args.max_distance
+        ));
+    }
     if let Some(folder) = &args.keep {
-        keep(folder, &polycube)?;
+        keep(folder, deformed.as_deref(), &fit)?;
         carried_mesh_file::write(&folder.join(Kept::DOMAIN), &remeshed, remeshed.mesh.nodes(), &origin)?;
         let file = MapFile {
             map: fit.map,
@@ -226,7 +259,8 @@ fn written(
         output: Some((&args.output).into()),
         keep: file_name(args.keep.as_ref()),
         picture: file_name(picture.map(|(path, _)| path)),
-        polycube: Some(polycube.report),
+        polycube: deformed.map(|found| found.report),
+        voxels,
         fit: Some(fit.report),
         mesh: Some(mesh),
         peak_rss_bytes: peak_rss_bytes(),
@@ -234,12 +268,15 @@ fn written(
     })
 }
 
-/// Writes the polycube and the model, with the same triangles and tetrahedra.
-fn keep(folder: &Path, polycube: &PolycubeMap) -> anyhow::Result<()> {
-    let [domain, model] = polycube.surfaces();
-    for (name, surface) in [(Kept::POLYCUBE, domain), (Kept::MODEL, model)] {
-        io::write_surface(folder.join(name), &surface)?;
+/// Writes the polycube and the model, with the same triangles, and tetrahedra if the polycube has any.
+fn keep(folder: &Path, polycube: Option<&PolycubeMap>, fit: &Fit) -> anyhow::Result<()> {
+    for (name, surface) in [
+        (Kept::POLYCUBE, fit.boundary.domain()),
+        (Kept::MODEL, &fit.boundary.target()),
+    ] {
+        io::write_surface(folder.join(name), surface)?;
     }
+    let Some(polycube) = polycube else { return Ok(()) };
     for (name, tets) in [
         (Kept::POLYCUBE_TETS, &polycube.polycube),
         (Kept::MODEL_TETS, &polycube.model),
@@ -249,8 +286,28 @@ fn keep(folder: &Path, polycube: &PolycubeMap) -> anyhow::Result<()> {
     Ok(())
 }
 
+fn voxel_rows(report: &VoxelReport) -> [[String; 2]; 2] {
+    let missed = match report.missed {
+        0 => String::new(),
+        count => format!("; {count} vertices of the model are farther than a voxel from them"),
+    };
+    let polycube = format!(
+        "{} voxels of {}, {} cells along each{missed}",
+        report.voxels,
+        significant(report.size, 4),
+        report.cells
+    );
+    [
+        ["polycube".into(), polycube],
+        ["distortion".into(), polycubes::distortion(&report.distortion)],
+    ]
+}
+
 fn rows(summary: &HexmeshSummary) -> Vec<[String; 2]> {
     let mut rows = summary.polycube.as_ref().map_or(vec![], polycubes::rows);
+    if let Some(voxels) = &summary.voxels {
+        rows.extend(voxel_rows(voxels));
+    }
     if let Some(fit) = &summary.fit {
         rows.push([
             "fit".into(),

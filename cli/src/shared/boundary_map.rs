@@ -95,7 +95,8 @@ fn landmarks(files: &[PathBuf], domain: &SurfaceMesh, target: &SurfaceMesh) -> a
     })
 }
 
-fn show_phase(phase: PairPhase, output: &Output) {
+/// Shows a phase of the mapping of a pair.
+pub fn show_phase(phase: PairPhase, output: &Output) {
     match phase {
         PairPhase::Sphere(side, SpherePhase::Embedding { vertices, total }) => {
             output.progress_of(format!("mapping the {side} to the sphere"), vertices, total);

@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::path::Path;
 
 use anyhow::Context;
-use solidmap::boundary_map::DistortionQuantiles;
+use solidmap::boundary_map::{DistortionQuantiles, SurfaceDistortion};
 use solidmap::mesh::TetMesh;
 use solidmap::polycube::{LabelSource, PolycubePhase, PolycubeReport};
 
@@ -81,15 +81,17 @@ pub fn rows(found: &PolycubeReport) -> Vec<[String; 2]> {
         ),
     ]);
     if let Some(distortion) = &found.distortion {
-        let of = |q: &DistortionQuantiles| format!("{:.2}, {:.2}, {:.2}", q.p50, q.p90, q.p99);
-        rows.push([
-            "distortion".into(),
-            format!(
-                "ratio of stretches {}, of areas {} (50, 90 and 99 % of the area)",
-                of(&distortion.angle),
-                of(&distortion.area)
-            ),
-        ]);
+        rows.push(["distortion".into(), self::distortion(distortion)]);
     }
     rows
+}
+
+/// The distortion of the boundary in words.
+pub fn distortion(found: &SurfaceDistortion) -> String {
+    let of = |q: &DistortionQuantiles| format!("{:.2}, {:.2}, {:.2}", q.p50, q.p90, q.p99);
+    format!(
+        "ratio of stretches {}, of areas {} (50, 90 and 99 % of the area)",
+        of(&found.angle),
+        of(&found.area)
+    )
 }
