@@ -24,8 +24,8 @@ pub use voxels::VoxelReport;
 /// Where the polycube comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PolycubeKind {
-    /// For a solid of genus 0 a deformation of the model if two attempts find one that leads to a valid mesh, else voxels;
-    /// for others a deformation of the model.
+    /// For a solid of genus 0 a deformation of the model if one attempt finds one that leads to a valid mesh, else voxels; for
+    /// others a deformation of the model.
     #[default]
     Auto,
     /// The model, deformed ([`make_polycube`]).
@@ -35,8 +35,8 @@ pub enum PolycubeKind {
 }
 
 /// Attempts at a deformation where voxels are left as well. For scale: an attempt that fails takes up to a minute for 50 000
-/// tetrahedra, voxels 10 s.
-const FEW_ATTEMPTS: usize = 2;
+/// tetrahedra, voxels 20 s, with cells no worse.
+const FEW_ATTEMPTS: usize = 1;
 
 /// Options of [`make_hexmesh`].
 #[derive(Debug, Clone, PartialEq)]

@@ -296,9 +296,8 @@ fn parts_at_faces(is_member: impl Fn(usize) -> bool) -> usize {
         let mut open = vec![first];
         is_reached[first] = true;
         while let Some(k) = open.pop() {
-            for other in 0..27 {
-                if !is_reached[other] && distance(k, other) == 1 && is_member(other) {
-                    is_reached[other] = true;
+            for other in (0..27).filter(|&other| distance(k, other) == 1 && is_member(other)) {
+                if !std::mem::replace(&mut is_reached[other], true) {
                     open.push(other);
                 }
             }

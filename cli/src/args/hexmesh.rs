@@ -69,7 +69,7 @@ pub struct HexmeshArgs {
 /// Where the polycube of `hexmesh` comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PolycubeChoice {
-    /// The model, deformed; for models without handles voxels, if two attempts lead to no valid mesh
+    /// The model, deformed; for models without handles voxels, if the first attempt leads to no valid mesh
     Auto,
     /// The model, deformed until each of its triangles lies across an axis. Any genus
     Deformed,
