@@ -2,7 +2,8 @@
 //! the lattice's cells carried by it and repaired.
 //!
 //! The polycube is the model itself, deformed, or for a solid of genus 0 one of voxels with a bijection of the boundaries.
-//! Every step is also there by itself: [`make_polycube`] or [`VoxelPolycube`] and [`map_pair`], [`fit`], [`remesh`].
+//! Every step is also there by itself: [`make_polycube`] or [`VoxelPolycube`] and
+//! [`map_pair`](crate::boundary_map::pair::map_pair), [`fit`], [`remesh`].
 
 mod voxels;
 
