@@ -155,6 +155,26 @@ fn voxels_are_a_polycube_too_and_a_mesh_that_misses_a_part_of_the_model_is_no_su
     );
     assert!(place.path("v.vtu").exists());
     place.fails(&format!("{line} --max-distance 0"), &["--max-distance"]);
+    let torus = solidmap::mesh::shapes::polycube(
+        &[
+            [0, 0, 0],
+            [1, 0, 0],
+            [2, 0, 0],
+            [2, 1, 0],
+            [2, 2, 0],
+            [1, 2, 0],
+            [0, 2, 0],
+            [0, 1, 0],
+        ],
+        1,
+    );
+    place.surface("ring.obj", &torus);
+    if cfg!(feature = "native") {
+        place.fails(
+            "hexmesh ring.obj -o r.vtu --polycube voxels",
+            &["ring.obj", "without handles", "genus 1"],
+        );
+    }
 }
 
 #[cfg(feature = "native")]

@@ -37,7 +37,7 @@ pub enum PolycubeKind {
 
 /// Attempts at a deformation where voxels are left as well. For scale: an attempt that fails takes up to a minute for 50 000
 /// tetrahedra, voxels 20 s, with cells no worse.
-const FEW_ATTEMPTS: usize = 1;
+const ATTEMPTS_BEFORE_VOXELS: usize = 1;
 
 /// Options of [`make_hexmesh`].
 #[derive(Debug, Clone, PartialEq)]
@@ -109,7 +109,10 @@ pub enum HexmeshError {
     #[error(transparent)]
     Voxels(#[from] VoxelPolycubeError),
     /// The boundary of the polycube of voxels cannot be mapped to the model's.
-    #[error(transparent)]
+    #[error(
+        "a polycube of voxels takes a model of one part without handles, and its boundary cannot be mapped to this model's \
+         (the target): {0}"
+    )]
     Pair(#[from] PairError),
     /// The polycube's boundary and the model's are no boundary map.
     #[error(transparent)]
@@ -167,8 +170,9 @@ impl Hexmesh {
 
 /// Meshes a model, given as tetrahedra, with hexahedra: a polycube, the harmonic map from it, and its cells in the model.
 ///
-/// Of several polycubes that are tried the first is taken that leads to a valid mesh no part of the model is far from, or the
-/// one with the fewest faults. Cells that stay inverted are not an error; the report lists them.
+/// Several polycubes may be tried ([`PolycubeKind`]). The first mesh is returned that is valid and within
+/// [`HexmeshOptions::max_distance`] of the model, else the one with the fewest faults. Cells that stay inverted are not an
+/// error; the report lists them.
 ///
 /// # Errors
 ///
@@ -229,7 +233,7 @@ fn by_deformation(
     let polycube_options = PolycubeOptions {
         lattice: Some(lattice_of(options)),
         attempts: if few_attempts {
-            attempts.min(FEW_ATTEMPTS)
+            attempts.min(ATTEMPTS_BEFORE_VOXELS)
         } else {
             attempts
         },

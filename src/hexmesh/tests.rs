@@ -25,6 +25,25 @@ fn deformed(made: &Hexmesh) -> &PolycubeMap {
     }
 }
 
+/// Requires a boundary of this genus with its nodes on the model's, and the model's volume up to `volume_error`.
+fn require_boundary_on(model: &TetMesh, made: &Hexmesh, genus: u64, volume_error: f64) {
+    let (mesh, images) = (&made.remeshed.mesh, &made.remeshed.images);
+    let surface = SurfaceMesh::new(images.clone(), mesh.boundary().to_vec()).unwrap();
+    let shapes = Topology::new(&surface).components().shapes;
+    assert_eq!(
+        shapes.iter().map(|shape| shape.genus()).collect::<Vec<_>>(),
+        [Some(genus)]
+    );
+    let given = model.boundary().surface;
+    assert!((surface.volume() / given.volume() - 1.0).abs() < volume_error);
+    let query = SurfaceQuery::new(&given).unwrap();
+    let on_boundary = images.iter().zip(mesh.on_boundary()).filter(|(_, on)| **on);
+    let farthest = on_boundary
+        .map(|(p, _)| query.closest_point(p).distance)
+        .fold(0.0, f64::max);
+    assert!(farthest < 1e-9 * given.diagonal(), "{farthest}");
+}
+
 #[test]
 fn models_of_genus_zero_and_one_get_valid_cells_on_a_lattice() {
     for (model, genus) in [(test_meshes::ball(4), 0), (test_meshes::torus(3), 1)] {
@@ -32,20 +51,7 @@ fn models_of_genus_zero_and_one_get_valid_cells_on_a_lattice() {
             let made = make_hexmesh(&model, &options(kind, count), &|_| {}).unwrap();
             let (mesh, images) = (&made.remeshed.mesh, &made.remeshed.images);
             assert_eq!(invalid_cells(mesh.cells(), images).cells, [] as [u32; 0]);
-            let surface = SurfaceMesh::new(images.clone(), mesh.boundary().to_vec()).unwrap();
-            let shapes = Topology::new(&surface).components().shapes;
-            assert_eq!(
-                shapes.iter().map(|shape| shape.genus()).collect::<Vec<_>>(),
-                [Some(genus)]
-            );
-            let given = model.boundary().surface;
-            assert!((surface.volume() / given.volume() - 1.0).abs() < 0.1);
-            let query = SurfaceQuery::new(&given).unwrap();
-            let on_boundary = images.iter().zip(mesh.on_boundary()).filter(|(_, on)| **on);
-            let farthest = on_boundary
-                .map(|(p, _)| query.closest_point(p).distance)
-                .fold(0.0, f64::max);
-            assert!(farthest < 1e-9 * given.diagonal(), "{farthest}");
+            require_boundary_on(&model, &made, genus, 0.1);
             // Every edge of the domain's hexahedra that is not of the padding has the lattice's length.
             let size = deformed(&made).report.lattice.unwrap();
             let planes = deformed(&made).polycube.vertices().iter();
@@ -159,18 +165,7 @@ fn voxels_take_over_where_no_deformation_is_found() {
         // A whole number of cells along a voxel.
         let cells = polycube.size / made.remeshed.report.cell_size.unwrap();
         assert!((cells - report.cells as f64).abs() < 1e-9);
-        let (mesh, images) = (&made.remeshed.mesh, &made.remeshed.images);
-        let surface = SurfaceMesh::new(images.clone(), mesh.boundary().to_vec()).unwrap();
-        let shapes = Topology::new(&surface).components().shapes;
-        assert_eq!(shapes.iter().map(|shape| shape.genus()).collect::<Vec<_>>(), [Some(0)]);
-        let given = ball.boundary().surface;
-        assert!((surface.volume() / given.volume() - 1.0).abs() < 0.05);
-        let query = SurfaceQuery::new(&given).unwrap();
-        let on_boundary = images.iter().zip(mesh.on_boundary()).filter(|(_, on)| **on);
-        let farthest = on_boundary
-            .map(|(p, _)| query.closest_point(p).distance)
-            .fold(0.0, f64::max);
-        assert!(farthest < 1e-9 * given.diagonal(), "{farthest}");
+        require_boundary_on(&ball, &made, 0, 0.05);
     }
     // Not for a torus, and not where only deformations are wanted.
     let torus = make_hexmesh(

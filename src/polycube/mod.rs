@@ -46,7 +46,7 @@ pub struct PolycubeOptions {
     pub smoothness: f64,
     /// Largest number of tetrahedra that splitting may add, as a part of those given; 1000 more are always allowed.
     pub most_added: f64,
-    /// Largest number of attempts, each with labels of its own; there are no more than 5.
+    /// Largest number of attempts, each with labels of its own; there are no more than 5. With 0 no labels are found.
     pub attempts: usize,
     /// Cells of a lattice that the planes of the polycube are put on where that is possible: a regular mesh then has boxes of
     /// this size everywhere.
@@ -225,9 +225,10 @@ fn surfaces<const N: usize>(boundary: &[[u32; 3]], positions: [&[Point]; N]) -> 
 /// A polycube of a solid that is filled with tetrahedra, of any genus.
 ///
 /// Labels are sought with the smoothness of the options, then with others, and for a solid of genus 0 last from its map to the
-/// sphere ([`PolycubeOptions::attempts`]). The first polycube is returned in which every tetrahedron is right-handed, every boundary triangle faces along
-/// its direction (both decided exactly), the nodes of each chart have one coordinate bit for bit, no boundary triangles
-/// pass through each other, and no part of the solid lies within another. The result is the same from run to run and for any number of threads.
+/// sphere ([`PolycubeOptions::attempts`]). The first polycube is returned in which every tetrahedron is right-handed, every
+/// boundary triangle faces along its direction (both decided exactly), the nodes of each chart have one coordinate bit for
+/// bit, no boundary triangles pass through each other, and no part of the solid lies within another. The result is the same
+/// from run to run and for any number of threads.
 ///
 /// An attempt takes about a second for every 10 000 tetrahedra where labels are good, and up to ten times that where local
 /// repair and splitting are needed.

@@ -19,8 +19,8 @@ const FARTHEST_OUTSIDE: f64 = 0.87;
 const REACHED: f64 = 0.75;
 /// Those that are farther than this are missed.
 const MISSED: f64 = 1.0;
-/// More voxels than this in the model's box are not made.
-const MOST_VOXELS: f64 = 1e7;
+/// Largest number of voxels of the grid, filled or not.
+const MAX_GRID_VOXELS: f64 = 1e7;
 
 /// Why there is no polycube of voxels.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -64,7 +64,7 @@ impl VoxelPolycube {
         let bounds = query.bounds();
         let along = bounds.extent() / size;
         // Written so that NaN is not possible.
-        let is_possible = size > 0.0 && along.map(|count| count.ceil() + 4.0).product() <= MOST_VOXELS;
+        let is_possible = size > 0.0 && along.map(|count| count.ceil() + 4.0).product() <= MAX_GRID_VOXELS;
         if !is_possible {
             return Err(VoxelPolycubeError::Size(size));
         }
@@ -86,8 +86,11 @@ impl VoxelPolycube {
         })
     }
 
-    /// The boundary, each side of a voxel divided into `divisions` squares of two triangles.
+    /// The boundary, each side of a voxel divided into `divisions`² squares of two triangles; empty without voxels.
     pub fn surface(&self, divisions: usize) -> SurfaceMesh {
+        if self.voxels.is_empty() {
+            return SurfaceMesh::default();
+        }
         let of_units = shapes::polycube(&self.voxels, divisions.max(1));
         shapes::deformed(&of_units, |p| self.origin + p.coords * self.size)
     }
@@ -133,7 +136,7 @@ impl Grid {
         (0..3).all(|k| place[k] > 0 && place[k] + 1 < self.counts[k])
     }
 
-    /// The voxel that a point lies in, and whether that is an inner one.
+    /// The voxel that a point lies in, if that is an inner one.
     fn at(&self, p: &Point) -> Option<usize> {
         let place: [usize; 3] = std::array::from_fn(|k| ((p[k] - self.origin[k]) / self.size) as usize);
         let [x, y, _] = self.counts;
@@ -416,6 +419,9 @@ mod tests {
     #[test]
     fn what_has_no_voxels_is_an_error() {
         let ball = shapes::sphere(1.0, 2);
+        let mut none = VoxelPolycube::new(&ball, 0.5).unwrap();
+        none.voxels.clear();
+        assert!(none.surface(2).triangles().is_empty());
         for size in [1e-9, 0.0, f64::NAN, -1.0] {
             assert!(VoxelPolycube::new(&ball, size).is_err(), "{size}");
         }

@@ -53,7 +53,7 @@ const PENALTY: f64 = 1000.0;
 /// The springs of a patch are soft, since it is small.
 const PATCH_STIFFNESS: f64 = 0.01;
 /// A round of a patch that leaves more than this of its shortfall is its last.
-const WORTH_GOING_ON: f64 = 0.98;
+const MAX_SHORTFALL_RATIO: f64 = 0.98;
 /// Cosine of the angle by which the target's normal at a node may turn in a round: nodes do not slide over creases.
 const MAX_TURN: f64 = 0.7;
 /// Largest ratio of the boundary's mean and largest distance from the target's vertices to those before.
@@ -280,12 +280,12 @@ impl<'a> HexPolish<'a> {
             let mut keep = |at: &[Point]| {
                 let found = measure(at);
                 let is_better = found.is_better_than(&best);
-                let goes_on = is_better && found.shortfall < WORTH_GOING_ON * best.shortfall;
+                let continues = is_better && found.shortfall < MAX_SHORTFALL_RATIO * best.shortfall;
                 if is_better {
                     kept.copy_from_slice(at);
                     best = found;
                 }
-                goes_on
+                continues
             };
             let iterations = self.improve(patch, &mut own, &mut |_| pulls.clone(), &improvement, &mut keep);
             (kept, iterations)

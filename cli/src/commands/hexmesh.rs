@@ -233,7 +233,7 @@ fn written(
     if !is_close(&mesh, args) {
         output.warn(format!(
             "the mesh misses a part of the model: a vertex is {} of the diagonal away from it, and {} are allowed \
-             (--max-distance). Smaller cells, --fix-boundary or another --polycube may help",
+             (--max-distance). Smaller cells or another --polycube may help",
             significant(farthest, 2),
             args.max_distance
         ));
@@ -292,10 +292,13 @@ fn voxel_rows(report: &VoxelReport) -> [[String; 2]; 2] {
         count => format!("; {count} vertices of the model are farther than a voxel from them"),
     };
     let polycube = format!(
-        "{} voxels of {}, {} cells along each{missed}",
+        "{} voxels of {}, {} along each{missed}",
         report.voxels,
         significant(report.size, 4),
-        report.cells
+        match report.cells {
+            1 => "1 cell".into(),
+            count => format!("{count} cells"),
+        }
     );
     [
         ["polycube".into(), polycube],
