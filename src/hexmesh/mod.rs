@@ -114,6 +114,14 @@ pub enum HexmeshError {
          (the target): {0}"
     )]
     Pair(#[from] PairError),
+    /// The model cannot be deformed to a polycube, and voxels lead to no mesh.
+    #[error("{deformed}; and by voxels instead: {voxels}")]
+    Neither {
+        /// Why there is no deformed model.
+        deformed: Box<Self>,
+        /// Why there is no mesh by voxels.
+        voxels: Box<Self>,
+    },
     /// The polycube's boundary and the model's are no boundary map.
     #[error(transparent)]
     BoundaryMap(#[from] BoundaryMapError),
@@ -200,16 +208,28 @@ pub fn make_hexmesh<R: ProgressResponse>(
                 _ => made,
             })
         }
-        Err(HexmeshError::Polycube(MakePolycubeError::NotFound { .. } | MakePolycubeError::NoLabels))
-            if may_be_voxels =>
-        {
-            voxels::hexmesh(model, options, &progress)
+        Err(deformed) if may_be_voxels && deformed.is_without_polycube() => {
+            voxels::hexmesh(model, options, &progress).map_err(|error| match error.is_cancelled() {
+                true => error,
+                false => HexmeshError::Neither {
+                    deformed: Box::new(deformed),
+                    voxels: Box::new(error),
+                },
+            })
         }
         made => made,
     }
 }
 
 impl HexmeshError {
+    /// Whether no polycube was found, though the model is one that can be used.
+    pub fn is_without_polycube(&self) -> bool {
+        matches!(
+            self,
+            Self::Polycube(MakePolycubeError::NotFound { .. } | MakePolycubeError::NoLabels) | Self::Neither { .. }
+        )
+    }
+
     /// Whether the progress callback cancelled the work.
     pub fn is_cancelled(&self) -> bool {
         matches!(

@@ -189,6 +189,18 @@ fn voxels_take_over_where_no_deformation_is_found() {
     };
     let error = make_hexmesh(&test_meshes::torus(3), &voxels, &|_| {}).unwrap_err();
     assert!(matches!(error, HexmeshError::Pair(PairError::Sphere { .. })), "{error}");
+    // Both reasons are given where voxels fail as well.
+    let few = HexmeshOptions {
+        most_cells: 10,
+        ..without_attempts(options(CellKind::Hexes, 8))
+    };
+    let error = make_hexmesh(&ball, &few, &|_| {}).unwrap_err();
+    assert!(error.is_without_polycube() && !error.is_cancelled());
+    let HexmeshError::Neither { deformed, voxels: other } = &error else {
+        panic!("{error}")
+    };
+    assert!(matches!(**deformed, HexmeshError::Polycube(MakePolycubeError::NoLabels)));
+    assert!(matches!(**other, HexmeshError::Remesh(RemeshError::TooMany { .. })), "{other}");
     for stop in [0, 2, 9] {
         let calls = RefCell::new(0);
         let cancel = |phase: HexmeshPhase| {

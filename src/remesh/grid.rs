@@ -224,8 +224,8 @@ impl Polycube {
         let (node_ids, points, on_grid_boundary) = self.nodes();
         let mut nodes: Vec<Point> = points.iter().map(|&at| self.position(at)).collect();
         // How far boundary nodes move inward from faces that face down and up each axis. Where there are faces of both
-        // kinds no position suits all of them, and cells there are inverted in the domain itself; a map that flattens
-        // the corner makes them positive.
+        // kinds no position suits all of them, and cells there are flat or inverted in the domain itself
+        // (`RemeshReport::invalid_in_domain`); a map that flattens the corner makes them positive.
         let mut depths = vec![[[0.0; 2]; 3]; nodes.len()];
         let mut hexes = Vec::new();
         let mut quads = Vec::new();

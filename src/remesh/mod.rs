@@ -255,11 +255,14 @@ pub struct RemeshReport {
     pub causes_after: InversionCauses,
     /// Quality of the mesh in the domain.
     pub domain_quality: Option<CellQuality>,
+    /// Cells that are flat or inverted in the domain: hexahedra of the padding where faces of a polycube look both ways along
+    /// an axis, so that no layer below all of them has a volume. In the target they have one.
+    pub invalid_in_domain: usize,
     /// Quality as mapped, before the repair.
     pub quality_as_mapped: Option<CellQuality>,
     /// Quality of the result.
     pub quality: Option<CellQuality>,
-    /// Quantiles of the [`determinants`] of the cells' maps at 0, 1, 10, 50, 90, 99 and 100 %.
+    /// Quantiles of the [`determinants`] of the cells' maps at 0, 1, 10, 50, 90, 99 and 100 %, of those that are defined.
     pub determinants: Option<[f64; 7]>,
     /// From vertices of the target to the boundary of the result.
     pub target_to_mesh: SurfaceDistances,
@@ -521,6 +524,7 @@ fn verified(
         after,
         causes_after,
         domain_quality: quality(&mesh.cells, &mesh.nodes),
+        invalid_in_domain: invalid_cells(&mesh.cells, &mesh.nodes).cells.len(),
         quality_as_mapped,
         quality: quality(&mesh.cells, &images),
         determinants: quantiles(&determinants, [0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0]),

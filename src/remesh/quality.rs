@@ -134,9 +134,12 @@ fn determinant(x: &[Point], t: [u32; 4]) -> f64 {
     (p[1] - p[0]).dot(&(p[2] - p[0]).cross(&(p[3] - p[0])))
 }
 
+/// Determinants of less than this, over their mean, are rounding errors of flat cells.
+const FLAT: f64 = 1e-9;
+
 /// Determinants of the map of the cells that takes nodes from `from` to `to`: one per tetrahedron; of a hexahedron,
 /// eight, each comparing the tetrahedra at a corner. They are divided by the ratio of the sums of both, so that 1 is a
-/// cell whose volume changes as the total does. For what is flat in `from` it is infinite or NaN.
+/// cell whose volume changes as the total does. NaN for what is flat or inverted in `from`: no map is meant there.
 pub fn determinants(cells: &CellList, from: &[Point], to: &[Point]) -> Vec<f64> {
     let corners = |x: &[Point]| -> Vec<f64> {
         match cells {
@@ -150,8 +153,15 @@ pub fn determinants(cells: &CellList, from: &[Point], to: &[Point]) -> Vec<f64> 
     let (images, shapes) = (corners(to), corners(from));
     let sum = |volumes: &[f64]| volumes.iter().sum::<f64>().abs();
     let change = sum(&images) / sum(&shapes);
-    let pairs = images.iter().zip(&shapes);
-    pairs.map(|(image, shape)| image / shape / change).collect()
+    let flat = FLAT * sum(&shapes) / shapes.len() as f64;
+    let ratio = |(&image, &shape): (&f64, &f64)| {
+        if shape > flat {
+            image / shape / change
+        } else {
+            f64::NAN
+        }
+    };
+    images.iter().zip(&shapes).map(ratio).collect()
 }
 
 /// The quality of all cells; `None` without cells. Cells with edges of zero length, whose quality is not defined, count
@@ -234,5 +244,10 @@ mod tests {
         let found = determinants(&cells, &nodes, &moved);
         let expected = [2.0, 0.5, 1.0];
         assert!((0..24).all(|k| (found[k] - expected[k / 8]).abs() < 1e-14), "{found:?}");
+        // Where there was no volume, its change is not defined.
+        let mut flat = nodes.clone();
+        flat[4..8].iter_mut().for_each(|p| p.z = 1e-15);
+        let found = determinants(&cells, &flat, &images);
+        assert!(found[..8].iter().all(|det| det.is_nan()) && found[8..].iter().all(|det| *det > 0.0), "{found:?}");
     }
 }

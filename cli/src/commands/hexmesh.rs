@@ -8,11 +8,9 @@ use anyhow::{Context, ensure};
 use serde::Serialize;
 use solidmap::files::{self, MapFile, MapMetadata};
 use solidmap::fit::{Fit, FitOptions, FitReport};
-use solidmap::hexmesh::{
-    Hexmesh, HexmeshError, HexmeshOptions, HexmeshPhase, HexmeshPolycube, VoxelReport, make_hexmesh,
-};
+use solidmap::hexmesh::{Hexmesh, HexmeshOptions, HexmeshPhase, HexmeshPolycube, VoxelReport, make_hexmesh};
 use solidmap::io;
-use solidmap::polycube::{MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubeReport};
+use solidmap::polycube::{PolycubeMap, PolycubeOptions, PolycubeReport};
 use solidmap::remesh::{CellSize, RemeshOptions};
 
 use crate::CommandOutcome;
@@ -113,9 +111,7 @@ pub fn run(args: &HexmeshArgs, output: &Output) -> anyhow::Result<CommandOutcome
     };
     let made = match make_hexmesh(&tets, &options, &progress) {
         Ok(made) => Ok(made),
-        Err(HexmeshError::Polycube(error @ (MakePolycubeError::NotFound { .. } | MakePolycubeError::NoLabels))) => {
-            Err(error.to_string())
-        }
+        Err(error) if error.is_without_polycube() => Err(error.to_string()),
         Err(error) => return Err(error).with_context(|| format!("cannot mesh `{}`", args.model.display())),
     };
     let summary = HexmeshSummary {

@@ -124,13 +124,9 @@ fn numbered(names: &[String]) -> Vec<(i32, String)> {
     (1..).zip(names.iter().cloned()).collect()
 }
 
-/// The smallest determinant of each cell; NaN where one is.
+/// The smallest determinant of each cell, of those that are defined; NaN where none is.
 pub fn least_of_cells(mesh: &BoundedMesh, determinants: &[f64]) -> Vec<f64> {
     let corners = determinants.len() / mesh.cells().len().max(1);
-    let least = |dets: &[f64]| {
-        dets.iter()
-            .copied()
-            .fold(f64::INFINITY, |a: f64, b| if a.is_nan() || a < b { a } else { b })
-    };
+    let least = |dets: &[f64]| dets.iter().copied().fold(f64::NAN, f64::min);
     determinants.chunks(corners.max(1)).map(least).collect()
 }

@@ -223,6 +223,13 @@ pub fn rows(report: &CarriedMeshReport, is_given: bool) -> Vec<[String; 2]> {
     ] {
         rows.extend(of.as_ref().map(|of| [name.to_owned(), quality(of)]));
     }
+    if found.invalid_in_domain > 0 {
+        let cells = format!(
+            "{} cells of the padding are flat or inverted in the domain, where its faces look both ways along an axis",
+            found.invalid_in_domain
+        );
+        rows.push([String::new(), cells]);
+    }
     if let Some([least, _, low, middle, high, _, most]) = found.determinants {
         rows.push([
             "det J".into(),
