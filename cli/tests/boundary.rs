@@ -195,7 +195,7 @@ fn pairs_that_cannot_be_mapped_end_with_2_and_name_the_side() {
             assert!(words.contains("error: ") && words.contains(fragment), "{line}: {words}");
         }
     }
-    for options in ["--landmarks pairs.txt", "--via conformal", "--no-improve"] {
+    for options in ["--landmarks pairs.txt", "--via conformal", "--aligned", "--no-improve"] {
         let line = format!("fit domain.obj --target sphere {options} -o m.map");
         let words = text(&place.ends_with(2, &line).stderr);
         assert!(words.contains("--target MODEL"), "{line}: {words}");

@@ -119,6 +119,7 @@ pub fn boundary_pair(
             },
             landmarks,
             improve,
+            ..PairOptions::default()
         };
         let progress = |phase| {
             let (step, fraction) = match phase {

@@ -124,7 +124,11 @@ fn by_polycube(
     progress: &dyn Fn(HexmeshPhase) -> ProgressControl,
 ) -> Result<(VoxelPolycube, VoxelReport, Carried), HexmeshError> {
     let pairing = |phase| progress(HexmeshPhase::Pairing(phase));
-    let (boundary, pair) = map_pair(&polycube.surface(DIVISIONS), target, &PairOptions::default(), &pairing)?;
+    let in_place = PairOptions {
+        aligned: true,
+        ..PairOptions::default()
+    };
+    let (boundary, pair) = map_pair(&polycube.surface(DIVISIONS), target, &in_place, &pairing)?;
     let carried = carried(
         &boundary,
         CellSize::Length(polycube.size / cells as f64),

@@ -68,7 +68,7 @@ impl<'a> BoundaryInput<'a> {
         let to_model = target.is_some_and(|target| target != Path::new(SPHERE));
         anyhow::ensure!(
             to_model || args.pair.is_default(),
-            "--landmarks, --via and --no-improve say how a solid is mapped to another: they need --target MODEL"
+            "--landmarks, --via, --aligned and --no-improve say how a solid is mapped to another: they need --target MODEL"
         );
         if let Some(target) = target.filter(|target| to_model && !target.exists()) {
             anyhow::bail!(

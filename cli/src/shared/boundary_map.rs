@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use solidmap::boundary_map::BoundaryMap;
 use solidmap::boundary_map::pair::{Landmarks, PairError, PairMethod, PairOptions, PairPhase, PairReport, map_pair};
 use solidmap::files;
@@ -52,6 +52,10 @@ pub fn to_model(
     share: f64,
     output: &Output,
 ) -> anyhow::Result<(BoundaryMap, PairReport)> {
+    ensure!(
+        !args.aligned || args.via == ViaKind::Targets,
+        "--aligned says where closest points are sought, and --via conformal seeks none; leave one of them out"
+    );
     let target = input::read_surface(files[1])?;
     let options = PairOptions {
         method: match args.via {
@@ -59,6 +63,7 @@ pub fn to_model(
             ViaKind::Conformal => PairMethod::Conformal,
         },
         landmarks: landmarks(&args.landmarks, domain, &target)?,
+        aligned: args.aligned,
         improve: !args.no_improve,
     };
     let progress = |phase| {

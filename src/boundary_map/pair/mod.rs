@@ -33,7 +33,7 @@ pub use rotation::{RotationMatch, search_rotations};
 pub use targets::{VertexTarget, vertex_targets};
 
 use super::{BoundaryMap, SurfaceDistortion};
-use crate::geometry::sphere_rotation;
+use crate::geometry::{Similarity, sphere_rotation};
 use crate::mesh::SurfaceMesh;
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::spherical::{
@@ -54,6 +54,13 @@ const SCHEDULES: [SoftTargetSchedule; 8] = [
     SoftTargetSchedule::new(10.0, 200),
     SoftTargetSchedule::new(10.0, 800),
     SoftTargetSchedule::new(100.0, 60),
+    SoftTargetSchedule::new(100.0, 800),
+];
+/// Schedules for solids in the same place: those taken for polycubes of voxels, where strong pulls can be trusted.
+const SCHEDULES_IN_PLACE: [SoftTargetSchedule; 4] = [
+    SoftTargetSchedule::new(1.0, 60),
+    SoftTargetSchedule::new(1.0, 800),
+    SoftTargetSchedule::new(10.0, 800),
     SoftTargetSchedule::new(100.0, 800),
 ];
 /// Vertices of the coarse embeddings: of all at first, then of the better ones.
@@ -97,6 +104,7 @@ pub fn map_pair<A: ProgressResponse>(
             domain: &domain,
             target: &target,
             landmarks: &landmarks,
+            aligned: options.aligned,
             improve: options.improve,
             start: Instant::now(),
             reporter,
@@ -113,6 +121,7 @@ struct PairMapping<'a> {
     domain: &'a SurfaceMesh,
     target: &'a SurfaceMesh,
     landmarks: &'a Landmarks,
+    aligned: bool,
     improve: bool,
     start: Instant,
     reporter: &'a ProgressSender<'a, PairPhase>,
@@ -129,7 +138,11 @@ impl PairMapping<'_> {
         let (soft_targets, warnings) = self.soft_targets(&target)?;
         let align = self.elapsed();
 
-        let count = soft_targets.len() * SCHEDULES.len();
+        let schedules: &[SoftTargetSchedule] = match self.aligned {
+            true => &SCHEDULES_IN_PLACE,
+            false => &SCHEDULES,
+        };
+        let count = soft_targets.len() * schedules.len();
         self.report(PairPhase::CoarseEmbeddings {
             vertices: COARSE_SIZES[0],
             done: 0,
@@ -137,10 +150,10 @@ impl PairMapping<'_> {
         })?;
         let embedder = self.embedder(&target, &inverse)?;
         let (coarse, [alignment, schedule], alignments) =
-            best_coarse_embedding(&embedder, &soft_targets, &SCHEDULES, &COARSE_SIZES).ok_or(PairError::NoEmbedding)?;
+            best_coarse_embedding(&embedder, &soft_targets, schedules, &COARSE_SIZES).ok_or(PairError::NoEmbedding)?;
         let compared = self.elapsed();
 
-        let (soft_targets, schedule) = (&soft_targets[alignment], SCHEDULES[schedule]);
+        let (soft_targets, schedule) = (&soft_targets[alignment], schedules[schedule]);
         let refining = |vertices, energy| {
             let total = self.domain.vertices().len();
             // A cancellation takes effect at the next level.
@@ -303,28 +316,31 @@ impl PairMapping<'_> {
         let from = AlignmentSurface::new(self.domain, "domain")?;
         let to = AlignmentSurface::new(self.target, "target")?;
         let pairs = self.landmarks.positions(self.domain.vertices(), self.target.vertices());
-        let alignments = if pairs.len() < 3 {
+        let of_similarity = |similarity: &Similarity| {
+            let found = vertex_targets(&from, &to, similarity);
+            let direction = |found: VertexTarget| (target.direction(&found.place), found.weight);
+            found.into_iter().map(|found| found.map(direction)).collect()
+        };
+        let mut warnings = Vec::new();
+        let alignments = if pairs.len() >= 3 {
+            align_by_landmarks(&from, &to, &pairs)?
+        } else if self.aligned {
+            return Ok((vec![of_similarity(&Similarity::identity())], warnings));
+        } else {
             let progress = |done, of| {
                 // A cancellation takes effect when the alignments are there, in a second or two.
                 let _ = self.reporter.send(PairPhase::Aligning { done, of });
             };
             align_with_progress(&from, &to, &progress)
-        } else {
-            align_by_landmarks(&from, &to, &pairs)?
         };
-        let mut warnings = Vec::new();
         if alignments.looks_mirrored() {
             warnings.push(
                 "the target looks like the mirror image of the domain; mirror one of them if that is not what you want"
                     .into(),
             );
         }
-        let of_alignment = |alignment: &Alignment| {
-            let found = vertex_targets(&from, &to, &alignment.similarity);
-            let direction = |found: VertexTarget| (target.direction(&found.place), found.weight);
-            found.into_iter().map(|found| found.map(direction)).collect()
-        };
-        Ok((alignments.best.iter().map(of_alignment).collect(), warnings))
+        let soft_targets = alignments.best.iter().map(|alignment| of_similarity(&alignment.similarity));
+        Ok((soft_targets.collect(), warnings))
     }
 
     fn embedder<'a>(

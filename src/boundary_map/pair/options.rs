@@ -23,6 +23,9 @@ pub struct PairOptions {
     pub method: PairMethod,
     /// Vertices of the domain that must go to given vertices of the target.
     pub landmarks: Landmarks,
+    /// Whether the solids lie in the same place, with the same size and pose, so that no alignment is sought. Three landmarks or
+    /// more, and [`PairMethod::Conformal`], do not look at it.
+    pub aligned: bool,
     /// Whether the distortion of the map is minimised.
     pub improve: bool,
 }
@@ -32,6 +35,7 @@ impl Default for PairOptions {
         Self {
             method: PairMethod::SoftTargets,
             landmarks: Landmarks::default(),
+            aligned: false,
             improve: true,
         }
     }
