@@ -133,7 +133,7 @@ pub enum MakePolycubeError {
         attempts: usize,
     },
     /// The progress callback cancelled the work.
-    #[error("cancelled")]
+    #[error("cancelled by the progress callback")]
     Cancelled,
 }
 
