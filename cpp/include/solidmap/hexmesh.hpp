@@ -17,8 +17,8 @@ namespace solidmap {
 
 /// Where the polycube of make_hexmesh() comes from.
 enum class PolycubeKind : std::uint8_t {
-  /// For a solid without handles a deformation of the model if one attempt finds one that leads to a valid mesh, else voxels;
-  /// for others a deformation of the model.
+  /// For a solid without handles a deformation of the model if one attempt finds one that leads to a valid mesh, else
+  /// voxels; for others a deformation of the model.
   automatic,
   /// The model, deformed, as by make_polycube().
   deformed,
@@ -35,8 +35,8 @@ struct HexmeshOptions {
   double length = 0;
   /// Largest number of cells: more throw Error (memory) before any is made.
   std::size_t max_cells = 20'000'000;
-  /// How far a vertex of the model may be from the mesh, as a fraction of the model's diagonal, before another polycube is
-  /// tried.
+  /// How far a vertex of the model may be from the mesh, as a fraction of the model's diagonal, before another polycube
+  /// is tried; positive.
   double max_distance = 0.05;
   PolycubeKind polycube_kind = PolycubeKind::automatic;
   /// How the model is deformed. The lattice is chosen by the size of the cells.
@@ -72,16 +72,16 @@ struct Hexmesh {
   CellMesh mesh;
   /// The same cells, with the same nodes, in the polycube.
   CellMesh domain_mesh;
-  /// The harmonic map from the polycube to the model; its boundary() has both surfaces. The nodes of `mesh` are their images
-  /// by it only up to the boundary error and the repair.
+  /// The harmonic map from the polycube to the model; its boundary() has both surfaces. The nodes of `mesh` are their
+  /// images by it only up to the boundary error and the repair.
   HarmonicMap map;
-  /// Cells that are inverted as mapped and now, their shapes (least, 1 % and mean scaled Jacobian in `quality`), distances
-  /// from the model to the mesh and back. The target is the model.
+  /// Cells that are inverted as mapped and now, their shapes (least, 1 % and mean scaled Jacobian in `quality`),
+  /// distances from the model to the mesh and back. The target is the model.
   RemeshReport report;
   /// Pairs of boundary triangles that pass through each other, quads as two triangles.
   std::size_t crossings = 0;
-  /// The polycube, where it is the model, deformed; else it consists of voxels, and this is what is known of them. One of the
-  /// two has a value.
+  /// The polycube, where it is the model, deformed; else it consists of voxels, and this is what is known of them. One
+  /// of the two has a value.
   std::optional<PolycubeMap> deformed;
   std::optional<VoxelReport> voxels;
 
@@ -89,18 +89,20 @@ struct Hexmesh {
   bool valid() const { return report.quality.inverted == 0 && crossings == 0; }
 };
 
-/// Meshes a solid, given as tetrahedra, with hexahedra or regular tetrahedra: a polycube of it with its faces on a lattice, the
-/// harmonic map from the polycube, and the lattice's cells carried by it, repaired and polished. All cells but those in the
-/// layer of hexahedra along the boundary have one size in the polycube.
+/// Meshes a solid, given as tetrahedra, with hexahedra or regular tetrahedra: a polycube of it with its faces on a
+/// lattice, the harmonic map from the polycube, and the lattice's cells carried by it, repaired and polished. All cells
+/// but those in the layer of hexahedra along the boundary have one size in the polycube.
 ///
-/// Several polycubes may be tried (PolycubeKind). The first mesh is returned that is valid and within `max_distance` of the
-/// model, else the one with the fewest faults: cells that stay inverted are not an error, see Hexmesh::valid() and the report.
+/// Several polycubes may be tried (PolycubeKind). The first mesh is returned that is valid and within `max_distance` of
+/// the model, else the one with the fewest faults: cells that stay inverted are not an error, see Hexmesh::valid() and
+/// the report.
 ///
 /// A model of 50 000 tetrahedra takes 15 s to a minute on two cores. The steps are those of make_polycube(),
 /// BoundaryMap::pair() (for voxels), fit() and remesh(); with a second polycube they begin again.
 ///
-/// Throws Error: numerical (no polycube was found), invalid_input (hexahedra, a model or option that cannot be used, voxels for
-/// a model with handles), memory (more cells or bytes than allowed), cancelled, and else as fit() and remesh().
+/// Throws Error: numerical (no polycube was found), invalid_input (hexahedra, a model or option that cannot be used,
+/// voxels for a model with handles), memory (more cells or bytes than allowed), cancelled, and else as fit() and
+/// remesh().
 Hexmesh make_hexmesh(const CellMesh& model, const HexmeshOptions& options = {}, const ProgressCallback& progress = {});
 
 }  // namespace solidmap
