@@ -6,13 +6,13 @@ use super::bridge::ffi;
 use super::bridge::ffi::Watcher;
 use super::error::{Category, Error, guarded};
 use super::maps::{Map, preimages_of, require_room, write, write_rows};
-use super::meshes::{VolumeMesh, whole_points};
+use super::meshes::{VolumeMesh, tets_of, whole_points};
 use super::solids::on_remesh_phase;
 use super::{flat, path};
 use solidmap::bijective::{self, BijectiveMap, BoundaryProof, RefinementOptions, make_bijective, refined_at_boundary};
 use solidmap::files;
 use solidmap::map::VolumeMap;
-use solidmap::mesh::{CellList, CellMesh, TetMesh};
+use solidmap::mesh::CellMesh;
 use solidmap::remesh::RemeshOptions;
 
 pub struct Bijective(Arc<bijective::Bijective>);
@@ -33,18 +33,13 @@ pub fn bijective_new(
     watcher: &Watcher,
 ) -> Result<Box<Bijective>, Error> {
     guarded(|| {
-        let (nodes, cells, _) = mesh.0.clone().into_parts();
-        let CellList::Tets(tets) = cells else {
-            return Err(Error::invalid(
-                "a bijective map is linear over tetrahedra; give a mesh of them",
-            ));
-        };
+        let tets = tets_of(mesh, "a bijective map is linear over")?;
         let boundary = map.boundary_map()?;
         let refinement = RefinementOptions {
             tolerance,
             ..RefinementOptions::default()
         };
-        let (mesh, _) = refined_at_boundary(boundary, TetMesh::new(nodes, tets)?, &refinement, finder())?;
+        let (mesh, _) = refined_at_boundary(boundary, tets, &refinement, finder())?;
         let options = RemeshOptions {
             effort,
             most_added: (most_added != usize::MAX).then_some(most_added),

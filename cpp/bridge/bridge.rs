@@ -1,6 +1,7 @@
 //! Declarations for C++. What they mean is documented where users read it, in `cpp/include/solidmap`.
 
 use super::bijective::{Bijective, bijective_new, bijective_of};
+use super::hexmesh::{Hexmesh, hexmesh_defaults, make_hexmesh};
 use super::maps::{
     Boundaries, Boundary, Factored, Inverse, Map, Maps, boundary_between, boundary_load, boundary_new, boundary_pair,
     boundary_to_sphere, factor_new, factor_refined, fit, fit_defaults, inverse_new, map_load, no_boundaries,
@@ -13,6 +14,7 @@ use super::meshes::{
     Surface, VolumeMesh, cells_hexes, cells_load, cells_tets, surface_cube, surface_load, surface_new,
     surface_polycube, surface_sphere, surface_torus,
 };
+use super::polycube::{PolycubeMap, make_polycube, polycube_defaults};
 use super::solids::{RemeshResult, offset_surface, remesh_given, remesh_regular, tetrahedralise};
 use super::{has_native, licence, version};
 
@@ -318,6 +320,64 @@ pub(super) mod ffi {
         worst_places: Vec<WorstPlace>,
     }
 
+    struct SurfaceDistortion {
+        angle_median: f64,
+        angle_p99: f64,
+        area_median: f64,
+        area_p99: f64,
+    }
+
+    struct PolycubeOptions {
+        smoothness: f64,
+        most_added: f64,
+        attempts: usize,
+        /// Both 0: no lattice.
+        lattice_along: usize,
+        lattice_length: f64,
+    }
+
+    struct PolycubeReport {
+        /// 0 graph cuts, 1 the map to the sphere.
+        labels: u8,
+        smoothness: f64,
+        attempts: usize,
+        charts: usize,
+        corners: usize,
+        planes: [usize; 3],
+        /// 0: the planes are on no lattice.
+        lattice: f64,
+        tets_given: usize,
+        tets: usize,
+        inverted_at_start: usize,
+        inverted_after_descent: usize,
+        energy: f64,
+        /// NaN where it was not measured.
+        distortion: SurfaceDistortion,
+    }
+
+    struct HexmeshOptions {
+        hexes: bool,
+        along: usize,
+        /// 0: `along`.
+        length: f64,
+        most_cells: usize,
+        max_distance: f64,
+        /// 0 automatic, 1 deformed, 2 voxels.
+        polycube_kind: u8,
+        polycube: PolycubeOptions,
+        fit: FitOptions,
+        remesh: RemeshOptions,
+    }
+
+    struct VoxelReport {
+        voxels: usize,
+        size: f64,
+        cells: usize,
+        missed: usize,
+        tried: usize,
+        distortion: SurfaceDistortion,
+    }
+
     unsafe extern "C++" {
         include!("watcher.hpp");
 
@@ -521,5 +581,30 @@ pub(super) mod ffi {
         fn report(self: &RemeshResult) -> Result<RemeshReport>;
         fn mesh(self: &RemeshResult) -> Result<Box<VolumeMesh>>;
         fn domain_mesh(self: &RemeshResult) -> Result<Box<VolumeMesh>>;
+    }
+
+    extern "Rust" {
+        fn polycube_defaults() -> PolycubeOptions;
+
+        type PolycubeMap;
+        fn make_polycube(model: &VolumeMesh, options: &PolycubeOptions, watcher: &Watcher) -> Result<Box<PolycubeMap>>;
+        fn model(self: &PolycubeMap) -> Result<Box<VolumeMesh>>;
+        fn polycube(self: &PolycubeMap) -> Result<Box<VolumeMesh>>;
+        fn boundary(self: &PolycubeMap) -> &[u32];
+        fn labels(self: &PolycubeMap) -> &[u8];
+        fn polycube_surface(self: &PolycubeMap) -> Result<Box<Surface>>;
+        fn model_surface(self: &PolycubeMap) -> Result<Box<Surface>>;
+        fn report(self: &PolycubeMap) -> PolycubeReport;
+
+        fn hexmesh_defaults() -> HexmeshOptions;
+
+        type Hexmesh;
+        fn make_hexmesh(model: &VolumeMesh, options: &HexmeshOptions, watcher: &Watcher) -> Result<Box<Hexmesh>>;
+        fn remeshed(self: &Hexmesh) -> &RemeshResult;
+        fn map(self: &Hexmesh) -> Result<Box<Map>>;
+        fn crossings(self: &Hexmesh) -> usize;
+        fn is_deformed(self: &Hexmesh) -> bool;
+        fn take_deformed(self: &mut Hexmesh) -> Result<Box<PolycubeMap>>;
+        fn voxels(self: &Hexmesh) -> Result<VoxelReport>;
     }
 }

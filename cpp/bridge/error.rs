@@ -17,10 +17,12 @@ use solidmap::energy::{DomainMeshError, EnergyError, QuadratureError};
 use solidmap::files::TensorFileError;
 use solidmap::fit::FitError;
 use solidmap::geometry::SectionError;
+use solidmap::hexmesh::HexmeshError;
 use solidmap::inverse::InverseError;
 use solidmap::io::IoError;
 use solidmap::map::Cancelled;
 use solidmap::mesh::MeshError;
+use solidmap::polycube::{MakePolycubeError, VoxelPolycubeError};
 use solidmap::remesh::RemeshError;
 use solidmap::solver::SolveError;
 use solidmap::spherical::SphericalError;
@@ -131,7 +133,8 @@ invalid_input!(
     HoleError,
     DomainMeshError,
     QuadratureError,
-    SectionError
+    SectionError,
+    VoxelPolycubeError
 );
 
 impl Categorised for IoError {
@@ -257,6 +260,30 @@ impl Categorised for RemeshError {
     }
 }
 
+impl Categorised for MakePolycubeError {
+    fn category(&self) -> Category {
+        match self {
+            Self::NoLabels | Self::NotFound { .. } => Category::Numerical,
+            Self::Cancelled => Category::Cancelled,
+            _ => Category::InvalidInput,
+        }
+    }
+}
+
+impl Categorised for HexmeshError {
+    fn category(&self) -> Category {
+        match self {
+            Self::Polycube(error) => error.category(),
+            Self::Voxels(error) => error.category(),
+            Self::Pair(error) => error.category(),
+            Self::BoundaryMap(error) => error.category(),
+            Self::Fit(error) => error.category(),
+            Self::Remesh(error) => error.category(),
+            _ => Category::Internal,
+        }
+    }
+}
+
 #[cfg(feature = "native")]
 impl Categorised for CgalTetgenError {
     fn category(&self) -> Category {
@@ -299,6 +326,11 @@ mod tests {
         let error: Error = FitError::from(SolveError::NoConvergence).into();
         assert_eq!(error.category, Category::Numerical);
         assert_eq!(error.message.matches("did not converge").count(), 1);
+        let error: Error = HexmeshError::from(MakePolycubeError::Cancelled).into();
+        assert_eq!(error.category, Category::Cancelled);
+        let error: Error = HexmeshError::from(MakePolycubeError::NoLabels).into();
+        assert_eq!(error.category, Category::Numerical);
+        assert_eq!(error.message.matches("no polycube was found").count(), 1);
         let missing = solidmap::io::read_surface("/nowhere/a.obj").unwrap_err();
         assert_eq!(Error::from(missing).category, Category::NotFound);
     }

@@ -7,9 +7,11 @@
 mod bijective;
 mod bridge;
 mod error;
+mod hexmesh;
 mod maps;
 mod measures;
 mod meshes;
+mod polycube;
 mod solids;
 
 use solidmap::Point;

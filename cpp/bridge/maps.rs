@@ -24,6 +24,7 @@ pub struct Boundary(pub BoundaryMap);
 pub struct Boundaries(Vec<BoundaryMap>);
 
 /// A fitted map, with all that its file holds.
+#[derive(Clone)]
 pub struct Map {
     file: Arc<MapFile>,
     /// The report with timings, which the file leaves out.
@@ -121,18 +122,7 @@ pub fn boundary_pair(
             improve,
             ..PairOptions::default()
         };
-        let progress = |phase| {
-            let (step, fraction) = match phase {
-                PairPhase::Sphere("domain", _) => ("mapping the domain to the sphere", f64::NAN),
-                PairPhase::Sphere(..) => ("mapping the target to the sphere", f64::NAN),
-                PairPhase::Aligning { done, of } => ("aligning", share(done, of)),
-                PairPhase::CoarseEmbeddings { done, of, .. } => ("trying coarse embeddings", share(done, of)),
-                PairPhase::Refining { vertices, total, .. } => ("refining the embedding", share(vertices, total)),
-                PairPhase::Improving { rounds, most_rounds } => ("lowering the distortion", share(rounds, most_rounds)),
-                PairPhase::Measuring { done, of } => ("measuring", share(done, of)),
-            };
-            ask(watcher, step, fraction, "")
-        };
+        let progress = |phase| on_pair_phase(watcher, phase);
         let (boundary, found) = map_pair(&domain.0, &target.0, &options, &progress)?;
         let SurfaceDistortion { angle, area, .. } = &found.after;
         *report = ffi::PairReport {
@@ -145,6 +135,20 @@ pub fn boundary_pair(
         };
         boxed_boundary(boundary)
     })
+}
+
+/// Tells the callback the phase of a pair, and asks it whether the work goes on.
+pub fn on_pair_phase(watcher: &Watcher, phase: PairPhase) -> ControlFlow<()> {
+    let (step, fraction) = match phase {
+        PairPhase::Sphere("domain", _) => ("mapping the domain to the sphere", f64::NAN),
+        PairPhase::Sphere(..) => ("mapping the target to the sphere", f64::NAN),
+        PairPhase::Aligning { done, of } => ("aligning", share(done, of)),
+        PairPhase::CoarseEmbeddings { done, of, .. } => ("trying coarse embeddings", share(done, of)),
+        PairPhase::Refining { vertices, total, .. } => ("refining the embedding", share(vertices, total)),
+        PairPhase::Improving { rounds, most_rounds } => ("lowering the distortion", share(rounds, most_rounds)),
+        PairPhase::Measuring { done, of } => ("measuring", share(done, of)),
+    };
+    ask(watcher, step, fraction, "")
 }
 
 pub fn boundary_load(bytes: &[u8]) -> Result<Box<Boundary>, Error> {
@@ -226,11 +230,15 @@ impl Boundaries {
 
 /// The options of a preset: 0 adaptive, 1 dense, 2 the paper's.
 pub fn fit_defaults(preset: u8) -> ffi::FitOptions {
-    let options = match preset {
+    fit_for_cpp(&match preset {
         0 => FitOptions::adaptive(),
         1 => FitOptions::dense(),
         _ => FitOptions::paper(),
-    };
+    })
+}
+
+/// The options as C++ knows them.
+pub fn fit_for_cpp(options: &FitOptions) -> ffi::FitOptions {
     let (placement, placement_value) = match options.method.placement() {
         Placement::Adaptive { alpha } => (0, alpha),
         Placement::Offset { distance } => (1, distance),
@@ -283,7 +291,7 @@ pub fn map_load(bytes: &[u8]) -> Result<Box<Map>, Error> {
 }
 
 impl Map {
-    fn of(fit: Fit) -> Self {
+    pub fn of(fit: Fit) -> Self {
         let Fit {
             map, boundary, report, ..
         } = fit;
@@ -600,7 +608,7 @@ pub fn write_rows(out: &mut [f64], found: &[Matrix3]) -> Result<(), Error> {
     Ok(())
 }
 
-fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
+pub fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
     let value = options.placement_value;
     let placement = match options.placement {
         0 => Placement::Adaptive { alpha: value },
@@ -641,7 +649,7 @@ fn fit_options(options: &ffi::FitOptions) -> Result<FitOptions, Error> {
 }
 
 /// Tells the callback the phase of a fit, and asks it whether the work goes on.
-fn on_phase(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
+pub fn on_phase(watcher: &Watcher, phase: Phase) -> ControlFlow<()> {
     let (step, fraction, detail) = match phase {
         Phase::Checking => ("checking", f64::NAN, String::new()),
         Phase::Sampling => ("sampling", f64::NAN, String::new()),

@@ -5,7 +5,7 @@ use super::error::{Category, Error, guarded};
 use super::{flat, path, points};
 use solidmap::check::{self, CheckReport, ComponentKind, SelfIntersections, Severity};
 use solidmap::io;
-use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, shapes};
+use solidmap::mesh::{CellList, CellMesh, SurfaceMesh, TetMesh, shapes};
 use solidmap::remesh::{invalid_cells, quality};
 
 pub struct Surface(pub SurfaceMesh);
@@ -274,6 +274,14 @@ pub fn quality_of(cells: &CellList, nodes: &[solidmap::Point]) -> ffi::CellQuali
         mean_scaled_jacobian: value(|q| q.mean_scaled_jacobian),
         min_dihedral: value(|q| q.min_dihedral),
         max_dihedral: value(|q| q.max_dihedral),
+    }
+}
+
+/// The tetrahedra of a mesh; an error for one of hexahedra, which begins with `why`.
+pub fn tets_of(mesh: &VolumeMesh, why: &str) -> Result<TetMesh, Error> {
+    match mesh.0.clone().into_parts() {
+        (nodes, CellList::Tets(tets), _) => Ok(TetMesh::new(nodes, tets)?),
+        _ => Err(Error::invalid(format!("{why} tetrahedra; give a mesh of them"))),
     }
 }
 

@@ -16,7 +16,7 @@ use solidmap::remesh::{
 };
 use solidmap::worst_places::LISTED;
 
-pub struct RemeshResult(remesh::Remeshed);
+pub struct RemeshResult(pub remesh::Remeshed);
 
 /// The error of a build without CGAL and TetGen.
 #[cfg(not(feature = "native"))]
@@ -136,21 +136,32 @@ pub fn remesh_regular(
     watcher: &Watcher,
 ) -> Result<Box<RemeshResult>, Error> {
     guarded(|| {
-        if along == 0 && length == 0.0 {
-            return Err(Error::invalid(
-                "give the number of cells along the longest side (RegularMesh::along), or their length",
-            ));
-        }
         let source = RemeshSource::Regular {
-            kind: if hexes { CellKind::Hexes } else { CellKind::Tets },
-            size: if along > 0 {
-                CellSize::Along(along)
-            } else {
-                CellSize::Length(length)
-            },
+            kind: cell_kind(hexes),
+            size: required_cell_size(along, length)?,
             most_cells,
         };
         carried(map, source, options, watcher)
+    })
+}
+
+pub fn cell_kind(hexes: bool) -> CellKind {
+    if hexes { CellKind::Hexes } else { CellKind::Tets }
+}
+
+/// The length of cells if it is given, else their number along the longest side; `None` if both are 0.
+pub fn cell_size(along: usize, length: f64) -> Option<CellSize> {
+    match (along, length) {
+        (0, 0.0) => None,
+        (along, 0.0) => Some(CellSize::Along(along)),
+        (_, length) => Some(CellSize::Length(length)),
+    }
+}
+
+/// The same, an error if both are 0.
+pub fn required_cell_size(along: usize, length: f64) -> Result<CellSize, Error> {
+    cell_size(along, length).ok_or_else(|| {
+        Error::invalid("give the number of cells along the longest side (`along`), or their length (`length`)")
     })
 }
 
@@ -169,7 +180,19 @@ fn carried(
     options: &ffi::RemeshOptions,
     watcher: &Watcher,
 ) -> Result<Box<RemeshResult>, Error> {
-    let options = RemeshOptions {
+    let progress = |phase| on_remesh_phase(watcher, phase);
+    let remeshed = remesh::remesh(
+        map.boundary_map()?,
+        map.map(),
+        source,
+        &remesh_options(options),
+        &progress,
+    )?;
+    Ok(Box::new(RemeshResult(remeshed)))
+}
+
+pub fn remesh_options(options: &ffi::RemeshOptions) -> RemeshOptions {
+    RemeshOptions {
         repair: options.repair,
         slide: options.slide,
         most_added: (options.most_added != usize::MAX).then_some(options.most_added),
@@ -177,10 +200,20 @@ fn carried(
         polish: options.polish,
         polish_valid: options.polish_valid,
         memory: (options.memory > 0).then_some(options.memory),
-    };
-    let progress = |phase| on_remesh_phase(watcher, phase);
-    let remeshed = remesh::remesh(map.boundary_map()?, map.map(), source, &options, &progress)?;
-    Ok(Box::new(RemeshResult(remeshed)))
+    }
+}
+
+/// The options as C++ knows them.
+pub fn remesh_for_cpp(options: &RemeshOptions) -> ffi::RemeshOptions {
+    ffi::RemeshOptions {
+        repair: options.repair,
+        slide: options.slide,
+        polish: options.polish,
+        polish_valid: options.polish_valid,
+        most_added: options.most_added.unwrap_or(usize::MAX),
+        effort: options.effort,
+        memory: options.memory.unwrap_or(0),
+    }
 }
 
 pub fn on_remesh_phase(watcher: &Watcher, phase: RemeshPhase) -> ControlFlow<()> {

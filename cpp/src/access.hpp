@@ -201,4 +201,15 @@ std::vector<Preimage> converted(const rust::Vec<ffi::Preimage>& found);
 
 CellQuality quality_of(const ffi::CellQuality& found);
 
+// What is asked for and what was found, between the public types and those of the bridge.
+ffi::FitOptions for_rust(const FitOptions& options);
+FitOptions converted(const ffi::FitOptions& from);
+ffi::RemeshOptions for_rust(const RemeshOptions& options);
+RemeshOptions converted(const ffi::RemeshOptions& from);
+Remeshed converted(const ffi::RemeshResult& remeshed);
+ffi::PolycubeOptions for_rust(const PolycubeOptions& options);
+PolycubeOptions converted(const ffi::PolycubeOptions& from);
+SurfaceDistortion converted(const ffi::SurfaceDistortion& found);
+PolycubeMap converted(const ffi::PolycubeMap& made);
+
 }  // namespace solidmap::detail

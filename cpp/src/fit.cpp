@@ -6,9 +6,7 @@ namespace solidmap {
 
 using namespace detail;
 
-namespace {
-
-ffi::FitOptions for_rust(const FitOptions& options) {
+ffi::FitOptions detail::for_rust(const FitOptions& options) {
   if (options.memory == std::uint64_t{0}) {
     throw Error(Category::invalid_input,
                 "memory is 0 bytes, but must be positive, or std::nullopt for nine tenths of the available memory");
@@ -36,8 +34,7 @@ ffi::FitOptions for_rust(const FitOptions& options) {
   return to;
 }
 
-FitOptions preset(std::uint8_t number) {
-  const ffi::FitOptions from = ffi::fit_defaults(number);
+FitOptions detail::converted(const ffi::FitOptions& from) {
   FitOptions options;
   options.placement.kind = static_cast<Placement::Kind>(from.placement);
   options.placement.value = from.placement_value;
@@ -59,6 +56,8 @@ FitOptions preset(std::uint8_t number) {
   return options;
 }
 
+namespace {
+
 Factor make_factor(rust::Box<ffi::Factored> box) { return Access::make<Factor, FactorImpl>(std::move(box)); }
 
 std::vector<HarmonicMap> taken(rust::Box<ffi::Maps> maps) {
@@ -70,9 +69,9 @@ std::vector<HarmonicMap> taken(rust::Box<ffi::Maps> maps) {
 
 }  // namespace
 
-FitOptions FitOptions::adaptive() { return preset(0); }
-FitOptions FitOptions::dense() { return preset(1); }
-FitOptions FitOptions::paper() { return preset(2); }
+FitOptions FitOptions::adaptive() { return converted(ffi::fit_defaults(0)); }
+FitOptions FitOptions::dense() { return converted(ffi::fit_defaults(1)); }
+FitOptions FitOptions::paper() { return converted(ffi::fit_defaults(2)); }
 
 HarmonicMap fit(const BoundaryMap& boundary, const FitOptions& options, const ProgressCallback& progress) {
   return watched(progress, [&](const Watcher& watcher) {

@@ -41,9 +41,7 @@ OffsetSurface offset_surface(const Surface& surface, double distance, const Offs
           found.genus,     found.components,   found.alpha,          found.raw_wrap};
 }
 
-namespace {
-
-ffi::RemeshOptions for_rust(const RemeshOptions& options) {
+ffi::RemeshOptions detail::for_rust(const RemeshOptions& options) {
   return {options.repair,
           options.slide,
           options.polish,
@@ -53,8 +51,20 @@ ffi::RemeshOptions for_rust(const RemeshOptions& options) {
           options.memory};
 }
 
-Remeshed converted(const rust::Box<ffi::RemeshResult>& remeshed) {
-  const ffi::RemeshReport found = remeshed->report();
+RemeshOptions detail::converted(const ffi::RemeshOptions& from) {
+  RemeshOptions options;
+  options.repair = from.repair;
+  options.slide = from.slide;
+  options.polish = from.polish;
+  options.polish_valid = from.polish_valid;
+  if (from.most_added != std::numeric_limits<std::size_t>::max()) options.most_added = from.most_added;
+  options.effort = from.effort;
+  options.memory = from.memory;
+  return options;
+}
+
+Remeshed detail::converted(const ffi::RemeshResult& remeshed) {
+  const ffi::RemeshReport found = remeshed.report();
   RemeshReport report;
   report.nodes = found.nodes;
   report.boundary_nodes = found.boundary_nodes;
@@ -77,26 +87,22 @@ Remeshed converted(const rust::Box<ffi::RemeshResult>& remeshed) {
   report.from_finite_elements = found.from_finite_elements;
   report.seconds = found.seconds;
   report.worst_places = detail::converted(found.worst_places);
-  return {make_cells(remeshed->mesh()), make_cells(remeshed->domain_mesh()), report};
+  return {make_cells(remeshed.mesh()), make_cells(remeshed.domain_mesh()), report};
 }
-
-}  // namespace
 
 Remeshed remesh(const HarmonicMap& map, const RegularMesh& cells, const RemeshOptions& options,
                 const ProgressCallback& progress) {
   require_one_of("kind", cells.kind, CellKind::hexes);
-  // Rust takes the size from whichever of the two is not 0.
-  const std::size_t along = cells.length != 0 ? 0 : cells.along;
   return watched(progress, [&](const Watcher& watcher) {
-    return converted(ffi::remesh_regular(Access::of(map), cells.kind == CellKind::hexes, along, cells.length,
-                                    cells.max_cells, for_rust(options), watcher));
+    return converted(*ffi::remesh_regular(Access::of(map), cells.kind == CellKind::hexes, cells.along,
+                                         cells.length, cells.max_cells, for_rust(options), watcher));
   });
 }
 
 Remeshed remesh(const HarmonicMap& map, const CellMesh& mesh, const RemeshOptions& options,
                 const ProgressCallback& progress) {
   return watched(progress, [&](const Watcher& watcher) {
-    return converted(ffi::remesh_given(Access::of(map), Access::of(mesh), for_rust(options), watcher));
+    return converted(*ffi::remesh_given(Access::of(map), Access::of(mesh), for_rust(options), watcher));
   });
 }
 

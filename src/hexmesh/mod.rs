@@ -156,8 +156,13 @@ pub struct Hexmesh {
 impl Hexmesh {
     /// Invalid cells, and pairs of boundary triangles that pass through each other.
     fn faults(&self) -> usize {
-        let (report, mesh) = (&self.remeshed.report, &self.remeshed.mesh);
-        report.after.cells.len() + crossing_triangles(mesh.boundary(), &self.remeshed.images).len()
+        self.remeshed.report.after.cells.len() + self.crossings()
+    }
+
+    /// Pairs of boundary triangles of the mesh that pass through each other, quads as two triangles. They are searched for at
+    /// every call.
+    pub fn crossings(&self) -> usize {
+        crossing_triangles(self.remeshed.mesh.boundary(), &self.remeshed.images).len()
     }
 
     /// Whether there are no faults, and no part of the model is missed.

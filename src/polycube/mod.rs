@@ -133,7 +133,7 @@ pub enum MakePolycubeError {
         attempts: usize,
     },
     /// The progress callback cancelled the work.
-    #[error("cancelled")]
+    #[error("cancelled by the progress callback")]
     Cancelled,
 }
 
@@ -276,7 +276,8 @@ fn make(
     }
     let mut solid = Solid::new(mesh.clone())?;
     let scale = scale_to_unit(&mut solid);
-    let most_added = (options.most_added.max(0.0) * solid.tets().len() as f64) as usize + 1000;
+    let most_added = (options.most_added.max(0.0) * solid.tets().len() as f64) as usize;
+    let most_added = most_added.saturating_add(1000);
     solid.split_between_boundary_nodes(most_added);
     let mut best: Option<Attempt> = None;
     let mut attempts = 0;

@@ -8,25 +8,6 @@ using namespace testing;
 
 namespace {
 
-void check_same(const FitOptions& a, const FitOptions& b) {
-  CHECK(a.tolerance == b.tolerance);
-  CHECK(a.refine == b.refine);
-  CHECK(a.max_sources == b.max_sources);
-  CHECK(a.max_source_ratio == b.max_source_ratio);
-  CHECK(a.max_error_ratio == b.max_error_ratio);
-  CHECK(a.max_local_error == b.max_local_error);
-  CHECK(a.memory == b.memory);
-  CHECK((a.placement.kind == b.placement.kind && a.placement.value == b.placement.value));
-  CHECK(a.source_ratio == b.source_ratio);
-  CHECK(a.collocation_ratio == b.collocation_ratio);
-  CHECK(a.affine == b.affine);
-  CHECK((a.solver == b.solver));
-  CHECK(a.max_iterations == b.max_iterations);
-  CHECK(a.truncation == b.truncation);
-  CHECK(a.held_out == b.held_out);
-  CHECK(a.seed == b.seed);
-}
-
 /// The image of a point by the formula in harmonic_map.hpp.
 Point summed(const HarmonicMap& map, const Point& x) {
   const auto a = map.affine();

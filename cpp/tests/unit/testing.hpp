@@ -81,6 +81,25 @@ inline std::string content(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
+inline void check_same(const solidmap::FitOptions& a, const solidmap::FitOptions& b) {
+  CHECK(a.tolerance == b.tolerance);
+  CHECK(a.refine == b.refine);
+  CHECK(a.max_sources == b.max_sources);
+  CHECK(a.max_source_ratio == b.max_source_ratio);
+  CHECK(a.max_error_ratio == b.max_error_ratio);
+  CHECK(a.max_local_error == b.max_local_error);
+  CHECK(a.memory == b.memory);
+  CHECK((a.placement.kind == b.placement.kind && a.placement.value == b.placement.value));
+  CHECK(a.source_ratio == b.source_ratio);
+  CHECK(a.collocation_ratio == b.collocation_ratio);
+  CHECK(a.affine == b.affine);
+  CHECK((a.solver == b.solver));
+  CHECK(a.max_iterations == b.max_iterations);
+  CHECK(a.truncation == b.truncation);
+  CHECK(a.held_out == b.held_out);
+  CHECK(a.seed == b.seed);
+}
+
 /// The category of the Error that a call throws.
 template <class Call>
 std::string thrown_by(const Call& call) {

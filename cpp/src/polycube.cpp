@@ -1,0 +1,55 @@
+#include "solidmap/polycube.hpp"
+
+#include "access.hpp"
+
+namespace solidmap {
+
+using namespace detail;
+
+ffi::PolycubeOptions detail::for_rust(const PolycubeOptions& options) {
+  return {options.smoothness, options.most_added, options.attempts, options.lattice_along, options.lattice_length};
+}
+
+PolycubeOptions detail::converted(const ffi::PolycubeOptions& from) {
+  return {from.smoothness, from.most_added, from.attempts, from.lattice_along, from.lattice_length};
+}
+
+SurfaceDistortion detail::converted(const ffi::SurfaceDistortion& found) {
+  return {found.angle_median, found.angle_p99, found.area_median, found.area_p99};
+}
+
+PolycubeMap detail::converted(const ffi::PolycubeMap& made) {
+  const ffi::PolycubeReport found = made.report();
+  PolycubeReport report;
+  report.labels = static_cast<LabelSource>(found.labels);
+  report.smoothness = found.smoothness;
+  report.attempts = found.attempts;
+  report.charts = found.charts;
+  report.corners = found.corners;
+  report.planes = found.planes;
+  if (found.lattice > 0) report.lattice = found.lattice;
+  report.tets_given = found.tets_given;
+  report.tets = found.tets;
+  report.inverted_at_start = found.inverted_at_start;
+  report.inverted_after_descent = found.inverted_after_descent;
+  report.energy = found.energy;
+  report.distortion = converted(found.distortion);
+  const rust::Slice<const std::uint8_t> labels = made.labels();
+  return {make_cells(made.model()),
+          make_cells(made.polycube()),
+          kept(rows<Triangle>(made.boundary())),
+          std::vector<std::uint8_t>(labels.begin(), labels.end()),
+          make_surface(made.polycube_surface()),
+          make_surface(made.model_surface()),
+          report};
+}
+
+PolycubeOptions PolycubeOptions::standard() { return converted(ffi::polycube_defaults()); }
+
+PolycubeMap make_polycube(const CellMesh& model, const PolycubeOptions& options, const ProgressCallback& progress) {
+  return watched(progress, [&](const Watcher& watcher) {
+    return converted(*ffi::make_polycube(Access::of(model), for_rust(options), watcher));
+  });
+}
+
+}  // namespace solidmap
