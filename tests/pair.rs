@@ -266,6 +266,45 @@ fn the_smallest_solids_are_mapped() {
     }
 }
 
+/// A bar along x and one along y: as they lie, ends of the one are middles of the other.
+#[test]
+fn aligned_solids_are_mapped_as_they_lie() {
+    let bar = |along: usize| {
+        shapes::deformed(&shapes::cube(1.0, 6), |p| {
+            let mut p = *p;
+            p[along] *= 2.0;
+            p
+        })
+    };
+    let (domain, target) = (bar(0), bar(1));
+    let end: Vec<usize> = (0..domain.vertices().len())
+        .filter(|&v| domain.vertices()[v].x > 1.0 - 1e-9)
+        .collect();
+    assert!(!end.is_empty());
+    let middle_of_end = |aligned: bool| {
+        let options = PairOptions {
+            aligned,
+            ..PairOptions::default()
+        };
+        let (map, report) = pair(&domain, &target, &options);
+        let sum: Vector = end.iter().map(|&v| map.image()[v].coords).sum();
+        (sum / end.len() as f64, report)
+    };
+    let (middle, report) = middle_of_end(false);
+    assert!(middle.y.abs() > 0.8 && middle.x.abs() < 0.1, "{middle}");
+    assert!(report.alignments.len() > 1);
+    let (middle, report) = middle_of_end(true);
+    assert!(middle.x > 0.3 && middle.y.abs() < 0.2, "{middle}");
+    assert_eq!((report.alignments.len(), report.alignment), (1, 0));
+    // A copy goes to itself.
+    let options = PairOptions {
+        aligned: true,
+        ..PairOptions::default()
+    };
+    let (map, _) = pair(&domain, &domain, &options);
+    assert!(crate::common::largest_distance(map.image(), domain.vertices()) < 1e-9);
+}
+
 #[test]
 fn landmarks_that_the_map_meets_anyway_change_nothing() {
     let domain = lumpy(8);

@@ -440,6 +440,7 @@ pub(super) mod ffi {
             target: &Surface,
             landmarks: &[u32],
             conformal: bool,
+            aligned: bool,
             improve: bool,
             watcher: &Watcher,
             report: &mut PairReport,

@@ -279,6 +279,8 @@ impl Categorised for HexmeshError {
             Self::BoundaryMap(error) => error.category(),
             Self::Fit(error) => error.category(),
             Self::Remesh(error) => error.category(),
+            Self::Neither { deformed, .. } => deformed.category(),
+            Self::MaxDistance(_) | Self::NoVolume => Category::InvalidInput,
             _ => Category::Internal,
         }
     }

@@ -45,13 +45,6 @@ pub fn hexmesh_defaults() -> ffi::HexmeshOptions {
 }
 
 fn hexmesh_options(options: &ffi::HexmeshOptions) -> Result<HexmeshOptions, Error> {
-    let is_usable = options.max_distance > 0.0;
-    if !is_usable {
-        return Err(Error::invalid(format!(
-            "max_distance is {}, but must be positive",
-            options.max_distance
-        )));
-    }
     Ok(HexmeshOptions {
         kind: cell_kind(options.hexes),
         size: required_cell_size(options.along, options.length)?,

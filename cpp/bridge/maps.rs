@@ -104,6 +104,7 @@ pub fn boundary_pair(
     target: &Surface,
     landmarks: &[u32],
     conformal: bool,
+    aligned: bool,
     improve: bool,
     watcher: &Watcher,
     report: &mut ffi::PairReport,
@@ -119,8 +120,8 @@ pub fn boundary_pair(
                 PairMethod::SoftTargets
             },
             landmarks,
+            aligned,
             improve,
-            ..PairOptions::default()
         };
         let progress = |phase| on_pair_phase(watcher, phase);
         let (boundary, found) = map_pair(&domain.0, &target.0, &options, &progress)?;

@@ -27,7 +27,7 @@ BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, cons
   BoundaryMap map = watched(progress, [&](const Watcher& watcher) {
     const Span<const std::array<std::uint32_t, 2>> landmarks(options.landmarks);
     return make_boundary(ffi::boundary_pair(Access::of(domain), Access::of(target), flat(landmarks), options.conformal,
-                                            options.improve, watcher, found));
+                                            options.aligned, options.improve, watcher, found));
   });
   if (report != nullptr) {
     report->angle_median = found.angle_median;

@@ -114,6 +114,12 @@ pub enum HexmeshError {
          (the target): {0}"
     )]
     Pair(#[from] PairError),
+    /// The largest distance allowed is not positive.
+    #[error("the distance allowed between the model and the mesh is {0}, but must be positive")]
+    MaxDistance(f64),
+    /// The surface of the model encloses no volume, or it is inside out.
+    #[error("the surface of the model encloses no volume")]
+    NoVolume,
     /// The model cannot be deformed to a polycube, and voxels lead to no mesh.
     #[error("{deformed}; and by voxels instead: {voxels}")]
     Neither {
@@ -196,6 +202,10 @@ pub fn make_hexmesh<R: ProgressResponse>(
     progress: &dyn Fn(HexmeshPhase) -> R,
 ) -> Result<Hexmesh, HexmeshError> {
     let progress = |phase| progress(phase).control();
+    let is_usable = options.max_distance > 0.0;
+    if !is_usable {
+        return Err(HexmeshError::MaxDistance(options.max_distance));
+    }
     let may_be_voxels = match options.polycube_kind {
         PolycubeKind::Auto => require_genus_0(&model.boundary().surface).is_ok(),
         PolycubeKind::Deformed => false,
@@ -213,15 +223,14 @@ pub fn make_hexmesh<R: ProgressResponse>(
                 _ => made,
             })
         }
-        Err(deformed) if may_be_voxels && deformed.is_without_polycube() => {
-            voxels::hexmesh(model, options, &progress).map_err(|error| match error.is_cancelled() {
+        Err(deformed) if may_be_voxels && deformed.is_without_polycube() => voxels::hexmesh(model, options, &progress)
+            .map_err(|error| match error.is_cancelled() {
                 true => error,
                 false => HexmeshError::Neither {
                     deformed: Box::new(deformed),
                     voxels: Box::new(error),
                 },
-            })
-        }
+            }),
         made => made,
     }
 }

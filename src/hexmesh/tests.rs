@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::ops::ControlFlow;
 
 use super::*;
+use crate::Point;
 use crate::baseline::test_meshes;
 use crate::geometry::SurfaceQuery;
 use crate::mesh::topology::Topology;
@@ -129,6 +130,22 @@ fn phases_come_in_order_any_of_them_cancels_and_wrong_options_are_refused() {
             "{error}"
         );
     }
+    for max_distance in [0.0, -1.0, f64::NAN] {
+        let wrong = HexmeshOptions {
+            max_distance,
+            ..wanted.clone()
+        };
+        let error = make_hexmesh(&model, &wrong, &|_| {}).unwrap_err();
+        assert!(matches!(error, HexmeshError::MaxDistance(_)), "{error}");
+    }
+    let flat: Vec<Point> = model.vertices().iter().map(|p| Point::new(p.x, p.y, 0.0)).collect();
+    let flat = TetMesh::new(flat, model.tets().to_vec()).unwrap();
+    let voxels = HexmeshOptions {
+        polycube_kind: PolycubeKind::Voxels,
+        ..wanted.clone()
+    };
+    let error = make_hexmesh(&flat, &voxels, &|_| {}).unwrap_err();
+    assert!(matches!(error, HexmeshError::NoVolume), "{error}");
     let few = HexmeshOptions {
         most_cells: 10,
         ..wanted
@@ -196,11 +213,21 @@ fn voxels_take_over_where_no_deformation_is_found() {
     };
     let error = make_hexmesh(&ball, &few, &|_| {}).unwrap_err();
     assert!(error.is_without_polycube() && !error.is_cancelled());
-    let HexmeshError::Neither { deformed, voxels: other } = &error else {
+    let HexmeshError::Neither {
+        deformed,
+        voxels: other,
+    } = &error
+    else {
         panic!("{error}")
     };
-    assert!(matches!(**deformed, HexmeshError::Polycube(MakePolycubeError::NoLabels)));
-    assert!(matches!(**other, HexmeshError::Remesh(RemeshError::TooMany { .. })), "{other}");
+    assert!(matches!(
+        **deformed,
+        HexmeshError::Polycube(MakePolycubeError::NoLabels)
+    ));
+    assert!(
+        matches!(**other, HexmeshError::Remesh(RemeshError::TooMany { .. })),
+        "{other}"
+    );
     for stop in [0, 2, 9] {
         let calls = RefCell::new(0);
         let cancel = |phase: HexmeshPhase| {

@@ -16,6 +16,8 @@ const LEAST_ALONG: usize = 12;
 const DIVISIONS: usize = 2;
 /// Voxels at most, but where the coarsest polycube has more: maps of more take a minute and more.
 const MOST_VOXELS: usize = 1600;
+/// Volume of a model over the cube of its diagonal that is no rounding error.
+const LEAST_VOLUME: f64 = 1e-12;
 /// Sizes of voxels that are tried.
 const MOST_SIZES: usize = 3;
 
@@ -43,6 +45,10 @@ pub(super) fn hexmesh(
     progress: &dyn Fn(HexmeshPhase) -> ProgressControl,
 ) -> Result<Hexmesh, HexmeshError> {
     let target = model.boundary().surface;
+    let has_volume = target.volume() > LEAST_VOLUME * target.diagonal().powi(3);
+    if !has_volume {
+        return Err(HexmeshError::NoVolume);
+    }
     let boxes = boxes_per_lattice_cell(options.kind);
     let size = lattice_size(options, &target)?;
     let along = longest_side(&target) / size;

@@ -155,11 +155,7 @@ pub fn determinants(cells: &CellList, from: &[Point], to: &[Point]) -> Vec<f64> 
     let change = sum(&images) / sum(&shapes);
     let flat = FLAT * sum(&shapes) / shapes.len() as f64;
     let ratio = |(&image, &shape): (&f64, &f64)| {
-        if shape > flat {
-            image / shape / change
-        } else {
-            f64::NAN
-        }
+        if shape > flat { image / shape / change } else { f64::NAN }
     };
     images.iter().zip(&shapes).map(ratio).collect()
 }
@@ -248,6 +244,9 @@ mod tests {
         let mut flat = nodes.clone();
         flat[4..8].iter_mut().for_each(|p| p.z = 1e-15);
         let found = determinants(&cells, &flat, &images);
-        assert!(found[..8].iter().all(|det| det.is_nan()) && found[8..].iter().all(|det| *det > 0.0), "{found:?}");
+        assert!(
+            found[..8].iter().all(|det| det.is_nan()) && found[8..].iter().all(|det| *det > 0.0),
+            "{found:?}"
+        );
     }
 }

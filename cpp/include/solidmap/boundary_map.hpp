@@ -40,6 +40,9 @@ struct PairOptions {
   std::vector<std::array<std::uint32_t, 2>> landmarks;
   /// Whether the surfaces are matched by conformal maps to the sphere, as in Li et al. 2007, instead of by shape.
   bool conformal = false;
+  /// Whether the solids lie in the same place, with the same size and pose, so that no alignment is sought; with three
+  /// landmarks or more, and `conformal`, none is sought by shape anyway.
+  bool aligned = false;
   /// Whether the distortion of the map is lowered once it is found.
   bool improve = true;
 };

@@ -339,7 +339,10 @@ impl PairMapping<'_> {
                     .into(),
             );
         }
-        let soft_targets = alignments.best.iter().map(|alignment| of_similarity(&alignment.similarity));
+        let soft_targets = alignments
+            .best
+            .iter()
+            .map(|alignment| of_similarity(&alignment.similarity));
         Ok((soft_targets.collect(), warnings))
     }
 
