@@ -240,7 +240,8 @@ fn every_field_of_a_report_is_documented_and_written() {
         ),
         (
             "polycube",
-            "polycube ball.vtu -o pc.obj --image pm.obj --tets pt.mesh --model-tets pn.mesh --lattice 0.3",
+            "polycube ball.vtu -o pc.obj --image pm.obj --tets pt.mesh --model-tets pn.mesh --lattice 0.3 \
+             --write-labels pl.txt --write-model-labels pm.txt",
         ),
         ("hexmesh", "hexmesh ball.vtu -o hm.vtu --cells 6 --keep hk --png hm.png"),
         ("hexmesh", "hexmesh ball.vtu -o hv.vtu --cells 6 --polycube voxels"),

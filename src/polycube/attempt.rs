@@ -38,6 +38,8 @@ const MOST_LEFT_BY_DESCENT: usize = 60;
 pub(super) struct Attempt {
     pub solid: Solid,
     pub report: PolycubeReport,
+    /// Boundary triangles of the model, before any was split, and their labels.
+    pub given: Vec<([u32; 3], u8)>,
 }
 
 impl Attempt {
@@ -72,6 +74,7 @@ pub(super) fn attempt(
             }
         }
     }
+    let given: Vec<([u32; 3], u8)> = graph.triangles.iter().copied().zip(solid.labels()).collect();
     let (refined, charts) = refine_at_borders(&mut solid, most_added)?;
     let planes = planes(&refined, &charts);
     let has_layout = || Layout::new(&refined, &charts, &solid.x).is_some_and(|layout| layout.is_possible());
@@ -93,23 +96,23 @@ pub(super) fn attempt(
         ends_early: way != Way::Sphere,
         most_added,
     };
-    finished(solid, report, &descent, monitor).map(Some)
+    finished(Attempt { solid, report, given }, &descent, monitor).map(Some)
 }
 
 /// Deforms a solid with labels, and looks at what comes out.
 fn finished(
-    mut solid: Solid,
-    mut report: PolycubeReport,
+    mut attempt: Attempt,
     descent: &Descent,
     monitor: &ProgressSender<PolycubePhase>,
 ) -> Result<Attempt, MakePolycubeError> {
-    let planes = deform(&mut solid, descent, monitor, &mut report)?;
-    report.planes = distinct(&solid, &planes);
+    let Attempt { solid, report, .. } = &mut attempt;
+    let planes = deform(solid, descent, monitor, report)?;
+    report.planes = distinct(solid, &planes);
     report.crossings = crossing_triangles(&solid.mesh.boundary, &solid.x).len() + solid.nested_parts();
     if !monitor.should_continue() {
         return Err(MakePolycubeError::Cancelled);
     }
-    Ok(Attempt { solid, report })
+    Ok(attempt)
 }
 
 /// A polycube with its planes on a lattice with cells of `size`, if one was found from `found`.
@@ -139,15 +142,15 @@ pub(super) fn snapped(
         if monitor.send(PolycubePhase::Snapping).is_break() {
             return Err(MakePolycubeError::Cancelled);
         }
-        let Attempt { mut solid, report } = found.clone();
-        move_planes(&mut solid, &planes, &coordinates);
+        let mut moved = found.clone();
+        move_planes(&mut moved.solid, &planes, &coordinates);
         let descent = Descent {
             planes_are_fixed: true,
             ends_early: true,
             most_added,
         };
-        let before = report.inverted_after_descent;
-        let mut moved = finished(solid, report, &descent, monitor)?;
+        let before = moved.report.inverted_after_descent;
+        let mut moved = finished(moved, &descent, monitor)?;
         moved.report.inverted_after_descent = before;
         if moved.faults() == 0 && polycube_of(&moved.solid).is_some() {
             return Ok(Some(moved));

@@ -198,6 +198,8 @@ pub struct PolycubeMap {
     pub boundary: Vec<[u32; 3]>,
     /// The direction of each boundary triangle in the polycube: 0 to 5 for -x, +x, -y, +y, -z, +z.
     pub labels: Vec<u8>,
+    /// The boundary triangles of the mesh that was given, facing outward, each with the direction of all its parts.
+    pub given_labels: Vec<([u32; 3], u8)>,
     /// What was done.
     pub report: PolycubeReport,
 }
@@ -293,7 +295,11 @@ fn make(
             break;
         }
     }
-    let Some(Attempt { mut solid, mut report }) = best else {
+    let Some(Attempt {
+        mut solid,
+        mut report,
+        mut given,
+    }) = best else {
         return Err(MakePolycubeError::NoLabels);
     };
     if report.inverted + report.crossings > 0 {
@@ -306,10 +312,10 @@ fn make(
     }
     report.attempts = attempts;
     if let Some(size) = options.lattice.map(|size| lattice_size(size, &solid, scale)) {
-        let found = Attempt { solid, report };
+        let found = Attempt { solid, report, given };
         let on_lattice = snapped(&found, size, most_added, monitor)?;
         let is_on_lattice = on_lattice.is_some();
-        Attempt { solid, report } = on_lattice.unwrap_or(found);
+        Attempt { solid, report, given } = on_lattice.unwrap_or(found);
         report.lattice = is_on_lattice.then_some(size / scale);
     }
     report.tets_given = mesh.tets().len();
@@ -325,6 +331,7 @@ fn make(
         polycube: TetMesh::new(images, tets)?,
         boundary: solid.mesh.boundary,
         labels,
+        given_labels: given,
         report,
     })
 }

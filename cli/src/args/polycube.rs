@@ -29,6 +29,14 @@ pub struct PolycubeArgs {
     /// Also write the same tetrahedra in the model
     #[arg(long, value_name = "TETS")]
     pub model_tets: Option<PathBuf>,
+    /// Also write the label of each triangle of the image, in its order: -x, +x, -y, +y, -z or +z in a line of its own, the
+    /// direction that the triangle faces along in the polycube
+    #[arg(long, value_name = "LABELS")]
+    pub write_labels: Option<PathBuf>,
+    /// Also write the labels of the triangles of MODEL, before any was split: of its boundary where it is a mesh of
+    /// tetrahedra, in the order of the cells. Polygons count as triangles
+    #[arg(long, value_name = "LABELS")]
+    pub write_model_labels: Option<PathBuf>,
     #[command(flatten)]
     pub smoothness: SmoothnessArgs,
     /// Put the planes of the polycube on a lattice with cells of this size, in the units of the model, so that `remesh

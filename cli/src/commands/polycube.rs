@@ -15,7 +15,7 @@ use crate::args::PolycubeArgs;
 use crate::shared::input;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, written_row};
-use crate::shared::polycubes::{self, show_phase, tetrahedra};
+use crate::shared::polycubes::{self, Model, model, show_phase};
 
 /// What `polycube --json` prints.
 #[derive(Serialize)]
@@ -26,6 +26,8 @@ struct Summary {
     image: Option<FileName>,
     tets: Option<FileName>,
     model_tets: Option<FileName>,
+    labels: Option<FileName>,
+    model_labels: Option<FileName>,
     /// Why no polycube was found.
     problem: Option<String>,
     polycube: Option<PolycubeReport>,
@@ -37,16 +39,18 @@ struct Summary {
 /// Makes the polycube, and writes it and the model.
 pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let (surface, tets): (&[&str], &[&str]) = (&["obj", "ply"], &["mesh", "vtk", "vtu"]);
-    let outputs: [(Option<&PathBuf>, &[&str]); 4] = [
+    let outputs: [(Option<&PathBuf>, &[&str]); 6] = [
         (Some(&args.output), surface),
         (Some(&args.image), surface),
         (args.tets.as_ref(), tets),
         (args.model_tets.as_ref(), tets),
+        (args.write_labels.as_ref(), &[]),
+        (args.write_model_labels.as_ref(), &[]),
     ];
     input::require_all_writable(&outputs, &[&args.model])?;
     output.progress("reading");
     let start = Instant::now();
-    let mesh = tetrahedra(&args.model, output)?;
+    let Model { mesh, triangles } = model(&args.model, output)?;
     let options = PolycubeOptions {
         smoothness: args.smoothness.smoothness,
         lattice: args.lattice.map(CellSize::Length),
@@ -63,7 +67,7 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     };
     let seconds = start.elapsed().as_secs_f64();
     match (&found, &problem) {
-        (Some(found), _) => write(found, args, output)?,
+        (Some(found), _) => write(found, &triangles, args, output)?,
         (None, Some(problem)) => output.warn(format!("nothing was written: {problem}")),
         (None, None) => {}
     }
@@ -82,6 +86,8 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
         image: written(Some(&args.image)),
         tets: written(args.tets.as_ref()),
         model_tets: written(args.model_tets.as_ref()),
+        labels: written(args.write_labels.as_ref()),
+        model_labels: written(args.write_model_labels.as_ref()),
         problem,
         polycube: found.map(|found| found.report),
         seconds,
@@ -91,7 +97,7 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     Ok(CommandOutcome::from_check(is_written && is_on_lattice))
 }
 
-fn write(found: &PolycubeMap, args: &PolycubeArgs, output: &Output) -> anyhow::Result<()> {
+fn write(found: &PolycubeMap, triangles: &[[u32; 3]], args: &PolycubeArgs, output: &Output) -> anyhow::Result<()> {
     output.progress("writing");
     let [polycube, model] = found.surfaces();
     io::write_surface(&args.output, &polycube)?;
@@ -101,6 +107,13 @@ fn write(found: &PolycubeMap, args: &PolycubeArgs, output: &Output) -> anyhow::R
             io::write_tets(file, mesh)?;
         }
     }
+    if let Some(file) = &args.write_labels {
+        io::write_triangle_labels(file, &found.labels)?;
+    }
+    if let Some(file) = &args.write_model_labels {
+        let labels = polycubes::in_order_of(&found.given_labels, triangles);
+        io::write_triangle_labels(file, &labels)?;
+    }
     Ok(())
 }
 
@@ -109,7 +122,14 @@ fn rows(report: &Summary) -> Vec<[String; 2]> {
     rows.push(["time".into(), format!("{:.1} s", report.seconds)]);
     rows.push(memory_row(report.peak_rss_bytes));
     if report.output.is_some() {
-        let files = [&report.output, &report.image, &report.tets, &report.model_tets];
+        let files = [
+            &report.output,
+            &report.image,
+            &report.tets,
+            &report.model_tets,
+            &report.labels,
+            &report.model_labels,
+        ];
         rows.push(written_row(files.map(Option::as_ref)));
     }
     rows
