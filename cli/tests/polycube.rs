@@ -177,6 +177,76 @@ fn voxels_are_a_polycube_too_and_a_mesh_that_misses_a_part_of_the_model_is_no_su
     }
 }
 
+#[test]
+fn labels_are_written_and_used_again() {
+    let place = bar();
+    let report = place.report(
+        0,
+        "polycube bar.mesh -o p.obj --image m.obj --write-labels l.txt --write-model-labels given.txt --tets p.vtu --json",
+    );
+    assert_eq!(
+        (&report["labels"], &report["model_labels"]),
+        (&"l.txt".into(), &"given.txt".into())
+    );
+    // A label for each triangle of the image, in its order: the direction that the polycube's triangle faces along.
+    let names = ["-x", "+x", "-y", "+y", "-z", "+z"];
+    let polycube = io::read_surface(place.path("p.obj")).unwrap();
+    let written = std::fs::read_to_string(place.path("l.txt")).unwrap();
+    let faces_along = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| polycube.vertices()[v as usize]);
+        let area = (b - a).cross(&(c - a));
+        let axis = area.iamax();
+        names[2 * axis + usize::from(area[axis] > 0.0)]
+    };
+    let expected: Vec<&str> = polycube.triangles().iter().map(faces_along).collect();
+    assert_eq!(written.lines().collect::<Vec<_>>(), expected);
+
+    // The same polycube, byte for byte, from the labels of the model; also by their numbers.
+    let given = std::fs::read_to_string(place.path("given.txt")).unwrap();
+    let numbers = given
+        .lines()
+        .map(|name| format!("{}\n", names.iter().position(|n| *n == name).unwrap()));
+    std::fs::write(place.path("numbers.txt"), numbers.collect::<String>()).unwrap();
+    for labels in ["given.txt", "numbers.txt"] {
+        let line = format!("polycube bar.mesh -o q.obj --image n.obj --tets q.vtu --labels {labels} --json");
+        let report = place.report(0, &line);
+        assert_eq!(report["polycube"]["labels"].as_str(), Some("given"));
+        for [first, second] in [["p.obj", "q.obj"], ["m.obj", "n.obj"], ["p.vtu", "q.vtu"]] {
+            let [first, second] = [first, second].map(|name| std::fs::read(place.path(name)).unwrap());
+            assert!(first == second, "{labels}");
+        }
+    }
+    // The image has triangles of its own, and their labels.
+    if cfg!(feature = "native") {
+        let report = place.report(0, "polycube m.obj -o q.obj --image n.obj --labels l.txt --json");
+        assert_eq!(report["polycube"]["charts"].as_u64(), Some(8));
+    }
+
+    // What cannot be used is refused by file and line.
+    let with = |name: &str, lines: &[&str]| std::fs::write(place.path(name), lines.join("\n")).unwrap();
+    let lines: Vec<&str> = given.lines().collect();
+    let line = "polycube bar.mesh -o q.obj --image n.obj --labels";
+    with("short.txt", &lines[..lines.len() - 1]);
+    let end = format!("line {}", lines.len() - 1);
+    place.fails(&format!("{line} short.txt"), &["short.txt", "bar.mesh", &end]);
+    with("long.txt", &[&lines[..], &["+x"]].concat());
+    let end = format!("line {}", lines.len() + 1);
+    place.fails(&format!("{line} long.txt"), &["long.txt", &end]);
+    with("word.txt", &[&["+x", "up"], &lines[2..]].concat());
+    place.fails(&format!("{line} word.txt"), &["word.txt", "line 2", "`up`", "+z"]);
+    with("all.txt", &vec!["+x"; lines.len()]);
+    place.fails(&format!("{line} all.txt"), &["all.txt", "line 1", "whole part"]);
+    let opposite = |name: &&str| names[names.iter().position(|n| n == name).unwrap() ^ 1];
+    with("mirrored.txt", &lines.iter().map(opposite).collect::<Vec<_>>());
+    place.fails(&format!("{line} mirrored.txt"), &["mirrored.txt", "exchanged"]);
+    place.fails(&format!("{line} none.txt"), &["none.txt"]);
+    place.fails(&format!("{line} given.txt --smoothness 0.01"), &["--smoothness"]);
+    place.fails(
+        "polycube bar.mesh -o q.obj --image n.obj --labels l --write-labels l",
+        &["`l`"],
+    );
+}
+
 #[cfg(feature = "native")]
 #[test]
 fn a_surface_is_filled_and_the_result_is_that_of_its_tetrahedra() {

@@ -67,6 +67,12 @@ pub(super) fn attempt(
             solid.set_labels(&labels);
             flatten(&mut solid);
         }
+        Way::Given(given) => {
+            report.labels = LabelSource::Given;
+            solid.set_labels(&given.labels);
+            flatten(&mut solid);
+            given.check_layout(&graph, &solid.x)?;
+        }
         Way::Sphere => {
             report.labels = LabelSource::Sphere;
             if put_on_cube(&mut solid, &graph, monitor).is_none() {
@@ -229,7 +235,7 @@ fn relax(solid: &mut Solid, planes: &SharedCoordinates) {
     solid.x = x;
 }
 
-fn graph_of(solid: &Solid) -> Result<FaceGraph, MakePolycubeError> {
+pub(super) fn graph_of(solid: &Solid) -> Result<FaceGraph, MakePolycubeError> {
     FaceGraph::new(&solid.mesh.boundary, solid.x.len()).ok_or(MakePolycubeError::NotManifold)
 }
 

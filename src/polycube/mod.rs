@@ -6,12 +6,14 @@
 //! the boundaries and one of the insides come with it, for solids of any genus. What is returned is checked exactly.
 
 mod attempt;
+mod chart_place;
 mod charts;
 mod cut;
 mod descent;
 mod energy;
 mod face_graph;
 mod flatten;
+mod given_labels;
 mod label_repair;
 mod lattice;
 mod layout;
@@ -27,9 +29,12 @@ use crate::mesh::{MeshError, SurfaceMesh, TetMesh};
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::remesh::CellSize;
 
+pub use chart_place::ChartPlace;
+pub use given_labels::LabelProblem;
 pub use voxels::{VoxelPolycube, VoxelPolycubeError};
 
-use attempt::{Attempt, attempt, snapped};
+use attempt::{Attempt, attempt, graph_of, snapped};
+use given_labels::GivenLabels;
 use solid::Solid;
 
 /// The axis of a label: labels are counted as -x, +x, -y, +y, -z, +z.
@@ -117,6 +122,23 @@ pub enum MakePolycubeError {
          the model"
     )]
     NoLabels,
+    /// The label that was given for a triangle cannot be one of a polycube's.
+    #[error("the labels cannot be those of a polycube: triangle {triangle} (0-based) {problem}")]
+    Labels {
+        /// Which of the triangles, in the order in which they were given.
+        triangle: usize,
+        /// Why.
+        problem: LabelProblem,
+    },
+    /// A boundary triangle was given no label.
+    #[error("the boundary triangle of nodes {}, {} and {} (0-based) has no label", .0[0], .0[1], .0[2])]
+    MissingLabel([u32; 3]),
+    /// Along all three axes most triangles face against the labels that were given.
+    #[error(
+        "along all axes triangles face against their labels: positive and negative directions seem to be exchanged. Labels are 0 to \
+         5 for -x, +x, -y, +y, -z, +z; some programs count +x, -x and so on"
+    )]
+    MirroredLabels,
     /// No attempt ended with a valid polycube.
     #[error(
         "no polycube was found: in the best of {attempts} attempts {inverted} cells stay inverted, with {charts} charts, and \
@@ -147,6 +169,8 @@ pub enum LabelSource {
     /// The map of the boundary to the sphere: the six faces of a cube around it. Always possible for a solid of genus 0, with
     /// much distortion at limbs.
     Sphere,
+    /// The user ([`make_polycube_with_labels`]).
+    Given,
 }
 
 /// What was done to find a polycube.
@@ -154,7 +178,7 @@ pub enum LabelSource {
 pub struct PolycubeReport {
     /// Where the directions came from.
     pub labels: LabelSource,
-    /// The smoothness with which a cut found them; 0 for those from the sphere.
+    /// The smoothness with which a cut found them; 0 for others.
     pub smoothness: f64,
     /// Attempts made, the last of which was good.
     pub attempts: usize,
@@ -244,23 +268,47 @@ pub fn make_polycube<R: ProgressResponse>(
     progress: &dyn Fn(PolycubePhase) -> R,
 ) -> Result<PolycubeMap, MakePolycubeError> {
     let control = |phase| progress(phase).control();
-    run_cancellable(&control, |monitor| make(mesh, options, monitor)).unwrap_or(Err(MakePolycubeError::Cancelled))
+    run_cancellable(&control, |monitor| make(mesh, None, options, monitor)).unwrap_or(Err(MakePolycubeError::Cancelled))
+}
+
+/// A polycube with these labels of the boundary triangles, as [`make_polycube`] makes it with those that it finds.
+///
+/// `labels` are the triangles of the boundary by their nodes in `mesh`, with corners in any order, and the direction of each in
+/// the polycube: 0 to 5 for -x, +x, -y, +y, -z, +z. They are used as they are, in a single attempt: nothing is repaired. With
+/// [`PolycubeMap::given_labels`] of a polycube by a cut it is made again, bit for bit.
+///
+/// # Errors
+///
+/// As [`make_polycube`]; [`MakePolycubeError::Labels`], [`MakePolycubeError::MissingLabel`] and
+/// [`MakePolycubeError::MirroredLabels`] for labels that cannot be those of a polycube, before anything is deformed to one.
+pub fn make_polycube_with_labels<R: ProgressResponse>(
+    mesh: &TetMesh,
+    labels: &[([u32; 3], u8)],
+    options: &PolycubeOptions,
+    progress: &dyn Fn(PolycubePhase) -> R,
+) -> Result<PolycubeMap, MakePolycubeError> {
+    let control = |phase| progress(phase).control();
+    run_cancellable(&control, |monitor| make(mesh, Some(labels), options, monitor))
+        .unwrap_or(Err(MakePolycubeError::Cancelled))
 }
 
 /// How an attempt gets its labels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Way {
+enum Way<'a> {
     /// By cuts, with the smoothness times this.
     Cut(f64),
     /// From the map to the sphere.
     Sphere,
+    /// The user's.
+    Given(&'a GivenLabels<'a>),
 }
 
 /// Ways in the order in which they are tried.
-const WAYS: [Way; 5] = [Way::Cut(1.0), Way::Cut(1.5), Way::Cut(0.7), Way::Cut(2.25), Way::Sphere];
+const WAYS: [Way<'static>; 5] = [Way::Cut(1.0), Way::Cut(1.5), Way::Cut(0.7), Way::Cut(2.25), Way::Sphere];
 
 fn make(
     mesh: &TetMesh,
+    labels: Option<&[([u32; 3], u8)]>,
     options: &PolycubeOptions,
     monitor: &ProgressSender<PolycubePhase>,
 ) -> Result<PolycubeMap, MakePolycubeError> {
@@ -280,9 +328,15 @@ fn make(
     let scale = scale_to_unit(&mut solid);
     let most_added = (options.most_added.max(0.0) * solid.tets().len() as f64) as usize + 1000;
     solid.split_between_boundary_nodes(most_added);
+    let labels = labels.map(|labels| GivenLabels::new(&graph_of(&solid)?, mesh.vertices(), labels));
+    let labels = labels.transpose()?;
+    let ways = match &labels {
+        Some(labels) => vec![Way::Given(labels)],
+        None => WAYS.into_iter().take(options.attempts).collect(),
+    };
     let mut best: Option<Attempt> = None;
     let mut attempts = 0;
-    for way in WAYS.into_iter().take(options.attempts) {
+    for way in ways {
         let _ = monitor.send(PolycubePhase::Attempting { attempt: attempts + 1 });
         let Some(found) = attempt(&solid, way, options.smoothness, most_added, monitor)? else {
             continue;
@@ -299,7 +353,8 @@ fn make(
         mut solid,
         mut report,
         mut given,
-    }) = best else {
+    }) = best
+    else {
         return Err(MakePolycubeError::NoLabels);
     };
     if report.inverted + report.crossings > 0 {

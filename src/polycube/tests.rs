@@ -220,6 +220,167 @@ fn the_map_to_the_sphere_gives_six_charts_and_none_for_a_torus() {
     assert!(from_the_sphere(&test_meshes::torus(2)).is_none());
 }
 
+/// The boundary triangles of a mesh, by its nodes.
+fn boundary_of(mesh: &TetMesh) -> Vec<[u32; 3]> {
+    let boundary = mesh.boundary();
+    let node = |v: u32| boundary.vertex_ids[v as usize];
+    boundary.surface.triangles().iter().map(|t| t.map(node)).collect()
+}
+
+fn with_labels(mesh: &TetMesh, labels: &[([u32; 3], u8)]) -> Result<PolycubeMap, MakePolycubeError> {
+    make_polycube_with_labels(mesh, labels, &PolycubeOptions::default(), &|_| {})
+}
+
+/// Labels of boxes by where their triangles face.
+fn labels_of_boxes(mesh: &TetMesh) -> Vec<([u32; 3], u8)> {
+    let label = |t: [u32; 3]| {
+        let [a, b, c] = t.map(|v| mesh.vertices()[v as usize]);
+        let area = (b - a).cross(&(c - a));
+        let axis = area.iamax();
+        (t, (2 * axis + usize::from(area[axis] > 0.0)) as u8)
+    };
+    boundary_of(mesh).into_iter().map(label).collect()
+}
+
+#[test]
+fn labels_of_a_polycube_make_it_again_bit_for_bit() {
+    for model in [test_meshes::ball(4), test_meshes::torus(2)] {
+        let found = made(&model);
+        let mut sorted = boundary_of(&model);
+        let mut given: Vec<[u32; 3]> = found.given_labels.iter().map(|(t, _)| *t).collect();
+        for triangles in [&mut sorted, &mut given] {
+            triangles.iter_mut().for_each(|t| t.sort_unstable());
+            triangles.sort_unstable();
+        }
+        assert_eq!(sorted, given);
+        assert!(found.boundary.len() > given.len(), "some triangles were split");
+        // Neither the order of the triangles nor that of their corners matters.
+        let mut labels = found.given_labels.clone();
+        labels.reverse();
+        labels.iter_mut().for_each(|(t, _)| t.swap(0, 2));
+        let again = with_labels(&model, &labels).unwrap();
+        check(&again, &model);
+        assert_eq!(again.polycube, found.polycube);
+        assert_eq!((&again.boundary, &again.labels), (&found.boundary, &found.labels));
+        assert_eq!((again.report.labels, again.report.attempts), (LabelSource::Given, 1));
+    }
+}
+
+#[test]
+fn boxes_with_labels_return_themselves() {
+    for cubes in [vec![[0, 0, 0]], vec![[0, 0, 0], [1, 0, 0], [0, 1, 0]]] {
+        let model = boxes(&cubes, 0.34);
+        let found = with_labels(&model, &labels_of_boxes(&model)).unwrap();
+        check(&found, &model);
+        assert!((found.report.energy - 7.0).abs() < 1e-6, "{}", found.report.energy);
+    }
+}
+
+#[test]
+fn impossible_labels_are_refused_by_the_triangle_at_fault() {
+    let model = boxes(&[[0, 0, 0]], 0.25);
+    let good = labels_of_boxes(&model);
+    let centre = |t: [u32; 3]| {
+        let corners = t.map(|v| model.vertices()[v as usize].coords);
+        corners.iter().sum::<Vector>() / 3.0
+    };
+    let refused = |labels: &[([u32; 3], u8)]| with_labels(&model, labels).map(|_| ()).unwrap_err();
+    let problem = |labels: &[([u32; 3], u8)]| match refused(labels) {
+        MakePolycubeError::Labels { triangle, problem } => (triangle, problem),
+        other => panic!("{other}"),
+    };
+    // Those that do not fit the boundary.
+    let mut labels = good.clone();
+    labels[7].1 = 6;
+    assert_eq!(problem(&labels), (7, LabelProblem::Unknown(6)));
+    labels[7] = labels[3];
+    assert_eq!(problem(&labels), (7, LabelProblem::Repeated));
+    labels[7] = ([0, 1, u32::MAX], 0);
+    assert_eq!(problem(&labels), (7, LabelProblem::NotOnBoundary));
+    let missing = good.last().unwrap().0;
+    assert_eq!(
+        refused(&good[..good.len() - 1]),
+        MakePolycubeError::MissingLabel(missing)
+    );
+    assert!(matches!(refused(&[]), MakePolycubeError::MissingLabel(_)));
+    // Positive and negative directions exchanged.
+    let mirrored: Vec<_> = good.iter().map(|&(t, label)| (t, label ^ 1)).collect();
+    assert_eq!(refused(&mirrored), MakePolycubeError::MirroredLabels);
+
+    // One triangle in the middle of +z: towards -z, or a chart with a border without corners.
+    let in_middle = |&(t, label): &([u32; 3], u8)| {
+        let p = centre(t);
+        label == 5 && (0.4..0.6).contains(&p.x) && (0.4..0.6).contains(&p.y)
+    };
+    let k = good.iter().position(in_middle).unwrap();
+    let mut labels = good.clone();
+    labels[k].1 = 4;
+    let (triangle, found) = problem(&labels);
+    let LabelProblem::Opposite { label, other } = found else {
+        panic!("{found}")
+    };
+    assert_eq!(labels[triangle].1, label);
+    assert_eq!((labels[other].1 ^ 1, triangle == k || other == k), (label, true));
+    labels[k].1 = 1;
+    let (triangle, found) = problem(&labels);
+    let LabelProblem::FewCorners { chart, corners } = &found else {
+        panic!("{found}")
+    };
+    assert_eq!(*corners, 0);
+    assert!((triangle == k && chart.triangles == 1) || (labels[triangle].1 == 5 && chart.label == 5));
+    assert!(found.to_string().contains("0 corners"), "{found}");
+
+    // Two triangles that meet at a node alone.
+    let meet = |a: [u32; 3], b: [u32; 3]| a.iter().filter(|v| b.contains(v)).count() == 1;
+    let is_inside = |t: [u32; 3]| (0.2..0.8).contains(&centre(t).x) && (0.2..0.8).contains(&centre(t).y);
+    let second = good
+        .iter()
+        .position(|other| other.1 == 5 && is_inside(other.0) && meet(other.0, good[k].0));
+    let mut labels = good.clone();
+    let second = second.unwrap();
+    (labels[k].1, labels[second].1) = (1, 1);
+    let (triangle, found) = problem(&labels);
+    assert_eq!(found, LabelProblem::Crowded { borders: 4 });
+    let [a, b] = [good[k].0, good[second].0];
+    let corner = a.iter().find(|v| b.contains(v)).unwrap();
+    assert!(labels[triangle].0.contains(corner));
+
+    // A single chart, and one with three corners: the side +x divided along a diagonal between +x and +y.
+    let all: Vec<_> = good.iter().map(|&(t, _)| (t, 5)).collect();
+    let (triangle, found) = problem(&all);
+    assert!(
+        triangle == 0 && matches!(&found, LabelProblem::Whole(chart) if chart.triangles == all.len()),
+        "{found}"
+    );
+}
+
+#[test]
+fn labels_without_a_layout_are_refused_by_their_chart() {
+    // The sides of a bump exchanged along one axis: every chart and corner is possible, but they are in the wrong order.
+    let cubes: Vec<[i32; 3]> = (0..9).map(|k| [k % 3, k / 3, 0]).chain([[1, 1, 1]]).collect();
+    let model = boxes(&cubes, 0.5);
+    let good = labels_of_boxes(&model);
+    with_labels(&model, &good).unwrap();
+    let is_side = |t: [u32; 3]| {
+        let heights = t.map(|v| model.vertices()[v as usize].z);
+        heights.iter().all(|&z| z > 0.99) && heights.iter().any(|&z| z > 1.01) && heights.iter().any(|&z| z < 1.99)
+    };
+    let exchange = |&(t, label): &([u32; 3], u8)| (t, if is_side(t) && label < 2 { label ^ 1 } else { label });
+    let bad: Vec<_> = good.iter().map(exchange).collect();
+    assert_ne!(bad, good);
+    let error = with_labels(&model, &bad).map(|_| ()).unwrap_err();
+    let MakePolycubeError::Labels { triangle, problem } = &error else {
+        panic!("{error}")
+    };
+    let LabelProblem::NoLayout(charts) = problem else {
+        panic!("{error}")
+    };
+    assert_eq!(bad[*triangle].1, charts[0].label);
+    // They are the bump's sides, and what is above or around it, but not the others of the box.
+    assert!((2..=6).contains(&charts.len()), "{error}");
+    assert!(charts.iter().all(|chart| chart.position[2] > 0.99), "{error}");
+}
+
 #[test]
 fn parts_within_another_are_found() {
     let (mut nodes, mut tets) = test_meshes::cube(2).into_parts();

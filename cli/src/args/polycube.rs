@@ -29,6 +29,11 @@ pub struct PolycubeArgs {
     /// Also write the same tetrahedra in the model
     #[arg(long, value_name = "TETS")]
     pub model_tets: Option<PathBuf>,
+    /// Use these labels instead of seeking some: a line with -x, +x, -y, +y, -z or +z (or 0 to 5) for each triangle of MODEL,
+    /// in its order, as --write-model-labels writes them (of an image: as --write-labels). One attempt; the exit code is 2
+    /// if they cannot be those of a polycube, and the line is named
+    #[arg(long, value_name = "LABELS", conflicts_with = "smoothness")]
+    pub labels: Option<PathBuf>,
     /// Also write the label of each triangle of the image, in its order: -x, +x, -y, +y, -z or +z in a line of its own, the
     /// direction that the triangle faces along in the polycube
     #[arg(long, value_name = "LABELS")]

@@ -1,13 +1,16 @@
 //! `solidmap polycube`: a polycube of a model, with the model's triangles.
 
 use std::cell::Cell;
-use std::path::PathBuf;
+use std::iter;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Context;
 use serde::Serialize;
 use solidmap::io;
-use solidmap::polycube::{MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubeReport, make_polycube};
+use solidmap::polycube::{
+    MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubeReport, make_polycube, make_polycube_with_labels,
+};
 use solidmap::remesh::CellSize;
 
 use crate::CommandOutcome;
@@ -47,7 +50,11 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
         (args.write_labels.as_ref(), &[]),
         (args.write_model_labels.as_ref(), &[]),
     ];
-    input::require_all_writable(&outputs, &[&args.model])?;
+    let inputs: Vec<&Path> = iter::once(&args.model)
+        .chain(&args.labels)
+        .map(PathBuf::as_path)
+        .collect();
+    input::require_all_writable(&outputs, &inputs)?;
     output.progress("reading");
     let start = Instant::now();
     let Model { mesh, triangles } = model(&args.model, output)?;
@@ -58,12 +65,20 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     };
     let attempt = Cell::new(1);
     let show = |phase| show_phase(phase, &attempt, output);
-    let (found, problem) = match make_polycube(&mesh, &options, &show) {
+    let labels = args
+        .labels
+        .as_ref()
+        .map(|file| read_labels(file, &triangles, &args.model));
+    let made = match labels.transpose()? {
+        Some(labels) => make_polycube_with_labels(&mesh, &labels, &options, &show),
+        None => make_polycube(&mesh, &options, &show),
+    };
+    let (found, problem) = match made {
         Ok(found) => (Some(found), None),
         Err(error @ (MakePolycubeError::NotFound { .. } | MakePolycubeError::NoLabels)) => {
             (None, Some(error.to_string()))
         }
-        Err(error) => return Err(error).with_context(|| format!("cannot use `{}`", args.model.display())),
+        Err(error) => return Err(unusable(error, args)),
     };
     let seconds = start.elapsed().as_secs_f64();
     match (&found, &problem) {
@@ -95,6 +110,26 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     };
     output.result(&report, || two_columns(rows(&report)))?;
     Ok(CommandOutcome::from_check(is_written && is_on_lattice))
+}
+
+/// Labels of the model's triangles.
+fn read_labels(file: &Path, triangles: &[[u32; 3]], model: &Path) -> anyhow::Result<Vec<([u32; 3], u8)>> {
+    let labels = io::read_triangle_labels(file, triangles.len());
+    let labels = labels.with_context(|| format!("cannot use the labels for `{}`", model.display()))?;
+    Ok(triangles.iter().copied().zip(labels).collect())
+}
+
+/// The error for a model, or for labels, that cannot be used.
+fn unusable(error: MakePolycubeError, args: &PolycubeArgs) -> anyhow::Error {
+    let file = match (&error, &args.labels) {
+        // There is a line for each triangle.
+        (MakePolycubeError::Labels { triangle, .. }, Some(labels)) => {
+            format!("cannot use line {} of `{}`", triangle + 1, labels.display())
+        }
+        (MakePolycubeError::MirroredLabels, Some(labels)) => format!("cannot use `{}`", labels.display()),
+        _ => format!("cannot use `{}`", args.model.display()),
+    };
+    anyhow::Error::new(error).context(file)
 }
 
 fn write(found: &PolycubeMap, triangles: &[[u32; 3]], args: &PolycubeArgs, output: &Output) -> anyhow::Result<()> {

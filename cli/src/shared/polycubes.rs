@@ -96,6 +96,7 @@ pub fn rows(found: &PolycubeReport) -> Vec<[String; 2]> {
     let mut rows = vec![];
     let directions = match found.labels {
         LabelSource::Cut => format!("graph cut with smoothness {}", found.smoothness),
+        LabelSource::Given => "as given".into(),
         LabelSource::Sphere => "from the map to the sphere: no cut led to a polycube".into(),
     };
     let [x, y, z] = found.planes;
