@@ -43,6 +43,12 @@ pub(super) struct Attempt {
 }
 
 impl Attempt {
+    /// Whether it is nearer to a polycube, or if both are one, less distorted.
+    pub fn is_better_than(&self, other: &Self) -> bool {
+        let [faults, of_other] = [self.faults(), other.faults()];
+        faults < of_other || faults + of_other == 0 && self.report.energy < other.report.energy
+    }
+
     /// What keeps it from being a polycube.
     pub fn faults(&self) -> usize {
         self.report.inverted + self.report.crossings
@@ -198,8 +204,8 @@ fn find_labels(
     monitor: &ProgressSender<PolycubePhase>,
 ) -> Result<Vec<u8>, MakePolycubeError> {
     let nodes = &model.mesh.nodes;
-    let mut flattening = Flattening::new(model.tets(), &graph.triangles, nodes);
-    let mut x = nodes.clone();
+    let mut flattening = Flattening::of(model);
+    let mut x = model.x.clone();
     let free = SharedCoordinates::default();
     let mut labels = vec![];
     for (round, (penalty, factor)) in ROUNDS.into_iter().enumerate() {
@@ -217,9 +223,9 @@ fn find_labels(
 
 /// Flattens the model towards its labels.
 fn flatten(solid: &mut Solid) {
-    let mut x = solid.mesh.nodes.clone();
+    let mut x = solid.x.clone();
     let labels = solid.labels();
-    let mut flattening = Flattening::new(solid.tets(), &solid.mesh.boundary, &solid.mesh.nodes);
+    let mut flattening = Flattening::of(solid);
     for penalty in FINAL_PENALTIES {
         flattening.run(&mut x, &labels, penalty, &SharedCoordinates::default(), TURNS);
     }
@@ -229,7 +235,7 @@ fn flatten(solid: &mut Solid) {
 /// Makes the deformation as rigid as possible with charts in planes.
 fn relax(solid: &mut Solid, planes: &SharedCoordinates) {
     let mut x = std::mem::take(&mut solid.x);
-    let mut flattening = Flattening::new(solid.tets(), &solid.mesh.boundary, &solid.mesh.nodes);
+    let mut flattening = Flattening::of(solid);
     flattening.run(&mut x, &solid.labels(), 0.0, planes, PLANE_TURNS);
     level(&mut x, planes);
     solid.x = x;

@@ -19,9 +19,12 @@ mod lattice;
 mod layout;
 mod local_repair;
 mod max_flow;
+mod orientation;
 mod solid;
 mod sphere_labels;
 mod voxels;
+
+use nalgebra::Rotation3;
 
 use crate::Point;
 use crate::boundary_map::SurfaceDistortion;
@@ -31,6 +34,7 @@ use crate::remesh::CellSize;
 
 pub use chart_place::ChartPlace;
 pub use given_labels::LabelProblem;
+pub use orientation::Orientation;
 pub use voxels::{VoxelPolycube, VoxelPolycubeError};
 
 use attempt::{Attempt, attempt, graph_of, snapped};
@@ -51,11 +55,14 @@ pub struct PolycubeOptions {
     pub smoothness: f64,
     /// Largest number of tetrahedra that splitting may add, as a part of those given; 1000 more are always allowed.
     pub most_added: f64,
-    /// Largest number of attempts, each with labels of its own; there are no more than 5. With 0 no labels are found.
+    /// Largest number of attempts, each with labels of its own; there are no more than 5, or twice as many with
+    /// [`Orientation::Best`]. With 0 no labels are found.
     pub attempts: usize,
     /// Cells of a lattice that the planes of the polycube are put on where that is possible: a regular mesh then has boxes of
     /// this size everywhere.
     pub lattice: Option<CellSize>,
+    /// How the model is turned before labels are sought. The polycube stays turned; the model is returned as it was given.
+    pub orientation: Orientation,
 }
 
 impl Default for PolycubeOptions {
@@ -65,6 +72,7 @@ impl Default for PolycubeOptions {
             most_added: 1.0,
             attempts: WAYS.len(),
             lattice: None,
+            orientation: Orientation::Given,
         }
     }
 }
@@ -180,8 +188,10 @@ pub struct PolycubeReport {
     pub labels: LabelSource,
     /// The smoothness with which a cut found them; 0 for others.
     pub smoothness: f64,
-    /// Attempts made, the last of which was good.
+    /// Attempts made.
     pub attempts: usize,
+    /// The rows of the rotation by which the model was turned before it was deformed; `None` if it was not.
+    pub turn: Option<[[f64; 3]; 3]>,
     /// Charts: connected parts of the boundary with one direction.
     pub charts: usize,
     /// Corners, where three or more charts meet.
@@ -336,14 +346,18 @@ fn make(
     };
     let mut best: Option<Attempt> = None;
     let mut attempts = 0;
+    let turns = options.orientation.turns(&solid);
+    let starts: Vec<Solid> = turns.into_iter().map(|turn| solid.turned(turn)).collect();
     for way in ways {
-        let _ = monitor.send(PolycubePhase::Attempting { attempt: attempts + 1 });
-        let Some(found) = attempt(&solid, way, options.smoothness, most_added, monitor)? else {
-            continue;
-        };
-        attempts += 1;
-        if best.as_ref().is_none_or(|best| found.faults() < best.faults()) {
-            best = Some(found);
+        for start in &starts {
+            let _ = monitor.send(PolycubePhase::Attempting { attempt: attempts + 1 });
+            let Some(found) = attempt(start, way, options.smoothness, most_added, monitor)? else {
+                continue;
+            };
+            attempts += 1;
+            if best.as_ref().is_none_or(|best| found.is_better_than(best)) {
+                best = Some(found);
+            }
         }
         if best.as_ref().is_some_and(|best| best.faults() == 0) {
             break;
@@ -366,6 +380,8 @@ fn make(
         });
     }
     report.attempts = attempts;
+    let rows = |turn: Rotation3<f64>| [0, 1, 2].map(|i| [0, 1, 2].map(|j| turn.matrix()[(i, j)]));
+    report.turn = (solid.turn != Rotation3::identity()).then(|| rows(solid.turn));
     if let Some(size) = options.lattice.map(|size| lattice_size(size, &solid, scale)) {
         let found = Attempt { solid, report, given };
         let on_lattice = snapped(&found, size, most_added, monitor)?;

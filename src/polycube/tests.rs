@@ -220,6 +220,64 @@ fn the_map_to_the_sphere_gives_six_charts_and_none_for_a_torus() {
     assert!(from_the_sphere(&test_meshes::torus(2)).is_none());
 }
 
+#[test]
+fn turned_boxes_return_boxes_where_they_are_turned_back() {
+    for (cubes, charts) in [(vec![[0, 0, 0]], 6), (vec![[0, 0, 0], [1, 0, 0], [0, 1, 0]], 8)] {
+        let model = boxes(&cubes, 0.34);
+        for angles in [[0.6, 0.42, 0.1], [-0.3, 1.9, 0.7], [2.5, -0.4, -1.2]] {
+            let turn = nalgebra::Rotation3::new(Vector::from(angles));
+            let turned = model.vertices().iter().map(|p| turn * p).collect();
+            let turned = model.with_vertices(turned).unwrap();
+            let make = |orientation| {
+                let options = PolycubeOptions {
+                    orientation,
+                    ..PolycubeOptions::default()
+                };
+                make_polycube(&turned, &options, &|_| {}).unwrap()
+            };
+            let found = make(Orientation::Principal);
+            check(&found, &turned);
+            assert_eq!((found.report.charts, found.report.attempts), (charts, 1));
+            assert!((found.report.energy - 7.0).abs() < 1e-6, "{}", found.report.energy);
+            // The labels are those of the box, with its axes by other names.
+            let own = labels_of_boxes(&model);
+            let name_of = |label: u8| {
+                let same = own.iter().filter(|(_, own)| *own == label).map(|(t, _)| t);
+                let of = |t: &[u32; 3]| found.given_labels.iter().find(|(other, _)| is_same(t, other));
+                let mut names: Vec<u8> = same.filter_map(of).map(|(_, label)| *label).collect();
+                names.dedup();
+                names
+            };
+            let mut names: Vec<u8> = (0..6).flat_map(name_of).collect();
+            assert_eq!(names.len(), 6, "{names:?}");
+            names.sort_unstable();
+            assert_eq!(names, [0, 1, 2, 3, 4, 5]);
+            // The rotation that is reported takes the model to the polycube.
+            let rows = found.report.turn.unwrap();
+            let back = Matrix3::from_fn(|i, j| rows[i][j]);
+            let shift = found.polycube.vertices()[0] - back * found.model.vertices()[0];
+            for (image, p) in found.polycube.vertices().iter().zip(found.model.vertices()) {
+                assert!((image - back * p - shift).norm() < 1e-3);
+            }
+            assert!(make(Orientation::Best).report.energy <= found.report.energy);
+        }
+        // What is along the axes stays, bit for bit.
+        let [given, principal] = [Orientation::Given, Orientation::Principal].map(|orientation| {
+            let options = PolycubeOptions {
+                orientation,
+                ..PolycubeOptions::default()
+            };
+            make_polycube(&model, &options, &|_| {}).unwrap()
+        });
+        assert_eq!((given.polycube, principal.report.turn), (principal.polycube, None));
+    }
+}
+
+/// Whether two triangles have the same corners.
+fn is_same(a: &[u32; 3], b: &[u32; 3]) -> bool {
+    a.iter().all(|v| b.contains(v))
+}
+
 /// The boundary triangles of a mesh, by its nodes.
 fn boundary_of(mesh: &TetMesh) -> Vec<[u32; 3]> {
     let boundary = mesh.boundary();

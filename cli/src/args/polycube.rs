@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
-use solidmap::polycube::PolycubeOptions;
+use clap::{Args, ValueEnum};
+use solidmap::polycube::{Orientation, PolycubeOptions};
 
 #[derive(Debug, Args)]
 #[command(
@@ -44,10 +44,33 @@ pub struct PolycubeArgs {
     pub write_model_labels: Option<PathBuf>,
     #[command(flatten)]
     pub smoothness: SmoothnessArgs,
+    /// Turn the model before directions are sought: `principal` so that its normals are as close to the axes as possible, `best`
+    /// makes each attempt both ways and takes the polycube with less energy. Only the polycube is turned
+    #[arg(long, value_enum, value_name = "HOW", default_value_t)]
+    pub orient: OrientationName,
     /// Put the planes of the polycube on a lattice with cells of this size, in the units of the model, so that `remesh
     /// --cell-size SIZE` makes no thin cells. The exit code is 1 if that was not possible; the polycube is then written without
     #[arg(long, value_name = "SIZE")]
     pub lattice: Option<f64>,
+}
+
+/// How a model is turned before it is deformed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum OrientationName {
+    #[default]
+    Given,
+    Principal,
+    Best,
+}
+
+impl From<OrientationName> for Orientation {
+    fn from(name: OrientationName) -> Self {
+        match name {
+            OrientationName::Given => Self::Given,
+            OrientationName::Principal => Self::Principal,
+            OrientationName::Best => Self::Best,
+        }
+    }
 }
 
 /// How many charts a polycube gets.

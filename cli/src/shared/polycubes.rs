@@ -101,6 +101,14 @@ pub fn rows(found: &PolycubeReport) -> Vec<[String; 2]> {
     };
     let [x, y, z] = found.planes;
     rows.push(["directions".into(), format!("{directions}, attempt {}", found.attempts)]);
+    if let Some([[a, _, _], [_, b, _], [_, _, c]]) = found.turn {
+        // The trace of a rotation is 1 + 2 cos of its angle.
+        let degrees = (0.5 * (a + b + c - 1.0)).clamp(-1.0, 1.0).acos().to_degrees();
+        rows.push([
+            "turned".into(),
+            format!("by {}°, the polycube alone", significant(degrees, 3)),
+        ]);
+    }
     let lattice = match found.lattice {
         Some(size) => format!(", on a lattice with cells of {}", significant(size, 4)),
         None => String::new(),
