@@ -3,7 +3,7 @@
 use solidmap::io;
 use solidmap::mesh::shapes;
 
-use crate::workplace::{Workplace, text};
+use crate::workplace::{Workplace, text, write_impossible_stairs, write_turned_boxes};
 
 /// Tetrahedra of a bent bar, made by the program, in `bar.mesh`; their surface in `bar.obj`.
 fn bar() -> Workplace {
@@ -245,6 +245,62 @@ fn labels_are_written_and_used_again() {
         "polycube bar.mesh -o q.obj --image n.obj --labels l --write-labels l",
         &["`l`"],
     );
+}
+
+#[test]
+fn a_turned_model_has_a_polycube_along_the_axes() {
+    let place = Workplace::new();
+    write_turned_boxes(&place);
+    let line = "polycube turned.mesh -o q.obj --image n.obj --orient";
+    let report = place.report(0, &format!("{line} principal --json"));
+    let energy = report["polycube"]["energy"].as_f64().unwrap();
+    assert!((energy - 7.0).abs() < 1e-6, "{energy}");
+    assert!(report["polycube"]["turn"][0][0].as_f64() < Some(1.0));
+    let best = place.report(0, &format!("{line} best --json"));
+    assert!(best["polycube"]["energy"].as_f64() <= Some(energy));
+    let given = place.report(0, &format!("{line} given --json"));
+    assert!(given["polycube"]["turn"].is_null());
+    let said = text(&place.ends_with(0, &format!("{line} principal")).stdout);
+    assert!(said.contains("turned") && said.contains('°'), "{said}");
+}
+
+#[test]
+fn where_no_polycube_is_found_the_best_attempt_is_written_and_its_bad_places_are_named() {
+    let place = Workplace::new();
+    write_impossible_stairs(&place);
+    let line = "polycube block.mesh -o q.obj --image n.obj --labels stairs.txt --best-attempt";
+    for file in ["best.vtu", "best.vtk"] {
+        let report = place.report(1, &format!("{line} {file} --json"));
+        assert_eq!(report["best_attempt"].as_str(), Some(file));
+        assert!(report["output"].is_null() && !place.path("q.obj").exists());
+        let problem = report["problem"].as_str().unwrap();
+        assert!(
+            problem.contains("near (") && problem.contains("hexmesh --polycube voxels"),
+            "{problem}"
+        );
+        let places = report["bad_places"].as_array().unwrap();
+        let cells: u64 = places.iter().map(|place| place["cells"].as_u64().unwrap()).sum();
+        let written = io::read_fields(place.path(file)).unwrap();
+        let field = |name: &str| &written.cell.iter().find(|field| field.name == name).unwrap().values;
+        assert_eq!(field("bad").iter().sum::<f64>() as u64, cells);
+        assert!(cells > 0 && field("bad").iter().all(|bad| *bad == 0.0 || *bad == 1.0));
+        assert!(field("label").contains(&-1.0) && field("label").contains(&5.0));
+        // The points of the model, and the cells where they are in the attempt.
+        let model = &written.point.iter().find(|field| field.name == "model").unwrap().values;
+        let given = io::read_tets(place.path("block.mesh")).unwrap();
+        for (p, values) in given.vertices().iter().zip(model.chunks(3)) {
+            assert!((p - solidmap::Point::from_slice(values)).norm() < 1e-12);
+        }
+    }
+    let said = text(&place.ends_with(1, &format!("{line} best.vtu")).stderr);
+    assert!(
+        said.contains("only the best attempt") && said.contains("best.vtu"),
+        "{said}"
+    );
+    place.fails(&format!("{line} best.mesh"), &["best.mesh", ".vtu"]);
+    // Nothing is written where a polycube is found.
+    let line = "polycube block.mesh -o q.obj --image n.obj --best-attempt none.vtu --json";
+    assert!(place.report(0, line)["best_attempt"].is_null() && !place.path("none.vtu").exists());
 }
 
 #[cfg(feature = "native")]

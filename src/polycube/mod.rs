@@ -6,6 +6,7 @@
 //! the boundaries and one of the insides come with it, for solids of any genus. What is returned is checked exactly.
 
 mod attempt;
+mod best_attempt;
 mod chart_place;
 mod charts;
 mod cut;
@@ -32,6 +33,7 @@ use crate::mesh::{MeshError, SurfaceMesh, TetMesh};
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::remesh::CellSize;
 
+pub use best_attempt::{BadPlace, BestAttempt};
 pub use chart_place::ChartPlace;
 pub use given_labels::LabelProblem;
 pub use orientation::Orientation;
@@ -150,7 +152,8 @@ pub enum MakePolycubeError {
     /// No attempt ended with a valid polycube.
     #[error(
         "no polycube was found: in the best of {attempts} attempts {inverted} cells stay inverted, with {charts} charts, and \
-         {crossings} pairs of boundary triangles pass through each other; try another smoothness"
+         {crossings} pairs of boundary triangles pass through each other{}",
+        best.text()
     )]
     NotFound {
         /// Inverted tetrahedra, and triangles that face against their direction, in the best attempt.
@@ -161,6 +164,8 @@ pub enum MakePolycubeError {
         charts: usize,
         /// Attempts made.
         attempts: usize,
+        /// What it ended with.
+        best: Box<BestAttempt>,
     },
     /// The progress callback cancelled the work.
     #[error("cancelled")]
@@ -372,11 +377,15 @@ fn make(
         return Err(MakePolycubeError::NoLabels);
     };
     if report.inverted + report.crossings > 0 {
+        report.attempts = attempts;
+        let (inverted, crossings, charts) = (report.inverted, report.crossings, report.charts);
+        let best = BestAttempt::new(Attempt { solid, report, given }, scale)?;
         return Err(MakePolycubeError::NotFound {
-            inverted: report.inverted,
-            crossings: report.crossings,
-            charts: report.charts,
+            inverted,
+            crossings,
+            charts,
             attempts,
+            best: Box::new(best),
         });
     }
     report.attempts = attempts;

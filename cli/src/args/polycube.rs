@@ -12,7 +12,7 @@ use solidmap::polycube::{Orientation, PolycubeOptions};
                   polycube is then carried into the model by\n  \
                   solidmap fit POLYCUBE --image IMAGE -o MAP\n  \
                   solidmap remesh MAP --kind hex -o HEXES\n\
-                  The exit code is 1 if no polycube was found; then nothing is written."
+                  The exit code is 1 if no polycube was found; then nothing is written but --best-attempt."
 )]
 pub struct PolycubeArgs {
     /// Closed surface, or a mesh of tetrahedra (.mesh, .msh, .vtk, .vtu), which is used as it is. Any genus
@@ -42,6 +42,11 @@ pub struct PolycubeArgs {
     /// tetrahedra, in the order of the cells. Polygons count as triangles
     #[arg(long, value_name = "LABELS")]
     pub write_model_labels: Option<PathBuf>,
+    /// If no polycube is found, write the tetrahedra of the best attempt (.vtu, .vtk), with the fields `bad`: 1 where they are
+    /// inverted or have a boundary triangle that faces against its direction or passes through another; `label`: 0 to 5 for the
+    /// direction of the boundary triangle, -1 for inner ones; and `model`: where points are in the model
+    #[arg(long, value_name = "TETS")]
+    pub best_attempt: Option<PathBuf>,
     #[command(flatten)]
     pub smoothness: SmoothnessArgs,
     /// Turn the model before directions are sought: `principal` so that its normals are as close to the axes as possible, `best`

@@ -7,14 +7,18 @@ use std::time::Instant;
 
 use anyhow::Context;
 use serde::Serialize;
-use solidmap::io;
+use solidmap::io::{self, Cells, VtkEncoding, VtkFields};
+use solidmap::mesh::TetMesh;
 use solidmap::polycube::{
-    MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubeReport, make_polycube, make_polycube_with_labels,
+    BadPlace, BestAttempt, MakePolycubeError, PolycubeMap, PolycubeOptions, PolycubeReport, make_polycube,
+    make_polycube_with_labels,
 };
 use solidmap::remesh::CellSize;
+use solidmap::spherical::require_genus_0;
 
 use crate::CommandOutcome;
 use crate::args::PolycubeArgs;
+use crate::shared::fields;
 use crate::shared::input;
 use crate::shared::json::{FileName, file_name};
 use crate::shared::output::{Output, memory_row, peak_rss_bytes, two_columns, written_row};
@@ -31,8 +35,12 @@ struct Summary {
     model_tets: Option<FileName>,
     labels: Option<FileName>,
     model_labels: Option<FileName>,
+    /// None where a polycube was found, or no attempt came to tetrahedra.
+    best_attempt: Option<FileName>,
     /// Why no polycube was found.
     problem: Option<String>,
+    /// Where it has bad cells.
+    bad_places: Vec<BadPlace>,
     polycube: Option<PolycubeReport>,
     #[serde(serialize_with = "crate::shared::json::total_seconds")]
     seconds: f64,
@@ -42,11 +50,12 @@ struct Summary {
 /// Makes the polycube, and writes it and the model.
 pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcome> {
     let (surface, tets): (&[&str], &[&str]) = (&["obj", "ply"], &["mesh", "vtk", "vtu"]);
-    let outputs: [(Option<&PathBuf>, &[&str]); 6] = [
+    let outputs: [(Option<&PathBuf>, &[&str]); 7] = [
         (Some(&args.output), surface),
         (Some(&args.image), surface),
         (args.tets.as_ref(), tets),
         (args.model_tets.as_ref(), tets),
+        (args.best_attempt.as_ref(), &["vtu", "vtk"]),
         (args.write_labels.as_ref(), &[]),
         (args.write_model_labels.as_ref(), &[]),
     ];
@@ -74,18 +83,31 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
         Some(labels) => make_polycube_with_labels(&mesh, &labels, &options, &show),
         None => make_polycube(&mesh, &options, &show),
     };
-    let (found, problem) = match made {
+    let (found, failed) = match made {
         Ok(found) => (Some(found), None),
-        Err(error @ (MakePolycubeError::NotFound { .. } | MakePolycubeError::NoLabels)) => {
-            (None, Some(error.to_string()))
-        }
+        Err(error @ (MakePolycubeError::NotFound { .. } | MakePolycubeError::NoLabels)) => (None, Some(error)),
         Err(error) => return Err(unusable(error, args)),
     };
     let seconds = start.elapsed().as_secs_f64();
-    match (&found, &problem) {
-        (Some(found), _) => write(found, &triangles, args, output)?,
-        (None, Some(problem)) => output.warn(format!("nothing was written: {problem}")),
-        (None, None) => {}
+    let problem = failed.as_ref().map(|error| problem(error, &mesh));
+    let best = match &failed {
+        Some(MakePolycubeError::NotFound { best, .. }) => Some(best.as_ref()),
+        _ => None,
+    };
+    let best_attempt = args.best_attempt.as_ref().filter(|_| best.is_some());
+    if let Some(found) = &found {
+        write(found, &triangles, args, output)?;
+    }
+    if let Some((file, best)) = best_attempt.zip(best) {
+        write_attempt(file, best)?;
+    }
+    if let Some(problem) = &problem {
+        let written = match (best_attempt, &args.best_attempt) {
+            (Some(file), _) => format!("only the best attempt was written, to `{}`", file.display()),
+            (None, Some(_)) => "nothing was written, as no attempt came to tetrahedra".into(),
+            (None, None) => "nothing was written".into(),
+        };
+        output.warn(format!("{written}: {problem}"));
     }
     let is_written = found.is_some();
     let is_on_lattice = args.lattice.is_none() || found.as_ref().is_some_and(|found| found.report.lattice.is_some());
@@ -104,13 +126,44 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
         model_tets: written(args.model_tets.as_ref()),
         labels: written(args.write_labels.as_ref()),
         model_labels: written(args.write_model_labels.as_ref()),
+        best_attempt: file_name(best_attempt),
         problem,
+        bad_places: best.map(|best| best.places.clone()).unwrap_or_default(),
         polycube: found.map(|found| found.report),
         seconds,
         peak_rss_bytes: peak_rss_bytes(),
     };
     output.result(&report, || two_columns(rows(&report)))?;
     Ok(CommandOutcome::from_check(is_written && is_on_lattice))
+}
+
+/// Why no polycube was found, and what can be done.
+fn problem(error: &MakePolycubeError, model: &TetMesh) -> String {
+    // A model without handles has another kind of polycube.
+    match require_genus_0(&model.boundary().surface) {
+        Ok(_) => format!("{error}. `solidmap hexmesh --polycube voxels` makes hexahedra of this model all the same"),
+        Err(_) => error.to_string(),
+    }
+}
+
+fn write_attempt(file: &Path, best: &BestAttempt) -> anyhow::Result<()> {
+    let bad = best.bad.iter().map(|&bad| f64::from(u8::from(bad))).collect();
+    let labels = best
+        .cell_labels
+        .iter()
+        .map(|label| label.map_or(-1.0, f64::from))
+        .collect();
+    let fields = VtkFields {
+        point: vec![fields::positions("model", best.model.vertices())],
+        cell: vec![fields::scalar("bad", bad), fields::scalar("label", labels)],
+        ..VtkFields::default()
+    };
+    let (points, cells) = (best.polycube.vertices(), Cells::Tets(best.polycube.tets()));
+    match input::extension(file).as_str() {
+        "vtk" => io::write_vtk(file, points, cells, &fields, VtkEncoding::Binary)?,
+        _ => io::write_vtu(file, points, cells, &fields)?,
+    }
+    Ok(())
 }
 
 /// Labels of the model's triangles.
