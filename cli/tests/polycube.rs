@@ -3,7 +3,7 @@
 use solidmap::io;
 use solidmap::mesh::shapes;
 
-use crate::workplace::{Workplace, text};
+use crate::workplace::{Workplace, text, write_impossible_stairs, write_turned_boxes};
 
 /// Tetrahedra of a bent bar, made by the program, in `bar.mesh`; their surface in `bar.obj`.
 fn bar() -> Workplace {
@@ -175,6 +175,132 @@ fn voxels_are_a_polycube_too_and_a_mesh_that_misses_a_part_of_the_model_is_no_su
             &["ring.obj", "without handles", "genus 1"],
         );
     }
+}
+
+#[test]
+fn labels_are_written_and_used_again() {
+    let place = bar();
+    let report = place.report(
+        0,
+        "polycube bar.mesh -o p.obj --image m.obj --write-labels l.txt --write-model-labels given.txt --tets p.vtu --json",
+    );
+    assert_eq!(
+        (&report["labels"], &report["model_labels"]),
+        (&"l.txt".into(), &"given.txt".into())
+    );
+    // A label for each triangle of the image, in its order: the direction that the polycube's triangle faces along.
+    let names = ["-x", "+x", "-y", "+y", "-z", "+z"];
+    let polycube = io::read_surface(place.path("p.obj")).unwrap();
+    let written = std::fs::read_to_string(place.path("l.txt")).unwrap();
+    let faces_along = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| polycube.vertices()[v as usize]);
+        let area = (b - a).cross(&(c - a));
+        let axis = area.iamax();
+        names[2 * axis + usize::from(area[axis] > 0.0)]
+    };
+    let expected: Vec<&str> = polycube.triangles().iter().map(faces_along).collect();
+    assert_eq!(written.lines().collect::<Vec<_>>(), expected);
+
+    // The same polycube, byte for byte, from the labels of the model; also by their numbers.
+    let given = std::fs::read_to_string(place.path("given.txt")).unwrap();
+    let numbers = given
+        .lines()
+        .map(|name| format!("{}\n", names.iter().position(|n| *n == name).unwrap()));
+    std::fs::write(place.path("numbers.txt"), numbers.collect::<String>()).unwrap();
+    for labels in ["given.txt", "numbers.txt"] {
+        let line = format!("polycube bar.mesh -o q.obj --image n.obj --tets q.vtu --labels {labels} --json");
+        let report = place.report(0, &line);
+        assert_eq!(report["polycube"]["labels"].as_str(), Some("given"));
+        for [first, second] in [["p.obj", "q.obj"], ["m.obj", "n.obj"], ["p.vtu", "q.vtu"]] {
+            let [first, second] = [first, second].map(|name| std::fs::read(place.path(name)).unwrap());
+            assert!(first == second, "{labels}");
+        }
+    }
+    // The image has triangles of its own, and their labels.
+    if cfg!(feature = "native") {
+        let report = place.report(0, "polycube m.obj -o q.obj --image n.obj --labels l.txt --json");
+        assert_eq!(report["polycube"]["charts"].as_u64(), Some(8));
+    }
+
+    // What cannot be used is refused by file and line.
+    let with = |name: &str, lines: &[&str]| std::fs::write(place.path(name), lines.join("\n")).unwrap();
+    let lines: Vec<&str> = given.lines().collect();
+    let line = "polycube bar.mesh -o q.obj --image n.obj --labels";
+    with("short.txt", &lines[..lines.len() - 1]);
+    let end = format!("line {}", lines.len() - 1);
+    place.fails(&format!("{line} short.txt"), &["short.txt", "bar.mesh", &end]);
+    with("long.txt", &[&lines[..], &["+x"]].concat());
+    let end = format!("line {}", lines.len() + 1);
+    place.fails(&format!("{line} long.txt"), &["long.txt", &end]);
+    with("word.txt", &[&["+x", "up"], &lines[2..]].concat());
+    place.fails(&format!("{line} word.txt"), &["word.txt", "line 2", "`up`", "+z"]);
+    with("all.txt", &vec!["+x"; lines.len()]);
+    place.fails(&format!("{line} all.txt"), &["all.txt", "line 1", "whole part"]);
+    let opposite = |name: &&str| names[names.iter().position(|n| n == name).unwrap() ^ 1];
+    with("mirrored.txt", &lines.iter().map(opposite).collect::<Vec<_>>());
+    place.fails(&format!("{line} mirrored.txt"), &["mirrored.txt", "exchanged"]);
+    place.fails(&format!("{line} none.txt"), &["none.txt"]);
+    place.fails(&format!("{line} given.txt --smoothness 0.01"), &["--smoothness"]);
+    place.fails(
+        "polycube bar.mesh -o q.obj --image n.obj --labels l --write-labels l",
+        &["`l`"],
+    );
+}
+
+#[test]
+fn a_turned_model_has_a_polycube_along_the_axes() {
+    let place = Workplace::new();
+    write_turned_boxes(&place);
+    let line = "polycube turned.mesh -o q.obj --image n.obj --orient";
+    let report = place.report(0, &format!("{line} principal --json"));
+    let energy = report["polycube"]["energy"].as_f64().unwrap();
+    assert!((energy - 7.0).abs() < 1e-6, "{energy}");
+    assert!(report["polycube"]["turn"][0][0].as_f64() < Some(1.0));
+    let best = place.report(0, &format!("{line} best --json"));
+    assert!(best["polycube"]["energy"].as_f64() <= Some(energy));
+    let given = place.report(0, &format!("{line} given --json"));
+    assert!(given["polycube"]["turn"].is_null());
+    let said = text(&place.ends_with(0, &format!("{line} principal")).stdout);
+    assert!(said.contains("turned") && said.contains('°'), "{said}");
+}
+
+#[test]
+fn where_no_polycube_is_found_the_best_attempt_is_written_and_its_bad_places_are_named() {
+    let place = Workplace::new();
+    write_impossible_stairs(&place);
+    let line = "polycube block.mesh -o q.obj --image n.obj --labels stairs.txt --best-attempt";
+    for file in ["best.vtu", "best.vtk"] {
+        let report = place.report(1, &format!("{line} {file} --json"));
+        assert_eq!(report["best_attempt"].as_str(), Some(file));
+        assert!(report["output"].is_null() && !place.path("q.obj").exists());
+        let problem = report["problem"].as_str().unwrap();
+        assert!(
+            problem.contains("near (") && problem.contains("hexmesh --polycube voxels"),
+            "{problem}"
+        );
+        let places = report["bad_places"].as_array().unwrap();
+        let cells: u64 = places.iter().map(|place| place["cells"].as_u64().unwrap()).sum();
+        let written = io::read_fields(place.path(file)).unwrap();
+        let field = |name: &str| &written.cell.iter().find(|field| field.name == name).unwrap().values;
+        assert_eq!(field("bad").iter().sum::<f64>() as u64, cells);
+        assert!(cells > 0 && field("bad").iter().all(|bad| *bad == 0.0 || *bad == 1.0));
+        assert!(field("label").contains(&-1.0) && field("label").contains(&5.0));
+        // The points of the model, and the cells where they are in the attempt.
+        let model = &written.point.iter().find(|field| field.name == "model").unwrap().values;
+        let given = io::read_tets(place.path("block.mesh")).unwrap();
+        for (p, values) in given.vertices().iter().zip(model.chunks(3)) {
+            assert!((p - solidmap::Point::from_slice(values)).norm() < 1e-12);
+        }
+    }
+    let said = text(&place.ends_with(1, &format!("{line} best.vtu")).stderr);
+    assert!(
+        said.contains("only the best attempt") && said.contains("best.vtu"),
+        "{said}"
+    );
+    place.fails(&format!("{line} best.mesh"), &["best.mesh", ".vtu"]);
+    // Nothing is written where a polycube is found.
+    let line = "polycube block.mesh -o q.obj --image n.obj --best-attempt none.vtu --json";
+    assert!(place.report(0, line)["best_attempt"].is_null() && !place.path("none.vtu").exists());
 }
 
 #[cfg(feature = "native")]

@@ -9,6 +9,7 @@ use serde_json::Value;
 use solidmap::Point;
 use solidmap::io;
 use solidmap::mesh::{SurfaceMesh, shapes};
+use solidmap::remesh::{CellKind, Polycube, regular_mesh};
 
 /// How long a command on small models may take.
 const LONGEST: Duration = Duration::from_secs(120);
@@ -66,6 +67,42 @@ impl Workplace {
     pub fn report(&self, code: i32, line: &str) -> Value {
         json(&self.ends_with(code, line))
     }
+}
+
+/// Writes a block with a tower, `block.mesh`, and labels for stairs around the tower that always rise, `stairs.txt`: each chart
+/// and corner is possible, but no heights of the steps are, so that there is no polycube.
+pub fn write_impossible_stairs(place: &Workplace) {
+    let boxes: Vec<[i32; 3]> = (0..9).map(|k| [k % 3, k / 3, 0]).chain([[1, 1, 1]]).collect();
+    let polycube = Polycube::of(&shapes::polycube(&boxes, 1)).unwrap();
+    let block = regular_mesh(&polycube, 1.0 / 3.0, CellKind::Tets, 10_000).unwrap();
+    io::write_cells(place.path("block.mesh"), block.nodes(), io::Cells::from(block.cells())).unwrap();
+    let surface = io::read_tets(place.path("block.mesh")).unwrap().boundary().surface;
+    let label = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| surface.vertices()[v as usize]);
+        let (area, centre) = ((b - a).cross(&(c - a)), (a.coords + b.coords + c.coords) / 3.0);
+        let axis = area.iamax();
+        let label = (2 * axis + usize::from(area[axis] > 0.0)) as u8;
+        let is_between = |c: f64| (4.0 / 3.0..5.0 / 3.0).contains(&c);
+        match (is_between(centre.x), is_between(centre.y)) {
+            _ if label != 5 || centre.z > 1.5 => label,
+            (true, _) if centre.y < 1.0 => 0,
+            (_, true) if centre.x > 2.0 => 2,
+            (true, _) if centre.y > 2.0 => 1,
+            (_, true) if centre.x < 1.0 => 3,
+            _ => label,
+        }
+    };
+    let labels: Vec<u8> = surface.triangles().iter().map(label).collect();
+    io::write_triangle_labels(place.path("stairs.txt"), &labels).unwrap();
+}
+
+/// Writes an L of boxes, turned by an angle about a skew axis, `turned.mesh`.
+pub fn write_turned_boxes(place: &Workplace) {
+    let polycube = Polycube::of(&shapes::polycube(&[[0, 0, 0], [1, 0, 0], [0, 1, 0]], 1)).unwrap();
+    let boxes = regular_mesh(&polycube, 0.34, CellKind::Tets, 10_000).unwrap();
+    let turn = solidmap::nalgebra::Rotation3::new(solidmap::Vector::new(0.3, -0.2, 0.5));
+    let nodes: Vec<Point> = boxes.nodes().iter().map(|p| turn * p).collect();
+    io::write_cells(place.path("turned.mesh"), &nodes, io::Cells::from(boxes.cells())).unwrap();
 }
 
 /// The program, ended when it takes longer than [`LONGEST`].

@@ -39,6 +39,7 @@ mod pvd;
 mod raw_mesh;
 mod stl;
 mod textured_obj;
+mod triangle_labels;
 mod vtk;
 
 use std::{fs, path::Path};
@@ -56,6 +57,7 @@ pub use ply::write_coloured_ply;
 pub use points::{write_csv, write_npy};
 pub use pvd::write_pvd;
 pub use textured_obj::{TexturedSurface, read_textured_surface};
+pub use triangle_labels::{read_triangle_labels, write_triangle_labels};
 pub use vtk::{ImageGrid, VtkEncoding, write_vti, write_vtk, write_vtu};
 
 use crate::{

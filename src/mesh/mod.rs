@@ -26,3 +26,6 @@ pub use surface_mesh::{MeshError, SurfaceMesh};
 pub use surface_point::SurfacePoint;
 pub use tet_mesh::TetMesh;
 pub use weld::{lowest_coincident_vertices, welded};
+
+/// The six directions along the axes, in the order of the labels 0 to 5 of polycubes.
+pub const DIRECTION_NAMES: [&str; 6] = ["-x", "+x", "-y", "+y", "-z", "+z"];

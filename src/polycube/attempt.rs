@@ -38,9 +38,17 @@ const MOST_LEFT_BY_DESCENT: usize = 60;
 pub(super) struct Attempt {
     pub solid: Solid,
     pub report: PolycubeReport,
+    /// Boundary triangles of the model, before any was split, and their labels.
+    pub given: Vec<([u32; 3], u8)>,
 }
 
 impl Attempt {
+    /// Whether it is nearer to a polycube, or if both are one, less distorted.
+    pub fn is_better_than(&self, other: &Self) -> bool {
+        let [faults, of_other] = [self.faults(), other.faults()];
+        faults < of_other || faults + of_other == 0 && self.report.energy < other.report.energy
+    }
+
     /// What keeps it from being a polycube.
     pub fn faults(&self) -> usize {
         self.report.inverted + self.report.crossings
@@ -65,6 +73,12 @@ pub(super) fn attempt(
             solid.set_labels(&labels);
             flatten(&mut solid);
         }
+        Way::Given(given) => {
+            report.labels = LabelSource::Given;
+            solid.set_labels(&given.labels);
+            flatten(&mut solid);
+            given.check_layout(&graph, &solid.x)?;
+        }
         Way::Sphere => {
             report.labels = LabelSource::Sphere;
             if put_on_cube(&mut solid, &graph, monitor).is_none() {
@@ -72,6 +86,7 @@ pub(super) fn attempt(
             }
         }
     }
+    let given: Vec<([u32; 3], u8)> = graph.triangles.iter().copied().zip(solid.labels()).collect();
     let (refined, charts) = refine_at_borders(&mut solid, most_added)?;
     let planes = planes(&refined, &charts);
     let has_layout = || Layout::new(&refined, &charts, &solid.x).is_some_and(|layout| layout.is_possible());
@@ -93,23 +108,23 @@ pub(super) fn attempt(
         ends_early: way != Way::Sphere,
         most_added,
     };
-    finished(solid, report, &descent, monitor).map(Some)
+    finished(Attempt { solid, report, given }, &descent, monitor).map(Some)
 }
 
 /// Deforms a solid with labels, and looks at what comes out.
 fn finished(
-    mut solid: Solid,
-    mut report: PolycubeReport,
+    mut attempt: Attempt,
     descent: &Descent,
     monitor: &ProgressSender<PolycubePhase>,
 ) -> Result<Attempt, MakePolycubeError> {
-    let planes = deform(&mut solid, descent, monitor, &mut report)?;
-    report.planes = distinct(&solid, &planes);
+    let Attempt { solid, report, .. } = &mut attempt;
+    let planes = deform(solid, descent, monitor, report)?;
+    report.planes = distinct(solid, &planes);
     report.crossings = crossing_triangles(&solid.mesh.boundary, &solid.x).len() + solid.nested_parts();
     if !monitor.should_continue() {
         return Err(MakePolycubeError::Cancelled);
     }
-    Ok(Attempt { solid, report })
+    Ok(attempt)
 }
 
 /// A polycube with its planes on a lattice with cells of `size`, if one was found from `found`.
@@ -139,15 +154,15 @@ pub(super) fn snapped(
         if monitor.send(PolycubePhase::Snapping).is_break() {
             return Err(MakePolycubeError::Cancelled);
         }
-        let Attempt { mut solid, report } = found.clone();
-        move_planes(&mut solid, &planes, &coordinates);
+        let mut moved = found.clone();
+        move_planes(&mut moved.solid, &planes, &coordinates);
         let descent = Descent {
             planes_are_fixed: true,
             ends_early: true,
             most_added,
         };
-        let before = report.inverted_after_descent;
-        let mut moved = finished(solid, report, &descent, monitor)?;
+        let before = moved.report.inverted_after_descent;
+        let mut moved = finished(moved, &descent, monitor)?;
         moved.report.inverted_after_descent = before;
         if moved.faults() == 0 && polycube_of(&moved.solid).is_some() {
             return Ok(Some(moved));
@@ -189,8 +204,8 @@ fn find_labels(
     monitor: &ProgressSender<PolycubePhase>,
 ) -> Result<Vec<u8>, MakePolycubeError> {
     let nodes = &model.mesh.nodes;
-    let mut flattening = Flattening::new(model.tets(), &graph.triangles, nodes);
-    let mut x = nodes.clone();
+    let mut flattening = Flattening::of(model);
+    let mut x = model.x.clone();
     let free = SharedCoordinates::default();
     let mut labels = vec![];
     for (round, (penalty, factor)) in ROUNDS.into_iter().enumerate() {
@@ -208,9 +223,9 @@ fn find_labels(
 
 /// Flattens the model towards its labels.
 fn flatten(solid: &mut Solid) {
-    let mut x = solid.mesh.nodes.clone();
+    let mut x = solid.x.clone();
     let labels = solid.labels();
-    let mut flattening = Flattening::new(solid.tets(), &solid.mesh.boundary, &solid.mesh.nodes);
+    let mut flattening = Flattening::of(solid);
     for penalty in FINAL_PENALTIES {
         flattening.run(&mut x, &labels, penalty, &SharedCoordinates::default(), TURNS);
     }
@@ -220,13 +235,13 @@ fn flatten(solid: &mut Solid) {
 /// Makes the deformation as rigid as possible with charts in planes.
 fn relax(solid: &mut Solid, planes: &SharedCoordinates) {
     let mut x = std::mem::take(&mut solid.x);
-    let mut flattening = Flattening::new(solid.tets(), &solid.mesh.boundary, &solid.mesh.nodes);
+    let mut flattening = Flattening::of(solid);
     flattening.run(&mut x, &solid.labels(), 0.0, planes, PLANE_TURNS);
     level(&mut x, planes);
     solid.x = x;
 }
 
-fn graph_of(solid: &Solid) -> Result<FaceGraph, MakePolycubeError> {
+pub(super) fn graph_of(solid: &Solid) -> Result<FaceGraph, MakePolycubeError> {
     FaceGraph::new(&solid.mesh.boundary, solid.x.len()).ok_or(MakePolycubeError::NotManifold)
 }
 

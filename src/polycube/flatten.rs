@@ -7,6 +7,7 @@ use nalgebra::Rotation3;
 use rayon::prelude::*;
 
 use super::axis_of;
+use super::solid::Solid;
 use crate::remesh::SharedCoordinates;
 use crate::remesh::foldover::edges;
 use crate::{Matrix3, Point, Vector};
@@ -35,6 +36,13 @@ pub(super) struct Flattening<'a> {
 }
 
 impl<'a> Flattening<'a> {
+    /// The deformation of a solid from positions that are turned as it is.
+    pub fn of(solid: &'a Solid) -> Self {
+        let mut flattening = Self::new(solid.tets(), &solid.mesh.boundary, &solid.mesh.nodes);
+        flattening.rotations.fill(solid.turn);
+        flattening
+    }
+
     /// Tetrahedra with positive volume between the nodes `rest`, and their boundary.
     pub fn new(tets: &'a [[u32; 4]], faces: &'a [[u32; 3]], rest: &'a [Point]) -> Self {
         let shape = |t: &[u32; 4]| {

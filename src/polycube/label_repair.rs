@@ -14,9 +14,9 @@ use super::face_graph::{Charts, FaceGraph, LABELS, are_opposite};
 use crate::Point;
 
 /// Corners that a polycube's boundary loops have at least.
-const LEAST_CORNERS: usize = 4;
+pub(super) const LEAST_CORNERS: usize = 4;
 /// Border edges that a vertex has at most.
-const MOST_BORDERS: usize = 3;
+pub(super) const MOST_BORDERS: usize = 3;
 /// What faults add to the score. They are doubled, for whole numbers.
 const LOOP_WEIGHT: u64 = 6;
 const VERTEX_WEIGHT: u64 = 2;

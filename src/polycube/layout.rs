@@ -15,6 +15,8 @@ use crate::{Point, Vector};
 
 /// Choices after which a search for signs is given up.
 const MOST_CHOICES: usize = 20_000;
+/// The same for each of the searches that find out which charts contradict each other.
+const FEW_CHOICES: usize = 500;
 
 /// The turn of a chart's boundary at a corner: its paths before and after the corner, and the determinant of the outward normals
 /// of the charts across them and the chart itself. The boundary turns to the left if the product of the determinant and both
@@ -28,6 +30,7 @@ struct Turn {
 /// A boundary loop of a chart.
 #[derive(Debug, Clone)]
 struct LoopTurns {
+    chart: usize,
     turns: Vec<Turn>,
     /// How many of the turns are to the right.
     right: usize,
@@ -117,6 +120,7 @@ impl Layout {
                     return None;
                 }
                 layout.loops.push(LoopTurns {
+                    chart,
                     turns,
                     right: right / 2,
                 });
@@ -141,20 +145,53 @@ impl Layout {
         self.signs().is_some()
     }
 
+    /// Charts of labels without a layout that contradict each other: one with an odd number of corners at a border, or so few
+    /// that without any of them there would be no contradiction.
+    pub fn contradiction(graph: &FaceGraph, charts: &Charts, x: &[Point]) -> Vec<usize> {
+        let is_odd = |loops: &Vec<BoundaryLoop>| loops.iter().any(|of| of.corners.len() % 2 == 1);
+        if let Some(odd) = charts.loops.iter().position(is_odd) {
+            return vec![odd];
+        }
+        let mut left: Vec<usize> = (0..charts.labels.len()).collect();
+        let Some(layout) = Self::new(graph, charts, x) else {
+            return left;
+        };
+        for chart in 0..charts.labels.len() {
+            let others: Vec<usize> = left.iter().copied().filter(|other| *other != chart).collect();
+            // A corner counts if one of its charts does.
+            let is_at = |corner: &Corner| {
+                let beside = corner.paths.iter().flat_map(|&path| charts.paths[path].charts);
+                beside.into_iter().any(|chart| others.contains(&(chart as usize)))
+            };
+            let mut fewer = layout.clone();
+            fewer.loops.retain(|of| others.contains(&of.chart));
+            fewer.corners.retain(is_at);
+            if fewer.search(FEW_CHOICES) == Some(None) {
+                left = others;
+            }
+        }
+        left
+    }
+
     /// A sign for each path, 1 where it is convex and -1 where it is concave, so that all corners and loops are those of a
     /// polycube: those of the paths as they are now, and others where these do not fit. `None` if none were found.
     fn signs(&self) -> Option<Vec<i8>> {
+        self.search(MOST_CHOICES).flatten()
+    }
+
+    /// The signs, or that there are none; `None` where that was not found out with so many choices.
+    fn search(&self, most_choices: usize) -> Option<Option<Vec<i8>>> {
         let mut order: Vec<usize> = (0..self.convexity.len()).collect();
         order.sort_by(|&a, &b| self.convexity[b].abs().total_cmp(&self.convexity[a].abs()));
         let mut signs = vec![0; self.convexity.len()];
         let mut trail = vec![];
         if !self.propagated(&mut signs, &mut trail) {
-            return None;
+            return Some(None);
         }
         let mut choices: Vec<Choice> = vec![];
-        for _ in 0..MOST_CHOICES {
+        for _ in 0..most_choices {
             let Some(&path) = order.iter().find(|&&path| signs[path] == 0) else {
-                return Some(signs);
+                return Some(Some(signs));
             };
             let mut choice = Choice {
                 path,
@@ -171,7 +208,9 @@ impl Layout {
                 }
                 // Back to the last choice with a sign that was not tried.
                 choice = loop {
-                    let last = choices.pop()?;
+                    let Some(last) = choices.pop() else {
+                        return Some(None);
+                    };
                     trail.drain(last.trail..).for_each(|path| signs[path] = 0);
                     if !last.is_last {
                         break Choice {

@@ -6,20 +6,26 @@
 //! the boundaries and one of the insides come with it, for solids of any genus. What is returned is checked exactly.
 
 mod attempt;
+mod best_attempt;
+mod chart_place;
 mod charts;
 mod cut;
 mod descent;
 mod energy;
 mod face_graph;
 mod flatten;
+mod given_labels;
 mod label_repair;
 mod lattice;
 mod layout;
 mod local_repair;
 mod max_flow;
+mod orientation;
 mod solid;
 mod sphere_labels;
 mod voxels;
+
+use nalgebra::Rotation3;
 
 use crate::Point;
 use crate::boundary_map::SurfaceDistortion;
@@ -27,9 +33,14 @@ use crate::mesh::{MeshError, SurfaceMesh, TetMesh};
 use crate::progress::{ProgressResponse, ProgressSender, run_cancellable};
 use crate::remesh::CellSize;
 
+pub use best_attempt::{BadPlace, BestAttempt};
+pub use chart_place::ChartPlace;
+pub use given_labels::LabelProblem;
+pub use orientation::Orientation;
 pub use voxels::{VoxelPolycube, VoxelPolycubeError};
 
-use attempt::{Attempt, attempt, snapped};
+use attempt::{Attempt, attempt, graph_of, snapped};
+use given_labels::GivenLabels;
 use solid::Solid;
 
 /// The axis of a label: labels are counted as -x, +x, -y, +y, -z, +z.
@@ -46,11 +57,14 @@ pub struct PolycubeOptions {
     pub smoothness: f64,
     /// Largest number of tetrahedra that splitting may add, as a part of those given; 1000 more are always allowed.
     pub most_added: f64,
-    /// Largest number of attempts, each with labels of its own; there are no more than 5. With 0 no labels are found.
+    /// Largest number of attempts, each with labels of its own; there are no more than 5, or twice as many with
+    /// [`Orientation::Best`]. With 0 no labels are found.
     pub attempts: usize,
     /// Cells of a lattice that the planes of the polycube are put on where that is possible: a regular mesh then has boxes of
     /// this size everywhere.
     pub lattice: Option<CellSize>,
+    /// How the model is turned before labels are sought. The polycube stays turned; the model is returned as it was given.
+    pub orientation: Orientation,
 }
 
 impl Default for PolycubeOptions {
@@ -60,6 +74,7 @@ impl Default for PolycubeOptions {
             most_added: 1.0,
             attempts: WAYS.len(),
             lattice: None,
+            orientation: Orientation::Given,
         }
     }
 }
@@ -117,10 +132,28 @@ pub enum MakePolycubeError {
          the model"
     )]
     NoLabels,
+    /// The label that was given for a triangle cannot be one of a polycube's.
+    #[error("the labels cannot be those of a polycube: triangle {triangle} (0-based) {problem}")]
+    Labels {
+        /// Which of the triangles, in the order in which they were given.
+        triangle: usize,
+        /// Why.
+        problem: LabelProblem,
+    },
+    /// A boundary triangle was given no label.
+    #[error("the boundary triangle of nodes {}, {} and {} (0-based) has no label", .0[0], .0[1], .0[2])]
+    MissingLabel([u32; 3]),
+    /// Along all three axes most triangles face against the labels that were given.
+    #[error(
+        "along all axes triangles face against their labels: positive and negative directions seem to be exchanged. Labels are 0 to \
+         5 for -x, +x, -y, +y, -z, +z; some programs count +x, -x and so on"
+    )]
+    MirroredLabels,
     /// No attempt ended with a valid polycube.
     #[error(
         "no polycube was found: in the best of {attempts} attempts {inverted} cells stay inverted, with {charts} charts, and \
-         {crossings} pairs of boundary triangles pass through each other; try another smoothness"
+         {crossings} pairs of boundary triangles pass through each other{}",
+        best.text()
     )]
     NotFound {
         /// Inverted tetrahedra, and triangles that face against their direction, in the best attempt.
@@ -131,6 +164,8 @@ pub enum MakePolycubeError {
         charts: usize,
         /// Attempts made.
         attempts: usize,
+        /// What it ended with.
+        best: Box<BestAttempt>,
     },
     /// The progress callback cancelled the work.
     #[error("cancelled by the progress callback")]
@@ -147,6 +182,8 @@ pub enum LabelSource {
     /// The map of the boundary to the sphere: the six faces of a cube around it. Always possible for a solid of genus 0, with
     /// much distortion at limbs.
     Sphere,
+    /// The user ([`make_polycube_with_labels`]).
+    Given,
 }
 
 /// What was done to find a polycube.
@@ -154,10 +191,12 @@ pub enum LabelSource {
 pub struct PolycubeReport {
     /// Where the directions came from.
     pub labels: LabelSource,
-    /// The smoothness with which a cut found them; 0 for those from the sphere.
+    /// The smoothness with which a cut found them; 0 for others.
     pub smoothness: f64,
-    /// Attempts made, the last of which was good.
+    /// Attempts made.
     pub attempts: usize,
+    /// The rows of the rotation by which the model was turned before it was deformed; `None` if it was not.
+    pub turn: Option<[[f64; 3]; 3]>,
     /// Charts: connected parts of the boundary with one direction.
     pub charts: usize,
     /// Corners, where three or more charts meet.
@@ -198,6 +237,8 @@ pub struct PolycubeMap {
     pub boundary: Vec<[u32; 3]>,
     /// The direction of each boundary triangle in the polycube: 0 to 5 for -x, +x, -y, +y, -z, +z.
     pub labels: Vec<u8>,
+    /// The boundary triangles of the mesh that was given, facing outward, each with the direction of all its parts.
+    pub given_labels: Vec<([u32; 3], u8)>,
     /// What was done.
     pub report: PolycubeReport,
 }
@@ -242,23 +283,47 @@ pub fn make_polycube<R: ProgressResponse>(
     progress: &dyn Fn(PolycubePhase) -> R,
 ) -> Result<PolycubeMap, MakePolycubeError> {
     let control = |phase| progress(phase).control();
-    run_cancellable(&control, |monitor| make(mesh, options, monitor)).unwrap_or(Err(MakePolycubeError::Cancelled))
+    run_cancellable(&control, |monitor| make(mesh, None, options, monitor)).unwrap_or(Err(MakePolycubeError::Cancelled))
+}
+
+/// A polycube with these labels of the boundary triangles, as [`make_polycube`] makes it with those that it finds.
+///
+/// `labels` are the triangles of the boundary by their nodes in `mesh`, with corners in any order, and the direction of each in
+/// the polycube: 0 to 5 for -x, +x, -y, +y, -z, +z. They are used as they are, in a single attempt: nothing is repaired. With
+/// [`PolycubeMap::given_labels`] of a polycube by a cut it is made again, bit for bit.
+///
+/// # Errors
+///
+/// As [`make_polycube`]; [`MakePolycubeError::Labels`], [`MakePolycubeError::MissingLabel`] and
+/// [`MakePolycubeError::MirroredLabels`] for labels that cannot be those of a polycube, before anything is deformed to one.
+pub fn make_polycube_with_labels<R: ProgressResponse>(
+    mesh: &TetMesh,
+    labels: &[([u32; 3], u8)],
+    options: &PolycubeOptions,
+    progress: &dyn Fn(PolycubePhase) -> R,
+) -> Result<PolycubeMap, MakePolycubeError> {
+    let control = |phase| progress(phase).control();
+    run_cancellable(&control, |monitor| make(mesh, Some(labels), options, monitor))
+        .unwrap_or(Err(MakePolycubeError::Cancelled))
 }
 
 /// How an attempt gets its labels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Way {
+enum Way<'a> {
     /// By cuts, with the smoothness times this.
     Cut(f64),
     /// From the map to the sphere.
     Sphere,
+    /// The user's.
+    Given(&'a GivenLabels<'a>),
 }
 
 /// Ways in the order in which they are tried.
-const WAYS: [Way; 5] = [Way::Cut(1.0), Way::Cut(1.5), Way::Cut(0.7), Way::Cut(2.25), Way::Sphere];
+const WAYS: [Way<'static>; 5] = [Way::Cut(1.0), Way::Cut(1.5), Way::Cut(0.7), Way::Cut(2.25), Way::Sphere];
 
 fn make(
     mesh: &TetMesh,
+    labels: Option<&[([u32; 3], u8)]>,
     options: &PolycubeOptions,
     monitor: &ProgressSender<PolycubePhase>,
 ) -> Result<PolycubeMap, MakePolycubeError> {
@@ -279,38 +344,59 @@ fn make(
     let most_added = (options.most_added.max(0.0) * solid.tets().len() as f64) as usize;
     let most_added = most_added.saturating_add(1000);
     solid.split_between_boundary_nodes(most_added);
+    let labels = labels.map(|labels| GivenLabels::new(&graph_of(&solid)?, mesh.vertices(), labels));
+    let labels = labels.transpose()?;
+    let ways = match &labels {
+        Some(labels) => vec![Way::Given(labels)],
+        None => WAYS.into_iter().take(options.attempts).collect(),
+    };
     let mut best: Option<Attempt> = None;
     let mut attempts = 0;
-    for way in WAYS.into_iter().take(options.attempts) {
-        let _ = monitor.send(PolycubePhase::Attempting { attempt: attempts + 1 });
-        let Some(found) = attempt(&solid, way, options.smoothness, most_added, monitor)? else {
-            continue;
-        };
-        attempts += 1;
-        if best.as_ref().is_none_or(|best| found.faults() < best.faults()) {
-            best = Some(found);
+    let turns = options.orientation.turns(&solid);
+    let starts: Vec<Solid> = turns.into_iter().map(|turn| solid.turned(turn)).collect();
+    for way in ways {
+        for start in &starts {
+            let _ = monitor.send(PolycubePhase::Attempting { attempt: attempts + 1 });
+            let Some(found) = attempt(start, way, options.smoothness, most_added, monitor)? else {
+                continue;
+            };
+            attempts += 1;
+            if best.as_ref().is_none_or(|best| found.is_better_than(best)) {
+                best = Some(found);
+            }
         }
         if best.as_ref().is_some_and(|best| best.faults() == 0) {
             break;
         }
     }
-    let Some(Attempt { mut solid, mut report }) = best else {
+    let Some(Attempt {
+        mut solid,
+        mut report,
+        mut given,
+    }) = best
+    else {
         return Err(MakePolycubeError::NoLabels);
     };
     if report.inverted + report.crossings > 0 {
+        report.attempts = attempts;
+        let (inverted, crossings, charts) = (report.inverted, report.crossings, report.charts);
+        let best = BestAttempt::new(Attempt { solid, report, given }, scale)?;
         return Err(MakePolycubeError::NotFound {
-            inverted: report.inverted,
-            crossings: report.crossings,
-            charts: report.charts,
+            inverted,
+            crossings,
+            charts,
             attempts,
+            best: Box::new(best),
         });
     }
     report.attempts = attempts;
+    let rows = |turn: Rotation3<f64>| [0, 1, 2].map(|i| [0, 1, 2].map(|j| turn.matrix()[(i, j)]));
+    report.turn = (solid.turn != Rotation3::identity()).then(|| rows(solid.turn));
     if let Some(size) = options.lattice.map(|size| lattice_size(size, &solid, scale)) {
-        let found = Attempt { solid, report };
+        let found = Attempt { solid, report, given };
         let on_lattice = snapped(&found, size, most_added, monitor)?;
         let is_on_lattice = on_lattice.is_some();
-        Attempt { solid, report } = on_lattice.unwrap_or(found);
+        Attempt { solid, report, given } = on_lattice.unwrap_or(found);
         report.lattice = is_on_lattice.then_some(size / scale);
     }
     report.tets_given = mesh.tets().len();
@@ -326,6 +412,7 @@ fn make(
         polycube: TetMesh::new(images, tets)?,
         boundary: solid.mesh.boundary,
         labels,
+        given_labels: given,
         report,
     })
 }

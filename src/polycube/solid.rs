@@ -3,6 +3,7 @@
 
 use std::cmp::Ordering;
 
+use nalgebra::Rotation3;
 use robust::{Coord, orient2d};
 
 use super::MakePolycubeError;
@@ -23,6 +24,8 @@ pub(super) struct Solid {
     pub mesh: BoundedMesh,
     /// Positions in the polycube.
     pub x: Vec<Point>,
+    /// How these are turned against the model where a deformation starts.
+    pub turn: Rotation3<f64>,
 }
 
 /// Inverted tetrahedra, and boundary triangles that face against their label.
@@ -71,7 +74,21 @@ impl Solid {
         let found = faces(cells.cells());
         let mut mesh = BoundedMesh::of(cells, &found);
         mesh.parts = vec![0; mesh.boundary.len()];
-        Ok(Self { mesh, x: nodes })
+        Ok(Self {
+            mesh,
+            x: nodes,
+            turn: Rotation3::identity(),
+        })
+    }
+
+    /// The solid where a deformation starts, turned. The model's own nodes stay as they are.
+    pub fn turned(&self, turn: Rotation3<f64>) -> Self {
+        let mut turned = self.clone();
+        if turn != Rotation3::identity() {
+            turned.x = self.mesh.nodes.iter().map(|p| turn * p).collect();
+            turned.turn = turn;
+        }
+        turned
     }
 
     pub fn tets(&self) -> &[[u32; 4]] {

@@ -14,7 +14,8 @@ use crate::{Point, Vector};
 /// Gives the boundary the labels of the cube's faces, and puts it there; inner nodes follow by finite elements. `None` for a
 /// solid that is not of genus 0, or not connected.
 pub(super) fn put_on_cube(solid: &mut Solid, graph: &FaceGraph, monitor: &ProgressSender<PolycubePhase>) -> Option<()> {
-    let directions = directions(solid, monitor)?;
+    let turn = solid.turn;
+    let directions: Vec<Vector> = directions(solid, monitor)?.iter().map(|d| turn * d).collect();
     let at = |v: u32| directions[v as usize];
     let label = |corners: &[u32; 3]| {
         let mean: Vector = corners.iter().map(|&v| at(v)).sum();

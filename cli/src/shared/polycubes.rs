@@ -1,10 +1,12 @@
 //! Polycubes: the tetrahedra that they are made of, progress, and the lines of the summary.
 
 use std::cell::Cell;
+use std::collections::HashMap;
 use std::path::Path;
 
 use anyhow::Context;
 use solidmap::boundary_map::{DistortionQuantiles, SurfaceDistortion};
+use solidmap::io::SolidMesh;
 use solidmap::mesh::TetMesh;
 use solidmap::polycube::{LabelSource, PolycubePhase, PolycubeReport};
 
@@ -12,6 +14,43 @@ use super::bijective::own_tets;
 use super::input;
 use super::output::Output;
 use crate::drawing::significant;
+
+/// A model that is filled with tetrahedra.
+pub struct Model {
+    pub mesh: TetMesh,
+    /// The triangles of its surface by their nodes in the mesh, in the order of the file: of the surface that was given, or of
+    /// the boundary of the tetrahedra.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// The model's own tetrahedra, or TetGen's, with its triangles.
+pub fn model(path: &Path, output: &Output) -> anyhow::Result<Model> {
+    Ok(match input::read_solid(path)? {
+        // TetGen keeps all triangles, and the numbers of their vertices.
+        SolidMesh::Surface(surface) => Model {
+            mesh: tetrahedra(path, output)?,
+            triangles: surface.triangles().to_vec(),
+        },
+        SolidMesh::Cells(_) => {
+            let mesh = tetrahedra(path, output)?;
+            let boundary = mesh.boundary();
+            let node = |v: u32| boundary.vertex_ids[v as usize];
+            let triangles = boundary.surface.triangles().iter().map(|t| t.map(node)).collect();
+            Model { mesh, triangles }
+        }
+    })
+}
+
+/// The labels of triangles in another order. A triangle that has none gets 0.
+pub fn in_order_of(labels: &[([u32; 3], u8)], triangles: &[[u32; 3]]) -> Vec<u8> {
+    let sorted = |mut corners: [u32; 3]| {
+        corners.sort_unstable();
+        corners
+    };
+    let by_corners: HashMap<[u32; 3], u8> = labels.iter().map(|&(t, label)| (sorted(t), label)).collect();
+    let label = |t: &[u32; 3]| by_corners.get(&sorted(*t)).copied().unwrap_or_default();
+    triangles.iter().map(label).collect()
+}
 
 /// The model's own tetrahedra, or TetGen's.
 pub fn tetrahedra(model: &Path, output: &Output) -> anyhow::Result<TetMesh> {
@@ -57,10 +96,19 @@ pub fn rows(found: &PolycubeReport) -> Vec<[String; 2]> {
     let mut rows = vec![];
     let directions = match found.labels {
         LabelSource::Cut => format!("graph cut with smoothness {}", found.smoothness),
+        LabelSource::Given => "as given".into(),
         LabelSource::Sphere => "from the map to the sphere: no cut led to a polycube".into(),
     };
     let [x, y, z] = found.planes;
     rows.push(["directions".into(), format!("{directions}, attempt {}", found.attempts)]);
+    if let Some([[a, _, _], [_, b, _], [_, _, c]]) = found.turn {
+        // The trace of a rotation is 1 + 2 cos of its angle.
+        let degrees = (0.5 * (a + b + c - 1.0)).clamp(-1.0, 1.0).acos().to_degrees();
+        rows.push([
+            "turned".into(),
+            format!("by {}°, the polycube alone", significant(degrees, 3)),
+        ]);
+    }
     let lattice = match found.lattice {
         Some(size) => format!(", on a lattice with cells of {}", significant(size, 4)),
         None => String::new(),
