@@ -14,7 +14,7 @@ use super::meshes::{
     Surface, VolumeMesh, cells_hexes, cells_load, cells_tets, surface_cube, surface_load, surface_new,
     surface_polycube, surface_sphere, surface_torus,
 };
-use super::polycube::{PolycubeMap, make_polycube, polycube_defaults};
+use super::polycube::{PolycubeMap, make_polycube, make_polycube_with_labels, polycube_defaults};
 use super::solids::{RemeshResult, offset_surface, remesh_given, remesh_regular, tetrahedralise};
 use super::{has_native, licence, version};
 
@@ -334,13 +334,17 @@ pub(super) mod ffi {
         /// Both 0: no lattice.
         lattice_along: usize,
         lattice_length: f64,
+        /// 0 as given, 1 principal, 2 best.
+        orientation: u8,
     }
 
     struct PolycubeReport {
-        /// 0 graph cuts, 1 the map to the sphere.
+        /// 0 graph cuts, 1 the map to the sphere, 2 the caller.
         labels: u8,
         smoothness: f64,
         attempts: usize,
+        /// Rows of the rotation; empty if there was none.
+        turn: Vec<f64>,
         charts: usize,
         corners: usize,
         planes: [usize; 3],
@@ -589,6 +593,15 @@ pub(super) mod ffi {
 
         type PolycubeMap;
         fn make_polycube(model: &VolumeMesh, options: &PolycubeOptions, watcher: &Watcher) -> Result<Box<PolycubeMap>>;
+        fn make_polycube_with_labels(
+            model: &VolumeMesh,
+            triangles: &[u32],
+            labels: &[u8],
+            options: &PolycubeOptions,
+            watcher: &Watcher,
+        ) -> Result<Box<PolycubeMap>>;
+        fn given_boundary(self: &PolycubeMap) -> Vec<u32>;
+        fn given_labels(self: &PolycubeMap) -> Vec<u8>;
         fn model(self: &PolycubeMap) -> Result<Box<VolumeMesh>>;
         fn polycube(self: &PolycubeMap) -> Result<Box<VolumeMesh>>;
         fn boundary(self: &PolycubeMap) -> &[u32];

@@ -6,11 +6,11 @@ use super::bridge::ffi;
 use super::bridge::ffi::Watcher;
 use super::error::{Error, guarded};
 use super::maps::ask;
-use super::meshes::{Surface, VolumeMesh, boxed, tets_of};
+use super::meshes::{Surface, VolumeMesh, boxed, tets_of, whole};
 use super::solids::cell_size;
 use solidmap::boundary_map::SurfaceDistortion;
 use solidmap::mesh::{CellMesh, SurfaceMesh, TetMesh};
-use solidmap::polycube::{self, LabelSource, PolycubeOptions, PolycubePhase};
+use solidmap::polycube::{self, LabelSource, Orientation, PolycubeOptions, PolycubePhase};
 use solidmap::remesh::CellSize;
 
 /// A polycube with its model.
@@ -34,6 +34,11 @@ pub fn polycube_for_cpp(options: &PolycubeOptions) -> ffi::PolycubeOptions {
         attempts: options.attempts,
         lattice_along,
         lattice_length,
+        orientation: match options.orientation {
+            Orientation::Given => 0,
+            Orientation::Principal => 1,
+            Orientation::Best => 2,
+        },
     }
 }
 
@@ -51,6 +56,11 @@ pub fn polycube_options(options: &ffi::PolycubeOptions) -> PolycubeOptions {
         most_added: options.most_added,
         attempts: options.attempts,
         lattice: cell_size(options.lattice_along, options.lattice_length),
+        orientation: match options.orientation {
+            0 => Orientation::Given,
+            1 => Orientation::Principal,
+            _ => Orientation::Best,
+        },
     }
 }
 
@@ -63,6 +73,29 @@ pub fn make_polycube(
         let tets = tets_of(model, "a polycube is made of")?;
         let progress = |phase| on_polycube_phase(watcher, phase);
         let made = polycube::make_polycube(&tets, &polycube_options(options), &progress)?;
+        Ok(Box::new(PolycubeMap::of(made)))
+    })
+}
+
+pub fn make_polycube_with_labels(
+    model: &VolumeMesh,
+    triangles: &[u32],
+    labels: &[u8],
+    options: &ffi::PolycubeOptions,
+    watcher: &Watcher,
+) -> Result<Box<PolycubeMap>, Error> {
+    guarded(|| {
+        let tets = tets_of(model, "a polycube is made of")?;
+        let triangles = whole::<u32, 3>("corners of triangles", triangles)?;
+        if triangles.len() != labels.len() {
+            let (labels, triangles) = (labels.len(), triangles.len());
+            return Err(Error::invalid(format!(
+                "there are {labels} labels for {triangles} triangles"
+            )));
+        }
+        let given: Vec<([u32; 3], u8)> = triangles.iter().copied().zip(labels.iter().copied()).collect();
+        let progress = |phase| on_polycube_phase(watcher, phase);
+        let made = polycube::make_polycube_with_labels(&tets, &given, &polycube_options(options), &progress)?;
         Ok(Box::new(PolycubeMap::of(made)))
     })
 }
@@ -100,6 +133,18 @@ impl PolycubeMap {
         &self.made.labels
     }
 
+    pub fn given_boundary(&self) -> Vec<u32> {
+        self.made
+            .given_labels
+            .iter()
+            .flat_map(|(triangle, _)| *triangle)
+            .collect()
+    }
+
+    pub fn given_labels(&self) -> Vec<u8> {
+        self.made.given_labels.iter().map(|(_, label)| *label).collect()
+    }
+
     pub fn polycube_surface(&self) -> Result<Box<Surface>, Error> {
         guarded(|| boxed(self.surfaces[0].clone()))
     }
@@ -114,9 +159,11 @@ impl PolycubeMap {
             labels: match report.labels {
                 LabelSource::Cut => 0,
                 LabelSource::Sphere => 1,
+                LabelSource::Given => 2,
             },
             smoothness: report.smoothness,
             attempts: report.attempts,
+            turn: report.turn.map_or(vec![], |rows| rows.as_flattened().to_vec()),
             charts: report.charts,
             corners: report.corners,
             planes: report.planes,

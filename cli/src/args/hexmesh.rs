@@ -7,7 +7,7 @@ use solidmap::hexmesh::{MAX_DISTANCE, PolycubeKind, TOLERANCE};
 use solidmap::remesh::RemeshOptions;
 
 use super::places::PlacesArgs;
-use super::polycube::SmoothnessArgs;
+use super::polycube::{OrientArgs, SmoothnessArgs};
 use super::remesh::{CellShape, RepairArgs};
 use super::section::UpKind;
 
@@ -43,6 +43,8 @@ pub struct HexmeshArgs {
     pub polycube: PolycubeChoice,
     #[command(flatten)]
     pub smoothness: SmoothnessArgs,
+    #[command(flatten)]
+    pub orient: OrientArgs,
     /// Boundary error of the map over 99 % of the area, as a fraction of the model's diagonal
     #[arg(long, value_name = "FRACTION", default_value_t = TOLERANCE)]
     pub tolerance: f64,

@@ -49,14 +49,21 @@ pub struct PolycubeArgs {
     pub best_attempt: Option<PathBuf>,
     #[command(flatten)]
     pub smoothness: SmoothnessArgs,
-    /// Turn the model before directions are sought: `principal` so that its normals are as close to the axes as possible, `best`
-    /// makes each attempt both ways and takes the polycube with less energy. Only the polycube is turned
-    #[arg(long, value_enum, value_name = "HOW", default_value_t)]
-    pub orient: OrientationName,
+    #[command(flatten)]
+    pub orient: OrientArgs,
     /// Put the planes of the polycube on a lattice with cells of this size, in the units of the model, so that `remesh
     /// --cell-size SIZE` makes no thin cells. The exit code is 1 if that was not possible; the polycube is then written without
     #[arg(long, value_name = "SIZE")]
     pub lattice: Option<f64>,
+}
+
+/// Which way up a model is deformed.
+#[derive(Debug, Args)]
+pub struct OrientArgs {
+    /// Turn the model before it is deformed: `principal` so that its normals are as close to the axes as possible, `best`
+    /// makes each attempt both ways and takes the polycube with less energy. Only the polycube is turned
+    #[arg(long, value_enum, value_name = "HOW", default_value_t)]
+    pub orient: OrientationName,
 }
 
 /// How a model is turned before it is deformed.

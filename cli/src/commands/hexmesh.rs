@@ -165,6 +165,7 @@ fn options(args: &HexmeshArgs) -> HexmeshOptions {
         polycube_kind: args.polycube.into(),
         polycube: PolycubeOptions {
             smoothness: args.smoothness.smoothness,
+            orientation: args.orient.orient.into(),
             ..polycube
         },
         fit: FitOptions {

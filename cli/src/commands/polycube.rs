@@ -70,7 +70,7 @@ pub fn run(args: &PolycubeArgs, output: &Output) -> anyhow::Result<CommandOutcom
     let options = PolycubeOptions {
         smoothness: args.smoothness.smoothness,
         lattice: args.lattice.map(CellSize::Length),
-        orientation: args.orient.into(),
+        orientation: args.orient.orient.into(),
         ..PolycubeOptions::default()
     };
     let attempt = Cell::new(1);

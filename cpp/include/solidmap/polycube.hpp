@@ -15,6 +15,10 @@
 
 namespace solidmap {
 
+/// Which way up a model is deformed to a polycube: as it is given; turned so that its normals are as close to the axes as
+/// possible, and otherwise as little as possible; or every attempt both ways, of which the one with less energy is taken.
+enum class Orientation : std::uint8_t { given, principal, best };
+
 /// How make_polycube() works.
 struct PolycubeOptions {
   /// How much borders between charts count against the deviation of triangles from the axes; positive. A larger value
@@ -29,6 +33,8 @@ struct PolycubeOptions {
   std::size_t lattice_along = 0;
   /// Side of the lattice's cells, in model units; replaces `lattice_along` unless it is 0.
   double lattice_length = 0;
+  /// How the model is turned before labels are sought. The polycube stays turned, the model is returned as it was given.
+  Orientation orientation = Orientation::given;
 
   /// The same as PolycubeOptions().
   static PolycubeOptions standard();
@@ -45,16 +51,18 @@ struct SurfaceDistortion {
 };
 
 /// Where the directions of the boundary triangles came from: graph cuts; or the map of the boundary to the sphere, with
-/// the six faces of a cube around it, and much distortion at limbs.
-enum class LabelSource : std::uint8_t { cut, sphere };
+/// the six faces of a cube around it, and much distortion at limbs; or the caller of make_polycube_with_labels().
+enum class LabelSource : std::uint8_t { cut, sphere, given };
 
 /// What was done to find a polycube.
 struct PolycubeReport {
   LabelSource labels = LabelSource::cut;
   /// The smoothness with which a cut found the labels; 0 for those from the sphere.
   double smoothness = 0;
-  /// Attempts made, the last of which was good.
+  /// Attempts made.
   std::size_t attempts = 0;
+  /// Rows of the rotation by which the model was turned before it was deformed; without a value if it was not.
+  std::optional<std::array<std::array<double, 3>, 3>> turn;
   /// Charts: connected parts of the boundary with one label; and corners, where three or more of them meet.
   std::size_t charts = 0, corners = 0;
   /// Distinct planes of charts across x, y and z.
@@ -85,6 +93,9 @@ struct PolycubeMap {
   std::vector<Triangle> boundary;
   /// The label of each of them, the direction that it faces along in the polycube: 0 to 5 for -x, +x, -y, +y, -z, +z.
   std::vector<std::uint8_t> labels;
+  /// The boundary triangles of the mesh that was given, facing outward, and the label of each.
+  std::vector<Triangle> given_boundary;
+  std::vector<std::uint8_t> given_labels;
   /// The two boundaries, with the same triangles over the boundary nodes alone: `BoundaryMap::between(polycube_surface,
   /// model_surface)` is the boundary map from the polycube to the model.
   Surface polycube_surface;
@@ -104,5 +115,15 @@ struct PolycubeMap {
 /// boundary that touches itself, an option out of range), cancelled.
 PolycubeMap make_polycube(const CellMesh& model, const PolycubeOptions& options = {},
                           const ProgressCallback& progress = {});
+
+/// As make_polycube(), with these labels of the model's boundary triangles, in a single attempt in which no label is changed.
+/// The triangles are given by their nodes, in any order: `given_boundary` and `given_labels` of a polycube that was found by
+/// a cut make it again, bit for bit.
+///
+/// Throws Error as make_polycube(), and invalid_input for labels that cannot be those of a polycube: the message names the
+/// triangle and says why.
+PolycubeMap make_polycube_with_labels(const CellMesh& model, Span<const Triangle> triangles,
+                                      Span<const std::uint8_t> labels, const PolycubeOptions& options = {},
+                                      const ProgressCallback& progress = {});
 
 }  // namespace solidmap

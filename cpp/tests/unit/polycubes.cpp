@@ -165,6 +165,7 @@ TEST_CASE("the defaults of polycubes and hexahedra in the headers are those of t
     CHECK(a.attempts == b.attempts);
     CHECK(a.lattice_along == b.lattice_along);
     CHECK(a.lattice_length == b.lattice_length);
+    CHECK((a.orientation == b.orientation));
   };
   check_polycubes(PolycubeOptions(), PolycubeOptions::standard());
   const HexmeshOptions a, b = HexmeshOptions::standard();
@@ -211,6 +212,37 @@ TEST_CASE("an L and a ring of boxes are their own polycubes") {
     CHECK(report.distortion.area_median == doctest::Approx(1.0).epsilon(1e-3));
     CHECK(volumes(found.polycube, found.polycube.tets())[1] == doctest::Approx(cubes.size()).epsilon(1e-3));
   }
+}
+
+TEST_CASE("labels of a polycube make it again, and labels of no polycube are refused") {
+  const CellMesh given = boxes(an_l, 2);
+  PolycubeOptions options;
+  options.orientation = Orientation::principal;
+  const PolycubeMap found = make_polycube(given, options);
+  // The normals of an L are along the axes as they are.
+  CHECK_FALSE(found.report.turn.has_value());
+  REQUIRE(found.given_boundary.size() == found.given_labels.size());
+  const PolycubeMap again = make_polycube_with_labels(given, found.given_boundary, found.given_labels);
+  CHECK((again.report.labels == LabelSource::given));
+  CHECK(farthest(again.polycube.nodes(), found.polycube.nodes()) == 0.0);
+  CHECK(again.labels == found.labels);
+  std::vector<std::uint8_t> labels = found.given_labels;
+  labels[0] ^= 1;
+  CHECK(thrown_by([&] { make_polycube_with_labels(given, found.given_boundary, labels); }) == "invalid_input");
+  labels.pop_back();
+  CHECK(thrown_by([&] { make_polycube_with_labels(given, found.given_boundary, labels); }) == "invalid_input");
+}
+
+TEST_CASE("a turned L is turned back") {
+  const CellMesh given = boxes(an_l, 2);
+  std::vector<Point> turned(given.nodes().begin(), given.nodes().end());
+  for (Point& p : turned) p = {0.8 * p[0] - 0.6 * p[1], 0.6 * p[0] + 0.8 * p[1], p[2]};
+  PolycubeOptions options;
+  options.orientation = Orientation::principal;
+  const PolycubeMap found = make_polycube({turned, std::vector<Tet>(given.tets().begin(), given.tets().end())}, options);
+  CHECK(found.report.energy == doctest::Approx(7.0).epsilon(1e-6));
+  REQUIRE(found.report.turn.has_value());
+  CHECK(std::abs((*found.report.turn)[2][2] - 1) < 1e-9);
 }
 
 TEST_CASE("the planes of a polycube are put on a lattice") {
