@@ -81,6 +81,12 @@ pub(super) mod ffi {
         text: String,
     }
 
+    struct PairOptions {
+        conformal: bool,
+        aligned: bool,
+        improve: bool,
+    }
+
     struct PairReport {
         angle_median: f64,
         angle_p99: f64,
@@ -443,9 +449,7 @@ pub(super) mod ffi {
             domain: &Surface,
             target: &Surface,
             landmarks: &[u32],
-            conformal: bool,
-            aligned: bool,
-            improve: bool,
+            options: &PairOptions,
             watcher: &Watcher,
             report: &mut PairReport,
         ) -> Result<Box<Boundary>>;

@@ -103,9 +103,7 @@ pub fn boundary_pair(
     domain: &Surface,
     target: &Surface,
     landmarks: &[u32],
-    conformal: bool,
-    aligned: bool,
-    improve: bool,
+    options: &ffi::PairOptions,
     watcher: &Watcher,
     report: &mut ffi::PairReport,
 ) -> Result<Box<Boundary>, Error> {
@@ -114,14 +112,14 @@ pub fn boundary_pair(
         let landmarks = Landmarks::new(pairs, domain.0.vertices().len(), target.0.vertices().len())
             .map_err(|error| Error::invalid(error.to_string()))?;
         let options = PairOptions {
-            method: if conformal {
+            method: if options.conformal {
                 PairMethod::Conformal
             } else {
                 PairMethod::SoftTargets
             },
             landmarks,
-            aligned,
-            improve,
+            aligned: options.aligned,
+            improve: options.improve,
         };
         let progress = |phase| on_pair_phase(watcher, phase);
         let (boundary, found) = map_pair(&domain.0, &target.0, &options, &progress)?;

@@ -26,8 +26,9 @@ BoundaryMap BoundaryMap::pair(const Surface& domain, const Surface& target, cons
   ffi::PairReport found = {};
   BoundaryMap map = watched(progress, [&](const Watcher& watcher) {
     const Span<const std::array<std::uint32_t, 2>> landmarks(options.landmarks);
-    return make_boundary(ffi::boundary_pair(Access::of(domain), Access::of(target), flat(landmarks), options.conformal,
-                                            options.aligned, options.improve, watcher, found));
+    const ffi::PairOptions how = {options.conformal, options.aligned, options.improve};
+    return make_boundary(
+        ffi::boundary_pair(Access::of(domain), Access::of(target), flat(landmarks), how, watcher, found));
   });
   if (report != nullptr) {
     report->angle_median = found.angle_median;
