@@ -337,6 +337,7 @@ pub(super) mod ffi {
         smoothness: f64,
         most_added: f64,
         attempts: usize,
+        effort: f64,
         /// Both 0: no lattice.
         lattice_along: usize,
         lattice_length: f64,

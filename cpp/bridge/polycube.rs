@@ -32,6 +32,7 @@ pub fn polycube_for_cpp(options: &PolycubeOptions) -> ffi::PolycubeOptions {
         smoothness: options.smoothness,
         most_added: options.most_added,
         attempts: options.attempts,
+        effort: options.effort,
         lattice_along,
         lattice_length,
         orientation: match options.orientation {
@@ -55,6 +56,7 @@ pub fn polycube_options(options: &ffi::PolycubeOptions) -> PolycubeOptions {
         smoothness: options.smoothness,
         most_added: options.most_added,
         attempts: options.attempts,
+        effort: options.effort,
         lattice: cell_size(options.lattice_along, options.lattice_length),
         orientation: match options.orientation {
             0 => Orientation::Given,

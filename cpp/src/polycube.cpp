@@ -7,12 +7,13 @@ namespace solidmap {
 using namespace detail;
 
 ffi::PolycubeOptions detail::for_rust(const PolycubeOptions& options) {
-  return {options.smoothness, options.most_added, options.attempts, options.lattice_along, options.lattice_length,
+  return {options.smoothness,    options.most_added,     options.attempts,
+          options.effort,        options.lattice_along,  options.lattice_length,
           static_cast<std::uint8_t>(options.orientation)};
 }
 
 PolycubeOptions detail::converted(const ffi::PolycubeOptions& from) {
-  return {from.smoothness, from.most_added, from.attempts, from.lattice_along, from.lattice_length,
+  return {from.smoothness, from.most_added, from.attempts, from.effort, from.lattice_along, from.lattice_length,
           static_cast<Orientation>(from.orientation)};
 }
 

@@ -38,6 +38,8 @@ pub enum PolycubeKind {
 /// Attempts at a deformation where voxels are left as well. For scale: an attempt that fails takes up to a minute for 50 000
 /// tetrahedra, voxels 20 s, with cells no worse.
 const ATTEMPTS_BEFORE_VOXELS: usize = 1;
+/// Most of the effort of such an attempt ([`PolycubeOptions::effort`]).
+const EFFORT_BEFORE_VOXELS: f64 = 2000.0;
 
 /// Options of [`make_hexmesh`].
 #[derive(Debug, Clone, PartialEq)]
@@ -263,16 +265,14 @@ fn by_deformation(
     few_attempts: bool,
     progress: &dyn Fn(HexmeshPhase) -> ProgressControl,
 ) -> Result<Hexmesh, HexmeshError> {
-    let attempts = options.polycube.attempts;
-    let polycube_options = PolycubeOptions {
+    let mut polycube_options = PolycubeOptions {
         lattice: Some(lattice_of(options)),
-        attempts: if few_attempts {
-            attempts.min(ATTEMPTS_BEFORE_VOXELS)
-        } else {
-            attempts
-        },
         ..options.polycube
     };
+    if few_attempts {
+        polycube_options.attempts = polycube_options.attempts.min(ATTEMPTS_BEFORE_VOXELS);
+        polycube_options.effort = polycube_options.effort.min(EFFORT_BEFORE_VOXELS);
+    }
     let polycube = make_polycube(model, &polycube_options, &|phase| {
         progress(HexmeshPhase::Polycube(phase))
     })?;

@@ -3,6 +3,7 @@
 use super::charts::{level, planes};
 use super::cut::cut_labels;
 use super::descent::{polish, untangle};
+use super::effort::Effort;
 use super::energy::{PolycubeEnergy, References};
 use super::face_graph::{Charts, FaceGraph};
 use super::flatten::Flattening;
@@ -12,7 +13,7 @@ use super::layout::Layout;
 use super::local_repair::repair;
 use super::solid::Solid;
 use super::sphere_labels::put_on_cube;
-use super::{LabelSource, MakePolycubeError, PolycubePhase, PolycubeReport, Way};
+use super::{LabelSource, MakePolycubeError, PolycubeOptions, PolycubePhase, PolycubeReport, Way};
 use crate::mesh::SurfaceMesh;
 use crate::progress::ProgressSender;
 use crate::remesh::{Polycube, SharedCoordinates, crossing_triangles};
@@ -59,7 +60,7 @@ impl Attempt {
 pub(super) fn attempt(
     model: &Solid,
     way: Way,
-    smoothness: f64,
+    options: &PolycubeOptions,
     most_added: usize,
     monitor: &ProgressSender<PolycubePhase>,
 ) -> Result<Option<Attempt>, MakePolycubeError> {
@@ -68,7 +69,7 @@ pub(super) fn attempt(
     let mut report = PolycubeReport::default();
     match way {
         Way::Cut(factor) => {
-            report.smoothness = factor * smoothness;
+            report.smoothness = factor * options.smoothness;
             let labels = find_labels(model, &graph, report.smoothness, monitor)?;
             solid.set_labels(&labels);
             flatten(&mut solid);
@@ -107,6 +108,7 @@ pub(super) fn attempt(
         // The way from the sphere is long, and there is no other left.
         ends_early: way != Way::Sphere,
         most_added,
+        effort: Effort::new(options.effort, model.tets().len()),
     };
     finished(Attempt { solid, report, given }, &descent, monitor).map(Some)
 }
@@ -131,6 +133,7 @@ fn finished(
 pub(super) fn snapped(
     found: &Attempt,
     size: f64,
+    options: &PolycubeOptions,
     most_added: usize,
     monitor: &ProgressSender<PolycubePhase>,
 ) -> Result<Option<Attempt>, MakePolycubeError> {
@@ -160,6 +163,7 @@ pub(super) fn snapped(
             planes_are_fixed: true,
             ends_early: true,
             most_added,
+            effort: Effort::new(options.effort, found.solid.tets().len()),
         };
         let before = moved.report.inverted_after_descent;
         let mut moved = finished(moved, &descent, monitor)?;
@@ -180,6 +184,7 @@ struct Descent {
     ends_early: bool,
     /// Largest number of tetrahedra that splitting may add each time.
     most_added: usize,
+    effort: Effort,
 }
 
 /// Distinct coordinates of planes across each axis.
@@ -284,12 +289,19 @@ fn deform(
         );
         // New nodes have room where they were split: there may be nothing left to do for the whole.
         if refinement > 0 {
-            repair(solid, &references, monitor);
+            repair(solid, &references, &descent.effort, monitor);
         }
         let cells = solid.tets().len();
         let most_left = MOST_LEFT_BY_DESCENT.max(cells / 200);
         let most_after_few = descent.ends_early.then_some(most_left);
-        let end = untangle(&energy, &constraints, &mut solid.x, most_after_few, monitor);
+        let end = untangle(
+            &energy,
+            &constraints,
+            &mut solid.x,
+            most_after_few,
+            &descent.effort,
+            monitor,
+        );
         if refinement == 0 {
             report.inverted_after_descent = end.inverted;
         }
@@ -297,7 +309,7 @@ fn deform(
         let left = if is_hopeless {
             end.inverted
         } else {
-            repair(solid, &references, monitor)
+            repair(solid, &references, &descent.effort, monitor)
         };
         report.energy = end.energy;
         if left == 0 {
@@ -305,8 +317,11 @@ fn deform(
         }
         let splits_in_vain = descent.ends_early && left > FEW_LEFT.max(left_before / 2);
         left_before = left;
-        let gives_up =
-            refinement == MOST_REFINEMENTS || splits_in_vain || is_hopeless || left > MOST_LEFT.max(cells / 500);
+        let gives_up = refinement == MOST_REFINEMENTS
+            || splits_in_vain
+            || is_hopeless
+            || left > MOST_LEFT.max(cells / 500)
+            || descent.effort.is_spent();
         if left == 0 || gives_up || !monitor.should_continue() {
             // Counted again from the positions alone; a plane that is none would be a fault of the descent.
             report.inverted = solid.inverted().count() + usize::from(!solid.is_flat(&planes));

@@ -1,6 +1,7 @@
 //! Minimisation of the foldover-free energy of a whole polycube, one unknown for each plane of charts.
 
 use super::PolycubePhase;
+use super::effort::Effort;
 use super::energy::PolycubeEnergy;
 use crate::Point;
 use crate::progress::ProgressSender;
@@ -44,6 +45,7 @@ pub(super) fn untangle(
     planes: &SharedCoordinates,
     x: &mut Vec<Point>,
     most_left: Option<usize>,
+    effort: &Effort,
     monitor: &ProgressSender<PolycubePhase>,
 ) -> DescentEnd {
     let free: Vec<u32> = (0..x.len() as u32).collect();
@@ -56,7 +58,8 @@ pub(super) fn untangle(
         if round > 0 {
             epsilon = next_epsilon(epsilon, least);
         }
-        let (value, _) = descent.run(x, epsilon, &ROUND);
+        let (value, iterations) = descent.run(x, epsilon, &ROUND);
+        effort.spend(iterations, energy.tet_count());
         least = value.least;
         let end = DescentEnd {
             energy: value.energy,
@@ -84,6 +87,7 @@ pub(super) fn untangle(
         if value.inverted == 0
             || is_hopeless
             || stalled == MOST_STALLED
+            || effort.is_spent()
             || !value.energy.is_finite()
             || !monitor.should_continue()
         {

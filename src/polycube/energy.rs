@@ -94,6 +94,7 @@ pub(super) fn plane_axes(label: u8) -> [usize; 2] {
 /// The energy of tetrahedra and labelled triangles.
 pub(super) struct PolycubeEnergy {
     tets: FoldoverEnergy,
+    tet_count: usize,
     faces: Vec<[u32; 3]>,
     /// Axes of the plane, inverse of the reference edges and weight of each triangle.
     planes: Vec<[usize; 2]>,
@@ -117,6 +118,7 @@ impl PolycubeEnergy {
             next[v as usize] += 1;
         }
         Self {
+            tet_count: tets.len(),
             tets: FoldoverEnergy::of_weighted_tets(tets, references.tets, references.tet_weights, nodes),
             faces,
             planes: labels.iter().map(|&label| plane_axes(label)).collect(),
@@ -131,6 +133,10 @@ impl PolycubeEnergy {
         let [u, v] = self.planes[face];
         let [a, b, c] = self.faces[face].map(|node| Vector2::new(x[node as usize][u], x[node as usize][v]));
         Matrix2::from_columns(&[b - a, c - a]) * self.rest[face]
+    }
+
+    pub fn tet_count(&self) -> usize {
+        self.tet_count
     }
 
     /// Least determinant of all cells.

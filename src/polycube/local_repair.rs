@@ -4,6 +4,7 @@
 use super::PolycubePhase;
 use super::axis_of;
 use super::descent::STEP;
+use super::effort::Effort;
 use super::energy::{PolycubeEnergy, References};
 use super::solid::Solid;
 use crate::Point;
@@ -56,7 +57,12 @@ struct Patch {
 }
 
 /// Moves nodes near inverted cells; no patch has more inverted cells afterwards. Returns how many are left.
-pub(super) fn repair(solid: &mut Solid, references: &References, monitor: &ProgressSender<PolycubePhase>) -> usize {
+pub(super) fn repair(
+    solid: &mut Solid,
+    references: &References,
+    effort: &Effort,
+    monitor: &ProgressSender<PolycubePhase>,
+) -> usize {
     let at_nodes = CellsAtNodes::new(&solid.mesh.cells, solid.x.len());
     let mut faces_at = vec![vec![]; solid.x.len()];
     for (face, corners) in (0..).zip(&solid.mesh.boundary) {
@@ -67,12 +73,14 @@ pub(super) fn repair(solid: &mut Solid, references: &References, monitor: &Progr
     for (rings, averaged) in TRIES {
         let bad = solid.inverted();
         left = bad.count();
-        if left == 0 || !monitor.should_continue() {
+        if left == 0 || effort.is_spent() || !monitor.should_continue() {
             break;
         }
         let _ = monitor.send(PolycubePhase::Deforming { inverted: left });
         for patch in patches(solid, &at_nodes, &faces_at, &bad.nodes(solid), rings) {
-            let moved = repair_patch(solid, references, &borders, &patch, (averaged, rings * SWEEPS), monitor);
+            let (moved, iterations) =
+                repair_patch(solid, references, &borders, &patch, (averaged, rings * SWEEPS), monitor);
+            effort.spend(iterations, patch.tets.len());
             patch
                 .free
                 .iter()
@@ -145,7 +153,7 @@ fn patches(solid: &Solid, at_nodes: &CellsAtNodes, faces_at: &[Vec<u32>], bad: &
     patches
 }
 
-/// New positions of a patch's free nodes.
+/// New positions of a patch's free nodes, and the number of iterations that they took.
 fn repair_patch(
     solid: &Solid,
     references: &References,
@@ -153,7 +161,7 @@ fn repair_patch(
     patch: &Patch,
     (averaged, sweeps): (Averaged, usize),
     monitor: &ProgressSender<PolycubePhase>,
-) -> Vec<Point> {
+) -> (Vec<Point>, usize) {
     let of_patch = |cells: &[u32]| -> Vec<usize> { cells.iter().map(|&c| c as usize).collect() };
     let (tets, faces) = (of_patch(&patch.tets), of_patch(&patch.faces));
     let mut nodes: Vec<u32> = tets.iter().flat_map(|&t| solid.tets()[t]).collect();
@@ -185,7 +193,7 @@ fn repair_patch(
         average(solid, borders, patch, &nodes, (averaged, sweeps), &mut x);
     }
     let before = energy.evaluate(&start, 1.0, &[], &mut vec![], &mut []).inverted;
-    let (mut best, mut fewest, mut stalled) = (start, before, 0);
+    let (mut best, mut fewest, mut stalled, mut taken) = (start, before, 0, 0);
     let mut descent = Lbfgs::new(&energy, &free, STEP, monitor);
     descent.shared = Some(&constraints);
     descent.has_block_preconditioner = true;
@@ -200,7 +208,8 @@ fn repair_patch(
         if round > 0 {
             epsilon = next_epsilon(epsilon, least);
         }
-        let (value, _) = descent.run(&mut x, epsilon, &ROUND);
+        let (value, iterations) = descent.run(&mut x, epsilon, &ROUND);
+        taken += iterations;
         least = value.least;
         stalled += 1;
         if value.inverted < fewest {
@@ -210,7 +219,7 @@ fn repair_patch(
             break;
         }
     }
-    free.iter().map(|&k| best[k as usize]).collect()
+    (free.iter().map(|&k| best[k as usize]).collect(), taken)
 }
 
 /// Averages over neighbours, sweep by sweep: nodes of borders over neighbours with the same planes, those of charts over

@@ -206,7 +206,7 @@ fn from_the_sphere(mesh: &TetMesh) -> Option<Attempt> {
         let mut solid = Solid::new(mesh.clone()).unwrap();
         scale_to_unit(&mut solid);
         solid.split_between_boundary_nodes(10_000);
-        attempt(&solid, Way::Sphere, 0.02, 10_000, monitor).unwrap()
+        attempt(&solid, Way::Sphere, &PolycubeOptions::default(), 10_000, monitor).unwrap()
     };
     run_cancellable(&respond, work).unwrap()
 }

@@ -28,6 +28,9 @@ struct PolycubeOptions {
   double most_added = 1;
   /// Largest number of attempts, each with labels of its own; there are no more than 5. With 0 no labels are found.
   std::size_t attempts = 5;
+  /// Work after which the deformation of an attempt ends although cells stay inverted: iterations of descent for each
+  /// tetrahedron, in the mean. Models of fewer than 20 000 get as much as one of so many.
+  double effort = 2e4;
   /// A lattice that the planes of the polycube are put on where that is possible, so that a regular mesh has boxes of
   /// one size everywhere: its cells along the longest side of the polycube; 0: none.
   std::size_t lattice_along = 0;

@@ -163,6 +163,7 @@ TEST_CASE("the defaults of polycubes and hexahedra in the headers are those of t
     CHECK(a.smoothness == b.smoothness);
     CHECK(a.most_added == b.most_added);
     CHECK(a.attempts == b.attempts);
+    CHECK(a.effort == b.effort);
     CHECK(a.lattice_along == b.lattice_along);
     CHECK(a.lattice_length == b.lattice_length);
     CHECK((a.orientation == b.orientation));
